@@ -1,0 +1,1 @@
+"""cavirheo: material properties of soft matter from the radius history of a laser-made bubble."""

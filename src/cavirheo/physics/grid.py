@@ -1,0 +1,53 @@
+"""Finite-volume grid on y = r/R in [0, 1], clustered at the bubble wall where the thermal and vapour layers are thin."""
+
+from __future__ import annotations
+
+from functools import lru_cache
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import brentq
+
+from cavirheo.errors import InputError
+
+
+class Grid(NamedTuple):
+    """Spherical shells (cells) 0..M-1 from centre to wall; face i lies between cell i and cell i+1."""
+
+    inverse_volume: NDArray[np.float64]  # (M,) 3/(y_out^3 - y_in^3)
+    centre: NDArray[np.float64]  # (M,) centroid of each shell
+    face: NDArray[np.float64]  # (M-1,) y of the interior faces
+    area: NDArray[np.float64]  # (M-1,) y^2
+    inverse_distance: NDArray[np.float64]  # (M-1,) between the two centroids
+    left: NDArray[np.float64]  # (M-1,) weight of the inner cell in the value on the face
+    right: NDArray[np.float64]  # (M-1,) and of the outer one
+    wall: NDArray[np.float64]  # (3,) d/dy at y = 1 from the values at the wall, in cell M-1 and in cell M-2
+
+
+@lru_cache(maxsize=16)
+def wall_clustered(cells: int, first: float = 1e-4) -> Grid:
+    """`cells` shells, tanh-spaced so that the one at the wall is `first` thick."""
+    if cells < 8 or not 0 < first < 1 / cells:
+        raise InputError(
+            f"a clustered grid needs at least 8 cells and a wall cell thinner than 1/cells, got {cells} and {first}"
+        )
+    s = np.linspace(0.0, 1.0, cells + 1)
+    steepness = brentq(lambda b: 1 - np.tanh(b * s[-2]) / np.tanh(b) - first, 1e-3, 18.0)
+    y = np.tanh(steepness * s) / np.tanh(steepness)
+    volume = np.diff(y**3) / 3
+    centre = np.diff(y**4) / 4 / volume
+    distance = np.diff(centre)
+    right = (y[1:-1] - centre[:-1]) / distance
+    h1, h2 = 1 - centre[-1], 1 - centre[-2]
+    c1, c2 = -h2 / (h1 * (h2 - h1)), h1 / (h2 * (h2 - h1))
+    return Grid(
+        inverse_volume=1 / volume,
+        centre=centre,
+        face=y[1:-1].copy(),
+        area=y[1:-1] ** 2,
+        inverse_distance=1 / distance,
+        left=1 - right,
+        right=right,
+        wall=np.array([-(c1 + c2), c1, c2]),
+    )

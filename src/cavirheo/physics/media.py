@@ -1,0 +1,82 @@
+"""Named sets of constants for the liquid and the bubble contents.
+
+The mechanical constants differ between the field's codes; each set below says where it comes from. The constants of
+the gas and the vapour are those of Estrada et al. 2018 (doi:10.1016/j.jmps.2017.12.006) throughout, unless a set says
+otherwise.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from math import exp, sqrt
+
+from cavirheo.errors import InputError
+
+
+@dataclass(frozen=True)
+class Medium:
+    """The surroundings of the bubble and what is in it. All SI.
+
+    Raises:
+        InputError: a constant that must be positive is not.
+    """
+
+    density: float = 998.0  # kg/m3, of the liquid or gel
+    sound_speed: float = 1484.0  # m/s
+    surface_tension: float = 0.072  # N/m
+    pressure: float = 101325.0  # Pa, far from the bubble
+    temperature: float = 298.15  # K, far from the bubble and at the bubble wall
+    adiabatic_index: float = 1.4  # kappa, gas and vapour alike
+    gas_constant: float = 287.0  # J/(kg K), non-condensable gas (air)
+    vapour_constant: float = 462.0  # J/(kg K), vapour (water)
+    diffusivity: float = 24.2e-6  # m2/s, vapour in gas
+    conductivity_slope: float = 5.3e-5  # W/(m K2): K = slope T + intercept
+    conductivity_intercept: float = 1.17e-2  # W/(m K)
+    vapour_reference_pressure: float = 1.17e11  # Pa: p_v = p_ref exp(-T_ref/T)
+    vapour_reference_temperature: float = 5200.0  # K
+    name: str = "water"
+
+    def __post_init__(self) -> None:
+        for field in ("density", "sound_speed", "pressure", "temperature", "adiabatic_index", "diffusivity"):
+            value = getattr(self, field)
+            if not value > 0:
+                raise InputError(f"{field} of the medium must be positive, got {value!r}")
+        if not self.surface_tension >= 0:
+            raise InputError(f"surface_tension must not be negative, got {self.surface_tension!r} N/m")
+        if not self.vapour_pressure < self.pressure:
+            raise InputError(
+                f"the vapour pressure ({self.vapour_pressure:.4g} Pa at {self.temperature} K) must be below the "
+                f"ambient pressure ({self.pressure:.4g} Pa): the liquid would boil"
+            )
+
+    @property
+    def vapour_pressure(self) -> float:
+        """Saturation pressure of the vapour at the far-field temperature, Pa."""
+        return self.vapour_reference_pressure * exp(-self.vapour_reference_temperature / self.temperature)
+
+    @property
+    def velocity_scale(self) -> float:
+        """U_c = sqrt(p_inf/rho), m/s."""
+        return sqrt(self.pressure / self.density)
+
+    def time_scale(self, max_radius: float) -> float:
+        """t_c = R_max/U_c, s, for R_max in m."""
+        return max_radius / self.velocity_scale
+
+
+WATER = Medium()  # water-like gel at 25 C
+BU2026 = Medium(1000.0, 1700.0, 0.0725, name="bu2026")  # the app released with the BDT paper
+ESTRADA2018 = Medium(1060.0, 1430.0, 0.056, name="estrada2018")  # IMR v1, doi:10.1016/j.jmps.2017.12.006
+ZHU2025 = Medium(998.2, 1484.0, 0.07, name="zhu2025")  # pIMR, runIMR
+YANG2020 = Medium(
+    1064.0, 1484.0, 0.07, adiabatic_index=1.47, name="yang2020"
+)  # IMRv2, doi:10.1039/D0SM01246A
+
+MEDIA: dict[str, Medium] = {m.name: m for m in (WATER, BU2026, ESTRADA2018, ZHU2025, YANG2020)}
+
+
+def medium(name: str) -> Medium:
+    """The named set. Raises InputError with the known names."""
+    if name not in MEDIA:
+        raise InputError(f"unknown medium {name!r}; known: {', '.join(MEDIA)}")
+    return MEDIA[name]

@@ -1,0 +1,65 @@
+"""Dimensionless numbers of one simulation (docs/physics.md, section 1).
+
+R_c = R_max, U_c = sqrt(p_inf/rho), t_c = R_c/U_c, pressures by p_inf, temperature by T_inf.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+from cavirheo.errors import InputError
+from cavirheo.physics.materials import Material
+from cavirheo.physics.media import Medium
+
+
+class Numbers(NamedTuple):
+    """What the compiled solver is given; every field is dimensionless."""
+
+    C: float  # c/U_c
+    We: float  # p_inf R_max/(2 gamma); infinite without surface tension
+    inverse_Ca: float  # G/p_inf
+    inverse_Re: float  # mu U_c/(p_inf R_max)
+    alpha: float  # strain stiffening of the quadratic law
+    stretch: float  # lambda = R_max/R_0
+    Fo: float  # D/(U_c R_max), mass Fourier number
+    chi: float  # T_inf K_inf/(p_inf R_max U_c)
+    A: float  # A T_inf/K_inf
+    B: float  # B/K_inf = 1 - A
+    pv: float  # vapour pressure/p_inf
+    kappa: float
+
+
+def dimensionless(material: Material, medium: Medium, max_radius: float, stretch: float) -> Numbers:
+    """Numbers of a bubble of `max_radius` (m) and `stretch` (1) in a material (SI) and a medium.
+
+    Raises:
+        InputError: the radius is not positive, or the stretch is below 1 (the bubble starts at its largest radius).
+    """
+    if not (0 < max_radius < float("inf")):
+        raise InputError(f"max_radius must be positive and finite, got {max_radius!r} m")
+    if not (1 <= stretch < float("inf")):
+        raise InputError(
+            f"stretch = R_max/R_0 must be at least 1 (the bubble starts at its largest radius), got {stretch!r}"
+        )
+    U_c = medium.velocity_scale
+    K_inf = medium.conductivity_slope * medium.temperature + medium.conductivity_intercept
+    p = medium.pressure
+    shear_modulus, viscosity, alpha = material.coefficients
+    A = medium.conductivity_slope * medium.temperature / K_inf
+    fields = dict(
+        C=medium.sound_speed / U_c,
+        We=p * max_radius / (2 * medium.surface_tension) if medium.surface_tension else float("inf"),
+        inverse_Ca=shear_modulus / p,
+        inverse_Re=viscosity * U_c / (p * max_radius),
+        alpha=alpha,
+        stretch=stretch,
+        Fo=medium.diffusivity / (U_c * max_radius),
+        chi=medium.temperature * K_inf / (p * max_radius * U_c),
+        A=A,
+        B=1 - A,
+        pv=medium.vapour_pressure / p,
+        kappa=medium.adiabatic_index,
+    )
+    return Numbers(
+        **{name: float(value) for name, value in fields.items()}
+    )  # ints would compile the solver anew

@@ -1,0 +1,410 @@
+"""Keller-Miksis with the full bubble contents, compiled: a finite-volume Rosenbrock solver.
+
+State (dimensionless, docs/physics.md sections 1-4), all extensive so that what nature conserves is conserved to
+round-off: in each shell i of the grid
+
+    N_i = R^3 n        moles of gas and vapour per shell volume, n = p/T
+    G_i = R^3 n (1-x)  moles of non-condensable gas, x the mole fraction of vapour
+
+and R, U = R', P = p R^3. With mole fractions and the mole-averaged velocity v the contents obey
+
+    n_t + div(n v) = 0,  [n (1-x)]_t + div(n (1-x) v + Fo n grad x) = 0,
+    v = [(kappa-1) chi theta'/R - y R p'/3]/(kappa p),     theta the Kirchhoff temperature,
+    p' = (3/R)[-kappa p U + (kappa-1) chi theta'(1)/R - kappa p Fo z/R],  z = (1-x)'(1)/(1-x(1)),  x(1) = p_v/p,
+
+which is the system of Estrada et al. 2018 (doi:10.1016/j.jmps.2017.12.006) rewritten without approximation
+(docs/physics.md, section 3.2).
+
+The Jacobian is analytic: a block-tridiagonal part (2x2 lower-triangular blocks) with a border of five unknowns R, U,
+P, p', z, so one linear solve costs O(cells). Every function that is compiled for the solver lives in this one file,
+because numba's cache is renewed only when the file of the entry point changes.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numba import njit
+
+OK, TOO_MANY_STEPS, STEP_TOO_SMALL = 0, 1, 2
+_compiled = njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract", "reassoc", "arcp", "nsz"})
+
+
+@_compiled
+def elastic(L, alpha):  # type: ignore[no-untyped-def]
+    """Ca S_el and its first two logarithmic derivatives in L = R/R_0: quadratic law; alpha = 0 is neo-Hookean."""
+    q = 1 / L
+    q2 = q * q
+    q4 = q2 * q2
+    q5 = q4 * q
+    q8 = q4 * q4
+    b = 3 * alpha - 1
+    S = b * (5 - 4 * q - q4) / 2 + 2 * alpha * (27 / 40 + q8 / 8 + q5 / 5 + q2 - 2 * L)
+    S1 = 2 * b * (q + q4) - 2 * alpha * (q8 + q5 + 2 * q2 + 2 * L)
+    S2 = -2 * b * (q + 4 * q4) + 2 * alpha * (8 * q8 + 5 * q5 + 4 * q2 - 2 * L)
+    return S, S1, S2
+
+
+@_compiled
+def derivatives(y, numbers, grid, theta, gas, F, H, out):  # type: ignore[no-untyped-def]
+    """Time derivative of the state into `out`; returns p' and z. theta, gas, F, H are work space."""
+    M = grid.centre.size
+    area, face, left, right, wall = grid.area, grid.face, grid.left, grid.right, grid.wall
+    inverse_distance, inverse_volume = grid.inverse_distance, grid.inverse_volume
+    A, B, Fo, kappa = numbers.A, numbers.B, numbers.Fo, numbers.kappa
+    R, U, P = y[2 * M], y[2 * M + 1], y[2 * M + 2]
+    p = P / (R * R * R)
+    for i in range(M):
+        r = 1 / y[i]
+        T = P * r
+        theta[i] = (0.5 * A * (T + 1) + B) * (T - 1)
+        gas[i] = y[M + i] * r
+    gas_wall = 1 - numbers.pv / p
+    z = (wall[0] * gas_wall + wall[1] * gas[M - 1] + wall[2] * gas[M - 2]) / gas_wall
+    heat = (kappa - 1) * numbers.chi * (wall[1] * theta[M - 1] + wall[2] * theta[M - 2]) / R
+    p_dot = 3 / R * (-kappa * p * U + heat - kappa * p * Fo * z / R)
+
+    S, S1, _ = elastic(R * numbers.stretch, numbers.alpha)
+    S *= numbers.inverse_Ca
+    S1 *= numbers.inverse_Ca
+    dash, C, We = 4 * numbers.inverse_Re, numbers.C, numbers.We
+    rate = U / R
+    push = p - 1 / (We * R) + S - dash * rate - 1
+    push_dot = p_dot + U / (We * R * R) + S1 * rate + dash * rate * rate  # without its R'' part
+    top = (1 + U / C) * push + R / C * push_dot - 1.5 * (1 - U / (3 * C)) * U * U
+    out[2 * M] = U
+    out[2 * M + 1] = top / ((1 - U / C) * R + dash / C)
+    out[2 * M + 2] = R * R * (R * p_dot + 3 * p * U)
+
+    drift = (kappa - 1) * numbers.chi / (kappa * p * R)
+    sweep = R * p_dot / (3 * kappa * p) + U
+    diffusion = Fo / (R * R)
+    for i in range(M - 1):  # fluxes through the faces: F of all moles, H of gas
+        w = (drift * (theta[i + 1] - theta[i]) * inverse_distance[i] - sweep * face[i]) * area[i] / R
+        N_face = left[i] * y[i] + right[i] * y[i + 1]
+        G_face = left[i] * y[M + i] + right[i] * y[M + i + 1]
+        F[i + 1] = N_face * w
+        H[i + 1] = G_face * w - area[i] * N_face * diffusion * (gas[i + 1] - gas[i]) * inverse_distance[i]
+    F[0] = 0.0
+    H[0] = 0.0
+    F[M] = Fo * p * R * z  # vapour condenses at the wall
+    H[M] = 0.0  # gas does not
+    for i in range(M):
+        out[i] = (F[i] - F[i + 1]) * inverse_volume[i]
+        out[M + i] = (H[i] - H[i + 1]) * inverse_volume[i]
+    return p_dot, z
+
+
+@_compiled
+def factorise(y, numbers, grid, p_dot, z, shift, blocks, border, schur, pivot):  # type: ignore[no-untyped-def]
+    """LU factors of (shift - J), eliminated from the centre to the wall.
+
+    blocks (M, 9): inverse diagonal block (NN, GN, GG), block right of it, multipliers of the row above.
+    border (M, 10): columns of R, U, P, p', z after the elimination, for the N row and the G row.
+    schur (5, 5), pivot (5,): factors of the border. Returns the border rows' couplings to the last two shells.
+    """
+    M = grid.centre.size
+    area, face, left, right, wall = grid.area, grid.face, grid.left, grid.right, grid.wall
+    inverse_distance, inverse_volume = grid.inverse_distance, grid.inverse_volume
+    A, B, Fo, kappa, C, We = numbers.A, numbers.B, numbers.Fo, numbers.kappa, numbers.C, numbers.We
+    R, U, P = y[2 * M], y[2 * M + 1], y[2 * M + 2]
+    p = P / (R * R * R)
+    by_P = 1 / (R * R * R)  # dp/dP
+    by_R = 3 * p / R  # -dp/dR at constant P
+    drift = (kappa - 1) * numbers.chi / (kappa * p * R)
+    per_rate = R / (3 * kappa * p)
+    sweep = per_rate * p_dot + U
+    diffusion = Fo / (R * R)
+
+    # derivatives of the face fluxes by the inner (l) and outer (r) shell and by the border unknowns
+    F_l = F_r = HN_l = HN_r = HG_l = HG_r = 0.0
+    F_R = F_U = F_p = F_q = H_R = H_U = H_p = H_q = 0.0
+    i11 = i21 = i22 = s11 = s21 = s22 = 0.0
+    r0 = 1 / y[0]
+    T0 = P * r0
+    theta0 = (0.5 * A * (T0 + 1) + B) * (T0 - 1)
+    KT0 = (A * T0 + B) * T0
+    gas0 = y[M] * r0
+    for i in range(M):
+        g = inverse_volume[i]
+        a11, a21, a22 = -g * F_l, -g * HN_l, -g * HG_l
+        d11, d21, d22 = shift - g * F_r, -g * HN_r, shift - g * HG_r
+        N_R, N_U, N_p, N_q, N_z = g * F_R, g * F_U, g * F_p, g * F_q, 0.0
+        G_R, G_U, G_p, G_q = g * H_R, g * H_U, g * H_p, g * H_q
+        c11 = c21 = c22 = 0.0
+        if i < M - 1:
+            r1 = 1 / y[i + 1]
+            T1 = P * r1
+            theta1 = (0.5 * A * (T1 + 1) + B) * (T1 - 1)
+            KT1 = (A * T1 + B) * T1
+            gas1 = y[M + i + 1] * r1
+            step = inverse_distance[i]
+            theta_y, gas_y, KT_y = (theta1 - theta0) * step, (gas1 - gas0) * step, (KT1 - KT0) * step
+            w = drift * theta_y - sweep * face[i]
+            wl, wr = left[i], right[i]
+            N_face = wl * y[i] + wr * y[i + 1]
+            G_face = wl * y[M + i] + wr * y[M + i + 1]
+            s = area[i]
+            x = s / R
+            w_l, w_r = KT0 * r0 * drift * step, -KT1 * r1 * drift * step
+            k = N_face * diffusion * step
+            F_l, F_r = x * (wl * w + N_face * w_l), x * (wr * w + N_face * w_r)
+            HN_l = x * G_face * w_l - s * (wl * diffusion * gas_y + k * gas0 * r0)
+            HN_r = x * G_face * w_r - s * (wr * diffusion * gas_y - k * gas1 * r1)
+            HG_l, HG_r = x * wl * w + s * k * r0, x * wr * w - s * k * r1
+            w_R = (-drift * theta_y + 3 * drift * KT_y) / R - face[i] * p_dot / (3 * kappa * p) - w / R
+            w_p = (-drift * theta_y + drift * KT_y + per_rate * p_dot * face[i]) / p
+            w_q = -per_rate * face[i]
+            F_R, F_U, F_p, F_q = x * N_face * w_R, -x * N_face * face[i], x * N_face * w_p, x * N_face * w_q
+            H_R = x * G_face * w_R + 2 * x * N_face * diffusion * gas_y
+            H_U, H_p, H_q = -x * G_face * face[i], x * G_face * w_p, x * G_face * w_q
+            r0, theta0, KT0, gas0 = r1, theta1, KT1, gas1
+            d11, d21, d22 = d11 + g * F_l, d21 + g * HN_l, d22 + g * HG_l
+            c11, c21, c22 = g * F_r, g * HN_r, g * HG_r
+            N_R, N_U, N_p, N_q = N_R - g * F_R, N_U - g * F_U, N_p - g * F_p, N_q - g * F_q
+            G_R, G_U, G_p, G_q = G_R - g * H_R, G_U - g * H_U, G_p - g * H_p, G_q - g * H_q
+        else:
+            N_R, N_p, N_z = N_R - g * Fo * p * z, N_p - g * Fo * R * z, -g * Fo * p * R
+        if i > 0:
+            m11, m22 = a11 * i11, a22 * i22
+            m21 = a21 * i11 + a22 * i21
+            d11, d22 = d11 - m11 * s11, d22 - m22 * s22
+            d21 -= m21 * s11 + m22 * s21
+            blocks[i, 6], blocks[i, 7], blocks[i, 8] = m11, m21, m22
+            for j in range(5):
+                above = border[i - 1, j]
+                border[i, j] = -m11 * above
+                border[i, 5 + j] = -m21 * above - m22 * border[i - 1, 5 + j]
+        else:
+            for j in range(10):
+                border[i, j] = 0.0
+        border[i, 0] -= N_R - by_R * N_p
+        border[i, 1] -= N_U
+        border[i, 2] -= N_p * by_P
+        border[i, 3] -= N_q
+        border[i, 4] -= N_z
+        border[i, 5] -= G_R - by_R * G_p
+        border[i, 6] -= G_U
+        border[i, 7] -= G_p * by_P
+        border[i, 8] -= G_q
+        i11, i22 = 1 / d11, 1 / d22
+        i21 = -d21 * i11 * i22
+        s11, s21, s22 = c11, c21, c22
+        blocks[i, 0], blocks[i, 1], blocks[i, 2] = i11, i21, i22
+        blocks[i, 3], blocks[i, 4], blocks[i, 5] = s11, s21, s22
+
+    # rows of p' and z
+    rb = 1 / y[M - 2]
+    Tb = P * rb
+    thetab = (0.5 * A * (Tb + 1) + B) * (Tb - 1)
+    KTb = (A * Tb + B) * Tb
+    gasb = y[2 * M - 2] * rb
+    gas_wall = 1 - numbers.pv / p
+    heat = 3 * (kappa - 1) * numbers.chi / (R * R)
+    theta_y, KT_y = wall[1] * theta0 + wall[2] * thetab, wall[1] * KT0 + wall[2] * KTb
+    q_a, q_b = -heat * wall[1] * KT0 * r0, -heat * wall[2] * KTb * rb
+    q_R = (3 * kappa * p * U / R + heat * (3 * KT_y - 2 * theta_y) + 6 * kappa * p * Fo * z / (R * R)) / R
+    q_U = -3 * kappa * p / R
+    q_p = -3 * kappa * U / R + heat * KT_y / p - 3 * kappa * Fo * z / (R * R)
+    q_z = -3 * kappa * p * Fo / (R * R)
+    zN_a, zN_b = -wall[1] * gas0 * r0 / gas_wall, -wall[2] * gasb * rb / gas_wall
+    zG_a, zG_b = wall[1] * r0 / gas_wall, wall[2] * rb / gas_wall
+    z_p = (wall[0] - z) / gas_wall * numbers.pv / (p * p)
+
+    # row of U
+    S, S1, S2 = elastic(R * numbers.stretch, numbers.alpha)
+    S, S1, S2 = S * numbers.inverse_Ca, S1 * numbers.inverse_Ca, S2 * numbers.inverse_Ca
+    dash = 4 * numbers.inverse_Re
+    rate = U / R
+    push = p - 1 / (We * R) + S - dash * rate - 1
+    push_dot = p_dot + U / (We * R * R) + S1 * rate + dash * rate * rate
+    bottom = (1 - U / C) * R + dash / C
+    value = ((1 + U / C) * push + R / C * push_dot - 1.5 * (1 - U / (3 * C)) * U * U) / bottom
+    push_R = 1 / (We * R * R) + S1 / R + dash * rate / R
+    dot_R = -2 * U / (We * R * R * R) + (S2 - S1) * rate / R - 2 * dash * rate * rate / R
+    dot_U = 1 / (We * R * R) + S1 / R + 2 * dash * rate / R
+    top_R = (1 + U / C) * push_R + push_dot / C + R / C * dot_R
+    top_U = push / C - (1 + U / C) * dash / R + R / C * dot_U - 3 * U + 1.5 * U * U / C
+    u_R, u_U = (top_R - value * (1 - U / C)) / bottom, (top_U + value * R / C) / bottom
+    u_p, u_q = (1 + U / C) / bottom, R / C / bottom
+
+    schur[:, :] = 0.0
+    schur[0, 0], schur[0, 1] = shift, -1.0
+    schur[1, 0], schur[1, 1], schur[1, 2], schur[1, 3] = -(u_R - by_R * u_p), shift - u_U, -u_p * by_P, -u_q
+    schur[2, 0] = -(3 * R * R * p_dot + 6 * R * p * U) + 3 * R * R * U * by_R
+    schur[2, 1], schur[2, 2], schur[2, 3] = -3 * R * R * p, shift - 3 * U / R, -R * R * R
+    schur[3, 0], schur[3, 1], schur[3, 2] = -(q_R - by_R * q_p), -q_U, -q_p * by_P
+    schur[3, 3], schur[3, 4] = 1.0, -q_z
+    schur[4, 0], schur[4, 2], schur[4, 4] = by_R * z_p, -z_p * by_P, 1.0
+    a, b = M - 1, M - 2
+    for j in range(5):
+        Na = blocks[a, 0] * border[a, j]
+        Ga = blocks[a, 1] * border[a, j] + blocks[a, 2] * border[a, 5 + j]
+        Nb = border[b, j] - blocks[b, 3] * Na
+        Gb = border[b, 5 + j] - blocks[b, 4] * Na - blocks[b, 5] * Ga
+        Nb, Gb = blocks[b, 0] * Nb, blocks[b, 1] * Nb + blocks[b, 2] * Gb
+        schur[3, j] += q_a * Na + q_b * Nb
+        schur[4, j] += zN_a * Na + zN_b * Nb + zG_a * Ga + zG_b * Gb
+    for k in range(5):
+        m = k
+        for i in range(k + 1, 5):
+            if abs(schur[i, k]) > abs(schur[m, k]):
+                m = i
+        pivot[k] = m
+        if m != k:
+            for j in range(5):
+                schur[k, j], schur[m, j] = schur[m, j], schur[k, j]
+        for i in range(k + 1, 5):
+            schur[i, k] /= schur[k, k]
+            for j in range(k + 1, 5):
+                schur[i, j] -= schur[i, k] * schur[k, j]
+    return q_a, q_b, zN_a, zN_b, zG_a, zG_b
+
+
+@_compiled
+def back_substitute(r, M, blocks, border, schur, pivot, couplings, b):  # type: ignore[no-untyped-def]
+    """Solve (shift - J) u = r in place with the factors; b (5,) is work space."""
+    for i in range(1, M):
+        above = r[i - 1]
+        r[M + i] -= blocks[i, 7] * above + blocks[i, 8] * r[M + i - 1]
+        r[i] -= blocks[i, 6] * above
+    q_a, q_b, zN_a, zN_b, zG_a, zG_b = couplings
+    k, m = M - 1, M - 2
+    Na = blocks[k, 0] * r[k]
+    Ga = blocks[k, 1] * r[k] + blocks[k, 2] * r[M + k]
+    Nb = r[m] - blocks[m, 3] * Na
+    Gb = r[M + m] - blocks[m, 4] * Na - blocks[m, 5] * Ga
+    Nb, Gb = blocks[m, 0] * Nb, blocks[m, 1] * Nb + blocks[m, 2] * Gb
+    b[0], b[1], b[2] = r[2 * M], r[2 * M + 1], r[2 * M + 2]
+    b[3] = q_a * Na + q_b * Nb
+    b[4] = zN_a * Na + zN_b * Nb + zG_a * Ga + zG_b * Gb
+    for i in range(5):  # rows of the factors were swapped whole, so all exchanges come first
+        j = pivot[i]
+        b[i], b[j] = b[j], b[i]
+    for i in range(5):
+        for j in range(i):
+            b[i] -= schur[i, j] * b[j]
+    for i in range(4, -1, -1):
+        for j in range(i + 1, 5):
+            b[i] -= schur[i, j] * b[j]
+        b[i] /= schur[i, i]
+    r[2 * M], r[2 * M + 1], r[2 * M + 2] = b[0], b[1], b[2]
+    b0, b1, b2, b3, b4 = b[0], b[1], b[2], b[3], b[4]
+    N = G = 0.0
+    for i in range(M - 1, -1, -1):
+        s = border[i]
+        t = blocks[i]
+        n = r[i] - (s[0] * b0 + s[1] * b1 + s[2] * b2 + s[3] * b3 + s[4] * b4) - t[3] * N
+        g = r[M + i] - (s[5] * b0 + s[6] * b1 + s[7] * b2 + s[8] * b3 + s[9] * b4) - t[4] * N - t[5] * G
+        N = t[0] * n
+        G = t[1] * n + t[2] * g
+        r[i] = N
+        r[M + i] = G
+
+
+@_compiled
+def integrate(numbers, grid, A, C, gamma, order, time, rtol, max_steps, radius, velocity, pressure, stats):  # type: ignore[no-untyped-def]
+    """From rest at R = 1 to time[-1]; fills radius, velocity, pressure at `time`, stops filling where it fails.
+
+    stats (5,): steps, rejected steps, relative change of the gas in the bubble, time reached, radius there.
+    Returns OK, TOO_MANY_STEPS or STEP_TOO_SMALL.
+    """
+    M = grid.centre.size
+    n, stages = 2 * M + 3, A.shape[0]
+    y, trial, slope, next_slope = np.empty(n), np.empty(n), np.empty(n), np.empty(n)
+    u = np.empty((stages, n))
+    theta, gas, F, H = np.empty(M), np.empty(M), np.empty(M + 1), np.empty(M + 1)
+    blocks, border = np.zeros((M, 9)), np.zeros((M, 10))
+    schur, b, pivot = np.zeros((5, 5)), np.zeros(5), np.zeros(5, np.int64)
+
+    p0 = numbers.pv + (1 + numbers.stretch / numbers.We - numbers.pv) / numbers.stretch**3
+    for i in range(M):
+        y[i], y[M + i] = p0, p0 - numbers.pv
+    y[2 * M], y[2 * M + 1], y[2 * M + 2] = 1.0, 0.0, p0
+    t, h, k = 0.0, 1e-3, 0
+    steps = rejected = 0
+    after_rejection = False
+    status = OK
+    while k < time.size and time[k] <= 0.0:
+        radius[k], velocity[k], pressure[k] = 1.0, 0.0, p0
+        k += 1
+    p_dot, z = derivatives(y, numbers, grid, theta, gas, F, H, slope)
+    while k < time.size:
+        if steps + rejected >= max_steps:
+            status = TOO_MANY_STEPS
+            break
+        if h < 1e-14 * (1 + t):
+            status = STEP_TOO_SMALL
+            break
+        couplings = factorise(y, numbers, grid, p_dot, z, 1 / (h * gamma), blocks, border, schur, pivot)
+        usable = True
+        for s in range(stages):
+            v = u[s]
+            if s == 0:
+                v[:] = slope
+            else:
+                trial[:] = y
+                for m in range(s):
+                    a, w = A[s, m], u[m]
+                    if a != 0.0:
+                        for j in range(n):
+                            trial[j] += a * w[j]
+                if not (trial[2 * M] > 0 and trial[2 * M + 2] > 0):
+                    usable = False
+                    break
+                derivatives(trial, numbers, grid, theta, gas, F, H, v)
+                for m in range(s):
+                    c, w = C[s, m] / h, u[m]
+                    for j in range(n):
+                        v[j] += c * w[j]
+            back_substitute(v, M, blocks, border, schur, pivot, couplings, b)
+        error = 0.0
+        if usable:
+            last = u[stages - 1]
+            for j in range(n):
+                trial[j] += last[j]
+            for j in range(2 * M):
+                usable = usable and trial[j] > 0
+                e = last[j] / trial[j]
+                error += e * e
+            error /= 2 * M
+            e_R, e_P = last[2 * M] / trial[2 * M], last[2 * M + 2] / trial[2 * M + 2]
+            e_U = last[2 * M + 1] / (1 + abs(trial[2 * M + 1]))
+            error = math.sqrt((error + e_R * e_R + e_U * e_U + e_P * e_P) / 4) / rtol
+            usable = usable and error < 1e10 and trial[2 * M] > 0 and trial[2 * M + 2] > 0
+        if not usable or error > 1:
+            rejected += 1
+            after_rejection = True
+            h *= max(0.2, 0.9 * error ** (-1 / order)) if usable else 0.2
+            continue
+        p_dot, z = derivatives(trial, numbers, grid, theta, gas, F, H, next_slope)
+        while (
+            k < time.size and time[k] <= t + h
+        ):  # quintic Hermite in R (its first two derivatives are known)
+            x = (time[k] - t) / h
+            R0, V0, A0 = y[2 * M], h * y[2 * M + 1], h * h * slope[2 * M + 1]
+            D, V1, A1 = trial[2 * M] - R0, h * trial[2 * M + 1], h * h * next_slope[2 * M + 1]
+            c3 = 10 * D - 6 * V0 - 4 * V1 - 1.5 * A0 + 0.5 * A1
+            c4 = -15 * D + 8 * V0 + 7 * V1 + 1.5 * A0 - A1
+            c5 = 6 * D - 3 * V0 - 3 * V1 - 0.5 * A0 + 0.5 * A1
+            R = R0 + x * (V0 + x * (0.5 * A0 + x * (c3 + x * (c4 + x * c5))))
+            radius[k] = R
+            velocity[k] = (V0 + x * (A0 + x * (3 * c3 + x * (4 * c4 + x * 5 * c5)))) / h
+            P0, Q0, Q1 = y[2 * M + 2], h * slope[2 * M + 2], h * next_slope[2 * M + 2]
+            D = trial[2 * M + 2] - P0
+            pressure[k] = (P0 + x * (Q0 + x * (3 * D - 2 * Q0 - Q1 + x * (Q0 + Q1 - 2 * D)))) / (R * R * R)
+            k += 1
+        t += h
+        steps += 1
+        y, trial = trial, y
+        slope, next_slope = next_slope, slope
+        growth = min(5.0, 0.9 * max(error, 1e-8) ** (-1 / order))
+        h *= min(growth, 1.0) if after_rejection else growth
+        after_rejection = False
+    total = 0.0
+    for i in range(M):
+        total += y[M + i] / grid.inverse_volume[i]
+    stats[0], stats[1], stats[2] = steps, rejected, 3 * total / (p0 - numbers.pv) - 1
+    stats[3], stats[4] = t, y[2 * M]
+    return status

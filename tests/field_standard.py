@@ -1,0 +1,115 @@
+"""The field's usual way to solve the same physics, as an independent check: method of lines on mass fraction and
+Kirchhoff temperature (the equations of Estrada et al. 2018 as printed, docs/physics.md section 3.1), finite
+differences, scipy's BDF. Shares no line with the package's solver.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.integrate import solve_ivp
+from scipy.sparse import lil_matrix
+
+
+def solve(
+    numbers,
+    y: NDArray[np.float64],
+    t_star: NDArray[np.float64],
+    rtol: float,
+    R_v: float = 462.0,
+    R_g: float = 287.0,
+) -> NDArray[np.float64]:
+    """R/R_max at t_star for dimensionless `numbers` on the nodes y (centre 0 ... wall 1)."""
+    n = len(y)
+    Cs, We, iCa, iRe, alpha, lam, Fo, chi, A, B, pv, kappa = numbers
+    assert alpha == 0.0, "neo-Hookean and Newtonian only"
+
+    left, right = np.diff(y)[:-1], np.diff(y)[1:]
+
+    def first(f):
+        out = np.zeros(n)
+        out[1:-1] = (
+            f[2:] * left / right - f[:-2] * right / left + f[1:-1] * (right / left - left / right)
+        ) / (left + right)
+        h1, h2 = y[-1] - y[-2], y[-1] - y[-3]
+        out[-1] = (f[-1] * (h2**2 - h1**2) - f[-2] * h2**2 + f[-3] * h1**2) / (h1 * h2 * (h2 - h1))
+        return out
+
+    def laplacian(f, df):
+        out = np.zeros(n)
+        second = (
+            2 * (f[2:] * left + f[:-2] * right - f[1:-1] * (left + right)) / (left * right * (left + right))
+        )
+        out[1:-1] = second + 2 * df[1:-1] / y[1:-1]
+        out[0] = 6 * (f[1] - f[0]) / y[1] ** 2
+        return out
+
+    def wall_fraction(p):
+        return 1 / (1 + R_v / R_g * (p / pv - 1))
+
+    def rhs(_, s):
+        R, U, p = s[:3]
+        theta = np.append(s[3 : 3 + n - 1], 0.0)
+        k = np.append(s[3 + n - 1 :], wall_fraction(p))
+        root = np.sqrt(1 + 2 * A * theta)
+        T = (A - 1 + root) / A
+        K = A * T + B
+        Rm = k * R_v + (1 - k) * R_g
+        dth, dk = first(theta), first(k)
+        dth[0] = dk[0] = 0.0
+        p_dot = (
+            3
+            / R
+            * (
+                -kappa * p * U
+                + (kappa - 1) * chi * dth[-1] / R
+                + kappa * p * Fo * R_v * dk[-1] / (R * Rm[-1] * (1 - k[-1]))
+            )
+        )
+        u_m = ((kappa - 1) * chi * dth / R - R * y * p_dot / 3) / (kappa * p) + Fo / R * (R_v - R_g) * dk / Rm
+        th_dot = (
+            (p_dot + chi * laplacian(theta, dth) / R**2) * K * T * (kappa - 1) / (kappa * p)
+            - dth * (u_m - y * U) / R
+            + Fo / R**2 * (R_v - R_g) * dk * dth / Rm
+        )
+        k_dot = (
+            Fo / R**2 * (laplacian(k, dk) - dk * ((R_v - R_g) * dk / Rm + dth / (T * root)))
+            - (u_m - y * U) * dk / R
+        )
+        q = 1 / (R * lam)
+        S = -iCa * (5 - 4 * q - q**4) / 2 - 4 * iRe * U / R
+        S_dot = -2 * iCa * (q + q**4) * U / R + 4 * iRe * (U / R) ** 2
+        top = (
+            (1 + U / Cs) * (p - 1 / (We * R) + S - 1)
+            + R / Cs * (p_dot + U / (We * R**2) + S_dot)
+            - 1.5 * (1 - U / (3 * Cs)) * U**2
+        )
+        acceleration = top / ((1 - U / Cs) * R + 4 * iRe / Cs)
+        return np.concatenate([[U, acceleration, p_dot], th_dot[:-1], k_dot[:-1]])
+
+    p0 = pv + (1 + lam / We - pv) / lam**3
+    start = np.concatenate([[1.0, 0.0, p0], np.zeros(n - 1), np.full(n - 1, wall_fraction(p0))])
+    pattern = lil_matrix((len(start), len(start)))
+    pattern[:3, :] = 0
+    pattern[:, :3] = 1
+    for block in (3, 2 + n):
+        for i in range(n - 1):
+            for other in (3, 2 + n):
+                for j in range(max(0, i - 1), min(n - 1, i + 2)):
+                    pattern[block + i, other + j] = 1
+                for j in (n - 3, n - 2):  # p_dot enters every node
+                    pattern[block + i, other + j] = 1
+    for j in (3 + n - 3, 3 + n - 2, 2 + n + n - 3, 2 + n + n - 2):
+        pattern[:3, j] = 1
+    solution = solve_ivp(
+        rhs,
+        (0, t_star[-1]),
+        start,
+        method="BDF",
+        t_eval=t_star,
+        rtol=rtol,
+        atol=rtol * 1e-2,
+        jac_sparsity=pattern.tocsc(),
+    )
+    assert solution.success, solution.message
+    return solution.y[0]

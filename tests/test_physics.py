@@ -1,0 +1,223 @@
+"""The forward problem against analytic limits, quadrature, a second implementation and reference solutions."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+
+import field_standard
+import numpy as np
+import pytest
+from scipy.integrate import quad
+
+from cavirheo.errors import InputError, SolverError
+from cavirheo.physics import simulate as forward
+from cavirheo.physics import solver, tableau
+from cavirheo.physics.grid import wall_clustered
+from cavirheo.physics.materials import NeoHookeanKelvinVoigt, Newtonian, QuadraticKelvinVoigt
+from cavirheo.physics.media import ESTRADA2018, MEDIA, WATER, Medium, medium
+from cavirheo.physics.scales import dimensionless
+from cavirheo.physics.simulate import simulate, simulate_many
+
+GEL = NeoHookeanKelvinVoigt(5e3, 0.05)
+TIME = np.linspace(0, 100e-6, 101)
+
+
+def test_reference_curves(real_data):
+    data = np.load(real_data.parent / "reference" / "reference_curves.npz")
+    conditions = json.loads(str(data["conditions"]))
+    liquid = Medium(conditions["rho"], conditions["c"], conditions["gamma"])
+    errors = []
+    for (G, mu, stretch, R_max), R in zip(data["params"], data["R"], strict=True):
+        run = simulate(
+            NeoHookeanKelvinVoigt(G, mu), max_radius=R_max, stretch=stretch, time=data["t"], medium=liquid
+        )
+        errors.append(np.max(np.abs(run.radius - R)) / R_max)
+    assert max(errors) < 1e-3
+    assert np.median(errors) < 3e-4
+
+
+def test_second_implementation():
+    """Mole fractions on finite volumes give what mass fractions on finite differences give."""
+    numbers = dimensionless(GEL, WATER, 150e-6, 5.0)
+    t_star = np.linspace(0, 2.5, 60)
+    s = np.linspace(0, 1, 160)
+    y = np.tanh(4.0 * s) / np.tanh(4.0)
+    theirs = field_standard.solve(numbers, y, t_star, rtol=1e-6)
+    ours = (
+        simulate(GEL, max_radius=150e-6, stretch=5.0, time=t_star * WATER.time_scale(150e-6)).radius / 150e-6
+    )
+    assert np.max(np.abs(ours - theirs)) < 1e-3
+
+
+def test_equilibrium_stays_put():
+    run = simulate(GEL, max_radius=50e-6, stretch=1.0, time=TIME)
+    assert np.max(np.abs(run.radius / 50e-6 - 1)) < 1e-9
+
+
+def test_rayleigh_collapse_time():
+    """An almost empty cavity in an inviscid incompressible liquid collapses in 0.91468 t_c (1 - p_v/p_inf)^-1/2."""
+    cold = Medium(sound_speed=1e7, surface_tension=0.0, temperature=275.0)
+    t = np.linspace(0, 1.1, 2001) * cold.time_scale(200e-6)
+    run = simulate(Newtonian(0.0), max_radius=200e-6, stretch=25.0, time=t, medium=cold)
+    first = t[np.argmin(run.radius)] / cold.time_scale(200e-6)
+    expected = 0.91468 / np.sqrt(1 - cold.vapour_pressure / cold.pressure)
+    assert first == pytest.approx(expected, rel=2e-3)
+
+
+def test_gas_is_conserved_to_round_off():
+    run = simulate(NeoHookeanKelvinVoigt(1e3, 2e-3), max_radius=230e-6, stretch=10.0, time=TIME)
+    assert abs(run.stats["gas_drift"]) < 1e-11
+
+
+def test_order_of_convergence_in_time():
+    """Errors against a much tighter run fall as the 5th power of the step: halving rtol by 2^5 halves the step."""
+    fine = simulate(GEL, max_radius=150e-6, stretch=5.0, time=TIME, rtol=1e-10)
+    runs = [simulate(GEL, max_radius=150e-6, stretch=5.0, time=TIME, rtol=r) for r in (1e-4, 1e-6, 1e-8)]
+    errors = [np.max(np.abs(r.radius - fine.radius)) / 150e-6 for r in runs]
+    steps = [r.stats["steps"] for r in runs]
+    order = -np.polyfit(np.log(steps), np.log(errors), 1)[0]
+    assert order > 4.0, (errors, steps)
+    assert errors[0] < 3e-4
+
+
+def test_order_of_convergence_in_space():
+    fine = simulate(GEL, max_radius=150e-6, stretch=5.0, time=TIME, rtol=1e-7, cells=1024)
+    errors = [
+        np.max(
+            np.abs(
+                simulate(GEL, max_radius=150e-6, stretch=5.0, time=TIME, rtol=1e-7, cells=c).radius
+                - fine.radius
+            )
+        )
+        for c in (64, 128, 256)
+    ]
+    assert np.log2(errors[0] / errors[2]) / 2 > 1.7, errors
+
+
+@pytest.mark.parametrize("alpha", [0.0, 0.7])
+def test_analytic_jacobian(alpha):
+    """The factors solve with the numerical derivative of the right-hand side."""
+    rng = np.random.default_rng(3)
+    grid = wall_clustered(24, 1e-3)
+    numbers = dimensionless(QuadraticKelvinVoigt(4e4, 0.1, alpha), WATER, 120e-6, 4.0)
+    M, R, p = 24, 0.4, 2.0
+    moles = p * R**3 / (1 + 2 * (1 - grid.centre**3))
+    y = np.concatenate([moles, moles * (0.5 + 0.4 * grid.centre), [R, -1.3, p * R**3]])
+
+    def f(state):
+        out, work = np.empty(2 * M + 3), [np.empty(M), np.empty(M), np.empty(M + 1), np.empty(M + 1)]
+        return out, *solver.derivatives(state, numbers, grid, *work, out)
+
+    _, p_dot, z = f(y)
+    jacobian = np.empty((len(y), len(y)))
+    for j in range(len(y)):
+        step = np.zeros(len(y))
+        step[j] = 1e-6 * max(abs(y[j]), 1e-3)
+        jacobian[:, j] = (f(y + step)[0] - f(y - step)[0]) / (2 * step[j])
+    blocks, border, schur, pivot = (
+        np.zeros((M, 9)),
+        np.zeros((M, 10)),
+        np.zeros((5, 5)),
+        np.zeros(5, np.int64),
+    )
+    couplings = solver.factorise(y, numbers, grid, p_dot, z, 50.0, blocks, border, schur, pivot)
+    u = rng.normal(size=len(y))
+    r = 50.0 * u - jacobian @ u
+    solver.back_substitute(r, M, blocks, border, schur, pivot, couplings, np.zeros(5))
+    assert np.max(np.abs(r - u)) < 1e-5
+
+
+@pytest.mark.parametrize("alpha", [0.0, 0.5, 2.0])
+@pytest.mark.parametrize("L", [0.3, 0.9, 1.0, 2.5, 11.0])
+def test_elastic_stress_against_quadrature(alpha, L):
+    def W1(b):
+        return 0.5 * (1 + alpha * (b**-4 + 2 * b**2 - 3))
+
+    expected, _ = quad(lambda b: -4 * W1(b) * (b**-5 + b**-2), 1, L, epsabs=1e-13, epsrel=1e-13)
+    S, S1, S2 = solver.elastic(L, alpha)
+    assert pytest.approx(expected, rel=1e-10, abs=1e-12) == S
+    assert pytest.approx(-4 * W1(L) * (L**-4 + 1 / L), rel=1e-12) == S1
+    h = 1e-5
+    numeric = (solver.elastic(L * (1 + h), alpha)[1] - solver.elastic(L * (1 - h), alpha)[1]) / (2 * h)
+    assert pytest.approx(numeric, rel=1e-6) == S2
+
+
+def test_laws_reduce_to_their_parents():
+    common = dict(max_radius=150e-6, stretch=6.0, time=TIME)
+    gel = simulate(NeoHookeanKelvinVoigt(0.0, 0.03), **common)
+    assert np.array_equal(gel.radius, simulate(Newtonian(0.03), **common).radius)
+    soft = simulate(QuadraticKelvinVoigt(2e3, 0.03, 0.0), **common)
+    assert np.array_equal(soft.radius, simulate(NeoHookeanKelvinVoigt(2e3, 0.03), **common).radius)
+
+
+def test_the_batch_does_not_depend_on_workers():
+    rng = np.random.default_rng(0)
+    gels = [
+        NeoHookeanKelvinVoigt(10**a, 10**b)
+        for a, b in zip(rng.uniform(2, 6, 6), rng.uniform(-3, 0, 6), strict=True)
+    ]
+    one = simulate_many(gels, max_radius=2e-4, stretch=np.linspace(2, 9, 6), time=TIME, workers=1)
+    two = simulate_many(gels, max_radius=2e-4, stretch=np.linspace(2, 9, 6), time=TIME, workers=2)
+    assert all(np.array_equal(a.radius, b.radius) for a, b in zip(one, two, strict=True))
+
+
+def test_solver_is_compiled_once_for_all_inputs():
+    simulate(Newtonian(1), max_radius=1e-4, stretch=3, time=[0, 1e-6], medium=Medium(density=1000))
+    simulate(GEL, max_radius=1e-4, stretch=3.5, time=np.arange(3) * 1e-6)
+    assert len(solver.integrate.signatures) == 1
+
+
+def test_a_failed_solve_says_so(monkeypatch):
+    monkeypatch.setattr(forward, "MAX_STEPS", 20)
+    with pytest.raises(SolverError, match="more than 20 steps at t = "):
+        simulate(GEL, max_radius=2e-4, stretch=8.0, time=TIME)
+    run = simulate(GEL, max_radius=2e-4, stretch=8.0, time=TIME, throw=False)
+    assert not run.ok
+    assert "more than 20 steps" in run.status
+    assert np.isnan(run.radius[-1])
+    assert np.isfinite(run.radius[0])
+
+
+@pytest.mark.parametrize(
+    ("change", "match"),
+    [
+        (dict(max_radius=-1e-4), "max_radius must be positive"),
+        (dict(stretch=0.5), "at least 1"),
+        (dict(time=[0, 2e-6, 1e-6]), "ascend"),
+        (dict(time=[]), "non-empty"),
+        (dict(time=[0, np.nan]), "finite"),
+        (dict(rtol=0.5), "rtol"),
+        (dict(cells=4), "at least 8 cells"),
+    ],
+)
+def test_bad_parameters(change, match):
+    with pytest.raises(InputError, match=match):
+        simulate(GEL, **{"max_radius": 1e-4, "stretch": 5.0, "time": TIME, **change})
+
+
+def test_bad_materials_and_media():
+    with pytest.raises(InputError, match="viscosity must be finite and not negative"):
+        Newtonian(-0.1)
+    with pytest.raises(InputError, match="boil"):
+        replace(WATER, temperature=400.0)
+    with pytest.raises(InputError, match="known: water"):
+        medium("honey")
+    assert medium("estrada2018") is ESTRADA2018
+    assert len(MEDIA) == 5
+
+
+def test_tableau_is_of_order_five():
+    """Classical order on y' = -y^2, whose solution is 1/(1 + t)."""
+
+    def error(n):
+        y, h = 1.0, 1.0 / n
+        for _ in range(n):
+            W, u = 1 / (h * tableau.GAMMA) + 2 * y, np.zeros(8)
+            for s in range(8):
+                stage = y + tableau.A[s, :s] @ u[:s]
+                u[s] = (-(stage**2) + tableau.C[s, :s] @ u[:s] / h) / W
+            y += tableau.A[7, :7] @ u[:7] + u[7]
+        return abs(y - 0.5)
+
+    assert np.log2(error(8) / error(16)) > 4.7
