@@ -1,0 +1,299 @@
+"""RadiusCurve: one measured bubble radius history R(t), and what can be read off it without a material model."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from math import log
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cavirheo.errors import InputError
+from cavirheo.landmarks import collapse_time, fit_maximum, spikes, turning_points
+
+Floats = NDArray[np.float64]
+
+RAYLEIGH = 0.914681  # collapse time of an empty bubble over R_max sqrt(rho/p); sqrt(pi/6) Gamma(5/6)/Gamma(4/3)
+_FEWEST_FRAMES = 5  # below this no maximum is fitted
+_SMALLEST_REBOUND = 0.03  # of R_max, that makes a minimum a collapse
+_SPIKE = 0.2  # of R_max above both neighbours: no bubble moves like that (down it does, in a collapse)
+
+
+class TimeScale(Protocol):
+    """What `normalised` needs of a medium."""
+
+    def time_scale(self, max_radius: float) -> float: ...
+
+
+@dataclass(frozen=True, eq=False)
+class RadiusCurve:
+    """A measured radius history.
+
+    time: (n,) s, strictly increasing, any spacing and any origin. radius: (n,) m, positive; NaN is a frame without a
+    measurement. radius_std: (n,) m, NaN where unknown. meta: name, source (path as given), source_sha256, group (shots
+    of one file), notes (tuple of str: what was recognised, converted or left out), stretch and stretch_std (R_max/R_0
+    as the file states it), frame_rate_hz, and what the properties below say they look at.
+
+    An unusable curve (three samples, all NaN, an empty cell) is a RadiusCurve too, so that the others of its file can
+    be answered: `max_radius` then raises with the reason.
+
+    Raises:
+        InputError: arrays of different lengths, a time that is not finite or does not increase, a radius <= 0.
+    """
+
+    time: Floats
+    radius: Floats
+    radius_std: Floats = field(default_factory=lambda: np.empty(0))
+    meta: Mapping[str, Any] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        time, radius, std = (np.array(a, dtype=np.float64) for a in (self.time, self.radius, self.radius_std))
+        if std.size == 0:
+            std = np.full(radius.shape, np.nan)
+        if time.ndim != 1 or time.shape != radius.shape or std.shape != radius.shape:
+            raise InputError(
+                "time, radius and radius_std must be one-dimensional and of one length, got shapes "
+                f"{time.shape}, {radius.shape}, {std.shape}"
+            )
+        if not np.all(np.isfinite(time)):
+            raise InputError(f"time must be finite; sample {int(np.argmin(np.isfinite(time)))} is not")
+        if np.any(np.diff(time) <= 0):
+            sample = int(np.argmax(np.diff(time) <= 0)) + 1
+            raise InputError(f"time must increase strictly; sample {sample} ({time[sample]:.6g} s) does not")
+        if np.any(radius <= 0) or np.any(np.isinf(radius)):
+            raise InputError("radius must be positive and finite; a frame without a measurement is NaN")
+        for name, array in (("time", time), ("radius", radius), ("radius_std", std)):
+            array.setflags(write=False)
+            object.__setattr__(self, name, array)
+        object.__setattr__(self, "meta", {"name": "curve", "notes": (), **self.meta})
+
+    @property
+    def name(self) -> str:
+        return str(self.meta["name"])
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """What was recognised, converted or left out on the way from the file to this curve."""
+        return tuple(self.meta["notes"])
+
+    @property
+    def max_radius(self) -> float:
+        """R_max in m, by the local fit (landmarks.py) unless `with_max_radius` or `window` has fixed it.
+
+        Raises InputError when it cannot be determined: meta["problem"] (unreadable), meta["no_scale"] (no length
+        scale), fewer than 5 measured frames, no fall after the maximum, or no frame near it.
+        """
+        if "no_scale" in self.meta:
+            raise InputError(f"{self.name}: {self.meta['no_scale']}; give the true R_max (--rmax-um)")
+        return self._maximum[1]
+
+    @property
+    def time_of_max(self) -> float:
+        """Time of R_max in s on the clock of `time`; as `max_radius`."""
+        return self._maximum[0]
+
+    @cached_property
+    def _maximum(self) -> tuple[float, float]:
+        if "maximum" in self.meta:
+            return self.meta["maximum"]
+        if "problem" in self.meta:
+            raise InputError(f"{self.name}: {self.meta['problem']}")
+        time, radius = self._finite
+        if len(time) < _FEWEST_FRAMES:
+            raise InputError(
+                f"{self.name}: {len(time)} of {len(self.time)} frames have a radius; "
+                f"at least {_FEWEST_FRAMES} are needed"
+            )
+        try:
+            return fit_maximum(time, radius, self.meta.get("stated_time_of_max"))
+        except InputError as error:
+            raise InputError(f"{self.name}: {error}") from None
+
+    @cached_property
+    def _finite(self) -> tuple[Floats, Floats]:
+        measured = np.isfinite(self.radius)
+        return self.time[measured], self.radius[measured]
+
+    @cached_property
+    def _after_max(self) -> tuple[Floats, Floats]:
+        """Measured samples after the maximum, with the fitted maximum itself as the first."""
+        time, radius = self._finite
+        start, top = self._maximum
+        later = time > start
+        return np.append(start, time[later]), np.append(top, radius[later])
+
+    @cached_property
+    def _turning_points(self) -> tuple[list[int], list[int]]:
+        """Indices into `_after_max` of the collapses and of the rebound maxima between them."""
+        radius = self._after_max[1].copy()
+        for i in spikes(radius, _SPIKE * radius[0]):
+            radius[i] = max(radius[i - 1], radius[i + 1])
+        # Third differences cancel the motion except at the few collapses: their median absolute value is noise.
+        noise = 1.4826 * np.median(np.abs(np.diff(radius[1:], 3))) / np.sqrt(20.0) if len(radius) > 8 else 0.0
+        smallest = _SMALLEST_REBOUND * radius[0]
+        return turning_points(radius, float(np.clip(6.0 * noise, smallest, 4.0 * smallest)))
+
+    def with_notes(self, *notes: str) -> RadiusCurve:
+        """The same curve with more notes."""
+        return replace(self, meta={**self.meta, "notes": self.notes + notes})
+
+    def with_max_radius(self, max_radius: float) -> RadiusCurve:
+        """The curve scaled so that its fitted maximum is `max_radius` (m): for pixels, or a scale known better.
+
+        Times stay, except where the file gives time only in units of R_max sqrt(rho/p) and no R_max.
+        """
+        if not 0 < max_radius < np.inf:
+            raise InputError(f"the maximum radius must be positive, got {max_radius!r} m")
+        start, top = self._maximum
+        scale = max_radius / top
+        time_factor = max_radius if self.meta.get("time_over_max_radius") else 1.0
+        dropped = ("no_scale", "time_over_max_radius", "stated_time_of_max")
+        meta = {key: value for key, value in self.meta.items() if key not in dropped}
+        meta["maximum"] = (start * time_factor, float(max_radius))
+        note = f"R_max set to {max_radius * 1e6:.4g} um"
+        if "no_scale" not in self.meta:
+            note += f": radii scaled by {scale:.4g}"
+        meta["notes"] = (*self.notes, note)
+        return RadiusCurve(self.time * time_factor, self.radius * scale, self.radius_std * scale, meta)
+
+    def normalised(self, medium: TimeScale) -> tuple[Floats, Floats]:
+        """(m,) t* = (t - t_max)/t_c and (m,) R* = R/R_max of the measured frames, growth (t* < 0) included."""
+        time, radius = self._finite
+        return (time - self.time_of_max) / medium.time_scale(self.max_radius), radius / self.max_radius
+
+    def resampled(self, step: float, count: int = 100, *, allow_short: bool = False) -> Floats:
+        """(count,) m: the radius at time_of_max + step*arange(count), `step` in s; the first is max_radius.
+
+        Shape-preserving piecewise cubic Hermite (PCHIP) through the fitted maximum and the measured samples after it.
+        With `allow_short` the values beyond the last measured sample are NaN.
+
+        Raises:
+            InputError: the recording ends earlier (unless allow_short), or there is no maximum.
+        """
+        from scipy.interpolate import PchipInterpolator
+
+        if not step > 0 or count < 1:
+            raise InputError(f"step must be positive and count at least 1, got {step!r} s and {count!r}")
+        top = self.max_radius
+        time, radius = self._after_max
+        since_max, wanted = time - time[0], step * np.arange(count)
+        missing = wanted > since_max[-1] * (1.0 + 1e-9)
+        if np.any(missing) and not allow_short:
+            raise InputError(
+                f"{self.name}: the recording ends {since_max[-1] * 1e6:.4g} us after R_max; "
+                f"{wanted[-1] * 1e6:.4g} us are needed ({count} samples at {step * 1e6:.4g} us)"
+            )
+        result = np.asarray(PchipInterpolator(time, radius)(np.minimum(time[0] + wanted, time[-1])))
+        result[missing] = np.nan
+        result[0] = top
+        return result
+
+    def spikes(self) -> list[int]:
+        """Frames (indices into `time`) whose radius exceeds that of both measured neighbours by 20 % of R_max: wrong
+        measurements. They stay in the curve; only the search for collapses passes over them."""
+        measured = np.flatnonzero(np.isfinite(self.radius))
+        return [int(measured[i]) for i in spikes(self.radius[measured], _SPIKE * self.max_radius)]
+
+    def collapse_times(self) -> Floats:
+        """(k,) s, on the clock of `time`: the collapses, first one first; empty where the radius only creeps down."""
+        time, radius = self._after_max
+        return np.array([collapse_time(time, radius, i) for i in self._turning_points[0]])
+
+    def window(self, collapses: int | None = None, end: float | None = None) -> RadiusCurve:
+        """The part from R_max on: up to the rebound maximum after the given number of collapses, or up to `end` s after
+        R_max, whichever is earlier. R_max and its time stay those of the whole curve.
+
+        Raises:
+            InputError: the curve shows fewer collapses, or fewer than two frames are left.
+        """
+        start, top = self.time_of_max, self.max_radius
+        time, _ = self._after_max
+        stop = time[-1] if end is None else start + end
+        if collapses is not None:
+            minima, maxima = self._turning_points
+            if not 1 <= collapses <= len(minima):
+                raise InputError(
+                    f"{self.name}: a window of {collapses} collapses was asked; the curve shows {len(minima)}"
+                )
+            rebounds = [i for i in maxima if i > minima[collapses - 1]]
+            stop = min(stop, time[rebounds[0]] if rebounds else time[-1])
+        inside = (self.time >= start) & (self.time <= stop)
+        if np.count_nonzero(inside & np.isfinite(self.radius)) < 2:
+            raise InputError(
+                f"{self.name}: fewer than two measured frames between R_max and {stop - start:.4g} s after it"
+            )
+        meta = {**self.meta, "maximum": (start, top)}
+        return RadiusCurve(self.time[inside], self.radius[inside], self.radius_std[inside], meta)
+
+    def strain_rate(self) -> float:
+        """Mean strain rate at the bubble wall between R_max and the first violent collapse, 1/s.
+
+        For an incompressible medium the wall's radial logarithmic strain rate is -2 R'/R, and the radius only falls
+        between the two, so its mean is (1/(t_1 - t_max)) int |2 R'/R| dt = 2 ln(R_max/R_1)/(t_1 - t_max), R_1 being
+        the smallest *measured* radius of the first collapse. The hoop rate is half of it. Collapses are under-sampled:
+        R_1 is too large and the rate too small (a true minimum half as large adds 2 ln 2/(t_1 - t_max)).
+
+        Raises:
+            InputError: the curve shows no collapse.
+        """
+        time, radius = self._after_max
+        minima = self._turning_points[0]
+        if not minima:
+            raise InputError(f"{self.name}: the curve shows no collapse, so there is no strain rate up to it")
+        return 2.0 * log(self.max_radius / radius[minima[0]]) / (float(self.collapse_times()[0]) - time[0])
+
+    def stretch_from_tail(self) -> tuple[float, float] | None:
+        """(lambda, its standard deviation): R_max over the late plateau, or None where there is no plateau.
+
+        The plateau is the last third of the time after R_max. It must hold at least 8 frames, lie at least two collapse
+        periods after R_max (if there are collapses), scatter by less than 5 % (residual oscillation included), and
+        drift by less than 5 % in itself and against the sixth of the time before it. The deviation is that of the
+        scatter and the drift, not the standard error of the mean: what is left of the oscillation is not noise.
+        """
+        time, radius = self._after_max
+        duration = time[-1] - time[0]
+        late = time > time[-1] - duration / 3.0
+        before = (time > time[-1] - duration / 2.0) & ~late
+        collapses = self.collapse_times()
+        early = len(collapses) > 0 and 2.0 * (collapses[0] - time[0]) > duration * 2.0 / 3.0
+        if early or np.count_nonzero(late) < 8 or np.count_nonzero(before) < 3:
+            return None
+        level = float(np.mean(radius[late]))
+        slope = float(np.polyfit(time[late] - time[-1], radius[late], 1)[0])
+        drift = max(abs(slope) * duration / 3.0, abs(level - float(np.median(radius[before])))) / level
+        scatter = float(np.std(radius[late], ddof=1)) / level
+        if scatter > 0.05 or drift > 0.05:
+            return None
+        stretch = self.max_radius / level
+        return stretch, stretch * float(np.hypot(scatter, drift / 2.0))
+
+    def scale_warning(self, density: float = 998.0, pressure: float = 101325.0) -> str | None:
+        """A sentence if the first collapse comes far from the Rayleigh time t_RC = 0.9147 R_max sqrt(rho/p), else None.
+
+        Elasticity shortens the collapse to about t_RC (1 + 2.5 G/p)^(-1/2) and viscosity lengthens it (Zhu et al. 2025,
+        doi:10.1039/D5SM00397K): below 0.5 t_RC G would exceed 120 kPa, above 1.6 t_RC the damping leaves hardly a
+        collapse to see. A check for pixels, diameters and wrong units, not a calibration: a scale wrong by a third
+        passes. None as well where the curve shows no collapse.
+        """
+        try:
+            max_radius, times = self.max_radius, self.collapse_times()
+        except InputError:
+            return None
+        if len(times) == 0:
+            return None
+        ratio = float(times[0] - self.time_of_max) / (RAYLEIGH * max_radius * float(np.sqrt(density / pressure)))
+        if 0.5 <= ratio <= 1.6:
+            return None
+        stiff = pressure * (max(ratio, 1e-3) ** -2 - 1.0) / 2.5
+        cause = (
+            f"a shear modulus near {stiff / 1e3:.2g} kPa (or a diameter given as radius)"
+            if ratio < 1.0
+            else "a very large viscosity (or a radius in pixels)"
+        )
+        return (
+            f"CHECK THE SCALE of radius and time: the first collapse comes {ratio:.2g} Rayleigh times after R_max "
+            f"({max_radius * 1e6:.4g} um); it would take {cause}"
+        )

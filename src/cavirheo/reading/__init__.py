@@ -1,0 +1,108 @@
+"""Files -> RadiusCurves: MATLAB (BDT cells, IMR files), CSV and text tables, HDF5, Excel; and CSV back.
+
+| module | knows |
+|---|---|
+| clean | samples as they come -> one RadiusCurve with its notes: units, NaN, order, duplicates |
+| table | columns of text: CSV, InCA exports, curves separated by rows -1000,-1000 |
+| matlab | .mat of v5 to v7.3: which variables make which format |
+| matfile | the bytes of a .mat of v5 to v7 |
+| hdf5 | this project's own .h5 layout, and the size guard for all HDF5 |
+| spreadsheet | the first sheet of an .xlsx as rows of text |
+
+The content of a file decides, not its ending.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Callable
+from pathlib import Path
+
+from cavirheo.curve import RadiusCurve
+from cavirheo.errors import InputError
+from cavirheo.reading.table import write_csv
+
+__all__ = ["read_curves", "write_csv"]
+
+_VIDEO = {".mp4", ".avi", ".mov", ".mkv", ".cine", ".tif", ".tiff", ".gif"}
+_EXPECTED = (
+    "expected .mat (R_nondim_All + t_nondim_All + RmaxList, or Rnew + t), .csv or .txt (columns time_us,radius_um), "
+    ".h5 (groups with time and radius) or .xlsx"
+)
+
+
+def read_curves(path: str | Path, *, density: float = 998.0, pressure: float = 101325.0) -> list[RadiusCurve]:
+    """Every radius history of a file, in its order; times in s, radii in m.
+
+    `density` (kg/m3) and `pressure` (Pa) turn dimensionless times into seconds, t = t* R_max sqrt(rho/p), and serve the
+    plausibility check of the scale; files with times in seconds do not depend on them. A curve of a file that cannot be
+    used (empty cell, three samples, all NaN) is returned with its reason; its `max_radius` raises it. What was
+    recognised, converted or left out stands in each curve's `notes`.
+
+    Raises:
+        InputError: the file cannot be found or read, or holds no radius history; the message says what was found.
+    """
+    path = Path(path)
+    if path.is_dir():
+        raise InputError(f"{path} is a directory; give the files in it, e.g. {path}/*.mat")
+    if not path.exists():
+        raise InputError(f"{path} does not exist")
+    if path.suffix.lower() in _VIDEO:
+        raise InputError(f"{path} is a video or image; first measure R(t) in it (cavirheo measure) and give the CSV")
+    try:
+        with path.open("rb") as file:
+            head = file.read(1024)
+            file.seek(0)
+            digest = hashlib.file_digest(file, "sha256").hexdigest()
+        if not head:
+            raise InputError(f"the file is empty; {_EXPECTED}")
+        found = _reader(head, path)(path, density, pressure)
+        return [_finished(curve, path, digest, k, len(found), density, pressure) for k, curve in enumerate(found, 1)]
+    except InputError as error:
+        raise InputError(f"{path}: {error}") from None
+    except Exception as error:  # damaged files make the parsers below raise nearly anything
+        raise InputError(
+            f"{path} cannot be read, it may be damaged ({type(error).__name__}: {error}); {_EXPECTED}"
+        ) from error
+
+
+def _reader(head: bytes, path: Path) -> Callable[[Path, float, float], list[RadiusCurve]]:
+    """The reader for a file that begins with `head`."""
+    from cavirheo.reading import hdf5, matlab, spreadsheet, table
+
+    if head.startswith(b"MATLAB 7.3") or (path.suffix.lower() == ".mat" and head[:4] == b"\x89HDF"):
+        return matlab.read_v73
+    if head.startswith(b"MATLAB 5.0") or head[124:128] in (b"\x00\x01IM", b"\x01\x00MI"):
+        return matlab.read_v5
+    if head.startswith(b"\x89HDF\r\n\x1a\n"):
+        return hdf5.read
+    if head.startswith(b"PK\x03\x04"):
+        return spreadsheet.read
+    if b"\x00" not in head:
+        return table.read
+    raise InputError(f"binary data of no known format; {_EXPECTED}")
+
+
+def _finished(
+    curve: RadiusCurve, path: Path, digest: str, number: int, of: int, density: float, pressure: float
+) -> RadiusCurve:
+    """The curve with its name, its source, and the notes that need its maximum."""
+    label = curve.meta.get("label", number)
+    meta = {
+        **curve.meta,
+        "name": path.stem if of == 1 else f"{path.stem}[{label}]",
+        "group": path.stem,
+        "source": str(path),
+        "source_sha256": digest,
+    }
+    curve = RadiusCurve(curve.time, curve.radius, curve.radius_std, meta)
+    try:
+        start, spikes = curve.time_of_max, curve.spikes()
+    except InputError:
+        return curve
+    growth = int(((curve.time < start) & (curve.radius > 0)).sum())
+    notes = [f"{growth} measured frames before R_max (growth)"] if growth else []
+    if spikes:
+        notes.append(f"{len(spikes)} single frames stand out by more than 20 % of R_max; kept, but probably wrong")
+    warning = curve.scale_warning(density, pressure)
+    return curve.with_notes(*notes, *([warning] if warning else []))

@@ -1,0 +1,148 @@
+"""Samples as a file gives them -> one RadiusCurve; everything that is done to them is counted in its notes."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from cavirheo.curve import Floats, RadiusCurve
+from cavirheo.errors import InputError
+
+TIME_UNITS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
+RADIUS_UNITS = {"m": 1.0, "mm": 1e-3, "um": 1e-6, "px": 1e-6}  # px: a stand-in until R_max is given
+_PLAUSIBLE = (5e-6, 5e-3)  # m; the largest radius read as m, mm and um falls in here for one of them at most
+_ABSURD = 1e9  # in any unit; larger numbers are damage and would overflow later
+_SAME_TIME = 1e-15  # s; closer frames are one, told apart by rounding only
+_NO_BUBBLE = 1e-9  # m; smaller numbers are what an empty frame leaves behind (denormals in one published file)
+
+
+def unusable(reason: str, **meta: Any) -> RadiusCurve:
+    """A curve without samples that says why."""
+    return RadiusCurve(np.empty(0), np.empty(0), meta={**meta, "problem": reason, "notes": (reason,)})
+
+
+def make_curve(
+    time: ArrayLike,
+    radius: ArrayLike,
+    *,
+    time_unit: str | None,
+    radius_unit: str | None,
+    radius_std: ArrayLike | None = None,
+    notes: tuple[str, ...] = (),
+    **meta: Any,
+) -> RadiusCurve:
+    """Clean one curve: (n,) times and radii (and their deviations) in the given units; None = tell from the size.
+
+    Frames with NaN, infinite or absurd (1e9) radius are NaN; radii <= 0 become NaN; frames without a time are left
+    out; frames are sorted by time; frames of one time are averaged. Each is counted in the notes.
+
+    Raises:
+        InputError: no unit of time is given and it cannot be told.
+    """
+    t, r = (np.asarray(a, dtype=np.float64).ravel() for a in (time, radius))
+    std = np.full(r.shape, np.nan) if radius_std is None else np.asarray(radius_std, dtype=np.float64).ravel()
+    if len(t) != len(r) or len(std) != len(r):
+        return unusable(f"{len(t)} times but {len(r)} radii", **meta)
+    said = list(notes)
+
+    timeless = ~(np.abs(t) < _ABSURD)
+    if timeless.any():
+        said.append(f"{timeless.sum()} of {len(t)} frames without a time left out")
+        t, r, std = t[~timeless], r[~timeless], std[~timeless]
+    if time_unit is None:
+        time_unit = _guess_time_unit(t)
+        said.append(f"no unit given for time: taken as {time_unit} from its span")
+    t = t * TIME_UNITS[time_unit]
+
+    r = np.where(np.abs(r) < _ABSURD, r, np.nan)
+    scale, scale_note, no_scale = _radius_scale(_largest(r), radius_unit)
+    said += [scale_note] if scale_note else []
+    r, std = r * scale, std * scale
+    not_measured = r < _NO_BUBBLE
+    missing = int(np.isnan(r).sum())
+    r[not_measured] = np.nan
+    std[~(std > 0)] = np.nan
+    if missing:
+        said.append(f"{missing} of {len(r)} frames without a radius (NaN)")
+    if not_measured.any():
+        said.append(f"{not_measured.sum()} frames with radius <= 0 marked as not measured")
+
+    t, r, std, order_notes = _in_order(t, r, std)
+    meta = {**meta, "notes": tuple(said + order_notes)}
+    if no_scale:
+        meta["no_scale"] = no_scale
+        meta["notes"] += (no_scale,)
+    rate = _frame_rate(t)
+    if rate is not None:
+        meta.setdefault("frame_rate_hz", rate)
+    return RadiusCurve(t, r, std, meta)
+
+
+def _in_order(t: Floats, r: Floats, std: Floats) -> tuple[Floats, Floats, Floats, list[str]]:
+    """Sorted by time, frames of one time averaged; with notes."""
+    notes = []
+    backwards = int((np.diff(t) < 0).sum())
+    if backwards:
+        notes.append(f"times not in order ({backwards} steps back): frames sorted")
+        order = np.argsort(t, kind="stable")
+        t, r, std = t[order], r[order], std[order]
+    first = np.flatnonzero(np.diff(t, prepend=-np.inf) > _SAME_TIME)
+    counts = np.diff(first, append=len(t))
+    if len(first) < len(t):
+        notes.append(f"{len(t) - len(first)} frames repeat a time: the radii of one time averaged")
+        r, std = r.copy(), std.copy()
+        for start, count in zip(first[counts > 1], counts[counts > 1], strict=True):
+            for values in (r, std):
+                known = values[start : start + count]
+                known = known[np.isfinite(known)]
+                values[start] = known.mean() if known.size else np.nan
+        t, r, std = t[first], r[first], std[first]
+    return t, r, std, notes
+
+
+def _largest(r: Floats) -> float:
+    """The largest radius but for two frames, which may be wrong ones."""
+    known = np.sort(r[np.isfinite(r)])
+    return float(known[-3] if len(known) >= 5 else known.max(initial=0.0))
+
+
+def _radius_scale(largest: float, unit: str | None) -> tuple[float, str, str]:
+    """(metres per number, note, why there is no scale) from the largest radius and the unit given, if any."""
+    if unit == "px":
+        return RADIUS_UNITS["px"], "", f"the radius is in pixels (largest {largest:.4g}) without um per pixel"
+    fits = [u for u in ("m", "mm", "um") if _PLAUSIBLE[0] <= largest * RADIUS_UNITS[u] <= _PLAUSIBLE[1]]
+    if largest <= 0.0 or unit in fits:
+        return RADIUS_UNITS[unit or "um"], "", ""
+    given = f"the radius is given in {unit}" if unit else "no unit is given for the radius"
+    if 0.8 < largest < 1.25:  # rather R/R_max than a bubble of 1 mm
+        return 1e-6, "", f"{given}, but its largest value {largest:.4g} looks like R/R_max"
+    if len(fits) == 1:
+        note = (
+            f"{given}: taken as {fits[0]} from its size"
+            if unit is None
+            else (f"{given}, but the largest value {largest:.4g} only makes sense in {fits[0]}: taken as {fits[0]}")
+        )
+        return RADIUS_UNITS[fits[0]], note, ""
+    return 1e-6, "", f"{given}; its largest value {largest:.4g} is no bubble of 5 um to 5 mm in m, mm or um"
+
+
+def _guess_time_unit(t: NDArray[np.float64]) -> str:
+    """Recordings of collapsing bubbles last between 1 us and 5 ms: numbers of that span are s or us."""
+    span = float(np.ptp(t)) if len(t) else 0.0
+    if len(t) < 2 or 5e-7 <= span <= 5e-3:
+        return "s"
+    if 1.0 <= span <= 5e3:
+        return "us"
+    raise InputError(f"the unit of time cannot be told from its span ({span:.4g}); name it in the header, e.g. time_us")
+
+
+def _frame_rate(t: NDArray[np.float64]) -> float | None:
+    """1/s where most frames are evenly spaced, else None."""
+    if len(t) < 3:
+        return None
+    steps = np.diff(t)
+    step = float(np.median(steps))
+    even = np.abs(steps - step) < 0.01 * step
+    return 1.0 / step if even.mean() > 0.5 else None

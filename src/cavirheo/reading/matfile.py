@@ -1,0 +1,100 @@
+"""The numbers in a MATLAB file of version 5 to 7: numeric arrays and cells of them, checked at every step.
+
+Not scipy.io: its compiled reader (scipy 1.17) ends the whole process with a segmentation fault on some damaged files,
+which no message can mend. Format: MathWorks, "MAT-File Format", level 5: a header of 128 bytes, then elements (type,
+length, data) on 8-byte borders; type 15 is a deflated element, type 14 an array made of elements for its flags,
+dimensions, name and numbers.
+"""
+
+from __future__ import annotations
+
+import struct
+import zlib
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from cavirheo.errors import InputError
+
+_LARGEST = 500_000_000  # bytes; what one variable may inflate to
+_NUMBERS = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 9: "f8", 12: "i8", 13: "u8"}
+_MATRIX, _DEFLATED = 14, 15
+_CELL, _NUMERIC = 1, range(6, 16)  # array classes
+
+
+def read_matfile(path: Path) -> tuple[dict[str, Any], list[str]]:
+    """(numeric variables, names of all): an array as (…,) float64, a cell array as a list of its numeric cells in
+    MATLAB's order, each flat; other cells are empty arrays.
+
+    Raises:
+        InputError: the file breaks its own format.
+    """
+    content = path.read_bytes()
+    order = {b"IM": "<", b"MI": ">"}.get(content[126:128])
+    if order is None or len(content) < 128:
+        raise InputError("not a MATLAB file of version 5 to 7: its header of 128 bytes is damaged")
+    variables: dict[str, Any] = {}
+    names: list[str] = []
+    for kind, data in _elements(content[128:], order):
+        if kind == _DEFLATED:
+            inflate = zlib.decompressobj()
+            data = inflate.decompress(data, _LARGEST)
+            if not inflate.eof:
+                raise InputError("a deflated variable is cut off or too large")
+            kind, data = next(_elements(data, order), (0, b""))
+        if kind != _MATRIX:
+            continue
+        name, value = _array(data, order)
+        names += [name] if name else []
+        if name and value is not None:
+            variables[name] = value
+    return variables, names
+
+
+def _elements(data: bytes, order: str) -> Iterator[tuple[int, bytes]]:
+    """(type, data) of the elements one after the other."""
+    at = 0
+    while at + 8 <= len(data):
+        kind, length = struct.unpack_from(order + "II", data, at)
+        if kind >> 16:  # small element: both numbers share the first four bytes, the data fills the other four
+            kind, length, start, after = kind & 0xFFFF, kind >> 16, at + 4, at + 8
+            if length > 4:
+                raise InputError(f"damaged at byte {at}: a small element of {length} bytes")
+        else:
+            start = at + 8
+            after = start + length + (0 if kind == _DEFLATED else -length % 8)
+        if start + length > len(data):
+            raise InputError(f"cut off: an element of {length} bytes begins where {len(data) - start} are left")
+        yield kind, data[start : start + length]
+        at = after
+
+
+def _array(data: bytes, order: str) -> tuple[str, Any]:
+    """(name, value) of one array; the value is None where it is neither numeric nor a cell array."""
+    if not data:
+        return "", np.empty(0)  # how an empty cell is written
+    parts = _elements(data, order)
+    flags, shape_bytes, name_bytes = (next(parts, (0, b""))[1] for _ in range(3))
+    if len(flags) < 4 or len(shape_bytes) % 4:
+        raise InputError("an array without flags or dimensions")
+    array_class = struct.unpack_from(order + "I", flags)[0] & 0xFF
+    shape = struct.unpack(f"{order}{len(shape_bytes) // 4}i", shape_bytes)
+    name = name_bytes.decode("latin-1")
+    if array_class == _CELL:
+        cells = [_array(part, order)[1] for kind, part in parts if kind == _MATRIX]
+        return name, [c.ravel(order="F") if isinstance(c, np.ndarray) else np.empty(0) for c in cells]
+    if array_class not in _NUMERIC:
+        return name, None
+    kind, numbers = next(parts, (9, b""))
+    if kind not in _NUMBERS:
+        raise InputError(f"{name or 'a cell'}: numbers of the unknown type {kind}")
+    item = np.dtype(order + _NUMBERS[kind])
+    values = np.frombuffer(numbers[: len(numbers) // item.itemsize * item.itemsize], item).astype(np.float64)
+    size = 1
+    for length in shape:
+        size *= length
+    if min(shape, default=0) < 0 or size != len(values):
+        raise InputError(f"{name or 'a cell'}: {len(values)} numbers for an array of the shape {shape}")
+    return name, values.reshape(shape, order="F")

@@ -1,0 +1,211 @@
+"""MATLAB files: BDT cells, IMR single shots, and the other layouts of the field, told apart by their variables.
+
+| variables | what |
+|---|---|
+| R_nondim_All, t_nondim_All, RmaxList m, lambda_max_mean | BDT: cells of R/R_max and t/(R_max sqrt(rho/p)) |
+| Rnew, t | IMR: m and s; with deltax (m) and deltat (s): a circle fit in pixels, one row per frame |
+| R, t | one shot, units told from the size (um and s in the published file) |
+| Rmax um, shift_normRnew, t s | one shot per row of R/R_max over common frame times |
+| pIMR_array | collapse times: no radius histories, refused by name |
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from cavirheo.curve import Floats, RadiusCurve
+from cavirheo.errors import InputError
+from cavirheo.reading.clean import make_curve, unusable
+from cavirheo.reading.hdf5 import checked
+from cavirheo.reading.matfile import read_matfile
+
+_CELLS = ("R_nondim_All", "t_nondim_All")
+_WANTED = (
+    *_CELLS,
+    *(
+        "RmaxList",
+        "lambda_max_mean",
+        "lambda_max_std",
+        "P_inf",
+        "rho",
+        "Rnew",
+        "t",
+        "deltax",
+        "deltat",
+        "R",
+        "RmaxAll",
+    ),
+    *("Rmax", "shift_normRnew", "shift_normTnew"),
+)
+
+Variables = dict[str, Any]  # name -> (…,) float array, or a list of them for a cell array
+
+
+def read_v5(path: Path, density: float, pressure: float) -> list[RadiusCurve]:
+    """Versions 5 to 7."""
+    return _curves(*read_matfile(path), density, pressure)
+
+
+def read_v73(path: Path, density: float, pressure: float) -> list[RadiusCurve]:
+    """Version 7.3 (HDF5): arrays are stored transposed, cells as references to them."""
+    import h5py
+
+    variables: Variables = {}
+    with h5py.File(path, "r") as file:
+        found = [name for name in file if name not in ("#refs#", "#subsystem#")]
+        for name in _WANTED:
+            item = file.get(name)
+            if not isinstance(item, h5py.Dataset):
+                continue
+            if name in _CELLS and h5py.check_ref_dtype(item.dtype) is not None:
+                checked(name, item.shape)
+                cells = item[()].ravel()
+                variables[name] = [_plain(file[reference]).ravel(order="F") for reference in cells]
+            elif item.dtype.kind in "fiub":
+                variables[name] = _plain(item)
+    return _curves(variables, found, density, pressure)
+
+
+def _plain(item: Any) -> Floats:
+    if item.attrs.get("MATLAB_empty", 0):
+        return np.empty(0)
+    checked(item.name, item.shape)
+    return np.asarray(item[()], dtype=np.float64).T
+
+
+def _curves(variables: Variables, found: list[str], density: float, pressure: float) -> list[RadiusCurve]:
+    has = variables.keys().__contains__
+    if has("R_nondim_All") and has("t_nondim_All"):
+        return _bdt(variables, density, pressure)
+    if has("shift_normRnew") and has("Rmax") and has("t"):
+        return _shifted(variables)
+    if has("Rnew") and (has("t") or has("deltat")):
+        return _imr(variables)
+    if has("R") and has("t"):
+        return _rows(variables["t"], variables["R"], radius_unit=None, notes=())
+    if "pIMR_array" in found:
+        raise InputError(
+            "a table of collapse times (pIMR_array: R_max, stretch, t_1), not radius histories R(t): "
+            "there is no curve in it to infer from"
+        )
+    raise InputError(
+        f"no radius history; variables found: {', '.join(found) or 'none'}; expected R_nondim_All, t_nondim_All and "
+        "RmaxList (BDT), or Rnew and t (IMR)"
+    )
+
+
+def _scalar(variables: Variables, name: str) -> float | None:
+    value = variables.get(name)
+    return float(value.ravel()[0]) if value is not None and value.size == 1 and np.isfinite(value).all() else None
+
+
+def _bdt(variables: Variables, density: float, pressure: float) -> list[RadiusCurve]:
+    radii, times = ([v] if isinstance(v, np.ndarray) else v for v in (variables[name] for name in _CELLS))
+    if len(radii) != len(times):
+        raise InputError(f"R_nondim_All has {len(radii)} cells but t_nondim_All {len(times)}")
+    shared: list[str] = []
+    for name, unit in (("P_inf", "Pa"), ("rho", "kg/m3")):
+        value = _scalar(variables, name)
+        if value is not None and value > 0:
+            shared.append(f"{name} = {value:.6g} {unit} taken from the file")
+            density, pressure = (density, value) if name == "P_inf" else (value, pressure)
+    meta: dict[str, Any] = {"stated_time_of_max": 0.0}
+    stretch, spread = (_scalar(variables, name) for name in ("lambda_max_mean", "lambda_max_std"))
+    if stretch is not None:
+        meta |= {"stretch": stretch, "stretch_std": spread}
+        shared.append(f"the file states one stretch for all shots: {stretch:.4g} +- {spread or float('nan'):.2g}")
+    listed = variables.get("RmaxList", np.empty(0)).ravel()
+    per_radius = float(np.sqrt(density / pressure))  # s per m of R_max and unit of t*
+    curves = []
+    for k, (radius, time) in enumerate(zip(radii, times, strict=True)):
+        cell = f"cell {k + 1} of {len(radii)}"
+        max_radius = float(listed[k]) if k < len(listed) else np.nan
+        if radius.size == 0 or time.size == 0:
+            curves.append(unusable(f"{cell} is empty", **meta))
+        elif len(listed) and not max_radius > 0:
+            curves.append(unusable(f"{cell} has samples but RmaxList gives R_max = {max_radius:.4g} m", **meta))
+        elif not len(listed):  # time and radius both wait for the user's R_max
+            reason = "the file has no RmaxList, so radii and times are only known in units of R_max"
+            bare = make_curve(time * per_radius, radius, time_unit="s", radius_unit="m", **meta)
+            waiting = {
+                **bare.meta,
+                "no_scale": reason,
+                "time_over_max_radius": True,
+                "notes": (*shared, reason),
+            }
+            curves.append(RadiusCurve(bare.time, bare.radius, bare.radius_std, waiting))
+        else:
+            scale = f"R_max = {max_radius * 1e6:.4g} um, density {density:.6g} kg/m3, {pressure:.6g} Pa"
+            curve = make_curve(
+                time * (max_radius * per_radius),
+                radius * max_radius,
+                time_unit="s",
+                radius_unit="m",
+                notes=(f"seconds from t* with {scale}", *shared),
+                **meta,
+            )
+            curves.append(curve.with_notes(*_density_hint(curve, density)))
+    return curves
+
+
+def _density_hint(curve: RadiusCurve, density: float) -> list[str]:
+    """Cameras run at round rates: a rate just off one says with which density the file was made dimensionless."""
+    rate = curve.meta.get("frame_rate_hz")
+    if rate is None:
+        return []
+    rounds = np.array([1.0, 2.0, 5.0])[:, None] * 10.0 ** np.arange(4, 8)
+    nearest = float(rounds.flat[np.argmin(np.abs(np.log(rounds / rate)))])
+    if not 5e-4 < abs(rate / nearest - 1.0) < 0.05:
+        return []
+    return [
+        f"frame rate {rate:.5g}/s with this density; if the camera ran at {nearest:.3g}/s, the file was made with "
+        f"density {density * (rate / nearest) ** 2:.5g} kg/m3"
+    ]
+
+
+def _imr(variables: Variables) -> list[RadiusCurve]:
+    radius = variables["Rnew"]
+    notes: list[str] = []
+    pixel, frame = _scalar(variables, "deltax"), _scalar(variables, "deltat")
+    if pixel is not None and np.nanmax(radius, initial=0.0) > 1.0:
+        notes.append(f"circle fit in pixels: scaled by deltax = {pixel * 1e6:.5g} um")
+        radius = radius * pixel
+    time = variables.get("t")
+    if time is None:
+        if frame is None:
+            raise InputError("Rnew without t or a usable deltat")
+        notes.append(f"frame times from deltat = {frame * 1e6:.6g} us")
+        time = frame * np.arange(radius.size)
+    return _rows(time, radius, radius_unit="m", notes=tuple(notes), time_unit="s")
+
+
+def _shifted(variables: Variables) -> list[RadiusCurve]:
+    """Rows of R/R_max over the frame times t; shift_normTnew is t over R_max sqrt(rho/p) with rho = 1060: not used."""
+    normal, largest = variables["shift_normRnew"], variables["Rmax"].ravel()
+    if normal.ndim != 2 or len(normal) != len(largest):
+        raise InputError(f"Rmax has {len(largest)} values but shift_normRnew the shape {normal.shape}")
+    notes = ("R/R_max times Rmax of the shot; the frame times t are used, not the normalised shift_normTnew",)
+    return _rows(variables["t"], normal * largest[:, None], radius_unit=None, notes=notes, time_unit="s")
+
+
+def _rows(
+    time: Floats,
+    radius: Floats,
+    *,
+    radius_unit: str | None,
+    notes: tuple[str, ...],
+    time_unit: str | None = None,
+    **meta: Any,
+) -> list[RadiusCurve]:
+    """One curve, or one per row (column) of a matrix whose rows (columns) are as long as the time."""
+    time = time.ravel()
+    if radius.ndim != 2 or min(radius.shape) <= 1:
+        shots = [radius.ravel()]
+    elif radius.shape[1] == len(time):
+        shots = list(radius)
+    else:
+        shots = list(radius.T)
+    return [make_curve(time, r, time_unit=time_unit, radius_unit=radius_unit, notes=notes, **meta) for r in shots]

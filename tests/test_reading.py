@@ -1,0 +1,447 @@
+"""Files in, curves out: every format on a file written here, bad files refused in words, and the published files."""
+
+import zipfile
+
+import h5py
+import numpy as np
+import pytest
+from scipy.io import savemat
+
+from cavirheo.curve import RadiusCurve
+from cavirheo.errors import InputError
+from cavirheo.reading import read_curves, write_csv
+
+R_MAX = 200e-6
+T_C = R_MAX * np.sqrt(998.0 / 101325.0)
+
+
+def history(n=180, start=-0.6, end=4.0):
+    """(t*, R*): growth, a collapse at 0.93 and four smaller ones; enough like a bubble for a reader."""
+    t = np.linspace(start, end, n)
+    beat = np.sqrt(np.clip(1.0 - (((t + 0.93) % 1.86 - 0.93) / 0.93) ** 2, 0.0, 1.0)) ** 0.9
+    return t, 0.12 + 0.88 * beat * np.exp(-0.8 * np.maximum(t - 0.93, 0.0))
+
+
+T_STAR, R_STAR = history()
+TIME, RADIUS = T_STAR * T_C, R_STAR * R_MAX
+
+
+def cells(*arrays):
+    row = np.empty((1, len(arrays)), dtype=object)
+    for k, array in enumerate(arrays):
+        row[0, k] = np.asarray(array, dtype=float).reshape(-1, 1)
+    return row
+
+
+def bdt_variables(radii=(R_STAR, R_STAR, R_STAR), times=(T_STAR, T_STAR, T_STAR), maxima=(1e-4, 2e-4, 3e-4)):
+    return {
+        "R_nondim_All": cells(*radii),
+        "t_nondim_All": cells(*times),
+        "RmaxList": np.array([maxima]),
+        "lambda_max_mean": 6.5,
+        "lambda_max_std": 0.4,
+    }
+
+
+def save_v73(path, variables):
+    """As MATLAB does it: HDF5 behind 512 bytes, arrays transposed, cells as references, empty ones flagged."""
+    with h5py.File(path, "w", userblock_size=512) as file:
+        store = file.create_group("#refs#")
+        for name, value in variables.items():
+            if not isinstance(value, np.ndarray) or value.dtype != object:
+                file[name] = np.atleast_2d(value).T
+                continue
+            references = []
+            for k, cell in enumerate(value.ravel()):
+                item = store.create_dataset(f"{name}{k}", data=cell.T if cell.size else np.array([0, 0], dtype="u8"))
+                if not cell.size:
+                    item.attrs["MATLAB_empty"] = np.uint8(1)
+                references.append(item.ref)
+            file.create_dataset(name, data=np.array(references, dtype=h5py.ref_dtype)[:, None])
+    content = path.read_bytes()
+    path.write_bytes(b"MATLAB 7.3 MAT-file, Platform: GLNXA64".ljust(124) + b"\x00\x02IM" + content[128:])
+
+
+def text_table(path, header, *columns, separator=","):
+    rows = [separator.join(f"{v:.9g}" for v in row) for row in zip(*columns, strict=True)]
+    path.write_text("\n".join([*([header] if header else []), *rows]) + "\n")
+    return path
+
+
+@pytest.mark.parametrize("save", [savemat, save_v73], ids=["v5", "v7.3"])
+def test_bdt_cells_become_seconds_and_metres_with_each_shots_own_maximum(tmp_path, save):
+    save(tmp_path / "gel.mat", bdt_variables())
+    curves = read_curves(tmp_path / "gel.mat", density=1025.0)
+    assert [c.name for c in curves] == ["gel[1]", "gel[2]", "gel[3]"]
+    for curve, maximum in zip(curves, (1e-4, 2e-4, 3e-4), strict=True):
+        assert curve.max_radius == pytest.approx(maximum, rel=0.01)
+        assert np.allclose(curve.time, T_STAR * maximum * np.sqrt(1025.0 / 101325.0))
+        assert curve.meta["stretch"] == 6.5
+        assert curve.meta["group"] == "gel"
+        assert len(curve.meta["source_sha256"]) == 64
+        assert any("density 1025 kg/m3" in note for note in curve.notes)
+        assert any("before R_max (growth)" in note for note in curve.notes)
+
+
+@pytest.mark.parametrize("save", [savemat, save_v73], ids=["v5", "v7.3"])
+def test_unusable_cells_do_not_stop_the_others(tmp_path, save):
+    radii = ([], R_STAR[:3], np.full(180, np.nan), R_STAR, R_STAR)
+    times = ([], T_STAR[:3], T_STAR, T_STAR, T_STAR)
+    save(tmp_path / "gel.mat", bdt_variables(radii, times, (0.0, 1e-4, 1e-4, 0.0, 2e-4)))
+    curves = read_curves(tmp_path / "gel.mat")
+    assert len(curves) == 5
+    for curve, reason in zip(curves[:4], ("1 of 5 is empty", "3 of 3", "0 of 180", "R_max = 0 m"), strict=True):
+        with pytest.raises(InputError, match=reason):
+            _ = curve.max_radius
+    assert curves[4].max_radius == pytest.approx(2e-4, rel=0.01)
+
+
+def test_bdt_without_maxima_waits_for_the_users(tmp_path):
+    variables = bdt_variables()
+    del variables["RmaxList"]
+    savemat(tmp_path / "gel.mat", variables)
+    curve = read_curves(tmp_path / "gel.mat")[0]
+    with pytest.raises(InputError, match=r"no RmaxList.*--rmax-um"):
+        _ = curve.max_radius
+    scaled = curve.with_max_radius(R_MAX)
+    assert np.allclose(scaled.time, TIME)
+    assert scaled.collapse_times()[0] == pytest.approx(0.93 * T_C, rel=0.02)
+
+
+def test_density_of_the_file_is_told_from_a_round_frame_rate(tmp_path):
+    per_radius = R_MAX * np.sqrt(1025.0 / 101325.0)
+    t = np.arange(-10, 80) * 1e-6 / per_radius
+    savemat(tmp_path / "gel.mat", bdt_variables([np.interp(t, T_STAR, R_STAR)], [t], [R_MAX]))
+    notes = read_curves(tmp_path / "gel.mat", density=998.0)[0].notes
+    assert any("made with density 1025 kg/m3" in note for note in notes)
+
+
+def test_pressure_stated_by_the_file_is_used(tmp_path):
+    savemat(tmp_path / "gel.mat", {**bdt_variables(), "P_inf": 9e4})
+    curve = read_curves(tmp_path / "gel.mat")[1]
+    assert np.allclose(curve.time, T_STAR * 2e-4 * np.sqrt(998.0 / 9e4))
+    assert any("P_inf = 90000 Pa" in note for note in curve.notes)
+
+
+def test_imr_files(tmp_path):
+    savemat(tmp_path / "metres.mat", {"Rnew": RADIUS, "t": TIME})
+    savemat(tmp_path / "micrometres.mat", {"Rnew": RADIUS * 1e6, "t": TIME})
+    savemat(tmp_path / "pixels.mat", {"Rnew": RADIUS / 2.76e-6, "deltax": 2.76e-6, "deltat": TIME[1] - TIME[0]})
+    savemat(tmp_path / "plain.mat", {"R": RADIUS * 1e6, "t": TIME})
+    for name, note in (("metres", ""), ("micrometres", "taken as um"), ("pixels", "deltax"), ("plain", "taken as um")):
+        (curve,) = read_curves(tmp_path / f"{name}.mat")
+        assert curve.max_radius == pytest.approx(R_MAX, rel=0.01)
+        assert np.diff(curve.time) == pytest.approx(np.diff(TIME))
+        assert any(note in text for text in curve.notes)
+
+
+def test_normalised_rows_over_common_times(tmp_path):
+    rows = np.stack([R_STAR, R_STAR])
+    savemat(tmp_path / "shots.mat", {"shift_normRnew": rows, "Rmax": [[150.0], [300.0]], "t": TIME - TIME[0]})
+    assert [c.max_radius for c in read_curves(tmp_path / "shots.mat")] == pytest.approx([150e-6, 300e-6], rel=0.01)
+
+
+@pytest.mark.parametrize(
+    ("header", "time_factor", "radius_factor", "separator"),
+    [
+        ("time_us,radius_um", 1e6, 1e6, ","),
+        ("time_s,radius_m", 1.0, 1.0, ","),
+        ("t [us];R [um]", 1e6, 1e6, ";"),
+        ("Time (ms)\tRadius (mm)", 1e3, 1e3, "\t"),
+        (" TIME_US , Radius_µm ", 1e6, 1e6, ","),
+        ("# t_us R_um", 1e6, 1e6, " "),
+        ("t,R", 1.0, 1e6, ","),
+    ],
+)
+def test_csv_headers(tmp_path, header, time_factor, radius_factor, separator):
+    path = text_table(tmp_path / "a.csv", header, TIME * time_factor, RADIUS * radius_factor, separator=separator)
+    (curve,) = read_curves(path)
+    assert curve.name == "a"
+    assert np.allclose(curve.time, TIME, atol=1e-12)
+    assert np.allclose(curve.radius, RADIUS, rtol=1e-6)
+
+
+def test_csv_with_decimal_commas(tmp_path):
+    path = text_table(tmp_path / "a.csv", "t_us;r_um", TIME * 1e6, RADIUS * 1e6, separator=";")
+    path.write_text(path.read_text().replace(".", ","))
+    assert np.allclose(read_curves(path)[0].radius, RADIUS, rtol=1e-6)
+
+
+def test_csv_of_several_shots_with_deviations(tmp_path):
+    shot = np.repeat([7, 9], len(TIME))
+    both = np.tile(TIME * 1e6, 2), np.tile(RADIUS * 1e6, 2)
+    path = text_table(
+        tmp_path / "a.csv", "shot,time_us,radius_um,radius_std_um", shot, *both, np.full(2 * len(TIME), 0.5)
+    )
+    curves = read_curves(path)
+    assert [c.name for c in curves] == ["a[7]", "a[9]"]
+    assert np.allclose(curves[1].radius_std, 0.5e-6)
+
+
+def test_what_is_cleaned_is_counted(tmp_path):
+    t, r = TIME * 1e6, RADIUS * 1e6
+    r = r.copy()
+    r[:2] = [-3.0, 0.0]
+    r[50] = np.nan
+    t = np.concatenate([t, t[60:63], [np.nan]])
+    r = np.concatenate([r, r[60:63] + 2.0, [100.0]])
+    (curve,) = read_curves(text_table(tmp_path / "a.csv", "time_us,radius_um", t, r))
+    assert np.allclose(curve.time, TIME, atol=1e-12)
+    assert np.isnan(curve.radius[[0, 1, 50]]).all()
+    assert np.isnan(curve.radius).sum() == 3
+    assert curve.radius[60:63] == pytest.approx(RADIUS[60:63] + 1e-6, rel=1e-6)
+    text = "\n".join(curve.notes)
+    for said in (
+        "2 frames with radius <= 0 marked",
+        "1 of 183 frames without a radius",
+        "1 of 184 frames without a time left out",
+        "(1 steps back): frames sorted",
+        "3 frames repeat a time",
+    ):
+        assert said in text
+
+
+@pytest.mark.parametrize(
+    ("header", "factor", "says", "usable"),
+    [
+        ("time_us,radius_um", 1.0, "only makes sense in m", True),
+        ("time_us,radius_um", 1e3, "only makes sense in mm", True),
+        ("time_us,radius_m", 1e6, "only makes sense in um", True),
+        ("time_us,radius_um", 1.0 / R_MAX, "looks like R/R_max", False),
+        ("time_us,radius_px", 1.0 / 2.76e-6, "in pixels", False),
+        ("time_us,radius_um", 1e9, "no bubble of", False),
+        ("time_us,radius_um", 0.36e6, "CHECK THE SCALE", True),
+        ("time_us,radius_um", 2.1e6, "CHECK THE SCALE", True),
+    ],
+)
+def test_wrong_units_are_recognised(tmp_path, header, factor, says, usable):
+    (curve,) = read_curves(text_table(tmp_path / "a.csv", header, TIME * 1e6, RADIUS * factor))
+    assert any(says in note for note in curve.notes)
+    if not usable:
+        with pytest.raises(InputError, match="--rmax-um"):
+            _ = curve.max_radius
+        curve = curve.with_max_radius(R_MAX)
+        assert np.allclose(curve.radius, RADIUS, rtol=0.01)
+
+
+def test_two_wild_frames_do_not_decide_the_unit(tmp_path):
+    radius = RADIUS.copy() * 1e6
+    radius[[10, 100]] = 4e5
+    (curve,) = read_curves(text_table(tmp_path / "a.csv", "time_us,radius_um", TIME * 1e6, radius))
+    assert curve.max_radius == pytest.approx(R_MAX, rel=0.01)
+    assert any("2 single frames stand out" in note for note in curve.notes)
+
+
+def test_tables_without_a_header(tmp_path):
+    (two,) = read_curves(text_table(tmp_path / "two.csv", "", TIME * 1e6, RADIUS * 1e6))
+    (three,) = read_curves(text_table(tmp_path / "three.txt", "", TIME, RADIUS * 1.01e6, RADIUS * 0.99e6))
+    assert np.allclose(two.radius, RADIUS, rtol=1e-6)
+    assert np.allclose(three.radius, RADIUS, rtol=1e-6)
+    assert any("two radii" in note for note in three.notes)
+    gap = [-1000.0]
+    blocks = text_table(
+        tmp_path / "blocks.csv",
+        "",
+        np.concatenate([[0.0], gap, TIME * 1e6, gap, TIME * 1e6]),
+        np.concatenate([[7e-310], gap, RADIUS * 1e6, gap, RADIUS * 2e6]),
+    )
+    curves = read_curves(blocks)
+    assert [c.max_radius for c in curves] == pytest.approx([R_MAX, 2 * R_MAX], rel=0.01)
+    assert any("1 blocks of the file hold no radius" in note for note in curves[0].notes)
+    for factor in (0.36e6, 2.1e6):  # a scale that the collapse time contradicts is not assumed
+        with pytest.raises(InputError, match="header line such as time_us,radius_um"):
+            read_curves(text_table(tmp_path / "odd.csv", "", TIME * 1e6, RADIUS * factor))
+
+
+def test_hdf5_layout(tmp_path):
+    with h5py.File(tmp_path / "a.h5", "w") as file:
+        file["first/time"], file["first/radius"] = TIME, RADIUS
+        file["series/second/time_us"], file["series/second/radius_um"] = TIME * 1e6, RADIUS * 1e6
+        file["first"].attrs["stretch"] = 7.0
+        file["unrelated"] = np.zeros(3)
+    curves = read_curves(tmp_path / "a.h5")
+    assert [c.name for c in curves] == ["a[first]", "a[series/second]"]
+    assert all(np.allclose(c.radius, RADIUS) and np.allclose(c.time, TIME) for c in curves)
+    assert curves[0].meta["stretch"] == 7.0
+
+
+def test_excel_first_sheet(tmp_path):
+    rows = "".join(
+        f'<row><c r="A{k}"><v>{t}</v></c><c r="C{k}"><v>{r}</v></c></row>'
+        for k, (t, r) in enumerate(zip(TIME * 1e6, RADIUS * 1e6, strict=True), 2)
+    )
+    header = '<row><c r="A1" t="s"><v>0</v></c><c r="C1" t="inlineStr"><is><t>radius_um</t></is></c></row>'
+    namespace = 'xmlns="http://schemas.openxmlformats.org/spreadsheetml/2006/main"'
+    with zipfile.ZipFile(tmp_path / "a.xlsx", "w") as archive:
+        archive.writestr("xl/sharedStrings.xml", f"<sst {namespace}><si><t>time_us</t></si></sst>")
+        archive.writestr(
+            "xl/worksheets/sheet1.xml", f"<worksheet {namespace}><sheetData>{header}{rows}</sheetData></worksheet>"
+        )
+    (curve,) = read_curves(tmp_path / "a.xlsx")
+    assert np.allclose(curve.radius, RADIUS)
+
+
+def test_csv_round_trip(tmp_path):
+    radius = RADIUS.copy()
+    radius[3] = np.nan
+    curve = RadiusCurve(TIME, radius, np.full(len(TIME), 1e-6))
+    write_csv(tmp_path / "a.csv", curve)
+    (back,) = read_curves(tmp_path / "a.csv")
+    assert np.allclose(back.time, curve.time, rtol=1e-9)
+    assert np.allclose(back.radius, curve.radius, rtol=1e-9, equal_nan=True)
+    assert np.allclose(back.radius_std, 1e-6)
+
+
+def bad_files(folder):
+    (folder / "empty.mat").write_bytes(b"")
+    (folder / "prose.txt").write_text("Dear reader,\nthis is a letter.\n")
+    (folder / "prose.mat").write_text("Dear reader,\nthis is a letter.\n")
+    (folder / "blank.csv").write_text("\n\n# nothing\n")
+    (folder / "header.csv").write_text("time_us,radius_um\n")
+    (folder / "words.csv").write_text("time_us,radius_um\n1,2\n2,three\n")
+    (folder / "commas.csv").write_text("time_us,radius_um\n1,5,200,3\n")
+    (folder / "twice.csv").write_text("time_us,radius_um,radius_um\n1,2,3\n")
+    (folder / "swapped.csv").write_text("time_um,radius_us\n1,2\n")
+    (folder / "numbers.csv").write_text("1,2\n2,3\n")
+    (folder / "noise.bin").write_bytes(bytes(range(256)) * 20)
+    (folder / "clip.mp4").write_bytes(b"\x00" * 64)
+    savemat(folder / "other.mat", {"G": 1.0, "speed": np.arange(3.0)})
+    savemat(folder / "times.mat", {"pIMR_array": np.ones((4, 3))})
+    savemat(folder / "half.mat", {"R_nondim_All": cells(R_STAR)})
+    savemat(folder / "cut.mat", bdt_variables())
+    (folder / "cut.mat").write_bytes((folder / "cut.mat").read_bytes()[:1500])
+    with h5py.File(folder / "huge.h5", "w") as file:
+        file.create_dataset("time", shape=(10**13,), dtype="f8", chunks=(1000,))
+        file.create_dataset("radius", shape=(10**13,), dtype="f8", chunks=(1000,))
+    with h5py.File(folder / "other.h5", "w") as file:
+        file["speed"] = np.arange(3.0)
+    with zipfile.ZipFile(folder / "other.xlsx", "w") as archive:
+        archive.writestr("word/document.xml", "<a/>")
+
+
+@pytest.mark.parametrize(
+    ("name", "says"),
+    [
+        ("", "is a directory; give the files"),
+        ("missing.mat", "does not exist"),
+        ("empty.mat", "is empty"),
+        ("prose.txt", "no columns for time and radius among 'Dear"),
+        ("prose.mat", "no columns for time and radius"),
+        ("blank.csv", "no rows of data"),
+        ("header.csv", "a header but no rows"),
+        ("words.csv", "row 3: 'three' is not a number"),
+        ("commas.csv", "row 2 has 4 cells.*decimal comma"),
+        ("twice.csv", "two columns for radius"),
+        ("swapped.csv", "time in um and radius in us"),
+        ("numbers.csv", "header line such as time_us,radius_um"),
+        ("noise.bin", "binary data of no known format"),
+        ("clip.mp4", "cavirheo measure"),
+        ("other.mat", "variables found: G, speed; expected R_nondim_All"),
+        ("times.mat", "table of collapse times"),
+        ("half.mat", "variables found: R_nondim_All; expected"),
+        ("cut.mat", "cut off"),
+        ("huge.h5", "more than .* samples are not read"),
+        ("other.h5", "found: speed; expected"),
+        ("other.xlsx", "without a first worksheet"),
+    ],
+)
+def test_bad_files_are_refused_in_words(tmp_path, name, says):
+    bad_files(tmp_path)
+    path = tmp_path / name if name else tmp_path
+    with pytest.raises(InputError, match=says) as error:
+        read_curves(path)
+    assert str(path) in str(error.value)
+
+
+def test_damaged_files_never_raise_anything_but_input_errors(tmp_path):
+    savemat(tmp_path / "v5.mat", bdt_variables(), do_compression=True)
+    save_v73(tmp_path / "v73.mat", bdt_variables())
+    text_table(tmp_path / "table.csv", "time_us,radius_um", TIME * 1e6, RADIUS * 1e6)
+    random = np.random.default_rng(1)
+    for trial in range(150):
+        name = ("v5.mat", "v73.mat", "table.csv")[trial % 3]
+        content = bytearray((tmp_path / name).read_bytes())
+        if trial % 2:
+            content = content[: random.integers(1, len(content))]
+        for place in random.integers(0, len(content), 8):
+            content[place] = random.integers(256)
+        damaged = tmp_path / ("damaged" + name[-4:])
+        damaged.write_bytes(content)
+        try:
+            for curve in read_curves(damaged):
+                curve.resampled(1e-6, allow_short=True)
+                curve.stretch_from_tail()
+        except InputError:
+            pass
+
+
+PUBLISHED = {  # curves in the file, smallest and largest R_max in um, unusable ones
+    "paam_alginate_0p3/Rt_nondim_exp_PAAm_Alginite_0p3perc_v2.mat": (5, 166, 338, ()),
+    "peg8000_10wv/Rt_nondim_exp_PEG8K_20.mat": (20, 111, 327, ()),
+    "peg8000_40wv/Rt_nondim_exp_PEG8K_80.mat": (20, 103, 344, ()),
+    "agarose_0p5/Rt_nondim_exp.mat": (11, 200, 285, (0,)),
+    "agarose_2p5/Rt_nondim_exp.mat": (11, 150, 225, (6,)),
+    "pa_stiff/RofT_shifted_20_shots.mat": (20, 268, 452, ()),
+    "pa_stiff/PA1_exp3_RofTdata.mat": (1, 400, 410, ()),
+    "pa_stiff/PA1_exp2_RofTdata_WRONG_SCALE.mat": (1, 510, 520, ()),
+    "pa_soft/A_E2_002.mat": (1, 194, 196, ()),
+    "pa_soft/PolyAcry_12_48_08_InCA_export.txt": (1, 172, 174, ()),
+    "simulated/numsim4_NHKV_RofTdata.mat": (1, 408, 409, ()),
+    "video/PAstiff_xy002_RofT.mat": (1, 384, 387, ()),
+    "water_laser/laser0_timeShifted.csv": (45, 170, 315, ()),
+}
+
+
+@pytest.mark.parametrize("name", PUBLISHED)
+def test_published_file(real_data, name):
+    count, low, high, unusable = PUBLISHED[name]
+    curves = read_curves(real_data / name)
+    assert len(curves) == count
+    for k, curve in enumerate(curves):
+        if k in unusable:
+            with pytest.raises(InputError, match="is empty"):
+                _ = curve.max_radius
+            continue
+        assert low <= curve.max_radius * 1e6 <= high
+        assert curve.scale_warning() is None
+        if not name.startswith("water"):  # its recordings end in the first collapse
+            rayleigh = 0.9147 * curve.max_radius * np.sqrt(998.0 / 101325.0)
+            assert 0.5 < (curve.collapse_times()[0] - curve.time_of_max) / rayleigh < 1.35
+
+
+@pytest.mark.parametrize("name", [n for n in PUBLISHED if "nondim" in n])
+def test_fitted_maximum_agrees_with_the_published_one(real_data, name):
+    from scipy.io import loadmat
+
+    listed = loadmat(real_data / name)["RmaxList"].ravel()
+    for k, (curve, published) in enumerate(zip(read_curves(real_data / name), listed, strict=True)):
+        if k not in PUBLISHED[name][3]:
+            assert curve.max_radius == pytest.approx(published, rel=0.02)
+            assert abs(curve.time_of_max) < 0.2e-6  # t* = 0 is the publishers' own fit
+
+
+def test_single_shots_of_agarose_agree_with_the_cells_made_from_them(real_data):
+    cells_of = read_curves(real_data / "agarose_2p5" / "Rt_nondim_exp.mat", density=1025.0)
+    files = sorted((real_data / "agarose_2p5").glob("2E6*.mat"))
+    for k, (path, cell) in enumerate(zip(files, cells_of, strict=True)):
+        (single,) = read_curves(path)
+        if k != 6:
+            assert single.max_radius == pytest.approx(cell.max_radius, rel=0.01)
+            assert single.collapse_times()[0] == pytest.approx(cell.collapse_times()[0], abs=0.1e-6)
+
+
+def test_collapse_time_tables_are_refused_by_name(real_data):
+    for path in (real_data / "collapse_times").glob("*.mat"):
+        with pytest.raises(InputError, match="table of collapse times"):
+            read_curves(path)
+
+
+def test_plateau_is_read_where_there_is_one(real_data):
+    alginate = read_curves(real_data / "paam_alginate_0p3" / "Rt_nondim_exp_PAAm_Alginite_0p3perc_v2.mat")
+    for k in (0, 2, 4):
+        value, deviation = alginate[k].stretch_from_tail()
+        assert abs(value - 9.80) < 2.0 * np.hypot(deviation, 0.91)
+    drifting = read_curves(real_data / "peg8000_10wv" / "Rt_nondim_exp_PEG8K_20.mat")
+    for k in (1, 4, 5, 7, 13, 14, 19):
+        assert drifting[k].stretch_from_tail() is None
+    assert sum(c.stretch_from_tail() is not None for c in drifting) >= 4
