@@ -28,18 +28,16 @@ def solve(
 
     def first(f):
         out = np.zeros(n)
-        out[1:-1] = (
-            f[2:] * left / right - f[:-2] * right / left + f[1:-1] * (right / left - left / right)
-        ) / (left + right)
+        out[1:-1] = (f[2:] * left / right - f[:-2] * right / left + f[1:-1] * (right / left - left / right)) / (
+            left + right
+        )
         h1, h2 = y[-1] - y[-2], y[-1] - y[-3]
         out[-1] = (f[-1] * (h2**2 - h1**2) - f[-2] * h2**2 + f[-3] * h1**2) / (h1 * h2 * (h2 - h1))
         return out
 
     def laplacian(f, df):
         out = np.zeros(n)
-        second = (
-            2 * (f[2:] * left + f[:-2] * right - f[1:-1] * (left + right)) / (left * right * (left + right))
-        )
+        second = 2 * (f[2:] * left + f[:-2] * right - f[1:-1] * (left + right)) / (left * right * (left + right))
         out[1:-1] = second + 2 * df[1:-1] / y[1:-1]
         out[0] = 6 * (f[1] - f[0]) / y[1] ** 2
         return out
@@ -73,8 +71,7 @@ def solve(
             + Fo / R**2 * (R_v - R_g) * dk * dth / Rm
         )
         k_dot = (
-            Fo / R**2 * (laplacian(k, dk) - dk * ((R_v - R_g) * dk / Rm + dth / (T * root)))
-            - (u_m - y * U) * dk / R
+            Fo / R**2 * (laplacian(k, dk) - dk * ((R_v - R_g) * dk / Rm + dth / (T * root))) - (u_m - y * U) * dk / R
         )
         q = 1 / (R * lam)
         S = -iCa * (5 - 4 * q - q**4) / 2 - 4 * iRe * U / R

@@ -29,9 +29,7 @@ def test_reference_curves(real_data):
     liquid = Medium(conditions["rho"], conditions["c"], conditions["gamma"])
     errors = []
     for (G, mu, stretch, R_max), R in zip(data["params"], data["R"], strict=True):
-        run = simulate(
-            NeoHookeanKelvinVoigt(G, mu), max_radius=R_max, stretch=stretch, time=data["t"], medium=liquid
-        )
+        run = simulate(NeoHookeanKelvinVoigt(G, mu), max_radius=R_max, stretch=stretch, time=data["t"], medium=liquid)
         errors.append(np.max(np.abs(run.radius - R)) / R_max)
     assert max(errors) < 1e-3
     assert np.median(errors) < 3e-4
@@ -44,9 +42,7 @@ def test_second_implementation():
     s = np.linspace(0, 1, 160)
     y = np.tanh(4.0 * s) / np.tanh(4.0)
     theirs = field_standard.solve(numbers, y, t_star, rtol=1e-6)
-    ours = (
-        simulate(GEL, max_radius=150e-6, stretch=5.0, time=t_star * WATER.time_scale(150e-6)).radius / 150e-6
-    )
+    ours = simulate(GEL, max_radius=150e-6, stretch=5.0, time=t_star * WATER.time_scale(150e-6)).radius / 150e-6
     assert np.max(np.abs(ours - theirs)) < 1e-3
 
 
@@ -85,10 +81,7 @@ def test_order_of_convergence_in_space():
     fine = simulate(GEL, max_radius=150e-6, stretch=5.0, time=TIME, rtol=1e-7, cells=1024)
     errors = [
         np.max(
-            np.abs(
-                simulate(GEL, max_radius=150e-6, stretch=5.0, time=TIME, rtol=1e-7, cells=c).radius
-                - fine.radius
-            )
+            np.abs(simulate(GEL, max_radius=150e-6, stretch=5.0, time=TIME, rtol=1e-7, cells=c).radius - fine.radius)
         )
         for c in (64, 128, 256)
     ]
@@ -154,8 +147,7 @@ def test_laws_reduce_to_their_parents():
 def test_the_batch_does_not_depend_on_workers():
     rng = np.random.default_rng(0)
     gels = [
-        NeoHookeanKelvinVoigt(10**a, 10**b)
-        for a, b in zip(rng.uniform(2, 6, 6), rng.uniform(-3, 0, 6), strict=True)
+        NeoHookeanKelvinVoigt(10**a, 10**b) for a, b in zip(rng.uniform(2, 6, 6), rng.uniform(-3, 0, 6), strict=True)
     ]
     one = simulate_many(gels, max_radius=2e-4, stretch=np.linspace(2, 9, 6), time=TIME, workers=1)
     two = simulate_many(gels, max_radius=2e-4, stretch=np.linspace(2, 9, 6), time=TIME, workers=2)

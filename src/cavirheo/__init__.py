@@ -1,1 +1,47 @@
 """cavirheo: material properties of soft matter from the radius history of a laser-made bubble."""
+
+from __future__ import annotations
+
+import importlib
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from cavirheo.curve import RadiusCurve as RadiusCurve
+    from cavirheo.errors import InputError as InputError
+    from cavirheo.errors import SolverError as SolverError
+    from cavirheo.inference import infer as infer
+    from cavirheo.inference import infer_many as infer_many
+    from cavirheo.physics.materials import NeoHookeanKelvinVoigt as NeoHookeanKelvinVoigt
+    from cavirheo.physics.materials import Newtonian as Newtonian
+    from cavirheo.physics.materials import QuadraticKelvinVoigt as QuadraticKelvinVoigt
+    from cavirheo.physics.media import Medium as Medium
+    from cavirheo.physics.simulate import Simulation as Simulation
+    from cavirheo.physics.simulate import simulate as simulate
+    from cavirheo.physics.simulate import simulate_many as simulate_many
+    from cavirheo.posterior import Posterior as Posterior
+    from cavirheo.reading import read_curves as read_curves
+
+_HOME = {
+    "RadiusCurve": "curve",
+    "InputError": "errors",
+    "SolverError": "errors",
+    "infer": "inference",
+    "infer_many": "inference",
+    "NeoHookeanKelvinVoigt": "physics.materials",
+    "Newtonian": "physics.materials",
+    "QuadraticKelvinVoigt": "physics.materials",
+    "Medium": "physics.media",
+    "Simulation": "physics.simulate",
+    "simulate": "physics.simulate",
+    "simulate_many": "physics.simulate",
+    "Posterior": "posterior",
+    "read_curves": "reading",
+}
+__all__ = sorted(_HOME)
+
+
+def __getattr__(name: str) -> Any:
+    """Names are imported when first used: reading a file need not wait for the solver, nor --help for either."""
+    if name not in _HOME:
+        raise AttributeError(f"module 'cavirheo' has no attribute {name!r}")
+    return getattr(importlib.import_module(f"cavirheo.{_HOME[name]}"), name)

@@ -6,7 +6,7 @@ Every instantaneous elastic law enters the bubble equation as one function of on
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from typing import ClassVar, Protocol, runtime_checkable
 
 from cavirheo.errors import InputError
@@ -83,3 +83,20 @@ class QuadraticKelvinVoigt:
 
 
 MATERIALS: dict[str, type] = {m.name: m for m in (Newtonian, NeoHookeanKelvinVoigt, QuadraticKelvinVoigt)}
+
+
+def make(name: str, **parameters: float | None) -> Material:
+    """The law of this name; parameters that it does not have must be None.
+
+    Raises:
+        InputError: unknown law, a parameter missing, or one too many.
+    """
+    if name not in MATERIALS:
+        raise InputError(f"unknown material {name!r}; known: {', '.join(MATERIALS)}")
+    law = MATERIALS[name]
+    given = {key: value for key, value in parameters.items() if value is not None}
+    needed = [field.name for field in fields(law)]
+    if sorted(given) != sorted(needed):
+        raise InputError(f"material {name!r} takes {', '.join(needed)}; got {', '.join(given) or 'nothing'}")
+    material: Material = law(**given)
+    return material

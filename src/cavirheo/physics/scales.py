@@ -60,6 +60,4 @@ def dimensionless(material: Material, medium: Medium, max_radius: float, stretch
         pv=medium.vapour_pressure / p,
         kappa=medium.adiabatic_index,
     )
-    return Numbers(
-        **{name: float(value) for name, value in fields.items()}
-    )  # ints would compile the solver anew
+    return Numbers(**{name: float(value) for name, value in fields.items()})  # ints would compile the solver anew

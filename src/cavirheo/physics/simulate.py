@@ -81,9 +81,7 @@ def simulate(
     )  # fmt: skip
     status = "ok"
     if code != solver.OK:
-        why = (
-            f"more than {MAX_STEPS} steps" if code == solver.TOO_MANY_STEPS else "the step size went to zero"
-        )
+        why = f"more than {MAX_STEPS} steps" if code == solver.TOO_MANY_STEPS else "the step size went to zero"
         status = f"{why} at t = {stats[3] * t_c * 1e6:.4g} us, R/R_max = {stats[4]:.3g}, with {material} and stretch {stretch:.4g}"
         if throw:
             raise SolverError(status)
@@ -139,9 +137,7 @@ def simulate_many(
 def _checked(time: ArrayLike) -> NDArray[np.float64]:
     times = np.array(time, dtype=float, ndmin=1)
     if times.ndim != 1 or times.size == 0 or not np.all(np.isfinite(times)):
-        raise InputError(
-            f"time must be a non-empty list of finite seconds, got an array of shape {times.shape}"
-        )
+        raise InputError(f"time must be a non-empty list of finite seconds, got an array of shape {times.shape}")
     if times[0] < 0 or np.any(np.diff(times) < 0):
         raise InputError(
             "time must ascend from zero or later (seconds after R_max); "

@@ -379,9 +379,7 @@ def integrate(numbers, grid, A, C, gamma, order, time, rtol, max_steps, radius, 
             h *= max(0.2, 0.9 * error ** (-1 / order)) if usable else 0.2
             continue
         p_dot, z = derivatives(trial, numbers, grid, theta, gas, F, H, next_slope)
-        while (
-            k < time.size and time[k] <= t + h
-        ):  # quintic Hermite in R (its first two derivatives are known)
+        while k < time.size and time[k] <= t + h:  # quintic Hermite in R (its first two derivatives are known)
             x = (time[k] - t) / h
             R0, V0, A0 = y[2 * M], h * y[2 * M + 1], h * h * slope[2 * M + 1]
             D, V1, A1 = trial[2 * M] - R0, h * trial[2 * M + 1], h * h * next_slope[2 * M + 1]

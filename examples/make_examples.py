@@ -1,0 +1,87 @@
+"""Make the synthetic shots of this folder: simulated bubbles, filmed by an imperfect camera.
+
+    python examples/make_examples.py
+
+Nothing here was measured. Each shot is a Keller-Miksis simulation (water-like medium, neo-Hookean Kelvin-Voigt
+material) filmed at 1 Mfps, with what real recordings have: growth before R_max (here the collapse run backwards, since
+the laser's work is not part of the model), a clock that starts before nucleation, frames without a bubble, a blur by
+the exposure that fills the sharp minima, radius noise, and frames that the edge detection lost, most of them round a
+collapse. The true parameters are written to truth.csv, which nothing reads but the tests.
+"""
+
+from __future__ import annotations
+
+import csv
+from pathlib import Path
+
+import numpy as np
+from scipy.io import savemat
+
+from cavirheo import NeoHookeanKelvinVoigt, simulate
+from cavirheo.physics.media import WATER
+
+HERE = Path(__file__).parent
+FRAME, EXPOSURE, FRAMES = 1e-6, 0.3e-6, 160  # s, s
+NOISE, LOST = 0.006, 0.05  # of R_max, of the frames
+SETS = {"soft_gel": (6.0e3, 0.03, 5), "stiff_gel": (3.0e4, 0.08, 5)}  # G Pa, mu Pa s, shots
+
+
+def film(rng: np.random.Generator, G: float, mu: float) -> tuple[np.ndarray, np.ndarray, float, float]:
+    """time (n,) s, radius (n,) m with NaN for lost frames, and the true R_max (m) and stretch of one shot."""
+    R_max, stretch = rng.uniform(180e-6, 320e-6), rng.uniform(6.0, 9.0) if G < 1e4 else rng.uniform(4.5, 6.5)
+    fine = np.arange(0, FRAMES * FRAME + 2e-6, 0.02e-6)
+    run = simulate(NeoHookeanKelvinVoigt(G, mu), max_radius=R_max, stretch=stretch, time=fine)
+    growth = fine[: int(np.argmin(run.radius))]
+    nucleation = 0.98 * growth[-1]  # before R_max
+    time = FRAME * np.arange(FRAMES)
+    shutter = rng.uniform(0, FRAME) + 3 * FRAME + nucleation  # R_max on the camera's clock, three dark frames first
+    opened = time[:, None] - shutter + np.linspace(-EXPOSURE / 2, EXPOSURE / 2, 16)
+    radius = np.interp(np.abs(opened), fine, run.radius).mean(axis=1)
+    radius += NOISE * R_max * rng.standard_normal(FRAMES)
+    lost = rng.random(FRAMES) < LOST * np.where(radius < 0.25 * R_max, 4.0, 1.0)
+    radius[lost | (time < shutter - nucleation) | (radius <= 0.02 * R_max)] = np.nan
+    return time, radius, R_max, stretch
+
+
+def main() -> None:
+    rng = np.random.default_rng(7)
+    truth = []
+    for name, (G, mu, shots) in SETS.items():
+        filmed = [film(rng, G, mu) for _ in range(shots)]
+        truth += [(name, k, G, mu, *(round(v, 9) for v in shot[2:])) for k, shot in enumerate(filmed, 1)]
+        if name == "soft_gel":
+            rows = [
+                (k, f"{t * 1e6:.1f}", "" if np.isnan(R) else f"{R * 1e6:.2f}")
+                for k, (time, radius, _, _) in enumerate(filmed, 1)
+                for t, R in zip(time, radius, strict=True)
+            ]
+            _write(HERE / f"{name}.csv", ("shot", "time_us", "radius_um"), rows)
+        else:
+            radii, times = np.empty((1, shots), object), np.empty((1, shots), object)
+            peaks = [float(np.nanmax(radius)) for _, radius, _, _ in filmed]
+            for k, ((time, radius, _, _), peak) in enumerate(zip(filmed, peaks, strict=True)):
+                origin = time[np.nanargmax(radius)]
+                radii[0, k] = (radius / peak)[None, :]
+                times[0, k] = ((time - origin) / WATER.time_scale(peak))[None, :]
+            stretches = [shot[3] for shot in filmed]
+            content = {
+                "R_nondim_All": radii, "t_nondim_All": times, "RmaxList": np.array([peaks]),
+                "lambda_max_mean": float(np.mean(stretches)), "lambda_max_std": float(np.std(stretches, ddof=1)),
+            }  # fmt: skip
+            savemat(HERE / f"{name}.mat", content, do_compression=True)
+    _write(
+        HERE / "truth.csv",
+        ("set", "shot", "shear_modulus_Pa", "viscosity_Pa_s", "max_radius_m", "stretch"),
+        truth,
+    )
+
+
+def _write(path: Path, header: tuple[str, ...], rows: list[tuple[object, ...]]) -> None:
+    with path.open("w", newline="", encoding="utf-8") as file:
+        writer = csv.writer(file, lineterminator="\n")
+        writer.writerow(header)
+        writer.writerows(rows)
+
+
+if __name__ == "__main__":
+    main()

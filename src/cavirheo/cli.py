@@ -1,0 +1,223 @@
+"""The command line: one verb, one thin function."""
+
+from __future__ import annotations
+
+import shlex
+import sys
+import threading
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from cavirheo.errors import InputError, SolverError
+
+if TYPE_CHECKING:
+    from cavirheo.curve import RadiusCurve
+    from cavirheo.physics.media import Medium
+
+app = typer.Typer(
+    help="Material properties of soft matter from the radius history R(t) of a laser-made bubble.",
+    no_args_is_help=True, add_completion=False, pretty_exceptions_enable=False, rich_markup_mode=None,
+)  # fmt: skip
+
+Out = Annotated[Path, typer.Option("-o", "--out", help="folder for the results")]
+MediumName = Annotated[str, typer.Option("--medium", help="named constants: water, bu2026, estrada2018, ...")]
+Density = Annotated[float | None, typer.Option(help="of the liquid or gel, kg/m3")]
+SoundSpeed = Annotated[float | None, typer.Option(help="m/s")]
+SurfaceTension = Annotated[float | None, typer.Option(help="N/m")]
+Pressure = Annotated[float | None, typer.Option(help="far from the bubble, Pa")]
+Temperature = Annotated[float | None, typer.Option(help="far from the bubble, K")]
+
+
+def _medium(
+    name: str,
+    density: float | None,
+    sound_speed: float | None,
+    surface_tension: float | None,
+    pressure: float | None,
+    temperature: float | None,
+) -> Medium:
+    from cavirheo.physics.media import medium
+
+    given = {
+        "density": density, "sound_speed": sound_speed, "surface_tension": surface_tension,
+        "pressure": pressure, "temperature": temperature,
+    }  # fmt: skip
+    changes = {key: value for key, value in given.items() if value is not None}
+    base = medium(name)
+    return replace(base, **changes, name=f"{base.name}, changed") if changes else base
+
+
+@contextmanager
+def _solver_ready() -> Iterator[None]:
+    """Load the compiled solver; tell the user if that takes long because it is compiled for the first time."""
+    said = threading.Timer(
+        2.0,
+        lambda: print("compiling the bubble solver for this machine, once (about half a minute) ...", file=sys.stderr),
+    )
+    said.start()
+    try:
+        from cavirheo.physics.materials import Newtonian
+        from cavirheo.physics.simulate import simulate
+
+        simulate(Newtonian(0.1), max_radius=1e-4, stretch=2.0, time=[0.0, 1e-7])
+    finally:
+        said.cancel()
+    yield
+
+
+@app.command()
+def infer(
+    files: Annotated[list[Path], typer.Argument(help="measured R(t): .mat, .csv, .h5, .xlsx; one or many curves each")],
+    model: Annotated[
+        str, typer.Option(help="shipped model (see `cavirheo models`) or a path to an .onnx file")
+    ] = "bdt-viscoelastic",
+    rmax_um: Annotated[float | None, typer.Option(help="true R_max of the shots, um: rescales the radii")] = None,
+    stretch: Annotated[float | None, typer.Option(help="R_max/R_0 if known; fitted otherwise")] = None,
+    window: Annotated[
+        int | None, typer.Option(help="collapses over which answer and measurement are compared", min=1)
+    ] = None,
+    medium: MediumName = "water",
+    density: Density = None,
+    sound_speed: SoundSpeed = None,
+    surface_tension: SurfaceTension = None,
+    pressure: Pressure = None,
+    temperature: Temperature = None,
+    out: Out = Path("cavirheo-result"),
+) -> None:
+    """Shear modulus and viscosity from measured radius histories, with the picture that shows whether to believe them."""
+    from rich.console import Console
+    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
+
+    from cavirheo.inference import infer_many
+    from cavirheo.reporting import write_report
+    from cavirheo.reporting.table import print_table
+
+    began = time.perf_counter()
+    liquid = _medium(medium, density, sound_speed, surface_tension, pressure, temperature)
+    curves, unreadable = _read(files, liquid, rmax_um)
+    with _solver_ready():
+        columns = (TextColumn("inferring"), BarColumn(), MofNCompleteColumn())
+        with Progress(*columns, console=Console(stderr=True), transient=True) as bar:
+            task = bar.add_task("", total=len(curves))
+            answers = infer_many(
+                curves, model=model, medium=liquid, stretch=stretch, window=window, done=lambda: bar.advance(task)
+            )
+    result = write_report(out, list(zip(curves, answers, strict=True)), shlex.join(["cavirheo", *sys.argv[1:]]))
+    print_table(result)
+    print(
+        f"{len(curves)} curves in {time.perf_counter() - began:.1f} s; report: {out / 'report.html'}", file=sys.stderr
+    )
+    if unreadable:
+        raise typer.Exit(2)
+    if any(answer.checks.verdict == "failed" for answer in answers):
+        raise typer.Exit(1)
+
+
+def _read(files: list[Path], medium: Medium, rmax_um: float | None) -> tuple[list[RadiusCurve], int]:
+    """All curves of all files, and the number of files that could not be read (each is reported on stderr)."""
+    from cavirheo.reading import read_curves
+
+    if rmax_um is not None and not 0 < rmax_um < 1e5:
+        raise InputError(f"--rmax-um must be a radius in micrometres, got {rmax_um!r}")
+    curves: list[RadiusCurve] = []
+    unreadable = 0
+    for path in files:
+        try:
+            found = read_curves(path, density=medium.density, pressure=medium.pressure)
+        except InputError as error:
+            print(f"error: {error}", file=sys.stderr)
+            unreadable += 1
+            continue
+        for curve in found:
+            try:
+                curves.append(curve if rmax_um is None else curve.with_max_radius(rmax_um * 1e-6))
+            except InputError:  # without a maximum there is nothing to scale; the answer will say why
+                curves.append(curve)
+    if not curves:
+        raise InputError("no curve could be read")
+    return curves, unreadable
+
+
+@app.command()
+def simulate(
+    out: Annotated[Path, typer.Option("-o", "--out", help="CSV file to write")],
+    viscosity: Annotated[float, typer.Option(help="Pa s")],
+    rmax_um: Annotated[float, typer.Option(help="largest radius, um")],
+    stretch: Annotated[float, typer.Option(help="R_max/R_0")],
+    material: Annotated[str, typer.Option(help="nhkv, newtonian or qkv")] = "nhkv",
+    shear_modulus: Annotated[float | None, typer.Option(help="Pa")] = None,
+    stiffening: Annotated[float | None, typer.Option(help="alpha of qkv")] = None,
+    duration_us: Annotated[float, typer.Option(help="us after R_max")] = 100.0,
+    frame_rate_hz: Annotated[float, typer.Option(help="1/s")] = 1e6,
+    medium: MediumName = "water",
+    density: Density = None,
+    sound_speed: SoundSpeed = None,
+    surface_tension: SurfaceTension = None,
+    pressure: Pressure = None,
+    temperature: Temperature = None,
+) -> None:
+    """One bubble from rest at its largest radius; columns time_us, radius_um, velocity_m_per_s, pressure_Pa."""
+    import numpy as np
+
+    from cavirheo.physics.materials import make
+    from cavirheo.physics.simulate import simulate as solve
+
+    liquid = _medium(medium, density, sound_speed, surface_tension, pressure, temperature)
+    law = make(material, shear_modulus=shear_modulus, viscosity=viscosity, stiffening=stiffening)
+    if not (duration_us > 0 and frame_rate_hz > 0 and 1 <= duration_us * 1e-6 * frame_rate_hz <= 1e6):
+        raise InputError(
+            f"duration and frame rate must give 1 to a million frames, got {duration_us} us at {frame_rate_hz} Hz"
+        )
+    frames = int(duration_us * 1e-6 * frame_rate_hz * (1 + 1e-9)) + 1
+    with _solver_ready():
+        run = solve(
+            law, max_radius=rmax_um * 1e-6, stretch=stretch, time=np.arange(frames) / frame_rate_hz, medium=liquid
+        )
+    table = np.column_stack([run.time * 1e6, run.radius * 1e6, run.velocity, run.pressure])
+    try:
+        out.parent.mkdir(parents=True, exist_ok=True)
+        np.savetxt(
+            out, table, delimiter=",", header="time_us,radius_um,velocity_m_per_s,pressure_Pa", comments="", fmt="%.9g"
+        )
+    except OSError as error:
+        raise InputError(f"cannot write {out}: {error}") from error
+    print(f"{frames} frames of {law} in {liquid.name}: {out}", file=sys.stderr)
+
+
+@app.command()
+def models() -> None:
+    """The shipped models: what they answer, for which materials and ranges, and how well."""
+    from rich.console import Console
+    from rich.table import Table
+
+    from cavirheo.inference.model import card, shipped
+
+    table = Table("name", "material", "answers (trained range)", "R2 of log10, test curves", "trained on")
+    for name, path in shipped().items():
+        about = card(path)
+        prior, metrics = about["problem"]["prior"], about["metrics"]
+        names = [output["name"] for output in about["outputs"]]
+        ranges = "\n".join(f"{n} {prior[n][0]:g} to {prior[n][1]:g}" for n in names)
+        scores = "\n".join(f"{metrics[n]['r2']:.4f}" for n in names)
+        epochs, curves = about["training"]["best_epoch"], about["data"]["train"]
+        table.add_row(name, about["material"], ranges, scores, f"{curves} curves\nepoch {epochs}")
+    Console().print(table)
+
+
+def main() -> None:
+    """Entry point: errors of the user become one line and exit status 2."""
+    try:
+        app()
+    except (InputError, SolverError) as error:
+        print(f"error: {error}", file=sys.stderr)
+        sys.exit(2)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,63 @@
+"""RadiusCurve -> Posterior."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
+
+from cavirheo.curve import RadiusCurve
+from cavirheo.inference.amortised import Amortised
+from cavirheo.inference.model import DEFAULT, load
+from cavirheo.physics.media import WATER, Medium
+from cavirheo.posterior import Posterior
+
+__all__ = ["infer", "infer_many"]
+
+
+def infer(
+    curve: RadiusCurve,
+    *,
+    model: str = DEFAULT,
+    medium: Medium = WATER,
+    stretch: float | None = None,
+    window: int | None = None,
+) -> Posterior:
+    """The material's parameters from one measured curve, with the checks that sign or refuse them.
+
+    Args:
+        model: a shipped model (`cavirheo models`) or the path of an .onnx file with its card.
+        medium: constants of the liquid or gel; its density sets G of soft gels as much as anything.
+        stretch: R_max/R_0 if it is known; fitted otherwise.
+        window: collapses over which answer and measurement are compared (and the stretch fitted); default: all that
+            the network reads.
+
+    A curve that cannot be answered gives a Posterior without draws whose checks.message says why.
+
+    Raises:
+        InputError: unknown model, or a setting out of its domain.
+    """
+    return infer_many([curve], model=model, medium=medium, stretch=stretch, window=window)[0]
+
+
+def infer_many(
+    curves: Sequence[RadiusCurve],
+    *,
+    model: str = DEFAULT,
+    medium: Medium = WATER,
+    stretch: float | None = None,
+    window: int | None = None,
+    workers: int | None = None,
+    done: Callable[[], None] | None = None,
+) -> list[Posterior]:
+    """`infer` for many curves on all cores, in their order; `done` is called after each."""
+    estimator = Amortised(load(model), medium, stretch, window)
+
+    def one(curve: RadiusCurve) -> Posterior:
+        answer = estimator.infer(curve)
+        if done:
+            done()
+        return answer
+
+    with ThreadPoolExecutor(workers or os.cpu_count() or 1) as pool:
+        return list(pool.map(one, curves))

@@ -1,0 +1,291 @@
+"""A trained network answers, and the physics brings the answer to the true scale of the shot.
+
+The network was trained at one R_max, in one medium and with one camera. Its answer theta_net is brought to the shot at
+the same Cauchy and Reynolds numbers (Problem.to_shot), which is not enough: surface tension, heat and mass transfer
+do not scale, and a 60 um bubble read as a 245 um one looks up to 0.4 decades too viscous. So the network is used as a
+summary of the curve (indirect inference, Gourieroux, Monfort and Renault 1993, doi:10.1002/jae.3950080507): wanted is
+the theta whose simulation *at the true R_max, in the true medium, seen by the same camera* gives the same summary,
+
+    theta <- theta + net(measured) - net(simulated(theta)),
+
+which removes the network's own bias as well. The stretch, which the network does not give, is fitted along the way.
+"""
+
+from __future__ import annotations
+
+import time
+from dataclasses import asdict, dataclass, replace
+from importlib.metadata import version
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cavirheo.curve import RadiusCurve
+from cavirheo.errors import InputError, SolverError
+from cavirheo.inference.model import Model
+from cavirheo.inference.reconstruct import (
+    MISFIT,
+    QUICK_CELLS,
+    QUICK_RTOL,
+    Reconstruction,
+    Window,
+    check_stretch,
+    fit_stretch,
+    reconstruct,
+    refine_stretch,
+    window,
+)
+from cavirheo.physics.materials import MATERIALS, Material
+from cavirheo.physics.media import WATER, Medium
+from cavirheo.physics.simulate import simulate
+from cavirheo.posterior import Checks, Posterior, Verdict
+from cavirheo.problem import UNITS, natural_name
+
+ITERATIONS = 12
+PATIENCE = 3  # iterations without a nearer summary
+CONVERGED = 0.005  # largest difference of the two summaries, decades
+LARGEST_STEP = 0.5  # decades
+MARGIN = 1.0  # decades beyond the training range in which the answer is looked for
+SHORTEST = 0.6  # of the network's samples that must lie inside the recording
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Amortised:
+    """Estimator: a network and the settings of the shot.
+
+    `stretch` None is fitted. `collapses` limits the window of the check and of the stretch (the network always reads
+    its own window). `correct` False gives the network's answer at equal Cauchy and Reynolds numbers and no more.
+    """
+
+    model: Model
+    medium: Medium = WATER
+    stretch: float | None = None
+    collapses: int | None = None
+    correct: bool = True
+
+    def infer(self, curve: RadiusCurve) -> Posterior:
+        """The answer for one curve; one that cannot be answered gives a failed Posterior with the reason.
+
+        Raises:
+            InputError: a setting is out of its domain (what concerns the curve is in the answer instead).
+        """
+        check_stretch(self.stretch)
+        if self.collapses is not None and self.collapses < 1:
+            raise InputError(f"the window must hold at least 1 collapse, got {self.collapses}")
+        began = time.perf_counter()
+        try:
+            posterior = _Answer(self, curve).posterior()
+        except (InputError, SolverError) as error:
+            names = self.model.outputs
+            posterior = Posterior(
+                names, _units(names), np.empty((0, len(names))), Checks("failed", str(error)),
+                self.model.problem.material_name, "bdt", self._provenance(curve),
+            )  # fmt: skip
+        return replace(posterior, seconds=time.perf_counter() - began)
+
+    def _provenance(self, curve: RadiusCurve) -> dict[str, Any]:
+        return {
+            "cavirheo": version("cavirheo"),
+            "model": self.model.name,
+            "model_sha256": self.model.sha256,
+            "problem_id": self.model.problem.id,
+            "medium": asdict(self.medium),
+            "corrected_at_true_scale": self.correct,
+            "source_sha256": curve.meta.get("source_sha256"),
+        }
+
+
+class _Answer:
+    """The work on one curve."""
+
+    def __init__(self, estimator: Amortised, curve: RadiusCurve) -> None:
+        self.settings, self.curve, self.model = estimator, curve, estimator.model
+        self.problem, self.medium = estimator.model.problem, estimator.medium
+        self.max_radius = curve.max_radius
+        self.step = self.problem.grid_step(self.max_radius, self.medium)
+        self.frames = self.problem.camera.frames
+        self.features = curve.resampled(self.step, self.frames, allow_short=True) / self.max_radius
+        self.missing = np.isnan(self.features)
+        read_until = self.step * (self.frames - 1)
+        measured = int(np.count_nonzero(~self.missing))
+        if measured < SHORTEST * self.frames:
+            end = curve.time[np.isfinite(curve.radius)][-1] - curve.time_of_max
+            raise InputError(
+                f"{curve.name}: the recording ends {end * 1e6:.4g} us after R_max; the model reads "
+                f"{read_until * 1e6:.4g} us (t* = {read_until / self.time_scale:.2f}) and needs at least "
+                f"{SHORTEST:.0%} of them"
+            )
+        self.view: Window = window(curve, collapses=estimator.collapses, end=read_until)
+        # Frames as the camera saw them after R_max; simulations are put on the grid from these, as the measurement was.
+        seen = np.isfinite(curve.radius) & (curve.time > curve.time_of_max)
+        self.seen = curve.time[seen] - curve.time_of_max
+        self.messages: list[str] = []
+
+    @property
+    def time_scale(self) -> float:
+        return self.medium.time_scale(self.max_radius)
+
+    def posterior(self) -> Posterior:
+        given = self.settings.stretch
+        theta, stretch = self._consistent() if self.settings.correct else self._plain()
+        source = "given" if given is not None else "fitted to the curve with the G and mu of the answer"
+        material = self._material(theta)
+        found = reconstruct(self.view, material, self.medium, stretch)
+        values = self._natural(theta)
+        names = self.model.outputs
+        shot = np.array([np.log10(values[natural_name(n)]) if n.startswith("log10_") else values[n] for n in names])
+        raw = self._natural(self.raw)
+        provenance = self.settings._provenance(self.curve) | {
+            "stretch": stretch,
+            "stretch_source": source,
+            "network_alone": {f"{name} [{UNITS[name]}]": value for name, value in raw.items()},
+        }
+        return Posterior(
+            names, _units(names), shot[None, :], self._checks(theta, stretch, found),
+            self.problem.material_name, "bdt", provenance,
+        )  # fmt: skip
+
+    def _plain(self) -> tuple[Floats, float]:
+        """The network's answer alone; a short recording is completed from its own reconstruction."""
+        theta = self.raw = self.model(self._completed(None))[0]
+        stretch = self._stretch(theta, None)
+        if self.missing.any():
+            for _ in range(3):
+                theta = self.raw = self.model(self._completed(self._simulated(theta, stretch)))[0]
+                stretch = self._stretch(theta, stretch)
+            self._note_missing()
+        return theta, stretch
+
+    def _consistent(self) -> tuple[Floats, float]:
+        """Indirect inference (module docstring), the step relaxed by Aitken's rule since G and stretch pull at each other."""
+        low, high = self._range()
+        theta = self.raw = self.model(self._completed(None))[0]
+        theta = np.clip(theta, low - MARGIN, high + MARGIN)
+        stretch: float | None = None
+        before: Floats | None = None
+        relaxation = 1.0
+        best: tuple[int, float, Floats, float] | None = None
+        for turn in range(ITERATIONS):
+            stretch = self._stretch(theta, stretch)
+            simulated = self._simulated(theta, stretch)
+            measured = self._completed(simulated)
+            of_measured, of_simulated = self.model(np.stack([measured, simulated]))
+            difference = of_measured - of_simulated
+            size = float(np.max(np.abs(difference)))
+            if best is None or size < best[1]:
+                best, self.raw = (turn, size, theta, stretch), of_measured
+            if size < CONVERGED or turn - best[0] > PATIENCE:
+                break
+            if before is not None:
+                change = difference - before
+                relaxation = float(np.clip(-relaxation * (before @ change) / (change @ change + 1e-12), 0.2, 1.2))
+            before = difference
+            step = np.clip(relaxation * difference, -LARGEST_STEP, LARGEST_STEP)
+            theta = np.clip(theta + step, low - MARGIN, high + MARGIN)
+        assert best is not None
+        _, size, theta, stretch = best
+        if size > 4 * CONVERGED:
+            self.messages.append(
+                f"no parameters make the network see the simulation as it sees the measurement "
+                f"(nearest: {size:.2g} decades apart)"
+            )
+        if self.missing.any():
+            self._note_missing()
+        return theta, stretch
+
+    def _completed(self, simulated: Floats | None) -> Floats:
+        """The measured samples; those after the recording's end from the simulation, or the last one held to begin."""
+        features = self.features.copy()
+        if self.missing.any():
+            features[self.missing] = features[~self.missing][-1] if simulated is None else simulated[self.missing]
+        return features
+
+    def _note_missing(self) -> None:
+        self.messages.append(
+            f"{np.count_nonzero(self.missing)} of the network's {self.frames} samples lie after the recording's end "
+            f"and were taken from the simulation of the answer itself"
+        )
+
+    def _simulated(self, theta: Floats, stretch: float) -> Floats:
+        """(frames,) R/R_max of the answer at the true R_max, on the grid by way of the camera's frames."""
+        grid = self.step * np.arange(self.frames)
+        beyond = grid[grid > self.seen[-1]]
+        times = np.concatenate([[0.0], self.seen, beyond])
+        run = simulate(
+            self._material(theta), max_radius=self.max_radius, stretch=stretch, time=times,
+            medium=self.medium, cells=QUICK_CELLS, rtol=QUICK_RTOL,
+        )  # fmt: skip
+        as_seen = RadiusCurve(times, run.radius, meta={"maximum": (0.0, self.max_radius)})
+        return as_seen.resampled(self.step, self.frames) / self.max_radius
+
+    def _stretch(self, theta: Floats, start: float | None) -> float:
+        if self.settings.stretch is not None:
+            return self.settings.stretch
+        material = self._material(theta)
+        if start is None:
+            return fit_stretch(self.view, material, self.medium)
+        return refine_stretch(self.view, material, self.medium, start)
+
+    def _natural(self, theta: Floats) -> dict[str, float]:
+        """SI values for the shot from theta at the reference scale."""
+        at_reference = {
+            natural_name(name): float(10**value if name.startswith("log10_") else value)
+            for name, value in zip(self.model.outputs, theta, strict=True)
+        }
+        shear_modulus = at_reference.get("shear_modulus", 0.0)
+        G, mu = self.problem.to_shot(shear_modulus, at_reference["viscosity"], self.max_radius, self.medium)
+        at_reference["viscosity"] = mu
+        if "shear_modulus" in at_reference:
+            at_reference["shear_modulus"] = G
+        return at_reference
+
+    def _material(self, theta: Floats) -> Material:
+        return MATERIALS[self.problem.material_name](**self._natural(theta))
+
+    def _range(self) -> tuple[Floats, Floats]:
+        prior = self.problem.prior
+        columns = [prior.names.index(name) for name in self.model.outputs]
+        return prior.low[columns], prior.high[columns]
+
+    def _checks(self, theta: Floats, stretch: float, found: Reconstruction) -> Checks:
+        verdict: Verdict = "ok"
+        low, high = self._range()
+        outside = [
+            f"{natural_name(name)} (at the training scale 10^{value:.2f}, trained in 10^{a:g} to 10^{b:g})"
+            for name, value, a, b in zip(self.model.outputs, theta, low, high, strict=True)
+            if not a - 0.02 <= value <= b + 0.02
+        ]
+        column = self.problem.prior.names.index("stretch")
+        a, b = self.problem.prior.low[column], self.problem.prior.high[column]
+        if not 0.97 * a <= stretch <= 1.03 * b:
+            outside.append(f"stretch {stretch:.3g} (trained in {a:g} to {b:g})")
+        messages = list(self.messages)
+        if outside:
+            verdict = "outside_training_range"
+            messages.insert(0, "outside the training range: " + ", ".join(outside))
+        if found.rmse > MISFIT:
+            verdict = "model_does_not_fit"
+            messages.insert(
+                0,
+                f"the simulation misses the measurement by {found.rmse:.1%} of R_max RMS (limit {MISFIT:.0%})",
+            )
+        return Checks(
+            verdict=verdict,
+            message="; ".join(messages),
+            rmse_over_rmax=found.rmse,
+            mae_over_rmax=found.mae,
+            max_difference_over_rmax=found.largest,
+            collapses=self.view.collapses,
+            t_star_end=self.view.end / self.time_scale,
+            compared_time=found.time,
+            residual_over_rmax=found.residual,
+            reconstruction_time=found.drawn_time,
+            reconstruction_radius=found.drawn_radius,
+        )
+
+
+def _units(names: tuple[str, ...]) -> tuple[str, ...]:
+    return tuple(UNITS[natural_name(name)] for name in names)

@@ -1,0 +1,85 @@
+"""Shipped or user-made network: an .onnx file and the card (.json) beside it."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from functools import lru_cache
+from importlib.resources import files
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from cavirheo.errors import InputError
+from cavirheo.problem import Problem
+
+DEFAULT = "bdt-viscoelastic"
+
+
+class Model:
+    """A network that reads R/R_max on the grid of its problem and answers in the prior's scale.
+
+    Attributes: name; card (dict); problem; outputs (names in the prior's scale); sha256 of the .onnx file.
+
+    Raises:
+        InputError: the file or its card is missing, is not one of ours, or the file is not the one the card describes.
+    """
+
+    def __init__(self, path: Path) -> None:
+        import onnxruntime  # half a second that listing models or reading curves need not pay
+
+        self.card = card(path)
+        try:
+            self.problem = Problem.from_dict(self.card["problem"])
+            self.outputs = tuple(str(output["name"]) for output in self.card["outputs"])
+            expected = self.card["onnx"]["sha256"]
+        except (KeyError, TypeError) as error:
+            raise InputError(f"the card of {path} lacks what inference needs: {error}") from error
+        content = path.read_bytes()
+        self.name = path.stem
+        self.sha256 = hashlib.sha256(content).hexdigest()
+        if self.sha256 != expected:
+            raise InputError(f"{path} is not the file that its card describes (sha256 {self.sha256[:12]}...)")
+        options = onnxruntime.SessionOptions()
+        options.intra_op_num_threads = 1  # one small curve at a time: threads cost more than they give
+        options.log_severity_level = 3
+        self._session = onnxruntime.InferenceSession(content, options, providers=["CPUExecutionProvider"])
+
+    def __call__(self, features: ArrayLike) -> NDArray[np.float64]:
+        """(curves, outputs) in the prior's scale from R/R_max (curves, frames)."""
+        batch = np.atleast_2d(np.asarray(features, dtype=np.float32))
+        (theta,) = self._session.run(["theta"], {"radius": batch})
+        return np.asarray(theta, dtype=float)
+
+
+def card(path: Path) -> dict[str, Any]:
+    """The card beside an .onnx file. Raises InputError if either is missing or the card is not JSON."""
+    beside = path.with_suffix(".json")
+    if not path.is_file() or not beside.is_file():
+        raise InputError(f"a model is an .onnx file with its card beside it; expected {path} and {beside}")
+    try:
+        content = json.loads(beside.read_text(encoding="utf-8"))
+    except (OSError, ValueError) as error:
+        raise InputError(f"{beside} is not a model card of cavirheo: {error}") from error
+    if not isinstance(content, dict):
+        raise InputError(f"{beside} is not a model card of cavirheo: it holds no object")
+    return content
+
+
+def shipped() -> dict[str, Path]:
+    """Names of the models that come with the package, and their files."""
+    folder = Path(str(files("cavirheo") / "models"))
+    return {path.stem: path for path in sorted(folder.glob("*.onnx"))}
+
+
+@lru_cache(maxsize=8)
+def load(name: str = DEFAULT) -> Model:
+    """The shipped model of this name, or the one in a file whose name ends in .onnx. Raises InputError."""
+    if name.endswith(".onnx"):
+        return Model(Path(name))
+    known = shipped()
+    if name not in known:
+        raise InputError(f"unknown model {name!r}; known: {', '.join(known) or 'none'}, or a path to an .onnx file")
+    return Model(known[name])

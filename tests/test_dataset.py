@@ -1,0 +1,153 @@
+"""Training sets: the same bytes however they are made, nothing lost, nothing mixed."""
+
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from cavirheo.errors import InputError
+from cavirheo.problem import Prior, Problem
+from cavirheo.training import dataset
+from cavirheo.training.dataset import generate, load
+
+FAILED = "the step size went to zero at t = 30 us"
+
+
+@pytest.fixture
+def problem() -> Problem:
+    return Problem("newtonian", Prior.uniform({"log10_viscosity": [-4.0, 0.0], "stretch": [3.0, 11.0]}))
+
+
+@pytest.fixture
+def fake(monkeypatch):
+    """Small shards of instant curves, damped by the viscosity; the most violent quarter fails half way."""
+    calls = []
+
+    def simulate_many(self, theta, *, workers=None):
+        calls.append(len(theta))
+        curves = []
+        for log10_viscosity, stretch in theta:
+            damped = np.exp(-self.camera.time / 1e-4 * 10**log10_viscosity)
+            radius = self.reference_max_radius * damped
+            failed = stretch > 9.0
+            if failed:
+                radius[50:] = np.nan
+            curves.append(SimpleNamespace(radius=radius, status=FAILED if failed else "ok"))
+        return curves
+
+    monkeypatch.setattr(Problem, "simulate_many", simulate_many)
+    monkeypatch.setattr(dataset, "SHARD", 20)
+    monkeypatch.setattr(dataset, "CHUNK", 8)
+    return calls
+
+
+def files(folder: Path) -> dict[str, bytes]:
+    return {path.name: path.read_bytes() for path in sorted(folder.iterdir())}
+
+
+def test_failures_are_kept_and_counted(problem, fake, tmp_path):
+    made = generate(problem, 90, tmp_path, seed=3, progress=False)
+    data = load(tmp_path)
+    failed = data.theta[:, 1] > 9.0
+    assert 10 < failed.sum() < 40  # the test would prove nothing otherwise
+    assert made.failures == data.failures == {FAILED: failed.sum()}
+    assert made.curves == len(data.theta) == 90
+    np.testing.assert_array_equal(data.theta, problem.prior.sample(90, 3))
+    np.testing.assert_array_equal(data.ok, ~failed)
+    assert np.isnan(data.radius[failed, 50:]).all()
+    assert np.isfinite(data.radius[failed, :50]).all()
+    assert data.radius[0, 0] == 1.0
+    assert data.problem.id == problem.id
+
+
+def test_a_curve_that_is_not_finite_is_a_failure_whatever_it_says(problem, monkeypatch, tmp_path):
+    broken = SimpleNamespace(radius=np.r_[np.inf, np.ones(99)], status="ok")
+    monkeypatch.setattr(Problem, "simulate_many", lambda self, theta, workers: [broken] * len(theta))
+    assert list(generate(problem, 3, tmp_path, progress=False).failures.values()) == [3]
+
+
+def test_same_bytes_for_any_partition(problem, fake, tmp_path):
+    generate(problem, 90, tmp_path / "one", seed=3, progress=False)
+    for part in (3, 1, 2):
+        generate(problem, 90, tmp_path / "three", seed=3, shard=(part, 3), progress=False)
+    assert files(tmp_path / "one") == files(tmp_path / "three")
+    assert len(files(tmp_path / "one")) == 5
+
+
+def test_same_bytes_for_any_number_of_workers(problem, monkeypatch, tmp_path):
+    """With the real solver."""
+    monkeypatch.setattr(dataset, "SHARD", 5)
+    for workers in (1, 2):
+        generate(problem, 8, tmp_path / str(workers), seed=3, workers=workers, progress=False)
+    assert files(tmp_path / "1") == files(tmp_path / "2")
+    assert load(tmp_path / "1").ok.all()
+
+
+def test_a_killed_run_goes_on_to_the_same_bytes(problem, fake, monkeypatch, tmp_path):
+    generate(problem, 90, tmp_path / "whole", seed=3, progress=False)
+    write = dataset._write
+
+    def killed_in_the_third_file(path, *rest):
+        if path.name == "shard-00002.h5":
+            path.with_suffix(".tmp").write_bytes(b"half a file")
+            raise KeyboardInterrupt
+        write(path, *rest)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(dataset, "_write", killed_in_the_third_file)
+        with pytest.raises(KeyboardInterrupt):
+            generate(problem, 90, tmp_path / "cut", seed=3, progress=False)
+    with pytest.raises(InputError, match="3 of 5 files are missing"):
+        load(tmp_path / "cut")
+    fake.clear()
+    made = generate(problem, 90, tmp_path / "cut", seed=3, progress=False)
+    assert (made.written, made.skipped, made.simulated, sum(fake)) == (3, 2, 50, 50)
+    assert files(tmp_path / "cut") == files(tmp_path / "whole")
+    assert made.failures == load(tmp_path / "whole").failures
+
+
+def test_other_settings_do_not_mix(problem, fake, tmp_path):
+    generate(problem, 30, tmp_path, seed=3, progress=False)
+    other = Problem("newtonian", Prior.uniform({"log10_viscosity": [-4.0, 0.0], "stretch": [3.0, 10.0]}))
+    for call, match in (
+        (lambda: generate(problem, 30, tmp_path, seed=4, progress=False), "another seed"),
+        (lambda: generate(problem, 31, tmp_path, seed=3, progress=False), "another total"),
+        (lambda: generate(other, 30, tmp_path, seed=3, progress=False), "another problem"),
+    ):
+        before = files(tmp_path)
+        with pytest.raises(InputError, match=match):
+            call()
+        assert files(tmp_path) == before
+
+
+def test_refuses_what_is_no_training_set(problem, tmp_path):
+    with pytest.raises(InputError, match="no training set"):
+        load(tmp_path)
+    with pytest.raises(InputError, match="i/N"):
+        generate(problem, 30, tmp_path, shard=(0, 2), progress=False)
+    (tmp_path / "shard-00000.h5").write_text("not HDF5")
+    with pytest.raises(InputError, match="cannot be read"):
+        load(tmp_path)
+
+
+def test_split_is_a_partition_that_no_parameter_decides(problem, fake, tmp_path):
+    generate(problem, 400, tmp_path, seed=3, progress=False)
+    data = load(tmp_path)
+    parts = vars(data.split(seed=3))  # the seed of the data on purpose
+    together = np.sort(np.concatenate(list(parts.values())))
+    np.testing.assert_array_equal(together, np.flatnonzero(data.ok))
+    assert 0.7 < len(parts["train"]) / len(together) < 0.9
+    for indices in parts.values():
+        assert abs(data.theta[indices, 0].mean() + 2.0) < 5 * (4 / 12**0.5) / len(indices) ** 0.5
+    assert not np.array_equal(parts["test"], data.split(seed=4).test)
+    np.testing.assert_array_equal(parts["test"], data.split(seed=3).test)
+
+
+def test_identity_is_that_of_the_content(problem, fake, monkeypatch, tmp_path):
+    generate(problem, 30, tmp_path / "a", seed=3, progress=False)
+    generate(problem, 30, tmp_path / "c", seed=4, progress=False)
+    a, c = load(tmp_path / "a"), load(tmp_path / "c")
+    monkeypatch.setattr(dataset, "SHARD", 7)
+    generate(problem, 30, tmp_path / "b", seed=3, progress=False)
+    assert a.sha256 == load(tmp_path / "b").sha256 != c.sha256

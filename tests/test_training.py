@@ -1,0 +1,311 @@
+"""Training: it learns, it resumes exactly, and what is exported is what was trained."""
+
+import json
+from datetime import date
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from cavirheo.errors import InputError
+from cavirheo.problem import Problem
+from cavirheo.training import evaluate as judge
+from cavirheo.training.dataset import generate, load
+from cavirheo.training.recipe import Recipe, read_recipe
+
+QUIET = {"device": "cpu", "threads": 1, "progress": False}
+RECIPES = sorted((Path(__file__).parent.parent / "recipes").glob("*.toml"))
+TINY = """
+[problem]
+material = "nhkv"
+frames = 20
+[prior]
+log10_shear_modulus = [3.0, 6.0]
+log10_viscosity = [-3.0, 0.0]
+stretch = [3.0, 11.0]
+[data]
+n = 100
+[network]
+width = 16
+position = 8
+heads = 2
+feed_forward = 16
+layers = 1
+dropout = 0.1
+[training]
+epochs = 4
+lr = 0.01
+seed = 5
+[export]
+name = "tiny"
+"""
+
+
+@pytest.fixture
+def recipe(tmp_path) -> Recipe:
+    path = tmp_path / "tiny.toml"
+    path.write_text(TINY)
+    return read_recipe(path)
+
+
+@pytest.fixture
+def data(recipe, monkeypatch, tmp_path) -> Path:
+    """100 instant curves, damped by the viscosity and as fast as the modulus; two failures."""
+
+    def simulate_many(self, theta, *, workers=None):
+        phase = self.camera.time / self.camera.time[-1]
+        decay, speed = 0.5 * (theta[:, 1] + 3.0), 1.0 + (theta[:, 0] - 3.0)
+        shape = (1 + 0.5 * np.cos(np.outer(speed, 3.0 * phase))) / 1.5 * np.exp(-np.outer(decay, phase))
+        status = ["ok"] * len(theta)
+        if theta[0, 0] == self.prior.sample(1, 0)[0, 0]:
+            status[3] = status[7] = "failed"
+        return [
+            SimpleNamespace(radius=self.reference_max_radius * s, status=ok)
+            for s, ok in zip(shape, status, strict=True)
+        ]
+
+    monkeypatch.setattr(Problem, "simulate_many", simulate_many)
+    generate(recipe.problem, 100, tmp_path / "data", progress=False)
+    return tmp_path / "data"
+
+
+def changed(recipe: Recipe, **settings) -> Recipe:
+    return recipe.model_copy(update={"training": recipe.training.model_copy(update=settings)})
+
+
+# recipes
+
+
+@pytest.mark.parametrize("path", RECIPES, ids=lambda path: path.stem)
+def test_shipped_recipes(path):
+    recipe = read_recipe(path)
+    assert recipe.export.name == path.stem
+    assert recipe.problem.reference_max_radius == 245e-6
+    assert (recipe.training.batch, recipe.training.lr, recipe.training.schedule) == (32, 1e-3, "constant")
+
+
+def test_the_paper_protocol():
+    by_name = {path.stem: read_recipe(path) for path in RECIPES}
+    full, viscous = by_name["bdt-viscoelastic"], by_name["bdt-viscous"]
+    assert (full.data.n, viscous.data.n) == (14160, 15416)
+    assert full.training.epochs == viscous.training.epochs == 100
+    assert full.outputs == ("log10_shear_modulus", "log10_viscosity")
+    assert viscous.outputs == ("log10_viscosity",)
+    assert viscous.prior == {"log10_viscosity": (-4.0, 0.0), "stretch": (3.0, 11.0)}
+    assert by_name["laptop"].problem.id == full.problem.id
+    assert by_name["laptop"].data.n >= 3000
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ("epochs = 4", "epoch = 4", "training.epoch: unknown key"),
+        ("epochs = 4", "epochs = 0", "training.epochs: .*greater than 0, got 0"),
+        ("n = 100", "", "data.n: Field required"),
+        ("lr = 0.01", 'schedule = "linear"', "training.schedule: .*'constant' or 'cosine', got 'linear'"),
+        ('"nhkv"', '"honey"', "unknown material 'honey'"),
+        ("frames = 20", 'medium = "mercury"', "unknown medium 'mercury'"),
+        ("frames = 20", "medium = {densty = 1000.0}", "densty"),
+        ("[network]", '[network]\noutputs = ["log10_density"]', "log10_density"),
+        ("[3.0, 6.0]", "[6.0, 3.0]", "low < high"),
+        ("[data]", "[data", "not valid TOML"),
+    ],
+)
+def test_recipe_refuses_with_the_place_and_the_reason(tmp_path, old, new, message):
+    path = tmp_path / "bad.toml"
+    path.write_text(TINY.replace(old, new))
+    with pytest.raises(InputError, match=message):
+        read_recipe(path)
+
+
+def test_recipe_that_is_not_there(tmp_path):
+    with pytest.raises(InputError, match="cannot read"):
+        read_recipe(tmp_path / "none.toml")
+
+
+# metrics
+
+
+def test_metrics_of_known_errors():
+    truth = np.column_stack([np.linspace(3, 6, 50), np.linspace(3, 11, 50)])
+    predicted = truth + np.array([0.1, 0.0])
+    found = judge.metrics(["log10_shear_modulus", "stretch"], truth, predicted)
+    g = found["log10_shear_modulus"]
+    assert g["bias"] == pytest.approx(0.1)
+    assert g["rmse"] == pytest.approx(0.1)
+    assert g["median_absolute_error"] == pytest.approx(0.1)
+    assert g["median_relative_error"] == pytest.approx(10**0.1 - 1)
+    assert g["r2"] == pytest.approx(1 - 0.01 / truth[:, 0].var())
+    natural = 10 ** truth[:, 0]
+    assert g["r2_natural"] == pytest.approx(1 - np.mean((0.1 * 0 + natural * (10**0.1 - 1)) ** 2) / natural.var())
+    assert found["stretch"]["r2"] == 1.0
+    assert judge.r2([1.0, 2.0, 3.0], [2.0, 2.0, 2.0]) == 0.0
+    with pytest.raises(InputError, match="shapes"):
+        judge.metrics(["stretch"], truth, predicted)
+
+
+# network and training
+
+
+@pytest.mark.train
+class TestTorch:
+    @pytest.fixture(autouse=True)
+    def _torch(self):
+        self.torch = pytest.importorskip("torch")
+        pytest.importorskip("safetensors")
+
+    def test_the_network_of_the_paper(self):
+        from cavirheo.training.network import BubbleTransformer
+
+        size = read_recipe(next(path for path in RECIPES if path.stem == "bdt-viscoelastic")).network
+        network = BubbleTransformer(size, tokens=100, outputs=2)
+        layer = 4 * (64 * 64 + 64) + (64 * 128 + 128) + (128 * 64 + 64) + 2 * 128
+        branch = 2 * layer + (64 * 64 + 64) + (64 + 1)
+        shared = 100 * 64 + (65 * 64 + 64) + 128
+        assert sum(p.numel() for p in network.parameters()) == shared + 2 * branch
+        assert {m.eps for m in network.modules() if isinstance(m, self.torch.nn.LayerNorm)} == {1e-6}
+        assert {m.p for m in network.modules() if isinstance(m, self.torch.nn.Dropout)} == {0.1}
+        assert network(self.torch.rand(3, 100)).shape == (3, 2)
+
+    def test_branches_and_places_matter(self, recipe):
+        from cavirheo.training.network import BubbleTransformer
+
+        self.torch.manual_seed(0)
+        network = BubbleTransformer(recipe.network, tokens=20, outputs=2).eval()
+        radius = self.torch.rand(1, 20)
+        before = network(radius)
+        assert not self.torch.allclose(before, network(radius.flip(1)), atol=1e-4)
+        with self.torch.no_grad():
+            network.branches[1].output.bias += 1.0
+        difference = (network(radius) - before)[0].tolist()
+        assert difference == pytest.approx([0.0, 1.0], abs=1e-6)
+
+    def test_learns(self, recipe, data, tmp_path):
+        from cavirheo.training.train import train
+
+        lines = []
+        result = train(changed(recipe, epochs=20), data, tmp_path / "run", **QUIET, on_epoch=lines.append)
+        assert lines[-1]["train"] < 0.2 * lines[0]["train"]
+        assert min(line["validation"] for line in lines) == result["best_validation_loss"]
+        assert result["data"]["failures"] == {"failed": 2}
+        assert sum(result["data"][part] for part in ("train", "validation", "test")) == 98
+        history = [json.loads(line) for line in (tmp_path / "run" / "history.jsonl").read_text().splitlines()]
+        assert history == lines
+        test = np.load(tmp_path / "run" / "test.npz")
+        again = judge.metrics(recipe.outputs, test["truth"], test["predicted"])
+        assert again == result["metrics"]
+        assert result["metrics"]["log10_shear_modulus"]["r2"] > 0.5
+        split = load(data).split(recipe.training.seed)
+        np.testing.assert_allclose(test["truth"], load(data).theta[split.test][:, :2], atol=1e-5)
+
+    @pytest.mark.parametrize("schedule", ["constant", "cosine"])
+    def test_resumes_to_the_same_weights(self, recipe, data, tmp_path, schedule):
+        from cavirheo.training.checkpoint import read_tensors
+        from cavirheo.training.train import train
+
+        recipe = changed(recipe, schedule=schedule, warmup_steps=3)
+        whole = train(recipe, data, tmp_path / "whole", **QUIET)
+
+        def cut(line):
+            if line["epoch"] == 2:
+                raise KeyboardInterrupt
+
+        with pytest.raises(KeyboardInterrupt):
+            train(recipe, data, tmp_path / "cut", **QUIET, on_epoch=cut)
+        assert not (tmp_path / "cut" / "result.json").exists()
+        self.torch.manual_seed(99)  # whatever happened in between must not matter
+        lines = []
+        resumed = train(recipe, data, tmp_path / "cut", **QUIET, on_epoch=lines.append)
+        assert [line["epoch"] for line in lines] == [3, 4]
+        assert resumed["metrics"] == whole["metrics"]
+        for name in ("last.safetensors", "best.safetensors"):
+            ours, theirs = (read_tensors(tmp_path / run / name)[0] for run in ("whole", "cut"))
+            assert ours.keys() == theirs.keys()
+            assert all(self.torch.equal(ours[key], theirs[key]) for key in ours)
+        before = (tmp_path / "cut" / "result.json").read_bytes()
+        train(recipe, data, tmp_path / "cut", **QUIET, on_epoch=lines.append)
+        assert len(lines) == 2  # a finished run is not trained, nor its test part looked at, again
+        assert (tmp_path / "cut" / "result.json").read_bytes() == before
+
+    def test_leaves_the_random_numbers_of_the_caller_alone(self, recipe, data, tmp_path):
+        from cavirheo.training.train import train
+
+        self.torch.manual_seed(1)
+        expected = self.torch.rand(3)
+        self.torch.manual_seed(1)
+        train(changed(recipe, epochs=1), data, tmp_path / "run", **QUIET)
+        assert self.torch.equal(self.torch.rand(3), expected)
+
+    def test_refuses_another_run_and_other_data(self, recipe, data, tmp_path):
+        from cavirheo.training.train import train
+
+        train(changed(recipe, epochs=1), data, tmp_path / "run", **QUIET)
+        with pytest.raises(InputError, match=r"training\.lr = 0\.01, where 0\.02"):
+            train(changed(recipe, epochs=1, lr=0.02), data, tmp_path / "run", **QUIET)
+        other = recipe.model_copy(update={"prior": recipe.prior | {"stretch": (3.0, 10.0)}})
+        other.__dict__.pop("problem", None)
+        with pytest.raises(InputError, match="made for problem"):
+            train(other, data, tmp_path / "other", **QUIET)
+
+    def test_learning_rate(self, recipe):
+        from cavirheo.training.train import learning_rate
+
+        assert learning_rate(recipe.training, 1000, 10) == 0.01
+        cosine = changed(recipe, schedule="cosine", warmup_steps=10, epochs=4).training
+        rates = [learning_rate(cosine, step, 10) for step in range(40)]
+        assert rates[0] == pytest.approx(0.001)
+        assert np.argmax(rates) == 9
+        assert rates[20] == pytest.approx(0.005)
+        assert rates[-1] < 1e-4
+
+    def test_exported_model_is_the_trained_one(self, recipe, data, tmp_path):
+        pytest.importorskip("onnxscript")
+        from cavirheo.training.export import export, load_model
+        from cavirheo.training.train import train
+
+        with pytest.raises(InputError, match="not a finished run"):
+            export(recipe, tmp_path / "run", tmp_path / "models")
+        result = train(recipe, data, tmp_path / "run", **QUIET)
+        path = export(recipe, tmp_path / "run", tmp_path / "models", on=date(2026, 1, 2))
+        assert sorted(p.name for p in path.parent.iterdir()) == ["tiny.json", "tiny.onnx"]
+        radius = np.random.default_rng(0).random((600, 20), dtype=np.float32)
+        model = load_model(tmp_path / "run" / "best.safetensors")
+        with self.torch.inference_mode():
+            expected = model(self.torch.from_numpy(radius)).numpy()
+        np.testing.assert_allclose(judge.predict(path, radius), expected, atol=1e-4)  # 512 and 88 at a time
+        np.testing.assert_allclose(judge.predict(path, radius[:1]), expected[:1], atol=1e-4)
+
+        assert str(Path(judge.__file__).parent).encode() not in path.read_bytes()
+        with pytest.raises(InputError, match=r"training\.lr"):
+            export(changed(recipe, lr=0.02), tmp_path / "run", tmp_path / "models")
+        card = judge.read_card(path)
+        assert Problem.from_dict(card["problem"]).id == card["problem_id"] == recipe.problem.id
+        assert [o["name"] for o in card["outputs"]] == list(recipe.outputs)
+        assert card["outputs"][1]["unit"] == "Pa s"
+        assert card["metrics"] == result["metrics"]
+        assert card["data"]["failures"] == {"failed": 2}
+        assert card["date"] == "2026-01-02"
+
+        found = judge.evaluate(path, data, tmp_path / "figures")
+        assert (found["part"], found["curves"]) == ("test", result["data"]["test"])
+        for name, values in result["metrics"].items():
+            assert found["metrics"][name] == pytest.approx(values, abs=1e-4)
+        for name in ["metrics.json", *found["figures"]]:
+            assert (tmp_path / "figures" / name).stat().st_size > 0
+        assert found["figures"] == ["loss.png", "predicted.png", "error.png"]
+
+        generate(recipe.problem, 50, tmp_path / "fresh", seed=9, progress=False)
+        fresh = judge.evaluate(path, tmp_path / "fresh")
+        assert (fresh["part"], fresh["curves"], fresh["figures"]) == ("all", 50, [])
+
+    def test_export_refuses_a_model_that_differs(self, recipe, data, tmp_path, monkeypatch):
+        pytest.importorskip("onnxscript")
+        from cavirheo.training import export as module
+        from cavirheo.training.train import train
+
+        train(changed(recipe, epochs=1), data, tmp_path / "run", **QUIET)
+        monkeypatch.setattr(module, "predict", lambda path, radius: judge.predict(path, radius) + 2e-4)
+        with pytest.raises(RuntimeError, match="differs"):
+            module.export(changed(recipe, epochs=1), tmp_path / "run", tmp_path / "models")
+        assert list((tmp_path / "models").iterdir()) == []
