@@ -122,23 +122,6 @@ def test_reference_shot_is_its_own_scale(problem):
         problem.grid_step(float("nan"))
 
 
-def test_a_measured_curve_is_sampled_on_its_own_grid(problem):
-    """A shot twice as large runs half as fast: its features are those of the reference."""
-    from cavirheo.curve import RadiusCurve
-
-    def curve(max_radius, step):
-        phase = np.arange(-200, 1200) * step / problem.medium.time_scale(max_radius)
-        radius = max_radius * (0.6 + 0.4 * np.cos(2.0 * phase))
-        return RadiusCurve(np.arange(1400) * step, radius, np.full(1400, np.nan), {"name": "shot"})
-
-    features = problem.features(curve(490e-6, 2e-7))
-    assert features.shape == (100,)
-    assert features.dtype == np.float32
-    assert features[0] == pytest.approx(1.0, abs=1e-3)
-    expected = 0.6 + 0.4 * np.cos(2.0 * problem.camera.time / problem.medium.time_scale(245e-6))
-    np.testing.assert_allclose(features, expected, atol=5e-3)
-
-
 def test_simulations_run_at_the_reference(problem):
     simulation = problem.simulate([5.0, 0.0, 4.0])
     assert simulation.ok
@@ -147,29 +130,6 @@ def test_simulations_run_at_the_reference(problem):
     again = problem.simulate_many([[5.0, 0.0, 4.0], [4.5, 0.0, 4.0]], workers=2)
     np.testing.assert_array_equal(again[0].radius, simulation.radius)
     assert not np.array_equal(again[1].radius, simulation.radius)
-
-
-def test_scale_difference_brings_a_small_bubble_to_the_reference(problem):
-    from cavirheo.physics.simulate import simulate
-
-    theta, radius = np.array([4.0, -1.3, 7.0]), 90e-6
-    shot = NeoHookeanKelvinVoigt(*problem.to_shot(1e4, 10**-1.3, radius))
-    seen = simulate(shot, max_radius=radius, stretch=7.0, time=problem.grid_step(radius) * np.arange(100))
-    reference = problem.simulate(theta).radius / 245e-6
-    features = seen.radius / radius
-    assert np.abs(features - reference).max() > 0.1  # conduction and diffusion matter more in a small bubble
-    corrected = features + problem.scale_difference(theta, radius)
-    np.testing.assert_allclose(corrected, reference, atol=1e-12)
-    near = problem.scale_difference(theta + np.array([0.02, 0.02, 0.1]), radius)  # a guess is enough to gain
-    assert np.sqrt(np.mean((features + near - reference) ** 2)) < 0.5 * np.sqrt(np.mean((features - reference) ** 2))
-    np.testing.assert_array_equal(problem.scale_difference(theta, 245e-6), 0.0)
-
-
-def test_normalised_refuses_gaps(problem):
-    with pytest.raises(InputError, match="1 not finite"):
-        problem.normalised(np.r_[np.nan, np.ones(99)], 1.0)
-    with pytest.raises(InputError, match="100 finite samples"):
-        problem.normalised(np.ones(99), 1.0)
 
 
 def test_importing_a_problem_loads_no_torch_and_no_compiler():

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from cavirheo.errors import InputError
+from cavirheo.inference.model import predict
 from cavirheo.problem import Problem
 from cavirheo.training import evaluate as judge
 from cavirheo.training.dataset import generate, load
@@ -273,8 +274,8 @@ class TestTorch:
         model = load_model(tmp_path / "run" / "best.safetensors")
         with self.torch.inference_mode():
             expected = model(self.torch.from_numpy(radius)).numpy()
-        np.testing.assert_allclose(judge.predict(path, radius), expected, atol=1e-4)  # 512 and 88 at a time
-        np.testing.assert_allclose(judge.predict(path, radius[:1]), expected[:1], atol=1e-4)
+        np.testing.assert_allclose(predict(path, radius), expected, atol=1e-4)  # 512 and 88 at a time
+        np.testing.assert_allclose(predict(path, radius[:1]), expected[:1], atol=1e-4)
 
         assert str(Path(judge.__file__).parent).encode() not in path.read_bytes()
         with pytest.raises(InputError, match=r"training\.lr"):
@@ -305,7 +306,7 @@ class TestTorch:
         from cavirheo.training.train import train
 
         train(changed(recipe, epochs=1), data, tmp_path / "run", **QUIET)
-        monkeypatch.setattr(module, "predict", lambda path, radius: judge.predict(path, radius) + 2e-4)
+        monkeypatch.setattr(module, "predict", lambda path, radius: predict(path, radius) + 2e-4)
         with pytest.raises(RuntimeError, match="differs"):
             module.export(changed(recipe, epochs=1), tmp_path / "run", tmp_path / "models")
         assert list((tmp_path / "models").iterdir()) == []

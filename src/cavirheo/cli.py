@@ -90,7 +90,7 @@ def infer(
     temperature: Temperature = None,
     out: Out = Path("cavirheo-result"),
 ) -> None:
-    """Shear modulus and viscosity from measured radius histories, with the picture that shows whether to believe them."""
+    """Shear modulus and viscosity from measured radius histories, and the pictures that show whether to believe them."""
     from rich.console import Console
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
 
@@ -188,6 +188,86 @@ def simulate(
     except OSError as error:
         raise InputError(f"cannot write {out}: {error}") from error
     print(f"{frames} frames of {law} in {liquid.name}: {out}", file=sys.stderr)
+
+
+@app.command()
+def generate(
+    recipe: Annotated[Path, typer.Argument(help="TOML file, see recipes/")],
+    out: Out,
+    n: Annotated[int | None, typer.Option("-n", help="curves; default: as in the recipe", min=1)] = None,
+    seed: Annotated[int | None, typer.Option(help="default: as in the recipe", min=0)] = None,
+    workers: Annotated[int | None, typer.Option(help="threads; default: all cores", min=1)] = None,
+    shard: Annotated[str, typer.Option(help="i/N: make the i-th of N parts only")] = "1/1",
+) -> None:
+    """A training set of simulated curves; resumable, and the same bytes for any number of workers."""
+    from cavirheo.training import dataset
+    from cavirheo.training.recipe import read_recipe
+
+    content = read_recipe(recipe)
+    try:
+        part, parts = (int(number) for number in shard.split("/"))
+    except ValueError:
+        raise InputError(f"--shard must read i/N, e.g. 2/8; got {shard!r}") from None
+    with _solver_ready():
+        made = dataset.generate(
+            content.problem,
+            content.data.n if n is None else n,
+            out,
+            seed=content.data.seed if seed is None else seed,
+            workers=workers,
+            shard=(part, parts),
+        )
+    print(f"{made.curves} curves in {out}: {made.written} files written, {made.skipped} already there", file=sys.stderr)
+    if made.simulated:
+        print(
+            f"{made.simulated} simulated in {made.seconds:.0f} s ({made.curves_per_second:.0f} per s)", file=sys.stderr
+        )
+    for status, count in made.failures.items():
+        print(f"{count} failed and are kept with their status: {status}", file=sys.stderr)
+
+
+@app.command()
+def train(
+    recipe: Annotated[Path, typer.Argument(help="TOML file, see recipes/")],
+    data: Annotated[Path, typer.Argument(help="folder written by `cavirheo generate`")],
+    out: Out,
+    threads: Annotated[int | None, typer.Option(help="of the processor; default: torch's choice", min=1)] = None,
+    device: Annotated[str | None, typer.Option(help="cpu or cuda; default: cuda if there is one")] = None,
+) -> None:
+    """Train a recipe's network (the same call resumes) and export it: NAME.onnx with its card NAME.json in the folder."""
+    try:
+        from cavirheo.training.export import export
+        from cavirheo.training.train import train as run
+    except ModuleNotFoundError as error:
+        raise InputError(f"training needs {error.name}: install cavirheo with the extra [train]") from error
+    from cavirheo.training.recipe import read_recipe
+
+    content = read_recipe(recipe)
+    result = run(content, data, out, device=device, threads=threads)
+    path = export(content, out, out)
+    for name, score in result["metrics"].items():
+        print(f"{name}: R2 {score['r2']:.4f}, median error {score['median_absolute_error']:.3f} (test curves)")
+    print(f"model: {path}; use it with: cavirheo infer --model {path} FILE", file=sys.stderr)
+
+
+@app.command()
+def evaluate(
+    model: Annotated[str, typer.Argument(help="a shipped model or an .onnx file")],
+    data: Annotated[Path, typer.Argument(help="folder written by `cavirheo generate`")],
+    out: Out = Path("cavirheo-evaluation"),
+) -> None:
+    """How good a model is on simulated curves: metrics.json and pictures."""
+    from cavirheo.inference.model import path_of
+    from cavirheo.training.evaluate import evaluate as judge
+
+    result = judge(path_of(model), data, out)
+    which = "the test part of its own training set" if result["part"] == "test" else "a set it was not trained on"
+    print(f"{result['curves']} curves, {which}")
+    for name, score in result["metrics"].items():
+        print(
+            f"{name}: R2 {score['r2']:.4f}, median error {score['median_absolute_error']:.3f}, bias {score['bias']:+.3f}"
+        )
+    print(f"written to {out}", file=sys.stderr)
 
 
 @app.command()

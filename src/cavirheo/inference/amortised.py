@@ -43,6 +43,7 @@ from cavirheo.posterior import Checks, Posterior, Verdict
 from cavirheo.problem import UNITS, natural_name
 
 ITERATIONS = 12
+NOISE_DRAWS = 8
 PATIENCE = 3  # iterations without a nearer summary
 CONVERGED = 0.005  # largest difference of the two summaries, decades
 LARGEST_STEP = 0.5  # decades
@@ -122,6 +123,8 @@ class _Answer:
         # Frames as the camera saw them after R_max; simulations are put on the grid from these, as the measurement was.
         seen = np.isfinite(curve.radius) & (curve.time > curve.time_of_max)
         self.seen = curve.time[seen] - curve.time_of_max
+        rng = np.random.default_rng(0)  # the same draws in every iteration, so that it converges
+        self.noise = curve.noise * rng.standard_normal((NOISE_DRAWS, len(self.seen)))
         self.messages: list[str] = []
 
     @property
@@ -154,13 +157,13 @@ class _Answer:
         stretch = self._stretch(theta, None)
         if self.missing.any():
             for _ in range(3):
-                theta = self.raw = self.model(self._completed(self._simulated(theta, stretch)))[0]
+                theta = self.raw = self.model(self._completed(self._simulated(theta, stretch))).mean(axis=0)
                 stretch = self._stretch(theta, stretch)
             self._note_missing()
         return theta, stretch
 
     def _consistent(self) -> tuple[Floats, float]:
-        """Indirect inference (module docstring), the step relaxed by Aitken's rule since G and stretch pull at each other."""
+        """Indirect inference; Aitken's rule relaxes the step, for G and stretch pull at each other."""
         low, high = self._range()
         theta = self.raw = self.model(self._completed(None))[0]
         theta = np.clip(theta, low - MARGIN, high + MARGIN)
@@ -172,7 +175,8 @@ class _Answer:
             stretch = self._stretch(theta, stretch)
             simulated = self._simulated(theta, stretch)
             measured = self._completed(simulated)
-            of_measured, of_simulated = self.model(np.stack([measured, simulated]))
+            both = self.model(np.concatenate([measured, simulated]))
+            of_measured, of_simulated = both[: len(measured)].mean(axis=0), both[len(measured) :].mean(axis=0)
             difference = of_measured - of_simulated
             size = float(np.max(np.abs(difference)))
             if best is None or size < best[1]:
@@ -197,11 +201,12 @@ class _Answer:
         return theta, stretch
 
     def _completed(self, simulated: Floats | None) -> Floats:
-        """The measured samples; those after the recording's end from the simulation, or the last one held to begin."""
-        features = self.features.copy()
-        if self.missing.any():
-            features[self.missing] = features[~self.missing][-1] if simulated is None else simulated[self.missing]
-        return features
+        """(k, frames) the measured samples; those after the recording's end from the simulations (k, frames), or, to
+        begin with, the last one held."""
+        if not self.missing.any():
+            return self.features[None, :]
+        last = self.features[~self.missing][-1]
+        return np.where(self.missing, last if simulated is None else simulated, self.features[None, :])
 
     def _note_missing(self) -> None:
         self.messages.append(
@@ -210,7 +215,8 @@ class _Answer:
         )
 
     def _simulated(self, theta: Floats, stretch: float) -> Floats:
-        """(frames,) R/R_max of the answer at the true R_max, on the grid by way of the camera's frames."""
+        """(k, frames) R/R_max of the answer at the true R_max on the grid by way of the camera's frames, each with
+        another draw of the measurement's noise: the network takes noise for a weaker damping, in both alike."""
         grid = self.step * np.arange(self.frames)
         beyond = grid[grid > self.seen[-1]]
         times = np.concatenate([[0.0], self.seen, beyond])
@@ -218,8 +224,15 @@ class _Answer:
             self._material(theta), max_radius=self.max_radius, stretch=stretch, time=times,
             medium=self.medium, cells=QUICK_CELLS, rtol=QUICK_RTOL,
         )  # fmt: skip
-        as_seen = RadiusCurve(times, run.radius, meta={"maximum": (0.0, self.max_radius)})
-        return as_seen.resampled(self.step, self.frames) / self.max_radius
+        noise = np.zeros((len(self.noise), len(times)))
+        noise[:, 1 : 1 + len(self.seen)] = self.noise
+        radius = run.radius + noise
+        radius[radius <= 0] = np.nan
+        return np.array([self._on_grid(times, row) for row in radius])
+
+    def _on_grid(self, times: Floats, radius: Floats) -> Floats:
+        seen = RadiusCurve(times, radius, meta={"maximum": (0.0, self.max_radius)})
+        return seen.resampled(self.step, self.frames) / self.max_radius
 
     def _stretch(self, theta: Floats, start: float | None) -> float:
         if self.settings.stretch is not None:

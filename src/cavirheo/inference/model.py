@@ -7,7 +7,7 @@ import json
 from functools import lru_cache
 from importlib.resources import files
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -15,7 +15,11 @@ from numpy.typing import ArrayLike, NDArray
 from cavirheo.errors import InputError
 from cavirheo.problem import Problem
 
+if TYPE_CHECKING:
+    import onnxruntime
+
 DEFAULT = "bdt-viscoelastic"
+_BATCH = 512
 
 
 class Model:
@@ -28,8 +32,6 @@ class Model:
     """
 
     def __init__(self, path: Path) -> None:
-        import onnxruntime  # half a second that listing models or reading curves need not pay
-
         self.card = card(path)
         try:
             self.problem = Problem.from_dict(self.card["problem"])
@@ -42,16 +44,31 @@ class Model:
         self.sha256 = hashlib.sha256(content).hexdigest()
         if self.sha256 != expected:
             raise InputError(f"{path} is not the file that its card describes (sha256 {self.sha256[:12]}...)")
-        options = onnxruntime.SessionOptions()
-        options.intra_op_num_threads = 1  # one small curve at a time: threads cost more than they give
-        options.log_severity_level = 3
-        self._session = onnxruntime.InferenceSession(content, options, providers=["CPUExecutionProvider"])
+        self._session = _session(content)
 
     def __call__(self, features: ArrayLike) -> NDArray[np.float64]:
         """(curves, outputs) in the prior's scale from R/R_max (curves, frames)."""
-        batch = np.atleast_2d(np.asarray(features, dtype=np.float32))
-        (theta,) = self._session.run(["theta"], {"radius": batch})
-        return np.asarray(theta, dtype=float)
+        return _run(self._session, np.atleast_2d(np.asarray(features, dtype=np.float32)))
+
+
+def predict(path: str | Path, features: ArrayLike) -> NDArray[np.float64]:
+    """(curves, outputs) in the prior's scale from R/R_max (curves, frames): any number of curves, no card needed."""
+    session, curves = _session(Path(path).read_bytes()), np.asarray(features, dtype=np.float32)
+    return np.concatenate([_run(session, curves[i : i + _BATCH]) for i in range(0, len(curves), _BATCH)])
+
+
+def _session(content: bytes) -> onnxruntime.InferenceSession:
+    import onnxruntime  # half a second that listing models or reading curves need not pay
+
+    options = onnxruntime.SessionOptions()
+    options.intra_op_num_threads = 1  # one small curve at a time: threads cost more than they give
+    options.log_severity_level = 3
+    return onnxruntime.InferenceSession(content, options, providers=["CPUExecutionProvider"])
+
+
+def _run(session: onnxruntime.InferenceSession, curves: NDArray[np.float32]) -> NDArray[np.float64]:
+    (theta,) = session.run(["theta"], {"radius": curves})
+    return np.asarray(theta, dtype=float)
 
 
 def card(path: Path) -> dict[str, Any]:
@@ -74,12 +91,17 @@ def shipped() -> dict[str, Path]:
     return {path.stem: path for path in sorted(folder.glob("*.onnx"))}
 
 
-@lru_cache(maxsize=8)
-def load(name: str = DEFAULT) -> Model:
-    """The shipped model of this name, or the one in a file whose name ends in .onnx. Raises InputError."""
+def path_of(name: str) -> Path:
+    """The file of a shipped model, or the file itself if the name ends in .onnx. Raises InputError."""
     if name.endswith(".onnx"):
-        return Model(Path(name))
+        return Path(name)
     known = shipped()
     if name not in known:
         raise InputError(f"unknown model {name!r}; known: {', '.join(known) or 'none'}, or a path to an .onnx file")
-    return Model(known[name])
+    return known[name]
+
+
+@lru_cache(maxsize=8)
+def load(name: str = DEFAULT) -> Model:
+    """The shipped model of this name, or the one in a file whose name ends in .onnx. Raises InputError."""
+    return Model(path_of(name))

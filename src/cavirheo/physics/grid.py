@@ -1,4 +1,4 @@
-"""Finite-volume grid on y = r/R in [0, 1], clustered at the bubble wall where the thermal and vapour layers are thin."""
+"""Finite-volume grid on y = r/R in [0, 1], clustered at the wall where the thermal and vapour layers are thin."""
 
 from __future__ import annotations
 

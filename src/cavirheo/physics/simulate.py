@@ -82,7 +82,8 @@ def simulate(
     status = "ok"
     if code != solver.OK:
         why = f"more than {MAX_STEPS} steps" if code == solver.TOO_MANY_STEPS else "the step size went to zero"
-        status = f"{why} at t = {stats[3] * t_c * 1e6:.4g} us, R/R_max = {stats[4]:.3g}, with {material} and stretch {stretch:.4g}"
+        where = f"t = {stats[3] * t_c * 1e6:.4g} us, R/R_max = {stats[4]:.3g}"
+        status = f"{why} at {where}, with {material} and stretch {stretch:.4g}"
         if throw:
             raise SolverError(status)
     return Simulation(

@@ -1,0 +1,159 @@
+"""Export: a finished run becomes one .onnx file with its card beside it, which is all that inference needs.
+
+The model maps R/R_max on the grid of its problem, (batch, frames) float32, to the prior's scale, (batch, outputs)
+float32: log10 of SI values, the scaling of the targets included. The card (JSON) says what it is and what it was made
+of; its keys are those of `card`.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import logging
+import platform
+import warnings
+from collections.abc import Mapping
+from datetime import UTC, date, datetime
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import onnx
+import torch
+
+from cavirheo.errors import InputError
+from cavirheo.inference.model import predict
+from cavirheo.problem import Problem, unit
+from cavirheo.training.checkpoint import difference, read_tensors, write_text
+from cavirheo.training.network import BubbleTransformer, Standardised
+from cavirheo.training.recipe import NetworkTable, Recipe
+from cavirheo.training.train import scaling
+
+OPSET = 18
+TOLERANCE = 1e-4  # largest difference between the exported model and the trained one, in the prior's scale
+
+
+def export(
+    recipe: Recipe, run_dir: str | Path, out_dir: str | Path, *, name: str | None = None, on: date | None = None
+) -> Path:
+    """Write NAME.onnx and NAME.json for a finished run; the path of the former. `on` is the date on the card.
+
+    Raises:
+        InputError: the run is not finished, or is not of this recipe.
+        RuntimeError: the exported model differs from the trained one by more than 1e-4.
+    """
+    run, folder = Path(run_dir), Path(out_dir)
+    try:
+        result = json.loads((run / "result.json").read_text(encoding="utf-8"))
+    except (OSError, ValueError) as error:
+        raise InputError(f"{run} is not a finished run ({error}); finish it with `cavirheo train`") from error
+    if other := difference(result, recipe.settings()):
+        raise InputError(f"{run} was not trained with this recipe: {other}")
+    model = load_model(run / "best.safetensors")
+    folder.mkdir(parents=True, exist_ok=True)
+    target = folder / f"{name or recipe.export.name}.onnx"
+    temporary = target.with_suffix(".tmp.onnx")
+    try:
+        write_onnx(model, recipe.problem.camera.frames, temporary)
+        curves = np.load(run / "test.npz")["radius"]
+        deviation = largest_difference(model, temporary, curves)
+        if not deviation <= TOLERANCE:
+            raise RuntimeError(
+                f"the exported model differs from the trained one by {deviation:.2g} (at most {TOLERANCE:g}): "
+                f"nothing was written"
+            )
+        temporary.replace(target)
+    finally:
+        temporary.unlink(missing_ok=True)
+    content = card(target, recipe, result, deviation, on or datetime.now(UTC).date())
+    write_text(target.with_suffix(".json"), json.dumps(content, indent=2) + "\n")
+    return target
+
+
+def load_model(checkpoint: Path) -> Standardised:
+    """The network of a best.safetensors with its scaling, ready to answer."""
+    weights, note = read_tensors(checkpoint)
+    problem, outputs = Problem.from_dict(note["problem"]), tuple(note["outputs"])
+    network = BubbleTransformer(NetworkTable(**note["network"]), problem.camera.frames, len(outputs))
+    network.load_state_dict(weights)
+    return Standardised(network, *scaling(problem.prior, outputs)).eval()
+
+
+def write_onnx(model: Standardised, frames: int, path: Path) -> None:
+    """One self-contained file with a free batch size, and without the exporter's notes of where our code lies."""
+    log = logging.getLogger("torch.onnx")
+    level = log.level
+    log.setLevel(logging.ERROR)  # it would tell the user about operators that we do not use
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # deprecations inside the exporter, not ours to mend
+            program = torch.onnx.export(
+                model,
+                (torch.ones(2, frames),),
+                input_names=["radius"],
+                output_names=["theta"],
+                dynamic_shapes={"radius": {0: torch.export.Dim("batch", min=1)}},
+                opset_version=OPSET,
+                dynamo=True,
+                verbose=False,
+            )
+    finally:
+        log.setLevel(level)
+    assert program is not None  # it is None only where a file is asked for
+    content = program.model_proto
+    for item in (*content.graph.node, *content.graph.value_info, *content.functions, content.graph, content):
+        item.ClearField("doc_string")
+        item.ClearField("metadata_props")
+    onnx.save_model(content, path)
+
+
+@torch.inference_mode()
+def largest_difference(model: Standardised, path: Path, radius: np.ndarray) -> float:
+    """Largest difference over curves (curves, frames), fed together and one alone, in the prior's scale."""
+    expected = model(torch.from_numpy(radius)).numpy()
+    together, alone = predict(path, radius), predict(path, radius[:1])
+    return float(max(np.abs(together - expected).max(), np.abs(alone - expected[:1]).max()))
+
+
+def card(path: Path, recipe: Recipe, result: Mapping[str, Any], deviation: float, on: date) -> dict[str, Any]:
+    """What an exported model is, and what it was made of."""
+    problem = recipe.problem
+    return {
+        "schema": 1,
+        "name": path.stem,
+        "kind": "point",  # one value per output, no uncertainty
+        "material": problem.material_name,
+        "problem_id": problem.id,
+        "problem": problem.to_dict(),
+        "input": {
+            "name": "radius",
+            "shape": ["batch", problem.camera.frames],
+            "dtype": "float32",
+            "meaning": "R/R_max at R_max and at equal steps after it; the step is grid_step(R_max, medium)",
+        },
+        "outputs": [
+            {"name": output, "unit": unit(output), "scale": "log10" if output.startswith("log10_") else "linear"}
+            for output in recipe.outputs
+        ],
+        "network": {**result["network"], "parameters": result["parameters"]},
+        "training": {
+            **result["training"],
+            **{key: result[key] for key in ("best_epoch", "best_validation_loss", "seconds", "device")},
+        },
+        "history": result["history"],
+        "data": result["data"],
+        "metrics": result["metrics"],  # of the test part
+        "onnx": {
+            "sha256": hashlib.sha256(path.read_bytes()).hexdigest(),
+            "opset": OPSET,
+            "largest_difference_from_torch": deviation,
+        },
+        "versions": {
+            "python": platform.python_version(),
+            "torch": result["torch"],
+            **{package: version(package) for package in ("cavirheo", "numpy", "onnxruntime")},
+        },
+        "license": "MIT",
+        "date": on.isoformat(),
+    }

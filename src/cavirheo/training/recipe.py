@@ -1,0 +1,157 @@
+"""Recipe: one TOML file that says how a shipped model is made, from the problem to the name of the export.
+
+[problem]  material, medium (a name, or a table that starts from `name`), reference_max_radius_um,
+           frame_interval_us, frames
+[prior]    one [low, high] for each parameter of the material and for the stretch
+[data]     n, seed
+[network]  (optional) outputs and sizes; the defaults are the network of the paper
+[training] epochs, batch, lr, seed, schedule, warmup_steps
+[export]   name
+"""
+
+from __future__ import annotations
+
+import tomllib
+from dataclasses import replace
+from functools import cached_property
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+from pydantic import (
+    BaseModel,
+    ConfigDict,
+    Field,
+    NonNegativeInt,
+    PositiveFloat,
+    PositiveInt,
+    ValidationError,
+)
+
+from cavirheo.errors import InputError
+from cavirheo.physics.media import medium as named_medium
+from cavirheo.problem import Camera, Prior, Problem
+
+
+class _Table(BaseModel):
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+
+class ProblemTable(_Table):
+    material: str
+    medium: str | dict[str, float | str] = "water"
+    reference_max_radius_um: PositiveFloat = 245.0
+    frame_interval_us: PositiveFloat = 1.0
+    frames: PositiveInt = 100
+
+
+class DataTable(_Table):
+    n: PositiveInt
+    seed: NonNegativeInt = 0
+
+
+class NetworkTable(_Table):
+    """Sizes of the Bubble Dynamics Transformer; two choices that its description leaves open are marked."""
+
+    outputs: tuple[str, ...] = ()  # names in the prior's scale; empty: all parameters but the stretch
+    position: PositiveInt = 64  # learned embedding of the sample's place in the curve
+    width: PositiveInt = 64
+    heads: PositiveInt = 8
+    head_width: PositiveInt = 8  # open: 64 over 8 heads; 64 per head is the other reading
+    feed_forward: PositiveInt = 128
+    activation: Literal["relu", "softplus", "gelu"] = "relu"  # open: of the feed-forward layers
+    layers: PositiveInt = 2
+    dropout: Annotated[float, Field(ge=0, lt=1)] = 0.1
+    norm_epsilon: PositiveFloat = 1e-6
+
+
+class TrainingTable(_Table):
+    epochs: PositiveInt = 100
+    batch: PositiveInt = 32
+    lr: PositiveFloat = 1e-3  # Adam
+    seed: NonNegativeInt = 0
+    schedule: Literal["constant", "cosine"] = "constant"  # of the learning rate; cosine falls to 0 at the end
+    warmup_steps: NonNegativeInt = 0
+
+
+class ExportTable(_Table):
+    name: str = Field(pattern=r"^[a-z0-9][a-z0-9.-]*$")
+
+
+class Recipe(_Table):
+    problem_table: ProblemTable = Field(alias="problem")
+    prior: dict[str, tuple[float, float]]
+    data: DataTable
+    network: NetworkTable = NetworkTable()
+    training: TrainingTable = TrainingTable()
+    export: ExportTable
+
+    @cached_property
+    def problem(self) -> Problem:
+        """Raises InputError where the physics does not accept the values."""
+        table = self.problem_table
+        if isinstance(table.medium, str):
+            medium = named_medium(table.medium)
+        else:
+            try:
+                constants: dict[str, Any] = {"name": "water"} | table.medium
+                base = named_medium(constants.pop("name"))
+                medium = replace(base, **constants, name=f"{base.name}, changed")
+            except TypeError as error:
+                raise InputError(f"[problem] medium: {error}") from error
+        return Problem(
+            material_name=table.material,
+            prior=Prior.uniform(self.prior),
+            medium=medium,
+            camera=Camera(table.frame_interval_us / 1e6, table.frames),
+            reference_max_radius=table.reference_max_radius_um / 1e6,
+        )
+
+    @property
+    def outputs(self) -> tuple[str, ...]:
+        """What the network answers, in the order of its outputs."""
+        names = self.network.outputs or tuple(n for n in self.problem.prior.names if n != "stretch")
+        if unknown := sorted(set(names) - set(self.problem.prior.names)):
+            raise InputError(f"[network] outputs: {', '.join(unknown)} has no prior; it has {', '.join(self.prior)}")
+        return names
+
+    def settings(self) -> dict[str, Any]:
+        """All that decides the trained weights apart from the data: plain data for JSON."""
+        return {
+            "problem": self.problem.to_dict(),
+            "outputs": list(self.outputs),
+            "network": self.network.model_dump(mode="json", exclude={"outputs"}),
+            "training": self.training.model_dump(mode="json"),
+        }
+
+
+def read_recipe(path: str | Path) -> Recipe:
+    """The recipe in a TOML file.
+
+    Raises:
+        InputError: not readable, not TOML, an unknown key, or a value missing or refused; all are named.
+    """
+    try:
+        content = tomllib.loads(Path(path).read_text(encoding="utf-8"))
+    except (OSError, UnicodeDecodeError) as error:
+        raise InputError(f"cannot read the recipe {path}: {error}") from error
+    except tomllib.TOMLDecodeError as error:
+        raise InputError(f"{path} is not valid TOML: {error}") from error
+    try:
+        recipe = Recipe.model_validate(content)
+        _ = recipe.problem, recipe.outputs
+    except ValidationError as error:
+        raise InputError(f"{path} cannot be used:\n{_explain(error)}") from error
+    except InputError as error:
+        raise InputError(f"{path} cannot be used: {error}") from error
+    return recipe
+
+
+def _explain(error: ValidationError) -> str:
+    """One line for each refused entry: where, what was given, what was expected."""
+    lines = []
+    for item in error.errors():
+        where = ".".join(str(part) for part in item["loc"])
+        given = "" if item["type"] in ("missing", "extra_forbidden") else f", got {item['input']!r}"
+        why = "unknown key" if item["type"] == "extra_forbidden" else item["msg"]
+        lines.append(f"  {where}: {why}{given}")
+    return "\n".join(lines)
