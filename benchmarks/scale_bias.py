@@ -60,7 +60,9 @@ def main() -> None:
         for part in np.array_split(order, 3):
             bias, spread = np.nanmedian(error[part], axis=0), np.nanmedian(np.abs(error[part]), axis=0)
             low, high = truth[part, 3].min() * 1e6, truth[part, 3].max() * 1e6
-            print(f"  {low:3.0f}-{high:3.0f}     {bias[1]:+.3f}                {bias[0]:+.3f}    {spread[1]:.3f}                   {spread[0]:.3f}")
+            print(
+                f"  {low:3.0f}-{high:3.0f}     {bias[1]:+.3f}                {bias[0]:+.3f}    {spread[1]:.3f}                   {spread[0]:.3f}"
+            )
         for reason in sorted({a.checks.message for a in failed}):
             print("  failed:", reason)
 

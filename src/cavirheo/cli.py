@@ -90,7 +90,7 @@ def infer(
     temperature: Temperature = None,
     out: Out = Path("cavirheo-result"),
 ) -> None:
-    """Shear modulus and viscosity from measured radius histories, and the pictures that show whether to believe them."""
+    """Shear modulus and viscosity from measured radius histories, with pictures that show whether to believe them."""
     from rich.console import Console
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
 
@@ -234,7 +234,7 @@ def train(
     threads: Annotated[int | None, typer.Option(help="of the processor; default: torch's choice", min=1)] = None,
     device: Annotated[str | None, typer.Option(help="cpu or cuda; default: cuda if there is one")] = None,
 ) -> None:
-    """Train a recipe's network (the same call resumes) and export it: NAME.onnx with its card NAME.json in the folder."""
+    """Train a recipe's network (the same call resumes) and export it as NAME.onnx with its card NAME.json."""
     try:
         from cavirheo.training.export import export
         from cavirheo.training.train import train as run
@@ -264,9 +264,8 @@ def evaluate(
     which = "the test part of its own training set" if result["part"] == "test" else "a set it was not trained on"
     print(f"{result['curves']} curves, {which}")
     for name, score in result["metrics"].items():
-        print(
-            f"{name}: R2 {score['r2']:.4f}, median error {score['median_absolute_error']:.3f}, bias {score['bias']:+.3f}"
-        )
+        error, bias = score["median_absolute_error"], score["bias"]
+        print(f"{name}: R2 {score['r2']:.4f}, median error {error:.3f}, bias {bias:+.3f}")
     print(f"written to {out}", file=sys.stderr)
 
 

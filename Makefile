@@ -1,0 +1,34 @@
+# Two commands set everything up on a fresh machine: `make demo` (the main job on shipped examples) and `make test`.
+PYTHON ?= python3
+VENV ?= .venv
+BIN = $(VENV)/bin
+
+.PHONY: demo test test-slow lint clean
+
+demo: $(VENV)/demo.done
+	$(BIN)/cavirheo infer examples/soft_gel.csv examples/stiff_gel.mat -o demo-result
+
+test: $(VENV)/test.done lint
+	$(BIN)/python -m pytest -m "not slow"
+
+test-slow: $(VENV)/test.done
+	$(BIN)/python -m pytest -m slow
+
+lint: $(VENV)/test.done
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+	$(BIN)/mypy
+
+$(VENV)/demo.done: pyproject.toml
+	$(PYTHON) -m venv $(VENV)
+	$(BIN)/pip install --quiet --disable-pip-version-check -e ".[plot]"
+	touch $@
+
+# constraints.txt keeps torch on the version whose plain build needs no GPU libraries
+$(VENV)/test.done: pyproject.toml constraints.txt
+	$(PYTHON) -m venv $(VENV)
+	$(BIN)/pip install --quiet --disable-pip-version-check -c constraints.txt -e ".[train,plot,dev]"
+	touch $@
+
+clean:
+	rm -rf $(VENV) demo-result .pytest_cache .mypy_cache .ruff_cache
