@@ -128,11 +128,9 @@ def simulate_many(
             medium=medium, rtol=rtol, cells=cells, throw=False,
         )  # fmt: skip
 
-    if m == 0:
-        return []
-    first = one(0)  # compiles, if it must, before the threads start
+    done = [one(i) for i in range(m if workers == 1 else min(m, 1))]  # the first may compile: before threads
     with ThreadPoolExecutor(workers or os.cpu_count() or 1) as pool:
-        return [first, *pool.map(one, range(1, m))]
+        return done + list(pool.map(one, range(len(done), m)))
 
 
 def _checked(time: ArrayLike) -> NDArray[np.float64]:

@@ -1,0 +1,213 @@
+"""The command line: the main job on the shipped examples, and a clear word for every bad input."""
+
+from __future__ import annotations
+
+import json
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.io import savemat
+
+from cavirheo import NeoHookeanKelvinVoigt, cli, read_curves, simulate
+from cavirheo.inference.model import path_of
+from cavirheo.reading import write_csv
+
+ROOT = Path(__file__).parent.parent
+EXAMPLE = ROOT / "examples" / "soft_gel.csv"
+
+
+@pytest.fixture
+def run(monkeypatch, capsys, tmp_path):
+    """(exit status, stdout, stderr) of a command in an empty folder."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("COLUMNS", "120")
+
+    def call(*words: object) -> tuple[int, str, str]:
+        monkeypatch.setattr(sys, "argv", ["cavirheo", *map(str, words)])
+        status = 0
+        try:
+            cli.main()
+        except SystemExit as stop:
+            status = int(stop.code or 0)
+        captured = capsys.readouterr()
+        return status, captured.out, captured.err
+
+    return call
+
+
+def test_the_main_job(run, tmp_path):
+    status, out, err = run("infer", EXAMPLE, "-o", "result")
+    assert status == 0, err
+    assert "n = 5" in out
+    result = json.loads((tmp_path / "result" / "result.json").read_text())
+    assert result["schema"] == 1
+    assert len(result["curves"]) == 5
+    row = result["curves"][0]
+    assert row["verdict"] == "ok"
+    assert row["shear_modulus_Pa"]["q05"] is None
+    assert row["provenance"]["medium"]["density"] == 998.0
+    assert result["groups"][0]["n"] == 5
+    assert (tmp_path / "result" / "report.html").read_text().startswith("<!doctype html>")
+    assert len(list((tmp_path / "result").glob("*.png"))) >= 5
+
+
+def test_options_reach_the_answer(run, tmp_path):
+    def answer(*options: object) -> dict:
+        assert run("infer", EXAMPLE, "-o", "r", *options)[0] == 0
+        return json.loads((tmp_path / "r" / "result.json").read_text())["curves"][1]
+
+    plain = answer()
+    dense = answer("--density", 1040)
+    assert dense["provenance"]["medium"]["density"] == 1040
+    assert dense["shear_modulus_Pa"]["median"] > plain["shear_modulus_Pa"]["median"]  # the same clock, a slower liquid
+    assert answer("--medium", "zhu2025")["provenance"]["medium"]["name"] == "zhu2025"
+    assert answer("--stretch", 9)["stretch"]["median"] == 9
+    assert answer("--window", 1)["window"]["collapses"] == 1
+    bigger = answer("--rmax-um", 200)
+    assert bigger["max_radius_m"] == pytest.approx(200e-6)
+    assert any("R_max set to 200 um" in note for note in bigger["notes"])
+
+
+def few(n: int) -> str:
+    return "time_us,radius_um\n" + "".join(f"{k},{100 + k}\n" for k in range(n))
+
+
+BAD_FILES = {
+    "empty.csv": (b"", "the file is empty"),
+    "text.txt": (b"Dear lab, the data will follow.\nYours\n", "expected|header|columns"),
+    "binary.csv": (bytes(range(256)) * 4, "binary data|cannot be read"),
+}
+
+
+@pytest.mark.parametrize("name", BAD_FILES)
+def test_unreadable_files(run, tmp_path, name):
+    content, message = BAD_FILES[name]
+    (tmp_path / name).write_bytes(content)
+    status, _, err = run("infer", name)
+    assert status == 2
+    assert name in err
+    assert any(word in err for word in message.split("|")), err
+    assert "Traceback" not in err
+
+
+def test_unreadable_other(run, tmp_path):
+    savemat(tmp_path / "other.mat", {"voltage": np.ones(4)})
+    for name, message in {
+        "other.mat": "variables found: voltage",
+        str(tmp_path): "is a directory",
+        "nowhere.csv": "does not exist",
+    }.items():
+        status, _, err = run("infer", name)
+        assert (status, message in err) == (2, True), err
+
+
+FAILED = {
+    "three.csv": (few(3), "3 of 3 frames"),
+    "nan.csv": ("time_us,radius_um\n" + "".join(f"{k},nan\n" for k in range(40)), "0 of 40 frames"),
+    "grows.csv": (few(60), "still grows"),
+    "pixels.csv": (
+        "time_us,radius_px\n" + "".join(f"{k},{140 * np.cos(k / 40):.2f}\n" for k in range(50)),
+        "--rmax-um",
+    ),
+}
+
+
+@pytest.mark.parametrize("name", FAILED)
+def test_failed_curves_keep_their_row_and_the_others_their_answer(run, tmp_path, name):
+    content, message = FAILED[name]
+    (tmp_path / name).write_text(content)
+    status, _, err = run("infer", name, EXAMPLE, "-o", "r")
+    assert status == 1, err
+    curves = json.loads((tmp_path / "r" / "result.json").read_text())["curves"]
+    assert [c["verdict"] for c in curves] == ["failed"] + ["ok"] * 5
+    assert message in curves[0]["message"]
+    assert curves[0]["shear_modulus_Pa"]["median"] is None
+
+
+def test_a_radius_in_micrometres_that_are_pixels_is_warned_of(run, tmp_path):
+    curve = read_curves(EXAMPLE)[0]
+    write_csv(tmp_path / "scaled.csv", curve.with_max_radius(2.7 * curve.max_radius))
+    run("infer", "scaled.csv", "-o", "r")
+    (row,) = json.loads((tmp_path / "r" / "result.json").read_text())["curves"]
+    assert any("CHECK THE SCALE" in note for note in row["notes"])
+
+
+def test_good_files_are_answered_beside_a_bad_one(run, tmp_path):
+    (tmp_path / "empty.csv").write_bytes(b"")
+    status, out, err = run("infer", "empty.csv", EXAMPLE, "-o", "r")
+    assert status == 2
+    assert "empty.csv" in err
+    assert "n = 5" in out
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        (["--model", "nobody"], "unknown model"),
+        (["--medium", "honey"], "unknown medium"),
+        (["--density", "-3"], "density of the medium must be positive"),
+        (["--stretch", "0.5"], "between 1 and 100"),
+        (["--rmax-um", "-5"], "--rmax-um must be"),
+    ],
+)
+def test_bad_options(run, options, message):
+    status, _, err = run("infer", EXAMPLE, *options)
+    assert status == 2
+    assert message in err
+    assert "Traceback" not in err
+
+
+def test_simulate_writes_what_read_curves_reads(run, tmp_path):
+    words = "simulate --material nhkv --shear-modulus 5000 --viscosity 0.05 --rmax-um 200 --stretch 6 -o out/a.csv"
+    status, _, err = run(*words.split(), "--duration-us", 50, "--frame-rate-hz", 2e6)
+    assert status == 0, err
+    (curve,) = read_curves(tmp_path / "out" / "a.csv")
+    expected = simulate(NeoHookeanKelvinVoigt(5e3, 0.05), max_radius=2e-4, stretch=6, time=np.arange(101) * 0.5e-6)
+    assert np.allclose(curve.radius, expected.radius, rtol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        ("--material glass --viscosity 1 --rmax-um 100 --stretch 5", "unknown material"),
+        ("--material newtonian --shear-modulus 5 --viscosity 1 --rmax-um 100 --stretch 5", "takes viscosity"),
+        ("--material nhkv --viscosity 1 --rmax-um 100 --stretch 5", "takes shear_modulus, viscosity"),
+        ("--shear-modulus 1 --viscosity 1 --rmax-um 100 --stretch 0.2", "at least 1"),
+        ("--shear-modulus 1 --viscosity 1 --rmax-um 100 --stretch 5 --frame-rate-hz 1e15", "a million frames"),
+    ],
+)
+def test_simulate_refuses(run, words, message):
+    status, _, err = run("simulate", *words.split(), "-o", "x.csv")
+    assert status == 2
+    assert message in err
+
+
+def test_models_lists_what_is_shipped(run):
+    status, out, _ = run("models")
+    assert status == 0
+    assert path_of("bdt-viscoelastic").stem in out
+    assert "nhkv" in out
+
+
+def test_generate_and_train_from_the_command_line(run, tmp_path):
+    pytest.importorskip("torch")
+    recipe = (ROOT / "recipes" / "laptop.toml").read_text()
+    small = recipe.replace("epochs = 30", "epochs = 1")
+    assert small != recipe
+    (tmp_path / "small.toml").write_text(small)
+    status, _, err = run("generate", "small.toml", "-n", 40, "-o", "data", "--shard", "1/1")
+    assert status == 0, err
+    assert "40 curves" in err
+    assert run("generate", "small.toml", "-n", 41, "-o", "data")[0] == 2
+    assert run("generate", "small.toml", "-o", "data", "--shard", "one")[0] == 2
+    status, out, err = run("train", "small.toml", "data", "-o", "run", "--threads", 1)
+    assert status == 0, err
+    assert "log10_viscosity: R2" in out
+    status, out, err = run("evaluate", "run/laptop.onnx", "data", "-o", "eval")
+    assert status == 0, err
+    assert "the test part" in out
+    assert (tmp_path / "eval" / "metrics.json").exists()
+    status, out, _ = run("infer", EXAMPLE, "--model", "run/laptop.onnx", "-o", "r")
+    assert status in (0, 1)

@@ -1,0 +1,197 @@
+"""From a curve to an answer: accuracy on shots of known truth, the true scale, and every way to fail."""
+
+from __future__ import annotations
+
+import csv
+import json
+import shutil
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+import scale_bias
+
+from cavirheo import InputError, Medium, NeoHookeanKelvinVoigt, RadiusCurve, infer, infer_many, read_curves, simulate
+from cavirheo.inference.amortised import Amortised
+from cavirheo.inference.model import load, path_of, shipped
+from cavirheo.inference.reconstruct import fit_stretch, reconstruct, window
+from cavirheo.physics.media import WATER
+
+EXAMPLES = Path(__file__).parent.parent / "examples"
+
+
+def shot(G=8e3, mu=0.05, R_max=250e-6, stretch=7.0, end=140e-6, step=1e-6, medium=WATER) -> RadiusCurve:
+    time = np.arange(0.0, end, step)
+    run = simulate(NeoHookeanKelvinVoigt(G, mu), max_radius=R_max, stretch=stretch, time=time, medium=medium)
+    return RadiusCurve(time, run.radius, meta={"name": "shot"})
+
+
+@pytest.mark.parametrize("file", ["soft_gel.csv", "stiff_gel.mat"])
+def test_shipped_examples_give_back_their_truth(file):
+    with (EXAMPLES / "truth.csv").open() as table:
+        truth = [row for row in csv.DictReader(table) if row["set"] == Path(file).stem]
+    answers = infer_many(read_curves(EXAMPLES / file))
+    assert [a.checks.verdict for a in answers] == ["ok"] * len(truth)
+    G, mu = (np.array([a.median(name) for a in answers]) for name in ("shear_modulus", "viscosity"))
+    assert np.mean(G) == pytest.approx(float(truth[0]["shear_modulus_Pa"]), rel=0.15)
+    assert np.mean(mu) == pytest.approx(float(truth[0]["viscosity_Pa_s"]), rel=0.2)
+    stretches = [a.provenance["stretch"] for a in answers]
+    assert stretches == pytest.approx([float(row["stretch"]) for row in truth], rel=0.08)
+    assert max(a.checks.rmse_over_rmax for a in answers) < 0.03
+
+
+def test_the_true_scale_and_medium_enter():
+    """One gel, three sizes, two liquids: the same answer; the network alone is off for the small bubble."""
+    heavy = Medium(density=1100.0, sound_speed=1600.0, surface_tension=0.06)
+    for R_max, medium in ((90e-6, WATER), (250e-6, WATER), (400e-6, WATER), (150e-6, heavy)):
+        curve = shot(R_max=R_max, step=0.25e-6, medium=medium, end=5 * medium.time_scale(R_max))
+        answer = infer(curve, medium=medium)
+        assert answer.median("shear_modulus") == pytest.approx(8e3, rel=0.08), R_max
+        assert answer.median("viscosity") == pytest.approx(0.05, rel=0.15), R_max
+    small = shot(G=8e3, mu=0.01, R_max=90e-6, step=0.25e-6)
+    alone = Amortised(load(), correct=False).infer(small).median("viscosity")
+    corrected = Amortised(load()).infer(small).median("viscosity")
+    assert abs(np.log10(corrected / 0.01)) < 0.5 * abs(np.log10(alone / 0.01))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("noise", [0.0, 0.01])
+def test_bias_does_not_depend_on_the_true_radius(noise):
+    truth, curves = scale_bias.shots(300, noise, seed=20)
+    answers = infer_many(curves)
+    error = np.array([a.theta[0] - t[:2] for a, t in zip(answers, truth, strict=True)])
+    for part in np.array_split(np.argsort(truth[:, 3]), 3):
+        assert abs(np.median(error[part, 1])) < 0.1
+
+
+def test_a_short_recording_is_completed_and_says_so():
+    answer = infer(shot(end=75e-6))
+    assert answer.checks.verdict == "ok"
+    assert "samples lie after the recording's end" in answer.checks.message
+    assert answer.median("shear_modulus") == pytest.approx(8e3, rel=0.15)
+    assert answer.median("viscosity") == pytest.approx(0.05, rel=0.3)
+
+
+@pytest.mark.parametrize(
+    ("curve", "match"),
+    [
+        (shot(end=40.5e-6), "the recording ends 40 us after R_max"),
+        (RadiusCurve(np.arange(3.0), np.array([1e-4, 2e-4, 1e-4]), meta={"name": "three"}), "3 of 3 frames"),
+        (RadiusCurve(np.arange(50.0), np.full(50, np.nan), meta={"name": "nothing"}), "0 of 50 frames"),
+        (RadiusCurve(np.arange(50) * 1e-6, np.linspace(1, 3, 50) * 1e-4, meta={"name": "grows"}), "still grows"),
+    ],
+)
+def test_what_cannot_be_answered_fails_with_its_reason(curve, match):
+    answer = infer(curve)
+    assert answer.checks.verdict == "failed"
+    assert match in answer.checks.message
+    assert len(answer.theta) == 0
+    assert answer.median("viscosity") is None
+
+
+def test_others_are_answered_beside_a_failed_curve():
+    bad = RadiusCurve(np.arange(3.0), np.array([1e-4, 2e-4, 1e-4]), meta={"name": "three"})
+    seen = []
+    answers = infer_many([bad, shot()], done=lambda: seen.append(1))
+    assert [a.checks.verdict for a in answers] == ["failed", "ok"]
+    assert len(seen) == 2
+
+
+def test_a_wrong_model_is_refused():
+    """A bubble that swells again to four times its plateau is no neo-Hookean bubble."""
+    curve = shot(mu=0.1)
+    drift = RadiusCurve(curve.time, curve.radius * (1 + 3.0 * np.maximum(0, curve.time / 90e-6 - 0.3)))
+    assert infer(drift).checks.verdict == "model_does_not_fit"
+
+
+def test_outside_the_training_range_is_said():
+    answer = infer(shot(mu=0.05, stretch=2.0, G=8e3))
+    assert answer.checks.verdict in ("outside_training_range", "model_does_not_fit")
+    assert "outside the training range" in answer.checks.message
+    assert "stretch" in answer.checks.message
+
+
+def test_a_point_answer_has_no_interval_and_a_full_record():
+    curve = shot()
+    answer = infer(curve, stretch=7.0, window=2)
+    assert answer.interval("shear_modulus") is None
+    assert answer.provenance["stretch"] == 7.0
+    assert answer.provenance["stretch_source"] == "given"
+    assert answer.provenance["model_sha256"] == load().sha256
+    assert answer.checks.collapses == 2
+    assert answer.checks.t_star_end < 4.0
+    found = answer.checks
+    assert found.compared_time.shape == found.residual_over_rmax.shape
+    assert found.rmse_over_rmax == pytest.approx(np.sqrt(np.mean(found.residual_over_rmax**2)))
+    assert found.mae_over_rmax <= found.rmse_over_rmax <= found.max_difference_over_rmax
+
+
+def test_more_collapses_than_shown_is_a_failed_row():
+    assert "a window of 30 collapses" in infer(shot(), window=30).checks.message
+
+
+@pytest.mark.parametrize(("setting", "match"), [({"stretch": 0.5}, "between 1 and 100"), ({"window": 0}, "at least 1")])
+def test_bad_settings(setting, match):
+    with pytest.raises(InputError, match=match):
+        infer(shot(), **setting)
+
+
+def test_the_stretch_is_found_from_the_curve():
+    view = window(shot(stretch=5.3))
+    found = fit_stretch(view, NeoHookeanKelvinVoigt(8e3, 0.05), WATER)
+    assert found == pytest.approx(5.3, rel=0.02)
+    assert reconstruct(view, NeoHookeanKelvinVoigt(8e3, 0.05), WATER, 5.3).rmse < 5e-3
+
+
+def test_answers_do_not_depend_on_company_or_order():
+    curves = [shot(), shot(G=3e4, R_max=180e-6)]
+    together, alone = infer_many(curves, workers=2), [infer(c) for c in curves]
+    assert all(np.array_equal(a.theta, b.theta) for a, b in zip(together, alone, strict=True))
+
+
+def test_models_are_checked(tmp_path):
+    assert "bdt-viscoelastic" in shipped()
+    with pytest.raises(InputError, match="unknown model 'nobody'; known: bdt-viscoelastic"):
+        infer(shot(), model="nobody")
+    with pytest.raises(InputError, match="card beside it"):
+        load(str(tmp_path / "none.onnx"))
+    source = path_of("bdt-viscoelastic")
+    copy = tmp_path / "copy.onnx"
+    shutil.copy(source, copy)
+    shutil.copy(source.with_suffix(".json"), copy.with_suffix(".json"))
+    assert np.allclose(load(str(copy))(np.ones((1, 100))), load()(np.ones((1, 100))))
+    (tmp_path / "other.onnx").write_bytes(copy.read_bytes() + b"x")
+    shutil.copy(copy.with_suffix(".json"), tmp_path / "other.json")
+    with pytest.raises(InputError, match="not the file that its card describes"):
+        load(str(tmp_path / "other.onnx"))
+    (tmp_path / "other.json").write_text("[]")
+    with pytest.raises(InputError, match="not a model card"):
+        load(str(tmp_path / "other.onnx"))
+
+
+def test_the_shipped_model_is_what_its_card_says():
+    """At least 3,000 training curves, metrics of a test part that training did not see, R2 of a usable model."""
+    card = json.loads(path_of("bdt-viscoelastic").with_suffix(".json").read_text())
+    assert card["data"]["train"] >= 3000
+    assert card["data"]["test"] >= 0.09 * card["data"]["n"]
+    problem = load().problem
+    assert problem.id == card["problem_id"]
+    theta = problem.prior.sample(range(10**7, 10**7 + 60), seed=99)  # draws that no training set holds
+    curves = np.array([run.radius for run in problem.simulate_many(theta)]) / problem.reference_max_radius
+    error = load()(curves) - theta[:, :2]
+    assert np.median(np.abs(error[:, 0])) < 3 * card["metrics"]["log10_shear_modulus"]["median_absolute_error"]
+    assert np.median(np.abs(error[:, 1])) < 3 * card["metrics"]["log10_viscosity"]["median_absolute_error"]
+    assert replace(WATER, density=1000.0) != problem.medium
+
+
+def test_published_alginate_shots(real_data):
+    """PAAm 12 % - alginate 0.3 %: published IMR 6.44 +- 1.64 kPa and 0.020 +- 0.009 Pa s (mean +- std of five shots)."""
+    (file,) = (real_data / "paam_alginate_0p3").glob("*.mat")
+    answers = infer_many(read_curves(file))
+    G = [a.median("shear_modulus") for a in answers]
+    mu = [a.median("viscosity") for a in answers]
+    assert len(answers) == 5
+    assert None not in G
+    assert np.mean(G) == pytest.approx(6440, abs=1640)
+    assert np.mean(mu) == pytest.approx(0.020, abs=0.018)
