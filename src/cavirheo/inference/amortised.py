@@ -47,7 +47,7 @@ NOISE_DRAWS = 8
 PATIENCE = 3  # iterations without a nearer summary
 CONVERGED = 0.005  # largest difference of the two summaries, decades
 LARGEST_STEP = 0.5  # decades
-MARGIN = 1.0  # decades beyond the training range in which the answer is looked for
+MARGIN = 0.3  # decades beyond the training range, there and at the shot's scale, in which the answer is looked for
 SHORTEST = 0.6  # of the network's samples that must lie inside the recording
 
 Floats = NDArray[np.float64]
@@ -164,9 +164,9 @@ class _Answer:
 
     def _consistent(self) -> tuple[Floats, float]:
         """Indirect inference; Aitken's rule relaxes the step, for G and stretch pull at each other."""
-        low, high = self._range()
+        low, high = self._search_range()
         theta = self.raw = self.model(self._completed(None))[0]
-        theta = np.clip(theta, low - MARGIN, high + MARGIN)
+        theta = np.clip(theta, low, high)
         stretch: float | None = None
         before: Floats | None = None
         relaxation = 1.0
@@ -188,7 +188,7 @@ class _Answer:
                 relaxation = float(np.clip(-relaxation * (before @ change) / (change @ change + 1e-12), 0.2, 1.2))
             before = difference
             step = np.clip(relaxation * difference, -LARGEST_STEP, LARGEST_STEP)
-            theta = np.clip(theta + step, low - MARGIN, high + MARGIN)
+            theta = np.clip(theta + step, low, high)
         assert best is not None
         _, size, theta, stretch = best
         if size > 4 * CONVERGED:
@@ -262,6 +262,13 @@ class _Answer:
         prior = self.problem.prior
         columns = [prior.names.index(name) for name in self.model.outputs]
         return prior.low[columns], prior.high[columns]
+
+    def _search_range(self) -> tuple[Floats, Floats]:
+        """The training range at the training scale joined with the same numbers at the shot's, and MARGIN more."""
+        low, high = self._range()
+        at_one = self._natural(np.zeros(len(low)))  # what 10^0 at the training scale is for the shot
+        shift = [np.log10(at_one[natural_name(n)]) if n.startswith("log10_") else 0.0 for n in self.model.outputs]
+        return np.minimum(low, low - shift) - MARGIN, np.maximum(high, high - shift) + MARGIN
 
     def _checks(self, theta: Floats, stretch: float, found: Reconstruction) -> Checks:
         verdict: Verdict = "ok"
