@@ -42,9 +42,10 @@ from cavirheo.physics.simulate import simulate
 from cavirheo.posterior import Checks, Posterior, Verdict
 from cavirheo.problem import UNITS, natural_name
 
-ITERATIONS = 12
+ITERATIONS = 15
 NOISE_DRAWS = 8
-PATIENCE = 3  # iterations without a nearer summary
+STRETCH_SETTLED = 0.003  # relative change of the stretch in the last iteration
+PATIENCE = 4  # iterations without a nearer summary
 CONVERGED = 0.005  # largest difference of the two summaries, decades
 LARGEST_STEP = 0.5  # decades
 MARGIN = 0.3  # decades beyond the training range, there and at the shot's scale, in which the answer is looked for
@@ -172,16 +173,17 @@ class _Answer:
         relaxation = 1.0
         best: tuple[int, float, Floats, float] | None = None
         for turn in range(ITERATIONS):
-            stretch = self._stretch(theta, stretch)
+            last, stretch = stretch, self._stretch(theta, stretch)
+            settled = last is not None and abs(np.log(stretch / last)) < STRETCH_SETTLED
             simulated = self._simulated(theta, stretch)
             measured = self._completed(simulated)
             both = self.model(np.concatenate([measured, simulated]))
             of_measured, of_simulated = both[: len(measured)].mean(axis=0), both[len(measured) :].mean(axis=0)
             difference = of_measured - of_simulated
             size = float(np.max(np.abs(difference)))
-            if best is None or size < best[1]:
+            if best is None or size < max(best[1], CONVERGED):  # among converged ones the last: its stretch is the best
                 best, self.raw = (turn, size, theta, stretch), of_measured
-            if size < CONVERGED or turn - best[0] > PATIENCE:
+            if (size < CONVERGED and settled) or turn - best[0] > PATIENCE:
                 break
             if before is not None:
                 change = difference - before

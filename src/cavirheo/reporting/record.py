@@ -1,0 +1,256 @@
+"""result.json: the answers as a document that other programs read (schema 1), and back.
+
+Every number is SI and finite, or null: a method without an interval has null q05 and q95, a curve without an answer
+has null everywhere and says why in `message`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
+
+from cavirheo.curve import RadiusCurve
+from cavirheo.errors import InputError
+from cavirheo.posterior import Posterior, Verdict
+
+Pairs = Sequence[tuple[RadiusCurve, Posterior]]
+
+_NO_ANSWER = "no parameters were found"
+_NOT_A_NUMBER = "the method's answer is not a finite number: {}"
+
+
+class _Model(BaseModel):
+    model_config = ConfigDict(extra="allow", allow_inf_nan=False, populate_by_name=True)
+
+
+class Quantity(_Model):
+    """Posterior median and central 90 % interval; q05 and q95 are null for a point answer."""
+
+    median: float | None = None
+    q05: float | None = None
+    q95: float | None = None
+
+
+class Spread(_Model):
+    """Over the answered curves of a group; std has n - 1 below it and is null for n < 2."""
+
+    mean: float | None = None
+    std: float | None = None
+    median: float | None = None
+
+
+class Window(_Model):
+    """What was compared: from R_max to t_star_end (t/t_c), holding so many complete collapses."""
+
+    collapses: int | None = None
+    t_star_end: float | None = None
+
+
+class CurveRecord(_Model):
+    """One row. `other_parameters` holds what was inferred besides G, mu and the stretch, in SI."""
+
+    name: str
+    source: str
+    group: str
+    max_radius_m: float | None
+    time_of_max_s: float | None
+    strain_rate_per_s: float | None
+    stretch: Quantity
+    material: str
+    method: str
+    shear_modulus_Pa: Quantity
+    viscosity_Pa_s: Quantity
+    other_parameters: dict[str, Quantity] = {}
+    rmse_over_rmax: float | None
+    mae_over_rmax: float | None
+    max_difference_over_rmax: float | None
+    window: Window
+    verdict: Verdict
+    message: str
+    notes: list[str]
+    seconds: float
+    provenance: dict[str, Any]
+
+    @property
+    def answered(self) -> bool:
+        return self.verdict != "failed"
+
+
+class GroupRecord(_Model):
+    """The shots of one file: n answered, n_failed not; `verdicts` counts the curves with each."""
+
+    name: str
+    n: int
+    n_failed: int
+    shear_modulus_Pa: Spread
+    viscosity_Pa_s: Spread
+    verdicts: dict[str, int]
+
+
+class Result(_Model):
+    """The document. `notes` concern the run as a whole (pictures that could not be drawn, ...)."""
+
+    schema_version: Literal[1] = Field(default=1, validation_alias="schema", serialization_alias="schema")
+    version: str
+    command: str
+    date: str | None = None
+    notes: list[str] = []
+    curves: list[CurveRecord]
+    groups: list[GroupRecord]
+
+    def members(self) -> list[tuple[GroupRecord, list[int]]]:
+        """Each group with the indices of its curves."""
+        return list(zip(self.groups, _members(self.curves).values(), strict=True))
+
+
+def result(pairs: Pairs, command: str, *, date: str | None = None, notes: Sequence[str] = ()) -> Result:
+    """The record of all curves and of their groups (the files they came from), in the order given."""
+    curves = [curve_record(curve, posterior) for curve, posterior in pairs]
+    members = _members(curves)
+    stems = [group for group, _ in members]
+    groups = [
+        _group(group if stems.count(group) == 1 or not source else source, [curves[i] for i in indices])
+        for (group, source), indices in members.items()
+    ]
+    return Result(
+        version=version("cavirheo"), command=command, date=date, notes=list(notes), curves=curves, groups=groups
+    )
+
+
+def write_json(path: str | Path, result: Result) -> None:
+    """Write the document as UTF-8 JSON; what `read_json` gives back is equal to it."""
+    Path(path).write_text(result.model_dump_json(by_alias=True, indent=1) + "\n", encoding="utf-8")
+
+
+def read_json(path: str | Path) -> Result:
+    """A result.json as it was written. Raises InputError if there is none or it is not one of ours."""
+    try:
+        return Result.model_validate_json(Path(path).read_text(encoding="utf-8"))
+    except (OSError, UnicodeDecodeError) as error:
+        raise InputError(f"{path}: cannot be read ({error})") from None
+    except ValidationError as error:
+        first = error.errors(include_url=False)[0]
+        where = ".".join(str(part) for part in first["loc"]) or "the document"
+        raise InputError(
+            f"{path}: not a cavirheo result of schema 1; {where}: {first['msg']}; expected a result.json "
+            "written by `cavirheo infer` or `cavirheo fit`"
+        ) from None
+
+
+def curve_record(curve: RadiusCurve, posterior: Posterior) -> CurveRecord:
+    """The row of one curve."""
+    checks = posterior.checks
+    verdict, message = checks.verdict, _without_name(checks.message, curve.name)
+    if verdict != "failed":  # an answer that is none must not pass for one, whatever the method says of itself
+        broken = [name for name, draws in zip(posterior.names, posterior.theta.T, strict=True) if _broken(draws)]
+        if len(posterior.theta) == 0 or not posterior.names:
+            verdict, message = "failed", message or _NO_ANSWER
+        elif broken:
+            verdict, message = "failed", "; ".join(filter(None, (_NOT_A_NUMBER.format(", ".join(broken)), message)))
+    answered = verdict != "failed"
+
+    def quantity(name: str) -> Quantity:
+        low, high = (posterior.interval(name) if answered else None) or (None, None)
+        return Quantity(median=posterior.median(name) if answered else None, q05=low, q95=high)
+
+    def if_answered(value: float | None) -> float | None:
+        return _finite(value) if answered else None
+
+    stretch = quantity("stretch")
+    if answered and stretch.median is None:  # not the network's own, but fitted after it or given
+        stretch = Quantity(median=_finite(posterior.provenance.get("stretch")))
+    inferred = [name.removeprefix("log10_") for name in posterior.names]
+    return CurveRecord(
+        name=curve.name,
+        source=str(curve.meta.get("source", "")),
+        group=str(curve.meta.get("group", curve.name)),
+        max_radius_m=_measured(curve, "max_radius"),
+        time_of_max_s=_measured(curve, "time_of_max"),
+        strain_rate_per_s=_measured(curve, "strain_rate"),
+        stretch=stretch,
+        material=posterior.material,
+        method=posterior.method,
+        shear_modulus_Pa=quantity("shear_modulus"),
+        viscosity_Pa_s=quantity("viscosity"),
+        other_parameters={n: quantity(n) for n in inferred if n not in ("shear_modulus", "viscosity", "stretch")},
+        rmse_over_rmax=if_answered(checks.rmse_over_rmax),
+        mae_over_rmax=if_answered(checks.mae_over_rmax),
+        max_difference_over_rmax=if_answered(checks.max_difference_over_rmax),
+        window=Window(collapses=checks.collapses if answered else None, t_star_end=if_answered(checks.t_star_end)),
+        verdict=verdict,
+        message=message or ("" if answered else _NO_ANSWER),
+        notes=list(curve.notes),
+        seconds=_finite(posterior.seconds) or 0.0,
+        provenance=_plain(posterior.provenance),
+    )
+
+
+def _members(curves: Sequence[CurveRecord]) -> dict[tuple[str, str], list[int]]:
+    """Indices of the curves of each group; two files of one name in different folders are two groups."""
+    found: dict[tuple[str, str], list[int]] = {}
+    for index, record in enumerate(curves):
+        found.setdefault((record.group, record.source), []).append(index)
+    return found
+
+
+def _group(name: str, members: list[CurveRecord]) -> GroupRecord:
+    answered = [record for record in members if record.answered]
+    verdicts = [record.verdict for record in members]
+    return GroupRecord(
+        name=name,
+        n=len(answered),
+        n_failed=len(members) - len(answered),
+        shear_modulus_Pa=_spread([record.shear_modulus_Pa.median for record in answered]),
+        viscosity_Pa_s=_spread([record.viscosity_Pa_s.median for record in answered]),
+        verdicts={verdict: verdicts.count(verdict) for verdict in dict.fromkeys(verdicts)},
+    )
+
+
+def _spread(values: list[float | None]) -> Spread:
+    known = np.array([value for value in values if value is not None])
+    if not known.size:
+        return Spread()
+    std = float(np.std(known, ddof=1)) if known.size > 1 else None
+    return Spread(mean=float(np.mean(known)), std=std, median=float(np.median(known)))
+
+
+def _broken(draws: np.ndarray) -> bool:
+    return not np.all(np.isfinite(draws))
+
+
+def _measured(curve: RadiusCurve, name: str) -> float | None:
+    """A number that the curve itself gives, null where it says that it cannot be determined."""
+    try:
+        value = getattr(curve, name)
+        return _finite(value() if callable(value) else value)
+    except InputError:
+        return None
+
+
+def _finite(value: Any) -> float | None:
+    return float(value) if value is not None and np.isfinite(value) else None
+
+
+def _without_name(message: str, name: str) -> str:
+    """The row says which curve it is about; the message need not."""
+    return message.removeprefix(name).removeprefix(":").lstrip() if message.startswith(name + ":") else message
+
+
+def _plain(value: Any) -> Any:
+    """Provenance as JSON can hold it: arrays as lists, NaN as null, what is not data as its text."""
+    if isinstance(value, Mapping):
+        return {str(key): _plain(item) for key, item in value.items()}
+    if isinstance(value, np.ndarray):
+        return _plain(value.tolist())
+    if isinstance(value, list | tuple | set | frozenset):
+        return [_plain(item) for item in value]
+    if isinstance(value, np.generic):
+        return _plain(value.item())
+    if isinstance(value, float):
+        return _finite(value)
+    return value if value is None or isinstance(value, bool | int | str) else str(value)

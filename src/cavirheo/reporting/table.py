@@ -1,0 +1,121 @@
+"""The answers as a table: for the terminal (rich) and for spreadsheets (CSV)."""
+
+from __future__ import annotations
+
+import csv
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from cavirheo.reporting import wording
+from cavirheo.reporting.record import CurveRecord, GroupRecord, Result
+
+if TYPE_CHECKING:
+    from rich.console import Console
+
+_STYLES = {"ok": "green", "model_does_not_fit": "yellow", "outside_training_range": "magenta", "failed": "red"}
+_WIDE = 110  # columns; below this an interval stands under its median, and only those of G and mu are shown
+
+
+def print_table(result: Result, console: Console | None = None) -> None:
+    """One row per curve, one per group (mean ± standard deviation), then the messages in full."""
+    from rich.box import SIMPLE_HEAD
+    from rich.console import Console
+    from rich.table import Table
+    from rich.text import Text
+
+    console = console or Console()
+    wide = console.width >= _WIDE
+    factor, unit = wording.modulus_unit(result)
+    heads = ["R_max\nµm", "λ", f"G\n{unit}", "µ\nPa s", "RMSE\n%", "collapses" if wide else "col-\nlapses", "verdict"]
+    rows = [_cells(record, factor, wide) for record in result.curves]
+    group_rows = [_group_cells(group, factor) for group in result.groups]
+    columns = zip(heads, *rows, *group_rows, strict=True)
+    taken = sum(max(len(line) for text in column for line in text.split("\n")) for column in columns)
+    gap = 2 if wide else 1
+    room = max(console.width - taken - gap * len(heads), 12)
+
+    table = Table(box=SIMPLE_HEAD, pad_edge=False, padding=(0, gap - 1, 0, 0), show_edge=False)
+    table.add_column("curve", overflow="fold")
+    for head in heads:
+        table.add_column(head, justify="left" if head == "verdict" else "right", no_wrap=True)
+    names = _short_names([record.name for record in result.curves], room)
+    for name, record, row in zip(names, result.curves, rows, strict=True):
+        verdict = Text(row.pop(), _STYLES[record.verdict])
+        table.add_row(*map(Text, [name, *row]), verdict)
+    table.add_section()
+    for group, row in zip(result.groups, group_rows, strict=True):
+        table.add_row(*map(Text, [wording.elide(group.name, room), *row]), style="bold")
+    console.print(table)
+    key = "RMSE: measured minus simulated, % of R_max"
+    if any(record.viscosity_Pa_s.q05 is not None for record in result.curves):
+        key += "; [ , ]: central 90 % interval"
+    console.print(Text(key, "dim"))
+
+    for message, about in _messages(result).items():
+        line = Text("• ").append(", ".join(about), "bold").append(": " + message)
+        console.print(line, soft_wrap=False)
+    for note in result.notes:
+        console.print(Text("• " + note))
+
+
+def _cells(record: CurveRecord, factor: float, wide: bool) -> list[str]:
+    joint = " " if wide else "\n"
+    collapses, end = record.window.collapses, record.window.t_star_end
+    return [
+        wording.micrometres(record.max_radius_m),
+        wording.quantity(record.stretch) if wide else wording.quantity(record.stretch).split(" ")[0],
+        wording.quantity(record.shear_modulus_Pa, factor, joint=joint),
+        wording.quantity(record.viscosity_Pa_s, joint=joint),
+        wording.percent(record.rmse_over_rmax),
+        (wording.MISSING if collapses is None else str(collapses))
+        + (f", t* ≤ {wording.digits(end, 2)}" if wide and end is not None else ""),
+        wording.VERDICTS[record.verdict] if wide else wording.VERDICTS[record.verdict].replace(" range", "\nrange"),
+    ]
+
+
+def _group_cells(group: GroupRecord, factor: float) -> list[str]:
+    doubtful = group.n - group.verdicts.get("ok", 0)  # in the mean all the same, as the field does: so it is said
+    counts = f"n = {group.n}" + (f"\n{doubtful} not ok" if doubtful else "")
+    counts += f"\n{group.n_failed} failed" if group.n_failed else ""
+    return [
+        "",
+        "",
+        wording.spread(group.shear_modulus_Pa, factor),
+        wording.spread(group.viscosity_Pa_s),
+        "",
+        "",
+        counts,
+    ]
+
+
+def write_csv(path: str | Path, result: Result) -> None:
+    """One line per curve; SI units in the names of the columns; empty where there is no number."""
+    quantities = ("stretch", "shear_modulus_Pa", "viscosity_Pa_s")
+    plain = ("max_radius_m", *quantities, "rmse_over_rmax", "collapses", "t_star_end", "verdict", "message")
+    head = ["name", "group", "source", "material", "method"]
+    for name in plain:
+        head += [name, f"{name}_q05", f"{name}_q95"] if name in quantities else [name]
+    with Path(path).open("w", newline="", encoding="utf-8") as file:
+        writer = csv.DictWriter(file, head, extrasaction="ignore")
+        writer.writeheader()
+        for record in result.curves:
+            row = record.model_dump(exclude=set(quantities)) | record.window.model_dump()
+            for name in quantities:
+                value = getattr(record, name)
+                row |= {name: value.median, f"{name}_q05": value.q05, f"{name}_q95": value.q95}
+            writer.writerow(row)
+
+
+def _short_names(names: list[str], room: int) -> list[str]:
+    """Elided to the room there is, unless two different names would become one: then in full."""
+    short = [wording.elide(name, room) for name in names]
+    return short if len(set(short)) == len(set(names)) else names
+
+
+def _messages(result: Result) -> dict[str, list[str]]:
+    """Each message once, with the curves it is about."""
+    found: dict[str, list[str]] = {}
+    for record in result.curves:
+        if record.message:
+            found.setdefault(record.message, []).append(record.name)
+    return found

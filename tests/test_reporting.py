@@ -1,0 +1,530 @@
+"""The reporting room: what is written must be what was found, and nothing that a file says may break the page."""
+
+import csv
+import io
+import json
+import re
+import subprocess
+import sys
+import xml.etree.ElementTree as ET
+from dataclasses import replace
+from html.parser import HTMLParser
+from pathlib import Path
+
+import numpy as np
+import pytest
+from rich.console import Console
+
+from cavirheo.curve import RadiusCurve
+from cavirheo.errors import InputError
+from cavirheo.posterior import Checks, Posterior
+from cavirheo.reporting import html, picture, read_json, result, table, wording, write_json, write_report
+from cavirheo.reporting.record import Quantity, Spread
+
+NAMES = ("log10_shear_modulus", "log10_viscosity")
+COMMAND = "cavirheo infer shots.mat -o out"
+MEDIUM = {"density": 998.0, "pressure": 101325.0}
+
+
+def bubble(name="shot[1]", group="shots", source="data/shots.mat", top=2.6e-4, frames=160, **meta) -> RadiusCurve:
+    """A history of the right look: growth, three collapses, a plateau; with three frames missing."""
+    t_c = top * np.sqrt(998.0 / 101325.0)
+    t = np.linspace(-0.7, 6.0, frames)
+    wave = np.abs(np.cos(np.pi * t / 1.9)) ** 0.7
+    radius = top * (0.12 + 0.88 * np.exp(-np.maximum(t, 0.0) / 0.9) * wave)
+    radius[[50, 51, 52]] = np.nan
+    meta = {
+        "name": name,
+        "group": group,
+        "source": source,
+        "notes": ("3 of 160 frames without a radius (NaN)",),
+        **meta,
+    }
+    return RadiusCurve(t * t_c + 1e-4, radius, meta=meta)
+
+
+def answer(curve, G=6100.0, mu=0.021, *, draws=1, verdict="ok", message="", material="nhkv", stretch=9.1) -> Posterior:
+    rng = np.random.default_rng(0)
+    after = (curve.time >= curve.time_of_max) & np.isfinite(curve.radius)
+    time = curve.time[after][:60]
+    residual = 0.01 * np.sin(np.arange(len(time)))
+    line = np.linspace(time[0], time[-1], 200)
+    checks = Checks(
+        verdict, message, float(np.sqrt(np.mean(residual**2))), float(np.mean(np.abs(residual))),
+        float(np.max(np.abs(residual))), 2, 2.6, time, residual, line, np.interp(line, time, curve.radius[after][:60]),
+    )  # fmt: skip
+    names = NAMES if material == "nhkv" else NAMES[1:]
+    centre = np.log10([G, mu])[-len(names) :]
+    theta = centre + (0.05 * rng.standard_normal((draws, len(names))) if draws > 1 else 0.0) * np.ones((draws, 1))
+    provenance = {"model": "bdt-viscoelastic", "medium": MEDIUM, "stretch": stretch, "stretch_source": "fitted"}
+    return Posterior(names, ("Pa", "Pa s")[-len(names) :], theta, checks, material, "bdt", provenance, seconds=0.4)
+
+
+def unanswered(message="cell 3 of 5 is empty") -> Posterior:
+    return Posterior(NAMES, ("Pa", "Pa s"), np.empty((0, 2)), Checks("failed", message), "nhkv", "bdt")
+
+
+def empty(name="shot[3]", group="shots", source="data/shots.mat") -> RadiusCurve:
+    meta = {"name": name, "group": group, "source": source, "problem": "cell 3 of 5 is empty"}
+    return RadiusCurve(np.empty(0), np.empty(0), meta=meta)
+
+
+@pytest.fixture
+def pairs():
+    one, two = bubble(), bubble("shot[2]", top=3.1e-4)
+    return [(one, answer(one)), (two, answer(two, 8100.0, 0.035)), (empty(), unanswered())]
+
+
+def strictly(text: str) -> dict:
+    """JSON without NaN or Infinity, which Python would otherwise read."""
+
+    def refuse(constant):
+        raise AssertionError(f"{constant} in the JSON")
+
+    return json.loads(text, parse_constant=refuse)
+
+
+# --- result.json -----------------------------------------------------------------------------------------------------
+
+
+def test_json_keeps_the_contract(pairs, tmp_path):
+    write_json(tmp_path / "result.json", result(pairs, COMMAND))
+    document = strictly((tmp_path / "result.json").read_text(encoding="utf-8"))
+    assert document["schema"] == 1
+    assert document["command"] == COMMAND
+    assert document["version"]
+    row = document["curves"][0]
+    wanted = {
+        "name", "source", "max_radius_m", "stretch", "material", "method", "shear_modulus_Pa", "viscosity_Pa_s",
+        "rmse_over_rmax", "window", "verdict", "message", "seconds", "provenance",
+    }  # fmt: skip
+    assert wanted <= row.keys()
+    assert row["name"] == "shot[1]"
+    assert row["max_radius_m"] == pytest.approx(2.6e-4, rel=0.02)
+    assert row["shear_modulus_Pa"] == {"median": pytest.approx(6100.0), "q05": None, "q95": None}
+    assert row["viscosity_Pa_s"] == {"median": pytest.approx(0.021), "q05": None, "q95": None}
+    assert row["stretch"] == {"median": 9.1, "q05": None, "q95": None}
+    assert row["window"] == {"collapses": 2, "t_star_end": 2.6}
+    (group,) = document["groups"]
+    assert group["name"] == "shots"
+    assert {"n", "shear_modulus_Pa", "viscosity_Pa_s"} <= group.keys()
+
+
+def test_group_takes_mean_and_sample_deviation_of_the_answered(pairs):
+    (group,) = result(pairs, COMMAND).groups
+    assert (group.n, group.n_failed) == (2, 1)
+    assert group.verdicts == {"ok": 2, "failed": 1}
+    assert group.shear_modulus_Pa.mean == pytest.approx(7100.0)
+    assert group.shear_modulus_Pa.std == pytest.approx(2000.0 / np.sqrt(2.0))  # n - 1, not n
+    assert group.viscosity_Pa_s.median == pytest.approx(0.028)
+
+
+def test_group_of_one_has_no_deviation(pairs):
+    (group,) = result(pairs[:1], COMMAND).groups
+    spread = group.shear_modulus_Pa
+    assert (spread.mean, spread.std) == (pytest.approx(6100.0), None)
+
+
+def test_files_of_one_name_are_two_groups():
+    curves = [bubble(source="a/shots.mat"), bubble(source="b/shots.mat"), bubble(group="other", source="b/other.mat")]
+    groups = result([(curve, answer(curve)) for curve in curves], COMMAND).groups
+    assert [group.name for group in groups] == ["a/shots.mat", "b/shots.mat", "other"]
+    assert [group.n for group in groups] == [1, 1, 1]
+
+
+def test_interval_is_that_of_the_posterior():
+    curve = bubble()
+    posterior = answer(curve, draws=500)
+    posterior = replace(posterior, log_weight=np.linspace(-3.0, 0.0, 500))
+    row = result([(curve, posterior)], COMMAND).curves[0]
+    assert (row.shear_modulus_Pa.q05, row.shear_modulus_Pa.q95) == posterior.interval("shear_modulus")
+    assert row.shear_modulus_Pa.q05 < row.shear_modulus_Pa.median < row.shear_modulus_Pa.q95
+    assert row.stretch.q05 is None  # not among the draws: no width is made up
+
+
+def test_inferred_stretch_and_further_parameters_come_from_the_draws():
+    curve = bubble()
+    posterior = answer(curve, draws=300)
+    more = np.random.default_rng(1).normal([8.0, 1e-7], [0.1, 1e-8], (300, 2))
+    posterior = replace(
+        posterior,
+        names=(*NAMES, "stretch", "t0"),
+        units=("Pa", "Pa s", "1", "s"),
+        theta=np.hstack([posterior.theta, more]),
+    )
+    row = result([(curve, posterior)], COMMAND).curves[0]
+    assert row.stretch.median == pytest.approx(8.0, abs=0.05)
+    assert row.stretch.q05 is not None
+    assert row.other_parameters.keys() == {"t0"}
+    assert row.other_parameters["t0"].median == pytest.approx(1e-7, rel=0.05)
+
+
+def test_newtonian_has_no_modulus():
+    curve = bubble()
+    document = result([(curve, answer(curve, material="newtonian"))], COMMAND)
+    assert document.curves[0].shear_modulus_Pa == Quantity()
+    assert document.curves[0].viscosity_Pa_s.median == pytest.approx(0.021)
+    assert document.groups[0].shear_modulus_Pa == Spread()
+
+
+def test_failed_row_has_a_reason_and_no_numbers(pairs):
+    row = result(pairs, COMMAND).curves[2]
+    assert row.verdict == "failed"
+    assert row.message == "cell 3 of 5 is empty"
+    numbers = (row.max_radius_m, row.time_of_max_s, row.rmse_over_rmax, row.stretch.median, row.window.t_star_end)
+    assert numbers == (None,) * 5
+    assert row.shear_modulus_Pa == row.viscosity_Pa_s == Quantity()
+
+
+def test_message_does_not_repeat_the_name():
+    curve = bubble()
+    posterior = unanswered("shot[1]: the bubble never collapses")
+    assert result([(curve, posterior)], COMMAND).curves[0].message == "the bubble never collapses"
+
+
+@pytest.mark.parametrize("theta", [np.empty((0, 2)), np.array([[3.8, np.nan]]), np.array([[np.inf, -2.0]])])
+def test_an_answer_that_is_none_does_not_pass(theta, tmp_path):
+    curve = bubble()
+    posterior = replace(answer(curve), theta=theta)
+    document = result([(curve, posterior)], COMMAND)
+    assert document.curves[0].verdict == "failed"
+    assert document.curves[0].message
+    assert document.curves[0].viscosity_Pa_s.median is None
+    assert document.groups[0].n_failed == 1
+    write_json(tmp_path / "r.json", document)
+    strictly((tmp_path / "r.json").read_text(encoding="utf-8"))
+
+
+def test_provenance_becomes_plain_json(tmp_path):
+    curve = bubble()
+    odd = {
+        "array": np.arange(3),
+        "nan": float("nan"),
+        "deep": {"x": [np.float64("inf"), np.int64(2)]},
+        "p": Path("a"),
+        1: (),
+    }
+    posterior = replace(answer(curve), provenance=odd)
+    posterior = replace(posterior, checks=replace(posterior.checks, mae_over_rmax=float("nan")))
+    write_json(tmp_path / "r.json", result([(curve, posterior)], COMMAND))
+    row = strictly((tmp_path / "r.json").read_text(encoding="utf-8"))["curves"][0]
+    assert row["provenance"] == {"array": [0, 1, 2], "nan": None, "deep": {"x": [None, 2]}, "p": "a", "1": []}
+    assert row["mae_over_rmax"] is None
+
+
+def test_json_comes_back_equal(pairs, tmp_path):
+    document = result(pairs, COMMAND, date="2025-01-02", notes=["a note"])
+    write_json(tmp_path / "r.json", document)
+    assert read_json(tmp_path / "r.json") == document
+
+
+@pytest.mark.parametrize(
+    "text", [None, "not json", "{}", '{"schema": 2, "version": "", "command": "", "curves": [], "groups": []}']
+)
+def test_what_is_not_a_result_is_refused(text, tmp_path):
+    path = tmp_path / "r.json"
+    if text is not None:
+        path.write_text(text, encoding="utf-8")
+    with pytest.raises(InputError, match=r"r\.json"):
+        read_json(path)
+
+
+# --- words and the table ---------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("value", "text"),
+    [(6.4412, "6.44"), (0.0201, "0.0201"), (9.996, "10.0"), (274.3, "274"), (2e-6, "2.00e-06"), (0.0, "0")],
+)
+def test_digits(value, text):
+    assert wording.digits(value) == text
+
+
+def test_quantity_shows_the_digits_that_the_interval_leaves():
+    assert wording.quantity(Quantity(median=6100.0, q05=5400.0, q95=6900.0), 1e-3) == "6.1 [5.4, 6.9]"
+    assert wording.quantity(Quantity(median=9.91, q05=9.60, q95=10.19)) == "9.91 [9.60, 10.19]"
+    assert wording.quantity(Quantity(median=0.02, q05=0.0005, q95=0.3)) == "0.020 [0.00050, 0.300]"
+    assert wording.quantity(Quantity(median=6440.0), 1e-3) == "6.44"
+    assert wording.quantity(Quantity()) == wording.MISSING
+
+
+def test_spread_shows_two_digits_of_the_deviation():
+    assert wording.spread(Spread(mean=6440.0, std=1640.0), 1e-3) == "6.4 ± 1.6"
+    assert wording.spread(Spread(mean=0.02, std=0.009)) == "0.0200 ± 0.0090"
+    assert wording.spread(Spread(mean=0.02)) == "0.0200"
+    assert wording.spread(Spread(mean=0.02, std=0.0)) == "0.0200 ± 0"
+
+
+def test_elided_names_keep_both_ends():
+    short = wording.elide("Rt_nondim_exp_PAAm[12]", 14)
+    assert len(short) == 14
+    assert short.startswith("Rt_no")
+    assert short.endswith("[12]")
+    assert wording.elide("short", 14) == "short"
+
+
+def printed(document, width) -> str:
+    console = Console(width=width, file=io.StringIO(), force_terminal=False)
+    table.print_table(document, console)
+    return console.file.getvalue()
+
+
+@pytest.mark.parametrize("width", [80, 100, 140])
+@pytest.mark.parametrize("draws", [1, 400])
+def test_table_fits_its_terminal(width, draws):
+    long = "Rt_nondim_exp_PAAm_Alginate_0p3perc_v2"
+    curves = [bubble(f"{long}[{k}]", long) for k in (1, 2)]
+    pairs = [
+        (c, answer(c, draws=draws, verdict=v)) for c, v in zip(curves, ("ok", "outside_training_range"), strict=True)
+    ]
+    pairs.append((empty(f"{long}[3]", long), unanswered("too short: " + "words " * 30)))
+    lines = printed(result(pairs, COMMAND), width).splitlines()
+    assert max(map(len, lines)) <= width
+    text = "\n".join(lines)
+    for k in (1, 2, 3):
+        assert text.split("RMSE:")[0].count(f"[{k}]") == 1, text
+    assert "n = 2" in text
+    assert "failed" in text
+    assert " ".join(text.split()).count("words") == 30  # the message stands below in full
+    assert ("[" in text.split("v2[1]")[1].split("v2[2]")[0]) == (draws > 1)  # an interval only where there is one
+
+
+def test_table_tells_apart_names_that_differ_in_the_middle():
+    curves = [bubble(f"a_very_long_beginning_{k}_and_a_very_long_end_of_the_name") for k in "xy"]
+    text = printed(result([(c, answer(c)) for c in curves], COMMAND), 80)
+    rows = [line for line in text.splitlines() if line.startswith("a_")]
+    assert len(set(rows)) >= 2
+    assert "…" not in "".join(rows)
+
+
+def test_table_chooses_one_unit():
+    curve = bubble()
+    soft = result([(curve, answer(curve, 310.0)), (curve, answer(curve, 95.0))], COMMAND)
+    assert wording.modulus_unit(soft) == (1.0, "Pa")
+    assert wording.modulus_unit(result([(curve, answer(curve, 310.0)), (curve, answer(curve, 5e3))], COMMAND)) == (
+        1e-3,
+        "kPa",
+    )
+    assert "310" in printed(soft, 80)
+
+
+def test_table_prints_markup_as_it_stands(pairs):
+    curve = bubble("[red]x[/red]")
+    assert "[red]x[/red]" in printed(result([(curve, answer(curve))], COMMAND), 80)
+
+
+def test_csv_has_a_line_per_curve(pairs, tmp_path):
+    table.write_csv(tmp_path / "r.csv", result(pairs, COMMAND))
+    with (tmp_path / "r.csv").open(newline="", encoding="utf-8") as file:
+        rows = list(csv.DictReader(file))
+    assert [row["name"] for row in rows] == ["shot[1]", "shot[2]", "shot[3]"]
+    assert float(rows[0]["shear_modulus_Pa"]) == pytest.approx(6100.0)
+    assert rows[0]["shear_modulus_Pa_q05"] == ""
+    assert rows[0]["collapses"] == "2"
+    assert rows[2]["shear_modulus_Pa"] == ""
+    assert rows[2]["verdict"] == "failed"
+
+
+# --- pictures --------------------------------------------------------------------------------------------------------
+
+
+def drawn(axes, label):
+    (line,) = [line for line in axes.lines if line.get_label() == label]
+    return line.get_xydata()
+
+
+def test_picture_shows_measurement_answer_and_residual(pairs):
+    curve, posterior = pairs[0]
+    figure = picture.curve_figure(curve, posterior)
+    upper, lower = figure.axes
+    measured, outside = drawn(upper, "measured"), drawn(upper, "measured, not compared")
+    assert np.isfinite(measured[:, 1]).sum() == 60
+    assert np.isfinite(measured[:, 1]).sum() + np.isfinite(outside[:, 1]).sum() == np.isfinite(curve.radius).sum()
+    simulated = drawn(upper, "simulation of the answer")
+    assert simulated[:, 1] == pytest.approx(posterior.checks.reconstruction_radius * 1e6)
+    assert simulated[0, 0] == pytest.approx((posterior.checks.reconstruction_time[0] - curve.time_of_max) * 1e6)
+    points = max((line.get_xydata() for line in lower.lines), key=len)
+    assert points[:, 1] == pytest.approx(100.0 * posterior.checks.residual_over_rmax)
+    words = " ".join(text.get_text() for text in figure.texts)
+    for part in ("shot[1]", "G = 6.10 kPa", "µ = 0.0210 Pa s", "λ = 9.10", "ok"):
+        assert part in words
+
+
+def test_picture_of_a_failed_curve_has_points_and_reason_but_no_line():
+    curve = bubble()
+    figure = picture.curve_figure(curve, unanswered("the recording is too short"))
+    (axes,) = figure.axes
+    assert all(line.get_linestyle() == "None" for line in axes.lines)
+    assert "the recording is too short" in [text.get_text() for text in figure.texts]
+    nothing = picture.curve_figure(empty(), unanswered())
+    assert not nothing.axes[0].lines
+
+
+def test_picture_without_scale_gives_no_micrometres():
+    curve = bubble(no_scale="in pixels", time_over_max_radius=True)
+    (axes,) = picture.curve_figure(curve, unanswered("no scale")).axes
+    assert "µ" not in axes.get_ylabel() + axes.get_xlabel()
+
+
+def test_picture_of_a_group_holds_each_answered_shot(pairs):
+    group = result(pairs, COMMAND).groups[0]
+    figure = picture.group_figure(pairs, group)
+    left, right, *_ = figure.axes
+    assert len(left.lines) == 2
+    assert left.lines[0].get_ydata()[np.isfinite(left.lines[0].get_ydata())].max() == pytest.approx(1.0, abs=0.02)
+    means = [c for c in right.containers if c.get_label() == "mean ± std"]
+    assert means[0][0].get_xydata()[0] == pytest.approx([7.1, 0.028])
+    assert "2 shots, 1 failed" in figure.texts[0].get_text()
+
+
+def test_group_picture_of_a_fluid_has_no_modulus():
+    curves = [bubble(top=2e-4), bubble("shot[2]", top=3e-4)]
+    pairs = [(c, answer(c, mu=m, material="newtonian")) for c, m in zip(curves, (0.04, 0.05), strict=True)]
+    _, right, *_ = picture.group_figure(pairs, result(pairs, COMMAND).groups[0]).axes
+    assert "G" not in right.get_xlabel()
+
+
+def test_png_and_svg(pairs, tmp_path):
+    figure = picture.curve_figure(*pairs[0])
+    picture.save_png(tmp_path / "a.png", figure, dpi=100)
+    head = (tmp_path / "a.png").read_bytes()[:24]
+    assert head[:8] == b"\x89PNG\r\n\x1a\n"
+    assert int.from_bytes(head[16:20], "big") == 720
+    one = picture.svg(figure, "one")
+    ET.fromstring(one)
+    assert one == picture.svg(figure, "one")  # the same bytes each time
+    assert "shot[1]" in one  # text stays text
+    bare = picture.svg(figure, "one", header=False)
+    assert "shot[1]" not in bare
+    assert picture.svg(figure, "one") == one  # and nothing stays hidden
+    ids = [set(re.findall(r' id="([^"]+)"', picture.svg(figure, name))) for name in ("one", "two")]
+    assert ids[0]
+    assert not ids[0] & ids[1]
+
+
+def test_names_are_never_read_as_mathematics(tmp_path):
+    curve = bubble(r"$x_{$ \frac <b> & [red]", group="$y_{$")
+    pairs = [(curve, answer(curve)), (curve, answer(curve, 7e3))]
+    picture.save_png(tmp_path / "a.png", picture.curve_figure(curve, answer(curve, message="$a$")), dpi=60)
+    ET.fromstring(picture.svg(picture.group_figure(pairs, result(pairs, COMMAND).groups[0]), "g"))
+
+
+def test_long_recording_stays_a_small_svg():
+    curve = bubble(frames=6000)
+    assert len(picture.svg(picture.curve_figure(curve, answer(curve)), "a")) < 150_000
+
+
+# --- the report ------------------------------------------------------------------------------------------------------
+
+
+class Page(HTMLParser):
+    """Collects ids, tags and text, and holds that tags close in order."""
+
+    VOID = ("meta", "br")
+
+    def __init__(self, text):
+        super().__init__()
+        self.open, self.ids, self.tags, self.attributes, self.text = [], [], set(), [], []
+        self.feed(text)
+        assert not self.open, f"left open: {self.open}"
+
+    def handle_starttag(self, tag, attrs):
+        self.tags.add(tag)
+        self.attributes += attrs
+        self.ids += [value for key, value in attrs if key == "id"]
+        if tag not in self.VOID:
+            self.open.append(tag)
+
+    def handle_startendtag(self, tag, attrs):
+        self.handle_starttag(tag, attrs)
+        if tag not in self.VOID:
+            self.open.pop()
+
+    def handle_endtag(self, tag):
+        assert self.open.pop() == tag
+
+    def handle_data(self, data):
+        self.text.append(data)
+
+
+def test_report_is_one_sound_file_that_asks_for_nothing(pairs, tmp_path):
+    write_report(tmp_path, pairs, COMMAND, pictures=())
+    text = (tmp_path / "report.html").read_text(encoding="utf-8")
+    page = Page(text)
+    assert len(page.ids) == len(set(page.ids))
+    assert not page.tags & {"script", "link", "iframe", "object"}
+    targets = [value for key, value in page.attributes if key in ("src", "href", "xlink:href")]
+    assert all(target.startswith(("#", "data:")) for target in targets)
+    assert {target[1:] for target in targets if target.startswith("#")} <= set(page.ids)
+    assert "url(http" not in text
+    assert "@import" not in text
+    shown = " ".join(" ".join(page.text).split())
+    for part in (COMMAND, "7.1 ± 1.4", "6.10", "0.0210", "does not fit", "cell 3 of 5 is empty", "no interval"):
+        assert part in shown
+    assert sum(tag == "svg" for tag in re.findall(r"<(\w+)", text)) == 4  # three curves and their group
+
+
+def test_report_escapes_everything_from_outside(tmp_path):
+    evil = '"><script>alert(1)</script><img src=x onerror=y>&{0}'
+    curve = bubble(evil, group=evil, source=evil, notes=(evil,))
+    posterior = replace(
+        answer(curve, verdict="model_does_not_fit", message=evil, material=evil), provenance={evil: evil}
+    )
+    posterior = replace(posterior, names=(*NAMES[1:], evil), theta=np.array([[-2.0, 1.0]]))
+    write_report(
+        tmp_path, [(curve, posterior), (empty(evil, evil, evil), unanswered(evil))], evil, ("png", "svg"), date=evil
+    )
+    page = Page((tmp_path / "report.html").read_text(encoding="utf-8"))
+    assert not page.tags & {"script", "img"}
+    assert evil in "".join(page.text)
+    assert not [key for key, _ in page.attributes if key.startswith("on")]
+
+
+def test_report_states_intervals_only_where_they_are(tmp_path):
+    curve = bubble()
+    write_report(tmp_path, [(curve, answer(curve, draws=400))], COMMAND, ())
+    text = (tmp_path / "report.html").read_text(encoding="utf-8")
+    assert "central 90 %" in text
+    assert "none is shown" not in text
+
+
+def test_write_report_names_files_safely_and_apart(tmp_path):
+    names = ["../../etc/x[1]", "..", "a b", "A b", "report"]
+    pairs = [(c := bubble(name), answer(c)) for name in names]
+    written = write_report(tmp_path / "new" / "out", pairs, COMMAND, date="2025-01-02")
+    files = {path.name for path in (tmp_path / "new" / "out").iterdir()}
+    assert files == {
+        "result.json", "result.csv", "report.html", "etc_x_1.png", "curve.png", "a_b.png", "A_b-2.png", "report-2.png",
+    }  # fmt: skip
+    assert read_json(tmp_path / "new" / "out" / "result.json") == written
+    assert list(tmp_path.iterdir()) == [tmp_path / "new"]
+
+
+def test_without_matplotlib_the_report_says_so(pairs, tmp_path, monkeypatch):
+    monkeypatch.setattr(picture, "available", lambda: False)
+    written = write_report(tmp_path, pairs, COMMAND)
+    assert {path.name for path in tmp_path.iterdir()} == {"result.json", "result.csv", "report.html"}
+    assert 'pip install "cavirheo[plot]"' in written.notes[0]
+    assert "cavirheo[plot]" in (tmp_path / "report.html").read_text(encoding="utf-8")
+    assert "cavirheo[plot]" in printed(written, 100)
+    with pytest.raises(InputError, match=r"cavirheo\[plot\]"):
+        picture.curve_figure(*pairs[0])
+
+
+def test_write_report_refuses_what_it_cannot_do(pairs, tmp_path):
+    with pytest.raises(InputError, match="'gif'"):
+        write_report(tmp_path, pairs, COMMAND, ("gif",))
+    (tmp_path / "file").write_text("x")
+    with pytest.raises(InputError, match="cannot write"):
+        write_report(tmp_path / "file", pairs, COMMAND, ())
+
+
+def test_a_run_without_curves_is_a_page_too():
+    Page(html.render(result([], COMMAND), {}, {}))
+
+
+def test_importing_the_room_is_cheap():
+    heavy = "matplotlib", "rich", "scipy", "numba"
+    code = f"import sys, cavirheo.reporting; print([name for name in {heavy} if name in sys.modules])"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == "[]"
