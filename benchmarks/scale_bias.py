@@ -55,14 +55,15 @@ def main() -> None:
         failed = [a for a in answers if a.checks.verdict == "failed"]
         found = np.array([a.theta[0] if len(a.theta) else (np.nan, np.nan) for a in answers])
         error = found - truth[:, :2]
-        print("corrected at the true scale" if correct else "network alone, equal Ca and Re", f"({len(failed)} failed)")
-        print("  R_max um    median bias log10 mu   log10 G   median |error| log10 mu   log10 G")
+        way = "corrected at the true scale (default)" if correct else "network alone, equal Ca and Re"
+        print(f"\n{way}, {len(failed)} failed\n")
+        print("| R_max um | bias log10 mu | bias log10 G | abs. error log10 mu | abs. error log10 G |")
+        print("|---|---|---|---|---|")
         for part in np.array_split(order, 3):
             bias, spread = np.nanmedian(error[part], axis=0), np.nanmedian(np.abs(error[part]), axis=0)
             low, high = truth[part, 3].min() * 1e6, truth[part, 3].max() * 1e6
-            print(
-                f"  {low:3.0f}-{high:3.0f}     {bias[1]:+.3f}                {bias[0]:+.3f}    {spread[1]:.3f}                   {spread[0]:.3f}"
-            )
+            numbers = " | ".join(f"{value:+.3f}" for value in (bias[1], bias[0], spread[1], spread[0]))
+            print(f"| {low:.0f}-{high:.0f} | {numbers} |")
         for reason in sorted({a.checks.message for a in failed}):
             print("  failed:", reason)
 

@@ -50,7 +50,9 @@ def test_imports_run_one_way(path):
 
 
 def test_only_training_names_torch():
-    offenders = [p for p in SOURCE.rglob("*.py") if "training" not in p.parts and "import torch" in p.read_text("utf-8")]
+    offenders = [
+        p for p in SOURCE.rglob("*.py") if "training" not in p.parts and "import torch" in p.read_text("utf-8")
+    ]
     assert offenders == []
 
 

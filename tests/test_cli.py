@@ -70,6 +70,16 @@ def test_options_reach_the_answer(run, tmp_path):
     assert any("R_max set to 200 um" in note for note in bigger["notes"])
 
 
+def test_single_shot_files_of_a_folder_are_one_group(run, tmp_path):
+    (tmp_path / "gel").mkdir()
+    for k, curve in enumerate(read_curves(EXAMPLE)[:3]):
+        write_csv(tmp_path / "gel" / f"shot{k}.csv", curve)
+    status, _, err = run("infer", *sorted((tmp_path / "gel").glob("*.csv")), EXAMPLE, "-o", "r")
+    assert status == 0, err
+    groups = json.loads((tmp_path / "r" / "result.json").read_text())["groups"]
+    assert [(g["name"], g["n"]) for g in groups] == [("gel", 3), ("soft_gel", 5)]
+
+
 def few(n: int) -> str:
     return "time_us,radius_um\n" + "".join(f"{k},{100 + k}\n" for k in range(n))
 

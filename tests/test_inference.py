@@ -186,7 +186,7 @@ def test_the_shipped_model_is_what_its_card_says():
 
 
 def test_published_alginate_shots(real_data):
-    """PAAm 12 % - alginate 0.3 %: published IMR 6.44 +- 1.64 kPa and 0.020 +- 0.009 Pa s (mean +- std of five shots)."""
+    """PAAm 12 % - alginate 0.3 %, five shots: published IMR 6.44 +- 1.64 kPa and 0.020 +- 0.009 Pa s."""
     (file,) = (real_data / "paam_alginate_0p3").glob("*.mat")
     answers = infer_many(read_curves(file))
     G = [a.median("shear_modulus") for a in answers]

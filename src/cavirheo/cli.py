@@ -125,7 +125,7 @@ def _read(files: list[Path], medium: Medium, rmax_um: float | None) -> tuple[lis
 
     if rmax_um is not None and not 0 < rmax_um < 1e5:
         raise InputError(f"--rmax-um must be a radius in micrometres, got {rmax_um!r}")
-    curves: list[RadiusCurve] = []
+    groups: list[list[RadiusCurve]] = []
     unreadable = 0
     for path in files:
         try:
@@ -134,14 +134,22 @@ def _read(files: list[Path], medium: Medium, rmax_um: float | None) -> tuple[lis
             print(f"error: {error}", file=sys.stderr)
             unreadable += 1
             continue
-        for curve in found:
-            try:
-                curves.append(curve if rmax_um is None else curve.with_max_radius(rmax_um * 1e-6))
-            except InputError:  # without a maximum there is nothing to scale; the answer will say why
-                curves.append(curve)
-    if not curves:
+        groups.append(found if rmax_um is None else [_scaled(curve, rmax_um * 1e-6) for curve in found])
+    if not groups:
         raise InputError("no curve could be read")
-    return curves, unreadable
+    folders = [Path(curves[0].meta["source"]).resolve().parent for curves in groups if len(curves) == 1]
+    for k, curves in enumerate(groups):  # single-shot files of one folder are the shots of one material
+        folder = Path(curves[0].meta["source"]).resolve().parent
+        if len(curves) == 1 and folders.count(folder) > 1:
+            groups[k] = [curves[0].with_group(folder.name, str(folder))]
+    return [curve for curves in groups for curve in curves], unreadable
+
+
+def _scaled(curve: RadiusCurve, max_radius: float) -> RadiusCurve:
+    try:
+        return curve.with_max_radius(max_radius)
+    except InputError:  # without a maximum there is nothing to scale; the answer will say why
+        return curve
 
 
 @app.command()

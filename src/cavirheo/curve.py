@@ -131,14 +131,27 @@ class RadiusCurve:
         radius = self._after_max[1].copy()
         for i in spikes(radius, _SPIKE * radius[0]):
             radius[i] = max(radius[i - 1], radius[i + 1])
-        # Third differences cancel the motion except at the few collapses: their median absolute value is noise.
-        noise = 1.4826 * np.median(np.abs(np.diff(radius[1:], 3))) / np.sqrt(20.0) if len(radius) > 8 else 0.0
         smallest = _SMALLEST_REBOUND * radius[0]
-        return turning_points(radius, float(np.clip(6.0 * noise, smallest, 4.0 * smallest)))
+        return turning_points(radius, float(np.clip(6.0 * self.noise, smallest, 4.0 * smallest)))
+
+    @cached_property
+    def noise(self) -> float:
+        """Standard deviation of the radius noise from frame to frame after R_max, m; 0 below 9 frames.
+
+        From third differences, which cancel the motion except at the few collapses, by their median absolute value.
+        """
+        radius = self._after_max[1]
+        if len(radius) < 9:
+            return 0.0
+        return float(1.4826 * np.median(np.abs(np.diff(radius[1:], 3))) / np.sqrt(20.0))
 
     def with_notes(self, *notes: str) -> RadiusCurve:
         """The same curve with more notes."""
         return replace(self, meta={**self.meta, "notes": self.notes + notes})
+
+    def with_group(self, name: str, source: str) -> RadiusCurve:
+        """The same curve as a shot of another group; `source` is the file or folder that the group stands for."""
+        return replace(self, meta={**self.meta, "group": name, "group_source": source})
 
     def with_max_radius(self, max_radius: float) -> RadiusCurve:
         """The curve scaled so that its fitted maximum is `max_radius` (m): for pixels, or a scale known better.

@@ -57,6 +57,7 @@ class CurveRecord(_Model):
     name: str
     source: str
     group: str
+    group_source: str  # the file or folder whose shots form the group
     max_radius_m: float | None
     time_of_max_s: float | None
     strain_rate_per_s: float | None
@@ -169,6 +170,7 @@ def curve_record(curve: RadiusCurve, posterior: Posterior) -> CurveRecord:
         name=curve.name,
         source=str(curve.meta.get("source", "")),
         group=str(curve.meta.get("group", curve.name)),
+        group_source=str(curve.meta.get("group_source", curve.meta.get("source", ""))),
         max_radius_m=_measured(curve, "max_radius"),
         time_of_max_s=_measured(curve, "time_of_max"),
         strain_rate_per_s=_measured(curve, "strain_rate"),
@@ -194,7 +196,7 @@ def _members(curves: Sequence[CurveRecord]) -> dict[tuple[str, str], list[int]]:
     """Indices of the curves of each group; two files of one name in different folders are two groups."""
     found: dict[tuple[str, str], list[int]] = {}
     for index, record in enumerate(curves):
-        found.setdefault((record.group, record.source), []).append(index)
+        found.setdefault((record.group, record.group_source), []).append(index)
     return found
 
 
