@@ -42,8 +42,8 @@ from cavirheo.physics.simulate import simulate
 from cavirheo.posterior import Checks, Posterior, Verdict
 from cavirheo.problem import UNITS, natural_name
 
-ITERATIONS = 15
-NOISE_DRAWS = 8
+ITERATIONS = 12
+NOISE_DRAWS = 4
 STRETCH_SETTLED = 0.003  # relative change of the stretch in the last iteration
 PATIENCE = 4  # iterations without a nearer summary
 CONVERGED = 0.005  # largest difference of the two summaries, decades
