@@ -101,7 +101,12 @@ def _finished(
     except InputError:
         return curve
     growth = int(((curve.time < start) & (curve.radius > 0)).sum())
-    notes = [f"{growth} measured frames before R_max (growth)"] if growth else []
+    notes = [
+        f"{growth} measured frames before R_max (growth)"
+        if growth
+        else "no growth recorded: R_max is taken to be where the file says or at the first frame; "
+        "if the recording began later, R_max is larger and G smaller than found"
+    ]
     if spikes:
         notes.append(f"{len(spikes)} single frames stand out by more than 20 % of R_max; kept, but probably wrong")
     warning = curve.scale_warning(density, pressure)
