@@ -59,7 +59,7 @@ def _solver_ready() -> Iterator[None]:
     """Load the compiled solver; tell the user if that takes long because it is compiled for the first time."""
     said = threading.Timer(
         2.0,
-        lambda: print("compiling the bubble solver for this machine, once (about half a minute) ...", file=sys.stderr),
+        lambda: print("compiling the bubble solver for this machine, once (10 to 30 s) ...", file=sys.stderr),
     )
     said.start()
     try:
