@@ -22,9 +22,26 @@ if TYPE_CHECKING:
     from cavirheo.physics.media import Medium
 
 app = typer.Typer(
-    help="Material properties of soft matter from the radius history R(t) of a laser-made bubble.",
     no_args_is_help=True, add_completion=False, pretty_exceptions_enable=False, rich_markup_mode=None,
 )  # fmt: skip
+
+
+def _show_version(wanted: bool) -> None:
+    if wanted:
+        from importlib.metadata import version
+
+        print(f"cavirheo {version('cavirheo')}")
+        raise typer.Exit
+
+
+@app.callback()
+def _options(
+    version: Annotated[
+        bool, typer.Option("--version", help="show the version and exit", is_eager=True, callback=_show_version)
+    ] = False,
+) -> None:
+    """Material properties of soft matter from the radius history R(t) of a laser-made bubble."""
+
 
 Out = Annotated[Path, typer.Option("-o", "--out", help="folder for the results")]
 MediumName = Annotated[str, typer.Option("--medium", help="named constants: water, bu2026, estrada2018, ...")]
@@ -281,21 +298,19 @@ def evaluate(
 @app.command()
 def models() -> None:
     """The shipped models: what they answer, for which materials and ranges, and how well."""
-    from rich.console import Console
-    from rich.table import Table
-
     from cavirheo.inference.model import card, shipped
 
-    table = Table("name", "material", "answers (trained range)", "R2 of log10, test curves", "trained on")
     for name, path in shipped().items():
         about = card(path)
-        prior, metrics = about["problem"]["prior"], about["metrics"]
-        names = [output["name"] for output in about["outputs"]]
-        ranges = "\n".join(f"{n} {prior[n][0]:g} to {prior[n][1]:g}" for n in names)
-        scores = "\n".join(f"{metrics[n]['r2']:.4f}" for n in names)
-        epochs, curves = about["training"]["best_epoch"], about["data"]["train"]
-        table.add_row(name, about["material"], ranges, scores, f"{curves} curves\nepoch {epochs}")
-    Console().print(table)
+        print(f"{name}: {about['material']}, one value each without an interval" if about["kind"] == "point" else name)
+        for output in about["outputs"]:
+            low, high = about["problem"]["prior"][output["name"]]
+            if output["scale"] == "log10":
+                low, high = 10**low, 10**high
+            score = about["metrics"][output["name"]]["r2"]
+            what = f"{output['name'].removeprefix('log10_')} {low:g} to {high:g} {output['unit']}"
+            print(f"  {what:40s} R2 {score:.4f} ({output['scale']} scale, {about['data']['test']} test curves)")
+        print(f"  trained on {about['data']['train']} curves, {about['date']}; card: {path.with_suffix('.json')}")
 
 
 def main() -> None:
