@@ -4,9 +4,9 @@
 
 Draws G, mu and lambda from the training prior and R_max uniformly from 60-450 um, films each shot at 1 Mfps from the
 maximum on, and reports the bias of log10 mu and log10 G in three terciles of R_max: for the network's answer
-scaled at equal Cauchy and Reynolds numbers, and for the answer corrected at the true scale (the default). First it shows
-what is at stake without any network: curves of one R_max fitted (least squares in G, mu, lambda at equal Ca and Re) as
-if they were of 245 um.
+scaled at equal Cauchy and Reynolds numbers, and for the answer corrected at the true scale (the default). First it
+shows what is at stake without any network: curves of one R_max fitted (least squares in G, mu, lambda at equal Ca and
+Re) as if they were of 245 um.
 """
 
 from __future__ import annotations
