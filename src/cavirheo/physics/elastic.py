@@ -262,6 +262,8 @@ class Ogden(Elastic):
     exponents: tuple[float, ...]
 
     def __post_init__(self) -> None:
+        for name in ("moduli", "exponents"):  # lists are welcome, but could not be the key of a kept table
+            object.__setattr__(self, name, tuple(getattr(self, name)))
         if len(self.moduli) != len(self.exponents) or not self.moduli:
             raise InputError(f"as many moduli as exponents, at least one, got {self.moduli} and {self.exponents}")
         for modulus, exponent in zip(self.moduli, self.exponents, strict=True):
@@ -295,6 +297,7 @@ class StrainEnergy(Elastic):
     energy: Callable[[Any, Any, Any], Any]
 
     def _derivative(self, b: Floats) -> Floats:
+        """dWhat/db."""
         c = b + 1e-30j
         try:
             return np.broadcast_to(np.imag(self.energy(c**-2, c, c)) / 1e-30, b.shape)
