@@ -85,7 +85,8 @@ def main() -> None:
         )
         errors.append(np.abs(run - t).max())
         times.append(ms)
-    show("field's standard: 500 uniform nodes, BDF", errors, times)
+    if times:
+        show("field's standard: 500 uniform nodes, BDF", errors, times)
     if options.reference.is_file():
         data = np.load(options.reference)
         c = json.loads(str(data["conditions"]))
