@@ -1,7 +1,7 @@
-"""Constitutive laws of the material around the bubble.
+"""Constitutive laws of the material around the bubble: an elastic part beside a viscous part.
 
-Every instantaneous elastic law enters the bubble equation as one function of one number, S_el(L) with L = R/R_0
-(docs/physics.md, section 4); here the closed forms. A law is a frozen dataclass whose fields are its parameters in SI.
+The parts combine freely, `Viscoelastic(Gent(2e3, 40.0), CarreauYasuda(0.5, 0.01, 1e-4, 0.4))`, and each is a material
+by itself. The solver sees two tables and does not know which laws they hold (docs/physics.md, section 4).
 """
 
 from __future__ import annotations
@@ -10,37 +10,35 @@ from dataclasses import dataclass, fields
 from typing import ClassVar, Protocol, runtime_checkable
 
 from cavirheo.errors import InputError
+from cavirheo.physics.elastic import Elastic, NeoHookean, Quadratic
+from cavirheo.physics.viscous import Newtonian, Viscous
 
 
 @runtime_checkable
 class Material(Protocol):
-    """What the solver needs of a law: a quadratic Kelvin-Voigt triple (G Pa, mu Pa s, alpha)."""
-
-    name: ClassVar[str]
+    """What the solver needs: the two parts of the stress, None for one that is absent."""
 
     @property
-    def coefficients(self) -> tuple[float, float, float]: ...
+    def name(self) -> str: ...
 
+    @property
+    def elastic(self) -> Elastic | None: ...
 
-def _not_negative(**values: float) -> None:
-    for name, value in values.items():
-        if not (value >= 0 and value < float("inf")):
-            raise InputError(f"{name} must be finite and not negative, got {value!r}")
+    @property
+    def viscous(self) -> Viscous | None: ...
 
 
 @dataclass(frozen=True)
-class Newtonian:
-    """A viscous fluid; viscosity in Pa s."""
+class Viscoelastic:
+    """Kelvin-Voigt solid of any elastic and any viscous law; their stresses add."""
 
-    viscosity: float
-    name: ClassVar[str] = "newtonian"
+    elastic: Elastic
+    viscous: Viscous
+    name: ClassVar[str] = "viscoelastic"
 
     def __post_init__(self) -> None:
-        _not_negative(viscosity=self.viscosity)
-
-    @property
-    def coefficients(self) -> tuple[float, float, float]:
-        return 0.0, self.viscosity, 0.0
+        if not isinstance(self.elastic, Elastic) or not isinstance(self.viscous, Viscous):
+            raise InputError(f"an elastic and a viscous law, in this order; got {self.elastic!r} and {self.viscous!r}")
 
 
 @dataclass(frozen=True)
@@ -55,11 +53,15 @@ class NeoHookeanKelvinVoigt:
     name: ClassVar[str] = "nhkv"
 
     def __post_init__(self) -> None:
-        _not_negative(shear_modulus=self.shear_modulus, viscosity=self.viscosity)
+        _ = self.elastic, self.viscous  # which check their parameters
 
     @property
-    def coefficients(self) -> tuple[float, float, float]:
-        return self.shear_modulus, self.viscosity, 0.0
+    def elastic(self) -> Elastic:
+        return NeoHookean(self.shear_modulus)
+
+    @property
+    def viscous(self) -> Viscous:
+        return Newtonian(self.viscosity)
 
 
 @dataclass(frozen=True)
@@ -75,11 +77,15 @@ class QuadraticKelvinVoigt:
     name: ClassVar[str] = "qkv"
 
     def __post_init__(self) -> None:
-        _not_negative(shear_modulus=self.shear_modulus, viscosity=self.viscosity, stiffening=self.stiffening)
+        _ = self.elastic, self.viscous  # which check their parameters
 
     @property
-    def coefficients(self) -> tuple[float, float, float]:
-        return self.shear_modulus, self.viscosity, self.stiffening
+    def elastic(self) -> Elastic:
+        return Quadratic(self.shear_modulus, self.stiffening)
+
+    @property
+    def viscous(self) -> Viscous:
+        return Newtonian(self.viscosity)
 
 
 MATERIALS: dict[str, type] = {m.name: m for m in (Newtonian, NeoHookeanKelvinVoigt, QuadraticKelvinVoigt)}

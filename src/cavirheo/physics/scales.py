@@ -7,9 +7,12 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
+import numpy as np
+
 from cavirheo.errors import InputError
 from cavirheo.physics.materials import Material
 from cavirheo.physics.media import Medium
+from cavirheo.physics.table import Floats, scaled
 
 
 class Numbers(NamedTuple):
@@ -17,9 +20,6 @@ class Numbers(NamedTuple):
 
     C: float  # c/U_c
     We: float  # p_inf R_max/(2 gamma); infinite without surface tension
-    inverse_Ca: float  # G/p_inf
-    inverse_Re: float  # mu U_c/(p_inf R_max)
-    alpha: float  # strain stiffening of the quadratic law
     stretch: float  # lambda = R_max/R_0
     Fo: float  # D/(U_c R_max), mass Fourier number
     chi: float  # T_inf K_inf/(p_inf R_max U_c)
@@ -27,6 +27,12 @@ class Numbers(NamedTuple):
     B: float  # B/K_inf = 1 - A
     pv: float  # vapour pressure/p_inf
     kappa: float
+    elastic: Floats  # (n, 7) table of S_el/p_inf over R/R_0 (physics/table.py)
+    viscous: Floats  # (m, 7) table of S_v/p_inf over t_c U/R, for U >= 0
+
+
+_ABSENT = np.zeros((2, 7))  # no stress at all, at any stretch or rate
+_ABSENT[1, 0] = np.inf
 
 
 def dimensionless(material: Material, medium: Medium, max_radius: float, stretch: float) -> Numbers:
@@ -44,14 +50,12 @@ def dimensionless(material: Material, medium: Medium, max_radius: float, stretch
     U_c = medium.velocity_scale
     K_inf = medium.conductivity_slope * medium.temperature + medium.conductivity_intercept
     p = medium.pressure
-    shear_modulus, viscosity, alpha = material.coefficients
+    elastic = material.elastic.table() if material.elastic else _ABSENT
+    viscous = material.viscous.table() if material.viscous else _ABSENT
     A = medium.conductivity_slope * medium.temperature / K_inf
     fields = dict(
         C=medium.sound_speed / U_c,
         We=p * max_radius / (2 * medium.surface_tension) if medium.surface_tension else float("inf"),
-        inverse_Ca=shear_modulus / p,
-        inverse_Re=viscosity * U_c / (p * max_radius),
-        alpha=alpha,
         stretch=stretch,
         Fo=medium.diffusivity / (U_c * max_radius),
         chi=medium.temperature * K_inf / (p * max_radius * U_c),
@@ -60,4 +64,8 @@ def dimensionless(material: Material, medium: Medium, max_radius: float, stretch
         pv=medium.vapour_pressure / p,
         kappa=medium.adiabatic_index,
     )
-    return Numbers(**{name: float(value) for name, value in fields.items()})  # ints would compile the solver anew
+    return Numbers(
+        **{name: float(value) for name, value in fields.items()},  # ints would compile the solver anew
+        elastic=scaled(elastic, 1.0, 1 / p),
+        viscous=scaled(viscous, max_radius / U_c, 1 / p),
+    )

@@ -81,7 +81,12 @@ def simulate(
     )  # fmt: skip
     status = "ok"
     if code != solver.OK:
-        why = f"more than {MAX_STEPS} steps" if code == solver.TOO_MANY_STEPS else "the step size went to zero"
+        low, high = numbers.elastic[[0, -1], 0]
+        why = {
+            solver.TOO_MANY_STEPS: f"more than {MAX_STEPS} steps",
+            solver.STEP_TOO_SMALL: "the step size went to zero",
+            solver.OUTSIDE_LAW: f"R/R_0 left the range {low:.4g} to {high:.4g} of {material.elastic}",
+        }[code]
         where = f"t = {stats[3] * t_c * 1e6:.4g} us, R/R_max = {stats[4]:.3g}"
         status = f"{why} at {where}, with {material} and stretch {stretch:.4g}"
         if throw:

@@ -9,11 +9,9 @@ round-off: in each shell i of the grid
 and R, U = R', P = p R^3. With mole fractions and the mole-averaged velocity v the contents obey
 
     n_t + div(n v) = 0,  [n (1-x)]_t + div(n (1-x) v + Fo n grad x) = 0,
-    v = [(kappa-1) chi theta'/R - y R p'/3]/(kappa p),     theta the Kirchhoff temperature,
-    p' = (3/R)[-kappa p U + (kappa-1) chi theta'(1)/R - kappa p Fo z/R],  z = (1-x)'(1)/(1-x(1)),  x(1) = p_v/p,
 
-which is the system of Estrada et al. 2018 (doi:10.1016/j.jmps.2017.12.006) rewritten without approximation
-(docs/physics.md, section 3.2).
+v and p' from docs/physics.md (3.7) and (3.8): the system of Estrada et al. 2018 (doi:10.1016/j.jmps.2017.12.006)
+rewritten without approximation. The laws of the material are two tables (physics/table.py).
 
 The Jacobian is analytic: a block-tridiagonal part (2x2 lower-triangular blocks) with a border of five unknowns R, U,
 P, p', z, so one linear solve costs O(cells). Every function that is compiled for the solver lives in this one file,
@@ -27,24 +25,42 @@ import math
 import numpy as np
 from numba import njit
 
-OK, TOO_MANY_STEPS, STEP_TOO_SMALL = 0, 1, 2
+OK, TOO_MANY_STEPS, STEP_TOO_SMALL, OUTSIDE_LAW = 0, 1, 2, 3
 # No fastmath: it gains 7 % and makes the last bits depend on where in memory the arrays lie.
 _compiled = njit(cache=True, nogil=True, error_model="numpy")
 
 
 @_compiled
-def elastic(L, alpha):  # type: ignore[no-untyped-def]
-    """Ca S_el and its first two logarithmic derivatives in L = R/R_0: quadratic law; alpha = 0 is neo-Hookean."""
-    q = 1 / L
-    q2 = q * q
-    q4 = q2 * q2
-    q5 = q4 * q
-    q8 = q4 * q4
-    b = 3 * alpha - 1
-    S = b * (5 - 4 * q - q4) / 2 + 2 * alpha * (27 / 40 + q8 / 8 + q5 / 5 + q2 - 2 * L)
-    S1 = 2 * b * (q + q4) - 2 * alpha * (q8 + q5 + 2 * q2 + 2 * L)
-    S2 = -2 * b * (q + 4 * q4) + 2 * alpha * (8 * q8 + 5 * q5 + 4 * q2 - 2 * L)
-    return S, S1, S2
+def look_up(table, x):  # type: ignore[no-untyped-def]
+    """f(x), f'(x), f''(x) from the one quintic of physics/table.py that holds x; NaN outside the table."""
+    low, count = 0, table.shape[0] - 1
+    if not table[0, 0] <= x <= table[count, 0]:
+        return math.nan, math.nan, math.nan
+    while count > 1:  # x is in one of `count` rows from `low`
+        half = count // 2
+        low += half if x >= table[low + half, 0] else 0
+        count -= half
+    t, c = x - table[low, 0], table[low]
+    f0 = c[1] + t * (c[2] + t * (c[3] + t * (c[4] + t * (c[5] + t * c[6]))))
+    f1 = c[2] + t * (2 * c[3] + t * (3 * c[4] + t * (4 * c[5] + t * 5 * c[6])))
+    return f0, f1, 2 * c[3] + t * (6 * c[4] + t * (12 * c[5] + t * 20 * c[6]))
+
+
+@_compiled
+def stress(numbers, R, rate):  # type: ignore[no-untyped-def]
+    """S at radius R and rate g = U/R, and its derivatives dS/dR, d2S/dR2, dS/dg, d2S/dg2."""
+    lam = numbers.stretch
+    E, E1, E2 = look_up(numbers.elastic, R * lam)
+    V, V1, V2 = look_up(numbers.viscous, abs(rate))  # odd in the rate
+    return E + math.copysign(1.0, rate) * V, E1 * lam, E2 * lam * lam, V1, math.copysign(1.0, rate) * V2
+
+
+@_compiled
+def fault(numbers, R, P):  # type: ignore[no-untyped-def]
+    """OK, or why a step to this state must be shorter: it is unphysical, or beyond the reach of the elastic law."""
+    law = numbers.elastic
+    inside = law[0, 0] <= R * numbers.stretch <= law[-1, 0]
+    return STEP_TOO_SMALL if not (R > 0 and P > 0) else OK if inside else OUTSIDE_LAW
 
 
 @_compiled
@@ -66,16 +82,13 @@ def derivatives(y, numbers, grid, theta, gas, F, H, out):  # type: ignore[no-unt
     heat = (kappa - 1) * numbers.chi * (wall[1] * theta[M - 1] + wall[2] * theta[M - 2]) / R
     p_dot = 3 / R * (-kappa * p * U + heat - kappa * p * Fo * z / R)
 
-    S, S1, _ = elastic(R * numbers.stretch, numbers.alpha)
-    S *= numbers.inverse_Ca
-    S1 *= numbers.inverse_Ca
-    dash, C, We = 4 * numbers.inverse_Re, numbers.C, numbers.We
-    rate = U / R
-    push = p - 1 / (We * R) + S - dash * rate - 1
-    push_dot = p_dot + U / (We * R * R) + S1 * rate + dash * rate * rate  # without its R'' part
+    C, We, rate = numbers.C, numbers.We, U / R
+    S, S_R, _, S_g, _ = stress(numbers, R, rate)
+    push = p - 1 / (We * R) + S - 1
+    push_dot = p_dot + U / (We * R * R) + S_R * U - S_g * rate * rate  # without its R'' part
     top = (1 + U / C) * push + R / C * push_dot - 1.5 * (1 - U / (3 * C)) * U * U
     out[2 * M] = U
-    out[2 * M + 1] = top / ((1 - U / C) * R + dash / C)
+    out[2 * M + 1] = top / ((1 - U / C) * R - S_g / C)
     out[2 * M + 2] = R * R * (R * p_dot + 3 * p * U)
 
     drift = (kappa - 1) * numbers.chi / (kappa * p * R)
@@ -116,7 +129,7 @@ def factorise(y, numbers, grid, p_dot, z, shift, blocks, border, schur, pivot): 
     drift = (kappa - 1) * numbers.chi / (kappa * p * R)
     per_rate = R / (3 * kappa * p)
     sweep = per_rate * p_dot + U
-    diffusion = Fo / (R * R)
+    diffusion, rate = Fo / (R * R), U / R
 
     # derivatives of the face fluxes by the inner (l) and outer (r) shell and by the border unknowns
     F_l = F_r = HN_l = HN_r = HG_l = HG_r = 0.0
@@ -214,20 +227,19 @@ def factorise(y, numbers, grid, p_dot, z, shift, blocks, border, schur, pivot): 
     z_p = (wall[0] - z) / gas_wall * numbers.pv / (p * p)
 
     # row of U
-    S, S1, S2 = elastic(R * numbers.stretch, numbers.alpha)
-    S, S1, S2 = S * numbers.inverse_Ca, S1 * numbers.inverse_Ca, S2 * numbers.inverse_Ca
-    dash = 4 * numbers.inverse_Re
-    rate = U / R
-    push = p - 1 / (We * R) + S - dash * rate - 1
-    push_dot = p_dot + U / (We * R * R) + S1 * rate + dash * rate * rate
-    bottom = (1 - U / C) * R + dash / C
+    S, S_R, S_RR, S_g, S_gg = stress(numbers, R, rate)
+    push = p - 1 / (We * R) + S - 1
+    push_dot = p_dot + U / (We * R * R) + S_R * U - S_g * rate * rate
+    bottom = (1 - U / C) * R - S_g / C
     value = ((1 + U / C) * push + R / C * push_dot - 1.5 * (1 - U / (3 * C)) * U * U) / bottom
-    push_R = 1 / (We * R * R) + S1 / R + dash * rate / R
-    dot_R = -2 * U / (We * R * R * R) + (S2 - S1) * rate / R - 2 * dash * rate * rate / R
-    dot_U = 1 / (We * R * R) + S1 / R + 2 * dash * rate / R
+    bend = S_gg * rate * rate + 2 * S_g * rate
+    push_R = 1 / (We * R * R) + S_R - S_g * rate / R
+    dot_R = -2 * U / (We * R * R * R) + S_RR * U + bend * rate / R
+    dot_U = 1 / (We * R * R) + S_R - bend / R
     top_R = (1 + U / C) * push_R + push_dot / C + R / C * dot_R
-    top_U = push / C - (1 + U / C) * dash / R + R / C * dot_U - 3 * U + 1.5 * U * U / C
-    u_R, u_U = (top_R - value * (1 - U / C)) / bottom, (top_U + value * R / C) / bottom
+    top_U = push / C + (1 + U / C) * S_g / R + R / C * dot_U - 3 * U + 1.5 * U * U / C
+    u_R = (top_R - value * (1 - U / C + S_gg * rate / (R * C))) / bottom
+    u_U = (top_U + value * (R + S_gg / R) / C) / bottom
     u_p, u_q = (1 + U / C) / bottom, R / C / bottom
 
     schur[:, :] = 0.0
@@ -309,7 +321,7 @@ def integrate(numbers, grid, A, C, gamma, order, time, rtol, max_steps, radius, 
     """From rest at R = 1 to time[-1]; fills radius, velocity, pressure at `time`, stops filling where it fails.
 
     stats (5,): steps, rejected steps, relative change of the gas in the bubble, time reached, radius there.
-    Returns OK, TOO_MANY_STEPS or STEP_TOO_SMALL.
+    Returns OK, TOO_MANY_STEPS, STEP_TOO_SMALL, or OUTSIDE_LAW if no step stays within the laws of the material.
     """
     M = grid.centre.size
     n, stages = 2 * M + 3, A.shape[0]
@@ -323,10 +335,9 @@ def integrate(numbers, grid, A, C, gamma, order, time, rtol, max_steps, radius, 
     for i in range(M):
         y[i], y[M + i] = p0, p0 - numbers.pv
     y[2 * M], y[2 * M + 1], y[2 * M + 2] = 1.0, 0.0, p0
-    t, h, k = 0.0, 1e-3, 0
-    steps = rejected = 0
-    after_rejection = False
-    status = OK
+    cause = fault(numbers, 1.0, p0)
+    t, h, after_rejection, status = 0.0, 1e-3 if cause == OK else 0.0, False, OK
+    k = steps = rejected = 0
     while k < time.size and time[k] <= 0.0:
         radius[k], velocity[k], pressure[k] = 1.0, 0.0, p0
         k += 1
@@ -336,10 +347,9 @@ def integrate(numbers, grid, A, C, gamma, order, time, rtol, max_steps, radius, 
             status = TOO_MANY_STEPS
             break
         if h < 1e-14 * (1 + t):
-            status = STEP_TOO_SMALL
+            status = OUTSIDE_LAW if cause == OUTSIDE_LAW else STEP_TOO_SMALL
             break
         couplings = factorise(y, numbers, grid, p_dot, z, 1 / (h * gamma), blocks, border, schur, pivot)
-        usable = True
         for s in range(stages):
             v = u[s]
             if s == 0:
@@ -351,8 +361,8 @@ def integrate(numbers, grid, A, C, gamma, order, time, rtol, max_steps, radius, 
                     if a != 0.0:
                         for j in range(n):
                             trial[j] += a * w[j]
-                if not (trial[2 * M] > 0 and trial[2 * M + 2] > 0):
-                    usable = False
+                cause = fault(numbers, trial[2 * M], trial[2 * M + 2])
+                if cause != OK:
                     break
                 derivatives(trial, numbers, grid, theta, gas, F, H, v)
                 for m in range(s):
@@ -360,7 +370,7 @@ def integrate(numbers, grid, A, C, gamma, order, time, rtol, max_steps, radius, 
                     for j in range(n):
                         v[j] += c * w[j]
             back_substitute(v, M, blocks, border, schur, pivot, couplings, b)
-        error = 0.0
+        error, usable = 0.0, cause == OK
         if usable:
             last = u[stages - 1]
             for j in range(n):
@@ -373,7 +383,8 @@ def integrate(numbers, grid, A, C, gamma, order, time, rtol, max_steps, radius, 
             e_R, e_P = last[2 * M] / trial[2 * M], last[2 * M + 2] / trial[2 * M + 2]
             e_U = last[2 * M + 1] / (1 + abs(trial[2 * M + 1]))
             error = math.sqrt((error + e_R * e_R + e_U * e_U + e_P * e_P) / 4) / rtol
-            usable = usable and error < 1e10 and trial[2 * M] > 0 and trial[2 * M + 2] > 0
+            cause = fault(numbers, trial[2 * M], trial[2 * M + 2])
+            usable = usable and error < 1e10 and cause == OK
         if not usable or error > 1:
             rejected += 1
             after_rejection = True

@@ -1,0 +1,124 @@
+"""A function of one number as a chain of quintic polynomials: how the solver is given every law of a material.
+
+The solver needs a stress with its first two derivatives (docs/physics.md, section 4) and must not know the law. A row
+[x, c0 ... c5] of a table holds f(x + t) = c0 + c1 t + ... + c5 t^5 up to the x of the next row; the last row only ends
+the range. Each piece takes value, first and second derivative at both its ends from the law, so the three numbers
+that the solver reads come from one polynomial and its Jacobian is exact. Nodes lie where the law needs them, densely
+before a singularity, so a table is read by bisection.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from cavirheo.errors import InputError
+
+Floats = NDArray[np.float64]
+TOLERANCE = 1e-8  # largest error of the derivative within a piece, relative to its largest value there
+NARROWEST = 1e-8  # of x: a piece as narrow as this is a kink of the law, or the place where the law ends
+LARGEST = 1e100  # a slope beyond counts as infinite
+MOST = 20_000  # pieces
+_POINTS, _WEIGHTS = np.polynomial.legendre.leggauss(20)
+_POINTS, _WEIGHTS = (_POINTS + 1) / 2, _WEIGHTS / 2
+_PROBES = np.array([0.1, 0.3, 0.5, 0.7, 0.9])
+
+
+def hermite(x: Floats, value: Floats, slope: Floats, curvature: Floats) -> Floats:
+    """Table (n, 7) through a function known with two derivatives at the ascending nodes x (n,)."""
+    rows = np.zeros((x.size, 7))
+    rows[:, 0] = x
+    rows[:-1, 1:] = _pieces(x[:-1], x[1:], value[:-1], np.diff(value), slope, curvature)
+    return rows
+
+
+def _pieces(a: Floats, b: Floats, start: Floats, rise: Floats, slope: Floats, curvature: Floats) -> Floats:
+    """Coefficients (n, 6) in powers of x - a; slope and curvature (n + 1,) at the nodes or (n, 2) at the ends."""
+    if slope.ndim == 1:
+        slope, curvature = (np.stack([f[:-1], f[1:]], axis=1) for f in (slope, curvature))
+    h = b - a
+    v0, v1 = h * slope[:, 0], h * slope[:, 1]
+    a0, a1 = h * h * curvature[:, 0], h * h * curvature[:, 1]
+    c3 = 10 * rise - 6 * v0 - 4 * v1 - 1.5 * a0 + 0.5 * a1
+    c4 = -15 * rise + 8 * v0 + 7 * v1 + 1.5 * a0 - a1
+    c5 = 6 * rise - 3 * (v0 + v1) - 0.5 * (a0 - a1)
+    return np.stack([start, slope[:, 0], curvature[:, 0] / 2, c3 / h**3, c4 / h**4, c5 / h**5], axis=1)
+
+
+def tabulate(slope: Callable[[Floats], Floats], nodes: Floats, origin: float) -> Floats:
+    """Table of the integral of `slope` from `origin`, which is one of the ascending nodes.
+
+    Pieces between the nodes are halved until quintics represent the slope to TOLERANCE. Where the slope is not finite
+    the table ends: its range is the domain of the law. Integrals by Gauss-Legendre quadrature with 20 points a piece;
+    the second derivative is a difference of the slope.
+
+    Args:
+        slope: derivative of the function, for arrays of any shape.
+
+    Raises:
+        InputError: the slope is so rough that MOST pieces do not represent it.
+    """
+
+    def f(x: Floats) -> Floats:
+        with np.errstate(all="ignore"):
+            value = np.broadcast_to(np.asarray(slope(x), float), x.shape)
+            return np.where(np.abs(value) < LARGEST, value, np.nan)
+
+    a, b = nodes[:-1], nodes[1:]
+    done: list[Floats] = []  # rows a, b, rise, c0 ... c5
+    while a.size:
+        if a.size + sum(map(len, done)) > MOST:
+            raise InputError(f"the law is too rough: {MOST} polynomials between {nodes[0]:g} and {nodes[-1]:g} miss it")
+        h = b - a
+        ends = np.stack([a, b], axis=1)
+        steps = 1e-3 * h[:, None] * [1, -1]  # inwards: beyond the end the law may have its singularity
+        curvature = sum(w * f(ends + k * steps) for k, w in enumerate((-25, 48, -36, 16, -3))) / (12 * steps)
+        rise = h * (f(a[:, None] + h[:, None] * _POINTS) @ _WEIGHTS)
+        slopes = f(ends)
+        pieces = _pieces(a, b, np.zeros_like(a), rise, slopes, curvature)
+        t = h[:, None] * _PROBES
+        c = [k * pieces[:, k, None] for k in range(6)]
+        exact = f(a[:, None] + t)
+        error = np.abs(c[1] + t * (c[2] + t * (c[3] + t * (c[4] + t * c[5]))) - exact).max(axis=1)
+        narrow = h <= NARROWEST * np.abs(b)
+        good = (error <= TOLERANCE * np.abs(exact).max(axis=1)) | (narrow & np.isfinite(error))
+        done.append(np.column_stack([a, b, rise, pieces])[good])
+        halve = ~good & ~narrow & np.isfinite(slopes).any(axis=1)
+        a, b = a[halve], b[halve]
+        middle = (a + b) / 2
+        a, b = np.concatenate([a, middle]), np.concatenate([middle, b])
+    rows = np.concatenate(done)
+    rows = rows[np.argsort(rows[:, 0])]
+    up = rows[rows[:, 0] >= origin]  # from the origin as far as the pieces join, each way
+    down = rows[rows[:, 0] < origin][::-1]
+    up = up[np.cumprod(up[:, 0] == np.append(origin, up[:-1, 1])) == 1]
+    down = down[np.cumprod(down[:, 1] == np.append(origin, down[:-1, 0])) == 1]
+    up[:, 3] = np.cumsum(up[:, 2]) - up[:, 2]
+    down[:, 3] = -np.cumsum(down[:, 2])
+    kept = np.concatenate([down[::-1], up])
+    table = np.zeros((len(kept) + 1, 7))
+    table[:-1, 0], table[:-1, 1:] = kept[:, 0], kept[:, 3:]
+    table[-1, 0] = kept[-1, 1] if len(kept) else origin
+    return table
+
+
+def read(table: Floats, x: ArrayLike) -> tuple[Floats, Floats, Floats]:
+    """The function and its first two derivatives at x (any shape); NaN outside the table, as in the solver."""
+    x = np.asarray(x, float)
+    inside = (x >= table[0, 0]) & (x <= table[-1, 0])
+    rows = table[np.clip(np.searchsorted(table[:, 0], x, "right") - 1, 0, max(len(table) - 2, 0))]
+    c0, c1, c2, c3, c4, c5 = np.moveaxis(rows[..., 1:], -1, 0)
+    t = np.where(inside, x, np.nan) - rows[..., 0]
+    return (
+        c0 + t * (c1 + t * (c2 + t * (c3 + t * (c4 + t * c5)))),
+        c1 + t * (2 * c2 + t * (3 * c3 + t * (4 * c4 + t * 5 * c5))),
+        2 * c2 + t * (6 * c3 + t * (12 * c4 + t * 20 * c5)),
+    )
+
+
+def scaled(table: Floats, x: float, f: float) -> Floats:
+    """The same function with its argument multiplied by x and its values by f; always a new array."""
+    scale = np.array([x] + [f / x**k for k in range(6)])
+    return np.ascontiguousarray(table * scale)
