@@ -117,7 +117,7 @@ class Linear(_Closed):
 class Quadratic(_Closed):
     """W = G/2 [(I_1-3) + alpha/2 (I_1-3)^2], G in Pa; stiffening alpha = 0 is neo-Hookean.
 
-    Yang et al. 2020, doi:10.1039/D0SM01246A.
+    Yang et al. 2020, doi:10.1016/j.eml.2020.100839.
     """
 
     shear_modulus: float

@@ -68,7 +68,7 @@ class NeoHookeanKelvinVoigt:
 class QuadraticKelvinVoigt:
     """qKV: W = G/2 [(I1-3) + alpha/2 (I1-3)^2] beside a dashpot; stiffening alpha is dimensionless.
 
-    Yang et al. 2020, doi:10.1039/D0SM01246A.
+    Yang et al. 2020, doi:10.1016/j.eml.2020.100839.
     """
 
     shear_modulus: float
