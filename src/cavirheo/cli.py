@@ -7,8 +7,6 @@ import shlex
 import sys
 import threading
 import time
-from collections.abc import Iterator
-from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -71,8 +69,7 @@ def _medium(
     return replace(base, **changes, name=f"{base.name}, changed") if changes else base
 
 
-@contextmanager
-def _solver_ready() -> Iterator[None]:
+def _load_solver() -> None:
     """Load the compiled solver; tell the user if that takes long because it is compiled for the first time."""
     said = threading.Timer(
         2.0,
@@ -86,7 +83,6 @@ def _solver_ready() -> Iterator[None]:
         simulate(Newtonian(0.1), max_radius=1e-4, stretch=2.0, time=[0.0, 1e-7])
     finally:
         said.cancel()
-    yield
 
 
 @app.command()
@@ -119,13 +115,13 @@ def infer(
     began = time.perf_counter()
     liquid = _medium(medium, density, sound_speed, surface_tension, pressure, temperature)
     curves, unreadable = _read(files, liquid, rmax_um)
-    with _solver_ready():
-        columns = (TextColumn("inferring"), BarColumn(), MofNCompleteColumn())
-        with Progress(*columns, console=Console(stderr=True), transient=True) as bar:
-            task = bar.add_task("", total=len(curves))
-            answers = infer_many(
-                curves, model=model, medium=liquid, stretch=stretch, window=window, done=lambda: bar.advance(task)
-            )
+    _load_solver()
+    columns = (TextColumn("inferring"), BarColumn(), MofNCompleteColumn())
+    with Progress(*columns, console=Console(stderr=True), transient=True) as bar:
+        task = bar.add_task("", total=len(curves))
+        answers = infer_many(
+            curves, model=model, medium=liquid, stretch=stretch, window=window, done=lambda: bar.advance(task)
+        )
     result = write_report(out, list(zip(curves, answers, strict=True)), shlex.join(["cavirheo", *sys.argv[1:]]))
     print_table(result)
     print(
@@ -201,10 +197,8 @@ def simulate(
             f"duration and frame rate must give 1 to a million frames, got {duration_us} us at {frame_rate_hz} Hz"
         )
     frames = int(duration_us * 1e-6 * frame_rate_hz * (1 + 1e-9)) + 1
-    with _solver_ready():
-        run = solve(
-            law, max_radius=rmax_um * 1e-6, stretch=stretch, time=np.arange(frames) / frame_rate_hz, medium=liquid
-        )
+    _load_solver()
+    run = solve(law, max_radius=rmax_um * 1e-6, stretch=stretch, time=np.arange(frames) / frame_rate_hz, medium=liquid)
     table = np.column_stack([run.time * 1e6, run.radius * 1e6, run.velocity, run.pressure])
     try:
         out.parent.mkdir(parents=True, exist_ok=True)
@@ -234,15 +228,15 @@ def generate(
         part, parts = (int(number) for number in shard.split("/"))
     except ValueError:
         raise InputError(f"--shard must read i/N, e.g. 2/8; got {shard!r}") from None
-    with _solver_ready():
-        made = dataset.generate(
-            content.problem,
-            content.data.n if n is None else n,
-            out,
-            seed=content.data.seed if seed is None else seed,
-            workers=workers,
-            shard=(part, parts),
-        )
+    _load_solver()
+    made = dataset.generate(
+        content.problem,
+        content.data.n if n is None else n,
+        out,
+        seed=content.data.seed if seed is None else seed,
+        workers=workers,
+        shard=(part, parts),
+    )
     print(f"{made.curves} curves in {out}: {made.written} files written, {made.skipped} already there", file=sys.stderr)
     if made.simulated:
         print(
