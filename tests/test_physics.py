@@ -12,11 +12,13 @@ import pytest
 from cavirheo.errors import InputError, SolverError
 from cavirheo.physics import simulate as forward
 from cavirheo.physics import solver, tableau
-from cavirheo.physics.elastic import Fung, Gent
-from cavirheo.physics.grid import wall_clustered
+from cavirheo.physics.driving import Pulse
+from cavirheo.physics.elastic import Fung, Gent, NeoHookean
+from cavirheo.physics.grid import NO_SHELLS, wall_clustered
 from cavirheo.physics.materials import NeoHookeanKelvinVoigt, QuadraticKelvinVoigt, Viscoelastic
 from cavirheo.physics.media import ESTRADA2018, MEDIA, WATER, Medium, medium
-from cavirheo.physics.scales import dimensionless
+from cavirheo.physics.memory import Maxwell, UpperConvectedMaxwell
+from cavirheo.physics.scales import MOTIONS, dimensionless
 from cavirheo.physics.simulate import simulate, simulate_many
 from cavirheo.physics.viscous import CarreauYasuda, HerschelBulkley, Newtonian
 
@@ -91,48 +93,49 @@ def test_order_of_convergence_in_space():
     assert np.log2(errors[0] / errors[2]) / 2 > 1.7, errors
 
 
-@pytest.mark.parametrize(
-    "material",
-    [
-        NeoHookeanKelvinVoigt(4e4, 0.1),
-        QuadraticKelvinVoigt(4e4, 0.1, 0.7),
-        Viscoelastic(Gent(4e4, 6.0), Newtonian(0.1)),
-        Viscoelastic(Fung(2e4, 1.5), CarreauYasuda(3.0, 0.01, 1e-5, 0.3)),
-        HerschelBulkley(500.0, 2.0, 0.5),
-    ],
-    ids=str,
-)
-@pytest.mark.parametrize("velocity", [-1.3, 0.2])
-def test_analytic_jacobian(material, velocity):
-    """The factors solve with the numerical derivative of the right-hand side."""
-    rng = np.random.default_rng(3)
-    grid = wall_clustered(24, 1e-3)
-    numbers = dimensionless(material, WATER, 120e-6, 4.0)
-    M, R, p = 24, 0.4, 2.0
-    moles = p * R**3 / (1 + 2 * (1 - grid.centre**3))
-    y = np.concatenate([moles, moles * (0.5 + 0.4 * grid.centre), [R, velocity, p * R**3]])
+ARMS = Viscoelastic(NeoHookean(4e4), Newtonian(0.1), [UpperConvectedMaxwell(0.3, 2e-6), Maxwell(0.1, 4e-5)])
+GELS = [
+    NeoHookeanKelvinVoigt(4e4, 0.1),
+    QuadraticKelvinVoigt(4e4, 0.1, 0.7),
+    Viscoelastic(Gent(4e4, 6.0), Newtonian(0.1)),
+    Viscoelastic(Fung(2e4, 1.5), CarreauYasuda(3.0, 0.01, 1e-5, 0.3)),
+    HerschelBulkley(500.0, 2.0, 0.5),
+    ARMS,
+]
+WAYS = [dict(motion=m, driving=Pulse(-3e6, 1e5, 2e-6)) for m in MOTIONS] + [dict(polytropic=1.4)]
 
-    def f(state):
-        out, work = np.empty(2 * M + 3), [np.empty(M), np.empty(M), np.empty(M + 1), np.empty(M + 1)]
-        return out, *solver.derivatives(state, numbers, grid, *work, out)
+
+@pytest.mark.parametrize(("material", "way"), [(g, {}) for g in GELS] + [(ARMS, way) for way in WAYS], ids=str)
+@pytest.mark.parametrize("velocity", [-1.3, 0.2])
+def test_analytic_jacobian(material, way, velocity):
+    """The factors solve with the numerical derivative of the right-hand side, also by time."""
+    rng = np.random.default_rng(3)
+    grid = NO_SHELLS if "polytropic" in way else wall_clustered(24, 1e-3)
+    numbers = dimensionless(material, WATER, 120e-6, 4.0, **way)
+    M, R, p, t = grid.centre.size, 0.4, 2.0, 0.1
+    moles = p * R**3 / (1 + 2 * (1 - grid.centre**3))
+    memory = np.array([1.3, 5.2, -0.4])[: len(numbers.memory)]
+    y = np.concatenate([moles, moles * (0.5 + 0.4 * grid.centre), [R, velocity, p * R**3], memory])
+
+    def f(state, t=t):
+        out, work = np.empty(y.size), [np.empty(M), np.empty(M), np.empty(M + 1), np.empty(M + 1)]
+        return out, *solver.derivatives(t, state, numbers, grid, *work, out)
 
     _, p_dot, z = f(y)
-    jacobian = np.empty((len(y), len(y)))
-    for j in range(len(y)):
-        step = np.zeros(len(y))
+    jacobian = np.empty((y.size, y.size))
+    for j in range(y.size):
+        step = np.zeros(y.size)
         step[j] = 1e-6 * max(abs(y[j]), 1e-3)
         jacobian[:, j] = (f(y + step)[0] - f(y - step)[0]) / (2 * step[j])
-    blocks, border, schur, pivot = (
-        np.zeros((M, 9)),
-        np.zeros((M, 10)),
-        np.zeros((5, 5)),
-        np.zeros(5, np.int64),
-    )
-    couplings = solver.factorise(y, numbers, grid, p_dot, z, 50.0, blocks, border, schur, pivot)
-    u = rng.normal(size=len(y))
+    factors = np.zeros((M, 9)), np.zeros((M, 10)), np.zeros((memory.size, 4)), np.zeros((5, 5)), np.zeros(5, np.int64)
+    couplings = solver.factorise(t, y, numbers, grid, p_dot, z, 50.0, *factors)
+    u = rng.normal(size=y.size)
     r = 50.0 * u - jacobian @ u
-    solver.back_substitute(r, M, blocks, border, schur, pivot, couplings, np.zeros(5))
+    solver.back_substitute(r, M, *factors, couplings, np.zeros(5))
     assert np.max(np.abs(r - u)) < 1e-5
+    by_time = (f(y, t + 1e-6)[0] - f(y, t - 1e-6)[0]) / 2e-6
+    assert by_time[2 * M + 1] == pytest.approx(couplings[0], rel=1e-6, abs=1e-8)
+    assert ("driving" in way) == (abs(couplings[0]) > 1e-2)
 
 
 def test_the_batch_does_not_depend_on_workers():

@@ -15,9 +15,9 @@ if TYPE_CHECKING:
     from cavirheo.physics.materials import Newtonian as Newtonian
     from cavirheo.physics.materials import QuadraticKelvinVoigt as QuadraticKelvinVoigt
     from cavirheo.physics.media import Medium as Medium
-    from cavirheo.physics.simulate import Simulation as Simulation
     from cavirheo.physics.simulate import simulate as simulate
     from cavirheo.physics.simulate import simulate_many as simulate_many
+    from cavirheo.physics.simulation import Simulation as Simulation
     from cavirheo.posterior import Posterior as Posterior
     from cavirheo.reading import read_curves as read_curves
 
@@ -31,7 +31,7 @@ _HOME = {
     "Newtonian": "physics.materials",
     "QuadraticKelvinVoigt": "physics.materials",
     "Medium": "physics.media",
-    "Simulation": "physics.simulate",
+    "Simulation": "physics.simulation",
     "simulate": "physics.simulate",
     "simulate_many": "physics.simulate",
     "Posterior": "posterior",

@@ -34,7 +34,7 @@ from cavirheo.physics.materials import MATERIALS, Material
 from cavirheo.physics.media import WATER, Medium
 
 if TYPE_CHECKING:
-    from cavirheo.physics.simulate import Simulation
+    from cavirheo.physics.simulation import Simulation
 
 Floats = NDArray[np.float64]
 UNITS = {"shear_modulus": "Pa", "viscosity": "Pa s", "stiffening": "1", "stretch": "1"}

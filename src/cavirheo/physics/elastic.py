@@ -52,6 +52,10 @@ class Elastic:
     def viscous(self) -> None:
         return None
 
+    @property
+    def memory(self) -> tuple[()]:
+        return ()
+
     def first(self, I1: Floats) -> Floats:
         """W_1 = dW/dI_1 in Pa at the first invariant I1 (any shape)."""
         raise NotImplementedError(f"{type(self).__name__} must define `slope` or `first`")

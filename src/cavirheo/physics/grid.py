@@ -25,6 +25,9 @@ class Grid(NamedTuple):
     wall: NDArray[np.float64]  # (3,) d/dy at y = 1 from the values at the wall, in cell M-1 and in cell M-2
 
 
+NO_SHELLS = Grid(*(np.zeros(0) for _ in Grid._fields))  # for contents without fields
+
+
 @lru_cache(maxsize=16)
 def wall_clustered(cells: int, first: float = 1e-4) -> Grid:
     """`cells` shells, tanh-spaced so that the one at the wall is `first` thick."""

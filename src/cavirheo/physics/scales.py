@@ -10,6 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from cavirheo.errors import InputError
+from cavirheo.physics.driving import Driving
 from cavirheo.physics.materials import Material
 from cavirheo.physics.media import Medium
 from cavirheo.physics.table import Floats, scaled
@@ -29,18 +30,43 @@ class Numbers(NamedTuple):
     kappa: float
     elastic: Floats  # (n, 7) table of S_el/p_inf over R/R_0 (physics/table.py)
     viscous: Floats  # (m, 7) table of S_v/p_inf over t_c U/R, for U >= 0
+    memory: Floats  # (k, 3) modulus C_k/p_inf, power n_k, t_c/tau of each relaxing term (physics/memory.py)
+    driving: Floats  # (n, 7) table of the far-field pressure above ambient, over p_inf, over t/t_c
+    polytropic: float  # exponent of the gas where the contents are polytropic
+    tait: float  # exponent of the liquid in Gilmore's equation; 0: Keller-Miksis
+
+    @property
+    def pressure(self) -> float:
+        """Contents at the start: the gas that R_0 in equilibrium holds, isothermally, and saturated vapour (3.9)."""
+        return self.pv + (1 + self.stretch / self.We - self.pv) / self.stretch**3
 
 
-_ABSENT = np.zeros((2, 7))  # no stress at all, at any stretch or rate
+TAIT = 7.15  # exponent of water in Tait's equation of state: Gilmore 1952
+MOTIONS = ("keller-miksis", "rayleigh-plesset", "gilmore")
+_ABSENT = np.zeros((2, 7))  # no stress at all, at any stretch or rate, and no driving
 _ABSENT[1, 0] = np.inf
 
 
-def dimensionless(material: Material, medium: Medium, max_radius: float, stretch: float) -> Numbers:
+def dimensionless(
+    material: Material,
+    medium: Medium,
+    max_radius: float,
+    stretch: float,
+    *,
+    driving: Driving | None = None,
+    motion: str = MOTIONS[0],
+    polytropic: float = 0.0,
+) -> Numbers:
     """Numbers of a bubble of `max_radius` (m) and `stretch` (1) in a material (SI) and a medium.
 
     Raises:
-        InputError: the radius is not positive, or the stretch is below 1 (the bubble starts at its largest radius).
+        InputError: the radius is not positive, the stretch is below 1 (the bubble starts at its largest radius), the
+            equation of motion is unknown, or it is Gilmore's in an incompressible medium.
     """
+    if motion not in MOTIONS:
+        raise InputError(f"motion must be one of {', '.join(MOTIONS)}; got {motion!r}")
+    if motion == "gilmore" and medium.sound_speed == float("inf"):
+        raise InputError("Gilmore's equation needs a finite speed of sound: use motion='rayleigh-plesset'")
     if not (0 < max_radius < float("inf")):
         raise InputError(f"max_radius must be positive and finite, got {max_radius!r} m")
     if not (1 <= stretch < float("inf")):
@@ -54,7 +80,7 @@ def dimensionless(material: Material, medium: Medium, max_radius: float, stretch
     viscous = material.viscous.table() if material.viscous else _ABSENT
     A = medium.conductivity_slope * medium.temperature / K_inf
     fields = dict(
-        C=medium.sound_speed / U_c,
+        C=float("inf") if motion == "rayleigh-plesset" else medium.sound_speed / U_c,
         We=p * max_radius / (2 * medium.surface_tension) if medium.surface_tension else float("inf"),
         stretch=stretch,
         Fo=medium.diffusivity / (U_c * max_radius),
@@ -63,9 +89,14 @@ def dimensionless(material: Material, medium: Medium, max_radius: float, stretch
         B=1 - A,
         pv=medium.vapour_pressure / p,
         kappa=medium.adiabatic_index,
+        polytropic=polytropic,
+        tait=TAIT if motion == "gilmore" else 0.0,
     )
+    arms = [arm.table() * [1 / p, 1.0, max_radius / U_c] for arm in material.memory]
     return Numbers(
         **{name: float(value) for name, value in fields.items()},  # ints would compile the solver anew
         elastic=scaled(elastic, 1.0, 1 / p),
         viscous=scaled(viscous, max_radius / U_c, 1 / p),
+        memory=np.concatenate([np.zeros((0, 3)), *arms]),
+        driving=scaled(driving.table() if driving else _ABSENT, U_c / max_radius, 1 / p),
     )

@@ -5,38 +5,26 @@ from __future__ import annotations
 import os
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from cavirheo.errors import InputError, SolverError
-from cavirheo.physics import solver, tableau
-from cavirheo.physics.grid import wall_clustered
+from cavirheo.physics import solver
+from cavirheo.physics.driving import Driving
+from cavirheo.physics.grid import NO_SHELLS, Grid, wall_clustered
+from cavirheo.physics.growth import remembered
 from cavirheo.physics.materials import Material
 from cavirheo.physics.media import WATER, Medium
-from cavirheo.physics.scales import dimensionless
+from cavirheo.physics.scales import MOTIONS, dimensionless
+from cavirheo.physics.simulation import Contents, Simulation
+from cavirheo.physics.tableau import RODAS5P
 
-CELLS = 128  # shells across the bubble, and
-WALL_CELL = 1e-4  # the thickness of the one at the wall: both set the error of space (benchmarks/solver.md)
-RTOL = 3e-5
+DEFAULT = (128, 3e-5)  # shells across the bubble, relative error per step: what they are worth, benchmarks/solver.md
+PRECISE = (256, 1e-6)
+WALL_CELL = 1e-4  # thickness of the shell at the wall
 MAX_STEPS = 100_000
-
-
-@dataclass(frozen=True, eq=False)
-class Simulation:
-    """One solved (or failed) forward problem. Where a solve failed the arrays hold NaN from there on."""
-
-    time: NDArray[np.float64]  # (n,) s after R_max
-    radius: NDArray[np.float64]  # (n,) m
-    velocity: NDArray[np.float64]  # (n,) m/s, of the wall
-    pressure: NDArray[np.float64]  # (n,) Pa, in the bubble
-    status: str  # "ok", or what went wrong and where
-    stats: dict[str, float]  # steps, rejected, gas_drift (relative change of the gas in the bubble)
-
-    @property
-    def ok(self) -> bool:
-        return self.status == "ok"
 
 
 def simulate(
@@ -46,20 +34,34 @@ def simulate(
     stretch: float,
     time: ArrayLike,
     medium: Medium = WATER,
-    rtol: float = RTOL,
-    cells: int = CELLS,
+    driving: Driving | None = None,
+    motion: str = MOTIONS[0],
+    polytropic: float | None = None,
+    relaxed: bool = False,
+    fields: bool = False,
+    precise: bool = False,
+    rtol: float | None = None,
+    cells: int | None = None,
     throw: bool = True,
 ) -> Simulation:
-    """Keller-Miksis with heat and vapour transport from rest at R_max (laser-induced cavitation).
+    """One bubble from rest at R_max (laser-induced cavitation), or from equilibrium, driven by ultrasound (stretch 1).
 
     Args:
         material: constitutive law of the surroundings, SI.
-        max_radius: R_max, m.
+        max_radius: R_max, m: the radius at the start.
         stretch: lambda = R_max/R_0, R_0 the stress-free equilibrium radius.
-        time: (n,) s after R_max, ascending, from zero or later.
+        time: (n,) s after the start, ascending, from zero or later.
         medium: liquid and gas constants.
-        rtol: relative error per step; cells: shells across the bubble. The defaults are good to about 1e-3 of R_max
-            in the most violent collapses and 1e-4 in most (benchmarks/solver.md).
+        driving: pressure far from the bubble above the ambient one (physics/driving.py); none by default.
+        motion: "keller-miksis", "rayleigh-plesset" (incompressible) or "gilmore" (Tait's liquid).
+        polytropic: exponent of the gas (1 isothermal, 1.4 adiabatic air) beside saturated vapour, the cheap
+            alternative to heat and vapour transport, which are solved if it is None.
+        relaxed: laws with memory start unstressed; otherwise with what the growth from R_0 to R_max leaves
+            (physics/growth.py). The instantaneous laws have no such choice.
+        fields: keep temperature and vapour in the bubble, `Simulation.contents`.
+        precise: about five times as accurate and four times as long as the default, whose error is 1e-4 of R_max in
+            most cases and up to 2e-3 in the most violent collapses (benchmarks/solver.md).
+        rtol, cells: instead of those of the default, relative error per step and shells across the bubble.
         throw: raise on a failed solve; otherwise return it with its status.
 
     Raises:
@@ -69,36 +71,66 @@ def simulate(
     Source: docs/physics.md sections 1-4; Estrada et al. 2018, doi:10.1016/j.jmps.2017.12.006.
     """
     times = _checked(time)
+    usual = PRECISE if precise else DEFAULT
+    cells = usual[0] if cells is None else cells
+    rtol = usual[1] if rtol is None else rtol
     if not 1e-12 < rtol < 0.1:
         raise InputError(f"rtol must lie between 1e-12 and 0.1, got {rtol!r}")
-    numbers = dimensionless(material, medium, max_radius, stretch)
+    if polytropic is not None and not 0 < polytropic < 10:
+        raise InputError(f"the polytropic exponent must lie between 0 and 10 (1 isothermal), got {polytropic!r}")
+    if polytropic is not None and fields:
+        raise InputError("polytropic contents have no fields: leave out fields or polytropic")
+    numbers = dimensionless(
+        material, medium, max_radius, stretch, driving=driving, motion=motion, polytropic=polytropic or 0.0
+    )
+    grid = wall_clustered(cells, min(WALL_CELL, 0.5 / cells)) if polytropic is None else NO_SHELLS
     t_c = medium.time_scale(max_radius)
-    radius, velocity, pressure = (np.full(times.shape, np.nan) for _ in range(3))
+    terms = len(numbers.memory)
+    out = np.full((times.size, 4 + terms), np.nan)
+    shells = np.full((times.size, 2 * cells), np.nan) if fields else np.zeros((0, 0))
     stats = np.zeros(5)
-    code = solver.integrate(
-        numbers, wall_clustered(cells, min(WALL_CELL, 0.5 / cells)), tableau.A, tableau.C, tableau.GAMMA,
-        tableau.ORDER, times / t_c, rtol, MAX_STEPS, radius, velocity, pressure, stats,
-    )  # fmt: skip
     status = "ok"
-    if code != solver.OK:
-        low, high = numbers.elastic[[0, -1], 0]
-        why = {
-            solver.TOO_MANY_STEPS: f"more than {MAX_STEPS} steps",
-            solver.STEP_TOO_SMALL: "the step size went to zero",
-            solver.OUTSIDE_LAW: f"R/R_0 left the range {low:.4g} to {high:.4g} of {material.elastic}",
-        }[code]
-        where = f"t = {stats[3] * t_c * 1e6:.4g} us, R/R_max = {stats[4]:.3g}"
-        status = f"{why} at {where}, with {material} and stretch {stretch:.4g}"
-        if throw:
-            raise SolverError(status)
+    try:
+        memory = remembered(numbers) if terms and not relaxed else np.zeros(terms)
+    except SolverError as error:
+        status = f"{error}; with {material} and stretch {stretch:.4g}"
+    else:
+        start = np.concatenate([[1.0, 0.0, numbers.pressure], memory])
+        code = solver.integrate(
+            numbers, grid, RODAS5P, start, times / t_c, float(rtol), MAX_STEPS, False, out, shells, stats
+        )
+        if code != solver.OK:
+            low, high = numbers.elastic[[0, -1], 0]
+            why = {
+                solver.TOO_MANY_STEPS: f"more than {MAX_STEPS} steps",
+                solver.STEP_TOO_SMALL: "the step size went to zero",
+                solver.OUTSIDE_LAW: f"R/R_0 left the range {low:.4g} to {high:.4g} of {material.elastic}",
+            }[code]
+            where = f"t = {stats[3] * t_c * 1e6:.4g} us, R/R_max = {stats[4]:.3g}"
+            status = f"{why} at {where}, with {material} and stretch {stretch:.4g}"
+    if throw and status != "ok":
+        raise SolverError(status)
     return Simulation(
         time=times,
-        radius=radius * max_radius,
-        velocity=velocity * medium.velocity_scale,
-        pressure=pressure * medium.pressure,
+        radius=out[:, 0] * max_radius,
+        velocity=out[:, 1] * medium.velocity_scale,
+        pressure=out[:, 2] * medium.pressure,
+        stress=out[:, 3] * medium.pressure,
+        equilibrium_radius=max_radius / stretch,
         status=status,
         stats={"steps": int(stats[0]), "rejected": int(stats[1]), "gas_drift": float(stats[2])},
+        contents=_contents(shells, out, grid, medium) if fields else None,
     )
+
+
+def _contents(shells: NDArray[np.float64], out: NDArray[np.float64], grid: Grid, medium: Medium) -> Contents:
+    """Temperature and mass fraction of vapour from moles per shell volume (docs/physics.md, section 3.2)."""
+    moles, gas = np.split(shells, 2, axis=1)
+    R, p = out[:, :1], out[:, 2:3]
+    temperature = np.hstack([p * R**3 / moles, np.ones_like(p)]) * medium.temperature
+    x = np.hstack([1 - gas / moles, medium.vapour_pressure / (p * medium.pressure)])
+    vapour = x * medium.gas_constant / (x * medium.gas_constant + (1 - x) * medium.vapour_constant)
+    return Contents(np.append(grid.centre, 1.0), temperature, vapour)
 
 
 def simulate_many(
@@ -107,15 +139,13 @@ def simulate_many(
     max_radius: ArrayLike,
     stretch: ArrayLike,
     time: ArrayLike,
-    medium: Medium = WATER,
-    rtol: float = RTOL,
-    cells: int = CELLS,
     workers: int | None = None,
+    **options: Any,
 ) -> list[Simulation]:
     """`simulate` for m materials on all cores; the result does not depend on the number of workers.
 
-    max_radius and stretch are (m,) or scalars, time (n,) for all or (m, n). A failed solve does not raise: its
-    status says what happened.
+    max_radius and stretch are (m,) or scalars, time (n,) for all or (m, n); `options` are those of `simulate`. A failed
+    solve does not raise: its status says what happened.
     """
     m = len(materials)
     try:
@@ -130,7 +160,7 @@ def simulate_many(
     def one(i: int) -> Simulation:
         return simulate(
             materials[i], max_radius=float(radii[i]), stretch=float(stretches[i]), time=times[i],
-            medium=medium, rtol=rtol, cells=cells, throw=False,
+            throw=False, **options,
         )  # fmt: skip
 
     done = [one(i) for i in range(m if workers == 1 else min(m, 1))]  # the first may compile: before threads

@@ -1,4 +1,4 @@
-"""Keller-Miksis with the full bubble contents, compiled: a finite-volume Rosenbrock solver.
+"""The bubble and its contents, compiled: a finite-volume Rosenbrock solver.
 
 State (dimensionless, docs/physics.md sections 1-4), all extensive so that what nature conserves is conserved to
 round-off: in each shell i of the grid
@@ -6,16 +6,18 @@ round-off: in each shell i of the grid
     N_i = R^3 n        moles of gas and vapour per shell volume, n = p/T
     G_i = R^3 n (1-x)  moles of non-condensable gas, x the mole fraction of vapour
 
-and R, U = R', P = p R^3. With mole fractions and the mole-averaged velocity v the contents obey
+and R, U = R', P = p R^3, and m_k, memories of the material. With mole fractions and the mole-averaged velocity v the
+contents obey
 
     n_t + div(n v) = 0,  [n (1-x)]_t + div(n (1-x) v + Fo n grad x) = 0,
 
 v and p' from docs/physics.md (3.7) and (3.8): the system of Estrada et al. 2018 (doi:10.1016/j.jmps.2017.12.006)
-rewritten without approximation. The laws of the material are two tables (physics/table.py).
+rewritten without approximation. A grid without shells means polytropic contents. The laws of the material are two
+tables (physics/table.py) and rows of relaxing terms (physics/memory.py); the far-field pressure is a table too.
 
 The Jacobian is analytic: a block-tridiagonal part (2x2 lower-triangular blocks) with a border of five unknowns R, U,
-P, p', z, so one linear solve costs O(cells). Every function that is compiled for the solver lives in this one file,
-because numba's cache is renewed only when the file of the entry point changes.
+P, p', z, so one linear solve costs O(cells); the memories are eliminated before. Every function that is compiled for
+the solver lives in this one file, because numba's cache is renewed only when the file of the entry point changes.
 """
 
 from __future__ import annotations
@@ -31,16 +33,23 @@ _compiled = njit(cache=True, nogil=True, error_model="numpy")
 
 
 @_compiled
-def look_up(table, x):  # type: ignore[no-untyped-def]
-    """f(x), f'(x), f''(x) from the one quintic of physics/table.py that holds x; NaN outside the table."""
+def piece(table, x):  # type: ignore[no-untyped-def]
+    """The row of a table (physics/table.py) that holds x."""
     low, count = 0, table.shape[0] - 1
-    if not table[0, 0] <= x <= table[count, 0]:
-        return math.nan, math.nan, math.nan
     while count > 1:  # x is in one of `count` rows from `low`
         half = count // 2
         low += half if x >= table[low + half, 0] else 0
         count -= half
-    t, c = x - table[low, 0], table[low]
+    return low
+
+
+@_compiled
+def look_up(table, x):  # type: ignore[no-untyped-def]
+    """f(x), f'(x), f''(x) from the one quintic of a table that holds x; NaN outside the table."""
+    if not table[0, 0] <= x <= table[-1, 0]:
+        return math.nan, math.nan, math.nan
+    c = table[piece(table, x)]
+    t = x - c[0]
     f0 = c[1] + t * (c[2] + t * (c[3] + t * (c[4] + t * (c[5] + t * c[6]))))
     f1 = c[2] + t * (2 * c[3] + t * (3 * c[4] + t * (4 * c[5] + t * 5 * c[6])))
     return f0, f1, 2 * c[3] + t * (6 * c[4] + t * (12 * c[5] + t * 20 * c[6]))
@@ -64,7 +73,59 @@ def fault(numbers, R, P):  # type: ignore[no-untyped-def]
 
 
 @_compiled
-def derivatives(y, numbers, grid, theta, gas, F, H, out):  # type: ignore[no-untyped-def]
+def accelerate(numbers, t, R, U, p, p_dot, memory):  # type: ignore[no-untyped-def]
+    """U' with its derivatives by R, U, p, p' and t, and by the wall's excess pressure b and its rate; docs (2.1)-(2.4).
+
+    b = p - 1/(We R) + S - 1. Keller-Miksis is its enthalpy h(b) = b at constant speed of sound c; Gilmore has Tait's.
+    """
+    C, We, n = numbers.C, numbers.We, numbers.tait
+    rate = U / R
+    S, S_R, S_RR, S_g, S_gg = stress(numbers, R, rate)
+    bend = S_gg * rate * rate + 2 * S_g * rate
+    b = p - 1 / (We * R) + S - 1
+    b_R = 1 / (We * R * R) + S_R - S_g * rate / R
+    v = p_dot + U / (We * R * R) + S_R * U - S_g * rate * rate  # the rate of b without its R'' part
+    v_R = -2 * U / (We * R * R * R) + S_RR * U + bend * rate / R
+    v_U = 1 / (We * R * R) + S_R - bend / R
+    for k in range(memory.size):
+        modulus, power, fading = numbers.memory[k]
+        s = power * modulus * (1 + memory[k]) / R
+        b += modulus * memory[k]
+        v -= modulus * memory[k] * fading + s * U
+        v_R += s * rate
+        v_U -= s
+    f, f_t, f_tt = look_up(numbers.driving, t)
+    if n == 0:  # i = 1/c, w the factor of the pressure's rate
+        h, h_b, h_bb, i, i_b, w, w_U, w_i = b - f, 1.0, 0.0, 1 / C, 0.0, 1.0, 0.0, 0.0
+        g_t, g_tt = f_t, f_tt
+    else:
+        stiff = C * C
+        x, y = 1 + n * b / stiff, 1 + n * f / stiff
+        x_n, y_n = x ** (-1 / n), y ** (-1 / n)
+        h, h_b, h_bb = stiff / (n - 1) * (x * x_n - y * y_n), x_n, -x_n / (x * stiff)
+        g_t, g_tt = y_n * f_t, y_n * f_tt - y_n / (y * stiff) * f_t * f_t
+        i = 1 / (C * math.sqrt(x * x_n))
+        i_b = -(n - 1) * i / (2 * x * stiff)
+        w, w_U, w_i = 1 - U * i, -i, -U
+    J = -S_g
+    h_t = h_b * v - g_t
+    bottom = (1 - U * i) * R + w * i * h_b * J
+    value = ((1 + U * i) * h + w * i * R * h_t - 1.5 * U * U + 0.5 * i * U * U * U) / bottom
+    top_i = U * h + (w + i * w_i) * R * h_t + 0.5 * U * U * U
+    bottom_i = (w + i * w_i) * h_b * J - U * R
+    by_b = (1 + U * i) * h_b + w * i * R * h_bb * v + i_b * top_i
+    by_b = (by_b - value * (w * i * h_bb * J + i_b * bottom_i)) / bottom
+    by_v = w * i * R * h_b / bottom
+    by_J = -value * w * i * h_b / bottom
+    by_R = (w * i * h_t - value * (1 - U * i)) / bottom + by_b * b_R + by_v * v_R + by_J * S_gg * rate / R
+    by_U = (i * h + w_U * i * R * h_t - 3 * U + 1.5 * i * U * U - value * (w_U * i * h_b * J - i * R)) / bottom
+    by_U += by_b * S_g / R + by_v * v_U - by_J * S_gg / R
+    by_t = -((1 + U * i) * g_t + w * i * R * g_tt) / bottom
+    return value, by_R, by_U, by_t, by_b, by_v
+
+
+@_compiled
+def derivatives(t, y, numbers, grid, theta, gas, F, H, out):  # type: ignore[no-untyped-def]
     """Time derivative of the state into `out`; returns p' and z. theta, gas, F, H are work space."""
     M = grid.centre.size
     area, face, left, right, wall = grid.area, grid.face, grid.left, grid.right, grid.wall
@@ -72,24 +133,26 @@ def derivatives(y, numbers, grid, theta, gas, F, H, out):  # type: ignore[no-unt
     A, B, Fo, kappa = numbers.A, numbers.B, numbers.Fo, numbers.kappa
     R, U, P = y[2 * M], y[2 * M + 1], y[2 * M + 2]
     p = P / (R * R * R)
-    for i in range(M):
-        r = 1 / y[i]
-        T = P * r
-        theta[i] = (0.5 * A * (T + 1) + B) * (T - 1)
-        gas[i] = y[M + i] * r
-    gas_wall = 1 - numbers.pv / p
-    z = (wall[0] * gas_wall + wall[1] * gas[M - 1] + wall[2] * gas[M - 2]) / gas_wall
-    heat = (kappa - 1) * numbers.chi * (wall[1] * theta[M - 1] + wall[2] * theta[M - 2]) / R
-    p_dot = 3 / R * (-kappa * p * U + heat - kappa * p * Fo * z / R)
-
-    C, We, rate = numbers.C, numbers.We, U / R
-    S, S_R, _, S_g, _ = stress(numbers, R, rate)
-    push = p - 1 / (We * R) + S - 1
-    push_dot = p_dot + U / (We * R * R) + S_R * U - S_g * rate * rate  # without its R'' part
-    top = (1 + U / C) * push + R / C * push_dot - 1.5 * (1 - U / (3 * C)) * U * U
+    memory = y[2 * M + 3 :]
+    if M > 0:
+        for i in range(M):
+            r = 1 / y[i]
+            T = P * r
+            theta[i] = (0.5 * A * (T + 1) + B) * (T - 1)
+            gas[i] = y[M + i] * r
+        gas_wall = 1 - numbers.pv / p
+        z = (wall[0] * gas_wall + wall[1] * gas[M - 1] + wall[2] * gas[M - 2]) / gas_wall
+        heat = (kappa - 1) * numbers.chi * (wall[1] * theta[M - 1] + wall[2] * theta[M - 2]) / R
+        p_dot = 3 / R * (-kappa * p * U + heat - kappa * p * Fo * z / R)
+    else:
+        z, p_dot = 0.0, -3 * numbers.polytropic * (p - numbers.pv) * U / R
     out[2 * M] = U
-    out[2 * M + 1] = top / ((1 - U / C) * R - S_g / C)
+    out[2 * M + 1] = accelerate(numbers, t, R, U, p, p_dot, memory)[0]
     out[2 * M + 2] = R * R * (R * p_dot + 3 * p * U)
+    for k in range(memory.size):
+        out[2 * M + 3 + k] = -memory[k] * numbers.memory[k, 2] - numbers.memory[k, 1] * (1 + memory[k]) * U / R
+    if M == 0:
+        return p_dot, z
 
     drift = (kappa - 1) * numbers.chi / (kappa * p * R)
     sweep = R * p_dot / (3 * kappa * p) + U
@@ -111,17 +174,18 @@ def derivatives(y, numbers, grid, theta, gas, F, H, out):  # type: ignore[no-unt
 
 
 @_compiled
-def factorise(y, numbers, grid, p_dot, z, shift, blocks, border, schur, pivot):  # type: ignore[no-untyped-def]
+def factorise(t, y, numbers, grid, p_dot, z, shift, blocks, border, recall, schur, pivot):  # type: ignore[no-untyped-def]
     """LU factors of (shift - J), eliminated from the centre to the wall.
 
     blocks (M, 9): inverse diagonal block (NN, GN, GG), block right of it, multipliers of the row above.
     border (M, 10): columns of R, U, P, p', z after the elimination, for the N row and the G row.
-    schur (5, 5), pivot (5,): factors of the border. Returns the border rows' couplings to the last two shells.
+    recall (k, 4): factor of each memory m, the derivatives of m' by R and U, and that of U' by m.
+    schur (5, 5), pivot (5,): factors of the border. Returns dU'/dt and the border rows' couplings to the last shells.
     """
     M = grid.centre.size
     area, face, left, right, wall = grid.area, grid.face, grid.left, grid.right, grid.wall
     inverse_distance, inverse_volume = grid.inverse_distance, grid.inverse_volume
-    A, B, Fo, kappa, C, We = numbers.A, numbers.B, numbers.Fo, numbers.kappa, numbers.C, numbers.We
+    A, B, Fo, kappa = numbers.A, numbers.B, numbers.Fo, numbers.kappa
     R, U, P = y[2 * M], y[2 * M + 1], y[2 * M + 2]
     p = P / (R * R * R)
     by_P = 1 / (R * R * R)  # dp/dP
@@ -129,7 +193,7 @@ def factorise(y, numbers, grid, p_dot, z, shift, blocks, border, schur, pivot): 
     drift = (kappa - 1) * numbers.chi / (kappa * p * R)
     per_rate = R / (3 * kappa * p)
     sweep = per_rate * p_dot + U
-    diffusion, rate = Fo / (R * R), U / R
+    diffusion = Fo / (R * R)
 
     # derivatives of the face fluxes by the inner (l) and outer (r) shell and by the border unknowns
     F_l = F_r = HN_l = HN_r = HG_l = HG_r = 0.0
@@ -209,38 +273,38 @@ def factorise(y, numbers, grid, p_dot, z, shift, blocks, border, schur, pivot): 
         blocks[i, 3], blocks[i, 4], blocks[i, 5] = s11, s21, s22
 
     # rows of p' and z
-    rb = 1 / y[M - 2]
-    Tb = P * rb
-    thetab = (0.5 * A * (Tb + 1) + B) * (Tb - 1)
-    KTb = (A * Tb + B) * Tb
-    gasb = y[2 * M - 2] * rb
-    gas_wall = 1 - numbers.pv / p
-    heat = 3 * (kappa - 1) * numbers.chi / (R * R)
-    theta_y, KT_y = wall[1] * theta0 + wall[2] * thetab, wall[1] * KT0 + wall[2] * KTb
-    q_a, q_b = -heat * wall[1] * KT0 * r0, -heat * wall[2] * KTb * rb
-    q_R = (3 * kappa * p * U / R + heat * (3 * KT_y - 2 * theta_y) + 6 * kappa * p * Fo * z / (R * R)) / R
-    q_U = -3 * kappa * p / R
-    q_p = -3 * kappa * U / R + heat * KT_y / p - 3 * kappa * Fo * z / (R * R)
-    q_z = -3 * kappa * p * Fo / (R * R)
-    zN_a, zN_b = -wall[1] * gas0 * r0 / gas_wall, -wall[2] * gasb * rb / gas_wall
-    zG_a, zG_b = wall[1] * r0 / gas_wall, wall[2] * rb / gas_wall
-    z_p = (wall[0] - z) / gas_wall * numbers.pv / (p * p)
+    if M > 0:
+        rb = 1 / y[M - 2]
+        Tb = P * rb
+        thetab = (0.5 * A * (Tb + 1) + B) * (Tb - 1)
+        KTb = (A * Tb + B) * Tb
+        gasb = y[2 * M - 2] * rb
+        gas_wall = 1 - numbers.pv / p
+        heat = 3 * (kappa - 1) * numbers.chi / (R * R)
+        theta_y, KT_y = wall[1] * theta0 + wall[2] * thetab, wall[1] * KT0 + wall[2] * KTb
+        q_a, q_b = -heat * wall[1] * KT0 * r0, -heat * wall[2] * KTb * rb
+        q_R = (3 * kappa * p * U / R + heat * (3 * KT_y - 2 * theta_y) + 6 * kappa * p * Fo * z / (R * R)) / R
+        q_U = -3 * kappa * p / R
+        q_p = -3 * kappa * U / R + heat * KT_y / p - 3 * kappa * Fo * z / (R * R)
+        q_z = -3 * kappa * p * Fo / (R * R)
+        zN_a, zN_b = -wall[1] * gas0 * r0 / gas_wall, -wall[2] * gasb * rb / gas_wall
+        zG_a, zG_b = wall[1] * r0 / gas_wall, wall[2] * rb / gas_wall
+        z_p = (wall[0] - z) / gas_wall * numbers.pv / (p * p)
+    else:
+        n = 3 * numbers.polytropic
+        q_R, q_U, q_p, q_z, z_p = n * (p - numbers.pv) * U / (R * R), -n * (p - numbers.pv) / R, -n * U / R, 0.0, 0.0
+        q_a = q_b = zN_a = zN_b = zG_a = zG_b = 0.0
 
     # row of U
-    S, S_R, S_RR, S_g, S_gg = stress(numbers, R, rate)
-    push = p - 1 / (We * R) + S - 1
-    push_dot = p_dot + U / (We * R * R) + S_R * U - S_g * rate * rate
-    bottom = (1 - U / C) * R - S_g / C
-    value = ((1 + U / C) * push + R / C * push_dot - 1.5 * (1 - U / (3 * C)) * U * U) / bottom
-    bend = S_gg * rate * rate + 2 * S_g * rate
-    push_R = 1 / (We * R * R) + S_R - S_g * rate / R
-    dot_R = -2 * U / (We * R * R * R) + S_RR * U + bend * rate / R
-    dot_U = 1 / (We * R * R) + S_R - bend / R
-    top_R = (1 + U / C) * push_R + push_dot / C + R / C * dot_R
-    top_U = push / C + (1 + U / C) * S_g / R + R / C * dot_U - 3 * U + 1.5 * U * U / C
-    u_R = (top_R - value * (1 - U / C + S_gg * rate / (R * C))) / bottom
-    u_U = (top_U + value * (R + S_gg / R) / C) / bottom
-    u_p, u_q = (1 + U / C) / bottom, R / C / bottom
+    _, u_R, u_U, u_t, u_p, u_q = accelerate(numbers, t, R, U, p, p_dot, y[2 * M + 3 :])
+    for k in range(recall.shape[0]):
+        modulus, power, fading = numbers.memory[k]
+        pull = power * (1 + y[2 * M + 3 + k]) / R
+        recall[k, 0] = 1 / (shift + fading + power * U / R)
+        recall[k, 1], recall[k, 2] = pull * U / R, -pull
+        recall[k, 3] = modulus * (u_p - u_q * (fading + power * U / R))
+        u_R += recall[k, 0] * recall[k, 1] * recall[k, 3]
+        u_U += recall[k, 0] * recall[k, 2] * recall[k, 3]
 
     schur[:, :] = 0.0
     schur[0, 0], schur[0, 1] = shift, -1.0
@@ -251,7 +315,7 @@ def factorise(y, numbers, grid, p_dot, z, shift, blocks, border, schur, pivot): 
     schur[3, 3], schur[3, 4] = 1.0, -q_z
     schur[4, 0], schur[4, 2], schur[4, 4] = by_R * z_p, -z_p * by_P, 1.0
     a, b = M - 1, M - 2
-    for j in range(5):
+    for j in range(5 if M > 0 else 0):
         Na = blocks[a, 0] * border[a, j]
         Ga = blocks[a, 1] * border[a, j] + blocks[a, 2] * border[a, 5 + j]
         Nb = border[b, j] - blocks[b, 3] * Na
@@ -272,26 +336,29 @@ def factorise(y, numbers, grid, p_dot, z, shift, blocks, border, schur, pivot): 
             schur[i, k] /= schur[k, k]
             for j in range(k + 1, 5):
                 schur[i, j] -= schur[i, k] * schur[k, j]
-    return q_a, q_b, zN_a, zN_b, zG_a, zG_b
+    return u_t, q_a, q_b, zN_a, zN_b, zG_a, zG_b
 
 
 @_compiled
-def back_substitute(r, M, blocks, border, schur, pivot, couplings, b):  # type: ignore[no-untyped-def]
+def back_substitute(r, M, blocks, border, recall, schur, pivot, couplings, b):  # type: ignore[no-untyped-def]
     """Solve (shift - J) u = r in place with the factors; b (5,) is work space."""
     for i in range(1, M):
         above = r[i - 1]
         r[M + i] -= blocks[i, 7] * above + blocks[i, 8] * r[M + i - 1]
         r[i] -= blocks[i, 6] * above
-    q_a, q_b, zN_a, zN_b, zG_a, zG_b = couplings
-    k, m = M - 1, M - 2
-    Na = blocks[k, 0] * r[k]
-    Ga = blocks[k, 1] * r[k] + blocks[k, 2] * r[M + k]
-    Nb = r[m] - blocks[m, 3] * Na
-    Gb = r[M + m] - blocks[m, 4] * Na - blocks[m, 5] * Ga
-    Nb, Gb = blocks[m, 0] * Nb, blocks[m, 1] * Nb + blocks[m, 2] * Gb
-    b[0], b[1], b[2] = r[2 * M], r[2 * M + 1], r[2 * M + 2]
-    b[3] = q_a * Na + q_b * Nb
-    b[4] = zN_a * Na + zN_b * Nb + zG_a * Ga + zG_b * Gb
+    b[0], b[1], b[2], b[3], b[4] = r[2 * M], r[2 * M + 1], r[2 * M + 2], 0.0, 0.0
+    if M > 0:
+        _, q_a, q_b, zN_a, zN_b, zG_a, zG_b = couplings
+        k, m = M - 1, M - 2
+        Na = blocks[k, 0] * r[k]
+        Ga = blocks[k, 1] * r[k] + blocks[k, 2] * r[M + k]
+        Nb = r[m] - blocks[m, 3] * Na
+        Gb = r[M + m] - blocks[m, 4] * Na - blocks[m, 5] * Ga
+        Nb, Gb = blocks[m, 0] * Nb, blocks[m, 1] * Nb + blocks[m, 2] * Gb
+        b[3] = q_a * Na + q_b * Nb
+        b[4] = zN_a * Na + zN_b * Nb + zG_a * Ga + zG_b * Gb
+    for k in range(recall.shape[0]):
+        b[1] += recall[k, 0] * recall[k, 3] * r[2 * M + 3 + k]
     for i in range(5):  # rows of the factors were swapped whole, so all exchanges come first
         j = pivot[i]
         b[i], b[j] = b[j], b[i]
@@ -303,6 +370,8 @@ def back_substitute(r, M, blocks, border, schur, pivot, couplings, b):  # type: 
             b[i] -= schur[i, j] * b[j]
         b[i] /= schur[i, i]
     r[2 * M], r[2 * M + 1], r[2 * M + 2] = b[0], b[1], b[2]
+    for k in range(recall.shape[0]):
+        r[2 * M + 3 + k] = recall[k, 0] * (r[2 * M + 3 + k] + recall[k, 1] * b[0] + recall[k, 2] * b[1])
     b0, b1, b2, b3, b4 = b[0], b[1], b[2], b[3], b[4]
     N = G = 0.0
     for i in range(M - 1, -1, -1):
@@ -317,39 +386,77 @@ def back_substitute(r, M, blocks, border, schur, pivot, couplings, b):  # type: 
 
 
 @_compiled
-def integrate(numbers, grid, A, C, gamma, order, time, rtol, max_steps, radius, velocity, pressure, stats):  # type: ignore[no-untyped-def]
-    """From rest at R = 1 to time[-1]; fills radius, velocity, pressure at `time`, stops filling where it fails.
+def reach(table, t):  # type: ignore[no-untyped-def]
+    """The longest step from t that passes over no piece of the table unseen: to the end of the next one."""
+    return table[min(piece(table, t) + 2, table.shape[0] - 1), 0] - t
 
+
+@_compiled
+def report(k, x, h, M, numbers, y, slope, trial, next_slope, out, fields):  # type: ignore[no-untyped-def]
+    """Row k of the results, a fraction x of the step h from y to trial."""
+    # quintic Hermite in R, whose first two derivatives are known at both ends; cubic in all else
+    R0, V0, A0 = y[2 * M], h * y[2 * M + 1], h * h * slope[2 * M + 1]
+    D, V1, A1 = trial[2 * M] - R0, h * trial[2 * M + 1], h * h * next_slope[2 * M + 1]
+    c3 = 10 * D - 6 * V0 - 4 * V1 - 1.5 * A0 + 0.5 * A1
+    c4 = -15 * D + 8 * V0 + 7 * V1 + 1.5 * A0 - A1
+    c5 = 6 * D - 3 * V0 - 3 * V1 - 0.5 * A0 + 0.5 * A1
+    R = R0 + x * (V0 + x * (0.5 * A0 + x * (c3 + x * (c4 + x * c5))))
+    U = (V0 + x * (A0 + x * (3 * c3 + x * (4 * c4 + x * 5 * c5)))) / h
+    i = x * x * (3 - 2 * x)
+    s0, s1 = h * x * (1 - x) * (1 - x), h * x * x * (x - 1)
+    j = 2 * M + 2
+    out[k, 0], out[k, 1] = R, U
+    out[k, 2] = (y[j] + i * (trial[j] - y[j]) + s0 * slope[j] + s1 * next_slope[j]) / (R * R * R)
+    out[k, 3] = stress(numbers, R, U / R)[0]
+    for m in range(numbers.memory.shape[0]):
+        j = 2 * M + 3 + m
+        out[k, 4 + m] = y[j] + i * (trial[j] - y[j]) + s0 * slope[j] + s1 * next_slope[j]
+        out[k, 3] += numbers.memory[m, 0] * out[k, 4 + m]
+    if fields.size > 0:
+        for j in range(2 * M):
+            fields[k, j] = y[j] + i * (trial[j] - y[j]) + s0 * slope[j] + s1 * next_slope[j]
+
+
+@_compiled
+def integrate(numbers, grid, method, start, time, rtol, max_steps, to_turn, out, fields, stats):  # type: ignore[no-untyped-def]
+    """From the state `start` (3 + k,) R, U, p, m_k, contents at rest and ambient temperature, to time[-1].
+
+    out (time, 4 + k): R, U, p, S, m_k; fields (time, 2 M) or empty: the contents. Rows from a failure on stay as they
+    are, and so do those after the end of the first step on which the wall turns from growth to collapse if `to_turn`.
     stats (5,): steps, rejected steps, relative change of the gas in the bubble, time reached, radius there.
     Returns OK, TOO_MANY_STEPS, STEP_TOO_SMALL, or OUTSIDE_LAW if no step stays within the laws of the material.
     """
-    M = grid.centre.size
-    n, stages = 2 * M + 3, A.shape[0]
+    M, K = grid.centre.size, numbers.memory.shape[0]
+    A, C, when, drift, gamma, order = method.A, method.C, method.when, method.drift, method.gamma, method.order
+    n, stages = 2 * M + 3 + K, A.shape[0]
     y, trial, slope, next_slope = np.empty(n), np.empty(n), np.empty(n), np.empty(n)
     u = np.empty((stages, n))
     theta, gas, F, H = np.empty(M), np.empty(M), np.empty(M + 1), np.empty(M + 1)
-    blocks, border = np.zeros((M, 9)), np.zeros((M, 10))
+    blocks, border, recall = np.zeros((M, 9)), np.zeros((M, 10)), np.zeros((K, 4))
     schur, b, pivot = np.zeros((5, 5)), np.zeros(5), np.zeros(5, np.int64)
 
-    p0 = numbers.pv + (1 + numbers.stretch / numbers.We - numbers.pv) / numbers.stretch**3
+    R, p = start[0], start[2]
     for i in range(M):
-        y[i], y[M + i] = p0, p0 - numbers.pv
-    y[2 * M], y[2 * M + 1], y[2 * M + 2] = 1.0, 0.0, p0
-    cause = fault(numbers, 1.0, p0)
+        y[i], y[M + i] = p * R**3, (p - numbers.pv) * R**3
+    y[2 * M :] = start
+    y[2 * M + 2] = p * R**3
+    gas_at_start = (p - numbers.pv) * R**3
+    cause = fault(numbers, R, p)
     t, h, after_rejection, status = 0.0, 1e-3 if cause == OK else 0.0, False, OK
     k = steps = rejected = 0
+    p_dot, z = derivatives(t, y, numbers, grid, theta, gas, F, H, slope)
     while k < time.size and time[k] <= 0.0:
-        radius[k], velocity[k], pressure[k] = 1.0, 0.0, p0
+        report(k, 0.0, 1.0, M, numbers, y, slope, y, slope, out, fields)
         k += 1
-    p_dot, z = derivatives(y, numbers, grid, theta, gas, F, H, slope)
-    while k < time.size:
+    while k < time.size and not (to_turn and y[2 * M + 1] < 0):
         if steps + rejected >= max_steps:
             status = TOO_MANY_STEPS
             break
         if h < 1e-14 * (1 + t):
             status = OUTSIDE_LAW if cause == OUTSIDE_LAW else STEP_TOO_SMALL
             break
-        couplings = factorise(y, numbers, grid, p_dot, z, 1 / (h * gamma), blocks, border, schur, pivot)
+        h = min(h, reach(numbers.driving, t))
+        couplings = factorise(t, y, numbers, grid, p_dot, z, 1 / (h * gamma), blocks, border, recall, schur, pivot)
         for s in range(stages):
             v = u[s]
             if s == 0:
@@ -364,12 +471,13 @@ def integrate(numbers, grid, A, C, gamma, order, time, rtol, max_steps, radius, 
                 cause = fault(numbers, trial[2 * M], trial[2 * M + 2])
                 if cause != OK:
                     break
-                derivatives(trial, numbers, grid, theta, gas, F, H, v)
+                derivatives(t + when[s] * h, trial, numbers, grid, theta, gas, F, H, v)
                 for m in range(s):
                     c, w = C[s, m] / h, u[m]
                     for j in range(n):
                         v[j] += c * w[j]
-            back_substitute(v, M, blocks, border, schur, pivot, couplings, b)
+            v[2 * M + 1] += drift[s] * h * couplings[0]
+            back_substitute(v, M, blocks, border, recall, schur, pivot, couplings, b)
         error, usable = 0.0, cause == OK
         if usable:
             last = u[stages - 1]
@@ -379,10 +487,15 @@ def integrate(numbers, grid, A, C, gamma, order, time, rtol, max_steps, radius, 
                 usable = usable and trial[j] > 0
                 e = last[j] / trial[j]
                 error += e * e
-            error /= 2 * M
+            error /= max(2 * M, 1)
             e_R, e_P = last[2 * M] / trial[2 * M], last[2 * M + 2] / trial[2 * M + 2]
             e_U = last[2 * M + 1] / (1 + abs(trial[2 * M + 1]))
-            error = math.sqrt((error + e_R * e_R + e_U * e_U + e_P * e_P) / 4) / rtol
+            error += e_R * e_R + e_U * e_U + e_P * e_P
+            for j in range(2 * M + 3, n):  # error of stress, against the ambient pressure or the stress itself
+                modulus = numbers.memory[j - 2 * M - 3, 0]
+                e = modulus * last[j] / (1 + abs(modulus * trial[j]))
+                error += e * e
+            error = math.sqrt(error / 4) / rtol
             cause = fault(numbers, trial[2 * M], trial[2 * M + 2])
             usable = usable and error < 1e10 and cause == OK
         if not usable or error > 1:
@@ -390,20 +503,9 @@ def integrate(numbers, grid, A, C, gamma, order, time, rtol, max_steps, radius, 
             after_rejection = True
             h *= max(0.2, 0.9 * error ** (-1 / order)) if usable else 0.2
             continue
-        p_dot, z = derivatives(trial, numbers, grid, theta, gas, F, H, next_slope)
-        while k < time.size and time[k] <= t + h:  # quintic Hermite in R (its first two derivatives are known)
-            x = (time[k] - t) / h
-            R0, V0, A0 = y[2 * M], h * y[2 * M + 1], h * h * slope[2 * M + 1]
-            D, V1, A1 = trial[2 * M] - R0, h * trial[2 * M + 1], h * h * next_slope[2 * M + 1]
-            c3 = 10 * D - 6 * V0 - 4 * V1 - 1.5 * A0 + 0.5 * A1
-            c4 = -15 * D + 8 * V0 + 7 * V1 + 1.5 * A0 - A1
-            c5 = 6 * D - 3 * V0 - 3 * V1 - 0.5 * A0 + 0.5 * A1
-            R = R0 + x * (V0 + x * (0.5 * A0 + x * (c3 + x * (c4 + x * c5))))
-            radius[k] = R
-            velocity[k] = (V0 + x * (A0 + x * (3 * c3 + x * (4 * c4 + x * 5 * c5)))) / h
-            P0, Q0, Q1 = y[2 * M + 2], h * slope[2 * M + 2], h * next_slope[2 * M + 2]
-            D = trial[2 * M + 2] - P0
-            pressure[k] = (P0 + x * (Q0 + x * (3 * D - 2 * Q0 - Q1 + x * (Q0 + Q1 - 2 * D)))) / (R * R * R)
+        p_dot, z = derivatives(t + h, trial, numbers, grid, theta, gas, F, H, next_slope)
+        while k < time.size and time[k] <= t + h:
+            report(k, (time[k] - t) / h, h, M, numbers, y, slope, trial, next_slope, out, fields)
             k += 1
         t += h
         steps += 1
@@ -415,6 +517,10 @@ def integrate(numbers, grid, A, C, gamma, order, time, rtol, max_steps, radius, 
     total = 0.0
     for i in range(M):
         total += y[M + i] / grid.inverse_volume[i]
-    stats[0], stats[1], stats[2] = steps, rejected, 3 * total / (p0 - numbers.pv) - 1
+    if M == 0:  # what a polytropic gas keeps is p_g R^(3 polytropic)
+        R, p = y[2 * M], y[2 * M + 2]
+        power = 3 * numbers.polytropic - 3
+        total = (p - numbers.pv * R**3) * (R / start[0]) ** power / 3
+    stats[0], stats[1], stats[2] = steps, rejected, 3 * total / gas_at_start - 1
     stats[3], stats[4] = t, y[2 * M]
     return status

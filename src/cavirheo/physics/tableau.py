@@ -5,10 +5,12 @@ Differential Equations package", BIT Numer. Math. 63, 27 (2023), doi:10.1007/s10
 order does not fall on parabolic problems with moving boundary values, which the vapour at the wall is.
 
 In the transformed form: (1/(h GAMMA) - J) u_i = f(y + sum_j A_ij u_j) + sum_j (C_ij/h) u_j. The last stage is the
-error estimate.
+error estimate. Where f depends on time, stage i takes it at t + WHEN_i h, and h DRIFT_i df/dt is added.
 """
 
 from __future__ import annotations
+
+from typing import NamedTuple
 
 import numpy as np
 
@@ -46,6 +48,10 @@ _C: list[list[float]] = [
 ]  # fmt: skip
 
 
+WHEN = np.array([0.0, 3 * GAMMA, 0.4095798393397535, 0.9769306725060716, 0.4288403609558664, 1.0, 1.0, 1.0])
+DRIFT = np.array([GAMMA, -2 * GAMMA, -0.3384627126235924, 1.8046452872882734, 2.325825639765069, 0.0, 0.0, 0.0])
+
+
 def _square(rows: list[list[float]]) -> np.ndarray:
     matrix = np.zeros((len(rows), len(rows)))
     for i, row in enumerate(rows):
@@ -53,5 +59,17 @@ def _square(rows: list[list[float]]) -> np.ndarray:
     return matrix
 
 
+class Method(NamedTuple):
+    """The coefficients as the compiled solver takes them."""
+
+    A: np.ndarray
+    C: np.ndarray
+    when: np.ndarray
+    drift: np.ndarray
+    gamma: float
+    order: int
+
+
 A = _square(_A)
 C = _square(_C)
+RODAS5P = Method(A, C, WHEN, DRIFT, GAMMA, ORDER)

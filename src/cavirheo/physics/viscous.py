@@ -39,6 +39,10 @@ class Viscous:
         return None
 
     @property
+    def memory(self) -> tuple[()]:
+        return ()
+
+    @property
     def viscous(self) -> Viscous:
         return self
 

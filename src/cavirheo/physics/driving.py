@@ -1,0 +1,106 @@
+"""Pressure far from the bubble, above the ambient one, over time: what drives it besides the ambient pressure.
+
+A driving is for the solver one more table (physics/table.py), of pressure over time; time 0 is the simulation's start.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from math import inf, pi
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy.interpolate import PchipInterpolator
+
+from cavirheo.errors import InputError
+from cavirheo.physics.checks import finite, positive
+from cavirheo.physics.table import Floats, hermite
+
+
+class Driving(Protocol):
+    """Any function of time in s, given in Pa above the ambient pressure."""
+
+    def table(self) -> Floats: ...
+
+
+@dataclass(frozen=True)
+class Pulse:
+    """One cycle of focused ultrasound, p_A {[1 + cos(2 pi f (t - centre))]/2}^n within half a period of its centre.
+
+    amplitude p_A in Pa, negative for tension; frequency f in Hz; centre in s; exponent n.
+    Gaudron, Warnez and Johnsen 2015, doi:10.1017/jfm.2015.7.
+    """
+
+    amplitude: float
+    frequency: float
+    centre: float
+    exponent: float = 3.7
+
+    def __post_init__(self) -> None:
+        finite(amplitude=self.amplitude, centre=self.centre)
+        positive(frequency=self.frequency)
+        if not 1 <= self.exponent < inf:
+            raise InputError(f"the exponent of a pulse must be at least 1, got {self.exponent!r}")
+
+    def pressure(self, time: ArrayLike) -> Floats:
+        """Pa above ambient at `time` in s (any shape)."""
+        phase = 2 * pi * self.frequency * (np.asarray(time, float) - self.centre)
+        return np.where(np.abs(phase) < pi, self.amplitude * ((1 + np.cos(phase)) / 2) ** self.exponent, 0.0)
+
+    def table(self) -> Floats:
+        n, omega = self.exponent, 2 * pi * self.frequency
+        x = np.linspace(-pi, pi, 129)
+        base, sine = (1 + np.cos(x)) / 2, np.sin(x)
+        base[[0, -1]] = sine[[0, -1]] = 0.0
+        safe = np.where(base > 0, base, 1.0)
+        value = base**n
+        slope = np.where(base > 0, -n / 2 * sine * safe ** (n - 1), 0.0)
+        curvature = np.where(
+            base > 0, n * (n - 1) / 4 * sine**2 * safe ** (n - 2) - n / 2 * np.cos(x) * safe ** (n - 1), 0.0
+        )
+        rows = self.amplitude * np.stack([value, slope * omega, curvature * omega**2])
+        pulse = hermite(self.centre + x / omega, *rows)
+        return _held(pulse)
+
+
+@dataclass(frozen=True, eq=False)
+class Trace:
+    """A measured or computed pressure, Pa above ambient, at ascending times in s; held at both its ends.
+
+    Between the samples monotone cubics (PCHIP): no pressure is invented beyond the samples' own.
+
+    Raises:
+        InputError: fewer than two samples, not finite, not ascending, or not as many times as pressures.
+    """
+
+    time: Floats  # (n,) s
+    pressure: Floats  # (n,) Pa
+
+    def __post_init__(self) -> None:
+        for name in ("time", "pressure"):
+            object.__setattr__(self, name, np.array(getattr(self, name), dtype=float))
+        if self.time.ndim != 1 or self.time.size < 2 or self.time.shape != self.pressure.shape:
+            raise InputError(
+                "a pressure trace needs as many times as pressures, at least two, "
+                f"got shapes {self.time.shape} and {self.pressure.shape}"
+            )
+        if not (
+            np.all(np.isfinite(self.time)) and np.all(np.isfinite(self.pressure)) and np.all(np.diff(self.time) > 0)
+        ):
+            raise InputError("the times of a pressure trace must be finite and ascend, and its pressures be finite")
+
+    def table(self) -> Floats:
+        rows = np.zeros((self.time.size, 7))
+        rows[:, 0], rows[:, 1] = self.time, self.pressure
+        rows[:-1, 1:5] = PchipInterpolator(self.time, self.pressure).c[::-1].T
+        return _held(rows)
+
+
+def _held(rows: Floats) -> Floats:
+    """The table from rows (n, 7) over ascending times, continued by its first and its last value."""
+    before, last, end = np.zeros((3, 7))
+    before[0], before[1] = min(0.0, rows[0, 0]) - 1.0, rows[0, 1]
+    last[0], last[1] = rows[-1, 0], rows[-1, 1]
+    end[0] = inf
+    return np.vstack([before, rows[:-1], last, end])

@@ -1,0 +1,77 @@
+"""Laws with memory: Maxwell arms, a spring and a dashpot in series, whose stress fades within the relaxation time.
+
+An arm's spring forgets what it was stretched from. For the laws below that is exact with one number a term
+(docs/physics.md, section 4.4):
+
+    S = sum_k C_k m_k,   m_k' = -m_k/tau - n_k (1 + m_k) U/R,   m_k = 0 in the relaxed state:
+
+1 + m_k is the fading mean of past R^n_k over the present one. Arms add to each other and to the instantaneous laws.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+
+from cavirheo.physics.checks import not_negative, positive
+from cavirheo.physics.table import Floats
+
+
+@dataclass(frozen=True)
+class Arm:
+    """Base of the arms: viscosity in Pa s and relaxation time tau in s; the spring's shear modulus is their ratio."""
+
+    viscosity: float
+    relaxation_time: float
+    terms: ClassVar[tuple[tuple[float, float], ...]] = ()  # C_k/modulus and n_k
+
+    def __post_init__(self) -> None:
+        not_negative(viscosity=self.viscosity)
+        positive(relaxation_time=self.relaxation_time)
+
+    @property
+    def name(self) -> str:
+        return type(self).__name__
+
+    @property
+    def elastic(self) -> None:
+        return None
+
+    @property
+    def viscous(self) -> None:
+        return None
+
+    @property
+    def memory(self) -> tuple[Arm, ...]:
+        return (self,)
+
+    @property
+    def modulus(self) -> float:
+        """Shear modulus of the spring, Pa."""
+        return self.viscosity / self.relaxation_time
+
+    def table(self) -> Floats:
+        """(k, 3) rows C_k in Pa, n_k, 1/tau in 1/s, for the solver."""
+        return np.array([[self.modulus * c, n, 1 / self.relaxation_time] for c, n in self.terms])
+
+
+@dataclass(frozen=True)
+class Maxwell(Arm):
+    """Linear Maxwell fluid, tau_rr + tau d(tau_rr)/dt = 2 mu D_rr at a fixed place: its spring is linear.
+
+    Not frame-indifferent: for small strains. Allen and Roy 2000, doi:10.1121/1.429344.
+    """
+
+    terms: ClassVar[tuple[tuple[float, float], ...]] = ((4 / 3, 3.0),)
+
+
+@dataclass(frozen=True)
+class UpperConvectedMaxwell(Arm):
+    """Maxwell fluid with the upper-convected rate (UCM), right at any strain: its spring is neo-Hookean.
+
+    Warnez and Johnsen 2015, doi:10.1063/1.4922598.
+    """
+
+    terms: ClassVar[tuple[tuple[float, float], ...]] = ((2.0, 1.0), (0.5, 4.0))
