@@ -12,6 +12,10 @@ from scipy.io import savemat
 
 from cavirheo import NeoHookeanKelvinVoigt, cli, read_curves, simulate
 from cavirheo.inference.model import path_of
+from cavirheo.physics import laws
+from cavirheo.physics.elastic import Yeoh
+from cavirheo.physics.materials import Viscoelastic
+from cavirheo.physics.viscous import Cross
 from cavirheo.reading import write_csv
 
 ROOT = Path(__file__).parent.parent
@@ -176,6 +180,48 @@ def test_simulate_writes_what_read_curves_reads(run, tmp_path):
     (curve,) = read_curves(tmp_path / "out" / "a.csv")
     expected = simulate(NeoHookeanKelvinVoigt(5e3, 0.05), max_radius=2e-4, stretch=6, time=np.arange(101) * 0.5e-6)
     assert np.allclose(curve.radius, expected.radius, rtol=1e-6)
+
+
+def test_simulate_any_sum_of_laws(run, tmp_path):
+    status, _, err = run(
+        "simulate", "--material", laws.EXAMPLE, "--rmax-um", 200, "--stretch", 6, "--duration-us", 40, "-o", "a.csv"
+    )
+    assert status == 0, err
+    law = Viscoelastic(Yeoh(1e3, 20.0), Cross(0.5, 0.01, 1e-4))
+    there = simulate(law, max_radius=200 * 1e-6, stretch=6, time=np.arange(41) / 1e6)
+    columns = zip(there.time * 1e6, there.radius * 1e6, there.velocity, there.pressure, strict=True)
+    rows = (tmp_path / "a.csv").read_text().splitlines()[1:]
+    assert rows == [",".join(f"{value:.9g}" for value in row) for row in columns]
+
+
+@pytest.mark.parametrize(
+    ("material", "options", "message"),
+    [
+        ("gent(2e3, 40", [], "'(' was never closed"),
+        ("gent", ["--shear-modulus", 2e3], "it reads gent(shear_modulus [Pa], limit [-])"),
+        ("gent(2e3, 40) + linear(1)", [], "one elastic part at most"),
+        (
+            "nhkv(2e3, 0.1)",
+            ["--shear-modulus", 2e3, "--viscosity", 0.1, "--stiffening", 1],
+            "holds its own parameters: leave out --shear-modulus, --viscosity, --stiffening",
+        ),
+        ("nhkv", ["--shear-modulus", 2e3], "takes shear_modulus, viscosity; got shear_modulus"),
+    ],
+)
+def test_simulate_refuses_a_material(run, tmp_path, material, options, message):
+    status, _, err = run("simulate", "--material", material, *options, "--rmax-um", 100, "--stretch", 5, "-o", "x.csv")
+    assert (status, err.count("\n")) == (2, 1)
+    assert message in err
+    assert not (tmp_path / "x.csv").exists()
+
+
+def test_laws_lists_every_law(run):
+    status, out, _ = run("laws")
+    assert status == 0
+    assert all(laws.usage(name) in out and laws.summary(name) in out for name in laws.LAWS)
+    assert max(map(len, out.splitlines())) <= 120
+    assert laws.EXAMPLE in out
+    assert laws.EXAMPLE in " ".join(run("simulate", "--help")[1].split())
 
 
 @pytest.mark.parametrize(

@@ -17,6 +17,7 @@ from cavirheo.errors import InputError, SolverError
 
 if TYPE_CHECKING:
     from cavirheo.curve import RadiusCurve
+    from cavirheo.physics.materials import Material
     from cavirheo.physics.media import Medium
 
 app = typer.Typer(
@@ -166,14 +167,33 @@ def _scaled(curve: RadiusCurve, max_radius: float) -> RadiusCurve:
         return curve
 
 
+def _material(text: str, **options: float | None) -> Material:
+    """A name whose parameters are options of the command, or a sum of laws that holds its own."""
+    from cavirheo.physics.laws import parse
+    from cavirheo.physics.materials import MATERIALS, make
+
+    if text in MATERIALS:
+        return make(text, **options)
+    law = parse(text)
+    if given := [f"--{key.replace('_', '-')}" for key, value in options.items() if value is not None]:
+        raise InputError(f"--material {text!r} holds its own parameters: leave out {', '.join(given)}")
+    return law
+
+
 @app.command()
 def simulate(
     out: Annotated[Path, typer.Option("-o", "--out", help="CSV file to write")],
-    viscosity: Annotated[float, typer.Option(help="Pa s")],
     rmax_um: Annotated[float, typer.Option(help="largest radius, um")],
     stretch: Annotated[float, typer.Option(help="R_max/R_0")],
-    material: Annotated[str, typer.Option(help="nhkv, newtonian or qkv")] = "nhkv",
+    material: Annotated[
+        str,
+        typer.Option(
+            help="nhkv, newtonian or qkv; or any laws with their parameters (see `cavirheo laws`), "
+            "'yeoh(1e3, 20) + cross(0.5, 0.01, 1e-4)'"
+        ),
+    ] = "nhkv",
     shear_modulus: Annotated[float | None, typer.Option(help="Pa")] = None,
+    viscosity: Annotated[float | None, typer.Option(help="Pa s")] = None,
     stiffening: Annotated[float | None, typer.Option(help="alpha of qkv")] = None,
     duration_us: Annotated[float, typer.Option(help="us after R_max")] = 100.0,
     frame_rate_hz: Annotated[float, typer.Option(help="1/s")] = 1e6,
@@ -187,11 +207,10 @@ def simulate(
     """One bubble from rest at its largest radius; columns time_us, radius_um, velocity_m_per_s, pressure_Pa."""
     import numpy as np
 
-    from cavirheo.physics.materials import make
     from cavirheo.physics.simulate import simulate as solve
 
     liquid = _medium(medium, density, sound_speed, surface_tension, pressure, temperature)
-    law = make(material, shear_modulus=shear_modulus, viscosity=viscosity, stiffening=stiffening)
+    law = _material(material, shear_modulus=shear_modulus, viscosity=viscosity, stiffening=stiffening)
     if not (duration_us > 0 and frame_rate_hz > 0 and 1 <= duration_us * 1e-6 * frame_rate_hz <= 1e6):
         raise InputError(
             f"duration and frame rate must give 1 to a million frames, got {duration_us} us at {frame_rate_hz} Hz"
@@ -208,6 +227,20 @@ def simulate(
     except OSError as error:
         raise InputError(f"cannot write {out}: {error}") from error
     print(f"{frames} frames of {law} in {liquid.name}: {out}", file=sys.stderr)
+
+
+@app.command()
+def laws() -> None:
+    """All laws for `simulate --material`: parameters with units, and the energy or viscosity function."""
+    from cavirheo.physics.laws import EXAMPLE, KINDS, summary, usage
+
+    for kind, names in KINDS.items():
+        print(f"{kind}:")
+        for name in names:
+            print(f"  {usage(name)}\n      {summary(name)}")
+        print()
+    print(f"A material is one law, or a sum of an elastic and a viscous one: --material '{EXAMPLE}'")
+    print("Parameters by position or by name (shear_modulus=2e3); those with a value here (= 0) may be left out.")
 
 
 @app.command()

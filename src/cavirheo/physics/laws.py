@@ -1,0 +1,149 @@
+"""Every law by the name that the field gives it, and materials written as a sum of laws."""
+
+from __future__ import annotations
+
+import ast
+import re
+from collections.abc import Callable, Sequence
+from difflib import get_close_matches
+from inspect import Parameter, cleandoc, signature
+from typing import Any
+
+from cavirheo.errors import InputError
+from cavirheo.physics import elastic, materials, viscous
+from cavirheo.physics.materials import Material, Viscoelastic
+
+KINDS: dict[str, dict[str, Callable[..., Material]]] = {
+    "elastic": {
+        "linear": elastic.Linear,
+        "neo-hookean": elastic.NeoHookean,
+        "quadratic": elastic.Quadratic,
+        "mooney-rivlin": elastic.MooneyRivlin,
+        "yeoh": elastic.Yeoh,
+        "fung": elastic.Fung,
+        "gent": elastic.Gent,
+        "arruda-boyce": elastic.ArrudaBoyce,
+        "ogden": elastic.Ogden,
+    },
+    "viscous": {
+        "newtonian": viscous.Newtonian,
+        "power-law": viscous.PowerLaw,
+        "herschel-bulkley": viscous.HerschelBulkley,
+        "carreau-yasuda": viscous.CarreauYasuda,
+        "cross": viscous.Cross,
+        "powell-eyring": viscous.PowellEyring,
+    },
+    "elastic and viscous": {"nhkv": materials.NeoHookeanKelvinVoigt, "qkv": materials.QuadraticKelvinVoigt},
+}
+LAWS = {name: law for laws in KINDS.values() for name, law in laws.items()}
+
+UNITS = {  # of every parameter of every law; "-" is dimensionless
+    "shear_modulus": "Pa", "C1": "Pa", "C2": "Pa", "C3": "Pa", "moduli": "Pa", "yield_stress": "Pa",
+    "viscosity": "Pa s", "zero_rate": "Pa s", "infinite_rate": "Pa s", "consistency": "Pa s^n",
+    "time": "s", "rest_rate": "1/s",
+    "stiffening": "-", "limit": "-", "segments": "-", "exponent": "-", "exponents": "-", "transition": "-",
+}  # fmt: skip
+
+EXAMPLE = "yeoh(1e3, 20) + cross(0.5, 0.01, 1e-4)"
+
+
+def _takes_tuple(parameter: Parameter) -> bool:
+    return str(parameter.annotation).startswith("tuple")
+
+
+def usage(name: str) -> str:
+    """How a law is written, with units and defaults: `gent(shear_modulus [Pa], limit [-])`."""
+
+    def one(key: str, parameter: Parameter) -> str:
+        unit = f"({UNITS[key]}, ...)" if _takes_tuple(parameter) else UNITS[key]
+        return f"{key} [{unit}]" + ("" if parameter.default is Parameter.empty else f" = {parameter.default:g}")
+
+    return f"{name}({', '.join(one(*item) for item in signature(LAWS[name]).parameters.items())})"
+
+
+def summary(name: str) -> str:
+    """The energy or viscosity function of a law in one line: the first of its docstring."""
+    return cleandoc(LAWS[name].__doc__ or "").partition("\n")[0]
+
+
+def parse(text: str) -> Material:
+    """The material of a sum like "gent(2e3, limit=40) + carreau-yasuda(0.5, 0.01, 1e-4, 0.4)", parameters in SI units.
+
+    Only numbers and tuples of numbers are read, nothing is executed. A hyphen between letters may be an underscore.
+
+    Raises:
+        InputError: not a sum of laws, an unknown law, a parameter missing, too many or out of range, a part twice.
+    """
+    if not text.strip():
+        raise InputError(f"the material is empty; write a sum of laws like {EXAMPLE}")
+    try:
+        source = re.sub(r"(?<=[A-Za-z])-(?=[A-Za-z])", "_", " ".join(text.split()))
+        terms = _terms(ast.parse(source, mode="eval").body)
+    except (SyntaxError, ValueError, RecursionError, MemoryError) as error:
+        why = getattr(error, "msg", error)
+        raise InputError(f"cannot read the material {text!r}: {why}; write a sum of laws like {EXAMPLE}") from None
+    return combine([_law(term) for term in terms])
+
+
+def combine(terms: Sequence[Material]) -> Material:
+    """The material whose stress is the sum of the terms; a single term is itself the material.
+
+    Raises:
+        InputError: more than one elastic or more than one viscous part.
+    """
+    parts = _only("elastic", terms), _only("viscous", terms)
+    return terms[0] if len(terms) == 1 else Viscoelastic(*parts)
+
+
+def _only(kind: str, terms: Sequence[Material]) -> Any:
+    """The part of this kind, None if no term has one."""
+    having = [term for term in terms if getattr(term, kind) is not None]
+    if len(having) > 1:
+        names = {law: name for name, law in LAWS.items()}
+        got = " and ".join(names.get(type(term), term.name) for term in having)
+        raise InputError(f"a material has one {kind} part at most, but {got} each have one; leave all but one out")
+    return getattr(having[0], kind) if having else None
+
+
+def _terms(node: ast.expr) -> list[ast.expr]:
+    if isinstance(node, ast.BinOp) and isinstance(node.op, ast.Add):
+        return [*_terms(node.left), *_terms(node.right)]
+    return [node]
+
+
+def _law(node: ast.expr) -> Material:
+    spelled = node.func if isinstance(node, ast.Call) else node
+    if not isinstance(spelled, ast.Name):
+        raise InputError(f"{ast.unparse(node)!r} is no law with its parameters; write a sum of laws like {EXAMPLE}")
+    name = spelled.id.replace("_", "-")
+    if name not in LAWS:
+        close = "".join(f"; did you mean {match}?" for match in get_close_matches(name.lower(), LAWS, 1))
+        raise InputError(f"unknown material law {name!r}{close or ';'} known: {', '.join(LAWS)}")
+    if not isinstance(node, ast.Call):
+        raise InputError(f"{name} stands without its parameters; it reads {usage(name)}")
+    takes = signature(LAWS[name])
+    named = {keyword.arg or "**": keyword.value for keyword in node.keywords}
+    try:
+        if len(named) < len(node.keywords):
+            raise TypeError("a parameter given twice")
+        nodes = takes.bind(*node.args, **named).arguments
+    except TypeError as error:
+        raise InputError(f"{name}: {error}; it reads {usage(name)}") from None
+    try:
+        return LAWS[name](**{key: _value(takes.parameters[key], nodes[key]) for key in nodes})
+    except InputError as error:
+        raise InputError(f"{name}: {error}") from None
+
+
+def _value(parameter: Parameter, node: ast.expr) -> float | tuple[float, ...]:
+    """The number or the tuple of numbers that a parameter takes; one number does for a tuple of one."""
+    many = _takes_tuple(parameter)
+    try:
+        value = ast.literal_eval(node)
+        numbers = value if many and isinstance(value, tuple) else (value,)
+        if any(type(number) not in (int, float) for number in numbers):
+            raise TypeError
+        return tuple(map(float, numbers)) if many else float(value)
+    except (ValueError, TypeError, OverflowError):
+        wanted = "a tuple of numbers" if many else "a number"
+        raise InputError(f"{parameter.name} must be {wanted}, got {ast.unparse(node)}") from None

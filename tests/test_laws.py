@@ -1,0 +1,145 @@
+"""The registry of laws and the notation for sums of them: what is read, and a clear word for every mistake."""
+
+from __future__ import annotations
+
+from dataclasses import fields, is_dataclass
+from inspect import signature
+
+import pytest
+
+from cavirheo.errors import InputError
+from cavirheo.physics import elastic, materials, viscous
+from cavirheo.physics.elastic import Gent, Linear, NeoHookean, Ogden, StrainEnergy, Yeoh
+from cavirheo.physics.laws import EXAMPLE, LAWS, UNITS, combine, parse, summary, usage
+from cavirheo.physics.materials import Material, NeoHookeanKelvinVoigt, Viscoelastic
+from cavirheo.physics.viscous import CarreauYasuda, Newtonian, PowerLaw, Viscosity
+
+GEL = Viscoelastic(Gent(2e3, 40.0), CarreauYasuda(0.5, 0.01, 1e-4, 0.4))
+
+
+@pytest.mark.parametrize(
+    ("text", "material"),
+    [
+        ("gent(shear_modulus=2e3, limit=40) + carreau-yasuda(0.5, 0.01, 1e-4, 0.4)", GEL),
+        ("carreau_yasuda(0.5, 0.01, time=1e-4, exponent=.4)+gent(limit=40, shear-modulus=2e+3)", GEL),
+        (" gent(2_000, 40)\n + (carreau-yasuda(0.5, 0.01, 1e-4, 0.4)) ", GEL),
+        ("nhkv(7690, 0.05)", NeoHookeanKelvinVoigt(7690.0, 0.05)),
+        ("ogden((2e3, -500), (2.5, -2))", Ogden((2e3, -500.0), (2.5, -2.0))),
+        ("ogden(moduli=2e3, exponents=(2,))", Ogden((2e3,), (2.0,))),
+        ("yeoh(C1=1500, C2=20)", Yeoh(1500.0, 20.0)),
+        ("neo-hookean(1e3) + newtonian(0.1)", Viscoelastic(NeoHookean(1e3), Newtonian(0.1))),
+        ("power-law(2, 0.6)", PowerLaw(2.0, 0.6)),
+    ],
+)
+def test_what_is_read(text, material):
+    assert parse(text) == material
+    assert repr(parse(text)) == repr(material)  # also 40 as 40.0
+
+
+@pytest.mark.parametrize("name", LAWS)
+def test_every_law_by_position_and_by_name(name):
+    law, takes = LAWS[name], signature(LAWS[name]).parameters
+    values = [0.5 + 0.25 * k for k in range(len(takes))]
+    given = {
+        key: (value, 2 * value) if "tuple" in str(parameter.annotation) else value
+        for value, (key, parameter) in zip(values, takes.items(), strict=True)
+    }
+    expected = law(**given)
+    assert isinstance(expected, Material)
+    assert parse(f"{name}({', '.join(map(str, given.values()))})") == expected
+    assert parse(f"{name}({', '.join(f'{key}={value}' for key, value in given.items())})") == expected
+    assert {key: getattr(expected, key) for key in given} == given
+
+
+@pytest.mark.parametrize("name", LAWS)
+def test_every_law_is_described(name):
+    takes = signature(LAWS[name]).parameters
+    assert takes.keys() <= UNITS.keys()
+    assert usage(name).startswith(f"{name}(")
+    assert all(f"{key} [" in usage(name) for key in takes)
+    assert summary(name).endswith(".")
+    assert not summary(name).startswith(f"{LAWS[name].__name__}(")  # which Python writes where there is no docstring
+
+
+def test_units_and_defaults_are_shown():
+    assert usage("gent") == "gent(shear_modulus [Pa], limit [-])"
+    assert usage("yeoh") == "yeoh(C1 [Pa], C2 [Pa] = 0, C3 [Pa] = 0)"
+    assert usage("ogden") == "ogden(moduli [(Pa, ...)], exponents [(-, ...)])"
+
+
+def test_no_law_is_forgotten():
+    """All but the two that hold a Python function and the one that holds other laws; no unit is left over."""
+    here = {
+        law
+        for module in (elastic, viscous, materials)
+        for law in vars(module).values()
+        if is_dataclass(law) and law.__module__ == module.__name__
+    }
+    assert here - {StrainEnergy, Viscosity, Viscoelastic} == set(LAWS.values())
+    assert {field.name for law in LAWS.values() for field in fields(law)} == UNITS.keys()
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("", "the material is empty; write a sum of laws like"),
+        ("  ", "is empty"),
+        ("glass(1)", "unknown material law 'glass'; known: linear, neo-hookean, "),
+        ("gnet(1, 2)", "unknown material law 'gnet'; did you mean gent? known: "),
+        ("Carreau-Yasuda(1, 1, 1, 1)", "did you mean carreau-yasuda?"),
+        ("gent", "gent stands without its parameters; it reads gent(shear_modulus [Pa], limit [-])"),
+        ("gent()", "gent: missing a required argument: 'shear_modulus'; it reads gent(shear_modulus [Pa], limit [-])"),
+        ("gent(2e3)", "missing a required argument: 'limit'; it reads gent("),
+        ("gent(2e3, 40, 1)", "gent: too many positional arguments; it reads gent("),
+        ("gent(2e3, 40, stiffening=1)", "unexpected keyword argument 'stiffening'; it reads gent("),
+        ("neo-hookean(2e3, stiffening=1)", "unexpected keyword argument 'stiffening'"),
+        ("gent(2e3, 40, limit=40)", "multiple values for argument 'limit'"),
+        ("gent(2e3, limit=40, limit=50)", "a parameter given twice; it reads gent("),
+        ("gent(2e3, **{'limit': 40})", "missing a required argument: 'limit'"),
+        ("gent(*(2e3, 40), 40)", "gent: shear_modulus must be a number, got *(2000.0, 40)"),
+        ("gent(2e3, soft)", "gent: limit must be a number, got soft"),
+        ("gent(2e3, '40')", "limit must be a number, got '40'"),
+        ("gent(2e3, True)", "limit must be a number, got True"),
+        ("gent(2e3, (40,))", "limit must be a number, got (40,)"),
+        ("gent(2e3, 40j)", "limit must be a number, got 40j"),
+        ("gent(2e3, 4*10)", "limit must be a number, got 4 * 10"),
+        ("gent(2e3, __import__('os').getpid())", "limit must be a number, got __import__('os').getpid()"),
+        ("gent(1" + 400 * "0" + ", 40)", "shear_modulus must be a number, got 1000"),
+        ("ogden((2e3, 'a'), (2, 2))", "ogden: moduli must be a tuple of numbers, got (2000.0, 'a')"),
+        ("ogden((2e3, (1,)), (2, 2))", "ogden: moduli must be a tuple of numbers"),
+        ("ogden((2e3, 1), 2)", "ogden: as many moduli as exponents"),
+        ("gent(-1, 40)", "gent: shear_modulus must be finite and not negative, got -1.0"),
+        ("gent(2e3, 40", "cannot read the material 'gent(2e3, 40': '(' was never closed; write a sum of laws like"),
+        ("gent(2e3, 40))", "unmatched ')'"),
+        ("gent(2e3, 40) +", "cannot read the material"),
+        ("gent(2e3 Pa, 40)", "cannot read the material"),
+        ("gent(2e3, 40)\0", "cannot read the material"),
+        ("2 * gent(2e3, 40)", "'2 * gent(2000.0, 40)' is no law with its parameters; write a sum of laws like"),
+        ("gent(2e3, 40) - newtonian(1)", "is no law with its parameters"),
+        ("gent(2e3, 40)(1)", "is no law with its parameters"),
+        ("os.getpid()", "'os.getpid()' is no law with its parameters"),
+        (
+            "gent(2e3, 40) + linear(2)",
+            "a material has one elastic part at most, but gent and linear each have one; leave all but one out",
+        ),
+        ("newtonian(1) + cross(1, 1, 1)", "one viscous part at most, but newtonian and cross each have one"),
+        ("nhkv(1, 1) + newtonian(1)", "one viscous part at most, but nhkv and newtonian each have one"),
+        ("gent(1, 1) + newtonian(1) + qkv(1, 1, 1)", "one elastic part at most, but gent and qkv each have one"),
+    ],
+)
+def test_every_mistake_is_named(text, message):
+    with pytest.raises(InputError) as error:
+        parse(text)
+    assert message in str(error.value)
+
+
+def test_combine_takes_any_material():
+    law = StrainEnergy(lambda a, b, c: 5e2 * (a**2 + b**2 + c**2 - 3))
+    assert combine([law]) is law
+    assert combine([Newtonian(0.1), law]) == Viscoelastic(law, Newtonian(0.1))
+    with pytest.raises(InputError, match="but viscoelastic and linear each"):
+        combine([Viscoelastic(law, Newtonian(0.1)), Linear(1.0)])
+
+
+def test_the_example_is_a_material():
+    assert isinstance(parse(EXAMPLE), Viscoelastic)
