@@ -8,13 +8,15 @@ from inspect import signature
 import pytest
 
 from cavirheo.errors import InputError
-from cavirheo.physics import elastic, materials, viscous
+from cavirheo.physics import elastic, materials, memory, viscous
 from cavirheo.physics.elastic import Gent, Linear, NeoHookean, Ogden, StrainEnergy, Yeoh
 from cavirheo.physics.laws import EXAMPLE, LAWS, UNITS, combine, parse, summary, usage
-from cavirheo.physics.materials import Material, NeoHookeanKelvinVoigt, Viscoelastic
+from cavirheo.physics.materials import Material, NeoHookeanKelvinVoigt, Viscoelastic, Zener
+from cavirheo.physics.memory import Arm, Maxwell, UpperConvectedMaxwell
 from cavirheo.physics.viscous import CarreauYasuda, Newtonian, PowerLaw, Viscosity
 
 GEL = Viscoelastic(Gent(2e3, 40.0), CarreauYasuda(0.5, 0.01, 1e-4, 0.4))
+ARMS = Viscoelastic(NeoHookean(1e3), Newtonian(0.01), (Maxwell(0.1, 2e-6), UpperConvectedMaxwell(0.2, 1e-5)))
 
 
 @pytest.mark.parametrize(
@@ -29,6 +31,9 @@ GEL = Viscoelastic(Gent(2e3, 40.0), CarreauYasuda(0.5, 0.01, 1e-4, 0.4))
         ("yeoh(C1=1500, C2=20)", Yeoh(1500.0, 20.0)),
         ("neo-hookean(1e3) + newtonian(0.1)", Viscoelastic(NeoHookean(1e3), Newtonian(0.1))),
         ("power-law(2, 0.6)", PowerLaw(2.0, 0.6)),
+        ("zener(7e3, 0.1, 2e-6)", Zener(7e3, 0.1, 2e-6)),
+        ("ucm(0.1, relaxation_time=2e-6)", UpperConvectedMaxwell(0.1, 2e-6)),
+        ("maxwell(0.1, 2e-6) + nhkv(1e3, 0.01) + ucm(0.2, 1e-5)", ARMS),
     ],
 )
 def test_what_is_read(text, material):
@@ -39,7 +44,7 @@ def test_what_is_read(text, material):
 @pytest.mark.parametrize("name", LAWS)
 def test_every_law_by_position_and_by_name(name):
     law, takes = LAWS[name], signature(LAWS[name]).parameters
-    values = [0.5 + 0.25 * k for k in range(len(takes))]
+    values = [1.5 - 0.25 * k for k in range(len(takes))]
     given = {
         key: (value, 2 * value) if "tuple" in str(parameter.annotation) else value
         for value, (key, parameter) in zip(values, takes.items(), strict=True)
@@ -71,11 +76,11 @@ def test_no_law_is_forgotten():
     """All but the two that hold a Python function and the one that holds other laws; no unit is left over."""
     here = {
         law
-        for module in (elastic, viscous, materials)
+        for module in (elastic, viscous, memory, materials)
         for law in vars(module).values()
         if is_dataclass(law) and law.__module__ == module.__name__
     }
-    assert here - {StrainEnergy, Viscosity, Viscoelastic} == set(LAWS.values())
+    assert here - {StrainEnergy, Viscosity, Viscoelastic, Arm} == set(LAWS.values())
     assert {field.name for law in LAWS.values() for field in fields(law)} == UNITS.keys()
 
 

@@ -239,7 +239,7 @@ def laws() -> None:
         for name in names:
             print(f"  {usage(name)}\n      {summary(name)}")
         print()
-    print(f"A material is one law, or a sum of an elastic and a viscous one: --material '{EXAMPLE}'")
+    print(f"A material is one law or a sum, with one elastic and one viscous part at most: --material '{EXAMPLE}'")
     print("Parameters by position or by name (shear_modulus=2e3); those with a value here (= 0) may be left out.")
 
 

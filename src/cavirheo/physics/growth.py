@@ -41,14 +41,13 @@ def remembered(numbers: Numbers) -> Floats:
         if overshoot(high) > 0:
             break
         high *= 1.5
-    else:
+    if abs(overshoot(brentq(overshoot, 0.0, high, xtol=1e-10, rtol=1e-10))) > 1e-6:
         raise SolverError("no impulse at R_0 makes the bubble grow to R_max in this material; start it relaxed")
-    overshoot(brentq(overshoot, 0.0, high, xtol=1e-10, rtol=1e-10))
     return state
 
 
 def _turn(numbers: Numbers, velocity: float) -> tuple[float, Floats]:
-    """Radius and memories where a wall that leaves R_0 with this velocity comes to rest; infinite if it does not."""
+    """Radius and memories where a wall that leaves R_0 with this velocity comes to rest; 2 where none is found."""
     k = len(numbers.memory)
     out = np.full((_TIME.size, 4 + k), np.nan)
     small = 1 / numbers.stretch
@@ -59,7 +58,7 @@ def _turn(numbers: Numbers, velocity: float) -> tuple[float, Floats]:
     if velocity == 0:
         return small, out[0, 4:]
     if falling.size == 0:
-        return np.inf, out[0, 4:]
+        return 2.0, out[0, 4:]
     i = np.array([falling[0] - 1, falling[0]])
     R, U, m = out[i, 0], out[i, 1], out[i, 4:]
     x = U[0] / (U[0] - U[1])

@@ -10,7 +10,7 @@ from inspect import Parameter, cleandoc, signature
 from typing import Any
 
 from cavirheo.errors import InputError
-from cavirheo.physics import elastic, materials, viscous
+from cavirheo.physics import elastic, materials, memory, viscous
 from cavirheo.physics.materials import Material, Viscoelastic
 
 KINDS: dict[str, dict[str, Callable[..., Material]]] = {
@@ -34,13 +34,20 @@ KINDS: dict[str, dict[str, Callable[..., Material]]] = {
         "powell-eyring": viscous.PowellEyring,
     },
     "elastic and viscous": {"nhkv": materials.NeoHookeanKelvinVoigt, "qkv": materials.QuadraticKelvinVoigt},
+    "with memory": {
+        "maxwell": memory.Maxwell,
+        "ucm": memory.UpperConvectedMaxwell,
+        "oldroyd-b": materials.OldroydB,
+        "zener": materials.Zener,
+        "sls": materials.StandardLinearSolid,
+    },
 }
 LAWS = {name: law for laws in KINDS.values() for name, law in laws.items()}
 
 UNITS = {  # of every parameter of every law; "-" is dimensionless
     "shear_modulus": "Pa", "C1": "Pa", "C2": "Pa", "C3": "Pa", "moduli": "Pa", "yield_stress": "Pa",
     "viscosity": "Pa s", "zero_rate": "Pa s", "infinite_rate": "Pa s", "consistency": "Pa s^n",
-    "time": "s", "rest_rate": "1/s",
+    "time": "s", "relaxation_time": "s", "retardation_time": "s", "rest_rate": "1/s",
     "stiffening": "-", "limit": "-", "segments": "-", "exponent": "-", "exponents": "-", "transition": "-",
 }  # fmt: skip
 
@@ -92,7 +99,7 @@ def combine(terms: Sequence[Material]) -> Material:
         InputError: more than one elastic or more than one viscous part.
     """
     parts = _only("elastic", terms), _only("viscous", terms)
-    return terms[0] if len(terms) == 1 else Viscoelastic(*parts)
+    return terms[0] if len(terms) == 1 else Viscoelastic(*parts, tuple(arm for term in terms for arm in term.memory))
 
 
 def _only(kind: str, terms: Sequence[Material]) -> Any:

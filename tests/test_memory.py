@@ -1,0 +1,233 @@
+"""Laws with memory against convolution integrals, a Lagrangian tensor solution, and what they reduce to."""
+
+from __future__ import annotations
+
+import lagrangian
+import numpy as np
+import pytest
+from scipy.integrate import cumulative_trapezoid, quad, solve_ivp
+from scipy.optimize import brentq
+
+from cavirheo.errors import InputError, SolverError
+from cavirheo.physics.elastic import Gent, Linear, NeoHookean
+from cavirheo.physics.growth import remembered
+from cavirheo.physics.materials import NeoHookeanKelvinVoigt, OldroydB, StandardLinearSolid, Viscoelastic, Zener
+from cavirheo.physics.media import WATER, Medium
+from cavirheo.physics.memory import Maxwell, UpperConvectedMaxwell
+from cavirheo.physics.scales import dimensionless
+from cavirheo.physics.simulate import simulate
+from cavirheo.physics.viscous import Newtonian
+
+TIME = np.linspace(0, 100e-6, 101)
+GEL = dict(max_radius=150e-6, stretch=5.0, time=TIME)
+ARMS = [(UpperConvectedMaxwell(0.2, 3e-6), NeoHookean), (Maxwell(0.2, 3e-6), Linear)]
+each_arm = pytest.mark.parametrize(("arm", "parent"), ARMS, ids=lambda x: getattr(x, "__name__", None) or str(x))
+TAU = 3e-6
+
+
+def path(t):
+    """A violent swing of the radius (m), from rest, and its rate."""
+    w = 2 * np.pi / 8e-6
+    R = 100e-6 * np.exp(0.9 * (np.cos(w * t) - 1))
+    return R, -R * 0.9 * w * np.sin(w * t)
+
+
+def along(arm, times):
+    """Stress (Pa) of an arm that is relaxed at t = 0, along the path, from its terms."""
+    C, n, fading = arm.table().T
+
+    def rate(t, m):
+        R, U = path(t)
+        return -m * fading - n * (1 + m) * U / R
+
+    m = solve_ivp(rate, (0, times[-1]), np.zeros(len(C)), t_eval=times, rtol=1e-11, atol=1e-12, method="DOP853").y
+    return C @ m
+
+
+@each_arm
+def test_an_arm_is_its_spring_with_a_fading_reference(arm, parent):
+    """S(t) = e^(-t/tau) S_el(R/R(0)) + int e^(-(t-s)/tau) S_el(R/R(s)) ds/tau, S_el the spring's (docs (4.8))."""
+    spring = parent(arm.modulus)
+    times = np.array([0, 1e-6, 3.7e-6, 4e-6, 9e-6, 20e-6])
+    for t, S in zip(times, along(arm, times), strict=True):
+        R = path(t)[0]
+        past, _ = quad(
+            lambda s, t=t, R=R: np.exp(-(t - s) / TAU) / TAU * spring.closed(R / path(s)[0])[0], 0, t, limit=500
+        )
+        expected = np.exp(-t / TAU) * spring.closed(R / path(0.0)[0])[0] + past
+        assert pytest.approx(expected, rel=1e-7, abs=1e-7 * arm.modulus) == S
+
+
+@each_arm
+def test_step_strain_relaxes_exponentially(arm, parent):
+    """After a sudden stretch the stress falls from the spring's to zero within tau, whatever the strain."""
+    C, n, fading = arm.table().T
+    for L in (0.2, 0.9, 1.1, 4.0):
+        m = L**-n - 1
+        assert C @ m == pytest.approx(parent(arm.modulus).closed(L)[0], rel=1e-12)
+        assert fading == pytest.approx(1 / TAU)
+
+
+@pytest.mark.parametrize("swing", [0.01, 0.3, 0.9])
+def test_dissipation_is_not_negative(swing):
+    """A relaxed arm can give back no more work than it was given: -int S 4 pi R^2 dR >= 0 at all times."""
+    t = np.linspace(0, 40e-6, 20001)
+    w = 2 * np.pi * np.array([1.3e5, 3.1e5])
+    logR = swing / 2 * (np.cos(np.outer(t, w)) - 1).sum(axis=1)
+    rate = -swing / 2 * np.sin(np.outer(t, w)) @ w
+    C, n, fading = UpperConvectedMaxwell(0.2, TAU).table().T
+    m = np.zeros((t.size, 2))
+    for k in range(2):  # 1 + m = mean of past R^n over R^n
+        past = cumulative_trapezoid(np.exp(t * fading[k] + n[k] * logR) * fading[k], t, initial=0.0) + 1.0
+        m[:, k] = past * np.exp(-t * fading[k] - n[k] * logR) - 1
+    work = cumulative_trapezoid(-(m @ C) * np.exp(3 * logR) * rate, t, initial=0.0)
+    assert np.all(work >= -1e-6 * np.ptp(work))
+    assert work[-1] > 0
+
+
+CASES = {
+    "ucm": (UpperConvectedMaxwell, {}),
+    "linear": (Maxwell, {}),
+    "oldroyd": (None, {"mu_s": 0.02}),
+    "zener": (UpperConvectedMaxwell, {"G": 0.3}),
+    "zener_lin": (Maxwell, {"G": 0.3}),
+}
+
+
+@pytest.mark.parametrize("law", CASES)
+@pytest.mark.parametrize("motion", ["rayleigh-plesset", "keller-miksis"])
+def test_against_the_stress_field_around_the_bubble(law, motion):
+    """R, U and S of a violent collapse as benchmarks/lagrangian.py gets them from the tensor equations."""
+    liquid = Medium(surface_tension=0.072)
+    R_max, stretch, De, mu = 100e-6, 4.0, 0.3, 0.05
+    t_c, p = liquid.time_scale(R_max), liquid.pressure
+    arm, options = CASES[law]
+    parts = []
+    if arm is None:
+        mu_s = options["mu_s"]
+        material = OldroydB((mu + mu_s) * p * t_c, De * t_c, De * t_c * mu_s / (mu + mu_s))
+    else:
+        parts = [arm(mu * p * t_c, De * t_c)]
+        spring = {UpperConvectedMaxwell: NeoHookean, Maxwell: Linear}[arm](options["G"] * p) if options else None
+        material = Viscoelastic(spring, None, parts)
+    t = np.linspace(0, 3, 61)
+    C = np.inf if motion == "rayleigh-plesset" else liquid.sound_speed / liquid.velocity_scale
+    R, U, S = lagrangian.solve(
+        law, t, mu=mu, lam=De, stretch=stretch, We=p * R_max / (2 * 0.072), pv=liquid.vapour_pressure / p,
+        k=1.4, C=C, n=40, rtol=1e-9, **options,
+    )  # fmt: skip
+    run = simulate(
+        material, max_radius=R_max, stretch=stretch, time=t * t_c, medium=liquid, motion=motion, polytropic=1.4,
+        relaxed=True, rtol=1e-9,
+    )  # fmt: skip
+    assert run.radius / R_max == pytest.approx(R, rel=1e-6)
+    assert run.velocity / liquid.velocity_scale == pytest.approx(U, abs=1e-5 * np.abs(U).max())
+    assert run.stress / p == pytest.approx(S, abs=1e-5 * np.abs(S).max())
+    assert R.min() < 0.3
+
+
+# --- what they reduce to
+
+
+@pytest.mark.parametrize(
+    ("short", "parent"),
+    [
+        (lambda tau: Zener(5e3, 0.05, tau), NeoHookeanKelvinVoigt(5e3, 0.05)),
+        (lambda tau: StandardLinearSolid(5e3, 0.05, tau), Viscoelastic(Linear(5e3), Newtonian(0.05))),
+        (lambda tau: UpperConvectedMaxwell(0.05, tau), Newtonian(0.05)),
+        (lambda tau: Maxwell(0.05, tau), Newtonian(0.05)),
+        (lambda tau: OldroydB(0.05, tau, 0.4 * tau), Newtonian(0.05)),
+    ],
+    ids=["zener", "sls", "ucm", "maxwell", "oldroyd-b"],
+)
+@pytest.mark.parametrize("relaxed", [True, False])
+def test_without_relaxation_time_an_arm_is_a_dashpot(short, parent, relaxed):
+    expected = simulate(parent, **GEL).radius
+    errors = [np.abs(simulate(short(tau), relaxed=relaxed, **GEL).radius - expected).max() for tau in (1e-7, 1e-9)]
+    assert errors[1] / 150e-6 < 1e-3
+    assert errors[1] < 0.05 * errors[0]
+
+
+@pytest.mark.parametrize(("law", "parent"), [(Zener, NeoHookean), (StandardLinearSolid, Linear)])
+def test_an_arm_that_never_relaxes_is_its_spring(law, parent):
+    """Grown from R_0 the arm's spring acts beside the other one; relaxed at R_max it is stress-free there."""
+    arm = 4e3
+    material = law(5e3, arm * 10.0, 10.0)
+    grown = simulate(material, **GEL)
+    assert grown.radius == pytest.approx(simulate(parent(5e3 + arm), **GEL).radius, abs=1e-4 * 150e-6)
+    relaxed = simulate(material, relaxed=True, **GEL)
+    assert relaxed.stress[0] == pytest.approx(parent(5e3).stress(5.0), rel=1e-9)
+    assert grown.stress[0] == pytest.approx(parent(5e3 + arm).stress(5.0), rel=1e-5)
+
+
+def test_parts_add():
+    """Two half arms are one; an arm without viscosity is none; an Oldroyd-B fluid all of solvent is Newtonian."""
+    arm, half = UpperConvectedMaxwell(0.1, 2e-6), UpperConvectedMaxwell(0.05, 2e-6)
+    one, two = (simulate(Viscoelastic(NeoHookean(2e3), None, arms), **GEL).radius for arms in ([arm], [half, half]))
+    assert two == pytest.approx(one, rel=1e-4)
+    none = simulate(Viscoelastic(NeoHookean(2e3), Newtonian(0.05), [UpperConvectedMaxwell(0.0, 1e-6)]), **GEL)
+    assert none.radius == pytest.approx(simulate(NeoHookeanKelvinVoigt(2e3, 0.05), **GEL).radius, rel=1e-4)
+    assert simulate(OldroydB(0.1, 1e-6, 1e-6), **GEL).radius == pytest.approx(
+        simulate(Newtonian(0.1), **GEL).radius, rel=1e-4
+    )
+
+
+# --- the state at R_max
+
+
+@pytest.mark.parametrize(("G", "mu", "tau"), [(2e3, 0.05, 1e-6), (2e4, 0.3, 2e-5), (0.0, 1.0, 1e-4)])
+def test_growth_leaves_what_an_impulse_leaves(G, mu, tau):
+    """Against scipy: Rayleigh-Plesset from rest at R_0 with the velocity that just reaches R_max, isothermal gas."""
+    numbers = dimensionless(Zener(G, mu, tau), WATER, 200e-6, 6.0)
+    n, fading = numbers.memory[:, 1], numbers.memory[0, 2]
+    modulus = numbers.memory[0, 0] / 2
+    lam, We, pv = numbers.stretch, numbers.We, numbers.pv
+
+    def rate(t, y):
+        R, U, m = y[0], y[1], y[2:]
+        q = 1 / (lam * R)
+        S = -G / WATER.pressure / 2 * (5 - 4 * q - q**4) + modulus * (2 * m[0] + m[1] / 2)
+        p = pv + (1 + lam / We - pv) / (lam * R) ** 3
+        return [U, (p - 1 / (We * R) + S - 1 - 1.5 * U * U) / R, *(-m * fading - n * (1 + m) * U / R)]
+
+    def turn(t, y):
+        return y[1]
+
+    turn.terminal, turn.direction = True, -1
+
+    def grown(U):
+        options = dict(events=turn, rtol=1e-10, atol=1e-12, method="DOP853")
+        return solve_ivp(rate, (0, 10), [1 / lam, U, 0, 0], **options).y[:, -1]
+
+    U = brentq(lambda U: grown(U)[0] - 1, 1.0, 400.0, xtol=1e-10)
+    assert remembered(numbers) == pytest.approx(grown(U)[2:], rel=1e-5)
+
+
+def test_nothing_is_remembered_at_equilibrium():
+    assert np.all(remembered(dimensionless(Zener(1e3, 0.1, 1e-6), WATER, 1e-4, 1.0)) == 0)
+
+
+def test_growth_that_cannot_be_is_a_status():
+    taut = Viscoelastic(Gent(1e3, 20.0), None, [Maxwell(0.1, 1e-6)])  # chains are taut before R_max
+    run = simulate(taut, **GEL, throw=False)
+    assert "no impulse" in run.status
+    assert "relaxed" in run.status
+    assert np.isnan(run.radius).all()
+    with pytest.raises(SolverError, match="no impulse"):
+        simulate(taut, **GEL)
+
+
+@pytest.mark.parametrize(
+    ("make", "match"),
+    [
+        (lambda: Maxwell(-1.0, 1e-6), "viscosity must be finite and not negative"),
+        (lambda: UpperConvectedMaxwell(1.0, 0.0), "relaxation_time must be finite and positive"),
+        (lambda: OldroydB(1.0, 1e-6, 2e-6), "must not exceed the relaxation time"),
+        (lambda: Zener(-1.0, 1.0, 1e-6), "shear_modulus"),
+        (lambda: Viscoelastic(None, None, [Newtonian(1.0)]), "memory takes Maxwell arms"),
+        (lambda: Viscoelastic(), "at least one law"),
+    ],
+)
+def test_bad_laws(make, match):
+    with pytest.raises(InputError, match=match):
+        make()
