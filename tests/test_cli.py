@@ -6,6 +6,7 @@ import json
 import sys
 from pathlib import Path
 
+import h5py
 import numpy as np
 import pytest
 from scipy.io import savemat
@@ -13,6 +14,7 @@ from scipy.io import savemat
 from cavirheo import NeoHookeanKelvinVoigt, cli, read_curves, simulate
 from cavirheo.inference.model import path_of
 from cavirheo.physics import laws
+from cavirheo.physics.driving import Trace
 from cavirheo.physics.elastic import Yeoh
 from cavirheo.physics.materials import Viscoelastic
 from cavirheo.physics.viscous import Cross
@@ -189,7 +191,10 @@ def test_simulate_any_sum_of_laws(run, tmp_path):
     assert status == 0, err
     law = Viscoelastic(Yeoh(1e3, 20.0), Cross(0.5, 0.01, 1e-4))
     there = simulate(law, max_radius=200 * 1e-6, stretch=6, time=np.arange(41) / 1e6)
-    columns = zip(there.time * 1e6, there.radius * 1e6, there.velocity, there.pressure, strict=True)
+    columns = zip(
+        there.time * 1e6, there.radius * 1e6, there.velocity, there.pressure, there.stress, there.strain,
+        there.strain_rate, strict=True,
+    )  # fmt: skip
     rows = (tmp_path / "a.csv").read_text().splitlines()[1:]
     assert rows == [",".join(f"{value:.9g}" for value in row) for row in columns]
 
@@ -215,6 +220,41 @@ def test_simulate_refuses_a_material(run, tmp_path, material, options, message):
     assert not (tmp_path / "x.csv").exists()
 
 
+def test_simulate_all_options(run, tmp_path):
+    """Ultrasound on a nucleus in a material with memory: the same as in Python, stress and fields included."""
+    (tmp_path / "p.csv").write_text("time_us,pressure_kPa\n0,0\n1,-2000\n2,0\n3,0\n")
+    words = "--rmax-um 2 --stretch 1 --duration-us 10 --frame-rate-hz 1e7 --motion gilmore --precise"
+    law = "zener(2e3, 0.01, 1e-6)"
+    status, _, err = run(
+        "simulate", "--material", law, *words.split(), *["--driving", "p.csv", "--fields", "f.h5", "-o", "a.csv"]
+    )
+    assert status == 0, err
+    expected = simulate(
+        laws.parse(law), max_radius=2e-6, stretch=1.0, time=np.arange(101) / 1e7, motion="gilmore", precise=True,
+        driving=Trace([0, 1e-6, 2e-6, 3e-6], [0, -2e6, 0, 0]), fields=True,
+    )  # fmt: skip
+    there = np.genfromtxt(tmp_path / "a.csv", delimiter=",", names=True)
+    assert there["radius_um"] == pytest.approx(expected.radius * 1e6, rel=1e-8)
+    assert there["stress_Pa"] == pytest.approx(expected.stress, rel=1e-8)
+    assert there["strain"] == pytest.approx(expected.strain, abs=1e-8)
+    assert there["strain_rate_per_s"] == pytest.approx(expected.strain_rate, rel=1e-8, abs=1e-3)
+    assert there["radius_um"].max() > 4
+    with h5py.File(tmp_path / "f.h5") as file:
+        assert np.array_equal(file["temperature_K"], expected.contents.temperature)
+        assert np.array_equal(file["vapour_mass_fraction"], expected.contents.vapour)
+        assert file["position"].shape == (257,)
+
+
+@pytest.mark.parametrize("way", ["--polytropic 1.4", "--motion rayleigh-plesset", "--relaxed", "--pulse -500 1 2"])
+def test_each_option_matters(run, tmp_path, way):
+    words = "simulate --material ucm(0.05,3e-6) --rmax-um 100 --stretch 5 --duration-us 30 -o {}.csv"
+    for name, more in (("a", ""), ("b", way)):
+        status, _, err = run(*words.format(name).split(), *more.split())
+        assert status == 0, err
+    one, two = (np.genfromtxt(tmp_path / f"{name}.csv", delimiter=",", names=True)["radius_um"] for name in "ab")
+    assert np.abs(one - two).max() > 0.1
+
+
 def test_laws_lists_every_law(run):
     status, out, _ = run("laws")
     assert status == 0
@@ -232,6 +272,10 @@ def test_laws_lists_every_law(run):
         ("--material nhkv --viscosity 1 --rmax-um 100 --stretch 5", "takes shear_modulus, viscosity"),
         ("--shear-modulus 1 --viscosity 1 --rmax-um 100 --stretch 0.2", "at least 1"),
         ("--shear-modulus 1 --viscosity 1 --rmax-um 100 --stretch 5 --frame-rate-hz 1e15", "a million frames"),
+        ("--material newtonian(1) --rmax-um 9 --stretch 1 --pulse 1 1 1 --driving p.csv", "either --pulse or"),
+        ("--material newtonian(1) --rmax-um 9 --stretch 1 --driving p.csv", "cannot read a pressure trace"),
+        ("--material newtonian(1) --rmax-um 9 --stretch 1 --polytropic 1 --fields f.h5", "have no fields"),
+        ("--material newtonian(1) --rmax-um 9 --stretch 1 --motion gilmor", "motion must be one of"),
     ],
 )
 def test_simulate_refuses(run, words, message):

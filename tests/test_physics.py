@@ -166,6 +166,40 @@ def test_a_failed_solve_says_so(monkeypatch):
     assert np.isfinite(run.radius[0])
 
 
+def test_what_a_simulation_carries():
+    """Stress, strain and rate at the wall are those of the laws; the contents are consistent with the pressure."""
+    run = simulate(GEL, max_radius=150e-6, stretch=5.0, time=TIME, fields=True)
+    assert run.equilibrium_radius == pytest.approx(30e-6)
+    assert run.strain == pytest.approx(np.log(run.radius / 30e-6))
+    assert run.strain_rate == pytest.approx(run.velocity / run.radius)
+    stress = GEL.elastic.stress(run.radius / 30e-6) + GEL.viscous.stress(run.strain_rate)
+    assert run.stress == pytest.approx(stress, rel=1e-9, abs=1e-6)
+    inside = run.contents
+    y, M = inside.position, 128
+    assert inside.temperature.shape == inside.vapour.shape == (101, M + 1)
+    assert np.all(np.diff(y) > 0)
+    assert y[-1] == 1
+    assert np.all(inside.temperature[:, -1] == WATER.temperature)
+    saturated = 1 / (1 + 462 / 287 * (run.pressure / WATER.vapour_pressure - 1))  # Dalton at the wall, docs 3.1
+    assert inside.vapour[:, -1] == pytest.approx(saturated, rel=1e-12)
+    assert inside.temperature.max() > 1000
+    # ideal gas: moles of gas, the integral of p (1-k)/(R_m T) over the volume, do not change
+    k, T = inside.vapour[:, :-1], inside.temperature[:, :-1]
+    mean = k * 462 + (1 - k) * 287
+    shells = 3 / wall_clustered(M).inverse_volume
+    gas = (run.pressure * run.radius**3) * ((1 - k) / (mean * T) @ shells)
+    assert gas == pytest.approx(gas[0], rel=2e-4)  # interpolated between steps
+    assert simulate(GEL, max_radius=150e-6, stretch=5.0, time=TIME).contents is None
+
+
+def test_precise_is_more_accurate():
+    settings = dict(max_radius=200e-6, stretch=8.0, time=TIME)
+    truth = simulate(GEL, cells=1024, rtol=1e-8, **settings).radius
+    default, precise = (np.abs(simulate(GEL, precise=p, **settings).radius - truth).max() for p in (False, True))
+    assert precise < 0.35 * default
+    assert precise / 200e-6 < 1e-4
+
+
 @pytest.mark.parametrize(
     ("change", "match"),
     [
@@ -176,6 +210,10 @@ def test_a_failed_solve_says_so(monkeypatch):
         (dict(time=[0, np.nan]), "finite"),
         (dict(rtol=0.5), "rtol"),
         (dict(cells=4), "at least 8 cells"),
+        (dict(polytropic=0.0), "polytropic exponent"),
+        (dict(polytropic=1.4, fields=True), "have no fields"),
+        (dict(motion="rayleigh"), "motion must be one of keller-miksis, rayleigh-plesset, gilmore"),
+        (dict(motion="gilmore", medium=Medium(sound_speed=np.inf)), "finite speed of sound"),
     ],
 )
 def test_bad_parameters(change, match):

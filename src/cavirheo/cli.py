@@ -197,6 +197,22 @@ def simulate(
     stiffening: Annotated[float | None, typer.Option(help="alpha of qkv")] = None,
     duration_us: Annotated[float, typer.Option(help="us after R_max")] = 100.0,
     frame_rate_hz: Annotated[float, typer.Option(help="1/s")] = 1e6,
+    pulse: Annotated[
+        tuple[float, float, float] | None,
+        typer.Option(help="ultrasound: peak kPa (negative: tension), MHz, us of the peak", metavar="KPA MHZ US"),
+    ] = None,
+    driving: Annotated[
+        Path | None, typer.Option(help="far-field pressure above ambient: CSV file with columns time_us,pressure_kPa")
+    ] = None,
+    motion: Annotated[str, typer.Option(help="keller-miksis, rayleigh-plesset or gilmore")] = "keller-miksis",
+    polytropic: Annotated[
+        float | None, typer.Option(help="exponent of the gas, instead of heat and vapour transport")
+    ] = None,
+    relaxed: Annotated[bool, typer.Option("--relaxed", help="laws with memory start unstressed")] = False,
+    precise: Annotated[bool, typer.Option("--precise", help="five times as accurate, four times as long")] = False,
+    fields: Annotated[
+        Path | None, typer.Option(help="HDF5 file for temperature and vapour in the bubble at every frame")
+    ] = None,
     medium: MediumName = "water",
     density: Density = None,
     sound_speed: SoundSpeed = None,
@@ -204,11 +220,19 @@ def simulate(
     pressure: Pressure = None,
     temperature: Temperature = None,
 ) -> None:
-    """One bubble from rest at its largest radius; columns time_us, radius_um, velocity_m_per_s, pressure_Pa."""
+    """One bubble from rest at its largest radius, or at equilibrium (--stretch 1) under ultrasound.
+
+    Columns: time_us, radius_um, velocity_m_per_s of the wall, pressure_Pa in the bubble, stress_Pa of the material
+    (stress integral), hoop strain and strain_rate_per_s at the wall.
+    """
     import numpy as np
 
+    from cavirheo.physics.driving import Pulse, read_trace
     from cavirheo.physics.simulate import simulate as solve
+    from cavirheo.physics.simulation import write_csv, write_fields
 
+    if pulse and driving:
+        raise InputError("give either --pulse or --driving, not both; a file can hold any sum of pressures")
     liquid = _medium(medium, density, sound_speed, surface_tension, pressure, temperature)
     law = _material(material, shear_modulus=shear_modulus, viscosity=viscosity, stiffening=stiffening)
     if not (duration_us > 0 and frame_rate_hz > 0 and 1 <= duration_us * 1e-6 * frame_rate_hz <= 1e6):
@@ -216,16 +240,24 @@ def simulate(
             f"duration and frame rate must give 1 to a million frames, got {duration_us} us at {frame_rate_hz} Hz"
         )
     frames = int(duration_us * 1e-6 * frame_rate_hz * (1 + 1e-9)) + 1
+    far_field = read_trace(driving) if driving else None
     _load_solver()
-    run = solve(law, max_radius=rmax_um * 1e-6, stretch=stretch, time=np.arange(frames) / frame_rate_hz, medium=liquid)
-    table = np.column_stack([run.time * 1e6, run.radius * 1e6, run.velocity, run.pressure])
-    try:
-        out.parent.mkdir(parents=True, exist_ok=True)
-        np.savetxt(
-            out, table, delimiter=",", header="time_us,radius_um,velocity_m_per_s,pressure_Pa", comments="", fmt="%.9g"
-        )
-    except OSError as error:
-        raise InputError(f"cannot write {out}: {error}") from error
+    run = solve(
+        law,
+        max_radius=rmax_um * 1e-6,
+        stretch=stretch,
+        time=np.arange(frames) / frame_rate_hz,
+        medium=liquid,
+        driving=Pulse(pulse[0] * 1e3, pulse[1] * 1e6, pulse[2] * 1e-6) if pulse else far_field,
+        motion=motion,
+        polytropic=polytropic,
+        relaxed=relaxed,
+        fields=fields is not None,
+        precise=precise,
+    )
+    write_csv(run, out)
+    if fields:
+        write_fields(run, fields)
     print(f"{frames} frames of {law} in {liquid.name}: {out}", file=sys.stderr)
 
 
@@ -239,7 +271,7 @@ def laws() -> None:
         for name in names:
             print(f"  {usage(name)}\n      {summary(name)}")
         print()
-    print(f"A material is one law or a sum, with one elastic and one viscous part at most: --material '{EXAMPLE}'")
+    print(f"A material is one law or a sum of one elastic part, one viscous part and any with memory:\n  --material '{EXAMPLE}'")
     print("Parameters by position or by name (shear_modulus=2e3); those with a value here (= 0) may be left out.")
 
 

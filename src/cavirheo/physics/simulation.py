@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
+
+from cavirheo.errors import InputError
 
 Floats = NDArray[np.float64]
 
@@ -46,3 +49,42 @@ class Simulation:
     def strain_rate(self) -> Floats:
         """(n,) its rate U/R, 1/s; the radial rate is -2 times as large, the shear rate 2 sqrt(3)."""
         return self.velocity / self.radius
+
+
+def write_csv(run: Simulation, path: Path) -> None:
+    """One row a frame. Raises InputError if the file cannot be written."""
+    columns = {
+        "time_us": run.time * 1e6,
+        "radius_um": run.radius * 1e6,
+        "velocity_m_per_s": run.velocity,
+        "pressure_Pa": run.pressure,
+        "stress_Pa": run.stress,
+        "strain": run.strain,
+        "strain_rate_per_s": run.strain_rate,
+    }
+    table = np.column_stack(list(columns.values()))
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        np.savetxt(path, table, delimiter=",", header=",".join(columns), comments="", fmt="%.9g")
+    except OSError as error:
+        raise InputError(f"cannot write {path}: {error}") from error
+
+
+def write_fields(run: Simulation, path: Path) -> None:
+    """The contents as HDF5: time_s (n,), radius_m (n,), position (m,), temperature_K and vapour_mass_fraction (n, m).
+
+    Raises:
+        InputError: the simulation kept no contents, or the file cannot be written.
+    """
+    import h5py  # a quarter of a second that other uses need not wait for
+
+    if run.contents is None:
+        raise InputError("the simulation kept no fields: simulate with fields=True")
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        with h5py.File(path, "w") as file:
+            file["time_s"], file["radius_m"] = run.time, run.radius
+            file["position"] = run.contents.position
+            file["temperature_K"], file["vapour_mass_fraction"] = run.contents.temperature, run.contents.vapour
+    except OSError as error:
+        raise InputError(f"cannot write {path}: {error}") from error
