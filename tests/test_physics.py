@@ -115,7 +115,7 @@ def test_analytic_jacobian(material, way, velocity):
     M, R, p, t = grid.centre.size, 0.4, 2.0, 0.1
     moles = p * R**3 / (1 + 2 * (1 - grid.centre**3))
     memory = np.array([1.3, 5.2, -0.4])[: len(numbers.memory)]
-    y = np.concatenate([moles, moles * (0.5 + 0.4 * grid.centre), [R, velocity, p * R**3], memory])
+    y = np.concatenate([moles, moles * (0.5 + 0.4 * grid.centre), [R, velocity, (p - numbers.base) * R**3], memory])
 
     def f(state, t=t):
         out, work = np.empty(y.size), [np.empty(M), np.empty(M), np.empty(M + 1), np.empty(M + 1)]

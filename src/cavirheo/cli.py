@@ -271,7 +271,10 @@ def laws() -> None:
         for name in names:
             print(f"  {usage(name)}\n      {summary(name)}")
         print()
-    print(f"A material is one law or a sum of one elastic part, one viscous part and any with memory:\n  --material '{EXAMPLE}'")
+    print(
+        "A material is one law, or a sum of one elastic part, one viscous part and any with memory:\n"
+        f"  --material '{EXAMPLE}'"
+    )
     print("Parameters by position or by name (shear_modulus=2e3); those with a value here (= 0) may be left out.")
 
 

@@ -34,6 +34,7 @@ class Numbers(NamedTuple):
     driving: Floats  # (n, 7) table of the far-field pressure above ambient, over p_inf, over t/t_c
     polytropic: float  # exponent of the gas where the contents are polytropic
     tait: float  # exponent of the liquid in Gilmore's equation; 0: Keller-Miksis
+    base: float  # p_b, which the state of the solver leaves out of the pressure (docs/physics.md, section 3.2)
 
     @property
     def pressure(self) -> float:
@@ -91,6 +92,7 @@ def dimensionless(
         kappa=medium.adiabatic_index,
         polytropic=polytropic,
         tait=TAIT if motion == "gilmore" else 0.0,
+        base=medium.vapour_pressure / p if driving or stretch > 20 else 0.0,
     )
     arms = [arm.table() * [1 / p, 1.0, max_radius / U_c] for arm in material.memory]
     return Numbers(

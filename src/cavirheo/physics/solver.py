@@ -6,8 +6,8 @@ round-off: in each shell i of the grid
     N_i = R^3 n        moles of gas and vapour per shell volume, n = p/T
     G_i = R^3 n (1-x)  moles of non-condensable gas, x the mole fraction of vapour
 
-and R, U = R', P = p R^3, and m_k, memories of the material. With mole fractions and the mole-averaged velocity v the
-contents obey
+and R, U = R', P = (p - p_b) R^3, and m_k, memories of the material. With mole fractions and the mole-averaged
+velocity v the contents obey
 
     n_t + div(n v) = 0,  [n (1-x)]_t + div(n (1-x) v + Fo n grad x) = 0,
 
@@ -132,15 +132,16 @@ def derivatives(t, y, numbers, grid, theta, gas, F, H, out):  # type: ignore[no-
     inverse_distance, inverse_volume = grid.inverse_distance, grid.inverse_volume
     A, B, Fo, kappa = numbers.A, numbers.B, numbers.Fo, numbers.kappa
     R, U, P = y[2 * M], y[2 * M + 1], y[2 * M + 2]
-    p = P / (R * R * R)
+    p = numbers.base + P / (R * R * R)
+    pressed = P + numbers.base * R * R * R  # p R^3
     memory = y[2 * M + 3 :]
     if M > 0:
         for i in range(M):
             r = 1 / y[i]
-            T = P * r
+            T = pressed * r
             theta[i] = (0.5 * A * (T + 1) + B) * (T - 1)
             gas[i] = y[M + i] * r
-        gas_wall = 1 - numbers.pv / p
+        gas_wall = (P + (numbers.base - numbers.pv) * R * R * R) / pressed
         z = (wall[0] * gas_wall + wall[1] * gas[M - 1] + wall[2] * gas[M - 2]) / gas_wall
         heat = (kappa - 1) * numbers.chi * (wall[1] * theta[M - 1] + wall[2] * theta[M - 2]) / R
         p_dot = 3 / R * (-kappa * p * U + heat - kappa * p * Fo * z / R)
@@ -148,7 +149,7 @@ def derivatives(t, y, numbers, grid, theta, gas, F, H, out):  # type: ignore[no-
         z, p_dot = 0.0, -3 * numbers.polytropic * (p - numbers.pv) * U / R
     out[2 * M] = U
     out[2 * M + 1] = accelerate(numbers, t, R, U, p, p_dot, memory)[0]
-    out[2 * M + 2] = R * R * (R * p_dot + 3 * p * U)
+    out[2 * M + 2] = R * R * R * p_dot + 3 * P * U / R
     for k in range(memory.size):
         out[2 * M + 3 + k] = -memory[k] * numbers.memory[k, 2] - numbers.memory[k, 1] * (1 + memory[k]) * U / R
     if M == 0:
@@ -187,9 +188,10 @@ def factorise(t, y, numbers, grid, p_dot, z, shift, blocks, border, recall, schu
     inverse_distance, inverse_volume = grid.inverse_distance, grid.inverse_volume
     A, B, Fo, kappa = numbers.A, numbers.B, numbers.Fo, numbers.kappa
     R, U, P = y[2 * M], y[2 * M + 1], y[2 * M + 2]
-    p = P / (R * R * R)
+    p = numbers.base + P / (R * R * R)
+    pressed = P + numbers.base * R * R * R  # p R^3
     by_P = 1 / (R * R * R)  # dp/dP
-    by_R = 3 * p / R  # -dp/dR at constant P
+    by_R = 3 * P / (R * R * R * R)  # -dp/dR at constant P
     drift = (kappa - 1) * numbers.chi / (kappa * p * R)
     per_rate = R / (3 * kappa * p)
     sweep = per_rate * p_dot + U
@@ -200,7 +202,7 @@ def factorise(t, y, numbers, grid, p_dot, z, shift, blocks, border, recall, schu
     F_R = F_U = F_p = F_q = H_R = H_U = H_p = H_q = 0.0
     i11 = i21 = i22 = s11 = s21 = s22 = 0.0
     r0 = 1 / y[0]
-    T0 = P * r0
+    T0 = pressed * r0
     theta0 = (0.5 * A * (T0 + 1) + B) * (T0 - 1)
     KT0 = (A * T0 + B) * T0
     gas0 = y[M] * r0
@@ -213,7 +215,7 @@ def factorise(t, y, numbers, grid, p_dot, z, shift, blocks, border, recall, schu
         c11 = c21 = c22 = 0.0
         if i < M - 1:
             r1 = 1 / y[i + 1]
-            T1 = P * r1
+            T1 = pressed * r1
             theta1 = (0.5 * A * (T1 + 1) + B) * (T1 - 1)
             KT1 = (A * T1 + B) * T1
             gas1 = y[M + i + 1] * r1
@@ -275,11 +277,11 @@ def factorise(t, y, numbers, grid, p_dot, z, shift, blocks, border, recall, schu
     # rows of p' and z
     if M > 0:
         rb = 1 / y[M - 2]
-        Tb = P * rb
+        Tb = pressed * rb
         thetab = (0.5 * A * (Tb + 1) + B) * (Tb - 1)
         KTb = (A * Tb + B) * Tb
         gasb = y[2 * M - 2] * rb
-        gas_wall = 1 - numbers.pv / p
+        gas_wall = (P + (numbers.base - numbers.pv) * R * R * R) / pressed
         heat = 3 * (kappa - 1) * numbers.chi / (R * R)
         theta_y, KT_y = wall[1] * theta0 + wall[2] * thetab, wall[1] * KT0 + wall[2] * KTb
         q_a, q_b = -heat * wall[1] * KT0 * r0, -heat * wall[2] * KTb * rb
@@ -309,8 +311,8 @@ def factorise(t, y, numbers, grid, p_dot, z, shift, blocks, border, recall, schu
     schur[:, :] = 0.0
     schur[0, 0], schur[0, 1] = shift, -1.0
     schur[1, 0], schur[1, 1], schur[1, 2], schur[1, 3] = -(u_R - by_R * u_p), shift - u_U, -u_p * by_P, -u_q
-    schur[2, 0] = -(3 * R * R * p_dot + 6 * R * p * U) + 3 * R * R * U * by_R
-    schur[2, 1], schur[2, 2], schur[2, 3] = -3 * R * R * p, shift - 3 * U / R, -R * R * R
+    schur[2, 0] = -(3 * R * R * p_dot + 6 * P * U / (R * R)) + 3 * R * R * U * by_R
+    schur[2, 1], schur[2, 2], schur[2, 3] = -3 * P / R, shift - 3 * U / R, -R * R * R
     schur[3, 0], schur[3, 1], schur[3, 2] = -(q_R - by_R * q_p), -q_U, -q_p * by_P
     schur[3, 3], schur[3, 4] = 1.0, -q_z
     schur[4, 0], schur[4, 2], schur[4, 4] = by_R * z_p, -z_p * by_P, 1.0
@@ -406,7 +408,8 @@ def report(k, x, h, M, numbers, y, slope, trial, next_slope, out, fields):  # ty
     s0, s1 = h * x * (1 - x) * (1 - x), h * x * x * (x - 1)
     j = 2 * M + 2
     out[k, 0], out[k, 1] = R, U
-    out[k, 2] = (y[j] + i * (trial[j] - y[j]) + s0 * slope[j] + s1 * next_slope[j]) / (R * R * R)
+    P = y[j] + i * (trial[j] - y[j]) + s0 * slope[j] + s1 * next_slope[j]
+    out[k, 2] = numbers.base + P / (R * R * R)
     out[k, 3] = stress(numbers, R, U / R)[0]
     for m in range(numbers.memory.shape[0]):
         j = 2 * M + 3 + m
@@ -439,9 +442,9 @@ def integrate(numbers, grid, method, start, time, rtol, max_steps, to_turn, out,
     for i in range(M):
         y[i], y[M + i] = p * R**3, (p - numbers.pv) * R**3
     y[2 * M :] = start
-    y[2 * M + 2] = p * R**3
+    y[2 * M + 2] = (p - numbers.base) * R**3
     gas_at_start = (p - numbers.pv) * R**3
-    cause = fault(numbers, R, p)
+    cause = fault(numbers, R, gas_at_start)
     t, h, after_rejection, status = 0.0, 1e-3 if cause == OK else 0.0, False, OK
     k = steps = rejected = 0
     p_dot, z = derivatives(t, y, numbers, grid, theta, gas, F, H, slope)
@@ -518,9 +521,9 @@ def integrate(numbers, grid, method, start, time, rtol, max_steps, to_turn, out,
     for i in range(M):
         total += y[M + i] / grid.inverse_volume[i]
     if M == 0:  # what a polytropic gas keeps is p_g R^(3 polytropic)
-        R, p = y[2 * M], y[2 * M + 2]
-        power = 3 * numbers.polytropic - 3
-        total = (p - numbers.pv * R**3) * (R / start[0]) ** power / 3
+        R = y[2 * M]
+        total = y[2 * M + 2] + (numbers.base - numbers.pv) * R**3
+        total *= (R / start[0]) ** (3 * numbers.polytropic - 3) / 3
     stats[0], stats[1], stats[2] = steps, rejected, 3 * total / gas_at_start - 1
     stats[3], stats[4] = t, y[2 * M]
     return status
