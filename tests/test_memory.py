@@ -46,7 +46,7 @@ def along(arm, times):
 
 @each_arm
 def test_an_arm_is_its_spring_with_a_fading_reference(arm, parent):
-    """S(t) = e^(-t/tau) S_el(R/R(0)) + int e^(-(t-s)/tau) S_el(R/R(s)) ds/tau, S_el the spring's (docs (4.8))."""
+    """S(t) = e^(-t/tau) S_el(R/R(0)) + int e^(-(t-s)/tau) S_el(R/R(s)) ds/tau, S_el the spring's (docs (4.7))."""
     spring = parent(arm.modulus)
     times = np.array([0, 1e-6, 3.7e-6, 4e-6, 9e-6, 20e-6])
     for t, S in zip(times, along(arm, times), strict=True):
