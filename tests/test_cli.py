@@ -242,7 +242,7 @@ def test_simulate_all_options(run, tmp_path):
     with h5py.File(tmp_path / "f.h5") as file:
         assert np.array_equal(file["temperature_K"], expected.contents.temperature)
         assert np.array_equal(file["vapour_mass_fraction"], expected.contents.vapour)
-        assert file["position"].shape == (257,)
+        assert file["position"].shape == (385,)
 
 
 @pytest.mark.parametrize("way", ["--polytropic 1.4", "--motion rayleigh-plesset", "--relaxed", "--pulse -500 1 2"])

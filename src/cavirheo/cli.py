@@ -209,7 +209,7 @@ def simulate(
         float | None, typer.Option(help="exponent of the gas, instead of heat and vapour transport")
     ] = None,
     relaxed: Annotated[bool, typer.Option("--relaxed", help="laws with memory start unstressed")] = False,
-    precise: Annotated[bool, typer.Option("--precise", help="five times as accurate, four times as long")] = False,
+    precise: Annotated[bool, typer.Option("--precise", help="ten times as accurate, five times as long")] = False,
     fields: Annotated[
         Path | None, typer.Option(help="HDF5 file for temperature and vapour in the bubble at every frame")
     ] = None,

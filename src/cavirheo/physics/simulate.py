@@ -21,8 +21,8 @@ from cavirheo.physics.scales import MOTIONS, dimensionless
 from cavirheo.physics.simulation import Contents, Simulation
 from cavirheo.physics.tableau import RODAS5P
 
-DEFAULT = (128, 3e-5)  # shells across the bubble, relative error per step: what they are worth, benchmarks/solver.md
-PRECISE = (256, 1e-6)
+DEFAULT = (128, 1e-4)  # shells across the bubble, relative error per step: what they are worth, benchmarks/solver.md
+PRECISE = (384, 1e-5)
 WALL_CELL = 1e-4  # thickness of the shell at the wall
 MAX_STEPS = 100_000
 
@@ -59,7 +59,7 @@ def simulate(
         relaxed: laws with memory start unstressed; otherwise with what the growth from R_0 to R_max leaves
             (physics/growth.py). The instantaneous laws have no such choice.
         fields: keep temperature and vapour in the bubble, `Simulation.contents`.
-        precise: about five times as accurate and four times as long as the default, whose error is 1e-4 of R_max in
+        precise: ten times as accurate and five times as long as the default, whose error is below 1e-4 of R_max in
             most cases and up to 2e-3 in the most violent collapses (benchmarks/solver.md).
         rtol, cells: instead of those of the default, relative error per step and shells across the bubble.
         throw: raise on a failed solve; otherwise return it with its status.

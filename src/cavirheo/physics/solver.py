@@ -447,6 +447,7 @@ def integrate(numbers, grid, method, start, time, rtol, max_steps, to_turn, out,
     cause = fault(numbers, R, gas_at_start)
     t, h, after_rejection, status = 0.0, 1e-3 if cause == OK else 0.0, False, OK
     k = steps = rejected = 0
+    last_error = last_h = 1.0
     p_dot, z = derivatives(t, y, numbers, grid, theta, gas, F, H, slope)
     while k < time.size and time[k] <= 0.0:
         report(k, 0.0, 1.0, M, numbers, y, slope, y, slope, out, fields)
@@ -514,8 +515,12 @@ def integrate(numbers, grid, method, start, time, rtol, max_steps, to_turn, out,
         steps += 1
         y, trial = trial, y
         slope, next_slope = next_slope, slope
-        growth = min(5.0, 0.9 * max(error, 1e-8) ** (-1 / order))
-        h *= min(growth, 1.0) if after_rejection else growth
+        growth = 0.9 * max(error, 1e-8) ** (-1 / order)
+        if steps > 1:  # Gustafsson's control foresees that the error goes on growing: few steps are rejected
+            trend = (max(last_error, 1e-2) / max(error * error, 1e-8)) ** (1 / order)
+            growth = min(growth, 0.9 * h / last_h * trend)
+        last_error, last_h = error, h
+        h *= min(growth, 1.0 if after_rejection else 5.0)
         after_rejection = False
     total = 0.0
     for i in range(M):
