@@ -1,0 +1,763 @@
+"""The forward problem against what is known exactly: linear oscillations, limits, invariants, orders of convergence.
+
+`pytest -s` shows every measured number beside its limit. The limits are two to ten times what was measured.
+"""
+
+from __future__ import annotations
+
+import json
+from collections import Counter
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.integrate import cumulative_simpson, solve_ivp
+from scipy.io import loadmat
+from scipy.optimize import brentq, newton
+
+from cavirheo.physics.driving import Pulse, Trace
+from cavirheo.physics.elastic import Gent, NeoHookean
+from cavirheo.physics.materials import (
+    NeoHookeanKelvinVoigt,
+    OldroydB,
+    QuadraticKelvinVoigt,
+    StandardLinearSolid,
+    Viscoelastic,
+    Zener,
+)
+from cavirheo.physics.media import ESTRADA2018, WATER, Medium
+from cavirheo.physics.memory import Maxwell, UpperConvectedMaxwell
+from cavirheo.physics.scales import MOTIONS, dimensionless
+from cavirheo.physics.simulate import simulate, simulate_many
+from cavirheo.physics.viscous import CarreauYasuda, HerschelBulkley, Newtonian
+
+GEL = NeoHookeanKelvinVoigt(5e3, 0.05)
+IDEAL = Newtonian(0.0)
+ARMS = Viscoelastic(NeoHookean(1e4), Newtonian(0.02), [UpperConvectedMaxwell(0.2, 3e-6), Maxwell(0.3, 3e-5)])
+TIME = np.linspace(0, 100e-6, 101)
+DRY = replace(WATER, vapour_reference_pressure=1.0, name="dry")  # p_v = 3e-8 Pa
+HOT = replace(WATER, temperature=350.0, name="hot")  # p_v = 0.41 p_inf
+each_motion = pytest.mark.parametrize("motion", MOTIONS)
+
+
+def within(limit, **measured):
+    """Every measured number is below the limit."""
+    print("; ".join(f"{name} {value:.2g}" for name, value in measured.items()), f"(limit {limit:g})")
+    assert all(0 <= value < limit for value in measured.values()), (measured, limit)
+
+
+def largest(x):
+    return float(np.max(np.abs(x)))
+
+
+# --- small oscillations about equilibrium, R = 1 + e exp(s t/t_c)
+
+
+def resistance(material, medium, radius):
+    """Polynomials N, D in s: the stress integral of a small oscillation is -4 (N/D) e, times p_inf."""
+    p, t_c = medium.pressure, medium.time_scale(radius)
+    solid = material.elastic.shear_modulus / p if material.elastic else 0.0
+    fluid = material.viscous.viscosity / (p * t_c) if material.viscous else 0.0
+    N, D = np.polynomial.Polynomial([solid, fluid]), np.polynomial.Polynomial([1.0])
+    for arm in material.memory:  # mu s/(1 + tau s)
+        fading = np.polynomial.Polynomial([1.0, arm.relaxation_time / t_c])
+        N, D = N * fading + D * np.polynomial.Polynomial([0.0, arm.viscosity / (p * t_c)]), D * fading
+    return N, D
+
+
+def compliance(material, medium, radius, motion, k=None):
+    """H(s): e = H f for a far-field pressure f; -(1 + s/C) D / [s^2 D + (1 + s/C) (K D + 4 N)].
+
+    K = -dp/dR - 1/We. For polytropic contents -dp/dR = 3k (p - p_v). For heat and vapour, with (3.1)-(3.4) linearised,
+    it is 3 kappa p/[1 + 3 (kappa-1) g(s/a) + 3 kappa x/(1-x) g(s/Fo)], g(q^2) = (q coth q - 1)/q^2, a the thermal
+    diffusivity (kappa-1) chi/(kappa p) and x = p_v/p: 3 kappa p where both layers are thin, 3 (p - p_v) where thick.
+    """
+    n = dimensionless(material, medium, radius, 1.0, motion=motion)
+    N, D = resistance(material, medium, radius)
+    p, C, x = 1 + 1 / n.We, n.C, n.pv / (1 + 1 / n.We)
+
+    def g(square):
+        q = np.sqrt(square + 0j)
+        return (q / np.tanh(q) - 1) / square
+
+    def H(s):
+        heat, vapour = (n.kappa - 1) * n.chi / (n.kappa * p), n.Fo
+        losses = 0 if k else 3 * (n.kappa - 1) * g(s / heat) + 3 * n.kappa * x / (1 - x) * g(s / vapour)
+        K = (3 * k * (p - n.pv) if k else 3 * n.kappa * p / (1 + losses)) - 1 / n.We
+        return -(1 + s / C) * D(s) / (s * s * D(s) + (1 + s / C) * (K * D(s) + 4 * N(s)))
+
+    return H
+
+
+def eigenvalues(material, medium, radius, motion, k):
+    """The roots s of the characteristic polynomial with polytropic contents, times t_c."""
+    n = dimensionless(material, medium, radius, 1.0, motion=motion)
+    N, D = resistance(material, medium, radius)
+    K = 3 * k * (1 + 1 / n.We - n.pv) - 1 / n.We
+    polynomial = np.polynomial.Polynomial
+    return (polynomial([0.0, 0.0, 1.0]) * D + polynomial([1.0, 1 / n.C]) * (K * D + 4 * N)).roots()
+
+
+def response(material, medium, radius, t_star, driving, **options):
+    """e(t) after a small driving from rest: of both its signs, so that what is even in the amplitude cancels."""
+    up, down = (
+        simulate(
+            material, medium=medium, max_radius=radius, stretch=1.0, time=t_star * medium.time_scale(radius),
+            driving=d, **{"rtol": 1e-9, **options},
+        ).radius
+        for d in (driving, opposite(driving))
+    )  # fmt: skip
+    return (up - down) / (2 * radius)
+
+
+def opposite(driving):
+    return (
+        Trace(driving.time, -driving.pressure)
+        if isinstance(driving, Trace)
+        else replace(driving, amplitude=-driving.amplitude)
+    )
+
+
+def tap(medium, radius, width, amplitude=1e-3):
+    """A pulse that lasts from 0 to `width` t_c."""
+    t_c = medium.time_scale(radius)
+    return Pulse(amplitude * medium.pressure, 1 / (width * t_c), 0.5 * width * t_c)
+
+
+def ringing(material, medium, radius, s, periods=8, **options):
+    """Times and e(t) once a tap is over, for about as long as the slowest of the modes s lasts."""
+    width = 1.2 * np.pi / np.max(np.abs(s.imag)) if np.any(s.imag) else 2 / np.min(-s.real)
+    rounds = periods * 2 * np.pi / np.max(np.abs(s.imag)) if np.any(s.imag) else np.inf
+    t = np.linspace(0, min(rounds, 7 / np.min(-s.real)), 400)
+    return t, response(material, medium, radius, width + t, tap(medium, radius, width), **options)
+
+
+def adjusted(t, e, s):
+    """One Gauss-Newton step of the modes s towards those of e(t), and the misfit of e(t) with s, over its largest."""
+    modes = np.exp(np.outer(t, s))
+    share = np.linalg.lstsq(modes, e.astype(complex), rcond=None)[0]
+    misfit = largest(modes @ share - e) / largest(e)
+    both = np.hstack([modes, t[:, None] * modes * share])
+    return s + np.linalg.lstsq(both, e.astype(complex), rcond=None)[0][s.size :], misfit
+
+
+RINGING = [
+    (NeoHookeanKelvinVoigt(1e3, 1e-3), 5e-6),
+    (NeoHookeanKelvinVoigt(1e4, 0.01), 5e-6),
+    (NeoHookeanKelvinVoigt(5e3, 1e-3), 60e-6),
+    (NeoHookeanKelvinVoigt(1e5, 0.05), 60e-6),
+    (NeoHookeanKelvinVoigt(1e4, 0.1), 300e-6),
+    (NeoHookeanKelvinVoigt(1e6, 0.01), 300e-6),
+    (NeoHookeanKelvinVoigt(1e5, 0.3), 300e-6),
+    (Zener(2e4, 0.1, 3e-6), 100e-6),
+    (Zener(2e4, 0.1, 3e-5), 100e-6),
+    (StandardLinearSolid(2e4, 0.1, 3e-6), 100e-6),
+    (UpperConvectedMaxwell(0.1, 1e-5), 100e-6),
+    (Maxwell(0.1, 1e-5), 100e-6),
+    (OldroydB(0.1, 1e-5, 2e-6), 100e-6),
+    (ARMS, 100e-6),
+]
+
+
+@pytest.mark.parametrize("c", [1484.0, 100.0])
+@each_motion
+@pytest.mark.parametrize(("material", "radius"), RINGING, ids=str)
+def test_frequency_and_damping_of_a_small_oscillation(material, radius, motion, c):
+    """The modes are the roots of the characteristic polynomial.
+
+    Measured: the pair to 3e-6 of |s|, 1e-6 in most; modes that only decay, which last a few samples, to 1.5e-3. The
+    misfit of the whole curve, 1e-5, is the solver's: errors of 1e-9 a step against an amplitude of 1e-4.
+    """
+    liquid = replace(WATER, sound_speed=c)  # 100 m/s: the terms in 1/c are 2 to 60 % of the others
+    s = eigenvalues(material, liquid, radius, motion, 1.4)
+    found, misfit = adjusted(*ringing(material, liquid, radius, s, polytropic=1.4, motion=motion), s)
+    off, rings = np.abs(found - s) / np.abs(s), s.imag != 0
+    assert rings.any()
+    within(5e-6, pair=largest(off[rings]))
+    within(3e-3, decays=np.max(off[~rings], initial=0.0))
+    within(3e-5, misfit=misfit)
+
+
+@pytest.mark.parametrize(
+    ("material", "radius"),
+    [(NeoHookeanKelvinVoigt(1e3, 0.15), 5e-6), (NeoHookeanKelvinVoigt(1e5, 1.0), 40e-6), (Newtonian(0.5), 40e-6)],
+    ids=str,
+)
+def test_an_overdamped_bubble_creeps_back(material, radius):
+    s = eigenvalues(material, WATER, radius, MOTIONS[0], 1.0)
+    assert not np.any(s.imag)
+    slow = s[[np.argmin(-s.real)]]
+    t, e = ringing(material, WATER, radius, s, polytropic=1.0)
+    late = np.exp((np.min(-s.real) - np.max(-s.real)) * t) < 1e-5
+    found, misfit = adjusted(t[late], e[late], slow)
+    within(1e-4, rate=abs(found[0] - slow[0]) / abs(slow[0]), misfit=misfit)
+
+
+def test_gilmore_is_keller_miksis_to_first_order():
+    """They differ by the square of the amplitude."""
+    t = np.linspace(0, 6, 200)
+    sizes = np.array([1e-2, 3e-2, 1e-1])
+    gaps = []
+    for size in sizes:
+        way = dict(
+            max_radius=60e-6, stretch=1.0, time=t * WATER.time_scale(60e-6), driving=tap(WATER, 60e-6, 2.0, size),
+            polytropic=1.4, rtol=1e-11, medium=replace(WATER, sound_speed=100.0),
+        )  # fmt: skip
+        gilmore, keller = (
+            simulate(NeoHookeanKelvinVoigt(5e3, 0.01), motion=m, **way) for m in ("gilmore", "keller-miksis")
+        )
+        gaps.append(largest(gilmore.radius - keller.radius) / 60e-6)
+    order = np.polyfit(np.log(sizes), np.log(gaps), 1)[0]
+    within(0.1, order_less_2=abs(order - 2))
+
+
+# --- heat and vapour: their small oscillations are known in closed form too
+
+
+def exact_wave(H, force, span, n=2**14):
+    """n times to span, and the response to force(t) there: an inverse Laplace transform off the axis, by FFT."""
+    t, shift = np.arange(n) * span / n, 10 / span
+    s = shift + 2j * np.pi * np.fft.rfftfreq(n, span / n)
+    return t, np.fft.irfft(np.fft.rfft(force(t) * np.exp(-shift * t)) * H(s), n) * np.exp(shift * t)
+
+
+def wave_error(material, medium, radius, motion, k=None, width=2.0, **options):
+    """Largest error of the whole curve after a tap, over the largest e."""
+    t_c = medium.time_scale(radius)
+    driving = tap(medium, radius, width)
+    H = compliance(material, medium, radius, motion, k)
+    t, exact = exact_wave(H, lambda t: driving.pressure(t * t_c) / medium.pressure, 40.0)
+    t, exact = t[:8192:16], exact[:8192:16]
+    e = response(material, medium, radius, t, driving, motion=motion, polytropic=k, **options)
+    return largest(e - exact) / largest(exact)
+
+
+@each_motion
+@pytest.mark.parametrize(("material", "radius"), [(NeoHookeanKelvinVoigt(5e3, 0.01), 60e-6), (ARMS, 100e-6)], ids=str)
+def test_response_to_a_pulse(material, radius, motion):
+    """The curve during and after a pulse, with the far-field pressure and its rate; measured 1e-5 of its largest."""
+    liquid = replace(WATER, sound_speed=100.0)
+    within(3e-5, error=wave_error(material, liquid, radius, motion, k=1.2))
+
+
+@pytest.mark.parametrize("medium", [WATER, HOT], ids=["water", "hot"])
+@pytest.mark.parametrize("radius", [1e-6, 5e-6, 20e-6, 60e-6, 300e-6, 3e-3])
+def test_response_with_heat_and_vapour(radius, medium):
+    """From thermal and vapour layers as thick as the bubble to thin ones; the error is that of the shells, order 2."""
+    errors = [
+        wave_error(Newtonian(200 * radius), medium, radius, MOTIONS[0], cells=c, rtol=1e-9) for c in (64, 128, 256)
+    ]
+    within(1.5e-4, default=errors[1])
+    within(4e-5, precise=errors[2])
+    assert np.log2(errors[0] / errors[2]) / 2 > 1.8 or errors[2] < 5e-6, errors
+
+
+def frequency(radius, medium, k):
+    """Im s of an ideal fluid's bubble with heat and vapour, simulated; with polytropic contents of exponent k, exact;
+    and the distance of the simulated mode from the exact one with heat and vapour."""
+    s = eigenvalues(IDEAL, medium, radius, MOTIONS[0], k)
+    s = s[s.imag > 0]
+    H = compliance(IDEAL, medium, radius, MOTIONS[0])
+    exact = newton(lambda z: 1 / H(z), s[0], tol=1e-12, maxiter=100)
+    t, e = ringing(IDEAL, medium, radius, s)
+    pair = np.array([exact, exact.conjugate()])
+    for _ in range(4):
+        pair, _ = adjusted(t, e, pair)
+    return pair[0].imag, s[0].imag, abs(pair[0] - exact) / abs(exact)
+
+
+def test_large_bubbles_oscillate_adiabatically():
+    """Without vapour the frequency tends to that of k = kappa as R^-1/2, the thickness of the thermal layer over R."""
+    found = [frequency(R, DRY, DRY.adiabatic_index) for R in (1e-3, 1e-2, 1e-1, 1.0)]
+    gaps = [1 - simulated / limit for simulated, limit, _ in found]
+    within(0.02, of_1_mm=gaps[0])
+    within(6e-4, of_1_m=gaps[3])
+    within(0.1, order_less_half=abs(np.log10(gaps[1] / gaps[3]) / 2 - 0.5))
+    within(5e-4, exact=max(miss for *_, miss in found[1:]))
+
+
+@pytest.mark.parametrize("medium", [WATER, DRY], ids=["water", "dry"])
+def test_tiny_bubbles_oscillate_isothermally(medium):
+    """The frequency tends to that of k = 1, with the vapour at constant pressure, as the square of R.
+
+    Without surface tension: with it the gas of a tiny bubble is denser and its frequency higher, so that the
+    layers do not outgrow it: at 1 um the frequency is 0.45 % off, at 0.1 um 1 %.
+    """
+    medium = replace(medium, surface_tension=0.0, sound_speed=1e5)
+    found = [frequency(R, medium, 1.0) for R in (4e-6, 2e-6, 1e-6, 0.5e-6)]
+    gaps = [abs(simulated / limit - 1) for simulated, limit, _ in found]
+    within(0.02, of_4_um=gaps[0])
+    within(1e-3, of_half_um=gaps[3])
+    within(0.3, order_less_2=abs(np.log2(gaps[1] / gaps[3]) / 2 - 2))
+    within(1e-4, exact=max(miss for *_, miss in found))
+
+
+# --- the equations of motion
+
+
+@pytest.mark.parametrize("material", [NeoHookeanKelvinVoigt(1e4, 0.05), Zener(2e4, 0.1, 3e-6)], ids=str)
+def test_incompressible_limit(material):
+    """Keller-Miksis and Gilmore tend to Rayleigh-Plesset as 1/c, to each other as 1/c^2 (measured 0.99 and 1.985).
+
+    In a gentle collapse: in violent ones C^2 must be large against p/p_inf = 1e3 and more before that is seen, and
+    Gilmore's enthalpy, a difference of two numbers of size C^2, is known to 1e-16 C^2 only.
+    """
+    t = np.linspace(0, 60e-6, 601)
+
+    def radius(motion, c):
+        return simulate(
+            material, max_radius=200e-6, stretch=2.0, time=t, motion=motion, polytropic=1.4, rtol=1e-11,
+            medium=replace(WATER, sound_speed=c),
+        ).radius / 200e-6  # fmt: skip
+
+    speeds = np.array([3e3, 1e4, 3e4])
+    plesset = radius("rayleigh-plesset", 1.0)
+    keller = [radius("keller-miksis", c) for c in speeds]
+    gilmore = [radius("gilmore", c) for c in speeds]
+    for curves, reference, order in ((keller, [plesset] * 3, 1), (gilmore, [plesset] * 3, 1), (gilmore, keller, 2)):
+        gaps = [largest(a - b) for a, b in zip(curves, reference, strict=True)]
+        within(0.04, off_order=abs(np.log(gaps[1] / gaps[2]) / np.log(speeds[2] / speeds[1]) - order))
+    within(3e-7, gilmore_keller_at_3e4=gaps[2])
+
+
+def textbook(t_star, n, G, mu, motion, far):
+    """R(t) by an explicit method from the equations as printed: n of the wall's pressure b, p_inf = rho = 1.
+
+    Gilmore: (1-U/c) R R'' + 3/2 (1-U/3c) U^2 = (1+U/c) h + (1-U/c) (R/c) h', h = int dp/rho from far to the wall,
+    p + B = (1 + B) rho^m, c^2 = dp/drho at the wall; Keller-Miksis: h = b - f, c constant, no (1-U/c) before h'.
+    """
+    C, m, gas = n.C, n.tait, n.pressure - n.pv
+
+    def rhs(t, y):
+        R, U = y
+        f, f_t = far(t)
+        q, p = 1 / (R * n.stretch), n.pv + gas * R ** (-3 * n.polytropic)
+        b = p - 1 / (n.We * R) - G * (5 - 4 * q - q**4) / 2 - 4 * mu * U / R - 1
+        b_t = (-3 * n.polytropic * (p - n.pv) + 1 / (n.We * R) - 2 * G * (q + q**4)) * U / R + 4 * mu * (U / R) ** 2
+        if motion == "gilmore":
+            wall, away = 1 + m * b / C**2, 1 + m * f / C**2
+            h = C**2 / (m - 1) * (wall ** (1 - 1 / m) - away ** (1 - 1 / m))
+            c, per_b, h_t = C * wall ** ((m - 1) / (2 * m)), wall ** (-1 / m), -(away ** (-1 / m)) * f_t
+            late = 1 - U / c
+        else:
+            h, c, per_b, h_t, late = b - f, C, 1.0, -f_t, 1.0
+        h_t += per_b * b_t
+        top = (1 + U / c) * h + late * R / c * h_t - 1.5 * (1 - U / (3 * c)) * U * U
+        return [U, top / ((1 - U / c) * R + late * 4 * mu * per_b / c)]
+
+    return solve_ivp(rhs, (0, t_star[-1]), [1.0, 0.0], "DOP853", t_star, rtol=1e-12, atol=1e-13).y[0]
+
+
+@each_motion
+def test_violent_collapse_against_the_printed_equations(motion):
+    """Through a collapse to 0.02-0.03 R_max under 8 to 37 kbar and a pulse during the rebound: measured 5e-8."""
+    gel, stretch, radius, k = NeoHookeanKelvinVoigt(5e3, 0.02), 7.0, 200e-6, 1.4
+    p, t_c = WATER.pressure, WATER.time_scale(200e-6)
+    t = np.linspace(0, 60e-6, 12_001)
+    far = Pulse(10 * p, 4e4, 35e-6)
+    run = simulate(
+        gel, max_radius=radius, stretch=stretch, time=t, motion=motion, polytropic=k, driving=far, rtol=1e-10
+    )
+    omega = 2 * np.pi * far.frequency * t_c
+
+    def pulse(x):
+        phase = omega * (x - far.centre / t_c)
+        if abs(phase) >= np.pi:
+            return 0.0, 0.0
+        base = (1 + np.cos(phase)) / 2
+        return 10 * base**3.7, -37 * base**2.7 * np.sin(phase) / 2 * omega
+
+    n = dimensionless(gel, WATER, radius, stretch, motion=motion, polytropic=k)
+    exact = textbook(t / t_c, n, gel.shear_modulus / p, gel.viscosity / (p * t_c), motion, pulse)
+    assert run.pressure.max() > 7e8
+    within(2e-7, radius=largest(run.radius / radius - exact))
+
+
+NODES, WEIGHTS = np.polynomial.legendre.leggauss(160)  # on [-1, 1]
+
+
+def stored(r, material, medium, stretch, k):
+    """Energy at radii r, over 4 pi p_inf R_max^3, of gas, far-field pressure, surface and neo-Hookean solid.
+
+    The solid's is the quadrature of G/2 (I_1 - 3) over the undeformed shells, clustered at the wall.
+    """
+    n = dimensionless(material, medium, 1e-4, stretch)
+    We, G = medium.pressure * r[0] / (2 * medium.surface_tension), 0.0
+    if material.elastic:
+        G = material.elastic.shear_modulus / medium.pressure
+    x, R0 = r / r[0], 1 / stretch
+    gas = (1 + stretch / We - n.pv) / stretch**3 * x ** (3 - 3 * k) / (3 * k - 3)
+    q, w = (NODES + 1) / 2, WEIGHTS / 2
+    s = 1 - (1 - q) ** 4  # R_0/r_0
+    b = np.cbrt(1 + ((x[:, None] / R0) ** 3 - 1) * s**3)
+    solid = G / 2 * R0**3 * ((b**-4 + 2 * b**2 - 3) / s**4 * 4 * (1 - q) ** 3) @ w
+    return gas + (1 - n.pv) * x**3 / 3 + x**2 / (2 * We) + solid
+
+
+def dense(material, medium, radius, stretch, span, n, **options):
+    """A run sampled densely where R changes fast."""
+    way = dict(max_radius=radius, stretch=stretch, medium=medium, motion="rayleigh-plesset", **options)
+    first = simulate(material, time=np.linspace(0, span, 4001), **way)
+    clock = cumulative_simpson(np.abs(first.strain_rate) + 20 / span, x=first.time, initial=0)
+    return simulate(material, time=np.interp(np.linspace(0, clock[-1], n), clock, first.time), **way)
+
+
+@pytest.mark.parametrize(
+    ("material", "stretch", "bounces"),
+    [
+        (IDEAL, 4.0, 3),
+        (NeoHookeanKelvinVoigt(2e4, 0.0), 5.0, 3),
+        (NeoHookeanKelvinVoigt(2e5, 0.0), 4.0, 6),
+        (NeoHookeanKelvinVoigt(2e4, 0.05), 4.0, 4),
+        (Newtonian(0.1), 6.0, 4),
+    ],
+    ids=str,
+)
+def test_energy(material, stretch, bounces):
+    """Without sound 2 pi rho R^3 U^2 and what gas, far-field pressure, surface and solid store lose 16 pi mu R U^2 a
+    time, through several collapses, to 1e-7 of the energy; the solid's is from its definition, not from the table."""
+    medium, mu = WATER, material.viscous.viscosity
+    run = dense(material, medium, 200e-6, stretch, 100e-6, 20_001, polytropic=1.4, rtol=1e-10)
+    r, u = run.radius / 200e-6, run.velocity / medium.velocity_scale
+    loss = cumulative_simpson(4 * mu * run.radius * run.velocity**2, x=run.time, initial=0)
+    energy = r**3 * u**2 / 2 + stored(run.radius, material, medium, stretch, 1.4)
+    balance = energy + loss / (medium.pressure * 200e-6**3)
+    assert np.sum((u[1:] > 0) & (u[:-1] <= 0)) >= bounces
+    assert (mu > 0) == (energy[-1] < 0.3 * energy[0])
+    within(1e-7, drift=largest(balance / energy[0] - 1))
+
+
+@pytest.mark.parametrize(
+    ("material", "stretch"), [(IDEAL, 3.0), (IDEAL, 12.0), (NeoHookeanKelvinVoigt(2e4, 0.0), 6.0)], ids=str
+)
+def test_collapse_time_is_the_quadrature_of_the_energy(material, stretch):
+    """t_1 = int dR/U and U^2 R^3/2 = the energy released so far, for any gas, surface and neo-Hookean solid."""
+    t_c = WATER.time_scale(200e-6)
+
+    def released(R):
+        all_r = np.concatenate([[1.0], np.atleast_1d(R)]) * 200e-6
+        E = stored(all_r, material, WATER, stretch, 1.4)
+        return E[0] - E[1:]
+
+    smallest = brentq(lambda R: released(R)[0], 1e-3, 0.5)
+    phi = np.pi / 4 * (NODES + 1)
+    R = smallest ** (np.cos(phi) ** 2)  # at rest at both ends: smooth in phi
+    expected = np.pi / 4 * WEIGHTS @ (-np.log(smallest) * np.sin(2 * phi) * R / np.sqrt(2 * released(R) / R**3))
+    t = np.linspace(0.999, 1.001, 4001) * expected
+    way = dict(medium=WATER, motion="rayleigh-plesset", polytropic=1.4, rtol=1e-10)
+    run = simulate(material, max_radius=200e-6, stretch=stretch, time=t * t_c, **way)
+    i = np.flatnonzero(run.velocity > 0)[0]
+    U = run.velocity[i - 1 : i + 1]
+    within(1e-7, time=abs((t[i - 1] + (t[1] - t[0]) * U[0] / (U[0] - U[1])) / expected - 1))
+    within(1e-6, radius=abs(run.radius.min() / 200e-6 / smallest - 1))
+
+
+def test_rayleigh_collapse_time():
+    """An almost empty cavity in an ideal liquid collapses in 0.914681 t_c; with vapour, (1 - p_v/p_inf)^-1/2 times."""
+    for medium, limit in ((DRY, 1e-5), (WATER, 2e-4)):
+        medium = replace(medium, surface_tension=0.0)
+        t = np.linspace(0.91, 0.94, 15_001)
+        run = simulate(
+            IDEAL, max_radius=200e-6, stretch=60.0, time=t * medium.time_scale(200e-6), medium=medium,
+            motion="rayleigh-plesset", polytropic=1.4, rtol=1e-8,
+        )  # fmt: skip
+        expected = 0.914681 / np.sqrt(1 - medium.vapour_pressure / medium.pressure)
+        within(limit, error=abs(t[np.argmin(run.radius)] / expected - 1))
+    cold = Medium(sound_speed=1e7, surface_tension=0.0, temperature=275.0)  # and with heat and vapour
+    t = np.linspace(0, 1.1, 2001) * cold.time_scale(200e-6)
+    run = simulate(IDEAL, max_radius=200e-6, stretch=25.0, time=t, medium=cold)
+    expected = 0.914681 / np.sqrt(1 - cold.vapour_pressure / cold.pressure)
+    within(2e-3, error=abs(t[np.argmin(run.radius)] / cold.time_scale(200e-6) / expected - 1))
+
+
+# --- rest
+
+REST = [
+    GEL,
+    QuadraticKelvinVoigt(4e4, 0.1, 0.7),
+    Viscoelastic(Gent(4e4, 6.0), CarreauYasuda(3.0, 0.01, 1e-5, 0.3)),
+    HerschelBulkley(500.0, 2.0, 0.5),
+    IDEAL,
+    *dict.fromkeys(material for material, _ in RINGING[7:]),
+]
+
+
+@pytest.mark.parametrize("polytropic", [None, 1.4])
+@each_motion
+@pytest.mark.parametrize("material", REST, ids=str)
+def test_equilibrium_stays_put(material, motion, polytropic):
+    """Every law, with the gas under the pressure of the surface, even where nothing damps (measured 2e-11)."""
+    run = simulate(material, max_radius=10e-6, stretch=1.0, time=TIME, motion=motion, polytropic=polytropic)
+    within(2e-10, motion=largest(run.radius / 10e-6 - 1), stress=largest(run.stress / WATER.pressure))
+
+
+def test_where_a_bubble_comes_to_rest():
+    """At R_0 with heat and vapour, and with k = 1. Other polytropic contents keep the heat of their collapse: they
+    start at ambient temperature, follow p R^3k, and rest where that balances surface and solid, far above R_0."""
+    gel, stretch, R = NeoHookeanKelvinVoigt(2e4, 0.5), 3.0, 60e-6
+    rests = {
+        k: simulate(gel, max_radius=R, stretch=stretch, time=[2e-3], polytropic=k, rtol=1e-8).radius[0] / R
+        for k in (None, 1.0, 1.2, 1.4)
+    }
+    n = dimensionless(gel, WATER, R, stretch)
+
+    def excess(x, k):
+        q = 1 / (x * stretch)
+        solid = -gel.shear_modulus / WATER.pressure * (5 - 4 * q - q**4) / 2
+        return (n.pressure - n.pv) * x ** (-3 * k) + n.pv - 1 / (n.We * x) - 1 + solid
+
+    within(1e-8, heat=abs(rests[None] * stretch - 1), isothermal=abs(rests[1.0] * stretch - 1))
+    for k in (1.2, 1.4):
+        within(1e-8, polytropic=abs(rests[k] / brentq(excess, 0.01, 1, args=(k,)) - 1))
+        assert rests[k] * stretch > 1.1
+
+
+# --- contents: their limits in a violent collapse
+
+
+def conducting(medium, factor):
+    """Heat and vapour conducted `factor` times as well."""
+    return replace(
+        medium,
+        conductivity_slope=medium.conductivity_slope * factor,
+        conductivity_intercept=medium.conductivity_intercept * factor,
+        diffusivity=medium.diffusivity * factor,
+    )
+
+
+VIOLENT = dict(max_radius=200e-6, stretch=6.0, time=np.linspace(0, 60e-6, 1201))
+SOFT = NeoHookeanKelvinVoigt(2e3, 5e-3)
+
+
+def test_adiabatic_limit():
+    """Contents that do not conduct keep p R^(3 kappa), through p = 4000 bar, and give R(t) of polytropic contents.
+
+    The rest is the error in time. With conduction 1e-9 of air's it is the thermal layer, thinner than the wall's shell
+    and there as thick as it: 1.5e-4.
+    """
+    exact = simulate(SOFT, polytropic=1.4, rtol=1e-10, medium=DRY, **VIOLENT)
+    for factor, rtol, limits in ((1e-13, 1e-9, (1e-6, 5e-7)), (1e-13, 3e-5, (2e-3, 2e-3)), (1e-9, 1e-9, (5e-4, 3e-4))):
+        run = simulate(SOFT, rtol=rtol, medium=conducting(DRY, factor), **VIOLENT)
+        kept = (run.pressure / run.pressure[0]) * (run.radius / run.radius[0]) ** 4.2
+        within(limits[0], invariant=largest(kept - 1))
+        within(limits[1], radius=largest(run.radius - exact.radius) / 200e-6)
+    assert exact.pressure.max() > 3e8
+
+
+@pytest.mark.parametrize("medium", [DRY, WATER], ids=["dry", "water"])
+def test_isothermal_limit(medium):
+    """Contents that conduct well stay at ambient temperature and give R(t) of isothermal gas and saturated vapour.
+
+    The gap falls as 1/conduction. A bubble with vapour takes many small steps here: 20 times those of a dry one.
+    """
+    exact = simulate(SOFT, polytropic=1.0, rtol=1e-9, medium=medium, **VIOLENT)
+    for factor, limit in ((1e6, 4e-4), (1e7, 4e-5)):
+        run = simulate(SOFT, rtol=1e-8, cells=32, medium=conducting(medium, factor), **VIOLENT)
+        within(limit, radius=largest(run.radius - exact.radius) / 200e-6)
+
+
+# report() interpolates the shells with cubics through their rates at the steps' ends, which are stiff at the wall
+stiff_rates = pytest.mark.xfail(strict=True, reason="fields between steps are wrong in the shells near the wall")
+
+
+@stiff_rates
+def test_temperature_in_the_isothermal_limit():
+    """Ambient to 1e-4; it is 1e-2 off between the steps."""
+    run = simulate(SOFT, rtol=1e-8, cells=32, medium=conducting(DRY, 1e7), fields=True, **VIOLENT)
+    within(5e-4, temperature=largest(run.contents.temperature / 298.15 - 1))
+
+
+@stiff_rates
+def test_fields_stay_between_what_they_may_be():
+    """A mass fraction is not negative: it is -0.28 in the shell at the wall of a 5 um bubble, with the default."""
+    t = np.linspace(0, 3, 301) * WATER.time_scale(5e-6)
+    run = simulate(SOFT, max_radius=5e-6, stretch=4.0, time=t, fields=True)
+    assert run.contents.vapour.min() >= 0
+    assert run.contents.vapour.max() <= 1
+
+
+def draws(n, seed):
+    """n materials of the prior with their stretches and R_max: log10 G in [2, 6], a fifth of them without, ..."""
+    rng = np.random.default_rng(seed)
+    G = np.where(rng.random(n) < 0.2, 0.0, 10 ** rng.uniform(2, 6, n))
+    mu = 10 ** rng.uniform(-4, 0.5, n)
+    materials = [NeoHookeanKelvinVoigt(g, m) if g else Newtonian(m) for g, m in zip(G, mu, strict=True)]
+    return materials, dict(stretch=rng.uniform(1.2, 12, n), max_radius=rng.uniform(40e-6, 500e-6, n))
+
+
+@pytest.mark.parametrize("n", [40, pytest.param(500, marks=pytest.mark.slow)])
+def test_gas_is_conserved_to_round_off(n):
+    """The moles of gas in the bubble, over all of the prior, whatever the error in time; measured 1e-13."""
+    materials, where = draws(n, 1)
+    runs = simulate_many(materials, time=np.linspace(0, 150e-6, 151), **where)
+    assert all(run.ok for run in runs), [run.status for run in runs if not run.ok]
+    within(1e-11, drift=max(abs(run.stats["gas_drift"]) for run in runs))
+
+
+@pytest.mark.slow
+def test_ten_thousand_draws_without_failure():
+    """Failures by what the status says first."""
+    materials, where = draws(10_000, 2)
+    runs = simulate_many(materials, time=np.linspace(0, 150e-6, 151), **where)
+    print("most steps", max(run.stats["steps"] for run in runs), "drift", max(abs(r.stats["gas_drift"]) for r in runs))
+    assert Counter(run.status.split(" at ")[0] for run in runs) == {"ok": 10_000}
+
+
+# --- driving
+
+
+@each_motion
+@pytest.mark.parametrize("polytropic", [None, 1.4])
+def test_a_late_pulse_is_not_stepped_over(motion, polytropic):
+    """1 us of pulse after 5 ms of rest, through which the solver takes six steps, does what it does at once."""
+    t, pulse = np.linspace(0, 30e-6, 301), Pulse(-1e6, 1e6, 1e-6)
+    way = dict(max_radius=10e-6, stretch=1.0, motion=motion, polytropic=polytropic)
+    early = simulate(GEL, time=t, driving=pulse, **way)
+    late = simulate(GEL, time=t + 5e-3, driving=replace(pulse, centre=pulse.centre + 5e-3), **way)
+    assert early.radius.max() > 15e-6
+    assert late.stats["steps"] < early.stats["steps"] + 12
+    within(1e-9, gap=largest(early.radius - late.radius) / 10e-6)
+
+
+def test_a_trace_of_a_pulse_is_the_pulse():
+    """Gap of R(t), which reaches 65 um, over R_0: order 3 and more in the distance of the samples (measured 3.7)."""
+    t, pulse = np.linspace(0, 30e-6, 301), Pulse(-1e6, 2e5, 5e-6)
+    way = dict(max_radius=10e-6, stretch=1.0, time=t, rtol=1e-8)
+    exact = simulate(GEL, driving=pulse, **way).radius
+    gaps = []
+    for n in (11, 21, 41, 81):
+        times = np.linspace(2.5e-6, 7.5e-6, n)
+        gaps.append(largest(simulate(GEL, driving=Trace(times, pulse.pressure(times)), **way).radius - exact) / 10e-6)
+    assert exact.max() > 60e-6
+    assert np.log2(gaps[0] / gaps[-1]) / 3 > 3, gaps
+    within(6e-5, finest=gaps[-1])
+
+
+@each_motion
+@pytest.mark.parametrize("k", [1.4, None])
+def test_forced_oscillation(motion, k):
+    """Amplitude and phase of the response to a long sinusoid are H(i w), below, at and above resonance.
+
+    In a liquid of 100 m/s: without the rate of the far-field pressure in (2.1) they would be off by w/C, 0.1 to 0.5.
+    """
+    material, medium, radius = Viscoelastic(NeoHookean(1e4), Newtonian(0.1), [Maxwell(0.1, 5e-6)]), WATER, 80e-6
+    medium = replace(medium, sound_speed=100.0)
+    t_c, n = medium.time_scale(radius), 160
+    H = compliance(material, medium, radius, motion, k)
+    for w in (1.0, 2.0, 5.0):
+        grown = 6.0  # periods over which it sets in, and as many again to settle
+        t = np.arange(0, 15 * n + 1) * 2 * np.pi / (w * n)
+        force = 1e-3 * np.sin(w * t) * np.sin(np.pi / 2 * np.minimum(1, w * t / (2 * np.pi * grown))) ** 2
+        late = t[-3 * n :]
+        e = response(
+            material, medium, radius, late, Trace(t * t_c, force * medium.pressure), motion=motion, polytropic=k,
+            rtol=1e-8,
+        )  # fmt: skip
+        found = 1e3 * np.linalg.lstsq(np.exp(1j * w * np.outer(late, [1, -1])), e.astype(complex), rcond=None)[0][0]
+        within(5e-4, off=abs(2j * found / H(1j * w) - 1))
+
+
+# --- order of convergence
+
+DRIVEN = dict(stretch=1.0, max_radius=20e-6, driving=Pulse(-2e6, 2e5, 10e-6))
+COLLAPSE = dict(stretch=5.0, max_radius=150e-6)
+
+
+@pytest.mark.parametrize(
+    ("material", "way", "least"),
+    [
+        (GEL, COLLAPSE, 4.5),
+        (Zener(1e4, 0.1, 3e-6), COLLAPSE, 4.2),
+        (ARMS, COLLAPSE, 4.2),
+        (GEL, {**COLLAPSE, "medium": DRY}, 4.8),
+        (ARMS, {**DRIVEN, "medium": DRY, "motion": "gilmore"}, 4.8),
+        (ARMS, DRIVEN, 3.5),
+        (GEL, {**COLLAPSE, "polytropic": 1.4}, 4.8),
+        (ARMS, {**DRIVEN, "polytropic": 1.4}, 4.8),
+        (ARMS, {**DRIVEN, "polytropic": 1.4, "motion": "gilmore"}, 4.8),
+    ],
+    ids=["gel", "zener", "arms", "dry", "dry-driven", "driven", "polytropic", "polytropic-driven", "gilmore"],
+)
+def test_order_of_convergence_in_time(material, way, least):
+    """Errors against a much tighter run, over the number of steps: order 5, with memories and driving too.
+
+    That of a bubble with vapour is lower, about 4 at tight tolerances: 3.8 of one that grows sixfold under tension,
+    where nearly all in it is vapour, against 5.8 without vapour.
+    """
+    way = dict(time=TIME, **way)
+    fine = simulate(material, rtol=1e-10, **way)
+    runs = [simulate(material, rtol=r, **way) for r in (1e-4, 1e-5, 1e-6, 1e-7, 1e-8)]
+    errors = [largest(r.radius - fine.radius) / way["max_radius"] for r in runs]
+    steps = [r.stats["steps"] for r in runs]
+    order = -np.polyfit(np.log(steps), np.log(errors), 1)[0]
+    print(f"order {order:.2f}, errors", *(f"{e:.1e}" for e in errors), "steps", *steps)
+    assert order > least, (order, errors, steps)
+
+
+@pytest.mark.parametrize(("material", "way"), [(GEL, COLLAPSE), (SOFT, dict(stretch=8.0, max_radius=230e-6))], ids=str)
+def test_order_of_convergence_in_space(material, way):
+    """Errors against 1024 shells, from one number of shells to twice as many: order 2 throughout (measured 2.1-2.5)."""
+    way = dict(time=TIME, rtol=1e-7, **way)
+    fine = simulate(material, cells=1024, **way)
+    errors = np.array([largest(simulate(material, cells=c, **way).radius - fine.radius) for c in (64, 128, 256, 512)])
+    orders = np.log2(errors[:-1] / errors[1:])
+    print("orders", *(f"{o:.2f}" for o in orders), "errors", *(f"{e / way['max_radius']:.1e}" for e in errors))
+    assert np.all(orders > 1.8), (orders, errors)
+
+
+# --- other people's solutions
+
+
+def references(real_data):
+    """Medium, times, and for each curve material, stretch and R_max, R(t) and how good it is."""
+    data = np.load(real_data.parent / "reference" / "reference_curves.npz")
+    known = json.loads(str(data["conditions"]))
+    where = [
+        (NeoHookeanKelvinVoigt(G, mu), dict(stretch=stretch, max_radius=R_max))
+        for G, mu, stretch, R_max in data["params"].tolist()
+    ]
+    return Medium(known["rho"], known["c"], known["gamma"]), data["t"], where, data["R"], data["err"]
+
+
+def table(real_data, **finest):
+    """Per reference curve: its own error, ours by default, ours if precise; against it, or our own finest run."""
+    medium, t, where, reference, own = references(real_data)
+    rows = []
+    for (gel, way), R, good in zip(where, reference, own, strict=True):
+        way = dict(time=t, medium=medium, **way)
+        best = simulate(gel, **finest, **way).radius if finest else R
+        ours = [simulate(gel, precise=precise, **way).radius for precise in (False, True)]
+        rows.append([good, *(largest(a - best) / way["max_radius"] for a in ours)])
+        print(f"{gel!s:70} reference {rows[-1][0]:.1e} default {rows[-1][1]:.1e} precise {rows[-1][2]:.1e}")
+    return np.array(rows).T
+
+
+def test_reference_curves(real_data):
+    """Another code's, itself good to about `own`: errors beyond that, over R_max."""
+    own, default, precise = table(real_data)
+    within(1e-3, default=np.max(default))
+    within(3e-4, default_median=np.median(default), precise_beyond_theirs=np.max(precise - own, initial=0.0))
+    within(1e-4, precise_median=np.median(precise))
+
+
+@pytest.mark.slow
+def test_default_and_precise_against_the_finest(real_data):
+    """Against our own solution on 1024 shells at rtol 1e-8, which is nearer than the reference in violent collapses:
+    measured up to 1.9e-3 by default and 4.2e-4 if precise, in the median 1.9e-4 and 4.2e-5."""
+    _, default, precise = table(real_data, cells=1024, rtol=1e-8)
+    within(2.5e-3, default=np.max(default))
+    within(6e-4, precise=np.max(precise))
+    within(3e-4, default_median=np.median(default))
+    within(7e-5, precise_median=np.median(precise))
+
+
+def test_another_simulation(real_data):
+    """Someone else's NHKV curve, which starts at R_max: rms difference below 0.3 % of R_max, six bounces long."""
+    data = loadmat(real_data / "simulated" / "numsim4_NHKV_RofTdata.mat")
+    t, R = data["t"].ravel(), data["Rnew"].ravel()
+    gel = NeoHookeanKelvinVoigt(7690.0, 0.05)
+    way = dict(max_radius=R[0], stretch=R[0] / 54.818e-6, medium=ESTRADA2018)
+    run = simulate(gel, time=t, **way)
+    within(3e-3, rms=np.sqrt(np.mean((run.radius - R) ** 2)) / R[0])
+    assert t[0] == 0
+    assert np.argmax(R) == 0
