@@ -557,17 +557,14 @@ def test_isothermal_limit(medium):
 
 
 # report() interpolates the shells with cubics through their rates at the steps' ends, which are stiff at the wall
-stiff_rates = pytest.mark.xfail(strict=True, reason="fields between steps are wrong in the shells near the wall")
 
 
-@stiff_rates
 def test_temperature_in_the_isothermal_limit():
     """Ambient to 1e-4; it is 1e-2 off between the steps."""
     run = simulate(SOFT, rtol=1e-8, cells=32, medium=conducting(DRY, 1e7), fields=True, **VIOLENT)
     within(5e-4, temperature=largest(run.contents.temperature / 298.15 - 1))
 
 
-@stiff_rates
 def test_fields_stay_between_what_they_may_be():
     """A mass fraction is not negative: it is -0.28 in the shell at the wall of a 5 um bubble, with the default."""
     t = np.linspace(0, 3, 301) * WATER.time_scale(5e-6)
@@ -611,12 +608,12 @@ def test_ten_thousand_draws_without_failure():
 def test_a_late_pulse_is_not_stepped_over(motion, polytropic):
     """1 us of pulse after 5 ms of rest, through which the solver takes six steps, does what it does at once."""
     t, pulse = np.linspace(0, 30e-6, 301), Pulse(-1e6, 1e6, 1e-6)
-    way = dict(max_radius=10e-6, stretch=1.0, motion=motion, polytropic=polytropic)
+    way = dict(max_radius=10e-6, stretch=1.0, motion=motion, polytropic=polytropic, rtol=1e-8)
     early = simulate(GEL, time=t, driving=pulse, **way)
     late = simulate(GEL, time=t + 5e-3, driving=replace(pulse, centre=pulse.centre + 5e-3), **way)
     assert early.radius.max() > 15e-6
     assert late.stats["steps"] < early.stats["steps"] + 12
-    within(1e-9, gap=largest(early.radius - late.radius) / 10e-6)
+    within(1e-7, gap=largest(early.radius - late.radius) / 10e-6)
 
 
 def test_a_trace_of_a_pulse_is_the_pulse():

@@ -23,6 +23,7 @@ from cavirheo.physics.tableau import RODAS5P
 
 DEFAULT = (128, 1e-4)  # shells across the bubble, relative error per step: what they are worth, benchmarks/solver.md
 PRECISE = (384, 1e-5)
+POLYTROPIC = (0, 1e-7)  # without fields a step costs next to nothing
 WALL_CELL = 1e-4  # thickness of the shell at the wall
 MAX_STEPS = 100_000
 
@@ -55,12 +56,13 @@ def simulate(
         driving: pressure far from the bubble above the ambient one (physics/driving.py); none by default.
         motion: "keller-miksis", "rayleigh-plesset" (incompressible) or "gilmore" (Tait's liquid).
         polytropic: exponent of the gas (1 isothermal, 1.4 adiabatic air) beside saturated vapour, the cheap
-            alternative to heat and vapour transport, which are solved if it is None.
+            alternative to heat and vapour transport, which are solved if it is None. The start is the same, with the
+            gas of R_0 expanded isothermally, so that with another exponent than 1 the bubble rests above R_0.
         relaxed: laws with memory start unstressed; otherwise with what the growth from R_0 to R_max leaves
             (physics/growth.py). The instantaneous laws have no such choice.
         fields: keep temperature and vapour in the bubble, `Simulation.contents`.
-        precise: ten times as accurate and five times as long as the default, whose error is below 1e-4 of R_max in
-            most cases and up to 2e-3 in the most violent collapses (benchmarks/solver.md).
+        precise: ten times as accurate and five times as long as the default, whose error is 1e-4 of R_max in
+            the median and up to 2e-3 in the most violent collapses (benchmarks/solver.md).
         rtol, cells: instead of those of the default, relative error per step and shells across the bubble.
         throw: raise on a failed solve; otherwise return it with its status.
 
@@ -71,7 +73,7 @@ def simulate(
     Source: docs/physics.md sections 1-4; Estrada et al. 2018, doi:10.1016/j.jmps.2017.12.006.
     """
     times = _checked(time)
-    usual = PRECISE if precise else DEFAULT
+    usual = POLYTROPIC if polytropic is not None else PRECISE if precise else DEFAULT
     cells = usual[0] if cells is None else cells
     rtol = usual[1] if rtol is None else rtol
     if not 1e-12 < rtol < 0.1:
@@ -84,6 +86,7 @@ def simulate(
         material, medium, max_radius, stretch, driving=driving, motion=motion, polytropic=polytropic or 0.0
     )
     grid = wall_clustered(cells, min(WALL_CELL, 0.5 / cells)) if polytropic is None else NO_SHELLS
+    most = MAX_STEPS + len(numbers.driving) - 2  # no step passes over more than one sample of a trace
     t_c = medium.time_scale(max_radius)
     terms = len(numbers.memory)
     out = np.full((times.size, 4 + terms), np.nan)
@@ -97,12 +100,12 @@ def simulate(
     else:
         start = np.concatenate([[1.0, 0.0, numbers.pressure], memory])
         code = solver.integrate(
-            numbers, grid, RODAS5P, start, times / t_c, float(rtol), MAX_STEPS, False, out, shells, stats
+            numbers, grid, RODAS5P, start, times / t_c, float(rtol), most, False, out, shells, stats
         )
         if code != solver.OK:
             low, high = numbers.elastic[[0, -1], 0]
             why = {
-                solver.TOO_MANY_STEPS: f"more than {MAX_STEPS} steps",
+                solver.TOO_MANY_STEPS: f"more than {most} steps",
                 solver.STEP_TOO_SMALL: "the step size went to zero",
                 solver.OUTSIDE_LAW: f"R/R_0 left the range {low:.4g} to {high:.4g} of {material.elastic}",
             }[code]

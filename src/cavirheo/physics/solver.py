@@ -100,9 +100,10 @@ def accelerate(numbers, t, R, U, p, p_dot, memory):  # type: ignore[no-untyped-d
         g_t, g_tt = f_t, f_tt
     else:
         stiff = C * C
-        x, y = 1 + n * b / stiff, 1 + n * f / stiff
-        x_n, y_n = x ** (-1 / n), y ** (-1 / n)
-        h, h_b, h_bb = stiff / (n - 1) * (x * x_n - y * y_n), x_n, -x_n / (x * stiff)
+        log_x, log_y = math.log1p(n * b / stiff), math.log1p(n * f / stiff)
+        x, y, x_n, y_n = math.exp(log_x), math.exp(log_y), math.exp(-log_x / n), math.exp(-log_y / n)
+        h = stiff / (n - 1) * (math.expm1((n - 1) / n * log_x) - math.expm1((n - 1) / n * log_y))
+        h_b, h_bb = x_n, -x_n / (x * stiff)
         g_t, g_tt = y_n * f_t, y_n * f_tt - y_n / (y * stiff) * f_t * f_t
         i = 1 / (C * math.sqrt(x * x_n))
         i_b = -(n - 1) * i / (2 * x * stiff)
@@ -459,7 +460,10 @@ def integrate(numbers, grid, method, start, time, rtol, max_steps, to_turn, out,
         if h < 1e-14 * (1 + t):
             status = OUTSIDE_LAW if cause == OUTSIDE_LAW else STEP_TOO_SMALL
             break
+        wish = h
         h = min(h, reach(numbers.driving, t))
+        if fields.size > 0:  # the rates at the wall are stiff: only the ends of steps are exact enough
+            h = min(h, time[k] - t)
         couplings = factorise(t, y, numbers, grid, p_dot, z, 1 / (h * gamma), blocks, border, recall, schur, pivot)
         for s in range(stages):
             v = u[s]
@@ -508,19 +512,22 @@ def integrate(numbers, grid, method, start, time, rtol, max_steps, to_turn, out,
             h *= max(0.2, 0.9 * error ** (-1 / order)) if usable else 0.2
             continue
         p_dot, z = derivatives(t + h, trial, numbers, grid, theta, gas, F, H, next_slope)
-        while k < time.size and time[k] <= t + h:
+        end = time[k] if fields.size > 0 and h == time[k] - t else t + h
+        while k < time.size and time[k] <= end:
             report(k, (time[k] - t) / h, h, M, numbers, y, slope, trial, next_slope, out, fields)
             k += 1
-        t += h
+        t = end
         steps += 1
         y, trial = trial, y
         slope, next_slope = next_slope, slope
         growth = 0.9 * max(error, 1e-8) ** (-1 / order)
-        if steps > 1:  # Gustafsson's control foresees that the error goes on growing: few steps are rejected
+        if (
+            steps > 1 and h == wish
+        ):  # Gustafsson's control foresees that the error goes on growing: few steps are rejected
             trend = (max(last_error, 1e-2) / max(error * error, 1e-8)) ** (1 / order)
             growth = min(growth, 0.9 * h / last_h * trend)
         last_error, last_h = error, h
-        h *= min(growth, 1.0 if after_rejection else 5.0)
+        h = max(h * min(growth, 1.0 if after_rejection else 5.0), wish if h < wish else 0.0)
         after_rejection = False
     total = 0.0
     for i in range(M):
