@@ -68,5 +68,5 @@ def test_inference_loads_neither_torch_nor_matplotlib():
 def test_modules_stay_short():
     """All but the solver, which must be one file (docs/architecture.md)."""
     lines = {p.name: len(p.read_text("utf-8").splitlines()) for p in SOURCE.rglob("*.py")}
-    assert lines.pop("solver.py") <= 560
+    assert lines.pop("solver.py") <= 660
     assert {name: n for name, n in lines.items() if n > 420} == {}

@@ -7,7 +7,6 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import brentq
 
 from cavirheo.errors import InputError
 
@@ -36,7 +35,13 @@ def wall_clustered(cells: int, first: float = 1e-4) -> Grid:
             f"a clustered grid needs at least 8 cells and a wall cell thinner than 1/cells, got {cells} and {first}"
         )
     s = np.linspace(0.0, 1.0, cells + 1)
-    steepness = brentq(lambda b: 1 - np.tanh(b * s[-2]) / np.tanh(b) - first, 1e-3, 18.0)
+    low, high = 1e-3, 18.0
+    for _ in range(60):  # bisection: importing a solver takes longer than a simulation
+        steepness = (low + high) / 2
+        if 1 - np.tanh(steepness * s[-2]) / np.tanh(steepness) > first:
+            low = steepness
+        else:
+            high = steepness
     y = np.tanh(steepness * s) / np.tanh(steepness)
     volume = np.diff(y**3) / 3
     centre = np.diff(y**4) / 4 / volume

@@ -14,14 +14,13 @@ from cavirheo.errors import InputError, SolverError
 from cavirheo.physics import solver
 from cavirheo.physics.driving import Driving
 from cavirheo.physics.grid import NO_SHELLS, Grid, wall_clustered
-from cavirheo.physics.growth import remembered
 from cavirheo.physics.materials import Material
 from cavirheo.physics.media import WATER, Medium
-from cavirheo.physics.scales import MOTIONS, dimensionless
+from cavirheo.physics.scales import MOTIONS, Numbers, dimensionless
 from cavirheo.physics.simulation import Contents, Simulation
 from cavirheo.physics.tableau import RODAS5P
 
-DEFAULT = (128, 1e-4)  # shells across the bubble, relative error per step: what they are worth, benchmarks/solver.md
+DEFAULT = (152, 1e-4)  # shells across the bubble, relative error per step: what they are worth, benchmarks/solver.md
 PRECISE = (384, 1e-5)
 POLYTROPIC = (0, 1e-7)  # without fields a step costs next to nothing
 WALL_CELL = 1e-4  # thickness of the shell at the wall
@@ -94,7 +93,7 @@ def simulate(
     stats = np.zeros(5)
     status = "ok"
     try:
-        memory = remembered(numbers) if terms and not relaxed else np.zeros(terms)
+        memory = _remembered(numbers) if terms and not relaxed else np.zeros(terms)
     except SolverError as error:
         status = f"{error}; with {material} and stretch {stretch:.4g}"
     else:
@@ -124,6 +123,12 @@ def simulate(
         stats={"steps": int(stats[0]), "rejected": int(stats[1]), "gas_drift": float(stats[2])},
         contents=_contents(shells, out, grid, medium) if fields else None,
     )
+
+
+def _remembered(numbers: Numbers) -> NDArray[np.float64]:
+    from cavirheo.physics.growth import remembered  # its scipy takes a third of a second to import
+
+    return remembered(numbers)
 
 
 def _contents(shells: NDArray[np.float64], out: NDArray[np.float64], grid: Grid, medium: Medium) -> Contents:

@@ -176,127 +176,198 @@ def derivatives(t, y, numbers, grid, theta, gas, F, H, out):  # type: ignore[no-
 
 
 @_compiled
-def factorise(t, y, numbers, grid, p_dot, z, shift, blocks, border, recall, schur, pivot):  # type: ignore[no-untyped-def]
-    """LU factors of (shift - J), eliminated from the centre to the wall.
+def eliminate(y, numbers, grid, p_dot, z, shift, cell, flux, blocks, border):  # type: ignore[no-untyped-def]
+    """The shells of (shift - J), LU-factorised from the centre to the wall. There must be shells.
 
-    blocks (M, 9): inverse diagonal block (NN, GN, GG), block right of it, multipliers of the row above.
-    border (M, 10): columns of R, U, P, p', z after the elimination, for the N row and the G row.
-    recall (k, 4): factor of each memory m, the derivatives of m' by R and U, and that of U' by m.
-    schur (5, 5), pivot (5,): factors of the border. Returns dU'/dt and the border rows' couplings to the last shells.
+    Most loops write one array, so that LLVM can rule out overlap and vectorise; only the elimination is sequential.
+
+    cell (4, M), flux (6, M + 1): work space. Column k of flux is the face between shells k-1 and k.
+    blocks (9, M), each NN, GN, GG: inverse diagonal block; that times the block right of it; multipliers of the row
+    above.
+    border (6, M): inverse diagonal block times the columns of R, P and the sweep, N rows and G rows. U and p' enter the
+    fluxes only through the sweep U + R p'/(3 kappa p), z only through the wall.
     """
     M = grid.centre.size
-    area, face, left, right, wall = grid.area, grid.face, grid.left, grid.right, grid.wall
+    area, face, left, right = grid.area, grid.face, grid.left, grid.right
     inverse_distance, inverse_volume = grid.inverse_distance, grid.inverse_volume
     A, B, Fo, kappa = numbers.A, numbers.B, numbers.Fo, numbers.kappa
     R, U, P = y[2 * M], y[2 * M + 1], y[2 * M + 2]
     p = numbers.base + P / (R * R * R)
     pressed = P + numbers.base * R * R * R  # p R^3
+    drift = (kappa - 1) * numbers.chi / (kappa * p * R)
+    swept = R * p_dot / (3 * kappa * p)
+    sweep, diffusion = swept + U, Fo / (R * R)
+
+    N, G = y[:M], y[M : 2 * M]
+    inverse, theta, KT, gas = cell[0], cell[1], cell[2], cell[3]
+    for i in range(M):
+        inverse[i] = 1 / N[i]
+    for i in range(M):
+        T = pressed * inverse[i]
+        theta[i] = (0.5 * A * (T + 1) + B) * (T - 1)
+        KT[i] = (A * T + B) * T
+    for i in range(M):
+        gas[i] = G[i] * inverse[i]
+
+    # on the faces: N and G times area/R, the velocities of conduction and of diffusion
+    n, g, w, v = flux[0, 1:M], flux[1, 1:M], flux[2, 1:M], flux[3, 1:M]
+    for i in range(M - 1):
+        n[i] = area[i] / R * (N[i] + right[i] * (N[i + 1] - N[i]))
+    for i in range(M - 1):
+        g[i] = area[i] / R * (G[i] + right[i] * (G[i + 1] - G[i]))
+    for i in range(M - 1):
+        w[i] = drift * (theta[i + 1] - theta[i]) * inverse_distance[i]
+    for i in range(M - 1):
+        v[i] = diffusion * (gas[i + 1] - gas[i]) * inverse_distance[i]
+
+    # columns of P, R and the sweep: first the velocity's derivatives, then the fluxes', then their difference
+    N_flux, G_flux = flux[4], flux[5]
+    N_inner, G_inner = N_flux[1:M], G_flux[1:M]
+    N_flux[0] = G_flux[0] = G_flux[M] = 0.0
+    for k in range(3):
+        if k < 2:  # by the pressure, which R changes too: dp/dR = -3 (p - p_b)/R at constant P
+            for i in range(M - 1):
+                N_inner[i] = (drift * (KT[i + 1] - KT[i]) * inverse_distance[i] - w[i] + swept * face[i]) / p
+        if k == 0:
+            by_p, N_wall = 1 / (R * R * R), Fo * R * z / (R * R * R)
+            for i in range(M - 1):
+                N_inner[i] *= by_p
+        elif k == 1:
+            by_p, N_wall = 3 * numbers.base / R, Fo * z * (3 * numbers.base - 2 * p)
+            for i in range(M - 1):
+                N_inner[i] = by_p * N_inner[i] + (w[i] + (sweep - 4 * swept) * face[i]) / R
+        else:
+            N_wall = 0.0
+            for i in range(M - 1):
+                N_inner[i] = -face[i]
+        for i in range(M - 1):
+            G_inner[i] = g[i] * N_inner[i]
+        for i in range(M - 1):
+            N_inner[i] *= n[i]
+        if k == 1:
+            for i in range(M - 1):
+                G_inner[i] += 2 * n[i] * v[i]
+        N_flux[M] = N_wall
+        N_column, G_column = border[k], border[3 + k]
+        for i in range(M):
+            N_column[i] = inverse_volume[i] * (N_flux[i + 1] - N_flux[i])
+        for i in range(M):
+            G_column[i] = inverse_volume[i] * (G_flux[i + 1] - G_flux[i])
+
+    # derivatives of the fluxes by the inner and the outer shell, NN, GN, GG
+    for i in range(M - 1):
+        w[i] = area[i] / R * (w[i] - sweep * face[i])
+    for i in range(M - 1):
+        v[i] *= area[i]
+    for i in range(M - 1):
+        n[i] *= inverse_distance[i]
+    for i in range(M - 1):
+        g[i] *= inverse_distance[i]
+    for i in range(M):
+        KT[i] *= drift * inverse[i]
+    for i in range(M):
+        gas[i] *= inverse[i]
+    fick = Fo / R
+    d11, d21, d22, c11, c21, c22 = blocks[0], blocks[1], blocks[2], blocks[3], blocks[4], blocks[5]
+    a11, a21, a22 = blocks[6], blocks[7], blocks[8]
+    for i in range(M - 1):
+        a11[i + 1] = left[i] * w[i] + n[i] * KT[i]
+    for i in range(M - 1):
+        a21[i + 1] = g[i] * KT[i] - left[i] * v[i] - fick * n[i] * gas[i]
+    for i in range(M - 1):
+        a22[i + 1] = left[i] * w[i] + fick * n[i] * inverse[i]
+    for i in range(M - 1):
+        c11[i] = right[i] * w[i] - n[i] * KT[i + 1]
+    for i in range(M - 1):
+        c21[i] = fick * n[i] * gas[i + 1] - g[i] * KT[i + 1] - right[i] * v[i]
+    for i in range(M - 1):
+        c22[i] = right[i] * w[i] - fick * n[i] * inverse[i + 1]
+    for k in range(3):  # and from them the rows of (shift - J)
+        d, c, a = blocks[k], blocks[3 + k], blocks[6 + k]
+        a[0] = c[M - 1] = 0.0
+        on_diagonal = shift if k != 1 else 0.0
+        d[0] = on_diagonal + inverse_volume[0] * a[1]
+        for i in range(1, M - 1):
+            d[i] = on_diagonal + inverse_volume[i] * (a[i + 1] - c[i - 1])
+        d[M - 1] = on_diagonal - inverse_volume[M - 1] * c[M - 2]
+        for i in range(M):
+            c[i] *= inverse_volume[i]
+        for i in range(M):
+            a[i] *= -inverse_volume[i]
+
+    i11 = i21 = i22 = s11 = s21 = s22 = 0.0
+    e0 = e1 = e2 = f0 = f1 = f2 = 0.0
+    for i in range(M):
+        m11, m22 = a11[i] * i11, a22[i] * i22
+        m21 = a21[i] * i11 + a22[i] * i21
+        a11[i], a21[i], a22[i] = m11, m21, m22
+        f0 = border[3, i] - m21 * e0 - m22 * f0
+        f1 = border[4, i] - m21 * e1 - m22 * f1
+        f2 = border[5, i] - m21 * e2 - m22 * f2
+        e0, e1, e2 = border[0, i] - m11 * e0, border[1, i] - m11 * e1, border[2, i] - m11 * e2
+        border[0, i], border[1, i], border[2, i] = e0, e1, e2
+        border[3, i], border[4, i], border[5, i] = f0, f1, f2
+        cross = d21[i] - (m21 * s11 + m22 * s21)
+        i11, i22 = 1 / (d11[i] - m11 * s11), 1 / (d22[i] - m22 * s22)
+        i21 = -cross * i11 * i22
+        d11[i], d21[i], d22[i] = i11, i21, i22
+        s11, s21, s22 = c11[i], c21[i], c22[i]
+    for k in range(3):
+        e, f = border[k], border[3 + k]
+        for i in range(M):
+            f[i] = d21[i] * e[i] + d22[i] * f[i]
+        for i in range(M):
+            e[i] *= d11[i]
+    for i in range(M):
+        c21[i] = d21[i] * c11[i] + d22[i] * c21[i]
+    for i in range(M):
+        c11[i] *= d11[i]
+    for i in range(M):
+        c22[i] *= d22[i]
+
+
+@_compiled
+def factorise(t, y, numbers, grid, p_dot, z, shift, blocks, border, recall, schur, pivot):  # type: ignore[no-untyped-def]
+    """LU factors of the border R, U, P, p', z of (shift - J), whose shells `eliminate` has done.
+
+    recall (k, 4): factor of each memory m, the derivatives of m' by R and U, and that of U' by m.
+    schur (5, 5), pivot (5,): factors of the border, with inverse pivots. Returns dU'/dt, the border rows' couplings to
+    the last two shells, what p' contributes to the sweep, and the last shell's column of z.
+    """
+    M = grid.centre.size
+    wall, Fo, kappa = grid.wall, numbers.Fo, numbers.kappa
+    R, U, P = y[2 * M], y[2 * M + 1], y[2 * M + 2]
+    p = numbers.base + P / (R * R * R)
+    pressed = P + numbers.base * R * R * R  # p R^3
     by_P = 1 / (R * R * R)  # dp/dP
     by_R = 3 * P / (R * R * R * R)  # -dp/dR at constant P
-    drift = (kappa - 1) * numbers.chi / (kappa * p * R)
     per_rate = R / (3 * kappa * p)
-    sweep = per_rate * p_dot + U
-    diffusion = Fo / (R * R)
-
-    # derivatives of the face fluxes by the inner (l) and outer (r) shell and by the border unknowns
-    F_l = F_r = HN_l = HN_r = HG_l = HG_r = 0.0
-    F_R = F_U = F_p = F_q = H_R = H_U = H_p = H_q = 0.0
-    i11 = i21 = i22 = s11 = s21 = s22 = 0.0
-    r0 = 1 / y[0]
-    T0 = pressed * r0
-    theta0 = (0.5 * A * (T0 + 1) + B) * (T0 - 1)
-    KT0 = (A * T0 + B) * T0
-    gas0 = y[M] * r0
-    for i in range(M):
-        g = inverse_volume[i]
-        a11, a21, a22 = -g * F_l, -g * HN_l, -g * HG_l
-        d11, d21, d22 = shift - g * F_r, -g * HN_r, shift - g * HG_r
-        N_R, N_U, N_p, N_q, N_z = g * F_R, g * F_U, g * F_p, g * F_q, 0.0
-        G_R, G_U, G_p, G_q = g * H_R, g * H_U, g * H_p, g * H_q
-        c11 = c21 = c22 = 0.0
-        if i < M - 1:
-            r1 = 1 / y[i + 1]
-            T1 = pressed * r1
-            theta1 = (0.5 * A * (T1 + 1) + B) * (T1 - 1)
-            KT1 = (A * T1 + B) * T1
-            gas1 = y[M + i + 1] * r1
-            step = inverse_distance[i]
-            theta_y, gas_y, KT_y = (theta1 - theta0) * step, (gas1 - gas0) * step, (KT1 - KT0) * step
-            w = drift * theta_y - sweep * face[i]
-            wl, wr = left[i], right[i]
-            N_face = wl * y[i] + wr * y[i + 1]
-            G_face = wl * y[M + i] + wr * y[M + i + 1]
-            s = area[i]
-            x = s / R
-            w_l, w_r = KT0 * r0 * drift * step, -KT1 * r1 * drift * step
-            k = N_face * diffusion * step
-            F_l, F_r = x * (wl * w + N_face * w_l), x * (wr * w + N_face * w_r)
-            HN_l = x * G_face * w_l - s * (wl * diffusion * gas_y + k * gas0 * r0)
-            HN_r = x * G_face * w_r - s * (wr * diffusion * gas_y - k * gas1 * r1)
-            HG_l, HG_r = x * wl * w + s * k * r0, x * wr * w - s * k * r1
-            w_R = (-drift * theta_y + 3 * drift * KT_y) / R - face[i] * p_dot / (3 * kappa * p) - w / R
-            w_p = (-drift * theta_y + drift * KT_y + per_rate * p_dot * face[i]) / p
-            w_q = -per_rate * face[i]
-            F_R, F_U, F_p, F_q = x * N_face * w_R, -x * N_face * face[i], x * N_face * w_p, x * N_face * w_q
-            H_R = x * G_face * w_R + 2 * x * N_face * diffusion * gas_y
-            H_U, H_p, H_q = -x * G_face * face[i], x * G_face * w_p, x * G_face * w_q
-            r0, theta0, KT0, gas0 = r1, theta1, KT1, gas1
-            d11, d21, d22 = d11 + g * F_l, d21 + g * HN_l, d22 + g * HG_l
-            c11, c21, c22 = g * F_r, g * HN_r, g * HG_r
-            N_R, N_U, N_p, N_q = N_R - g * F_R, N_U - g * F_U, N_p - g * F_p, N_q - g * F_q
-            G_R, G_U, G_p, G_q = G_R - g * H_R, G_U - g * H_U, G_p - g * H_p, G_q - g * H_q
-        else:
-            N_R, N_p, N_z = N_R - g * Fo * p * z, N_p - g * Fo * R * z, -g * Fo * p * R
-        if i > 0:
-            m11, m22 = a11 * i11, a22 * i22
-            m21 = a21 * i11 + a22 * i21
-            d11, d22 = d11 - m11 * s11, d22 - m22 * s22
-            d21 -= m21 * s11 + m22 * s21
-            blocks[i, 6], blocks[i, 7], blocks[i, 8] = m11, m21, m22
-            for j in range(5):
-                above = border[i - 1, j]
-                border[i, j] = -m11 * above
-                border[i, 5 + j] = -m21 * above - m22 * border[i - 1, 5 + j]
-        else:
-            for j in range(10):
-                border[i, j] = 0.0
-        border[i, 0] -= N_R - by_R * N_p
-        border[i, 1] -= N_U
-        border[i, 2] -= N_p * by_P
-        border[i, 3] -= N_q
-        border[i, 4] -= N_z
-        border[i, 5] -= G_R - by_R * G_p
-        border[i, 6] -= G_U
-        border[i, 7] -= G_p * by_P
-        border[i, 8] -= G_q
-        i11, i22 = 1 / d11, 1 / d22
-        i21 = -d21 * i11 * i22
-        s11, s21, s22 = c11, c21, c22
-        blocks[i, 0], blocks[i, 1], blocks[i, 2] = i11, i21, i22
-        blocks[i, 3], blocks[i, 4], blocks[i, 5] = s11, s21, s22
+    a, b = M - 1, M - 2
 
     # rows of p' and z
     if M > 0:
-        rb = 1 / y[M - 2]
-        Tb = pressed * rb
-        thetab = (0.5 * A * (Tb + 1) + B) * (Tb - 1)
-        KTb = (A * Tb + B) * Tb
-        gasb = y[2 * M - 2] * rb
+        ra, rb = 1 / y[a], 1 / y[b]
+        Ta, Tb = pressed * ra, pressed * rb
+        theta_a = (0.5 * numbers.A * (Ta + 1) + numbers.B) * (Ta - 1)
+        theta_b = (0.5 * numbers.A * (Tb + 1) + numbers.B) * (Tb - 1)
+        KTa, KTb = (numbers.A * Ta + numbers.B) * Ta, (numbers.A * Tb + numbers.B) * Tb
         gas_wall = (P + (numbers.base - numbers.pv) * R * R * R) / pressed
         heat = 3 * (kappa - 1) * numbers.chi / (R * R)
-        theta_y, KT_y = wall[1] * theta0 + wall[2] * thetab, wall[1] * KT0 + wall[2] * KTb
-        q_a, q_b = -heat * wall[1] * KT0 * r0, -heat * wall[2] * KTb * rb
+        theta_y, KT_y = wall[1] * theta_a + wall[2] * theta_b, wall[1] * KTa + wall[2] * KTb
+        q_a, q_b = -heat * wall[1] * KTa * ra, -heat * wall[2] * KTb * rb
         q_R = (3 * kappa * p * U / R + heat * (3 * KT_y - 2 * theta_y) + 6 * kappa * p * Fo * z / (R * R)) / R
         q_U = -3 * kappa * p / R
         q_p = -3 * kappa * U / R + heat * KT_y / p - 3 * kappa * Fo * z / (R * R)
         q_z = -3 * kappa * p * Fo / (R * R)
-        zN_a, zN_b = -wall[1] * gas0 * r0 / gas_wall, -wall[2] * gasb * rb / gas_wall
-        zG_a, zG_b = wall[1] * r0 / gas_wall, wall[2] * rb / gas_wall
+        zG_a, zG_b = wall[1] * ra / gas_wall, wall[2] * rb / gas_wall
+        zN_a, zN_b = -zG_a * y[M + a] * ra, -zG_b * y[M + b] * rb
         z_p = (wall[0] - z) / gas_wall * numbers.pv / (p * p)
+        z_N = grid.inverse_volume[a] * Fo * p * R * blocks[0, a]
+        z_G = grid.inverse_volume[a] * Fo * p * R * blocks[1, a]
     else:
         n = 3 * numbers.polytropic
         q_R, q_U, q_p, q_z, z_p = n * (p - numbers.pv) * U / (R * R), -n * (p - numbers.pv) / R, -n * U / R, 0.0, 0.0
-        q_a = q_b = zN_a = zN_b = zG_a = zG_b = 0.0
+        q_a = q_b = zN_a = zN_b = zG_a = zG_b = z_N = z_G = 0.0
 
     # row of U
     _, u_R, u_U, u_t, u_p, u_q = accelerate(numbers, t, R, U, p, p_dot, y[2 * M + 3 :])
@@ -317,13 +388,13 @@ def factorise(t, y, numbers, grid, p_dot, z, shift, blocks, border, recall, schu
     schur[3, 0], schur[3, 1], schur[3, 2] = -(q_R - by_R * q_p), -q_U, -q_p * by_P
     schur[3, 3], schur[3, 4] = 1.0, -q_z
     schur[4, 0], schur[4, 2], schur[4, 4] = by_R * z_p, -z_p * by_P, 1.0
-    a, b = M - 1, M - 2
     for j in range(5 if M > 0 else 0):
-        Na = blocks[a, 0] * border[a, j]
-        Ga = blocks[a, 1] * border[a, j] + blocks[a, 2] * border[a, 5 + j]
-        Nb = border[b, j] - blocks[b, 3] * Na
-        Gb = border[b, 5 + j] - blocks[b, 4] * Na - blocks[b, 5] * Ga
-        Nb, Gb = blocks[b, 0] * Nb, blocks[b, 1] * Nb + blocks[b, 2] * Gb
+        if j == 4:
+            Na, Ga, Nb, Gb = z_N, z_G, 0.0, 0.0
+        else:  # columns of R, U, P, p': the second and the fourth are the sweep's
+            k, by = (1, 1.0) if j == 0 else (2, 1.0) if j == 1 else (0, 1.0) if j == 2 else (2, per_rate)
+            Na, Ga, Nb, Gb = by * border[k, a], by * border[3 + k, a], by * border[k, b], by * border[3 + k, b]
+        Nb, Gb = Nb - blocks[3, b] * Na, Gb - blocks[4, b] * Na - blocks[5, b] * Ga
         schur[3, j] += q_a * Na + q_b * Nb
         schur[4, j] += zN_a * Na + zN_b * Nb + zG_a * Ga + zG_b * Gb
     for k in range(5):
@@ -335,33 +406,35 @@ def factorise(t, y, numbers, grid, p_dot, z, shift, blocks, border, recall, schu
         if m != k:
             for j in range(5):
                 schur[k, j], schur[m, j] = schur[m, j], schur[k, j]
+        schur[k, k] = 1 / schur[k, k]
         for i in range(k + 1, 5):
-            schur[i, k] /= schur[k, k]
+            schur[i, k] *= schur[k, k]
             for j in range(k + 1, 5):
                 schur[i, j] -= schur[i, k] * schur[k, j]
-    return u_t, q_a, q_b, zN_a, zN_b, zG_a, zG_b
+    return u_t, q_a, q_b, zN_a, zN_b, zG_a, zG_b, per_rate, z_N, z_G
 
 
 @_compiled
 def back_substitute(r, M, blocks, border, recall, schur, pivot, couplings, b):  # type: ignore[no-untyped-def]
     """Solve (shift - J) u = r in place with the factors; b (5,) is work space."""
-    for i in range(1, M):
-        above = r[i - 1]
-        r[M + i] -= blocks[i, 7] * above + blocks[i, 8] * r[M + i - 1]
-        r[i] -= blocks[i, 6] * above
+    N, G = r[:M], r[M : 2 * M]
+    a11, a21, a22 = blocks[6], blocks[7], blocks[8]
+    n = g = 0.0
+    for i in range(M):
+        g = G[i] - a21[i] * n - a22[i] * g
+        n = N[i] - a11[i] * n
+        N[i], G[i] = n, g
+    _, q_a, q_b, zN_a, zN_b, zG_a, zG_b, per_rate, z_N, z_G = couplings
+    d11, d21, d22, c11, c21, c22 = blocks[0], blocks[1], blocks[2], blocks[3], blocks[4], blocks[5]
+    k, m = M - 1, M - 2
     b[0], b[1], b[2], b[3], b[4] = r[2 * M], r[2 * M + 1], r[2 * M + 2], 0.0, 0.0
     if M > 0:
-        _, q_a, q_b, zN_a, zN_b, zG_a, zG_b = couplings
-        k, m = M - 1, M - 2
-        Na = blocks[k, 0] * r[k]
-        Ga = blocks[k, 1] * r[k] + blocks[k, 2] * r[M + k]
-        Nb = r[m] - blocks[m, 3] * Na
-        Gb = r[M + m] - blocks[m, 4] * Na - blocks[m, 5] * Ga
-        Nb, Gb = blocks[m, 0] * Nb, blocks[m, 1] * Nb + blocks[m, 2] * Gb
+        Na, Ga = d11[k] * N[k], d21[k] * N[k] + d22[k] * G[k]
+        Nb, Gb = d11[m] * N[m] - c11[m] * Na, d21[m] * N[m] + d22[m] * G[m] - c21[m] * Na - c22[m] * Ga
         b[3] = q_a * Na + q_b * Nb
         b[4] = zN_a * Na + zN_b * Nb + zG_a * Ga + zG_b * Gb
-    for k in range(recall.shape[0]):
-        b[1] += recall[k, 0] * recall[k, 3] * r[2 * M + 3 + k]
+    for i in range(recall.shape[0]):
+        b[1] += recall[i, 0] * recall[i, 3] * r[2 * M + 3 + i]
     for i in range(5):  # rows of the factors were swapped whole, so all exchanges come first
         j = pivot[i]
         b[i], b[j] = b[j], b[i]
@@ -371,21 +444,46 @@ def back_substitute(r, M, blocks, border, recall, schur, pivot, couplings, b):  
     for i in range(4, -1, -1):
         for j in range(i + 1, 5):
             b[i] -= schur[i, j] * b[j]
-        b[i] /= schur[i, i]
+        b[i] *= schur[i, i]
     r[2 * M], r[2 * M + 1], r[2 * M + 2] = b[0], b[1], b[2]
-    for k in range(recall.shape[0]):
-        r[2 * M + 3 + k] = recall[k, 0] * (r[2 * M + 3 + k] + recall[k, 1] * b[0] + recall[k, 2] * b[1])
-    b0, b1, b2, b3, b4 = b[0], b[1], b[2], b[3], b[4]
-    N = G = 0.0
+    for i in range(recall.shape[0]):
+        r[2 * M + 3 + i] = recall[i, 0] * (r[2 * M + 3 + i] + recall[i, 1] * b[0] + recall[i, 2] * b[1])
+    if M == 0:
+        return
+    by_R, by_P, by_sweep = b[0], b[2], b[1] + per_rate * b[3]
+    f0, f1, f2 = border[3], border[4], border[5]
+    for i in range(M):
+        G[i] = d21[i] * N[i] + d22[i] * G[i] - (f0[i] * by_P + f1[i] * by_R + f2[i] * by_sweep)
+    e0, e1, e2 = border[0], border[1], border[2]
+    for i in range(M):
+        N[i] = d11[i] * N[i] - (e0[i] * by_P + e1[i] * by_R + e2[i] * by_sweep)
+    N[k] -= z_N * b[4]
+    G[k] -= z_G * b[4]
+    n = g = 0.0
     for i in range(M - 1, -1, -1):
-        s = border[i]
-        t = blocks[i]
-        n = r[i] - (s[0] * b0 + s[1] * b1 + s[2] * b2 + s[3] * b3 + s[4] * b4) - t[3] * N
-        g = r[M + i] - (s[5] * b0 + s[6] * b1 + s[7] * b2 + s[8] * b3 + s[9] * b4) - t[4] * N - t[5] * G
-        N = t[0] * n
-        G = t[1] * n + t[2] * g
-        r[i] = N
-        r[M + i] = G
+        g = G[i] - c21[i] * n - c22[i] * g
+        n = N[i] - c11[i] * n
+        N[i], G[i] = n, g
+
+
+@_compiled
+def add(x, weights, scale, u, count):  # type: ignore[no-untyped-def]
+    """x += scale * the weighted sum of the first `count` rows of u, three rows at a time."""
+    m = count % 3
+    if m == 1:
+        a, p = scale * weights[0], u[0]
+        for j in range(x.size):
+            x[j] += a * p[j]
+    elif m == 2:
+        a, b, p, q = scale * weights[0], scale * weights[1], u[0], u[1]
+        for j in range(x.size):
+            x[j] += a * p[j] + b * q[j]
+    while m < count:
+        a, b, c = scale * weights[m], scale * weights[m + 1], scale * weights[m + 2]
+        p, q, r = u[m], u[m + 1], u[m + 2]
+        for j in range(x.size):
+            x[j] += a * p[j] + b * q[j] + c * r[j]
+        m += 3
 
 
 @_compiled
@@ -436,7 +534,8 @@ def integrate(numbers, grid, method, start, time, rtol, max_steps, to_turn, out,
     y, trial, slope, next_slope = np.empty(n), np.empty(n), np.empty(n), np.empty(n)
     u = np.empty((stages, n))
     theta, gas, F, H = np.empty(M), np.empty(M), np.empty(M + 1), np.empty(M + 1)
-    blocks, border, recall = np.zeros((M, 9)), np.zeros((M, 10)), np.zeros((K, 4))
+    cell, flux, blocks, border = np.zeros((4, M)), np.zeros((6, M + 1)), np.zeros((9, M)), np.zeros((6, M))
+    recall = np.zeros((K, 4))
     schur, b, pivot = np.zeros((5, 5)), np.zeros(5), np.zeros(5, np.int64)
 
     R, p = start[0], start[2]
@@ -464,26 +563,27 @@ def integrate(numbers, grid, method, start, time, rtol, max_steps, to_turn, out,
         h = min(h, reach(numbers.driving, t))
         if fields.size > 0:  # the rates at the wall are stiff: only the ends of steps are exact enough
             h = min(h, time[k] - t)
-        couplings = factorise(t, y, numbers, grid, p_dot, z, 1 / (h * gamma), blocks, border, recall, schur, pivot)
+        shift = 1 / (h * gamma)
+        if M > 0:
+            eliminate(y, numbers, grid, p_dot, z, shift, cell, flux, blocks, border)
+        couplings = factorise(t, y, numbers, grid, p_dot, z, shift, blocks, border, recall, schur, pivot)
         for s in range(stages):
             v = u[s]
             if s == 0:
-                v[:] = slope
+                for j in range(n):
+                    v[j] = slope[j]
             else:
-                trial[:] = y
-                for m in range(s):
-                    a, w = A[s, m], u[m]
-                    if a != 0.0:
-                        for j in range(n):
-                            trial[j] += a * w[j]
+                if s < stages - 2:
+                    for j in range(n):  # an assignment of slices is three times as slow
+                        trial[j] = y[j]
+                    add(trial, A[s], 1.0, u, s)
+                else:  # stiffly accurate: these points are the stage before's plus its increment
+                    add(trial, A[s, s - 1 :], 1.0, u[s - 1 :], 1)
                 cause = fault(numbers, trial[2 * M], trial[2 * M + 2])
                 if cause != OK:
                     break
                 derivatives(t + when[s] * h, trial, numbers, grid, theta, gas, F, H, v)
-                for m in range(s):
-                    c, w = C[s, m] / h, u[m]
-                    for j in range(n):
-                        v[j] += c * w[j]
+                add(v, C[s], 1 / h, u, s)
             v[2 * M + 1] += drift[s] * h * couplings[0]
             back_substitute(v, M, blocks, border, recall, schur, pivot, couplings, b)
         error, usable = 0.0, cause == OK
