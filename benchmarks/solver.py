@@ -31,18 +31,27 @@ import field_standard
 import numpy as np
 from numba import njit
 
-from cavirheo.physics.materials import NeoHookeanKelvinVoigt
+from cavirheo.physics.elastic import Yeoh
+from cavirheo.physics.materials import Material, NeoHookeanKelvinVoigt, Viscoelastic, Zener
 from cavirheo.physics.media import WATER, Medium
 from cavirheo.physics.scales import dimensionless
-from cavirheo.physics.simulate import simulate, simulate_many
+from cavirheo.physics.simulate import DEFAULT, PRECISE, simulate, simulate_many
+from cavirheo.physics.viscous import Viscosity
 
 TIME = np.linspace(0, 100e-6, 101)
 GENTLE = np.array([1e4, 0.5, 3.5, 200e-6])
 CORES = os.sched_getaffinity(0) if hasattr(os, "sched_getaffinity") else set()
-SETTINGS: dict[str, dict[str, float]] = {
-    "cavirheo, default (128 shells, rtol 3e-5)": {},
+SETTINGS: dict[str, dict[str, Any]] = {
+    "cavirheo, default ({} shells, rtol {:g})".format(*DEFAULT): {},
     "cavirheo, rough (64 shells, rtol 3e-4)": {"cells": 64, "rtol": 3e-4},
-    "cavirheo, precise (256 shells, rtol 1e-6)": {"cells": 256, "rtol": 1e-6},
+    "cavirheo, precise ({} shells, rtol {:g})".format(*PRECISE): {"precise": True},
+}
+LAWS: dict[str, Callable[[float, float], Material]] = {
+    "neo-Hookean and Newtonian, closed forms": NeoHookeanKelvinVoigt,
+    "the same, tabulated by quadrature": lambda G, mu: Viscoelastic(
+        Yeoh(G / 2), Viscosity(lambda s, mu=mu: mu + 0 * s)
+    ),
+    "neo-Hookean spring and upper-convected arm (Zener, tau 0.1 us), relaxed start": lambda G, mu: Zener(G, mu, 1e-7),
 }
 FIRST_CALL = """
 import time
@@ -109,6 +118,24 @@ def accuracy(cases: np.ndarray, truth: list[np.ndarray]) -> None:
     header()
     for name, settings in SETTINGS.items():
         compare(name, lambda row, settings=settings: ours(row, **settings), cases, truth)
+
+
+def laws(cases: np.ndarray) -> None:
+    """What a law costs: processor time of the cases together, over that of the closed forms, least of three."""
+    print("\n| law | time | largest difference of R/R_max |\n|---|---|---|")
+    first: tuple[float, list[np.ndarray]] | None = None
+    for name, make in LAWS.items():
+        made = [(make(G, mu), stretch, R_max) for G, mu, stretch, R_max in cases]
+
+        def run(made: list = made) -> list[np.ndarray]:
+            ways = (dict(max_radius=R_max, stretch=stretch, time=TIME, relaxed=True) for _, stretch, R_max in made)
+            return [simulate(m, **way).radius / way["max_radius"] for (m, _, _), way in zip(made, ways, strict=True)]
+
+        run()  # makes the tables, which are kept
+        curves, seconds = min((timed(run) for _ in range(3)), key=lambda pair: pair[1])
+        first = first or (seconds, curves)
+        gap = max(np.abs(a - b).max() for a, b in zip(curves, first[1], strict=True))
+        print(f"| {name} | {seconds / first[0]:.2f} | {gap:.1e} |", flush=True)
 
 
 def peers(cases: np.ndarray, truth: list[np.ndarray]) -> None:
@@ -243,6 +270,7 @@ def main() -> None:
     ours(cases[0])  # compile or load
     truth = [ours(row, cells=1024, rtol=1e-8) for row in cases]
     accuracy(cases, truth)
+    laws(cases[:20])
     if options.peers:
         peers(cases[: options.peers], truth[: options.peers])
     if options.reference.is_file():

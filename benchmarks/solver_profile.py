@@ -30,7 +30,7 @@ TIME = np.linspace(0, 100e-6, 101)
 
 def arguments() -> dict[str, Any]:
     """Every argument that the compiled parts take, by name; what they return is added by `measure`."""
-    M = forward.CELLS
+    M = forward.DEFAULT[0]
     grid = wall_clustered(M, forward.WALL_CELL)
     numbers = dimensionless(GEL, WATER, R_MAX, STRETCH)
     R, U, P = 0.3, -1.5, 0.03
@@ -41,8 +41,8 @@ def arguments() -> dict[str, Any]:
     return dict(
         y=y, numbers=numbers, grid=grid, M=M, shift=1000.0, r=np.empty_like(y), out=np.empty_like(y),
         theta=np.empty(M), gas=np.empty(M), F=np.empty(M + 1), H=np.empty(M + 1),
-        blocks=np.zeros((M, 9)), border=np.zeros((M, 10)), schur=np.zeros((5, 5)), pivot=np.zeros(5, np.int64),
-        b=np.zeros(5),
+        cell=np.zeros((4, M)), flux=np.zeros((6, M + 1)), blocks=np.zeros((9, M)), border=np.zeros((6, M)),
+        recall=np.zeros((0, 4)), schur=np.zeros((5, 5)), pivot=np.zeros(5, np.int64), b=np.zeros(5), t=0.0,
     )  # fmt: skip
 
 
@@ -85,9 +85,8 @@ def measure() -> list[tuple[str, int, float]]:
     names = arguments()
     slope = solver.derivatives(*(names[name] for name in inspect.signature(solver.derivatives.py_func).parameters))
     names["p_dot"], names["z"] = slope
-    names["couplings"] = solver.factorise(
-        *(names[name] for name in inspect.signature(solver.factorise.py_func).parameters)
-    )
+    for part in (solver.eliminate, solver.factorise):
+        names["couplings"] = part(*(names[name] for name in inspect.signature(part.py_func).parameters))
 
     inner: list[float] = []
     original = solver.integrate
@@ -112,14 +111,15 @@ def measure() -> list[tuple[str, int, float]]:
     steps, tries, stages = stats["steps"], stats["steps"] + stats["rejected"], len(tableau.A)
     parts = [
         ("derivatives (right-hand side)", 1 + tries * (stages - 1) + steps, per_call(solver.derivatives, names)),
-        ("factorise (Jacobian and its LU factors)", tries, per_call(solver.factorise, names)),
+        ("eliminate (Jacobian of the shells and its LU factors)", tries, per_call(solver.eliminate, names)),
+        ("factorise (the border)", tries, per_call(solver.factorise, names)),
         ("back_substitute (linear solves)", tries * stages, per_call(solver.back_substitute, names)),
     ]
     compiled = sum(calls * seconds for _, calls, seconds in parts)
     parts.append(("stage sums, error norm, output", tries, (min(inner) - compiled) / tries))
     parts.append(("Python: constants and tables of the laws", 1, tables))
     parts.append(("Python: the rest of `simulate`", 1, total - min(inner) - tables))
-    print(f"{steps} steps, {stats['rejected']} rejected, {stages} stages each, {forward.CELLS} shells\n")
+    print(f"{steps} steps, {stats['rejected']} rejected, {stages} stages each, {forward.DEFAULT[0]} shells\n")
     return [*parts, ("one curve", 1, total)]
 
 
