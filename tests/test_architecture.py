@@ -21,6 +21,7 @@ MAY_USE = {
     "inference": {"errors", "curve", "physics", "problem", "posterior"},
     "training": {"errors", "physics", "problem", "inference"},
     "reporting": {"errors", "curve", "posterior"},
+    "comparison": {"errors", "curve", "reading", "physics", "posterior", "inference", "reporting"},
 }
 
 

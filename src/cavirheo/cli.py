@@ -7,7 +7,6 @@ import shlex
 import sys
 import threading
 import time
-from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -16,6 +15,8 @@ import typer
 from cavirheo.errors import InputError, SolverError
 
 if TYPE_CHECKING:
+    from rich.progress import Progress
+
     from cavirheo.curve import RadiusCurve
     from cavirheo.physics.materials import Material
     from cavirheo.physics.media import Medium
@@ -42,6 +43,9 @@ def _options(
     """Material properties of soft matter from the radius history R(t) of a laser-made bubble."""
 
 
+ModelName = Annotated[
+    str, typer.Option("--model", help="shipped model (see `cavirheo models`) or a path to an .onnx file")
+]
 Out = Annotated[Path, typer.Option("-o", "--out", help="folder for the results")]
 MediumName = Annotated[str, typer.Option("--medium", help="named constants: water, bu2026, estrada2018, ...")]
 Density = Annotated[float | None, typer.Option(help="of the liquid or gel, kg/m3")]
@@ -51,23 +55,12 @@ Pressure = Annotated[float | None, typer.Option(help="far from the bubble, Pa")]
 Temperature = Annotated[float | None, typer.Option(help="far from the bubble, K")]
 
 
-def _medium(
-    name: str,
-    density: float | None,
-    sound_speed: float | None,
-    surface_tension: float | None,
-    pressure: float | None,
-    temperature: float | None,
-) -> Medium:
+def _medium(name: str, *constants: float | None) -> Medium:
+    """`constants` as the options have them: density, sound speed, surface tension, pressure, temperature."""
     from cavirheo.physics.media import medium
 
-    given = {
-        "density": density, "sound_speed": sound_speed, "surface_tension": surface_tension,
-        "pressure": pressure, "temperature": temperature,
-    }  # fmt: skip
-    changes = {key: value for key, value in given.items() if value is not None}
-    base = medium(name)
-    return replace(base, **changes, name=f"{base.name}, changed") if changes else base
+    names = ("density", "sound_speed", "surface_tension", "pressure", "temperature")
+    return medium(name, **dict(zip(names, constants, strict=True)))
 
 
 def _load_solver() -> None:
@@ -86,12 +79,18 @@ def _load_solver() -> None:
         said.cancel()
 
 
+def _progress() -> Progress:
+    from rich.console import Console
+    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
+
+    columns = (TextColumn("inferring"), BarColumn(), MofNCompleteColumn())
+    return Progress(*columns, console=Console(stderr=True), transient=True)
+
+
 @app.command()
 def infer(
     files: Annotated[list[Path], typer.Argument(help="measured R(t): .mat, .csv, .h5, .xlsx; one or many curves each")],
-    model: Annotated[
-        str, typer.Option(help="shipped model (see `cavirheo models`) or a path to an .onnx file")
-    ] = "bdt-viscoelastic",
+    model: ModelName = "bdt-viscoelastic",
     rmax_um: Annotated[float | None, typer.Option(help="true R_max of the shots, um: rescales the radii")] = None,
     stretch: Annotated[float | None, typer.Option(help="R_max/R_0 if known; fitted otherwise")] = None,
     window: Annotated[
@@ -106,9 +105,6 @@ def infer(
     out: Out = Path("cavirheo-result"),
 ) -> None:
     """Shear modulus and viscosity from measured radius histories, with pictures that show whether to believe them."""
-    from rich.console import Console
-    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
-
     from cavirheo.inference import infer_many
     from cavirheo.reporting import write_report
     from cavirheo.reporting.table import print_table
@@ -117,8 +113,7 @@ def infer(
     liquid = _medium(medium, density, sound_speed, surface_tension, pressure, temperature)
     curves, unreadable = _read(files, liquid, rmax_um)
     _load_solver()
-    columns = (TextColumn("inferring"), BarColumn(), MofNCompleteColumn())
-    with Progress(*columns, console=Console(stderr=True), transient=True) as bar:
+    with _progress() as bar:
         task = bar.add_task("", total=len(curves))
         answers = infer_many(
             curves, model=model, medium=liquid, stretch=stretch, window=window, done=lambda: bar.advance(task)
@@ -136,35 +131,50 @@ def infer(
 
 def _read(files: list[Path], medium: Medium, rmax_um: float | None) -> tuple[list[RadiusCurve], int]:
     """All curves of all files, and the number of files that could not be read (each is reported on stderr)."""
-    from cavirheo.reading import read_curves
+    from cavirheo.reading.shots import read_shots
 
     if rmax_um is not None and not 0 < rmax_um < 1e5:
         raise InputError(f"--rmax-um must be a radius in micrometres, got {rmax_um!r}")
-    groups: list[list[RadiusCurve]] = []
-    unreadable = 0
-    for path in files:
-        try:
-            found = read_curves(path, density=medium.density, pressure=medium.pressure)
-        except InputError as error:
-            print(f"error: {error}", file=sys.stderr)
-            unreadable += 1
-            continue
-        groups.append(found if rmax_um is None else [_scaled(curve, rmax_um * 1e-6) for curve in found])
-    if not groups:
+    scale = None if rmax_um is None else rmax_um * 1e-6
+    curves, problems = read_shots(files, density=medium.density, pressure=medium.pressure, max_radius=scale)
+    for problem in problems:
+        print(f"error: {problem}", file=sys.stderr)
+    if not curves:
         raise InputError("no curve could be read")
-    folders = [Path(curves[0].meta["source"]).resolve().parent for curves in groups if len(curves) == 1]
-    for k, curves in enumerate(groups):  # single-shot files of one folder are the shots of one material
-        folder = Path(curves[0].meta["source"]).resolve().parent
-        if len(curves) == 1 and folders.count(folder) > 1:
-            groups[k] = [curves[0].with_group(folder.name, str(folder))]
-    return [curve for curves in groups for curve in curves], unreadable
+    return curves, len(problems)
 
 
-def _scaled(curve: RadiusCurve, max_radius: float) -> RadiusCurve:
-    try:
-        return curve.with_max_radius(max_radius)
-    except InputError:  # without a maximum there is nothing to scale; the answer will say why
-        return curve
+@app.command()
+def compare(
+    folder: Annotated[Path, typer.Argument(help="holds the measurements: a file, subfolder or glob per set")],
+    references: Annotated[Path, typer.Option(help="CSV of sets and published values, see docs/compare.md")],
+    reference_method: Annotated[
+        list[str] | None, typer.Option(help="errors are relative to it; may be repeated  [default: IMR, rheometer]")
+    ] = None,
+    model: ModelName = "bdt-viscoelastic",
+    out: Out = Path("cavirheo-comparison"),
+) -> None:
+    """Published values of many sets beside ours, with relative errors: tables, a picture and a report per set."""
+    from cavirheo.comparison import compare as run
+    from cavirheo.comparison.table import print_table
+
+    began = time.perf_counter()
+    _load_solver()
+    command, against = shlex.join(["cavirheo", *sys.argv[1:]]), reference_method or []
+    with _progress() as bar:
+        task = bar.add_task("", total=None)
+        result = run(
+            folder, references, out, model=model, reference_methods=against, command=command,
+            done=lambda total: bar.update(task, total=total, advance=1),
+        )  # fmt: skip
+    print_table(result)
+    shots = sum(about.n_shots for about in result.sets)
+    seconds = time.perf_counter() - began
+    print(f"{len(result.sets)} sets, {shots} shots in {seconds:.1f} s; table: {out / 'comparison.md'}", file=sys.stderr)
+    if any(about.problems for about in result.sets):
+        raise typer.Exit(2)
+    if any(about.n_answered < about.n_shots for about in result.sets):
+        raise typer.Exit(1)
 
 
 def _material(text: str, **options: float | None) -> Material:

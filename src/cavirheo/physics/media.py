@@ -7,8 +7,9 @@ otherwise.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import exp, sqrt
+from typing import Any
 
 from cavirheo.errors import InputError
 
@@ -73,8 +74,13 @@ YANG2020 = Medium(1064.0, 1484.0, 0.07, adiabatic_index=1.47, name="yang2020")  
 MEDIA: dict[str, Medium] = {m.name: m for m in (WATER, BU2026, ESTRADA2018, ZHU2025, YANG2020)}
 
 
-def medium(name: str) -> Medium:
-    """The named set. Raises InputError with the known names."""
+def medium(name: str, **constants: float | None) -> Medium:
+    """The named set, with the constants (fields of Medium) that are not None instead of its own.
+
+    Raises InputError: unknown name (with the known ones), or a constant out of its domain.
+    """
     if name not in MEDIA:
         raise InputError(f"unknown medium {name!r}; known: {', '.join(MEDIA)}")
-    return MEDIA[name]
+    base = MEDIA[name]
+    changes: Any = {key: value for key, value in constants.items() if value is not None}
+    return replace(base, **changes, name=f"{base.name}, changed") if changes else base

@@ -19,7 +19,7 @@ from pathlib import Path
 from cavirheo.errors import InputError
 from cavirheo.reporting.record import Pairs, Result, read_json, result, write_json
 
-__all__ = ["read_json", "result", "write_json", "write_report"]
+__all__ = ["file_names", "read_json", "result", "write_json", "write_report"]
 
 _NO_PICTURES = 'pictures are left out: matplotlib is not installed; pip install "cavirheo[plot]"'
 _KINDS = ("png", "svg")
@@ -60,7 +60,7 @@ def write_report(
         drawn: dict[int, str] = {}
         overviews: dict[int, str] = {}
         if drawing:
-            names = _file_names([record.name for record in document.curves])
+            names = file_names([record.name for record in document.curves])
             for number, (pair, name) in enumerate(zip(pairs, names, strict=True)):
                 figure = picture.curve_figure(*pair, unit)
                 drawn[number] = picture.svg(figure, f"curve-{number}", header=False)
@@ -80,8 +80,8 @@ def write_report(
     return document
 
 
-def _file_names(names: Sequence[str]) -> list[str]:
-    """A safe file name for each curve, different also where letter case does not count."""
+def file_names(names: Sequence[str]) -> list[str]:
+    """A safe file name for each, different also where letter case does not count."""
     taken: set[str] = {"result", "report"}
     found = []
     for name in names:

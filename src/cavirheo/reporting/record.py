@@ -115,7 +115,7 @@ def result(pairs: Pairs, command: str, *, date: str | None = None, notes: Sequen
     members = _members(curves)
     stems = [group for group, _ in members]
     groups = [
-        _group(group if stems.count(group) == 1 or not source else source, [curves[i] for i in indices])
+        group_record(group if stems.count(group) == 1 or not source else source, [curves[i] for i in indices])
         for (group, source), indices in members.items()
     ]
     return Result(
@@ -200,20 +200,22 @@ def _members(curves: Sequence[CurveRecord]) -> dict[tuple[str, str], list[int]]:
     return found
 
 
-def _group(name: str, members: list[CurveRecord]) -> GroupRecord:
+def group_record(name: str, members: list[CurveRecord]) -> GroupRecord:
+    """The mean over the answered curves, doubtful ones included, and how many have which verdict."""
     answered = [record for record in members if record.answered]
     verdicts = [record.verdict for record in members]
     return GroupRecord(
         name=name,
         n=len(answered),
         n_failed=len(members) - len(answered),
-        shear_modulus_Pa=_spread([record.shear_modulus_Pa.median for record in answered]),
-        viscosity_Pa_s=_spread([record.viscosity_Pa_s.median for record in answered]),
+        shear_modulus_Pa=spread_of([record.shear_modulus_Pa.median for record in answered]),
+        viscosity_Pa_s=spread_of([record.viscosity_Pa_s.median for record in answered]),
         verdicts={verdict: verdicts.count(verdict) for verdict in dict.fromkeys(verdicts)},
     )
 
 
-def _spread(values: list[float | None]) -> Spread:
+def spread_of(values: list[float | None]) -> Spread:
+    """Over those that are known."""
     known = np.array([value for value in values if value is not None])
     if not known.size:
         return Spread()

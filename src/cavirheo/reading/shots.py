@@ -1,0 +1,41 @@
+"""Several files -> the shots of one run, with the groups that files and folders make of them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from cavirheo.curve import RadiusCurve
+from cavirheo.errors import InputError
+from cavirheo.reading import read_curves
+
+
+def read_shots(
+    files: Sequence[str | Path], *, density: float, pressure: float, max_radius: float | None = None
+) -> tuple[list[RadiusCurve], list[str]]:
+    """(all curves of all files in their order, the reason for each file that could not be read).
+
+    `max_radius` (m) rescales every curve. Single-shot files of one folder are the shots of one material: one group.
+    """
+    groups: list[list[RadiusCurve]] = []
+    problems: list[str] = []
+    for path in files:
+        try:
+            found = read_curves(path, density=density, pressure=pressure)
+        except InputError as error:
+            problems.append(str(error))
+            continue
+        groups.append(found if max_radius is None else [_scaled(curve, max_radius) for curve in found])
+    folders = [Path(curves[0].meta["source"]).resolve().parent for curves in groups if len(curves) == 1]
+    for k, curves in enumerate(groups):
+        folder = Path(curves[0].meta["source"]).resolve().parent
+        if len(curves) == 1 and folders.count(folder) > 1:
+            groups[k] = [curves[0].with_group(folder.name, str(folder))]
+    return [curve for curves in groups for curve in curves], problems
+
+
+def _scaled(curve: RadiusCurve, max_radius: float) -> RadiusCurve:
+    try:
+        return curve.with_max_radius(max_radius)
+    except InputError:  # without a maximum there is nothing to scale; the answer will say why
+        return curve

@@ -1,0 +1,337 @@
+"""`cavirheo compare`: published values beside ours; nothing is dropped, and every mistake in the CSV file is named."""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from rich.console import Console
+
+from cavirheo import cli, comparison, read_curves
+from cavirheo.comparison import compare, picture, table
+from cavirheo.comparison.record import Comparison
+from cavirheo.comparison.references import MU, G, read_references
+from cavirheo.errors import InputError
+from cavirheo.posterior import Checks, Posterior
+from cavirheo.reading import write_csv
+from cavirheo.reporting import picture as pictures
+
+ROOT = Path(__file__).parent.parent
+EXAMPLE = ROOT / "examples" / "soft_gel.csv"
+PUBLISHED = ROOT / "examples" / "published_values.csv"
+HEAD = "set,files,density,method,quantity,mean,std"
+REFERENCES = f"""# by hand
+{HEAD}
+gel a,gel_a,1003,IMR,G_kPa,8,1.5
+
+gel a,,,IMR,mu_Pa_s,0.020,0.009
+gel a,,,BDT,G_kPa,6,
+gel a,,,BDT,mu_mPa_s,35,10
+gel a,,,rheometer,G_Pa,2000,
+gone,nowhere/*.mat,,IMR,G_kPa,5,1
+bare.csv,,,,,,
+"""
+ANSWERS = {"shot0": (5e3, 0.01, "ok"), "shot1": (7e3, 0.03, "ok"), "shot2": (9e3, 0.05, "model_does_not_fit")}
+
+
+@pytest.fixture
+def folder(tmp_path) -> Path:
+    """gel_a: three shots, one that cannot be answered, a file that cannot be read and one that is no measurement."""
+    curves = read_curves(EXAMPLE)
+    (tmp_path / "data" / "gel_a").mkdir(parents=True)
+    for k in range(3):
+        write_csv(tmp_path / "data" / "gel_a" / f"shot{k}.csv", curves[k])
+    (tmp_path / "data" / "gel_a" / "three.csv").write_text("time_us,radius_um\n0,100\n1,90\n2,80\n")
+    (tmp_path / "data" / "gel_a" / "torn.mat").write_bytes(b"")
+    (tmp_path / "data" / "gel_a" / "protocol.docx").write_bytes(b"PK")
+    write_csv(tmp_path / "data" / "bare.csv", curves[3])
+    (tmp_path / "data" / "published.csv").write_text(REFERENCES)
+    return tmp_path / "data"
+
+
+@pytest.fixture
+def fake(monkeypatch):
+    """Known answers instead of inference; returns the settings it was called with."""
+    calls = []
+
+    def answered(curve, material="nhkv"):
+        if len(curve.time) < 5:
+            return Posterior((), (), np.empty((0, 0)), Checks("failed", "3 frames"), material, "bdt")
+        shear, viscosity, verdict = ANSWERS.get(curve.name, (4e3, 0.02, "ok"))
+        names, theta = ("log10_shear_modulus", "log10_viscosity"), np.log10([[shear, viscosity]])
+        if material == "newtonian":
+            names, theta = names[1:], theta[:, 1:]
+        rmse = 0.01 * (1 + ("shot1", "shot2").index(curve.name) if curve.name in ("shot1", "shot2") else 0.5)
+        return Posterior(names, ("Pa", "Pa s")[-len(names) :], theta, Checks(verdict, "", rmse), material, "bdt")
+
+    def infer_many(curves, *, model, done=None, **settings):
+        calls.append({"model": model, **settings})
+        material = "newtonian" if model == "bdt-viscous" else "nhkv"
+        for _ in curves if done else ():
+            done()
+        return [answered(curve, material) for curve in curves]
+
+    monkeypatch.setattr(comparison, "infer_many", infer_many)
+    monkeypatch.setattr(comparison, "load", lambda name: None)
+    return calls
+
+
+@pytest.fixture
+def run(monkeypatch, capsys, tmp_path):
+    """(exit status, stdout, stderr) of a command."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("COLUMNS", "120")
+
+    def call(*words: object) -> tuple[int, str, str]:
+        monkeypatch.setattr(sys, "argv", ["cavirheo", *map(str, words)])
+        status = 0
+        try:
+            cli.main()
+        except SystemExit as stop:
+            status = int(stop.code or 0)
+        captured = capsys.readouterr()
+        return status, captured.out, captured.err
+
+    return call
+
+
+def test_the_command_answers_as_infer_does(run, folder, tmp_path):
+    (folder / "two.csv").write_text(f"{HEAD}\ngel,gel_a/shot[01].csv,1003,IMR,G_kPa,6.44,1.64\n")
+    status, out, err = run("compare", "data", "--references", "data/two.csv", "-o", "c")
+    assert status == 0, err
+    assert max(map(len, out.splitlines())) <= 120
+    assert "6.44 ± 1.64" in out
+    assert run("infer", "data/gel_a/shot0.csv", "data/gel_a/shot1.csv", "--density", 1003, "-o", "i")[0] == 0
+    here, there = (json.loads((tmp_path / name / "result.json").read_text()) for name in ("c/gel", "i"))
+    assert [c["shear_modulus_Pa"] for c in here["curves"]] == [c["shear_modulus_Pa"] for c in there["curves"]]
+    (about,) = read(tmp_path / "c").sets
+    (group,) = there["groups"]
+    assert about.quantities[0].ours.mean == group["shear_modulus_Pa"]["mean"]
+    assert about.quantities[1].ours.std == group["viscosity_Pa_s"]["std"]
+    assert about.rmse_over_rmax.largest == max(c["rmse_over_rmax"] for c in there["curves"])
+    assert (tmp_path / "c" / about.report).exists()
+    assert (tmp_path / "c" / "comparison.png").read_bytes().startswith(b"\x89PNG")
+
+
+def read(out: Path) -> Comparison:
+    return Comparison.model_validate_json((out / "comparison.json").read_text(encoding="utf-8"))
+
+
+def test_relative_errors_are_exact(fake, folder, tmp_path):
+    result = compare(folder, folder / "published.csv", tmp_path / "c")
+    assert (result.methods, result.reference_methods) == (["IMR", "BDT", "rheometer"], ["IMR", "rheometer"])
+    modulus, viscosity = result.sets[0].quantities
+    assert modulus.ours.model_dump(exclude={"source"}) == pytest.approx({"mean": 7e3, "std": 2e3, "n": 3})
+    assert modulus.ours_ok.model_dump(exclude={"source"}) == pytest.approx({"mean": 6e3, "std": 2e3 / 2**0.5, "n": 2})
+    assert modulus.relative_errors["IMR"] == pytest.approx({"BDT": 0.25, "rheometer": 0.75, "cavirheo": 0.125})
+    assert modulus.relative_errors["rheometer"] == pytest.approx({"IMR": 3.0, "BDT": 2.0, "cavirheo": 2.5})
+    assert viscosity.published["BDT"].mean == 0.035  # given in mPa s
+    assert viscosity.published["BDT"].std == 0.010
+    assert viscosity.relative_errors == {"IMR": pytest.approx({"BDT": 0.75, "cavirheo": 0.5})}
+    only = compare(folder, folder / "published.csv", tmp_path / "c", reference_methods=["BDT"])
+    assert only.sets[0].quantities[0].relative_errors == {
+        "BDT": pytest.approx({"IMR": 1 / 3, "rheometer": 2 / 3, "cavirheo": 1 / 6})
+    }
+
+
+def test_nothing_is_dropped(fake, run, folder, tmp_path):
+    status, out, _ = run("compare", "data", "--references", "data/published.csv", "-o", "c")
+    assert status == 2
+    gel, gone, bare = read(tmp_path / "c").sets
+    assert (gel.n_shots, gel.n_answered) == (4, 3)
+    assert gel.verdicts == {"ok": 2, "model_does_not_fit": 1, "failed": 1}
+    assert gel.rmse_over_rmax.model_dump() == pytest.approx({"median": 0.01, "smallest": 0.005, "largest": 0.02})
+    assert "torn.mat" in gel.problems[0]
+    assert "protocol.docx" in gel.notes[0]
+    assert gel.files == [f"gel_a/{name}" for name in ("shot0.csv", "shot1.csv", "shot2.csv", "three.csv", "torn.mat")]
+    assert (gone.n_shots, gone.report, gone.quantities[0].ours.mean) == (0, None, None)
+    assert "nowhere/*.mat" in gone.problems[0]
+    assert gone.quantities[0].relative_errors == {"IMR": {}}
+    assert [row.published for row in bare.quantities] == [{}, {}]
+    for word in (
+        "gone",
+        "torn.mat",
+        "protocol.docx",
+        "3 of 4",
+        "3 frames",
+        "does not fit 1, failed 1",
+        "the 2 ok alone",
+    ):
+        assert word in " ".join(out.split())
+    (folder / "gel_a" / "torn.mat").unlink()
+    (folder / "less.csv").write_text(f"{HEAD}\ngel_a,,,,,,\n")
+    assert run("compare", "data", "--references", "data/less.csv", "-o", "c")[0] == 1
+    (folder / "gel_a" / "three.csv").unlink()
+    assert run("compare", "data", "--references", "data/less.csv", "-o", "c")[0] == 0
+
+
+def test_markdown_and_csv_say_what_the_record_says(fake, folder, tmp_path):
+    text = (folder / "published.csv").read_text().replace("gel a,", "gel | a,")
+    (folder / "published.csv").write_text(text)
+    result = compare(folder, folder / "published.csv", tmp_path / "c")
+    assert read(tmp_path / "c") == result
+    lines = (tmp_path / "c" / "comparison.md").read_text(encoding="utf-8").replace("\\|", "¦").splitlines()
+    cells = [[c.strip() for c in line.strip("|").split("|")] for line in lines if line.startswith("|")]
+    assert {len(row) for row in cells} == {len(cells[0])}
+    rows = [dict(zip(cells[0], row, strict=True)) for row in cells[2:]]
+    assert [(row["Set"], row["Quantity"]) for row in rows] == [
+        ("gel ¦ a", "G (kPa)"), ("gel ¦ a", "µ (Pa s)"), ("gone", "G (kPa)"), ("bare.csv", "G (kPa)"),
+        ("bare.csv", "µ (Pa s)"),
+    ]  # fmt: skip
+    assert rows[0] == {
+        "Set": "gel ¦ a", "Quantity": "G (kPa)", "IMR": "8.0 ± 1.5", "BDT": "6", "rheometer": "2",
+        "cavirheo": "7.0 ± 2.0", "BDT to IMR, %": "25", "rheometer to IMR, %": "75", "cavirheo to IMR, %": "12",
+        "IMR to rheometer, %": "300", "BDT to rheometer, %": "200", "cavirheo to rheometer, %": "250",
+        "Shots": "3 of 4", "ok": "2", "RMSE, % of R_max": "1.0 (0.5–2.0)",
+    }  # fmt: skip
+    assert rows[1]["IMR"] == "0.020 ± 0.009"
+    with (tmp_path / "c" / "comparison.csv").open(newline="", encoding="utf-8") as file:
+        table_rows = list(csv.DictReader(file))
+    for (about, row), line in zip(result.rows(), table_rows, strict=True):
+        assert (line["set"], line["quantity"]) == (about.name, row.quantity)
+        assert int(line["n_failed"]) == about.verdicts.get("failed", 0)
+        assert number(line["cavirheo_mean"]) == row.ours.mean
+        for method, value in row.published.items():
+            assert (number(line[f"{method}_mean"]), number(line[f"{method}_std"])) == (value.mean, value.std)
+        for reference, errors in row.relative_errors.items():
+            for method, value in errors.items():
+                assert number(line[f"{method}_error_to_{reference}"]) == value
+
+
+def number(text: str) -> float | None:
+    return float(text) if text else None
+
+
+def test_a_liquid_has_no_shear_modulus(fake, folder, tmp_path):
+    (folder / "liquid.csv").write_text(
+        "set,files,model,method,quantity,mean,std\nPEG,gel_a/shot?.csv,bdt-viscous,IMR,mu_Pa_s,0.06,0.01\n"
+        "odd,gel_a/shot0.csv,bdt-viscous,IMR,G_kPa,1,\n"
+    )
+    result = compare(folder, folder / "liquid.csv", tmp_path / "c")
+    peg, odd = result.sets
+    assert [row.quantity for row in peg.quantities] == [MU]
+    assert peg.quantities[0].relative_errors == {"IMR": {"cavirheo": pytest.approx(0.5)}}
+    assert [row.ours.mean is None for row in odd.quantities] == [True, False]
+    assert [axes.get_xlabel() for axes in picture.figure(result).axes] == ["G (kPa)", "µ (Pa s)"]
+    result.sets = [peg]
+    assert [axes.get_xlabel() for axes in picture.figure(result).axes] == ["µ (Pa s)"]
+
+
+def test_settings_reach_the_inference(fake, folder, tmp_path):
+    (folder / "s.csv").write_text(
+        "set,model,window,stretch,rmax_um,medium,density,sound_speed,surface_tension,pressure,temperature\n"
+        "bare.csv,own.onnx,2,7.5,210,zhu2025,1040,1500,0,90000,300\n"
+        "gel_a/shot0.csv,,,,,,,,,,\n"
+    )
+    result = compare(folder, folder / "s.csv", tmp_path / "c", model="other")
+    first, second = fake
+    assert (first["model"], first["window"], first["stretch"]) == ("own.onnx", 2, 7.5)
+    medium = first["medium"]
+    assert (medium.density, medium.sound_speed, medium.surface_tension) == (1040, 1500, 0)
+    assert (medium.pressure, medium.temperature) == (90000, 300)
+    record = json.loads((tmp_path / "c" / "bare.csv" / "result.json").read_text())
+    assert record["curves"][0]["max_radius_m"] == pytest.approx(210e-6)
+    assert (second["model"], second["window"], second["medium"].density) == ("other", None, 998.0)
+    assert "no relative errors" in result.notes[0]
+
+
+def test_the_file_of_values_is_no_measurement(fake, folder, tmp_path):
+    (folder / "published.csv").write_text(f"{HEAD}\nall,*.csv,,,,,\n")
+    (about,) = compare(folder, folder / "published.csv", tmp_path / "c").sets
+    assert (about.files, about.problems) == (["bare.csv"], [])
+
+
+BAD = {
+    "name,mean\na,1": ("line 1", "no column set; found: name, mean"),
+    "": ("line 1", "no column set; found: nothing"),
+    HEAD: ("", "no set; expected lines below the header"),
+    "set,densty\na,1": ("line 1, column densty", "not known; expected one of set,"),
+    "set,set\na,b": ("line 1, column set", "2 times; expected once"),
+    f"{HEAD}\n,x,,IMR,G_Pa,1,": ("line 2, column set", "expected the name of a set"),
+    f"{HEAD}\n# a comment\n\na,,,IMR,G,1,": ("line 4, column quantity", "'G'; expected one of G_Pa, G_kPa"),
+    f"{HEAD}\na,,,,G_Pa,1,": ("line 2, column method", "expected who measured"),
+    f"{HEAD}\na,,,cavirheo,G_Pa,1,": ("line 2, column method", "our own answers"),
+    f"{HEAD}\na,,,IMR,G_Pa,6.4 kPa,": ("line 2, column mean", "'6.4 kPa'; expected a number above 0 (G_Pa)"),
+    f"{HEAD}\na,,,IMR,G_Pa,,1": ("line 2, column mean", "''; expected a number above 0"),
+    f"{HEAD}\na,,,IMR,G_Pa,nan,1": ("line 2, column mean", "expected a number above 0"),
+    f"{HEAD}\na,,,IMR,G_Pa,1,-1": ("line 2, column std", "'-1'; expected a number from 0"),
+    f"{HEAD}\na,,,IMR,G_Pa,1,2,Bu, 2025": ("line 2", "9 cells, expected the 7 of the header"),
+    f"{HEAD}\na,,,IMR,G_Pa,1,\na,,,IMR,G_kPa,1,": ("line 3", "a second shear_modulus_Pa of 'a' by IMR; expected one"),
+    f"{HEAD}\na,,,IMR,G_Pa,1,\na,,,imr,mu_Pa_s,1,": ("line 3, column method", "expected it as on line 2: 'IMR'"),
+    f"{HEAD}\na,,998,IMR,G_Pa,1,\na,,999,,,,": ("line 3, column density", "999, but line 2 says 998"),
+    f"{HEAD}\na,,heavy,,,,": ("line 2, column density", "'heavy'; expected a number above 0 (kg/m3)"),
+    "set,window\na,1.5": ("line 2, column window", "expected a whole number of collapses"),
+    "set,medium\na,honey": ("line 2, set 'a'", "unknown medium 'honey'; known: water"),
+    "set,temperature\na,400": ("line 2, set 'a'", "the liquid would boil"),
+    "set,model\na,\na,nobody": ("line 3, column model", "unknown model 'nobody'"),
+    "set,stretch\na,0.5": ("line 2, column stretch", "between 1 and 100"),
+}
+
+
+@pytest.mark.parametrize("text", BAD)
+def test_mistakes_in_the_file_are_named(tmp_path, text):
+    (tmp_path / "r.csv").write_text(text)
+    with pytest.raises(InputError) as caught:
+        compare(tmp_path, tmp_path / "r.csv", tmp_path / "c")
+    where, what = BAD[text]
+    assert f"r.csv, {where}" in str(caught.value) if where else True
+    assert what in str(caught.value)
+    assert not (tmp_path / "c").exists()
+
+
+def test_other_mistakes(fake, folder, tmp_path):
+    for arguments, options, message in [
+        ((folder, tmp_path / "none.csv"), {}, "none.csv: cannot be read"),
+        ((folder / "bare.csv", folder / "published.csv"), {}, "is not a folder"),
+        ((folder, folder / "published.csv"), {"reference_methods": ["imr"]}, "it has IMR, BDT, rheometer"),
+    ]:
+        with pytest.raises(InputError, match=message):
+            compare(*arguments, tmp_path / "c", **options)
+    with pytest.raises(InputError, match="cannot write"):
+        compare(folder, folder / "published.csv", folder / "bare.csv")
+
+
+def test_without_matplotlib_the_tables_are_complete(fake, folder, tmp_path, monkeypatch):
+    monkeypatch.setattr(pictures, "available", lambda: False)
+    result = compare(folder, folder / "published.csv", tmp_path / "c")
+    assert not (tmp_path / "c" / "comparison.png").exists()
+    assert "matplotlib is not installed" in (tmp_path / "c" / "comparison.md").read_text(encoding="utf-8")
+    assert "matplotlib is not installed" in result.notes[0]
+
+
+def test_the_table_fits_and_the_picture_shows_every_value(fake, folder, tmp_path):
+    result = compare(folder, folder / "published.csv", tmp_path / "c")
+    for width in (80, 120):
+        console = Console(width=width, record=True, file=io.StringIO())
+        table.print_table(result, console)
+        text = console.export_text()
+        assert max(map(len, text.splitlines())) <= width
+        assert "7.0 ± 2.0" in text
+    assert all(about.name in text for about in result.sets)
+    drawn = picture.figure(result)
+    assert [axes.get_xscale() for axes in drawn.axes] == ["log", "log"]
+    legend = [text.get_text() for text in drawn.legends[0].get_texts()]
+    assert legend == ["IMR", "BDT", "rheometer", "cavirheo", "cavirheo: shot, ok", "cavirheo: shot, not ok"]
+    result.sets[0].quantities[0].ours.std = 8e3
+    legend = [text.get_text() for text in picture.figure(result).legends[0].get_texts()]
+    assert "std reaches below 0" in legend
+
+
+def test_published_values_can_be_read():
+    sets = {about.name: about for about in read_references(PUBLISHED)}
+    assert len(sets) == 5
+    assert sets["PAAm-alginate 0.3 %"].values["IMR", G].mean == 6440.0
+    assert ("IMR", G) not in sets["PEG 8000 40 w/v %"].values
+    assert sets["agarose 2.5 %"].medium.density == 1025
+
+
+def test_published_sets_are_found(fake, real_data, tmp_path, monkeypatch):
+    monkeypatch.setattr(pictures, "available", lambda: False)
+    result = compare(real_data, PUBLISHED, tmp_path / "c")
+    assert [about.n_shots for about in result.sets] == [5, 20, 20, 11, 11]
+    assert not any(about.problems for about in result.sets)
