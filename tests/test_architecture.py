@@ -21,6 +21,7 @@ MAY_USE = {
     "inference": {"errors", "curve", "physics", "problem", "posterior"},
     "training": {"errors", "physics", "problem", "inference"},
     "reporting": {"errors", "curve", "posterior"},
+    "rheometer": {"errors", "reading", "reporting"},
 }
 
 

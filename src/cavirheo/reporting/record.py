@@ -207,13 +207,14 @@ def _group(name: str, members: list[CurveRecord]) -> GroupRecord:
         name=name,
         n=len(answered),
         n_failed=len(members) - len(answered),
-        shear_modulus_Pa=_spread([record.shear_modulus_Pa.median for record in answered]),
-        viscosity_Pa_s=_spread([record.viscosity_Pa_s.median for record in answered]),
+        shear_modulus_Pa=spread_of([record.shear_modulus_Pa.median for record in answered]),
+        viscosity_Pa_s=spread_of([record.viscosity_Pa_s.median for record in answered]),
         verdicts={verdict: verdicts.count(verdict) for verdict in dict.fromkeys(verdicts)},
     )
 
 
-def _spread(values: list[float | None]) -> Spread:
+def spread_of(values: list[float | None]) -> Spread:
+    """Over those that are known."""
     known = np.array([value for value in values if value is not None])
     if not known.size:
         return Spread()
