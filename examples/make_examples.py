@@ -1,4 +1,4 @@
-"""Make the synthetic shots of this folder: simulated bubbles, filmed by an imperfect camera.
+"""Make the synthetic shots of this folder: simulated bubbles, filmed by an imperfect camera; and two rheometer sweeps.
 
     python examples/make_examples.py
 
@@ -7,6 +7,10 @@ material) filmed at 1 Mfps, with what real recordings have: growth before R_max 
 the laser's work is not part of the model), a clock that starts before nucleation, frames without a bubble, a blur by
 the exposure that fills the sharp minima, radius noise, and frames that the edge detection lost, most of them round a
 collapse. The true parameters are written to truth.csv, which nothing reads but the tests.
+
+The sweeps are of a gel that is the soft one at a bubble's rates, 6 kPa and 0.03 Pa s, and a softer one at a
+rheometer's: a spring of 1.5 kPa, beside it a Maxwell arm of 4.5 kPa that relaxes in 3 ms, and a dashpot of 0.03 Pa s.
+Its G' falls by half at a strain of 50 %; torque noise makes the smallest strains scatter.
 """
 
 from __future__ import annotations
@@ -24,6 +28,29 @@ HERE = Path(__file__).parent
 FRAME, EXPOSURE, FRAMES = 1e-6, 0.3e-6, 160  # s, s
 NOISE, LOST = 0.006, 0.05  # of R_max, of the frames
 SETS = {"soft_gel": (6.0e3, 0.03, 5), "stiff_gel": (3.0e4, 0.08, 5)}  # G Pa, mu Pa s, shots
+
+SPRING, ARM, RELAXATION, DASHPOT, HALF_STRAIN = 1500.0, 4500.0, 3e-3, 0.03, 0.5  # Pa, Pa, s, Pa s, 1
+
+
+def moduli(omega: np.ndarray | float, strain: np.ndarray | float = 0.0) -> tuple[np.ndarray, np.ndarray]:
+    """G', G'' (Pa) of the gel at an angular frequency (rad/s) and a strain."""
+    wt, softening = omega * RELAXATION, (strain / HALF_STRAIN) ** 2
+    storage = SPRING + ARM * wt**2 / (1 + wt**2)
+    loss = DASHPOT * omega + ARM * wt / (1 + wt**2)
+    return np.asarray(storage / (1 + softening)), np.asarray(loss * (1 + 4 * softening) / (1 + softening))
+
+
+def write_sweeps(folder: Path) -> None:
+    """A strain sweep at 1 Hz and a frequency sweep at 1 %: 0.5 % noise, and a torque floor at the smallest strains."""
+    rng = np.random.default_rng(11)
+    strain, frequency = np.logspace(-4, 0.5, 28), np.logspace(-2, 1.2, 17)
+    for name, omega, gamma in (("strain", 2 * np.pi, strain), ("frequency", 2 * np.pi * frequency, 0.01)):
+        noise = 0.005 + 1e-5 / gamma
+        measured = [modulus * (1 + noise * rng.standard_normal(modulus.shape)) for modulus in moduli(omega, gamma)]
+        columns = np.broadcast_arrays(100 * gamma, omega / (2 * np.pi), *measured)
+        header = ("Oscillation strain (%)", "Frequency (Hz)", "Storage modulus (Pa)", "Loss modulus (Pa)")
+        rows = [tuple(f"{value:.5g}" for value in row) for row in zip(*columns, strict=True)]
+        _write(folder / f"soft_gel_{name}_sweep.csv", header, rows)
 
 
 def film(rng: np.random.Generator, G: float, mu: float) -> tuple[np.ndarray, np.ndarray, float, float]:
@@ -74,6 +101,7 @@ def main() -> None:
         ("set", "shot", "shear_modulus_Pa", "viscosity_Pa_s", "max_radius_m", "stretch"),
         truth,
     )
+    write_sweeps(HERE)
 
 
 def _write(path: Path, header: tuple[str, ...], rows: list[tuple[object, ...]]) -> None:

@@ -22,6 +22,7 @@ MAY_USE = {
     "training": {"errors", "physics", "problem", "inference"},
     "reporting": {"errors", "curve", "posterior"},
     "comparison": {"errors", "curve", "reading", "physics", "posterior", "inference", "reporting"},
+    "rheometer": {"errors", "reading", "reporting"},
 }
 
 

@@ -19,7 +19,7 @@ from cavirheo.comparison.references import MU, G, read_references
 from cavirheo.errors import InputError
 from cavirheo.posterior import Checks, Posterior
 from cavirheo.reading import write_csv
-from cavirheo.reporting import picture as pictures
+from cavirheo.reporting import style
 
 ROOT = Path(__file__).parent.parent
 EXAMPLE = ROOT / "examples" / "soft_gel.csv"
@@ -297,7 +297,7 @@ def test_other_mistakes(fake, folder, tmp_path):
 
 
 def test_without_matplotlib_the_tables_are_complete(fake, folder, tmp_path, monkeypatch):
-    monkeypatch.setattr(pictures, "available", lambda: False)
+    monkeypatch.setattr(style, "available", lambda: False)
     result = compare(folder, folder / "published.csv", tmp_path / "c")
     assert not (tmp_path / "c" / "comparison.png").exists()
     assert "matplotlib is not installed" in (tmp_path / "c" / "comparison.md").read_text(encoding="utf-8")
@@ -331,7 +331,7 @@ def test_published_values_can_be_read():
 
 
 def test_published_sets_are_found(fake, real_data, tmp_path, monkeypatch):
-    monkeypatch.setattr(pictures, "available", lambda: False)
+    monkeypatch.setattr(style, "available", lambda: False)
     result = compare(real_data, PUBLISHED, tmp_path / "c")
     assert [about.n_shots for about in result.sets] == [5, 20, 20, 11, 11]
     assert not any(about.problems for about in result.sets)

@@ -18,7 +18,7 @@ from rich.console import Console
 from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError
 from cavirheo.posterior import Checks, Posterior
-from cavirheo.reporting import html, picture, read_json, result, table, wording, write_json, write_report
+from cavirheo.reporting import html, picture, read_json, result, style, table, wording, write_json, write_report
 from cavirheo.reporting.record import Quantity, Spread
 
 NAMES = ("log10_shear_modulus", "log10_viscosity")
@@ -501,7 +501,7 @@ def test_write_report_names_files_safely_and_apart(tmp_path):
 
 
 def test_without_matplotlib_the_report_says_so(pairs, tmp_path, monkeypatch):
-    monkeypatch.setattr(picture, "available", lambda: False)
+    monkeypatch.setattr(style, "available", lambda: False)
     written = write_report(tmp_path, pairs, COMMAND)
     assert {path.name for path in tmp_path.iterdir()} == {"result.json", "result.csv", "report.html"}
     assert 'pip install "cavirheo[plot]"' in written.notes[0]

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from cavirheo.errors import InputError, SolverError
+from cavirheo.rheometer.command import rheometer
 
 if TYPE_CHECKING:
     from rich.progress import Progress
@@ -383,6 +384,9 @@ def models() -> None:
             what = f"{output['name'].removeprefix('log10_')} {low:g} to {high:g} {output['unit']}"
             print(f"  {what:40s} R2 {score:.4f} ({output['scale']} scale, {about['data']['test']} test curves)")
         print(f"  trained on {about['data']['train']} curves, {about['date']}; card: {path.with_suffix('.json')}")
+
+
+app.command()(rheometer)
 
 
 def main() -> None:

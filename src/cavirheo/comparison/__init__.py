@@ -159,16 +159,17 @@ def _shots(
 
 def _write(out: Path, comparison: Comparison) -> None:
     from cavirheo.comparison import picture, record, table
-    from cavirheo.reporting.picture import available, save_png
+    from cavirheo.reporting import style
+    from cavirheo.reporting.picture import save_png
 
-    if not available():
+    if not style.available():
         comparison.notes.append(_NO_PICTURE)
     try:
         out.mkdir(parents=True, exist_ok=True)
         record.write_json(out / "comparison.json", comparison)
         table.write_csv(out / "comparison.csv", comparison)
         (out / "comparison.md").write_text(table.markdown(comparison), encoding="utf-8")
-        if available():
+        if style.available():
             save_png(out / "comparison.png", picture.figure(comparison))
     except OSError as error:
         raise InputError(f"cannot write the comparison into {out}: {error.strerror or error}") from None

@@ -1,4 +1,4 @@
-"""Excel: the first sheet of an .xlsx as rows of text, read with the standard library (an .xlsx is zipped XML)."""
+"""Excel: the sheets of an .xlsx as rows of text, read with the standard library (an .xlsx is zipped XML)."""
 
 from __future__ import annotations
 
@@ -9,24 +9,31 @@ from zipfile import ZipFile
 
 from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError
-from cavirheo.reading.table import curves_of_rows
+from cavirheo.reading.table import Rows, curves_of_rows
 
-_SHEET, _STRINGS = "xl/worksheets/sheet1.xml", "xl/sharedStrings.xml"
+_SHEET, _STRINGS = "xl/worksheets/sheet{}.xml", "xl/sharedStrings.xml"
 _LARGEST = 200_000_000  # bytes of XML; a small archive may unpack to anything
 
 
 def read(path: Path, density: float, pressure: float) -> list[RadiusCurve]:
     """Curves of the first sheet; its first row must be the header as in a CSV."""
+    curves = curves_of_rows(sheets(path, 1)[0], density, pressure)
+    return [curve.with_notes("read from the first sheet of the workbook") for curve in curves]
+
+
+def sheets(path: Path, most: int | None = None) -> list[Rows]:
+    """Each worksheet (the first `most`) as its rows that are not empty."""
     with ZipFile(path) as archive:
         names = archive.namelist()
-        if _SHEET not in names:
+        numbers = sorted(int(found[1]) for name in names if (found := re.fullmatch(_SHEET.format(r"(\d+)"), name)))
+        if 1 not in numbers:
             raise InputError("a zip archive without a first worksheet; expected an .xlsx, or save the table as CSV")
         shared = list(_parse(archive, _STRINGS)) if _STRINGS in names else []
         strings = ["".join(t.text or "" for t in item.iter() if _tag(t) == "t") for item in shared]
-        sheet = _parse(archive, _SHEET)
-    rows = [cells for row in sheet.iter() if _tag(row) == "row" and any(cells := _cells(row, strings))]
-    curves = curves_of_rows(rows, density, pressure)
-    return [curve.with_notes("read from the first sheet of the workbook") for curve in curves]
+        pages = [_parse(archive, _SHEET.format(number)) for number in numbers[:most]]
+    return [
+        [cells for row in page.iter() if _tag(row) == "row" and any(cells := _cells(row, strings))] for page in pages
+    ]
 
 
 def _parse(archive: ZipFile, name: str) -> ElementTree.Element:

@@ -43,11 +43,15 @@ def column(title: str) -> tuple[str, str | None]:
 
 
 def read(path: Path, density: float, pressure: float) -> list[RadiusCurve]:
+    return curves_of_rows(_split(text_of(path.read_bytes())), density, pressure)
+
+
+def text_of(content: bytes) -> str:
+    """UTF-8 or Latin-1."""
     try:
-        text = path.read_text(encoding="utf-8-sig")
+        return content.decode("utf-8-sig")
     except UnicodeDecodeError:
-        text = path.read_text(encoding="latin-1")
-    return curves_of_rows(_split(text), density, pressure)
+        return content.decode("latin-1")
 
 
 def curves_of_rows(rows: Rows, density: float, pressure: float) -> list[RadiusCurve]:
@@ -58,7 +62,7 @@ def curves_of_rows(rows: Rows, density: float, pressure: float) -> list[RadiusCu
     """
     if not rows:
         raise InputError(f"no rows of data; {_HEADER_ADVICE}")
-    if any(not _is_number(cell) for cell in rows[0]):
+    if any(not is_number(cell) for cell in rows[0]):
         return _with_header(rows[0], rows[1:])
     table = np.column_stack([_numbers(rows, k, 1) for k in range(max(map(len, rows)))])
     return _without_header(table, density, pressure)
@@ -148,17 +152,23 @@ def _split(text: str) -> Rows:
     sample = data[:20]
     delimiter = next((d for d in "\t;," if all(d in line for line in sample)), None)
     rows = [[cell.strip().strip('"') for cell in line.split(delimiter)] for line in data]
-    if delimiter == ";" or delimiter == "\t":  # decimal commas
-        rows = [[re.sub(r"^([+-]?\d+),(\d+(e[+-]?\d+)?)$", r"\1.\2", c, flags=re.I) for c in row] for row in rows]
+    if delimiter == ";" or delimiter == "\t":
+        rows = [[decimal_point(cell) for cell in row] for row in rows]
     above = lines[: lines.index(data[0])]
-    if all(map(_is_number, rows[0])) and above and above[-1].startswith(("#", "%")):
+    if all(map(is_number, rows[0])) and above and above[-1].startswith(("#", "%")):
         titles = [title.strip() for title in above[-1].lstrip("#% ").split(delimiter)]
         if {"time", "radius"} <= {column(title)[0] for title in titles}:
             rows.insert(0, titles)
     return rows
 
 
-def _is_number(cell: str) -> bool:
+def decimal_point(cell: str) -> str:
+    """'0,5' -> '0.5', where commas do not separate the columns."""
+    return re.sub(r"^([+-]?\d+),(\d+(e[+-]?\d+)?)$", r"\1.\2", cell, flags=re.I)
+
+
+def is_number(cell: str) -> bool:
+    """A number, or one of the words that stand for a missing one."""
     try:
         float(cell)
     except ValueError:

@@ -5,6 +5,7 @@
 | record | result.json: what other programs read |
 | wording | digits, units and words for people, the same everywhere |
 | table | the terminal, and CSV |
+| style | how all pictures look |
 | picture | measured points, simulation of the answer, residual (needs the [plot] extra) |
 | html | the report, one file |
 """
@@ -21,7 +22,7 @@ from cavirheo.reporting.record import Pairs, Result, read_json, result, write_js
 
 __all__ = ["file_names", "read_json", "result", "write_json", "write_report"]
 
-_NO_PICTURES = 'pictures are left out: matplotlib is not installed; pip install "cavirheo[plot]"'
+NO_PICTURES = 'pictures are left out: matplotlib is not installed; pip install "cavirheo[plot]"'
 _KINDS = ("png", "svg")
 
 
@@ -46,13 +47,13 @@ def write_report(
     Raises:
         InputError: an unknown kind of picture, or a directory that cannot be written.
     """
-    from cavirheo.reporting import html, picture, table, wording
+    from cavirheo.reporting import html, picture, style, table, wording
 
     if unknown := [kind for kind in pictures if kind not in _KINDS]:
         raise InputError(f"pictures can be {' or '.join(_KINDS)}, got {', '.join(map(repr, unknown))}")
     date = date or datetime.now().astimezone().strftime("%Y-%m-%d %H:%M %Z")
-    drawing = picture.available()
-    document = result(pairs, command, date=date, notes=() if drawing else (_NO_PICTURES,))
+    drawing = style.available()
+    document = result(pairs, command, date=date, notes=() if drawing else (NO_PICTURES,))
     unit = wording.modulus_unit(document)
     folder = Path(directory)
     try:

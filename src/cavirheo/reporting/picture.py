@@ -1,8 +1,7 @@
 """Pictures of the answers: the measured points, the simulation of the answer over them, and what is left between.
 
-matplotlib is optional (`pip install "cavirheo[plot]"`) and imported when the first picture is drawn, by its object
-interface alone: nothing global is left changed and threads may draw at once. Colours are those of Okabe and Ito, which
-colour-blind readers tell apart; verdicts are written out as well.
+matplotlib is imported when the first picture is drawn, by its object interface alone: nothing global is left changed
+and threads may draw at once. Verdicts have colours and are written out as well.
 """
 
 from __future__ import annotations
@@ -11,7 +10,6 @@ import io
 import re
 import textwrap
 from collections.abc import Sequence
-from importlib.util import find_spec
 from pathlib import Path
 from threading import Lock
 from typing import TYPE_CHECKING, Any
@@ -23,6 +21,7 @@ from cavirheo.errors import InputError
 from cavirheo.posterior import Posterior
 from cavirheo.reporting import wording
 from cavirheo.reporting.record import CurveRecord, GroupRecord, Pairs, curve_record
+from cavirheo.reporting.style import BLUE, INK, VERMILLION, new_axes, new_figure, write
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -35,19 +34,13 @@ VERDICT_COLOURS = {
     "failed": "#b00020",
 }
 KILOPASCAL = (1e-3, "kPa")
-_MEASURED, _SIMULATED, _RESIDUAL, _PALE, _INK = "#222222", "#d55e00", "#0072b2", "#b4b4b4", "#444444"
-_WIDTH, _HEIGHT = 7.2, 4.5  # inches
+_MEASURED, _SIMULATED, _RESIDUAL, _PALE = "#222222", VERMILLION, BLUE, "#b4b4b4"
+_HEIGHT = 4.5  # inches
 _HEADER = 0.86  # of the height of a curve's picture: name, verdict and answer stand above
-_STEPS = [1, 2, 5, 10]  # of the ticks
 _MANY = 1500  # points above which an SVG carries them as pixels
 _RMAX = "Rₘₐₓ"
 _QUICK: Any = {"text.hinting": "none"}  # hinting costs a fifth of the drawing and shows nothing at this resolution
 _settings = Lock()  # matplotlib reads these settings from a global while it writes
-
-
-def available() -> bool:
-    """Whether pictures can be drawn here."""
-    return find_spec("matplotlib") is not None
 
 
 def curve_figure(curve: RadiusCurve, posterior: Posterior, unit: tuple[float, str] = KILOPASCAL) -> Figure:
@@ -55,17 +48,17 @@ def curve_figure(curve: RadiusCurve, posterior: Posterior, unit: tuple[float, st
 
     `unit` is that of G: (factor from Pa, name). Raises InputError without matplotlib.
     """
-    figure = _figure(_HEIGHT)
+    figure = new_figure(_HEIGHT)
     record = curve_record(curve, posterior)
     colour = VERDICT_COLOURS[record.verdict]
-    _write(figure, 0.085, 0.955, wording.elide(record.name, 60), size=11, weight="bold")
-    _write(figure, 0.975, 0.955, wording.VERDICTS[record.verdict], size=10, weight="bold", ha="right", color=colour)
+    write(figure, 0.085, 0.955, wording.elide(record.name, 60), size=11, weight="bold")
+    write(figure, 0.975, 0.955, wording.VERDICTS[record.verdict], size=10, weight="bold", ha="right", color=colour)
     if record.answered:
         _write_answer(figure, record, unit)
         _draw_answer(figure, curve, posterior)
     else:
         reason = "\n".join(textwrap.wrap(record.message, 100, max_lines=3, placeholder=" …"))
-        _write(figure, 0.085, 0.93, reason, size=8.5, color=colour, va="top")
+        write(figure, 0.085, 0.93, reason, size=8.5, color=colour, va="top")
         _draw_unanswered(figure, curve)
     return figure
 
@@ -77,24 +70,24 @@ def _write_answer(figure: Figure, record: CurveRecord, unit: tuple[float, str]) 
     answer.append(f"{_RMAX} = {wording.micrometres(record.max_radius_m)} µm")
     box = {"boxstyle": "round,pad=0.45", "facecolor": "#f4f1ea", "edgecolor": "none"}
     size = min(9.5, 9.5 * 105 / sum(len(part) + 4 for part in answer))
-    _write(figure, 0.096, 0.898, "\u2003\u2002".join(answer), size=size, bbox=box)
+    write(figure, 0.096, 0.898, "\u2003\u2002".join(answer), size=size, bbox=box)
 
 
 def _draw_unanswered(figure: Figure, curve: RadiusCurve) -> None:
     x, y = _Axis.of(curve), _scale(curve)
-    axes = _axes(figure, (0.085, 0.11, 0.89, 0.7), x.label, y.label)
+    axes = new_axes(figure, (0.085, 0.11, 0.89, 0.7), x.label, y.label)
     _points(axes, x(curve.time), y(curve.radius), _MEASURED)
     if np.isfinite(curve.radius).any():
         axes.set_ylim(bottom=0.0)
     else:
-        axes.text(0.5, 0.5, "no measured radius", transform=axes.transAxes, ha="center", color=_INK)
+        axes.text(0.5, 0.5, "no measured radius", transform=axes.transAxes, ha="center", color=INK)
         axes.set(xticks=[], yticks=[])
 
 
 def _draw_answer(figure: Figure, curve: RadiusCurve, posterior: Posterior) -> None:
     checks, x, y = posterior.checks, _Axis.of(curve), _scale(curve)
-    upper = _axes(figure, (0.085, 0.355, 0.89, 0.445), "", y.label)
-    lower = _axes(figure, (0.085, 0.11, 0.89, 0.2), x.label, f"residual (% {_RMAX})")
+    upper = new_axes(figure, (0.085, 0.355, 0.89, 0.445), "", y.label)
+    lower = new_axes(figure, (0.085, 0.11, 0.89, 0.2), x.label, f"residual (% {_RMAX})")
     time, compared = x(curve.time), x(checks.compared_time if checks.compared_time is not None else np.empty(0))
 
     inside = np.zeros(len(time), dtype=bool)
@@ -110,7 +103,7 @@ def _draw_answer(figure: Figure, curve: RadiusCurve, posterior: Posterior) -> No
     upper.legend(loc="upper right", fontsize=8, frameon=False, handlelength=1.4, borderaxespad=0.1)
     upper.tick_params(labelbottom=False)
 
-    lower.axhline(0.0, color=_INK, lw=0.8)
+    lower.axhline(0.0, color=INK, lw=0.8)
     if checks.residual_over_rmax is not None and len(compared):
         residual = 100.0 * checks.residual_over_rmax
         _points(lower, compared, residual, _RESIDUAL)
@@ -119,13 +112,13 @@ def _draw_answer(figure: Figure, curve: RadiusCurve, posterior: Posterior) -> No
     if checks.rmse_over_rmax is not None:
         rmse = 100.0 * checks.rmse_over_rmax
         lower.axhspan(-rmse, rmse, color=_RESIDUAL, alpha=0.13, lw=0)
-        _write(lower, 1.0, 1.05, f"band: ± RMSE = {wording.digits(rmse, 2)} %", size=8, color=_INK, ha="right")
+        write(lower, 1.0, 1.05, f"band: ± RMSE = {wording.digits(rmse, 2)} %", size=8, color=INK, ha="right")
 
     left, right = _view(time, compared)
     for axes in (upper, lower):
         axes.set_xlim(left, right)
     if time[-1] > right:
-        _write(figure, 0.975, 0.03, f"recorded until {time[-1]:.0f} µs →", size=8, color="#808080", ha="right")
+        write(figure, 0.975, 0.03, f"recorded until {time[-1]:.0f} µs →", size=8, color="#808080", ha="right")
     _t_star_axis(upper, left, right, 1e6 * _time_scale(curve.max_radius, posterior))
 
 
@@ -134,13 +127,13 @@ def group_figure(pairs: Pairs, group: GroupRecord, unit: tuple[float, str] = KIL
 
     `pairs` are the group's; failed ones are counted in the title. Raises InputError without matplotlib.
     """
-    figure = _figure(3.5)
+    figure = new_figure(3.5)
     title = f"{wording.elide(group.name, 56)}: {wording.shots(group)}"
-    _write(figure, 0.085, 0.94, title, size=11, weight="bold")
-    left = _axes(figure, (0.085, 0.14, 0.46, 0.72), f"t* = t √(p/ρ) / {_RMAX}", f"R / {_RMAX}")
+    write(figure, 0.085, 0.94, title, size=11, weight="bold")
+    left = new_axes(figure, (0.085, 0.14, 0.46, 0.72), f"t* = t √(p/ρ) / {_RMAX}", f"R / {_RMAX}")
     mu, G = group.viscosity_Pa_s, group.shear_modulus_Pa
     label = f"{_RMAX} (µm)" if G.mean is None else f"G ({unit[1]})"
-    right = _axes(figure, (0.655, 0.14, 0.245, 0.72), label, "µ (Pa s)")
+    right = new_axes(figure, (0.655, 0.14, 0.245, 0.72), label, "µ (Pa s)")
 
     answered = [(c, p, r) for c, p in pairs if (r := curve_record(c, p)).answered]
     radii = np.array([1e6 * curve.max_radius for curve, _, _ in answered])
@@ -157,7 +150,7 @@ def group_figure(pairs: Pairs, group: GroupRecord, unit: tuple[float, str] = KIL
 
     if mu.mean is not None and mu.std is not None:
         if G.mean is None or G.std is None:
-            right.axhspan(mu.mean - mu.std, mu.mean + mu.std, color=_INK, alpha=0.12, lw=0, label="mean ± std")
+            right.axhspan(mu.mean - mu.std, mu.mean + mu.std, color=INK, alpha=0.12, lw=0, label="mean ± std")
             right.axhline(mu.mean, color="black", lw=1.0)
         else:
             right.errorbar(
@@ -182,9 +175,9 @@ def _radius_bar(figure: Figure, low: float, high: float) -> None:
     bar.set(xticks=[], yticks=[low, high])
     bar.yaxis.tick_right()
     bar.yaxis.set_major_formatter(lambda value, _: f"{value:.0f}")
-    bar.tick_params(labelsize=8, labelcolor=_INK, length=0)
+    bar.tick_params(labelsize=8, labelcolor=INK, length=0)
     bar.spines[:].set_visible(False)
-    _write(bar, 0.5, 1.03, f"{_RMAX}\n(µm)", size=8, ha="center", va="bottom")
+    write(bar, 0.5, 1.03, f"{_RMAX}\n(µm)", size=8, ha="center", va="bottom")
 
 
 def save_png(path: str | Path, figure: Figure, dpi: int = 150) -> None:
@@ -285,44 +278,13 @@ def _t_star_axis(axes: Axes, left: float, right: float, t_c: float) -> None:
     axes.plot(marks * t_c, np.ones(len(marks)), "|", ms=5, color="#aaaaaa", transform=along, clip_on=False)
     for mark in marks:
         axes.text(mark * t_c, 1.035, f"{mark + 0.0:.0f}", transform=along, fontsize=7.5, color="#808080", ha="center")
-    _write(axes, -0.008, 1.035, "t*", size=7.5, color="#808080", ha="right")
-
-
-def _figure(height: float) -> Figure:
-    if not available():
-        raise InputError('pictures need matplotlib, which is not installed: pip install "cavirheo[plot]"')
-    from matplotlib.figure import Figure
-
-    return Figure(figsize=(_WIDTH, height), facecolor="white")
-
-
-def _axes(figure: Figure, place: tuple[float, float, float, float], x_label: str, y_label: str) -> Axes:
-    from matplotlib.ticker import MaxNLocator
-
-    axes = figure.add_axes(place)
-    for side in ("top", "right"):
-        axes.spines[side].set_visible(False)
-    for side in ("left", "bottom"):
-        axes.spines[side].set_color("#888888")
-    axes.tick_params(labelsize=8.5, labelcolor=_INK, color="#888888", length=3)
-    axes.set_xlabel(x_label, fontsize=9, color=_INK, parse_math=False)
-    axes.set_ylabel(y_label, fontsize=9, color=_INK, parse_math=False)
-    axes.margins(x=0.02)
-    axes.xaxis.set_major_locator(MaxNLocator(8 if place[2] > 0.5 else 5, steps=_STEPS))
-    axes.yaxis.set_major_locator(MaxNLocator(6 if place[3] > 0.3 else 4, steps=_STEPS))
-    return axes
+    write(axes, -0.008, 1.035, "t*", size=7.5, color="#808080", ha="right")
 
 
 def _points(axes: Axes, x: Floats, y: Floats, colour: str, label: str | None = None) -> None:
     if np.isfinite(y).any():
         size = float(np.interp(np.count_nonzero(np.isfinite(y)), [50, 400], [3.6, 2.0]))
         axes.plot(x, y, "o", ms=size, mew=0, color=colour, label=label, rasterized=len(x) > _MANY, zorder=2)
-
-
-def _write(where: Any, x: float, y: float, text: str, *, size: float, color: str = "#111111", **how: Any) -> None:
-    """Text in fractions of a figure or of axes; never read as mathematics, whatever a file calls its curves."""
-    place = {"transform": where.transAxes} if hasattr(where, "transAxes") else {}
-    where.text(x, y, text, fontsize=size, color=color, parse_math=False, **place, **how)
 
 
 def _with(value: Any, factor: float, unit: str) -> str:
