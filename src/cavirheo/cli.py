@@ -352,6 +352,8 @@ def evaluate(
     from cavirheo.training.evaluate import evaluate as judge
     from cavirheo.training.tables import markdown
 
+    if robustness:
+        _load_solver()
     print(markdown(judge(path_of(model), data, out, robust=robustness, progress=True)))
     print(f"written to {out}", file=sys.stderr)
 
