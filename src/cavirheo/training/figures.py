@@ -69,7 +69,7 @@ def draw(
 
 
 def _loss(card: Mapping[str, Any]) -> Figure:
-    from matplotlib.ticker import LogFormatter
+    from matplotlib.ticker import LogLocator, NullFormatter
 
     figure = _figure(6.0, 3.8)
     axes = figure.subplots()
@@ -80,8 +80,9 @@ def _loss(card: Mapping[str, Any]) -> Figure:
     lowest = history["validation"][best - 1]
     axes.plot(best, lowest, "o", ms=7, mfc="none", mec=_INK, label=f"kept: epoch {best}, {lowest:.4f}")
     axes.set(xlabel="epoch", ylabel="mean squared error\n(of outputs over the prior's std. deviation)")
+    axes.yaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
     axes.yaxis.set_major_formatter("{x:g}")
-    axes.yaxis.set_minor_formatter(LogFormatter(minor_thresholds=(2, 0.5)))
+    axes.yaxis.set_minor_formatter(NullFormatter())
     axes.grid(alpha=0.25, which="both", lw=0.5)
     axes.legend()
     return figure
