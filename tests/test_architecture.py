@@ -19,7 +19,7 @@ MAY_USE = {
     "posterior": set(),
     "problem": {"errors", "physics"},
     "inference": {"errors", "curve", "physics", "problem", "posterior"},
-    "training": {"errors", "physics", "problem", "inference"},
+    "training": {"errors", "curve", "physics", "problem", "inference"},
     "reporting": {"errors", "curve", "posterior"},
     "comparison": {"errors", "curve", "reading", "physics", "posterior", "inference", "reporting"},
     "rheometer": {"errors", "reading", "reporting"},

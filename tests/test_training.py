@@ -1,18 +1,25 @@
 """Training: it learns, it resumes exactly, and what is exported is what was trained."""
 
 import json
+import sys
+from dataclasses import asdict
 from datetime import date
 from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
+import scale_bias
 
 from cavirheo.errors import InputError
-from cavirheo.inference.model import predict
-from cavirheo.problem import Problem
+from cavirheo.inference.model import load as load_network
+from cavirheo.inference.model import path_of, predict
+from cavirheo.problem import Camera, Prior, Problem
 from cavirheo.training import evaluate as judge
+from cavirheo.training import figures, robustness, tables
+from cavirheo.training.breakdown import breakdown
 from cavirheo.training.dataset import generate, load
+from cavirheo.training.metrics import metrics, r2
 from cavirheo.training.recipe import Recipe, read_recipe
 
 QUIET = {"device": "cpu", "threads": 1, "progress": False}
@@ -131,19 +138,137 @@ def test_recipe_that_is_not_there(tmp_path):
 def test_metrics_of_known_errors():
     truth = np.column_stack([np.linspace(3, 6, 50), np.linspace(3, 11, 50)])
     predicted = truth + np.array([0.1, 0.0])
-    found = judge.metrics(["log10_shear_modulus", "stretch"], truth, predicted)
+    found = metrics(["log10_shear_modulus", "stretch"], truth, predicted)
     g = found["log10_shear_modulus"]
     assert g["bias"] == pytest.approx(0.1)
     assert g["rmse"] == pytest.approx(0.1)
     assert g["median_absolute_error"] == pytest.approx(0.1)
+    far = metrics(["stretch"], np.arange(1.0, 12.0)[:, None], np.ones((11, 1)))["stretch"]
+    assert far["p90_absolute_error"] == pytest.approx(9.0)
     assert g["median_relative_error"] == pytest.approx(10**0.1 - 1)
     assert g["r2"] == pytest.approx(1 - 0.01 / truth[:, 0].var())
     natural = 10 ** truth[:, 0]
     assert g["r2_natural"] == pytest.approx(1 - np.mean((0.1 * 0 + natural * (10**0.1 - 1)) ** 2) / natural.var())
     assert found["stretch"]["r2"] == 1.0
-    assert judge.r2([1.0, 2.0, 3.0], [2.0, 2.0, 2.0]) == 0.0
+    assert r2([1.0, 2.0, 3.0], [2.0, 2.0, 2.0]) == 0.0
     with pytest.raises(InputError, match="shapes"):
-        judge.metrics(["stretch"], truth, predicted)
+        metrics(["stretch"], truth, predicted)
+
+
+# evaluation
+
+
+def test_breakdown_finds_the_error_where_it_is():
+    prior = Prior.uniform({"log10_viscosity": (-3.0, 0.0), "stretch": (3.0, 11.0)})
+    theta = np.array([[-3.0, 3.0], [-2.9, 10.9], [-1.5, 4.0], [0.0, 11.0]])
+    error = np.array([[0.3], [-0.3], [0.1], [0.0]])
+    found = breakdown(["log10_viscosity"], prior, theta, error)["log10_viscosity"]
+    low, middle, high = found["by_parameter"]["log10_viscosity"]
+    assert (low["low"], low["high"], low["curves"], middle["curves"], high["curves"]) == (-3.0, -2.0, 2, 1, 1)
+    assert (low["rmse"], low["bias"], low["share"]) == pytest.approx((0.3, 0.0, 0.18 / 0.19))
+    stretch = found["by_parameter"]["stretch"]
+    assert [row["curves"] for row in stretch] == [2, 0, 0, 2]
+    assert (stretch[1]["rmse"], stretch[1]["bias"], stretch[1]["share"]) == (None, None, 0.0)
+    (pair,) = found["by_pair"]
+    assert (len(pair["rmse"]), len(pair["rmse"][0])) == (6, 4)
+    assert pair["rmse"][0][0] == pytest.approx(0.3)
+    assert np.sum(pair["curves"]) == 4
+    assert pair["rmse"][0][1] is None
+
+
+@pytest.fixture(scope="module")
+def filmed() -> tuple[Problem, np.ndarray]:
+    """The problem of the shipped model and the theta (4, 3) of curves with rebounds."""
+    problem = load_network("bdt-viscoelastic").problem
+    return problem, np.array([[4.0, -1.0, 7.0], [4.5, -1.5, 6.0], [5.0, -0.7, 5.0], [3.5, -1.2, 8.0]])
+
+
+def test_recordings_are_what_they_say(filmed):
+    problem, theta = filmed
+    everything = np.arange(len(theta))
+    R_max = problem.reference_max_radius
+    by_name = {}
+    for recording in robustness.RECORDINGS:
+        true = robustness.film(problem, theta, everything, recording, 5, workers=1)
+        curves = [
+            robustness.degrade(*frames, R_max, recording, 5, int(i)) for frames, i in zip(true, everything, strict=True)
+        ]
+        ((time, radius),) = robustness.film(problem, theta, everything[2:3], recording, 5, workers=1)
+        np.testing.assert_array_equal(time, true[2][0])  # what a curve suffers does not depend on the others
+        np.testing.assert_allclose(radius, true[2][1], rtol=1e-9)
+        by_name[recording.name] = true, curves
+    plain, noisy, noisier, half, double, late, gaps = by_name.values()
+    exact = problem.simulate(theta[0]).radius
+    np.testing.assert_allclose(plain[1][0].radius[:100], exact, rtol=2e-3)
+    assert plain[1][0].max_radius == pytest.approx(R_max, rel=2e-3)
+    for (true, curves), sigma in ((noisy, 0.01), (noisier, 0.02)):
+        residual = np.concatenate([c.radius - r for c, (_, r) in zip(curves, true, strict=True)]) / R_max
+        assert np.nanstd(residual) == pytest.approx(sigma, rel=0.15)
+    for (_, curves), step in ((half, 2e-6), (double, 0.5e-6), (late, 1e-6)):
+        assert np.diff(curves[0].time) == pytest.approx(step)
+        assert curves[0].time[-1] > problem.camera.time[-1]
+    offsets = np.array([curve.time[0] for curve in late[1]])
+    assert np.ptp(offsets) > 0
+    assert np.abs(offsets).max() <= 0.5e-6
+    time = late[1][0].time[1:9]
+    np.testing.assert_allclose(late[1][0].radius[1:9], np.interp(time, problem.camera.time, exact), rtol=2e-3)
+    assert {int(np.isnan(curve.radius).sum()) for curve in gaps[1]} == {round(0.1 * len(gaps[1][0].time))}
+
+
+def test_robustness_of_the_shipped_model(filmed, tmp_path, monkeypatch):
+    problem, _ = filmed
+    generate(problem, 4, tmp_path / "data", workers=1, progress=False)
+    ways = (robustness.RECORDINGS[0], robustness.Recording("blind", missing=1.0))
+    for module in (robustness, judge):
+        monkeypatch.setattr(module, "RECORDINGS", ways)
+    found = judge.evaluate(
+        path_of("bdt-viscoelastic"), tmp_path / "data", tmp_path / "out", robust=True, answers=3, workers=1
+    )
+    seen, blind = found["robustness"]["rows"]
+    assert seen["recording"] == asdict(ways[0])
+    assert (seen["network"]["curves"], seen["network_same_curves"]["curves"], seen["answer"]["curves"]) == (4, 3, 3)
+    for name, score in seen["network"]["metrics"].items():  # the same curves, through the fit of R_max
+        assert score["rmse"] == pytest.approx(found["metrics"][name]["rmse"], abs=0.05)
+    assert seen["answer"]["metrics"]["log10_shear_modulus"]["rmse"] < 0.1
+    assert sum(seen["answer"]["verdicts"].values()) == 3
+    assert seen["answer_ok"]["curves"] == seen["answer"]["verdicts"].get("ok", 0)
+    assert blind["answer_ok"] == {"curves": 0, "failed": 0, "metrics": None}
+    assert blind["network"] == {"curves": 4, "failed": 4, "metrics": None}
+    assert blind["answer"] == {"curves": 3, "failed": 3, "metrics": None, "verdicts": {"failed": 3}}
+    text = (tmp_path / "out" / "evaluation.md").read_text(encoding="utf-8")
+    assert text == tables.markdown(json.loads((tmp_path / "out" / "metrics.json").read_text()))
+    assert "| blind " in text
+    assert found["figures"][-1] == "robustness.png"
+
+
+def test_figures_of_one_output(tmp_path, monkeypatch):
+    rng = np.random.default_rng(0)
+    prior = Prior.uniform({"log10_viscosity": (-4.0, 0.0), "stretch": (3.0, 11.0)})
+    theta = prior.sample(60, 1)
+    truth, names = theta[:, :1], ["log10_viscosity"]
+    predicted = truth + 0.1 * rng.standard_normal(truth.shape)
+    result = {
+        "outputs": names,
+        "metrics": metrics(names, truth, predicted),
+        "breakdown": breakdown(names, prior, theta, predicted - truth),
+        "robustness": None,
+    }
+    three = ["predicted.png", "error.png", "error_map.png", "error_share.png"]
+    assert figures.draw(tmp_path, {}, result, truth, predicted) == three  # a card without a history
+    monkeypatch.setitem(sys.modules, "matplotlib", None)
+    with pytest.raises(InputError, match="pip install"):
+        figures.draw(tmp_path, {}, result, truth, predicted)
+
+
+def test_scale_bias_of_a_liquid():
+    """One output, no shear modulus; at the reference R_max nothing is misread."""
+    prior = Prior.uniform({"log10_viscosity": (-2.0, -1.0), "stretch": (5.0, 7.0)})
+    problem = Problem("newtonian", prior, camera=Camera())
+    truth, curves = scale_bias.shots(2, 0.01, 3, problem)
+    assert truth.shape == (2, 3)
+    assert [curve.max_radius for curve in curves] == truth[:, -1].tolist()
+    assert np.abs(scale_bias.misread(problem, problem.reference_max_radius, 1, 3)).max() < 1e-3
+    assert scale_bias.misread(problem, 60e-6, 1, 3)[0, 1] > 0.5  # in a liquid the stretch takes it up
 
 
 # network and training
@@ -194,7 +319,7 @@ class TestTorch:
         history = [json.loads(line) for line in (tmp_path / "run" / "history.jsonl").read_text().splitlines()]
         assert history == lines
         test = np.load(tmp_path / "run" / "test.npz")
-        again = judge.metrics(recipe.outputs, test["truth"], test["predicted"])
+        again = metrics(recipe.outputs, test["truth"], test["predicted"])
         assert again == result["metrics"]
         assert result["metrics"]["log10_shear_modulus"]["r2"] > 0.5
         split = load(data).split(recipe.training.seed)
@@ -294,7 +419,9 @@ class TestTorch:
             assert found["metrics"][name] == pytest.approx(values, abs=1e-4)
         for name in ["metrics.json", *found["figures"]]:
             assert (tmp_path / "figures" / name).stat().st_size > 0
-        assert found["figures"] == ["loss.png", "predicted.png", "error.png"]
+        assert found["figures"] == ["loss.png", "predicted.png", "error.png", "error_map.png", "error_share.png"]
+        assert card["history"]["train"] == pytest.approx(result["history"]["train"], rel=1e-4)
+        assert max(len(str(loss)) for loss in card["history"]["train"]) <= 8
 
         generate(recipe.problem, 50, tmp_path / "fresh", seed=9, progress=False)
         fresh = judge.evaluate(path, tmp_path / "fresh")

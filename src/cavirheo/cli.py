@@ -354,17 +354,18 @@ def evaluate(
     model: Annotated[str, typer.Argument(help="a shipped model or an .onnx file")],
     data: Annotated[Path, typer.Argument(help="folder written by `cavirheo generate`")],
     out: Out = Path("cavirheo-evaluation"),
+    robustness: Annotated[
+        bool, typer.Option("--robustness", help="also with noise, other frame rates, a first frame off, gaps: minutes")
+    ] = False,
 ) -> None:
-    """How good a model is on simulated curves: metrics.json and pictures."""
+    """How good a model is on simulated curves: metrics.json, tables (evaluation.md) and figures."""
     from cavirheo.inference.model import path_of
     from cavirheo.training.evaluate import evaluate as judge
+    from cavirheo.training.tables import markdown
 
-    result = judge(path_of(model), data, out)
-    which = "the test part of its own training set" if result["part"] == "test" else "a set it was not trained on"
-    print(f"{result['curves']} curves, {which}")
-    for name, score in result["metrics"].items():
-        error, bias = score["median_absolute_error"], score["bias"]
-        print(f"{name}: R2 {score['r2']:.4f}, median error {error:.3f}, bias {bias:+.3f}")
+    if robustness:
+        _load_solver()
+    print(markdown(judge(path_of(model), data, out, robust=robustness, progress=True)))
     print(f"written to {out}", file=sys.stderr)
 
 

@@ -88,6 +88,15 @@ class Amortised:
             )  # fmt: skip
         return replace(posterior, seconds=time.perf_counter() - began)
 
+    def network_alone(self, curve: RadiusCurve) -> Floats:
+        """(outputs,) for the shot, in the prior's scale: what the network reads off the curve at equal Cauchy and
+        Reynolds numbers. Nothing is simulated; after the end of a short recording its last radius is held.
+
+        Raises InputError: the curve cannot be put on the network's grid.
+        """
+        answer = _Answer(self, curve)
+        return answer.for_shot(self.model(answer._completed(None))[0])
+
     def _provenance(self, curve: RadiusCurve) -> dict[str, Any]:
         return {
             "cavirheo": version("cavirheo"),
@@ -138,9 +147,7 @@ class _Answer:
         source = "given" if given is not None else "fitted to the curve with the G and mu of the answer"
         material = self._material(theta)
         found = reconstruct(self.view, material, self.medium, stretch)
-        values = self._natural(theta)
         names = self.model.outputs
-        shot = np.array([np.log10(values[natural_name(n)]) if n.startswith("log10_") else values[n] for n in names])
         raw = self._natural(self.raw)
         provenance = self.settings._provenance(self.curve) | {
             "stretch": stretch,
@@ -148,9 +155,15 @@ class _Answer:
             "network_alone": {f"{name} [{UNITS[name]}]": value for name, value in raw.items()},
         }
         return Posterior(
-            names, _units(names), shot[None, :], self._checks(theta, stretch, found),
+            names, _units(names), self.for_shot(theta)[None, :], self._checks(theta, stretch, found),
             self.problem.material_name, "bdt", provenance,
         )  # fmt: skip
+
+    def for_shot(self, theta: Floats) -> Floats:
+        """(outputs,) in the prior's scale for the shot from theta at the reference scale."""
+        values = self._natural(theta)
+        names = self.model.outputs
+        return np.array([np.log10(values[natural_name(n)]) if n.startswith("log10_") else values[n] for n in names])
 
     def _plain(self) -> tuple[Floats, float]:
         """The network's answer alone; a short recording is completed from its own reconstruction."""

@@ -11,6 +11,7 @@ import hashlib
 import json
 import logging
 import platform
+import re
 import warnings
 from collections.abc import Mapping
 from datetime import UTC, date, datetime
@@ -67,7 +68,7 @@ def export(
     finally:
         temporary.unlink(missing_ok=True)
     content = card(target, recipe, result, deviation, on or datetime.now(UTC).date())
-    write_text(target.with_suffix(".json"), json.dumps(content, indent=2) + "\n")
+    write_text(target.with_suffix(".json"), card_text(content))
     return target
 
 
@@ -141,7 +142,8 @@ def card(path: Path, recipe: Recipe, result: Mapping[str, Any], deviation: float
             **result["training"],
             **{key: result[key] for key in ("best_epoch", "best_validation_loss", "seconds", "device")},
         },
-        "history": result["history"],
+        # of the figure of the losses; more digits than can be seen would be most of the card
+        "history": {part: [float(f"{loss:.5g}") for loss in losses] for part, losses in result["history"].items()},
         "data": result["data"],
         "metrics": result["metrics"],  # of the test part
         "onnx": {
@@ -157,3 +159,9 @@ def card(path: Path, recipe: Recipe, result: Mapping[str, Any], deviation: float
         "license": "MIT",
         "date": on.isoformat(),
     }
+
+
+def card_text(content: Mapping[str, Any]) -> str:
+    """A card as JSON, a list of numbers on one line."""
+    text = json.dumps(content, indent=2)
+    return re.sub(r"\[\s+([-+.\deE,\s]+?)\s+\]", lambda m: f"[{' '.join(m[1].split())}]", text) + "\n"

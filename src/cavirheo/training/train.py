@@ -35,7 +35,7 @@ from cavirheo.errors import InputError
 from cavirheo.problem import Prior
 from cavirheo.training.checkpoint import difference, read_tensors, write_tensors, write_text
 from cavirheo.training.dataset import load
-from cavirheo.training.evaluate import metrics
+from cavirheo.training.metrics import metrics
 from cavirheo.training.network import BubbleTransformer
 from cavirheo.training.recipe import Recipe, TrainingTable, read_recipe
 

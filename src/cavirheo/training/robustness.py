@@ -1,0 +1,163 @@
+"""What a worse recording costs: a model's metrics on simulated curves filmed with noise, at another frame rate, ...
+
+The camera films the true curve: radii at its own times come from the solver, not from the curves of the set. The
+recording then goes the way of every measurement (RadiusCurve, inference/amortised.py), its R_max and the time of it
+being fitted. A simulation knows no growth, so the recording begins at the frame nearest to R_max.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cavirheo.curve import RadiusCurve
+from cavirheo.errors import InputError
+from cavirheo.inference import infer_many
+from cavirheo.inference.amortised import Amortised
+from cavirheo.inference.model import load
+from cavirheo.physics.simulate import simulate_many
+from cavirheo.problem import Problem
+from cavirheo.training.dataset import Dataset
+from cavirheo.training.metrics import metrics
+
+Floats = NDArray[np.float64]
+Indices = NDArray[np.int64]
+
+ANSWERS = 200  # curves that are also given the whole answer, a few tenths of a second each
+LONGER = 1.05  # the recording outlasts the network's grid by this: a fitted R_max that is too large needs later frames
+
+
+@dataclass(frozen=True)
+class Recording:
+    """How a curve is filmed; the default is the camera that the network was trained with."""
+
+    name: str
+    noise: float = 0.0  # standard deviation of the radius, of R_max
+    frame_rate: float = 1.0  # of that camera
+    offset: float = 0.0  # largest distance of the first frame from R_max, frames, to either side
+    missing: float = 0.0  # part of the frames that have no radius
+
+
+RECORDINGS = (
+    Recording("as in training"),
+    Recording("1 % radius noise", noise=0.01),
+    Recording("2 % radius noise", noise=0.02),
+    Recording("half the frame rate", frame_rate=0.5),
+    Recording("double the frame rate", frame_rate=2.0),
+    Recording("first frame up to half a frame off", offset=0.5),
+    Recording("10 % of the frames missing", missing=0.1),
+)
+
+
+def robustness(
+    model: str | Path,
+    data: Dataset,
+    chosen: Indices,
+    *,
+    answers: int = ANSWERS,
+    seed: int = 0,
+    workers: int | None = None,
+    done: Callable[[], None] | None = None,
+) -> dict[str, Any]:
+    """Metrics of a model (.onnx) on the curves `chosen` of a set, filmed in every way.
+
+    The network alone reads all of them; the whole answer (`cavirheo.infer`: the network and its correction at the true
+    scale) is found for `answers` of them, drawn at random. What a curve suffers depends on (seed, its index) alone.
+    `done` is called after each answer.
+
+    Returns:
+        {"seed", "curves", "answers", "rows"}; a row is {"recording", "network", "network_same_curves", "answer",
+        "answer_ok"}, each of the last four {"curves", "failed", "metrics"} (None with fewer than 2 answers), the answer
+        with "verdicts"; answer_ok are those whose verdict is ok.
+    """
+    problem, theta = data.problem, data.theta
+    estimator = Amortised(load(str(model)), problem.medium)
+    names = estimator.model.outputs
+    columns = [problem.prior.names.index(name) for name in names]
+    truth = theta[chosen][:, columns]
+    drawn = np.sort(np.random.default_rng(seed).permutation(len(chosen))[:answers])
+
+    def score(found: Floats, which: Indices) -> dict[str, Any]:
+        answered = np.isfinite(found).all(axis=1)
+        numbers = metrics(names, truth[which][answered], found[answered]) if answered.sum() >= 2 else None
+        return {"curves": len(found), "failed": int(np.sum(~answered)), "metrics": numbers}
+
+    rows = []
+    filmed: dict[tuple[float, float], list[tuple[Floats, Floats]]] = {}  # several ways film at the same times
+    for recording in RECORDINGS:
+        key = recording.frame_rate, recording.offset
+        if key not in filmed:
+            filmed[key] = film(problem, theta, chosen, recording, seed, workers)
+        curves = [
+            degrade(time, radius, problem.reference_max_radius, recording, seed, int(index))
+            for (time, radius), index in zip(filmed[key], chosen, strict=True)
+        ]
+        network = np.array([_network_alone(estimator, curve) for curve in curves])
+        posteriors = infer_many(
+            [curves[i] for i in drawn], model=str(model), medium=problem.medium, workers=workers, done=done
+        )
+        answer = np.array([p.theta[0] if len(p.theta) else np.full(len(names), np.nan) for p in posteriors])
+        answer = answer.reshape(len(drawn), len(names))
+        signed = np.array([p.checks.verdict == "ok" for p in posteriors], dtype=bool)
+        rows.append(
+            {
+                "recording": asdict(recording),
+                "network": score(network, np.arange(len(chosen))),
+                "network_same_curves": score(network[drawn], drawn),
+                "answer": score(answer, drawn) | {"verdicts": dict(Counter(p.checks.verdict for p in posteriors))},
+                "answer_ok": score(answer[signed], drawn[signed]),
+            }
+        )
+    return {"seed": seed, "curves": len(chosen), "answers": len(drawn), "rows": rows}
+
+
+def film(
+    problem: Problem, theta: Floats, chosen: Indices, recording: Recording, seed: int, workers: int | None = None
+) -> list[tuple[Floats, Floats]]:
+    """For each chosen row of theta the times of the camera's frames (n,) s and the true radii (n,) m there."""
+    step = problem.camera.frame_interval / recording.frame_rate
+    count = int(np.ceil(LONGER * problem.camera.time[-1] / step)) + 1
+    offset = np.array([_random(seed, i, 0).uniform(-recording.offset, recording.offset) for i in chosen])
+    times = step * (np.arange(count) + offset[:, None])
+    since_max = np.abs(times)  # half a frame before R_max the curve is, to third order in time, that after it
+    order = np.argsort(since_max, axis=1)
+    runs = simulate_many(
+        [problem.material(row) for row in theta[chosen]],
+        max_radius=problem.reference_max_radius,
+        stretch=np.array([problem.natural(row)["stretch"] for row in theta[chosen]]),
+        time=np.take_along_axis(since_max, order, axis=1),
+        medium=problem.medium,
+        workers=workers,
+    )
+    radii = np.empty_like(times)
+    np.put_along_axis(radii, order, np.array([run.radius for run in runs]).reshape(times.shape), axis=1)
+    return list(zip(times, radii, strict=True))
+
+
+def degrade(
+    time: Floats, radius: Floats, max_radius: float, recording: Recording, seed: int, index: int
+) -> RadiusCurve:
+    """The measured curve from true radii (n,) m at the times (n,) s of the frames; R_max scales the noise."""
+    rng = _random(seed, index, 1)
+    measured = radius + recording.noise * max_radius * rng.standard_normal(len(radius))
+    lost = rng.permutation(len(radius))[: round(recording.missing * len(radius))]
+    measured[lost] = np.nan
+    measured[~(measured > 0)] = np.nan  # no camera reports these
+    return RadiusCurve(time, measured, meta={"name": f"curve {index}"})
+
+
+def _random(seed: int, index: int, stream: int) -> np.random.Generator:
+    return np.random.default_rng([seed, index, stream])
+
+
+def _network_alone(estimator: Amortised, curve: RadiusCurve) -> Floats:
+    try:
+        return estimator.network_alone(curve)
+    except InputError:  # counted as failed
+        return np.full(len(estimator.model.outputs), np.nan)
