@@ -109,11 +109,14 @@ class Reconstruction:
 
 
 def reconstruct(view: Window, material: Material, medium: Medium, stretch: float) -> Reconstruction:
-    """Simulate the answer and lay it over the window. Raises SolverError if it cannot be simulated."""
-    times = np.union1d(view.since_max, np.linspace(0.0, view.end, _DRAWN))
-    curve = view.curve
+    """Simulate the answer and lay it over the window. Raises SolverError if it cannot be simulated.
+
+    Frames before R_max (where a fit has moved the clock) are compared with the mirrored fall after it.
+    """
+    curve, since = view.curve, np.abs(view.since_max)
+    times = np.union1d(since, np.linspace(0.0, view.end, _DRAWN))
     run = simulate(material, max_radius=curve.max_radius, stretch=stretch, time=times, medium=medium)
-    at_frames = run.radius[np.searchsorted(times, view.since_max)]
+    at_frames = run.radius[np.searchsorted(times, since)]
     residual = view.normalised - at_frames / curve.max_radius
     return Reconstruction(
         rmse=float(np.sqrt(np.mean(residual**2))),

@@ -1,0 +1,83 @@
+"""What a minimum is worth: covariance with correlated residuals, correlations, draws."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cavirheo.inference.fit.search import Fit
+from cavirheo.inference.fit.shots import FINE
+
+Floats = NDArray[np.float64]
+
+
+def correlation_time(residual: Floats) -> float:
+    """Frames per independent residual: 1 + 2 sum rho_k up to the first lag k whose autocorrelation is not positive.
+
+    The integrated autocorrelation time; the sum is cut where noise begins, as by Geyer 1992, doi:10.1214/ss/1177011137.
+    """
+    r = residual - np.mean(residual)
+    variance = float(r @ r)
+    if variance == 0.0 or len(r) < 4:
+        return 1.0
+    tau = 1.0
+    for lag in range(1, len(r) // 2):
+        rho = float(r[:-lag] @ r[lag:]) / variance
+        if rho <= 0:
+            break
+        tau += 2.0 * rho
+    return min(tau, len(r) / 2.0)
+
+
+@dataclass(frozen=True, eq=False)
+class Laplace:
+    """The Gaussian about a minimum, in the units of the fit (log10 for parameters of the law and the stretch)."""
+
+    covariance: Floats  # (parameters, parameters)
+    variance: tuple[float, ...]  # per shot: residual variance over the one that its weights assume
+    correlation: tuple[float, ...]  # per shot: frames per independent residual
+
+    @property
+    def sigma(self) -> Floats:
+        """(parameters,)"""
+        return np.asarray(np.sqrt(np.diag(self.covariance)))
+
+
+def laplace(fit: Fit, x: Floats) -> Laplace:
+    """Gauss-Newton: cov^-1 = sum over shots J^T J/(s^2 tau) + priors + ranges.
+
+    s^2 is the variance of the weighted residuals of a shot (chi^2 over its degrees of freedom), tau their integrated
+    correlation time: m frames are worth m/tau independent ones. A range of width w counts as a Gaussian of variance
+    w^2/12, that of a uniform prior: what the curve does not determine gets the width of its range, not infinity.
+    """
+    residual = fit.residuals(x, FINE)
+    J = fit.jacobian(x, FINE, central=True, at=residual)
+    widths = fit.bounds[:, 1] - fit.bounds[:, 0]
+    precision = np.diag(12.0 / widths**2)
+    begin, variances, taus = 0, [], []
+    share = fit.common / len(fit.shots)  # of the common parameters, that each shot pays with degrees of freedom
+    for shot in fit.shots:
+        rows = slice(begin, begin + len(shot.measured))
+        begin = rows.stop
+        counted = ~shot.spikes
+        r, Jk = residual[rows][counted], J[rows][counted]
+        freedom = max(len(r) - share - len(shot.own.names), 1.0)
+        variances.append(max(float(r @ r) / freedom, 1e-12))
+        taus.append(correlation_time(r))
+        precision += Jk.T @ Jk / (variances[-1] * taus[-1])
+    precision += J[begin:].T @ J[begin:]  # the plateaus
+    return Laplace(np.linalg.inv(precision), tuple(variances), tuple(taus))
+
+
+def draws(mean: Floats, covariance: Floats, bounds: Floats, count: int, seed: int) -> Floats:
+    """(count, parameters) of the Gaussian, in pairs opposite to each other (the median is the mean), clipped to bounds.
+
+    The same for the same seed and count.
+    """
+    rng = np.random.default_rng(seed)
+    half = rng.standard_normal((count // 2, len(mean)))
+    values, vectors = np.linalg.eigh(covariance)
+    spread = half @ (vectors * np.sqrt(np.maximum(values, 0.0))).T
+    return np.clip(mean + np.concatenate([spread, -spread]), bounds[:, 0], bounds[:, 1])

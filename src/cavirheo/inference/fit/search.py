@@ -1,0 +1,185 @@
+"""Least squares over the shots of one material: residuals, finite differences, starts, and what the minimum is worth."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cavirheo.inference.fit.parameters import STRETCH_START, Family, spread_starts
+from cavirheo.inference.fit.shots import FINE, QUICK, Prediction, Shot
+
+Floats = NDArray[np.float64]
+
+FORWARD, CENTRAL = 1e-3, 3e-3  # steps of the differences, decades or the like: the solver's noise is far below
+STARTS = 64
+_LN10 = float(np.log(10.0))
+_SEARCH = {"ftol": 1e-4, "xtol": 1e-3, "gtol": 1e-8, "max_nfev": 15}
+_POLISH = {"ftol": 1e-6, "xtol": 1e-4, "gtol": 1e-8, "max_nfev": 8}
+
+
+@dataclass(frozen=True, eq=False)
+class Minimum:
+    """Where a search ended: x (parameters,), cost (half the sum of squared weighted residuals)."""
+
+    x: Floats
+    cost: float
+    converged: bool
+
+
+class Fit:
+    """The law's parameters, common to all shots, followed by those of each shot.
+
+    runs and failures count the simulations.
+    """
+
+    def __init__(self, family: Family, shots: Sequence[Shot], workers: int = 1) -> None:
+        self.family, self.shots, self.workers = family, list(shots), workers
+        self.common = len(family.parameters)
+        self.runs = self.failures = 0
+        owns = [shot.own.bounds for shot in self.shots]
+        self.bounds = np.concatenate([family.bounds(), *owns])
+        ends = self.common + np.cumsum([0, *map(len, owns)])
+        self._own = [slice(a, b) for a, b in zip(ends[:-1], ends[1:], strict=True)]
+
+    def of_shot(self, x: Floats, k: int) -> Floats:
+        """The law's parameters and those of shot k."""
+        return np.concatenate([x[..., : self.common], x[..., self._own[k]]], axis=-1)
+
+    def columns(self, k: int) -> list[int]:
+        """Indices of x that shot k depends on."""
+        return [*range(self.common), *range(self._own[k].start, self._own[k].stop)]
+
+    def predictions(self, jobs: list[tuple[Shot, Floats]], accuracy: dict[str, Any]) -> list[Prediction | None]:
+        """One simulation a job, on so many threads (the solver lets go of the interpreter)."""
+
+        def one(job: tuple[Shot, Floats]) -> Prediction | None:
+            return job[0].predict(job[1], accuracy)
+
+        if self.workers == 1 or len(jobs) == 1:
+            found = [one(job) for job in jobs]
+        else:
+            with ThreadPoolExecutor(self.workers) as pool:
+                found = list(pool.map(one, jobs))
+        self.runs += len(found)
+        self.failures += sum(prediction is None for prediction in found)
+        return found
+
+    def residuals(self, x: Floats, accuracy: dict[str, Any]) -> Floats:
+        """(all frames + priors,) weighted residuals."""
+        found = self.predictions([(shot, self.of_shot(x, k)) for k, shot in enumerate(self.shots)], accuracy)
+        parts = [shot.residual(prediction) for shot, prediction in zip(self.shots, found, strict=True)]
+        return np.concatenate([*parts, [(x[column] - mean) / width for column, mean, width in self.priors]])
+
+    @property
+    def priors(self) -> list[tuple[int, float, float]]:
+        """(column, mean, standard deviation) of log10 stretch for each shot whose late plateau gives it."""
+        return [
+            (own.start, float(np.log10(shot.stretch_prior[0])), shot.stretch_prior[1] / (shot.stretch_prior[0] * _LN10))
+            for own, shot in zip(self._own, self.shots, strict=True)
+            if shot.stretch_prior
+        ]
+
+    def jacobian(self, x: Floats, accuracy: dict[str, Any], *, central: bool, at: Floats | None = None) -> Floats:
+        """(residuals, parameters) by finite differences; a side whose simulation fails is left out.
+
+        `at` are the residuals at x, for forward differences.
+        """
+        step = CENTRAL if central else FORWARD
+        jobs: list[tuple[Shot, Floats]] = []
+        moves: list[tuple[int, int, float]] = []
+        for k, shot in enumerate(self.shots):
+            steps = step * np.concatenate([np.ones(self.common), shot.own.steps(shot.time_scale)])
+            here = self.of_shot(x, k)
+            for i, column in enumerate(self.columns(k)):
+                for sign in (1.0, -1.0) if central else (1.0 if x[column] < np.mean(self.bounds[column]) else -1.0,):
+                    there = here.copy()
+                    there[i] += sign * steps[i]
+                    jobs.append((shot, there))
+                    moves.append((k, column, sign * float(steps[i])))
+        found = self.predictions(jobs, accuracy)
+        if at is None:
+            at = self.residuals(x, accuracy)
+        result = np.zeros((len(at), len(x)))
+        starts = np.cumsum([0, *(len(shot.measured) for shot in self.shots)])
+        sides: dict[tuple[int, int], list[tuple[float, Floats]]] = {}
+        for (k, column, move), prediction in zip(moves, found, strict=True):
+            if prediction is not None:
+                sides.setdefault((k, column), []).append((move, self.shots[k].residual(prediction)))
+        for (k, column), sampled in sides.items():
+            rows = slice(starts[k], starts[k + 1])
+            if len(sampled) == 1:
+                sampled = [*sampled, (0.0, at[rows])]
+            (a, first), (b, second) = sampled
+            result[rows, column] = (first - second) / (a - b)
+        for row, (column, _, width) in enumerate(self.priors):
+            result[starts[-1] + row, column] = 1.0 / width
+        return result
+
+    def minimise(self, start: Floats, accuracy: dict[str, Any], limits: dict[str, Any]) -> Minimum:
+        """Trust-region least squares within the bounds (scipy), weights as they are."""
+        from scipy.optimize import least_squares
+
+        low, high = self.bounds.T
+        inside = 1e-6 * (high - low)
+        last: dict[bytes, Floats] = {}  # residuals at the current point, for the forward differences
+
+        def fun(x: Floats) -> Floats:
+            last.clear()
+            last[x.tobytes()] = self.residuals(x, accuracy)
+            return last[x.tobytes()]
+
+        def jac(x: Floats) -> Floats:
+            return self.jacobian(x, accuracy, central=False, at=last.get(x.tobytes()))
+
+        found = least_squares(
+            fun, np.clip(start, low + inside, high - inside), jac=jac, bounds=(low, high), method="trf", **limits
+        )
+        return Minimum(found.x, float(found.cost), bool(found.status > 0))
+
+    def reweigh(self, x: Floats, accuracy: dict[str, Any]) -> None:
+        """The frames' weights from the simulated motion; held fixed while a minimum is sought, for otherwise a faster
+        simulation would pay."""
+        found = self.predictions([(shot, self.of_shot(x, k)) for k, shot in enumerate(self.shots)], accuracy)
+        for shot, prediction in zip(self.shots, found, strict=True):
+            if prediction is not None:
+                shot.weigh(prediction.speed)
+
+    def settle(self, starts: Sequence[Floats], accuracy: dict[str, Any] = FINE) -> Minimum:
+        """The best minimum of a quick search from each start, then with the simulated motion's weights."""
+        best = min((self.minimise(start, QUICK, _SEARCH) for start in starts), key=lambda m: m.cost)
+        for _ in range(2):
+            self.reweigh(best.x, accuracy)
+            before, best = best.x, self.minimise(best.x, accuracy, _POLISH)
+            if np.max(np.abs(best.x - before)) < 3e-3:
+                break
+        return best
+
+
+class Scan:
+    """Rough simulations over the whole window of a shot, from which every window takes its starts."""
+
+    def __init__(self, fit: Fit, count: int = STARTS) -> None:
+        (shot,) = fit.shots
+        own = shot.own
+        box = [fit.family.bounds(1)]
+        if own.stretch is None:
+            near = shot.stretch_prior
+            box.append(np.log10([[near[0] - near[1], near[0] + near[1]] if near else STRETCH_START]))
+        self.points = np.zeros((count, len(fit.bounds)))  # nuisances start at nothing
+        inner = np.concatenate(box)
+        self.points[:, : len(inner)] = spread_starts(inner, count)
+        self.since = shot.since
+        self.found = fit.predictions([(shot, x) for x in self.points], QUICK)
+
+    def best(self, shot: Shot, count: int) -> list[Floats]:
+        """The points with the smallest cost in the present window of the shot."""
+        m = len(shot.since)
+        costs = [
+            np.sum(shot.residual(p if p is None else Prediction(p.radius[:m], p.speed[:m])) ** 2) for p in self.found
+        ]
+        return [self.points[i] for i in np.argsort(costs)[:count]]
