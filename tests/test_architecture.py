@@ -23,6 +23,7 @@ MAY_USE = {
     "reporting": {"errors", "curve", "posterior"},
     "comparison": {"errors", "curve", "reading", "physics", "posterior", "inference", "reporting"},
     "rheometer": {"errors", "reading", "reporting"},
+    "commands": {"errors", "curve", "reading", "physics", "inference", "reporting"},
 }
 
 

@@ -11,6 +11,8 @@ if TYPE_CHECKING:
     from cavirheo.errors import SolverError as SolverError
     from cavirheo.inference import infer as infer
     from cavirheo.inference import infer_many as infer_many
+    from cavirheo.inference.fit import fit as fit
+    from cavirheo.inference.fit import fit_many as fit_many
     from cavirheo.physics.materials import NeoHookeanKelvinVoigt as NeoHookeanKelvinVoigt
     from cavirheo.physics.materials import Newtonian as Newtonian
     from cavirheo.physics.materials import QuadraticKelvinVoigt as QuadraticKelvinVoigt
@@ -27,6 +29,8 @@ _HOME = {
     "SolverError": "errors",
     "infer": "inference",
     "infer_many": "inference",
+    "fit": "inference.fit",
+    "fit_many": "inference.fit",
     "NeoHookeanKelvinVoigt": "physics.materials",
     "Newtonian": "physics.materials",
     "QuadraticKelvinVoigt": "physics.materials",

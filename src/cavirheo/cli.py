@@ -5,22 +5,32 @@ from __future__ import annotations
 import os
 import shlex
 import sys
-import threading
 import time
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from cavirheo.commands.fit import fit
+from cavirheo.commands.shared import (
+    Density,
+    MediumName,
+    ModelName,
+    Out,
+    Pressure,
+    SoundSpeed,
+    SurfaceTension,
+    Temperature,
+    liquid_of,
+    load_solver,
+    progress,
+    read_files,
+)
 from cavirheo.errors import InputError, SolverError
 from cavirheo.rheometer.command import rheometer
 
 if TYPE_CHECKING:
-    from rich.progress import Progress
-
-    from cavirheo.curve import RadiusCurve
     from cavirheo.physics.materials import Material
-    from cavirheo.physics.media import Medium
 
 app = typer.Typer(
     no_args_is_help=True, add_completion=False, pretty_exceptions_enable=False, rich_markup_mode=None,
@@ -42,50 +52,6 @@ def _options(
     ] = False,
 ) -> None:
     """Material properties of soft matter from the radius history R(t) of a laser-made bubble."""
-
-
-ModelName = Annotated[
-    str, typer.Option("--model", help="shipped model (see `cavirheo models`) or a path to an .onnx file")
-]
-Out = Annotated[Path, typer.Option("-o", "--out", help="folder for the results")]
-MediumName = Annotated[str, typer.Option("--medium", help="named constants: water, bu2026, estrada2018, ...")]
-Density = Annotated[float | None, typer.Option(help="of the liquid or gel, kg/m3")]
-SoundSpeed = Annotated[float | None, typer.Option(help="m/s")]
-SurfaceTension = Annotated[float | None, typer.Option(help="N/m")]
-Pressure = Annotated[float | None, typer.Option(help="far from the bubble, Pa")]
-Temperature = Annotated[float | None, typer.Option(help="far from the bubble, K")]
-
-
-def _medium(name: str, *constants: float | None) -> Medium:
-    """`constants` as the options have them: density, sound speed, surface tension, pressure, temperature."""
-    from cavirheo.physics.media import medium
-
-    names = ("density", "sound_speed", "surface_tension", "pressure", "temperature")
-    return medium(name, **dict(zip(names, constants, strict=True)))
-
-
-def _load_solver() -> None:
-    """Load the compiled solver; tell the user if that takes long because it is compiled for the first time."""
-    said = threading.Timer(
-        2.0,
-        lambda: print("compiling the bubble solver for this machine, once (10 to 30 s) ...", file=sys.stderr),
-    )
-    said.start()
-    try:
-        from cavirheo.physics.materials import Newtonian
-        from cavirheo.physics.simulate import simulate
-
-        simulate(Newtonian(0.1), max_radius=1e-4, stretch=2.0, time=[0.0, 1e-7])
-    finally:
-        said.cancel()
-
-
-def _progress() -> Progress:
-    from rich.console import Console
-    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
-
-    columns = (TextColumn("inferring"), BarColumn(), MofNCompleteColumn())
-    return Progress(*columns, console=Console(stderr=True), transient=True)
 
 
 @app.command()
@@ -111,10 +77,10 @@ def infer(
     from cavirheo.reporting.table import print_table
 
     began = time.perf_counter()
-    liquid = _medium(medium, density, sound_speed, surface_tension, pressure, temperature)
-    curves, unreadable = _read(files, liquid, rmax_um)
-    _load_solver()
-    with _progress() as bar:
+    liquid = liquid_of(medium, density, sound_speed, surface_tension, pressure, temperature)
+    curves, unreadable = read_files(files, liquid, rmax_um)
+    load_solver()
+    with progress() as bar:
         task = bar.add_task("", total=len(curves))
         answers = infer_many(
             curves, model=model, medium=liquid, stretch=stretch, window=window, done=lambda: bar.advance(task)
@@ -128,21 +94,6 @@ def infer(
         raise typer.Exit(2)
     if any(answer.checks.verdict == "failed" for answer in answers):
         raise typer.Exit(1)
-
-
-def _read(files: list[Path], medium: Medium, rmax_um: float | None) -> tuple[list[RadiusCurve], int]:
-    """All curves of all files, and the number of files that could not be read (each is reported on stderr)."""
-    from cavirheo.reading.shots import read_shots
-
-    if rmax_um is not None and not 0 < rmax_um < 1e5:
-        raise InputError(f"--rmax-um must be a radius in micrometres, got {rmax_um!r}")
-    scale = None if rmax_um is None else rmax_um * 1e-6
-    curves, problems = read_shots(files, density=medium.density, pressure=medium.pressure, max_radius=scale)
-    for problem in problems:
-        print(f"error: {problem}", file=sys.stderr)
-    if not curves:
-        raise InputError("no curve could be read")
-    return curves, len(problems)
 
 
 @app.command()
@@ -160,9 +111,9 @@ def compare(
     from cavirheo.comparison.table import print_table
 
     began = time.perf_counter()
-    _load_solver()
+    load_solver()
     command, against = shlex.join(["cavirheo", *sys.argv[1:]]), reference_method or []
-    with _progress() as bar:
+    with progress() as bar:
         task = bar.add_task("", total=None)
         result = run(
             folder, references, out, model=model, reference_methods=against, command=command,
@@ -244,7 +195,7 @@ def simulate(
 
     if pulse and driving:
         raise InputError("give either --pulse or --driving, not both; a file can hold any sum of pressures")
-    liquid = _medium(medium, density, sound_speed, surface_tension, pressure, temperature)
+    liquid = liquid_of(medium, density, sound_speed, surface_tension, pressure, temperature)
     law = _material(material, shear_modulus=shear_modulus, viscosity=viscosity, stiffening=stiffening)
     if not (duration_us > 0 and frame_rate_hz > 0 and 1 <= duration_us * 1e-6 * frame_rate_hz <= 1e6):
         raise InputError(
@@ -252,7 +203,7 @@ def simulate(
         )
     frames = int(duration_us * 1e-6 * frame_rate_hz * (1 + 1e-9)) + 1
     far_field = read_trace(driving) if driving else None
-    _load_solver()
+    load_solver()
     run = solve(
         law,
         max_radius=rmax_um * 1e-6,
@@ -307,7 +258,7 @@ def generate(
         part, parts = (int(number) for number in shard.split("/"))
     except ValueError:
         raise InputError(f"--shard must read i/N, e.g. 2/8; got {shard!r}") from None
-    _load_solver()
+    load_solver()
     made = dataset.generate(
         content.problem,
         content.data.n if n is None else n,
@@ -364,7 +315,7 @@ def evaluate(
     from cavirheo.training.tables import markdown
 
     if robustness:
-        _load_solver()
+        load_solver()
     print(markdown(judge(path_of(model), data, out, robust=robustness, progress=True)))
     print(f"written to {out}", file=sys.stderr)
 
@@ -387,6 +338,7 @@ def models() -> None:
         print(f"  trained on {about['data']['train']} curves, {about['date']}; card: {path.with_suffix('.json')}")
 
 
+app.command()(fit)
 app.command()(rheometer)
 
 

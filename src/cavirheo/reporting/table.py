@@ -6,7 +6,7 @@ import csv
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from cavirheo.reporting import wording
+from cavirheo.reporting import fitted, wording
 from cavirheo.reporting.record import CurveRecord, GroupRecord, Result
 
 if TYPE_CHECKING:
@@ -51,6 +51,8 @@ def print_table(result: Result, console: Console | None = None) -> None:
         key += "; [ , ]: central 90 % interval"
     console.print(Text(key, "dim"))
 
+    if (windows := fitted.windows_table(result)) is not None:
+        console.print(windows)
     for message, about in _messages(result).items():
         line = Text("• ").append(", ".join(about), "bold").append(": " + message)
         console.print(line, soft_wrap=False)

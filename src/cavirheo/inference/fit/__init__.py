@@ -36,6 +36,7 @@ __all__ = ["fit", "fit_many"]
 DRAWS = 4096
 WINDOWS: tuple[int | None, ...] = (1, 2, 3, None)  # collapses; None: all that was recorded
 BEST = 3  # rough simulations from which a search is started
+FOLLOWED = 4.0  # residual variance over the assumed one below which the window before gave a start that is enough
 
 Floats = NDArray[np.float64]
 
@@ -137,8 +138,10 @@ class Single:
         x: Floats | None = None
         for cut in dict.fromkeys([*cuts, self.cut]):
             shot.set_window(*cut)
-            starts = scan.best(shot, BEST) if x is None else [x, *scan.best(shot, 1)]
-            found = self.fit.settle(starts)
+            if x is None:
+                found = self.fit.settle(scan.best(shot, BEST))
+            else:
+                found = self.fit.settle([x, *scan.best(shot, 1)], enough=FOLLOWED)
             x = found.x
             if cut == self.cut:
                 self.found, self.sigma = found, shot.sigma
@@ -216,7 +219,9 @@ def _posterior(fit: Fit, found: Minimum, worth: Laplace, k: int, provenance: dic
     sigma = np.sqrt(np.diag(covariance))
     plain = [name.removeprefix("log10_") for name in names]
     log10 = [*fit.family.parameters, "stretch"]
-    one_sigma = {n: {"log10": float(s)} if n in log10 else float(np.std(own[n])) for n, s in zip(plain, sigma, strict=True)}
+    one_sigma = {
+        n: {"log10": float(s)} if n in log10 else float(np.std(own[n])) for n, s in zip(plain, sigma, strict=True)
+    }
     pairs = [(i, j) for i in range(len(plain)) for j in range(i)]
     bound = _at_bound(fit, found.x, k)
     best = dict(zip(fit.family.parameters, (10.0 ** x[:law]).tolist(), strict=True))
@@ -260,9 +265,7 @@ def _checks(fit: Fit, found: Minimum, k: int, bound: dict[str, str]) -> Checks:
     messages = []
     if seen.rmse > MISFIT:
         verdict = "model_does_not_fit"
-        messages.append(
-            f"the simulation misses the measurement by {seen.rmse:.1%} of R_max RMS (limit {MISFIT:.0%})"
-        )
+        messages.append(f"the simulation misses the measurement by {seen.rmse:.1%} of R_max RMS (limit {MISFIT:.0%})")
     if bound:
         messages.append("; ".join(bound.values()))
         if verdict == "ok" and any(name in bound for name in (*fit.family.parameters, "stretch")):

@@ -74,7 +74,9 @@ class Settings:
     windows: bool = True
 
     def __post_init__(self) -> None:
-        if isinstance(self.window, str) and self.window != "all" or isinstance(self.window, int) and self.window < 1:
+        if (isinstance(self.window, str) and self.window != "all") or (
+            isinstance(self.window, int) and self.window < 1
+        ):
             raise InputError(f"the window must be a number of collapses from 1 up, or 'all'; got {self.window!r}")
         if self.end is not None and not 0 < self.end < np.inf:
             raise InputError(f"the end of the window must be a positive time in s, got {self.end!r}")

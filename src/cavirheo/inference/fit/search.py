@@ -1,10 +1,11 @@
-"""Least squares over the shots of one material: residuals, finite differences, starts, and what the minimum is worth."""
+"""Least squares over the shots of one material: residuals, finite differences, starts, the minimum."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -19,7 +20,7 @@ FORWARD, CENTRAL = 1e-3, 3e-3  # steps of the differences, decades or the like: 
 STARTS = 64
 _LN10 = float(np.log(10.0))
 _SEARCH = {"ftol": 1e-4, "xtol": 1e-3, "gtol": 1e-8, "max_nfev": 15}
-_POLISH = {"ftol": 1e-6, "xtol": 1e-4, "gtol": 1e-8, "max_nfev": 8}
+_POLISH = {"ftol": 1e-6, "xtol": 1e-4, "gtol": 1e-8, "max_nfev": 12}
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,7 +45,7 @@ class Fit:
         owns = [shot.own.bounds for shot in self.shots]
         self.bounds = np.concatenate([family.bounds(), *owns])
         ends = self.common + np.cumsum([0, *map(len, owns)])
-        self._own = [slice(a, b) for a, b in zip(ends[:-1], ends[1:], strict=True)]
+        self._own = [slice(int(a), int(b)) for a, b in pairwise(ends)]
 
     def of_shot(self, x: Floats, k: int) -> Floats:
         """The law's parameters and those of shot k."""
@@ -149,9 +150,18 @@ class Fit:
             if prediction is not None:
                 shot.weigh(prediction.speed)
 
-    def settle(self, starts: Sequence[Floats], accuracy: dict[str, Any] = FINE) -> Minimum:
-        """The best minimum of a quick search from each start, then with the simulated motion's weights."""
-        best = min((self.minimise(start, QUICK, _SEARCH) for start in starts), key=lambda m: m.cost)
+    def settle(self, starts: Sequence[Floats], *, enough: float = 0.0, accuracy: dict[str, Any] = FINE) -> Minimum:
+        """The best minimum of a quick search from each start, then with the simulated motion's weights.
+
+        Further starts are left out once a minimum has less than `enough` times the variance that the weights assume.
+        """
+        best: Minimum | None = None
+        for start in starts:
+            found = self.minimise(start, QUICK, _SEARCH)
+            best = found if best is None or found.cost < best.cost else best
+            if best.cost < 0.5 * enough * sum(len(shot.measured) for shot in self.shots):
+                break
+        assert best is not None
         for _ in range(2):
             self.reweigh(best.x, accuracy)
             before, best = best.x, self.minimise(best.x, accuracy, _POLISH)

@@ -1,0 +1,77 @@
+"""What the verbs share: options for the surroundings, files in, the solver loaded, a bar that moves."""
+
+from __future__ import annotations
+
+import sys
+import threading
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from cavirheo.errors import InputError
+
+if TYPE_CHECKING:
+    from rich.progress import Progress
+
+    from cavirheo.curve import RadiusCurve
+    from cavirheo.physics.media import Medium
+
+ModelName = Annotated[
+    str, typer.Option("--model", help="shipped model (see `cavirheo models`) or a path to an .onnx file")
+]
+Out = Annotated[Path, typer.Option("-o", "--out", help="folder for the results")]
+MediumName = Annotated[str, typer.Option("--medium", help="named constants: water, bu2026, estrada2018, ...")]
+Density = Annotated[float | None, typer.Option(help="of the liquid or gel, kg/m3")]
+SoundSpeed = Annotated[float | None, typer.Option(help="m/s")]
+SurfaceTension = Annotated[float | None, typer.Option(help="N/m")]
+Pressure = Annotated[float | None, typer.Option(help="far from the bubble, Pa")]
+Temperature = Annotated[float | None, typer.Option(help="far from the bubble, K")]
+
+
+def liquid_of(name: str, *constants: float | None) -> Medium:
+    """`constants` as the options have them: density, sound speed, surface tension, pressure, temperature."""
+    from cavirheo.physics.media import medium
+
+    names = ("density", "sound_speed", "surface_tension", "pressure", "temperature")
+    return medium(name, **dict(zip(names, constants, strict=True)))
+
+
+def load_solver() -> None:
+    """Load the compiled solver; tell the user if that takes long because it is compiled for the first time."""
+    said = threading.Timer(
+        2.0,
+        lambda: print("compiling the bubble solver for this machine, once (10 to 30 s) ...", file=sys.stderr),
+    )
+    said.start()
+    try:
+        from cavirheo.physics.materials import Newtonian
+        from cavirheo.physics.simulate import simulate
+
+        simulate(Newtonian(0.1), max_radius=1e-4, stretch=2.0, time=[0.0, 1e-7])
+    finally:
+        said.cancel()
+
+
+def progress(what: str = "inferring") -> Progress:
+    """A bar on stderr that vanishes when done."""
+    from rich.console import Console
+    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
+
+    columns = (TextColumn(what), BarColumn(), MofNCompleteColumn())
+    return Progress(*columns, console=Console(stderr=True), transient=True)
+
+
+def read_files(files: list[Path], medium: Medium, rmax_um: float | None) -> tuple[list[RadiusCurve], int]:
+    """All curves of all files, and the number of files that could not be read (each is reported on stderr)."""
+    from cavirheo.reading.shots import read_shots
+
+    if rmax_um is not None and not 0 < rmax_um < 1e5:
+        raise InputError(f"--rmax-um must be a radius in micrometres, got {rmax_um!r}")
+    scale = None if rmax_um is None else rmax_um * 1e-6
+    curves, problems = read_shots(files, density=medium.density, pressure=medium.pressure, max_radius=scale)
+    for problem in problems:
+        print(f"error: {problem}", file=sys.stderr)
+    if not curves:
+        raise InputError("no curve could be read")
+    return curves, len(problems)
