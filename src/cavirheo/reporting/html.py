@@ -21,7 +21,8 @@ two.</p>
 <p>{badge[ok]} The simulation of the answer follows the measurement over the window. {badge[model_does_not_fit]} It
 does not: the material obeys another law, or the radius scale, the frame times or R<sub>max</sub> are off; G and µ are
 then the nearest that the model has, not properties. {badge[outside_training_range]} The answer lies where the network
-was never trained, or at a bound of the range that a fit searches: not a value. {badge[failed]} There is no answer; the reason is given, and no mean contains the
+was never trained, or at a bound of the range that a fit searches: not a value.
+{badge[failed]} There is no answer; the reason is given, and no mean contains the
 curve. “ok” does not prove the material law: several laws can draw one curve.</p>
 <p><b>Intervals.</b> {intervals} The ± of a group is the standard deviation over its answered curves (n − 1 below),
 whatever their verdicts: it shows how well shots repeat, not the error that they share, such as that of the radius

@@ -5,7 +5,7 @@
 | parameters | the law's and the shots' parameters, their ranges; the options |
 | shots | frames, weights, simulation at the frames |
 | search | starts, residuals, finite differences, the minimum |
-| laplace | covariance, draws |
+| covariance | what the minimum is worth, draws |
 """
 
 from __future__ import annotations
@@ -16,6 +16,7 @@ from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import asdict, replace
 from importlib.metadata import version
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -23,7 +24,7 @@ from numpy.typing import NDArray
 
 from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError, SolverError
-from cavirheo.inference.fit.laplace import Laplace, draws, laplace
+from cavirheo.inference.fit.covariance import Laplace, draws, laplace
 from cavirheo.inference.fit.parameters import AT_BOUND, SCALE_BOUND, Family, Settings, units
 from cavirheo.inference.fit.search import Fit, Minimum, Scan
 from cavirheo.inference.fit.shots import FINE, Shot
@@ -80,7 +81,7 @@ def fit_many(
         weights: "motion" (frames count less where the wall moves fast; fit/shots.py) or "equal".
         windows: fit windows of 1, 2, 3 and all collapses too, for comparison: provenance["windows"].
         joint: curves of one group (meta "group") share the material; stretch and what is free are each shot's own.
-        seed: of the draws, which are the Gaussian about the minimum (fit/laplace.py).
+        seed: of the draws, which are the Gaussian about the minimum (fit/covariance.py).
         done: called after each curve.
 
     A curve that cannot be fitted gives a Posterior without draws whose checks.message says why.
@@ -132,23 +133,30 @@ class Single:
         settings = shot.settings
         self.cut = shot.cut
         cuts = [(n, None) for n in shot.candidates(WINDOWS)] if settings.windows else []
-        self.others: dict[str, Any] = {}
         shot.set_window(*((None, None) if settings.windows else self.cut))
         scan = Scan(self.fit)
+        found: dict[Any, tuple[Minimum, Floats]] = {}  # minimum and sigma of each window
         x: Floats | None = None
-        for cut in dict.fromkeys([*cuts, self.cut]):
+        every = list(dict.fromkeys([*cuts, self.cut]))
+        for cut in every:
             shot.set_window(*cut)
             if x is None:
-                found = self.fit.settle(scan.best(shot, BEST))
+                minimum = self.fit.settle(scan.best(shot, BEST))
             else:
-                found = self.fit.settle([x, *scan.best(shot, 1)], enough=FOLLOWED)
-            x = found.x
-            if cut == self.cut:
-                self.found, self.sigma = found, shot.sigma
-            if cut in cuts:
-                self.others["all" if cut[0] is None else str(cut[0])] = _summary(self.fit, x)
+                minimum = self.fit.settle([x, *scan.best(shot, 1)], enough=FOLLOWED)
+            found[cut], x = (minimum, shot.sigma), minimum.x
+        for cut, longer in reversed(list(pairwise(every))):  # a few frames may have held a search in a side valley
+            shot.set_window(*cut)
+            (minimum, shot.sigma), x = found[cut], found[longer][0].x
+            if 0.5 * np.sum(self.fit.residuals(x, FINE) ** 2) < minimum.cost:
+                again = self.fit.settle([x])
+                found[cut] = again, shot.sigma
+        self.others: dict[str, Any] = {}
+        for cut in cuts:
+            shot.set_window(*cut)
+            self.others["all" if cut[0] is None else str(cut[0])] = _summary(self.fit, found[cut][0].x)
         shot.set_window(*self.cut)
-        shot.sigma = self.sigma
+        self.found, shot.sigma = found[self.cut]
         self.laplace = laplace(self.fit, self.found.x)
 
     def posterior(self, common: dict[str, Any], seed: int) -> Posterior:
@@ -186,7 +194,7 @@ def _summary(fit: Fit, x: Floats) -> dict[str, Any]:
     return {
         **dict(zip(fit.family.parameters, (10.0 ** x[: fit.common]).tolist(), strict=True)),
         "stretch": float(natural["stretch"]),
-        "t_star_end": shot.view.end / shot.time_scale,
+        "t_star_end": float(shot.view.end / shot.time_scale),
         "rmse_over_rmax": rmse,
         "at_bound": list(_at_bound(fit, x, 0)),
     }
@@ -207,11 +215,11 @@ def _at_bound(fit: Fit, x: Floats, k: int) -> dict[str, str]:
 
 
 def _posterior(fit: Fit, found: Minimum, worth: Laplace, k: int, provenance: dict[str, Any], seed: int) -> Posterior:
-    """The answer for shot k at a minimum."""
+    """The answer for shot k at a minimum; the draws of the material are the same for all shots of a joint fit."""
     shot, law = fit.shots[k], fit.common
     columns = fit.columns(k)
     x, covariance = found.x[columns], worth.covariance[np.ix_(columns, columns)]
-    drawn = draws(x, covariance, fit.bounds[columns], DRAWS, seed)
+    drawn = draws(found.x, worth.covariance, fit.bounds, DRAWS, seed)[:, columns]
     natural = shot.own.natural(x[law:])
     own = shot.own.natural(drawn[:, law:].T)
     names = (*(f"log10_{name}" for name in fit.family.parameters), *shot.own.names)
@@ -220,7 +228,8 @@ def _posterior(fit: Fit, found: Minimum, worth: Laplace, k: int, provenance: dic
     plain = [name.removeprefix("log10_") for name in names]
     log10 = [*fit.family.parameters, "stretch"]
     one_sigma = {
-        n: {"log10": float(s)} if n in log10 else float(np.std(own[n])) for n, s in zip(plain, sigma, strict=True)
+        (f"log10_{name}" if name in log10 else name): float(value if name in log10 else np.std(own[name]))
+        for name, value in zip(plain, sigma, strict=True)
     }
     pairs = [(i, j) for i in range(len(plain)) for j in range(i)]
     bound = _at_bound(fit, found.x, k)

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from cavirheo.errors import SolverError
 from cavirheo.inference.fit.parameters import STRETCH_START, Family, spread_starts
 from cavirheo.inference.fit.shots import FINE, QUICK, Prediction, Shot
 
@@ -171,7 +172,11 @@ class Fit:
 
 
 class Scan:
-    """Rough simulations over the whole window of a shot, from which every window takes its starts."""
+    """Rough simulations over the whole window of a shot, from which every window takes its starts.
+
+    Raises:
+        SolverError: all of them failed.
+    """
 
     def __init__(self, fit: Fit, count: int = STARTS) -> None:
         (shot,) = fit.shots
@@ -185,6 +190,10 @@ class Scan:
         self.points[:, : len(inner)] = spread_starts(inner, count)
         self.since = shot.since
         self.found = fit.predictions([(shot, x) for x in self.points], QUICK)
+        if not any(self.found):
+            raise SolverError(
+                f"all {count} simulations of {fit.family.name} failed with which the search was to be started"
+            )
 
     def best(self, shot: Shot, count: int) -> list[Floats]:
         """The points with the smallest cost in the present window of the shot."""

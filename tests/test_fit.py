@@ -1,0 +1,279 @@
+"""The least-squares fit: truth recovered, nuisances, joint fits, bounds, failures, windows, what it says of itself."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from cavirheo import (
+    InputError,
+    NeoHookeanKelvinVoigt,
+    Newtonian,
+    QuadraticKelvinVoigt,
+    RadiusCurve,
+    fit,
+    fit_many,
+    read_curves,
+    simulate,
+)
+from cavirheo.inference.fit import shots
+from cavirheo.inference.fit.covariance import correlation_time
+from cavirheo.inference.fit.parameters import Family, Settings, spread_starts
+from cavirheo.inference.fit.search import Fit
+from cavirheo.physics.media import WATER
+from cavirheo.reporting import read_json
+
+R_MAX = 250e-6
+GEL = NeoHookeanKelvinVoigt(8e3, 0.05)
+
+
+def shot(law=GEL, stretch=7.0, end=80e-6, step=1e-6, t0=0.0, scale=1.0, noise=0.0, R_max=R_MAX, **meta) -> RadiusCurve:
+    """A shot whose clock is late by t0 and whose radii are too small by `scale`; R_max and its time are as measured."""
+    time = np.arange(0.0, end, step)
+    at = np.abs(time - t0)
+    order = np.argsort(at, kind="stable")
+    radius = np.empty_like(time)
+    radius[order] = simulate(law, max_radius=R_max, stretch=stretch, time=at[order]).radius / scale
+    radius += noise * R_max * np.random.default_rng(3).standard_normal(len(time))
+    meta = {"name": "shot", "maximum": (0.0, R_max / scale)} | meta
+    return RadiusCurve(time, radius, meta=meta)
+
+
+def values(answer, *names):
+    return [answer.median(name) for name in names]
+
+
+@pytest.mark.parametrize(("G", "mu", "stretch"), [(8e3, 0.05, 7.0), (2e3, 0.02, 9.0), (4e4, 0.15, 5.0)])
+def test_recovers_noise_free_shots(G, mu, stretch):
+    answer = fit(shot(NeoHookeanKelvinVoigt(G, mu), stretch))
+    assert answer.checks.verdict == "ok"
+    assert values(answer, "shear_modulus") == pytest.approx([G], rel=0.01)
+    assert values(answer, "viscosity") == pytest.approx([mu], rel=0.03)
+    assert values(answer, "stretch") == pytest.approx([stretch], rel=0.01)
+    assert answer.checks.rmse_over_rmax < 1e-3
+
+
+def test_other_laws():
+    answer = fit(shot(Newtonian(0.05)), "newtonian", windows=False)
+    assert values(answer, "viscosity", "stretch") == pytest.approx([0.05, 7.0], rel=0.02)
+    assert answer.median("shear_modulus") is None
+    answer = fit(shot(QuadraticKelvinVoigt(3e3, 0.05, 0.3)), "qkv", windows=False, stretch=7.0)
+    assert values(answer, "shear_modulus", "viscosity", "stiffening") == pytest.approx([3e3, 0.05, 0.3], rel=0.05)
+    assert answer.names == ("log10_shear_modulus", "log10_viscosity", "log10_stiffening")
+    assert "retardation_time" in Family("oldroyd-b").parameters
+
+
+def test_time_origin_and_scale_are_recovered_when_free():
+    curve = shot(t0=0.3e-6, scale=1.01)
+    wrong = fit(curve, windows=False, stretch=7.0)
+    answer = fit(curve, windows=False, free=("t0", "scale"), stretch=7.0)
+    assert abs(np.log(wrong.median("shear_modulus") / 8e3)) > 0.05
+    assert answer.median("time_origin") == pytest.approx(0.3e-6, abs=0.03e-6)
+    assert answer.median("radius_scale") == pytest.approx(1.01, abs=2e-3)
+    assert values(answer, "shear_modulus", "viscosity") == pytest.approx([8e3, 0.05], rel=0.03)
+    assert set(answer.provenance["free"]) == {"time_origin", "radius_scale"}
+    assert answer.units == ("Pa", "Pa s", "s", "1")
+    # R_max read off the curve 1 % too small, the calibration being right
+    low = replace(shot(), meta={"name": "low", "maximum": (0.0, 0.99 * R_MAX)})
+    assert fit(low, windows=False, free=("rmax",)).median("max_radius_factor") == pytest.approx(1 / 0.99, abs=2e-3)
+
+
+def test_joint_fit_shares_the_material():
+    bubbles = [(7.0, 250e-6), (5.0, 150e-6), (9.0, 300e-6)]
+    curves = [
+        shot(stretch=stretch, R_max=R_max, noise=0.01, name=f"s{i}", group="gel")
+        for i, (stretch, R_max) in enumerate(bubbles)
+    ]
+    other = shot(NeoHookeanKelvinVoigt(2e4, 0.1), name="other", group="other")
+    answers = fit_many([*curves, other], joint=True, windows=False)
+    alone = fit(curves[0], windows=False)
+    joint = answers[:3]
+    assert len({a.median("shear_modulus") for a in joint}) == 1
+    assert [a.median("stretch") for a in joint] == pytest.approx([7.0, 5.0, 9.0], rel=0.03)
+    assert joint[0].median("shear_modulus") == pytest.approx(8e3, rel=0.1)
+    assert joint[0].median("viscosity") == pytest.approx(0.05, rel=0.1)
+    assert joint[0].provenance["joint"]["shots"] == 3
+    assert "joint fit of 3 shots" in joint[0].checks.message
+    widths = [np.diff(a.interval("viscosity"))[0] for a in (joint[0], alone)]
+    assert widths[0] < widths[1]
+    assert answers[3].median("shear_modulus") == pytest.approx(2e4, rel=0.02)
+
+
+def test_intervals_hold_the_truth_and_are_seeded():
+    curve = shot(noise=0.01)
+    answer, again, other = (fit(curve, windows=False, seed=seed) for seed in (1, 1, 2))
+    assert answer.theta.shape == (4096, 3)
+    assert np.array_equal(answer.theta, again.theta)
+    assert not np.array_equal(answer.theta, other.theta)
+    for name, truth in (("shear_modulus", 8e3), ("viscosity", 0.05), ("stretch", 7.0)):
+        low, high = answer.interval(name, 0.99)
+        assert low < truth < high
+        assert answer.median(name) == pytest.approx(answer.provenance["best"][name], rel=1e-3)
+    assert answer.provenance["one_sigma"]["log10_viscosity"] < 0.1
+    assert -1 < answer.provenance["correlations"]["viscosity, stretch"] < -0.5
+
+
+def test_correlated_residuals_count_less():
+    rng = np.random.default_rng(0)
+    white = rng.standard_normal(4000)
+    red = np.zeros(4000)
+    for i in range(1, 4000):
+        red[i] = 0.8 * red[i - 1] + white[i]
+    assert correlation_time(white) == pytest.approx(1.0, abs=0.2)
+    assert correlation_time(red) == pytest.approx(1.8 / 0.2, rel=0.25)  # (1 + rho)/(1 - rho)
+    assert correlation_time(np.zeros(10)) == 1.0
+
+
+def test_a_parameter_at_its_bound_is_flagged():
+    answer = fit(shot(t0=2e-6), windows=False, free=("t0",), stretch=7.0)
+    assert "time_origin at its upper bound (5e-07)" in answer.checks.message
+    assert answer.provenance["at_bound"] == ["time_origin"]
+    soft = fit(shot(Newtonian(0.05)), windows=False)  # no elasticity to find: G goes to its lower end, or is wide
+    assert soft.checks.verdict == "outside_training_range" or soft.interval("shear_modulus")[0] < 100
+
+
+def test_failed_simulations_are_counted_and_survived(monkeypatch):
+    solve = shots.simulate
+
+    def fails_often(material, **options):
+        run = solve(material, **options)
+        broken = material.viscous.viscosity < 0.03
+        return replace(run, status="broken", radius=np.full_like(run.radius, np.nan)) if broken else run
+
+    monkeypatch.setattr(shots, "simulate", fails_often)
+    answer = fit(shot(), windows=False)
+    assert answer.checks.verdict == "ok"
+    assert answer.provenance["failed_simulations"] > 5
+    assert answer.median("viscosity") == pytest.approx(0.05, rel=0.03)
+    monkeypatch.setattr(shots, "simulate", lambda m, **o: replace(solve(m, **o), status="broken"))
+    nothing = fit(shot(), windows=False)
+    assert nothing.checks.verdict == "failed"
+    assert "all 64 simulations of nhkv failed" in nothing.checks.message
+
+
+def test_windows():
+    curve = shot(end=100e-6)
+    collapses = len(curve.collapse_times())
+    answer = fit(curve)
+    assert collapses > 3
+    assert answer.checks.collapses == 3
+    assert list(answer.provenance["windows"]) == ["1", "2", "3", "all"]
+    ends = [w["t_star_end"] for w in answer.provenance["windows"].values()]
+    assert ends == sorted(ends)
+    assert [w["viscosity"] for w in answer.provenance["windows"].values()] == pytest.approx([0.05] * 4, rel=0.03)
+    assert fit(curve, window=1, windows=False).checks.collapses == 1
+    assert fit(curve, window="all", windows=False).checks.collapses == collapses
+    timed = fit(curve, end=40e-6, windows=False)
+    assert timed.checks.t_star_end == pytest.approx(40e-6 / WATER.time_scale(R_MAX), rel=1e-3)
+    assert "a window of 30 collapses" in fit(curve, window=30).checks.message
+
+
+def test_the_plateau_as_prior_of_the_stretch():
+    curve = shot(NeoHookeanKelvinVoigt(8e3, 0.2), end=150e-6)
+    assert curve.stretch_from_tail()
+    answer = fit(curve, window=1, stretch="plateau", windows=False)
+    assert "late plateau" in answer.provenance["stretch_source"]
+    assert answer.median("stretch") == pytest.approx(7.0, rel=0.02)
+    without = fit(shot(end=40e-6), stretch="plateau", windows=False)
+    assert "no late plateau" in without.checks.message
+    given = fit(curve, stretch=7.0, windows=False)
+    assert given.provenance["stretch_source"] == "given"
+    assert "stretch" not in given.names
+
+
+def test_frames_beside_a_collapse_count_less():
+    curve, family = shot(), Family("nhkv")
+    x = np.array([np.log10(8e3), np.log10(0.05), np.log10(7.0)])
+    there = shots.Shot(curve, family, WATER, Settings())
+    Fit(family, [there]).reweigh(x, shots.FINE)
+    lowest = np.argmin(np.abs(there.since - (curve.collapse_times()[0] - 1e-6)))
+    assert there.sigma[0] == pytest.approx(shots.FLOOR)
+    assert there.sigma[lowest] > 4 * shots.FLOOR
+    equal = shots.Shot(curve, family, WATER, Settings(weights="equal"))
+    assert np.ptp(equal.sigma) == 0
+
+
+def test_finite_differences_are_above_the_solvers_noise():
+    family = Family("nhkv")
+    there = shots.Shot(shot(), family, WATER, Settings())
+    x = np.array([np.log10(8e3), np.log10(0.05), np.log10(7.0)])
+    used = Fit(family, [there]).jacobian(x, shots.FINE, central=True)
+    exact = Fit(family, [there]).jacobian(x, {"rtol": 1e-8}, central=True)
+    assert np.linalg.norm(used - exact, axis=0) == pytest.approx(0.0, abs=5e-3 * np.linalg.norm(exact, axis=0).min())
+
+
+def test_starts_fill_the_box():
+    points = spread_starts(np.array([[0.0, 1.0], [2.0, 4.0]]), 64)
+    assert points.shape == (64, 2)
+    counts, _, _ = np.histogram2d(points[:, 0], points[:, 1], bins=4, range=[[0, 1], [2, 4]])
+    assert counts.min() >= 2
+
+
+@pytest.mark.parametrize(
+    ("options", "match"),
+    [
+        ({"material": "jelly"}, "cannot fit the material 'jelly'; known: .*nhkv"),
+        ({"material": "gent"}, "cannot fit the material 'gent'"),
+        ({"material": "nhkv(8e3, 0.1)"}, "without parameters"),
+        ({"window": 0}, "from 1 up, or 'all'"),
+        ({"window": "most"}, "from 1 up, or 'all'"),
+        ({"end": -1.0}, "positive time"),
+        ({"free": ("gravity",)}, "cannot free 'gravity'; known: t0, scale, rmax"),
+        ({"free": ("t0", "t0")}, "twice"),
+        ({"stretch": 0.5}, "between 1 and 100"),
+        ({"stretch": "tail"}, "'plateau'"),
+        ({"weights": "heavy"}, "'motion' or 'equal'"),
+        ({"t0_bound": 0.0}, "bound of t0"),
+        ({"scale_bound": 0.5}, "between 0 and 0.2"),
+    ],
+)
+def test_bad_options_are_named(options, match):
+    with pytest.raises(InputError, match=match):
+        fit(shot(), **options)
+
+
+def test_a_curve_that_cannot_be_fitted_is_a_failed_row():
+    bad = RadiusCurve(np.arange(3.0), np.array([1e-4, 2e-4, 1e-4]), meta={"name": "three"})
+    seen = []
+    answers = fit_many([bad, shot()], windows=False, joint=True, done=lambda: seen.append(1))
+    assert [a.checks.verdict for a in answers] == ["failed", "ok"]
+    assert "3 of 3 frames" in answers[0].checks.message
+    assert len(seen) == 2
+
+
+def test_command_line(tmp_path, capsys, monkeypatch):
+    from typer.testing import CliRunner
+
+    from cavirheo.cli import app
+
+    table = tmp_path / "gel.csv"
+    curve = shot(end=60e-6)
+    rows = [f"{t * 1e6:.6g},{r * 1e6:.6g}" for t, r in zip(curve.time, curve.radius, strict=True)]
+    table.write_text("time_us,radius_um\n" + "\n".join(rows) + "\n")
+    done = CliRunner().invoke(app, ["fit", str(table), "--free", "t0", "-o", str(tmp_path / "out")])
+    assert done.exit_code == 0, done.output
+    assert "1 collapse" in done.output
+    (record,) = read_json(tmp_path / "out" / "result.json").curves
+    assert record.method == "least_squares"
+    assert record.shear_modulus_Pa.q05 < record.shear_modulus_Pa.median < record.shear_modulus_Pa.q95
+    assert "time_origin" in record.other_parameters
+    assert "correlations" in json.loads((tmp_path / "out" / "result.json").read_text())["curves"][0]["provenance"]
+    page = (tmp_path / "out" / "report.html").read_text()
+    assert "correlations" in page
+    assert "t_0 =" in page
+    wrong = CliRunner().invoke(app, ["fit", str(table), "--window", "x", "-o", str(tmp_path / "no")])
+    assert "--window must be a number or 'all'" in str(wrong.exception)
+
+
+def test_published_alginate_shots(real_data):
+    """PAAm 12 % - alginate 0.3 %: published 6.44 +- 1.64 kPa, 0.020 +- 0.009 Pa s; the window decides mu."""
+    (file,) = (real_data / "paam_alginate_0p3").glob("*.mat")
+    answers = fit_many(read_curves(file)[:2], window="all")
+    assert [a.checks.verdict for a in answers] == ["ok", "ok"]
+    assert np.mean([a.median("shear_modulus") for a in answers]) == pytest.approx(6440, abs=2 * 1640)
+    for answer in answers:
+        windows = answer.provenance["windows"]
+        assert windows["1"]["viscosity"] > 2 * windows["all"]["viscosity"]
