@@ -26,8 +26,8 @@ from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError, SolverError
 from cavirheo.inference.fit.covariance import Laplace, draws, laplace
 from cavirheo.inference.fit.parameters import AT_BOUND, SCALE_BOUND, Family, Settings, units
-from cavirheo.inference.fit.search import Fit, Minimum, Scan
-from cavirheo.inference.fit.shots import FINE, Shot
+from cavirheo.inference.fit.search import SEARCH, Fit, Minimum, Scan
+from cavirheo.inference.fit.shots import FINE, QUICK, Shot
 from cavirheo.inference.reconstruct import MISFIT, Reconstruction, Window, reconstruct
 from cavirheo.physics.media import WATER, Medium
 from cavirheo.posterior import Checks, Posterior, Verdict
@@ -37,7 +37,8 @@ __all__ = ["fit", "fit_many"]
 DRAWS = 4096
 WINDOWS: tuple[int | None, ...] = (1, 2, 3, None)  # collapses; None: all that was recorded
 BEST = 3  # rough simulations from which a search is started
-FOLLOWED = 4.0  # residual variance over the assumed one below which the window before gave a start that is enough
+FOLLOWED = 1.0  # residual variance over the assumed one below which one start is enough
+LOWER = 0.95  # of a minimum's cost, that another minimum must reach to replace it
 
 Floats = NDArray[np.float64]
 
@@ -147,10 +148,7 @@ class Single:
             found[cut], x = (minimum, shot.sigma), minimum.x
         for cut, longer in reversed(list(pairwise(every))):  # a few frames may have held a search in a side valley
             shot.set_window(*cut)
-            (minimum, shot.sigma), x = found[cut], found[longer][0].x
-            if 0.5 * np.sum(self.fit.residuals(x, FINE) ** 2) < minimum.cost:
-                again = self.fit.settle([x])
-                found[cut] = again, shot.sigma
+            found[cut] = self._better(*found[cut], found[longer][0].x)
         self.others: dict[str, Any] = {}
         for cut in cuts:
             shot.set_window(*cut)
@@ -158,6 +156,16 @@ class Single:
         shot.set_window(*self.cut)
         self.found, shot.sigma = found[self.cut]
         self.laplace = laplace(self.fit, self.found.x)
+
+    def _better(self, minimum: Minimum, sigma: Floats, start: Floats) -> tuple[Minimum, Floats]:
+        """The minimum with its weights, or the one found from `start` if it is lower (both with measured weights)."""
+        fit, shot = self.fit, self.shot
+        here = 0.5 * float(np.sum(fit.residuals(minimum.x, QUICK) ** 2))
+        if here > 0.5 * FOLLOWED * len(shot.measured):
+            other = fit.minimise(start, QUICK, SEARCH)
+            if other.cost < LOWER * here:
+                return fit.settle([other.x]), shot.sigma
+        return minimum, sigma
 
     def posterior(self, common: dict[str, Any], seed: int) -> Posterior:
         return _posterior(self.fit, self.found, self.laplace, 0, common | {"windows": self.others}, seed)
@@ -172,7 +180,7 @@ def _joint(singles: list[Single], common: dict[str, Any], seed: int, workers: in
     alone = np.array([single.found.x[:law] for single in singles])
     own = np.concatenate([single.found.x[law:] for single in singles])
     starts = [np.concatenate([material, own]) for material in (np.median(alone, axis=0), np.mean(alone, axis=0))]
-    found = fit.settle(starts)
+    found = fit.settle(starts, enough=1.5)
     worth = laplace(fit, found.x)
     spread = {
         name: {"mean": float(np.mean(values)), "std": float(np.std(values, ddof=1)) if len(values) > 1 else None}

@@ -20,7 +20,7 @@ Floats = NDArray[np.float64]
 FORWARD, CENTRAL = 1e-3, 3e-3  # steps of the differences, decades or the like: the solver's noise is far below
 STARTS = 64
 _LN10 = float(np.log(10.0))
-_SEARCH = {"ftol": 1e-4, "xtol": 1e-3, "gtol": 1e-8, "max_nfev": 15}
+SEARCH = {"ftol": 1e-4, "xtol": 1e-3, "gtol": 1e-8, "max_nfev": 15}
 _POLISH = {"ftol": 1e-6, "xtol": 1e-4, "gtol": 1e-8, "max_nfev": 12}
 
 
@@ -158,7 +158,7 @@ class Fit:
         """
         best: Minimum | None = None
         for start in starts:
-            found = self.minimise(start, QUICK, _SEARCH)
+            found = self.minimise(start, QUICK, SEARCH)
             best = found if best is None or found.cost < best.cost else best
             if best.cost < 0.5 * enough * sum(len(shot.measured) for shot in self.shots):
                 break
