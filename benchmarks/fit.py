@@ -112,7 +112,8 @@ def main() -> None:
         rms = np.sqrt(np.median(np.array(ratios) ** 2, axis=0)) / 0.6745  # robust: of a normal distribution 1
         print(
             f"{given.noise:.1%} noise, weights {weights}: error over the Cramer-Rao bound (robust rms) of G, mu, "
-            f"stretch {rms}, {far} shots beyond 5 bounds; truth within the 90 % interval: {np.mean(inside):.0%} of {len(inside)}"
+            f"stretch {rms}, {far} shots beyond 5 bounds; "
+            f"truth within the 90 % interval: {np.mean(inside):.0%} of {len(inside)}"
         )
 
 

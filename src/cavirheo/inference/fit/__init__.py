@@ -161,7 +161,8 @@ class Single:
         """The minimum with its weights, or the one found from `start` if it is lower (both with measured weights)."""
         fit, shot = self.fit, self.shot
         here = 0.5 * float(np.sum(fit.residuals(minimum.x, QUICK) ** 2))
-        if here > 0.5 * FOLLOWED * len(shot.measured):
+        there = 0.5 * float(np.sum(fit.residuals(start, QUICK) ** 2))
+        if there < here or here > 0.5 * FOLLOWED * len(shot.measured):
             other = fit.minimise(start, QUICK, SEARCH)
             if other.cost < LOWER * here:
                 return fit.settle([other.x]), shot.sigma
