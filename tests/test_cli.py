@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import sys
 from pathlib import Path
 
 import h5py
@@ -11,7 +10,7 @@ import numpy as np
 import pytest
 from scipy.io import savemat
 
-from cavirheo import NeoHookeanKelvinVoigt, cli, read_curves, simulate
+from cavirheo import NeoHookeanKelvinVoigt, read_curves, simulate
 from cavirheo.inference.model import path_of
 from cavirheo.physics import laws
 from cavirheo.physics.driving import Trace
@@ -22,25 +21,6 @@ from cavirheo.reading import write_csv
 
 ROOT = Path(__file__).parent.parent
 EXAMPLE = ROOT / "examples" / "soft_gel.csv"
-
-
-@pytest.fixture
-def run(monkeypatch, capsys, tmp_path):
-    """(exit status, stdout, stderr) of a command in an empty folder."""
-    monkeypatch.chdir(tmp_path)
-    monkeypatch.setenv("COLUMNS", "120")
-
-    def call(*words: object) -> tuple[int, str, str]:
-        monkeypatch.setattr(sys, "argv", ["cavirheo", *map(str, words)])
-        status = 0
-        try:
-            cli.main()
-        except SystemExit as stop:
-            status = int(stop.code or 0)
-        captured = capsys.readouterr()
-        return status, captured.out, captured.err
-
-    return call
 
 
 def test_the_main_job(run, tmp_path):

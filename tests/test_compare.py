@@ -5,14 +5,13 @@ from __future__ import annotations
 import csv
 import io
 import json
-import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
 from rich.console import Console
 
-from cavirheo import cli, comparison, read_curves
+from cavirheo import comparison, read_curves
 from cavirheo.comparison import compare, picture, table
 from cavirheo.comparison.record import Comparison
 from cavirheo.comparison.references import MU, G, read_references
@@ -79,25 +78,6 @@ def fake(monkeypatch):
     monkeypatch.setattr(comparison, "infer_many", infer_many)
     monkeypatch.setattr(comparison, "load", lambda name: None)
     return calls
-
-
-@pytest.fixture
-def run(monkeypatch, capsys, tmp_path):
-    """(exit status, stdout, stderr) of a command."""
-    monkeypatch.chdir(tmp_path)
-    monkeypatch.setenv("COLUMNS", "120")
-
-    def call(*words: object) -> tuple[int, str, str]:
-        monkeypatch.setattr(sys, "argv", ["cavirheo", *map(str, words)])
-        status = 0
-        try:
-            cli.main()
-        except SystemExit as stop:
-            status = int(stop.code or 0)
-        captured = capsys.readouterr()
-        return status, captured.out, captured.err
-
-    return call
 
 
 def test_the_command_answers_as_infer_does(run, folder, tmp_path):

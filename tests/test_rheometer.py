@@ -5,14 +5,12 @@ from __future__ import annotations
 import importlib.util
 import json
 import re
-import sys
 from pathlib import Path
 from zipfile import ZipFile
 
 import numpy as np
 import pytest
 
-from cavirheo import cli
 from cavirheo.reporting import style
 from cavirheo.reporting.record import Result, write_json
 from cavirheo.rheometer.analyse import frequency_sweep, strain_sweep
@@ -22,25 +20,6 @@ from cavirheo.rheometer.titles import read_title
 EXAMPLES = Path(__file__).parent.parent / "examples"
 OMEGA = np.logspace(-1, 2, 16)
 STRAIN = np.logspace(-4, 1, 51)
-
-
-@pytest.fixture
-def run(monkeypatch, capsys, tmp_path):
-    """(exit status, stdout, stderr) of `cavirheo rheometer` in an empty folder."""
-    monkeypatch.chdir(tmp_path)
-    monkeypatch.setenv("COLUMNS", "120")
-
-    def call(*words: object) -> tuple[int, str, str]:
-        monkeypatch.setattr(sys, "argv", ["cavirheo", "rheometer", *map(str, words)])
-        status = 0
-        try:
-            cli.main()
-        except SystemExit as stop:
-            status = int(stop.code or 0)
-        captured = capsys.readouterr()
-        return status, captured.out, captured.err
-
-    return call
 
 
 @pytest.fixture(scope="module")
@@ -381,7 +360,7 @@ BAD = {
 def test_unreadable_files_are_one_line_and_status_2(run, tmp_path, name):
     content, message = BAD[name]
     put(tmp_path / "file.csv", content)
-    status, _, err = run("file.csv")
+    status, _, err = run("rheometer", "file.csv")
     assert status == 2
     first, last = err.splitlines()
     assert first.startswith("error: file.csv")
@@ -401,7 +380,7 @@ def test_unreadable_files_are_one_line_and_status_2(run, tmp_path, name):
 )
 def test_bad_usage(run, tmp_path, words, message):
     put(tmp_path / "a.csv", LAYOUTS["comma.csv"])
-    status, _, err = run(*words)
+    status, _, err = run("rheometer", *words)
     assert status == 2
     assert message in err
     assert "Traceback" not in err
@@ -409,7 +388,7 @@ def test_bad_usage(run, tmp_path, words, message):
 
 def test_outside_the_data_is_status_1_and_the_rest_is_answered(run, tmp_path):
     put(tmp_path / "a.csv", LAYOUTS["comma.csv"])
-    status, out, _ = run("a.csv", "--at", 1000, "-o", "r")
+    status, out, _ = run("rheometer", "a.csv", "--at", 1000, "-o", "r")
     assert status == 1
     assert "1000 rad/s lies outside the data, 0.1 to 100 rad/s" in out
     document = json.loads((tmp_path / "r" / "rheometer.json").read_text())
@@ -420,7 +399,7 @@ def test_outside_the_data_is_status_1_and_the_rest_is_answered(run, tmp_path):
 def test_a_good_file_is_answered_beside_a_bad_one(run, tmp_path):
     put(tmp_path / "bad.csv", "")
     put(tmp_path / "good.csv", LAYOUTS["comma.csv"])
-    status, out, err = run("bad.csv", "good.csv")
+    status, out, err = run("rheometer", "bad.csv", "good.csv")
     assert status == 2
     assert "bad.csv" in err
     assert "µ = 5.00 Pa s" in out
@@ -429,7 +408,7 @@ def test_a_good_file_is_answered_beside_a_bad_one(run, tmp_path):
 def test_examples_give_back_the_truth(run, tmp_path, examples):
     """The main job: both sweeps of one gel, documents, pictures."""
     files = [EXAMPLES / f"soft_gel_{kind}_sweep.csv" for kind in ("strain", "frequency")]
-    status, out, err = run(*files, "-o", "r")
+    status, out, err = run("rheometer", *files, "-o", "r")
     assert status == 0, err
     assert "soft_gel: G = 1.50 kPa" in out
     found = json.loads((tmp_path / "r" / "rheometer.json").read_text())
@@ -461,7 +440,7 @@ def test_the_shipped_sweeps_are_what_the_function_makes(examples, tmp_path):
 
 def test_no_linear_range_is_status_1(run, tmp_path):
     put(tmp_path / "a.csv", "strain (%),G',G''\n" + "".join(f"{g},{1 / g},0.1\n" for g in STRAIN))
-    status, out, _ = run("a.csv")
+    status, out, _ = run("rheometer", "a.csv")
     assert status == 1
     assert "no linear range" in out
 
@@ -470,7 +449,7 @@ def test_repeats_give_mean_and_deviation(run, tmp_path):
     for k, factor in enumerate((0.9, 1.0, 1.1), 1):
         text = "omega,Gp,Gpp\n" + "".join(f"{w},{factor * 1e3},{factor * 5 * w}\n" for w in OMEGA)
         put(tmp_path / f"gel_{k}.csv", text)
-    status, out, _ = run("gel_1.csv", "gel_2.csv", "gel_3.csv", "-o", "r")
+    status, out, _ = run("rheometer", "gel_1.csv", "gel_2.csv", "gel_3.csv", "-o", "r")
     assert status == 0
     assert "gel: G = 1.00 ± 0.10 kPa" in out
     assert "5.00 ± 0.50" in out
@@ -482,15 +461,15 @@ def test_the_strain_plateau_stands_in_for_a_solid_only(run, tmp_path):
     for name, loss in (("solid", 50), ("liquid", 5000)):
         rows = "".join(f"{g},{softening(g)},{loss},10\n" for g in STRAIN)
         put(tmp_path / f"{name}.csv", f"strain [1],G',G'',omega\n{rows}")
-    assert "G = 2.00 kPa (plateau of the strain sweep at 10.0 rad/s)" in run("solid.csv")[1]
-    assert "G = – (no plateau)" in run("liquid.csv")[1]
+    assert "G = 2.00 kPa (plateau of the strain sweep at 10.0 rad/s)" in run("rheometer", "solid.csv")[1]
+    assert "G = – (no plateau)" in run("rheometer", "liquid.csv")[1]
 
 
 def test_a_frequency_sweep_beyond_the_linear_range_is_told(run, tmp_path):
     put(tmp_path / "a.csv", TABLE.format("strain [1],G',G''"))
     rows = "".join(f"{w},1000,{w},0.5\n" for w in OMEGA)
     put(tmp_path / "b.csv", "omega,G',G'',strain [1]\n" + rows)
-    _, out, _ = run("a.csv", "b.csv")
+    _, out, _ = run("rheometer", "a.csv", "b.csv")
     assert "b was run at a strain of 50 %, beyond the linear range (to 23 %)" in " ".join(out.split())
 
 
@@ -524,7 +503,7 @@ def bubbles(path: Path) -> Path:
 def test_beside_bubbles(run, tmp_path):
     before = bubbles(tmp_path / "result.json").read_bytes()
     files = [EXAMPLES / f"soft_gel_{kind}_sweep.csv" for kind in ("strain", "frequency")]
-    status, out, err = run(*files, "--beside", "result.json", "-o", ".", "--name", "soft gel")
+    status, out, err = run("rheometer", *files, "--beside", "result.json", "-o", ".", "--name", "soft gel")
     assert status == 0, err
     text = " ".join(out.split())
     assert "6.00 ± 0.50" in text
@@ -545,7 +524,7 @@ def test_beside_bubbles(run, tmp_path):
 def test_without_matplotlib_it_says_so(run, tmp_path, monkeypatch):
     monkeypatch.setattr(style, "available", lambda: False)
     put(tmp_path / "a.csv", LAYOUTS["comma.csv"])
-    status, out, _ = run("a.csv", "-o", "r")
+    status, out, _ = run("rheometer", "a.csv", "-o", "r")
     assert status == 0
     assert "cavirheo[plot]" in out
     assert {path.name for path in (tmp_path / "r").iterdir()} == {"rheometer.json", "rheometer.csv"}

@@ -22,6 +22,7 @@ from numpy.typing import ArrayLike
 
 from cavirheo.errors import InputError
 from cavirheo.physics.checks import finite, not_negative, positive
+from cavirheo.physics.law import Law
 from cavirheo.physics.table import Floats, hermite, read, tabulate
 
 SMALLEST, LARGEST = 1e-3, 1e3  # R/R_0: beyond what a collapse or a stretch reaches
@@ -37,24 +38,12 @@ _COARSE = _nodes(0.1)  # halved where a law needs it
 _FINE = _nodes(0.02)  # for closed forms: an error of 2e-9 for their steepest term, q^8
 
 
-class Elastic:
+class Elastic(Law):
     """Base of the elastic laws: a new one defines `slope`, or `first` if its energy depends on I_1 only."""
-
-    @property
-    def name(self) -> str:
-        return type(self).__name__
 
     @property
     def elastic(self) -> Elastic:
         return self
-
-    @property
-    def viscous(self) -> None:
-        return None
-
-    @property
-    def memory(self) -> tuple[()]:
-        return ()
 
     def first(self, I1: Floats) -> Floats:
         """W_1 = dW/dI_1 in Pa at the first invariant I1 (any shape)."""

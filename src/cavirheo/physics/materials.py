@@ -12,6 +12,7 @@ from typing import ClassVar, Protocol, runtime_checkable
 from cavirheo.errors import InputError
 from cavirheo.physics.checks import not_negative
 from cavirheo.physics.elastic import Elastic, Linear, NeoHookean, Quadratic
+from cavirheo.physics.law import Law
 from cavirheo.physics.memory import Arm, Maxwell, UpperConvectedMaxwell
 from cavirheo.physics.viscous import Newtonian, Viscous
 
@@ -57,7 +58,7 @@ class Viscoelastic:
 
 
 @dataclass(frozen=True)
-class NeoHookeanKelvinVoigt:
+class NeoHookeanKelvinVoigt(Law):
     """NHKV: neo-Hookean spring (shear modulus, Pa) beside a dashpot (viscosity, Pa s).
 
     Estrada et al. 2018, doi:10.1016/j.jmps.2017.12.006.
@@ -78,13 +79,9 @@ class NeoHookeanKelvinVoigt:
     def viscous(self) -> Viscous:
         return Newtonian(self.viscosity)
 
-    @property
-    def memory(self) -> tuple[()]:
-        return ()
-
 
 @dataclass(frozen=True)
-class QuadraticKelvinVoigt:
+class QuadraticKelvinVoigt(Law):
     """qKV: W = G/2 [(I1-3) + alpha/2 (I1-3)^2] beside a dashpot; stiffening alpha is dimensionless.
 
     Yang et al. 2020, doi:10.1016/j.eml.2020.100839.
@@ -106,13 +103,9 @@ class QuadraticKelvinVoigt:
     def viscous(self) -> Viscous:
         return Newtonian(self.viscosity)
 
-    @property
-    def memory(self) -> tuple[()]:
-        return ()
-
 
 @dataclass(frozen=True)
-class OldroydB:
+class OldroydB(Law):
     """Dilute polymer solution: an upper-convected Maxwell arm in a Newtonian solvent.
 
     viscosity mu in Pa s is that of both at rest; relaxation time tau_1 and retardation time tau_2 <= tau_1 in s: the
@@ -134,10 +127,6 @@ class OldroydB:
         _ = self.viscous, self.memory
 
     @property
-    def elastic(self) -> None:
-        return None
-
-    @property
     def viscous(self) -> Viscous:
         return Newtonian(self.viscosity * self.retardation_time / self.relaxation_time)
 
@@ -148,7 +137,7 @@ class OldroydB:
 
 
 @dataclass(frozen=True)
-class Zener:
+class Zener(Law):
     """Zener solid at finite strain: a neo-Hookean spring (shear modulus, Pa) beside an upper-convected Maxwell arm.
 
     viscosity in Pa s and relaxation time in s are the arm's: for tau -> 0 it is NHKV.
@@ -165,10 +154,6 @@ class Zener:
     @property
     def elastic(self) -> Elastic:
         return NeoHookean(self.shear_modulus)
-
-    @property
-    def viscous(self) -> None:
-        return None
 
     @property
     def memory(self) -> tuple[Arm, ...]:

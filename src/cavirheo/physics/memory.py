@@ -16,11 +16,12 @@ from typing import ClassVar
 import numpy as np
 
 from cavirheo.physics.checks import not_negative, positive
+from cavirheo.physics.law import Law
 from cavirheo.physics.table import Floats
 
 
 @dataclass(frozen=True)
-class Arm:
+class Arm(Law):
     """Base of the arms: viscosity in Pa s and relaxation time tau in s; the spring's shear modulus is their ratio."""
 
     viscosity: float
@@ -30,18 +31,6 @@ class Arm:
     def __post_init__(self) -> None:
         not_negative(viscosity=self.viscosity)
         positive(relaxation_time=self.relaxation_time)
-
-    @property
-    def name(self) -> str:
-        return type(self).__name__
-
-    @property
-    def elastic(self) -> None:
-        return None
-
-    @property
-    def viscous(self) -> None:
-        return None
 
     @property
     def memory(self) -> tuple[Arm, ...]:

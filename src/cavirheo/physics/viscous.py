@@ -21,26 +21,15 @@ from numpy.typing import ArrayLike
 
 from cavirheo.errors import InputError
 from cavirheo.physics.checks import finite, not_negative, positive
+from cavirheo.physics.law import Law
 from cavirheo.physics.table import Floats, read, tabulate
 
 SHEAR = 2 * sqrt(3)  # shear rate at the wall over |U/R|
 SLOWEST, FASTEST = 1e-3, 1e12  # U/R in 1/s: below the first and above the second the viscosity counts as constant
 
 
-class Viscous:
+class Viscous(Law):
     """Base of the viscous laws: a new one defines `apparent`."""
-
-    @property
-    def name(self) -> str:
-        return type(self).__name__
-
-    @property
-    def elastic(self) -> None:
-        return None
-
-    @property
-    def memory(self) -> tuple[()]:
-        return ()
 
     @property
     def viscous(self) -> Viscous:
