@@ -59,6 +59,7 @@ def fit(
     from cavirheo.reporting.table import print_table
 
     began = time.perf_counter()
+    collapses, known = _number_or(window, "all", "--window", int), _number_or(stretch, "plateau", "--stretch", float)
     liquid = liquid_of(medium, density, sound_speed, surface_tension, pressure, temperature)
     curves, unreadable = read_files(files, liquid, rmax_um)
     load_solver()
@@ -66,9 +67,9 @@ def fit(
         task = bar.add_task("", total=len(curves))
         answers = fit_many(
             curves, material, medium=liquid,
-            window=_number_or(window, "all", "--window", int),
+            window=collapses,
             end=None if window_us is None else window_us * 1e-6,
-            stretch=_number_or(stretch, "plateau", "--stretch", float),
+            stretch=known,
             free=[name.strip() for name in free.split(",") if name.strip()],
             t0_bound=None if t0_us is None else t0_us * 1e-6,
             scale_bound=scale_percent / 100, weights=weights, joint=joint, seed=seed,
