@@ -8,7 +8,6 @@ a few wrong t_1 do not decide. `exact` puts simulations in the place of the anal
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -33,6 +32,7 @@ _KNEE = 2.0  # standard deviations
 _FLOOR = 1e-5  # of t_1: scatter below it is that of the digits
 _SINGULAR = 1e3  # condition number of the normalised Jacobian beyond which G and mu are one unknown
 _EQUAL = 1e-3  # of t_1: pairs as good as one another
+_LEAST_RE = 3.0  # of pairs: below it hardly a bubble collapses (benchmarks/collapse_time.md)
 _HOPELESS = 0.1  # of t_1: a pair so far off is no answer
 _GOOD_INVERSE_RE, _GOOD_STRETCH = 0.1, 4.0  # where the analytic model is within 1.5 % of t_1 (docs/collapse-time.md)
 
@@ -151,7 +151,7 @@ def estimate(
     viscosity: float | None = None,
     exact: bool = False,
 ) -> Estimate:
-    """The estimate from one curve: a starting point for a fit of R(t) in a millisecond (`start`).
+    """The estimate from one curve: a starting point for a fit of R(t) in 20 ms (`start`).
 
     One collapse time cannot give both G and mu: without one of the two the answer is `pairs`, equally good (G, mu).
     A lambda that is neither given nor in the curve or its file is guessed as 7 (and `message` says so).
@@ -189,16 +189,15 @@ def fit(
     free = np.flatnonzero(np.isnan(given))
     problem = _Problem(shots, medium, given, free)
     n, p = len(shots), len(free)
-    values = problem.coarse()
     if n < p:
         return _unidentified(
             problem, material, exact,
             "one collapse time is one relation between G and µ, not both: add shots of other R_max, or give one",
         )  # fmt: skip
-    solved = problem.solve(values, exact=False)
+    solved = problem.solve(problem.coarse(), exact=False)
     if exact:
         solved = problem.solve(solved.values, exact=True)
-    if p == 2 and _condition(solved.jacobian) > _SINGULAR and not solved.bound.any():
+    if p == 2 and _condition(solved.jacobian) > _SINGULAR:
         return _unidentified(
             problem, material, exact, "the shots are too alike (R_max, lambda) to tell G from µ: one relation, not both"
         )
@@ -256,7 +255,7 @@ class _Problem:
         return np.asarray((self.shots.ratio(self.medium) ** 2 * f - 1) / 2)
 
     def coarse(self) -> Floats:
-        """(2,) the best point of a grid, by the median residual."""
+        """(2,) the best point of a grid, by the mean absolute residual."""
         axes = [_GRID[k] if np.isnan(self.given[k]) else self.given[k : k + 1] for k in range(2)]
         G, mu = (axis.ravel() for axis in np.meshgrid(*axes, indexing="ij"))
         shots = self.shots
@@ -265,11 +264,10 @@ class _Problem:
         best = int(np.argmin(off))
         return np.array([G[best], mu[best]])
 
-    def jacobian(self, x: Floats, exact: bool) -> Floats:
-        """(n, p) by differences: upwards, so that zero needs no exception; finer where nothing is noisy."""
+    def jacobian(self, x: Floats, base: Floats, exact: bool) -> Floats:
+        """(n, p) by differences from the residual at x: upwards, so that zero needs no exception."""
         scale = 1.0 if exact else 1e-3
         least = _LEAST_STEP[self.free]
-        base = self.residual(self.values(x), exact)
         columns = []
         for k in range(len(x)):
             step = scale * max(_STEP * x[k], least[k])
@@ -283,8 +281,22 @@ class _Problem:
 
         unit, most = _UNIT[self.free], (_LARGEST / _UNIT)[self.free]
         x = np.clip(start[self.free] / unit, 0.0, most)
-        fun: Callable[[Floats], Floats] = lambda x: self.residual(self.values(x), exact)  # noqa: E731
-        jac: Callable[[Floats], Floats] = lambda x: self.jacobian(x, exact)  # noqa: E731
+        known: dict[bytes, Floats] = {}  # the same points are asked for again, and a simulation takes milliseconds
+
+        def fun(x: Floats) -> Floats:
+            key = x.tobytes()
+            if key not in known:
+                known[key] = self.residual(self.values(x), exact)
+            return known[key].copy()
+
+        slopes: dict[bytes, Floats] = {}
+
+        def jac(x: Floats) -> Floats:
+            key = x.tobytes()
+            if key not in slopes:
+                slopes[key] = self.jacobian(x, fun(x), exact)
+            return slopes[key].copy()  # least_squares weights it in place
+
         options: dict[str, Any] = {"method": "dogbox", "bounds": (0.0, most), "max_nfev": 30 if exact else 200}
         options |= {"xtol": 1e-5 if exact else 1e-9, "ftol": 1e-7 if exact else 1e-12, "gtol": 1e-12}
         knee = np.inf
@@ -368,7 +380,8 @@ def _pairs(problem: _Problem, exact: bool) -> Floats:
     from scipy.stats import f as fisher
 
     found, costs = [], []
-    for mu in _PAIRS:
+    per_radius = problem.medium.velocity_scale / (problem.medium.pressure * float(np.median(problem.shots.max_radius)))
+    for mu in _PAIRS[_PAIRS * per_radius * _LEAST_RE <= 1]:
         fixed = replace(problem, given=np.array([np.nan, mu]), free=np.array([0]))
         solved = fixed.solve(fixed.coarse(), False)
         if exact and np.mean(solved.residual**2) < _HOPELESS**2:
