@@ -6,16 +6,20 @@ The weights of surface tension and gas are averages over Rayleigh's collapse, by
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 from scipy.integrate import quad
 from scipy.stats import qmc
 
-from cavirheo.physics.collapse import analytic_time, simulated_time
-from cavirheo.physics.media import WATER
+from cavirheo.physics.collapse import RAYLEIGH, analytic_time, inverse_square, rayleigh_time, simulated_time
+from cavirheo.physics.media import WATER, Medium
 
 N = 4096
+R = 2e-4  # m, of the limits
+EMPTY = replace(WATER, surface_tension=0.0, vapour_reference_pressure=1e-6, name="empty")
+BARE = {"motion": "rayleigh-plesset", "polytropic": 1.4}
 
 
 def mean_over_collapse(f) -> float:
@@ -37,6 +41,43 @@ def weights() -> list[str]:
 
         plain = f"{mean_over_collapse(lambda r, n=n: r**-n):.4f}" if n < 2.5 else "infinite"
         rows.append(f"| r^-{n} | {what} | {mean_over_collapse(work):.4f} | {plain} |")
+    return rows
+
+
+def limits() -> list[str]:
+    """One small effect at a time, by what it adds to (t_RC/t_1)^2: simulated and published."""
+
+    def f(stretch: float, G: float = 0.0, mu: float = 0.0, medium: Medium = EMPTY, **options: object) -> float:
+        time = simulated_time(R, stretch, G, mu, medium, **options)[0]
+        return float((rayleigh_time(R, medium) / time) ** 2)
+
+    p, U = WATER.pressure, WATER.velocity_scale
+    C = WATER.sound_speed / U
+    wet, taut = replace(WATER, surface_tension=0.0), replace(EMPTY, surface_tension=WATER.surface_tension)
+    rows = ["| effect | simulated | published |", "|---|---|---|"]
+    rows.append(f"| none (lambda 40): (t_RC/t_1)^2 | {f(40, **BARE):.7f} | 1 |")
+    by_tension = (f(30, medium=taut, **BARE) - f(30, **BARE)) * p * R / (2 * WATER.surface_tension)
+    rows.append(f"| surface tension, times We | {by_tension:.3f} | {np.pi / RAYLEIGH / np.sqrt(6):.3f} |")
+    by_sound = (f(30, **BARE) - f(30, polytropic=1.4)) * C
+    published = 2 * C / (1 + np.hypot(1, 2 * C * RAYLEIGH))
+    rows.append(f"| speed of sound (lambda 30), times -C | {by_sound:.2f} | {published:.2f} |")
+    by_vapour = (f(20, **BARE) - f(20, medium=wet, **BARE)) * p / wet.vapour_pressure
+    rows.append(f"| vapour that condenses at once, over -p_v | {by_vapour:.3f} | 1.494 |")
+    for stretch in (4, 6, 9):
+        by_gas = (1 - f(stretch, motion="rayleigh-plesset")) * stretch**3
+        both = (1 - f(stretch, medium=wet, motion="rayleigh-plesset")) / (stretch**-3 + wet.vapour_pressure / p)
+        rows.append(f"| gas with heat (lambda {stretch}), times -lambda^3 | {by_gas:.2f} | 1.49 |")
+        rows.append(f"| gas and vapour with transport (lambda {stretch}), over minus both | {both:.2f} | 1.49 |")
+    for stretch in (3, 5, 10, 20):
+        by_solid = (f(stretch, 1e4, **BARE) - f(stretch, **BARE)) * p / 1e4
+        published = float(inverse_square(R, stretch, 1e4, 0) - inverse_square(R, stretch, 0, 0)) * p / 1e4
+        rows.append(f"| elasticity Be (lambda {stretch}) | {by_solid:.3f} | {published:.3f} |")
+    for Re in (100, 30, 10, 5):
+        mu = p * R / (U * Re)
+        seen = f(20, mu=mu, **BARE)
+        published = float(inverse_square(R, 20, 0, mu) - inverse_square(R, 20, 0, 0))
+        simulated = f"{seen - f(20, **BARE):.4f}" if seen else "no collapse"
+        rows.append(f"| viscosity (Re {Re}) | {simulated} | {published:.4f} |")
     return rows
 
 
@@ -78,6 +119,7 @@ def main() -> None:
             good & (stretch > 5) & (radius * 1e6 >= low) & (radius * 1e6 < high),
         )
     lines += ["", "## Weights of small pressures", "", *weights()]
+    lines += ["", "## One effect at a time (R_max 200 um)", "", *limits()]
     Path(__file__).with_suffix(".md").write_text("\n".join(lines) + "\n", encoding="utf-8")
 
 

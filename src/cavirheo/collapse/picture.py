@@ -19,6 +19,7 @@ from cavirheo.reporting.style import BLUE, INK, VERMILLION, new_axes, new_figure
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
+_WHOLE = (0.1, 0.115, 0.875, 0.72)
 _UPPER, _LOWER = (0.1, 0.41, 0.875, 0.41), (0.1, 0.115, 0.875, 0.22)
 
 
@@ -32,17 +33,23 @@ def write_pictures(folder: Path, document: CollapseTimes, estimates: list[Estima
 
 
 def figure(group: GroupRecord, estimate: Estimate, medium: Medium, unit: tuple[float, str]) -> Figure:
-    """Above, t_1/t_RC of the shots and of the model, with the model's curve at the median lambda; below, residuals.
-
-    The model is the simulation where `exact` was asked for, else the analytic one; the curve is always analytic.
+    """Where G and mu were found: above, t_1/t_RC of the shots and of the model, with the model's curve at the median
+    lambda; below, residuals. The model is the simulation where `exact` was asked for, else the analytic one; the curve
+    is always analytic. Where they were not found: the equally good pairs.
     """
     drawing = new_figure(4.5)
     best = group.exact or group.analytic
     assert best is not None
     write(drawing, 0.1, 0.955, wording.elide(group.name, 50), size=11, weight="bold")
-    write(drawing, 0.975, 0.955, f"{len(estimate.shots)} collapse times", size=10, weight="bold", ha="right", color=INK)
+    write(drawing, 0.975, 0.955, _count(len(estimate.shots)), size=10, weight="bold", ha="right", color=INK)
     box = {"boxstyle": "round,pad=0.45", "facecolor": "#f4f1ea", "edgecolor": "none"}
     write(drawing, 0.111, 0.892, _said(best, unit, "exact" if group.exact else "analytic"), size=9.0, bbox=box)
+    if best.shear_modulus_Pa.value is None:
+        pairs = np.array(best.pairs).reshape(-1, 2) * [unit[0], 1.0]
+        axes = new_axes(drawing, _WHOLE, "µ (Pa s)", f"G ({unit[1]})")
+        axes.plot(pairs[:, 1], pairs[:, 0], "o-", ms=4, lw=1, color=VERMILLION)
+        write(axes, 0.02, 0.93, "every pair on this line has the measured collapse times", size=9, color=INK)
+        return drawing
     upper = new_axes(drawing, _UPPER, "", "t₁/t_RC")
     lower = new_axes(drawing, _LOWER, "R_max (µm)", "t₁ from model (%)")
     radius = 1e6 * estimate.shots.max_radius
@@ -59,7 +66,7 @@ def figure(group: GroupRecord, estimate: Estimate, medium: Medium, unit: tuple[f
             write(lower, 1.0, 1.05, "× weighted down", size=8, color=INK, ha="right")
         most = 1.15 * float(np.nanmax(np.abs(away))) or 1.0
         lower.set_ylim(-most, most)
-        if best.shear_modulus_Pa.value is not None and best.viscosity_Pa_s.value is not None and radius.size > 1:
+        if best.viscosity_Pa_s.value is not None and radius.size > 1:
             across = np.geomspace(radius.min() * 0.97, radius.max() * 1.03, 200) * 1e-6
             stretch = float(np.median(estimate.shots.stretch))
             times = analytic_time(across, stretch, best.shear_modulus_Pa.value, best.viscosity_Pa_s.value, medium)
@@ -74,6 +81,10 @@ def figure(group: GroupRecord, estimate: Estimate, medium: Medium, unit: tuple[f
     upper.tick_params(labelbottom=False)
     upper.legend(loc="lower right", bbox_to_anchor=(1.0, 0.985), ncols=3, fontsize=8.5, frameon=False, handlelength=1.6)
     return drawing
+
+
+def _count(n: int) -> str:
+    return f"{n} collapse time" + ("" if n == 1 else "s")
 
 
 def _said(fit: Fit, unit: tuple[float, str], model: str) -> str:

@@ -20,9 +20,12 @@ def modulus_unit(document: CollapseTimes) -> tuple[float, str]:
     return (1e-3, "kPa") if largest >= 1e3 else (1.0, "Pa")
 
 
-def interval(value: Value, factor: float = 1.0) -> str:
-    """'6.5 [4.5, 8.6]', to the digits that the interval leaves."""
-    return wording.quantity(Quantity(median=value.value, q05=value.low, q95=value.high), factor)
+def interval(value: Value, factor: float = 1.0, *, joint: str = " ") -> str:
+    """'6.5 [4.5, 8.6]', to the digits that the interval leaves; without it where there is none."""
+    low, high = (None, None) if value.low == value.high else (value.low, value.high)
+    if value.value == 0 and high is not None:  # which leaves no digits to go by
+        return f"0{joint}[0, {wording.digits(high * factor, 2)}]"
+    return wording.quantity(Quantity(median=value.value, q05=low, q95=high), factor, joint=joint)
 
 
 def print_table(document: CollapseTimes, console: Console | None = None) -> None:
@@ -41,7 +44,7 @@ def print_table(document: CollapseTimes, console: Console | None = None) -> None
     for group in document.groups:
         fits = [(name, fit) for name, fit in (("analytic", group.analytic), ("exact", group.exact)) if fit]
         for k, (name, fit) in enumerate(fits or [("–", None)]):
-            n = f"{group.n}" if not group.unusable else f"{group.n - group.unusable} of {group.n}"
+            n = f"{group.n}" if not group.unusable else f"{group.n - group.unusable}/{group.n}"
             table.add_row(*map(Text, [wording.elide(group.name, 30) if k == 0 else "", n, name, *_cells(fit, factor)]))
     console.print(table)
     about: dict[str, list[str]] = {}  # each note once, with those it is about
@@ -88,7 +91,7 @@ def _cells(fit: Fit | None, factor: float) -> list[str]:
     if fit is None:
         return [wording.MISSING] * 3
     return [
-        interval(fit.shear_modulus_Pa, factor),
-        interval(fit.viscosity_Pa_s),
+        interval(fit.shear_modulus_Pa, factor, joint="\n"),
+        interval(fit.viscosity_Pa_s, joint="\n"),
         wording.MISSING if fit.scatter is None else wording.digits(100 * fit.scatter, 2),
     ]

@@ -31,6 +31,7 @@ _STEP, _LEAST_STEP = 0.02, np.array([0.005, 0.005])  # of the derivatives of a s
 _KNEE = 2.0  # standard deviations
 _FLOOR = 1e-5  # of t_1: scatter below it is that of the digits
 _SINGULAR = 1e3  # condition number of the normalised Jacobian beyond which G and mu are one unknown
+_USUAL = 0.03  # largest usual scatter of t_1: gels have 1.2 %
 _EQUAL = 1e-3  # of t_1: pairs as good as one another
 _LEAST_RE = 3.0  # of pairs: below it hardly a bubble collapses (benchmarks/collapse_time.md)
 _HOPELESS = 0.1  # of t_1: a pair so far off is no answer
@@ -349,6 +350,9 @@ def _answer(problem: _Problem, material: str, exact: bool, solved: _Solved) -> E
         f"{' and '.join(set(at_bound) - set(zero))} at the upper bound" if set(at_bound) - set(zero) else "",
         f"the interval of {' and '.join(wide)} holds zero: an upper limit only" if wide else "",
         "as many shots as unknowns: no interval" if n == p else "",
+        f"the times scatter by {100 * scatter:.2g} % about the model: they do not follow it"
+        if scatter > _USUAL
+        else "",
         _outside(problem, solved.values) if not exact else "",
     )
     model = problem.ratios(solved.values, exact)
