@@ -13,7 +13,7 @@ from scipy.io import savemat
 from cavirheo import cli
 from cavirheo.collapse.read import read_groups, title
 from cavirheo.curve import RadiusCurve
-from cavirheo.errors import InputError
+from cavirheo.errors import InputError, SolverError
 from cavirheo.inference.collapse_time import Shots, estimate, fit, shot
 from cavirheo.physics.collapse import RAYLEIGH, analytic_time, inverse_square, rayleigh_time, simulated_time
 from cavirheo.physics.materials import NeoHookeanKelvinVoigt
@@ -321,6 +321,16 @@ class TestCommand:
         document = json.loads((tmp_path / "cavirheo-collapse-time" / "collapse-time.json").read_text())
         assert document["medium"]["density"] == 1000
         assert document["groups"][0]["shots"][0]["exact"] is not None
+
+    def test_a_failed_simulation_leaves_the_analytic_answer(self, run, tmp_path, monkeypatch):
+        def fails(*_, **__):
+            raise SolverError("the step size went to zero")
+
+        monkeypatch.setattr("cavirheo.inference.collapse_time.simulated_time", fails)
+        status, out, _ = run(write(tmp_path / "gel.csv", table(6, noise=0.001)), "--exact")
+        assert status == 1
+        assert "no exact answer: the step size" in out
+        assert "analytic" in out
 
     def test_one_shot_says_so_and_status_is_1(self, run, tmp_path):
         path = write(tmp_path / "one.csv", table(1))

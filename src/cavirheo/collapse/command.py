@@ -5,12 +5,13 @@ from __future__ import annotations
 import shlex
 import sys
 from datetime import datetime
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from cavirheo.errors import InputError
+from cavirheo.errors import InputError, SolverError
 
 if TYPE_CHECKING:
     from cavirheo.collapse.record import Answers, CollapseTimes
@@ -59,18 +60,20 @@ def collapse_time(
     if exact:
         print("simulating (the solver is compiled once per machine, 10 to 30 s) ...", file=sys.stderr)
     answers: list[Answers] = []
+    failed = False
     for group in groups:
         shots = group.shots()
         if shots is None:
             answers.append((None, None))
             continue
-        analytic, simulated = (
-            fit(shots, material, medium=liquid, shear_modulus=shear_modulus, viscosity=viscosity, exact=model)
-            if exact or not model
-            else None
-            for model in (False, True)
-        )
-        answers.append((analytic, simulated))
+        answer = partial(fit, shots, material, medium=liquid, shear_modulus=shear_modulus, viscosity=viscosity)
+        simulated = None
+        try:
+            simulated = answer(exact=True) if exact else None
+        except SolverError as error:
+            group.notes.append(f"no exact answer: {error}")
+            failed = True
+        answers.append((answer(), simulated))
     document = collapse_times(
         groups, answers, material=material, medium=liquid,
         command=shlex.join(["cavirheo", *sys.argv[1:]]),
@@ -82,7 +85,7 @@ def collapse_time(
     print(f"written to {out}", file=sys.stderr)
     if problems:
         raise typer.Exit(2)
-    if any(group.unusable or not group.answered for group in document.groups):
+    if failed or any(group.unusable or not group.answered for group in document.groups):
         raise typer.Exit(1)
 
 

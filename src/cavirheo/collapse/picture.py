@@ -48,7 +48,8 @@ def figure(group: GroupRecord, estimate: Estimate, medium: Medium, unit: tuple[f
         pairs = np.array(best.pairs).reshape(-1, 2) * [unit[0], 1.0]
         axes = new_axes(drawing, _WHOLE, "µ (Pa s)", f"G ({unit[1]})")
         axes.plot(pairs[:, 1], pairs[:, 0], "o-", ms=4, lw=1, color=VERMILLION)
-        write(axes, 0.02, 0.93, "every pair on this line has the measured collapse times", size=9, color=INK)
+        said = "every pair on this line has the measured collapse times" if len(pairs) else "no pair gives such times"
+        write(axes, 0.02, 0.93, said, size=9, color=INK)
         return drawing
     upper = new_axes(drawing, _UPPER, "", "t₁/t_RC")
     lower = new_axes(drawing, _LOWER, "R_max (µm)", "t₁ from model (%)")

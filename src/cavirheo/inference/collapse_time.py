@@ -184,7 +184,8 @@ def fit(
         exact: with simulated collapse times, from the analytic answer on: 5 ms per shot, unknown and iteration.
 
     Raises:
-        InputError: unknown material, a given value out of its domain, nothing to fit, or a simulation that failed.
+        InputError: unknown material, a given value out of its domain, or nothing to fit.
+        SolverError: a simulation of the exact fit failed.
     """
     given = _given(material, shear_modulus, viscosity)
     free = np.flatnonzero(np.isnan(given))

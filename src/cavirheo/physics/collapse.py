@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from cavirheo.errors import InputError
+from cavirheo.errors import SolverError
 from cavirheo.physics.materials import NeoHookeanKelvinVoigt
 from cavirheo.physics.media import WATER, Medium
 from cavirheo.physics.simulate import simulate_many
@@ -80,7 +80,8 @@ def simulated_time(
     The first four arguments broadcast to (n,); `options` are those of `simulate_many`. About 5 ms per bubble and core.
 
     Raises:
-        InputError: a parameter out of its domain, or a simulation that failed (which one, and how).
+        InputError: a parameter out of its domain.
+        SolverError: a simulation failed (where, and how).
     """
     R, stretches, G, mu = np.broadcast_arrays(
         *(np.atleast_1d(np.asarray(a, dtype=float)) for a in (max_radius, stretch, shear_modulus, viscosity))
@@ -102,7 +103,7 @@ def simulated_time(
         for i, run in zip(missing, runs, strict=True):
             found[i] = _first_minimum(run.time, run.radius, run.velocity)
             if not np.isfinite(found[i]) and not run.ok:
-                raise InputError(f"no collapse time: {run.status}")
+                raise SolverError(f"no collapse time: {run.status}")
         missing = missing[np.isinf(found[missing])]
         if missing.size == 0:
             break
