@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from cavirheo.collapse.command import collapse_time
 from cavirheo.errors import InputError, SolverError
 from cavirheo.rheometer.command import rheometer
 
@@ -388,6 +389,7 @@ def models() -> None:
 
 
 app.command()(rheometer)
+app.command()(collapse_time)
 
 
 def main() -> None:
