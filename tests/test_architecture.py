@@ -22,6 +22,7 @@ MAY_USE = {
     "training": {"errors", "curve", "physics", "problem", "inference"},
     "reporting": {"errors", "curve", "posterior"},
     "comparison": {"errors", "curve", "reading", "physics", "posterior", "inference", "reporting"},
+    "collapse": {"errors", "curve", "reading", "physics", "inference", "reporting"},
     "rheometer": {"errors", "reading", "reporting"},
     "commands": {"errors", "curve", "reading", "physics", "inference", "reporting"},
 }

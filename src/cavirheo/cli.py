@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from cavirheo.collapse.command import collapse_time
 from cavirheo.commands.fit import fit
 from cavirheo.commands.shared import (
     Density,
@@ -340,6 +341,7 @@ def models() -> None:
 
 app.command()(fit)
 app.command()(rheometer)
+app.command()(collapse_time)
 
 
 def main() -> None:

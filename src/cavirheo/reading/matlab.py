@@ -89,7 +89,7 @@ def _curves(variables: Variables, found: list[str], density: float, pressure: fl
     if "pIMR_array" in found:
         raise InputError(
             "a table of collapse times (pIMR_array: R_max, stretch, t_1), not radius histories R(t): "
-            "there is no curve in it to infer from"
+            "there is no curve in it to infer from; use cavirheo collapse-time"
         )
     raise InputError(
         f"no radius history; variables found: {', '.join(found) or 'none'}; expected R_nondim_All, t_nondim_All and "

@@ -1,0 +1,187 @@
+"""collapse-time.json (schema 1): what collapse times say of each material; and shots.csv, a line per shot.
+
+```
+schema 1, version, command, date, notes      as in result.json
+material, medium                             the law; the constants used
+groups                                       one per table, or per file or folder of curves:
+  name, source, source_sha256, n, unusable   shots, and how many of them could not be used (their `message` says why)
+  analytic, exact                            the answers below; exact is null unless it was asked for
+  shots                                      R_max, lambda, t_1 and t_1/t_RC as measured and of the models
+```
+Every number is SI and finite, or null where it was not found; `message` then says why.
+"""
+
+from __future__ import annotations
+
+import csv
+import math
+from collections.abc import Sequence
+from dataclasses import asdict
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+from pydantic import BaseModel, ConfigDict, Field
+
+from cavirheo.collapse.read import Group
+from cavirheo.inference.collapse_time import Estimate
+from cavirheo.physics.media import Medium
+
+Answers = tuple[Estimate | None, Estimate | None]  # analytic and exact
+
+
+class _Model(BaseModel):
+    model_config = ConfigDict(extra="allow", allow_inf_nan=False, populate_by_name=True)
+
+
+class Value(_Model):
+    """`low`, `high`: 95 % interval from the scatter of the shots; `per_percent`: change if all t_1 were 1 % longer."""
+
+    value: float | None = None
+    low: float | None = None
+    high: float | None = None
+    per_percent: float | None = None
+
+
+class Fit(_Model):
+    shear_modulus_Pa: Value
+    viscosity_Pa_s: Value
+    correlation: float | None = None
+    scatter: float | None = None  # standard deviation of ln(t_1/t_model)
+    identified: bool
+    at_bound: list[str] = []
+    downweighted: list[str] = []  # shots that count less than half
+    pairs: list[tuple[float, float]] = []  # equally good G in Pa and mu in Pa s
+    message: str = ""
+
+
+class Shot(_Model):
+    name: str
+    max_radius_m: float | None = None
+    stretch: float | None = None
+    stretch_from: str = ""
+    collapse_time_s: float | None = None
+    measured: float | None = None  # t_1/t_RC
+    analytic: float | None = None
+    exact: float | None = None
+    message: str = ""
+
+
+class GroupRecord(_Model):
+    name: str
+    source: str
+    source_sha256: str
+    n: int
+    unusable: int
+    notes: list[str] = []
+    analytic: Fit | None = None
+    exact: Fit | None = None
+    shots: list[Shot]
+
+    @property
+    def answered(self) -> bool:
+        """Whether there is a number for all that was asked."""
+        best = self.exact or self.analytic
+        return best is not None and best.shear_modulus_Pa.value is not None and best.viscosity_Pa_s.value is not None
+
+
+class CollapseTimes(_Model):
+    """The document."""
+
+    schema_version: Literal[1] = Field(default=1, validation_alias="schema", serialization_alias="schema")
+    version: str
+    command: str
+    date: str
+    notes: list[str] = []
+    material: str
+    medium: dict[str, Any]
+    groups: list[GroupRecord]
+
+
+def collapse_times(
+    groups: Sequence[Group],
+    answers: Sequence[Answers],
+    *,
+    material: str,
+    medium: Medium,
+    command: str,
+    date: str,
+    notes: Sequence[str] = (),
+) -> CollapseTimes:
+    """The document of groups and their answers (None where a group has no shot that can be used)."""
+    return CollapseTimes(
+        version=version("cavirheo"),
+        command=command,
+        date=date,
+        notes=list(notes),
+        material=material,
+        medium=asdict(medium),
+        groups=[_group(group, *pair) for group, pair in zip(groups, answers, strict=True)],
+    )
+
+
+def _group(group: Group, analytic: Estimate | None, exact: Estimate | None) -> GroupRecord:
+    shots, k = [], 0
+    for row in group.rows:
+        shot = Shot(
+            name=row.name,
+            max_radius_m=_finite(row.max_radius),
+            stretch=_finite(row.stretch),
+            stretch_from=row.stretch_from,
+            collapse_time_s=_finite(row.time),
+            message=row.message,
+        )
+        if not row.message and analytic is not None:
+            shot.measured, shot.analytic = _finite(analytic.measured[k]), _finite(analytic.model[k])
+            shot.exact = None if exact is None else _finite(exact.model[k])
+            k += 1
+        shots.append(shot)
+    names = [row.name for row in group.usable]
+    return GroupRecord(
+        name=group.name,
+        source=group.source,
+        source_sha256=group.sha256,
+        n=len(group.rows),
+        unusable=len(group.rows) - len(names),
+        notes=group.notes,
+        analytic=None if analytic is None else _fit(analytic, names),
+        exact=None if exact is None else _fit(exact, names),
+        shots=shots,
+    )
+
+
+def _fit(found: Estimate, names: Sequence[str]) -> Fit:
+    def value(k: int, of: float, interval: tuple[float, float]) -> Value:
+        ends = {"low": _finite(interval[0]), "high": _finite(interval[1])}
+        return Value(value=_finite(of), **ends, per_percent=_finite(found.per_percent[k]))
+
+    spread = float(np.sqrt(np.prod(np.diag(found.covariance))))
+    return Fit(
+        shear_modulus_Pa=value(0, found.shear_modulus, found.shear_modulus_interval),
+        viscosity_Pa_s=value(1, found.viscosity, found.viscosity_interval),
+        correlation=_finite(found.covariance[0, 1] / spread) if spread > 0 else None,
+        scatter=_finite(found.scatter),
+        identified=found.identified,
+        at_bound=list(found.at_bound),
+        downweighted=[name for name, weight in zip(names, found.weight, strict=True) if weight < 0.5],
+        pairs=[(float(G), float(mu)) for G, mu in found.pairs],
+        message=found.message,
+    )
+
+
+def _finite(value: float) -> float | None:
+    return float(value) if math.isfinite(value) else None
+
+
+def write_json(path: Path, document: CollapseTimes) -> None:
+    path.write_text(document.model_dump_json(indent=2, by_alias=True) + "\n", encoding="utf-8")
+
+
+def write_csv(path: Path, document: CollapseTimes) -> None:
+    """One line per shot of every group."""
+    with path.open("w", newline="", encoding="utf-8") as file:
+        writer = csv.DictWriter(file, ["group", *Shot.model_fields], extrasaction="ignore", lineterminator="\n")
+        writer.writeheader()
+        for group in document.groups:
+            writer.writerows({"group": group.name, **shot.model_dump()} for shot in group.shots)

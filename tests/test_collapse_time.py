@@ -1,0 +1,408 @@
+"""Collapse times: limits of the model, the model against simulations, what a table can and cannot tell, the command."""
+
+from __future__ import annotations
+
+import json
+import sys
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.io import savemat
+
+from cavirheo import cli
+from cavirheo.collapse.read import read_groups, title
+from cavirheo.curve import RadiusCurve
+from cavirheo.errors import InputError, SolverError
+from cavirheo.inference.collapse_time import Shots, estimate, fit, shot
+from cavirheo.physics.collapse import RAYLEIGH, analytic_time, inverse_square, rayleigh_time, simulated_time
+from cavirheo.physics.materials import NeoHookeanKelvinVoigt
+from cavirheo.physics.media import WATER, ZHU2025
+from cavirheo.physics.simulate import simulate
+from cavirheo.reading import write_csv
+
+EMPTY = replace(WATER, surface_tension=0.0, vapour_reference_pressure=1e-6, sound_speed=float("inf"), name="empty")
+R = 2e-4
+
+
+def table(n: int = 30, G: float = 1e4, mu: float = 0.1, noise: float = 0.0, seed: int = 0, time=analytic_time) -> Shots:
+    rng = np.random.default_rng(seed)
+    radius, stretch = rng.uniform(1e-4, 4e-4, n), rng.uniform(5.0, 9.0, n)
+    return Shots(radius, stretch, time(radius, stretch, G, mu) * np.exp(noise * rng.standard_normal(n)))
+
+
+@pytest.fixture
+def run(monkeypatch, capsys, tmp_path):
+    """(exit status, stdout, stderr) of `cavirheo collapse-time` in an empty folder."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("COLUMNS", "120")
+
+    def call(*words: object) -> tuple[int, str, str]:
+        monkeypatch.setattr(sys, "argv", ["cavirheo", "collapse-time", *map(str, words)])
+        status = 0
+        try:
+            cli.main()
+        except SystemExit as stop:
+            status = int(stop.code or 0)
+        captured = capsys.readouterr()
+        return status, captured.out, captured.err
+
+    return call
+
+
+def write(path, shots: Shots, header: str = "rmax_um,stretch,t1_us"):
+    rows = zip(shots.max_radius * 1e6, shots.stretch, shots.time * 1e6, strict=True)
+    path.write_text(header + "\n" + "".join(",".join(f"{x:.12g}" for x in row) + "\n" for row in rows))
+    return path
+
+
+class TestModel:
+    def test_rayleigh(self):
+        """The empty bubble: analytic exactly, simulated to the little gas of lambda = 60."""
+        assert pytest.approx(0.914681, rel=1e-6) == RAYLEIGH
+        assert analytic_time(R, 1e6, 0, 0, EMPTY) == pytest.approx(rayleigh_time(R, EMPTY), rel=1e-12)
+        found = simulated_time(R, 40.0, 0, 0, EMPTY, motion="rayleigh-plesset", polytropic=1.4)
+        assert found[0] == pytest.approx(float(rayleigh_time(R, EMPTY)), rel=1e-4)
+
+    @pytest.mark.parametrize(
+        ("change", "longer"),
+        [
+            ({"surface_tension": 0.5}, False),
+            ({"sound_speed": 200.0}, True),
+            ({"vapour_reference_pressure": 1e12}, True),
+        ],
+    )
+    def test_signs_are_those_of_the_simulation(self, change, longer):
+        for time in (analytic_time, simulated_time):
+            base = np.ravel(time(R, 6.0, 0, 0, replace(EMPTY, sound_speed=1e5)))[0]
+            changed = np.ravel(time(R, 6.0, 0, 0, replace(replace(EMPTY, sound_speed=1e5), **change)))[0]
+            assert (changed > base) == longer, time
+
+    def test_material_and_gas(self):
+        for time in (analytic_time, simulated_time):
+            t = np.ravel(time([R] * 4, [6, 6, 6, 4], [0, 2e4, 0, 0], [0, 0, 0.1, 0]))
+            assert t[1] < t[0] < t[2]  # elasticity shortens, viscosity lengthens
+            assert t[0] < t[3]  # more gas lengthens
+
+    def test_first_order_in_elasticity(self):
+        """Far from R_0 the solid pulls with 5/2 G; the paper's next term in 1/lambda is 27 % too large."""
+        rp = {"motion": "rayleigh-plesset", "polytropic": 1.4}
+        for stretch, tolerance in ((40.0, 1e-2), (10.0, 1e-2)):
+            f = [(rayleigh_time(R, EMPTY) / simulated_time(R, stretch, G, 0, EMPTY, **rp)[0]) ** 2 for G in (0, 1e4)]
+            work = 2.5 - 2 * 1.10327 / stretch  # energy that the 1/R part of the stress takes (docs/collapse-time.md)
+            assert (f[1] - f[0]) * EMPTY.pressure / 1e4 == pytest.approx(work, rel=tolerance)
+        published = (inverse_square(R, 10.0, 1e4, 0) - inverse_square(R, 10.0, 0, 0)) * WATER.pressure / 1e4
+        assert published == pytest.approx(2.5 - 2 * 1.40218 / 10, rel=1e-4)
+
+    @pytest.mark.parametrize(
+        ("radius", "stretch", "G", "mu"), [(1e-4, 7, 3e3, 0.03), (2e-4, 6, 1e4, 0.1), (4e-4, 9, 5e4, 0.3)]
+    )
+    def test_holds_where_bubbles_are_made(self, radius, stretch, G, mu):
+        assert analytic_time(radius, stretch, G, mu) == pytest.approx(
+            simulated_time(radius, stretch, G, mu)[0], rel=0.008
+        )
+
+    def test_simulated_minimum_is_that_of_a_fine_curve(self):
+        time = np.linspace(0.0, 25e-6, 200_001)
+        for G, mu in ((1e4, 0.1), (3e4, 0.01)):
+            run = simulate(NeoHookeanKelvinVoigt(G, mu), max_radius=R, stretch=6.0, time=time)
+            first = int(np.flatnonzero(np.diff(run.radius) > 0)[0])
+            assert simulated_time(R, 6.0, G, mu)[0] == pytest.approx(time[first], abs=2e-10)
+
+    def test_no_collapse_is_infinite(self):
+        assert np.isinf(analytic_time(1e-4, 7.0, 0.0, 5.0))
+        assert np.isinf(simulated_time(1e-4, 7.0, 100.0, 5.0)[0])
+
+
+class TestFit:
+    def test_recovers_its_own_table(self):
+        found = fit(table())
+        assert (found.shear_modulus, found.viscosity) == pytest.approx((1e4, 0.1), rel=1e-4)
+        assert found.identified
+        assert found.message == ""
+
+    @pytest.mark.parametrize(("material", "G", "mu"), [("nh", 2e4, 0.0), ("newtonian", 0.0, 0.2)])
+    def test_one_parameter(self, material, G, mu):
+        found = fit(table(G=G, mu=mu), material)
+        assert (found.shear_modulus, found.viscosity) == pytest.approx((G, mu), rel=1e-4)
+
+    def test_exact_recovers_simulations(self):
+        shots = table(10, 8e3, 0.05, time=simulated_time)
+        found = fit(shots, exact=True)
+        assert (found.shear_modulus, found.viscosity) == pytest.approx((8e3, 0.05), rel=2e-3)
+
+    def test_interval_is_that_of_the_noise(self):
+        found = [fit(table(noise=0.005, seed=seed)) for seed in range(30)]
+        inside = [(f.shear_modulus_interval[0] < 1e4 < f.shear_modulus_interval[1]) for f in found]
+        assert sum(inside) >= 25  # of 28.5 expected
+        assert np.mean([f.scatter for f in found]) == pytest.approx(0.005, rel=0.15)
+
+    def test_outliers_do_not_decide(self):
+        clean = table(40, noise=0.002)
+        time = clean.time.copy()
+        time[[3, 10, 20]] *= 1.2
+        found = fit(Shots(clean.max_radius, clean.stretch, time))
+        assert found.shear_modulus == pytest.approx(1e4, rel=0.05)
+        assert list(np.flatnonzero(found.weight < 0.5)) == [3, 10, 20]
+
+    def test_a_fluid_is_told(self):
+        found = fit(table(G=0.0, mu=0.1, noise=1e-3))
+        assert found.shear_modulus < 200
+        assert found.at_bound == ("G",) or not found.identified
+
+    def test_one_per_cent_of_time_is_one_kilopascal(self):
+        shots = table()
+        longer = fit(Shots(shots.max_radius, shots.stretch, shots.time * 1.001))
+        assert (longer.shear_modulus - 1e4) * 10 == pytest.approx(fit(shots).per_percent[0], rel=0.05)
+
+    def test_one_shot_is_one_relation(self):
+        one = table(1)
+        found = fit(one)
+        assert np.isnan(found.shear_modulus)
+        assert not found.identified
+        assert "not both" in found.message
+        for G, mu in found.pairs:
+            assert analytic_time(one.max_radius, one.stretch, G, mu) == pytest.approx(one.time, rel=1e-3)
+        assert found.start is not None
+        assert fit(one, viscosity=0.1).shear_modulus == pytest.approx(1e4, rel=1e-3)
+        assert fit(one, shear_modulus=1e4).viscosity == pytest.approx(0.1, rel=1e-3)
+
+    def test_exact_pairs_collapse_at_the_measured_time(self):
+        one = table(1, time=simulated_time)
+        found = fit(one, exact=True)
+        for G, mu in found.pairs[::6]:
+            assert simulated_time(one.max_radius, one.stretch, G, mu) == pytest.approx(one.time, rel=1.5e-3)
+
+    def test_shots_that_are_alike(self):
+        one = table(1)
+        found = fit(Shots(*(np.repeat(a, 5) for a in (one.max_radius, one.stretch, one.time))))
+        assert "too alike" in found.message
+        assert len(found.pairs) > 3
+
+    def test_a_time_that_nothing_gives(self):
+        found = fit(Shots([R], [7.0], [0.15 * float(rayleigh_time(R))]))  # G would exceed a megapascal
+        assert len(found.pairs) == 0
+        assert found.start is None
+
+    @pytest.mark.parametrize(
+        ("shots", "options", "word"),
+        [
+            ((0.0, 7.0, 1e-5), {}, "R_max must be"),
+            ((R, 0.9, 1e-5), {}, "lambda"),
+            ((R, 7.0, np.nan), {}, "t_1 must be"),
+            ((R, 7.0, 1e-2), {}, "units"),
+            ((R, 7.0, 1.8e-5), {"material": "gent"}, "unknown material"),
+            ((R, 7.0, 1.8e-5), {"material": "nh", "viscosity": 0.1}, "has no viscosity"),
+            ((R, 7.0, 1.8e-5), {"shear_modulus": -1.0}, "shear modulus must"),
+            ((R, 7.0, 1.8e-5), {"shear_modulus": 1.0, "viscosity": 0.1}, "nothing to fit"),
+        ],
+    )
+    def test_refusals(self, shots, options, word):
+        with pytest.raises(InputError, match=word):
+            fit(Shots(*([x] for x in shots)), **options)
+
+    def test_lengths(self):
+        with pytest.raises(InputError, match="one length"):
+            Shots([R, R], [7.0], [1e-5])
+
+
+@pytest.fixture(scope="module")
+def curve() -> RadiusCurve:
+    time = np.arange(0.0, 250e-6, 1e-6)
+    run = simulate(NeoHookeanKelvinVoigt(8e3, 0.08), max_radius=3e-4, stretch=7.0, time=time)
+    return RadiusCurve(time, run.radius, meta={"name": "shot"})
+
+
+class TestCurve:
+    def test_read_off_a_curve(self, curve):
+        shots, origin = shot(curve)
+        assert origin == "late plateau"
+        assert shots.stretch[0] == pytest.approx(7.0, rel=0.02)
+        assert shots.time[0] == pytest.approx(simulated_time(3e-4, 7.0, 8e3, 0.08)[0], rel=0.01)
+
+    def test_start_of_a_fit(self, curve):
+        found = estimate(curve, stretch=7.0, viscosity=0.08)
+        assert found.shear_modulus == pytest.approx(8e3, rel=0.2)
+        assert estimate(curve).start is not None
+
+    def test_lambda_is_guessed_only_aloud(self, curve):
+        short = RadiusCurve(curve.time[:40], curve.radius[:40], meta={"name": "short"})
+        assert "guessed as 7" in estimate(short).message
+        with pytest.raises(InputError, match="--stretch"):
+            shot(short)
+
+
+class TestReading:
+    @pytest.mark.parametrize(
+        ("text", "expected"),
+        [
+            ("rmax_um", ("max_radius", "um")),
+            ("R_max [µm]", ("max_radius", "um")),
+            ("lambda", ("stretch", "")),
+            ("t_1 (s)", ("time", "s")),
+            ("collapse time (us)", ("time", "us")),
+            ("t1", ("time", "")),
+            ("temperature", ("", "")),
+        ],
+    )
+    def test_titles(self, text, expected):
+        assert title(text) == expected
+
+    def test_layouts_agree(self, tmp_path):
+        shots = table(6)
+        columns = (shots.max_radius, shots.stretch, shots.time)
+        plain = write(tmp_path / "a.csv", shots)
+        german = tmp_path / "b.csv"
+        rows = (f"{r * 1e3:.12g};{s:.12g};{t * 1e3:.12g}".replace(".", ",") for r, s, t in zip(*columns, strict=True))
+        german.write_text("R_max (mm);lambda;t_1 (ms)\n" + "\n".join(rows) + "\n")
+        savemat(tmp_path / "c.mat", {"pIMR_array": np.column_stack(columns)})
+        groups, problems = read_groups([plain, german, tmp_path / "c.mat"], WATER)
+        assert problems == []
+        for group in groups:
+            found = group.shots()
+            assert found.max_radius == pytest.approx(shots.max_radius, rel=1e-9)
+            assert found.stretch == pytest.approx(shots.stretch, rel=1e-9)
+            assert found.time == pytest.approx(shots.time, rel=1e-9)
+
+    def test_version_73(self, tmp_path):
+        import h5py
+
+        with h5py.File(tmp_path / "d.mat", "w", userblock_size=512) as file:
+            file["pIMR_array"] = np.array([[R, 7.0, 1.8e-5], [2 * R, 7.0, 3.6e-5]]).T
+        content = (tmp_path / "d.mat").read_bytes()
+        (tmp_path / "d.mat").write_bytes(b"MATLAB 7.3 MAT-file".ljust(512, b" ") + content[512:])
+        groups, _ = read_groups([tmp_path / "d.mat"], WATER)
+        assert len(groups[0].usable) == 2
+
+    @pytest.mark.parametrize(
+        ("text", "word"),
+        [
+            ("rmax,stretch,t1_us\n200,7,18\n", "no unit"),
+            ("rmax_um,t1_us\n200,18\n", "no column for lambda"),
+            ("rmax_um,stretch,t1_us\n", "no rows"),
+            ("rmax_um,stretch,t1_us\n200,x,18\n", "row 2"),
+            ("rmax_um,rmax_m,stretch,t1_us\n200,1,7,18\n", "two columns"),
+        ],
+    )
+    def test_refusals(self, tmp_path, text, word):
+        (tmp_path / "a.csv").write_text(text)
+        groups, problems = read_groups([tmp_path / "a.csv"], WATER)
+        assert groups == []
+        assert word in problems[0]
+
+    def test_rows_that_cannot_be_used_are_kept_with_the_reason(self, tmp_path):
+        (tmp_path / "a.csv").write_text("shot,rmax_um,stretch,t1_us\nA,200,7,18\nB,nan,7,18\nC,200,7,18000\n")
+        (group,), _ = read_groups([tmp_path / "a.csv"], WATER)
+        assert [row.name for row in group.usable] == ["A"]
+        assert "R_max" in group.rows[1].message
+        assert "units" in group.rows[2].message
+
+
+class TestCommand:
+    def test_table(self, run, tmp_path):
+        status, out, err = run(write(tmp_path / "gel.csv", table(noise=0.003)), "-o", "result")
+        assert status == 0
+        assert "gel" in out
+        assert "written to result" in err
+        document = json.loads((tmp_path / "result" / "collapse-time.json").read_text())
+        group = document["groups"][0]
+        assert document["schema"] == 1
+        assert group["n"] == 30
+        assert group["analytic"]["shear_modulus_Pa"]["value"] == pytest.approx(1e4, rel=0.05)
+        assert group["exact"] is None
+        assert len((tmp_path / "result" / "shots.csv").read_text().splitlines()) == 31
+        assert (tmp_path / "result" / "gel.png").stat().st_size > 1000
+
+    def test_exact_and_medium(self, run, tmp_path):
+        path = write(tmp_path / "gel.csv", table(5, noise=0.001))
+        status, out, _ = run(path, "--exact", "--medium", "zhu2025", "--density", 1000)
+        assert status == 0
+        assert "exact" in out
+        document = json.loads((tmp_path / "cavirheo-collapse-time" / "collapse-time.json").read_text())
+        assert document["medium"]["density"] == 1000
+        assert document["groups"][0]["shots"][0]["exact"] is not None
+
+    def test_a_failed_simulation_leaves_the_analytic_answer(self, run, tmp_path, monkeypatch):
+        def fails(*_, **__):
+            raise SolverError("the step size went to zero")
+
+        monkeypatch.setattr("cavirheo.inference.collapse_time.simulated_time", fails)
+        status, out, _ = run(write(tmp_path / "gel.csv", table(6, noise=0.001)), "--exact")
+        assert status == 1
+        assert "no exact answer: the step size" in out
+        assert "analytic" in out
+
+    def test_one_shot_says_so_and_status_is_1(self, run, tmp_path):
+        path = write(tmp_path / "one.csv", table(1))
+        status, out, _ = run(path)
+        assert status == 1
+        assert "not both" in out
+        assert "equally good pairs" in out
+        assert run(path, "--viscosity", 0.1)[0] == 0
+
+    def test_curves(self, run, tmp_path):
+        time = np.arange(0.0, 110e-6, 1e-6)
+        for k, radius in enumerate((1.5e-4, 3e-4)):
+            done = simulate(NeoHookeanKelvinVoigt(8e3, 0.08), max_radius=radius, stretch=7.0, time=time)
+            write_csv(tmp_path / f"shot{k}.csv", RadiusCurve(time, done.radius))
+        status, out, _ = run("shot0.csv", "shot1.csv", "--stretch", 7)
+        assert status == 0
+        assert "lambda: given" in out
+        status, out, _ = run("shot0.csv", "--stretch", 7, "--material", "nh")
+        assert status == 0
+
+    def test_unusable_row_is_status_1_unreadable_file_2(self, run, tmp_path):
+        path = write(tmp_path / "gel.csv", table(6))
+        path.write_text(path.read_text() + "nan,7,18\n")
+        status, out, _ = run(path)
+        assert status == 1
+        assert "left out" in out
+        status, _, err = run(path, "missing.csv")
+        assert status == 2
+        assert err.count("missing.csv does not exist") == 1
+
+    def test_bad_usage_is_one_line(self, run, tmp_path):
+        path = write(tmp_path / "gel.csv", table(6))
+        for words in (
+            (path, "--material", "gent"),
+            (path, "--stretch", 0.5),
+            ("missing.csv",),
+            (path, "--medium", "x"),
+        ):
+            status, out, err = run(*words)
+            assert status == 2
+            assert err.strip().splitlines()[-1].startswith("error: ")
+            assert out == ""
+
+
+class TestPublishedTables:
+    """Synthetic sets with a truth of 10 kPa and 0.1 Pa s, and two gels (Zhu et al. 2025, doi:10.1039/D5SM00397K)."""
+
+    @staticmethod
+    def shots(real_data, name: str) -> Shots:
+        (group,), _ = read_groups([real_data / "collapse_times" / name], ZHU2025)
+        return group.shots()
+
+    @pytest.mark.parametrize(
+        ("name", "material", "G", "mu"),
+        [
+            ("LHS-simpool-x36_KV.mat", "nhkv", 1e4, 0.1),
+            ("LHS-simpool_NH_n-36.mat", "nh", 1e4, 0.0),
+            ("LHS-simpool_Newtonian_n-36.mat", "newtonian", 0.0, 0.1),
+        ],
+    )
+    def test_synthetic(self, real_data, name, material, G, mu):
+        shots = self.shots(real_data, name)
+        found = fit(shots, material, medium=ZHU2025)
+        assert (found.shear_modulus, found.viscosity) == pytest.approx((G, mu), rel=0.05)
+        some = Shots(shots.max_radius[::4], shots.stretch[::4], shots.time[::4])  # the exact fit of all takes seconds
+        found = fit(some, material, medium=ZHU2025, exact=True)
+        assert (found.shear_modulus, found.viscosity) == pytest.approx((G, mu), rel=0.02)
+
+    @pytest.mark.parametrize(
+        ("name", "G", "mu"), [("pIMR_PA_05_Refined.mat", 6.5e3, 0.11), ("pIMR_PA_10_Refined.mat", 14.5e3, 0.13)]
+    )
+    def test_gels(self, real_data, name, G, mu):
+        found = fit(self.shots(real_data, name), medium=ZHU2025)
+        assert (found.shear_modulus, found.viscosity) == pytest.approx((G, mu), rel=0.06)
+        assert found.scatter == pytest.approx(0.012, abs=0.003)
