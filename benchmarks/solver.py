@@ -35,7 +35,7 @@ from cavirheo.physics.elastic import Yeoh
 from cavirheo.physics.materials import Material, NeoHookeanKelvinVoigt, Viscoelastic, Zener
 from cavirheo.physics.media import WATER, Medium
 from cavirheo.physics.scales import dimensionless
-from cavirheo.physics.simulate import DEFAULT, PRECISE, simulate, simulate_many
+from cavirheo.physics.simulate import DEFAULT, PRECISE, ROUGH, simulate, simulate_many
 from cavirheo.physics.viscous import Viscosity
 
 TIME = np.linspace(0, 100e-6, 101)
@@ -43,7 +43,7 @@ GENTLE = np.array([1e4, 0.5, 3.5, 200e-6])
 CORES = os.sched_getaffinity(0) if hasattr(os, "sched_getaffinity") else set()
 SETTINGS: dict[str, dict[str, Any]] = {
     "cavirheo, default ({} shells, rtol {:g})".format(*DEFAULT): {},
-    "cavirheo, rough (64 shells, rtol 3e-4)": {"cells": 64, "rtol": 3e-4},
+    "cavirheo, rough ({cells} shells, rtol {rtol:g})".format(**ROUGH): ROUGH,
     "cavirheo, precise ({} shells, rtol {:g})".format(*PRECISE): {"precise": True},
 }
 LAWS: dict[str, Callable[[float, float], Material]] = {

@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 import json
-import sys
 from dataclasses import replace
 
 import numpy as np
 import pytest
 from scipy.io import savemat
 
-from cavirheo import cli
 from cavirheo.collapse.read import read_groups, title
 from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError, SolverError
@@ -29,25 +27,6 @@ def table(n: int = 30, G: float = 1e4, mu: float = 0.1, noise: float = 0.0, seed
     rng = np.random.default_rng(seed)
     radius, stretch = rng.uniform(1e-4, 4e-4, n), rng.uniform(5.0, 9.0, n)
     return Shots(radius, stretch, time(radius, stretch, G, mu) * np.exp(noise * rng.standard_normal(n)))
-
-
-@pytest.fixture
-def run(monkeypatch, capsys, tmp_path):
-    """(exit status, stdout, stderr) of `cavirheo collapse-time` in an empty folder."""
-    monkeypatch.chdir(tmp_path)
-    monkeypatch.setenv("COLUMNS", "120")
-
-    def call(*words: object) -> tuple[int, str, str]:
-        monkeypatch.setattr(sys, "argv", ["cavirheo", "collapse-time", *map(str, words)])
-        status = 0
-        try:
-            cli.main()
-        except SystemExit as stop:
-            status = int(stop.code or 0)
-        captured = capsys.readouterr()
-        return status, captured.out, captured.err
-
-    return call
 
 
 def write(path, shots: Shots, header: str = "rmax_um,stretch,t1_us"):
@@ -300,7 +279,7 @@ class TestReading:
 
 class TestCommand:
     def test_table(self, run, tmp_path):
-        status, out, err = run(write(tmp_path / "gel.csv", table(noise=0.003)), "-o", "result")
+        status, out, err = run("collapse-time", write(tmp_path / "gel.csv", table(noise=0.003)), "-o", "result")
         assert status == 0
         assert "gel" in out
         assert "written to result" in err
@@ -315,7 +294,7 @@ class TestCommand:
 
     def test_exact_and_medium(self, run, tmp_path):
         path = write(tmp_path / "gel.csv", table(5, noise=0.001))
-        status, out, _ = run(path, "--exact", "--medium", "zhu2025", "--density", 1000)
+        status, out, _ = run("collapse-time", path, "--exact", "--medium", "zhu2025", "--density", 1000)
         assert status == 0
         assert "exact" in out
         document = json.loads((tmp_path / "cavirheo-collapse-time" / "collapse-time.json").read_text())
@@ -327,37 +306,37 @@ class TestCommand:
             raise SolverError("the step size went to zero")
 
         monkeypatch.setattr("cavirheo.inference.collapse_time.simulated_time", fails)
-        status, out, _ = run(write(tmp_path / "gel.csv", table(6, noise=0.001)), "--exact")
+        status, out, _ = run("collapse-time", write(tmp_path / "gel.csv", table(6, noise=0.001)), "--exact")
         assert status == 1
         assert "no exact answer: the step size" in out
         assert "analytic" in out
 
     def test_one_shot_says_so_and_status_is_1(self, run, tmp_path):
         path = write(tmp_path / "one.csv", table(1))
-        status, out, _ = run(path)
+        status, out, _ = run("collapse-time", path)
         assert status == 1
         assert "not both" in out
         assert "equally good pairs" in out
-        assert run(path, "--viscosity", 0.1)[0] == 0
+        assert run("collapse-time", path, "--viscosity", 0.1)[0] == 0
 
     def test_curves(self, run, tmp_path):
         time = np.arange(0.0, 110e-6, 1e-6)
         for k, radius in enumerate((1.5e-4, 3e-4)):
             done = simulate(NeoHookeanKelvinVoigt(8e3, 0.08), max_radius=radius, stretch=7.0, time=time)
             write_csv(tmp_path / f"shot{k}.csv", RadiusCurve(time, done.radius))
-        status, out, _ = run("shot0.csv", "shot1.csv", "--stretch", 7)
+        status, out, _ = run("collapse-time", "shot0.csv", "shot1.csv", "--stretch", 7)
         assert status == 0
         assert "lambda: given" in out
-        status, out, _ = run("shot0.csv", "--stretch", 7, "--material", "nh")
+        status, out, _ = run("collapse-time", "shot0.csv", "--stretch", 7, "--material", "nh")
         assert status == 0
 
     def test_unusable_row_is_status_1_unreadable_file_2(self, run, tmp_path):
         path = write(tmp_path / "gel.csv", table(6))
         path.write_text(path.read_text() + "nan,7,18\n")
-        status, out, _ = run(path)
+        status, out, _ = run("collapse-time", path)
         assert status == 1
         assert "left out" in out
-        status, _, err = run(path, "missing.csv")
+        status, _, err = run("collapse-time", path, "missing.csv")
         assert status == 2
         assert err.count("missing.csv does not exist") == 1
 
@@ -369,7 +348,7 @@ class TestCommand:
             ("missing.csv",),
             (path, "--medium", "x"),
         ):
-            status, out, err = run(*words)
+            status, out, err = run("collapse-time", *words)
             assert status == 2
             assert err.strip().splitlines()[-1].startswith("error: ")
             assert out == ""

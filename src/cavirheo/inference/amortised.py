@@ -37,11 +37,10 @@ from cavirheo.inference.reconstruct import (
 )
 from cavirheo.physics.materials import MATERIALS, Material
 from cavirheo.physics.media import WATER, Medium
-from cavirheo.physics.simulate import simulate
+from cavirheo.physics.simulate import ROUGH, simulate
 from cavirheo.posterior import Checks, Posterior, Verdict
-from cavirheo.problem import UNITS, natural_name
+from cavirheo.problem import natural_name, unit
 
-QUICK_CELLS, QUICK_RTOL = 64, 3e-4  # good to 1 % of R_max, most to 0.04 %: the network sees no more
 ITERATIONS = 12
 NOISE_DRAWS = 4
 STRETCH_SETTLED = 0.003  # relative change of the stretch in the last iteration
@@ -83,7 +82,7 @@ class Amortised:
         except (InputError, SolverError) as error:
             names = self.model.outputs
             posterior = Posterior(
-                names, _units(names), np.empty((0, len(names))), Checks("failed", str(error)),
+                names, tuple(map(unit, names)), np.empty((0, len(names))), Checks("failed", str(error)),
                 self.model.problem.material_name, "bdt", self._provenance(curve),
             )  # fmt: skip
         return replace(posterior, seconds=time.perf_counter() - began)
@@ -152,10 +151,10 @@ class _Answer:
         provenance = self.settings._provenance(self.curve) | {
             "stretch": stretch,
             "stretch_source": source,
-            "network_alone": {f"{name} [{UNITS[name]}]": value for name, value in raw.items()},
+            "network_alone": {f"{name} [{unit(name)}]": value for name, value in raw.items()},
         }
         return Posterior(
-            names, _units(names), self.for_shot(theta)[None, :], self._checks(theta, stretch, found),
+            names, tuple(map(unit, names)), self.for_shot(theta)[None, :], self._checks(theta, stretch, found),
             self.problem.material_name, "bdt", provenance,
         )  # fmt: skip
 
@@ -237,7 +236,7 @@ class _Answer:
         times = np.concatenate([[0.0], self.seen, beyond])
         run = simulate(
             self._material(theta), max_radius=self.max_radius, stretch=stretch, time=times,
-            medium=self.medium, cells=QUICK_CELLS, rtol=QUICK_RTOL,
+            medium=self.medium, **ROUGH,  # the network sees no more
         )  # fmt: skip
         noise = np.zeros((len(self.noise), len(times)))
         noise[:, 1 : 1 + len(self.seen)] = self.noise
@@ -307,20 +306,4 @@ class _Answer:
                 0,
                 f"the simulation misses the measurement by {found.rmse:.1%} of R_max RMS (limit {MISFIT:.0%})",
             )
-        return Checks(
-            verdict=verdict,
-            message="; ".join(messages),
-            rmse_over_rmax=found.rmse,
-            mae_over_rmax=found.mae,
-            max_difference_over_rmax=found.largest,
-            collapses=self.view.collapses,
-            t_star_end=self.view.end / self.time_scale,
-            compared_time=found.time,
-            residual_over_rmax=found.residual,
-            reconstruction_time=found.drawn_time,
-            reconstruction_radius=found.drawn_radius,
-        )
-
-
-def _units(names: tuple[str, ...]) -> tuple[str, ...]:
-    return tuple(UNITS[natural_name(name)] for name in names)
+        return found.checks(self.view, self.time_scale, verdict, messages)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -13,6 +14,7 @@ from cavirheo.errors import InputError, SolverError
 from cavirheo.physics.materials import Material
 from cavirheo.physics.media import Medium
 from cavirheo.physics.simulate import simulate, simulate_many
+from cavirheo.posterior import Checks, Verdict
 
 STRETCH_RANGE = (1.2, 16.0)  # in which R_max/R_0 is looked for
 MISFIT = 0.06  # RMSE/R_max above which the model is said not to fit (docs/verdicts.md)
@@ -106,6 +108,22 @@ class Reconstruction:
     residual: Floats  # (m,)
     drawn_time: Floats  # (k,) s, clock of the measurement
     drawn_radius: Floats  # (k,) m
+
+    def checks(self, view: Window, time_scale: float, verdict: Verdict, messages: Sequence[str]) -> Checks:
+        """The Checks of an answer with this verdict, compared over this window; time_scale is t_c in s."""
+        return Checks(
+            verdict=verdict,
+            message="; ".join(messages),
+            rmse_over_rmax=self.rmse,
+            mae_over_rmax=self.mae,
+            max_difference_over_rmax=self.largest,
+            collapses=view.collapses,
+            t_star_end=view.end / time_scale,
+            compared_time=self.time,
+            residual_over_rmax=self.residual,
+            reconstruction_time=self.drawn_time,
+            reconstruction_radius=self.drawn_radius,
+        )
 
 
 def reconstruct(view: Window, material: Material, medium: Medium, stretch: float) -> Reconstruction:

@@ -9,7 +9,7 @@ from scipy.optimize import brentq
 from cavirheo.errors import SolverError
 from cavirheo.physics import solver
 from cavirheo.physics.grid import NO_SHELLS
-from cavirheo.physics.scales import Numbers
+from cavirheo.physics.scales import ABSENT, Numbers
 from cavirheo.physics.table import Floats
 from cavirheo.physics.tableau import RODAS5P
 
@@ -29,7 +29,7 @@ def remembered(numbers: Numbers) -> Floats:
     """
     if numbers.stretch == 1:
         return np.zeros(len(numbers.memory))
-    quiet = numbers._replace(C=np.inf, tait=0.0, polytropic=1.0, driving=np.array([[0.0] * 7, [np.inf] + [0.0] * 6]))
+    quiet = numbers._replace(C=np.inf, tait=0.0, polytropic=1.0, driving=ABSENT)
     state = np.zeros(len(numbers.memory))
 
     def overshoot(velocity: float) -> float:

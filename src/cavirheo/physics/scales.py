@@ -44,8 +44,8 @@ class Numbers(NamedTuple):
 
 TAIT = 7.15  # exponent of water in Tait's equation of state: Gilmore 1952
 MOTIONS = ("keller-miksis", "rayleigh-plesset", "gilmore")
-_ABSENT = np.zeros((2, 7))  # no stress at all, at any stretch or rate, and no driving
-_ABSENT[1, 0] = np.inf
+ABSENT = np.zeros((2, 7))  # no stress at all, at any stretch or rate, and no driving
+ABSENT[1, 0] = np.inf
 
 
 def dimensionless(
@@ -77,8 +77,8 @@ def dimensionless(
     U_c = medium.velocity_scale
     K_inf = medium.conductivity_slope * medium.temperature + medium.conductivity_intercept
     p = medium.pressure
-    elastic = material.elastic.table() if material.elastic else _ABSENT
-    viscous = material.viscous.table() if material.viscous else _ABSENT
+    elastic = material.elastic.table() if material.elastic else ABSENT
+    viscous = material.viscous.table() if material.viscous else ABSENT
     A = medium.conductivity_slope * medium.temperature / K_inf
     fields = dict(
         C=float("inf") if motion == "rayleigh-plesset" else medium.sound_speed / U_c,
@@ -100,5 +100,5 @@ def dimensionless(
         elastic=scaled(elastic, 1.0, 1 / p),
         viscous=scaled(viscous, max_radius / U_c, 1 / p),
         memory=np.concatenate([np.zeros((0, 3)), *arms]),
-        driving=scaled(driving.table() if driving else _ABSENT, U_c / max_radius, 1 / p),
+        driving=scaled(driving.table() if driving else ABSENT, U_c / max_radius, 1 / p),
     )

@@ -22,6 +22,7 @@ from cavirheo.physics.tableau import RODAS5P
 
 DEFAULT = (152, 1e-4)  # shells across the bubble, relative error per step: what they are worth, benchmarks/solver.md
 PRECISE = (384, 1e-5)
+ROUGH: dict[str, Any] = {"cells": 64, "rtol": 3e-4}  # inside a search: 2 ms, good to 1 % of R_max, most to 0.04 %
 POLYTROPIC = (0, 1e-7)  # without fields a step costs next to nothing
 WALL_CELL = 1e-4  # thickness of the shell at the wall
 MAX_STEPS = 100_000

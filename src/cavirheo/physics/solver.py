@@ -516,7 +516,7 @@ def report(k, x, h, M, numbers, y, slope, trial, next_slope, out, fields):  # ty
         out[k, 3] += numbers.memory[m, 0] * out[k, 4 + m]
     if fields.size > 0:
         for j in range(2 * M):
-            fields[k, j] = y[j] + i * (trial[j] - y[j]) + s0 * slope[j] + s1 * next_slope[j]
+            fields[k, j] = trial[j]  # steps end at the frames then
 
 
 @_compiled

@@ -211,14 +211,11 @@ class _Run:
         A network trained with dropout and asked without it answers on a scale that is off by several per cent, for its
         nonlinear layers see inputs that vary less. The line undoes that; `export` writes it into the model.
         """
-        slopes, offsets = [], []
-        for x, y in zip(
-            self._predict("validation").T.cpu().double(), self.parts["validation"][1].T.cpu().double(), strict=True
-        ):
-            spread = float(((x - x.mean()) ** 2).sum())
-            slopes.append(float(((x - x.mean()) * (y - y.mean())).sum()) / spread if spread > 0 else 1.0)
-            offsets.append(float(y.mean()) - slopes[-1] * float(x.mean()))
-        return {"slope": slopes, "offset": offsets}
+        predicted, truth = (
+            tensor.cpu().double().numpy() for tensor in (self._predict("validation"), self.parts["validation"][1])
+        )
+        lines = [np.polyfit(x, y, 1).tolist() for x, y in zip(predicted.T, truth.T, strict=True)]
+        return {"slope": [slope for slope, _ in lines], "offset": [offset for _, offset in lines]}
 
     def finish(self) -> None:
         """Look at the test part with the best weights and write the result."""

@@ -296,19 +296,7 @@ def _checks(fit: Fit, found: Minimum, k: int, bound: dict[str, str]) -> Checks:
         messages.append("the search stopped at its limit of iterations")
     if len(fit.shots) > 1:
         messages.append(f"joint fit of {len(fit.shots)} shots with one material")
-    return Checks(
-        verdict=verdict,
-        message="; ".join(messages),
-        rmse_over_rmax=seen.rmse,
-        mae_over_rmax=seen.mae,
-        max_difference_over_rmax=seen.largest,
-        collapses=shot.view.collapses,
-        t_star_end=shot.view.end / shot.time_scale,
-        compared_time=seen.time,
-        residual_over_rmax=seen.residual,
-        reconstruction_time=seen.drawn_time,
-        reconstruction_radius=seen.drawn_radius,
-    )
+    return seen.checks(shot.view, shot.time_scale, verdict, messages)
 
 
 def _overlaid(fit: Fit, x: Floats, k: int) -> Reconstruction:

@@ -13,9 +13,9 @@ from cavirheo.errors import InputError
 from cavirheo.inference.fit.parameters import Family, Own, Settings
 from cavirheo.inference.reconstruct import Window, window
 from cavirheo.physics.media import Medium
-from cavirheo.physics.simulate import simulate
+from cavirheo.physics.simulate import ROUGH, simulate
 
-QUICK = {"cells": 64, "rtol": 3e-4}  # for the search: 2 ms; fine differences of 1e-3 are right to 1 %
+QUICK = ROUGH  # for the search: forward differences of 1e-3 are right to 1 %
 FINE: dict[str, Any] = {}  # the solver's default: central differences of 3e-3 are right to 0.1 % (docs/fit.md)
 FLOOR = 0.007  # of R_max: two independent circle fits of one video differ by 1.0 % rms, so each has 0.7 %
 TIMING = 1.0 / np.sqrt(12.0)  # of a frame interval: standard deviation of an instant somewhere within the frame
