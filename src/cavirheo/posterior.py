@@ -66,7 +66,7 @@ class Posterior:
         if draws is None or len(draws) < 2:
             return None
         tail = (1.0 - level) / 2.0
-        low, high = _weighted_quantile(draws, np.array([tail, 1.0 - tail]), self.log_weight)
+        low, high = weighted_quantile(draws, np.array([tail, 1.0 - tail]), self.log_weight)
         return float(low), float(high)
 
     def median(self, name: str) -> float | None:
@@ -74,10 +74,10 @@ class Posterior:
         draws = self.draws(name)
         if draws is None or len(draws) == 0:
             return None
-        return float(_weighted_quantile(draws, np.array([0.5]), self.log_weight)[0])
+        return float(weighted_quantile(draws, np.array([0.5]), self.log_weight)[0])
 
 
-def _weighted_quantile(values: Floats, levels: Floats, log_weight: Floats | None) -> Floats:
+def weighted_quantile(values: Floats, levels: Floats, log_weight: Floats | None) -> Floats:
     if log_weight is None:
         return np.asarray(np.quantile(values, levels))
     return np.asarray(

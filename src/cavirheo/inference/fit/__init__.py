@@ -32,7 +32,7 @@ from cavirheo.inference.reconstruct import MISFIT, Reconstruction, Window, recon
 from cavirheo.physics.media import WATER, Medium
 from cavirheo.posterior import Checks, Posterior, Verdict
 
-__all__ = ["fit", "fit_many"]
+__all__ = ["fit", "fit_many", "overlaid"]
 
 DRAWS = 4096
 WINDOWS: tuple[int | None, ...] = (1, 2, 3, None)  # collapses; None: all that was recorded
@@ -278,7 +278,7 @@ def _stretch_source(shot: Shot) -> str:
 def _checks(fit: Fit, found: Minimum, k: int, bound: dict[str, str]) -> Checks:
     """The same check as that of `infer`: the answer simulated anew and laid over the window."""
     shot = fit.shots[k]
-    seen = _overlaid(fit, found.x, k)
+    seen = overlaid(fit, found.x, k)
     verdict: Verdict = "ok"
     messages = []
     if seen.rmse > MISFIT:
@@ -299,7 +299,7 @@ def _checks(fit: Fit, found: Minimum, k: int, bound: dict[str, str]) -> Checks:
     return seen.checks(shot.view, shot.time_scale, verdict, messages)
 
 
-def _overlaid(fit: Fit, x: Floats, k: int) -> Reconstruction:
+def overlaid(fit: Fit, x: Floats, k: int) -> Reconstruction:
     """`reconstruct` on the fitted clock and scale; what is drawn is put back on those of the measurement."""
     shot = fit.shots[k]
     natural = shot.own.natural(fit.of_shot(x, k)[fit.common :])

@@ -1,0 +1,126 @@
+"""The posterior of one shot as a function of u, its modes, and the Gaussian about each (Laplace)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cavirheo.inference.fit.search import FORWARD
+from cavirheo.inference.verify.likelihood import Likelihood
+from cavirheo.inference.verify.prior import Prior, log_normal
+
+Floats = NDArray[np.float64]
+
+ITERATIONS = 12
+TRIALS = 5  # damped steps tried before a search ends
+ENOUGH = 0.01  # expected gain of log posterior below which it ends
+NEAR = 1.0  # Mahalanobis distance below which two modes are one
+LOWEST = 10.0  # log posterior below the best at which a mode is dropped
+
+
+class Target:
+    """log p(frames | x(u)) + log p(u). Failed simulations have -inf and are counted."""
+
+    def __init__(self, likelihood: Likelihood, prior: Prior, workers: int = 1) -> None:
+        self.likelihood, self.prior, self.workers = likelihood, prior, workers
+        self.runs = self.failures = 0
+
+    def residuals(self, u: Floats, accuracy: dict[str, Any]) -> Floats:
+        """(k, n) measured minus simulated, over R_max, at u (k, d); NaN where the simulation failed."""
+
+        def one(x: Floats) -> Floats | None:
+            return self.likelihood.predict(x, accuracy)
+
+        rows = self.prior.to_x(u)
+        if self.workers == 1 or len(rows) == 1:
+            found = [one(x) for x in rows]
+        else:
+            with ThreadPoolExecutor(self.workers) as pool:
+                found = list(pool.map(one, rows))
+        self.runs += len(found)
+        self.failures += sum(prediction is None for prediction in found)
+        measured = self.likelihood.measured
+        return np.array([np.full(len(measured), np.nan) if p is None else measured - p for p in found])
+
+    def __call__(self, u: Floats, accuracy: dict[str, Any]) -> Floats:
+        """(k,) log of likelihood times prior density of u (k, d)."""
+        return self.likelihood.noise.log_density(self.residuals(u, accuracy)) + log_normal(u)
+
+    def jacobian(self, u: Floats, residual: Floats, accuracy: dict[str, Any]) -> Floats:
+        """(n, d) of the simulated frames by u: differences towards u = 0, steps as those of a fit."""
+        shot = self.likelihood.shot
+        steps = FORWARD * np.concatenate([np.ones(len(shot.family.parameters)), shot.own.steps(shot.time_scale)])
+        moves = np.minimum(steps / self.prior.slope(u), 0.3) * np.where(u > 0, -1.0, 1.0)
+        moved = self.residuals(u + np.diag(moves), accuracy)
+        return np.nan_to_num((residual - moved) / moves[:, None]).T
+
+
+@dataclass(frozen=True, eq=False)
+class Mode:
+    """A maximum of the posterior in u, with what the Gaussian about it needs."""
+
+    u: Floats  # (d,)
+    log_posterior: float
+    covariance: Floats  # (d, d), of u
+    residual: Floats  # (n,)
+    jacobian: Floats  # (n, d)
+
+    @property
+    def log_evidence(self) -> float:
+        """Laplace's integral of likelihood times prior."""
+        return self.log_posterior + 0.5 * float(np.linalg.slogdet(2.0 * np.pi * self.covariance)[1])
+
+
+def climb(target: Target, start: Floats, accuracy: dict[str, Any]) -> Mode | None:
+    """The maximum reached from u (d,) by damped Gauss-Newton; None if the start cannot be simulated."""
+    u, noise = start, target.likelihood.noise
+    residual = target.residuals(u[None], accuracy)[0]
+    value = float(noise.log_density(residual[None])[0] + log_normal(u))
+    if not np.isfinite(value):
+        return None
+    damping = 1e-3
+    for turn in range(ITERATIONS + 1):
+        jacobian = target.jacobian(u, residual, accuracy)
+        gradient, curvature = noise.newton(residual, jacobian)
+        gradient, curvature = gradient + u, curvature + np.eye(len(u))
+        if turn == ITERATIONS or gradient @ np.linalg.solve(curvature, gradient) < 2.0 * ENOUGH:
+            break
+        for _ in range(TRIALS):
+            step = -np.linalg.solve(curvature + damping * np.diag(np.diag(curvature)), gradient)
+            there = np.clip(u + step, -5.0, 5.0)
+            tried = target.residuals(there[None], accuracy)[0]
+            reached = float(noise.log_density(tried[None])[0] + log_normal(there))
+            if reached > value:
+                break
+            damping *= 8.0
+        else:
+            break
+        gain, u, residual, value = reached - value, there, tried, reached
+        damping = max(damping / 8.0, 1e-6)
+        if gain < ENOUGH:
+            break
+    return Mode(u, value, np.linalg.inv(curvature), residual, jacobian)
+
+
+def modes(target: Target, starts: Sequence[Floats], accuracy: dict[str, Any]) -> list[Mode]:
+    """Distinct maxima from the starts (d,) in u, best first; those far below the best are left out."""
+    found: list[Mode] = []
+    for start in starts:
+        mode = climb(target, start, accuracy)
+        if mode is None:
+            continue
+        for other in found:
+            difference = mode.u - other.u
+            if difference @ np.linalg.solve(other.covariance + mode.covariance, difference) < NEAR**2:
+                if mode.log_posterior > other.log_posterior:
+                    found[found.index(other)] = mode
+                break
+        else:
+            found.append(mode)
+    found.sort(key=lambda mode: -mode.log_posterior)
+    return [mode for mode in found if mode.log_posterior > found[0].log_posterior - LOWEST]

@@ -1,0 +1,197 @@
+"""Adaptive importance sampling of any density: draws with weights, evidence, and how far to trust them.
+
+Rounds of draws from a mixture of Student's t (heavy tails bound the weights) that is fitted to the weighted draws of all
+rounds before it, one step of expectation maximisation a round (Cappe et al. 2008, doi:10.1007/s11222-008-9059-x). All
+rounds count together, each draw weighted against the mixture of all rounds' proposals, the balance heuristic of Veach
+and Guibas 1995, doi:10.1145/218380.218498, as in adaptive multiple importance sampling (Cornuet et al. 2012,
+doi:10.1111/j.1467-9469.2011.00756.x): a draw in a place that one bad round overlooked cannot get a huge weight.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import gammaln, logsumexp
+
+Floats = NDArray[np.float64]
+Log = Callable[[Floats], Floats]
+
+FREEDOM = 8.0  # degrees of the Student's t
+SMALLEST = 0.005  # share of a component below which it is dropped
+TAIL = 0.2  # of the draws, that the tail index looks at
+RELIABLE = 0.7  # tail index above which the mean of the weights cannot be trusted
+
+
+@dataclass(frozen=True, eq=False)
+class Mixture:
+    """Student's t with shares (c,), means (c, d) and scale matrices (c, d, d)."""
+
+    share: Floats
+    mean: Floats
+    scale: Floats
+
+    @classmethod
+    def about(cls, means: Sequence[Floats], covariances: Sequence[Floats], log_share: Sequence[float]) -> Mixture:
+        """Each mode twice: as it is, and a tenth of the draws twice as wide."""
+        share = np.exp(np.asarray(log_share) - logsumexp(log_share))
+        scale = np.array(covariances)
+        return cls(
+            np.concatenate([0.9 * share, 0.1 * share]), np.tile(means, (2, 1)), np.concatenate([scale, 4.0 * scale])
+        )
+
+    def draw(self, count: int, rng: np.random.Generator) -> Floats:
+        """(count, d)"""
+        which = rng.choice(len(self.share), size=count, p=self.share / np.sum(self.share))
+        normal = rng.standard_normal((count, self.mean.shape[1]))
+        stretched = np.sqrt(FREEDOM / rng.chisquare(FREEDOM, count))
+        roots = np.linalg.cholesky(self.scale)[which]
+        return np.asarray(self.mean[which] + stretched[:, None] * np.einsum("kij,kj->ki", roots, normal))
+
+    def _terms(self, u: Floats) -> tuple[Floats, Floats]:
+        """(c, k) log share and density, and squared Mahalanobis distances."""
+        d = u.shape[1]
+        distance, half = [], []
+        for mean, scale in zip(self.mean, self.scale, strict=True):
+            root = np.linalg.cholesky(scale)
+            distance.append(np.sum(np.linalg.solve(root, (u - mean).T) ** 2, axis=0))
+            half.append(np.sum(np.log(np.diag(root))))
+        squares = np.array(distance)
+        constant = gammaln((FREEDOM + d) / 2) - gammaln(FREEDOM / 2) - 0.5 * d * np.log(FREEDOM * np.pi)
+        log_t = constant - np.array(half)[:, None] - 0.5 * (FREEDOM + d) * np.log1p(squares / FREEDOM)
+        return np.log(self.share)[:, None] + log_t, squares
+
+    def log_density(self, u: Floats) -> Floats:
+        """(k,) at u (k, d)."""
+        return np.asarray(logsumexp(self._terms(u)[0], axis=0))
+
+    def fitted(self, u: Floats, log_weight: Floats) -> Mixture:
+        """One step towards weighted draws; where few of them decide, the old shape keeps part of its say."""
+        d = u.shape[1]
+        terms, squares = self._terms(u)
+        weight = np.exp(tempered(log_weight, 4.0 * d))
+        weight /= np.sum(weight)
+        resp = np.exp(terms - logsumexp(terms, axis=0)) * weight
+        share = np.sum(resp, axis=1)
+        kept = share > SMALLEST
+        gamma = resp * (FREEDOM + d) / (FREEDOM + squares)
+        mean, scale = self.mean.copy(), self.scale.copy()
+        for c in np.flatnonzero(kept):
+            mean[c] = gamma[c] @ u / np.sum(gamma[c])
+            off = u - mean[c]
+            effective = share[c] ** 2 / np.sum(resp[c] ** 2)
+            old = (d + 2.0) / (effective + d + 2.0)
+            scale[c] = (1.0 - old) * (off.T * gamma[c]) @ off / share[c] + old * self.scale[c]
+        return Mixture(share[kept] / np.sum(share[kept]), mean[kept], scale[kept])
+
+
+@dataclass(frozen=True, eq=False)
+class Sample:
+    """Draws u (k, d) with the log density of target and proposal and log weight, all (k,); weights are not normalised:
+    the mean of exp(log_weight) is the evidence."""
+
+    u: Floats
+    log_target: Floats
+    log_q: Floats
+
+    @property
+    def log_weight(self) -> Floats:
+        return np.asarray(self.log_target - self.log_q)
+
+    @property
+    def ess(self) -> float:
+        return effective_size(self.log_weight)
+
+    @property
+    def log_evidence(self) -> tuple[float, float]:
+        """Log of the mean weight and its standard error; (-inf, inf) if all weights vanish."""
+        top = np.max(self.log_weight)
+        if not np.isfinite(top):
+            return -np.inf, np.inf
+        scaled = np.exp(self.log_weight - top)
+        mean = float(np.mean(scaled))
+        return float(top + np.log(mean)), float(np.std(scaled, ddof=1) / np.sqrt(len(scaled)) / mean)
+
+    @property
+    def tail(self) -> float:
+        return tail_index(self.log_weight)
+
+
+def sample(
+    target: Log, start: Mixture, *, seed: int, each: int, most: int, enough: float, rough: Log | None = None
+) -> Sample:
+    """Rounds of `each` draws of a log density until their effective size is `enough` or there are `most`.
+
+    `rough` is a cheaper approximation of the target on which the proposal is fitted in two rounds that do not count.
+    The draws depend on the seed, the target and the start alone.
+    """
+    rng = np.random.Generator(np.random.Philox(seed))
+    proposal, found = start, None
+    for _ in range(2 if rough else 0):
+        found = _joined(found, proposal, rough, each, rng)
+        if np.any(np.isfinite(found[0].log_weight)):
+            proposal = proposal.fitted(found[0].u, found[0].log_weight)
+    found = None
+    while found is None or (len(found[0].u) < most and found[0].ess < enough):
+        found = _joined(found, proposal, target, min(each, most - (len(found[0].u) if found else 0)), rng)
+        if np.any(np.isfinite(found[0].log_weight)):
+            proposal = proposal.fitted(found[0].u, found[0].log_weight)
+    return found[0]
+
+
+Rounds = tuple[Sample, list[tuple[int, Mixture]]]
+
+
+def _joined(before: Rounds | None, proposal: Mixture, target: Log, count: int, rng: np.random.Generator) -> Rounds:
+    """The draws so far and a new round, against the mixture of all proposals."""
+    u = proposal.draw(count, rng)
+    value = target(u)
+    proposals = [(count, proposal)]
+    if before:
+        u = np.concatenate([before[0].u, u])
+        value = np.concatenate([before[0].log_target, value])
+        proposals = [*before[1], *proposals]
+    log_q = logsumexp([np.log(n / len(u)) + q.log_density(u) for n, q in proposals], axis=0)
+    return Sample(u, value, np.asarray(log_q)), proposals
+
+
+def effective_size(log_weight: Floats) -> float:
+    """(sum w)^2/sum w^2; 0 if all weights vanish. Kong 1992."""
+    top = np.max(log_weight, initial=-np.inf)
+    if not np.isfinite(top):
+        return 0.0
+    weight = np.exp(log_weight - top)
+    return float(np.sum(weight) ** 2 / np.sum(weight**2))
+
+
+def tempered(log_weight: Floats, least: float) -> Floats:
+    """log_weight, or a power of the weights small enough for an effective size of `least`."""
+    if effective_size(log_weight) >= min(least, 0.5 * np.count_nonzero(np.isfinite(log_weight))):
+        return log_weight
+    goal = min(least, 0.5 * np.count_nonzero(np.isfinite(log_weight)))
+    low, high = 0.0, 1.0
+    for _ in range(20):
+        middle = 0.5 * (low + high)
+        low, high = (middle, high) if effective_size(middle * log_weight) >= goal else (low, middle)
+    return np.asarray(low * log_weight if low > 0 else np.where(np.isfinite(log_weight), 0.0, -np.inf))
+
+
+def tail_index(log_weight: Floats) -> float:
+    """Shape of the generalised Pareto distribution of the largest weights: above 0.7 their mean cannot be trusted.
+
+    Vehtari, Simpson, Gelman, Yao and Gabry 2024, jmlr.org/papers/v25/19-556.html; fitted by maximum likelihood. NaN below
+    25 weights that do not vanish.
+    """
+    from scipy.stats import genpareto
+
+    finite = np.sort(log_weight[np.isfinite(log_weight)])
+    count = int(min(TAIL * len(finite), 3.0 * np.sqrt(len(finite))))
+    if count < 5:
+        return float("nan")
+    weight = np.exp(finite[-count - 1 :] - finite[-1])
+    beyond = weight[1:] - weight[0]
+    if not beyond[-1] > 0:
+        return 0.0
+    return float(genpareto.fit(beyond / beyond[-1], floc=0.0)[0])
