@@ -47,7 +47,8 @@ EACH = 200  # a round
 ENOUGH = 400.0  # effective draws at which sampling ends
 FEWEST = 100.0  # effective draws below which no interval is given
 NARROWEST = 0.02  # t_c: half-width of the time origin's range where half a frame is less; R_max is hardly seen sooner
-SYSTEMATIC = 0.02  # of R_max: systematic misfit above which a law that allows for some is rejected
+SYSTEMATIC = 0.03  # of R_max: misfit beyond noise above which a law is rejected although some is allowed for
+SAME = 0.05  # in u: starts nearer to each other than this are one
 AT_END = 0.05  # probability of the prior beyond a quantile, below which the prior decides that end of the interval
 
 
@@ -223,7 +224,11 @@ class _Work:
         names = [name.removeprefix("log10_") for name in self.answer.names]
         here = {"stretch": about.get("stretch")} | {name: self.answer.median(name) for name in names}
         given = [here, about.get("best") or {}, *(about.get("windows") or {}).values()]
-        found = [u for values in given if (u := self._values(values)) is not None]
+        found: list[Floats] = []
+        for values in given:
+            u = self._values(values)
+            if u is not None and all(np.max(np.abs(u - other)) > SAME for other in found):
+                found.append(u)
         if not found:
             needed = ", ".join((*self.family.parameters, "stretch"))
             raise InputError(f"the answer that is to be verified must give {needed}; it gives {', '.join(names)}")

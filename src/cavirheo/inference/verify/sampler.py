@@ -71,8 +71,8 @@ class Mixture:
         """One step towards weighted draws; where few of them decide, the old shape keeps part of its say."""
         d = u.shape[1]
         terms, squares = self._terms(u)
-        weight = np.exp(tempered(log_weight, 4.0 * d))
-        weight /= np.sum(weight)
+        log_weight = tempered(log_weight, 4.0 * d)
+        weight = np.exp(log_weight - logsumexp(log_weight))
         resp = np.exp(terms - logsumexp(terms, axis=0)) * weight
         share = np.sum(resp, axis=1)
         kept = share > SMALLEST
@@ -122,7 +122,8 @@ class Sample:
 def sample(
     target: Log, start: Mixture, *, seed: int, each: int, most: int, enough: float, rough: Log | None = None
 ) -> Sample:
-    """Rounds of `each` draws of a log density until their effective size is `enough` or there are `most`.
+    """Rounds of `each` draws of a log density until their effective size is `enough` (and their tail index in order) or
+    there are `most`.
 
     `rough` is a cheaper approximation of the target on which the proposal is fitted in two rounds that do not count.
     The draws depend on the seed, the target and the start alone.
@@ -130,11 +131,11 @@ def sample(
     rng = np.random.Generator(np.random.Philox(seed))
     proposal, found = start, None
     for _ in range(2 if rough else 0):
-        found = _joined(found, proposal, rough, each, rng)
+        found = _joined(found, proposal, rough, max(each * 3 // 5, 2), rng)
         if np.any(np.isfinite(found[0].log_weight)):
             proposal = proposal.fitted(found[0].u, found[0].log_weight)
     found = None
-    while found is None or (len(found[0].u) < most and found[0].ess < enough):
+    while found is None or (len(found[0].u) < most and (found[0].ess < enough or found[0].tail > RELIABLE)):
         found = _joined(found, proposal, target, min(each, most - (len(found[0].u) if found else 0)), rng)
         if np.any(np.isfinite(found[0].log_weight)):
             proposal = proposal.fitted(found[0].u, found[0].log_weight)

@@ -1,0 +1,145 @@
+"""Do the intervals of `--verify full` hold the truth as often as they say? Simulated shots drawn from the prior.
+
+    python benchmarks/calibration.py OUT.jsonl [-n 300] [--as-read] [--discrepancy] [--workers 2]
+    python benchmarks/calibration.py OUT.jsonl -n 0          # the table of what is there
+
+Truth: log10 G (500 Pa to 50 kPa), log10 mu (5 mPa s to 0.5 Pa s) and log10 stretch (4 to 11) uniform, NHKV, R_max 100 to
+400 um; 100 frames over 4.07 t_c, each the mean of 15 instants within 0.3 of a frame; clock off by up to half a frame,
+radii by a scale and R_max by a factor with 0.5 % standard deviation (cut at 1.5 %); 1 % of R_max noise. Simulated with
+`precise`. --as-read takes R_max and its time off the noisy frames, as for a file, instead of as drawn; --discrepancy
+leaves the default discrepancy on, which these shots do not have. One line a shot is added to OUT.jsonl; a later call
+goes on.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import time
+from concurrent.futures import ProcessPoolExecutor
+from pathlib import Path
+
+import numpy as np
+from scipy.stats import chi2, kstest, truncnorm
+
+from cavirheo import NeoHookeanKelvinVoigt, RadiusCurve, simulate
+from cavirheo.inference.verify import LeastSquares, Verified
+from cavirheo.physics.media import WATER
+from cavirheo.posterior import Posterior
+
+RANGES = {"shear_modulus": (500.0, 5e4), "viscosity": (5e-3, 0.5), "stretch": (4.0, 11.0)}
+FRAMES, EXPOSURE, NOISE, BOUND = 100, 0.3, 0.01, 0.015
+BINS = 10
+ALARM = 0.001  # p-value below which a rank histogram is not that of a calibrated posterior
+
+
+def shot(seed: int, *, as_read: bool = False) -> tuple[dict[str, float], RadiusCurve]:
+    """Truth by name, and the curve that the camera makes of it."""
+    rng = np.random.default_rng([seed, 5])
+    truth = {name: float(10 ** rng.uniform(*np.log10(pair))) for name, pair in RANGES.items()}
+    top = float(rng.uniform(100e-6, 400e-6))  # R_max as measured
+    frame = 4.07 * WATER.time_scale(top) / (FRAMES - 1)
+    scale, factor = 1.0 + BOUND / 3.0 * truncnorm(-3, 3).rvs(2, random_state=rng)
+    t0 = rng.uniform(-0.5, 0.5) * frame
+    truth |= {"time_origin": t0, "radius_scale": float(scale), "max_radius_factor": float(factor)}
+    time = frame * np.arange(FRAMES)
+    instants = np.abs(time[:, None] - t0 + EXPOSURE * frame * (np.arange(15) - 7.0) / 15.0).ravel()
+    order = np.argsort(instants)
+    seen = np.empty_like(instants)
+    seen[order] = simulate(
+        NeoHookeanKelvinVoigt(truth["shear_modulus"], truth["viscosity"]), max_radius=top * scale * factor,
+        stretch=truth["stretch"], time=instants[order], precise=True,
+    ).radius / scale  # fmt: skip
+    radius = seen.reshape(FRAMES, 15).mean(axis=1) + NOISE * top * rng.standard_normal(FRAMES)
+    meta = {"name": f"shot {seed}", "exposure_s": EXPOSURE * frame}
+    if not as_read:
+        meta["maximum"] = (0.0, top)
+    return truth, RadiusCurve(time, np.maximum(radius, 1e-3 * top), meta=meta)
+
+
+def rank(answer: Posterior, name: str, truth: float) -> float:
+    """Posterior probability below the truth: uniform over shots if the posterior is calibrated."""
+    draws = answer.draws(name)
+    log_weight = np.zeros(len(draws)) if answer.log_weight is None else answer.log_weight
+    weight = np.exp(log_weight - np.max(log_weight))
+    return float(np.sum(weight[draws < truth]) / np.sum(weight))
+
+
+def coverage(ranks: np.ndarray, level: float) -> float:
+    """Share of truths within the central interval of this level."""
+    return float(np.mean(np.abs(np.asarray(ranks) - 0.5) <= 0.5 * level))
+
+
+def calibrated(ranks: np.ndarray) -> tuple[bool, float, float]:
+    """Whether ranks may be uniform, with the p-values of the histogram (chi squared, 10 bins) and of Kolmogorov and
+    Smirnov. Talts et al. 2018, arXiv:1804.06788."""
+    counts, _ = np.histogram(ranks, bins=BINS, range=(0.0, 1.0))
+    expected = len(ranks) / BINS
+    p_bins = float(chi2.sf(np.sum((counts - expected) ** 2) / expected, BINS - 1))
+    p_ks = float(kstest(ranks, "uniform").pvalue)
+    return min(p_bins, p_ks) >= ALARM, p_bins, p_ks
+
+
+def one(job: tuple[int, bool, bool]) -> dict:
+    seed, as_read, discrepancy = job
+    truth, curve = shot(seed, as_read=as_read)
+    # as drawn, the clock is known to half a frame; read off the frames it is not, and the default range is wider
+    bound = None if as_read else 0.5 * float(np.median(np.diff(curve.time)))
+    began = time.process_time()
+    estimator = Verified(
+        LeastSquares("nhkv", options={"window": "all", "workers": 1}),
+        ranges=RANGES, discrepancy=discrepancy, t0_bound=bound, scale_bound=BOUND, workers=1,
+    )  # fmt: skip
+    answer = estimator.infer(curve, seed=seed)
+    about = answer.provenance
+    row = {"seed": seed, "truth": truth, "verdict": answer.checks.verdict, "message": answer.checks.message}
+    row |= {"seconds": time.process_time() - began, "ess": about.get("effective_sample_size"), "tail": about.get("tail_index")}
+    row |= {"p_value": about.get("predictive", {}).get("p_value"), "simulations": about.get("simulations")}
+    row["ranks"] = {n: rank(answer, n, truth[n]) for n in truth} if answer.log_weight is not None else None
+    row["median"] = {name: answer.median(name) for name in RANGES}
+    return row
+
+
+def table(rows: list[dict]) -> str:
+    ranked = [row["ranks"] for row in rows if row["ranks"]]
+    lines = [f"{len(rows)} shots, {len(ranked)} with an interval", ""]
+    lines += ["| | 50 % | 90 % | p (histogram) | p (KS) | ranks in tenths |", "|---|---|---|---|---|---|"]
+    for name in ranked[0]:
+        values = np.array([ranks[name] for ranks in ranked])
+        _, p_bins, p_ks = calibrated(values)
+        counts = " ".join(map(str, np.histogram(values, bins=BINS, range=(0, 1))[0]))
+        lines.append(
+            f"| {name} | {coverage(values, 0.5):.1%} | {coverage(values, 0.9):.1%} | {p_bins:.2f} | {p_ks:.2f} | {counts} |"
+        )
+    ess = np.array([row["ess"] for row in rows if row["ess"] is not None])
+    seconds = np.array([row["seconds"] for row in rows])
+    p = np.array([row["p_value"] for row in rows if row["p_value"] is not None])
+    lines += ["", f"effective size: 5 % {np.quantile(ess, 0.05):.0f}, median {np.median(ess):.0f}"]
+    lines += [f"CPU seconds a shot, fit included: median {np.median(seconds):.1f}, 95 % {np.quantile(seconds, 0.95):.1f}"]
+    lines += [f"simulations after the fit: median {np.median([r['simulations'] for r in rows if r['simulations']]):.0f}"]
+    lines += [f"predictive check below 1 %: {np.mean(p < 0.01):.1%}"]
+    lines += [f"verdicts: { {v: sum(r['verdict'] == v for r in rows) for v in sorted({r['verdict'] for r in rows})} }"]
+    return "\n".join(lines)
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("out", type=Path)
+    parser.add_argument("-n", type=int, default=300)
+    parser.add_argument("--as-read", action="store_true")
+    parser.add_argument("--discrepancy", action="store_true")
+    parser.add_argument("--workers", type=int, default=1)
+    given = parser.parse_args()
+    rows = [json.loads(line) for line in given.out.read_text().splitlines()] if given.out.exists() else []
+    done = {row["seed"] for row in rows}
+    jobs = [(seed, given.as_read, given.discrepancy) for seed in range(given.n) if seed not in done]
+    with ProcessPoolExecutor(given.workers) as pool, given.out.open("a") as file:
+        for row in pool.map(one, jobs):
+            file.write(json.dumps(row) + "\n")
+            file.flush()
+            rows.append(row)
+    print(table(rows))
+
+
+if __name__ == "__main__":
+    main()
