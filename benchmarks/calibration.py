@@ -3,8 +3,8 @@
     python benchmarks/calibration.py OUT.jsonl [-n 300] [--as-read] [--discrepancy] [--workers 2]
     python benchmarks/calibration.py OUT.jsonl -n 0          # the table of what is there
 
-Truth: log10 G (500 Pa to 50 kPa), log10 mu (5 mPa s to 0.5 Pa s) and log10 stretch (4 to 11) uniform, NHKV, R_max 100 to
-400 um; 100 frames over 4.07 t_c, each the mean of 15 instants within 0.3 of a frame; clock off by up to half a frame,
+Truth: NHKV, log10 G (500 Pa to 50 kPa), log10 mu (5 mPa s to 0.5 Pa s) and log10 stretch (4 to 11) uniform, R_max 100
+to 400 um; 100 frames over 4.07 t_c, each the mean of 15 instants within 0.3 of a frame; clock off by up to half a frame,
 radii by a scale and R_max by a factor with 0.5 % standard deviation (cut at 1.5 %); 1 % of R_max noise. Simulated with
 `precise`. --as-read takes R_max and its time off the noisy frames, as for a file, instead of as drawn; --discrepancy
 leaves the default discrepancy on, which these shots do not have. One line a shot is added to OUT.jsonl; a later call
@@ -93,7 +93,11 @@ def one(job: tuple[int, bool, bool]) -> dict:
     answer = estimator.infer(curve, seed=seed)
     about = answer.provenance
     row = {"seed": seed, "truth": truth, "verdict": answer.checks.verdict, "message": answer.checks.message}
-    row |= {"seconds": time.process_time() - began, "ess": about.get("effective_sample_size"), "tail": about.get("tail_index")}
+    row |= {
+        "seconds": time.process_time() - began,
+        "ess": about.get("effective_sample_size"),
+        "tail": about.get("tail_index"),
+    }
     row |= {"p_value": about.get("predictive", {}).get("p_value"), "simulations": about.get("simulations")}
     row["ranks"] = {n: rank(answer, n, truth[n]) for n in truth} if answer.log_weight is not None else None
     row["median"] = {name: answer.median(name) for name in RANGES}
@@ -108,15 +112,18 @@ def table(rows: list[dict]) -> str:
         values = np.array([ranks[name] for ranks in ranked])
         _, p_bins, p_ks = calibrated(values)
         counts = " ".join(map(str, np.histogram(values, bins=BINS, range=(0, 1))[0]))
-        lines.append(
-            f"| {name} | {coverage(values, 0.5):.1%} | {coverage(values, 0.9):.1%} | {p_bins:.2f} | {p_ks:.2f} | {counts} |"
-        )
+        held = f"{coverage(values, 0.5):.1%} | {coverage(values, 0.9):.1%}"
+        lines.append(f"| {name} | {held} | {p_bins:.2f} | {p_ks:.2f} | {counts} |")
     ess = np.array([row["ess"] for row in rows if row["ess"] is not None])
     seconds = np.array([row["seconds"] for row in rows])
     p = np.array([row["p_value"] for row in rows if row["p_value"] is not None])
     lines += ["", f"effective size: 5 % {np.quantile(ess, 0.05):.0f}, median {np.median(ess):.0f}"]
-    lines += [f"CPU seconds a shot, fit included: median {np.median(seconds):.1f}, 95 % {np.quantile(seconds, 0.95):.1f}"]
-    lines += [f"simulations after the fit: median {np.median([r['simulations'] for r in rows if r['simulations']]):.0f}"]
+    lines += [
+        f"CPU seconds a shot, fit included: median {np.median(seconds):.1f}, 95 % {np.quantile(seconds, 0.95):.1f}"
+    ]
+    lines += [
+        f"simulations after the fit: median {np.median([r['simulations'] for r in rows if r['simulations']]):.0f}"
+    ]
     lines += [f"predictive check below 1 %: {np.mean(p < 0.01):.1%}"]
     lines += [f"verdicts: { {v: sum(r['verdict'] == v for r in rows) for v in sorted({r['verdict'] for r in rows})} }"]
     return "\n".join(lines)

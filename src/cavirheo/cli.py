@@ -15,6 +15,7 @@ from cavirheo.collapse.command import collapse_time
 from cavirheo.commands.fit import fit
 from cavirheo.commands.shared import (
     Density,
+    ExactLaw,
     MediumName,
     ModelName,
     Out,
@@ -22,11 +23,15 @@ from cavirheo.commands.shared import (
     SoundSpeed,
     SurfaceTension,
     Temperature,
+    Verify,
+    check_level,
     liquid_of,
     load_solver,
     progress,
     read_files,
+    verified,
 )
+from cavirheo.commands.which_law import which_law
 from cavirheo.errors import InputError, SolverError
 from cavirheo.rheometer.command import rheometer
 
@@ -64,6 +69,8 @@ def infer(
     window: Annotated[
         int | None, typer.Option(help="collapses over which answer and measurement are compared", min=1)
     ] = None,
+    verify: Verify = "none",
+    exact_law: ExactLaw = False,
     medium: MediumName = "water",
     density: Density = None,
     sound_speed: SoundSpeed = None,
@@ -78,6 +85,7 @@ def infer(
     from cavirheo.reporting.table import print_table
 
     began = time.perf_counter()
+    check_level(verify)
     liquid = liquid_of(medium, density, sound_speed, surface_tension, pressure, temperature)
     curves, unreadable = read_files(files, liquid, rmax_um)
     load_solver()
@@ -86,6 +94,7 @@ def infer(
         answers = infer_many(
             curves, model=model, medium=liquid, stretch=stretch, window=window, done=lambda: bar.advance(task)
         )
+    answers = verified(curves, answers, verify, medium=liquid, stretch=stretch, discrepancy=not exact_law)
     result = write_report(out, list(zip(curves, answers, strict=True)), shlex.join(["cavirheo", *sys.argv[1:]]))
     print_table(result)
     print(
@@ -340,6 +349,7 @@ def models() -> None:
 
 
 app.command()(fit)
+app.command()(which_law)
 app.command()(rheometer)
 app.command()(collapse_time)
 

@@ -12,16 +12,21 @@ import typer
 
 from cavirheo.commands.shared import (
     Density,
+    ExactLaw,
     MediumName,
     Out,
     Pressure,
     SoundSpeed,
     SurfaceTension,
     Temperature,
+    Verify,
+    check_level,
     liquid_of,
     load_solver,
+    number_or,
     progress,
     read_files,
+    verified,
 )
 from cavirheo.errors import InputError
 
@@ -43,6 +48,8 @@ def fit(
     ] = None,
     weights: Annotated[str, typer.Option(help="motion: frames beside collapses count less; or equal")] = "motion",
     joint: Annotated[bool, typer.Option("--joint", help="the shots of a group share one material")] = False,
+    verify: Verify = "none",
+    exact_law: ExactLaw = False,
     rmax_um: Annotated[float | None, typer.Option(help="true R_max of the shots, um: rescales the radii")] = None,
     medium: MediumName = "water",
     density: Density = None,
@@ -59,10 +66,15 @@ def fit(
     from cavirheo.reporting.table import print_table
 
     began = time.perf_counter()
-    collapses, known = _number_or(window, "all", "--window", int), _number_or(stretch, "plateau", "--stretch", float)
+    check_level(verify)
+    if joint and verify != "none":
+        raise InputError("--verify looks at each shot by itself: leave out --joint, or --verify")
+    collapses, known = number_or(window, "all", "--window", int), number_or(stretch, "plateau", "--stretch", float)
     liquid = liquid_of(medium, density, sound_speed, surface_tension, pressure, temperature)
     curves, unreadable = read_files(files, liquid, rmax_um)
     load_solver()
+    freed = [name.strip() for name in free.split(",") if name.strip()]
+    bounds: dict[str, Any] = {"t0_bound": None if t0_us is None else t0_us * 1e-6, "scale_bound": scale_percent / 100}
     with progress("fitting") as bar:
         task = bar.add_task("", total=len(curves))
         answers = fit_many(
@@ -70,11 +82,12 @@ def fit(
             window=collapses,
             end=None if window_us is None else window_us * 1e-6,
             stretch=known,
-            free=[name.strip() for name in free.split(",") if name.strip()],
-            t0_bound=None if t0_us is None else t0_us * 1e-6,
-            scale_bound=scale_percent / 100, weights=weights, joint=joint, seed=seed,
-            done=lambda: bar.advance(task),
+            free=freed, weights=weights, joint=joint, seed=seed, done=lambda: bar.advance(task), **bounds,
         )  # fmt: skip
+    camera = bounds | ({"free": tuple(freed)} if freed else {})
+    answers = verified(
+        curves, answers, verify, medium=liquid, stretch=known, seed=seed, discrepancy=not exact_law, **camera
+    )
     result = write_report(out, list(zip(curves, answers, strict=True)), shlex.join(["cavirheo", *sys.argv[1:]]))
     print_table(result)
     seconds = time.perf_counter() - began
@@ -83,13 +96,3 @@ def fit(
         raise typer.Exit(2)
     if any(answer.checks.verdict == "failed" for answer in answers):
         raise typer.Exit(1)
-
-
-def _number_or(text: str | None, word: str, option: str, kind: type[Any]) -> Any:
-    """`text` as a number of this kind, unless it is the word or None."""
-    if text is None or text == word:
-        return text
-    try:
-        return kind(text)
-    except ValueError:
-        raise InputError(f"{option} must be a number or {word!r}, got {text!r}") from None

@@ -5,7 +5,7 @@ from __future__ import annotations
 import sys
 import threading
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -16,6 +16,7 @@ if TYPE_CHECKING:
 
     from cavirheo.curve import RadiusCurve
     from cavirheo.physics.media import Medium
+    from cavirheo.posterior import Posterior
 
 ModelName = Annotated[
     str, typer.Option("--model", help="shipped model (see `cavirheo models`) or a path to an .onnx file")
@@ -27,6 +28,13 @@ SoundSpeed = Annotated[float | None, typer.Option(help="m/s")]
 SurfaceTension = Annotated[float | None, typer.Option(help="N/m")]
 Pressure = Annotated[float | None, typer.Option(help="far from the bubble, Pa")]
 Temperature = Annotated[float | None, typer.Option(help="far from the bubble, K")]
+Verify = Annotated[
+    str,
+    typer.Option(help="map: the posterior's maximum; full: draws weighted by the physics (docs/posterior.md); none"),
+]
+ExactLaw = Annotated[
+    bool, typer.Option("--exact-law", help="--verify: no discrepancy between law and bubble, narrower intervals")
+]
 
 
 def liquid_of(name: str, *constants: float | None) -> Medium:
@@ -75,3 +83,30 @@ def read_files(files: list[Path], medium: Medium, rmax_um: float | None) -> tupl
     if not curves:
         raise InputError("no curve could be read")
     return curves, len(problems)
+
+
+def verified(curves: list[RadiusCurve], answers: list[Posterior], level: str, **settings: Any) -> list[Posterior]:
+    """The answers with --verify none, map or full; `settings` are those of `verify_many`."""
+    if level == "none":
+        return answers
+    from cavirheo.inference.verify import verify_many
+
+    with progress("verifying") as bar:
+        task = bar.add_task("", total=len(curves))
+        return verify_many(curves, answers, level=level, done=lambda: bar.advance(task), **settings)  # type: ignore[arg-type]
+
+
+def check_level(level: str) -> None:
+    """Raises InputError for another --verify than none, map or full, before hours are spent."""
+    if level not in ("none", "map", "full"):
+        raise InputError(f"--verify must be none, map or full, got {level!r}")
+
+
+def number_or(text: str | None, word: str, option: str, kind: type[Any]) -> Any:
+    """`text` as a number of this kind, unless it is the word or None."""
+    if text is None or text == word:
+        return text
+    try:
+        return kind(text)
+    except ValueError:
+        raise InputError(f"{option} must be a number or {word!r}, got {text!r}") from None

@@ -82,6 +82,13 @@ def facts(record: CurveRecord, factor: float, unit: str) -> dict[str, str]:
         tau, frames = about.get("frames_per_independent_residual"), about.get("frames")
         if tau and frames:
             found["residuals"] = f"{frames} frames, worth {frames / tau:.0f} independent ones"
+    if (ess := about.get("effective_sample_size")) is not None and record.answered:
+        found["posterior"] = f"{about.get('draws')} weighted draws, worth {ess:.0f} effective draws"
+    if isinstance(check := about.get("predictive"), dict) and record.answered:
+        found["predictive check"] = (
+            f"p = {check['p_value']:.2g} that the law and noise alone leave such residuals; systematic misfit "
+            f"{wording.percent(about.get('systematic_misfit_over_rmax'))} % of R_max"
+        )
     return {key: text for key, text in found.items() if text}
 
 

@@ -20,7 +20,7 @@ MATERIALS = {
 METHODS = {
     "bdt": "Bubble Dynamics Transformer: a point answer, no interval",
     "amortised": "posterior network",
-    "verified": "posterior network, weighted by the physics",
+    "verified": "posterior draws, weighted by the full physics",
     "least_squares": "least squares on the simulation",
 }
 MISSING = "–"

@@ -48,7 +48,8 @@ ENOUGH = 400.0  # effective draws at which sampling ends
 FEWEST = 100.0  # effective draws below which no interval is given
 NARROWEST = 0.02  # t_c: half-width of the time origin's range where half a frame is less; R_max is hardly seen sooner
 SYSTEMATIC = 0.03  # of R_max: misfit beyond noise above which a law is rejected although some is allowed for
-SAME = 0.05  # in u: starts nearer to each other than this are one
+PULLED = 2.3  # in u: a nuisance that far from its middle has 1 % of its prior beyond it
+SAME = 0.005  # in u: starts nearer to each other than this are one
 AT_END = 0.05  # probability of the prior beyond a quantile, below which the prior decides that end of the interval
 
 
@@ -276,8 +277,7 @@ class _Work:
         natural = shot.own.natural(at[law:])
         if log_q is not None:  # from u to the answer's parameters
             log_q = log_q + self.prior.log_density(x) - log_normal(u)
-            for name, width in zip(shot.own.free, shot.own.half_widths, strict=True):
-                log_q -= np.log(width)
+            log_q -= np.sum(np.log(shot.own.half_widths))
             if "stretch" in shot.own.names:
                 log_q -= np.log(own["stretch"] * np.log(10.0))
         noise = self.likelihood.noise
@@ -333,6 +333,10 @@ class _Work:
             else:
                 text += ", which the interval allows for"
             self.messages.append(text)
+        u_best = self.prior.to_u(at)
+        for i, name in enumerate(self.prior.names):
+            if name in FREE.values() and abs(u_best[i]) > PULLED:
+                self.messages.append(f"{name} is pulled to the end of its prior ({self.prior.cdf(at)[i]:.1%} below it)")
         if self.shot.spikes.any():
             count = np.count_nonzero(self.shot.spikes)
             self.messages.append(f"{count} frames above both neighbours by 20 % of R_max do not count")

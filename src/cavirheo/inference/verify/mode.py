@@ -104,7 +104,7 @@ def climb(target: Target, start: Floats, accuracy: dict[str, Any]) -> Mode | Non
         damping = max(damping / 8.0, 1e-6)
         if gain < ENOUGH:
             break
-    return Mode(u, value, np.linalg.inv(curvature), residual, jacobian)
+    return Mode(u, value, np.asarray(np.linalg.inv(curvature), dtype=float), residual, jacobian)
 
 
 def modes(target: Target, starts: Sequence[Floats], accuracy: dict[str, Any]) -> list[Mode]:

@@ -1,7 +1,7 @@
 """Adaptive importance sampling of any density: draws with weights, evidence, and how far to trust them.
 
-Rounds of draws from a mixture of Student's t (heavy tails bound the weights) that is fitted to the weighted draws of all
-rounds before it, one step of expectation maximisation a round (Cappe et al. 2008, doi:10.1007/s11222-008-9059-x). All
+Rounds of draws from a mixture of Student's t (heavy tails bound the weights) that is fitted to the weighted draws of
+all rounds before it, one step of expectation maximisation a round (Cappe et al. 2008, doi:10.1007/s11222-008-9059-x). All
 rounds count together, each draw weighted against the mixture of all rounds' proposals, the balance heuristic of Veach
 and Guibas 1995, doi:10.1145/218380.218498, as in adaptive multiple importance sampling (Cornuet et al. 2012,
 doi:10.1111/j.1467-9469.2011.00756.x): a draw in a place that one bad round overlooked cannot get a huge weight.
@@ -130,7 +130,9 @@ def sample(
     """
     rng = np.random.Generator(np.random.Philox(seed))
     proposal, found = start, None
-    for _ in range(2 if rough else 0):
+    for _ in range(2):
+        if rough is None:
+            break
         found = _joined(found, proposal, rough, max(each * 3 // 5, 2), rng)
         if np.any(np.isfinite(found[0].log_weight)):
             proposal = proposal.fitted(found[0].u, found[0].log_weight)
@@ -182,8 +184,8 @@ def tempered(log_weight: Floats, least: float) -> Floats:
 def tail_index(log_weight: Floats) -> float:
     """Shape of the generalised Pareto distribution of the largest weights: above 0.7 their mean cannot be trusted.
 
-    Vehtari, Simpson, Gelman, Yao and Gabry 2024, jmlr.org/papers/v25/19-556.html; fitted by maximum likelihood. NaN below
-    25 weights that do not vanish.
+    Vehtari, Simpson, Gelman, Yao and Gabry 2024, jmlr.org/papers/v25/19-556.html; fitted by maximum likelihood. NaN
+    below 25 weights that do not vanish.
     """
     from scipy.stats import genpareto
 

@@ -1,0 +1,133 @@
+"""Which of several laws? Evidence of each from the draws of its verified posterior.
+
+log p(frames | law) is the log of the mean importance weight. It rewards a law for how well it predicts the frames with
+all its prior, so a parameter that is not needed costs log(prior width/posterior width): laws that nest, like nhkv in
+qkv, are compared fairly only as far as the prior ranges are meant (docs/posterior.md). Kass and Raftery 1995,
+doi:10.1080/01621459.1995.10476572.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from scipy.special import softmax
+
+from cavirheo.curve import RadiusCurve
+from cavirheo.errors import InputError
+from cavirheo.inference.fit import fit_many
+from cavirheo.inference.fit.parameters import Family
+from cavirheo.inference.verify import Posterior, verify_many
+from cavirheo.physics.media import WATER, Medium
+
+DECISIVE = 3.0  # log evidence (a factor of 20) below which laws are not told apart
+SCATTER = 3.0  # standard errors that are added to it
+
+
+@dataclass(frozen=True, eq=False)
+class Ranking:
+    """The laws of one curve or group, best first.
+
+    log_evidence and error: by law; None where a law gave none. shots: how many curves are summed.
+    """
+
+    name: str
+    log_evidence: dict[str, float | None]
+    error: dict[str, float | None]
+    shots: int
+    answers: dict[str, Posterior]  # of a curve; empty for a group
+
+    @property
+    def probability(self) -> dict[str, float]:
+        """Of the laws that have an evidence, all being equally likely before."""
+        known = {law: value for law, value in self.log_evidence.items() if value is not None}
+        return dict(zip(known, softmax(list(known.values())).tolist(), strict=True)) if known else {}
+
+    @property
+    def contenders(self) -> list[str]:
+        """The laws that cannot be told from the best: log evidence within 3 and the standard errors, simplest first."""
+        known = {law: value for law, value in self.log_evidence.items() if value is not None}
+        if not known:
+            return []
+        best = max(known, key=lambda law: known[law])
+        near = [
+            law for law, value in known.items()
+            if known[best] - value <= DECISIVE + SCATTER * np.hypot(self.error[best] or 0.0, self.error[law] or 0.0)
+        ]  # fmt: skip
+        return sorted(near, key=lambda law: (len(Family(law).parameters), -known[law]))
+
+    @property
+    def chosen(self) -> str | None:
+        """The simplest law that is not clearly worse than the best."""
+        return self.contenders[0] if self.contenders else None
+
+
+def rank_laws(
+    curves: Sequence[RadiusCurve],
+    laws: Sequence[str],
+    *,
+    medium: Medium = WATER,
+    window: int | str | None = None,
+    stretch: float | str | None = None,
+    seed: int = 0,
+    workers: int | None = None,
+    done: Callable[[], None] | None = None,
+    **options: Any,
+) -> tuple[list[Ranking], list[Ranking]]:
+    """The laws of each curve, and of each group of more than one: the sum over shots each with its own parameters.
+
+    All laws see the same frames. `options` are those of `Verified`; `ranges` may hold parameters of some of the laws
+    only. `done` is called after each law of each curve.
+
+    Raises:
+        InputError: fewer than two laws, one of them unknown, or a setting out of its domain.
+    """
+    if len(set(laws)) < 2 or len(set(laws)) < len(laws):
+        raise InputError(f"give two or more different laws to choose from, got {', '.join(laws) or 'none'}")
+    ranges: Mapping[str, Sequence[float]] = options.pop("ranges", None) or {}
+    found: dict[str, list[Posterior]] = {}
+    for law in laws:
+        known = (*Family(law).parameters, "stretch")
+        fitted = fit_many(curves, law, medium=medium, window=window, stretch=stretch, seed=seed, workers=workers)
+        found[law] = verify_many(
+            curves, fitted, medium=medium, stretch=stretch, seed=seed, workers=workers, done=done,
+            ranges={name: pair for name, pair in ranges.items() if name in known}, **options,
+        )  # fmt: skip
+    singles = []
+    for i, curve in enumerate(curves):
+        answers = {law: found[law][i] for law in laws}
+        evidence = {law: _trusted(answer) for law, answer in answers.items()}
+        singles.append(
+            Ranking(
+                curve.name,
+                {law: pair[0] if pair else None for law, pair in evidence.items()},
+                {law: pair[1] if pair else None for law, pair in evidence.items()},
+                1,
+                answers,
+            )
+        )
+    groups: dict[Any, list[Ranking]] = {}
+    for curve, single in zip(curves, singles, strict=True):
+        groups.setdefault((curve.meta.get("group", curve.name), curve.meta.get("group_source")), []).append(single)
+    return singles, [_together(str(key[0]), members) for key, members in groups.items() if len(members) > 1]
+
+
+def _trusted(answer: Posterior) -> tuple[float, float] | None:
+    """Log evidence and its standard error, None where the weights cannot be trusted."""
+    about = answer.provenance
+    if answer.log_weight is None or not np.isfinite(about["log_evidence"]):
+        return None
+    return float(about["log_evidence"]), float(about["log_evidence_error"])
+
+
+def _together(name: str, members: list[Ranking]) -> Ranking:
+    """The sum over the shots for which every law has an evidence."""
+    complete = [one for one in members if all(value is not None for value in one.log_evidence.values())]
+    laws = members[0].log_evidence
+    if not complete:
+        return Ranking(name, dict.fromkeys(laws), dict.fromkeys(laws), 0, {})
+    log_evidence = {law: float(sum(one.log_evidence[law] or 0.0 for one in complete)) for law in laws}
+    error = {law: float(np.sqrt(sum((one.error[law] or 0.0) ** 2 for one in complete))) for law in laws}
+    return Ranking(name, {**log_evidence}, {**error}, len(complete), {})

@@ -1,0 +1,485 @@
+"""The verified posterior: likelihood, sampling, what catches a wrong width or a wrong law, the command line."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import calibration
+import numpy as np
+import pytest
+from scipy.integrate import quad
+from scipy.stats import invgamma, multivariate_normal, norm
+
+from cavirheo import InputError, NeoHookeanKelvinVoigt, RadiusCurve, fit, simulate
+from cavirheo.inference import verify
+from cavirheo.inference.fit.parameters import FREE, Family, Settings
+from cavirheo.inference.fit.shots import FINE, Shot
+from cavirheo.inference.verify import LeastSquares, Verified, verify_many
+from cavirheo.inference.verify import likelihood as camera
+from cavirheo.inference.verify.evidence import rank_laws
+from cavirheo.inference.verify.likelihood import SHAPE, Likelihood, Noise
+from cavirheo.inference.verify.mode import Target, climb
+from cavirheo.inference.verify.predictive import predictive_check
+from cavirheo.inference.verify.prior import Prior, log_normal, prior_of
+from cavirheo.inference.verify.sampler import Mixture, effective_size, sample, tail_index
+from cavirheo.physics.materials import Zener
+from cavirheo.physics.media import WATER
+from cavirheo.posterior import Checks, Posterior
+from cavirheo.reporting import read_json
+
+EXAMPLE = Path(__file__).parent.parent / "examples" / "soft_gel.csv"
+R_MAX = 250e-6
+TRUTH = {"shear_modulus": 8e3, "viscosity": 0.05, "stretch": 7.0}
+PARAMETERS = ["shear_modulus", "viscosity", "stretch", *FREE.values()]
+
+
+def shot(law=None, noise=0.01, seed=3, end=80e-6, **meta) -> RadiusCurve:
+    time = np.arange(0.0, end, 1e-6)
+    law = law or NeoHookeanKelvinVoigt(TRUTH["shear_modulus"], TRUTH["viscosity"])
+    radius = simulate(law, max_radius=R_MAX, stretch=TRUTH["stretch"], time=time).radius
+    radius = radius + noise * R_MAX * np.random.default_rng(seed).standard_normal(len(time))
+    return RadiusCurve(time, radius, meta={"name": "shot", "maximum": (0.0, R_MAX)} | meta)
+
+
+def target_of(curve: RadiusCurve, discrepancy=False, free=tuple(FREE)) -> Target:
+    family = Family("nhkv")
+    there = Shot(curve, family, WATER, Settings(free=free))
+    return Target(Likelihood(there, discrepancy), prior_of(there, family))
+
+
+def truth_of(target: Target) -> np.ndarray:
+    """x of the truth, nuisances at their middle."""
+    x = np.zeros(len(target.prior.names))
+    x[:3] = np.log10(list(TRUTH.values()))
+    return x
+
+
+@pytest.fixture(scope="module")
+def fitted():
+    """A shot with its least-squares answer."""
+    curve = shot()
+    return curve, fit(curve, windows=False)
+
+
+# likelihood
+
+
+def test_the_variance_of_the_noise_is_integrated_out():
+    rng = np.random.default_rng(0)
+    deviation, residual = rng.uniform(0.005, 0.02, 12), 0.02 * rng.standard_normal(12)
+    density = Noise(deviation, np.arange(12.0), 1.0, discrepancy=False).log_density(residual[None])[0]
+    whole = quad(
+        lambda v: invgamma.pdf(v, SHAPE, scale=SHAPE) * np.prod(norm.pdf(residual, scale=deviation * np.sqrt(v))),
+        0.0, np.inf, epsabs=0.0,
+    )[0]  # fmt: skip
+    assert density == pytest.approx(np.log(whole), abs=1e-6)
+
+
+def test_the_discrepancy_is_summed_over_its_grid():
+    """Against dense matrices, at irregular times."""
+    rng = np.random.default_rng(1)
+    time, deviation, residual = np.sort(rng.uniform(0, 4, 15)), rng.uniform(0.5, 2, 15), rng.standard_normal(15)
+    noise = Noise(deviation, time, 1.0, discrepancy=True)
+    total = 0.0
+    for (ratio, tau), log_prior in zip(noise.grid, noise.log_prior, strict=True):
+        kernel = np.exp(-np.abs(time[:, None] - time) / tau)
+        C = np.diag(deviation**2) + (ratio * np.median(deviation)) ** 2 * kernel
+        total += np.exp(log_prior) * quad(
+            lambda v, C=C: invgamma.pdf(v, SHAPE, scale=SHAPE) * multivariate_normal.pdf(residual, cov=v * C),
+            0.0, np.inf, epsabs=0.0,
+        )[0]  # fmt: skip
+    assert np.sum(np.exp(noise.log_prior)) == pytest.approx(1.0)
+    assert noise.log_density(residual[None])[0] == pytest.approx(np.log(total), abs=1e-6)
+
+
+@pytest.mark.parametrize("discrepancy", [False, True])
+def test_newton_is_the_derivative_of_the_density(discrepancy):
+    rng = np.random.default_rng(2)
+    noise = Noise(np.full(20, 0.01), np.arange(20.0), 5.0, discrepancy)
+    residual, J = 0.02 * rng.standard_normal(20), rng.standard_normal((20, 2))
+    gradient, curvature = noise.newton(residual, J)
+    step = 1e-6
+    moved = [(-noise.log_density((residual - s * step * J[:, 0])[None])[0]) for s in (1, -1)]
+    assert gradient[0] == pytest.approx((moved[0] - moved[1]) / (2 * step), rel=1e-4)
+    assert np.all(np.linalg.eigvalsh(curvature) > 0)
+
+
+def test_exposure_is_the_mean_over_the_shutter():
+    curve = shot(noise=0.0, exposure_s=0.4e-6)
+    target = target_of(curve)
+    x = truth_of(target)
+    x[3] = 0.5  # the clock is late by a quarter of a frame
+    seen = target.likelihood.predict(x, FINE)
+    around = np.linspace(-0.5, 0.5, 402)[1:-1]
+    instants = np.abs(target.likelihood.since[:, None] - 0.25e-6 + 0.4e-6 * around).ravel()
+    order = np.argsort(instants)
+    radius = np.empty_like(instants)
+    law = NeoHookeanKelvinVoigt(TRUTH["shear_modulus"], TRUTH["viscosity"])
+    radius[order] = simulate(law, max_radius=R_MAX, stretch=7.0, time=instants[order]).radius / R_MAX
+    brute = radius.reshape(-1, 400).mean(axis=1)
+    sharp = target_of(shot(noise=0.0)).likelihood.predict(x, FINE)
+    assert np.max(np.abs(seen - brute)) < 2e-3
+    assert np.max(np.abs(sharp - brute)) > 10 * np.max(np.abs(seen - brute))
+    with pytest.raises(InputError, match="exposure_s must be a time"):
+        target_of(shot(exposure_s=-1.0))
+
+
+def test_a_failed_simulation_has_no_likelihood_and_is_counted(monkeypatch):
+    solve = camera.simulate
+
+    def fails_often(material, **options):
+        run = solve(material, **options)
+        return replace(run, status="broken") if material.viscous.viscosity < 0.049 else run
+
+    target = target_of(shot())
+    monkeypatch.setattr(camera, "simulate", fails_often)
+    u = target.prior.to_u(np.stack([truth_of(target), truth_of(target) - np.eye(6)[1] * 0.1]))
+    value = target(u, FINE)
+    assert np.isfinite(value[0])
+    assert value[1] == -np.inf
+    assert (target.runs, target.failures) == (2, 1)
+
+
+def test_spikes_do_not_count():
+    curve = shot()
+    radius = curve.radius.copy()
+    radius[12] = 1.5 * R_MAX
+    wrong = replace(curve, radius=radius)
+    target = target_of(wrong)
+    assert len(target.likelihood.measured) == len(target.likelihood.shot.measured) - 1
+
+
+# prior
+
+
+def test_priors_are_normalised_and_their_coordinates_normal():
+    prior = Prior(["a", "b"], np.array([[1.0, 3.0], [-1.0, 1.0]]), np.array([0.0, 0.2]), np.array([np.inf, 0.5]))
+    for i, (low, high) in enumerate([(1.0, 3.0), (-1.0, 1.0)]):
+        one = Prior(["c"], np.array([[low, high]]), prior.mean[i : i + 1], prior.std[i : i + 1])
+        assert quad(lambda x, one=one: np.exp(one.log_density(np.array([x]))), low, high)[0] == pytest.approx(1.0)
+        u = np.array([0.7])
+        slope = (one.to_x(u + 1e-6) - one.to_x(u - 1e-6)) / 2e-6
+        assert one.slope(u) == pytest.approx(slope, rel=1e-5)
+        assert np.exp(one.log_density(one.to_x(u))) * slope == pytest.approx(norm.pdf(u), rel=1e-5)
+    u = np.random.default_rng(0).standard_normal((50, 2))
+    assert prior.to_u(prior.to_x(u)) == pytest.approx(u, abs=1e-6)
+
+
+def test_prior_ranges_can_be_given(fitted):
+    curve, answer = fitted
+    found = Verified(LeastSquares("nhkv"), level="map", ranges={"viscosity": (0.01, 1.0)}).check(curve, answer)
+    assert found.provenance["prior"]["viscosity"] == pytest.approx([-2.0, 0.0])
+    for ranges, match in (
+        ({"viscosity": (1.0, 0.1)}, "0 < low < high"),
+        ({"stiffening": (1.0, 2.0)}, "no prior range"),
+    ):
+        wrong = Verified(LeastSquares("nhkv"), ranges=ranges).check(curve, answer)
+        assert match in wrong.checks.message
+
+
+# sampling
+
+
+def gaussian(mean, cov):
+    return lambda u: multivariate_normal.logpdf(u, mean, cov) + 3.0
+
+
+def test_importance_sampling_of_a_gaussian():
+    """Mean, spread and evidence (exp 3) are known; the start is off and too wide."""
+    mean, cov = np.array([1.0, -0.5, 0.2]), np.array([[0.04, 0.03, 0.0], [0.03, 0.09, 0.0], [0.0, 0.0, 0.01]])
+    start = Mixture.about([np.zeros(3)], [np.eye(3)], [0.0])
+    found = sample(gaussian(mean, cov), start, seed=1, each=500, most=5000, enough=3000)
+    weight = np.exp(found.log_weight - np.max(found.log_weight))
+    weight /= np.sum(weight)
+    assert found.ess > 2500
+    assert weight @ found.u == pytest.approx(mean, abs=4 * np.sqrt(np.diag(cov).max() / found.ess))
+    spread = (found.u - weight @ found.u).T * weight @ (found.u - weight @ found.u)
+    assert np.sqrt(np.diag(spread)) == pytest.approx(np.sqrt(np.diag(cov)), rel=0.06)
+    log_evidence, error = found.log_evidence
+    assert error < 0.03
+    assert log_evidence == pytest.approx(3.0, abs=4 * error)
+    again = sample(gaussian(mean, cov), start, seed=1, each=500, most=5000, enough=3000)
+    assert np.array_equal(found.u, again.u)
+
+
+def test_two_modes_keep_their_shares():
+    def two(u):
+        return np.logaddexp(norm.logpdf(u[:, 0], -2, 0.3) + np.log(0.3), norm.logpdf(u[:, 0], 2, 0.2) + np.log(0.7))
+
+    start = Mixture.about([np.array([-2.2]), np.array([1.8])], [np.eye(1) * 0.1] * 2, [0.0, 0.0])
+    found = sample(two, start, seed=0, each=400, most=2000, enough=1500)
+    weight = np.exp(found.log_weight)
+    assert np.sum(weight[found.u[:, 0] < 0]) / np.sum(weight) == pytest.approx(0.3, abs=0.04)
+
+
+def test_a_proposal_that_is_too_narrow_shows_in_size_and_tail():
+    rng = np.random.default_rng(0)
+    for factor, trusted in ((1.0, True), (0.2, False), (0.5, False)):
+        u = factor * rng.standard_normal((2000, 4))
+        log_weight = log_normal(u) - (log_normal(u / factor) - 4 * np.log(factor))
+        assert (effective_size(log_weight) > 100 and tail_index(log_weight) < 0.7) is trusted
+    assert effective_size(np.full(5, -np.inf)) == 0.0
+
+
+# the whole
+
+
+def test_verified_posterior_of_a_shot(fitted):
+    curve, answer = fitted
+    (found,) = verify_many([curve], [answer], discrepancy=False, seed=1)
+    assert found.method == "verified"
+    assert found.checks.verdict == "ok", found.checks.message
+    assert found.names == ("log10_shear_modulus", "log10_viscosity", "stretch", *FREE.values())
+    assert len(found.theta) == len(found.log_q) == len(found.log_weight)
+    about = found.provenance
+    assert about["effective_sample_size"] == pytest.approx(effective_size(found.log_weight))
+    assert about["effective_sample_size"] > 200
+    assert 0.8 < about["noise_over_assumed"] < 1.25
+    for name, value in TRUTH.items():
+        low, high = found.interval(name, 0.99)
+        assert low < value < high
+        assert high - low > np.subtract(*answer.interval(name, 0.99)[::-1])  # the camera is not known exactly
+    again = verify_many([curve], [answer], discrepancy=False, seed=1)[0]
+    assert np.array_equal(found.theta, again.theta)
+    wider = verify_many([curve], [answer])[0]
+    assert np.diff(wider.interval("viscosity")) > 0.9 * np.diff(found.interval("viscosity"))
+
+
+def test_log_q_is_the_density_of_the_draws_in_the_answers_parameters(fitted):
+    """Weighted by 1/q the draws measure volume: of a box in theta, against Monte Carlo."""
+    curve, answer = fitted
+    found = Verified(LeastSquares("nhkv"), free=(), discrepancy=False).check(curve, answer, seed=2)
+    centre = np.median(found.theta, axis=0)
+    half = 0.7 * np.std(found.theta, axis=0)
+    inside = np.all(np.abs(found.theta - centre) < half, axis=1)
+    volume = np.sum(np.exp(-found.log_q[inside])) / len(found.theta)
+    assert volume == pytest.approx(np.prod(2 * half), rel=0.2)
+
+
+def test_map_is_the_maximum_with_laplaces_interval(fitted):
+    curve, answer = fitted
+    (peak,) = verify_many([curve], [answer], level="map", discrepancy=False)
+    (full,) = verify_many([curve], [answer], level="full", discrepancy=False)
+    assert peak.method == "least_squares"
+    assert peak.log_weight is None
+    for name in TRUTH:
+        width = np.diff(full.interval(name))[0]
+        assert peak.median(name) == pytest.approx(full.median(name), abs=0.15 * width)
+        assert np.diff(peak.interval(name))[0] == pytest.approx(width, rel=0.3)
+    assert peak.provenance["log_evidence_laplace"] == pytest.approx(full.provenance["log_evidence"], abs=0.5)
+
+
+def narrowed(answer: Posterior, centre: Posterior, factor: float, draws: int = 600) -> Posterior:
+    """A proposal that claims `factor` of the true width."""
+    rng = np.random.default_rng(5)
+    x = np.column_stack([centre.theta[:, :2], np.log10(centre.theta[:, 2])])
+    mean, cov = np.mean(x, axis=0), factor**2 * np.cov(x.T)
+    drawn = rng.multivariate_normal(mean, cov, draws)
+    names = ("log10_shear_modulus", "log10_viscosity", "log10_stretch")
+    return replace(
+        answer, names=names, units=("Pa", "Pa s", "1"), theta=drawn, method="amortised",
+        log_q=multivariate_normal.logpdf(drawn, mean, cov),
+    )  # fmt: skip
+
+
+def test_an_overconfident_posterior_is_caught_and_mended(fitted):
+    """Its own draws, weighted, are worth few; with adaptation the true width comes back."""
+    curve, answer = fitted
+    settings = {"free": (), "discrepancy": False}
+    right = Verified(LeastSquares("nhkv"), **settings).check(curve, answer)
+    peak = Verified(LeastSquares("nhkv"), level="map", **settings).check(curve, answer)
+    honest = Verified(LeastSquares("nhkv"), adapt=False, **settings).check(curve, narrowed(answer, peak, 1.1))
+    assert honest.interval("viscosity") is not None, honest.checks.message
+    planted = narrowed(answer, peak, 0.2)
+    caught = Verified(LeastSquares("nhkv"), adapt=False, **settings).check(curve, planted)
+    assert "the interval is not to be trusted" in caught.checks.message
+    assert caught.interval("viscosity") is None
+    mended = Verified(LeastSquares("nhkv"), **settings).check(curve, planted)
+    for found in (mended, honest):
+        width = np.diff(right.interval("viscosity"))[0]
+        assert np.diff(found.interval("viscosity"))[0] == pytest.approx(width, rel=0.3)
+
+
+def test_the_calibration_benchmark_catches_an_overconfident_posterior():
+    rng = np.random.default_rng(0)
+    ranks = {}
+    for factor in (1.0, 0.6):
+        truth = rng.standard_normal(300)
+        centre = truth + rng.standard_normal(300)  # what is seen; flat prior: the posterior is N(centre, 1)
+        ranks[factor] = [
+            calibration.rank(
+                Posterior(("a",), ("1",), (c + factor * rng.standard_normal(1000))[:, None], Checks("ok"), "", ""),
+                "a",
+                t,
+            )
+            for c, t in zip(centre, truth, strict=True)
+        ]
+    assert calibration.calibrated(ranks[1.0])[0]
+    assert calibration.coverage(ranks[1.0], 0.9) == pytest.approx(0.9, abs=0.04)
+    assert not calibration.calibrated(ranks[0.6])[0]
+    assert calibration.coverage(ranks[0.6], 0.9) < 0.8
+
+
+# the predictive check
+
+
+def test_predictive_check_rejects_at_its_nominal_rate():
+    rng = np.random.default_rng(0)
+    J = np.column_stack([np.linspace(0, 1, 90), np.sin(np.arange(90) / 7.0), np.ones(90)])
+    project = np.eye(90) - J @ np.linalg.pinv(J)
+    p = []
+    for i in range(300):
+        residual = project @ rng.standard_normal(90)
+        p.append(predictive_check(residual, J, np.full(90, 0.5), seed=i).p)
+    for name in ("level", "correlation"):
+        assert np.mean([one[name] < 0.1 for one in p]) == pytest.approx(0.1, abs=0.05)
+    wave = project @ (rng.standard_normal(90) + 1.5 * np.sin(np.arange(90) / 3.0))
+    assert predictive_check(wave, J, np.ones(90), seed=0).rejected
+    assert predictive_check(wave[:5], J[:5], np.ones(5), seed=0) is None
+
+
+def test_a_wrong_law_is_rejected(fitted):
+    curve = shot(Zener(2e4, 0.08, 6e-6), noise=0.004)
+    wrong = Verified(LeastSquares("newtonian", options={"windows": False}), discrepancy=False).infer(curve)
+    assert wrong.checks.verdict == "model_does_not_fit"
+    assert "residuals are not noise" in wrong.checks.message
+    assert wrong.provenance["predictive"]["p_value"] < 0.01
+
+
+def test_what_the_curve_does_not_bound_is_said():
+    """One collapse of a gel much softer than it can tell: G runs to the lower end of its prior."""
+    curve = shot(NeoHookeanKelvinVoigt(15.0, 0.05), end=60e-6)
+    answer = Verified(LeastSquares("nhkv", options={"windows": False}), discrepancy=False).infer(curve)
+    assert answer.checks.verdict == "outside_training_range"
+    assert "shear_modulus from below" in answer.checks.message
+
+
+def test_what_cannot_be_verified_keeps_its_answer(fitted):
+    curve, answer = fitted
+    pointless = replace(answer, names=("log10_viscosity",), theta=answer.theta[:, 1:2], provenance={})
+    found = Verified(LeastSquares("nhkv")).check(curve, pointless)
+    assert "not verified: the answer that is to be verified must give shear_modulus" in found.checks.message
+    failed = replace(answer, theta=answer.theta[:0], checks=Checks("failed", "why"))
+    assert Verified(LeastSquares("nhkv")).check(curve, failed) is failed
+    with pytest.raises(InputError, match="none, map or full"):
+        Verified(LeastSquares("nhkv"), level="some")
+    with pytest.raises(InputError, match="cannot free 'gravity'"):
+        Verified(LeastSquares("nhkv"), free=("gravity",))
+    assert verify.Level
+
+
+def test_climb_finds_the_maximum():
+    target = target_of(shot())
+    start = target.prior.start(truth_of(target) + np.array([0.1, -0.1, 0.03, 0.0, 0.0, 0.0]))
+    mode = climb(target, start, FINE)
+    around = mode.u + 0.5 * np.linalg.cholesky(mode.covariance).T
+    assert np.all(target(around, FINE) < mode.log_posterior)
+    offset = (target.prior.to_x(mode.u) - truth_of(target))[:3]
+    assert np.max(np.abs(offset)) < 0.1
+
+
+# laws
+
+
+def test_evidence_prefers_the_true_law_and_spares_a_needless_parameter():
+    curves = [shot(noise=0.005, seed=seed, name=f"s{seed}", group="gel") for seed in (1, 2)]
+    singles, groups = rank_laws(curves, ["newtonian", "nhkv"], discrepancy=False, window=2)
+    assert [one.chosen for one in singles] == ["nhkv", "nhkv"]
+    assert singles[0].probability["nhkv"] > 0.99
+    assert groups[0].shots == 2
+    total = sum(one.log_evidence["nhkv"] for one in singles)
+    assert groups[0].log_evidence["nhkv"] == pytest.approx(total)
+    with pytest.raises(InputError, match="two or more different laws"):
+        rank_laws(curves, ["nhkv"])
+
+
+# command line
+
+
+def write_gel(folder: Path) -> None:
+    curve = shot(end=60e-6)
+    rows = [f"{t * 1e6:.6g},{r * 1e6:.6g}" for t, r in zip(curve.time, curve.radius, strict=True)]
+    (folder / "gel.csv").write_text("time_us,radius_um\n" + "\n".join(rows) + "\n")
+
+
+def test_verify_from_the_command_line(run, tmp_path):
+    write_gel(tmp_path)
+    status, _, err = run("infer", "gel.csv", "--verify", "full", "-o", "r")
+    assert status == 0, err
+    (row,) = read_json(tmp_path / "r" / "result.json").curves
+    assert row.method == "verified"
+    assert row.shear_modulus_Pa.q05 < row.shear_modulus_Pa.median < row.shear_modulus_Pa.q95
+    assert row.stretch.q05 < row.stretch.median < row.stretch.q95
+    assert row.provenance["proposal"] == "bdt"
+    assert row.provenance["effective_sample_size"] > 100
+    page = (tmp_path / "r" / "report.html").read_text()
+    assert "effective draws" in page
+    status, _, err = run("fit", "gel.csv", "--verify", "map", "--exact-law", "--free", "t0", "-o", "f")
+    assert status == 0, err
+    (row,) = read_json(tmp_path / "f" / "result.json").curves
+    assert set(row.other_parameters) == {"time_origin"}
+    assert row.provenance["verify"] == "map"
+    for words in (("infer", "gel.csv", "--verify", "maybe"), ("fit", "gel.csv", "--joint", "--verify", "full")):
+        status, _, err = run(*words)
+        assert status == 2
+        assert "--verify" in err
+
+
+def test_which_law_from_the_command_line(run, tmp_path):
+    write_gel(tmp_path)
+    status, out, err = run(
+        "which-law", "gel.csv", "--laws", "newtonian,nhkv", "--exact-law", "--window", "1", "-o", "w"
+    )
+    assert status == 0, err
+    assert "nhkv" in out
+    document = json.loads((tmp_path / "w" / "laws.json").read_text())
+    (row,) = document["curves"]
+    assert set(row["laws"]) == {"newtonian", "nhkv"}
+    assert row["chosen"] in row["contenders"]
+    assert sum(law["probability"] for law in row["laws"].values()) == pytest.approx(1.0)
+    assert row["laws"]["nhkv"]["answer"]["viscosity_Pa_s"]["q05"] > 0
+    status, _, err = run("which-law", "gel.csv", "--laws", "nhkv")
+    assert status == 2
+    assert "two or more different laws" in err
+
+
+# against Markov chains
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", [1, 4, 7])
+def test_against_emcee(seed):
+    """The same density sampled by an affine-invariant ensemble: medians within 0.1, widths within 15 % of its sd."""
+    emcee = pytest.importorskip("emcee")
+    _, curve = calibration.shot(seed)
+    answer = fit(curve, window="all", windows=False)
+    checked = Verified(LeastSquares("nhkv"), discrepancy=False, ranges=calibration.RANGES)
+    old = verify.ENOUGH
+    try:
+        verify.ENOUGH = 2500.0
+        found = checked.check(curve, answer, draws=6000, seed=seed)
+    finally:
+        verify.ENOUGH = old
+    work = verify._Work(checked, curve, answer, seed)
+    target = work.target
+    d = len(target.prior.names)
+    rng = np.random.default_rng(seed)
+    best = climb(target, work._starts()[0], FINE)
+    walkers = best.u + 0.5 * rng.standard_normal((4 * d, d)) @ np.linalg.cholesky(best.covariance).T
+    sampler = emcee.EnsembleSampler(4 * d, d, lambda u: target(u, FINE), vectorize=True)
+    sampler._random.seed(seed)
+    sampler.run_mcmc(walkers, 1200)
+    tau = float(np.max(sampler.get_autocorr_time(tol=0)))
+    assert len(sampler.get_chain()) > 15 * tau
+    x = target.prior.to_x(sampler.get_chain(discard=int(4 * tau), flat=True))
+    for i, name in enumerate(("shear_modulus", "viscosity", "stretch")):
+        sd = np.std(x[:, i])
+        ours = np.log10(found.draws(name))
+        weight = np.exp(found.log_weight - np.max(found.log_weight))
+        weight /= np.sum(weight)
+        middle = np.log10(found.median(name))
+        assert middle == pytest.approx(np.median(x[:, i]), abs=0.1 * sd)
+        width = np.sqrt(weight @ (ours - weight @ ours) ** 2)
+        assert width == pytest.approx(sd, rel=0.15)
