@@ -3,12 +3,12 @@
     python benchmarks/calibration.py OUT.jsonl [-n 300] [--as-read] [--discrepancy] [--workers 2]
     python benchmarks/calibration.py OUT.jsonl -n 0          # the table of what is there
 
-Truth: NHKV, log10 G (500 Pa to 50 kPa), log10 mu (5 mPa s to 0.5 Pa s) and log10 stretch (4 to 11) uniform, R_max 100
-to 400 um; 100 frames over 4.07 t_c, each the mean of 15 instants within 0.3 of a frame; clock off by up to half a frame,
-radii by a scale and R_max by a factor with 0.5 % standard deviation (cut at 1.5 %); 1 % of R_max noise. Simulated with
-`precise`. --as-read takes R_max and its time off the noisy frames, as for a file, instead of as drawn; --discrepancy
-leaves the default discrepancy on, which these shots do not have. One line a shot is added to OUT.jsonl; a later call
-goes on.
+Truth: NHKV, log10 G (500 Pa to 50 kPa), log10 mu (5 mPa s to 0.5 Pa s) and log10 stretch (4 to 11) uniform, R_max
+100 to 400 um; 100 frames over 4.07 t_c, each the mean of 15 instants within 0.3 of a frame; clock off by up to half
+a frame, radii by a scale and R_max by a factor with 0.5 % standard deviation (cut at 1.5 %); 1 % of R_max noise.
+Simulated with `precise`. --as-read takes R_max and its time off the noisy frames, as for a file, instead of as
+drawn; --discrepancy leaves the default discrepancy on, which these shots do not have. One line a shot is added to
+OUT.jsonl; a later call goes on.
 """
 
 from __future__ import annotations

@@ -30,7 +30,7 @@ from cavirheo.inference.fit.search import Fit
 from cavirheo.inference.fit.shots import FINE, QUICK, Shot
 from cavirheo.inference.reconstruct import MISFIT
 from cavirheo.inference.verify.likelihood import Likelihood
-from cavirheo.inference.verify.mode import Mode, Target, climb, modes
+from cavirheo.inference.verify.mode import Mode, Target, climb, modes, ridge
 from cavirheo.inference.verify.predictive import Predictive, predictive_check, systematic
 from cavirheo.inference.verify.prior import Prior, log_normal, prior_of
 from cavirheo.inference.verify.sampler import RELIABLE, Mixture, Sample, sample
@@ -129,6 +129,7 @@ def verify_many(
     *,
     level: Level = "full",
     medium: Medium = WATER,
+    draws: int = DRAWS,
     seed: int = 0,
     workers: int | None = None,
     done: Callable[[], None] | None = None,
@@ -140,7 +141,7 @@ def verify_many(
     wrapper = Verified(_Nobody(), medium, level, workers=inner, **options)
 
     def one(pair: tuple[RadiusCurve, Posterior]) -> Posterior:
-        found = wrapper.check(*pair, seed=seed)
+        found = wrapper.check(*pair, draws=draws, seed=seed)
         if done:
             done()
         return found
@@ -186,9 +187,10 @@ class _Work:
             about["log_evidence_laplace"] = best.log_evidence
             return self._answer(u, None, None, best, about, "least_squares")
         if self.settings.adapt:
+            places = [place for mode in found for place in (mode, *ridge(self.target, mode, QUICK))]
             start = Mixture.about(
-                [best.u, *(mode.u for mode in found[1:])], [best.covariance, *(m.covariance for m in found[1:])],
-                [mode.log_evidence - found[0].log_evidence for mode in found],
+                [place.u for place in places], [place.covariance for place in places],
+                [place.log_evidence - found[0].log_evidence for place in places],
             )  # fmt: skip
             drawn = sample(
                 lambda u: self.target(u, FINE), start, seed=self.seed, each=min(EACH, draws), most=draws,

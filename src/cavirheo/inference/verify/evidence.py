@@ -19,10 +19,11 @@ from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError
 from cavirheo.inference.fit import fit_many
 from cavirheo.inference.fit.parameters import Family
-from cavirheo.inference.verify import Posterior, verify_many
+from cavirheo.inference.verify import DRAWS, Posterior, verify_many
 from cavirheo.physics.media import WATER, Medium
 
 DECISIVE = 3.0  # log evidence (a factor of 20) below which laws are not told apart
+UNSURE = 3.0  # standard error of a log evidence whose weights are not to be trusted
 SCATTER = 3.0  # standard errors that are added to it
 
 
@@ -71,6 +72,7 @@ def rank_laws(
     medium: Medium = WATER,
     window: int | str | None = None,
     stretch: float | str | None = None,
+    draws: int = DRAWS,
     seed: int = 0,
     workers: int | None = None,
     done: Callable[[], None] | None = None,
@@ -92,13 +94,14 @@ def rank_laws(
         known = (*Family(law).parameters, "stretch")
         fitted = fit_many(curves, law, medium=medium, window=window, stretch=stretch, seed=seed, workers=workers)
         found[law] = verify_many(
-            curves, fitted, medium=medium, stretch=stretch, seed=seed, workers=workers, done=done,
+            curves, fitted, medium=medium, stretch=stretch, draws=draws, seed=seed, workers=workers,
+            done=done,
             ranges={name: pair for name, pair in ranges.items() if name in known}, **options,
         )  # fmt: skip
     singles = []
     for i, curve in enumerate(curves):
         answers = {law: found[law][i] for law in laws}
-        evidence = {law: _trusted(answer) for law, answer in answers.items()}
+        evidence = {law: _evidence(answer) for law, answer in answers.items()}
         singles.append(
             Ranking(
                 curve.name,
@@ -114,12 +117,14 @@ def rank_laws(
     return singles, [_together(str(key[0]), members) for key, members in groups.items() if len(members) > 1]
 
 
-def _trusted(answer: Posterior) -> tuple[float, float] | None:
-    """Log evidence and its standard error, None where the weights cannot be trusted."""
+def _evidence(answer: Posterior) -> tuple[float, float] | None:
+    """Log evidence and its standard error, which is at least UNSURE where the weights cannot be trusted (the posterior
+    of a law that is far off is often ragged); None where there is no posterior."""
     about = answer.provenance
-    if answer.log_weight is None or not np.isfinite(about["log_evidence"]):
+    if not np.isfinite(about.get("log_evidence", -np.inf)):
         return None
-    return float(about["log_evidence"]), float(about["log_evidence_error"])
+    error = float(about["log_evidence_error"])
+    return float(about["log_evidence"]), error if answer.log_weight is not None else max(error, UNSURE)
 
 
 def _together(name: str, members: list[Ranking]) -> Ranking:

@@ -35,7 +35,7 @@ SHARPEST = 1e-3  # of R_max: less noise than this is not believed, for the solve
 RATIOS = (1.0, 2.0, 4.0, 8.0, 16.0)  # r: discrepancy over noise
 TIMES = (0.03, 0.12, 0.5)  # tau/t_c: a collapse, a quarter of the first fall, half of it
 ABSENT = 1.0 / (1 + len(RATIOS))  # prior probability that there is no discrepancy
-_NODES, _SHARES = (part / 2.0 for part in np.polynomial.legendre.leggauss(3))  # of an exposure, over its length
+_NODES, _SHARES = (part / 2.0 for part in np.polynomial.legendre.leggauss(9))  # of an exposure, over its length
 
 
 class _Covariance:

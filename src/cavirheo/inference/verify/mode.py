@@ -20,6 +20,8 @@ ITERATIONS = 12
 TRIALS = 5  # damped steps tried before a search ends
 ENOUGH = 0.01  # expected gain of log posterior below which it ends
 NEAR = 1.0  # Mahalanobis distance below which two modes are one
+STRIDE, STRIDES, DEEP = 1.5, 4, 4.0  # along a ridge: standard deviations, steps a side, fall of the log posterior
+HELD = 5.0  # how firmly: 1 would be as firmly as the posterior itself
 LOWEST = 10.0  # log posterior below the best at which a mode is dropped
 
 
@@ -76,25 +78,36 @@ class Mode:
         return self.log_posterior + 0.5 * float(np.linalg.slogdet(2.0 * np.pi * self.covariance)[1])
 
 
-def climb(target: Target, start: Floats, accuracy: dict[str, Any]) -> Mode | None:
-    """The maximum reached from u (d,) by damped Gauss-Newton; None if the start cannot be simulated."""
+def climb(
+    target: Target, start: Floats, accuracy: dict[str, Any], held: Floats | None = None, most: int = ITERATIONS
+) -> Mode | None:
+    """The maximum reached from u (d,) by damped Gauss-Newton; None if the start cannot be simulated.
+
+    `held` (d,) is a direction along which u stays near its start: it is 1/HELD standard deviation long.
+    """
     u, noise = start, target.likelihood.noise
+    rope = np.zeros(len(u)) if held is None else held
+
+    def value_of(residual: Floats, u: Floats) -> float:
+        return float(noise.log_density(residual[None])[0] + log_normal(u)) - 0.5 * float(rope @ (u - start)) ** 2
+
     residual = target.residuals(u[None], accuracy)[0]
-    value = float(noise.log_density(residual[None])[0] + log_normal(u))
+    value = value_of(residual, u)
     if not np.isfinite(value):
         return None
     damping = 1e-3
-    for turn in range(ITERATIONS + 1):
+    for turn in range(most + 1):
         jacobian = target.jacobian(u, residual, accuracy)
         gradient, curvature = noise.newton(residual, jacobian)
-        gradient, curvature = gradient + u, curvature + np.eye(len(u))
-        if turn == ITERATIONS or gradient @ np.linalg.solve(curvature, gradient) < 2.0 * ENOUGH:
+        free = curvature + np.eye(len(u))
+        gradient, curvature = gradient + u + rope * (rope @ (u - start)), free + np.outer(rope, rope)
+        if turn == most or gradient @ np.linalg.solve(curvature, gradient) < 2.0 * ENOUGH:
             break
         for _ in range(TRIALS):
             step = -np.linalg.solve(curvature + damping * np.diag(np.diag(curvature)), gradient)
             there = np.clip(u + step, -5.0, 5.0)
             tried = target.residuals(there[None], accuracy)[0]
-            reached = float(noise.log_density(tried[None])[0] + log_normal(there))
+            reached = value_of(tried, there)
             if reached > value:
                 break
             damping *= 8.0
@@ -104,7 +117,29 @@ def climb(target: Target, start: Floats, accuracy: dict[str, Any]) -> Mode | Non
         damping = max(damping / 8.0, 1e-6)
         if gain < ENOUGH:
             break
-    return Mode(u, value, np.asarray(np.linalg.inv(curvature), dtype=float), residual, jacobian)
+    value += 0.5 * float(rope @ (u - start)) ** 2
+    return Mode(u, value, np.asarray(np.linalg.inv(free), dtype=float), residual, jacobian)
+
+
+def ridge(target: Target, mode: Mode, accuracy: dict[str, Any]) -> list[Mode]:
+    """Places on either side of a mode along its longest axis, each the maximum across it: posteriors are curved.
+
+    Steps of STRIDE standard deviations, until the log posterior has fallen by DEEP.
+    """
+    found = []
+    values, vectors = np.linalg.eigh(mode.covariance)
+    for side in (1.0, -1.0):
+        here, axis, length = mode.u, side * vectors[:, -1], np.sqrt(values[-1])
+        for _ in range(STRIDES):
+            start = np.clip(here + STRIDE * length * axis, -3.0, 3.0)
+            place = climb(target, start, accuracy, held=axis * HELD / length, most=2)
+            if place is None or place.log_posterior < mode.log_posterior - DEEP:
+                break
+            found.append(place)
+            local, turned = np.linalg.eigh(place.covariance)
+            axis = turned[:, -1] * np.sign(turned[:, -1] @ axis)
+            here, length = place.u, min(np.sqrt(local[-1]), 2.0 * length)
+    return found
 
 
 def modes(target: Target, starts: Sequence[Floats], accuracy: dict[str, Any]) -> list[Mode]:

@@ -1,10 +1,11 @@
 """Adaptive importance sampling of any density: draws with weights, evidence, and how far to trust them.
 
 Rounds of draws from a mixture of Student's t (heavy tails bound the weights) that is fitted to the weighted draws of
-all rounds before it, one step of expectation maximisation a round (Cappe et al. 2008, doi:10.1007/s11222-008-9059-x). All
-rounds count together, each draw weighted against the mixture of all rounds' proposals, the balance heuristic of Veach
-and Guibas 1995, doi:10.1145/218380.218498, as in adaptive multiple importance sampling (Cornuet et al. 2012,
-doi:10.1111/j.1467-9469.2011.00756.x): a draw in a place that one bad round overlooked cannot get a huge weight.
+all rounds before it, some steps of expectation maximisation a round (Cappe et al. 2008,
+doi:10.1007/s11222-008-9059-x). All rounds count together, each draw weighted against the mixture of all rounds'
+proposals, the balance heuristic of Veach and Guibas 1995, doi:10.1145/218380.218498, as in adaptive multiple
+importance sampling (Cornuet et al. 2012, doi:10.1111/j.1467-9469.2011.00756.x): a draw in a place that one bad round
+overlooked cannot get a huge weight.
 """
 
 from __future__ import annotations
@@ -20,6 +21,9 @@ Floats = NDArray[np.float64]
 Log = Callable[[Floats], Floats]
 
 FREEDOM = 8.0  # degrees of the Student's t
+STEPS = 3  # of expectation maximisation after each round
+ROUGH_ROUNDS = 6  # at most, two at least: until the effective size is GOOD times the draws
+GOOD = 0.3
 SMALLEST = 0.005  # share of a component below which it is dropped
 TAIL = 0.2  # of the draws, that the tail index looks at
 RELIABLE = 0.7  # tail index above which the mean of the weights cannot be trusted
@@ -35,7 +39,7 @@ class Mixture:
 
     @classmethod
     def about(cls, means: Sequence[Floats], covariances: Sequence[Floats], log_share: Sequence[float]) -> Mixture:
-        """Each mode twice: as it is, and a tenth of the draws twice as wide."""
+        """A component about each place, and a tenth of the draws twice as wide."""
         share = np.exp(np.asarray(log_share) - logsumexp(log_share))
         scale = np.array(covariances)
         return cls(
@@ -68,7 +72,14 @@ class Mixture:
         return np.asarray(logsumexp(self._terms(u)[0], axis=0))
 
     def fitted(self, u: Floats, log_weight: Floats) -> Mixture:
-        """One step towards weighted draws; where few of them decide, the old shape keeps part of its say."""
+        """A few steps towards weighted draws."""
+        found = self
+        for _ in range(STEPS):
+            found = found._stepped(u, log_weight)
+        return found
+
+    def _stepped(self, u: Floats, log_weight: Floats) -> Mixture:
+        """One step of expectation maximisation; where few draws decide, the old shape keeps part of its say."""
         d = u.shape[1]
         terms, squares = self._terms(u)
         log_weight = tempered(log_weight, 4.0 * d)
@@ -125,13 +136,13 @@ def sample(
     """Rounds of `each` draws of a log density until their effective size is `enough` (and their tail index in order) or
     there are `most`.
 
-    `rough` is a cheaper approximation of the target on which the proposal is fitted in two rounds that do not count.
+    `rough` is a cheaper approximation of the target on which the proposal is fitted in a few rounds that do not count.
     The draws depend on the seed, the target and the start alone.
     """
     rng = np.random.Generator(np.random.Philox(seed))
     proposal, found = start, None
-    for _ in range(2):
-        if rough is None:
+    for turn in range(ROUGH_ROUNDS):
+        if rough is None or (turn > 1 and found is not None and found[0].ess > GOOD * len(found[0].u)):
             break
         found = _joined(found, proposal, rough, max(each * 3 // 5, 2), rng)
         if np.any(np.isfinite(found[0].log_weight)):
