@@ -63,6 +63,13 @@ def fitted():
     return curve, fit(curve, windows=False)
 
 
+@pytest.fixture(scope="module")
+def full(fitted):
+    """Its verified posterior, the law taken as exact."""
+    curve, answer = fitted
+    return verify_many([curve], [answer], discrepancy=False, seed=1)[0]
+
+
 # likelihood
 
 
@@ -226,9 +233,9 @@ def test_a_proposal_that_is_too_narrow_shows_in_size_and_tail():
 # the whole
 
 
-def test_verified_posterior_of_a_shot(fitted):
+def test_verified_posterior_of_a_shot(fitted, full):
     curve, answer = fitted
-    (found,) = verify_many([curve], [answer], discrepancy=False, seed=1)
+    found = full
     assert found.method == "verified"
     assert found.checks.verdict == "ok", found.checks.message
     assert found.names == ("log10_shear_modulus", "log10_viscosity", "stretch", *FREE.values())
@@ -241,8 +248,9 @@ def test_verified_posterior_of_a_shot(fitted):
         low, high = found.interval(name, 0.99)
         assert low < value < high
         assert high - low > np.subtract(*answer.interval(name, 0.99)[::-1])  # the camera is not known exactly
-    wider, again = (verify_many([curve], [answer], draws=400)[0] for _ in range(2))
-    assert np.array_equal(wider.theta, again.theta)
+    once, again = (verify_many([curve], [answer], draws=50)[0] for _ in range(2))
+    assert once.provenance["log_evidence"] == again.provenance["log_evidence"]
+    wider = verify_many([curve], [answer])[0]
     assert np.diff(wider.interval("viscosity")) > 0.9 * np.diff(found.interval("viscosity"))
 
 
@@ -250,7 +258,7 @@ def test_weights_are_posterior_over_proposal_in_the_answers_parameters(fitted):
     """log_q + log_weight is the likelihood times the prior of log10 G, log10 mu, stretch."""
     curve, answer = fitted
     checked = Verified(LeastSquares("nhkv"), free=(), discrepancy=False)
-    found = checked.check(curve, answer, draws=200, seed=2)
+    found = checked.check(curve, answer, draws=300, seed=2)
     target = verify._Work(checked, curve, answer, 0).target
     for row, expected in list(zip(found.theta, found.log_q + found.log_weight, strict=True))[:5]:
         x = np.array([row[0], row[1], np.log10(row[2])])
@@ -259,10 +267,9 @@ def test_weights_are_posterior_over_proposal_in_the_answers_parameters(fitted):
         assert density - np.log(row[2] * np.log(10.0)) == pytest.approx(expected, abs=1e-6)
 
 
-def test_map_is_the_maximum_with_laplaces_interval(fitted):
+def test_map_is_the_maximum_with_laplaces_interval(fitted, full):
     curve, answer = fitted
     (peak,) = verify_many([curve], [answer], level="map", discrepancy=False)
-    (full,) = verify_many([curve], [answer], level="full", discrepancy=False, draws=600)
     assert peak.method == "least_squares"
     assert peak.log_weight is None
     for name in TRUTH:
@@ -451,27 +458,24 @@ def test_which_law_from_the_command_line(run, tmp_path):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("seed", [1, 4, 7])
-def test_against_emcee(seed):
+def test_against_emcee(seed, monkeypatch):
     """The same density sampled by an affine-invariant ensemble: medians within 0.1, widths within 15 % of its sd."""
     emcee = pytest.importorskip("emcee")
     _, curve = calibration.shot(seed)
     answer = fit(curve, window="all", windows=False)
     checked = Verified(LeastSquares("nhkv"), discrepancy=False, ranges=calibration.RANGES)
-    old = verify.ENOUGH
-    try:
-        verify.ENOUGH = 2500.0
-        found = checked.check(curve, answer, draws=6000, seed=seed)
-    finally:
-        verify.ENOUGH = old
+    monkeypatch.setattr(verify, "ENOUGH", 2500.0)
+    found = checked.check(curve, answer, draws=6000, seed=seed)
     work = verify._Work(checked, curve, answer, seed)
     target = work.target
     d = len(target.prior.names)
     rng = np.random.default_rng(seed)
     best = climb(target, work._starts()[0], FINE)
     walkers = best.u + 0.5 * rng.standard_normal((4 * d, d)) @ np.linalg.cholesky(best.covariance).T
-    sampler = emcee.EnsembleSampler(4 * d, d, lambda u: target(u, FINE), vectorize=True)
+    moves = [(emcee.moves.DEMove(), 0.8), (emcee.moves.DESnookerMove(), 0.2)]
+    sampler = emcee.EnsembleSampler(4 * d, d, lambda u: target(u, FINE), vectorize=True, moves=moves)
     sampler._random.seed(seed)
-    sampler.run_mcmc(walkers, 1200)
+    sampler.run_mcmc(walkers, 1500)
     tau = float(np.max(sampler.get_autocorr_time(tol=0)))
     assert len(sampler.get_chain()) > 15 * tau
     x = target.prior.to_x(sampler.get_chain(discard=int(4 * tau), flat=True))
@@ -483,4 +487,5 @@ def test_against_emcee(seed):
         middle = np.log10(found.median(name))
         assert middle == pytest.approx(np.median(x[:, i]), abs=0.1 * sd)
         width = np.sqrt(weight @ (ours - weight @ ours) ** 2)
+        print(f"{seed} {name}: {(middle - np.median(x[:, i])) / sd:+.3f} sd, width {width / sd:.3f}, tau {tau:.0f}")
         assert width == pytest.approx(sd, rel=0.15)
