@@ -50,7 +50,7 @@ NARROWEST = 0.02  # t_c: half-width of the time origin's range where half a fram
 SYSTEMATIC = 0.03  # of R_max: misfit beyond noise above which a law is rejected although some is allowed for
 PULLED = 2.3  # in u: a nuisance that far from its middle has 1 % of its prior beyond it
 SAME = 0.005  # in u: starts nearer to each other than this are one
-AT_END = 0.05  # probability of the prior beyond a quantile, below which the prior decides that end of the interval
+AT_END = 0.25  # of an interval's width: an end nearer to that of the prior's range is the prior's, not the curve's
 
 
 class Estimator(Protocol):
@@ -351,14 +351,14 @@ class _Work:
         if len(u) < 2:
             return []
         found = []
-        p = self.prior.cdf(self.prior.to_x(u))
+        x = self.prior.to_x(u)
         for i, name in enumerate(self.prior.names):
             if name in FREE.values():
                 continue
-            low, high = weighted_quantile(p[:, i], np.array([0.05, 0.95]), log_weight)
-            if low < AT_END:
+            low, high = weighted_quantile(x[:, i], np.array([0.05, 0.95]), log_weight)
+            if low - self.prior.low[i] < AT_END * (high - low):
                 found.append(f"{name} from below")
-            if high > 1.0 - AT_END:
+            if self.prior.high[i] - high < AT_END * (high - low):
                 found.append(f"{name} from above")
         return found
 
