@@ -354,6 +354,24 @@ class TestTorch:
         assert len(lines) == 2  # a finished run is not trained, nor its test part looked at, again
         assert (tmp_path / "cut" / "result.json").read_bytes() == before
 
+    def test_dropout_ends_where_the_recipe_says(self, recipe, data, tmp_path, monkeypatch):
+        from cavirheo.training.train import train
+
+        dropped, epoch = {}, [1]
+        forward = self.torch.nn.Dropout.forward
+
+        def seen(layer, x):
+            if self.torch.is_grad_enabled():  # in training, not in the look at the validation part
+                dropped.setdefault(epoch[0], set()).add(layer.training)
+            return forward(layer, x)
+
+        monkeypatch.setattr(self.torch.nn.Dropout, "forward", seen)
+        train(
+            changed(recipe, epochs=3, dropout_epochs=2), data, tmp_path / "run", **QUIET,
+            on_epoch=lambda line: epoch.__setitem__(0, line["epoch"] + 1),
+        )  # fmt: skip
+        assert dropped == {1: {True}, 2: {True}, 3: {False}}
+
     def test_leaves_the_random_numbers_of_the_caller_alone(self, recipe, data, tmp_path):
         from cavirheo.training.train import train
 
