@@ -421,7 +421,7 @@ class TestTorch:
             assert slope * x.mean() + offset == pytest.approx(x.mean(), abs=1e-4)
         assert any(abs(slope - 1) > 0.01 for slope in result["calibration"]["slope"])
 
-    def test_exported_model_is_the_trained_one(self, recipe, data, tmp_path):
+    def test_exported_model_is_the_trained_one(self, recipe, data, tmp_path, monkeypatch):
         pytest.importorskip("onnxscript")
         from cavirheo.training.export import export, load_model
         from cavirheo.training.train import train
@@ -463,6 +463,18 @@ class TestTorch:
         generate(recipe.problem, 50, tmp_path / "fresh", seed=9, progress=False)
         fresh = judge.evaluate(path, tmp_path / "fresh")
         assert (fresh["part"], fresh["curves"], fresh["figures"]) == ("all", 50, [])
+
+        simulate_many = Problem.simulate_many  # a later solver: other bytes, the same bubbles
+        monkeypatch.setattr(
+            Problem,
+            "simulate_many",
+            lambda *a, **k: [SimpleNamespace(radius=s.radius * 1.001, status=s.status) for s in simulate_many(*a, **k)],
+        )
+        generate(recipe.problem, 100, tmp_path / "again", progress=False)
+        assert judge.evaluate(path, tmp_path / "again")["part"] == "test"
+        generate(recipe.problem, 60, tmp_path / "fewer", progress=False)
+        with pytest.raises(InputError, match="another --seed"):
+            judge.evaluate(path, tmp_path / "fewer")
 
     def test_export_refuses_a_model_that_differs(self, recipe, data, tmp_path, monkeypatch):
         pytest.importorskip("onnxscript")
