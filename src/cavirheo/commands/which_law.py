@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import shlex
 import sys
 import time
@@ -26,6 +25,7 @@ from cavirheo.commands.shared import (
     progress,
     read_files,
 )
+from cavirheo.errors import InputError
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -113,31 +113,25 @@ def _table(singles: list[Ranking], groups: list[Ranking]) -> Table:
 
 def _write(out: Path, curves: list[RadiusCurve], singles: list[Ranking], groups: list[Ranking], command: str) -> Path:
     """laws.json: by curve and group the evidence of each law, and for a curve the row that result.json would have."""
-    from cavirheo.errors import InputError
+    from cavirheo.reporting.document import Document, write_json
     from cavirheo.reporting.record import curve_record
 
     def about(one: Ranking, curve: RadiusCurve | None) -> dict[str, Any]:
         probability = one.probability
-        rows = {
-            law: {
-                "log_evidence": one.log_evidence[law],
-                "standard_error": one.error[law],
-                "probability": probability.get(law),
-            }
-            | ({"answer": curve_record(curve, one.answers[law]).model_dump()} if curve else {})
-            for law in one.log_evidence
-        }
+        rows: dict[str, dict[str, Any]] = {}
+        for law, value in one.log_evidence.items():
+            row = {"log_evidence": value, "standard_error": one.error[law], "probability": probability.get(law)}
+            rows[law] = row | ({"answer": curve_record(curve, one.answers[law])} if curve else {})
         return {"name": one.name, "shots": one.shots, "chosen": one.chosen, "contenders": one.contenders, "laws": rows}
 
-    document = {
-        "schema": 1,
-        "command": command,
-        "curves": [about(one, curve) for one, curve in zip(singles, curves, strict=True)],
-        "groups": [about(one, None) for one in groups],
-    }
+    document = Document(
+        command=command,
+        curves=[about(one, curve) for one, curve in zip(singles, curves, strict=True)],  # type: ignore[call-arg]
+        groups=[about(one, None) for one in groups],
+    )
     try:
         out.mkdir(parents=True, exist_ok=True)
-        (out / "laws.json").write_text(json.dumps(document, indent=1, allow_nan=False) + "\n", encoding="utf-8")
+        write_json(out / "laws.json", document)
     except OSError as error:
         raise InputError(f"cannot write {out / 'laws.json'}: {error.strerror or error}") from None
     return out / "laws.json"
