@@ -16,7 +16,7 @@ from cavirheo import InputError, NeoHookeanKelvinVoigt, RadiusCurve, fit, simula
 from cavirheo.inference import verify
 from cavirheo.inference.fit.parameters import FREE, Family, Settings
 from cavirheo.inference.fit.shots import FINE, Shot
-from cavirheo.inference.verify import LeastSquares, Verified, verify_many
+from cavirheo.inference.verify import LeastSquares, Verified, predictive, verify_many
 from cavirheo.inference.verify import likelihood as camera
 from cavirheo.inference.verify.evidence import rank_laws
 from cavirheo.inference.verify.likelihood import SHAPE, Likelihood, Noise
@@ -333,7 +333,8 @@ def test_the_calibration_benchmark_catches_an_overconfident_posterior():
 # the predictive check
 
 
-def test_predictive_check_rejects_at_its_nominal_rate():
+def test_predictive_check_rejects_at_its_nominal_rate(monkeypatch):
+    monkeypatch.setattr(predictive, "REPLICATES", 400)
     rng = np.random.default_rng(0)
     J = np.column_stack([np.linspace(0, 1, 90), np.sin(np.arange(90) / 7.0), np.ones(90)])
     project = np.eye(90) - J @ np.linalg.pinv(J)
