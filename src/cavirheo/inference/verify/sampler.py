@@ -24,6 +24,7 @@ FREEDOM = 8.0  # degrees of the Student's t
 STEPS = 3  # of expectation maximisation after each round
 ROUGH_ROUNDS = 6  # at most, two at least: until the effective size is GOOD times the draws
 GOOD = 0.3
+WIDE, GROWN = 0.2, 2.0  # share of the draws that look for what the fitted shape misses, and how much wider they are
 SMALLEST = 0.005  # share of a component below which it is dropped
 TAIL = 0.2  # of the draws, that the tail index looks at
 RELIABLE = 0.7  # tail index above which the mean of the weights cannot be trusted
@@ -40,11 +41,15 @@ class Mixture:
     @classmethod
     def about(cls, means: Sequence[Floats], covariances: Sequence[Floats], log_share: Sequence[float]) -> Mixture:
         """A component about each place, and a tenth of the draws twice as wide."""
-        share = np.exp(np.asarray(log_share) - logsumexp(log_share))
-        scale = np.array(covariances)
+        share, scale = np.exp(np.asarray(log_share) - logsumexp(log_share)), np.array(covariances)
         return cls(
             np.concatenate([0.9 * share, 0.1 * share]), np.tile(means, (2, 1)), np.concatenate([scale, 4.0 * scale])
         )
+
+    def widened(self) -> Mixture:
+        """With WIDE of the draws from the same components GROWN times as wide: fitted shapes lose their tails."""
+        share = np.concatenate([(1.0 - WIDE) * self.share, WIDE * self.share])
+        return Mixture(share, np.tile(self.mean, (2, 1)), np.concatenate([self.scale, GROWN**2 * self.scale]))
 
     def draw(self, count: int, rng: np.random.Generator) -> Floats:
         """(count, d)"""
@@ -160,6 +165,7 @@ Rounds = tuple[Sample, list[tuple[int, Mixture]]]
 
 def _joined(before: Rounds | None, proposal: Mixture, target: Log, count: int, rng: np.random.Generator) -> Rounds:
     """The draws so far and a new round, against the mixture of all proposals."""
+    proposal = proposal.widened()
     u = proposal.draw(count, rng)
     value = target(u)
     proposals = [(count, proposal)]
