@@ -163,8 +163,8 @@ class Single:
         here = 0.5 * float(np.sum(fit.residuals(minimum.x, QUICK) ** 2))
         there = 0.5 * float(np.sum(fit.residuals(start, QUICK) ** 2))
         if there < here or here > 0.5 * FOLLOWED * len(shot.measured):
-            other = fit.minimise(start, QUICK, SEARCH)
-            if other.cost < LOWER * here:
+            other = fit.minimise(start, QUICK, SEARCH, [minimum.x])
+            if other is not None and other.cost < LOWER * here:
                 return fit.settle([other.x]), shot.sigma
         return minimum, sigma
 
