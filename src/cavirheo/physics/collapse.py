@@ -62,7 +62,11 @@ def _terms(max_radius: ArrayLike, stretch: ArrayLike, viscosity: ArrayLike, medi
     f_gas = _GAS * (stretch**-3 + medium.vapour_pressure / p)
     inverse_Re = mu * U_c / (p * R)
     a, b, c = _VISCOUS
-    return f_We + f_Ma + f_gas, 2.5 - 2 * _SURFACE / stretch, 2 * _A * inverse_Re * (a + inverse_Re * (b + inverse_Re * c))
+    return (
+        f_We + f_Ma + f_gas,
+        2.5 - 2 * _SURFACE / stretch,
+        2 * _A * inverse_Re * (a + inverse_Re * (b + inverse_Re * c)),
+    )
 
 
 def analytic_time(

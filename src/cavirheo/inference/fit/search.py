@@ -19,13 +19,12 @@ from cavirheo.physics.collapse import analytic_modulus
 Floats = NDArray[np.float64]
 
 FORWARD, CENTRAL = 1e-3, 3e-3  # steps of the differences, decades or the like: the solver's noise is far below
-STARTS = 32
+STARTS = 48
 SAME = 0.01  # of its range: a search that comes so near to a known minimum in every parameter is given up
-UPDATED = (1,)  # Jacobians by Broyden's update since the last one by differences, that may be updated again
 _LN10 = float(np.log(10.0))
 SEARCH = {"ftol": 1e-3, "xtol": 1e-3, "gtol": 1e-8, "max_nfev": 15}
 _POLISH = {"ftol": 3e-5, "xtol": 1e-4, "gtol": 1e-8, "max_nfev": 12}
-TIMED = 2
+TIMED = 2  # every so many starts get their shear modulus from the collapse time
 
 
 @dataclass(frozen=True, eq=False)
@@ -128,10 +127,11 @@ class Fit:
 
     def minimise(
         self, start: Floats, accuracy: dict[str, Any], limits: dict[str, Any], known: Sequence[Floats] = ()
-    ) -> Minimum | None:
-        """Trust-region least squares within the bounds (scipy), weights as they are; None if it comes to a known one.
+    ) -> Minimum:
+        """Trust-region least squares within the bounds (scipy), weights as they are.
 
-        Every second Jacobian is the one before with Broyden's update, which costs no simulation.
+        Every second Jacobian is the one before with Broyden's update, which costs no simulation; the last one is not,
+        unless `known` minima are given: a search that comes to one of those ends there, with infinite cost.
         """
         from scipy.optimize import least_squares
 
@@ -147,9 +147,9 @@ class Fit:
 
         def jac(x: Floats) -> Floats:
             if any(np.all(np.abs(x - other) < SAME * (high - low)) for other in known):
-                raise _Known
+                raise KnownMinimumError
             at = last[x.tobytes()]
-            if len(before) // 3 in UPDATED:
+            if len(before) == 3:
                 x0, at0, slope = before[-3:]
                 move = x - x0
                 slope = slope + np.outer(at - at0 - slope @ move, move) / (move @ move)
@@ -159,12 +159,17 @@ class Fit:
             before.extend([x.copy(), at, slope])
             return slope.copy()
 
+        x = start
         try:
-            found = least_squares(
-                fun, np.clip(start, low + inside, high - inside), jac=jac, bounds=(low, high), method="trf", **limits
-            )
-        except _Known:
-            return None
+            for _ in range(1 if known else 2):
+                x = np.clip(x, low + inside, high - inside)
+                found = least_squares(fun, x, jac=jac, bounds=(low, high), method="trf", **limits)
+                if len(before) == 3:
+                    break
+                before.clear()
+                x = found.x
+        except KnownMinimumError:
+            return Minimum(x, np.inf, True)
         return Minimum(found.x, float(found.cost), bool(found.status > 0))
 
     def reweigh(self, x: Floats, accuracy: dict[str, Any]) -> None:
@@ -184,28 +189,28 @@ class Fit:
         known: list[Floats] = []
         for start in starts:
             found = self.minimise(start, QUICK, SEARCH, known)
-            if found is None:
-                continue
             known.append(found.x)
             best = found if best is None or found.cost < best.cost else best
             if best.cost < 0.5 * enough * sum(len(shot.measured) for shot in self.shots):
                 break
         assert best is not None
-        for stage, limits in ((QUICK, SEARCH), (accuracy, _POLISH)):
+        for stage, limits in ((QUICK, SEARCH), (accuracy, _POLISH), (accuracy, _POLISH)):
             self.reweigh(best.x, stage)
-            best = self.minimise(best.x, stage, limits) or best
+            before, best = best.x, self.minimise(best.x, stage, limits)
+            if stage is accuracy and np.max(np.abs(best.x - before)) < 2e-2:
+                break
         return best
 
 
-class _Known(Exception):
-    """A search came to a minimum that is known."""
+class KnownMinimumError(Exception):
+    """A search came to a minimum that is known; does not leave `Fit.minimise`."""
 
 
 class Scan:
     """Coarse simulations over the whole window of a shot, from which every window takes its starts.
 
-    Where the law has a shear modulus and a viscosity and the curve a collapse, every other point has the shear modulus
-    that the collapse time t_1 asks for at its viscosity and stretch (pIMR, physics/collapse.py).
+    Where the law has a shear modulus and a viscosity and the curve a collapse, every other point is an estimate from
+    the collapse time: it has the shear modulus that t_1 asks for at its viscosity and stretch (physics/collapse.py).
 
     Raises:
         SolverError: all of them failed.
@@ -222,7 +227,6 @@ class Scan:
         inner = np.concatenate(box)
         self.points[:, : len(inner)] = spread_starts(inner, count)
         self.timed = self._from_collapse_time(fit, shot)
-        self.since = shot.since
         self.found = fit.predictions([(shot, x) for x in self.points], COARSE)
         if not any(self.found):
             raise SolverError(
@@ -246,6 +250,11 @@ class Scan:
         timed &= (log10 > fit.bounds[column, 0]) & (log10 < fit.bounds[column, 1])
         self.points[timed, column] = log10[timed]
         return timed
+
+    @property
+    def provenance(self) -> dict[str, int]:
+        """How many starts there were, and how many with the shear modulus of the collapse time."""
+        return {"starts": len(self.points), "starts_from_collapse_time": int(np.sum(self.timed))}
 
     def best(self, shot: Shot, count: int) -> list[Floats]:
         """The points with the smallest cost in the present window of the shot."""
