@@ -69,7 +69,7 @@ def compare(
     against, notes = _against(reference_methods, methods, references)
     for about in sets:
         _check(about, model, references)
-    found = [_shots(about, folder, references) for about in sets]
+    found = [shots_of(about, folder, references) for about in sets]
     total = sum(len(curves) for curves, *_ in found)
     names = file_names([*_OUTPUTS, *(about.name for about in sets)])[len(_OUTPUTS) :]
     records: list[SetRecord] = []
@@ -129,7 +129,7 @@ def _check(about: ReferenceSet, model: str, references: Path) -> None:
         raise InputError(f"{references}, line {about.lines['stretch']}, column stretch: {error}") from None
 
 
-def _shots(
+def shots_of(
     about: ReferenceSet, folder: Path, references: Path
 ) -> tuple[list[RadiusCurve], list[Path], list[str], list[str]]:
     """(curves, files, problems, what was left out) of a set."""
