@@ -5,6 +5,7 @@
 | prior | proper priors; the coordinates u in which each is the standard normal |
 | likelihood | camera model, noise of unknown size, discrepancy |
 | mode | the maximum of the posterior, Laplace |
+| surrogate | the shape of the posterior, cheaply |
 | sampler | importance weights, effective size, evidence: of any density |
 | predictive | could this law have left these residuals? |
 | evidence | which of several laws |
@@ -34,6 +35,7 @@ from cavirheo.inference.verify.mode import Mode, Target, climb, modes, ridge
 from cavirheo.inference.verify.predictive import Predictive, predictive_check, systematic
 from cavirheo.inference.verify.prior import Prior, log_normal, prior_of
 from cavirheo.inference.verify.sampler import RELIABLE, Mixture, Sample, sample
+from cavirheo.inference.verify.surrogate import Surrogate
 from cavirheo.physics.media import WATER, Medium
 from cavirheo.posterior import Posterior, Verdict
 
@@ -43,7 +45,7 @@ Floats = NDArray[np.float64]
 Level = Literal["map", "full"]
 
 DRAWS = 1200  # most simulations whose weights count
-EACH = 200  # a round
+EACH = 300  # a round
 ENOUGH = 400.0  # effective draws at which sampling ends
 FEWEST = 100.0  # effective draws below which no interval is given
 NARROWEST = 0.02  # t_c: half-width of the time origin's range where half a frame is less; R_max is hardly seen sooner
@@ -194,7 +196,7 @@ class _Work:
             )  # fmt: skip
             drawn = sample(
                 lambda u: self.target(u, FINE), start, seed=self.seed, each=min(EACH, draws), most=draws,
-                enough=ENOUGH, rough=lambda u: self.target(u, QUICK),
+                enough=ENOUGH, shape=Surrogate(self.target, QUICK).shape,
             )  # fmt: skip
         else:
             drawn = self._weighted(draws)

@@ -19,11 +19,11 @@ from scipy.special import gammaln, logsumexp
 
 Floats = NDArray[np.float64]
 Log = Callable[[Floats], Floats]
+Shape = Callable[["Mixture", np.random.Generator], "Mixture"]
 
 FREEDOM = 8.0  # degrees of the Student's t
 STEPS = 3  # of expectation maximisation after each round
-ROUGH_ROUNDS = 6  # at most, two at least: until the effective size is GOOD times the draws
-GOOD = 0.3
+GOOD = 0.4  # effective draws over draws, from which a proposal stays as it is
 WIDE, GROWN = 0.2, 2.0  # share of the draws that look for what the fitted shape misses, and how much wider they are
 SMALLEST = 0.005  # share of a component below which it is dropped
 TAIL = 0.2  # of the draws, that the tail index looks at
@@ -136,26 +136,20 @@ class Sample:
 
 
 def sample(
-    target: Log, start: Mixture, *, seed: int, each: int, most: int, enough: float, rough: Log | None = None
+    target: Log, start: Mixture, *, seed: int, each: int, most: int, enough: float, shape: Shape | None = None
 ) -> Sample:
     """Rounds of `each` draws of a log density until their effective size is `enough` (and their tail index in order) or
-    there are `most`.
+    there are `most`. While a draw is worth less than GOOD, the proposal is fitted to the draws after each round.
 
-    `rough` is a cheaper approximation of the target on which the proposal is fitted in a few rounds that do not count.
-    The draws depend on the seed, the target and the start alone.
+    `shape` brings the start nearer to the target before anything counts (surrogate.py). The draws depend on the seed,
+    the target and the start alone.
     """
     rng = np.random.Generator(np.random.Philox(seed))
-    proposal, found = start, None
-    for turn in range(ROUGH_ROUNDS):
-        if rough is None or (turn > 1 and found is not None and found[0].ess > GOOD * len(found[0].u)):
-            break
-        found = _joined(found, proposal, rough, max(each * 3 // 5, 2), rng)
-        if np.any(np.isfinite(found[0].log_weight)):
-            proposal = proposal.fitted(found[0].u, found[0].log_weight)
-    found = None
+    proposal = shape(start, rng) if shape else start
+    found: Rounds | None = None
     while found is None or (len(found[0].u) < most and (found[0].ess < enough or found[0].tail > RELIABLE)):
         found = _joined(found, proposal, target, min(each, most - (len(found[0].u) if found else 0)), rng)
-        if np.any(np.isfinite(found[0].log_weight)):
+        if np.any(np.isfinite(found[0].log_weight)) and found[0].ess < GOOD * len(found[0].u):
             proposal = proposal.fitted(found[0].u, found[0].log_weight)
     return found[0]
 
