@@ -1,0 +1,339 @@
+"""The page: what stands where in the five steps, and which handler answers what.
+
+Only `infer` (endpoint.py) is public to programs; the handlers of the page are not.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import fields
+from functools import wraps
+from pathlib import Path
+from typing import Any
+
+import gradio as gr
+
+from cavirheo.app import endpoint, export, plots, steps, words
+from cavirheo.app.session import Session, Settings, Visitors
+from cavirheo.errors import InputError, SolverError
+from cavirheo.inference.model import DEFAULT
+from cavirheo.physics.media import MEDIA
+
+TITLE = "cavirheo"
+_FORMATS = ".mat, .csv, .txt, .h5, .xlsx"
+_WINDOWS: list[tuple[str, int | None]] = [
+    ("all that the model reads", None), ("1 collapse", 1), ("2 collapses", 2), ("3 collapses", 3),
+]  # fmt: skip
+# The sliders change two lines of a figure that is there already: nothing measured is sent again.
+_REDRAW = """
+watch('value', () => {
+  const plot = document.querySelector('#check-plot .js-plotly-plot');
+  const value = props.value;
+  if (plot && window.Plotly && value && value.x) {
+    window.Plotly.restyle(plot, {x: value.x, y: value.y}, value.traces);
+    document.body.dataset.redrawn = String(Number(document.body.dataset.redrawn || 0) + 1);
+  }
+});
+"""
+
+
+def told(handler: Callable[..., Any]) -> Callable[..., Any]:
+    """The handler, whose errors of the user become a message that stays until it is closed."""
+
+    @wraps(handler)
+    def one(*given: Any) -> Any:
+        try:
+            return handler(*given)
+        except (InputError, SolverError) as error:
+            text = str(error).replace("--rmax-um", "R_max in step 2")
+            raise gr.Error(text, duration=None, title="Not done", print_exception=False) from None
+
+    return one
+
+
+def build(visitors: Visitors) -> gr.Blocks:
+    """The page with its handlers, not yet served."""
+    page = gr.Blocks(title=TITLE, analytics_enabled=False, delete_cache=(600, 3600), fill_width=True)
+    with page:
+        Page(visitors)
+
+        def leave(request: gr.Request) -> None:
+            visitors.leave(request.session_hash or "")
+
+        page.unload(leave)
+    return page
+
+
+class Page:
+    """The components of the five steps."""
+
+    def __init__(self, visitors: Visitors) -> None:
+        self.visitors = visitors
+        gr.HTML(
+            "<header><h1>cavirheo</h1><p>Shear modulus and viscosity from bubble radius histories</p></header>",
+            elem_id="top", apply_default_css=False,
+        )  # fmt: skip
+        with gr.Walkthrough(selected=1, elem_id="steps") as self.walk:
+            with gr.Step("Data", id=1):
+                self._data()
+            with gr.Step("Prepare", id=2):
+                self._prepare()
+            with gr.Step("Infer", id=3):
+                self._infer()
+            with gr.Step("Check", id=4):
+                self._check()
+            with gr.Step("Export", id=5):
+                self._export()
+        self.settings = [
+            self.medium, self.density, self.sound_speed, self.surface_tension, self.pressure, self.temperature,
+            self.rmax, self.stretch, self.window, self.model,
+        ]  # fmt: skip
+        self._wire()
+        gr.api(self._api(), api_name="infer")
+
+    # what stands where
+
+    def _data(self) -> None:
+        limits = self.visitors.limits
+        with gr.Row():
+            with gr.Column(scale=3, min_width=300):
+                self.upload = gr.File(
+                    label=f"Measured R(t): drop files here ({_FORMATS}; at most {limits.file_mb:g} MB each)",
+                    file_count="multiple", height=150, elem_id="upload",
+                )  # fmt: skip
+            with gr.Column(scale=2, min_width=260):
+                self.example = gr.Dropdown(
+                    ["", *steps.examples()], value="", label="or take a shipped example", elem_id="example"
+                )
+                with gr.Row():
+                    self.clear = gr.Button("Start over", size="sm", elem_id="clear")
+                    self.to_prepare = gr.Button("Prepare first", size="sm", elem_id="to-prepare")
+                self.infer_now = gr.Button("Infer all shots", variant="primary", interactive=False, elem_id="infer-now")
+        with gr.Row():
+            self.plain = gr.Plot(show_label=False, container=False, elem_id="overview")
+            self.scaled = gr.Plot(show_label=False, container=False, elem_id="overview-normalised")
+        self.found = gr.HTML(words.found([], []), apply_default_css=False, elem_id="found")
+
+    def _prepare(self) -> None:
+        with gr.Row():
+            with gr.Column(scale=2, min_width=300):
+                self.chosen = gr.CheckboxGroup(label="Shots to infer", elem_id="chosen")
+                self.window = gr.Dropdown(_WINDOWS, value=None, label="Window that is compared", elem_id="window")
+                with gr.Row():
+                    self.medium = gr.Dropdown(list(MEDIA), value="water", label="Medium", min_width=120)
+                    self.density = gr.Number(label="Density (kg/m³)", minimum=0, min_width=120, elem_id="density")
+                with gr.Row():
+                    self.rmax = gr.Number(label="True R_max (µm)", minimum=0, min_width=120, elem_id="rmax")
+                    self.stretch = gr.Number(label="λ = R_max/R_0", minimum=0, min_width=120)
+                gr.HTML(
+                    words.NOTHING.format("Left empty: the medium's own density, R_max as measured, λ fitted."),
+                    apply_default_css=False,
+                )
+                with gr.Accordion("More about the liquid", open=False):
+                    with gr.Row():
+                        self.sound_speed = gr.Number(label="Sound speed (m/s)", minimum=0, min_width=120)
+                        self.surface_tension = gr.Number(label="Surface tension (N/m)", minimum=0, min_width=120)
+                    with gr.Row():
+                        self.pressure = gr.Number(label="Pressure (Pa)", minimum=0, min_width=120)
+                        self.temperature = gr.Number(label="Temperature (K)", minimum=0, min_width=120)
+            with gr.Column(scale=3, min_width=300):
+                self.shown = gr.Dropdown(label="Shot shown", elem_id="shown")
+                self.prepared = gr.Plot(show_label=False, container=False, elem_id="prepared")
+                self.dropped = gr.HTML(apply_default_css=False, elem_id="dropped")
+        self.to_infer = gr.Button("Go on", variant="primary", elem_id="to-infer")
+
+    def _infer(self) -> None:
+        models = words.models()
+        self.model = gr.Radio(models, value=DEFAULT, label="Material and model", elem_id="model")
+        self.infer = gr.Button("Infer all chosen shots", variant="primary", elem_id="infer")
+        self.answers = gr.HTML(
+            words.NOTHING.format("No answers yet: press the button above."), apply_default_css=False,
+            elem_id="answers", min_height=120,
+        )  # fmt: skip
+        self.to_check = gr.Button("Check against the simulation", interactive=False, elem_id="to-check")
+
+    def _check(self) -> None:
+        with gr.Row(equal_height=True):
+            self.checked = gr.Dropdown(label="Shot", scale=3, min_width=200, elem_id="checked")
+            self.fit = gr.Button("Fit conventionally (seconds)", scale=1, min_width=180, elem_id="fit")
+        self.plot = gr.Plot(show_label=False, container=False, elem_id="check-plot")
+        with gr.Row():
+            self.sliders = [
+                gr.Slider(label=label, elem_id=f"slider-{key}", min_width=200)
+                for key, label in zip(
+                    steps.SLIDERS, ("Try G (kPa)", "Try µ (Pa s)", "Try λ = R_max/R_0"), strict=True
+                )
+            ]
+        self.trial = gr.HTML(
+            {"words": ""}, html_template="${value.words}", js_on_load=_REDRAW, apply_default_css=False, elem_id="trial"
+        )
+        self.facts = gr.HTML(apply_default_css=False, elem_id="facts")
+        self.to_export = gr.Button("Export", elem_id="to-export")
+
+    def _export(self) -> None:
+        gr.HTML(
+            words.report(
+                "<p>One zip with <b>result.json</b> and <b>result.csv</b> (the table), <b>report.html</b>, a figure of "
+                "every shot (<b>PNG</b> and <b>SVG</b>), the processed and the simulated curves (<b>CSV</b>), and the "
+                "conventional fits that you made.</p>"
+            ),
+            apply_default_css=False,
+        )
+        self.make = gr.Button("Make the zip", variant="primary", elem_id="make")
+        self.download = gr.DownloadButton("Download cavirheo-result.zip", interactive=False, elem_id="download")
+
+    # which handler answers what
+
+    def _wire(self) -> None:
+        private: dict[str, Any] = {"api_visibility": "private"}
+        shown = [
+            self.found, self.plain, self.scaled, self.chosen, self.shown, self.upload, self.infer_now, self.answers,
+            self.to_check,
+        ]  # fmt: skip
+        self.upload.upload(
+            self._of(self._load), [self.upload, *self.settings], shown, show_progress_on=[self.found], **private
+        )
+        self.example.input(self._of(self._example), [self.example, *self.settings], shown, **private)
+        self.clear.click(self._of(self._clear), self.settings, [*shown, self.example], **private)
+        view = [self.prepared, self.dropped]
+        changes = [one.change for one in (self.shown, *self.settings[:-1])]
+        gr.on(
+            [*changes, self.model.change], self._of(self._view), [self.shown, *self.settings], view,
+            trigger_mode="always_last", show_progress="hidden", **private,
+        )  # fmt: skip
+        for button, step in ((self.to_prepare, 2), (self.to_infer, 3), (self.to_check, 4), (self.to_export, 5)):
+            button.click(_go(step), outputs=self.walk, queue=False, **private)
+        answered = [self.walk, self.answers, self.checked, self.to_check]
+        check = [self.plot, self.facts, self.trial, *self.sliders]
+        for button in (self.infer_now, self.infer):
+            button.click(
+                _go(3), outputs=self.walk, queue=False, **private
+            ).then(
+                self._of(self._answer), [self.chosen, *self.settings], answered,
+                show_progress_on=[self.answers], concurrency_limit=2, **private,
+            ).success(
+                self._of(self._show), [self.checked, *self.settings], check, show_progress="hidden", **private
+            )  # fmt: skip
+        self.checked.input(self._of(self._show), [self.checked, *self.settings], check, show_progress="hidden", **private)
+        self.fit.click(
+            self._of(self._fit), [self.checked, *self.settings], [self.plot, self.facts],
+            show_progress_on=[self.plot], concurrency_limit=2, **private,
+        )  # fmt: skip
+        gr.on(
+            [slider.input for slider in self.sliders], self._of(self._try), [self.checked, *self.sliders], [self.trial],
+            queue=False, show_progress="hidden", trigger_mode="always_last", **private,
+        )  # fmt: skip
+        self.make.click(
+            self._of(self._zip), outputs=[self.download], show_progress_on=[self.download], **private
+        ).success(None, js="() => document.querySelector('#download').click()", **private)
+
+    def _of(self, handler: Callable[..., Any]) -> Callable[..., Any]:
+        """The handler, called with the session of who asks."""
+
+        @told
+        def one(request: gr.Request, progress: gr.Progress = gr.Progress(), *values: Any) -> Any:  # noqa: B008
+            session = self.visitors.of(request.session_hash or "")
+            with session.lock:
+                return handler(session, *values, **({"progress": progress} if handler == self._answer else {}))
+
+        return one
+
+    # the handlers
+
+    def _load(self, session: Session, files: list[str] | None, *settings: Any) -> list[Any]:
+        session.add([Path(file) for file in files or []], _settings(settings))
+        return self._loaded(session)
+
+    def _example(self, session: Session, name: str, *settings: Any) -> list[Any]:
+        if name:
+            session.add([steps.examples()[name]], _settings(settings), copy=True)
+        return self._loaded(session)
+
+    def _clear(self, session: Session, *settings: Any) -> list[Any]:
+        session.clear()
+        return [*self._loaded(session), ""]
+
+    def _loaded(self, session: Session) -> list[Any]:
+        names = [curve.name for curve in session.curves]
+        figures = plots.overview(session.curves, session.settings.liquid) if names else (None, None)
+        return [
+            words.found(session.curves, session.problems), *figures, gr.CheckboxGroup(choices=names, value=names),
+            gr.Dropdown(choices=names, value=names[0] if names else None), None, gr.Button(interactive=bool(names)),
+            steps.answers(session), gr.Button(interactive=False),
+        ]  # fmt: skip
+
+    def _view(self, session: Session, name: str | None, *settings: Any) -> list[Any]:
+        session.prepare(_settings(settings))
+        curve = next((curve for curve in session.curves if curve.name == name), None)
+        if curve is None:
+            return [None, ""]
+        try:
+            view = steps.compared(curve, session.settings)
+            figure = plots.prepared(curve, view.curve, *steps.network_grid(curve, session.settings))
+        except InputError as error:
+            return [None, words.report(words.messages({str(error): [name or ""]}), words.notes([curve]))]
+        return [figure, words.report(words.warnings([curve]), words.notes([curve]))]
+
+    def _answer(self, session: Session, chosen: list[str], *settings: Any, progress: gr.Progress) -> list[Any]:
+        session.prepare(_settings(settings))
+        steps.infer(session, chosen, progress)
+        names = [curve.name for curve, _ in session.pairs]
+        return [
+            gr.Walkthrough(selected=3), steps.answers(session), gr.Dropdown(choices=names, value=names[0]),
+            gr.Button(interactive=True),
+        ]  # fmt: skip
+
+    def _show(self, session: Session, name: str, *_: Any) -> list[Any]:
+        ranges = steps.sliders(session, name)
+        moved = [
+            gr.Slider(visible=False) if (found := ranges[key]) is None else gr.Slider(visible=True, **found)
+            for key in steps.SLIDERS
+        ]
+        return [self._figure(session, name), steps.beside(session, name), {"words": ""}, *moved]
+
+    def _fit(self, session: Session, name: str, *_: Any) -> list[Any]:
+        steps.fit(session, name)
+        return [self._figure(session, name), steps.beside(session, name)]
+
+    def _figure(self, session: Session, name: str) -> Any:
+        curve, posterior = steps.pair(session, name)
+        found = [plots.of(posterior, "simulation of the answer", plots.VERMILLION)]
+        if name in session.fits:
+            found.append(plots.of(session.fits[name], "least squares", plots.BLUE, "dash"))
+        return plots.checked(curve, found)
+
+    def _try(self, session: Session, name: str, *values: float | None) -> dict[str, Any]:
+        return {**steps.trial(session, name, values), "traces": plots.TRIAL}
+
+    def _zip(self, session: Session) -> Any:
+        return gr.DownloadButton(value=str(export.write_zip(session)), interactive=True)
+
+    def _api(self) -> Callable[..., Any]:
+        visitors = self.visitors
+
+        @told
+        def infer(
+            files: list[gr.FileData],
+            model: str = DEFAULT,
+            medium: str = "water",
+            density: float | None = None,
+            rmax_um: float | None = None,
+            stretch: float | None = None,
+            window: int | None = None,
+        ) -> dict:
+            """Measured radius histories in, the content of result.json out; options as those of `cavirheo infer`."""
+            settings = Settings(
+                medium=medium, density=density, rmax_um=rmax_um, stretch=stretch, window=window, model=model
+            )
+            return endpoint.infer(visitors, [file.path for file in files], settings)
+
+        return infer
+
+
+def _go(step: int) -> Callable[[], Any]:
+    return lambda: gr.Walkthrough(selected=step)
+
+
+def _settings(values: tuple[Any, ...]) -> Settings:
+    """From the components, in the order of the fields; an empty or zero number is not given."""
+    return Settings(**{field.name: value or None for field, value in zip(fields(Settings), values, strict=True)})
