@@ -21,18 +21,24 @@ from cavirheo.physics.media import MEDIA
 
 TITLE = "cavirheo"
 _FORMATS = ".mat, .csv, .txt, .h5, .xlsx"
-_WINDOWS: list[tuple[str, int | None]] = [
-    ("all that the model reads", None), ("1 collapse", 1), ("2 collapses", 2), ("3 collapses", 3),
-]  # fmt: skip
-# The sliders change two lines of a figure that is there already: nothing measured is sent again.
+_WINDOWS = [("all that the model reads", 0), ("1 collapse", 1), ("2 collapses", 2), ("3 collapses", 3)]
+# The sliders change two lines of a figure that is there already: nothing measured is sent again. Moving the lines alone
+# takes half the time of a restyle, which is needed where they are new or leave the axes.
 _REDRAW = """
-watch('value', () => {
+watch('value', async () => {
   const plot = document.querySelector('#check-plot .js-plotly-plot');
-  const value = props.value;
-  if (plot && window.Plotly && value && value.x) {
-    window.Plotly.restyle(plot, {x: value.x, y: value.y}, value.traces);
-    document.body.dataset.redrawn = String(Number(document.body.dataset.redrawn || 0) + 1);
+  const {x, y, traces} = props.value || {};
+  if (!plot || !window.Plotly || !x) return;
+  const within = (values, range) => values.every((v) => v >= range[0] && v <= range[1]);
+  if (plot.data[traces[0]].x.length && x[0].length && within(y[0], plot.layout.yaxis.range)
+      && within(y[1], plot.layout.yaxis2.range)) {
+    const lines = {data: x.map((_, k) => ({x: x[k], y: y[k]})), traces};
+    await window.Plotly.animate(
+      plot, lines, {transition: {duration: 0}, frame: {duration: 0, redraw: false}, mode: 'immediate'});
+  } else {
+    await window.Plotly.restyle(plot, {x, y}, traces);
   }
+  document.body.dataset.redrawn = String(Number(document.body.dataset.redrawn || 0) + 1);
 });
 """
 
@@ -73,16 +79,16 @@ class Page:
             "<header><h1>cavirheo</h1><p>Shear modulus and viscosity from bubble radius histories</p></header>",
             elem_id="top", apply_default_css=False,
         )  # fmt: skip
-        with gr.Walkthrough(selected=1, elem_id="steps") as self.walk:
-            with gr.Step("Data", id=1):
+        with gr.Tabs(selected=1, elem_id="steps") as self.tabs:
+            with gr.Tab("1 Data", id=1):
                 self._data()
-            with gr.Step("Prepare", id=2):
+            with gr.Tab("2 Prepare", id=2):
                 self._prepare()
-            with gr.Step("Infer", id=3):
+            with gr.Tab("3 Infer", id=3):
                 self._infer()
-            with gr.Step("Check", id=4):
+            with gr.Tab("4 Check", id=4):
                 self._check()
-            with gr.Step("Export", id=5):
+            with gr.Tab("5 Export", id=5):
                 self._export()
         self.settings = [
             self.medium, self.density, self.sound_speed, self.surface_tension, self.pressure, self.temperature,
@@ -118,24 +124,24 @@ class Page:
         with gr.Row():
             with gr.Column(scale=2, min_width=300):
                 self.chosen = gr.CheckboxGroup(label="Shots to infer", elem_id="chosen")
-                self.window = gr.Dropdown(_WINDOWS, value=None, label="Window that is compared", elem_id="window")
+                self.window = gr.Dropdown(_WINDOWS, value=0, label="Window that is compared", elem_id="window")
                 with gr.Row():
                     self.medium = gr.Dropdown(list(MEDIA), value="water", label="Medium", min_width=120)
-                    self.density = gr.Number(label="Density (kg/m³)", minimum=0, min_width=120, elem_id="density")
+                    self.density = gr.Number(label="Density (kg/m³)", min_width=120, elem_id="density")
                 with gr.Row():
-                    self.rmax = gr.Number(label="True R_max (µm)", minimum=0, min_width=120, elem_id="rmax")
-                    self.stretch = gr.Number(label="λ = R_max/R_0", minimum=0, min_width=120)
+                    self.rmax = gr.Number(label="True R_max (µm)", min_width=120, elem_id="rmax")
+                    self.stretch = gr.Number(label="λ = R_max/R_0", min_width=120)
                 gr.HTML(
                     words.NOTHING.format("Left empty: the medium's own density, R_max as measured, λ fitted."),
                     apply_default_css=False,
                 )
                 with gr.Accordion("More about the liquid", open=False):
                     with gr.Row():
-                        self.sound_speed = gr.Number(label="Sound speed (m/s)", minimum=0, min_width=120)
-                        self.surface_tension = gr.Number(label="Surface tension (N/m)", minimum=0, min_width=120)
+                        self.sound_speed = gr.Number(label="Sound speed (m/s)", min_width=120)
+                        self.surface_tension = gr.Number(label="Surface tension (N/m)", min_width=120)
                     with gr.Row():
-                        self.pressure = gr.Number(label="Pressure (Pa)", minimum=0, min_width=120)
-                        self.temperature = gr.Number(label="Temperature (K)", minimum=0, min_width=120)
+                        self.pressure = gr.Number(label="Pressure (Pa)", min_width=120)
+                        self.temperature = gr.Number(label="Temperature (K)", min_width=120)
             with gr.Column(scale=3, min_width=300):
                 self.shown = gr.Dropdown(label="Shot shown", elem_id="shown")
                 self.prepared = gr.Plot(show_label=False, container=False, elem_id="prepared")
@@ -161,7 +167,7 @@ class Page:
             self.sliders = [
                 gr.Slider(label=label, elem_id=f"slider-{key}", min_width=200)
                 for key, label in zip(
-                    steps.SLIDERS, ("Try G (kPa)", "Try µ (Pa s)", "Try λ = R_max/R_0"), strict=True
+                    steps.SLIDERS, ("Try G (kPa)", "Try µ (Pa s)", "Try λ (R_max/R_0)"), strict=True
                 )
             ]
         self.trial = gr.HTML(
@@ -202,12 +208,12 @@ class Page:
             trigger_mode="always_last", show_progress="hidden", **private,
         )  # fmt: skip
         for button, step in ((self.to_prepare, 2), (self.to_infer, 3), (self.to_check, 4), (self.to_export, 5)):
-            button.click(_go(step), outputs=self.walk, queue=False, **private)
-        answered = [self.walk, self.answers, self.checked, self.to_check]
+            button.click(_go(step), outputs=self.tabs, queue=False, **private)
+        answered = [self.tabs, self.answers, self.checked, self.to_check]
         check = [self.plot, self.facts, self.trial, *self.sliders]
         for button in (self.infer_now, self.infer):
             button.click(
-                _go(3), outputs=self.walk, queue=False, **private
+                _go(3), outputs=self.tabs, queue=False, **private
             ).then(
                 self._of(self._answer), [self.chosen, *self.settings], answered,
                 show_progress_on=[self.answers], concurrency_limit=2, **private,
@@ -218,6 +224,8 @@ class Page:
         self.fit.click(
             self._of(self._fit), [self.checked, *self.settings], [self.plot, self.facts],
             show_progress_on=[self.plot], concurrency_limit=2, **private,
+        ).success(
+            self._of(self._try), [self.checked, *self.sliders], [self.trial], show_progress="hidden", **private
         )  # fmt: skip
         gr.on(
             [slider.input for slider in self.sliders], self._of(self._try), [self.checked, *self.sliders], [self.trial],
@@ -279,7 +287,7 @@ class Page:
         steps.infer(session, chosen, progress)
         names = [curve.name for curve, _ in session.pairs]
         return [
-            gr.Walkthrough(selected=3), steps.answers(session), gr.Dropdown(choices=names, value=names[0]),
+            gr.Tabs(selected=3), steps.answers(session), gr.Dropdown(choices=names, value=names[0]),
             gr.Button(interactive=True),
         ]  # fmt: skip
 
@@ -331,7 +339,7 @@ class Page:
 
 
 def _go(step: int) -> Callable[[], Any]:
-    return lambda: gr.Walkthrough(selected=step)
+    return lambda: gr.Tabs(selected=step)
 
 
 def _settings(values: tuple[Any, ...]) -> Settings:

@@ -31,13 +31,14 @@ def overview(curves: Sequence[RadiusCurve], medium: Medium) -> tuple[go.Figure, 
     plain = _figure(f"time after {_RMAX} (µs)", "R (µm)")
     scaled = _figure(f"t* = t √(p/ρ) / {_RMAX}", f"R / {_RMAX}")
     for (curve, top), colour in zip(usable, tones, strict=True):
-        line: Any = {"color": "rgb({},{},{})".format(*(255 * colour).astype(int)), "width": 1.4}
-        time, radius = _thin(curve.time - curve.time_of_max, curve.radius)
+        line: Any = {"color": "rgb({},{},{})".format(*(255 * colour).astype(int)), "width": 1.2}
+        measured = np.isfinite(curve.radius)
+        time, radius = _thin(curve.time[measured] - curve.time_of_max, curve.radius[measured])
         for figure, x, y in (
             (plain, 1e6 * time, 1e6 * radius),
             (scaled, time / medium.time_scale(top), radius / top),
         ):
-            figure.add_scatter(x=x, y=y, mode="lines", line=line, name=curve.name, connectgaps=False)
+            figure.add_scatter(x=x, y=y, mode="lines+markers", line=line, marker={"size": 3}, name=curve.name)
     for figure in (plain, scaled):
         figure.update_layout(showlegend=False, hovermode="closest")
     return plain, scaled
@@ -139,7 +140,7 @@ def _dress(figure: go.Figure) -> None:
         legend={"orientation": "h", "y": 1.02, "yanchor": "bottom", "x": 0, "font": {"size": 11}},
         hovermode="x unified",
         hoverlabel={"namelength": 28},
-        modebar={"remove": ["select2d", "lasso2d", "autoScale2d", "zoomIn2d", "zoomOut2d"]},
+        modebar={"orientation": "v", "remove": ["select2d", "lasso2d", "autoScale2d", "toImage", "zoomIn2d", "zoomOut2d"]},
         uirevision="keep",
     )
     axis: Any = {

@@ -143,9 +143,9 @@ def sliders(session: Session, name: str) -> dict[str, dict[str, float] | None]:
         if key == "stretch":
             found[key] = {"minimum": 1.2, "maximum": 20.0, "step": 0.05, "value": value}
         else:
-            top = 4.0 * max(value, 1e-6)
+            top = 3.0 * max(value, 1e-6)
             unit = 10.0 ** floor(log10(top))
-            top = unit * next(n for n in (1, 2, 5, 10) if n * unit >= top * 0.999)
+            top = float(f"{unit * next(n for n in (1.5, 2, 3, 4, 5, 6, 8, 10) if n * unit >= top):.3g}")
             found[key] = {"minimum": top / 500, "maximum": top, "step": top / 500, "value": value}
     return found
 
