@@ -12,7 +12,8 @@ import numpy as np
 import pytest
 
 from cavirheo.reporting import style
-from cavirheo.reporting.record import Result, write_json
+from cavirheo.reporting.document import write_json
+from cavirheo.reporting.record import Result
 from cavirheo.rheometer.analyse import frequency_sweep, strain_sweep
 from cavirheo.rheometer.read import Sweep, read_sweeps
 from cavirheo.rheometer.titles import read_title

@@ -354,6 +354,24 @@ class TestTorch:
         assert len(lines) == 2  # a finished run is not trained, nor its test part looked at, again
         assert (tmp_path / "cut" / "result.json").read_bytes() == before
 
+    def test_dropout_ends_where_the_recipe_says(self, recipe, data, tmp_path, monkeypatch):
+        from cavirheo.training.train import train
+
+        dropped, epoch = {}, [1]
+        forward = self.torch.nn.Dropout.forward
+
+        def seen(layer, x):
+            if self.torch.is_grad_enabled():  # in training, not in the look at the validation part
+                dropped.setdefault(epoch[0], set()).add(layer.training)
+            return forward(layer, x)
+
+        monkeypatch.setattr(self.torch.nn.Dropout, "forward", seen)
+        train(
+            changed(recipe, epochs=3, dropout_epochs=2), data, tmp_path / "run", **QUIET,
+            on_epoch=lambda line: epoch.__setitem__(0, line["epoch"] + 1),
+        )  # fmt: skip
+        assert dropped == {1: {True}, 2: {True}, 3: {False}}
+
     def test_leaves_the_random_numbers_of_the_caller_alone(self, recipe, data, tmp_path):
         from cavirheo.training.train import train
 
@@ -403,7 +421,7 @@ class TestTorch:
             assert slope * x.mean() + offset == pytest.approx(x.mean(), abs=1e-4)
         assert any(abs(slope - 1) > 0.01 for slope in result["calibration"]["slope"])
 
-    def test_exported_model_is_the_trained_one(self, recipe, data, tmp_path):
+    def test_exported_model_is_the_trained_one(self, recipe, data, tmp_path, monkeypatch):
         pytest.importorskip("onnxscript")
         from cavirheo.training.export import export, load_model
         from cavirheo.training.train import train
@@ -445,6 +463,18 @@ class TestTorch:
         generate(recipe.problem, 50, tmp_path / "fresh", seed=9, progress=False)
         fresh = judge.evaluate(path, tmp_path / "fresh")
         assert (fresh["part"], fresh["curves"], fresh["figures"]) == ("all", 50, [])
+
+        simulate_many = Problem.simulate_many  # a later solver: other bytes, the same bubbles
+        monkeypatch.setattr(
+            Problem,
+            "simulate_many",
+            lambda *a, **k: [SimpleNamespace(radius=s.radius * 1.001, status=s.status) for s in simulate_many(*a, **k)],
+        )
+        generate(recipe.problem, 100, tmp_path / "again", progress=False)
+        assert judge.evaluate(path, tmp_path / "again")["part"] == "test"
+        generate(recipe.problem, 60, tmp_path / "fewer", progress=False)
+        with pytest.raises(InputError, match="another --seed"):
+            judge.evaluate(path, tmp_path / "fewer")
 
     def test_export_refuses_a_model_that_differs(self, recipe, data, tmp_path, monkeypatch):
         pytest.importorskip("onnxscript")

@@ -91,11 +91,11 @@ def collapse_time(
 
 def _write(folder: Path, document: CollapseTimes, answers: list[Answers], medium: Medium) -> None:
     from cavirheo.collapse import picture, record
-    from cavirheo.reporting import style
+    from cavirheo.reporting import style, write_json
 
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        record.write_json(folder / "collapse-time.json", document)
+        write_json(folder / "collapse-time.json", document)
         record.write_csv(folder / "shots.csv", document)
         if style.available():
             picture.write_pictures(folder, document, [analytic for analytic, _ in answers], medium)

@@ -13,29 +13,23 @@ Every number is SI and finite, or null where it was not found; `message` then sa
 
 from __future__ import annotations
 
-import csv
 import math
 from collections.abc import Sequence
 from dataclasses import asdict
-from importlib.metadata import version
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field
 
 from cavirheo.collapse.read import Group
 from cavirheo.inference.collapse_time import Estimate
 from cavirheo.physics.media import Medium
+from cavirheo.reporting.document import Document, Model, write_rows
 
 Answers = tuple[Estimate | None, Estimate | None]  # analytic and exact
 
 
-class _Model(BaseModel):
-    model_config = ConfigDict(extra="allow", allow_inf_nan=False, populate_by_name=True)
-
-
-class Value(_Model):
+class Value(Model):
     """`low`, `high`: 95 % interval from the scatter of the shots; `per_percent`: change if all t_1 were 1 % longer."""
 
     value: float | None = None
@@ -44,7 +38,7 @@ class Value(_Model):
     per_percent: float | None = None
 
 
-class Fit(_Model):
+class Fit(Model):
     shear_modulus_Pa: Value
     viscosity_Pa_s: Value
     correlation: float | None = None
@@ -56,7 +50,7 @@ class Fit(_Model):
     message: str = ""
 
 
-class Shot(_Model):
+class Shot(Model):
     name: str
     max_radius_m: float | None = None
     stretch: float | None = None
@@ -68,7 +62,7 @@ class Shot(_Model):
     message: str = ""
 
 
-class GroupRecord(_Model):
+class GroupRecord(Model):
     name: str
     source: str
     source_sha256: str
@@ -86,14 +80,9 @@ class GroupRecord(_Model):
         return best is not None and best.shear_modulus_Pa.value is not None and best.viscosity_Pa_s.value is not None
 
 
-class CollapseTimes(_Model):
+class CollapseTimes(Document):
     """The document."""
 
-    schema_version: Literal[1] = Field(default=1, validation_alias="schema", serialization_alias="schema")
-    version: str
-    command: str
-    date: str
-    notes: list[str] = []
     material: str
     medium: dict[str, Any]
     groups: list[GroupRecord]
@@ -111,7 +100,6 @@ def collapse_times(
 ) -> CollapseTimes:
     """The document of groups and their answers (None where a group has no shot that can be used)."""
     return CollapseTimes(
-        version=version("cavirheo"),
         command=command,
         date=date,
         notes=list(notes),
@@ -174,14 +162,7 @@ def _finite(value: float) -> float | None:
     return float(value) if math.isfinite(value) else None
 
 
-def write_json(path: Path, document: CollapseTimes) -> None:
-    path.write_text(document.model_dump_json(indent=2, by_alias=True) + "\n", encoding="utf-8")
-
-
 def write_csv(path: Path, document: CollapseTimes) -> None:
     """One line per shot of every group."""
-    with path.open("w", newline="", encoding="utf-8") as file:
-        writer = csv.DictWriter(file, ["group", *Shot.model_fields], extrasaction="ignore", lineterminator="\n")
-        writer.writeheader()
-        for group in document.groups:
-            writer.writerows({"group": group.name, **shot.model_dump()} for shot in group.shots)
+    rows = ({"group": group.name, **shot.model_dump()} for group in document.groups for shot in group.shots)
+    write_rows(path, ["group", *Shot.model_fields], rows)

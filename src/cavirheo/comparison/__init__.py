@@ -25,7 +25,7 @@ from cavirheo.inference import infer_many
 from cavirheo.inference.model import DEFAULT, load
 from cavirheo.inference.reconstruct import check_stretch
 from cavirheo.reading.shots import read_shots
-from cavirheo.reporting import file_names, write_report
+from cavirheo.reporting import file_names, write_json, write_report
 
 __all__ = ["REFERENCES", "compare"]
 
@@ -158,7 +158,7 @@ def _shots(
 
 
 def _write(out: Path, comparison: Comparison) -> None:
-    from cavirheo.comparison import picture, record, table
+    from cavirheo.comparison import picture, table
     from cavirheo.reporting import style
     from cavirheo.reporting.picture import save_png
 
@@ -166,7 +166,7 @@ def _write(out: Path, comparison: Comparison) -> None:
         comparison.notes.append(_NO_PICTURE)
     try:
         out.mkdir(parents=True, exist_ok=True)
-        record.write_json(out / "comparison.json", comparison)
+        write_json(out / "comparison.json", comparison)
         table.write_csv(out / "comparison.csv", comparison)
         (out / "comparison.md").write_text(table.markdown(comparison), encoding="utf-8")
         if style.available():

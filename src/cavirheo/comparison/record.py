@@ -3,25 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from importlib.metadata import version
-from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field
 
 from cavirheo.comparison.references import MU, OURS, G, ReferenceSet
 from cavirheo.posterior import Verdict
+from cavirheo.reporting.document import Document, Model
 from cavirheo.reporting.record import CurveRecord, Spread, spread_of
 
 QUANTITIES = (G, MU)
 
 
-class _Model(BaseModel):
-    model_config = ConfigDict(extra="allow", allow_inf_nan=False, populate_by_name=True)
-
-
-class Estimate(_Model):
+class Estimate(Model):
     """What one method says of one quantity: published, or the mean ± standard deviation over our n shots."""
 
     mean: float | None = None
@@ -30,7 +24,7 @@ class Estimate(_Model):
     source: str = ""
 
 
-class QuantityRecord(_Model):
+class QuantityRecord(Model):
     """One row: a quantity of a set by all methods.
 
     `ours_ok` is over the shots with the verdict ok alone. `relative_errors[reference][method]` is |mean - mean of the
@@ -48,7 +42,7 @@ class QuantityRecord(_Model):
         yield OURS, self.ours
 
 
-class Shot(_Model):
+class Shot(Model):
     name: str
     shear_modulus_Pa: float | None
     viscosity_Pa_s: float | None
@@ -57,13 +51,13 @@ class Shot(_Model):
     message: str
 
 
-class Range(_Model):
+class Range(Model):
     median: float | None = None
     smallest: float | None = None
     largest: float | None = None
 
 
-class SetRecord(_Model):
+class SetRecord(Model):
     """One set. `problems` are files that are missing or unreadable; `notes` what was left out on purpose."""
 
     name: str
@@ -82,17 +76,12 @@ class SetRecord(_Model):
     notes: list[str]
 
 
-class Comparison(_Model):
+class Comparison(Document):
     """The document."""
 
-    schema_version: Literal[1] = Field(default=1, validation_alias="schema", serialization_alias="schema")
-    version: str = Field(default_factory=lambda: version("cavirheo"))
-    command: str
-    date: str
     methods: list[str]
     reference_methods: list[str]
     sets: list[SetRecord]
-    notes: list[str] = []
 
     def rows(self) -> Iterator[tuple[SetRecord, QuantityRecord | None]]:
         """Every set with each of its quantities; a set without any has one row all the same."""
@@ -145,10 +134,6 @@ def set_record(
         ],
         **found,
     )
-
-
-def write_json(path: Path, comparison: Comparison) -> None:
-    path.write_text(comparison.model_dump_json(by_alias=True, indent=1) + "\n", encoding="utf-8")
 
 
 def _quantity(

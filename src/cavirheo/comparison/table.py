@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 from math import floor, log10
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -11,6 +10,7 @@ from cavirheo.comparison.record import Comparison, Estimate, QuantityRecord, Ran
 from cavirheo.comparison.references import MU, OURS, G
 from cavirheo.posterior import Verdict
 from cavirheo.reporting import wording
+from cavirheo.reporting.document import write_rows
 from cavirheo.reporting.record import Spread
 
 if TYPE_CHECKING:
@@ -110,26 +110,24 @@ def write_csv(path: Path, comparison: Comparison) -> None:
     ours = [f"{OURS}_{part}" for part in ("mean", "std", "n", "ok_mean", "ok_std", "ok_n")]
     counts = ["n_shots", "n_answered", *(f"n_{verdict}" for verdict in _VERDICTS)]
     rmse = [f"rmse_over_rmax_{part}" for part in ("median", "smallest", "largest")]
-    with path.open("w", newline="", encoding="utf-8") as file:
-        head = ["set", "quantity", *methods, *ours, *errors, *counts, *rmse, "model", "density", "report", "message"]
-        writer = csv.DictWriter(file, head)
-        writer.writeheader()
-        for about, row in comparison.rows():
-            cells: dict[str, object] = {
-                "set": about.name, "n_shots": about.n_shots, "n_answered": about.n_answered, "model": about.model,
-                "density": about.medium["density"], "report": about.report,
-                "message": "; ".join(remarks(about, in_units)),
-            }  # fmt: skip
-            cells |= {f"n_{verdict}": about.verdicts.get(verdict, 0) for verdict in _VERDICTS}
-            cells |= {f"rmse_over_rmax_{key}": value for key, value in about.rmse_over_rmax}
-            if row:
-                cells["quantity"] = row.quantity
-                for name, value in (*row.published.items(), (OURS, row.ours), (f"{OURS}_ok", row.ours_ok)):
-                    cells |= {f"{name}_mean": value.mean, f"{name}_std": value.std}
-                cells |= {f"{OURS}_n": row.ours.n, f"{OURS}_ok_n": row.ours_ok.n}
-                for reference, of in row.relative_errors.items():
-                    cells |= {f"{method}_error_to_{reference}": value for method, value in of.items()}
-            writer.writerow(cells)
+    head = ["set", "quantity", *methods, *ours, *errors, *counts, *rmse, "model", "density", "report", "message"]
+    rows = []
+    for about, row in comparison.rows():
+        cells: dict[str, object] = {
+            "set": about.name, "n_shots": about.n_shots, "n_answered": about.n_answered, "model": about.model,
+            "density": about.medium["density"], "report": about.report, "message": "; ".join(remarks(about, in_units)),
+        }  # fmt: skip
+        cells |= {f"n_{verdict}": about.verdicts.get(verdict, 0) for verdict in _VERDICTS}
+        cells |= {f"rmse_over_rmax_{key}": value for key, value in about.rmse_over_rmax}
+        if row:
+            cells["quantity"] = row.quantity
+            for name, value in (*row.published.items(), (OURS, row.ours), (f"{OURS}_ok", row.ours_ok)):
+                cells |= {f"{name}_mean": value.mean, f"{name}_std": value.std}
+            cells |= {f"{OURS}_n": row.ours.n, f"{OURS}_ok_n": row.ours_ok.n}
+            for reference, of in row.relative_errors.items():
+                cells |= {f"{method}_error_to_{reference}": value for method, value in of.items()}
+        rows.append(cells)
+    write_rows(path, head, rows)
 
 
 def remarks(about: SetRecord, in_units: Units) -> list[str]:

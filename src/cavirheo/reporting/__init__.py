@@ -2,6 +2,7 @@
 
 | module | does |
 |---|---|
+| document | what all documents have in common |
 | record | result.json: what other programs read |
 | wording | digits, units and words for people, the same everywhere |
 | table | the terminal, and CSV |
@@ -18,7 +19,8 @@ from datetime import datetime
 from pathlib import Path
 
 from cavirheo.errors import InputError
-from cavirheo.reporting.record import Pairs, Result, read_json, result, write_json
+from cavirheo.reporting.document import write_json
+from cavirheo.reporting.record import Pairs, Result, read_json, result
 
 __all__ = ["file_names", "read_json", "result", "write_json", "write_report"]
 

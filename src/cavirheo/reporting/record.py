@@ -7,16 +7,16 @@ has null everywhere and says why in `message`.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from importlib.metadata import version
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import ValidationError
 
 from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError
 from cavirheo.posterior import Posterior, Verdict
+from cavirheo.reporting.document import Document, Model
 
 Pairs = Sequence[tuple[RadiusCurve, Posterior]]
 
@@ -24,11 +24,7 @@ _NO_ANSWER = "no parameters were found"
 _NOT_A_NUMBER = "the method's answer is not a finite number: {}"
 
 
-class _Model(BaseModel):
-    model_config = ConfigDict(extra="allow", allow_inf_nan=False, populate_by_name=True)
-
-
-class Quantity(_Model):
+class Quantity(Model):
     """Posterior median and central 90 % interval; q05 and q95 are null for a point answer."""
 
     median: float | None = None
@@ -36,7 +32,7 @@ class Quantity(_Model):
     q95: float | None = None
 
 
-class Spread(_Model):
+class Spread(Model):
     """Over the answered curves of a group; std has n - 1 below it and is null for n < 2."""
 
     mean: float | None = None
@@ -44,14 +40,14 @@ class Spread(_Model):
     median: float | None = None
 
 
-class Window(_Model):
+class Window(Model):
     """What was compared: from R_max to t_star_end (t/t_c), holding so many complete collapses."""
 
     collapses: int | None = None
     t_star_end: float | None = None
 
 
-class CurveRecord(_Model):
+class CurveRecord(Model):
     """One row. `other_parameters` holds what was inferred besides G, mu and the stretch, in SI."""
 
     name: str
@@ -82,7 +78,7 @@ class CurveRecord(_Model):
         return self.verdict != "failed"
 
 
-class GroupRecord(_Model):
+class GroupRecord(Model):
     """The shots of one file: n answered, n_failed not; `verdicts` counts the curves with each."""
 
     name: str
@@ -93,14 +89,9 @@ class GroupRecord(_Model):
     verdicts: dict[str, int]
 
 
-class Result(_Model):
-    """The document. `notes` concern the run as a whole (pictures that could not be drawn, ...)."""
+class Result(Document):
+    """The document."""
 
-    schema_version: Literal[1] = Field(default=1, validation_alias="schema", serialization_alias="schema")
-    version: str
-    command: str
-    date: str | None = None
-    notes: list[str] = []
     curves: list[CurveRecord]
     groups: list[GroupRecord]
 
@@ -118,14 +109,7 @@ def result(pairs: Pairs, command: str, *, date: str | None = None, notes: Sequen
         group_record(group if stems.count(group) == 1 or not source else source, [curves[i] for i in indices])
         for (group, source), indices in members.items()
     ]
-    return Result(
-        version=version("cavirheo"), command=command, date=date, notes=list(notes), curves=curves, groups=groups
-    )
-
-
-def write_json(path: str | Path, result: Result) -> None:
-    """Write the document as UTF-8 JSON; what `read_json` gives back is equal to it."""
-    Path(path).write_text(result.model_dump_json(by_alias=True, indent=1) + "\n", encoding="utf-8")
+    return Result(command=command, date=date, notes=list(notes), curves=curves, groups=groups)
 
 
 def read_json(path: str | Path) -> Result:

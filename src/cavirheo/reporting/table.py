@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-import csv
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from cavirheo.reporting import fitted, wording
+from cavirheo.reporting.document import write_rows
 from cavirheo.reporting.record import CurveRecord, GroupRecord, Result
 
 if TYPE_CHECKING:
@@ -97,15 +97,14 @@ def write_csv(path: str | Path, result: Result) -> None:
     head = ["name", "group", "source", "material", "method"]
     for name in plain:
         head += [name, f"{name}_q05", f"{name}_q95"] if name in quantities else [name]
-    with Path(path).open("w", newline="", encoding="utf-8") as file:
-        writer = csv.DictWriter(file, head, extrasaction="ignore")
-        writer.writeheader()
-        for record in result.curves:
-            row = record.model_dump(exclude=set(quantities)) | record.window.model_dump()
-            for name in quantities:
-                value = getattr(record, name)
-                row |= {name: value.median, f"{name}_q05": value.q05, f"{name}_q95": value.q95}
-            writer.writerow(row)
+    rows = []
+    for record in result.curves:
+        row = record.model_dump(exclude=set(quantities)) | record.window.model_dump()
+        for name in quantities:
+            value = getattr(record, name)
+            row |= {name: value.median, f"{name}_q05": value.q05, f"{name}_q95": value.q95}
+        rows.append(row)
+    write_rows(path, head, rows)
 
 
 def _short_names(names: list[str], room: int) -> list[str]:

@@ -87,12 +87,12 @@ def _shared_name(files: list[Path]) -> str:
 
 
 def _write(folder: Path, document: Rheometry, sweeps: list[Sweep], rows: list[Row]) -> None:
-    from cavirheo.reporting import style
+    from cavirheo.reporting import style, write_json
     from cavirheo.rheometer import picture, record
 
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        record.write_json(folder / "rheometer.json", document)
+        write_json(folder / "rheometer.json", document)
         record.write_csv(folder / "rheometer.csv", document)
         if rows:
             record.write_table(folder / "table.csv", rows)

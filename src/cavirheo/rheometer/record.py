@@ -14,23 +14,16 @@ rheometer.csv has one line per sweep with the same names; table.csv one line per
 
 from __future__ import annotations
 
-import csv
-from collections.abc import Iterable, Sequence
-from importlib.metadata import version
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Literal
 
-from pydantic import BaseModel, ConfigDict, Field
-
 from cavirheo.reporting import wording
+from cavirheo.reporting.document import Document, Model, write_rows
 from cavirheo.reporting.record import Result, Spread, spread_of
 
 
-class _Model(BaseModel):
-    model_config = ConfigDict(extra="allow", allow_inf_nan=False, populate_by_name=True)
-
-
-class _Sweep(_Model):
+class _Sweep(Model):
     name: str
     source: str
     source_sha256: str
@@ -75,14 +68,9 @@ class FrequencySweep(_Sweep):
     crossover_modulus_Pa: float | None = None
 
 
-class Rheometry(_Model):
+class Rheometry(Document):
     """The document."""
 
-    schema_version: Literal[1] = Field(default=1, validation_alias="schema", serialization_alias="schema")
-    version: str
-    command: str
-    date: str
-    notes: list[str] = []
     material: str
     tolerance: float
     at_rad_per_s: float
@@ -98,7 +86,7 @@ class Rheometry(_Model):
         return [*self.strain_sweeps, *self.frequency_sweeps]
 
 
-class Row(_Model):
+class Row(Model):
     """One material by one method. `regime`: angular frequencies in rad/s or strain rates in 1/s."""
 
     material: str
@@ -134,7 +122,6 @@ def rheometry(
         held = [s.frequency_rad_per_s for s in solid if s.frequency_rad_per_s is not None]
         origin = "plateau of the strain sweep" + (f" at {wording.digits(held[0])} rad/s" if held else "")
     return Rheometry(
-        version=version("cavirheo"),
         command=command,
         date=date,
         notes=[*notes, *_beyond_linear(strain, frequency)],
@@ -163,15 +150,11 @@ def _beyond_linear(strain: Sequence[StrainSweep], frequency: Sequence[FrequencyS
     ]
 
 
-def write_json(path: Path, document: Rheometry) -> None:
-    path.write_text(document.model_dump_json(by_alias=True, indent=1) + "\n", encoding="utf-8")
-
-
 def write_csv(path: Path, document: Rheometry) -> None:
     """One line per sweep."""
     fields = [name for kind in (_Sweep, StrainSweep, FrequencySweep) for name in kind.model_fields]
     head = [name for name in dict.fromkeys(["kind", *fields]) if name != "notes"]
-    _write(path, head, (sweep.model_dump() for sweep in document.sweeps))
+    write_rows(path, head, (sweep.model_dump() for sweep in document.sweeps))
 
 
 def beside(document: Rheometry, result: Result) -> list[Row]:
@@ -249,13 +232,6 @@ def write_table(path: Path, rows: Sequence[Row]) -> None:
         for name in spreads:
             line |= {name: getattr(row, name).mean, f"{name}_std": getattr(row, name).std}
         lines.append(line)
-    _write(path, head, lines)
+    write_rows(path, head, lines)
     with path.open("a", encoding="utf-8") as file:
         file.write(f"# {warning(rows)}\n")
-
-
-def _write(path: Path, head: Sequence[str], lines: Iterable[dict]) -> None:
-    with path.open("w", newline="", encoding="utf-8") as file:
-        writer = csv.DictWriter(file, head, extrasaction="ignore", lineterminator="\n")
-        writer.writeheader()
-        writer.writerows(lines)

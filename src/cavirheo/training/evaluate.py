@@ -36,26 +36,24 @@ def evaluate(
 ) -> dict[str, Any]:
     """Judge an exported model (.onnx with its card) on a set; tables and the paper's figures go into `out_dir`.
 
-    On the very set that it was trained on only the test part counts; on any other, every usable curve. `robust` films
-    the curves anew with noise, other frame rates and gaps (training/robustness.py), minutes of simulation; `answers`,
-    `seed`, `workers` and `progress` are of that.
+    On the set that it was trained on, or one of the same draws made anew, only the test part counts; on any other,
+    every usable curve. `robust` films the curves anew with noise, other frame rates and gaps (training/robustness.py),
+    minutes of simulation; `answers`, `seed`, `workers` and `progress` are of that.
 
     Returns:
         {"model", "data", "part", "curves", "failures", "outputs", "metrics", "breakdown", "robustness", "figures"}, as
         in `out_dir`/metrics.json; robustness is None unless asked for.
 
     Raises:
-        InputError: the set has no truth for an output of the model, or another camera grid; fewer than 2 curves; no
-            matplotlib for the figures.
+        InputError: the set has no truth for an output of the model, or another camera grid; it shares draws with the
+            training set without being the whole of it; fewer than 2 curves; no matplotlib for the figures.
     """
     path = Path(model)
     card, data = read_card(path), load(data_dir)
     names = [output["name"] for output in card["outputs"]]
     columns = _columns(names, card, data)
-    if own := data.sha256 == card["data"]["sha256"]:
-        chosen = data.split(card["training"]["seed"]).test
-    else:
-        chosen = np.flatnonzero(data.ok)
+    own = _same_bubbles(card, data)
+    chosen = data.split(card["training"]["seed"]).test if own else np.flatnonzero(data.ok)
     theta = data.theta[chosen]
     truth, predicted = theta[:, columns], predict(path, data.radius[chosen])
     result: dict[str, Any] = {
@@ -89,6 +87,21 @@ def evaluate(
         (folder / "metrics.json").write_text(json.dumps(result, indent=2) + "\n", encoding="utf-8")
         (folder / "evaluation.md").write_text(markdown(result), encoding="utf-8")
     return result
+
+
+def _same_bubbles(card: Mapping[str, Any], data: Dataset) -> bool:
+    """Whether the set holds the draws of the model's training set, by whichever version of the solver."""
+    trained = card["data"]
+    if data.sha256 == trained["sha256"]:
+        return True
+    if data.seed != trained["seed"] or data.problem.to_dict()["prior"] != card["problem"]["prior"]:
+        return False
+    if len(data.theta) != trained["n"]:
+        raise InputError(
+            f"the set has the prior and the seed ({data.seed}) of the model's training set but {len(data.theta)} "
+            f"curves instead of {trained['n']}: some of them were trained on; generate it with another --seed"
+        )
+    return True
 
 
 def _columns(names: Sequence[str], card: Mapping[str, Any], data: Dataset) -> NDArray[np.int64]:

@@ -71,6 +71,7 @@ class TrainingTable(_Table):
     seed: NonNegativeInt = 0
     schedule: Literal["constant", "cosine"] = "constant"  # of the learning rate; cosine falls to 0 at the end
     warmup_steps: NonNegativeInt = 0
+    dropout_epochs: PositiveInt | None = None  # dropout only in the first so many epochs; default: in all
 
 
 class ExportTable(_Table):
@@ -120,7 +121,7 @@ class Recipe(_Table):
             "problem": self.problem.to_dict(),
             "outputs": list(self.outputs),
             "network": self.network.model_dump(mode="json", exclude={"outputs"}),
-            "training": self.training.model_dump(mode="json"),
+            "training": self.training.model_dump(mode="json", exclude_none=True),
         }
 
 

@@ -149,7 +149,7 @@ class _Run:
         torch.manual_seed(int(np.random.SeedSequence([self.settings.seed, epoch]).generate_state(1)[0]))
         order = torch.randperm(len(radius)).to(self.device)
         summed = torch.zeros((), device=self.device)
-        self.network.train()
+        self.network.train(epoch < (self.settings.dropout_epochs or self.settings.epochs))  # only dropout heeds it
         first = epoch * self.steps_per_epoch
         for step, batch in enumerate(order.split(self.settings.batch), start=first):
             for group in self.optimiser.param_groups:
