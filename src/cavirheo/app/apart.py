@@ -9,6 +9,7 @@ import multiprocessing
 from collections.abc import Sequence
 from dataclasses import replace
 from multiprocessing.connection import Connection
+from multiprocessing.context import SpawnProcess
 from pathlib import Path
 from threading import Lock
 from typing import Any
@@ -27,7 +28,9 @@ class Reader:
 
     def __init__(self, seconds: float) -> None:
         self.seconds = seconds
-        self._lock, self._child, self._pipe = Lock(), None, None
+        self._lock = Lock()
+        self._child: SpawnProcess | None = None
+        self._pipe: Connection | None = None
         self._context = multiprocessing.get_context("spawn")
 
     def start(self) -> None:
@@ -64,18 +67,18 @@ class Reader:
             self._end()
 
     def _ready(self) -> Connection:
-        if self._child is None or not self._child.is_alive():
+        if self._pipe is None or self._child is None or not self._child.is_alive():
             self._pipe, theirs = self._context.Pipe()
             self._child = self._context.Process(target=_serve, args=(theirs,), daemon=True)
             self._child.start()
             theirs.close()
-        return self._pipe  # type: ignore[return-value]
+        return self._pipe
 
     def _end(self) -> None:
-        if self._child is not None:
+        if self._child is not None and self._pipe is not None:
             self._child.kill()
             self._child.join()
-            self._pipe.close()  # type: ignore[attr-defined]
+            self._pipe.close()
         self._child = self._pipe = None
 
 

@@ -7,7 +7,6 @@ from typing import Any
 
 from cavirheo.app import steps
 from cavirheo.app.session import Session, Settings, Visitors
-from cavirheo.errors import InputError
 
 
 def infer(visitors: Visitors, files: list[str], settings: Settings) -> dict[str, Any]:

@@ -90,7 +90,7 @@ class Page:
                 self._check()
             with gr.Tab("5 Export", id=5):
                 self._export()
-        self.settings = [
+        self.settings: list[Any] = [
             self.medium, self.density, self.sound_speed, self.surface_tension, self.pressure, self.temperature,
             self.rmax, self.stretch, self.window, self.model,
         ]  # fmt: skip
@@ -166,9 +166,7 @@ class Page:
         with gr.Row():
             self.sliders = [
                 gr.Slider(label=label, elem_id=f"slider-{key}", min_width=200)
-                for key, label in zip(
-                    steps.SLIDERS, ("Try G (kPa)", "Try µ (Pa s)", "Try λ (R_max/R_0)"), strict=True
-                )
+                for key, label in zip(steps.SLIDERS, ("Try G (kPa)", "Try µ (Pa s)", "Try λ (R_max/R_0)"), strict=True)
             ]
         self.trial = gr.HTML(
             {"words": ""}, html_template="${value.words}", js_on_load=_REDRAW, apply_default_css=False, elem_id="trial"
@@ -220,12 +218,12 @@ class Page:
             ).success(
                 self._of(self._show), [self.checked, *self.settings], check, show_progress="hidden", **private
             )  # fmt: skip
-        self.checked.input(self._of(self._show), [self.checked, *self.settings], check, show_progress="hidden", **private)
+        self.checked.input(
+            self._of(self._show), [self.checked, *self.settings], check, show_progress="hidden", **private
+        )
         self.fit.click(
-            self._of(self._fit), [self.checked, *self.settings], [self.plot, self.facts],
+            self._of(self._fit), [self.checked, self.trial], [self.plot, self.facts],
             show_progress_on=[self.plot], concurrency_limit=2, **private,
-        ).success(
-            self._of(self._try), [self.checked, *self.sliders], [self.trial], show_progress="hidden", **private
         )  # fmt: skip
         gr.on(
             [slider.input for slider in self.sliders], self._of(self._try), [self.checked, *self.sliders], [self.trial],
@@ -294,21 +292,21 @@ class Page:
     def _show(self, session: Session, name: str, *_: Any) -> list[Any]:
         ranges = steps.sliders(session, name)
         moved = [
-            gr.Slider(visible=False) if (found := ranges[key]) is None else gr.Slider(visible=True, **found)
+            gr.Slider(visible=False) if (found := ranges[key]) is None else gr.Slider(visible=True, **found)  # type: ignore[arg-type]
             for key in steps.SLIDERS
         ]
         return [self._figure(session, name), steps.beside(session, name), {"words": ""}, *moved]
 
-    def _fit(self, session: Session, name: str, *_: Any) -> list[Any]:
+    def _fit(self, session: Session, name: str, trial: dict[str, Any]) -> list[Any]:
         steps.fit(session, name)
-        return [self._figure(session, name), steps.beside(session, name)]
+        return [self._figure(session, name, trial if "x" in trial else None), steps.beside(session, name)]
 
-    def _figure(self, session: Session, name: str) -> Any:
+    def _figure(self, session: Session, name: str, trial: dict[str, Any] | None = None) -> Any:
         curve, posterior = steps.pair(session, name)
         found = [plots.of(posterior, "simulation of the answer", plots.VERMILLION)]
         if name in session.fits:
             found.append(plots.of(session.fits[name], "least squares", plots.BLUE, "dash"))
-        return plots.checked(curve, found)
+        return plots.checked(curve, found, trial)
 
     def _try(self, session: Session, name: str, *values: float | None) -> dict[str, Any]:
         return {**steps.trial(session, name, values), "traces": plots.TRIAL}
@@ -344,4 +342,5 @@ def _go(step: int) -> Callable[[], Any]:
 
 def _settings(values: tuple[Any, ...]) -> Settings:
     """From the components, in the order of the fields; an empty or zero number is not given."""
-    return Settings(**{field.name: value or None for field, value in zip(fields(Settings), values, strict=True)})
+    given: dict[str, Any] = {f.name: value or None for f, value in zip(fields(Settings), values, strict=True)}
+    return Settings(**given)

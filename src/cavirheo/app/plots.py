@@ -18,6 +18,7 @@ from cavirheo.reporting.style import BLUE, INK, VERMILLION, shades
 GREEN, MEASURED, PALE = "#00875f", "#222222", "#b4b4b4"
 TRIAL = [0, 1]  # places of the trial's line and of its residual among the traces: `steps.trial` redraws these alone
 _RMAX = "R<sub>max</sub>"
+_NOT_OFFERED = ["select2d", "lasso2d", "autoScale2d", "toImage", "zoomIn2d", "zoomOut2d"]
 _MOST_POINTS = 2000  # of a drawn curve
 
 Answer = tuple[str, str, str, Checks]  # name, colour, dash, what was found
@@ -75,13 +76,14 @@ def prepared(curve: RadiusCurve, view: RadiusCurve, step: float, grid: Floats) -
     return figure
 
 
-def checked(curve: RadiusCurve, answers: Sequence[Answer]) -> go.Figure:
-    """A measured curve, the simulations of its answers over it, and what is left between; the trial's place is kept."""
+def checked(curve: RadiusCurve, answers: Sequence[Answer], trial: dict[str, Any] | None = None) -> go.Figure:
+    """A measured curve, the simulations of its answers over it, what is left between, and the trial (`steps.trial`)."""
     figure = make_subplots(rows=2, shared_xaxes=True, row_heights=[0.68, 0.32], vertical_spacing=0.06)
     _dress(figure)
     start = curve.time_of_max
+    x, y = (trial[axis] if trial else ([], []) for axis in ("x", "y"))
     for row in (1, 2):  # TRIAL
-        _line(figure, row, [], [], GREEN, "solid", "sliders")
+        _line(figure, row, x[row - 1], y[row - 1], GREEN, "solid", "sliders")
     compared = answers[0][3].compared_time if answers else None
     inside = np.zeros(len(curve.time), dtype=bool)
     if compared is not None and len(compared):
@@ -97,13 +99,10 @@ def checked(curve: RadiusCurve, answers: Sequence[Answer]) -> go.Figure:
     for name, colour, dash, checks in answers:
         if checks.reconstruction_time is None or checks.reconstruction_radius is None:
             continue
-        _line(
-            figure, 1, 1e6 * (checks.reconstruction_time - start), 1e6 * checks.reconstruction_radius, colour, dash, name
-        )
+        drawn = 1e6 * (checks.reconstruction_time - start), 1e6 * checks.reconstruction_radius
+        _line(figure, 1, *drawn, colour, dash, name)
         if checks.compared_time is not None and checks.residual_over_rmax is not None:
-            _line(
-                figure, 2, 1e6 * (checks.compared_time - start), 100 * checks.residual_over_rmax, colour, dash, name
-            )
+            _line(figure, 2, 1e6 * (checks.compared_time - start), 100 * checks.residual_over_rmax, colour, dash, name)
     figure.update_yaxes(title_text="R (µm)", rangemode="tozero", row=1, col=1)
     figure.update_yaxes(title_text=f"residual (% {_RMAX})", row=2, col=1, zerolinecolor=INK, zeroline=True)
     figure.update_xaxes(title_text=f"time after {_RMAX} (µs)", row=2, col=1)
@@ -140,7 +139,7 @@ def _dress(figure: go.Figure) -> None:
         legend={"orientation": "h", "y": 1.02, "yanchor": "bottom", "x": 0, "font": {"size": 11}},
         hovermode="x unified",
         hoverlabel={"namelength": 28},
-        modebar={"orientation": "v", "remove": ["select2d", "lasso2d", "autoScale2d", "toImage", "zoomIn2d", "zoomOut2d"]},
+        modebar={"orientation": "v", "remove": _NOT_OFFERED},
         uirevision="keep",
     )
     axis: Any = {

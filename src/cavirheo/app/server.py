@@ -106,5 +106,3 @@ def serve(host: str, port: int, *, browser: bool, limits: Limits) -> None:
             threading.Event().wait()
         except KeyboardInterrupt:
             print("ended; temporary files are removed", file=sys.stderr)
-
-

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from contextvars import copy_context
 from dataclasses import fields
+from html import escape
 from math import floor, log10
 from pathlib import Path
 from typing import Any
@@ -37,7 +38,7 @@ def examples() -> dict[str, Path]:
 
 
 def network_grid(curve: RadiusCurve, settings: Settings) -> tuple[float, np.ndarray]:
-    """(step s, (frames,) radius m) as the model reads the curve; NaN where the recording has ended. Raises InputError."""
+    """(step s, (frames,) radius m) as the model reads the curve, NaN after its end. Raises InputError."""
     problem = load(settings.model).problem
     step = problem.grid_step(curve.max_radius, settings.liquid)
     return step, curve.resampled(step, problem.camera.frames, allow_short=True)
@@ -124,8 +125,10 @@ def beside(session: Session, name: str) -> str:
 
 
 def sliders(session: Session, name: str) -> dict[str, dict[str, float] | None]:
-    """Where the sliders start (the answer, or where there is none the middle of the trained range) and end, in kPa, Pa s
-    and 1; None for a parameter that the law does not have."""
+    """Where the sliders start and end, in kPa, Pa s and 1; None for a parameter that the law does not have.
+
+    They start at the answer, or where there is none in the middle of the trained range.
+    """
     _, posterior = pair(session, name)
     prior = load(session.settings.model).problem.prior
     middle = dict(zip(prior.names, (prior.low + prior.high) / 2, strict=True))
@@ -165,7 +168,7 @@ def trial(session: Session, name: str, values: Sequence[float | None]) -> dict[s
         view = window(curve, end=end) if end else compared(curve, session.settings)
         found = reconstruct(view, material, session.settings.liquid, given["stretch"])
     except (InputError, SolverError) as error:
-        text = f'<p class="message failed-message" role="alert">The simulation failed: {error}</p>'
+        text = f'<p class="message failed-message" role="alert">The simulation failed: {escape(str(error))}</p>'
         return {"words": words.report(text), "x": [[], []], "y": [[], []]}
     checks = found.checks(view, session.settings.liquid.time_scale(curve.max_radius), "ok", [])
     start = curve.time_of_max
@@ -179,5 +182,3 @@ def trial(session: Session, name: str, values: Sequence[float | None]) -> dict[s
 def _short(values: np.ndarray) -> list[float]:
     """For the wire: five digits are finer than any screen."""
     return [float(f"{value:.5g}") for value in values]
-
-

@@ -30,7 +30,8 @@ def report(*parts: str) -> str:
 def models() -> list[tuple[str, str]]:
     """(label, name) of every shipped model."""
     about = {name: card(path) for name, path in shipped().items()}
-    return [(f"{wording.MATERIALS.get(one['material'], one['material'])} · {name}", name) for name, one in about.items()]
+    laws = {name: wording.MATERIALS.get(one["material"], one["material"]) for name, one in about.items()}
+    return [(f"{law.partition(' (')[0]} · {name}", name) for name, law in laws.items()]
 
 
 def found(curves: Sequence[RadiusCurve], problems: Sequence[str]) -> str:
@@ -38,7 +39,14 @@ def found(curves: Sequence[RadiusCurve], problems: Sequence[str]) -> str:
     bad = "".join(f'<p class="message failed-message" role="alert">{escape(problem)}</p>' for problem in problems)
     if not curves:
         return report(bad or '<p class="quiet">Nothing loaded yet.</p>')
-    heads = ("shot", "R<sub>max</sub><br>µm", "frame rate<br>1000/s", "frames<br>with radius", "recorded<br>µs", "collapses")
+    heads = (
+        "shot",
+        "R<sub>max</sub><br>µm",
+        "frame rate<br>1000/s",
+        "frames<br>with radius",
+        "recorded<br>µs",
+        "collapses",
+    )
     rows = "".join(_row(curve) for curve in curves)
     head = "".join(f"<th scope=col>{text}</th>" for text in heads)
     table = f'<div class="wide"><table><thead><tr>{head}</tr></thead><tbody>{rows}</tbody></table></div>'
@@ -53,7 +61,13 @@ def _row(curve: RadiusCurve) -> str:
         top, collapses = wording.micrometres(curve.max_radius), str(len(curve.collapse_times()))
     except InputError:
         top = collapses = wording.MISSING
-    cells = (top, wording.digits(rate / 1000) if rate else wording.MISSING, f"{measured} of {len(curve.time)}", span, collapses)
+    cells = (
+        top,
+        wording.digits(rate / 1000) if rate else wording.MISSING,
+        f"{measured} of {len(curve.time)}",
+        span,
+        collapses,
+    )
     name = escape(wording.elide(curve.name, 36))
     return f'<tr><td title="{escape(curve.name)}">{name}</td>' + "".join(f"<td>{cell}</td>" for cell in cells) + "</tr>"
 
