@@ -9,7 +9,7 @@ from cavirheo.app import steps
 from cavirheo.app.session import Session, Settings, Visitors
 
 
-def infer(visitors: Visitors, files: list[str], settings: Settings) -> dict[str, Any]:
+def infer(visitors: Visitors, files: list[Path], settings: Settings) -> dict[str, Any]:
     """The content of result.json for these uploaded files; nothing is kept.
 
     Raises:
@@ -17,7 +17,7 @@ def infer(visitors: Visitors, files: list[str], settings: Settings) -> dict[str,
     """
     session = Session(visitors.limits, visitors.reader)
     try:
-        session.add([Path(file) for file in files], settings)
+        session.add(files, settings)
         if not session.curves:
             from cavirheo.errors import InputError
 

@@ -5,13 +5,14 @@ Only `infer` (endpoint.py) is public to programs; the handlers of the page are n
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import fields
 from functools import wraps
 from pathlib import Path
 from typing import Any
 
 import gradio as gr
+from gradio.utils import get_upload_folder
 
 from cavirheo.app import endpoint, export, plots, steps, words
 from cavirheo.app.session import Session, Settings, Visitors
@@ -104,8 +105,8 @@ class Page:
         with gr.Row():
             with gr.Column(scale=3, min_width=300):
                 self.upload = gr.File(
-                    label=f"Measured R(t): drop files here ({_FORMATS}; at most {limits.file_mb:g} MB each)",
-                    file_count="multiple", height=150, elem_id="upload",
+                    label=f"Measured R(t): {_FORMATS}; to {limits.file_mb:g} MB",
+                    file_count="multiple", height=160, elem_id="upload",
                 )  # fmt: skip
             with gr.Column(scale=2, min_width=260):
                 self.example = gr.Dropdown(
@@ -116,8 +117,8 @@ class Page:
                     self.to_prepare = gr.Button("Prepare first", size="sm", elem_id="to-prepare")
                 self.infer_now = gr.Button("Infer all shots", variant="primary", interactive=False, elem_id="infer-now")
         with gr.Row():
-            self.plain = gr.Plot(show_label=False, container=False, elem_id="overview")
-            self.scaled = gr.Plot(show_label=False, container=False, elem_id="overview-normalised")
+            self.plain = gr.Plot(show_label=False, container=False, min_width=320, elem_id="overview")
+            self.scaled = gr.Plot(show_label=False, container=False, min_width=320, elem_id="overview-normalised")
         self.found = gr.HTML(words.found([], []), apply_default_css=False, elem_id="found")
 
     def _prepare(self) -> None:
@@ -247,7 +248,7 @@ class Page:
     # the handlers
 
     def _load(self, session: Session, files: list[str] | None, *settings: Any) -> list[Any]:
-        session.add([Path(file) for file in files or []], _settings(settings))
+        session.add(_uploaded(files or []), _settings(settings))
         return self._loaded(session)
 
     def _example(self, session: Session, name: str, *settings: Any) -> list[Any]:
@@ -278,7 +279,7 @@ class Page:
             figure = plots.prepared(curve, view.curve, *steps.network_grid(curve, session.settings))
         except InputError as error:
             return [None, words.report(words.messages({str(error): [name or ""]}), words.notes([curve]))]
-        return [figure, words.report(words.warnings([curve]), words.notes([curve]))]
+        return [figure, words.report(words.warnings([curve]), f"<section>{words.notes([curve])}</section>")]
 
     def _answer(self, session: Session, chosen: list[str], *settings: Any, progress: gr.Progress) -> list[Any]:
         session.prepare(_settings(settings))
@@ -331,13 +332,22 @@ class Page:
             settings = Settings(
                 medium=medium, density=density, rmax_um=rmax_um, stretch=stretch, window=window, model=model
             )
-            return endpoint.infer(visitors, [file.path for file in files], settings)
+            return endpoint.infer(visitors, _uploaded([file["path"] for file in files]), settings)
 
         return infer
 
 
 def _go(step: int) -> Callable[[], Any]:
     return lambda: gr.Tabs(selected=step)
+
+
+def _uploaded(files: Sequence[str]) -> list[Path]:
+    """What the browser sent, and no other file of this machine: the visitor's folder takes them over."""
+    folder = Path(get_upload_folder()).resolve()
+    paths = [Path(file).resolve() for file in files]
+    if not all(path.is_relative_to(folder) and path.is_file() for path in paths):
+        raise InputError("only uploaded files are read")
+    return paths
 
 
 def _settings(values: tuple[Any, ...]) -> Settings:

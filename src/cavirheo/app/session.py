@@ -12,7 +12,7 @@ from threading import RLock, Timer
 from cavirheo.app.apart import Reader
 from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError
-from cavirheo.inference.model import DEFAULT
+from cavirheo.inference.model import DEFAULT, shipped
 from cavirheo.physics.media import Medium, medium
 from cavirheo.posterior import Posterior
 from cavirheo.reporting import result
@@ -36,7 +36,11 @@ class Limits:
 
 @dataclass(frozen=True)
 class Settings:
-    """What the page asks for, as the options of `cavirheo infer`; None: not given."""
+    """What the page asks for, as the options of `cavirheo infer`; None: not given.
+
+    Raises:
+        InputError: a model that is not shipped: no file of this machine is opened for a visitor.
+    """
 
     medium: str = "water"
     density: float | None = None
@@ -48,6 +52,10 @@ class Settings:
     stretch: float | None = None
     window: int | None = None
     model: str = DEFAULT
+
+    def __post_init__(self) -> None:
+        if self.model not in shipped():
+            raise InputError(f"unknown model {self.model!r}; known here: {', '.join(shipped())}")
 
     @property
     def liquid(self) -> Medium:

@@ -50,7 +50,7 @@ def found(curves: Sequence[RadiusCurve], problems: Sequence[str]) -> str:
     rows = "".join(_row(curve) for curve in curves)
     head = "".join(f"<th scope=col>{text}</th>" for text in heads)
     table = f'<div class="wide"><table><thead><tr>{head}</tr></thead><tbody>{rows}</tbody></table></div>'
-    return report(bad, warnings(curves), table, notes(curves))
+    return report(bad, warnings(curves), f"<section>{table}{notes(curves)}</section>")
 
 
 def _row(curve: RadiusCurve) -> str:
