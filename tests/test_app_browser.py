@@ -16,9 +16,9 @@ CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shuti
 if CHROMIUM is None:
     pytest.skip("no Chromium on this machine", allow_module_level=True)
 
-from cavirheo.app.server import running
-from cavirheo.app.session import Limits
-from cavirheo.app.steps import examples
+from cavirheo.app.server import running  # noqa: E402
+from cavirheo.app.session import Limits  # noqa: E402
+from cavirheo.app.steps import examples  # noqa: E402
 
 WIDE, PHONE = (1440, 900), (390, 844)
 MANY = 20
@@ -96,7 +96,7 @@ def fits_the_screen(page):
 
 def take(page, folder):
     """The zip of the last step, unpacked."""
-    page.click("#to-export")
+    page.get_by_role("tab", name="5 Export").click()
     with page.expect_download() as download:
         page.click("#make")
     download.value.save_as(folder / "result.zip")
@@ -107,8 +107,7 @@ def take(page, folder):
 
 def test_five_steps_on_a_shipped_example(visit, tmp_path):
     page = visit(WIDE)
-    page.click("#example input")
-    page.get_by_role("option", name="soft_gel.csv").click()
+    page.get_by_role("button", name="soft_gel.csv").click()
     page.wait_for_selector("#overview .js-plotly-plot")
     page.wait_for_selector("#overview-normalised .js-plotly-plot")
     assert page.locator("#found tbody tr").count() == 5
@@ -119,7 +118,6 @@ def test_five_steps_on_a_shipped_example(visit, tmp_path):
     page.get_by_label("soft_gel[2]").uncheck()
     page.fill("#density input", "1050")
     page.press("#density input", "Tab")
-    page.click("#dropped summary")
     page.wait_for_selector("#dropped :text('without a radius')")
 
     page.click("#to-infer")
@@ -245,7 +243,8 @@ def test_every_field_has_a_name_and_the_keyboard_reaches_the_answer(visit):
     page.keyboard.press("ArrowRight")
     page.wait_for_selector("#trial :text('RMSE')")
     unnamed = page.evaluate(
-        "[...document.querySelectorAll('input:not([type=file]), button, select')].filter(one => one.offsetParent &&"
-        " !(one.labels?.length || one.getAttribute('aria-label') || one.title || one.innerText.trim())).map(one => one.outerHTML)"
+        "[...document.querySelectorAll('input:not([type=file]), button, select')]"
+        ".filter(one => one.offsetParent && !(one.labels?.length || one.getAttribute('aria-label') || one.title"
+        " || one.innerText.trim())).map(one => one.outerHTML)"
     )
     assert unnamed == []

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import fields
-from functools import wraps
+from functools import partial, wraps
 from pathlib import Path
 from typing import Any
 
@@ -109,9 +109,12 @@ class Page:
                     file_count="multiple", height=160, elem_id="upload",
                 )  # fmt: skip
             with gr.Column(scale=2, min_width=260):
-                self.example = gr.Dropdown(
-                    ["", *steps.examples()], value="", label="or take a shipped example", elem_id="example"
-                )
+                gr.HTML(words.NOTHING.format("or look at a shipped example first:"), apply_default_css=False)
+                with gr.Row():
+                    self.examples = {
+                        name: gr.Button(name, size="sm", min_width=120, elem_classes="example")
+                        for name in steps.examples()
+                    }
                 with gr.Row():
                     self.clear = gr.Button("Start over", size="sm", elem_id="clear")
                     self.to_prepare = gr.Button("Prepare first", size="sm", elem_id="to-prepare")
@@ -124,25 +127,21 @@ class Page:
     def _prepare(self) -> None:
         with gr.Row():
             with gr.Column(scale=2, min_width=300):
-                self.chosen = gr.CheckboxGroup(label="Shots to infer", elem_id="chosen")
+                self.chosen = gr.CheckboxGroup(label="Shots to infer", show_select_all=True, elem_id="chosen")
                 self.window = gr.Dropdown(_WINDOWS, value=0, label="Window that is compared", elem_id="window")
                 with gr.Row():
                     self.medium = gr.Dropdown(list(MEDIA), value="water", label="Medium", min_width=120)
-                    self.density = gr.Number(label="Density (kg/m³)", min_width=120, elem_id="density")
+                    self.density = _number("density", "Density (kg/m³)", "as the medium")
                 with gr.Row():
-                    self.rmax = gr.Number(label="True R_max (µm)", min_width=120, elem_id="rmax")
-                    self.stretch = gr.Number(label="λ = R_max/R_0", min_width=120)
-                gr.HTML(
-                    words.NOTHING.format("Left empty: the medium's own density, R_max as measured, λ fitted."),
-                    apply_default_css=False,
-                )
+                    self.rmax = _number("rmax", "True R_max (µm)", "as measured")
+                    self.stretch = _number("stretch", "λ = R_max/R_0", "fitted")
                 with gr.Accordion("More about the liquid", open=False):
                     with gr.Row():
-                        self.sound_speed = gr.Number(label="Sound speed (m/s)", min_width=120)
-                        self.surface_tension = gr.Number(label="Surface tension (N/m)", min_width=120)
+                        self.sound_speed = _number("sound_speed", "Sound speed (m/s)", "as the medium")
+                        self.surface_tension = _number("surface_tension", "Surface tension (N/m)", "as the medium")
                     with gr.Row():
-                        self.pressure = gr.Number(label="Pressure (Pa)", min_width=120)
-                        self.temperature = gr.Number(label="Temperature (K)", min_width=120)
+                        self.pressure = _number("pressure", "Pressure (Pa)", "as the medium")
+                        self.temperature = _number("temperature", "Temperature (K)", "as the medium")
             with gr.Column(scale=3, min_width=300):
                 self.shown = gr.Dropdown(label="Shot shown", elem_id="shown")
                 self.prepared = gr.Plot(show_label=False, container=False, elem_id="prepared")
@@ -178,9 +177,9 @@ class Page:
     def _export(self) -> None:
         gr.HTML(
             words.report(
-                "<p>One zip with <b>result.json</b> and <b>result.csv</b> (the table), <b>report.html</b>, a figure of "
-                "every shot (<b>PNG</b> and <b>SVG</b>), the processed and the simulated curves (<b>CSV</b>), and the "
-                "conventional fits that you made.</p>"
+                '<p class="card">One zip with <b>result.json</b>, the table <b>result.csv</b>, <b>report.html</b>, a '
+                "figure of every shot (<b>PNG</b>, <b>SVG</b>), the processed and the simulated curves (<b>CSV</b>), "
+                "and the conventional fits that you made.</p>"
             ),
             apply_default_css=False,
         )
@@ -198,8 +197,9 @@ class Page:
         self.upload.upload(
             self._of(self._load), [self.upload, *self.settings], shown, show_progress_on=[self.found], **private
         )
-        self.example.input(self._of(self._example), [self.example, *self.settings], shown, **private)
-        self.clear.click(self._of(self._clear), self.settings, [*shown, self.example], **private)
+        for name, button in self.examples.items():
+            button.click(self._of(partial(self._example, name)), self.settings, shown, **private)
+        self.clear.click(self._of(self._clear), self.settings, shown, **private)
         view = [self.prepared, self.dropped]
         changes = [one.change for one in (self.shown, *self.settings[:-1])]
         gr.on(
@@ -219,7 +219,7 @@ class Page:
             ).success(
                 self._of(self._show), [self.checked, *self.settings], check, show_progress="hidden", **private
             )  # fmt: skip
-        self.checked.input(
+        self.checked.select(
             self._of(self._show), [self.checked, *self.settings], check, show_progress="hidden", **private
         )
         self.fit.click(
@@ -251,14 +251,13 @@ class Page:
         session.add(_uploaded(files or []), _settings(settings))
         return self._loaded(session)
 
-    def _example(self, session: Session, name: str, *settings: Any) -> list[Any]:
-        if name:
-            session.add([steps.examples()[name]], _settings(settings), copy=True)
+    def _example(self, name: str, session: Session, *settings: Any) -> list[Any]:
+        session.add([steps.examples()[name]], _settings(settings), copy=True)
         return self._loaded(session)
 
     def _clear(self, session: Session, *settings: Any) -> list[Any]:
         session.clear()
-        return [*self._loaded(session), ""]
+        return self._loaded(session)
 
     def _loaded(self, session: Session) -> list[Any]:
         names = [curve.name for curve in session.curves]
@@ -278,8 +277,8 @@ class Page:
             view = steps.compared(curve, session.settings)
             figure = plots.prepared(curve, view.curve, *steps.network_grid(curve, session.settings))
         except InputError as error:
-            return [None, words.report(words.messages({str(error): [name or ""]}), words.notes([curve]))]
-        return [figure, words.report(words.warnings([curve]), f"<section>{words.notes([curve])}</section>")]
+            return [None, words.report(words.messages({str(error): [name or ""]}), words.notes([curve], shown=True))]
+        return [figure, words.report(words.warnings([curve]), f"<section>{words.notes([curve], shown=True)}</section>")]
 
     def _answer(self, session: Session, chosen: list[str], *settings: Any, progress: gr.Progress) -> list[Any]:
         session.prepare(_settings(settings))
@@ -332,7 +331,7 @@ class Page:
             settings = Settings(
                 medium=medium, density=density, rmax_um=rmax_um, stretch=stretch, window=window, model=model
             )
-            return endpoint.infer(visitors, _uploaded([file["path"] for file in files]), settings)
+            return endpoint.infer(visitors, _uploaded([str(dict(file)["path"]) for file in files]), settings)
 
         return infer
 
@@ -350,7 +349,21 @@ def _uploaded(files: Sequence[str]) -> list[Path]:
     return paths
 
 
+def _number(name: str, label: str, empty: str) -> gr.Textbox:
+    """A field for a number that need not be given."""
+    return gr.Textbox(label=label, placeholder=empty, max_lines=1, min_width=120, elem_id=name)
+
+
 def _settings(values: tuple[Any, ...]) -> Settings:
-    """From the components, in the order of the fields; an empty or zero number is not given."""
-    given: dict[str, Any] = {f.name: value or None for f, value in zip(fields(Settings), values, strict=True)}
+    """From the components, in the order of the fields of Settings. Raises InputError: no number."""
+    given: dict[str, Any] = {field.name: value for field, value in zip(fields(Settings), values, strict=True)}
+    for name, value in given.items():
+        if name == "window":
+            given[name] = value or None
+        elif name not in ("medium", "model"):
+            text = str(value or "").strip().replace(",", ".")
+            try:
+                given[name] = float(text) if text else None
+            except ValueError:
+                raise InputError(f"{name.replace('_', ' ')} must be a number, got {value!r}") from None
     return Settings(**given)

@@ -14,6 +14,7 @@ from cavirheo.inference.model import card, shipped
 from cavirheo.posterior import Checks
 from cavirheo.reporting import wording
 
+_FEW = 4  # remarks that are shown unfolded
 NOTHING = '<div class="report"><p class="quiet">{}</p></div>'
 
 
@@ -88,7 +89,7 @@ def warnings(curves: Sequence[RadiusCurve]) -> str:
     return messages(said)
 
 
-def notes(curves: Sequence[RadiusCurve]) -> str:
+def notes(curves: Sequence[RadiusCurve], *, shown: bool = False) -> str:
     """What was recognised, converted or left out, each once with the shots that it concerns."""
     said: dict[str, list[str]] = {}
     for curve in curves:
@@ -98,6 +99,8 @@ def notes(curves: Sequence[RadiusCurve]) -> str:
         f"<li>{escape(note)} <small>({'all shots' if len(names) == len(curves) else escape(_some(names))})</small></li>"
         for note, names in said.items()
     )
+    if shown:
+        return f"<h3>What was recognised, converted or left out</h3><ul>{lines}</ul>"
     return f"<details><summary>What was recognised, converted or left out</summary><ul>{lines}</ul></details>"
 
 
@@ -114,9 +117,12 @@ def differences(checks: Checks) -> str:
 
 
 def messages(said: dict[str, list[str]]) -> str:
-    """Each message once, after the names of the shots that it is about."""
-    return "".join(
+    """Each message once, after the names of the shots that it is about; more than a few are folded."""
+    lines = "".join(
         f'<p class="message" role="status"><b>{escape(_some(names))}</b>: {escape(text)}</p>'
         for text, names in said.items()
         if text
     )
+    if len(said) > _FEW:
+        return f"<section><details><summary>{len(said)} remarks on single shots</summary>{lines}</details></section>"
+    return lines
