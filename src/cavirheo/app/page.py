@@ -119,7 +119,7 @@ class Page:
                     self.clear = gr.Button("Start over", size="sm", elem_id="clear")
                     self.to_prepare = gr.Button("Prepare first", size="sm", elem_id="to-prepare")
                 self.infer_now = gr.Button("Infer all shots", variant="primary", interactive=False, elem_id="infer-now")
-        with gr.Row():
+        with gr.Row(visible=False) as self.overview:
             self.plain = gr.Plot(show_label=False, container=False, min_width=320, elem_id="overview")
             self.scaled = gr.Plot(show_label=False, container=False, min_width=320, elem_id="overview-normalised")
         self.found = gr.HTML(words.found([], []), apply_default_css=False, elem_id="found")
@@ -192,7 +192,7 @@ class Page:
         private: dict[str, Any] = {"api_visibility": "private"}
         shown = [
             self.found, self.plain, self.scaled, self.chosen, self.shown, self.upload, self.infer_now, self.answers,
-            self.to_check,
+            self.to_check, self.overview,
         ]  # fmt: skip
         self.upload.upload(
             self._of(self._load), [self.upload, *self.settings], shown, show_progress_on=[self.found], **private
@@ -265,7 +265,7 @@ class Page:
         return [
             words.found(session.curves, session.problems), *figures, gr.CheckboxGroup(choices=names, value=names),
             gr.Dropdown(choices=names, value=names[0] if names else None), None, gr.Button(interactive=bool(names)),
-            steps.answers(session), gr.Button(interactive=False),
+            steps.answers(session), gr.Button(interactive=False), gr.Row(visible=bool(names)),
         ]  # fmt: skip
 
     def _view(self, session: Session, name: str | None, *settings: Any) -> list[Any]:

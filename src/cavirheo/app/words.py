@@ -95,9 +95,10 @@ def notes(curves: Sequence[RadiusCurve], *, shown: bool = False) -> str:
     for curve in curves:
         for note in curve.notes:
             said.setdefault(note, []).append(curve.name)
+    about = {note: "all shots" if len(names) == len(curves) else _some(names) for note, names in said.items()}
     lines = "".join(
-        f"<li>{escape(note)} <small>({'all shots' if len(names) == len(curves) else escape(_some(names))})</small></li>"
-        for note, names in said.items()
+        f"<li>{escape(note)}" + (f" <small>({escape(about[note])})</small></li>" if len(curves) > 1 else "</li>")
+        for note in said
     )
     if shown:
         return f"<h3>What was recognised, converted or left out</h3><ul>{lines}</ul>"
