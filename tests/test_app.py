@@ -18,6 +18,7 @@ pytest.importorskip("gradio", reason="the app extra is not installed")
 import httpx
 from gradio_client import Client, handle_file
 from gradio_client.exceptions import AppError
+from test_hostile import FILES
 
 from cavirheo.app.apart import Reader
 from cavirheo.app.export import write_zip
@@ -120,6 +121,22 @@ def test_damaged_and_too_many_files_leave_the_server_answering(client, tmp_path)
             client.predict(files, api_name="/infer")
         assert str(tmp_path) not in str(error.value)
     assert len(client.predict([handle_file(str(SOFT))], api_name="/infer")["curves"]) == 5
+
+
+@pytest.mark.slow
+def test_hostile_files_leave_the_server_answering(tmp_path):
+    """Every file of test_hostile.py, one after the other, to one server."""
+    with running() as (address, _):
+        client = Client(address, verbose=False)
+        for make, (ending, says) in FILES.items():
+            path = tmp_path / f"{make.__name__}.{ending}"
+            make(path)
+            began = time.monotonic()
+            with pytest.raises(AppError, match=says):
+                client.predict([handle_file(str(path))], api_name="/infer")
+            assert time.monotonic() - began < 20.0, make.__name__  # the limit of the reader, whatever the load
+            path.unlink()
+        assert len(client.predict([handle_file(str(SOFT))], api_name="/infer")["curves"]) == 5
 
 
 def test_a_file_above_the_limit_is_not_taken(served):
