@@ -21,7 +21,7 @@ from statistics import median
 from tempfile import TemporaryDirectory
 
 import numpy as np
-from playwright.sync_api import Page, sync_playwright
+from playwright.sync_api import CDPSession, Page, sync_playwright
 from scipy.io import loadmat, savemat
 
 from cavirheo import infer_many, read_curves
@@ -84,6 +84,13 @@ def click_to_answer(page: Page, file: Path) -> float:
     return time.perf_counter() - began
 
 
+def processor_time(tasks: CDPSession) -> float:
+    """s of processor time of the page's main thread so far."""
+    return next(
+        one["value"] for one in tasks.send("Performance.getMetrics")["metrics"] if one["name"] == "TaskDuration"
+    )
+
+
 def main(repeats: int) -> None:
     starts = [start_up() for _ in range(3)]
     answers, alone, processor, moves, calls, trials = [], [], [], [], [], []
@@ -107,8 +114,13 @@ def main(repeats: int) -> None:
         session = visitors.of("benchmark")
         session.add([steps.examples()["stiff_gel.mat"]], Settings(), copy=True)
         steps.infer(session, [session.curves[0].name], lambda *_: None)
+        tasks = page.context.new_cdp_session(page)
+        tasks.send("Performance.enable", {"timeDomain": "threadTicks"})
+        busy = []
         for k in range(30):
+            before = processor_time(tasks)
             drawn, call = page.evaluate(MOVE, 0.2 + 0.6 * (k * 0.618 % 1.0))
+            busy.append(1e3 * (processor_time(tasks) - before))
             began = time.perf_counter()
             steps.trial(session, session.curves[0].name, [30.0, 0.05 + 0.01 * (k % 7), 5.0])
             trials.append(1e3 * (time.perf_counter() - began))
@@ -124,6 +136,7 @@ def main(repeats: int) -> None:
     print(f"| ratio | {median(a / b for a, b in zip(answers, alone, strict=True)):.2f} |")
     print(f"| processor time of `infer_many` / cores | {median(processor) / cores:.2f} s |")
     print(f"| slider to redrawn simulation | {median(moves):.0f} ms |")
+    print(f"| of it, processor time of the page | {median(busy):.0f} ms |")
     print(f"| of it, the request | {np.nanmedian(calls):.0f} ms |")
     print(f"| of it, the simulation and its residuals | {median(trials):.0f} ms |")
 

@@ -5,6 +5,7 @@ Only `infer` (endpoint.py) is public to programs; the handlers of the page are n
 
 from __future__ import annotations
 
+import json
 from collections.abc import Callable, Sequence
 from dataclasses import fields
 from functools import partial, wraps
@@ -24,12 +25,14 @@ TITLE = "cavirheo"
 _FORMATS = ".mat, .csv, .txt, .h5, .xlsx"
 _WINDOWS = [("all that the model reads", 0), ("1 collapse", 1), ("2 collapses", 2), ("3 collapses", 3)]
 # The sliders change two lines of a figure that is there already: nothing measured is sent again. Moving the lines alone
-# takes half the time of a restyle, which is needed where they are new or leave the axes.
+# takes half the time of a restyle, which is needed where they are new or leave the axes. The numbers travel as one
+# string, for the page's own state copies lists element by element, which takes longer than all else.
 _REDRAW = """
 watch('value', async () => {
   const plot = document.querySelector('#check-plot .js-plotly-plot');
-  const {x, y, traces} = props.value || {};
-  if (!plot || !window.Plotly || !x) return;
+  const lines_of = (props.value || {}).lines;
+  if (!plot || !window.Plotly || !lines_of) return;
+  const {x, y, traces} = JSON.parse(lines_of);
   const within = (values, range) => values.every((v) => v >= range[0] && v <= range[1]);
   if (plot.data[traces[0]].x.length && x[0].length && within(y[0], plot.layout.yaxis.range)
       && within(y[1], plot.layout.yaxis2.range)) {
@@ -299,7 +302,8 @@ class Page:
 
     def _fit(self, session: Session, name: str, trial: dict[str, Any]) -> list[Any]:
         steps.fit(session, name)
-        return [self._figure(session, name, trial if "x" in trial else None), steps.beside(session, name)]
+        drawn = json.loads(trial["lines"]) if "lines" in trial else None
+        return [self._figure(session, name, drawn), steps.beside(session, name)]
 
     def _figure(self, session: Session, name: str, trial: dict[str, Any] | None = None) -> Any:
         curve, posterior = steps.pair(session, name)
@@ -309,7 +313,8 @@ class Page:
         return plots.checked(curve, found, trial)
 
     def _try(self, session: Session, name: str, *values: float | None) -> dict[str, Any]:
-        return {**steps.trial(session, name, values), "traces": plots.TRIAL}
+        said, lines = steps.trial(session, name, values)
+        return {"words": said, "lines": json.dumps({**lines, "traces": plots.TRIAL})}
 
     def _zip(self, session: Session) -> Any:
         return gr.DownloadButton(value=str(export.write_zip(session)), interactive=True)

@@ -153,10 +153,11 @@ def sliders(session: Session, name: str) -> dict[str, dict[str, float] | None]:
     return found
 
 
-def trial(session: Session, name: str, values: Sequence[float | None]) -> dict[str, Any]:
-    """The simulation with the sliders' values, over the window of the answer: what the page draws, and the differences.
+def trial(session: Session, name: str, values: Sequence[float | None]) -> tuple[str, dict[str, Any]]:
+    """The simulation with the sliders' values over the window of the answer: (differences, {x, y} of what to draw).
 
-    A simulation that fails gives the reason and nothing to draw.
+    Drawn are the radius in µm and the residual in % of R_max, over µs. A simulation that fails gives the reason and
+    nothing to draw.
     """
     try:
         curve, posterior = pair(session, name)
@@ -169,11 +170,10 @@ def trial(session: Session, name: str, values: Sequence[float | None]) -> dict[s
         found = reconstruct(view, material, session.settings.liquid, given["stretch"])
     except (InputError, SolverError) as error:
         text = f'<p class="message failed-message" role="alert">The simulation failed: {escape(str(error))}</p>'
-        return {"words": words.report(text), "x": [[], []], "y": [[], []]}
+        return words.report(text), {"x": [[], []], "y": [[], []]}
     checks = found.checks(view, session.settings.liquid.time_scale(curve.max_radius), "ok", [])
     start = curve.time_of_max
-    return {
-        "words": words.report(f'<p class="trial">Sliders: {words.differences(checks)}</p>'),
+    return words.report(f'<p class="trial">Sliders: {words.differences(checks)}</p>'), {
         "x": [_short(1e6 * (found.drawn_time - start)), _short(1e6 * (found.time - start))],
         "y": [_short(1e6 * found.drawn_radius), _short(100 * found.residual)],
     }
