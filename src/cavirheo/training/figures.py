@@ -75,7 +75,8 @@ def _loss(card: Mapping[str, Any]) -> Figure:
     axes = figure.subplots()
     history, best = card["history"], card["training"]["best_epoch"]
     epochs = np.arange(1, len(history["train"]) + 1)
-    axes.semilogy(epochs, history["train"], color=_BLUE, lw=1.6, label="training (with dropout)")
+    dropped = f"dropout to epoch {last}" if (last := card["training"].get("dropout_epochs")) else "with dropout"
+    axes.semilogy(epochs, history["train"], color=_BLUE, lw=1.6, label=f"training ({dropped})")
     axes.semilogy(epochs, history["validation"], color=_ORANGE, lw=1.2, label="validation")
     lowest = history["validation"][best - 1]
     axes.plot(best, lowest, "o", ms=7, mfc="none", mec=_INK, label=f"kept: epoch {best}, {lowest:.4f}")
