@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import os
+import signal
 import sys
 import threading
 import webbrowser
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import closing, contextmanager, suppress
 from tempfile import TemporaryDirectory
 
 os.environ.update(GRADIO_ANALYTICS_ENABLED="False", HF_HUB_DISABLE_TELEMETRY="1")  # before gradio is imported
@@ -74,9 +75,8 @@ def running(host: str = "127.0.0.1", port: int = 0, limits: Limits = Limits()) -
         InputError: nothing can listen there.
     """
     processing_utils.async_ssrf_protected_download = _refuse  # a program may not make the server fetch anything
-    visitors = Visitors(limits)
-    visitors.reader.start()
-    with TemporaryDirectory(prefix="cavirheo-app-") as folder:
+    with TemporaryDirectory(prefix="cavirheo-app-") as folder, closing(Visitors(limits)) as visitors:
+        visitors.reader.start()
         os.environ["GRADIO_TEMP_DIR"] = folder
         page = build(visitors)
         try:
@@ -92,17 +92,17 @@ def running(host: str = "127.0.0.1", port: int = 0, limits: Limits = Limits()) -
             yield address, visitors
         finally:
             page.close()
-            visitors.close()
 
 
 def serve(host: str, port: int, *, browser: bool, limits: Limits) -> None:
-    """Serve the page until it is interrupted. Raises InputError if nothing can listen there."""
+    """Serve the page until it is interrupted or terminated. Raises InputError if nothing can listen there."""
+    ended = threading.Event()
+    signal.signal(signal.SIGTERM, lambda *_: ended.set())
     with running(host, port, limits) as (address, _):
         print(f"cavirheo app: {address}   (Ctrl+C ends it)", file=sys.stderr)
         threading.Thread(target=load_solver, daemon=True).start()
         if browser:
             webbrowser.open(address)
-        try:
-            threading.Event().wait()
-        except KeyboardInterrupt:
-            print("ended; temporary files are removed", file=sys.stderr)
+        with suppress(KeyboardInterrupt):
+            ended.wait()
+    print("ended; temporary files are removed", file=sys.stderr)
