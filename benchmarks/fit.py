@@ -1,11 +1,13 @@
 """Least-squares fit: time per curve, recovery on simulated shots of known truth, error over the Cramer-Rao bound.
 
-    python benchmarks/fit.py [-n 30] [--noise 0.01] [--seed 1]
+    python benchmarks/fit.py [-n 30] [--noise 0.01] [--seed 1] [--joint 5] [--real DIR]
 
 Truths are drawn from G 1 to 50 kPa, mu 0.01 to 0.3 Pa s, stretch 4 to 10, R_max 100 to 400 um, simulated with
 `precise` (the fit uses the default solver), 100 frames over 4.07 t_c. The bound is that of unweighted frames with
 independent noise: cov = sigma^2 (J^T J)^-1 over the window, J by central differences at the truth. Noise-free shots
-count as identifiable where the bound of 0.1 % noise is below 1 % in G and 3 % in mu.
+count as identifiable where the bound of 0.1 % noise is below 1 % in G and 3 % in mu. --joint: so many noisy shots of
+one material fitted together, time per shot. --real: time per curve, as `cavirheo fit` fits them by default, of all
+curves that are found below a folder.
 """
 
 from __future__ import annotations
@@ -13,15 +15,17 @@ from __future__ import annotations
 import argparse
 import time
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 
 from cavirheo import NeoHookeanKelvinVoigt, Posterior, RadiusCurve, simulate
-from cavirheo.inference.fit import fit
+from cavirheo.inference.fit import fit, fit_many
 from cavirheo.inference.fit.parameters import Family, Settings, spread_starts
 from cavirheo.inference.fit.search import Fit
 from cavirheo.inference.fit.shots import FINE, Shot
 from cavirheo.physics.media import WATER
+from cavirheo.reading.shots import read_shots
 
 LN10 = np.log(10.0)
 BOX = np.array([[3.0, np.log10(5e4)], [-2.0, np.log10(0.3)], [np.log10(4), 1.0], [-4.0, np.log10(4e-4)]])
@@ -41,13 +45,14 @@ class Case:
 
 
 def cases(count: int, seed: int) -> list[Case]:
-    found = []
-    for truth in spread_starts(BOX, count + seed)[seed:]:
-        G, mu, stretch, R_max = 10**truth
-        times = np.linspace(0.0, 4.07 * WATER.time_scale(R_max), 100)
-        run = simulate(NeoHookeanKelvinVoigt(G, mu), max_radius=R_max, stretch=stretch, time=times, precise=True)
-        found.append(Case(truth, RadiusCurve(times, run.radius, meta={"name": "shot", "maximum": (0.0, R_max)})))
-    return found
+    return [made(truth) for truth in spread_starts(BOX, count + seed)[seed:]]
+
+
+def made(truth: np.ndarray) -> Case:
+    G, mu, stretch, R_max = 10**truth
+    times = np.linspace(0.0, 4.07 * WATER.time_scale(R_max), 100)
+    run = simulate(NeoHookeanKelvinVoigt(G, mu), max_radius=R_max, stretch=stretch, time=times, precise=True)
+    return Case(truth, RadiusCurve(times, run.radius, meta={"name": "shot", "maximum": (0.0, R_max)}))
 
 
 def bound(case: Case, window: int | str | None, noise: float) -> np.ndarray:
@@ -65,16 +70,68 @@ def error(answer: Posterior, case: Case) -> np.ndarray:
     return np.log10(best) - case.truth[:3]
 
 
+def timed(curves: list[RadiusCurve]) -> tuple[np.ndarray, np.ndarray, int]:
+    """(CPU seconds, simulations) of each curve that was answered, by one thread; how many were not."""
+    seconds, runs = [], []
+    for curve in curves:
+        began = time.process_time()
+        answer = fit(curve, workers=1)
+        if answer.checks.verdict != "failed":
+            seconds.append(time.process_time() - began)
+            runs.append(answer.provenance["simulations"])
+    return np.array(seconds), np.array(runs), len(curves) - len(runs)
+
+
+def real(folder: Path) -> None:
+    """Prints the time per curve of every subfolder, and of all curves."""
+    everything = []
+    for place in sorted(path for path in [folder, *folder.iterdir()] if path.is_dir()):
+        files = sorted(path for path in place.iterdir() if path.suffix in (".mat", ".csv", ".txt"))
+        curves, problems = read_shots(files, density=WATER.density, pressure=WATER.pressure) if files else ([], [])
+        seconds, runs, failed = timed(curves)
+        if len(seconds):
+            everything.append(seconds)
+            print(f"{place.name}: {len(seconds)} curves, median {np.median(seconds):.2f} s CPU, {np.median(runs):.0f} "
+                  f"simulations; not answered {failed}, files not read {len(problems)}")  # fmt: skip
+    if everything:
+        all_of_them = np.concatenate(everything)
+        print(f"all {len(all_of_them)} real curves: median {np.median(all_of_them):.2f} s CPU, nine of ten below "
+              f"{np.quantile(all_of_them, 0.9):.2f} s, largest {all_of_them.max():.2f} s")  # fmt: skip
+
+
+def joint(count: int, noise: float) -> None:
+    """Prints the time per shot of `count` shots of one material, alone and with the joint fit after it."""
+    curves = []
+    for k, truth in enumerate(spread_starts(BOX, count)):
+        case = made(np.array([4.0, -1.2, *truth[2:]]))
+        curve = case.noisy(noise, k)
+        curves.append(RadiusCurve(curve.time, curve.radius, meta={**curve.meta, "group": "one"}))
+    spent = []
+    for together in (False, True):
+        began = time.process_time()
+        answers = fit_many(curves, joint=together, windows=False, workers=1)
+        spent.append((time.process_time() - began) / count)
+    low, high = answers[0].interval("shear_modulus") or (np.nan, np.nan)
+    print(f"joint fit of {count} shots: {spent[1]:.2f} s CPU per shot, of which {spent[0]:.2f} s for those alone; G "
+          f"{low:.0f} to {high:.0f} Pa (90 %, truth 10000)")  # fmt: skip
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("-n", type=int, default=30)
     parser.add_argument("--noise", type=float, default=0.01)
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--window", default=None)
+    parser.add_argument("--joint", type=int, default=5)
+    parser.add_argument("--real", type=Path, default=None)
     given = parser.parse_args()
     window = int(given.window) if given.window and given.window.isdigit() else given.window
     shots = cases(given.n, given.seed)
     fit(shots[0].clean)  # compiles
+    if given.real:
+        real(given.real)
+    if given.joint > 1:
+        joint(given.joint, given.noise)
 
     wall, cpu, runs, failed = [], [], [], 0
     clean, sharp = [], []

@@ -304,7 +304,8 @@ def test_the_table_fits_and_the_picture_shows_every_value(fake, folder, tmp_path
 
 def test_published_values_can_be_read():
     sets = {about.name: about for about in read_references(PUBLISHED)}
-    assert len(sets) == 5
+    assert len(sets) == 6
+    assert sets["stiff polyacrylamide"].medium.name == "estrada2018"
     assert sets["PAAm-alginate 0.3 %"].values["IMR", G].mean == 6440.0
     assert ("IMR", G) not in sets["PEG 8000 40 w/v %"].values
     assert sets["agarose 2.5 %"].medium.density == 1025
@@ -313,5 +314,21 @@ def test_published_values_can_be_read():
 def test_published_sets_are_found(fake, real_data, tmp_path, monkeypatch):
     monkeypatch.setattr(style, "available", lambda: False)
     result = compare(real_data, PUBLISHED, tmp_path / "c")
-    assert [about.n_shots for about in result.sets] == [5, 20, 20, 11, 11]
+    assert [about.n_shots for about in result.sets] == [5, 20, 20, 11, 11, 20]
     assert not any(about.problems for about in result.sets)
+
+
+def test_sets_can_be_fitted_in_the_place_of_networks(tmp_path):
+    lines = (ROOT / "examples" / "soft_gel.csv").read_text()
+    (tmp_path / "gel.csv").write_text(lines)
+    (tmp_path / "refs.csv").write_text(
+        "set,files,window,model,method,quantity,mean\ngel,gel.csv,2,,IMR,G_kPa,3\nliquid,gel.csv,1,bdt-viscous,,,\n"
+    )
+    gel, liquid = compare(tmp_path, tmp_path / "refs.csv", tmp_path / "c", fit="qkv").sets
+    assert (gel.model, liquid.model) == ("least squares, qkv", "least squares, newtonian")
+    assert gel.quantities[0].ours.n == gel.n_shots
+    assert [row.quantity for row in liquid.quantities] == [MU]
+    record = json.loads((tmp_path / "c" / "gel" / "result.json").read_text())["curves"][0]
+    assert (record["method"], record["window"]["collapses"]) == ("least_squares", 2)
+    with pytest.raises(InputError, match="cannot fit the material 'jelly'"):
+        compare(tmp_path, tmp_path / "refs.csv", tmp_path / "c", fit="jelly")

@@ -106,6 +106,9 @@ def compare(
         list[str] | None, typer.Option(help="errors are relative to it; may be repeated  [default: IMR, rheometer]")
     ] = None,
     model: ModelName = "bdt-viscoelastic",
+    fit_law: Annotated[
+        str | None, typer.Option("--fit", help="least squares with this law (nhkv, ...) instead of networks")
+    ] = None,
     out: Out = Path("cavirheo-comparison"),
 ) -> None:
     """Published values of many sets beside ours, with relative errors: tables, a picture and a report per set."""
@@ -118,7 +121,7 @@ def compare(
     with progress() as bar:
         task = bar.add_task("", total=None)
         result = run(
-            folder, references, out, model=model, reference_methods=against, command=command,
+            folder, references, out, model=model, fit=fit_law, reference_methods=against, command=command,
             done=lambda total: bar.update(task, total=total, advance=1),
         )  # fmt: skip
     print_table(result)

@@ -51,8 +51,8 @@ def figure(group: GroupRecord, estimate: Estimate, medium: Medium, unit: tuple[f
         said = "every pair on this line has the measured collapse times" if len(pairs) else "no pair gives such times"
         write(axes, 0.02, 0.93, said, size=9, color=INK)
         return drawing
-    upper = new_axes(drawing, _UPPER, "", "t₁/t_RC")
-    lower = new_axes(drawing, _LOWER, "R_max (µm)", "t₁ from model (%)")
+    upper = new_axes(drawing, _UPPER, "", r"$t_1/t_\mathrm{RC}$")
+    lower = new_axes(drawing, _LOWER, r"$R_\mathrm{max}$ (µm)", r"$t_1$ from model (%)")
     radius = 1e6 * estimate.shots.max_radius
     shots = [shot for shot in group.shots if not shot.message]
     model = np.array([np.nan if x is None else x for x in (s.exact if group.exact else s.analytic for s in shots)])

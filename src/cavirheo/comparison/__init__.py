@@ -7,7 +7,7 @@
 | table | the terminal, Markdown, CSV |
 | picture | G and mu of all sets by all methods (needs the [plot] extra) |
 
-The answers are those of `cavirheo infer`, and so are the reports that each set gets in its own folder.
+The answers are those of `cavirheo infer` or `cavirheo fit`, and so are the reports, one per set in its own folder.
 """
 
 from __future__ import annotations
@@ -16,12 +16,14 @@ from collections.abc import Callable, Sequence
 from dataclasses import asdict
 from datetime import datetime
 from pathlib import Path
+from typing import Any
 
 from cavirheo.comparison.record import Comparison, SetRecord, set_record
 from cavirheo.comparison.references import ReferenceSet, read_references
 from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError
 from cavirheo.inference import infer_many
+from cavirheo.inference.fit.parameters import Family
 from cavirheo.inference.model import DEFAULT, load
 from cavirheo.inference.reconstruct import check_stretch
 from cavirheo.reading.shots import read_shots
@@ -41,16 +43,19 @@ def compare(
     out: str | Path,
     *,
     model: str = DEFAULT,
+    fit: str | None = None,
     reference_methods: Sequence[str] = (),
     command: str = "cavirheo compare",
     done: Callable[[int], None] | None = None,
 ) -> Comparison:
-    """Infer every set that `references` names and write the comparison, and a report per set, into `out`.
+    """Infer, or fit, every set that `references` names and write the comparison, and a report per set, into `out`.
 
     Args:
         folder: what the files of the sets are relative to.
         references: the CSV file (references.py).
         model: for sets that name none.
+        fit: a law, such as "nhkv": least squares (inference/fit) in the place of networks, Newtonian for sets whose
+            model is that of a Newtonian liquid.
         reference_methods: those to which errors are relative; default: of REFERENCES those in the file.
         done: called after each shot with the number of all shots.
 
@@ -61,6 +66,8 @@ def compare(
         InputError: a mistake in `references` (line, column, what was expected), an unknown model or reference method,
             or a folder that cannot be read or written.
     """
+    if fit:
+        Family(fit)
     folder, references, out = Path(folder), Path(references), Path(out)
     if not folder.is_dir():
         raise InputError(f"{folder} is not a folder; expected the folder that holds the sets of measurements")
@@ -69,20 +76,22 @@ def compare(
     against, notes = _against(reference_methods, methods, references)
     for about in sets:
         _check(about, model, references)
-    found = [_shots(about, folder, references) for about in sets]
+    found = [shots_of(about, folder, references) for about in sets]
     total = sum(len(curves) for curves, *_ in found)
     names = file_names([*_OUTPUTS, *(about.name for about in sets)])[len(_OUTPUTS) :]
     records: list[SetRecord] = []
     for about, name, (curves, files, problems, left_out) in zip(sets, names, found, strict=True):
         which = about.settings.get("model", model)
-        answers = infer_many(
-            curves,
-            model=which,
-            medium=about.medium,
-            stretch=about.settings.get("stretch"),
-            window=about.settings.get("window"),
-            done=(lambda: done(total)) if done else None,
-        )
+        options: dict[str, Any] = {name: about.settings.get(name) for name in ("stretch", "window")}
+        options |= {"medium": about.medium, "done": (lambda: done(total)) if done else None}
+        if fit:
+            from cavirheo.inference.fit import fit_many
+
+            which = "newtonian" if load(which).card["material"] == "newtonian" else fit
+            answers = fit_many(curves, which, windows=False, **options)
+            which = f"least squares, {which}"
+        else:
+            answers = infer_many(curves, model=which, **options)
         rows = write_report(out / name, list(zip(curves, answers, strict=True)), command).curves if curves else []
         records.append(
             set_record(
@@ -129,7 +138,7 @@ def _check(about: ReferenceSet, model: str, references: Path) -> None:
         raise InputError(f"{references}, line {about.lines['stretch']}, column stretch: {error}") from None
 
 
-def _shots(
+def shots_of(
     about: ReferenceSet, folder: Path, references: Path
 ) -> tuple[list[RadiusCurve], list[Path], list[str], list[str]]:
     """(curves, files, problems, what was left out) of a set."""

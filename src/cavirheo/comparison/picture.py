@@ -49,6 +49,8 @@ def figure(comparison: Comparison) -> Figure:
 
 
 def _panel(axes: Axes, comparison: Comparison, quantity: str, factor: float, methods: list[str]) -> None:
+    from matplotlib.ticker import LogLocator, NullFormatter, StrMethodFormatter
+
     axes.set_xscale("log")
     step = _ROOM / max(len(methods), 1)
     for place, about in enumerate(comparison.sets):
@@ -68,6 +70,9 @@ def _panel(axes: Axes, comparison: Comparison, quantity: str, factor: float, met
                 0.02, place, "not determined", transform=axes.get_yaxis_transform(), fontsize=8, color="#999999",
                 va="center",
             )  # fmt: skip
+    axes.xaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
+    axes.xaxis.set_major_formatter(StrMethodFormatter("{x:g}"))
+    axes.xaxis.set_minor_formatter(NullFormatter())
     axes.tick_params(labelsize=9, labelcolor=_INK, color="#888888")
     axes.tick_params(axis="y", length=0)
     axes.grid(axis="x", color="#dddddd", lw=0.6, zorder=0)

@@ -46,16 +46,27 @@ def inverse_square(
     f_model = (Z + sqrt(Z^2 + beta))^-2, Z = 2 beta A_RC (0.4637/Re + 0.56598/Re^2 + 5.7331/Re^3),
     beta = 1/(1 + Be/Ca), Be = 5/2 - sqrt(2/3) pi A_RC/lambda; numbers as in docs/physics.md, section 1.
     """
-    R, stretch, G, mu = (np.asarray(a, dtype=float) for a in (max_radius, stretch, shear_modulus, viscosity))
+    G = np.asarray(shear_modulus, dtype=float)
+    lost, Be, Y = _terms(max_radius, stretch, viscosity, medium)
+    beta = 1 / (1 + Be * G / medium.pressure)
+    Z = beta * Y
+    return np.asarray((Z + np.sqrt(Z * Z + beta)) ** -2 - lost)
+
+
+def _terms(max_radius: ArrayLike, stretch: ArrayLike, viscosity: ArrayLike, medium: Medium) -> tuple[Floats, ...]:
+    """f_We + f_Ma + f_gas, Be and Y = Z/beta."""
+    R, stretch, mu = (np.asarray(a, dtype=float) for a in (max_radius, stretch, viscosity))
     U_c, p = medium.velocity_scale, medium.pressure
     f_We = -_SURFACE * 2 * medium.surface_tension / (p * R)
     f_Ma = 2 / (1 + sqrt(1 + 4 * (medium.sound_speed / (U_c * _A)) ** 2))
     f_gas = _GAS * (stretch**-3 + medium.vapour_pressure / p)
-    beta = 1 / (1 + (2.5 - 2 * _SURFACE / stretch) * G / p)
     inverse_Re = mu * U_c / (p * R)
     a, b, c = _VISCOUS
-    Z = 2 * _A * beta * inverse_Re * (a + inverse_Re * (b + inverse_Re * c))
-    return np.asarray((Z + np.sqrt(Z * Z + beta)) ** -2 - f_We - f_Ma - f_gas)
+    return (
+        f_We + f_Ma + f_gas,
+        2.5 - 2 * _SURFACE / stretch,
+        2 * _A * inverse_Re * (a + inverse_Re * (b + inverse_Re * c)),
+    )
 
 
 def analytic_time(
@@ -65,6 +76,19 @@ def analytic_time(
     f = inverse_square(max_radius, stretch, shear_modulus, viscosity, medium)
     with np.errstate(divide="ignore"):
         return np.asarray(rayleigh_time(max_radius, medium) / np.sqrt(np.maximum(f, 0.0)))
+
+
+def analytic_modulus(
+    max_radius: ArrayLike, stretch: ArrayLike, viscosity: ArrayLike, time: ArrayLike, medium: Medium = WATER
+) -> Floats:
+    """G in Pa with which the analytic model collapses at t_1 = `time` (s); the arguments broadcast.
+
+    Not positive where the viscosity alone takes longer. With s = f_model^(-1/2), Z + sqrt(Z^2 + beta) = s and
+    Z = beta Y give beta = s^2/(1 + 2 s Y).
+    """
+    lost, Be, Y = _terms(max_radius, stretch, viscosity, medium)
+    s = ((rayleigh_time(max_radius, medium) / np.asarray(time, dtype=float)) ** 2 + lost) ** -0.5
+    return np.asarray(((1 + 2 * s * Y) / (s * s) - 1) * medium.pressure / Be)
 
 
 def simulated_time(

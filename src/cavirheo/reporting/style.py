@@ -46,8 +46,8 @@ def new_axes(figure: Figure, place: tuple[float, float, float, float], x_label: 
     for side in ("left", "bottom"):
         axes.spines[side].set_color("#888888")
     axes.tick_params(labelsize=8.5, labelcolor=INK, color="#888888", length=3)
-    axes.set_xlabel(x_label, fontsize=9, color=INK, parse_math=False)
-    axes.set_ylabel(y_label, fontsize=9, color=INK, parse_math=False)
+    axes.set_xlabel(x_label, fontsize=9, color=INK)
+    axes.set_ylabel(y_label, fontsize=9, color=INK)
     axes.margins(x=0.02)
     axes.xaxis.set_major_locator(MaxNLocator(8 if place[2] > 0.5 else 5, steps=_STEPS))
     axes.yaxis.set_major_locator(MaxNLocator(6 if place[3] > 0.3 else 4, steps=_STEPS))

@@ -120,7 +120,10 @@ def fit_many(
         together = _joint([single for i in members if (single := answered[i][1])], common, seed, cores)
         each = (time.perf_counter() - began) / len(members)
         for i, answer in zip(members, together, strict=True):
-            answers[i] = replace(answer, seconds=answers[i].seconds + each)
+            checks = answers[i].checks
+            alone = {"verdict": checks.verdict, "rmse_over_rmax": checks.rmse_over_rmax}
+            provenance = answer.provenance | {"alone": alone | {"best": answers[i].provenance["best"]}}
+            answers[i] = replace(answer, provenance=provenance, seconds=answers[i].seconds + each)
     return answers
 
 
@@ -144,7 +147,7 @@ class Single:
             if x is None:
                 minimum = self.fit.settle(scan.best(shot, BEST))
             else:
-                minimum = self.fit.settle([x, *scan.best(shot, 1)], enough=FOLLOWED)
+                minimum = self.fit.settle([x, *scan.best(shot, 2)], enough=FOLLOWED)
             found[cut], x = (minimum, shot.sigma), minimum.x
         for cut, longer in reversed(list(pairwise(every))):  # a few frames may have held a search in a side valley
             shot.set_window(*cut)
@@ -156,6 +159,7 @@ class Single:
         shot.set_window(*self.cut)
         self.found, shot.sigma = found[self.cut]
         self.laplace = laplace(self.fit, self.found.x)
+        self.starts = scan.provenance
 
     def _better(self, minimum: Minimum, sigma: Floats, start: Floats) -> tuple[Minimum, Floats]:
         """The minimum with its weights, or the one found from `start` if it is lower (both with measured weights)."""
@@ -163,13 +167,15 @@ class Single:
         here = 0.5 * float(np.sum(fit.residuals(minimum.x, QUICK) ** 2))
         there = 0.5 * float(np.sum(fit.residuals(start, QUICK) ** 2))
         if there < here or here > 0.5 * FOLLOWED * len(shot.measured):
-            other = fit.minimise(start, QUICK, SEARCH)
+            other = fit.minimise(start, QUICK, SEARCH, [minimum.x])
             if other.cost < LOWER * here:
                 return fit.settle([other.x]), shot.sigma
         return minimum, sigma
 
     def posterior(self, common: dict[str, Any], seed: int) -> Posterior:
-        return _posterior(self.fit, self.found, self.laplace, 0, common | {"windows": self.others}, seed)
+        return _posterior(
+            self.fit, self.found, self.laplace, 0, common | {"windows": self.others, "search": self.starts}, seed
+        )
 
 
 def _joint(singles: list[Single], common: dict[str, Any], seed: int, workers: int) -> list[Posterior]:
@@ -189,7 +195,9 @@ def _joint(singles: list[Single], common: dict[str, Any], seed: int, workers: in
     }
     joint = {"shots": len(singles), "alone": spread}
     return [
-        _posterior(fit, found, worth, k, common | {"windows": single.others, "joint": joint}, seed)
+        _posterior(
+            fit, found, worth, k, common | {"windows": single.others, "search": single.starts, "joint": joint}, seed
+        )
         for k, single in enumerate(singles)
     ]
 
@@ -228,7 +236,7 @@ def _posterior(fit: Fit, found: Minimum, worth: Laplace, k: int, provenance: dic
     shot, law = fit.shots[k], fit.common
     columns = fit.columns(k)
     x, covariance = found.x[columns], worth.covariance[np.ix_(columns, columns)]
-    drawn = draws(found.x, worth.covariance, fit.bounds, DRAWS, seed)[:, columns]
+    drawn = draws(found.x, worth.covariance, fit.bounds, DRAWS, seed, worth.freedom)[:, columns]
     natural = shot.own.natural(x[law:])
     own = shot.own.natural(drawn[:, law:].T)
     names = (*(f"log10_{name}" for name in fit.family.parameters), *shot.own.names)

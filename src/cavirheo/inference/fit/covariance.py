@@ -38,6 +38,7 @@ class Laplace:
     covariance: Floats  # (parameters, parameters)
     variance: tuple[float, ...]  # per shot: residual variance over the one that its weights assume
     correlation: tuple[float, ...]  # per shot: frames per independent residual
+    freedom: float = np.inf  # degrees of freedom from which the variances are known
 
     @property
     def sigma(self) -> Floats:
@@ -56,7 +57,7 @@ def laplace(fit: Fit, x: Floats) -> Laplace:
     J = fit.jacobian(x, FINE, central=True, at=residual)
     widths = fit.bounds[:, 1] - fit.bounds[:, 0]
     precision = np.diag(12.0 / widths**2)
-    begin, variances, taus = 0, [], []
+    begin, variances, taus, independent = 0, [], [], 0.0
     share = fit.common / len(fit.shots)  # of the common parameters, that each shot pays with degrees of freedom
     for shot in fit.shots:
         rows = slice(begin, begin + len(shot.measured))
@@ -67,17 +68,21 @@ def laplace(fit: Fit, x: Floats) -> Laplace:
         variances.append(max(float(r @ r) / freedom, 1e-12))
         taus.append(correlation_time(r))
         precision += Jk.T @ Jk / (variances[-1] * taus[-1])
+        independent += len(r) / taus[-1]
     precision += J[begin:].T @ J[begin:]  # the plateaus
-    return Laplace(np.linalg.inv(precision), tuple(variances), tuple(taus))
+    freedom = max(independent - len(x), 1.0)
+    return Laplace(np.linalg.inv(precision), tuple(variances), tuple(taus), freedom)
 
 
-def draws(mean: Floats, covariance: Floats, bounds: Floats, count: int, seed: int) -> Floats:
+def draws(mean: Floats, covariance: Floats, bounds: Floats, count: int, seed: int, freedom: float = np.inf) -> Floats:
     """(count, parameters) of the Gaussian, in pairs opposite to each other (the median is the mean), clipped to bounds.
 
-    The same for the same seed and count.
+    With `freedom`, Student's t, for a variance that is itself estimated. The same for the same seed and count.
     """
     rng = np.random.default_rng(seed)
     half = rng.standard_normal((count // 2, len(mean)))
+    if np.isfinite(freedom):
+        half *= np.sqrt(freedom / rng.chisquare(freedom, (len(half), 1)))
     values, vectors = np.linalg.eigh(covariance)
     spread = half @ (vectors * np.sqrt(np.maximum(values, 0.0))).T
     return np.clip(mean + np.concatenate([spread, -spread]), bounds[:, 0], bounds[:, 1])

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
-from dataclasses import dataclass, fields
+from dataclasses import MISSING, Field, dataclass, field, fields
 from typing import Any
 
 import numpy as np
@@ -11,16 +12,28 @@ from numpy.typing import NDArray
 
 from cavirheo.errors import InputError
 from cavirheo.inference.reconstruct import STRETCH_RANGE, check_stretch
-from cavirheo.physics.laws import LAWS, UNITS
+from cavirheo.physics.laws import LAWS, UNITS, combine
 from cavirheo.physics.materials import Material
 
 Floats = NDArray[np.float64]
 
-# log10 of the SI value: the range searched, and the part of it over which a search is started.
+# log10 of the SI value (units: physics/laws.py): the range searched, and the part of it where searches start. What is
+# not here keeps the default of its law (rest_rate, transition); a law without such a default cannot be fitted (ogden).
 RANGES: dict[str, tuple[tuple[float, float], tuple[float, float]]] = {
     "shear_modulus": ((1.0, 6.0), (2.7, 5.2)),
-    "viscosity": ((-4.0, 1.0), (-2.3, -0.3)),
+    "C1": ((0.7, 5.7), (2.4, 4.9)),
+    "C2": ((-2.0, 5.7), (0.0, 4.0)),
+    "C3": ((-5.0, 3.0), (-3.0, 0.0)),
     "stiffening": ((-3.0, 1.0), (-2.0, 0.3)),
+    "limit": ((1.0, 7.0), (2.5, 5.0)),
+    "segments": ((0.5, 7.0), (2.0, 5.0)),
+    "viscosity": ((-4.0, 1.0), (-2.3, -0.3)),
+    "zero_rate": ((-4.0, 3.0), (-1.5, 1.0)),
+    "infinite_rate": ((-4.0, 1.0), (-3.0, -1.0)),
+    "consistency": ((-4.0, 5.0), (-2.0, 2.0)),
+    "yield_stress": ((0.0, 5.7), (2.0, 4.5)),
+    "exponent": ((-1.3, 0.5), (-0.6, 0.1)),
+    "time": ((-9.0, 0.0), (-7.0, -4.0)),
     "relaxation_time": ((-8.0, -3.0), (-7.0, -5.0)),
     "retardation_time": ((-9.0, -3.0), (-8.0, -6.0)),
 }
@@ -31,33 +44,54 @@ SCALE_BOUND = 0.015  # radius calibration and R_max are known to 1-1.5 % (two ci
 AT_BOUND = 1e-3  # of a range: nearer to its end is "at the bound"
 
 
+def _fittable(parameter: Field[Any]) -> bool:
+    return parameter.name in RANGES or parameter.default is not MISSING
+
+
+ABLE = [name for name, law in LAWS.items() if all(_fittable(f) for f in fields(law) if f.init)]  # type: ignore[arg-type]
+
+
 @dataclass(frozen=True)
 class Family:
-    """All materials of one law: log10 of its parameters -> Material.
+    """All materials of a law, or of a sum of laws ("gent + newtonian"): log10 of the parameters -> Material.
+
+    A parameter that two laws of a sum have is followed by the number of the later one: viscosity, viscosity_2.
 
     Raises:
-        InputError: unknown law, or one with a parameter for which no range is set.
+        InputError: unknown law, one with a parameter for which no range is set, or laws that no material can have both.
     """
 
     name: str
+    _terms: tuple[tuple[str, tuple[str, ...]], ...] = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
-        able = [name for name, law in LAWS.items() if {f.name for f in fields(law)} <= RANGES.keys()]  # type: ignore[arg-type]
-        if self.name not in able:
-            hint = "" if self.name in LAWS or "(" not in self.name else " without parameters (all of them are fitted)"
-            raise InputError(f"cannot fit the material {self.name!r}; known{hint}: {', '.join(able)}")
+        terms = []
+        for law in (part.strip() for part in self.name.split("+")):
+            if law not in ABLE:
+                hint = " without parameters (all of them are fitted)" if "(" in law else ""
+                if law in LAWS:
+                    lacking = [f.name for f in fields(LAWS[law]) if f.init and not _fittable(f)]  # type: ignore[arg-type]
+                    hint = f" (its {', '.join(lacking)} cannot be given a range)"
+                raise InputError(f"cannot fit the material {law!r}{hint}; known, also as sums: {', '.join(ABLE)}")
+            terms.append((law, tuple(f.name for f in fields(LAWS[law]) if f.init and f.name in RANGES)))  # type: ignore[arg-type]
+        object.__setattr__(self, "_terms", tuple(terms))
+        self.material(np.mean(self.bounds(1), axis=1))  # whether the laws go together
 
     @property
     def parameters(self) -> tuple[str, ...]:
-        return tuple(f.name for f in fields(LAWS[self.name]))  # type: ignore[arg-type]
+        names: list[str] = []
+        for number, (_, own) in enumerate(self._terms, 1):
+            names += [f"{name}_{number}" if name in names else name for name in own]
+        return tuple(names)
 
     def material(self, log10: Floats) -> Material:
         """The material of (parameters,) log10 values. Raises InputError where they exclude each other."""
-        return LAWS[self.name](**dict(zip(self.parameters, (float(v) for v in 10.0**log10), strict=True)))
+        values = iter(10.0**log10)
+        return combine([LAWS[law](**{name: float(next(values)) for name in own}) for law, own in self._terms])
 
     def bounds(self, which: int = 0) -> Floats:
         """(parameters, 2): the range searched (0) or started from (1)."""
-        return np.array([RANGES[name][which] for name in self.parameters])
+        return np.array([RANGES[name][which] for _, own in self._terms for name in own])
 
 
 @dataclass(frozen=True)
@@ -151,6 +185,6 @@ def spread_starts(bounds: Floats, count: int) -> Floats:
 
 def units(names: Sequence[str]) -> tuple[str, ...]:
     """SI units of the natural values of the names of an answer."""
-    plain = [name.removeprefix("log10_") for name in names]
-    known = {**UNITS, **NUISANCE_UNITS, "stretch": "1", "stiffening": "1"}
-    return tuple(known[name] for name in plain)
+    known = {**UNITS, **NUISANCE_UNITS, "stretch": "1"}
+    found = (known[re.sub(r"^log10_|_\d+$", "", name)] for name in names)
+    return tuple("1" if unit == "-" else unit for unit in found)

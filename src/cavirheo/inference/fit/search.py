@@ -13,15 +13,18 @@ from numpy.typing import NDArray
 
 from cavirheo.errors import SolverError
 from cavirheo.inference.fit.parameters import STRETCH_START, Family, spread_starts
-from cavirheo.inference.fit.shots import FINE, QUICK, Prediction, Shot
+from cavirheo.inference.fit.shots import COARSE, FINE, QUICK, Prediction, Shot
+from cavirheo.physics.collapse import analytic_modulus
 
 Floats = NDArray[np.float64]
 
 FORWARD, CENTRAL = 1e-3, 3e-3  # steps of the differences, decades or the like: the solver's noise is far below
-STARTS = 64
+STARTS = 48
+SAME = 0.01  # of its range: a search that comes so near to a known minimum in every parameter is given up
 _LN10 = float(np.log(10.0))
-SEARCH = {"ftol": 1e-4, "xtol": 1e-3, "gtol": 1e-8, "max_nfev": 15}
-_POLISH = {"ftol": 1e-6, "xtol": 1e-4, "gtol": 1e-8, "max_nfev": 12}
+SEARCH = {"ftol": 1e-3, "xtol": 1e-3, "gtol": 1e-8, "max_nfev": 15}
+_POLISH = {"ftol": 3e-5, "xtol": 1e-4, "gtol": 1e-8, "max_nfev": 12}
+TIMED = 2  # every so many starts get their shear modulus from the collapse time
 
 
 @dataclass(frozen=True, eq=False)
@@ -122,13 +125,20 @@ class Fit:
             result[starts[-1] + row, column] = 1.0 / width
         return result
 
-    def minimise(self, start: Floats, accuracy: dict[str, Any], limits: dict[str, Any]) -> Minimum:
-        """Trust-region least squares within the bounds (scipy), weights as they are."""
+    def minimise(
+        self, start: Floats, accuracy: dict[str, Any], limits: dict[str, Any], known: Sequence[Floats] = ()
+    ) -> Minimum:
+        """Trust-region least squares within the bounds (scipy), weights as they are.
+
+        Every second Jacobian is the one before with Broyden's update, which costs no simulation; the last one is not,
+        unless `known` minima are given: a search that comes to one of those ends there, with infinite cost.
+        """
         from scipy.optimize import least_squares
 
         low, high = self.bounds.T
         inside = 1e-6 * (high - low)
-        last: dict[bytes, Floats] = {}  # residuals at the current point, for the forward differences
+        last: dict[bytes, Floats] = {}  # residuals at the current point
+        before: list[Floats] = []  # x, residuals and Jacobian there, if that was by differences
 
         def fun(x: Floats) -> Floats:
             last.clear()
@@ -136,11 +146,30 @@ class Fit:
             return last[x.tobytes()]
 
         def jac(x: Floats) -> Floats:
-            return self.jacobian(x, accuracy, central=False, at=last.get(x.tobytes()))
+            if any(np.all(np.abs(x - other) < SAME * (high - low)) for other in known):
+                raise KnownMinimumError
+            at = last[x.tobytes()]
+            if len(before) == 3:
+                x0, at0, slope = before[-3:]
+                move = x - x0
+                slope = slope + np.outer(at - at0 - slope @ move, move) / (move @ move)
+            else:
+                before.clear()
+                slope = self.jacobian(x, accuracy, central=False, at=at)
+            before.extend([x.copy(), at, slope])
+            return slope.copy()
 
-        found = least_squares(
-            fun, np.clip(start, low + inside, high - inside), jac=jac, bounds=(low, high), method="trf", **limits
-        )
+        x = start
+        try:
+            for _ in range(1 if known else 2):
+                x = np.clip(x, low + inside, high - inside)
+                found = least_squares(fun, x, jac=jac, bounds=(low, high), method="trf", **limits)
+                if len(before) == 3:
+                    break
+                before.clear()
+                x = found.x
+        except KnownMinimumError:
+            return Minimum(x, np.inf, True)
         return Minimum(found.x, float(found.cost), bool(found.status > 0))
 
     def reweigh(self, x: Floats, accuracy: dict[str, Any]) -> None:
@@ -157,22 +186,31 @@ class Fit:
         Further starts are left out once a minimum has less than `enough` times the variance that the weights assume.
         """
         best: Minimum | None = None
+        known: list[Floats] = []
         for start in starts:
-            found = self.minimise(start, QUICK, SEARCH)
+            found = self.minimise(start, QUICK, SEARCH, known)
+            known.append(found.x)
             best = found if best is None or found.cost < best.cost else best
             if best.cost < 0.5 * enough * sum(len(shot.measured) for shot in self.shots):
                 break
         assert best is not None
-        for _ in range(2):
-            self.reweigh(best.x, accuracy)
-            before, best = best.x, self.minimise(best.x, accuracy, _POLISH)
-            if np.max(np.abs(best.x - before)) < 3e-3:
+        for stage, limits in ((QUICK, SEARCH), (accuracy, _POLISH), (accuracy, _POLISH)):
+            self.reweigh(best.x, stage)
+            before, best = best.x, self.minimise(best.x, stage, limits)
+            if stage is accuracy and np.max(np.abs(best.x - before)) < 2e-2:
                 break
         return best
 
 
+class KnownMinimumError(Exception):
+    """A search came to a minimum that is known; does not leave `Fit.minimise`."""
+
+
 class Scan:
-    """Rough simulations over the whole window of a shot, from which every window takes its starts.
+    """Coarse simulations over the whole window of a shot, from which every window takes its starts.
+
+    Where the law has a shear modulus and a viscosity and the curve a collapse, every other point is an estimate from
+    the collapse time: it has the shear modulus that t_1 asks for at its viscosity and stretch (physics/collapse.py).
 
     Raises:
         SolverError: all of them failed.
@@ -188,12 +226,35 @@ class Scan:
         self.points = np.zeros((count, len(fit.bounds)))  # nuisances start at nothing
         inner = np.concatenate(box)
         self.points[:, : len(inner)] = spread_starts(inner, count)
-        self.since = shot.since
-        self.found = fit.predictions([(shot, x) for x in self.points], QUICK)
+        self.timed = self._from_collapse_time(fit, shot)
+        self.found = fit.predictions([(shot, x) for x in self.points], COARSE)
         if not any(self.found):
             raise SolverError(
                 f"all {count} simulations of {fit.family.name} failed with which the search was to be started"
             )
+
+    def _from_collapse_time(self, fit: Fit, shot: Shot) -> NDArray[np.bool_]:
+        """(count,) which points got their shear modulus from the collapse time."""
+        timed = np.zeros(len(self.points), dtype=bool)
+        names, times = fit.family.parameters, shot.curve.collapse_times()
+        if not len(times) or not {"shear_modulus", "viscosity"} <= set(names):
+            return timed
+        column = names.index("shear_modulus")
+        stretch = shot.own.natural(self.points[:, fit.common :].T)["stretch"]
+        viscosity = 10.0 ** self.points[:, names.index("viscosity")]
+        modulus = analytic_modulus(
+            shot.max_radius, stretch, viscosity, float(times[0] - shot.curve.time_of_max), shot.medium
+        )
+        log10 = np.log10(np.where(modulus > 0, modulus, np.nan))
+        timed[::TIMED] = True
+        timed &= (log10 > fit.bounds[column, 0]) & (log10 < fit.bounds[column, 1])
+        self.points[timed, column] = log10[timed]
+        return timed
+
+    @property
+    def provenance(self) -> dict[str, int]:
+        """How many starts there were, and how many with the shear modulus of the collapse time."""
+        return {"starts": len(self.points), "starts_from_collapse_time": int(np.sum(self.timed))}
 
     def best(self, shot: Shot, count: int) -> list[Floats]:
         """The points with the smallest cost in the present window of the shot."""

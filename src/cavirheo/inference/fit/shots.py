@@ -15,6 +15,7 @@ from cavirheo.inference.reconstruct import Window, window
 from cavirheo.physics.media import Medium
 from cavirheo.physics.simulate import ROUGH, simulate
 
+COARSE: dict[str, Any] = {"cells": 32, "rtol": 1e-3}  # for the starts: 1.5 ms
 QUICK = ROUGH  # for the search: forward differences of 1e-3 are right to 1 %
 FINE: dict[str, Any] = {}  # the solver's default: central differences of 3e-3 are right to 0.1 % (docs/fit.md)
 FLOOR = 0.007  # of R_max: two independent circle fits of one video differ by 1.0 % rms, so each has 0.7 %

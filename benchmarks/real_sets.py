@@ -1,0 +1,98 @@
+"""Conventional fits of real sets beside published values: one collapse, three, and with a free time origin.
+
+    python benchmarks/real_sets.py FOLDER [--references examples/published_values.csv] [--sets WORD] [-o real_sets.md]
+
+FOLDER and the CSV file are those of `cavirheo compare` (docs/compare.md), whose columns files, medium, density,
+stretch and rmax_um hold here too. A set without a published G is fitted as Newtonian, the others as NHKV, each over
+1 and 3 collapses, with and without a free time origin (within half a frame). "Shots": mean and standard deviation of
+the fits of single shots, with RMSE (% of R_max, median) and verdicts; "joint": one material for all shots, median and
+90 % interval.
+"""
+
+from __future__ import annotations
+
+import argparse
+from collections import Counter
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from cavirheo.comparison import shots_of
+from cavirheo.comparison.references import MU, G, ReferenceSet, read_references
+from cavirheo.inference.fit import fit_many
+from cavirheo.posterior import Posterior
+from cavirheo.reporting import wording
+from cavirheo.reporting.record import Quantity, spread_of
+
+COLUMNS = ("set", "published", "window", "free", "G, shots (kPa)", "G, joint", "µ, shots (Pa s)", "µ, joint",
+           "RMSE, %", "verdicts of shots", "at bounds")  # fmt: skip
+FIELDS = {"shear_modulus": (G, 1e-3), "viscosity": (MU, 1.0)}
+
+
+def published(about: ReferenceSet) -> str:
+    """'IMR 6.44 ± 1.64 kPa, 0.02 ± 0.009 Pa s'."""
+    found: dict[str, list[str]] = {}
+    for (method, quantity), value in about.values.items():
+        factor, unit = (1e-3, "kPa") if quantity == G else (1.0, "Pa s")
+        std = "" if value.std is None else f" ± {value.std * factor:.3g}"
+        found.setdefault(method, []).append(f"{value.mean * factor:.4g}{std} {unit}")
+    return "; ".join(f"{method} {', '.join(values)}" for method, values in found.items())
+
+
+def row(answers: list[Posterior], shots: int) -> list[str]:
+    """The cells from G on, of the joint answers of one set."""
+    done = [a for a in answers if a.checks.verdict != "failed"]
+    alone = [a.provenance["alone"] for a in done]
+    cells = []
+    for name, (_, factor) in FIELDS.items():
+        values = [one["best"].get(name) for one in alone]
+        cells.append(wording.spread(spread_of(values), factor))
+        low, high = (done and done[0].interval(name)) or (None, None)
+        cells.append(wording.quantity(Quantity(median=done[0].median(name), q05=low, q95=high), factor) if done else "")
+    verdicts = Counter(one["verdict"] for one in alone) + Counter(failed=shots - len(done))
+    bounds = Counter(name for a in done for name in a.provenance["at_bound"])
+    rmse = np.median([one["rmse_over_rmax"] for one in alone]) if alone else np.nan
+    return [
+        *cells, f"{100 * rmse:.2g}", ", ".join(f"{wording.VERDICTS[v]} {n}" for v, n in verdicts.items() if n),
+        ", ".join(f"{name} {n}" for name, n in bounds.items()),
+    ]  # fmt: skip
+
+
+def rows(about: ReferenceSet, folder: Path, references: Path) -> Iterator[list[str]]:
+    curves, _, problems, _ = shots_of(about, folder, references)
+    if problems or not curves:
+        yield [about.name, published(about), "; ".join(problems) or "no curves", *[""] * (len(COLUMNS) - 3)]
+        return
+    curves = [replace(curve, meta={**curve.meta, "group": about.name, "group_source": ""}) for curve in curves]
+    law = "nhkv" if any(quantity == G for _, quantity in about.values) or not about.values else "newtonian"
+    for window in (1, 3):
+        for free in ((), ("t0",)):
+            answers = fit_many(
+                curves, law, medium=about.medium, stretch=about.settings.get("stretch"), window=window, free=free,
+                windows=False, joint=True,
+            )  # fmt: skip
+            head = [f"{about.name} ({law}, {len(curves)} shots, {about.medium.density:g} kg/m³)", published(about)]
+            yield [*head, str(window), ", ".join(free), *row(answers, len(curves))]
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("folder", type=Path)
+    parser.add_argument("--references", type=Path, default=Path("examples/published_values.csv"))
+    parser.add_argument("--sets", default="", help="only sets whose name contains this")
+    parser.add_argument("-o", "--out", type=Path, default=Path("benchmarks/real_sets.md"))
+    given = parser.parse_args()
+    lines = ["# Conventional fits of real sets", "", *(f"{line}" for line in (__doc__ or "").splitlines()[4:] if line)]
+    lines += ["", "| " + " | ".join(COLUMNS) + " |", "|" + "---|" * len(COLUMNS)]
+    for about in read_references(given.references):
+        if given.sets in about.name:
+            for cells in rows(about, given.folder, given.references):
+                lines.append("| " + " | ".join(cells) + " |")
+                print(lines[-1], flush=True)
+                given.out.write_text("\n".join(lines) + "\n", encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main()
