@@ -3,7 +3,7 @@ PYTHON ?= python3
 VENV ?= .venv
 BIN = $(VENV)/bin
 
-.PHONY: demo test test-slow lint clean
+.PHONY: demo test test-slow lint space clean
 
 demo: $(VENV)/demo.done
 	$(BIN)/cavirheo infer examples/soft_gel.csv examples/stiff_gel.mat -o demo-result
@@ -19,6 +19,11 @@ lint: $(VENV)/test.done
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
 
+# A folder that a hosted Gradio Space runs as it is (docs/app.md)
+space: $(VENV)/demo.done
+	rm -rf build/space && mkdir -p build && cp -r space build/space
+	$(BIN)/pip install --quiet --disable-pip-version-check --no-deps --target build/space .
+
 $(VENV)/demo.done: pyproject.toml
 	$(PYTHON) -m venv $(VENV)
 	$(BIN)/pip install --quiet --disable-pip-version-check -e ".[plot]"
@@ -27,7 +32,7 @@ $(VENV)/demo.done: pyproject.toml
 # constraints.txt keeps torch on the version whose plain build needs no GPU libraries
 $(VENV)/test.done: pyproject.toml constraints.txt
 	$(PYTHON) -m venv $(VENV)
-	$(BIN)/pip install --quiet --disable-pip-version-check -c constraints.txt -e ".[train,plot,dev]"
+	$(BIN)/pip install --quiet --disable-pip-version-check -c constraints.txt -e ".[train,app,dev]"
 	touch $@
 
 clean:

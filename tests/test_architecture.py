@@ -24,6 +24,7 @@ MAY_USE = {
     "comparison": {"errors", "curve", "reading", "physics", "posterior", "inference", "reporting"},
     "collapse": {"errors", "curve", "reading", "physics", "inference", "reporting"},
     "rheometer": {"errors", "reading", "reporting"},
+    "app": {"errors", "curve", "reading", "physics", "posterior", "inference", "reporting", "commands"},
     "commands": {"errors", "curve", "reading", "physics", "posterior", "inference", "reporting"},
 }
 

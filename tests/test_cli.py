@@ -145,7 +145,7 @@ def test_good_files_are_answered_beside_a_bad_one(run, tmp_path):
         (["--medium", "honey"], "unknown medium"),
         (["--density", "-3"], "density of the medium must be positive"),
         (["--stretch", "0.5"], "between 1 and 100"),
-        (["--rmax-um", "-5"], "--rmax-um must be"),
+        (["--rmax-um", "-5"], "R_max must be a radius in micrometres"),
     ],
 )
 def test_bad_options(run, options, message):

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from cavirheo.app.command import app as browser_app
 from cavirheo.collapse.command import collapse_time
 from cavirheo.commands.fit import fit
 from cavirheo.commands.shared import (
@@ -355,6 +356,7 @@ app.command()(fit)
 app.command()(which_law)
 app.command()(rheometer)
 app.command()(collapse_time)
+app.command("app")(browser_app)
 
 
 def main() -> None:

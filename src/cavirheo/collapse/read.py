@@ -165,7 +165,7 @@ def _variable(path: Path, content: bytes) -> np.ndarray | None:
     if content[124:128] not in (b"\x00\x01IM", b"\x01\x00MI"):
         return None
     try:
-        value = read_matfile(path)[0].get(VARIABLE)
+        value = read_matfile(path, (VARIABLE,))[0].get(VARIABLE)
     except Exception:  # damaged: the reader of curves says how
         return None
     return value if isinstance(value, np.ndarray) else None

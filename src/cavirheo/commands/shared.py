@@ -74,8 +74,6 @@ def read_files(files: list[Path], medium: Medium, rmax_um: float | None) -> tupl
     """All curves of all files, and the number of files that could not be read (each is reported on stderr)."""
     from cavirheo.reading.shots import read_shots
 
-    if rmax_um is not None and not 0 < rmax_um < 1e5:
-        raise InputError(f"--rmax-um must be a radius in micrometres, got {rmax_um!r}")
     scale = None if rmax_um is None else rmax_um * 1e-6
     curves, problems = read_shots(files, density=medium.density, pressure=medium.pressure, max_radius=scale)
     for problem in problems:

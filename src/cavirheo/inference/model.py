@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import os
 from functools import lru_cache
 from importlib.resources import files
 from pathlib import Path
@@ -58,6 +59,7 @@ def predict(path: str | Path, features: ArrayLike) -> NDArray[np.float64]:
 
 
 def _session(content: bytes) -> onnxruntime.InferenceSession:
+    os.environ.setdefault("ORT_DISABLE_TELEMETRY", "1")  # read at import: its wheels come with telemetry
     import onnxruntime  # half a second that listing models or reading curves need not pay
 
     options = onnxruntime.SessionOptions()

@@ -6,8 +6,9 @@
 | table | columns of text: CSV, InCA exports, curves separated by rows -1000,-1000 |
 | matlab | .mat of v5 to v7.3: which variables make which format |
 | matfile | the bytes of a .mat of v5 to v7 |
-| hdf5 | this project's own .h5 layout, and the size guard for all HDF5 |
+| hdf5 | this project's own .h5 layout |
 | spreadsheet | the sheets of an .xlsx as rows of text; the first one is read |
+| limits | how much of a file is read |
 | shots | several files -> the shots of one run and their groups |
 
 The content of a file decides, not its ending.

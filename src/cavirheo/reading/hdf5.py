@@ -14,35 +14,29 @@ import numpy as np
 
 from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError
+from cavirheo.reading import limits
 from cavirheo.reading.clean import make_curve
 from cavirheo.reading.table import column
-
-_MOST_SAMPLES = 20_000_000  # of one array; a damaged file may declare any shape
-
-
-def checked(name: str, shape: tuple[int, ...]) -> None:
-    """Raises InputError where an array is declared larger than any recording: it is not read then."""
-    size = 1
-    for length in shape:
-        size *= int(length)
-    if size > _MOST_SAMPLES:
-        raise InputError(f"{name} declares the shape {shape}: more than {_MOST_SAMPLES} samples are not read")
 
 
 def read(path: Path, density: float, pressure: float) -> list[RadiusCurve]:
     import h5py
 
-    curves: list[RadiusCurve] = []
+    shots: list[tuple[Any, dict[str, Any], dict[str, str | None]]] = []
     found: list[str] = []
     with h5py.File(path, "r") as file:
 
         def visit(name: str, item: Any) -> None:
             found.append(name)
+            limits.few(len(found), limits.SAMPLES // 100, "groups and datasets")
             if isinstance(item, h5py.Group):
-                curves.extend(_curve_of(item, h5py.Dataset))
+                shots.extend(_shot_of(item, h5py.Dataset))
 
-        curves.extend(_curve_of(file, h5py.Dataset))
+        shots.extend(_shot_of(file, h5py.Dataset))
         file.visititems(visit)
+        limits.few(len(shots), limits.CURVES, "curves")
+        limits.arrays(array for _, arrays, _ in shots for array in arrays.values())
+        curves = [_curve(*shot) for shot in shots]
     if not curves:
         raise InputError(
             f"no group holds a time and a radius dataset; found: {', '.join(found[:20]) or 'nothing'}; expected "
@@ -51,28 +45,30 @@ def read(path: Path, density: float, pressure: float) -> list[RadiusCurve]:
     return curves
 
 
-def _curve_of(group: Any, dataset: Any) -> list[RadiusCurve]:
+def _shot_of(group: Any, dataset: Any) -> list[tuple[Any, dict[str, Any], dict[str, str | None]]]:
+    """[(group, its arrays, their units)], not yet read; [] if it holds no time or no radius."""
     arrays: dict[str, Any] = {}
     units: dict[str, str | None] = {}
-    for name, item in group.items():
+    for name in group:
         kind, unit = column(name)
-        if kind in ("time", "radius", "radius_std") and isinstance(item, dataset) and item.dtype.kind in "fiu":
+        if kind not in ("time", "radius", "radius_std"):
+            continue
+        item = limits.own(group, name)
+        if isinstance(item, dataset) and item.dtype.kind in "fiu":
             arrays[kind], units[kind] = item, unit
-    if "time" not in arrays or "radius" not in arrays:
-        return []
-    for item in arrays.values():
-        checked(item.name, item.shape)
+    return [(group, arrays, units)] if "time" in arrays and "radius" in arrays else []
+
+
+def _curve(group: Any, arrays: dict[str, Any], units: dict[str, str | None]) -> RadiusCurve:
     values = {kind: np.asarray(item[()]) for kind, item in arrays.items()}
     meta: dict[str, Any] = {"label": group.name.strip("/")} if group.name != "/" else {}
     if "stretch" in group.attrs:
         meta["stretch"] = float(group.attrs["stretch"])
-    return [
-        make_curve(
-            values["time"],
-            values["radius"],
-            radius_std=values.get("radius_std"),
-            time_unit=units["time"] or "s",
-            radius_unit=units["radius"] or "m",
-            **meta,
-        )
-    ]
+    return make_curve(
+        values["time"],
+        values["radius"],
+        radius_std=values.get("radius_std"),
+        time_unit=units["time"] or "s",
+        radius_unit=units["radius"] or "m",
+        **meta,
+    )

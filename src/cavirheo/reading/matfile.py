@@ -10,28 +10,31 @@ from __future__ import annotations
 
 import struct
 import zlib
-from collections.abc import Iterator
+from collections.abc import Container, Iterator
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from cavirheo.errors import InputError
+from cavirheo.reading import limits
 
-_LARGEST = 500_000_000  # bytes; what one variable may inflate to
+_HEAD = 1024  # bytes that hold the header of an array, its name at the end
 _NUMBERS = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 9: "f8", 12: "i8", 13: "u8"}
 _MATRIX, _DEFLATED = 14, 15
 _CELL, _NUMERIC = 1, range(6, 16)  # array classes
 
 
-def read_matfile(path: Path) -> tuple[dict[str, Any], list[str]]:
-    """(numeric variables, names of all): an array as (…,) float64, a cell array as a list of its numeric cells in
-    MATLAB's order, each flat; other cells are empty arrays.
+def read_matfile(path: Path, wanted: Container[str]) -> tuple[dict[str, Any], list[str]]:
+    """(numeric variables of the wanted names, names of all): an array as (…,) float64, a cell array as a list of its
+    numeric cells in MATLAB's order, each flat; other cells are empty arrays.
 
     Raises:
-        InputError: the file breaks its own format.
+        InputError: the file breaks its own format, or holds more than is read.
     """
+    limits.few(path.stat().st_size, limits.INFLATED, "bytes")
     content = path.read_bytes()
+    left = limits.INFLATED
     order = {b"IM": "<", b"MI": ">"}.get(content[126:128])
     if order is None or len(content) < 128:
         raise InputError("not a MATLAB file of version 5 to 7: its header of 128 bytes is damaged")
@@ -40,13 +43,19 @@ def read_matfile(path: Path) -> tuple[dict[str, Any], list[str]]:
     for kind, data in _elements(content[128:], order):
         if kind == _DEFLATED:
             inflate = zlib.decompressobj()
-            data = inflate.decompress(data, _LARGEST)
+            head = inflate.decompress(data, _HEAD)
+            name = _header(head[8:], order)[2]
+            if name not in wanted:
+                names += [name] if name else []
+                continue
+            data = head + inflate.decompress(inflate.unconsumed_tail, left)
             if not inflate.eof:
-                raise InputError("a deflated variable is cut off or too large")
+                raise InputError(f"{name} is cut off, or unpacks to more than {limits.INFLATED} bytes in all")
+            left -= len(data)
             kind, data = next(_elements(data, order), (0, b""))
         if kind != _MATRIX:
             continue
-        name, value = _array(data, order)
+        name, value = _array(data, order, wanted)
         names += [name] if name else []
         if name and value is not None:
             variables[name] = value
@@ -71,19 +80,35 @@ def _elements(data: bytes, order: str) -> Iterator[tuple[int, bytes]]:
         at = after
 
 
-def _array(data: bytes, order: str) -> tuple[str, Any]:
-    """(name, value) of one array; the value is None where it is neither numeric nor a cell array."""
-    if not data:
-        return "", np.empty(0)  # how an empty cell is written
+def _header(data: bytes, order: str) -> tuple[int, tuple[int, ...], str, Iterator[tuple[int, bytes]]]:
+    """(class, shape, name, the elements that follow) of one array."""
     parts = _elements(data, order)
     flags, shape_bytes, name_bytes = (next(parts, (0, b""))[1] for _ in range(3))
     if len(flags) < 4 or len(shape_bytes) % 4:
         raise InputError("an array without flags or dimensions")
     array_class = struct.unpack_from(order + "I", flags)[0] & 0xFF
     shape = struct.unpack(f"{order}{len(shape_bytes) // 4}i", shape_bytes)
-    name = name_bytes.decode("latin-1")
+    return array_class, shape, name_bytes.decode("latin-1"), parts
+
+
+def _array(data: bytes, order: str, wanted: Container[str] | None) -> tuple[str, Any]:
+    """(name, value) of one array; the value is None where it is not wanted, or neither numeric nor a cell array.
+
+    `wanted` None: a cell, which has no name and is read if it holds numbers.
+    """
+    if not data:
+        return "", np.empty(0)  # how an empty cell is written
+    array_class, shape, name, parts = _header(data, order)
+    if wanted is not None and name not in wanted:
+        return name, None
     if array_class == _CELL:
-        cells = [_array(part, order)[1] for kind, part in parts if kind == _MATRIX]
+        if wanted is None:  # cells in cells hold nothing that is read
+            return name, None
+        cells: list[Any] = []
+        for kind, part in parts:
+            if kind == _MATRIX:
+                cells.append(_array(part, order, None)[1])
+                limits.few(len(cells), limits.CURVES, f"cells of {name}")
         return name, [c.ravel(order="F") if isinstance(c, np.ndarray) else np.empty(0) for c in cells]
     if array_class not in _NUMERIC:
         return name, None
@@ -91,6 +116,7 @@ def _array(data: bytes, order: str) -> tuple[str, Any]:
     if kind not in _NUMBERS:
         raise InputError(f"{name or 'a cell'}: numbers of the unknown type {kind}")
     item = np.dtype(order + _NUMBERS[kind])
+    limits.few(len(numbers) // item.itemsize, limits.SAMPLES, f"numbers in {name or 'a cell'}")
     values = np.frombuffer(numbers[: len(numbers) // item.itemsize * item.itemsize], item).astype(np.float64)
     size = 1
     for length in shape:

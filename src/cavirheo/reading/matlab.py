@@ -18,8 +18,8 @@ import numpy as np
 
 from cavirheo.curve import Floats, RadiusCurve
 from cavirheo.errors import InputError
+from cavirheo.reading import limits
 from cavirheo.reading.clean import make_curve, unusable
-from cavirheo.reading.hdf5 import checked
 from cavirheo.reading.matfile import read_matfile
 
 _CELLS = ("R_nondim_All", "t_nondim_All")
@@ -46,7 +46,7 @@ Variables = dict[str, Any]  # name -> (…,) float array, or a list of them for 
 
 def read_v5(path: Path, density: float, pressure: float) -> list[RadiusCurve]:
     """Versions 5 to 7."""
-    return _curves(*read_matfile(path), density, pressure)
+    return _curves(*read_matfile(path, _WANTED), density, pressure)
 
 
 def read_v73(path: Path, density: float, pressure: float) -> list[RadiusCurve]:
@@ -57,13 +57,15 @@ def read_v73(path: Path, density: float, pressure: float) -> list[RadiusCurve]:
     with h5py.File(path, "r") as file:
         found = [name for name in file if name not in ("#refs#", "#subsystem#")]
         for name in _WANTED:
-            item = file.get(name)
+            item = limits.own(file, name)
             if not isinstance(item, h5py.Dataset):
                 continue
+            limits.arrays([item])
             if name in _CELLS and h5py.check_ref_dtype(item.dtype) is not None:
-                checked(name, item.shape)
-                cells = item[()].ravel()
-                variables[name] = [_plain(file[reference]).ravel(order="F") for reference in cells]
+                limits.few(item.size, limits.CURVES, "curves")
+                cells = [file[reference] for reference in item[()].ravel()]
+                limits.arrays(cells)
+                variables[name] = [_plain(cell).ravel(order="F") for cell in cells]
             elif item.dtype.kind in "fiub":
                 variables[name] = _plain(item)
     return _curves(variables, found, density, pressure)
@@ -72,7 +74,6 @@ def read_v73(path: Path, density: float, pressure: float) -> list[RadiusCurve]:
 def _plain(item: Any) -> Floats:
     if item.attrs.get("MATLAB_empty", 0):
         return np.empty(0)
-    checked(item.name, item.shape)
     return np.asarray(item[()], dtype=np.float64).T
 
 

@@ -16,7 +16,12 @@ def read_shots(
     """(all curves of all files in their order, the reason for each file that could not be read).
 
     `max_radius` (m) rescales every curve. Single-shot files of one folder are the shots of one material: one group.
+
+    Raises:
+        InputError: `max_radius` is no radius of a bubble.
     """
+    if max_radius is not None and not 0 < max_radius < 0.1:
+        raise InputError(f"the true R_max must be a radius in micrometres, up to 1e5, got {1e6 * max_radius:.6g}")
     groups: list[list[RadiusCurve]] = []
     problems: list[str] = []
     for path in files:

@@ -9,10 +9,10 @@ from zipfile import ZipFile
 
 from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError
+from cavirheo.reading import limits
 from cavirheo.reading.table import Rows, curves_of_rows
 
 _SHEET, _STRINGS = "xl/worksheets/sheet{}.xml", "xl/sharedStrings.xml"
-_LARGEST = 200_000_000  # bytes of XML; a small archive may unpack to anything
 
 
 def read(path: Path, density: float, pressure: float) -> list[RadiusCurve]:
@@ -37,8 +37,8 @@ def sheets(path: Path, most: int | None = None) -> list[Rows]:
 
 
 def _parse(archive: ZipFile, name: str) -> ElementTree.Element:
-    if archive.getinfo(name).file_size > _LARGEST:
-        raise InputError(f"{name} unpacks to more than {_LARGEST} bytes; save the sheet as CSV")
+    if archive.getinfo(name).file_size > limits.SHEET:
+        raise InputError(f"{name} unpacks to more than {limits.SHEET} bytes; save the sheet as CSV")
     text = archive.read(name)
     if b"<!DOCTYPE" in text or b"<!ENTITY" in text:  # never in a workbook; the way to exhaust an XML parser
         raise InputError(f"{name} declares XML entities; save the sheet as CSV")
@@ -59,6 +59,7 @@ def _cells(row: ElementTree.Element, strings: list[str]) -> list[str]:
             for letter in letters.group():
                 at = 26 * at + ord(letter) - 64
             at -= 1
+            limits.few(at + 1, limits.COLUMNS, "columns")
         text = "".join(e.text or "" for e in cell.iter() if _tag(e) in ("v", "t"))
         cells += [""] * (at - len(cells))
         cells.append(strings[int(text)] if cell.get("t") == "s" else text)

@@ -15,6 +15,7 @@ import numpy as np
 
 from cavirheo.curve import Floats, RadiusCurve
 from cavirheo.errors import InputError
+from cavirheo.reading import limits
 from cavirheo.reading.clean import make_curve
 
 _UNITS = {
@@ -43,7 +44,7 @@ def column(title: str) -> tuple[str, str | None]:
 
 
 def read(path: Path, density: float, pressure: float) -> list[RadiusCurve]:
-    return curves_of_rows(_split(text_of(path.read_bytes())), density, pressure)
+    return curves_of_rows(_split(text_of(limits.text(path))), density, pressure)
 
 
 def text_of(content: bytes) -> str:
@@ -62,6 +63,7 @@ def curves_of_rows(rows: Rows, density: float, pressure: float) -> list[RadiusCu
     """
     if not rows:
         raise InputError(f"no rows of data; {_HEADER_ADVICE}")
+    limits.few(max(map(len, rows)), limits.COLUMNS, "columns")
     if any(not is_number(cell) for cell in rows[0]):
         return _with_header(rows[0], rows[1:])
     table = np.column_stack([_numbers(rows, k, 1) for k in range(max(map(len, rows)))])
@@ -94,9 +96,12 @@ def _with_header(header: list[str], rows: Rows) -> list[RadiusCurve]:
         raise InputError(f"radius is in {unit} but radius_std in {units['radius_std']}; give both in one unit")
     at = columns.get("curve")
     labels = [row[at].strip() if at is not None and at < len(row) else "" for row in rows]
+    shots: dict[str, list[int]] = {}
+    for row_number, label in enumerate(labels):
+        shots.setdefault(label, []).append(row_number)
+    limits.few(len(shots), limits.CURVES, "curves")
     curves = []
-    for label in dict.fromkeys(labels):
-        mine = np.array([other == label for other in labels])
+    for label, mine in shots.items():
         meta: dict[str, Any] = {} if at is None else {"label": label}
         curves.append(
             make_curve(
@@ -115,6 +120,7 @@ def _without_header(table: Floats, density: float, pressure: float) -> list[Radi
     """Curves separated by rows of -1000; else two columns (or one time and two radii) whose units prove themselves."""
     separators = np.flatnonzero(np.all(table == _SEPARATOR, axis=1))
     if len(separators) and table.shape[1] == 2:
+        limits.few(len(separators), limits.CURVES, "curves")
         blocks = [b[np.any(b != _SEPARATOR, axis=1)] for b in np.split(table, separators)]
         filled = [b for b in blocks if np.count_nonzero(b[:, 1] > 1e-9) > 0]
         note = "curves separated by rows of -1000, no header"
@@ -146,6 +152,7 @@ def _without_header(table: Floats, density: float, pressure: float) -> list[Radi
 def _split(text: str) -> Rows:
     """Rows of cells. A comment just above the numbers counts as the header if it names the columns (numpy.savetxt)."""
     lines = [line.strip() for line in text.splitlines()]
+    limits.rows(lines)
     data = [line for line in lines if line and line[0] not in "#%"]
     if not data:
         return []

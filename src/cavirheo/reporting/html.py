@@ -48,11 +48,11 @@ def render(result: Result, pictures: Mapping[int, str], group_pictures: Mapping[
         _header(result),
         "<main>",
         *(f'<p class="message">{escape(note)}</p>' for note in result.notes),
-        _groups(result.groups, factor, unit),
-        _curves(result.curves, factor, unit),
+        groups_table(result.groups, factor, unit),
+        curves_table(result.curves, factor, unit),
         *(f'<section class="wide"><figure>{picture}</figure></section>' for picture in group_pictures.values()),
         *(
-            _curve(number, record, factor, unit, pictures.get(number, ""))
+            article(number, record, factor, unit, pictures.get(number, ""))
             for number, record in enumerate(result.curves)
         ),
         '<section class="reading"><h2>How to read this</h2>',
@@ -85,7 +85,8 @@ def _header(result: Result) -> str:
     )
 
 
-def _groups(groups: list[GroupRecord], factor: float, unit: str) -> str:
+def groups_table(groups: list[GroupRecord], factor: float, unit: str) -> str:
+    """One row per group; factor and unit are those of G, as `wording.modulus_unit` gives them."""
     rows = [
         f"<tr><td>{_name(group.name)}</td><td>{group.n}</td><td>{wording.spread(group.shear_modulus_Pa, factor)}</td>"
         f"<td>{wording.spread(group.viscosity_Pa_s)}</td><td>{_median(group.shear_modulus_Pa.median, factor)}</td>"
@@ -96,22 +97,29 @@ def _groups(groups: list[GroupRecord], factor: float, unit: str) -> str:
     return f"<section><h2>Groups: mean ± standard deviation</h2>{_table(heads, rows, 'groups')}</section>"
 
 
-def _curves(curves: list[CurveRecord], factor: float, unit: str) -> str:
+def curves_table(
+    curves: list[CurveRecord], factor: float, unit: str, *, title: str = "Curves", linked: bool = True
+) -> str:
+    """One row per curve, with a link to its article if there is one in the page."""
+    names = [_name(record.name) for record in curves]
+    if linked:
+        names = [f'<a href="#curve-{number}">{name}</a>' for number, name in enumerate(names)]
     rows = [
-        f'<tr><td><a href="#curve-{number}">{_name(record.name)}</a></td><td>{_badge(record.verdict)}</td>'
+        f"<tr><td>{name}</td><td>{_badge(record.verdict)}</td>"
         f"<td>{_stacked(record.shear_modulus_Pa, factor)}</td><td>{_stacked(record.viscosity_Pa_s)}</td>"
         f"<td>{_stacked(record.stretch)}</td><td>{wording.micrometres(record.max_radius_m)}</td>"
         f"<td>{wording.percent(record.rmse_over_rmax)}</td><td>{_window(record)}</td></tr>"
-        for number, record in enumerate(curves)
+        for name, record in zip(names, curves, strict=True)
     ]
     heads = (
         "curve", "verdict", f"G<br>{unit}", "µ<br>Pa s", "λ", "R<sub>max</sub><br>µm", "RMSE<br>% R<sub>max</sub>",
         "window",
     )  # fmt: skip
-    return f"<section><h2>Curves</h2>{_table(heads, rows, 'curves')}</section>"
+    return f"<section><h2>{title}</h2>{_table(heads, rows, 'curves')}</section>"
 
 
-def _curve(number: int, record: CurveRecord, factor: float, unit: str, picture: str) -> str:
+def article(number: int, record: CurveRecord, factor: float, unit: str, picture: str) -> str:
+    """All that is known of one curve and its answer; `picture`: an <svg> element or nothing."""
     parts = [
         f'<article id="curve-{number}"><div class="head"><h3>{escape(record.name)}</h3>{_badge(record.verdict)}</div>'
     ]

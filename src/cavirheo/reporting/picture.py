@@ -9,7 +9,6 @@ from __future__ import annotations
 import io
 import re
 import textwrap
-from collections.abc import Sequence
 from pathlib import Path
 from threading import Lock
 from typing import TYPE_CHECKING, Any
@@ -21,7 +20,7 @@ from cavirheo.errors import InputError
 from cavirheo.posterior import Posterior
 from cavirheo.reporting import wording
 from cavirheo.reporting.record import CurveRecord, GroupRecord, Pairs, curve_record
-from cavirheo.reporting.style import BLUE, INK, VERMILLION, new_axes, new_figure, write
+from cavirheo.reporting.style import BLUE, INK, VERMILLION, new_axes, new_figure, shades, write
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -137,7 +136,7 @@ def group_figure(pairs: Pairs, group: GroupRecord, unit: tuple[float, str] = KIL
 
     answered = [(c, p, r) for c, p in pairs if (r := curve_record(c, p)).answered]
     radii = np.array([1e6 * curve.max_radius for curve, _, _ in answered])
-    colours = _colours((radii - radii.min()) / (np.ptp(radii) or 1.0)) if len(radii) else radii
+    colours = shades((radii - radii.min()) / (np.ptp(radii) or 1.0)) if len(radii) else radii
     for (curve, posterior, record), top, colour in zip(answered, radii, colours, strict=True):
         t_star = (curve.time - curve.time_of_max) / _time_scale(curve.max_radius, posterior)
         left.plot(t_star, curve.radius / curve.max_radius, color=colour, lw=1.0, alpha=0.85)
@@ -171,7 +170,7 @@ def group_figure(pairs: Pairs, group: GroupRecord, unit: tuple[float, str] = KIL
 def _radius_bar(figure: Figure, low: float, high: float) -> None:
     """The key to the colours: R_max in um."""
     bar = figure.add_axes((0.925, 0.14, 0.015, 0.72))
-    bar.imshow(_colours(np.linspace(0.0, 1.0, 64))[:, None, :], aspect="auto", origin="lower", extent=(0, 1, low, high))
+    bar.imshow(shades(np.linspace(0.0, 1.0, 64))[:, None, :], aspect="auto", origin="lower", extent=(0, 1, low, high))
     bar.set(xticks=[], yticks=[low, high])
     bar.yaxis.tick_right()
     bar.yaxis.set_major_formatter(lambda value, _: f"{value:.0f}")
@@ -297,9 +296,3 @@ def _error_bar(value: Any, factor: float) -> tuple[float, list[list[float]] | No
     if value.q05 is None or value.q95 is None:
         return value.median * factor, None
     return value.median * factor, [[factor * (value.median - value.q05)], [factor * (value.q95 - value.median)]]
-
-
-def _colours(fractions: Floats | Sequence[float]) -> np.ndarray:
-    """(n, 3) from dark blue over grey to yellow: ordered in lightness, so it survives grey printing."""
-    stops = np.array([[0, 45, 110], [90, 100, 120], [215, 175, 40]]) / 255.0
-    return np.stack([np.interp(fractions, [0.0, 0.5, 1.0], stops[:, k]) for k in range(3)], axis=-1)

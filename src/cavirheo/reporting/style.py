@@ -5,8 +5,12 @@ matplotlib is optional (`pip install "cavirheo[plot]"`) and imported when the fi
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from importlib.util import find_spec
 from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
 
 from cavirheo.errors import InputError
 
@@ -54,3 +58,9 @@ def write(where: Any, x: float, y: float, text: str, *, size: float, color: str 
     """Text in fractions of a figure or of axes; never read as mathematics, whatever a file calls its curves."""
     place = {"transform": where.transAxes} if hasattr(where, "transAxes") else {}
     where.text(x, y, text, fontsize=size, color=color, parse_math=False, **place, **how)
+
+
+def shades(fractions: NDArray[np.float64] | Sequence[float]) -> np.ndarray:
+    """(n, 3) from dark blue over grey to yellow: ordered in lightness, so it survives grey printing."""
+    stops = np.array([[0, 45, 110], [90, 100, 120], [215, 175, 40]]) / 255.0
+    return np.stack([np.interp(fractions, [0.0, 0.5, 1.0], stops[:, k]) for k in range(3)], axis=-1)

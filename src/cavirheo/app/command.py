@@ -1,0 +1,32 @@
+"""`cavirheo app`: the browser app on this machine."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+import typer
+
+from cavirheo.errors import InputError
+
+NEEDS = 'the browser app needs {}: pip install "cavirheo[app]"'
+
+
+def app(
+    host: Annotated[
+        str, typer.Option(help="address to listen on; 0.0.0.0 lets the network in, without a password")
+    ] = "127.0.0.1",
+    port: Annotated[int, typer.Option(help="0: any that is free", min=0, max=65535)] = 7860,
+    browser: Annotated[bool, typer.Option("--browser/--no-browser", help="open the page")] = True,
+    max_file_mb: Annotated[float, typer.Option(help="largest file that may be uploaded, MB", min=0.001)] = 50.0,
+    max_files: Annotated[int, typer.Option(help="files of one visitor", min=1)] = 50,
+) -> None:
+    """The same in the browser: drop files, look, infer, check against the simulation, take everything as one zip."""
+    try:
+        from cavirheo.app.server import serve
+    except ModuleNotFoundError as error:
+        if (error.name or "").split(".")[0] not in ("gradio", "plotly"):
+            raise
+        raise InputError(NEEDS.format(error.name)) from None
+    from cavirheo.app.session import Limits
+
+    serve(host, port, browser=browser, limits=Limits(file_mb=max_file_mb, files=max_files))

@@ -1,0 +1,69 @@
+"""How much of a file is read: more than any recording holds, and little enough for seconds and a gigabyte.
+
+A damaged or hostile file may declare any shape, unpack to anything, or point at other files. Each limit is checked
+before the memory is taken.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from math import prod
+from pathlib import Path
+from typing import Any
+
+from cavirheo.errors import InputError
+
+SAMPLES = 5_000_000  # numbers in all arrays of one file
+CURVES = 5_000
+ROWS = 1_000_000
+COLUMNS = 1_000
+LINE = 100_000  # characters
+TEXT = 200_000_000  # bytes of a text file
+SHEET = 60_000_000  # bytes of XML of one sheet, unpacked
+INFLATED = 500_000_000  # bytes of all variables of a .mat, unpacked
+
+
+def few(count: int, most: int, what: str) -> None:
+    """Raises InputError where there are more of them than are read."""
+    if count > most:
+        raise InputError(f"{count} {what}: more than {most} are not read; split the file")
+
+
+def text(path: Path) -> bytes:
+    """The content of a text file. Raises InputError: too large, too many lines."""
+    few(path.stat().st_size, TEXT, "bytes of text")
+    content = path.read_bytes()
+    few(content.count(b"\n") + 1, ROWS, "lines")
+    return content
+
+
+def rows(lines: list[str]) -> None:
+    """Raises InputError: too many lines, or one that is no row of a table."""
+    few(len(lines), ROWS, "lines")
+    few(max(map(len, lines), default=0), LINE, "characters in one line")
+
+
+def arrays(items: Iterable[Any]) -> None:
+    """HDF5 datasets that are about to be read.
+
+    Raises:
+        InputError: they declare more samples than are read, or chunks as large, or take their numbers from other files.
+    """
+    total = 0
+    for item in items:
+        if item.external or item.is_virtual:
+            raise InputError(f"{item.name} takes its numbers from another file; copy them into this one")
+        if prod(item.chunks or (0,)) > SAMPLES:
+            raise InputError(f"{item.name} declares chunks of {item.chunks}: more than {SAMPLES} samples are not read")
+        total += prod(item.shape)
+        if total > SAMPLES:
+            raise InputError(f"{item.name} declares the shape {item.shape}: more than {SAMPLES} samples are not read")
+
+
+def own(group: Any, name: str) -> Any:
+    """group[name], None if there is nothing. Raises InputError: it would be read from another file."""
+    import h5py
+
+    if isinstance(group.get(name, getlink=True), h5py.ExternalLink):
+        raise InputError(f"{name} is a link to another file; copy it into this one")
+    return group.get(name)

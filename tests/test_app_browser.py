@@ -1,0 +1,250 @@
+"""The browser app in a real Chromium: the five steps, wide and narrow, errors, two visitors, no outside request."""
+
+import json
+import os
+import re
+import shutil
+import zipfile
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+pytest.importorskip("gradio", reason="the app extra is not installed")
+playwright = pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
+CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
+if CHROMIUM is None:
+    pytest.skip("no Chromium on this machine", allow_module_level=True)
+
+from cavirheo.app.server import running  # noqa: E402
+from cavirheo.app.session import Limits  # noqa: E402
+from cavirheo.app.steps import examples  # noqa: E402
+
+WIDE, PHONE = (1440, 900), (390, 844)
+MANY = 20
+
+
+@pytest.fixture(scope="module")
+def served():
+    with running(limits=Limits(file_mb=1.0)) as (address, visitors):
+        yield address, visitors
+
+
+@pytest.fixture(scope="module")
+def browser():
+    with playwright.sync_playwright() as driver:
+        sandbox = ["--no-sandbox"] if getattr(os, "geteuid", lambda: 1)() == 0 else []  # Chromium refuses it to root
+        one = driver.chromium.launch(executable_path=CHROMIUM, args=sandbox)
+        yield one
+        one.close()
+
+
+@pytest.fixture
+def visit(served, browser):
+    """A new visitor's page of this size; at the end: no request went elsewhere, no script failed."""
+    contexts, elsewhere, failed = [], [], []
+
+    def one(size=WIDE):
+        context = browser.new_context(viewport={"width": size[0], "height": size[1]}, accept_downloads=True)
+        contexts.append(context)
+        page = context.new_page()
+        page.set_default_timeout(60_000)
+        page.on("request", lambda request: _foreign(request.url, served[0]) and elsewhere.append(request.url))
+        page.on("websocket", lambda socket: elsewhere.append(socket.url))
+        page.on("pageerror", lambda error: failed.append(str(error)))
+        page.goto(served[0])
+        page.wait_for_selector("#upload input[type=file]", state="attached")
+        return page
+
+    yield one
+    for context in contexts:
+        context.close()
+    assert elsewhere == []
+    assert failed == []
+
+
+def _foreign(url, address):
+    return not url.startswith((address, "data:", "blob:"))
+
+
+def drop(page, *files):
+    page.set_input_files("#upload input[type=file]", [str(file) for file in files])
+    page.wait_for_selector("#found table, #found .failed-message")
+
+
+def drag(page, name, share):
+    """Move a slider to this share of its range, and wait until the simulation is drawn."""
+    before = page.evaluate("document.body.dataset.redrawn || '0'")
+    page.locator(f"#slider-{name} input[type=range]").evaluate(
+        "(one, share) => { one.value = share * one.max; one.dispatchEvent(new Event('input', {bubbles: true})); }",
+        share,
+    )
+    page.wait_for_function("before => (document.body.dataset.redrawn || '0') !== before", arg=before)
+
+
+def traces(page):
+    """{name: number of points} of the upper panel of the check."""
+    return page.evaluate(
+        "Object.fromEntries(document.querySelector('#check-plot .js-plotly-plot').data"
+        ".filter(one => one.showlegend !== false).map(one => [one.name, one.x.length ?? one.x.shape]))"
+    )
+
+
+def fits_the_screen(page):
+    return page.evaluate("document.documentElement.scrollWidth <= innerWidth")
+
+
+def take(page, folder):
+    """The zip of the last step, unpacked."""
+    page.get_by_role("tab", name="5 Export").click()
+    with page.expect_download() as download:
+        page.click("#make")
+    download.value.save_as(folder / "result.zip")
+    with zipfile.ZipFile(folder / "result.zip") as archive:
+        archive.extractall(folder)
+    return folder / "cavirheo-result"
+
+
+def test_five_steps_on_a_shipped_example(visit, tmp_path):
+    page = visit(WIDE)
+    page.get_by_role("button", name="soft_gel.csv").click()
+    page.wait_for_selector("#overview .js-plotly-plot")
+    page.wait_for_selector("#overview-normalised .js-plotly-plot")
+    assert page.locator("#found tbody tr").count() == 5
+    assert fits_the_screen(page)
+
+    page.click("#to-prepare")
+    page.wait_for_selector("#prepared .js-plotly-plot")
+    page.get_by_label("soft_gel[2]").uncheck()
+    page.fill("#density input", "1050")
+    page.press("#density input", "Tab")
+    page.wait_for_selector("#dropped :text('without a radius')")
+
+    page.click("#to-infer")
+    page.click("#infer")
+    page.wait_for_selector("#answers .curves")
+    assert page.locator("#answers .curves tbody tr").count() == 4
+    assert re.search(r"G\s*kPa", page.inner_text("#answers .curves thead"))
+    assert page.locator("#answers .curves .badge").first.inner_text() == "ok"
+
+    page.click("#to-check")
+    page.wait_for_selector("#check-plot .js-plotly-plot")
+    page.wait_for_selector("#facts article")
+    assert re.search(r"RMSE [\d.]+ %, mean absolute [\d.]+ %, largest [\d.]+ %", page.inner_text("#facts"))
+    assert traces(page)["sliders"] == 0
+    drag(page, "viscosity", 0.2)
+    first = page.inner_text("#trial")
+    assert traces(page)["sliders"] > 100
+    drag(page, "viscosity", 0.6)
+    assert re.search(r"Sliders: RMSE [\d.]+ %", page.inner_text("#trial"))
+    assert page.inner_text("#trial") != first
+    page.click("#fit")
+    page.wait_for_selector("#facts :text('least squares')")
+    page.wait_for_function("document.querySelector('#check-plot .js-plotly-plot')?.data?.length > 7")
+    assert {"sliders", "measured", "simulation of the answer", "least squares"} <= traces(page).keys()
+    assert fits_the_screen(page)
+
+    folder = take(page, tmp_path)
+    document = json.loads((folder / "result.json").read_text())
+    assert [record["name"] for record in document["curves"]] == [f"soft_gel[{k}]" for k in (1, 3, 4, 5)]
+    assert "--density 1050" in document["command"]
+    assert document["curves"][0]["provenance"]["medium"]["density"] == 1050
+    assert (folder / "least-squares" / "report.html").exists()
+    assert page.locator(".toast-wrap :text('Not done')").count() == 0
+
+
+def test_many_shots_in_three_clicks_on_a_phone(visit, tmp_path):
+    """Drop, infer, look; the file is a .mat of twenty shots."""
+    page = visit(PHONE)
+    drop(page, _mat_of_many(tmp_path))
+    assert page.locator("#found tbody tr").count() == MANY
+    assert fits_the_screen(page)
+    page.click("#infer-now")
+    page.wait_for_selector("#answers .curves")
+    assert page.locator("#answers .curves tbody tr").count() == MANY
+    assert fits_the_screen(page)
+    for button, shown in (("to-check", "#facts article"), ("to-export", "#make")):
+        page.click(f"#{button}")
+        page.wait_for_selector(shown)
+        assert fits_the_screen(page)
+    page.get_by_role("tab", name="2 Prepare").click()
+    page.wait_for_selector("#prepared .js-plotly-plot")
+    assert fits_the_screen(page)
+    heights = page.locator("#steps [role=tab]").evaluate_all(
+        "all => all.map(one => one.getBoundingClientRect().height)"
+    )
+    assert min(heights) >= 40  # for a thumb
+
+
+def _mat_of_many(folder):
+    """The five shots of the shipped .mat, each four times."""
+    from scipy.io import loadmat, savemat
+
+    content = {key: value for key, value in loadmat(examples()["stiff_gel.mat"]).items() if key[:2] != "__"}
+    wide = {key: np.tile(value, MANY // 5) for key, value in content.items() if value.size == 5}
+    assert {"R_nondim_All", "t_nondim_All", "RmaxList"} <= wide.keys()
+    savemat(folder / "many.mat", content | wide)
+    return folder / "many.mat"
+
+
+def test_errors_are_told_and_mended(visit, tmp_path):
+    page = visit(WIDE)
+    bad, huge, short = tmp_path / "bad.mat", tmp_path / "huge.csv", tmp_path / "short.csv"
+    bad.write_bytes(examples()["stiff_gel.mat"].read_bytes()[:3000])
+    huge.write_bytes(b"time_us,radius_um\n" + b"1,2\n" * 400_000)
+    short.write_text("time_us,radius_um\n" + "".join(f"{k},{100 - k * k}\n" for k in range(8)))
+    drop(page, bad)
+    assert "bad.mat" in page.inner_text("#found .failed-message")
+    page.set_input_files("#upload input[type=file]", str(huge))
+    page.wait_for_selector("text=/exceeds|maximum allowed size|1 MB|too large/i")
+    page.click("#clear")
+    page.wait_for_selector("#found :text('Nothing loaded yet')")
+    drop(page, short)
+    page.click("#infer-now")
+    page.wait_for_selector("#answers .badge.failed >> text=failed")
+    assert "the recording ends" in page.inner_text("#answers")
+    page.click("#to-check")
+    page.wait_for_selector("#facts .failed-message")
+    page.wait_for_selector("#check-plot .js-plotly-plot")
+    assert "simulation of the answer" not in traces(page)
+    page.get_by_role("tab", name="3 Infer").click()
+    page.get_by_role("tab", name="2 Prepare").click()
+    page.fill("#rmax input", "-5")
+    page.press("#rmax input", "Tab")
+    page.wait_for_selector("text=/true R_max must be a radius/")
+
+
+def test_two_visitors_do_not_see_each_other(visit, served, tmp_path):
+    one, other = visit(WIDE), visit(PHONE)
+    drop(one, examples()["soft_gel.csv"])
+    drop(other, examples()["stiff_gel.mat"])
+    one.click("#infer-now")
+    other.click("#infer-now")
+    for page, mine in ((one, "soft_gel"), (other, "stiff_gel")):
+        page.wait_for_selector("#answers .curves")
+        names = page.locator("#answers .curves tbody td:first-child").all_inner_texts()
+        assert len(names) == 5
+        assert all(name.startswith(mine) for name in names)
+    folder = take(other, tmp_path)
+    assert all(r["name"].startswith("stiff_gel") for r in json.loads((folder / "result.json").read_text())["curves"])
+
+
+def test_every_field_has_a_name_and_the_keyboard_reaches_the_answer(visit):
+    page = visit(WIDE)
+    drop(page, Path(examples()["soft_gel.csv"]))
+    page.wait_for_selector("#infer-now:enabled")
+    page.focus("#infer-now")
+    page.keyboard.press("Enter")
+    page.wait_for_selector("#answers .curves")
+    page.focus("#to-check")
+    page.keyboard.press("Enter")
+    page.wait_for_selector("#facts article")
+    page.locator("#slider-shear_modulus input[type=range]").focus()
+    page.keyboard.press("ArrowRight")
+    page.wait_for_selector("#trial :text('RMSE')")
+    unnamed = page.evaluate(
+        "[...document.querySelectorAll('input:not([type=file]), button, select')]"
+        ".filter(one => one.offsetParent && !(one.labels?.length || one.getAttribute('aria-label') || one.title"
+        " || one.innerText.trim())).map(one => one.outerHTML)"
+    )
+    assert unnamed == []

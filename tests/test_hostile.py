@@ -1,0 +1,200 @@
+"""Files made to exhaust or to deceive a reader: each is refused with the reason before it takes time or memory."""
+
+import struct
+import zipfile
+import zlib
+
+import h5py
+import numpy as np
+import pytest
+from scipy.io import savemat
+
+from cavirheo.errors import InputError
+from cavirheo.reading import limits, read_curves
+
+HEAD = "time_us,radius_um\n"
+
+
+def element(kind, data):
+    return struct.pack("<II", kind, len(data)) + data + b"\0" * (-len(data) % 8)
+
+
+def array(name, kind, numbers, array_class=6, shape=None, inner=b""):
+    flags = element(6, struct.pack("<II", array_class, 0))
+    size = element(5, struct.pack("<2i", *(shape or (1, len(numbers)))))
+    return element(14, flags + size + element(1, name.encode()) + (inner or element(kind, numbers)))
+
+
+def mat(path, *elements):
+    path.write_bytes(b"MATLAB 5.0 MAT-file".ljust(124) + b"\x00\x01IM" + b"".join(elements))
+
+
+def deflated(data):
+    packed = zlib.compress(data, 9)
+    return struct.pack("<II", 15, len(packed)) + packed
+
+
+def csv_of_ten_million_lines(path):
+    path.write_bytes(HEAD.encode() + b"1,2\n" * 10_000_000)
+
+
+def csv_of_one_line(path):
+    path.write_text("1," * 3_000_000)
+
+
+def csv_of_many_columns(path):
+    path.write_text(HEAD + "1,2\n" + "," * 20_000 + "\n")
+
+
+def csv_of_as_many_shots_as_lines(path):
+    path.write_text("shot,time_us,radius_um\n" + "".join(f"{k},{k},100\n" for k in range(100_000)))
+
+
+def csv_of_separators(path):
+    path.write_text("1,2\n-1000,-1000\n" * 50_000)
+
+
+def mat_that_unpacks_to_gigabytes(path):
+    huge = array("Rnew", 9, bytes(8_000_000), shape=(1, 1_000_000)), deflated(array("t", 2, bytes(600_000_000)))
+    mat(path, *huge)
+
+
+def mat_of_a_hundred_million_bytes_as_numbers(path):
+    mat(path, deflated(array("Rnew", 2, bytes(100_000_000))), array("t", 9, bytes(80)))
+
+
+def mat_of_a_million_cells(path):
+    cells = array("", 9, b"", shape=(0, 0)) * 100_000
+    mat(path, deflated(array("R_nondim_All", 0, b"", 1, (1, 100_000), cells)), array("t_nondim_All", 9, bytes(80)))
+
+
+def mat_truncated(path):
+    savemat(path, {"Rnew": np.linspace(1e-4, 2e-4, 500), "t": np.arange(500) * 1e-6})
+    path.write_bytes(path.read_bytes()[:-200])
+
+
+def hdf5_of_a_huge_shape(path):
+    with h5py.File(path, "w") as file:
+        for name in ("time", "radius"):
+            file.create_dataset(name, (10**15,), "f8", chunks=(1000,))
+
+
+def hdf5_of_a_huge_chunk(path):
+    with h5py.File(path, "w") as file:
+        for name in ("time", "radius"):
+            file.create_dataset(name, (100,), "f8", chunks=(200_000_000,), maxshape=(None,))
+
+
+def hdf5_of_many_large_arrays(path):
+    with h5py.File(path, "w") as file:
+        for k in range(10):
+            for name in ("time", "radius"):
+                file.create_dataset(f"{k}/{name}", (1_000_000,), "f8", chunks=(1000,))
+
+
+def hdf5_that_reads_another_file(path):
+    other = path.with_name("secret")
+    other.write_bytes(bytes(range(100)) * 8)
+    with h5py.File(path, "w") as file:
+        file["time"] = np.arange(100.0)
+        file.create_dataset("radius", (100,), "u1", external=[(str(other), 0, 100)])
+
+
+def hdf5_that_links_to_another_file(path):
+    other = path.with_name("secret.h5")
+    with h5py.File(other, "w") as file:
+        file["radius"] = np.arange(1.0, 101.0)
+    with h5py.File(path, "w") as file:
+        file["time"] = np.arange(100.0)
+        file["radius"] = h5py.ExternalLink(str(other), "/radius")
+
+
+def hdf5_that_shows_another_file(path):
+    other = path.with_name("secret.h5")
+    with h5py.File(other, "w") as file:
+        file["radius"] = np.arange(1.0, 101.0)
+    with h5py.File(path, "w") as file:
+        file["time"] = np.arange(100.0)
+        layout = h5py.VirtualLayout((100,), "f8")
+        layout[:] = h5py.VirtualSource(str(other), "radius", (100,))
+        file.create_virtual_dataset("radius", layout)
+
+
+def mat73_of_one_array_named_often(path):
+    with h5py.File(path, "w", userblock_size=512) as file:
+        file["big"] = np.zeros(400_000)
+        for name in ("R_nondim_All", "t_nondim_All"):
+            cells = file.create_dataset(name, (1, 100), h5py.ref_dtype)
+            for k in range(100):
+                cells[0, k] = file["big"].ref
+    content = bytearray(path.read_bytes())
+    content[:128] = b"MATLAB 7.3 MAT-file".ljust(124) + b"\x00\x02IM"
+    path.write_bytes(content)
+
+
+def xlsx(path, sheet):
+    with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive:
+        archive.writestr("xl/worksheets/sheet1.xml", sheet)
+
+
+def xlsx_that_unpacks_to_hundreds_of_megabytes(path):
+    xlsx(path, b"<worksheet>" + b" " * 300_000_000)
+
+
+def xlsx_with_a_far_column(path):
+    xlsx(path, b"<worksheet>" + b'<row><c r="ZZZ1"><v>1</v></c></row>' * 100_000 + b"</worksheet>")
+
+
+def xlsx_of_entities(path):
+    xlsx(path, b'<!DOCTYPE w [<!ENTITY a "aaaaaaaaaa"><!ENTITY b "&a;&a;&a;">]><worksheet>&b;</worksheet>')
+
+
+FILES = {
+    csv_of_ten_million_lines: ("csv", "lines"),
+    csv_of_one_line: ("csv", "characters in one line"),
+    csv_of_many_columns: ("csv", "columns"),
+    csv_of_as_many_shots_as_lines: ("csv", "curves"),
+    csv_of_separators: ("txt", "curves"),
+    mat_that_unpacks_to_gigabytes: ("mat", "unpacks to more"),
+    mat_of_a_hundred_million_bytes_as_numbers: ("mat", "numbers in Rnew"),
+    mat_of_a_million_cells: ("mat", "cells of R_nondim_All"),
+    mat_truncated: ("mat", "cut off"),
+    hdf5_of_a_huge_shape: ("h5", "declares the shape"),
+    hdf5_of_a_huge_chunk: ("h5", "declares chunks"),
+    hdf5_of_many_large_arrays: ("h5", "declares the shape"),
+    hdf5_that_reads_another_file: ("h5", "another file"),
+    hdf5_that_links_to_another_file: ("h5", "another file"),
+    hdf5_that_shows_another_file: ("h5", "another file"),
+    mat73_of_one_array_named_often: ("mat", "declares the shape"),
+    xlsx_that_unpacks_to_hundreds_of_megabytes: ("xlsx", "unpacks to more"),
+    xlsx_with_a_far_column: ("xlsx", "columns"),
+    xlsx_of_entities: ("xlsx", "entities"),
+}
+
+
+@pytest.mark.parametrize("make", FILES, ids=lambda make: make.__name__)
+def test_refused_with_the_reason(tmp_path, make):
+    ending, says = FILES[make]
+    path = tmp_path / f"file.{ending}"
+    make(path)
+    with pytest.raises(InputError, match=says):
+        read_curves(path)
+
+
+def test_a_large_recording_is_within_the_limits(tmp_path):
+    """The limits are far above what cameras record: 100 000 frames of one shot are read."""
+    path = tmp_path / "long.h5"
+    t = np.arange(100_000) * 1e-9
+    with h5py.File(path, "w") as file:
+        file["time"], file["radius"] = t, 1e-4 * (0.2 + np.abs(np.cos(t / 9e-6)))
+    (curve,) = read_curves(path)
+    assert len(curve.time) == 100_000 < limits.SAMPLES / 10
+
+
+def test_large_variables_that_are_not_read_do_not_count(tmp_path):
+    """A workspace saved whole, pictures and all."""
+    path = tmp_path / "workspace.mat"
+    t = np.arange(160) * 1e-6
+    shot = {"Rnew": 1e-4 * (0.2 + np.abs(np.cos(t / 2e-5))), "t": t}
+    savemat(path, {"video": np.zeros((100, 256, 512), np.uint8), **shot}, do_compression=True)
+    assert len(read_curves(path)) == 1
