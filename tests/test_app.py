@@ -9,6 +9,7 @@ import time
 import tomllib
 import zipfile
 from pathlib import Path
+from threading import Event
 
 import numpy as np
 import pytest
@@ -20,6 +21,7 @@ from gradio_client import Client, handle_file
 from gradio_client.exceptions import AppError
 from test_hostile import FILES
 
+from cavirheo.app import steps
 from cavirheo.app.apart import Reader
 from cavirheo.app.export import write_zip
 from cavirheo.app.server import running
@@ -86,6 +88,18 @@ def test_the_endpoint_answers_as_the_command_line(client, run, tmp_path):
     assert theirs["groups"] == ours["groups"]
 
 
+def test_the_endpoint_verifies_as_the_command_line(client, run, tmp_path):
+    path = single(tmp_path / "one.csv")
+    status, _, _ = run("infer", path, "-o", tmp_path / "out", "--verify", "map")
+    (ours,) = json.loads((tmp_path / "out" / "result.json").read_text())["curves"]
+    theirs = client.predict([handle_file(str(path))], verify="map", api_name="/infer")
+    assert status == 0
+    assert theirs["command"].endswith("--verify map")
+    for name in ("shear_modulus_Pa", "viscosity_Pa_s", "stretch"):
+        assert theirs["curves"][0][name] == ours[name]
+        assert ours[name]["q05"] < ours[name]["median"] < ours[name]["q95"]
+
+
 def test_only_the_endpoint_is_public(client):
     assert list(client.view_api(return_format="dict")["named_endpoints"]) == ["/infer"]
     assert client.view_api(return_format="dict")["unnamed_endpoints"] == {}
@@ -99,6 +113,7 @@ def test_only_the_endpoint_is_public(client):
         ({"density": -3.0}, "density"),
         ({"rmax_um": -1.0}, "R_max"),
         ({"window": -1}, "collapse"),
+        ({"verify": "surely"}, "none, map or full"),
     ],
 )
 def test_bad_settings_are_told_to_programs(client, options, says):
@@ -120,6 +135,7 @@ def test_damaged_and_too_many_files_leave_the_server_answering(client, tmp_path)
         with pytest.raises(AppError, match=says) as error:
             client.predict(files, api_name="/infer")
         assert str(tmp_path) not in str(error.value)
+        assert list(Path(os.environ["GRADIO_TEMP_DIR"]).rglob("*.[cm][sa][vt]")) == []  # refused files do not stay
     assert len(client.predict([handle_file(str(SOFT))], api_name="/infer")["curves"]) == 5
 
 
@@ -236,6 +252,64 @@ def test_answers_are_forgotten_when_what_they_stand_on_changes(session):
         infer(session, [], silent)
 
 
+def test_a_stop_keeps_what_is_done_and_names_the_rest(session, monkeypatch):
+    session.add([SOFT], Settings(), copy=True)
+    names = [curve.name for curve in session.curves]
+    hold, real = Event(), steps.infer_many
+
+    def slow(curves, **options):
+        if curves[0].name not in names[:2]:
+            hold.wait(60)
+        return real(curves, **options)
+
+    monkeypatch.setattr(steps, "infer_many", slow)
+    infer(session, names, lambda _, said: said.startswith("2 of") and session.stopped.set())
+    hold.set()
+    assert [curve.name for curve, _ in session.pairs] == names[:2]
+    assert session.not_run == names[2:]
+    assert "Stopped: 2 of 5 shots done." in answers(session)
+    assert "Not run: soft_gel[3], soft_gel[4], soft_gel[5]." in answers(session)
+    assert session.command.endswith("(2 of 5 shots)")
+    kept = session.pairs
+    for run in (lambda: infer(session, names, silent), lambda: fit(session, names[0], silent)):
+        with pytest.raises(InputError, match="stopped before a shot was done"):
+            run()
+    assert session.pairs is kept
+    assert session.fits == {}
+    session.stopped.clear()
+    infer(session, names, silent)
+    assert len(session.pairs) == 5
+    assert "Stopped" not in answers(session)
+
+
+def test_one_run_at_a_time_and_none_for_what_has_changed(session):
+    session.add([SOFT], Settings(), copy=True)
+    said = []
+
+    def again(*_):
+        with pytest.raises(InputError) as error:
+            infer(session, ["soft_gel[2]"], silent)
+        said.append(str(error.value))
+        session.prepare(Settings(window=2))
+
+    with pytest.raises(InputError, match="changed while it ran"):
+        infer(session, ["soft_gel[1]"], again)
+    assert all("the run before goes on" in one for one in said)
+    assert said
+    assert session.pairs == []
+
+
+def test_full_uncertainty_is_limited(reader):
+    session = Session(Limits(full=4), reader)
+    try:
+        session.add([SOFT], Settings(verify="full"), copy=True)
+        with pytest.raises(InputError, match="5 shots; the page takes at most 4"):
+            infer(session, [curve.name for curve in session.curves], silent)
+    finally:
+        session.close()
+    assert session.stopped.is_set()  # whatever still runs for one who is gone
+
+
 def test_a_reader_that_hangs_or_dies_is_replaced(tmp_path):
     options = {"density": 998.0, "pressure": 101325.0}
     path = single(tmp_path / "a.csv")
@@ -292,7 +366,7 @@ def test_the_zip_holds_what_the_command_line_writes_and_the_curves(session, run,
     with pytest.raises(InputError, match="nothing to export"):
         write_zip(session)
     infer(session, names, silent)
-    fit(session, names[1])
+    fit(session, names[1], silent)
     with zipfile.ZipFile(write_zip(session)) as archive:
         archive.extractall(tmp_path)
     folder = tmp_path / "cavirheo-result"

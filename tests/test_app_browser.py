@@ -214,6 +214,28 @@ def test_errors_are_told_and_mended(visit, tmp_path):
     page.wait_for_selector("text=/true R_max must be a radius/")
 
 
+def test_uncertainty_and_a_stop(visit, tmp_path):
+    """A run with intervals is stopped: those that are done stay, and the page goes on."""
+    page = visit(PHONE)
+    drop(page, _mat_of_many(tmp_path))
+    page.get_by_role("tab", name="3 Infer").click()
+    page.get_by_label("quick (Gaussian)").check()
+    page.click("#infer")
+    page.wait_for_selector(f"text=/[1-9][0-9]* of {MANY} shots/")
+    page.click("#stop")
+    page.wait_for_selector("#answers :text('Stopped')")
+    done = page.locator("#answers .curves tbody tr")
+    assert 1 <= done.count() < MANY
+    assert f"{done.count()} of {MANY} shots done" in page.inner_text("#answers")
+    assert re.search(r"\[[\d.]+, [\d.]+\]", done.first.inner_text())
+    page.wait_for_selector("#stop", state="hidden")
+    assert page.evaluate("[...document.querySelectorAll('.wide')].every(one => one.scrollWidth <= one.clientWidth)")
+    page.get_by_label("none (fastest)").check()
+    page.click("#infer")
+    page.wait_for_function(f"document.querySelectorAll('#answers .curves tbody tr').length === {MANY}")
+    assert page.locator("#answers :text('Stopped')").count() == 0
+
+
 def test_two_visitors_do_not_see_each_other(visit, served, tmp_path):
     one, other = visit(WIDE), visit(PHONE)
     drop(one, examples()["soft_gel.csv"])

@@ -6,7 +6,8 @@ Only `infer` (endpoint.py) is public to programs; the handlers of the page are n
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import fields
 from functools import partial, wraps
 from pathlib import Path
@@ -23,28 +24,12 @@ from cavirheo.physics.media import MEDIA
 
 TITLE = "cavirheo"
 _FORMATS = ".mat, .csv, .txt, .h5, .xlsx"
+_LEVELS = [
+    ("none (fastest)", "none"), ("quick (Gaussian)", "map"),
+    ("full (weighted draws, several seconds a shot)", "full"),
+]  # fmt: skip
 _WINDOWS = [("all that the model reads", 0), ("1 collapse", 1), ("2 collapses", 2), ("3 collapses", 3)]
-# The sliders change two lines of a figure that is there already: nothing measured is sent again. Moving the lines alone
-# takes half the time of a restyle, which is needed where they are new or leave the axes. The numbers travel as one
-# string, for the page's own state copies lists element by element, which takes longer than all else.
-_REDRAW = """
-watch('value', async () => {
-  const plot = document.querySelector('#check-plot .js-plotly-plot');
-  const lines_of = (props.value || {}).lines;
-  if (!plot || !window.Plotly || !lines_of) return;
-  const {x, y, traces} = JSON.parse(lines_of);
-  const within = (values, range) => values.every((v) => v >= range[0] && v <= range[1]);
-  if (plot.data[traces[0]].x.length && x[0].length && within(y[0], plot.layout.yaxis.range)
-      && within(y[1], plot.layout.yaxis2.range)) {
-    const lines = {data: x.map((_, k) => ({x: x[k], y: y[k]})), traces};
-    await window.Plotly.animate(
-      plot, lines, {transition: {duration: 0}, frame: {duration: 0, redraw: false}, mode: 'immediate'});
-  } else {
-    await window.Plotly.restyle(plot, {x, y}, traces);
-  }
-  document.body.dataset.redrawn = String(Number(document.body.dataset.redrawn || 0) + 1);
-});
-"""
+_REDRAW = Path(__file__).with_name("redraw.js").read_text(encoding="utf-8")
 
 
 def told(handler: Callable[..., Any]) -> Callable[..., Any]:
@@ -63,7 +48,7 @@ def told(handler: Callable[..., Any]) -> Callable[..., Any]:
 
 def build(visitors: Visitors) -> gr.Blocks:
     """The page with its handlers, not yet served."""
-    page = gr.Blocks(title=TITLE, analytics_enabled=False, delete_cache=(600, 3600), fill_width=True)
+    page = gr.Blocks(title=TITLE, analytics_enabled=False, delete_cache=(300, 900), fill_width=True)
     with page:
         Page(visitors)
 
@@ -96,7 +81,7 @@ class Page:
                 self._export()
         self.settings: list[Any] = [
             self.medium, self.density, self.sound_speed, self.surface_tension, self.pressure, self.temperature,
-            self.rmax, self.stretch, self.window, self.model,
+            self.rmax, self.stretch, self.window, self.model, self.verify,
         ]  # fmt: skip
         self._wire()
         gr.api(self._api(), api_name="infer")
@@ -154,7 +139,10 @@ class Page:
     def _infer(self) -> None:
         models = words.models()
         self.model = gr.Radio(models, value=DEFAULT, label="Material and model", elem_id="model")
-        self.infer = gr.Button("Infer all chosen shots", variant="primary", elem_id="infer")
+        self.verify = gr.Radio(_LEVELS, value="none", label="Uncertainty", elem_id="verify")
+        with gr.Row():
+            self.infer = gr.Button("Infer all chosen shots", variant="primary", elem_id="infer")
+            self.stop = gr.Button("Stop", variant="stop", visible=False, elem_id="stop")
         self.answers = gr.HTML(
             words.NOTHING.format("No answers yet: press the button above."), apply_default_css=False,
             elem_id="answers", min_height=120,
@@ -165,6 +153,7 @@ class Page:
         with gr.Row(equal_height=True):
             self.checked = gr.Dropdown(label="Shot", scale=3, min_width=200, elem_id="checked")
             self.fit = gr.Button("Fit conventionally (seconds)", scale=1, min_width=180, elem_id="fit")
+            self.stop_fit = gr.Button("Stop", variant="stop", visible=False, scale=1, min_width=100, elem_id="stop-fit")
         self.plot = gr.Plot(show_label=False, container=False, elem_id="check-plot")
         with gr.Row():
             self.sliders = [
@@ -186,8 +175,8 @@ class Page:
             ),
             apply_default_css=False,
         )
-        self.make = gr.Button("Make the zip", variant="primary", elem_id="make")
-        self.download = gr.DownloadButton("Download cavirheo-result.zip", interactive=False, elem_id="download")
+        self.make = gr.Button("Download cavirheo-result.zip", variant="primary", elem_id="make")
+        self.download = gr.DownloadButton(elem_id="download")  # never seen: pressed when the zip is made
 
     # which handler answers what
 
@@ -204,54 +193,76 @@ class Page:
             button.click(self._of(partial(self._example, name)), self.settings, shown, **private)
         self.clear.click(self._of(self._clear), self.settings, shown, **private)
         view = [self.prepared, self.dropped]
-        changes = [one.change for one in (self.shown, *self.settings[:-1])]
         gr.on(
-            [*changes, self.model.change], self._of(self._view), [self.shown, *self.settings], view,
+            [one.change for one in (self.shown, *self.settings[:-1])],
+            self._of(self._view), [self.shown, *self.settings], view,
             trigger_mode="always_last", show_progress="hidden", **private,
         )  # fmt: skip
         for button, step in ((self.to_prepare, 2), (self.to_infer, 3), (self.to_check, 4), (self.to_export, 5)):
             button.click(_go(step), outputs=self.tabs, queue=False, **private)
-        answered = [self.tabs, self.answers, self.checked, self.to_check]
+        answered = [self.answers, self.checked, self.to_check]
         check = [self.plot, self.facts, self.trial, *self.sliders]
         for button in (self.infer_now, self.infer):
-            button.click(
-                _go(3), outputs=self.tabs, queue=False, **private
-            ).then(
-                self._of(self._answer), [self.chosen, *self.settings], answered,
-                show_progress_on=[self.answers], concurrency_limit=2, **private,
-            ).success(
-                self._of(self._show), [self.checked, *self.settings], check, show_progress="hidden", **private
+            run = self._run(
+                button, 3, self.stop, self._answer, [self.chosen, *self.settings], answered,
+                show_progress_on=[self.answers],
             )  # fmt: skip
+            run.success(self._of(self._show), [self.checked, *self.settings], check, show_progress="hidden", **private)
         self.checked.select(
             self._of(self._show), [self.checked, *self.settings], check, show_progress="hidden", **private
         )
-        self.fit.click(
-            self._of(self._fit), [self.checked, self.trial], [self.plot, self.facts],
-            show_progress_on=[self.plot], concurrency_limit=2, **private,
+        self._run(
+            self.fit, 4, self.stop_fit, self._fit, [self.checked, self.trial], [self.plot, self.facts],
+            show_progress_on=[self.plot],
         )  # fmt: skip
+        for button in (self.stop, self.stop_fit):
+            button.click(self._of(lambda session: session.stopped.set()), queue=False, **private)
         gr.on(
             [slider.input for slider in self.sliders], self._of(self._try), [self.checked, *self.sliders], [self.trial],
             queue=False, show_progress="hidden", trigger_mode="always_last", **private,
         )  # fmt: skip
-        self.make.click(
-            self._of(self._zip), outputs=[self.download], show_progress_on=[self.download], **private
-        ).success(None, js="() => document.querySelector('#download').click()", **private)
+        self.make.click(self._of(self._zip), outputs=[self.download], show_progress_on=[self.make], **private).success(
+            None, js="() => document.querySelector('#download').click()", **private
+        )
 
-    def _of(self, handler: Callable[..., Any]) -> Callable[..., Any]:
-        """The handler, called with the session of who asks."""
+    def _run(
+        self, button: gr.Button, step: int, stop: gr.Button, handler: Callable[..., Any], *given: Any, **options: Any
+    ) -> Any:
+        """The button starts the handler, which works on shots, and shows the button that stops it."""
+
+        def begin(session: Session) -> list[Any]:
+            if not session.busy.locked():
+                session.stopped.clear()
+            return [gr.Tabs(selected=step), gr.Button(visible=True)]
+
+        def end(session: Session) -> Any:
+            return gr.Button(visible=session.busy.locked())
+
+        at_once: dict[str, Any] = {"queue": False, "show_progress": "hidden", "api_visibility": "private"}
+        run = button.click(self._of(begin), outputs=[self.tabs, stop], **at_once).then(
+            self._of(handler, long=True), *given, concurrency_limit=2, api_visibility="private", **options
+        )
+        run.then(self._of(end), outputs=[stop], **at_once)
+        return run
+
+    def _of(self, handler: Callable[..., Any], *, long: bool = False) -> Callable[..., Any]:
+        """The handler, called with the session of who asks: locked, or with the bar for what takes long."""
 
         @told
         def one(request: gr.Request, progress: gr.Progress = gr.Progress(), *values: Any) -> Any:  # noqa: B008
             session = self.visitors.of(request.session_hash or "")
+            if long:
+                return handler(session, *values, progress=progress)
             with session.lock:
-                return handler(session, *values, **({"progress": progress} if handler == self._answer else {}))
+                return handler(session, *values)
 
         return one
 
     # the handlers
 
     def _load(self, session: Session, files: list[str] | None, *settings: Any) -> list[Any]:
-        session.add(_uploaded(files or []), _settings(settings))
+        with _uploaded(files or []) as paths:
+            session.add(paths, _settings(settings))
         return self._loaded(session)
 
     def _example(self, name: str, session: Session, *settings: Any) -> list[Any]:
@@ -284,13 +295,13 @@ class Page:
         return [figure, words.report(words.warnings([curve]), f"<section>{words.notes([curve], shown=True)}</section>")]
 
     def _answer(self, session: Session, chosen: list[str], *settings: Any, progress: gr.Progress) -> list[Any]:
-        session.prepare(_settings(settings))
+        with session.lock:
+            session.prepare(_settings(settings))
         steps.infer(session, chosen, progress)
-        names = [curve.name for curve, _ in session.pairs]
-        return [
-            gr.Tabs(selected=3), steps.answers(session), gr.Dropdown(choices=names, value=names[0]),
-            gr.Button(interactive=True),
-        ]  # fmt: skip
+        with session.lock:
+            names = [curve.name for curve, _ in session.pairs]
+            first = gr.Dropdown(choices=names, value=next(iter(names), None))
+            return [steps.answers(session), first, gr.Button(interactive=True)]
 
     def _show(self, session: Session, name: str, *_: Any) -> list[Any]:
         ranges = steps.sliders(session, name)
@@ -300,10 +311,11 @@ class Page:
         ]
         return [self._figure(session, name), steps.beside(session, name), {"words": ""}, *moved]
 
-    def _fit(self, session: Session, name: str, trial: dict[str, Any]) -> list[Any]:
-        steps.fit(session, name)
+    def _fit(self, session: Session, name: str, trial: dict[str, Any], *, progress: gr.Progress) -> list[Any]:
+        steps.fit(session, name, progress)
         drawn = json.loads(trial["lines"]) if "lines" in trial else None
-        return [self._figure(session, name, drawn), steps.beside(session, name)]
+        with session.lock:
+            return [self._figure(session, name, drawn), steps.beside(session, name)]
 
     def _figure(self, session: Session, name: str, trial: dict[str, Any] | None = None) -> Any:
         curve, posterior = steps.pair(session, name)
@@ -317,7 +329,7 @@ class Page:
         return {"words": said, "lines": json.dumps({**lines, "traces": plots.TRIAL})}
 
     def _zip(self, session: Session) -> Any:
-        return gr.DownloadButton(value=str(export.write_zip(session)), interactive=True)
+        return gr.DownloadButton(value=str(export.write_zip(session)))
 
     def _api(self) -> Callable[..., Any]:
         visitors = self.visitors
@@ -331,12 +343,12 @@ class Page:
             rmax_um: float | None = None,
             stretch: float | None = None,
             window: int | None = None,
+            verify: str = "none",
         ) -> dict:
             """Measured radius histories in, the content of result.json out; options as those of `cavirheo infer`."""
-            settings = Settings(
-                medium=medium, density=density, rmax_um=rmax_um, stretch=stretch, window=window, model=model
-            )
-            return endpoint.infer(visitors, _uploaded([str(dict(file)["path"]) for file in files]), settings)
+            with _uploaded([str(dict(file)["path"]) for file in files]) as paths:
+                options: dict[str, Any] = {"rmax_um": rmax_um, "stretch": stretch, "window": window, "verify": verify}
+                return endpoint.infer(visitors, paths, Settings(medium, density, model=model, **options))
 
         return infer
 
@@ -345,13 +357,18 @@ def _go(step: int) -> Callable[[], Any]:
     return lambda: gr.Tabs(selected=step)
 
 
-def _uploaded(files: Sequence[str]) -> list[Path]:
-    """What the browser sent, and no other file of this machine: the visitor's folder takes them over."""
+@contextmanager
+def _uploaded(files: Sequence[str]) -> Iterator[list[Path]]:
+    """What the browser sent, and no other file of this machine: what is not taken over is removed."""
     folder = Path(get_upload_folder()).resolve()
     paths = [Path(file).resolve() for file in files]
     if not all(path.is_relative_to(folder) and path.is_file() for path in paths):
         raise InputError("only uploaded files are read")
-    return paths
+    try:
+        yield paths
+    finally:
+        for path in paths:
+            path.unlink(missing_ok=True)
 
 
 def _number(name: str, label: str, empty: str) -> gr.Textbox:
@@ -365,7 +382,7 @@ def _settings(values: tuple[Any, ...]) -> Settings:
     for name, value in given.items():
         if name == "window":
             given[name] = value or None
-        elif name not in ("medium", "model"):
+        elif name not in ("medium", "model", "verify"):
             text = str(value or "").strip().replace(",", ".")
             try:
                 given[name] = float(text) if text else None

@@ -4,12 +4,15 @@ from __future__ import annotations
 
 import shutil
 from collections.abc import Sequence
+from concurrent.futures import Future
 from dataclasses import dataclass, field
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from threading import RLock, Timer
+from threading import Event, Lock, RLock, Timer
+from typing import Any
 
 from cavirheo.app.apart import Reader
+from cavirheo.commands.shared import check_level
 from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError
 from cavirheo.inference.model import DEFAULT, shipped
@@ -29,6 +32,7 @@ class Limits:
     files: int = 50
     curves: int = 400
     frames: int = 400_000
+    full: int = 100  # shots in one run with full uncertainty
     seconds: float = 20.0  # to read the files
     visitors: int = 100
     absent: float = 600.0  # s after which one who closed the page is forgotten
@@ -39,7 +43,8 @@ class Settings:
     """What the page asks for, as the options of `cavirheo infer`; None: not given.
 
     Raises:
-        InputError: a model that is not shipped: no file of this machine is opened for a visitor.
+        InputError: an unknown level of `verify`, or a model that is not shipped: no file of this machine is opened
+            for a visitor.
     """
 
     medium: str = "water"
@@ -52,8 +57,10 @@ class Settings:
     stretch: float | None = None
     window: int | None = None
     model: str = DEFAULT
+    verify: str = "none"
 
     def __post_init__(self) -> None:
+        check_level(self.verify)
         if self.model not in shipped():
             raise InputError(f"unknown model {self.model!r}; known here: {', '.join(shipped())}")
 
@@ -79,7 +86,10 @@ class Settings:
 
 @dataclass(eq=False)
 class Session:
-    """One visitor. Its files lie in a folder of its own, which goes with it."""
+    """One visitor. Its files lie in a folder of its own, which goes with it.
+
+    lock: held while anything of it is read or changed, never while shots are worked on.
+    """
 
     limits: Limits
     reader: Reader
@@ -88,11 +98,13 @@ class Session:
     problems: list[str] = field(default_factory=list)  # files that could not be read
     pairs: list[tuple[RadiusCurve, Posterior]] = field(default_factory=list)  # answered curves
     fits: dict[str, Posterior] = field(default_factory=dict)  # conventional fits of answered curves, by name
+    not_run: list[str] = field(default_factory=list)  # chosen shots that a stop left out
     command: str = ""
     _result: Result | None = None
 
     def __post_init__(self) -> None:
-        self.lock = RLock()
+        self.lock, self.busy, self.stopped = RLock(), Lock(), Event()
+        self.abandoned: set[Future[Any]] = set()  # shots that were worked on when a run was stopped
         self._temporary = TemporaryDirectory(prefix="cavirheo-")
         self.folder = Path(self._temporary.name)
         self.files: list[Path] = []
@@ -143,12 +155,12 @@ class Session:
             self.forget_answers()
         self.settings = settings
 
-    def answer(self, pairs: list[tuple[RadiusCurve, Posterior]], command: str) -> None:
-        self.pairs, self.fits, self.command = pairs, {}, command
+    def answer(self, pairs: list[tuple[RadiusCurve, Posterior]], not_run: list[str], command: str) -> None:
+        self.pairs, self.fits, self.not_run, self.command = pairs, {}, not_run, command
         self._result = result(pairs, command)
 
     def forget_answers(self) -> None:
-        self.pairs, self.fits, self._result = [], {}, None
+        self.pairs, self.fits, self.not_run, self._result = [], {}, [], None
 
     def clear(self) -> None:
         """As if just come."""
@@ -158,6 +170,7 @@ class Session:
         self.forget_answers()
 
     def close(self) -> None:
+        self.stopped.set()
         self._temporary.cleanup()
 
     def _free(self, name: str) -> Path:

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable, Sequence
-from contextvars import copy_context
+from concurrent.futures import FIRST_COMPLETED, ThreadPoolExecutor, wait
 from dataclasses import fields
 from html import escape
 from math import floor, log10
@@ -28,6 +29,7 @@ from cavirheo.reporting.record import curve_record
 EXAMPLES = Path(__file__).parent / "examples"
 SLIDERS = ("shear_modulus", "viscosity", "stretch")
 _FACTOR = {"shear_modulus": 1e-3, "viscosity": 1.0, "stretch": 1.0}  # kPa, Pa s, 1
+_CHANGED = "files or settings were changed while it ran: its answers are dropped; run it again"
 
 Report = Callable[[float, str], Any]
 
@@ -51,32 +53,73 @@ def compared(curve: RadiusCurve, settings: Settings) -> Window:
 
 
 def infer(session: Session, names: Sequence[str], progress: Report) -> None:
-    """Answers of the chosen shots into the session.
+    """Answers of the chosen shots into the session; a stop leaves out those that are not done.
 
     Raises:
-        InputError: nothing loaded or chosen, or a setting out of its domain.
+        InputError: nothing loaded or chosen, too much, stopped before the first shot, a setting out of its domain, or
+            other files or settings than when it began.
     """
-    settings, chosen = session.settings, [curve for curve in session.curves if curve.name in set(names)]
+    with session.lock:
+        settings, curves, files = session.settings, session.curves, " ".join(path.name for path in session.files)
+    chosen = [curve for curve in curves if curve.name in set(names)]
     if not chosen:
         raise InputError("no shots: load a file in step 1, and choose shots in step 2")
-    answers = infer_many(
-        chosen, model=settings.model, medium=settings.liquid, stretch=settings.stretch, window=settings.window,
-        done=counted(progress, len(chosen), "inferring"),
-    )  # fmt: skip
-    files = " ".join(path.name for path in session.files)
-    part = "" if len(chosen) == len(session.curves) else f" ({len(chosen)} of {len(session.curves)} shots)"
-    session.answer(list(zip(chosen, answers, strict=True)), f"cavirheo infer {files}{settings.words}{part}")
+    if settings.verify == "full" and len(chosen) > session.limits.full:
+        raise InputError(
+            f"full uncertainty for {len(chosen)} shots; the page takes at most {session.limits.full} at once: choose "
+            "fewer in step 2, or use the command line (cavirheo infer --verify full)"
+        )
+    liquid, stretch = settings.liquid, settings.stretch
+    cores = max((os.cpu_count() or 1) // len(chosen), 1)
+
+    def one(curve: RadiusCurve) -> Posterior:
+        found = infer_many(
+            [curve], model=settings.model, medium=liquid, stretch=stretch, window=settings.window, workers=1
+        )
+        if settings.verify != "none":
+            from cavirheo.inference.verify import verify_many
+
+            level: Any = settings.verify
+            found = verify_many([curve], found, level=level, medium=liquid, stretch=stretch, workers=cores)
+        return found[0]
+
+    found = each(session, one, chosen, progress)
+    pairs = [(curve, answer) for curve, answer in zip(chosen, found, strict=True) if answer]
+    left = [curve.name for curve, answer in zip(chosen, found, strict=True) if not answer]
+    part = "" if len(pairs) == len(curves) else f" ({len(pairs)} of {len(curves)} shots)"
+    with session.lock:
+        if session.curves is not curves or session.settings != settings:
+            raise InputError(_CHANGED)
+        session.answer(pairs, left, f"cavirheo infer {files}{settings.words}{part}")
 
 
-def counted(progress: Report, total: int, what: str) -> Callable[[], None]:
-    """A `done` that reports from any thread how many of the total are done."""
-    context, done = copy_context(), iter(range(1, total + 1))
+def each(
+    session: Session, work: Callable[[RadiusCurve], Posterior], curves: Sequence[RadiusCurve], progress: Report
+) -> list[Posterior | None]:
+    """`work` done on every curve on all cores, in their order; None for those that were not done when it was stopped.
 
-    def one() -> None:
-        number = next(done)
-        context.copy().run(progress, number / total, f"{what}: {number} of {total}")
-
-    return one
+    Raises:
+        InputError: stopped before the first was done, or another run of this session goes on.
+    """
+    if not session.busy.acquire(blocking=False):
+        raise InputError("the run before goes on: stop it, or wait for its end")
+    try:
+        wait(session.abandoned)  # one who stops and starts in turns takes no more cores than others
+        pool = ThreadPoolExecutor(os.cpu_count())
+        tasks = [pool.submit(work, curve) for curve in curves]
+        left = set(tasks)
+        progress(0.0, f"0 of {len(tasks)} shots")
+        while left and not session.stopped.is_set():
+            done, left = wait(left, timeout=0.1, return_when=FIRST_COMPLETED)
+            if done:
+                progress(1 - len(left) / len(tasks), f"{len(tasks) - len(left)} of {len(tasks)} shots")
+        pool.shutdown(wait=False, cancel_futures=True)
+        session.abandoned = {task for task in left if not task.cancelled()}
+    finally:
+        session.busy.release()
+    if len(left) == len(tasks):
+        raise InputError("stopped before a shot was done: nothing has changed")
+    return [None if task in left else task.result() for task in tasks]
 
 
 def answers(session: Session) -> str:
@@ -89,6 +132,7 @@ def answers(session: Session) -> str:
         if record.message:
             said.setdefault(record.message, []).append(record.name)
     return words.report(
+        words.stopped(len(session.pairs), session.not_run),
         html.groups_table(session.result.groups, factor, unit),
         html.curves_table(session.result.curves, factor, unit, title="Shots", linked=False),
         words.messages(said),
@@ -103,13 +147,20 @@ def pair(session: Session, name: str | None) -> tuple[RadiusCurve, Posterior]:
     raise InputError("no answer to check: infer first (step 3)")
 
 
-def fit(session: Session, name: str | None) -> None:
+def fit(session: Session, name: str | None, progress: Report) -> None:
     """The conventional fit of one answered curve, with the same medium, window and stretch. Raises InputError."""
-    curve, posterior = pair(session, name)
-    settings = session.settings
-    session.fits[curve.name] = fit_many(
-        [curve], posterior.material, medium=settings.liquid, window=settings.window, stretch=settings.stretch
-    )[0]
+    with session.lock:
+        (curve, posterior), settings = pair(session, name), session.settings
+
+    def one(curve: RadiusCurve) -> Posterior:
+        options: dict[str, Any] = {"window": settings.window, "stretch": settings.stretch}
+        return fit_many([curve], posterior.material, medium=settings.liquid, **options)[0]
+
+    (found,) = each(session, one, [curve], progress)
+    with session.lock:
+        if found is None or not any(kept is posterior for _, kept in session.pairs):
+            raise InputError(_CHANGED)
+        session.fits[curve.name] = found
 
 
 def beside(session: Session, name: str) -> str:

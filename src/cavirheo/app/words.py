@@ -50,7 +50,7 @@ def found(curves: Sequence[RadiusCurve], problems: Sequence[str]) -> str:
     )
     rows = "".join(_row(curve) for curve in curves)
     head = "".join(f"<th scope=col>{text}</th>" for text in heads)
-    table = f'<div class="wide"><table><thead><tr>{head}</tr></thead><tbody>{rows}</tbody></table></div>'
+    table = f'<div class="wide"><table class="found"><thead><tr>{head}</tr></thead><tbody>{rows}</tbody></table></div>'
     return report(bad, warnings(curves), f"<section>{table}{notes(curves)}</section>")
 
 
@@ -107,6 +107,16 @@ def notes(curves: Sequence[RadiusCurve], *, shown: bool = False) -> str:
 
 def _some(names: Sequence[str]) -> str:
     return ", ".join(names[:4]) + (f" and {len(names) - 4} more" if len(names) > 4 else "")
+
+
+def stopped(done: int, left: Sequence[str]) -> str:
+    """Which shots a stop left out."""
+    if not left:
+        return ""
+    return (
+        f'<p class="message" role="status"><b>Stopped: {done} of {done + len(left)} shots done.</b> '
+        f"Not run: {escape(_some(left))}.</p>"
+    )
 
 
 def differences(checks: Checks) -> str:

@@ -31,6 +31,11 @@ scale.</p>
 give about twice the µ of fits over three. Compare values of µ only for equal windows, and state the window with them.
 For soft gels, 1 % in the radius scale, the frame rate or the time of R<sub>max</sub> moves G by about 1 kPa.</p>
 """
+_NUISANCES = {  # label, factor from SI, unit
+    "time_origin": ("time origin", 1e6, "µs"),
+    "radius_scale": ("radius scale", 1.0, ""),
+    "max_radius_factor": ("R<sub>max</sub> factor", 1.0, ""),
+}
 _POINT = (
     "This method gives a single value for each parameter and no interval; none is shown, because none is known. "
     "The scatter within a group is the only measure of spread here."
@@ -130,7 +135,9 @@ def article(number: int, record: CurveRecord, factor: float, unit: str, picture:
             "stretch λ = R<sub>max</sub>/R<sub>0</sub>": (record.stretch, 1.0, ""),
             "R<sub>max</sub>": (Quantity(median=record.max_radius_m), 1e6, "µm"),
         }
-        answer |= {escape(name): (value, 1.0, "") for name, value in record.other_parameters.items()}
+        for name, value in record.other_parameters.items():
+            label, scale, given = _NUISANCES.get(name, (escape(name), 1.0, ""))
+            answer[label] = (value, scale, given)
         items = (
             f"<div><dt>{label}</dt><dd>{_stacked(value, scale, given)}</dd></div>"
             for label, (value, scale, given) in answer.items()
