@@ -182,7 +182,8 @@ def _joint(singles: list[Single], common: dict[str, Any], seed: int, workers: in
     """One material for all shots, each with the noise that its own fit left (variance times correlation time)."""
     law = singles[0].fit.common
     for single in singles:
-        single.shot.noise_factor = float(np.sqrt(single.laplace.variance[0] * single.laplace.correlation[0]))
+        left = single.laplace.variance[0] * single.laplace.correlation[0]
+        single.shot.noise_factor = max(1.0, float(np.sqrt(left)))  # no shot is believed more than its frames
     fit = Fit(singles[0].shot.family, [single.shot for single in singles], workers)
     alone = np.array([single.found.x[:law] for single in singles])
     own = np.concatenate([single.found.x[law:] for single in singles])
