@@ -353,7 +353,7 @@ def test_a_wrong_law_is_rejected(fitted):
     curve = shot(Zener(2e4, 0.08, 6e-6), noise=0.004)
     wrong = Verified(LeastSquares("newtonian", options={"windows": False}), discrepancy=False).infer(curve)
     assert wrong.checks.verdict == "model_does_not_fit"
-    assert "residuals are not noise" in wrong.checks.message
+    assert "residuals are not independent noise" in wrong.checks.message
     assert wrong.provenance["predictive"]["p_value"] < 0.01
 
 

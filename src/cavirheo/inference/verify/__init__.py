@@ -50,6 +50,7 @@ ENOUGH = 400.0  # effective draws at which sampling ends
 FEWEST = 100.0  # effective draws below which no interval is given
 NARROWEST = 0.02  # t_c: half-width of the time origin's range where half a frame is less; R_max is hardly seen sooner
 SYSTEMATIC = 0.03  # of R_max: misfit beyond noise above which a law is rejected although some is allowed for
+SEEN = 5e-4  # of R_max: misfit below which none is stated
 PULLED = 2.3  # in u: a nuisance that far from its middle has 1 % of its prior beyond it
 SAME = 0.005  # in u: starts nearer to each other than this are one
 AT_END = 0.25  # of an interval's width: an end nearer to that of the prior's range is the prior's, not the curve's
@@ -324,17 +325,15 @@ class _Work:
             self.messages.append("the curve does not bound " + ", ".join(open_ends) + ": there the prior's range does")
         if predictive and predictive.rejected:
             which = min(predictive.p, key=lambda name: predictive.p[name])
-            text = (
-                f"residuals are not noise ({which}, p = {predictive.p_value:.2g}): a systematic misfit of {excess:.2%} "
-                "of R_max"
-            )
+            size = f"a systematic misfit of {excess:.1%} of R_max" if excess >= SEEN else "though no larger than noise"
+            text = f"residuals are not independent noise ({which}, p = {predictive.p_value:.2g}): {size}"
             if not self.settings.discrepancy:
                 verdict = "model_does_not_fit"
                 text += "; the law was taken as exact, so the interval is too narrow"
             elif excess > SYSTEMATIC:
                 verdict = "model_does_not_fit"
                 text += f" (limit {SYSTEMATIC:.0%})"
-            else:
+            elif excess >= SEEN:
                 text += ", which the interval allows for"
             self.messages.append(text)
         u_best = self.prior.to_u(at)
