@@ -14,6 +14,7 @@ from __future__ import annotations
 
 import argparse
 import time
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -82,16 +83,22 @@ def timed(curves: list[RadiusCurve]) -> tuple[np.ndarray, np.ndarray, int]:
     return np.array(seconds), np.array(runs), len(curves) - len(runs)
 
 
+def sets_below(folder: Path) -> Iterator[tuple[str, list[RadiusCurve], list[str]]]:
+    """Of the folder and every subfolder: name, curves, problems in reading."""
+    for place in sorted(path for path in [folder, *folder.iterdir()] if path.is_dir()):
+        files = sorted(path for path in place.iterdir() if path.suffix in (".mat", ".csv", ".txt"))
+        if files:
+            yield place.name, *read_shots(files, density=WATER.density, pressure=WATER.pressure)
+
+
 def real(folder: Path) -> None:
     """Prints the time per curve of every subfolder, and of all curves."""
     everything = []
-    for place in sorted(path for path in [folder, *folder.iterdir()] if path.is_dir()):
-        files = sorted(path for path in place.iterdir() if path.suffix in (".mat", ".csv", ".txt"))
-        curves, problems = read_shots(files, density=WATER.density, pressure=WATER.pressure) if files else ([], [])
+    for name, curves, problems in sets_below(folder):
         seconds, runs, failed = timed(curves)
         if len(seconds):
             everything.append(seconds)
-            print(f"{place.name}: {len(seconds)} curves, median {np.median(seconds):.2f} s CPU, {np.median(runs):.0f} "
+            print(f"{name}: {len(seconds)} curves, median {np.median(seconds):.2f} s CPU, {np.median(runs):.0f} "
                   f"simulations; not answered {failed}, files not read {len(problems)}")  # fmt: skip
     if everything:
         all_of_them = np.concatenate(everything)
