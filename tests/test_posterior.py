@@ -15,7 +15,7 @@ from scipy.stats import invgamma, multivariate_normal, norm
 from cavirheo import InputError, NeoHookeanKelvinVoigt, RadiusCurve, fit, simulate
 from cavirheo.inference import verify
 from cavirheo.inference.fit.parameters import FREE, Family, Settings
-from cavirheo.inference.fit.shots import FINE, Shot
+from cavirheo.inference.fit.shots import FINE, QUICK, Shot
 from cavirheo.inference.verify import LeastSquares, Verified, predictive, verify_many
 from cavirheo.inference.verify import likelihood as camera
 from cavirheo.inference.verify.evidence import rank_laws
@@ -460,33 +460,36 @@ def test_which_law_from_the_command_line(run, tmp_path):
 @pytest.mark.slow
 @pytest.mark.parametrize("seed", [1, 4, 7])
 def test_against_emcee(seed, monkeypatch):
-    """The same density sampled by an affine-invariant ensemble: medians within 0.1, widths within 15 % of its sd."""
+    """The same density sampled by an affine-invariant ensemble: medians within 0.1, widths within 15 % of its sd.
+
+    Both with the rough solver, for it takes a hundred thousand simulations until an ensemble knows its width. (DE
+    snooker moves are left out: they give widths 10 % below those of 30,000 plain importance draws.)
+    """
     emcee = pytest.importorskip("emcee")
     _, curve = calibration.shot(seed)
     answer = fit(curve, window="all", windows=False)
     checked = Verified(LeastSquares("nhkv"), discrepancy=False, ranges=calibration.RANGES)
     monkeypatch.setattr(verify, "ENOUGH", 2500.0)
+    monkeypatch.setattr(verify, "FINE", QUICK)
     found = checked.check(curve, answer, draws=6000, seed=seed)
-    work = verify._Work(checked, curve, answer, seed)
-    target = work.target
-    d = len(target.prior.names)
-    rng = np.random.default_rng(seed)
-    best = climb(target, work._starts()[0], FINE)
-    walkers = best.u + 0.5 * rng.standard_normal((4 * d, d)) @ np.linalg.cholesky(best.covariance).T
-    moves = [(emcee.moves.DEMove(), 0.8), (emcee.moves.DESnookerMove(), 0.2)]
-    sampler = emcee.EnsembleSampler(4 * d, d, lambda u: target(u, FINE), vectorize=True, moves=moves)
+    target = verify._Work(checked, curve, answer, seed).target
+    weight = np.exp(found.log_weight - np.max(found.log_weight))
+    weight /= np.sum(weight)
+    best = climb(target, verify._Work(checked, curve, answer, seed)._starts()[0], QUICK)
+    d, rng = len(best.u), np.random.default_rng(seed)
+    walkers = best.u + rng.standard_normal((4 * d, d)) @ np.linalg.cholesky(best.covariance).T
+    moves = [(emcee.moves.DEMove(), 0.5), (emcee.moves.StretchMove(), 0.5)]
+    sampler = emcee.EnsembleSampler(4 * d, d, lambda u: target(u, QUICK), vectorize=True, moves=moves)
     sampler._random.seed(seed)
-    sampler.run_mcmc(walkers, 1500)
+    sampler.run_mcmc(walkers, 4000)
     tau = float(np.max(sampler.get_autocorr_time(tol=0)))
-    assert len(sampler.get_chain()) > 15 * tau
+    assert len(sampler.get_chain()) > 20 * tau
     x = target.prior.to_x(sampler.get_chain(discard=int(4 * tau), flat=True))
     for i, name in enumerate(("shear_modulus", "viscosity", "stretch")):
         sd = np.std(x[:, i])
         ours = np.log10(found.draws(name))
-        weight = np.exp(found.log_weight - np.max(found.log_weight))
-        weight /= np.sum(weight)
         middle = np.log10(found.median(name))
-        assert middle == pytest.approx(np.median(x[:, i]), abs=0.1 * sd)
         width = np.sqrt(weight @ (ours - weight @ ours) ** 2)
         print(f"{seed} {name}: {(middle - np.median(x[:, i])) / sd:+.3f} sd, width {width / sd:.3f}, tau {tau:.0f}")
+        assert middle == pytest.approx(np.median(x[:, i]), abs=0.1 * sd)
         assert width == pytest.approx(sd, rel=0.15)
