@@ -24,6 +24,7 @@ from scipy.stats import chi2, kstest, truncnorm
 
 from cavirheo import NeoHookeanKelvinVoigt, RadiusCurve, simulate
 from cavirheo.inference.verify import LeastSquares, Verified
+from cavirheo.physics.materials import Material
 from cavirheo.physics.media import WATER
 from cavirheo.posterior import Posterior
 
@@ -38,23 +39,35 @@ def shot(seed: int, *, as_read: bool = False) -> tuple[dict[str, float], RadiusC
     rng = np.random.default_rng([seed, 5])
     truth = {name: float(10 ** rng.uniform(*np.log10(pair))) for name, pair in RANGES.items()}
     top = float(rng.uniform(100e-6, 400e-6))  # R_max as measured
+    law = NeoHookeanKelvinVoigt(truth["shear_modulus"], truth["viscosity"])
+    camera, curve = film(law, top, truth["stretch"], NOISE, rng, f"shot {seed}", as_read=as_read)
+    return truth | camera, curve
+
+
+def film(
+    law: Material,
+    top: float,
+    stretch: float,
+    noise: float,
+    rng: np.random.Generator,
+    name: str,
+    *,
+    as_read: bool = False,
+) -> tuple[dict[str, float], RadiusCurve]:
+    """The nuisances by name, and the curve of measured R_max `top` that a camera with them makes of a bubble."""
     frame = 4.07 * WATER.time_scale(top) / (FRAMES - 1)
     scale, factor = 1.0 + BOUND / 3.0 * truncnorm(-3, 3).rvs(2, random_state=rng)
     t0 = rng.uniform(-0.5, 0.5) * frame
-    truth |= {"time_origin": t0, "radius_scale": float(scale), "max_radius_factor": float(factor)}
+    camera = {"time_origin": t0, "radius_scale": float(scale), "max_radius_factor": float(factor)}
     time = frame * np.arange(FRAMES)
     instants = np.abs(time[:, None] - t0 + EXPOSURE * frame * (np.arange(15) - 7.0) / 15.0).ravel()
     order = np.argsort(instants)
     seen = np.empty_like(instants)
-    seen[order] = simulate(
-        NeoHookeanKelvinVoigt(truth["shear_modulus"], truth["viscosity"]), max_radius=top * scale * factor,
-        stretch=truth["stretch"], time=instants[order], precise=True,
-    ).radius / scale  # fmt: skip
-    radius = seen.reshape(FRAMES, 15).mean(axis=1) + NOISE * top * rng.standard_normal(FRAMES)
-    meta = {"name": f"shot {seed}", "exposure_s": EXPOSURE * frame}
-    if not as_read:
-        meta["maximum"] = (0.0, top)
-    return truth, RadiusCurve(time, np.maximum(radius, 1e-3 * top), meta=meta)
+    run = simulate(law, max_radius=top * scale * factor, stretch=stretch, time=instants[order], precise=True)
+    seen[order] = run.radius / scale
+    radius = seen.reshape(FRAMES, 15).mean(axis=1) + noise * top * rng.standard_normal(FRAMES)
+    meta = {"name": name, "exposure_s": EXPOSURE * frame} | ({} if as_read else {"maximum": (0.0, top)})
+    return camera, RadiusCurve(time, np.maximum(radius, 1e-3 * top), meta=meta)
 
 
 def rank(answer: Posterior, name: str, truth: float) -> float:

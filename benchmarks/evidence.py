@@ -20,14 +20,12 @@ from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
 
 import numpy as np
-from calibration import BOUND, EXPOSURE, FRAMES
-from scipy.stats import truncnorm
+from calibration import film
 
-from cavirheo import NeoHookeanKelvinVoigt, Newtonian, QuadraticKelvinVoigt, RadiusCurve, simulate
+from cavirheo import NeoHookeanKelvinVoigt, Newtonian, QuadraticKelvinVoigt, RadiusCurve
 from cavirheo.inference.fit.parameters import Family
 from cavirheo.inference.verify.evidence import rank_laws
 from cavirheo.physics.materials import Zener
-from cavirheo.physics.media import WATER
 
 NOISE = 0.005
 LAWS = ("newtonian", "nhkv", "qkv", "zener")
@@ -45,19 +43,7 @@ def shot(truth: str, seed: int) -> RadiusCurve:
     rng = np.random.default_rng([seed, list(TRUTHS).index(truth), 6])
     draw = rng.uniform(np.log10([3e3, 0.02, 1e-6]), np.log10([3e4, 0.2, 1e-5]))
     stretch, top = rng.uniform(5.0, 9.0), rng.uniform(150e-6, 350e-6)
-    frame = 4.07 * WATER.time_scale(top) / (FRAMES - 1)
-    scale, factor = 1.0 + BOUND / 3.0 * truncnorm(-3, 3).rvs(2, random_state=rng)
-    t0 = rng.uniform(-0.5, 0.5) * frame
-    time = frame * np.arange(FRAMES)
-    instants = np.abs(time[:, None] - t0 + EXPOSURE * frame * (np.arange(15) - 7.0) / 15.0).ravel()
-    order = np.argsort(instants)
-    seen = np.empty_like(instants)
-    seen[order] = simulate(
-        TRUTHS[truth](*10**draw), max_radius=top * scale * factor, stretch=stretch, time=instants[order], precise=True
-    ).radius / scale  # fmt: skip
-    radius = seen.reshape(FRAMES, 15).mean(axis=1) + NOISE * top * rng.standard_normal(FRAMES)
-    meta = {"name": f"{truth}, {seed}", "maximum": (0.0, top), "exposure_s": EXPOSURE * frame}
-    return RadiusCurve(time, np.maximum(radius, 1e-3 * top), meta=meta)
+    return film(TRUTHS[truth](*10**draw), top, stretch, NOISE, rng, f"{truth}, {seed}")[1]
 
 
 def one(job: tuple[str, int, bool]) -> dict:

@@ -30,6 +30,7 @@ from cavirheo.commands.shared import (
     load_solver,
     progress,
     read_files,
+    report,
     verified,
 )
 from cavirheo.commands.which_law import which_law
@@ -82,8 +83,6 @@ def infer(
 ) -> None:
     """Shear modulus and viscosity from measured radius histories, with pictures that show whether to believe them."""
     from cavirheo.inference import infer_many
-    from cavirheo.reporting import write_report
-    from cavirheo.reporting.table import print_table
 
     began = time.perf_counter()
     check_level(verify)
@@ -96,15 +95,7 @@ def infer(
             curves, model=model, medium=liquid, stretch=stretch, window=window, done=lambda: bar.advance(task)
         )
     answers = verified(curves, answers, verify, medium=liquid, stretch=stretch, discrepancy=not exact_law)
-    result = write_report(out, list(zip(curves, answers, strict=True)), shlex.join(["cavirheo", *sys.argv[1:]]))
-    print_table(result)
-    print(
-        f"{len(curves)} curves in {time.perf_counter() - began:.1f} s; report: {out / 'report.html'}", file=sys.stderr
-    )
-    if unreadable:
-        raise typer.Exit(2)
-    if any(answer.checks.verdict == "failed" for answer in answers):
-        raise typer.Exit(1)
+    report(curves, answers, out, began, unreadable)
 
 
 @app.command()

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import shlex
-import sys
 import time
 from pathlib import Path
 from typing import Annotated, Any
@@ -26,6 +24,7 @@ from cavirheo.commands.shared import (
     number_or,
     progress,
     read_files,
+    report,
     verified,
 )
 from cavirheo.errors import InputError
@@ -62,8 +61,6 @@ def fit(
 ) -> None:
     """The field's conventional fit: least squares of simulated on measured radius histories, with intervals."""
     from cavirheo.inference.fit import fit_many
-    from cavirheo.reporting import write_report
-    from cavirheo.reporting.table import print_table
 
     began = time.perf_counter()
     check_level(verify)
@@ -88,11 +85,4 @@ def fit(
     answers = verified(
         curves, answers, verify, medium=liquid, stretch=known, seed=seed, discrepancy=not exact_law, **camera
     )
-    result = write_report(out, list(zip(curves, answers, strict=True)), shlex.join(["cavirheo", *sys.argv[1:]]))
-    print_table(result)
-    seconds = time.perf_counter() - began
-    print(f"{len(curves)} curves in {seconds:.1f} s; report: {out / 'report.html'}", file=sys.stderr)
-    if unreadable:
-        raise typer.Exit(2)
-    if any(answer.checks.verdict == "failed" for answer in answers):
-        raise typer.Exit(1)
+    report(curves, answers, out, began, unreadable)

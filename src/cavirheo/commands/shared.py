@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import shlex
 import sys
 import threading
+import time
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -92,6 +94,21 @@ def verified(curves: list[RadiusCurve], answers: list[Posterior], level: str, **
     with progress("verifying") as bar:
         task = bar.add_task("", total=len(curves))
         return verify_many(curves, answers, level=level, done=lambda: bar.advance(task), **settings)  # type: ignore[arg-type]
+
+
+def report(curves: list[RadiusCurve], answers: list[Posterior], out: Path, began: float, unreadable: int) -> None:
+    """The end of `infer` and `fit`: documents into `out`, the table, the time since `began`, the exit status."""
+    from cavirheo.reporting import write_report
+    from cavirheo.reporting.table import print_table
+
+    result = write_report(out, list(zip(curves, answers, strict=True)), shlex.join(["cavirheo", *sys.argv[1:]]))
+    print_table(result)
+    seconds = time.perf_counter() - began
+    print(f"{len(curves)} curves in {seconds:.1f} s; report: {out / 'report.html'}", file=sys.stderr)
+    if unreadable:
+        raise typer.Exit(2)
+    if any(answer.checks.verdict == "failed" for answer in answers):
+        raise typer.Exit(1)
 
 
 def check_level(level: str) -> None:
