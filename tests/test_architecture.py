@@ -22,7 +22,7 @@ MAY_USE = {
     "training": {"errors", "curve", "physics", "problem", "inference"},
     "reporting": {"errors", "curve", "posterior"},
     "comparison": {"errors", "curve", "reading", "physics", "posterior", "inference", "reporting"},
-    "collapse": {"errors", "curve", "reading", "physics", "inference", "reporting"},
+    "collapse": {"errors", "curve", "reading", "physics", "inference", "reporting", "commands"},
     "rheometer": {"errors", "reading", "reporting"},
     "app": {"errors", "curve", "reading", "physics", "posterior", "inference", "reporting", "commands"},
     "commands": {"errors", "curve", "reading", "physics", "posterior", "inference", "reporting"},

@@ -11,6 +11,16 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from cavirheo.commands.shared import (
+    Density,
+    MediumName,
+    Out,
+    Pressure,
+    SoundSpeed,
+    SurfaceTension,
+    Temperature,
+    liquid_of,
+)
 from cavirheo.errors import InputError, SolverError
 
 if TYPE_CHECKING:
@@ -30,26 +40,22 @@ def collapse_time(
     stretch: Annotated[
         float | None, typer.Option(help="R_max/R_0 of curves (default: their late plateau) and of tables without it")
     ] = None,
-    medium: Annotated[str, typer.Option(help="named constants: water, bu2026, estrada2018, zhu2025, ...")] = "water",
-    density: Annotated[float | None, typer.Option(help="of the liquid or gel, kg/m3")] = None,
-    sound_speed: Annotated[float | None, typer.Option(help="m/s")] = None,
-    surface_tension: Annotated[float | None, typer.Option(help="N/m")] = None,
-    pressure: Annotated[float | None, typer.Option(help="far from the bubble, Pa")] = None,
-    temperature: Annotated[float | None, typer.Option(help="far from the bubble, K")] = None,
-    out: Annotated[Path, typer.Option("-o", "--out", help="folder for the results")] = Path("cavirheo-collapse-time"),
+    medium: MediumName = "water",
+    density: Density = None,
+    sound_speed: SoundSpeed = None,
+    surface_tension: SurfaceTension = None,
+    pressure: Pressure = None,
+    temperature: Temperature = None,
+    out: Out = Path("cavirheo-collapse-time"),
 ) -> None:
     """G and µ from the times of the first collapse alone: one answer per table, or per file or folder of curves."""
     from cavirheo.collapse.read import read_groups
     from cavirheo.collapse.record import collapse_times
     from cavirheo.collapse.table import print_table
     from cavirheo.inference.collapse_time import fit
-    from cavirheo.physics.media import medium as constants
     from cavirheo.reporting import NO_PICTURES, style
 
-    liquid = constants(
-        medium, density=density, sound_speed=sound_speed, surface_tension=surface_tension, pressure=pressure,
-        temperature=temperature,
-    )  # fmt: skip
+    liquid = liquid_of(medium, density, sound_speed, surface_tension, pressure, temperature)
     if stretch is not None and not 1 < stretch < 1e3:
         raise InputError(f"--stretch must be R_max/R_0 above 1, got {stretch!r}")
     groups, problems = read_groups(files, liquid, stretch)
