@@ -16,6 +16,7 @@ from __future__ import annotations
 import argparse
 import json
 import time
+from collections.abc import Callable
 from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
 
@@ -142,6 +143,18 @@ def table(rows: list[dict]) -> str:
     return "\n".join(lines)
 
 
+def resumed(out: Path, jobs: dict[tuple, tuple], names: tuple[str, ...], one: Callable, workers: int) -> list[dict]:
+    """Rows of all jobs, those in the file first: a job is done if a row has its key under these names."""
+    rows = [json.loads(line) for line in out.read_text().splitlines()] if out.exists() else []
+    done = {tuple(row[name] for name in names) for row in rows}
+    with ProcessPoolExecutor(workers) as pool, out.open("a") as file:
+        for row in pool.map(one, [job for key, job in jobs.items() if key not in done]):
+            file.write(json.dumps(row) + "\n")
+            file.flush()
+            rows.append(row)
+    return rows
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("out", type=Path)
@@ -150,14 +163,8 @@ def main() -> None:
     parser.add_argument("--discrepancy", action="store_true")
     parser.add_argument("--workers", type=int, default=1)
     given = parser.parse_args()
-    rows = [json.loads(line) for line in given.out.read_text().splitlines()] if given.out.exists() else []
-    done = {row["seed"] for row in rows}
-    jobs = [(seed, given.as_read, given.discrepancy) for seed in range(given.n) if seed not in done]
-    with ProcessPoolExecutor(given.workers) as pool, given.out.open("a") as file:
-        for row in pool.map(one, jobs):
-            file.write(json.dumps(row) + "\n")
-            file.flush()
-            rows.append(row)
+    jobs = {(seed,): (seed, given.as_read, given.discrepancy) for seed in range(given.n)}
+    rows = resumed(given.out, jobs, ("seed",), one, given.workers)
     print(table(rows))
 
 

@@ -15,12 +15,10 @@ OUT.jsonl; a later call goes on.
 from __future__ import annotations
 
 import argparse
-import json
-from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
 
 import numpy as np
-from calibration import film
+from calibration import film, resumed
 
 from cavirheo import NeoHookeanKelvinVoigt, Newtonian, QuadraticKelvinVoigt, RadiusCurve
 from cavirheo.inference.fit.parameters import Family
@@ -94,14 +92,8 @@ def main() -> None:
     parser.add_argument("--discrepancy", action="store_true")
     parser.add_argument("--workers", type=int, default=1)
     given = parser.parse_args()
-    rows = [json.loads(line) for line in given.out.read_text().splitlines()] if given.out.exists() else []
-    done = {(row["truth"], row["seed"]) for row in rows}
-    jobs = [(t, seed, given.discrepancy) for seed in range(given.n) for t in TRUTHS if (t, seed) not in done]
-    with ProcessPoolExecutor(given.workers) as pool, given.out.open("a") as file:
-        for row in pool.map(one, jobs):
-            file.write(json.dumps(row) + "\n")
-            file.flush()
-            rows.append(row)
+    jobs = {(t, seed): (t, seed, given.discrepancy) for seed in range(given.n) for t in TRUTHS}
+    rows = resumed(given.out, jobs, ("truth", "seed"), one, given.workers)
     print(table(rows))
 
 
