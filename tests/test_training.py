@@ -91,6 +91,7 @@ def test_shipped_recipes(path):
     assert recipe.export.name == path.stem
     assert recipe.problem.reference_max_radius == 245e-6
     assert (recipe.training.batch, recipe.training.lr) == (32, 1e-3)
+    assert recipe.training.dropout_epochs < recipe.training.epochs  # else the answers are off scale by some per cent
 
 
 def test_the_paper_protocol():
@@ -403,24 +404,6 @@ class TestTorch:
         assert rates[20] == pytest.approx(0.005)
         assert rates[-1] < 1e-4
 
-    def test_calibration_is_the_line_through_the_validation_part(self, recipe, data, tmp_path):
-        """No straight line of the exported outputs would fit the validation part better; the test part has no say."""
-        pytest.importorskip("onnxscript")
-        from cavirheo.training.export import export
-        from cavirheo.training.train import train
-
-        result = train(recipe, data, tmp_path / "run", **QUIET)
-        path = export(recipe, tmp_path / "run", tmp_path / "models")
-        found = load(data)
-        part = found.split(recipe.training.seed).validation
-        predicted = predict(path, found.radius[part])
-        columns = [recipe.problem.prior.names.index(name) for name in recipe.outputs]
-        for x, y in zip(predicted.T, found.theta[np.ix_(part, columns)].T, strict=True):
-            slope, offset = np.polyfit(x, y, 1)
-            assert slope == pytest.approx(1, abs=1e-3)
-            assert slope * x.mean() + offset == pytest.approx(x.mean(), abs=1e-4)
-        assert any(abs(slope - 1) > 0.01 for slope in result["calibration"]["slope"])
-
     def test_exported_model_is_the_trained_one(self, recipe, data, tmp_path, monkeypatch):
         pytest.importorskip("onnxscript")
         from cavirheo.training.export import export, load_model
@@ -432,7 +415,7 @@ class TestTorch:
         path = export(recipe, tmp_path / "run", tmp_path / "models", on=date(2026, 1, 2))
         assert sorted(p.name for p in path.parent.iterdir()) == ["tiny.json", "tiny.onnx"]
         radius = np.random.default_rng(0).random((600, 20), dtype=np.float32)
-        model = load_model(tmp_path / "run" / "best.safetensors", result["calibration"])
+        model = load_model(tmp_path / "run" / "best.safetensors")
         with self.torch.inference_mode():
             expected = model(self.torch.from_numpy(radius)).numpy()
         np.testing.assert_allclose(predict(path, radius), expected, atol=1e-4)  # 512 and 88 at a time
@@ -446,7 +429,6 @@ class TestTorch:
         assert [o["name"] for o in card["outputs"]] == list(recipe.outputs)
         assert card["outputs"][1]["unit"] == "Pa s"
         assert card["metrics"] == result["metrics"]
-        assert card["calibration"] == result["calibration"]
         assert card["data"]["failures"] == {"failed": 2}
         assert card["date"] == "2026-01-02"
 

@@ -51,7 +51,7 @@ def export(
         raise InputError(f"{run} is not a finished run ({error}); finish it with `cavirheo train`") from error
     if other := difference(result, recipe.settings()):
         raise InputError(f"{run} was not trained with this recipe: {other}")
-    model = load_model(run / "best.safetensors", result.get("calibration"))
+    model = load_model(run / "best.safetensors")
     folder.mkdir(parents=True, exist_ok=True)
     target = folder / f"{name or recipe.export.name}.onnx"
     temporary = target.with_suffix(".tmp.onnx")
@@ -72,15 +72,13 @@ def export(
     return target
 
 
-def load_model(checkpoint: Path, calibration: Mapping[str, list[float]] | None = None) -> Standardised:
-    """The network of a best.safetensors with its scaling and the calibration of its outputs, ready to answer."""
+def load_model(checkpoint: Path) -> Standardised:
+    """The network of a best.safetensors with its scaling, ready to answer."""
     weights, note = read_tensors(checkpoint)
     problem, outputs = Problem.from_dict(note["problem"]), tuple(note["outputs"])
     network = BubbleTransformer(NetworkTable(**note["network"]), problem.camera.frames, len(outputs))
     network.load_state_dict(weights)
     mean, std = scaling(problem.prior, outputs)
-    if calibration:
-        mean, std = mean + std * torch.tensor(calibration["offset"]), std * torch.tensor(calibration["slope"])
     return Standardised(network, mean, std).eval()
 
 
@@ -148,7 +146,6 @@ def card(path: Path, recipe: Recipe, result: Mapping[str, Any], deviation: float
         # of the figure of the losses; more digits than can be seen would be most of the card
         "history": {part: [float(f"{loss:.5g}") for loss in losses] for part, losses in result["history"].items()},
         "data": result["data"],
-        "calibration": result.get("calibration"),  # straight line on the standardised outputs, in the model already
         "metrics": result["metrics"],  # of the test part
         "onnx": {
             "sha256": hashlib.sha256(path.read_bytes()).hexdigest(),

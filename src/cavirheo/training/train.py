@@ -123,7 +123,7 @@ class _Run:
         text = TextColumn("training, {task.description}")
         with Progress(text, *columns, console=Console(stderr=True), disable=not progress) as bar:
             done = len(self.history)
-            task = bar.add_task(f"epoch {done + 1}/{epochs}", total=epochs * steps, completed=done * steps)
+            task = bar.add_task(f"epoch {min(done + 1, epochs)}/{epochs}", total=epochs * steps, completed=done * steps)
             for epoch in range(done, epochs):
                 began = time.perf_counter()
                 train_loss = self._epoch(epoch, lambda: bar.advance(task))
@@ -205,29 +205,13 @@ class _Run:
         groups = self.optimiser.state_dict()["param_groups"]
         self.optimiser.load_state_dict({"state": adam, "param_groups": groups})
 
-    def _calibration(self) -> dict[str, list[float]]:
-        """Straight line of the true over the predicted standardised outputs, from the validation part alone.
-
-        A network trained with dropout and asked without it answers on a scale that is off by several per cent, for its
-        nonlinear layers see inputs that vary less. The line undoes that; `export` writes it into the model.
-        """
-        predicted, truth = (
-            tensor.cpu().double().numpy() for tensor in (self._predict("validation"), self.parts["validation"][1])
-        )
-        lines = [np.polyfit(x, y, 1).tolist() for x, y in zip(predicted.T, truth.T, strict=True)]
-        return {"slope": [slope for slope, _ in lines], "offset": [offset for _, offset in lines]}
-
     def finish(self) -> None:
         """Look at the test part with the best weights and write the result."""
         weights, about = read_tensors(self.folder / "best.safetensors")
         self.network.load_state_dict(weights)
         mean, std = scaling(self.recipe.problem.prior, self.recipe.outputs)
-        calibration = self._calibration()
         radius, target = (tensor.cpu() for tensor in self.parts["test"])
-        predicted = self._predict("test").cpu() * torch.tensor(calibration["slope"]) + torch.tensor(
-            calibration["offset"]
-        )
-        truth, predicted = target * std + mean, predicted * std + mean
+        truth, predicted = target * std + mean, self._predict("test").cpu() * std + mean
         np.savez(self.folder / "test.npz", radius=radius.numpy(), truth=truth.numpy(), predicted=predicted.numpy())
         data = self.data
         result = self.recipe.settings() | {
@@ -239,7 +223,6 @@ class _Run:
             "device": torch.cuda.get_device_name(self.device) if self.device.type == "cuda" else self.device.type,
             "parameters": sum(p.numel() for p in self.network.parameters()),
             "history": {key: [entry[key] for entry in self.history] for key in ("train", "validation")},
-            "calibration": calibration,
             "data": {
                 "n": len(data.theta),
                 "seed": data.seed,
