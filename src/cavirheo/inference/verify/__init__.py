@@ -5,7 +5,8 @@
 | prior | proper priors; the coordinates u in which each is the standard normal |
 | likelihood | camera model, noise of unknown size, discrepancy |
 | mode | the maximum of the posterior, Laplace |
-| surrogate | the shape of the posterior, cheaply |
+| surrogate | the posterior that a few hundred simulations let expect |
+| explore | where to draw: from the surrogate, about the modes, in valleys found on the way |
 | sampler | importance weights, effective size, evidence: of any density |
 | predictive | could this law have left these residuals? |
 | evidence | which of several laws |
@@ -30,12 +31,12 @@ from cavirheo.inference.fit.parameters import FREE, SCALE_BOUND, Family, Setting
 from cavirheo.inference.fit.search import Fit
 from cavirheo.inference.fit.shots import FINE, QUICK, Shot
 from cavirheo.inference.reconstruct import MISFIT
+from cavirheo.inference.verify.explore import Explorer
 from cavirheo.inference.verify.likelihood import Likelihood
-from cavirheo.inference.verify.mode import Mode, Target, climb, modes, ridge
+from cavirheo.inference.verify.mode import Mode, Target, climb, modes
 from cavirheo.inference.verify.predictive import Predictive, predictive_check, systematic
 from cavirheo.inference.verify.prior import Prior, log_normal, prior_of
-from cavirheo.inference.verify.sampler import RELIABLE, Mixture, Sample, sample
-from cavirheo.inference.verify.surrogate import Surrogate
+from cavirheo.inference.verify.sampler import RELIABLE, Sample, sample
 from cavirheo.physics.media import WATER, Medium
 from cavirheo.posterior import Posterior, Verdict
 
@@ -178,33 +179,29 @@ class _Work:
 
     def posterior(self, draws: int) -> Posterior:
         found = modes(self.target, self._starts(), QUICK)
-        best = next((mode for rough in found if (mode := climb(self.target, rough.u, FINE))), None)
-        if best is None:
+        if not found:
             raise SolverError(f"no start of {self.family.name} could be simulated")
         about: dict[str, Any] = {
             "verify": self.settings.level, "discrepancy": self.settings.discrepancy, "prior": self.prior.to_dict(),
-            "exposure_s": self.likelihood.exposure, "modes": len(found), "proposal": self.answer.method,
+            "exposure_s": self.likelihood.exposure, "proposal": self.answer.method,
         }  # fmt: skip
         if self.settings.level == "map":
-            u = _gaussian(best, draws, self.seed)
-            about["log_evidence_laplace"] = best.log_evidence
-            return self._answer(u, None, None, best, about, "least_squares")
+            best = self._best(found)
+            about |= {"log_evidence_laplace": best.log_evidence, "modes": len(found)}
+            return self._answer(_gaussian(best, draws, self.seed), None, None, best, about, "least_squares")
         if self.settings.adapt:
-            places = [place for mode in found for place in (mode, *ridge(self.target, mode, QUICK))]
-            start = Mixture.about(
-                [place.u for place in places], [place.covariance for place in places],
-                [place.log_evidence - found[0].log_evidence for place in places],
-            )  # fmt: skip
+            explorer = Explorer(self.target, found, QUICK, FINE)
             drawn = sample(
-                lambda u: self.target(u, FINE), start, seed=self.seed, each=min(EACH, draws), most=draws,
-                enough=ENOUGH, shape=Surrogate(self.target, QUICK).shape,
-            )  # fmt: skip
+                explorer, explorer.propose, seed=self.seed, each=min(EACH, draws), most=draws, enough=ENOUGH
+            )
+            found = explorer.modes
         else:
             drawn = self._weighted(draws)
+        best = self._best(found)
         log_evidence, error = drawn.log_evidence
         about |= {
             "effective_sample_size": drawn.ess, "draws": len(drawn.u), "tail_index": drawn.tail,
-            "log_evidence": log_evidence, "log_evidence_error": error,
+            "log_evidence": log_evidence, "log_evidence_error": error, "modes": len(found),
         }  # fmt: skip
         if drawn.ess < FEWEST or drawn.tail > RELIABLE:
             self.messages.append(
@@ -213,6 +210,14 @@ class _Work:
             )
             return self._answer(best.u[None], None, None, best, about, "verified")
         return self._answer(drawn.u, drawn.log_q, drawn.log_weight, best, about, "verified")
+
+    def _best(self, found: Sequence[Mode]) -> Mode:
+        """The highest of rough modes that the default solver can simulate, at its maximum."""
+        for rough in sorted(found, key=lambda mode: -mode.log_posterior):
+            mode = climb(self.target, rough.u, FINE)
+            if mode is not None:
+                return mode
+        raise SolverError(f"no mode of {self.family.name} could be simulated")
 
     def _values(self, given: Mapping[str, Any]) -> Floats | None:
         """u from natural values by name; nuisances that are not among them at their middle. None if one is missing."""

@@ -82,10 +82,27 @@ class Noise:
         constant = gammaln(self.power) - gammaln(SHAPE) - 0.5 * self.size * np.log(2.0 * np.pi * SHAPE)
         self.constants = constant - 0.5 * np.array([part.log_det for part in self.parts]) + self.log_prior
 
+    def solved(self, columns: Floats) -> list[Floats]:
+        """C^-1 columns, (n, k), for each grid point."""
+        return [part.solve(columns) for part in self.parts]
+
+    def _joint(self, squares: Floats) -> Floats:
+        """(grid, k) log joint density of grid point and residual, from e' C^-1 e."""
+        return np.asarray(self.constants[:, None] - self.power * np.log1p(squares / (2.0 * SHAPE)))
+
     def _terms(self, residuals: Floats) -> tuple[Floats, Floats]:
         """(grid, k) log joint density of grid point and residual, and e' C^-1 e."""
         squares = np.array([np.sum(residuals * part.solve(residuals), axis=0) for part in self.parts])
-        return self.constants[:, None] - self.power * np.log1p(squares / (2.0 * SHAPE)), squares
+        return self._joint(squares), squares
+
+    def log_density_of(self, squares: Floats, half_log_det: Floats) -> Floats:
+        """(k,) log density where e' C^-1 e is known, (grid, k), and what 0.5 log |C| is larger by."""
+        return np.asarray(logsumexp(self._joint(squares) - half_log_det, axis=0))
+
+    def factor(self, squares: Floats) -> float:
+        """k^2 on average over the grid, for one residual with e' C^-1 e (grid,)."""
+        terms = self._joint(squares[:, None])[:, 0]
+        return float(np.exp(terms - logsumexp(terms)) @ (SHAPE + 0.5 * squares) / self.power)
 
     def log_density(self, residuals: Floats) -> Floats:
         """(k,) of residuals (k, n); -inf where one is not finite."""

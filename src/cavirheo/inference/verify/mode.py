@@ -142,6 +142,12 @@ def ridge(target: Target, mode: Mode, accuracy: dict[str, Any]) -> list[Mode]:
     return found
 
 
+def same(mode: Mode, other: Mode) -> bool:
+    """Nearer to each other than their Gaussians are wide."""
+    off = mode.u - other.u
+    return bool(off @ np.linalg.solve(other.covariance + mode.covariance, off) < NEAR**2)
+
+
 def modes(target: Target, starts: Sequence[Floats], accuracy: dict[str, Any]) -> list[Mode]:
     """Distinct maxima from the starts (d,) in u, best first; those far below the best are left out."""
     found: list[Mode] = []
@@ -150,8 +156,7 @@ def modes(target: Target, starts: Sequence[Floats], accuracy: dict[str, Any]) ->
         if mode is None:
             continue
         for other in found:
-            difference = mode.u - other.u
-            if difference @ np.linalg.solve(other.covariance + mode.covariance, difference) < NEAR**2:
+            if same(mode, other):
                 if mode.log_posterior > other.log_posterior:
                     found[found.index(other)] = mode
                 break

@@ -12,6 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,7 +20,6 @@ from scipy.special import gammaln, logsumexp
 
 Floats = NDArray[np.float64]
 Log = Callable[[Floats], Floats]
-Shape = Callable[["Mixture", np.random.Generator], "Mixture"]
 
 FREEDOM = 8.0  # degrees of the Student's t
 STEPS = 3  # of expectation maximisation after each round
@@ -50,6 +50,14 @@ class Mixture:
         """With WIDE of the draws from the same components GROWN times as wide: fitted shapes lose their tails."""
         share = np.concatenate([(1.0 - WIDE) * self.share, WIDE * self.share])
         return Mixture(share, np.tile(self.mean, (2, 1)), np.concatenate([self.scale, GROWN**2 * self.scale]))
+
+    def beside(self, other: Mixture, part: float) -> Mixture:
+        """With `part` of the draws from the other."""
+        return Mixture(
+            np.concatenate([(1.0 - part) * self.share, part * other.share]),
+            np.concatenate([self.mean, other.mean]),
+            np.concatenate([self.scale, other.scale]),
+        )
 
     def draw(self, count: int, rng: np.random.Generator) -> Floats:
         """(count, d)"""
@@ -135,40 +143,50 @@ class Sample:
         return tail_index(self.log_weight)
 
 
+class Proposal(Protocol):
+    """A density that can be drawn from; it must be normalised."""
+
+    def draw(self, count: int, rng: np.random.Generator) -> Floats: ...
+
+    def log_density(self, u: Floats) -> Floats: ...
+
+
+Propose = Callable[[np.random.Generator], Proposal]
+
+
 def sample(
-    target: Log, start: Mixture, *, seed: int, each: int, most: int, enough: float, shape: Shape | None = None
+    target: Log, start: Mixture | Propose, *, seed: int, each: int, most: int, enough: float
 ) -> Sample:
     """Rounds of `each` draws of a log density until their effective size is `enough` (and their tail index in order) or
-    there are `most`. While a draw is worth less than GOOD, the proposal is fitted to the draws after each round.
+    there are `most`.
 
-    `shape` brings the start nearer to the target before anything counts (surrogate.py). The draws depend on the seed,
-    the target and the start alone.
+    `start` gives the proposal of each round, or is that of the first: then, while a draw is worth less than GOOD, the
+    proposal is fitted to the draws after each round. The draws depend on the seed, the target and the start alone.
     """
     rng = np.random.Generator(np.random.Philox(seed))
-    proposal = shape(start, rng) if shape else start
-    found: Rounds | None = None
-    while found is None or (len(found[0].u) < most and (found[0].ess < enough or found[0].tail > RELIABLE)):
-        found = _joined(found, proposal, target, min(each, most - (len(found[0].u) if found else 0)), rng)
-        if np.any(np.isfinite(found[0].log_weight)) and found[0].ess < GOOD * len(found[0].u):
-            proposal = proposal.fitted(found[0].u, found[0].log_weight)
-    return found[0]
+    mixture = start if isinstance(start, Mixture) else None
+    proposals: list[tuple[int, Proposal]] = []
+    found: Sample | None = None
+    while found is None or (len(found.u) < most and (found.ess < enough or found.tail > RELIABLE)):
+        proposal = mixture.widened() if mixture else start(rng)  # type: ignore[operator]
+        proposals.append((min(each, most - (len(found.u) if found else 0)), proposal))
+        found = _joined(found, proposals, target, rng)
+        if mixture and np.any(np.isfinite(found.log_weight)) and found.ess < GOOD * len(found.u):
+            mixture = mixture.fitted(found.u, found.log_weight)
+    return found
 
 
-Rounds = tuple[Sample, list[tuple[int, Mixture]]]
-
-
-def _joined(before: Rounds | None, proposal: Mixture, target: Log, count: int, rng: np.random.Generator) -> Rounds:
-    """The draws so far and a new round, against the mixture of all proposals."""
-    proposal = proposal.widened()
+def _joined(
+    before: Sample | None, proposals: list[tuple[int, Proposal]], target: Log, rng: np.random.Generator
+) -> Sample:
+    """The draws so far and those of the last proposal, against the mixture of all proposals."""
+    count, proposal = proposals[-1]
     u = proposal.draw(count, rng)
     value = target(u)
-    proposals = [(count, proposal)]
     if before:
-        u = np.concatenate([before[0].u, u])
-        value = np.concatenate([before[0].log_target, value])
-        proposals = [*before[1], *proposals]
+        u, value = np.concatenate([before.u, u]), np.concatenate([before.log_target, value])
     log_q = logsumexp([np.log(n / len(u)) + q.log_density(u) for n, q in proposals], axis=0)
-    return Sample(u, value, np.asarray(log_q)), proposals
+    return Sample(u, value, np.asarray(log_q))
 
 
 def effective_size(log_weight: Floats) -> float:

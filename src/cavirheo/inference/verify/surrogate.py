@@ -1,94 +1,108 @@
-"""The posterior without simulations: residuals as polynomials of u, learnt from rough simulations near its maximum.
+"""What simulations near a maximum of the posterior say about it everywhere: a Gaussian process for the frames.
 
-It only gives a proposal its shape, bends and long tails included, which thousands of draws show and some hundred do
-not: what counts in a posterior is simulated.
+The residuals of all frames, in their few common directions, are Gaussian processes of u with one kernel (Rasmussen and
+Williams 2006, ch. 2 and 5.4.2, gaussianprocess.org/gpml): a Matern function and a linear trend in coordinates whitened
+by the posterior. The surrogate is the *expected* likelihood, the process' own variance added to that of the noise:
+where little is known it neither claims a likely place nor excludes one. It only shapes proposals (explore.py): what
+counts in a posterior is simulated.
 """
 
 from __future__ import annotations
 
-from itertools import combinations_with_replacement
-from math import comb
-from typing import Any
-
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg import cho_factor, cho_solve, solve_triangular
 
-from cavirheo.inference.verify.mode import Target
+from cavirheo.inference.verify.likelihood import Noise
 from cavirheo.inference.verify.prior import log_normal
-from cavirheo.inference.verify.sampler import Mixture, effective_size
 
 Floats = NDArray[np.float64]
 
-ROUNDS, LEARNT = 3, 200  # simulations a round
-FITS, DRAWS = 5, 4000  # of the mixture to the surrogate after each, and draws for each
-DEGREE = 3  # at most
-SPARE = 1.5  # simulations per coefficient
-NEAR = 10.0  # log posterior below the best at which a simulation counts 1/e
-RIDGE = 1e-8  # of the normal equations, relative
-BEYOND = 1.2  # distance over that of the farthest simulation, beyond which nothing is known
+LENGTH = 5.0  # of the Matern function, in standard deviations of the (flattened) posterior
+FLAT = 10.0  # log posterior below the best at which a simulation counts 1/e in them
+NUGGET, MISTRUST, LEAST = 1e-3, 3.0, 300.0  # of a simulation; grows with its distance below the best, log posterior
+SHARE = 0.03  # of the noise, below which a common direction of the residuals is left out
+DIRECTIONS = 40  # at most
+LARGEST = 900  # simulations at most, the most likely ones: time grows with their square
+BEYOND = 1.5  # distance over that of the farthest simulation, beyond which nothing is claimed
 
 
 class Surrogate:
-    """log posterior of u (k, d) from the simulations that `learn` was given. Failed simulations teach nothing."""
+    """log of the expected posterior of u (k, d), from simulations at u (m, d) with residuals (m, n) and log posterior
+    value (m,), all finite and more than 2 (d + 1)."""
 
-    def __init__(self, target: Target, accuracy: dict[str, Any]) -> None:
-        self.target, self.accuracy = target, accuracy
-        self.u = np.empty((0, len(target.prior.names)))
-        self.residual = np.empty((0, len(target.likelihood.measured)))
-        self.known = False
+    def __init__(self, noise: Noise, u: Floats, residual: Floats, value: Floats) -> None:
+        self.noise, d = noise, u.shape[1]
+        kept = np.argsort(-value, kind="stable")[:LARGEST]
+        u, residual, below = u[kept], residual[kept], value[kept[0]] - value[kept]
+        weight = np.exp(-below / FLAT)
+        self.centre = weight @ u / np.sum(weight)
+        off = u - self.centre
+        self.root = np.linalg.cholesky((off.T * weight) @ off / np.sum(weight) + 1e-9 * np.eye(d))
+        self.z = self._whitened(u)
+        self.limit = BEYOND**2 * float(np.max(np.sum(self.z**2, axis=1)))
+        trust = (1.0 + below / MISTRUST) ** -2.0
+        columns, along = _directions(residual, noise.deviation, trust / np.sum(trust))
 
-    def shape(self, proposal: Mixture, rng: np.random.Generator) -> Mixture:
-        """The proposal, fitted to the posterior in rounds of simulations where it and its tails are."""
-        for _ in range(ROUNDS):
-            self.learn(proposal.widened().draw(LEARNT, rng))
-            for _ in range(FITS if self.known else 0):
-                wide = proposal.widened()
-                u = wide.draw(DRAWS, rng)
-                log_weight = self(u) - wide.log_density(u)
-                if np.any(np.isfinite(log_weight)):
-                    proposal = proposal.fitted(u, log_weight)
-        return proposal
+        kernel = self._kernel(self.z)
+        kernel[np.diag_indices_from(kernel)] += NUGGET * np.minimum((1.0 + below / MISTRUST) ** 3, LEAST)
+        self.factor = cho_factor(kernel, lower=True)
+        inverse = cho_solve(self.factor, np.eye(len(kernel)))
+        self.coefficients = inverse @ along
+        left_out = self.coefficients**2 / np.diag(inverse)[:, None]  # (y - y left out)^2 over its variance
+        size = np.sqrt(trust @ left_out / np.sum(trust)) + 1e-9  # of each process, (directions,)
+        self._forms(columns, size, np.append(along[0], 1.0))
 
-    def learn(self, u: Floats) -> None:
-        """Simulate u (k, d) and fit all residuals so far."""
-        residual = self.target.residuals(u, self.accuracy)
-        good = np.all(np.isfinite(residual), axis=1)
-        self.u = np.concatenate([self.u, u[good]])
-        self.residual = np.concatenate([self.residual, residual[good]])
-        if not len(self.u):
-            return
-        value = self.target.likelihood.noise.log_density(self.residual) + log_normal(self.u)
-        log_weight = (value - np.max(value)) / NEAR
-        worth, d = effective_size(log_weight), self.u.shape[1]
-        degrees = [degree for degree in range(1, DEGREE + 1) if worth > SPARE * comb(d + degree, degree)]
-        self.known = bool(degrees)
-        if not self.known:
-            return
-        weight = np.exp(log_weight)
-        self.centre = weight @ self.u / np.sum(weight)
-        off = self.u - self.centre
-        self.root = np.linalg.cholesky((off.T * weight) @ off / np.sum(weight))
-        z = self._whitened(self.u)
-        self.limit = BEYOND**2 * float(np.max(np.sum(z**2, axis=1)))
-        self.terms = [
-            term for degree in range(degrees[-1] + 1) for term in combinations_with_replacement(range(d), degree)
-        ]
-        powers = self._powers(z)
-        normal = (powers.T * weight) @ powers
-        normal[np.diag_indices_from(normal)] *= 1.0 + RIDGE
-        self.coefficients = np.linalg.solve(normal, (powers.T * weight) @ self.residual)
+    def _forms(self, columns: Floats, size: Floats, best: Floats) -> None:
+        """For each covariance C of the noise: e' C^-1 e as a quadratic form of the directions, and its axes in units of
+        the processes' sizes."""
+        forms = [columns.T @ solved for solved in self.noise.solved(columns)]
+        squares = np.array([best @ form @ best for form in forms])
+        self.scale = self.noise.factor(squares)  # k^2, as at the best
+        self.parts = []
+        for form in forms:
+            axes = np.linalg.eigh(size[:, None] * form[:-1, :-1] * size)
+            root = np.linalg.cholesky(form + 1e-12 * np.trace(form) * np.eye(len(form)))
+            self.parts.append((root, axes.eigenvectors.T @ (size[:, None] * form[:-1]), np.maximum(axes.eigenvalues, 0)))
 
     def __call__(self, u: Floats) -> Floats:
         z = self._whitened(u)
-        near = np.sum(z**2, axis=1) <= self.limit
         value = np.full(len(u), -np.inf)
-        residual = self._powers(z[near]) @ self.coefficients
-        value[near] = self.target.likelihood.noise.log_density(residual) + log_normal(u[near])
+        near = np.sum(z**2, axis=1) <= self.limit
+        if not np.any(near):
+            return value
+        z = z[near]
+        kernel = self._kernel(z, self.z)
+        known = solve_triangular(self.factor[0], kernel.T, lower=True, check_finite=False)
+        variance = np.maximum(2.0 + np.sum(z**2, axis=1) / z.shape[1] - np.sum(known**2, axis=0), 0.0) / self.scale
+        mean = np.column_stack([kernel @ self.coefficients, np.ones(len(z))])
+        squares, half_log_det = np.empty((2, len(self.parts), len(z)))
+        for i, (root, across, stiff) in enumerate(self.parts):
+            # (C + V S V')^-1 and its determinant by Woodbury, S the variance of the processes
+            spread = variance[:, None] * stiff
+            softened = variance[:, None] / (1.0 + spread) * (mean @ across.T) ** 2
+            squares[i] = np.sum((mean @ root) ** 2, axis=1) - np.sum(softened, axis=1)
+            half_log_det[i] = 0.5 * np.sum(np.log1p(spread), axis=1)
+        value[near] = self.noise.log_density_of(np.maximum(squares, 0.0), half_log_det) + log_normal(u[near])
         return value
 
     def _whitened(self, u: Floats) -> Floats:
         return np.asarray(np.linalg.solve(self.root, (u - self.centre).T).T)
 
-    def _powers(self, z: Floats) -> Floats:
-        """(k, terms)"""
-        return np.column_stack([np.prod(z[:, list(term)], axis=1) for term in self.terms])
+    def _kernel(self, z: Floats, other: Floats | None = None) -> Floats:
+        """(k, m) Matern function of order 5/2 and linear trend."""
+        other = z if other is None else other
+        product = z @ other.T
+        squares = np.sum(z**2, axis=1)[:, None] + np.sum(other**2, axis=1) - 2.0 * product
+        distance = np.sqrt(np.maximum(5.0 * squares, 0.0)) / LENGTH
+        return np.asarray((1.0 + distance + distance**2 / 3.0) * np.exp(-distance) + 1.0 + product / z.shape[1])
+
+
+def _directions(residual: Floats, deviation: Floats, weight: Floats) -> tuple[Floats, Floats]:
+    """Columns (n, c + 1), the last one the first residual, and (m, c): residual = columns @ [along, 1] but for what is
+    far below the noise."""
+    off = (residual - residual[0]) / deviation
+    values, vectors = np.linalg.eigh((off.T * weight) @ off)
+    count = int(np.clip(np.count_nonzero(values > SHARE**2), 1, DIRECTIONS))
+    vectors = vectors[:, ::-1][:, :count]
+    return np.column_stack([vectors * deviation[:, None], residual[0]]), off @ vectors

@@ -1,0 +1,136 @@
+"""Where to draw: modes, what a surrogate makes of simulations about them, and valleys that turn up on the way."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import logsumexp
+
+from cavirheo.inference.verify.mode import Mode, Target, climb, ridge, same
+from cavirheo.inference.verify.prior import log_normal
+from cavirheo.inference.verify.sampler import Mixture, effective_size
+from cavirheo.inference.verify.surrogate import Surrogate
+
+Floats = NDArray[np.float64]
+
+ROUNDS, LEARNT = 3, 200  # rough simulations before any draw counts
+FITS, POOL = 2, 2000  # of the mixture to the surrogate after each round, and free draws for each
+WELL = 0.3  # effective draws over draws of the pool, from which the mixture fits
+FLATTER = 0.6  # power of the surrogate that the mixture is fitted to: it is there for what the surrogate misses
+MIXED = 0.4  # share of the draws from the mixture, the others from the surrogate itself
+KEPT = 0.3  # share of the mixture's draws that stay with the modes
+HIGHER = 1.0  # log posterior above the best mode from which a draw is in another valley
+VALLEYS = 3  # climbed into at most
+
+
+@dataclass(frozen=True, eq=False)
+class Blend:
+    """Draws from a surrogate, by resampling a pool, and from a mixture."""
+
+    surrogate: Surrogate
+    pool: Floats  # (k, d), drawn from the mixture
+    log_weight: Floats  # (k,), of the surrogate over the mixture
+    mixture: Mixture
+
+    def draw(self, count: int, rng: np.random.Generator) -> Floats:
+        """(count, d)"""
+        mixed = int(np.ceil(MIXED * count))
+        share = np.exp(self.log_weight - logsumexp(self.log_weight))
+        chosen = rng.choice(len(share), count - mixed, p=share, replace=np.count_nonzero(share) < count)
+        return np.concatenate([self.pool[chosen], self.mixture.draw(mixed, rng)])
+
+    def log_density(self, u: Floats) -> Floats:
+        """(k,) at u (k, d)."""
+        norm = logsumexp(self.log_weight) - np.log(len(self.log_weight))
+        return np.logaddexp(
+            np.log(1.0 - MIXED) + self.surrogate(u) - norm, np.log(MIXED) + self.mixture.log_density(u)
+        )
+
+
+class Explorer:
+    """Proposals for the posterior of a shot that learn from every simulation, from its modes on.
+
+    quick, fine: accuracies of the simulations that only teach and of those that count.
+    """
+
+    def __init__(self, target: Target, modes: Sequence[Mode], quick: dict[str, Any], fine: dict[str, Any]) -> None:
+        self.target, self.quick, self.fine = target, quick, fine
+        self.u = np.empty((0, len(target.prior.names)))
+        self.residual = np.empty((0, len(target.likelihood.measured)))
+        self.value = np.empty(0)
+        self.modes, self.places, self.climbed = list(modes), [], 0
+        for mode in modes:
+            self._settle(mode)
+        self.mixture = self.start
+
+    def _settle(self, mode: Mode) -> None:
+        """A mode and the ridge through it become places to draw about."""
+        self.places += [mode, *ridge(self.target, mode, self.quick)]
+        best = max(place.log_evidence for place in self.places)
+        self.start = Mixture.about(
+            [place.u for place in self.places], [place.covariance for place in self.places],
+            [place.log_evidence - best for place in self.places],
+        )  # fmt: skip
+
+    def simulated(self, u: Floats, accuracy: dict[str, Any]) -> Floats:
+        """(k,) log posterior of u (k, d), which the next proposal knows; -inf where the simulation failed."""
+        residual = self.target.residuals(u, accuracy)
+        value = self.target.likelihood.noise.log_density(residual) + log_normal(u)
+        good = np.isfinite(value)
+        self.u = np.concatenate([self.u, u[good]])
+        self.residual = np.concatenate([self.residual, residual[good]])
+        self.value = np.concatenate([self.value, value[good]])
+        return np.asarray(value)
+
+    def __call__(self, u: Floats) -> Floats:
+        """The log posterior, by simulations that count."""
+        return self.simulated(u, self.fine)
+
+    def propose(self, rng: np.random.Generator) -> Blend | Mixture:
+        """The next proposal; before the first, rounds of rough simulations where the posterior and its tails seem to
+        be, and one more for each other valley found there."""
+        proposal: Blend | Mixture = self.start.widened()
+        if not len(self.u):
+            rounds = 0
+            while rounds < ROUNDS + self.climbed:
+                self.simulated(proposal.draw(LEARNT, rng), self.quick)
+                self._other_valley()
+                proposal, rounds = self._learnt(rng), rounds + 1
+            return proposal
+        self._other_valley()
+        return self._learnt(rng)
+
+    def _other_valley(self) -> None:
+        """Climb from the best simulation if it lies above all modes, which must then be beside the highest."""
+        top = int(np.argmax(self.value)) if len(self.value) else -1
+        if top < 0 or self.climbed == VALLEYS:
+            return
+        if self.value[top] < max(mode.log_posterior for mode in self.modes) + HIGHER:
+            return
+        self.climbed += 1
+        mode = climb(self.target, self.u[top], self.quick)
+        if mode is not None and not any(same(mode, other) for other in self.modes):
+            self.modes.append(mode)
+            self._settle(mode)
+
+    def _learnt(self, rng: np.random.Generator) -> Blend | Mixture:
+        """A proposal from all simulations so far; where they are too few, the modes."""
+        mixture = self.mixture.beside(self.start, KEPT).widened()
+        if len(self.u) <= 2 * (self.u.shape[1] + 1):
+            return mixture
+        surrogate = Surrogate(self.target.likelihood.noise, self.u, self.residual, self.value)
+        for _ in range(FITS + 1):
+            pool = mixture.draw(POOL, rng)
+            log_surrogate, log_mixture = surrogate(pool), mixture.log_density(pool)
+            if not np.any(np.isfinite(log_surrogate)):
+                return mixture
+            blend = Blend(surrogate, pool, log_surrogate - log_mixture, mixture)
+            if effective_size(blend.log_weight) > WELL * POOL:
+                break
+            self.mixture = self.mixture.fitted(pool, FLATTER * log_surrogate - log_mixture)
+            mixture = self.mixture.beside(self.start, KEPT).widened()
+        return blend
