@@ -45,8 +45,8 @@ __all__ = ["Estimator", "LeastSquares", "Verified", "verify_many"]
 Floats = NDArray[np.float64]
 Level = Literal["map", "full"]
 
-DRAWS = 1200  # most simulations whose weights count
-EACH = 300  # a round
+DRAWS = 1800  # most simulations whose weights count
+EACH = 200  # a round
 ENOUGH = 400.0  # effective draws at which sampling ends
 FEWEST = 100.0  # effective draws below which no interval is given
 NARROWEST = 0.02  # t_c: half-width of the time origin's range where half a frame is less; R_max is hardly seen sooner
@@ -191,9 +191,7 @@ class _Work:
             return self._answer(_gaussian(best, draws, self.seed), None, None, best, about, "least_squares")
         if self.settings.adapt:
             explorer = Explorer(self.target, found, QUICK, FINE)
-            drawn = sample(
-                explorer, explorer.propose, seed=self.seed, each=min(EACH, draws), most=draws, enough=ENOUGH
-            )
+            drawn = sample(explorer, explorer.propose, seed=self.seed, each=min(EACH, draws), most=draws, enough=ENOUGH)
             found = explorer.modes
         else:
             drawn = self._weighted(draws)

@@ -12,18 +12,18 @@ from scipy.special import logsumexp
 
 from cavirheo.inference.verify.mode import Mode, Target, climb, ridge, same
 from cavirheo.inference.verify.prior import log_normal
-from cavirheo.inference.verify.sampler import Mixture, effective_size
+from cavirheo.inference.verify.sampler import Mixture, Sample, effective_size
 from cavirheo.inference.verify.surrogate import Surrogate
 
 Floats = NDArray[np.float64]
 
 ROUNDS, LEARNT = 3, 200  # rough simulations before any draw counts
-FITS, POOL = 2, 2000  # of the mixture to the surrogate after each round, and free draws for each
-WELL = 0.3  # effective draws over draws of the pool, from which the mixture fits
+FITS, POOL = 5, 2000  # at most, of the mixture to the surrogate after each round, and free draws for each
+WELL = 0.2  # effective draws over draws of the pool, from which the mixture fits
 FLATTER = 0.6  # power of the surrogate that the mixture is fitted to: it is there for what the surrogate misses
 MIXED = 0.4  # share of the draws from the mixture, the others from the surrogate itself
 KEPT = 0.3  # share of the mixture's draws that stay with the modes
-HIGHER = 1.0  # log posterior above the best mode from which a draw is in another valley
+HIGHER = 0.5  # log posterior above the best mode from which a draw is in another valley
 VALLEYS = 3  # climbed into at most
 
 
@@ -40,15 +40,13 @@ class Blend:
         """(count, d)"""
         mixed = int(np.ceil(MIXED * count))
         share = np.exp(self.log_weight - logsumexp(self.log_weight))
-        chosen = rng.choice(len(share), count - mixed, p=share, replace=np.count_nonzero(share) < count)
+        chosen = rng.choice(len(share), count - mixed, p=share, replace=bool(np.count_nonzero(share) < count))
         return np.concatenate([self.pool[chosen], self.mixture.draw(mixed, rng)])
 
     def log_density(self, u: Floats) -> Floats:
         """(k,) at u (k, d)."""
         norm = logsumexp(self.log_weight) - np.log(len(self.log_weight))
-        return np.logaddexp(
-            np.log(1.0 - MIXED) + self.surrogate(u) - norm, np.log(MIXED) + self.mixture.log_density(u)
-        )
+        return np.logaddexp(np.log(1.0 - MIXED) + self.surrogate(u) - norm, np.log(MIXED) + self.mixture.log_density(u))
 
 
 class Explorer:
@@ -62,7 +60,8 @@ class Explorer:
         self.u = np.empty((0, len(target.prior.names)))
         self.residual = np.empty((0, len(target.likelihood.measured)))
         self.value = np.empty(0)
-        self.modes, self.places, self.climbed = list(modes), [], 0
+        self.modes, self.climbed = list(modes), 0
+        self.places: list[Mode] = []
         for mode in modes:
             self._settle(mode)
         self.mixture = self.start
@@ -90,19 +89,19 @@ class Explorer:
         """The log posterior, by simulations that count."""
         return self.simulated(u, self.fine)
 
-    def propose(self, rng: np.random.Generator) -> Blend | Mixture:
-        """The next proposal; before the first, rounds of rough simulations where the posterior and its tails seem to
-        be, and one more for each other valley found there."""
+    def propose(self, rng: np.random.Generator, counted: Sample | None) -> Blend | Mixture:
+        """The next proposal, from the draws that count so far too; before the first, rounds of rough simulations where
+        the posterior and its tails seem to be, and one more for each other valley found there."""
         proposal: Blend | Mixture = self.start.widened()
         if not len(self.u):
             rounds = 0
             while rounds < ROUNDS + self.climbed:
                 self.simulated(proposal.draw(LEARNT, rng), self.quick)
                 self._other_valley()
-                proposal, rounds = self._learnt(rng), rounds + 1
+                proposal, rounds = self._learnt(rng, None), rounds + 1
             return proposal
         self._other_valley()
-        return self._learnt(rng)
+        return self._learnt(rng, counted)
 
     def _other_valley(self) -> None:
         """Climb from the best simulation if it lies above all modes, which must then be beside the highest."""
@@ -117,13 +116,16 @@ class Explorer:
             self.modes.append(mode)
             self._settle(mode)
 
-    def _learnt(self, rng: np.random.Generator) -> Blend | Mixture:
+    def _learnt(self, rng: np.random.Generator, counted: Sample | None) -> Blend | Mixture:
         """A proposal from all simulations so far; where they are too few, the modes."""
         mixture = self.mixture.beside(self.start, KEPT).widened()
         if len(self.u) <= 2 * (self.u.shape[1] + 1):
             return mixture
         surrogate = Surrogate(self.target.likelihood.noise, self.u, self.residual, self.value)
-        for _ in range(FITS + 1):
+        if counted and np.any(np.isfinite(counted.log_weight)):
+            self.mixture = self.mixture.fitted(counted.u, counted.log_weight)
+            mixture = self.mixture.beside(self.start, KEPT).widened()
+        for _ in range(FITS):
             pool = mixture.draw(POOL, rng)
             log_surrogate, log_mixture = surrogate(pool), mixture.log_density(pool)
             if not np.any(np.isfinite(log_surrogate)):

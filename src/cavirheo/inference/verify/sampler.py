@@ -26,6 +26,7 @@ STEPS = 3  # of expectation maximisation after each round
 GOOD = 0.4  # effective draws over draws, from which a proposal stays as it is
 WIDE, GROWN = 0.2, 2.0  # share of the draws that look for what the fitted shape misses, and how much wider they are
 SMALLEST = 0.005  # share of a component below which it is dropped
+LEAST = 3  # rounds: two that look good may only not have met the tails yet
 TAIL = 0.2  # of the draws, that the tail index looks at
 RELIABLE = 0.7  # tail index above which the mean of the weights cannot be trusted
 
@@ -151,29 +152,41 @@ class Proposal(Protocol):
     def log_density(self, u: Floats) -> Floats: ...
 
 
-Propose = Callable[[np.random.Generator], Proposal]
+Propose = Callable[[np.random.Generator, "Sample | None"], Proposal]
 
 
-def sample(
-    target: Log, start: Mixture | Propose, *, seed: int, each: int, most: int, enough: float
-) -> Sample:
-    """Rounds of `each` draws of a log density until their effective size is `enough` (and their tail index in order) or
-    there are `most`.
+def sample(target: Log, start: Mixture | Propose, *, seed: int, each: int, most: int, enough: float) -> Sample:
+    """LEAST rounds of `each` draws of a log density or more, until their effective size is `enough` (and their tail
+    index in order) or there are `most`.
 
-    `start` gives the proposal of each round, or is that of the first: then, while a draw is worth less than GOOD, the
-    proposal is fitted to the draws after each round. The draws depend on the seed, the target and the start alone.
+    `start` gives a proposal from the draws so far, or is the first: then the next is fitted to the draws. A good one
+    stays, for proposals made from the draws that they then weigh lose a few per cent of the tails. The draws depend on
+    the seed, the target and the start alone.
     """
     rng = np.random.Generator(np.random.Philox(seed))
-    mixture = start if isinstance(start, Mixture) else None
+    propose = _Fitted(start) if isinstance(start, Mixture) else start
     proposals: list[tuple[int, Proposal]] = []
     found: Sample | None = None
-    while found is None or (len(found.u) < most and (found.ess < enough or found.tail > RELIABLE)):
-        proposal = mixture.widened() if mixture else start(rng)  # type: ignore[operator]
+    while found is None or (
+        len(found.u) < most and (len(found.u) < LEAST * each or found.ess < enough or found.tail > RELIABLE)
+    ):
+        good = found is not None and found.ess >= GOOD * len(found.u) and not found.tail > RELIABLE
+        proposal = proposals[-1][1] if good else propose(rng, found)
         proposals.append((min(each, most - (len(found.u) if found else 0)), proposal))
         found = _joined(found, proposals, target, rng)
-        if mixture and np.any(np.isfinite(found.log_weight)) and found.ess < GOOD * len(found.u):
-            mixture = mixture.fitted(found.u, found.log_weight)
     return found
+
+
+class _Fitted:
+    """Proposals that are one mixture, fitted to the draws so far."""
+
+    def __init__(self, mixture: Mixture) -> None:
+        self.mixture = mixture
+
+    def __call__(self, rng: np.random.Generator, found: Sample | None) -> Mixture:
+        if found and np.any(np.isfinite(found.log_weight)):
+            self.mixture = self.mixture.fitted(found.u, found.log_weight)
+        return self.mixture.widened()
 
 
 def _joined(

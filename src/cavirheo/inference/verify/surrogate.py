@@ -2,9 +2,8 @@
 
 The residuals of all frames, in their few common directions, are Gaussian processes of u with one kernel (Rasmussen and
 Williams 2006, ch. 2 and 5.4.2, gaussianprocess.org/gpml): a Matern function and a linear trend in coordinates whitened
-by the posterior. The surrogate is the *expected* likelihood, the process' own variance added to that of the noise:
-where little is known it neither claims a likely place nor excludes one. It only shapes proposals (explore.py): what
-counts in a posterior is simulated.
+by the posterior. The process' own variance is added to that of the noise: where little is known the surrogate neither
+claims a likely place nor excludes one. It only shapes proposals (explore.py): what counts in a posterior is simulated.
 """
 
 from __future__ import annotations
@@ -21,6 +20,7 @@ Floats = NDArray[np.float64]
 LENGTH = 5.0  # of the Matern function, in standard deviations of the (flattened) posterior
 FLAT = 10.0  # log posterior below the best at which a simulation counts 1/e in them
 NUGGET, MISTRUST, LEAST = 1e-3, 3.0, 300.0  # of a simulation; grows with its distance below the best, log posterior
+HOPE = 0.5  # x of log(<p^x>)/x over the process: 0 would be <log p>, gloomy where little is known, 1 log<p>, credulous
 SHARE = 0.03  # of the noise, below which a common direction of the residuals is left out
 DIRECTIONS = 40  # at most
 LARGEST = 900  # simulations at most, the most likely ones: time grows with their square
@@ -28,8 +28,8 @@ BEYOND = 1.5  # distance over that of the farthest simulation, beyond which noth
 
 
 class Surrogate:
-    """log of the expected posterior of u (k, d), from simulations at u (m, d) with residuals (m, n) and log posterior
-    value (m,), all finite and more than 2 (d + 1)."""
+    """log of the posterior to be expected at u (k, d), from simulations at u (m, d) with residuals (m, n) and log
+    posterior value (m,), all finite and more than 2 (d + 1)."""
 
     def __init__(self, noise: Noise, u: Floats, residual: Floats, value: Floats) -> None:
         self.noise, d = noise, u.shape[1]
@@ -63,7 +63,9 @@ class Surrogate:
         for form in forms:
             axes = np.linalg.eigh(size[:, None] * form[:-1, :-1] * size)
             root = np.linalg.cholesky(form + 1e-12 * np.trace(form) * np.eye(len(form)))
-            self.parts.append((root, axes.eigenvectors.T @ (size[:, None] * form[:-1]), np.maximum(axes.eigenvalues, 0)))
+            self.parts.append(
+                (root, axes.eigenvectors.T @ (size[:, None] * form[:-1]), np.maximum(axes.eigenvalues, 0))
+            )
 
     def __call__(self, u: Floats) -> Floats:
         z = self._whitened(u)
@@ -74,7 +76,8 @@ class Surrogate:
         z = z[near]
         kernel = self._kernel(z, self.z)
         known = solve_triangular(self.factor[0], kernel.T, lower=True, check_finite=False)
-        variance = np.maximum(2.0 + np.sum(z**2, axis=1) / z.shape[1] - np.sum(known**2, axis=0), 0.0) / self.scale
+        variance = np.maximum(2.0 + np.sum(z**2, axis=1) / z.shape[1] - np.sum(known**2, axis=0), 0.0)
+        variance *= HOPE / self.scale
         mean = np.column_stack([kernel @ self.coefficients, np.ones(len(z))])
         squares, half_log_det = np.empty((2, len(self.parts), len(z)))
         for i, (root, across, stiff) in enumerate(self.parts):
@@ -82,7 +85,7 @@ class Surrogate:
             spread = variance[:, None] * stiff
             softened = variance[:, None] / (1.0 + spread) * (mean @ across.T) ** 2
             squares[i] = np.sum((mean @ root) ** 2, axis=1) - np.sum(softened, axis=1)
-            half_log_det[i] = 0.5 * np.sum(np.log1p(spread), axis=1)
+            half_log_det[i] = 0.5 / HOPE * np.sum(np.log1p(spread), axis=1)
         value[near] = self.noise.log_density_of(np.maximum(squares, 0.0), half_log_det) + log_normal(u[near])
         return value
 
