@@ -21,7 +21,7 @@ ROUNDS, LEARNT = 3, 200  # rough simulations before any draw counts
 FITS, POOL = 5, 2000  # at most, of the mixture to the surrogate after each round, and free draws for each
 WELL = 0.2  # effective draws over draws of the pool, from which the mixture fits
 FLATTER = 0.6  # power of the surrogate that the mixture is fitted to: it is there for what the surrogate misses
-MIXED = 0.4  # share of the draws from the mixture, the others from the surrogate itself
+MIXED = 0.5  # share of the draws from the mixture, the others from the surrogate itself
 KEPT = 0.3  # share of the mixture's draws that stay with the modes
 HIGHER = 0.5  # log posterior above the best mode from which a draw is in another valley
 VALLEYS = 3  # climbed into at most
@@ -96,7 +96,8 @@ class Explorer:
         if not len(self.u):
             rounds = 0
             while rounds < ROUNDS + self.climbed:
-                self.simulated(proposal.draw(LEARNT, rng), self.quick)
+                wide = proposal.mixture if isinstance(proposal, Blend) else proposal
+                self.simulated(wide.draw(LEARNT, rng), self.quick)
                 self._other_valley()
                 proposal, rounds = self._learnt(rng, None), rounds + 1
             return proposal
