@@ -506,7 +506,7 @@ def test_verify_from_the_command_line(run, tmp_path):
 def test_which_law_from_the_command_line(run, tmp_path):
     write_gel(tmp_path)
     status, out, err = run(
-        "which-law", "gel.csv", "--laws", "newtonian,nhkv", "--exact-law", "--window", "1", "-o", "w"
+        "which-law", "gel.csv", "--laws", "newtonian,nhkv", "--exact-law", "--window", "2", "-o", "w"
     )
     assert status == 0, err
     assert "nhkv" in out
