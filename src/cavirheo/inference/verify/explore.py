@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 from scipy.special import logsumexp
 
 from cavirheo.inference.verify.mode import Mode, Target, climb, ridge, same
-from cavirheo.inference.verify.prior import log_normal
 from cavirheo.inference.verify.sampler import Mixture, Sample, effective_size
 from cavirheo.inference.verify.surrogate import Surrogate
 
@@ -78,12 +77,12 @@ class Explorer:
     def simulated(self, u: Floats, accuracy: dict[str, Any]) -> Floats:
         """(k,) log posterior of u (k, d), which the next proposal knows; -inf where the simulation failed."""
         residual = self.target.residuals(u, accuracy)
-        value = self.target.likelihood.noise.log_density(residual) + log_normal(u)
+        value = self.target.log_posterior(u, residual)
         good = np.isfinite(value)
         self.u = np.concatenate([self.u, u[good]])
         self.residual = np.concatenate([self.residual, residual[good]])
         self.value = np.concatenate([self.value, value[good]])
-        return np.asarray(value)
+        return value
 
     def __call__(self, u: Floats) -> Floats:
         """The log posterior, by simulations that count."""

@@ -51,7 +51,11 @@ class Target:
 
     def __call__(self, u: Floats, accuracy: dict[str, Any]) -> Floats:
         """(k,) log of likelihood times prior density of u (k, d)."""
-        return self.likelihood.noise.log_density(self.residuals(u, accuracy)) + log_normal(u)
+        return self.log_posterior(u, self.residuals(u, accuracy))
+
+    def log_posterior(self, u: Floats, residual: Floats) -> Floats:
+        """(k,) the same where the residuals (k, n) are known; -inf where one is not finite."""
+        return self.likelihood.noise.log_density(residual) + log_normal(u)
 
     def jacobian(self, u: Floats, residual: Floats, accuracy: dict[str, Any]) -> Floats:
         """(n, d) of the simulated frames by u: differences towards u = 0, steps as those of a fit."""
@@ -89,7 +93,7 @@ def climb(
     rope = np.zeros(len(u)) if held is None else held
 
     def value_of(residual: Floats, u: Floats) -> float:
-        return float(noise.log_density(residual[None])[0] + log_normal(u)) - 0.5 * float(rope @ (u - start)) ** 2
+        return float(target.log_posterior(u[None], residual[None])[0]) - 0.5 * float(rope @ (u - start)) ** 2
 
     residual = target.residuals(u[None], accuracy)[0]
     value = value_of(residual, u)

@@ -165,15 +165,25 @@ def sample(target: Log, start: Mixture | Propose, *, seed: int, each: int, most:
     """
     rng = np.random.Generator(np.random.Philox(seed))
     propose = _Fitted(start) if isinstance(start, Mixture) else start
-    proposals: list[tuple[int, Proposal]] = []
+    proposals: list[Proposal] = []
+    counts: list[int] = []  # draws from each
+    densities: list[Floats] = []  # of each, log, at all draws so far
     found: Sample | None = None
     while found is None or (
         len(found.u) < most and (len(found.u) < LEAST * each or found.ess < enough or found.tail > RELIABLE)
     ):
-        good = found is not None and found.ess >= GOOD * len(found.u) and not found.tail > RELIABLE
-        proposal = proposals[-1][1] if good else propose(rng, found)
-        proposals.append((min(each, most - (len(found.u) if found else 0)), proposal))
-        found = _joined(found, proposals, target, rng)
+        if found is None or found.ess < GOOD * len(found.u) or found.tail > RELIABLE:
+            proposals.append(propose(rng, found))
+            counts.append(0)
+            densities.append(proposals[-1].log_density(found.u) if found else np.empty(0))
+        u = proposals[-1].draw(min(each, most - sum(counts)), rng)
+        counts[-1] += len(u)
+        densities = [np.concatenate([q, p.log_density(u)]) for q, p in zip(densities, proposals, strict=True)]
+        value = target(u)
+        if found:
+            u, value = np.concatenate([found.u, u]), np.concatenate([found.log_target, value])
+        log_share = np.log(np.array(counts) / len(u))[:, None]
+        found = Sample(u, value, np.asarray(logsumexp(log_share + densities, axis=0)))
     return found
 
 
@@ -187,19 +197,6 @@ class _Fitted:
         if found and np.any(np.isfinite(found.log_weight)):
             self.mixture = self.mixture.fitted(found.u, found.log_weight)
         return self.mixture.widened()
-
-
-def _joined(
-    before: Sample | None, proposals: list[tuple[int, Proposal]], target: Log, rng: np.random.Generator
-) -> Sample:
-    """The draws so far and those of the last proposal, against the mixture of all proposals."""
-    count, proposal = proposals[-1]
-    u = proposal.draw(count, rng)
-    value = target(u)
-    if before:
-        u, value = np.concatenate([before.u, u]), np.concatenate([before.log_target, value])
-    log_q = logsumexp([np.log(n / len(u)) + q.log_density(u) for n, q in proposals], axis=0)
-    return Sample(u, value, np.asarray(log_q))
 
 
 def effective_size(log_weight: Floats) -> float:
