@@ -16,11 +16,12 @@ from cavirheo.inference.verify.surrogate import Surrogate
 
 Floats = NDArray[np.float64]
 
-ROUNDS, LEARNT = 3, 200  # rough simulations before any draw counts
+ROUNDS, LEARNT = 3, 80  # rough simulations before any draw counts
 FITS, POOL = 5, 2000  # at most, of the mixture to the surrogate after each round, and free draws for each
 WELL = 0.2  # effective draws over draws of the pool, from which the mixture fits
-FLATTER = 0.6  # power of the surrogate that the mixture is fitted to: it is there for what the surrogate misses
-MIXED = 0.5  # share of the draws from the mixture, the others from the surrogate itself
+FLATTER = 0.6  # power of the surrogate that teaches and that the mixture is fitted to, for what the surrogate misses
+TAUGHT = 0.8  # share of the rough simulations that are drawn from that power, the others from the mixture
+MIXED = 0.3  # share of the draws from the mixture, the others from the surrogate itself
 KEPT = 0.3  # share of the mixture's draws that stay with the modes
 HIGHER = 0.5  # log posterior above the best mode from which a draw is in another valley
 VALLEYS = 3  # climbed into at most
@@ -33,14 +34,23 @@ class Blend:
     surrogate: Surrogate
     pool: Floats  # (k, d), drawn from the mixture
     log_weight: Floats  # (k,), of the surrogate over the mixture
+    log_mixture: Floats  # (k,)
     mixture: Mixture
 
     def draw(self, count: int, rng: np.random.Generator) -> Floats:
         """(count, d)"""
-        mixed = int(np.ceil(MIXED * count))
-        share = np.exp(self.log_weight - logsumexp(self.log_weight))
-        chosen = rng.choice(len(share), count - mixed, p=share, replace=bool(np.count_nonzero(share) < count))
-        return np.concatenate([self.pool[chosen], self.mixture.draw(mixed, rng)])
+        return self._drawn(self.log_weight, 1.0 - MIXED, count, rng)
+
+    def teachers(self, count: int, rng: np.random.Generator) -> Floats:
+        """(count, d) from a flatter surrogate: where it can be wrong."""
+        log_surrogate = self.log_weight + self.log_mixture
+        return self._drawn(FLATTER * log_surrogate - self.log_mixture, TAUGHT, count, rng)
+
+    def _drawn(self, log_weight: Floats, part: float, count: int, rng: np.random.Generator) -> Floats:
+        weight = np.exp(log_weight - logsumexp(log_weight))
+        free = int(part * count)
+        chosen = rng.choice(len(weight), free, p=weight, replace=bool(np.count_nonzero(weight) < free))
+        return np.concatenate([self.pool[chosen], self.mixture.draw(count - free, rng)])
 
     def log_density(self, u: Floats) -> Floats:
         """(k,) at u (k, d)."""
@@ -66,8 +76,12 @@ class Explorer:
         self.mixture = self.start
 
     def _settle(self, mode: Mode) -> None:
-        """A mode and the ridge through it become places to draw about."""
-        self.places += [mode, *ridge(self.target, mode, self.quick)]
+        """A mode and the ridge through it become places to draw about, each known a standard deviation around."""
+        for place in (mode, *ridge(self.target, mode, self.quick)):
+            if not any(same(place, other) for other in self.places):
+                self.places.append(place)
+                axes = np.linalg.cholesky(place.covariance).T
+                self.simulated(place.u + np.concatenate([axes, -axes]), self.quick)
         best = max(place.log_evidence for place in self.places)
         self.start = Mixture.about(
             [place.u for place in self.places], [place.covariance for place in self.places],
@@ -91,15 +105,13 @@ class Explorer:
     def propose(self, rng: np.random.Generator, counted: Sample | None) -> Blend | Mixture:
         """The next proposal, from the draws that count so far too; before the first, rounds of rough simulations where
         the posterior and its tails seem to be, and one more for each other valley found there."""
-        proposal: Blend | Mixture = self.start.widened()
-        if not len(self.u):
-            rounds = 0
-            while rounds < ROUNDS + self.climbed:
-                wide = proposal.mixture if isinstance(proposal, Blend) else proposal
-                self.simulated(wide.draw(LEARNT, rng), self.quick)
-                self._other_valley()
-                proposal, rounds = self._learnt(rng, None), rounds + 1
-            return proposal
+        rounds = 0
+        while counted is None and rounds < ROUNDS + self.climbed:
+            known = self._learnt(rng, None)
+            u = known.teachers(LEARNT, rng) if isinstance(known, Blend) else known.draw(LEARNT, rng)
+            self.simulated(u, self.quick)
+            self._other_valley()
+            rounds += 1
         self._other_valley()
         return self._learnt(rng, counted)
 
@@ -121,7 +133,7 @@ class Explorer:
         mixture = self.mixture.beside(self.start, KEPT).widened()
         if len(self.u) <= 2 * (self.u.shape[1] + 1):
             return mixture
-        surrogate = Surrogate(self.target.likelihood.noise, self.u, self.residual, self.value)
+        surrogate = Surrogate(self.target.likelihood.noise, self.target.linear, self.u, self.residual, self.value)
         if counted and np.any(np.isfinite(counted.log_weight)):
             self.mixture = self.mixture.fitted(counted.u, counted.log_weight)
             mixture = self.mixture.beside(self.start, KEPT).widened()
@@ -130,7 +142,7 @@ class Explorer:
             log_surrogate, log_mixture = surrogate(pool), mixture.log_density(pool)
             if not np.any(np.isfinite(log_surrogate)):
                 return mixture
-            blend = Blend(surrogate, pool, log_surrogate - log_mixture, mixture)
+            blend = Blend(surrogate, pool, log_surrogate - log_mixture, log_mixture, mixture)
             if effective_size(blend.log_weight) > WELL * POOL:
                 break
             self.mixture = self.mixture.fitted(pool, FLATTER * log_surrogate - log_mixture)

@@ -57,6 +57,12 @@ class Target:
         """(k,) the same where the residuals (k, n) are known; -inf where one is not finite."""
         return self.likelihood.noise.log_density(residual) + log_normal(u)
 
+    def linear(self, u: Floats) -> Floats:
+        """(k, d) coordinates that frames are nearly linear in, of u (k, d): the law's parameters, not their
+        logarithms, and the others as in a fit."""
+        x, law = self.prior.to_x(u), len(self.likelihood.shot.family.parameters)
+        return np.concatenate([10.0 ** x[:, :law], x[:, law:]], axis=1)
+
     def jacobian(self, u: Floats, residual: Floats, accuracy: dict[str, Any]) -> Floats:
         """(n, d) of the simulated frames by u: differences towards u = 0, steps as those of a fit."""
         shot = self.likelihood.shot

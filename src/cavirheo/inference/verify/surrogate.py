@@ -1,12 +1,16 @@
 """What simulations near a maximum of the posterior say about it everywhere: a Gaussian process for the frames.
 
 The residuals of all frames, in their few common directions, are Gaussian processes of u with one kernel (Rasmussen and
-Williams 2006, ch. 2 and 5.4.2, gaussianprocess.org/gpml): a Matern function and a linear trend in coordinates whitened
-by the posterior. The process' own variance is added to that of the noise: where little is known the surrogate neither
-claims a likely place nor excludes one. It only shapes proposals (explore.py): what counts in a posterior is simulated.
+Williams 2006, ch. 2 and 5.4.2, gaussianprocess.org/gpml): a Matern function and a linear trend. Both are functions of
+coordinates in which frames are nearly linear, whitened by the posterior. In u they are not: a stress is linear in a
+modulus, not in its logarithm, and u runs to infinity at the bounds of a uniform prior, where nothing happens any more.
+The process' own variance is added to that of the noise: where little is known the surrogate neither claims a likely
+place nor excludes one. It only shapes proposals (explore.py): what counts in a posterior is simulated.
 """
 
 from __future__ import annotations
+
+from collections.abc import Callable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,7 +21,7 @@ from cavirheo.inference.verify.prior import log_normal
 
 Floats = NDArray[np.float64]
 
-LENGTH = 5.0  # of the Matern function, in standard deviations of the (flattened) posterior
+LENGTH = 8.0  # of the Matern function, in standard deviations of the (flattened) posterior
 FLAT = 10.0  # log posterior below the best at which a simulation counts 1/e in them
 NUGGET, MISTRUST, LEAST = 1e-3, 3.0, 300.0  # of a simulation; grows with its distance below the best, log posterior
 HOPE = 0.5  # x of log(<p^x>)/x over the process: 0 would be <log p>, gloomy where little is known, 1 log<p>, credulous
@@ -29,17 +33,22 @@ BEYOND = 1.5  # distance over that of the farthest simulation, beyond which noth
 
 class Surrogate:
     """log of the posterior to be expected at u (k, d), from simulations at u (m, d) with residuals (m, n) and log
-    posterior value (m,), all finite and more than 2 (d + 1)."""
+    posterior value (m,), all finite and more than 2 (d + 1). `linear` gives, of u (k, d), the coordinates (k, d) that
+    the frames are nearly linear in."""
 
-    def __init__(self, noise: Noise, u: Floats, residual: Floats, value: Floats) -> None:
-        self.noise, d = noise, u.shape[1]
+    def __init__(
+        self, noise: Noise, linear: Callable[[Floats], Floats], u: Floats, residual: Floats, value: Floats
+    ) -> None:
+        self.noise, self.linear = noise, linear
         kept = np.argsort(-value, kind="stable")[:LARGEST]
-        u, residual, below = u[kept], residual[kept], value[kept[0]] - value[kept]
+        v, residual, below = linear(u[kept]), residual[kept], value[kept[0]] - value[kept]
         weight = np.exp(-below / FLAT)
-        self.centre = weight @ u / np.sum(weight)
-        off = u - self.centre
-        self.root = np.linalg.cholesky((off.T * weight) @ off / np.sum(weight) + 1e-9 * np.eye(d))
-        self.z = self._whitened(u)
+        self.centre = weight @ v / np.sum(weight)
+        off = v - self.centre
+        self.unit = np.sqrt(weight @ off**2 / np.sum(weight)) + 1e-12 * np.abs(self.centre)
+        off /= self.unit
+        self.root = np.linalg.cholesky((off.T * weight) @ off / np.sum(weight) + 1e-9 * np.eye(off.shape[1]))
+        self.z = self._whitened(u[kept])
         self.limit = BEYOND**2 * float(np.max(np.sum(self.z**2, axis=1)))
         trust = (1.0 + below / MISTRUST) ** -2.0
         columns, along = _directions(residual, noise.deviation, trust / np.sum(trust))
@@ -90,7 +99,7 @@ class Surrogate:
         return value
 
     def _whitened(self, u: Floats) -> Floats:
-        return np.asarray(np.linalg.solve(self.root, (u - self.centre).T).T)
+        return np.asarray(np.linalg.solve(self.root, ((self.linear(u) - self.centre) / self.unit).T).T)
 
     def _kernel(self, z: Floats, other: Floats | None = None) -> Floats:
         """(k, m) Matern function of order 5/2 and linear trend."""
