@@ -253,6 +253,19 @@ class TestReading:
         groups, _ = read_groups([tmp_path / "d.mat"], WATER)
         assert len(groups[0].usable) == 2
 
+    def test_version_73_never_reads_another_file(self, tmp_path):
+        import h5py
+
+        with h5py.File(tmp_path / "other.h5", "w") as file:
+            file["pIMR_array"] = np.array([[R, 7.0, 1.8e-5], [2 * R, 7.0, 3.6e-5]]).T
+        with h5py.File(tmp_path / "d.mat", "w", userblock_size=512) as file:
+            file["pIMR_array"] = h5py.ExternalLink("other.h5", "/pIMR_array")
+        content = (tmp_path / "d.mat").read_bytes()
+        (tmp_path / "d.mat").write_bytes(b"MATLAB 7.3 MAT-file".ljust(512, b" ") + content[512:])
+        groups, problems = read_groups([tmp_path / "d.mat"], WATER)
+        assert groups == []
+        assert "link to another file" in problems[0]
+
     @pytest.mark.parametrize(
         ("text", "word"),
         [

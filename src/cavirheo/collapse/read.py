@@ -21,6 +21,7 @@ from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError
 from cavirheo.inference.collapse_time import Shots, shot, unusable
 from cavirheo.physics.media import Medium
+from cavirheo.reading import limits
 from cavirheo.reading.matfile import read_matfile
 from cavirheo.reading.shots import read_shots
 from cavirheo.reading.spreadsheet import sheets
@@ -156,8 +157,9 @@ def _variable(path: Path, content: bytes) -> np.ndarray | None:
 
         try:
             with h5py.File(path, "r") as file:
-                item = file.get(VARIABLE)
-                if isinstance(item, h5py.Dataset) and item.dtype.kind in "fiu" and item.size < 1e7:
+                item = limits.own(file, VARIABLE)
+                if isinstance(item, h5py.Dataset) and item.dtype.kind in "fiu":
+                    limits.arrays([item])
                     return np.asarray(item[()], dtype=float).T
         except OSError:
             pass
