@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -18,44 +17,63 @@ Floats = NDArray[np.float64]
 
 ROUNDS, LEARNT = 3, 80  # rough simulations before any draw counts
 FITS, POOL = 5, 2000  # at most, of the mixture to the surrogate after each round, and free draws for each
-WELL = 0.2  # effective draws over draws of the pool, from which the mixture fits
-FLATTER = 0.6  # power of the surrogate that teaches and that the mixture is fitted to, for what the surrogate misses
+WELL = 0.3  # effective draws over draws of the pool, from which the mixture fits
+FLATTER = 0.5  # power of the surrogate that teaches and that the mixture is fitted to, for what the surrogate misses
 TAUGHT = 0.8  # share of the rough simulations that are drawn from that power, the others from the mixture
+NORMED = 8000  # more free draws for the norm of a surrogate that is drawn from
+CUT = 50.0  # times its mean, at which the surrogate over the mixture is cut
 MIXED = 0.3  # share of the draws from the mixture, the others from the surrogate itself
 KEPT = 0.3  # share of the mixture's draws that stay with the modes
 HIGHER = 0.5  # log posterior above the best mode from which a draw is in another valley
 VALLEYS = 3  # climbed into at most
 
 
-@dataclass(frozen=True, eq=False)
 class Blend:
-    """Draws from a surrogate, by resampling a pool, and from a mixture."""
+    """Draws from a surrogate, by rejection from a mixture, and from the mixture itself.
 
-    surrogate: Surrogate
-    pool: Floats  # (k, d), drawn from the mixture
-    log_weight: Floats  # (k,), of the surrogate over the mixture
-    log_mixture: Floats  # (k,)
-    mixture: Mixture
+    The surrogate over the mixture is cut where it exceeds CUT times its mean; `pool` (k, d) of the mixture's draws
+    gives that mean and the norm. Resampling a pool instead would draw its few heavy members, the tails, too rarely.
+    """
+
+    def __init__(self, surrogate: Surrogate, mixture: Mixture, pool: Floats, log_surrogate: Floats) -> None:
+        self.surrogate, self.mixture = surrogate, mixture
+        self.pool, self.log_surrogate, self.log_mixture = pool, log_surrogate, mixture.log_density(pool)
+        self.log_weight = log_surrogate - self.log_mixture
+        self.log_cut = np.log(CUT) + _log_mean(self.log_weight)
+        self.log_norm = _log_mean(np.minimum(self.log_weight - self.log_cut, 0.0))
 
     def draw(self, count: int, rng: np.random.Generator) -> Floats:
         """(count, d)"""
-        return self._drawn(self.log_weight, 1.0 - MIXED, count, rng)
-
-    def teachers(self, count: int, rng: np.random.Generator) -> Floats:
-        """(count, d) from a flatter surrogate: where it can be wrong."""
-        log_surrogate = self.log_weight + self.log_mixture
-        return self._drawn(FLATTER * log_surrogate - self.log_mixture, TAUGHT, count, rng)
-
-    def _drawn(self, log_weight: Floats, part: float, count: int, rng: np.random.Generator) -> Floats:
-        weight = np.exp(log_weight - logsumexp(log_weight))
-        free = int(part * count)
-        chosen = rng.choice(len(weight), free, p=weight, replace=bool(np.count_nonzero(weight) < free))
-        return np.concatenate([self.pool[chosen], self.mixture.draw(count - free, rng)])
+        wanted = count - int(np.ceil(MIXED * count))
+        kept = np.empty((0, self.pool.shape[1]))
+        while len(kept) < wanted:
+            u = self.mixture.draw(POOL, rng)
+            log_chance = self.surrogate(u) - self.mixture.log_density(u) - self.log_cut
+            kept = np.concatenate([kept, u[np.log(rng.uniform(size=POOL)) < log_chance]])
+        return np.concatenate([kept[:wanted], self.mixture.draw(count - wanted, rng)])
 
     def log_density(self, u: Floats) -> Floats:
         """(k,) at u (k, d)."""
-        norm = logsumexp(self.log_weight) - np.log(len(self.log_weight))
-        return np.logaddexp(np.log(1.0 - MIXED) + self.surrogate(u) - norm, np.log(MIXED) + self.mixture.log_density(u))
+        log_mixture = self.mixture.log_density(u)
+        log_kept = np.minimum(self.surrogate(u) - self.log_cut, log_mixture) - self.log_norm
+        return np.logaddexp(np.log(1.0 - MIXED) + log_kept, np.log(MIXED) + log_mixture)
+
+    def normed(self, count: int, rng: np.random.Generator) -> Blend:
+        """The same, its norm from `count` more of the mixture's draws."""
+        u = self.mixture.draw(count, rng)
+        both = np.concatenate([self.pool, u]), np.concatenate([self.log_surrogate, self.surrogate(u)])
+        return Blend(self.surrogate, self.mixture, *both)
+
+    def teachers(self, count: int, rng: np.random.Generator) -> Floats:
+        """(count, d) from a flatter surrogate: where it can be wrong."""
+        log_weight = FLATTER * self.log_surrogate - self.log_mixture
+        weight, free = np.exp(log_weight - logsumexp(log_weight)), int(TAUGHT * count)
+        chosen = rng.choice(len(weight), free, p=weight, replace=bool(np.count_nonzero(weight) < free))
+        return np.concatenate([self.pool[chosen], self.mixture.draw(count - free, rng)])
+
+
+def _log_mean(log_value: Floats) -> float:
+    return float(logsumexp(log_value) - np.log(len(log_value)))
 
 
 class Explorer:
@@ -113,7 +131,8 @@ class Explorer:
             self._other_valley()
             rounds += 1
         self._other_valley()
-        return self._learnt(rng, counted)
+        proposal = self._learnt(rng, counted)
+        return proposal.normed(NORMED, rng) if isinstance(proposal, Blend) else proposal
 
     def _other_valley(self) -> None:
         """Climb from the best simulation if it lies above all modes, which must then be beside the highest."""
@@ -139,12 +158,12 @@ class Explorer:
             mixture = self.mixture.beside(self.start, KEPT).widened()
         for _ in range(FITS):
             pool = mixture.draw(POOL, rng)
-            log_surrogate, log_mixture = surrogate(pool), mixture.log_density(pool)
+            log_surrogate = surrogate(pool)
             if not np.any(np.isfinite(log_surrogate)):
                 return mixture
-            blend = Blend(surrogate, pool, log_surrogate - log_mixture, log_mixture, mixture)
+            blend = Blend(surrogate, mixture, pool, log_surrogate)
             if effective_size(blend.log_weight) > WELL * POOL:
                 break
-            self.mixture = self.mixture.fitted(pool, FLATTER * log_surrogate - log_mixture)
+            self.mixture = self.mixture.fitted(pool, FLATTER * log_surrogate - blend.log_mixture)
             mixture = self.mixture.beside(self.start, KEPT).widened()
         return blend
