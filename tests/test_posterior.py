@@ -18,15 +18,15 @@ from cavirheo import InputError, NeoHookeanKelvinVoigt, RadiusCurve, fit, simula
 from cavirheo.inference import verify
 from cavirheo.inference.fit.parameters import FREE, Family, Settings
 from cavirheo.inference.fit.shots import FINE, QUICK, Shot
-from cavirheo.inference.verify import LeastSquares, Verified, predictive, verify_many
+from cavirheo.inference.verify import LeastSquares, Verified, explore, predictive, verify_many
 from cavirheo.inference.verify import likelihood as camera
 from cavirheo.inference.verify.evidence import rank_laws
-from cavirheo.inference.verify.explore import Explorer
+from cavirheo.inference.verify.explore import Blend, Explorer
 from cavirheo.inference.verify.likelihood import SHAPE, Likelihood, Noise
 from cavirheo.inference.verify.mode import Target, climb, modes
 from cavirheo.inference.verify.predictive import predictive_check
 from cavirheo.inference.verify.prior import Prior, log_normal, prior_of
-from cavirheo.inference.verify.sampler import Mixture, effective_size, sample, tail_index
+from cavirheo.inference.verify.sampler import Mixture, Sample, effective_size, sample, tail_index
 from cavirheo.inference.verify.surrogate import Surrogate
 from cavirheo.physics.materials import Zener
 from cavirheo.physics.media import WATER
@@ -270,6 +270,41 @@ def test_a_surrogate_knows_what_it_was_shown_and_little_else():
     off = known(there[near]) - exact(there[near])
     assert np.sqrt(np.mean(off**2)) < 0.6 < 0.5 * np.std(exact(there[near]))
     assert known(np.array([[-30.0, 30.0]])) == -np.inf
+
+
+def test_draws_of_a_surrogate_have_the_density_that_they_claim():
+    """Tails too, where the mixture that it is drawn from has few of its own."""
+    target, exact = two_valleys()
+    rng = np.random.default_rng(0)
+    shown = 0.7 * rng.standard_normal((300, 2))
+    known = Surrogate(target.likelihood.noise, target.linear, shown, target.residuals(shown, QUICK), exact(shown))
+    mixture = Mixture.about([np.array([0.3, 0.1])], [0.25 * np.eye(2)], [0.0])
+    pool = mixture.draw(2000, rng)
+    blend = Blend(known, mixture, pool, known(pool)).normed(20000, rng)
+    axis = np.linspace(-5.0, 5.0, 201)
+    grid = np.stack(np.meshgrid(axis, axis), axis=-1).reshape(-1, 2)
+    density = np.exp(blend.log_density(grid)) * (axis[1] - axis[0]) ** 2
+    assert np.sum(density) == pytest.approx(1.0, abs=3.0 / np.sqrt(effective_size(blend.log_weight)))
+    density /= np.sum(density)
+    drawn, count = blend.draw(3000, rng), 3000
+    for share_of in (lambda u: u[:, 0] < 0, lambda u: u[:, 1] > 0.6, lambda u: u[:, 0] > 1.0):
+        share = np.sum(density[share_of(grid)])
+        assert 0.005 < share < 0.7
+        assert np.mean(share_of(drawn)) == pytest.approx(share, abs=4.0 * np.sqrt(share / count) + 0.03 * share)
+
+
+def test_a_surrogate_that_its_mixture_hardly_meets_is_not_drawn_from(monkeypatch):
+    """It would take for ever; the draws come from the mixture, and their weights tell."""
+    monkeypatch.setattr(explore, "FITS", 1)
+    target, _ = two_valleys()
+    (mode,) = modes(target, [np.array([-0.4, -0.2])], FINE)
+    explorer = Explorer(target, [mode], QUICK, FINE)
+    assert isinstance(explorer.propose(np.random.default_rng(0), None), Blend)
+    explorer.mixture = explorer.start = Mixture.about([mode.u + 1.0], [mode.covariance], [0.0])
+    nothing = Sample(mode.u[None], np.full(1, -np.inf), np.zeros(1))
+    proposal = explorer.propose(np.random.default_rng(0), nothing)
+    assert isinstance(proposal, Mixture)
+    assert proposal.draw(100, np.random.default_rng(1)).shape == (100, 2)
 
 
 def test_a_valley_that_no_start_led_to_is_climbed_into():

@@ -21,6 +21,7 @@ WELL = 0.3  # effective draws over draws of the pool, from which the mixture fit
 FLATTER = 0.5  # power of the surrogate that teaches and that the mixture is fitted to, for what the surrogate misses
 TAUGHT = 0.8  # share of the rough simulations that are drawn from that power, the others from the mixture
 NORMED = 8000  # more free draws for the norm of a surrogate that is drawn from
+MET = 50.0  # effective draws of these, below which the mixture hardly meets the surrogate and is itself drawn from
 CUT = 50.0  # times its mean, at which the surrogate over the mixture is cut
 MIXED = 0.3  # share of the draws from the mixture, the others from the surrogate itself
 KEPT = 0.3  # share of the mixture's draws that stay with the modes
@@ -132,7 +133,10 @@ class Explorer:
             rounds += 1
         self._other_valley()
         proposal = self._learnt(rng, counted)
-        return proposal.normed(NORMED, rng) if isinstance(proposal, Blend) else proposal
+        if not isinstance(proposal, Blend):
+            return proposal
+        proposal = proposal.normed(NORMED, rng)
+        return proposal if effective_size(proposal.log_weight) > MET else proposal.mixture
 
     def _other_valley(self) -> None:
         """Climb from the best simulation if it lies above all modes, which must then be beside the highest."""
