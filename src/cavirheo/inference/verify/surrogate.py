@@ -11,6 +11,7 @@ place nor excludes one. It only shapes proposals (explore.py): what counts in a 
 from __future__ import annotations
 
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,18 +29,25 @@ HOPE = 0.5  # x of log(<p^x>)/x over the process: 0 would be <log p>, gloomy whe
 SHARE = 0.03  # of the noise, below which a common direction of the residuals is left out
 DIRECTIONS = 40  # at most
 LARGEST = 900  # simulations at most, the most likely ones: time grows with their square
+PART = 400  # u at a time: what they need fits the caches
 BEYOND = 1.5  # distance over that of the farthest simulation, beyond which nothing is claimed
 
 
 class Surrogate:
     """log of the posterior to be expected at u (k, d), from simulations at u (m, d) with residuals (m, n) and log
     posterior value (m,), all finite and more than 2 (d + 1). `linear` gives, of u (k, d), the coordinates (k, d) that
-    the frames are nearly linear in."""
+    the frames are nearly linear in; `workers` share the work of a call."""
 
     def __init__(
-        self, noise: Noise, linear: Callable[[Floats], Floats], u: Floats, residual: Floats, value: Floats
+        self,
+        noise: Noise,
+        linear: Callable[[Floats], Floats],
+        u: Floats,
+        residual: Floats,
+        value: Floats,
+        workers: int = 1,
     ) -> None:
-        self.noise, self.linear = noise, linear
+        self.noise, self.linear, self.workers = noise, linear, workers
         kept = np.argsort(-value, kind="stable")[:LARGEST]
         v, residual, below = linear(u[kept]), residual[kept], value[kept[0]] - value[kept]
         weight = np.exp(-below / FLAT)
@@ -77,6 +85,14 @@ class Surrogate:
             )
 
     def __call__(self, u: Floats) -> Floats:
+        """(k,)"""
+        parts = np.array_split(u, -(-max(len(u), 1) // PART))
+        if self.workers == 1 or len(parts) == 1:
+            return np.concatenate([self._at(part) for part in parts])
+        with ThreadPoolExecutor(self.workers) as pool:
+            return np.concatenate(list(pool.map(self._at, parts)))
+
+    def _at(self, u: Floats) -> Floats:
         z = self._whitened(u)
         value = np.full(len(u), -np.inf)
         near = np.sum(z**2, axis=1) <= self.limit
@@ -105,9 +121,20 @@ class Surrogate:
         """(k, m) Matern function of order 5/2 and linear trend."""
         other = z if other is None else other
         product = z @ other.T
-        squares = np.sum(z**2, axis=1)[:, None] + np.sum(other**2, axis=1) - 2.0 * product
-        distance = np.sqrt(np.maximum(5.0 * squares, 0.0)) / LENGTH
-        return np.asarray((1.0 + distance + distance**2 / 3.0) * np.exp(-distance) + 1.0 + product / z.shape[1])
+        distance = np.sum(z**2, axis=1)[:, None] + np.sum(other**2, axis=1) - 2.0 * product
+        np.maximum(distance, 0.0, out=distance)  # in place: most of a call's time goes here
+        np.sqrt(distance, out=distance)
+        distance *= np.sqrt(5.0) / LENGTH
+        matern = distance / 3.0
+        matern += 1.0
+        matern *= distance
+        matern += 1.0
+        np.negative(distance, out=distance)
+        matern *= np.exp(distance, out=distance)
+        product /= z.shape[1]
+        product += 1.0
+        matern += product
+        return np.asarray(matern)
 
 
 def _directions(residual: Floats, deviation: Floats, weight: Floats) -> tuple[Floats, Floats]:
