@@ -23,6 +23,7 @@ from typing import Any, Literal, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
+from threadpoolctl import threadpool_limits
 
 from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError, SolverError
@@ -150,7 +151,8 @@ def verify_many(
             done()
         return found
 
-    with ThreadPoolExecutor(cores) as pool:
+    # BLAS' own threads would only wait for each other beside these
+    with threadpool_limits(1, "blas"), ThreadPoolExecutor(cores) as pool:
         return list(pool.map(one, zip(curves, answers, strict=True)))
 
 
