@@ -156,8 +156,7 @@ class Explorer:
         mixture = self.mixture.beside(self.start, KEPT).widened()
         if len(self.u) <= 2 * (self.u.shape[1] + 1):
             return mixture
-        noise, linear, workers = self.target.likelihood.noise, self.target.linear, self.target.workers
-        surrogate = Surrogate(noise, linear, self.u, self.residual, self.value, workers)
+        surrogate = Surrogate(self.target.likelihood.noise, self.target.linear, self.u, self.residual, self.value)
         if counted and np.any(np.isfinite(counted.log_weight)):
             self.mixture = self.mixture.fitted(counted.u, counted.log_weight)
             mixture = self.mixture.beside(self.start, KEPT).widened()

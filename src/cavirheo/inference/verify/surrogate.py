@@ -11,7 +11,6 @@ place nor excludes one. It only shapes proposals (explore.py): what counts in a 
 from __future__ import annotations
 
 from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,25 +28,18 @@ HOPE = 0.5  # x of log(<p^x>)/x over the process: 0 would be <log p>, gloomy whe
 SHARE = 0.03  # of the noise, below which a common direction of the residuals is left out
 DIRECTIONS = 40  # at most
 LARGEST = 900  # simulations at most, the most likely ones: time grows with their square
-PART = 400  # u at a time: what they need fits the caches
 BEYOND = 1.5  # distance over that of the farthest simulation, beyond which nothing is claimed
 
 
 class Surrogate:
     """log of the posterior to be expected at u (k, d), from simulations at u (m, d) with residuals (m, n) and log
     posterior value (m,), all finite and more than 2 (d + 1). `linear` gives, of u (k, d), the coordinates (k, d) that
-    the frames are nearly linear in; `workers` share the work of a call."""
+    the frames are nearly linear in."""
 
     def __init__(
-        self,
-        noise: Noise,
-        linear: Callable[[Floats], Floats],
-        u: Floats,
-        residual: Floats,
-        value: Floats,
-        workers: int = 1,
+        self, noise: Noise, linear: Callable[[Floats], Floats], u: Floats, residual: Floats, value: Floats
     ) -> None:
-        self.noise, self.linear, self.workers = noise, linear, workers
+        self.noise, self.linear = noise, linear
         kept = np.argsort(-value, kind="stable")[:LARGEST]
         v, residual, below = linear(u[kept]), residual[kept], value[kept[0]] - value[kept]
         weight = np.exp(-below / FLAT)
@@ -85,14 +77,6 @@ class Surrogate:
             )
 
     def __call__(self, u: Floats) -> Floats:
-        """(k,)"""
-        parts = np.array_split(u, -(-max(len(u), 1) // PART))
-        if self.workers == 1 or len(parts) == 1:
-            return np.concatenate([self._at(part) for part in parts])
-        with ThreadPoolExecutor(self.workers) as pool:
-            return np.concatenate(list(pool.map(self._at, parts)))
-
-    def _at(self, u: Floats) -> Floats:
         z = self._whitened(u)
         value = np.full(len(u), -np.inf)
         near = np.sum(z**2, axis=1) <= self.limit
