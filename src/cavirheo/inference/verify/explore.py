@@ -156,7 +156,9 @@ class Explorer:
         mixture = self.mixture.beside(self.start, KEPT).widened()
         if len(self.u) <= 2 * (self.u.shape[1] + 1):
             return mixture
-        surrogate = Surrogate(self.target.likelihood.noise, self.target.linear, self.u, self.residual, self.value)
+        surrogate = Surrogate(
+            self.target.likelihood.noise, self.target.linear, self.u, self.residual, self.value, self.target.workers
+        )
         if counted and np.any(np.isfinite(counted.log_weight)):
             self.mixture = self.mixture.fitted(counted.u, counted.log_weight)
             mixture = self.mixture.beside(self.start, KEPT).widened()

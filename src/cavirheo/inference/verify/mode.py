@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
+from threading import Lock
 from typing import Any
 
 import numpy as np
@@ -31,6 +32,14 @@ class Target:
     def __init__(self, likelihood: Likelihood, prior: Prior, workers: int = 1) -> None:
         self.likelihood, self.prior, self.workers = likelihood, prior, workers
         self.runs = self.failures = 0
+        self._counting = Lock()
+
+    def each(self, work: Callable[[Any], Any], jobs: Iterable[Any]) -> list[Any]:
+        """work(job) of each, in their order, on so many threads (the solver lets go of the interpreter)."""
+        if self.workers == 1:
+            return [work(job) for job in jobs]
+        with ThreadPoolExecutor(self.workers) as pool:
+            return list(pool.map(work, jobs))
 
     def residuals(self, u: Floats, accuracy: dict[str, Any]) -> Floats:
         """(k, n) measured minus simulated, over R_max, at u (k, d); NaN where the simulation failed."""
@@ -39,13 +48,10 @@ class Target:
             return self.likelihood.predict(x, accuracy)
 
         rows = self.prior.to_x(u)
-        if self.workers == 1 or len(rows) == 1:
-            found = [one(x) for x in rows]
-        else:
-            with ThreadPoolExecutor(self.workers) as pool:
-                found = list(pool.map(one, rows))
-        self.runs += len(found)
-        self.failures += sum(prediction is None for prediction in found)
+        found = [one(rows[0])] if len(rows) == 1 else self.each(one, rows)
+        with self._counting:
+            self.runs += len(found)
+            self.failures += sum(prediction is None for prediction in found)
         measured = self.likelihood.measured
         return np.array([np.full(len(measured), np.nan) if p is None else measured - p for p in found])
 
@@ -136,9 +142,10 @@ def ridge(target: Target, mode: Mode, accuracy: dict[str, Any]) -> list[Mode]:
 
     Steps of STRIDE standard deviations, until the log posterior has fallen by DEEP.
     """
-    found = []
     values, vectors = np.linalg.eigh(mode.covariance)
-    for side in (1.0, -1.0):
+
+    def along(side: float) -> list[Mode]:
+        found: list[Mode] = []
         here, axis, length = mode.u, side * vectors[:, -1], np.sqrt(values[-1])
         for _ in range(STRIDES):
             start = np.clip(here + STRIDE * length * axis, -3.0, 3.0)
@@ -149,7 +156,9 @@ def ridge(target: Target, mode: Mode, accuracy: dict[str, Any]) -> list[Mode]:
             local, turned = np.linalg.eigh(place.covariance)
             axis = turned[:, -1] * np.sign(turned[:, -1] @ axis)
             here, length = place.u, min(np.sqrt(local[-1]), 2.0 * length)
-    return found
+        return found
+
+    return [place for places in target.each(along, (1.0, -1.0)) for place in places]
 
 
 def same(mode: Mode, other: Mode) -> bool:
@@ -161,8 +170,7 @@ def same(mode: Mode, other: Mode) -> bool:
 def modes(target: Target, starts: Sequence[Floats], accuracy: dict[str, Any]) -> list[Mode]:
     """Distinct maxima from the starts (d,) in u, best first; those far below the best are left out."""
     found: list[Mode] = []
-    for start in starts:
-        mode = climb(target, start, accuracy)
+    for mode in target.each(lambda start: climb(target, start, accuracy), starts):
         if mode is None:
             continue
         for other in found:

@@ -71,14 +71,13 @@ class Mixture:
     def _terms(self, u: Floats) -> tuple[Floats, Floats]:
         """(c, k) log share and density, and squared Mahalanobis distances."""
         d = u.shape[1]
-        distance, half = [], []
-        for mean, scale in zip(self.mean, self.scale, strict=True):
-            root = np.linalg.cholesky(scale)
-            distance.append(np.sum(np.linalg.solve(root, (u - mean).T) ** 2, axis=0))
-            half.append(np.sum(np.log(np.diag(root))))
-        squares = np.array(distance)
+        roots = np.linalg.cholesky(self.scale)
+        inverse = np.linalg.inv(roots)
+        half = np.sum(np.log(np.diagonal(roots, axis1=1, axis2=2)), axis=1)
+        off = inverse @ u.T - inverse @ self.mean[:, :, None]  # (c, d, k)
+        squares = np.einsum("cdk,cdk->ck", off, off)
         constant = gammaln((FREEDOM + d) / 2) - gammaln(FREEDOM / 2) - 0.5 * d * np.log(FREEDOM * np.pi)
-        log_t = constant - np.array(half)[:, None] - 0.5 * (FREEDOM + d) * np.log1p(squares / FREEDOM)
+        log_t = constant - half[:, None] - 0.5 * (FREEDOM + d) * np.log1p(squares / FREEDOM)
         return np.log(self.share)[:, None] + log_t, squares
 
     def log_density(self, u: Floats) -> Floats:

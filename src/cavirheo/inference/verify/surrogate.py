@@ -11,10 +11,11 @@ place nor excludes one. It only shapes proposals (explore.py): what counts in a 
 from __future__ import annotations
 
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import cho_factor, cho_solve, solve_triangular
+from scipy.linalg import solve_triangular
 
 from cavirheo.inference.verify.likelihood import Noise
 from cavirheo.inference.verify.prior import log_normal
@@ -27,19 +28,26 @@ NUGGET, MISTRUST, LEAST = 1e-3, 3.0, 300.0  # of a simulation; grows with its di
 HOPE = 0.5  # x of log(<p^x>)/x over the process: 0 would be <log p>, gloomy where little is known, 1 log<p>, credulous
 SHARE = 0.03  # of the noise, below which a common direction of the residuals is left out
 DIRECTIONS = 40  # at most
-LARGEST = 900  # simulations at most, the most likely ones: time grows with their square
+LARGEST = 600  # simulations at most, the most likely ones: time grows with their square
+SHARED = 250  # u at least for each of several threads
 BEYOND = 1.5  # distance over that of the farthest simulation, beyond which nothing is claimed
 
 
 class Surrogate:
     """log of the posterior to be expected at u (k, d), from simulations at u (m, d) with residuals (m, n) and log
     posterior value (m,), all finite and more than 2 (d + 1). `linear` gives, of u (k, d), the coordinates (k, d) that
-    the frames are nearly linear in."""
+    the frames are nearly linear in. Many u are shared by `workers` threads."""
 
     def __init__(
-        self, noise: Noise, linear: Callable[[Floats], Floats], u: Floats, residual: Floats, value: Floats
+        self,
+        noise: Noise,
+        linear: Callable[[Floats], Floats],
+        u: Floats,
+        residual: Floats,
+        value: Floats,
+        workers: int = 1,
     ) -> None:
-        self.noise, self.linear = noise, linear
+        self.noise, self.linear, self.workers = noise, linear, workers
         kept = np.argsort(-value, kind="stable")[:LARGEST]
         v, residual, below = linear(u[kept]), residual[kept], value[kept[0]] - value[kept]
         weight = np.exp(-below / FLAT)
@@ -55,8 +63,9 @@ class Surrogate:
 
         kernel = self._kernel(self.z)
         kernel[np.diag_indices_from(kernel)] += NUGGET * np.minimum((1.0 + below / MISTRUST) ** 3, LEAST)
-        self.factor = cho_factor(kernel, lower=True)
-        inverse = cho_solve(self.factor, np.eye(len(kernel)))
+        # L^-1 for K = L L': a product with it lets other threads run, a triangular solve does not
+        self.root_inverse = solve_triangular(np.linalg.cholesky(kernel), np.eye(len(kernel)), lower=True)
+        inverse = self.root_inverse.T @ self.root_inverse
         self.coefficients = inverse @ along
         left_out = self.coefficients**2 / np.diag(inverse)[:, None]  # (y - y left out)^2 over its variance
         size = np.sqrt(trust @ left_out / np.sum(trust)) + 1e-9  # of each process, (directions,)
@@ -77,6 +86,13 @@ class Surrogate:
             )
 
     def __call__(self, u: Floats) -> Floats:
+        parts = min(self.workers, len(u) // SHARED)
+        if parts < 2:
+            return self._expected(u)
+        with ThreadPoolExecutor(parts) as pool:
+            return np.concatenate(list(pool.map(self._expected, np.array_split(u, parts))))
+
+    def _expected(self, u: Floats) -> Floats:
         z = self._whitened(u)
         value = np.full(len(u), -np.inf)
         near = np.sum(z**2, axis=1) <= self.limit
@@ -84,8 +100,8 @@ class Surrogate:
             return value
         z = z[near]
         kernel = self._kernel(z, self.z)
-        known = solve_triangular(self.factor[0], kernel.T, lower=True, check_finite=False)
-        variance = np.maximum(2.0 + np.sum(z**2, axis=1) / z.shape[1] - np.sum(known**2, axis=0), 0.0)
+        known = kernel @ self.root_inverse.T
+        variance = np.maximum(2.0 + np.sum(z**2, axis=1) / z.shape[1] - np.sum(known**2, axis=1), 0.0)
         variance *= HOPE / self.scale
         mean = np.column_stack([kernel @ self.coefficients, np.ones(len(z))])
         squares, half_log_det = np.empty((2, len(self.parts), len(z)))
