@@ -135,6 +135,8 @@ def test_exposure_is_the_mean_over_the_shutter():
     assert np.max(np.abs(sharp - brute)) > 10 * np.max(np.abs(seen - brute))
     with pytest.raises(InputError, match="exposure_s must be a time"):
         target_of(shot(exposure_s=-1.0))
+    with pytest.raises(InputError, match="longer than the time between two"):
+        target_of(shot(exposure_s=2e-6))
 
 
 def test_a_failed_simulation_has_no_likelihood_and_is_counted(monkeypatch):
@@ -533,10 +535,31 @@ def test_verify_from_the_command_line(run, tmp_path):
     (row,) = read_json(tmp_path / "f" / "result.json").curves
     assert set(row.other_parameters) == {"time_origin"}
     assert row.provenance["verify"] == "map"
-    for words in (("infer", "gel.csv", "--verify", "maybe"), ("fit", "gel.csv", "--joint", "--verify", "full")):
+    for words in (
+        ("infer", "gel.csv", "--verify", "maybe"),
+        ("fit", "gel.csv", "--joint", "--verify", "full"),
+        ("infer", "gel.csv", "--exposure-us", "0.3"),
+    ):
         status, _, err = run(*words)
         assert status == 2
         assert "--verify" in err
+
+
+def test_the_exposure_from_the_command_line(run, tmp_path):
+    write_gel(tmp_path)
+    shared = ("fit", "gel.csv", "--verify", "map", "-o", "f", "--exposure-us")
+    status, _, err = run(*shared, "0.4")
+    assert status == 0, err
+    (row,) = read_json(tmp_path / "f" / "result.json").curves
+    assert row.provenance["exposure_s"] == pytest.approx(0.4e-6)
+    status, _, err = run(*shared, "2.5")
+    (row,) = read_json(tmp_path / "f" / "result.json").curves
+    assert "longer than the time between two frames" in row.message
+    assert row.method == "least_squares"
+    assert "verify" not in row.provenance
+    status, _, err = run(*shared, "-1")
+    assert status == 2
+    assert "positive time" in err
 
 
 def test_which_law_from_the_command_line(run, tmp_path):

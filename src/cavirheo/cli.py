@@ -17,6 +17,7 @@ from cavirheo.commands.fit import fit
 from cavirheo.commands.shared import (
     Density,
     ExactLaw,
+    ExposureUs,
     MediumName,
     ModelName,
     Out,
@@ -73,6 +74,7 @@ def infer(
     ] = None,
     verify: Verify = "none",
     exact_law: ExactLaw = False,
+    exposure_us: ExposureUs = None,
     medium: MediumName = "water",
     density: Density = None,
     sound_speed: SoundSpeed = None,
@@ -85,9 +87,9 @@ def infer(
     from cavirheo.inference import infer_many
 
     began = time.perf_counter()
-    check_level(verify)
+    check_level(verify, exposure_us)
     liquid = liquid_of(medium, density, sound_speed, surface_tension, pressure, temperature)
-    curves, unreadable = read_files(files, liquid, rmax_um)
+    curves, unreadable = read_files(files, liquid, rmax_um, exposure_us)
     load_solver()
     with progress() as bar:
         task = bar.add_task("", total=len(curves))

@@ -35,7 +35,8 @@ class RadiusCurve:
     time: (n,) s, strictly increasing, any spacing and any origin. radius: (n,) m, positive; NaN is a frame without a
     measurement. radius_std: (n,) m, NaN where unknown. meta: name, source (path as given), source_sha256, group (shots
     of one file), notes (tuple of str: what was recognised, converted or left out), stretch and stretch_std (R_max/R_0
-    as the file states it), frame_rate_hz, and what the properties below say they look at.
+    as the file states it), frame_rate_hz, exposure_s (of a frame, centred on its time), and what the properties below
+    say they look at.
 
     An unusable curve (three samples, all NaN, an empty cell) is a RadiusCurve too, so that the others of its file can
     be answered: `max_radius` then raises with the reason.

@@ -11,6 +11,7 @@ import typer
 from cavirheo.commands.shared import (
     Density,
     ExactLaw,
+    ExposureUs,
     MediumName,
     Out,
     Pressure,
@@ -49,6 +50,7 @@ def fit(
     joint: Annotated[bool, typer.Option("--joint", help="the shots of a group share one material")] = False,
     verify: Verify = "none",
     exact_law: ExactLaw = False,
+    exposure_us: ExposureUs = None,
     rmax_um: Annotated[float | None, typer.Option(help="true R_max of the shots, um: rescales the radii")] = None,
     medium: MediumName = "water",
     density: Density = None,
@@ -63,12 +65,12 @@ def fit(
     from cavirheo.inference.fit import fit_many
 
     began = time.perf_counter()
-    check_level(verify)
+    check_level(verify, exposure_us)
     if joint and verify != "none":
         raise InputError("--verify looks at each shot by itself: leave out --joint, or --verify")
     collapses, known = number_or(window, "all", "--window", int), number_or(stretch, "plateau", "--stretch", float)
     liquid = liquid_of(medium, density, sound_speed, surface_tension, pressure, temperature)
-    curves, unreadable = read_files(files, liquid, rmax_um)
+    curves, unreadable = read_files(files, liquid, rmax_um, exposure_us)
     load_solver()
     freed = [name.strip() for name in free.split(",") if name.strip()]
     bounds: dict[str, Any] = {"t0_bound": None if t0_us is None else t0_us * 1e-6, "scale_bound": scale_percent / 100}

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import math
 import shlex
 import sys
 import threading
 import time
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -33,6 +35,9 @@ Temperature = Annotated[float | None, typer.Option(help="far from the bubble, K"
 Verify = Annotated[
     str,
     typer.Option(help="map: the posterior's maximum; full: draws weighted by the physics (docs/posterior.md); none"),
+]
+ExposureUs = Annotated[
+    float | None, typer.Option(help="of a frame, us, centred on its time: --verify blurs the simulation as the camera")
 ]
 ExactLaw = Annotated[
     bool, typer.Option("--exact-law", help="--verify: no discrepancy between law and bubble, narrower intervals")
@@ -72,16 +77,23 @@ def progress(what: str = "inferring") -> Progress:
     return Progress(*columns, console=Console(stderr=True), transient=True)
 
 
-def read_files(files: list[Path], medium: Medium, rmax_um: float | None) -> tuple[list[RadiusCurve], int]:
+def read_files(
+    files: list[Path], medium: Medium, rmax_um: float | None, exposure_us: float | None = None
+) -> tuple[list[RadiusCurve], int]:
     """All curves of all files, and the number of files that could not be read (each is reported on stderr)."""
     from cavirheo.reading.shots import read_shots
 
+    if exposure_us is not None and not 0.0 < exposure_us < math.inf:
+        raise InputError(f"--exposure-us must be a positive time in us, got {exposure_us:g}")
     scale = None if rmax_um is None else rmax_um * 1e-6
     curves, problems = read_shots(files, density=medium.density, pressure=medium.pressure, max_radius=scale)
     for problem in problems:
         print(f"error: {problem}", file=sys.stderr)
     if not curves:
         raise InputError("no curve could be read")
+    if exposure_us is not None:
+        exposed = {"exposure_s": exposure_us * 1e-6}
+        curves = [replace(curve, meta={**curve.meta, **exposed}) for curve in curves]
     return curves, len(problems)
 
 
@@ -111,10 +123,13 @@ def report(curves: list[RadiusCurve], answers: list[Posterior], out: Path, began
         raise typer.Exit(1)
 
 
-def check_level(level: str) -> None:
-    """Raises InputError for another --verify than none, map or full, before hours are spent."""
+def check_level(level: str, exposure_us: float | None = None) -> None:
+    """Raises InputError for another --verify than none, map or full, or for an exposure that nothing would use, before
+    hours are spent."""
     if level not in ("none", "map", "full"):
         raise InputError(f"--verify must be none, map or full, got {level!r}")
+    if exposure_us is not None and level == "none":
+        raise InputError("--exposure-us belongs to the camera of the posterior: give --verify map or full too")
 
 
 def number_or(text: str | None, word: str, option: str, kind: type[Any]) -> Any:

@@ -13,6 +13,7 @@ import typer
 from cavirheo.commands.shared import (
     Density,
     ExactLaw,
+    ExposureUs,
     MediumName,
     Out,
     Pressure,
@@ -44,6 +45,7 @@ def which_law(
         str | None, typer.Option(help="R_max/R_0, or 'plateau': late radius as prior; inferred otherwise")
     ] = None,
     exact_law: ExactLaw = False,
+    exposure_us: ExposureUs = None,
     rmax_um: Annotated[float | None, typer.Option(help="true R_max of the shots, um: rescales the radii")] = None,
     medium: MediumName = "water",
     density: Density = None,
@@ -63,7 +65,7 @@ def which_law(
     names = [name.strip() for name in laws.split(",") if name.strip()]
     collapses, known = number_or(window, "all", "--window", int), number_or(stretch, "plateau", "--stretch", float)
     liquid = liquid_of(medium, density, sound_speed, surface_tension, pressure, temperature)
-    curves, unreadable = read_files(files, liquid, rmax_um)
+    curves, unreadable = read_files(files, liquid, rmax_um, exposure_us)
     load_solver()
     with progress("weighing") as bar:
         task = bar.add_task("", total=len(curves) * len(names))

@@ -144,7 +144,8 @@ class Likelihood:
     fast); without it they are those of the file or of the frame-to-frame noise. Frames marked as spikes do not count.
 
     Raises:
-        InputError: an exposure in the curve's meta that is not a time in s, or none of the frames counts.
+        InputError: an exposure in the curve's meta that is not a time in s, or longer than the frame interval; none of
+            the frames counts.
     """
 
     def __init__(self, shot: Shot, discrepancy: bool) -> None:
@@ -152,6 +153,11 @@ class Likelihood:
         self.exposure = float(shot.curve.meta.get("exposure_s") or 0.0)
         if not 0.0 <= self.exposure < np.inf:
             raise InputError(f"{shot.curve.name}: exposure_s must be a time in s, got {self.exposure!r}")
+        if self.exposure > shot.frame * (1.0 + 1e-6):
+            raise InputError(
+                f"{shot.curve.name}: an exposure of {self.exposure * 1e6:.4g} us is longer than the time between two "
+                f"frames ({shot.frame * 1e6:.4g} us)"
+            )
         self.since, self.measured = shot.since[counted], shot.measured[counted]
         if len(self.since) < 3:
             raise InputError(f"{shot.curve.name}: {len(self.since)} frames are too few for a posterior")
