@@ -37,7 +37,7 @@ from cavirheo.inference.verify.likelihood import Likelihood
 from cavirheo.inference.verify.mode import Mode, Target, climb, modes
 from cavirheo.inference.verify.predictive import Predictive, predictive_check, systematic
 from cavirheo.inference.verify.prior import Prior, log_normal, prior_of
-from cavirheo.inference.verify.sampler import RELIABLE, Sample, sample
+from cavirheo.inference.verify.sampler import RELIABLE, UNSEEN, Sample, sample
 from cavirheo.physics.media import WATER, Medium
 from cavirheo.posterior import Posterior, Verdict
 
@@ -200,13 +200,14 @@ class _Work:
         best = self._best(found)
         log_evidence, error = drawn.log_evidence
         about |= {
-            "effective_sample_size": drawn.ess, "draws": len(drawn.u), "tail_index": drawn.tail,
+            "effective_sample_size": drawn.ess, "draws": len(drawn.u), "tail_index": drawn.tail[0],
             "log_evidence": log_evidence, "log_evidence_error": error, "modes": len(found),
         }  # fmt: skip
-        if drawn.ess < FEWEST or drawn.tail > RELIABLE:
+        if drawn.ess < FEWEST or not drawn.reliable:
             self.messages.append(
                 f"the interval is not to be trusted and left out: {len(drawn.u)} weighted draws are worth "
-                f"{drawn.ess:.0f} (at least {FEWEST:.0f} are needed; tail index {drawn.tail:.2f}, at most {RELIABLE})"
+                f"{drawn.ess:.0f} (at least {FEWEST:.0f} are needed; tail index {drawn.tail[0]:.2f}, at most {RELIABLE}"
+                f" unless at most {UNSEEN:.0%} of the weight is still to be met, here {drawn.tail[1]:.1%})"
             )
             return self._answer(best.u[None], None, None, best, about, "verified")
         return self._answer(drawn.u, drawn.log_q, drawn.log_weight, best, about, "verified")

@@ -12,6 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Protocol
 
 import numpy as np
@@ -28,7 +29,8 @@ WIDE, GROWN = 0.2, 2.0  # share of the draws that look for what the fitted shape
 SMALLEST = 0.005  # share of a component below which it is dropped
 LEAST = 3  # rounds: two that look good may only not have met the tails yet
 TAIL = 0.2  # of the draws, that the tail index looks at
-RELIABLE = 0.7  # tail index above which the mean of the weights cannot be trusted
+RELIABLE = 0.7  # tail index above which the mean of the weights cannot be trusted,
+UNSEEN = 0.02  # unless this share of it at most is to be expected beyond the largest weight
 
 
 @dataclass(frozen=True, eq=False)
@@ -138,9 +140,15 @@ class Sample:
         mean = float(np.mean(scaled))
         return float(top + np.log(mean)), float(np.std(scaled, ddof=1) / np.sqrt(len(scaled)) / mean)
 
+    @cached_property
+    def tail(self) -> tuple[float, float]:
+        return tail(self.log_weight)
+
     @property
-    def tail(self) -> float:
-        return tail_index(self.log_weight)
+    def reliable(self) -> bool:
+        """Whether the mean of the weights can be trusted; where they are too few to tell, it has to be."""
+        index, unseen = self.tail
+        return not (index > RELIABLE and unseen > UNSEEN)
 
 
 class Proposal(Protocol):
@@ -169,9 +177,9 @@ def sample(target: Log, start: Mixture | Propose, *, seed: int, each: int, most:
     densities: list[Floats] = []  # of each, log, at all draws so far
     found: Sample | None = None
     while found is None or (
-        len(found.u) < most and (len(found.u) < LEAST * each or found.ess < enough or found.tail > RELIABLE)
+        len(found.u) < most and (len(found.u) < LEAST * each or found.ess < enough or not found.reliable)
     ):
-        if found is None or found.ess < GOOD * len(found.u) or found.tail > RELIABLE:
+        if found is None or found.ess < GOOD * len(found.u) or not found.reliable:
             proposals.append(propose(rng, found))
             counts.append(0)
             densities.append(proposals[-1].log_density(found.u) if found else np.empty(0))
@@ -219,20 +227,25 @@ def tempered(log_weight: Floats, least: float) -> Floats:
     return np.asarray(low * log_weight if low > 0 else np.where(np.isfinite(log_weight), 0.0, -np.inf))
 
 
-def tail_index(log_weight: Floats) -> float:
-    """Shape of the generalised Pareto distribution of the largest weights: above 0.7 their mean cannot be trusted.
+def tail(log_weight: Floats) -> tuple[float, float]:
+    """(shape of the generalised Pareto distribution of the largest weights, share of their mean that it expects beyond
+    the largest one).
 
-    Vehtari, Simpson, Gelman, Yao and Gabry 2024, jmlr.org/papers/v25/19-556.html; fitted by maximum likelihood. NaN
-    below 25 weights that do not vanish.
+    Above a shape of 0.7 the mean cannot be trusted (Vehtari, Simpson, Gelman, Yao and Gabry 2024,
+    jmlr.org/papers/v25/19-556.html; here fitted by maximum likelihood), but the shape knows no scale: where nearly all
+    weights are equal, a few of three times as much give a large one. Hence the share: one weight in all lies beyond
+    the largest, and exceeds it by the mean excess there. NaN below 25 weights that do not vanish.
     """
     from scipy.stats import genpareto
 
     finite = np.sort(log_weight[np.isfinite(log_weight)])
     count = int(min(TAIL * len(finite), 3.0 * np.sqrt(len(finite))))
     if count < 5:
-        return float("nan")
+        return float("nan"), float("nan")
     weight = np.exp(finite[-count - 1 :] - finite[-1])
     beyond = weight[1:] - weight[0]
     if not beyond[-1] > 0:
-        return 0.0
-    return float(genpareto.fit(beyond / beyond[-1], floc=0.0)[0])
+        return 0.0, 0.0
+    shape, _, scale = genpareto.fit(beyond / beyond[-1], floc=0.0)
+    excess = (scale + shape) * beyond[-1] / (1.0 - shape) if shape < 1.0 else np.inf
+    return float(shape), float(max(excess, 0.0) / np.sum(np.exp(finite - finite[-1])))
