@@ -23,7 +23,7 @@ from cavirheo.inference.verify import likelihood as camera
 from cavirheo.inference.verify.evidence import rank_laws
 from cavirheo.inference.verify.explore import Blend, Explorer
 from cavirheo.inference.verify.likelihood import SHAPE, Likelihood, Noise
-from cavirheo.inference.verify.mode import Target, climb, modes
+from cavirheo.inference.verify.mode import Target, climb, modes, same
 from cavirheo.inference.verify.predictive import predictive_check
 from cavirheo.inference.verify.prior import Prior, log_normal, prior_of
 from cavirheo.inference.verify.sampler import Mixture, Sample, effective_size, sample
@@ -505,6 +505,15 @@ def test_climb_finds_the_maximum():
     assert np.all(target(around, FINE) < mode.log_posterior)
     offset = (target.prior.to_x(mode.u) - truth_of(target))[:3]
     assert np.max(np.abs(offset)) < 0.1
+
+
+def test_the_highest_valley_is_found_without_the_answer(fitted):
+    curve, answer = fitted
+    work = verify._Work(Verified(LeastSquares("nhkv"), discrepancy=False), curve, answer, 0)
+    (known,) = modes(work.target, work._starts(), QUICK)
+    found = modes(work.target, work._scanned(), QUICK)
+    assert same(found[0], known)
+    assert len(modes(work.target, work._starts(), QUICK, work._scanned())) == 1
 
 
 # laws

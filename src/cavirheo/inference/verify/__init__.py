@@ -29,7 +29,7 @@ from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError, SolverError
 from cavirheo.inference.fit import fit_many, overlaid
 from cavirheo.inference.fit.parameters import FREE, SCALE_BOUND, Family, Settings, units
-from cavirheo.inference.fit.search import Fit
+from cavirheo.inference.fit.search import Fit, Scan
 from cavirheo.inference.fit.shots import FINE, QUICK, Shot
 from cavirheo.inference.reconstruct import MISFIT
 from cavirheo.inference.verify.explore import Explorer
@@ -54,6 +54,7 @@ NARROWEST = 0.02  # t_c: half-width of the time origin's range where half a fram
 SYSTEMATIC = 0.03  # of R_max: misfit beyond noise above which a law is rejected although some is allowed for
 SEEN = 5e-4  # of R_max: misfit below which none is stated
 PULLED = 2.3  # in u: a nuisance that far from its middle has 1 % of its prior beyond it
+SCANNED, CLIMBED = 96, 3  # coarse simulations all over the ranges, and how many of them are climbed from
 SAME = 0.005  # in u: starts nearer to each other than this are one
 AT_END = 0.25  # of an interval's width: an end nearer to that of the prior's range is the prior's, not the curve's
 
@@ -180,7 +181,7 @@ class _Work:
         self.messages: list[str] = []
 
     def posterior(self, draws: int) -> Posterior:
-        found = modes(self.target, self._starts(), QUICK)
+        found = modes(self.target, self._starts(), QUICK, self._scanned())
         if not found:
             raise SolverError(f"no start of {self.family.name} could be simulated")
         about: dict[str, Any] = {
@@ -245,6 +246,22 @@ class _Work:
             needed = ", ".join((*self.family.parameters, "stretch"))
             raise InputError(f"the answer that is to be verified must give {needed}; it gives {', '.join(names)}")
         return found
+
+    def _scanned(self) -> list[Floats]:
+        """Where coarse simulations all over the ranges of a fit are most likely: neither a network's answer nor least
+        squares need lie in the highest valley."""
+        fit, likelihood = Fit(self.family, [self.shot], self.target.workers), self.likelihood
+        try:
+            scan = Scan(fit, SCANNED)
+        except SolverError:
+            return []
+        self.target.runs += fit.runs
+        self.target.failures += fit.failures
+        missed = np.full(len(likelihood.measured), np.nan)
+        frames = [missed if p is None else p.radius[~self.shot.spikes] for p in scan.found]
+        u = self.prior.start(scan.points)
+        value = self.target.log_posterior(u, likelihood.measured - np.array(frames))
+        return [u[i] for i in np.argsort(-value)[:CLIMBED] if np.isfinite(value[i])]
 
     def _weighted(self, draws: int) -> Sample:
         """The other's own draws; parameters that it does not have are drawn from their priors."""

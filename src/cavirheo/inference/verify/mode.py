@@ -95,9 +95,15 @@ class Mode:
 
 
 def climb(
-    target: Target, start: Floats, accuracy: dict[str, Any], held: Floats | None = None, most: int = ITERATIONS
+    target: Target,
+    start: Floats,
+    accuracy: dict[str, Any],
+    held: Floats | None = None,
+    most: int = ITERATIONS,
+    known: Sequence[Mode] = (),
 ) -> Mode | None:
-    """The maximum reached from u (d,) by damped Gauss-Newton; None if the start cannot be simulated.
+    """The maximum reached from u (d,) by damped Gauss-Newton; None if the start cannot be simulated, or if the way
+    comes to a `known` mode.
 
     `held` (d,) is a direction along which u stays near its start: it is 1/HELD standard deviation long.
     """
@@ -113,6 +119,8 @@ def climb(
         return None
     damping = 1e-3
     for turn in range(most + 1):
+        if any((u - mode.u) @ np.linalg.solve(mode.covariance, u - mode.u) < NEAR**2 for mode in known):
+            return None
         jacobian = target.jacobian(u, residual, accuracy)
         gradient, curvature = noise.newton(residual, jacobian)
         free = curvature + np.eye(len(u))
@@ -167,10 +175,15 @@ def same(mode: Mode, other: Mode) -> bool:
     return bool(off @ np.linalg.solve(other.covariance + mode.covariance, off) < NEAR**2)
 
 
-def modes(target: Target, starts: Sequence[Floats], accuracy: dict[str, Any]) -> list[Mode]:
-    """Distinct maxima from the starts (d,) in u, best first; those far below the best are left out."""
+def modes(
+    target: Target, starts: Sequence[Floats], accuracy: dict[str, Any], further: Sequence[Floats] = ()
+) -> list[Mode]:
+    """Distinct maxima from the starts (d,) in u, and from `further` ones where they lead elsewhere; best first, and
+    those far below the best are left out."""
     found: list[Mode] = []
-    for mode in target.each(lambda start: climb(target, start, accuracy), starts):
+    first = target.each(lambda start: climb(target, start, accuracy), starts)
+    known = [mode for mode in first if mode is not None]
+    for mode in (*first, *target.each(lambda start: climb(target, start, accuracy, known=known), further)):
         if mode is None:
             continue
         for other in found:
