@@ -68,8 +68,9 @@ def _write_answer(figure: Figure, record: CurveRecord, unit: tuple[float, str]) 
     answer += [] if record.stretch.median is None else [f"λ = {wording.quantity(record.stretch)}"]
     answer.append(f"{_RMAX} = {wording.micrometres(record.max_radius_m)} µm")
     box = {"boxstyle": "round,pad=0.45", "facecolor": "#f4f1ea", "edgecolor": "none"}
-    size = min(9.5, 9.5 * 105 / sum(len(part) + 4 for part in answer))
-    write(figure, 0.096, 0.898, "\u2003\u2002".join(answer), size=size, bbox=box)
+    write(figure, 0.096, 0.898, "\u2003\u2002".join(answer), size=9.5, bbox=box)
+    (*_, line) = figure.texts
+    line.set_fontsize(9.5 * min(1.0, 0.84 * figure.bbox.width / line.get_window_extent().width))  # within the axes
 
 
 def _draw_unanswered(figure: Figure, curve: RadiusCurve) -> None:
