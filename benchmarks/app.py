@@ -55,7 +55,7 @@ def twenty(folder: Path) -> Path:
 def start_up() -> float:
     """s from the command to the page's answer."""
     began = time.perf_counter()
-    command = [sys.executable, "-m", "cavirheo.cli", "app", "--no-browser", "--port", "7990"]
+    command = [sys.executable, "-m", "cavirheo", "app", "--no-browser", "--port", "7990"]
     server = subprocess.Popen(command, stderr=subprocess.DEVNULL, stdout=subprocess.DEVNULL)
     try:
         while True:

@@ -19,12 +19,12 @@ from pathlib import Path
 
 import numpy as np
 
-from cavirheo.comparison import shots_of
-from cavirheo.comparison.references import MU, G, ReferenceSet, read_references
+from cavirheo.beside.published import shots_of
+from cavirheo.beside.published.references import MU, G, ReferenceSet, read_references
 from cavirheo.inference.fit import fit_many
 from cavirheo.posterior import Posterior
-from cavirheo.reporting import wording
-from cavirheo.reporting.record import Quantity, spread_of
+from cavirheo.writing import digits
+from cavirheo.writing.document import Quantity, spread_of
 
 COLUMNS = ("set", "published", "window", "free", "G, shots (kPa)", "G, joint", "µ, shots (Pa s)", "µ, joint",
            "RMSE, %", "verdicts of shots", "at bounds")  # fmt: skip
@@ -48,14 +48,14 @@ def row(answers: list[Posterior], shots: int) -> list[str]:
     cells = []
     for name, (_, factor) in FIELDS.items():
         values = [one["best"].get(name) for one in alone]
-        cells.append(wording.spread(spread_of(values), factor))
+        cells.append(digits.spread(spread_of(values), factor))
         low, high = (done and done[0].interval(name)) or (None, None)
-        cells.append(wording.quantity(Quantity(median=done[0].median(name), q05=low, q95=high), factor) if done else "")
+        cells.append(digits.quantity(Quantity(median=done[0].median(name), q05=low, q95=high), factor) if done else "")
     verdicts = Counter(one["verdict"] for one in alone) + Counter(failed=shots - len(done))
     bounds = Counter(name for a in done for name in a.provenance["at_bound"])
     rmse = np.median([one["rmse_over_rmax"] for one in alone]) if alone else np.nan
     return [
-        *cells, f"{100 * rmse:.2g}", ", ".join(f"{wording.VERDICTS[v]} {n}" for v, n in verdicts.items() if n),
+        *cells, f"{100 * rmse:.2g}", ", ".join(f"{digits.VERDICTS[v]} {n}" for v, n in verdicts.items() if n),
         ", ".join(f"{name} {n}" for name, n in bounds.items()),
     ]  # fmt: skip
 

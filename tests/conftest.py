@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from cavirheo import cli
+from cavirheo import verbs
 
 
 @pytest.fixture(scope="session")
@@ -29,7 +29,7 @@ def run(monkeypatch, capsys, tmp_path):
         monkeypatch.setattr(sys, "argv", ["cavirheo", *map(str, words)])
         status = 0
         try:
-            cli.main()
+            verbs.main()
         except SystemExit as stop:
             status = int(stop.code or 0)
         captured = capsys.readouterr()

@@ -392,7 +392,7 @@ def test_the_zip_holds_what_the_command_line_writes_and_the_curves(session, run,
 def test_the_command_line_does_not_wait_for_gradio(tmp_path):
     (tmp_path / "gradio.py").write_text("raise ModuleNotFoundError('no', name='gradio')")
     path = os.pathsep.join([str(tmp_path), *sys.path])
-    call = [sys.executable, "-m", "cavirheo.cli"]
+    call = [sys.executable, "-m", "cavirheo"]
     for words, says in ((["--help"], "The same in the browser"), (["app"], 'pip install "cavirheo[app]"')):
         done = subprocess.run(
             [*call, *words], capture_output=True, text=True, env={**os.environ, "PYTHONPATH": path}, check=False

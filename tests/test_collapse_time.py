@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from scipy.io import savemat
 
-from cavirheo.collapse.read import read_groups, title
+from cavirheo.beside.collapse_times.read import read_groups, title
 from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError, SolverError
 from cavirheo.inference.collapse_time import Shots, estimate, fit, shot

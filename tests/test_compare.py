@@ -11,14 +11,15 @@ import numpy as np
 import pytest
 from rich.console import Console
 
-from cavirheo import comparison, read_curves
-from cavirheo.comparison import compare, picture, table
-from cavirheo.comparison.record import Comparison
-from cavirheo.comparison.references import MU, G, read_references
+from cavirheo import read_curves
+from cavirheo.beside import published
+from cavirheo.beside.published import compare, picture, table
+from cavirheo.beside.published.record import Comparison
+from cavirheo.beside.published.references import MU, G, read_references
 from cavirheo.errors import InputError
 from cavirheo.posterior import Checks, Posterior
 from cavirheo.reading import write_csv
-from cavirheo.reporting import style
+from cavirheo.writing import style
 
 ROOT = Path(__file__).parent.parent
 EXAMPLE = ROOT / "examples" / "soft_gel.csv"
@@ -75,8 +76,8 @@ def fake(monkeypatch):
             done()
         return [answered(curve, material) for curve in curves]
 
-    monkeypatch.setattr(comparison, "infer_many", infer_many)
-    monkeypatch.setattr(comparison, "load", lambda name: None)
+    monkeypatch.setattr(published, "infer_many", infer_many)
+    monkeypatch.setattr(published, "load", lambda name: None)
     return calls
 
 

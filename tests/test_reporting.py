@@ -18,8 +18,9 @@ from rich.console import Console
 from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError
 from cavirheo.posterior import Checks, Posterior
-from cavirheo.reporting import html, picture, read_json, result, style, table, wording, write_json, write_report
-from cavirheo.reporting.record import Quantity, Spread
+from cavirheo.reporting import html, picture, read_json, result, table, write_json, write_report
+from cavirheo.writing import digits, style
+from cavirheo.writing.document import Quantity, Spread
 
 NAMES = ("log10_shear_modulus", "log10_viscosity")
 COMMAND = "cavirheo infer shots.mat -o out"
@@ -237,30 +238,30 @@ def test_what_is_not_a_result_is_refused(text, tmp_path):
     [(6.4412, "6.44"), (0.0201, "0.0201"), (9.996, "10.0"), (274.3, "274"), (2e-6, "2.00e-06"), (0.0, "0")],
 )
 def test_digits(value, text):
-    assert wording.digits(value) == text
+    assert digits.significant(value) == text
 
 
 def test_quantity_shows_the_digits_that_the_interval_leaves():
-    assert wording.quantity(Quantity(median=6100.0, q05=5400.0, q95=6900.0), 1e-3) == "6.1 [5.4, 6.9]"
-    assert wording.quantity(Quantity(median=9.91, q05=9.60, q95=10.19)) == "9.91 [9.60, 10.19]"
-    assert wording.quantity(Quantity(median=0.02, q05=0.0005, q95=0.3)) == "0.020 [0.00050, 0.300]"
-    assert wording.quantity(Quantity(median=6440.0), 1e-3) == "6.44"
-    assert wording.quantity(Quantity()) == wording.MISSING
+    assert digits.quantity(Quantity(median=6100.0, q05=5400.0, q95=6900.0), 1e-3) == "6.1 [5.4, 6.9]"
+    assert digits.quantity(Quantity(median=9.91, q05=9.60, q95=10.19)) == "9.91 [9.60, 10.19]"
+    assert digits.quantity(Quantity(median=0.02, q05=0.0005, q95=0.3)) == "0.020 [0.00050, 0.300]"
+    assert digits.quantity(Quantity(median=6440.0), 1e-3) == "6.44"
+    assert digits.quantity(Quantity()) == digits.MISSING
 
 
 def test_spread_shows_two_digits_of_the_deviation():
-    assert wording.spread(Spread(mean=6440.0, std=1640.0), 1e-3) == "6.4 ± 1.6"
-    assert wording.spread(Spread(mean=0.02, std=0.009)) == "0.0200 ± 0.0090"
-    assert wording.spread(Spread(mean=0.02)) == "0.0200"
-    assert wording.spread(Spread(mean=0.02, std=0.0)) == "0.0200 ± 0"
+    assert digits.spread(Spread(mean=6440.0, std=1640.0), 1e-3) == "6.4 ± 1.6"
+    assert digits.spread(Spread(mean=0.02, std=0.009)) == "0.0200 ± 0.0090"
+    assert digits.spread(Spread(mean=0.02)) == "0.0200"
+    assert digits.spread(Spread(mean=0.02, std=0.0)) == "0.0200 ± 0"
 
 
 def test_elided_names_keep_both_ends():
-    short = wording.elide("Rt_nondim_exp_PAAm[12]", 14)
+    short = digits.elide("Rt_nondim_exp_PAAm[12]", 14)
     assert len(short) == 14
     assert short.startswith("Rt_no")
     assert short.endswith("[12]")
-    assert wording.elide("short", 14) == "short"
+    assert digits.elide("short", 14) == "short"
 
 
 def printed(document, width) -> str:
@@ -300,8 +301,8 @@ def test_table_tells_apart_names_that_differ_in_the_middle():
 def test_table_chooses_one_unit():
     curve = bubble()
     soft = result([(curve, answer(curve, 310.0)), (curve, answer(curve, 95.0))], COMMAND)
-    assert wording.modulus_unit(soft) == (1.0, "Pa")
-    assert wording.modulus_unit(result([(curve, answer(curve, 310.0)), (curve, answer(curve, 5e3))], COMMAND)) == (
+    assert soft.modulus_unit == (1.0, "Pa")
+    assert result([(curve, answer(curve, 310.0)), (curve, answer(curve, 5e3))], COMMAND).modulus_unit == (
         1e-3,
         "kPa",
     )

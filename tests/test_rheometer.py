@@ -11,12 +11,12 @@ from zipfile import ZipFile
 import numpy as np
 import pytest
 
-from cavirheo.reporting import style
-from cavirheo.reporting.document import write_json
+from cavirheo.beside.rheometer.analyse import frequency_sweep, strain_sweep
+from cavirheo.beside.rheometer.read import Sweep, read_sweeps
+from cavirheo.beside.rheometer.titles import read_title
 from cavirheo.reporting.record import Result
-from cavirheo.rheometer.analyse import frequency_sweep, strain_sweep
-from cavirheo.rheometer.read import Sweep, read_sweeps
-from cavirheo.rheometer.titles import read_title
+from cavirheo.writing import style
+from cavirheo.writing.document import write_json
 
 EXAMPLES = Path(__file__).parent.parent / "examples"
 OMEGA = np.logspace(-1, 2, 16)

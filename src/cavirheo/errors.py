@@ -1,8 +1,24 @@
 """The package's two own exceptions; their messages say what was given, what was expected, and how to mend it."""
 
+from __future__ import annotations
+
 
 class InputError(ValueError):
-    """What the user gave cannot be used (a file, a curve, an option)."""
+    """What the user gave cannot be used (a file, a curve, an option).
+
+    `code` names the mistake for programs and stays the same when the sentence is put better: "curve.no_maximum".
+    """
+
+    def __init__(self, message: str, code: str = "input") -> None:
+        super().__init__(message)
+        self.code = code
+
+    def __reduce__(self) -> tuple[type[InputError], tuple[str, str]]:
+        return type(self), (str(self), self.code)
+
+    def within(self, where: str) -> InputError:
+        """The same mistake, with the file, row or option that it concerns before the message."""
+        return type(self)(f"{where}: {self}", self.code)
 
 
 class SolverError(RuntimeError):

@@ -13,7 +13,7 @@ from cavirheo.curve import Floats, RadiusCurve
 from cavirheo.errors import InputError
 from cavirheo.physics.media import Medium
 from cavirheo.posterior import Checks, Posterior
-from cavirheo.reporting.style import BLUE, INK, VERMILLION, shades
+from cavirheo.writing.style import BLUE, INK, VERMILLION, shades
 
 GREEN, MEASURED, PALE = "#00875f", "#222222", "#b4b4b4"
 TRIAL = [0, 1]  # places of the trial's line and of its residual among the traces: `steps.trial` redraws these alone

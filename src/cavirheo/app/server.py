@@ -22,8 +22,8 @@ from starlette.types import ASGIApp, Message, Receive, Scope, Send
 from cavirheo.app import words
 from cavirheo.app.page import build
 from cavirheo.app.session import Limits, Visitors
-from cavirheo.commands.shared import load_solver
 from cavirheo.errors import InputError
+from cavirheo.physics.simulate import load_solver
 
 _FONTS = ["system-ui", "-apple-system", "Segoe UI", "Roboto", "Helvetica Neue", "Arial", "sans-serif"]
 # What the page may load: itself. Gradio's own scripts stand in the page and build functions.

@@ -12,9 +12,9 @@ from threading import Event, Lock, RLock, Timer
 from typing import Any
 
 from cavirheo.app.apart import Reader
-from cavirheo.commands.shared import check_level
 from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError
+from cavirheo.inference import check_level
 from cavirheo.inference.model import DEFAULT, shipped
 from cavirheo.physics.media import Medium, medium
 from cavirheo.posterior import Posterior

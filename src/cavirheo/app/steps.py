@@ -23,7 +23,7 @@ from cavirheo.inference.model import load
 from cavirheo.inference.reconstruct import Window, reconstruct, window
 from cavirheo.physics.materials import MATERIALS
 from cavirheo.posterior import Posterior
-from cavirheo.reporting import html, wording
+from cavirheo.reporting import html
 from cavirheo.reporting.record import curve_record
 
 EXAMPLES = Path(__file__).parent / "examples"
@@ -126,7 +126,7 @@ def answers(session: Session) -> str:
     """The table of the answers: groups, curves, and what is said of them."""
     if session.result is None:
         return words.NOTHING.format("No answers yet: press the button above.")
-    factor, unit = wording.modulus_unit(session.result)
+    factor, unit = session.result.modulus_unit
     said: dict[str, list[str]] = {}
     for record in session.result.curves:
         if record.message:
@@ -168,7 +168,7 @@ def beside(session: Session, name: str) -> str:
     curve, posterior = pair(session, name)
     found = [("answer", posterior), *([("least squares", session.fits[name])] if name in session.fits else [])]
     records = [curve_record(curve, one).model_copy(update={"name": what}) for what, one in found]
-    factor, unit = wording.modulus_unit(session.result)  # type: ignore[arg-type]
+    factor, unit = session.result.modulus_unit  # type: ignore[union-attr]
     table = html.curves_table(records, factor, unit, title="Answer and conventional fit", linked=False)
     failed = {one.checks.message: [what] for what, one in found[1:] if one.checks.verdict == "failed"}
     article = html.article(0, curve_record(curve, posterior), factor, unit, "")

@@ -12,7 +12,7 @@ from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError
 from cavirheo.inference.model import card, shipped
 from cavirheo.posterior import Checks
-from cavirheo.reporting import wording
+from cavirheo.writing import digits
 
 _FEW = 4  # remarks that are shown unfolded
 NOTHING = '<div class="report"><p class="quiet">{}</p></div>'
@@ -31,7 +31,7 @@ def report(*parts: str) -> str:
 def models() -> list[tuple[str, str]]:
     """(label, name) of every shipped model."""
     about = {name: card(path) for name, path in shipped().items()}
-    laws = {name: wording.MATERIALS.get(one["material"], one["material"]) for name, one in about.items()}
+    laws = {name: digits.MATERIALS.get(one["material"], one["material"]) for name, one in about.items()}
     return [(f"{law.partition(' (')[0]} · {name}", name) for name, law in laws.items()]
 
 
@@ -57,19 +57,19 @@ def found(curves: Sequence[RadiusCurve], problems: Sequence[str]) -> str:
 def _row(curve: RadiusCurve) -> str:
     rate = curve.meta.get("frame_rate_hz")
     measured = int(np.isfinite(curve.radius).sum())
-    span = f"{1e6 * np.ptp(curve.time):.4g}" if len(curve.time) else wording.MISSING
+    span = f"{1e6 * np.ptp(curve.time):.4g}" if len(curve.time) else digits.MISSING
     try:
-        top, collapses = wording.micrometres(curve.max_radius), str(len(curve.collapse_times()))
+        top, collapses = digits.micrometres(curve.max_radius), str(len(curve.collapse_times()))
     except InputError:
-        top = collapses = wording.MISSING
+        top = collapses = digits.MISSING
     cells = (
         top,
-        wording.digits(rate / 1000) if rate else wording.MISSING,
+        digits.significant(rate / 1000) if rate else digits.MISSING,
         f"{measured} of {len(curve.time)}",
         span,
         collapses,
     )
-    name = escape(wording.elide(curve.name, 36))
+    name = escape(digits.elide(curve.name, 36))
     return f'<tr><td title="{escape(curve.name)}">{name}</td>' + "".join(f"<td>{cell}</td>" for cell in cells) + "</tr>"
 
 
@@ -122,8 +122,8 @@ def stopped(done: int, left: Sequence[str]) -> str:
 def differences(checks: Checks) -> str:
     """'RMSE 1.2 %, mean absolute 0.9 %, largest 4 % of R_max'."""
     return (
-        f"RMSE {wording.percent(checks.rmse_over_rmax)} %, mean absolute {wording.percent(checks.mae_over_rmax)} %, "
-        f"largest {wording.percent(checks.max_difference_over_rmax)} % of R<sub>max</sub>"
+        f"RMSE {digits.percent(checks.rmse_over_rmax)} %, mean absolute {digits.percent(checks.mae_over_rmax)} %, "
+        f"largest {digits.percent(checks.max_difference_over_rmax)} % of R<sub>max</sub>"
     )
 
 

@@ -7,12 +7,21 @@ from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 
 from cavirheo.curve import RadiusCurve
+from cavirheo.errors import InputError
 from cavirheo.inference.amortised import Amortised
 from cavirheo.inference.model import DEFAULT, load
 from cavirheo.physics.media import WATER, Medium
 from cavirheo.posterior import Posterior
 
-__all__ = ["infer", "infer_many"]
+__all__ = ["check_level", "infer", "infer_many"]
+
+LEVELS = ("none", "map", "full")  # of verification (inference/verify)
+
+
+def check_level(level: str) -> None:
+    """Raises InputError for a level of verification that does not exist."""
+    if level not in LEVELS:
+        raise InputError(f"verify must be {', '.join(LEVELS[:-1])} or {LEVELS[-1]}, got {level!r}")
 
 
 def infer(

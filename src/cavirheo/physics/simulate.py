@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import os
+import sys
+import threading
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from typing import Any
@@ -14,7 +16,7 @@ from cavirheo.errors import InputError, SolverError
 from cavirheo.physics import solver
 from cavirheo.physics.driving import Driving
 from cavirheo.physics.grid import NO_SHELLS, Grid, wall_clustered
-from cavirheo.physics.materials import Material
+from cavirheo.physics.materials import Material, Newtonian
 from cavirheo.physics.media import WATER, Medium
 from cavirheo.physics.scales import MOTIONS, Numbers, dimensionless
 from cavirheo.physics.simulation import Contents, Simulation
@@ -175,6 +177,18 @@ def simulate_many(
     done = [one(i) for i in range(m if workers == 1 else min(m, 1))]  # the first may compile: before threads
     with ThreadPoolExecutor(workers or os.cpu_count() or 1) as pool:
         return done + list(pool.map(one, range(len(done), m)))
+
+
+def load_solver() -> None:
+    """Load the compiled solver; tell the user if that takes long because it is compiled for the first time."""
+    said = threading.Timer(
+        2.0, lambda: print("compiling the bubble solver for this machine, once (10 to 30 s) ...", file=sys.stderr)
+    )
+    said.start()
+    try:
+        simulate(Newtonian(0.1), max_radius=1e-4, stretch=2.0, time=[0.0, 1e-7])
+    finally:
+        said.cancel()
 
 
 def _checked(time: ArrayLike) -> NDArray[np.float64]:

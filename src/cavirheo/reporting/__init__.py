@@ -4,7 +4,7 @@
 |---|---|
 | document | what all documents have in common |
 | record | result.json: what other programs read |
-| wording | digits, units and words for people, the same everywhere |
+| digits | digits, units and words for people, the same everywhere |
 | table | the terminal, and CSV |
 | style | how all pictures look |
 | picture | measured points, simulation of the answer, residual (needs the [plot] extra) |
@@ -19,12 +19,11 @@ from datetime import datetime
 from pathlib import Path
 
 from cavirheo.errors import InputError
-from cavirheo.reporting.document import write_json
 from cavirheo.reporting.record import Pairs, Result, read_json, result
+from cavirheo.writing.document import into, write_json
 
 __all__ = ["file_names", "read_json", "result", "write_json", "write_report"]
 
-NO_PICTURES = 'pictures are left out: matplotlib is not installed; pip install "cavirheo[plot]"'
 _KINDS = ("png", "svg")
 
 
@@ -49,17 +48,16 @@ def write_report(
     Raises:
         InputError: an unknown kind of picture, or a directory that cannot be written.
     """
-    from cavirheo.reporting import html, picture, style, table, wording
+    from cavirheo.reporting import html, picture, table
+    from cavirheo.writing import style
 
     if unknown := [kind for kind in pictures if kind not in _KINDS]:
         raise InputError(f"pictures can be {' or '.join(_KINDS)}, got {', '.join(map(repr, unknown))}")
     date = date or datetime.now().astimezone().strftime("%Y-%m-%d %H:%M %Z")
     drawing = style.available()
-    document = result(pairs, command, date=date, notes=() if drawing else (NO_PICTURES,))
-    unit = wording.modulus_unit(document)
-    folder = Path(directory)
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
+    document = result(pairs, command, date=date, notes=() if drawing else (style.NO_PICTURES,))
+    unit = document.modulus_unit
+    with into(directory) as folder:
         drawn: dict[int, str] = {}
         overviews: dict[int, str] = {}
         if drawing:
@@ -78,8 +76,6 @@ def write_report(
         write_json(folder / "result.json", document)
         table.write_csv(folder / "result.csv", document)
         (folder / "report.html").write_text(html.render(document, drawn, overviews), encoding="utf-8")
-    except OSError as error:
-        raise InputError(f"cannot write the report into {folder}: {error.strerror or error}") from None
     return document
 
 

@@ -7,8 +7,9 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-from cavirheo.reporting import wording
-from cavirheo.reporting.record import CurveRecord, Result, spread_of
+from cavirheo.reporting.record import CurveRecord, Result
+from cavirheo.writing import digits
+from cavirheo.writing.document import spread_of
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -34,11 +35,11 @@ def mean_cells(records: list[CurveRecord], factor: float) -> list[str]:
     for key in _HEADS:
         having = [found[key] for record in records if key in (found := windows(record))]
         parts = [
-            wording.spread(spread_of([one.get(name) for one in having]), scale)
+            digits.spread(spread_of([one.get(name) for one in having]), scale)
             for name, scale in (("shear_modulus", factor), ("viscosity", 1.0))
         ]
-        known = ", ".join(part for part in parts if part != wording.MISSING)
-        cells.append(f"{known} (n = {len(having)})" if known else wording.MISSING)
+        known = ", ".join(part for part in parts if part != digits.MISSING)
+        cells.append(f"{known} (n = {len(having)})" if known else digits.MISSING)
     return cells
 
 
@@ -49,19 +50,19 @@ def windows_table(result: Result) -> Table | None:
 
     if not any(windows(record) for record in result.curves):
         return None
-    factor, unit = wording.modulus_unit(result)
+    factor, unit = result.modulus_unit
     table = Table(box=SIMPLE_HEAD, pad_edge=False, show_edge=False, title_justify="left", title_style="dim")
     table.title = f"G ({unit}), µ (Pa s) by the window that is fitted; *: a parameter at its bound"
     for head in ("curve", *_HEADS.values()):
         table.add_column(head)
     for record in result.curves:
         if windows(record):
-            table.add_row(wording.elide(record.name, 24), *window_cells(record, factor))
+            table.add_row(digits.elide(record.name, 24), *window_cells(record, factor))
     table.add_section()
     for group, members in result.members():
         if len(members) > 1:
             cells = mean_cells([result.curves[i] for i in members], factor)
-            table.add_row(wording.elide(group.name, 24), *cells, style="bold")
+            table.add_row(digits.elide(group.name, 24), *cells, style="bold")
     return table
 
 
@@ -87,14 +88,14 @@ def facts(record: CurveRecord, factor: float, unit: str) -> dict[str, str]:
     if isinstance(check := about.get("predictive"), dict) and record.answered:
         found["predictive check"] = (
             f"p = {check['p_value']:.2g} that the law and noise alone leave such residuals; systematic misfit "
-            f"{wording.percent(about.get('systematic_misfit_over_rmax'))} % of R_max"
+            f"{digits.percent(about.get('systematic_misfit_over_rmax'))} % of R_max"
         )
     return {key: text for key, text in found.items() if text}
 
 
 def _pair(found: dict[str, Any] | None, factor: float) -> str:
     if not found:
-        return wording.MISSING
+        return digits.MISSING
     values = [(found.get("shear_modulus"), factor), (found.get("viscosity"), 1.0)]
-    text = ", ".join(wording.digits(value * scale) for value, scale in values if value is not None)
-    return (text or wording.MISSING) + ("*" if found.get("at_bound") else "")
+    text = ", ".join(digits.significant(value * scale) for value, scale in values if value is not None)
+    return (text or digits.MISSING) + ("*" if found.get("at_bound") else "")

@@ -11,8 +11,10 @@ from collections.abc import Mapping
 from html import escape
 from importlib.resources import files
 
-from cavirheo.reporting import fitted, wording
-from cavirheo.reporting.record import CurveRecord, GroupRecord, Quantity, Result
+from cavirheo.reporting import fitted
+from cavirheo.reporting.record import CurveRecord, GroupRecord, Result
+from cavirheo.writing import digits
+from cavirheo.writing.document import Quantity
 
 _READING = """
 <p><b>Before a number is used, look at its picture.</b> The points are the measurement; the line is a simulation of
@@ -45,9 +47,9 @@ _INTERVAL = "Numbers in brackets span the central 90 % of the posterior, given t
 
 def render(result: Result, pictures: Mapping[int, str], group_pictures: Mapping[int, str]) -> str:
     """The page. `pictures` and `group_pictures`: an <svg> element for the index of a curve or a group, where drawn."""
-    factor, unit = wording.modulus_unit(result)
+    factor, unit = result.modulus_unit
     style = files("cavirheo.reporting").joinpath("report.css").read_text(encoding="utf-8")
-    badges = {verdict: _badge(verdict) for verdict in wording.VERDICTS}
+    badges = {verdict: _badge(verdict) for verdict in digits.VERDICTS}
     points = all(record.viscosity_Pa_s.q05 is None for record in result.curves if record.answered)
     body = [
         _header(result),
@@ -91,10 +93,10 @@ def _header(result: Result) -> str:
 
 
 def groups_table(groups: list[GroupRecord], factor: float, unit: str) -> str:
-    """One row per group; factor and unit are those of G, as `wording.modulus_unit` gives them."""
+    """One row per group; factor and unit are those of G, as `Result.modulus_unit` gives them."""
     rows = [
-        f"<tr><td>{_name(group.name)}</td><td>{group.n}</td><td>{wording.spread(group.shear_modulus_Pa, factor)}</td>"
-        f"<td>{wording.spread(group.viscosity_Pa_s)}</td><td>{_median(group.shear_modulus_Pa.median, factor)}</td>"
+        f"<tr><td>{_name(group.name)}</td><td>{group.n}</td><td>{digits.spread(group.shear_modulus_Pa, factor)}</td>"
+        f"<td>{digits.spread(group.viscosity_Pa_s)}</td><td>{_median(group.shear_modulus_Pa.median, factor)}</td>"
         f"<td>{_median(group.viscosity_Pa_s.median)}</td><td>{_verdicts(group)}</td></tr>"
         for group in groups
     ]
@@ -112,8 +114,8 @@ def curves_table(
     rows = [
         f"<tr><td>{name}</td><td>{_badge(record.verdict)}</td>"
         f"<td>{_stacked(record.shear_modulus_Pa, factor)}</td><td>{_stacked(record.viscosity_Pa_s)}</td>"
-        f"<td>{_stacked(record.stretch)}</td><td>{wording.micrometres(record.max_radius_m)}</td>"
-        f"<td>{wording.percent(record.rmse_over_rmax)}</td><td>{_window(record)}</td></tr>"
+        f"<td>{_stacked(record.stretch)}</td><td>{digits.micrometres(record.max_radius_m)}</td>"
+        f"<td>{digits.percent(record.rmse_over_rmax)}</td><td>{_window(record)}</td></tr>"
         for name, record in zip(names, curves, strict=True)
     ]
     heads = (
@@ -150,15 +152,15 @@ def article(number: int, record: CurveRecord, factor: float, unit: str, picture:
     if picture:
         what = "measured radius over time" + (", simulation of the answer and residual" if record.answered else "")
         parts.append(f'<figure aria-label="{what}">{picture}</figure>')
-    facts = {"window": escape(wording.window(record)), "differences": _differences(record)} if record.answered else {}
-    facts["material"] = escape(wording.MATERIALS.get(record.material, record.material))
-    facts["method"] = escape(wording.METHODS.get(record.method, record.method))
+    facts = {"window": escape(record.window.words), "differences": _differences(record)} if record.answered else {}
+    facts["material"] = escape(digits.MATERIALS.get(record.material, record.material))
+    facts["method"] = escape(digits.METHODS.get(record.method, record.method))
     if isinstance(source := record.provenance.get("stretch_source"), str) and record.answered:
         facts["stretch"] = escape(source)
     facts |= {key: escape(text) for key, text in fitted.facts(record, factor, unit).items()}
     if record.strain_rate_per_s is not None:
         facts["strain rate"] = (
-            f"{wording.digits(record.strain_rate_per_s, 2)} 1/s, mean from R<sub>max</sub> to the first collapse"
+            f"{digits.significant(record.strain_rate_per_s, 2)} 1/s, mean from R<sub>max</sub> to the first collapse"
         )
     if record.notes:
         facts["from the file"] = "<ul>" + "".join(f"<li>{escape(note)}</li>" for note in record.notes) + "</ul>"
@@ -176,14 +178,14 @@ def article(number: int, record: CurveRecord, factor: float, unit: str, picture:
 def _differences(record: CurveRecord) -> str:
     """RMSE, MAE and the largest difference between measured and simulated radius."""
     return (
-        f"RMSE {wording.percent(record.rmse_over_rmax)} %, mean absolute {wording.percent(record.mae_over_rmax)} %, "
-        f"largest {wording.percent(record.max_difference_over_rmax)} % of R<sub>max</sub>"
+        f"RMSE {digits.percent(record.rmse_over_rmax)} %, mean absolute {digits.percent(record.mae_over_rmax)} %, "
+        f"largest {digits.percent(record.max_difference_over_rmax)} % of R<sub>max</sub>"
     )
 
 
 def _name(name: str) -> str:
     """Short enough for a table; the whole name shows on hovering."""
-    return f'<span title="{escape(name)}">{escape(wording.elide(name, 30))}</span>'
+    return f'<span title="{escape(name)}">{escape(digits.elide(name, 30))}</span>'
 
 
 def _table(heads: tuple[str, ...], rows: list[str], kind: str) -> str:
@@ -193,18 +195,18 @@ def _table(heads: tuple[str, ...], rows: list[str], kind: str) -> str:
 
 
 def _window(record: CurveRecord) -> str:
-    collapses, *end = escape(wording.window(record)).split(", ", 1)
+    collapses, *end = escape(record.window.words).split(", ", 1)
     return collapses + "".join(f"<small>{text}</small>" for text in end)
 
 
 def _stacked(value: Quantity, factor: float = 1.0, unit: str = "") -> str:
     """The median with its unit, the interval small beneath it."""
-    number, *interval = wording.quantity(value, factor).split(" ", 1)
+    number, *interval = digits.quantity(value, factor).split(" ", 1)
     return f"{number} {unit}".rstrip() + "".join(f"<small>{text}</small>" for text in interval)
 
 
 def _median(value: float | None, factor: float = 1.0) -> str:
-    return wording.MISSING if value is None else wording.digits(value * factor)
+    return digits.MISSING if value is None else digits.significant(value * factor)
 
 
 def _verdicts(group: GroupRecord) -> str:
@@ -212,4 +214,4 @@ def _verdicts(group: GroupRecord) -> str:
 
 
 def _badge(verdict: str, before: str = "") -> str:
-    return f'<span class="badge {verdict}">{before}{wording.VERDICTS[verdict]}</span>'
+    return f'<span class="badge {verdict}">{before}{digits.VERDICTS[verdict]}</span>'

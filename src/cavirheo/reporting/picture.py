@@ -18,9 +18,9 @@ import numpy as np
 from cavirheo.curve import Floats, RadiusCurve
 from cavirheo.errors import InputError
 from cavirheo.posterior import Posterior
-from cavirheo.reporting import wording
 from cavirheo.reporting.record import CurveRecord, GroupRecord, Pairs, curve_record
-from cavirheo.reporting.style import BLUE, INK, VERMILLION, new_axes, new_figure, shades, write
+from cavirheo.writing import digits
+from cavirheo.writing.style import BLUE, INK, VERMILLION, new_axes, new_figure, shades, write
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -50,8 +50,8 @@ def curve_figure(curve: RadiusCurve, posterior: Posterior, unit: tuple[float, st
     figure = new_figure(_HEIGHT)
     record = curve_record(curve, posterior)
     colour = VERDICT_COLOURS[record.verdict]
-    write(figure, 0.085, 0.955, wording.elide(record.name, 60), size=11, weight="bold")
-    write(figure, 0.975, 0.955, wording.VERDICTS[record.verdict], size=10, weight="bold", ha="right", color=colour)
+    write(figure, 0.085, 0.955, digits.elide(record.name, 60), size=11, weight="bold")
+    write(figure, 0.975, 0.955, digits.VERDICTS[record.verdict], size=10, weight="bold", ha="right", color=colour)
     if record.answered:
         _write_answer(figure, record, unit)
         _draw_answer(figure, curve, posterior)
@@ -65,8 +65,8 @@ def curve_figure(curve: RadiusCurve, posterior: Posterior, unit: tuple[float, st
 def _write_answer(figure: Figure, record: CurveRecord, unit: tuple[float, str]) -> None:
     answer = [] if record.shear_modulus_Pa.median is None else [f"G = {_with(record.shear_modulus_Pa, *unit)}"]
     answer.append(f"µ = {_with(record.viscosity_Pa_s, 1.0, 'Pa s')}")
-    answer += [] if record.stretch.median is None else [f"λ = {wording.quantity(record.stretch)}"]
-    answer.append(f"{_RMAX} = {wording.micrometres(record.max_radius_m)} µm")
+    answer += [] if record.stretch.median is None else [f"λ = {digits.quantity(record.stretch)}"]
+    answer.append(f"{_RMAX} = {digits.micrometres(record.max_radius_m)} µm")
     box = {"boxstyle": "round,pad=0.45", "facecolor": "#f4f1ea", "edgecolor": "none"}
     write(figure, 0.096, 0.898, "\u2003\u2002".join(answer), size=9.5, bbox=box)
     (*_, line) = figure.texts
@@ -112,7 +112,7 @@ def _draw_answer(figure: Figure, curve: RadiusCurve, posterior: Posterior) -> No
     if checks.rmse_over_rmax is not None:
         rmse = 100.0 * checks.rmse_over_rmax
         lower.axhspan(-rmse, rmse, color=_RESIDUAL, alpha=0.13, lw=0)
-        write(lower, 1.0, 1.05, f"band: ± RMSE = {wording.digits(rmse, 2)} %", size=8, color=INK, ha="right")
+        write(lower, 1.0, 1.05, f"band: ± RMSE = {digits.significant(rmse, 2)} %", size=8, color=INK, ha="right")
 
     left, right = _view(time, compared)
     for axes in (upper, lower):
@@ -128,7 +128,7 @@ def group_figure(pairs: Pairs, group: GroupRecord, unit: tuple[float, str] = KIL
     `pairs` are the group's; failed ones are counted in the title. Raises InputError without matplotlib.
     """
     figure = new_figure(3.5)
-    title = f"{wording.elide(group.name, 56)}: {wording.shots(group)}"
+    title = f"{digits.elide(group.name, 56)}: {group.shots}"
     write(figure, 0.085, 0.94, title, size=11, weight="bold")
     left = new_axes(figure, (0.085, 0.14, 0.46, 0.72), f"t* = t √(p/ρ) / {_RMAX}", f"R / {_RMAX}")
     mu, G = group.viscosity_Pa_s, group.shear_modulus_Pa
@@ -289,7 +289,7 @@ def _points(axes: Axes, x: Floats, y: Floats, colour: str, label: str | None = N
 
 def _with(value: Any, factor: float, unit: str) -> str:
     """'6.1 kPa [5.4, 6.9]'."""
-    number, *interval = wording.quantity(value, factor).split(" ", 1)
+    number, *interval = digits.quantity(value, factor).split(" ", 1)
     return " ".join([number, unit, *interval])
 
 

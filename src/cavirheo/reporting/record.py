@@ -16,7 +16,8 @@ from pydantic import ValidationError
 from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError
 from cavirheo.posterior import Posterior, Verdict
-from cavirheo.reporting.document import Document, Model
+from cavirheo.writing import digits
+from cavirheo.writing.document import Document, Model, Quantity, Spread, spread_of
 
 Pairs = Sequence[tuple[RadiusCurve, Posterior]]
 
@@ -24,27 +25,18 @@ _NO_ANSWER = "no parameters were found"
 _NOT_A_NUMBER = "the method's answer is not a finite number: {}"
 
 
-class Quantity(Model):
-    """Posterior median and central 90 % interval; q05 and q95 are null for a point answer."""
-
-    median: float | None = None
-    q05: float | None = None
-    q95: float | None = None
-
-
-class Spread(Model):
-    """Over the answered curves of a group; std has n - 1 below it and is null for n < 2."""
-
-    mean: float | None = None
-    std: float | None = None
-    median: float | None = None
-
-
 class Window(Model):
     """What was compared: from R_max to t_star_end (t/t_c), holding so many complete collapses."""
 
     collapses: int | None = None
     t_star_end: float | None = None
+
+    @property
+    def words(self) -> str:
+        """'3 collapses, t* ≤ 3.1'."""
+        words = [] if self.collapses is None else [f"{self.collapses} collapse" + ("" if self.collapses == 1 else "s")]
+        words += [] if self.t_star_end is None else [f"t* ≤ {digits.significant(self.t_star_end, 2)}"]
+        return ", ".join(words) or digits.MISSING
 
 
 class CurveRecord(Model):
@@ -88,12 +80,22 @@ class GroupRecord(Model):
     viscosity_Pa_s: Spread
     verdicts: dict[str, int]
 
+    @property
+    def shots(self) -> str:
+        """'5 shots, 1 failed'."""
+        return f"{self.n} shot" + ("" if self.n == 1 else "s") + (f", {self.n_failed} failed" if self.n_failed else "")
+
 
 class Result(Document):
     """The document."""
 
     curves: list[CurveRecord]
     groups: list[GroupRecord]
+
+    @property
+    def modulus_unit(self) -> tuple[float, str]:
+        """(factor from Pa, its name) of G in all tables and pictures of this document."""
+        return digits.modulus_unit(curve.shear_modulus_Pa.median for curve in self.curves)
 
     def members(self) -> list[tuple[GroupRecord, list[int]]]:
         """Each group with the indices of its curves."""
@@ -196,15 +198,6 @@ def group_record(name: str, members: list[CurveRecord]) -> GroupRecord:
         viscosity_Pa_s=spread_of([record.viscosity_Pa_s.median for record in answered]),
         verdicts={verdict: verdicts.count(verdict) for verdict in dict.fromkeys(verdicts)},
     )
-
-
-def spread_of(values: list[float | None]) -> Spread:
-    """Over those that are known."""
-    known = np.array([value for value in values if value is not None])
-    if not known.size:
-        return Spread()
-    std = float(np.std(known, ddof=1)) if known.size > 1 else None
-    return Spread(mean=float(np.mean(known)), std=std, median=float(np.median(known)))
 
 
 def _broken(draws: np.ndarray) -> bool:

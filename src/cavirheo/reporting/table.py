@@ -5,9 +5,10 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from cavirheo.reporting import fitted, wording
-from cavirheo.reporting.document import write_rows
+from cavirheo.reporting import fitted
 from cavirheo.reporting.record import CurveRecord, GroupRecord, Result
+from cavirheo.writing import digits, terminal
+from cavirheo.writing.document import write_rows
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -19,13 +20,12 @@ _WIDE = 110  # columns; below this an interval stands under its median, and only
 def print_table(result: Result, console: Console | None = None) -> None:
     """One row per curve, one per group (mean ± standard deviation), then the messages in full."""
     from rich.box import SIMPLE_HEAD
-    from rich.console import Console
     from rich.table import Table
     from rich.text import Text
 
-    console = console or Console()
+    console = console or terminal.console()
     wide = console.width >= _WIDE
-    factor, unit = wording.modulus_unit(result)
+    factor, unit = result.modulus_unit
     heads = ["R_max\nµm", "λ", f"G\n{unit}", "µ\nPa s", "RMSE\n%", "collapses" if wide else "col-\nlapses", "verdict"]
     rows = [_cells(record, factor, wide) for record in result.curves]
     group_rows = [_group_cells(group, factor) for group in result.groups]
@@ -44,7 +44,7 @@ def print_table(result: Result, console: Console | None = None) -> None:
         table.add_row(*map(Text, [name, *row]), verdict)
     table.add_section()
     for group, row in zip(result.groups, group_rows, strict=True):
-        table.add_row(*map(Text, [wording.elide(group.name, room), *row]), style="bold")
+        table.add_row(*map(Text, [digits.elide(group.name, room), *row]), style="bold")
     console.print(table)
     key = "RMSE: measured minus simulated, % of R_max"
     if any(record.viscosity_Pa_s.q05 is not None for record in result.curves):
@@ -64,14 +64,14 @@ def _cells(record: CurveRecord, factor: float, wide: bool) -> list[str]:
     joint = " " if wide else "\n"
     collapses, end = record.window.collapses, record.window.t_star_end
     return [
-        wording.micrometres(record.max_radius_m),
-        wording.quantity(record.stretch) if wide else wording.quantity(record.stretch).split(" ")[0],
-        wording.quantity(record.shear_modulus_Pa, factor, joint=joint),
-        wording.quantity(record.viscosity_Pa_s, joint=joint),
-        wording.percent(record.rmse_over_rmax),
-        (wording.MISSING if collapses is None else str(collapses))
-        + (f", t* ≤ {wording.digits(end, 2)}" if wide and end is not None else ""),
-        wording.VERDICTS[record.verdict] if wide else wording.VERDICTS[record.verdict].replace(" range", "\nrange"),
+        digits.micrometres(record.max_radius_m),
+        digits.quantity(record.stretch) if wide else digits.quantity(record.stretch).split(" ")[0],
+        digits.quantity(record.shear_modulus_Pa, factor, joint=joint),
+        digits.quantity(record.viscosity_Pa_s, joint=joint),
+        digits.percent(record.rmse_over_rmax),
+        (digits.MISSING if collapses is None else str(collapses))
+        + (f", t* ≤ {digits.significant(end, 2)}" if wide and end is not None else ""),
+        digits.VERDICTS[record.verdict] if wide else digits.VERDICTS[record.verdict].replace(" range", "\nrange"),
     ]
 
 
@@ -82,8 +82,8 @@ def _group_cells(group: GroupRecord, factor: float) -> list[str]:
     return [
         "",
         "",
-        wording.spread(group.shear_modulus_Pa, factor),
-        wording.spread(group.viscosity_Pa_s),
+        digits.spread(group.shear_modulus_Pa, factor),
+        digits.spread(group.viscosity_Pa_s),
         "",
         "",
         counts,
@@ -109,7 +109,7 @@ def write_csv(path: str | Path, result: Result) -> None:
 
 def _short_names(names: list[str], room: int) -> list[str]:
     """Elided to the room there is, unless two different names would become one: then in full."""
-    short = [wording.elide(name, room) for name in names]
+    short = [digits.elide(name, room) for name in names]
     return short if len(set(short)) == len(set(names)) else names
 
 

@@ -23,11 +23,10 @@ from typing import Any
 import h5py
 import numpy as np
 from numpy.typing import NDArray
-from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
 from cavirheo.errors import InputError
 from cavirheo.problem import Problem, uniforms
+from cavirheo.writing.terminal import bar
 
 SHARD = 500  # curves in a file
 SPLIT_STREAM = 1  # apart from the draws of the prior, so that equal seeds do not sort the split by a parameter
@@ -125,14 +124,13 @@ def generate(
     starts = range(0, n, SHARD)[part - 1 :: parts]
     blocks = {_name(start): range(start, min(start + SHARD, n)) for start in starts}
     todo = {name: block for name, block in blocks.items() if not (folder / name).exists()}
-    began, columns = time.perf_counter(), (TextColumn("simulating"), BarColumn(), MofNCompleteColumn())
-    with Progress(*columns, TimeRemainingColumn(), console=Console(stderr=True), disable=not progress) as bar:
-        task = bar.add_task("", total=sum(map(len, todo.values())))
+    began = time.perf_counter()
+    with bar("simulating", sum(map(len, todo.values())), shown=progress) as advance:
         for name, block in todo.items():
             rows = []
             for chunk in _chunks(block):
                 rows.append(_simulate(problem, chunk, seed, workers))
-                bar.advance(task, len(chunk))
+                advance(len(chunk))
             theta, radius, status = (np.concatenate(column) for column in zip(*rows, strict=True))
             _write(folder / name, expected | {"start": block.start}, theta, radius, status)
     counts: Counter[str] = Counter()

@@ -9,8 +9,6 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
 from cavirheo.errors import InputError
 from cavirheo.inference.model import card as read_card
@@ -21,6 +19,7 @@ from cavirheo.training.dataset import Dataset, load
 from cavirheo.training.metrics import metrics
 from cavirheo.training.robustness import ANSWERS, RECORDINGS, robustness
 from cavirheo.training.tables import markdown
+from cavirheo.writing.terminal import bar
 
 
 def evaluate(
@@ -74,11 +73,10 @@ def evaluate(
         "figures": [],
     }
     if robust:
-        look = TextColumn("filming, answering"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn()
-        with Progress(*look, console=Console(stderr=True), disable=not progress) as bar:
-            task = bar.add_task("", total=len(RECORDINGS) * min(answers, len(chosen)))
+        total = len(RECORDINGS) * min(answers, len(chosen))
+        with bar("filming, answering", total, shown=progress) as advance:
             result["robustness"] = robustness(
-                path, data, chosen, answers=answers, seed=seed, workers=workers, done=lambda: bar.advance(task)
+                path, data, chosen, answers=answers, seed=seed, workers=workers, done=advance
             )
     if out_dir is not None:
         folder = Path(out_dir)

@@ -26,8 +26,6 @@ from typing import Any
 
 import numpy as np
 import torch
-from rich.console import Console
-from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 from torch import Tensor
 from torch.nn import functional
 
@@ -38,6 +36,7 @@ from cavirheo.training.dataset import load
 from cavirheo.training.metrics import metrics
 from cavirheo.training.network import BubbleTransformer
 from cavirheo.training.recipe import Recipe, TrainingTable, read_recipe
+from cavirheo.writing.terminal import bar
 
 EVALUATION_BATCH = 512
 Parts = dict[str, tuple[Tensor, Tensor]]  # "train", ...: radius (curves, frames), target (curves, outputs)
@@ -119,14 +118,13 @@ class _Run:
 
     def fit(self, progress: bool, on_epoch: Callable[[Mapping[str, float]], None] | None) -> None:
         epochs, steps = self.settings.epochs, self.steps_per_epoch
-        columns = BarColumn(), TextColumn("{task.percentage:.0f}%"), TimeRemainingColumn()
-        text = TextColumn("training, {task.description}")
-        with Progress(text, *columns, console=Console(stderr=True), disable=not progress) as bar:
-            done = len(self.history)
-            task = bar.add_task(f"epoch {min(done + 1, epochs)}/{epochs}", total=epochs * steps, completed=done * steps)
+        done = len(self.history)
+        what = f"training, epoch {min(done + 1, epochs)}/{epochs}"
+        with bar(what, epochs * steps, shown=progress) as advance:
+            advance(done * steps)
             for epoch in range(done, epochs):
                 began = time.perf_counter()
-                train_loss = self._epoch(epoch, lambda: bar.advance(task))
+                train_loss = self._epoch(epoch, advance)
                 validation_loss = self._loss("validation")
                 if not (math.isfinite(train_loss) and math.isfinite(validation_loss)):
                     raise InputError(f"the loss is not finite in epoch {epoch + 1}: lower lr or add warmup_steps")
@@ -135,7 +133,7 @@ class _Run:
                 self._save()
                 best = min(entry["validation"] for entry in self.history)
                 losses = f"loss {train_loss:.5f}, validation {validation_loss:.5f} (best {best:.5f})"
-                bar.update(task, description=f"epoch {min(epoch + 2, epochs)}/{epochs}, {losses}")
+                advance(0, what=f"training, epoch {min(epoch + 2, epochs)}/{epochs}, {losses}")
                 if on_epoch is not None:
                     on_epoch(self.history[-1])
 

@@ -1,0 +1,44 @@
+"""`cavirheo compare`: many sets of measurements and published values in, tables and a picture out."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from cavirheo.verbs.options import ModelName, Out
+from cavirheo.verbs.run import Run
+from cavirheo.writing.terminal import bar
+
+
+def compare(
+    folder: Annotated[Path, typer.Argument(help="holds the measurements: a file, subfolder or glob per set")],
+    references: Annotated[Path, typer.Option(help="CSV of sets and published values, see docs/compare.md")],
+    reference_method: Annotated[
+        list[str] | None, typer.Option(help="errors are relative to it; may be repeated  [default: IMR, rheometer]")
+    ] = None,
+    model: ModelName = "bdt-viscoelastic",
+    fit_law: Annotated[
+        str | None, typer.Option("--fit", help="least squares with this law (nhkv, ...) instead of networks")
+    ] = None,
+    out: Out = Path("cavirheo-comparison"),
+) -> None:
+    """Published values of many sets beside ours, with relative errors: tables, a picture and a report per set."""
+    from cavirheo.beside.published import compare as compare_sets
+    from cavirheo.beside.published.table import print_table
+
+    run = Run()
+    from cavirheo.physics.simulate import load_solver
+
+    load_solver()
+    with bar("inferring") as advance:
+        result = compare_sets(
+            folder, references, out, model=model, fit=fit_law, reference_methods=reference_method or [],
+            command=run.command, done=lambda total: advance(total=total),
+        )  # fmt: skip
+    print_table(result)
+    run.unreadable = sum(len(about.problems) for about in result.sets)
+    shots = sum(about.n_shots for about in result.sets)
+    failed = any(about.n_answered < about.n_shots for about in result.sets)
+    run.end(f"{len(result.sets)} sets, {shots} shots in {{seconds}}; table: {out / 'comparison.md'}", failed)

@@ -1,0 +1,84 @@
+"""One call of a verb: what it was, the files that it read, the time that it took, and its exit status."""
+
+from __future__ import annotations
+
+import math
+import shlex
+import sys
+import time
+from dataclasses import replace
+from datetime import datetime
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import typer
+
+from cavirheo.errors import InputError
+from cavirheo.writing.terminal import bar
+
+if TYPE_CHECKING:
+    from cavirheo.curve import RadiusCurve
+    from cavirheo.physics.media import Medium
+    from cavirheo.posterior import Posterior
+
+
+class Run:
+    """Begins when it is made. `command` and `date` are as documents have them; `unreadable` counts files."""
+
+    def __init__(self) -> None:
+        self.began = time.perf_counter()
+        self.command = shlex.join(["cavirheo", *sys.argv[1:]])
+        self.date = datetime.now().astimezone().strftime("%Y-%m-%d %H:%M %Z")
+        self.unreadable = 0
+
+    def refuse(self, problems: list[str]) -> None:
+        """Say on stderr which files cannot be read, and count them."""
+        self.unreadable += len(problems)
+        for problem in problems:
+            print(f"error: {problem}", file=sys.stderr)
+
+    def read(
+        self, files: list[Path], medium: Medium, rmax_um: float | None, exposure_us: float | None = None
+    ) -> list[RadiusCurve]:
+        """All curves of all files, and the solver loaded. Raises InputError: there is none."""
+        from cavirheo.reading.shots import read_shots
+
+        if exposure_us is not None and not 0.0 < exposure_us < math.inf:
+            raise InputError(f"--exposure-us must be a positive time in us, got {exposure_us:g}")
+        scale = None if rmax_um is None else rmax_um * 1e-6
+        curves, problems = read_shots(files, density=medium.density, pressure=medium.pressure, max_radius=scale)
+        self.refuse(problems)
+        if not curves:
+            raise InputError("no curve could be read")
+        if exposure_us is not None:
+            exposed = {"exposure_s": exposure_us * 1e-6}
+            curves = [replace(curve, meta={**curve.meta, **exposed}) for curve in curves]
+        from cavirheo.physics.simulate import load_solver
+
+        load_solver()
+        return curves
+
+    def report(self, curves: list[RadiusCurve], answers: list[Posterior], out: Path) -> None:
+        """The end of `infer` and `fit`: documents into `out`, the table, the exit status."""
+        from cavirheo.reporting import write_report
+        from cavirheo.reporting.table import print_table
+
+        print_table(write_report(out, list(zip(curves, answers, strict=True)), self.command))
+        failed = any(answer.checks.verdict == "failed" for answer in answers)
+        self.end(f"{len(curves)} curves in {{seconds}}; report: {out / 'report.html'}", failed)
+
+    def end(self, said: str, failed: bool = False) -> None:
+        """The last line on stderr, `{seconds}` replaced by the time taken; status 2: unreadable files, 1: `failed`."""
+        print(said.replace("{seconds}", f"{time.perf_counter() - self.began:.1f} s"), file=sys.stderr)
+        if self.unreadable or failed:
+            raise typer.Exit(2 if self.unreadable else 1)
+
+
+def verified(curves: list[RadiusCurve], answers: list[Posterior], level: str, **settings: Any) -> list[Posterior]:
+    """The answers with --verify none, map or full; `settings` are those of `verify_many`."""
+    if level == "none":
+        return answers
+    from cavirheo.inference.verify import verify_many
+
+    with bar("verifying", len(curves)) as advance:
+        return verify_many(curves, answers, level=level, done=advance, **settings)  # type: ignore[arg-type]

@@ -1,0 +1,105 @@
+"""`cavirheo simulate`: parameters in, one simulated radius history out."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from cavirheo.errors import InputError
+from cavirheo.verbs.options import FROM_OPTIONS, with_surroundings
+
+if TYPE_CHECKING:
+    from cavirheo.physics.materials import Material
+    from cavirheo.physics.media import Medium
+
+
+def _material(text: str, **options: float | None) -> Material:
+    """A name whose parameters are options of the command, or a sum of laws that holds its own."""
+    from cavirheo.physics.laws import parse
+    from cavirheo.physics.materials import MATERIALS, make
+
+    if text in MATERIALS:
+        return make(text, **options)
+    law = parse(text)
+    if given := [f"--{key.replace('_', '-')}" for key, value in options.items() if value is not None]:
+        raise InputError(f"--material {text!r} holds its own parameters: leave out {', '.join(given)}")
+    return law
+
+
+@with_surroundings
+def simulate(
+    out: Annotated[Path, typer.Option("-o", "--out", help="CSV file to write")],
+    rmax_um: Annotated[float, typer.Option(help="largest radius, um")],
+    stretch: Annotated[float, typer.Option(help="R_max/R_0")],
+    material: Annotated[
+        str,
+        typer.Option(
+            help="nhkv, newtonian or qkv; or any laws with their parameters (see `cavirheo laws`), "
+            "'yeoh(1e3, 20) + cross(0.5, 0.01, 1e-4)'"
+        ),
+    ] = "nhkv",
+    shear_modulus: Annotated[float | None, typer.Option(help="Pa")] = None,
+    viscosity: Annotated[float | None, typer.Option(help="Pa s")] = None,
+    stiffening: Annotated[float | None, typer.Option(help="alpha of qkv")] = None,
+    duration_us: Annotated[float, typer.Option(help="us after R_max")] = 100.0,
+    frame_rate_hz: Annotated[float, typer.Option(help="1/s")] = 1e6,
+    pulse: Annotated[
+        tuple[float, float, float] | None,
+        typer.Option(help="ultrasound: peak kPa (negative: tension), MHz, us of the peak", metavar="KPA MHZ US"),
+    ] = None,
+    driving: Annotated[
+        Path | None, typer.Option(help="far-field pressure above ambient: CSV file with columns time_us,pressure_kPa")
+    ] = None,
+    motion: Annotated[str, typer.Option(help="keller-miksis, rayleigh-plesset or gilmore")] = "keller-miksis",
+    polytropic: Annotated[
+        float | None, typer.Option(help="exponent of the gas, instead of heat and vapour transport")
+    ] = None,
+    relaxed: Annotated[bool, typer.Option("--relaxed", help="laws with memory start unstressed")] = False,
+    precise: Annotated[bool, typer.Option("--precise", help="ten times as accurate, five times as long")] = False,
+    fields: Annotated[
+        Path | None, typer.Option(help="HDF5 file for temperature and vapour in the bubble at every frame")
+    ] = None,
+    liquid: Medium = FROM_OPTIONS,
+) -> None:
+    """One bubble from rest at its largest radius, or at equilibrium (--stretch 1) under ultrasound.
+
+    Columns: time_us, radius_um, velocity_m_per_s of the wall, pressure_Pa in the bubble, stress_Pa of the material
+    (stress integral), hoop strain and strain_rate_per_s at the wall.
+    """
+    import numpy as np
+
+    from cavirheo.physics.driving import Pulse, read_trace
+    from cavirheo.physics.simulate import load_solver
+    from cavirheo.physics.simulate import simulate as solve
+    from cavirheo.physics.simulation import write_csv, write_fields
+
+    if pulse and driving:
+        raise InputError("give either --pulse or --driving, not both; a file can hold any sum of pressures")
+    law = _material(material, shear_modulus=shear_modulus, viscosity=viscosity, stiffening=stiffening)
+    if not (duration_us > 0 and frame_rate_hz > 0 and 1 <= duration_us * 1e-6 * frame_rate_hz <= 1e6):
+        raise InputError(
+            f"duration and frame rate must give 1 to a million frames, got {duration_us} us at {frame_rate_hz} Hz"
+        )
+    frames = int(duration_us * 1e-6 * frame_rate_hz * (1 + 1e-9)) + 1
+    far_field = read_trace(driving) if driving else None
+    load_solver()
+    run = solve(
+        law,
+        max_radius=rmax_um * 1e-6,
+        stretch=stretch,
+        time=np.arange(frames) / frame_rate_hz,
+        medium=liquid,
+        driving=Pulse(pulse[0] * 1e3, pulse[1] * 1e6, pulse[2] * 1e-6) if pulse else far_field,
+        motion=motion,
+        polytropic=polytropic,
+        relaxed=relaxed,
+        fields=fields is not None,
+        precise=precise,
+    )
+    write_csv(run, out)
+    if fields:
+        write_fields(run, fields)
+    print(f"{frames} frames of {law} in {liquid.name}: {out}", file=sys.stderr)

@@ -1,0 +1,73 @@
+"""The terminal: consoles, bars that move, tables and remarks, set up here alone (rich is imported when first used)."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from rich.console import Console
+    from rich.table import Table
+
+
+def console(*, stderr: bool = False) -> Console:
+    """Where results are printed (stdout), or what is only said meanwhile (stderr)."""
+    from rich.console import Console
+
+    return Console(stderr=stderr)
+
+
+@contextmanager
+def bar(what: str, total: int | None = None, *, shown: bool = True) -> Iterator[Callable[..., None]]:
+    """A bar on stderr that vanishes when done; yields `advance(count=1, total=None, what=None)`.
+
+    advance counts what is done; it may also tell the total, or say anew what is being done.
+    """
+    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+
+    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
+    with Progress(*columns, console=console(stderr=True), transient=True, disable=not shown) as progress:
+        task = progress.add_task(what, total=total)
+
+        def advance(count: int = 1, total: int | None = None, what: str | None = None) -> None:
+            progress.update(task, advance=count, total=total, description=what)
+
+        yield advance
+
+
+def table(first: str, heads: Sequence[str], *, left: Sequence[str] = (), title: str = "", gap: int = 1) -> Table:
+    """A table whose first column may fold; the others are right-aligned unless named in `left`."""
+    from rich.box import SIMPLE_HEAD
+    from rich.table import Table
+
+    made = Table(box=SIMPLE_HEAD, pad_edge=False, padding=(0, gap, 0, 0), show_edge=False)
+    if title:
+        made.title, made.title_justify, made.title_style = title, "left", "dim"
+    made.add_column(first, overflow="fold")
+    for head in heads:
+        made.add_column(head, justify="left" if head in left else "right", no_wrap=True)
+    return made
+
+
+def once(about: Iterable[tuple[str, str]]) -> dict[str, list[str]]:
+    """{message: names} of (name, message), each message once and in order; empty messages are left out."""
+    found: dict[str, list[str]] = {}
+    for name, message in about:
+        if message:
+            found.setdefault(message, []).append(name)
+    return found
+
+
+def print_remarks(
+    to: Console, remarks: Mapping[str, Sequence[str]], notes: Iterable[str] = (), *, most: int = 0
+) -> None:
+    """A line for each message, after the names (at most `most`, if given) that it is about; then notes on the whole."""
+    from rich.text import Text
+
+    for message, names in remarks.items():
+        shown = names[:most] if most else names
+        who = ", ".join(shown) + (f" and {len(names) - len(shown)} more" if len(shown) < len(names) else "")
+        to.print(Text("• ").append(who, "bold").append(f": {message}"))
+    for note in notes:
+        to.print(Text(f"• {note}"))
