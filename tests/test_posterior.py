@@ -25,12 +25,13 @@ from cavirheo.inference.verify.explore import Blend, Explorer
 from cavirheo.inference.verify.likelihood import SHAPE, Likelihood, Noise
 from cavirheo.inference.verify.mode import Target, climb, modes, same
 from cavirheo.inference.verify.predictive import predictive_check
-from cavirheo.inference.verify.prior import Prior, log_normal, prior_of
+from cavirheo.inference.verify.prior import prior_of
 from cavirheo.inference.verify.sampler import Mixture, Sample, effective_size, sample
 from cavirheo.inference.verify.surrogate import Surrogate
 from cavirheo.physics.materials import Zener
 from cavirheo.physics.media import WATER
 from cavirheo.posterior import Checks, Posterior
+from cavirheo.prior import Prior, log_normal
 from cavirheo.reporting import read_json
 
 EXAMPLE = Path(__file__).parent.parent / "examples" / "soft_gel.csv"
@@ -168,9 +169,9 @@ def test_spikes_do_not_count():
 
 
 def test_priors_are_normalised_and_their_coordinates_normal():
-    prior = Prior(["a", "b"], np.array([[1.0, 3.0], [-1.0, 1.0]]), np.array([0.0, 0.2]), np.array([np.inf, 0.5]))
+    prior = Prior(("a", "b"), [1.0, -1.0], [3.0, 1.0], [0.0, 0.2], [np.inf, 0.5])
     for i, (low, high) in enumerate([(1.0, 3.0), (-1.0, 1.0)]):
-        one = Prior(["c"], np.array([[low, high]]), prior.mean[i : i + 1], prior.std[i : i + 1])
+        one = prior.part(i)
         assert quad(lambda x, one=one: np.exp(one.log_density(np.array([x]))), low, high)[0] == pytest.approx(1.0)
         u = np.array([0.7])
         slope = (one.to_x(u + 1e-6) - one.to_x(u - 1e-6)) / 2e-6
@@ -254,7 +255,7 @@ def two_valleys() -> tuple[Target, Callable[[np.ndarray], np.ndarray]]:
     own = SimpleNamespace(steps=lambda scale: np.ones(2))
     there = SimpleNamespace(family=SimpleNamespace(parameters=()), own=own, time_scale=1.0)
     seen = SimpleNamespace(noise=noise, measured=np.zeros(20), shot=there, predict=lambda x, accuracy: frames(x))
-    prior = Prior(["a", "b"], np.array([[-1.0, 1.0], [-1.0, 1.0]]), np.zeros(2), np.full(2, np.inf))
+    prior = Prior(("a", "b"), [-1.0, -1.0], [1.0, 1.0])
 
     def exact(u):
         return noise.log_density(-np.array([frames(x) for x in prior.to_x(u)])) + log_normal(u)

@@ -10,7 +10,8 @@ import pytest
 from cavirheo.errors import InputError
 from cavirheo.physics.materials import NeoHookeanKelvinVoigt, Newtonian
 from cavirheo.physics.media import BU2026, WATER
-from cavirheo.problem import Camera, Prior, Problem, uniforms
+from cavirheo.prior import Prior, uniforms
+from cavirheo.problem import Camera, Problem
 
 RANGES = {"log10_shear_modulus": [3.0, 6.0], "log10_viscosity": [-3.0, 0.0], "stretch": [3.0, 11.0]}
 

@@ -21,7 +21,7 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, fields
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
@@ -30,82 +30,15 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from cavirheo.errors import InputError
+from cavirheo.parameters import LOG10, natural_name
 from cavirheo.physics.materials import MATERIALS, Material
 from cavirheo.physics.media import WATER, Medium
+from cavirheo.prior import Prior
 
 if TYPE_CHECKING:
     from cavirheo.physics.simulation import Simulation
 
 Floats = NDArray[np.float64]
-UNITS = {"shear_modulus": "Pa", "viscosity": "Pa s", "stiffening": "1", "stretch": "1"}
-LOG10 = "log10_"
-
-
-def natural_name(name: str) -> str:
-    """The parameter behind a name in the prior's scale: log10_viscosity -> viscosity."""
-    return name.removeprefix(LOG10)
-
-
-def unit(name: str) -> str:
-    """The SI unit of the natural value of a parameter: log10_viscosity -> Pa s."""
-    return UNITS[natural_name(name)]
-
-
-def uniforms(seed: int, index: int, count: int, stream: int = 0) -> Floats:
-    """(count,) numbers in [0, 1) that depend on (seed, stream, index) alone; streams are independent.
-
-    Raw words of the counter-based Philox generator, whose stream numpy keeps fixed across versions.
-    """
-    if not 0 <= seed < 2**64:
-        raise InputError(f"a seed must be from 0 to 2^64 - 1, got {seed}")
-    words = np.random.Philox(key=(stream << 64) + seed, counter=index << 128).random_raw(count)
-    return np.asarray((words >> np.uint64(11)) * 2.0**-53)
-
-
-@dataclass(frozen=True, eq=False)
-class Prior:
-    """Independent uniform ranges; a name that starts with log10_ is uniform in the logarithm of the SI value.
-
-    Raises:
-        InputError: unknown name, or a range that is not finite and rising.
-    """
-
-    names: tuple[str, ...]
-    low: Floats  # (parameters,)
-    high: Floats  # (parameters,)
-
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "names", tuple(self.names))
-        for bound in ("low", "high"):
-            object.__setattr__(self, bound, np.asarray(getattr(self, bound), dtype=float))
-        if not len(self.names) == len(set(self.names)) == self.low.size == self.high.size:
-            raise InputError(f"a prior needs one low and one high value for each of its names {self.names}")
-        for name, low, high in zip(self.names, self.low, self.high, strict=True):
-            if natural_name(name) not in UNITS:
-                raise InputError(f"unknown parameter {name!r}; known, with or without log10_: {', '.join(UNITS)}")
-            if not (np.isfinite(low) and np.isfinite(high) and low < high):
-                raise InputError(f"the prior of {name} must be [low, high] with low < high, got [{low}, {high}]")
-
-    @classmethod
-    def uniform(cls, ranges: Mapping[str, Sequence[float]]) -> Prior:
-        """A prior from {name: [low, high]}."""
-        for name, pair in ranges.items():
-            if len(pair) != 2:
-                raise InputError(f"the prior of {name} must be [low, high], got {list(pair)}")
-        low, high = np.array(list(ranges.values()), dtype=float).reshape(-1, 2).T
-        return cls(tuple(ranges), low, high)
-
-    def sample(self, draws: int | range, seed: int) -> Floats:
-        """(draws, parameters): draw i depends on (seed, i) alone, so any part can be drawn anywhere."""
-        indices = range(draws) if isinstance(draws, int) else draws
-        unit_cube = np.array([uniforms(seed, i, len(self.names)) for i in indices])
-        unit_cube = unit_cube.reshape(len(indices), len(self.names))
-        return np.asarray(self.low + (self.high - self.low) * unit_cube)
-
-    def contains(self, theta: ArrayLike) -> NDArray[np.bool_]:
-        """(...,) whether each row of theta (..., parameters) lies inside all ranges, bounds included."""
-        theta = np.asarray(theta, dtype=float)
-        return np.asarray(np.all((theta >= self.low) & (theta <= self.high), axis=-1))
 
 
 @dataclass(frozen=True)

@@ -35,11 +35,11 @@ from cavirheo.inference.reconstruct import (
     refine_stretch,
     window,
 )
+from cavirheo.parameters import about, natural_name, units
 from cavirheo.physics.materials import MATERIALS, Material
 from cavirheo.physics.media import WATER, Medium
 from cavirheo.physics.simulate import ROUGH, simulate
 from cavirheo.posterior import Checks, Posterior, Verdict
-from cavirheo.problem import natural_name, unit
 
 ITERATIONS = 12
 NOISE_DRAWS = 4
@@ -82,7 +82,7 @@ class Amortised:
         except (InputError, SolverError) as error:
             names = self.model.outputs
             posterior = Posterior(
-                names, tuple(map(unit, names)), np.empty((0, len(names))), Checks("failed", str(error)),
+                names, units(names), np.empty((0, len(names))), Checks("failed", str(error)),
                 self.model.problem.material_name, "bdt", self._provenance(curve),
             )  # fmt: skip
         return replace(posterior, seconds=time.perf_counter() - began)
@@ -151,10 +151,10 @@ class _Answer:
         provenance = self.settings._provenance(self.curve) | {
             "stretch": stretch,
             "stretch_source": source,
-            "network_alone": {f"{name} [{unit(name)}]": value for name, value in raw.items()},
+            "network_alone": {f"{name} [{about(name).unit}]": value for name, value in raw.items()},
         }
         return Posterior(
-            names, tuple(map(unit, names)), self.for_shot(theta)[None, :], self._checks(theta, stretch, found),
+            names, units(names), self.for_shot(theta)[None, :], self._checks(theta, stretch, found),
             self.problem.material_name, "bdt", provenance,
         )  # fmt: skip
 

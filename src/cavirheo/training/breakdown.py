@@ -9,7 +9,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from cavirheo.problem import LOG10, Prior
+from cavirheo.parameters import LOG10
+from cavirheo.prior import Prior
 
 Floats = NDArray[np.float64]
 BINS = 4  # of a parameter whose prior is not logarithmic; the others are cut by decades, or by halves of them in pairs

@@ -25,7 +25,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cavirheo.errors import InputError
-from cavirheo.problem import Problem, uniforms
+from cavirheo.prior import uniforms
+from cavirheo.problem import Problem
 from cavirheo.writing.terminal import bar
 
 SHARD = 500  # curves in a file

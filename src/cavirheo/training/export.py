@@ -25,7 +25,8 @@ import torch
 
 from cavirheo.errors import InputError
 from cavirheo.inference.model import predict
-from cavirheo.problem import Problem, unit
+from cavirheo.parameters import about
+from cavirheo.problem import Problem
 from cavirheo.training.checkpoint import difference, read_tensors, write_text
 from cavirheo.training.network import BubbleTransformer, Standardised
 from cavirheo.training.recipe import NetworkTable, Recipe
@@ -135,7 +136,7 @@ def card(path: Path, recipe: Recipe, result: Mapping[str, Any], deviation: float
             "meaning": "R/R_max at R_max and at equal steps after it; the step is grid_step(R_max, medium)",
         },
         "outputs": [
-            {"name": output, "unit": unit(output), "scale": "log10" if output.startswith("log10_") else "linear"}
+            {"name": output, "unit": about(output).unit, "scale": "log10" if output.startswith("log10_") else "linear"}
             for output in recipe.outputs
         ],
         "network": {**result["network"], "parameters": result["parameters"]},

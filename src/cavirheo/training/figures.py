@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cavirheo.errors import InputError
-from cavirheo.problem import LOG10, natural_name, unit
+from cavirheo.parameters import LOG10, about, natural_name
 from cavirheo.training.metrics import natural
 
 if TYPE_CHECKING:
@@ -229,7 +229,7 @@ def _symbol(name: str) -> str:
 def _label(name: str) -> str:
     """Words, symbol and unit of a parameter's natural value."""
     words = natural_name(name).replace("_", " ")
-    dimension = "" if unit(name) == "1" else f" ({unit(name)})"
+    dimension = "" if about(name).unit == "1" else f" ({about(name).unit})"
     return f"{words} {SYMBOLS.get(natural_name(name), '')}{dimension}"
 
 

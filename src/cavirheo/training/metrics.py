@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from cavirheo.errors import InputError
-from cavirheo.problem import LOG10
+from cavirheo.parameters import LOG10
 
 
 def r2(truth: ArrayLike, predicted: ArrayLike) -> float:

@@ -29,7 +29,8 @@ from pydantic import (
 
 from cavirheo.errors import InputError
 from cavirheo.physics.media import medium as named_medium
-from cavirheo.problem import Camera, Prior, Problem
+from cavirheo.prior import Prior
+from cavirheo.problem import Camera, Problem
 
 
 class _Table(BaseModel):

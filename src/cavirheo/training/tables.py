@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
-from cavirheo.problem import LOG10, natural_name, unit
+from cavirheo.parameters import LOG10, about, natural_name
 
 HEADINGS: dict[str, tuple[str, Callable[[float], str]]] = {
     "r2": ("R²", "{:.4f}".format),
@@ -66,7 +66,7 @@ def markdown(result: Mapping[str, Any]) -> str:
 def label(name: str) -> str:
     """A name in the prior's scale for people: log10_viscosity -> log10 viscosity (Pa s)."""
     words = natural_name(name).replace("_", " ")
-    dimension = "" if unit(name) == "1" else f" ({unit(name)})"
+    dimension = "" if about(name).unit == "1" else f" ({about(name).unit})"
     return f"{'log10 ' if name.startswith(LOG10) else ''}{words}{dimension}"
 
 

@@ -30,7 +30,7 @@ from torch import Tensor
 from torch.nn import functional
 
 from cavirheo.errors import InputError
-from cavirheo.problem import Prior
+from cavirheo.prior import Prior
 from cavirheo.training.checkpoint import difference, read_tensors, write_tensors, write_text
 from cavirheo.training.dataset import load
 from cavirheo.training.metrics import metrics

@@ -36,10 +36,11 @@ from cavirheo.inference.verify.explore import Explorer
 from cavirheo.inference.verify.likelihood import Likelihood
 from cavirheo.inference.verify.mode import Mode, Target, climb, modes
 from cavirheo.inference.verify.predictive import Predictive, predictive_check, systematic
-from cavirheo.inference.verify.prior import Prior, log_normal, prior_of
+from cavirheo.inference.verify.prior import prior_of
 from cavirheo.inference.verify.sampler import RELIABLE, UNSEEN, Sample, sample
 from cavirheo.physics.media import WATER, Medium
 from cavirheo.posterior import Posterior, Verdict
+from cavirheo.prior import log_normal
 
 __all__ = ["Estimator", "LeastSquares", "Verified", "verify_many"]
 
@@ -283,7 +284,7 @@ class _Work:
                 elif not given.startswith("log10_"):
                     x, jacobian = np.log10(x), np.log(x * np.log(10.0))
                 log_q_u -= -0.5 * (u[:, i] ** 2 + np.log(2.0 * np.pi))
-                one = Prior([name], [[prior.low[i], prior.high[i]]], prior.mean[i : i + 1], prior.std[i : i + 1])  # type: ignore[arg-type]
+                one = prior.part(i)
                 u[:, i] = one.to_u(x[:, None])[:, 0]
                 with np.errstate(invalid="ignore"):
                     log_q_u += jacobian - 0.5 * (u[:, i] ** 2 + np.log(2.0 * np.pi)) - one.log_density(x[:, None])

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from cavirheo.inference.fit.search import FORWARD
 from cavirheo.inference.verify.likelihood import Likelihood
-from cavirheo.inference.verify.prior import Prior, log_normal
+from cavirheo.prior import Prior, log_normal
 
 Floats = NDArray[np.float64]
 

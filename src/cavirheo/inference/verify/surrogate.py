@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from scipy.linalg import solve_triangular
 
 from cavirheo.inference.verify.likelihood import Noise
-from cavirheo.inference.verify.prior import log_normal
+from cavirheo.prior import log_normal
 
 Floats = NDArray[np.float64]
 

@@ -1,0 +1,81 @@
+"""Every parameter of every law and shot, once: its symbol, its SI unit, and the range in which it is looked for.
+
+A name in the scale of a prior or of draws may begin with log10_ (log10_viscosity), and a parameter that two laws of a
+sum have ends in the number of the later one (viscosity_2).
+"""
+
+from __future__ import annotations
+
+import re
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+LOG10 = "log10_"
+
+
+class Parameter(NamedTuple):
+    """`searched` is the range that a fit searches and that a posterior takes as prior, `started` the part of it where
+    searches start: log10 of the SI value; None for one that is not fitted but keeps the default of its law."""
+
+    symbol: str
+    unit: str  # SI; "1" is dimensionless
+    searched: tuple[float, float] | None = None
+    started: tuple[float, float] | None = None
+
+
+def _log10(low: float, high: float) -> tuple[float, float]:
+    return float(np.log10(low)), float(np.log10(high))
+
+
+PARAMETERS: dict[str, Parameter] = {
+    "shear_modulus": Parameter("G", "Pa", (1.0, 6.0), (2.7, 5.2)),
+    "C1": Parameter("C_1", "Pa", (0.7, 5.7), (2.4, 4.9)),
+    "C2": Parameter("C_2", "Pa", (-2.0, 5.7), (0.0, 4.0)),
+    "C3": Parameter("C_3", "Pa", (-5.0, 3.0), (-3.0, 0.0)),
+    "moduli": Parameter("mu_i", "Pa"),
+    "stiffening": Parameter("alpha", "1", (-3.0, 1.0), (-2.0, 0.3)),
+    "limit": Parameter("J_m", "1", (1.0, 7.0), (2.5, 5.0)),
+    "segments": Parameter("N", "1", (0.5, 7.0), (2.0, 5.0)),
+    "exponents": Parameter("alpha_i", "1"),
+    "viscosity": Parameter("µ", "Pa s", (-4.0, 1.0), (-2.3, -0.3)),
+    "zero_rate": Parameter("mu_0", "Pa s", (-4.0, 3.0), (-1.5, 1.0)),
+    "infinite_rate": Parameter("mu_inf", "Pa s", (-4.0, 1.0), (-3.0, -1.0)),
+    "consistency": Parameter("K", "Pa s^n", (-4.0, 5.0), (-2.0, 2.0)),
+    "yield_stress": Parameter("tau_y", "Pa", (0.0, 5.7), (2.0, 4.5)),
+    "exponent": Parameter("n", "1", (-1.3, 0.5), (-0.6, 0.1)),
+    "rest_rate": Parameter("m", "1/s"),
+    "time": Parameter("lambda_t", "s", (-9.0, 0.0), (-7.0, -4.0)),
+    "transition": Parameter("a", "1"),
+    "relaxation_time": Parameter("tau_1", "s", (-8.0, -3.0), (-7.0, -5.0)),
+    "retardation_time": Parameter("tau_2", "s", (-9.0, -3.0), (-8.0, -6.0)),
+    # of a shot
+    "stretch": Parameter(
+        "λ", "1", (float(np.log10(1.2)), float(np.log10(16.0))), tuple(np.log10([3.0, 12.0]).tolist())
+    ),
+    "time_origin": Parameter("t_0", "s"),
+    "radius_scale": Parameter("scale", "1"),
+    "max_radius_factor": Parameter("R_max factor", "1"),
+}
+
+
+def natural_name(name: str) -> str:
+    """The parameter behind a name in the prior's scale: log10_viscosity -> viscosity."""
+    return name.removeprefix(LOG10)
+
+
+def about(name: str) -> Parameter:
+    """The entry of a parameter, by its name in any scale and of any law of a sum. Raises KeyError: an unknown one."""
+    return PARAMETERS[re.sub(r"_\d+$", "", natural_name(name))]
+
+
+def units(names: tuple[str, ...]) -> tuple[str, ...]:
+    """SI units of the natural values of parameters: log10_viscosity -> Pa s."""
+    return tuple(about(name).unit for name in names)
+
+
+def natural(name: str, values: ArrayLike) -> NDArray[np.float64]:
+    """Natural values in SI of a parameter from those in the prior's scale (log10 for a name that begins so)."""
+    values = np.asarray(values, dtype=float)
+    return np.asarray(10.0**values if name.startswith(LOG10) else values)

@@ -1,0 +1,155 @@
+"""Prior: what is assumed of every parameter before a curve is seen; and the coordinates u in which it is normal.
+
+u = Phi^-1(F(x)), F the cumulative distribution of a parameter's prior, x in the scale of the prior. In u there are no
+bounds, the prior density is prod phi(u_i), and what a curve does not determine looks like its prior: the coordinates
+in which a posterior is sampled. A density over x is one over u times p(x)/phi(u).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.special import ndtr, ndtri
+
+from cavirheo.errors import InputError
+from cavirheo.parameters import PARAMETERS, natural_name
+
+Floats = NDArray[np.float64]
+
+_LOG_2PI = float(np.log(2.0 * np.pi))
+_INSIDE = 1e-12  # of the probability, that u keeps away from the bounds
+_START = 1e-3  # the same for a start, which must have somewhere to go
+
+
+def uniforms(seed: int, index: int, count: int, stream: int = 0) -> Floats:
+    """(count,) numbers in [0, 1) that depend on (seed, stream, index) alone; streams are independent.
+
+    Raw words of the counter-based Philox generator, whose stream numpy keeps fixed across versions.
+    """
+    if not 0 <= seed < 2**64:
+        raise InputError(f"a seed must be from 0 to 2^64 - 1, got {seed}", "prior.seed")
+    words = np.random.Philox(key=(stream << 64) + seed, counter=index << 128).random_raw(count)
+    return np.asarray((words >> np.uint64(11)) * 2.0**-53)
+
+
+def log_normal(u: Floats) -> Floats:
+    """(...,) sum of log phi over the last axis."""
+    return np.asarray(-0.5 * np.sum(u**2 + _LOG_2PI, axis=-1))
+
+
+@dataclass(frozen=True, eq=False)
+class Prior:
+    """Independent and normalised: uniform between the bounds, or normal and cut there.
+
+    A name that starts with log10_ is of the logarithm of the SI value. All arrays are (parameters,); mean and std are
+    of the normal ones, std is infinite where uniform.
+
+    Raises:
+        InputError: a range that is not finite and rising, or arrays of other lengths than the names.
+    """
+
+    names: tuple[str, ...]
+    low: Floats
+    high: Floats
+    mean: Floats = field(default_factory=lambda: np.zeros(1))
+    std: Floats = field(default_factory=lambda: np.full(1, np.inf))
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "names", tuple(self.names))
+        size = len(self.names)
+        for name in ("low", "high", "mean", "std"):
+            values = np.asarray(getattr(self, name), dtype=float)
+            if values.size == 1 and name in ("mean", "std"):
+                values = np.full(size, values.item())
+            object.__setattr__(self, name, values)
+        if not size == len(set(self.names)) == self.low.size == self.high.size == self.mean.size == self.std.size:
+            raise InputError(
+                f"a prior needs one low and one high value for each of its names {self.names}", "prior.shape"
+            )
+        for name, low, high in zip(self.names, self.low, self.high, strict=True):
+            if not (np.isfinite(low) and np.isfinite(high) and low < high):
+                raise InputError(
+                    f"the prior of {name} must be [low, high] with low < high, got [{low}, {high}]", "prior.range"
+                )
+
+    @classmethod
+    def uniform(cls, ranges: Mapping[str, Sequence[float]]) -> Prior:
+        """A prior from {name: [low, high]}. Raises InputError: an unknown parameter, or not two numbers."""
+        for name, pair in ranges.items():
+            if natural_name(name) not in PARAMETERS:
+                known = ", ".join(PARAMETERS)
+                raise InputError(f"unknown parameter {name!r}; known, with or without log10_: {known}", "prior.name")
+            if len(pair) != 2:
+                raise InputError(f"the prior of {name} must be [low, high], got {list(pair)}", "prior.range")
+        low, high = np.array(list(ranges.values()), dtype=float).reshape(-1, 2).T
+        return cls(tuple(ranges), low, high)
+
+    def sample(self, draws: int | range, seed: int) -> Floats:
+        """(draws, parameters) of a uniform prior; draw i depends on (seed, i) alone: any part can be drawn anywhere."""
+        indices = range(draws) if isinstance(draws, int) else draws
+        cube = np.array([uniforms(seed, i, len(self.names)) for i in indices]).reshape(len(indices), len(self.names))
+        return np.asarray(self.low + (self.high - self.low) * cube)
+
+    def contains(self, theta: ArrayLike) -> NDArray[np.bool_]:
+        """(...,) whether each row of theta (..., parameters) lies inside all ranges, bounds included."""
+        theta = np.asarray(theta, dtype=float)
+        return np.asarray(np.all((theta >= self.low) & (theta <= self.high), axis=-1))
+
+    def part(self, i: int) -> Prior:
+        """The prior of parameter i alone."""
+        one = slice(i, i + 1)
+        return Prior(self.names[one], self.low[one], self.high[one], self.mean[one], self.std[one])
+
+    @cached_property
+    def _normal(self) -> tuple[NDArray[np.bool_], Floats, Floats, Floats, Floats]:
+        """(which are uniform, unit, centre, probability below the lower bound, probability inside)."""
+        uniform = ~np.isfinite(self.std)
+        unit, centre = np.where(uniform, 1.0, self.std), np.where(uniform, 0.0, self.mean)
+        below = ndtr((self.low - centre) / unit)
+        return uniform, unit, centre, below, ndtr((self.high - centre) / unit) - below
+
+    def cdf(self, x: Floats) -> Floats:
+        """(..., d) from x (..., d)."""
+        flat, unit, centre, below, inside = self._normal
+        uniform = (x - self.low) / (self.high - self.low)
+        normal = (ndtr((x - centre) / unit) - below) / inside
+        return np.asarray(np.clip(np.where(flat, uniform, normal), 0.0, 1.0))
+
+    def to_x(self, u: Floats) -> Floats:
+        """(..., d) from u (..., d)."""
+        flat, unit, centre, below, inside = self._normal
+        p = np.clip(ndtr(u), _INSIDE, 1.0 - _INSIDE)
+        normal = centre + unit * ndtri(np.clip(below + p * inside, _INSIDE, 1.0 - _INSIDE))
+        return np.asarray(np.clip(np.where(flat, self.low + p * (self.high - self.low), normal), self.low, self.high))
+
+    def to_u(self, x: Floats) -> Floats:
+        """(..., d) from x (..., d); infinite at and beyond a bound."""
+        return np.asarray(ndtri(self.cdf(x)))
+
+    def start(self, x: Floats) -> Floats:
+        """`to_u` with what lies at or beyond a bound brought a little inside."""
+        return np.asarray(ndtri(np.clip(self.cdf(x), _START, 1.0 - _START)))
+
+    def log_density(self, x: Floats) -> Floats:
+        """(...,) log p(x) of x (..., d), inside the bounds."""
+        flat, unit, centre, _, inside = self._normal
+        z = (x - centre) / unit
+        normal = -0.5 * (z**2 + _LOG_2PI) - np.log(unit * inside)
+        return np.asarray(np.sum(np.where(flat, -np.log(self.high - self.low), normal), axis=-1))
+
+    def slope(self, u: Floats) -> Floats:
+        """(d,) dx/du = phi(u)/p(x)."""
+        flat, unit, centre, _, inside = self._normal
+        z = (self.to_x(u) - centre) / unit
+        normal = -0.5 * z**2 - np.log(unit * inside)
+        log_p = np.where(flat, 0.5 * _LOG_2PI - np.log(self.high - self.low), normal)
+        return np.asarray(np.exp(-0.5 * u**2 - log_p))
+
+    def to_dict(self) -> dict[str, list[float]]:
+        """{name: [low, high]} or [low, high, mean, standard deviation], in x."""
+        rows = np.column_stack([self.low, self.high, self.mean, self.std]).tolist()
+        return {n: row[:2] if np.isinf(row[3]) else row for n, row in zip(self.names, rows, strict=True)}
