@@ -23,8 +23,8 @@ from pathlib import Path
 import numpy as np
 from scipy.stats import chi2, kstest, truncnorm
 
-from cavirheo import NeoHookeanKelvinVoigt, RadiusCurve, simulate
-from cavirheo.inference.verify import LeastSquares, Verified
+from cavirheo import NeoHookeanKelvinVoigt, RadiusCurve, fit, simulate
+from cavirheo.inference.verify import verify
 from cavirheo.physics.materials import Material
 from cavirheo.physics.media import WATER
 from cavirheo.posterior import Posterior
@@ -100,19 +100,18 @@ def one(job: tuple[int, bool, bool]) -> dict:
     # as drawn, the clock is known to half a frame; read off the frames it is not, and the default range is wider
     bound = None if as_read else 0.5 * float(np.median(np.diff(curve.time)))
     began = time.process_time()
-    estimator = Verified(
-        LeastSquares("nhkv", options={"window": "all", "workers": 1}),
-        ranges=RANGES, discrepancy=discrepancy, t0_bound=bound, scale_bound=BOUND, workers=1,
+    answer = verify(
+        curve, fit(curve, window="all", workers=1),
+        ranges=RANGES, discrepancy=discrepancy, t0_bound=bound, scale_bound=BOUND, workers=1, seed=seed,
     )  # fmt: skip
-    answer = estimator.infer(curve, seed=seed)
-    about = answer.provenance
+    about = answer.diagnostics
     row = {"seed": seed, "truth": truth, "verdict": answer.checks.verdict, "message": answer.checks.message}
     row |= {
         "seconds": time.process_time() - began,
-        "ess": about.get("effective_sample_size"),
-        "tail": about.get("tail_index"),
+        "ess": about.effective_sample_size,
+        "tail": about.tail_index,
     }
-    row |= {"p_value": about.get("predictive", {}).get("p_value"), "simulations": about.get("simulations")}
+    row |= {"p_value": (about.predictive or {}).get("p_value"), "simulations": about.simulations}
     row["ranks"] = {n: rank(answer, n, truth[n]) for n in truth} if answer.log_weight is not None else None
     row["median"] = {name: answer.median(name) for name in RANGES}
     return row

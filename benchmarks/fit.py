@@ -21,10 +21,11 @@ from pathlib import Path
 import numpy as np
 
 from cavirheo import NeoHookeanKelvinVoigt, Posterior, RadiusCurve, simulate
+from cavirheo.inference.experiment import FINE, Experiment, Options
 from cavirheo.inference.fit import fit, fit_many
-from cavirheo.inference.fit.parameters import Family, Settings, spread_starts
-from cavirheo.inference.fit.search import Fit
-from cavirheo.inference.fit.shots import FINE, Shot
+from cavirheo.inference.fit.least_squares import LeastSquares
+from cavirheo.inference.fit.starts import spread_starts
+from cavirheo.inference.law import Family
 from cavirheo.physics.media import WATER
 from cavirheo.reading.shots import read_shots
 
@@ -58,16 +59,15 @@ def made(truth: np.ndarray) -> Case:
 
 def bound(case: Case, window: int | str | None, noise: float) -> np.ndarray:
     """(3,) Cramer-Rao bound of log10 G, mu, stretch at this noise, fraction of R_max."""
-    family = Family("nhkv")
-    shot = Shot(case.clean, family, WATER, Settings(window=window, weights="equal"))
+    shot = Experiment(case.clean, Family("nhkv"), options=Options(window=window, weights="equal"))
     shot.sigma = np.ones(len(shot.measured))
-    J = Fit(family, [shot]).jacobian(case.truth[:3], FINE, central=True)
+    J = LeastSquares([shot]).jacobian(case.truth[:3], FINE, central=True)
     return noise * np.sqrt(np.diag(np.linalg.pinv(J.T @ J, rcond=1e-14)))
 
 
 def error(answer: Posterior, case: Case) -> np.ndarray:
     """(3,) log10 of answer over truth."""
-    best = [answer.provenance["best"][name] for name in ("shear_modulus", "viscosity", "stretch")]
+    best = [answer.best[name] for name in ("shear_modulus", "viscosity", "stretch")]
     return np.log10(best) - case.truth[:3]
 
 
@@ -79,7 +79,7 @@ def timed(curves: list[RadiusCurve]) -> tuple[np.ndarray, np.ndarray, int]:
         answer = fit(curve, workers=1)
         if answer.checks.verdict != "failed":
             seconds.append(time.process_time() - began)
-            runs.append(answer.provenance["simulations"])
+            runs.append(answer.diagnostics.simulations)
     return np.array(seconds), np.array(runs), len(curves) - len(runs)
 
 
@@ -147,7 +147,7 @@ def main() -> None:
         answer = fit(case.clean, window=window, workers=1)
         wall.append(time.perf_counter() - began)
         cpu.append(time.process_time() - spent)
-        runs.append(answer.provenance.get("simulations", 0))
+        runs.append((answer.diagnostics.simulations or 0))
         failed += answer.checks.verdict == "failed"
         clean.append(np.expm1(LN10 * error(answer, case)) if answer.checks.verdict != "failed" else np.full(3, np.nan))
         sharp.append(bound(case, window, 1e-3) * LN10)

@@ -52,7 +52,7 @@ def row(answers: list[Posterior], shots: int) -> list[str]:
         low, high = (done and done[0].interval(name)) or (None, None)
         cells.append(digits.quantity(Quantity(median=done[0].median(name), q05=low, q95=high), factor) if done else "")
     verdicts = Counter(one["verdict"] for one in alone) + Counter(failed=shots - len(done))
-    bounds = Counter(name for a in done for name in a.provenance["at_bound"])
+    bounds = Counter(name for a in done for name in a.diagnostics.at_bound)
     rmse = np.median([one["rmse_over_rmax"] for one in alone]) if alone else np.nan
     return [
         *cells, f"{100 * rmse:.2g}", ", ".join(f"{digits.VERDICTS[v]} {n}" for v, n in verdicts.items() if n),

@@ -150,4 +150,4 @@ def reconstruct(view: Window, material: Material, medium: Medium, stretch: float
 def check_stretch(stretch: float | None) -> None:
     """Raises InputError for a stretch that no bubble at its largest radius has."""
     if stretch is not None and not 1 < stretch < 100:
-        raise InputError(f"stretch = R_max/R_0 must lie between 1 and 100, got {stretch!r}")
+        raise InputError(f"stretch = R_max/R_0 must lie between 1 and 100, got {stretch!r}", "option.stretch")

@@ -108,7 +108,9 @@ def _only(kind: str, terms: Sequence[Material]) -> Any:
     if len(having) > 1:
         names = {law: name for name, law in LAWS.items()}
         got = " and ".join(names.get(type(term), term.name) for term in having)
-        raise InputError(f"a material has one {kind} part at most, but {got} each have one; leave all but one out")
+        raise InputError(
+            f"a material has one {kind} part at most, but {got} each have one; leave all but one out", "law.parts"
+        )
     return getattr(having[0], kind) if having else None
 
 

@@ -81,4 +81,4 @@ def verified(curves: list[RadiusCurve], answers: list[Posterior], level: str, **
     from cavirheo.inference.verify import verify_many
 
     with bar("verifying", len(curves)) as advance:
-        return verify_many(curves, answers, level=level, done=advance, **settings)  # type: ignore[arg-type]
+        return verify_many(curves, answers, level=level, done=advance, **settings)

@@ -23,7 +23,7 @@ from cavirheo.beside.published.references import ReferenceSet, read_references
 from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError
 from cavirheo.inference import infer_many
-from cavirheo.inference.fit.parameters import Family
+from cavirheo.inference.law import Family
 from cavirheo.inference.model import DEFAULT, load
 from cavirheo.inference.reconstruct import check_stretch
 from cavirheo.reading.shots import read_shots

@@ -1,9 +1,8 @@
-"""Least squares over the shots of one material: residuals, finite differences, starts, the minimum."""
+"""Least squares over experiments with one material: residuals, finite differences, the minimum."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from concurrent.futures import ThreadPoolExecutor
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import Any
@@ -11,20 +10,17 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from cavirheo.errors import SolverError
-from cavirheo.inference.fit.parameters import STRETCH_START, Family, spread_starts
-from cavirheo.inference.fit.shots import COARSE, FINE, QUICK, Prediction, Shot
-from cavirheo.physics.collapse import analytic_modulus
+from cavirheo.inference.experiment import FINE, QUICK, Accuracy, Experiment, Prediction
+from cavirheo.inference.law import Family
+from cavirheo.parallel import each
 
 Floats = NDArray[np.float64]
 
 FORWARD, CENTRAL = 1e-3, 3e-3  # steps of the differences, decades or the like: the solver's noise is far below
-STARTS = 48
 SAME = 0.01  # of its range: a search that comes so near to a known minimum in every parameter is given up
 _LN10 = float(np.log(10.0))
 SEARCH = {"ftol": 1e-3, "xtol": 1e-3, "gtol": 1e-8, "max_nfev": 15}
 _POLISH = {"ftol": 3e-5, "xtol": 1e-4, "gtol": 1e-8, "max_nfev": 12}
-TIMED = 2  # every so many starts get their shear modulus from the collapse time
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,18 +32,19 @@ class Minimum:
     converged: bool
 
 
-class Fit:
-    """The law's parameters, common to all shots, followed by those of each shot.
+class LeastSquares:
+    """Experiments with one material: its parameters, common to all, followed by those of each shot.
 
     runs and failures count the simulations.
     """
 
-    def __init__(self, family: Family, shots: Sequence[Shot], workers: int = 1) -> None:
-        self.family, self.shots, self.workers = family, list(shots), workers
-        self.common = len(family.parameters)
+    def __init__(self, experiments: Sequence[Experiment], workers: int = 1) -> None:
+        self.shots, self.workers = list(experiments), workers
+        self.family: Family = self.shots[0].family
+        self.common = self.shots[0].law
         self.runs = self.failures = 0
-        owns = [shot.own.bounds for shot in self.shots]
-        self.bounds = np.concatenate([family.bounds(), *owns])
+        owns = [shot.bounds[self.common :] for shot in self.shots]
+        self.bounds = np.concatenate([self.family.bounds(), *owns])
         ends = self.common + np.cumsum([0, *map(len, owns)])
         self._own = [slice(int(a), int(b)) for a, b in pairwise(ends)]
 
@@ -59,25 +56,20 @@ class Fit:
         """Indices of x that shot k depends on."""
         return [*range(self.common), *range(self._own[k].start, self._own[k].stop)]
 
-    def predictions(self, jobs: list[tuple[Shot, Floats]], accuracy: dict[str, Any]) -> list[Prediction | None]:
-        """One simulation a job, on so many threads (the solver lets go of the interpreter)."""
-
-        def one(job: tuple[Shot, Floats]) -> Prediction | None:
-            return job[0].predict(job[1], accuracy)
-
-        if self.workers == 1 or len(jobs) == 1:
-            found = [one(job) for job in jobs]
-        else:
-            with ThreadPoolExecutor(self.workers) as pool:
-                found = list(pool.map(one, jobs))
+    def predictions(self, jobs: list[tuple[Experiment, Floats]], accuracy: Accuracy) -> list[Prediction | None]:
+        """One simulation a job, on so many threads."""
+        found = each(lambda job: job[0].predict(job[1], accuracy), jobs, self.workers)
         self.runs += len(found)
         self.failures += sum(prediction is None for prediction in found)
         return found
 
-    def residuals(self, x: Floats, accuracy: dict[str, Any]) -> Floats:
+    def at(self, x: Floats, accuracy: Accuracy) -> list[Prediction | None]:
+        """The simulation of every shot."""
+        return self.predictions([(shot, self.of_shot(x, k)) for k, shot in enumerate(self.shots)], accuracy)
+
+    def residuals(self, x: Floats, accuracy: Accuracy) -> Floats:
         """(all frames + priors,) weighted residuals."""
-        found = self.predictions([(shot, self.of_shot(x, k)) for k, shot in enumerate(self.shots)], accuracy)
-        parts = [shot.residual(prediction) for shot, prediction in zip(self.shots, found, strict=True)]
+        parts = [shot.residual(seen) for shot, seen in zip(self.shots, self.at(x, accuracy), strict=True)]
         return np.concatenate([*parts, [(x[column] - mean) / width for column, mean, width in self.priors]])
 
     @property
@@ -89,16 +81,16 @@ class Fit:
             if shot.stretch_prior
         ]
 
-    def jacobian(self, x: Floats, accuracy: dict[str, Any], *, central: bool, at: Floats | None = None) -> Floats:
+    def jacobian(self, x: Floats, accuracy: Accuracy, *, central: bool, at: Floats | None = None) -> Floats:
         """(residuals, parameters) by finite differences; a side whose simulation fails is left out.
 
         `at` are the residuals at x, for forward differences.
         """
         step = CENTRAL if central else FORWARD
-        jobs: list[tuple[Shot, Floats]] = []
+        jobs: list[tuple[Experiment, Floats]] = []
         moves: list[tuple[int, int, float]] = []
         for k, shot in enumerate(self.shots):
-            steps = step * np.concatenate([np.ones(self.common), shot.own.steps(shot.time_scale)])
+            steps = step * shot.steps
             here = self.of_shot(x, k)
             for i, column in enumerate(self.columns(k)):
                 for sign in (1.0, -1.0) if central else (1.0 if x[column] < np.mean(self.bounds[column]) else -1.0,):
@@ -126,7 +118,7 @@ class Fit:
         return result
 
     def minimise(
-        self, start: Floats, accuracy: dict[str, Any], limits: dict[str, Any], known: Sequence[Floats] = ()
+        self, start: Floats, accuracy: Accuracy, limits: Mapping[str, Any], known: Sequence[Floats] = ()
     ) -> Minimum:
         """Trust-region least squares within the bounds (scipy), weights as they are.
 
@@ -172,15 +164,14 @@ class Fit:
             return Minimum(x, np.inf, True)
         return Minimum(found.x, float(found.cost), bool(found.status > 0))
 
-    def reweigh(self, x: Floats, accuracy: dict[str, Any]) -> None:
+    def reweigh(self, x: Floats, accuracy: Accuracy) -> None:
         """The frames' weights from the simulated motion; held fixed while a minimum is sought, for otherwise a faster
         simulation would pay."""
-        found = self.predictions([(shot, self.of_shot(x, k)) for k, shot in enumerate(self.shots)], accuracy)
-        for shot, prediction in zip(self.shots, found, strict=True):
-            if prediction is not None:
-                shot.weigh(prediction.speed)
+        for shot, seen in zip(self.shots, self.at(x, accuracy), strict=True):
+            if seen is not None:
+                shot.weigh(seen.speed)
 
-    def settle(self, starts: Sequence[Floats], *, enough: float = 0.0, accuracy: dict[str, Any] = FINE) -> Minimum:
+    def settle(self, starts: Sequence[Floats], *, enough: float = 0.0, accuracy: Accuracy = FINE) -> Minimum:
         """The best minimum of a quick search from each start, then with the simulated motion's weights.
 
         Further starts are left out once a minimum has less than `enough` times the variance that the weights assume.
@@ -203,63 +194,4 @@ class Fit:
 
 
 class KnownMinimumError(Exception):
-    """A search came to a minimum that is known; does not leave `Fit.minimise`."""
-
-
-class Scan:
-    """Coarse simulations over the whole window of a shot, from which every window takes its starts.
-
-    Where the law has a shear modulus and a viscosity and the curve a collapse, every other point is an estimate from
-    the collapse time: it has the shear modulus that t_1 asks for at its viscosity and stretch (physics/collapse.py).
-
-    Raises:
-        SolverError: all of them failed.
-    """
-
-    def __init__(self, fit: Fit, count: int = STARTS) -> None:
-        (shot,) = fit.shots
-        own = shot.own
-        box = [fit.family.bounds(1)]
-        if own.stretch is None:
-            near = shot.stretch_prior
-            box.append(np.log10([[near[0] - near[1], near[0] + near[1]] if near else STRETCH_START]))
-        self.points = np.zeros((count, len(fit.bounds)))  # nuisances start at nothing
-        inner = np.concatenate(box)
-        self.points[:, : len(inner)] = spread_starts(inner, count)
-        self.timed = self._from_collapse_time(fit, shot)
-        self.found = fit.predictions([(shot, x) for x in self.points], COARSE)
-        if not any(self.found):
-            raise SolverError(
-                f"all {count} simulations of {fit.family.name} failed with which the search was to be started"
-            )
-
-    def _from_collapse_time(self, fit: Fit, shot: Shot) -> NDArray[np.bool_]:
-        """(count,) which points got their shear modulus from the collapse time."""
-        timed = np.zeros(len(self.points), dtype=bool)
-        names, times = fit.family.parameters, shot.curve.collapse_times()
-        if not len(times) or not {"shear_modulus", "viscosity"} <= set(names):
-            return timed
-        column = names.index("shear_modulus")
-        stretch = shot.own.natural(self.points[:, fit.common :].T)["stretch"]
-        viscosity = 10.0 ** self.points[:, names.index("viscosity")]
-        modulus = analytic_modulus(
-            shot.max_radius, stretch, viscosity, float(times[0] - shot.curve.time_of_max), shot.medium
-        )
-        log10 = np.log10(np.where(modulus > 0, modulus, np.nan))
-        timed[::TIMED] = True
-        timed &= (log10 > fit.bounds[column, 0]) & (log10 < fit.bounds[column, 1])
-        self.points[timed, column] = log10[timed]
-        return timed
-
-    @property
-    def provenance(self) -> dict[str, int]:
-        """How many starts there were, and how many with the shear modulus of the collapse time."""
-        return {"starts": len(self.points), "starts_from_collapse_time": int(np.sum(self.timed))}
-
-    def best(self, shot: Shot, count: int) -> list[Floats]:
-        """The points with the smallest cost in the present window of the shot."""
-        m = len(shot.since)
-        costs = [
-            np.sum(shot.residual(p if p is None else Prediction(p.radius[:m], p.speed[:m])) ** 2) for p in self.found
-        ]
-        return [self.points[i] for i in np.argsort(costs)[:count]]
+    """A search came to a minimum that is known; does not leave `LeastSquares.minimise`."""

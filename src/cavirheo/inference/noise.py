@@ -1,8 +1,6 @@
-"""How likely the frames of a shot are, given its parameters: a camera model, and what no simulation can know.
+"""How the measured frames scatter about the simulation: noise of unknown size, and a discrepancy.
 
-The frame at t_i shows the mean of R over its exposure, the clock is off by t_0 and the radii by a scale:
-
-    y_i = R(t_i - t_0; theta)/(scale R_max) + e_i,        e ~ N(0, k^2 C),    C = D + r^2 K,
+The residuals e of an experiment (experiment.py) are e ~ N(0, k^2 C) with C = D + r^2 K.
 
 D = diag(d_i^2) the frames' assumed variances, k^2 an unknown factor on all of them (inverse gamma, shape A, scale A:
 between 0.4 and 5.6 in 90 %), and K_ij = d^2 exp(-|t_i - t_j|/tau), an Ornstein-Uhlenbeck process: the discrepancy
@@ -17,25 +15,17 @@ doi:10.1111/1467-9868.00294, on the discrepancy.
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import cho_solve_banded, cholesky_banded
 from scipy.special import gammaln, logsumexp
 
-from cavirheo.errors import InputError
-from cavirheo.inference.fit.shots import Shot
-from cavirheo.physics.simulate import simulate
-
 Floats = NDArray[np.float64]
 
 SHAPE = 2.0  # A: the frame-to-frame noise is a good guess of the noise, but no more
-SHARPEST = 1e-3  # of R_max: less noise than this is not believed, for the solver's own error is up to that
 RATIOS = (1.0, 2.0, 4.0, 8.0, 16.0)  # r: discrepancy over noise
 TIMES = (0.03, 0.12, 0.5)  # tau/t_c: a collapse, a quarter of the first fall, half of it
 ABSENT = 1.0 / (1 + len(RATIOS))  # prior probability that there is no discrepancy
-_NODES, _SHARES = (part / 2.0 for part in np.polynomial.legendre.leggauss(9))  # of an exposure, over its length
 
 
 class _Covariance:
@@ -135,56 +125,3 @@ class Noise:
             "discrepancy_probability": float(1.0 - np.sum(share[0])),
             "discrepancy_over_rmax": sigma * float(np.sqrt(np.sum(share * variance * ratio**2))),
         }
-
-
-class Likelihood:
-    """log p(frames | parameters) of one shot, in the parameters x of a fit (the law's, then the shot's own).
-
-    With `discrepancy` the assumed deviations are the fit's (at least 0.7 % of R_max, more where the measured wall moves
-    fast); without it they are those of the file or of the frame-to-frame noise. Frames marked as spikes do not count.
-
-    Raises:
-        InputError: an exposure in the curve's meta that is not a time in s, or longer than the frame interval; none of
-            the frames counts.
-    """
-
-    def __init__(self, shot: Shot, discrepancy: bool) -> None:
-        self.shot, counted = shot, ~shot.spikes
-        self.exposure = float(shot.curve.meta.get("exposure_s") or 0.0)
-        if not 0.0 <= self.exposure < np.inf:
-            raise InputError(f"{shot.curve.name}: exposure_s must be a time in s, got {self.exposure!r}")
-        if self.exposure > shot.frame * (1.0 + 1e-6):
-            raise InputError(
-                f"{shot.curve.name}: an exposure of {self.exposure * 1e6:.4g} us is longer than the time between two "
-                f"frames ({shot.frame * 1e6:.4g} us)"
-            )
-        self.since, self.measured = shot.since[counted], shot.measured[counted]
-        if len(self.since) < 3:
-            raise InputError(f"{shot.curve.name}: {len(self.since)} frames are too few for a posterior")
-        cut = shot.view.curve
-        stated = (cut.radius_std[np.isfinite(cut.radius)] / shot.max_radius)[counted]
-        sharp = np.where(np.isfinite(stated) & (stated > 0), stated, shot.curve.noise / shot.max_radius)
-        deviation = shot.sigma[counted] if discrepancy else np.maximum(sharp, SHARPEST)
-        self.noise = Noise(deviation, self.since, shot.time_scale, discrepancy)
-
-    def predict(self, x: Floats, accuracy: dict[str, Any]) -> Floats | None:
-        """(n,) what the camera would have measured, over the measured R_max; None if the simulation failed."""
-        shot = self.shot
-        law = len(shot.family.parameters)
-        natural = shot.own.natural(x[law:])
-        nodes, shares = (_NODES, _SHARES) if self.exposure else (np.zeros(1), np.ones(1))
-        instants = np.abs(self.since[:, None] - natural["time_origin"] + self.exposure * nodes).ravel()
-        order = np.argsort(instants, kind="stable")
-        scale = natural["radius_scale"]
-        try:
-            run = simulate(
-                shot.family.material(x[:law]), max_radius=shot.max_radius * scale * natural["max_radius_factor"],
-                stretch=natural["stretch"], time=instants[order], medium=shot.medium, throw=False, **accuracy,
-            )  # fmt: skip
-        except InputError:  # parameters that exclude each other: as a failed simulation
-            return None
-        if not run.ok or not np.all(np.isfinite(run.radius)):
-            return None
-        radius = np.empty_like(instants)
-        radius[order] = run.radius / (scale * shot.max_radius)
-        return np.asarray(radius.reshape(-1, len(nodes)) @ shares)
