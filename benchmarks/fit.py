@@ -147,7 +147,7 @@ def main() -> None:
         answer = fit(case.clean, window=window, workers=1)
         wall.append(time.perf_counter() - began)
         cpu.append(time.process_time() - spent)
-        runs.append((answer.diagnostics.simulations or 0))
+        runs.append(answer.diagnostics.simulations or 0)
         failed += answer.checks.verdict == "failed"
         clean.append(np.expm1(LN10 * error(answer, case)) if answer.checks.verdict != "failed" else np.full(3, np.nan))
         sharp.append(bound(case, window, 1e-3) * LN10)
