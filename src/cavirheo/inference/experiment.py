@@ -65,29 +65,23 @@ class Options:
     windows: bool = True
 
     def __post_init__(self) -> None:
-        if not (self.window in (None, "all") or (isinstance(self.window, int) and self.window >= 1)):
-            given = f"got {self.window!r}"
-            raise InputError(f"the window must be a number of collapses from 1 up, or 'all'; {given}", "option.window")
-        if self.end is not None and not 0 < self.end < np.inf:
-            raise InputError(f"the end of the window must be a positive time in s, got {self.end!r}", "option.end")
-        if isinstance(self.stretch, str):
-            if self.stretch != "plateau":
-                given = f"got {self.stretch!r}"
-                raise InputError(f"stretch must be R_max/R_0, 'plateau' or left out; {given}", "option.stretch")
-        else:
-            check_stretch(self.stretch)
-        if unknown := [name for name in self.free if name not in FREE]:
-            named = ", ".join(map(repr, unknown))
-            raise InputError(f"cannot free {named}; known: {', '.join(FREE)}", "option.free")
-        if len(set(self.free)) < len(self.free):
-            raise InputError(f"a parameter is freed twice: {', '.join(self.free)}", "option.free")
-        if self.t0_bound is not None and not 0 < self.t0_bound < np.inf:
-            raise InputError(f"the bound of t0 must be a positive time in s, got {self.t0_bound!r}", "option.t0_bound")
-        if not 0 < self.scale_bound < 0.2:
-            given = f"got {self.scale_bound!r}"
-            raise InputError(f"the bound of the radius scale must lie between 0 and 0.2, {given}", "option.scale_bound")
-        if self.weights not in ("motion", "equal"):
-            raise InputError(f"weights must be 'motion' or 'equal', got {self.weights!r}", "option.weights")
+        window, stretch, clock = self.window, self.stretch, self.t0_bound
+        wanted = {
+            "window": (window in (None, "all") or (isinstance(window, int) and window >= 1),
+                       "a number of collapses from 1 up, or 'all'"),
+            "end": (self.end is None or 0 < self.end < np.inf, "a positive time in s"),
+            "stretch": (not isinstance(stretch, str) or stretch == "plateau", "R_max/R_0, 'plateau' or left out"),
+            "free": (set(self.free) <= set(FREE) and len(set(self.free)) == len(self.free),
+                     f"some of {', '.join(FREE)}, each once"),
+            "t0_bound": (clock is None or 0 < clock < np.inf, "a positive time in s"),
+            "scale_bound": (0 < self.scale_bound < 0.2, "between 0 and 0.2"),
+            "weights": (self.weights in ("motion", "equal"), "'motion' or 'equal'"),
+        }  # fmt: skip
+        for name, (fine, what) in wanted.items():
+            if not fine:
+                raise InputError(f"{name} must be {what}; got {getattr(self, name)!r}", f"option.{name}")
+        if not isinstance(stretch, str):
+            check_stretch(stretch)
 
     @property
     def given_stretch(self) -> float | None:
@@ -173,6 +167,14 @@ class Experiment:
 
     # what is varied
 
+    @property
+    def plateau(self) -> tuple[float, float] | None:
+        """(mean, standard deviation) of log10 stretch where the late plateau is to tell it."""
+        if not self.stretch_prior:
+            return None
+        value, deviation = self.stretch_prior
+        return float(np.log10(value)), deviation / (value * _LN10)
+
     def natural(self, x: Floats) -> dict[str, Any]:
         """stretch, time_origin (s), radius_scale and max_radius_factor from x (d,), or from (d, draws)."""
         values: dict[str, Any] = {"time_origin": 0.0, "radius_scale": 1.0, "max_radius_factor": 1.0}
@@ -219,9 +221,8 @@ class Experiment:
                     wanted = f"the prior range of {name} must be [low, high] with 0 < low < high"
                     raise InputError(f"{wanted}, got {list(pair)}", "prior.range")
                 bounds[i] = np.log10(pair)
-            if name == "stretch" and self.stretch_prior:
-                value, deviation = self.stretch_prior
-                mean[i], std[i] = np.log10(value), deviation / (value * _LN10)
+            if name == "stretch" and self.plateau:
+                mean[i], std[i] = self.plateau
             if name in ("radius_scale", "max_radius_factor"):
                 std[i] = 1.0 / SIGMAS
         if given:

@@ -205,11 +205,11 @@ def _at_bound(fit: LeastSquares, x: Floats, k: int) -> dict[str, str]:
     """Names of the parameters of shot k that ended at a bound, and which bound."""
     found = {}
     shot = fit.shots[k]
-    for name, column in zip(shot.names, fit.columns(k), strict=True):
+    for name, column in zip(shot.names, fit.columns[k], strict=True):
         low, high = fit.bounds[column]
         for end, side in ((low, "lower"), (high, "upper")):
             if abs(x[column] - end) < AT_BOUND * (high - low):
-                at = fit.bounds[:, 0 if side == "lower" else 1][fit.columns(k)]
+                at = fit.bounds[:, 0 if side == "lower" else 1][fit.columns[k]]
                 value = shot.natural(at)[name] if name in shot.own else 10.0**end
                 found[name] = f"{name} at its {side} bound ({value:.4g})"
     return found
@@ -219,7 +219,7 @@ def _posterior(
     fit: LeastSquares, found: Minimum, worth: Laplace, k: int, alone: _Alone, common: dict[str, Any], seed: int
 ) -> Posterior:
     """The answer for shot k at a minimum; the draws of the material are the same for all shots of a joint fit."""
-    shot, columns = fit.shots[k], fit.columns(k)
+    shot, columns = fit.shots[k], fit.columns[k]
     x, covariance = found.x[columns], worth.covariance[np.ix_(columns, columns)]
     drawn = draws(found.x, worth.covariance, fit.bounds, DRAWS, seed, worth.freedom)[:, columns]
     names, theta = shot.answer(drawn)
@@ -271,7 +271,7 @@ def _stretch_source(shot: Experiment) -> str:
 
 def _checks(fit: LeastSquares, found: Minimum, k: int, bound: dict[str, str], drawn: Floats) -> Checks:
     """The same check as that of `infer`: the answer simulated anew and laid over the window."""
-    shot, columns = fit.shots[k], fit.columns(k)
+    shot, columns = fit.shots[k], fit.columns[k]
     seen = shot.overlaid(found.x[columns])
     messages = misfit_of(seen)
     verdict: Verdict = "model_does_not_fit" if messages else "ok"

@@ -18,7 +18,6 @@ Floats = NDArray[np.float64]
 
 FORWARD, CENTRAL = 1e-3, 3e-3  # steps of the differences, decades or the like: the solver's noise is far below
 SAME = 0.01  # of its range: a search that comes so near to a known minimum in every parameter is given up
-_LN10 = float(np.log(10.0))
 SEARCH = {"ftol": 1e-3, "xtol": 1e-3, "gtol": 1e-8, "max_nfev": 15}
 _POLISH = {"ftol": 3e-5, "xtol": 1e-4, "gtol": 1e-8, "max_nfev": 12}
 
@@ -46,15 +45,8 @@ class LeastSquares:
         owns = [shot.bounds[self.common :] for shot in self.shots]
         self.bounds = np.concatenate([self.family.bounds(), *owns])
         ends = self.common + np.cumsum([0, *map(len, owns)])
-        self._own = [slice(int(a), int(b)) for a, b in pairwise(ends)]
-
-    def of_shot(self, x: Floats, k: int) -> Floats:
-        """The law's parameters and those of shot k."""
-        return np.concatenate([x[..., : self.common], x[..., self._own[k]]], axis=-1)
-
-    def columns(self, k: int) -> list[int]:
-        """Indices of x that shot k depends on."""
-        return [*range(self.common), *range(self._own[k].start, self._own[k].stop)]
+        law = range(self.common)
+        self.columns = [np.array([*law, *range(a, b)]) for a, b in pairwise(ends)]  # of x that shot k depends on
 
     def predictions(self, jobs: list[tuple[Experiment, Floats]], accuracy: Accuracy) -> list[Prediction | None]:
         """One simulation a job, on so many threads."""
@@ -65,7 +57,7 @@ class LeastSquares:
 
     def at(self, x: Floats, accuracy: Accuracy) -> list[Prediction | None]:
         """The simulation of every shot."""
-        return self.predictions([(shot, self.of_shot(x, k)) for k, shot in enumerate(self.shots)], accuracy)
+        return self.predictions([(shot, x[own]) for shot, own in zip(self.shots, self.columns, strict=True)], accuracy)
 
     def residuals(self, x: Floats, accuracy: Accuracy) -> Floats:
         """(all frames + priors,) weighted residuals."""
@@ -75,11 +67,8 @@ class LeastSquares:
     @property
     def priors(self) -> list[tuple[int, float, float]]:
         """(column, mean, standard deviation) of log10 stretch for each shot whose late plateau gives it."""
-        return [
-            (own.start, float(np.log10(shot.stretch_prior[0])), shot.stretch_prior[1] / (shot.stretch_prior[0] * _LN10))
-            for own, shot in zip(self._own, self.shots, strict=True)
-            if shot.stretch_prior
-        ]
+        pairs = zip(self.columns, self.shots, strict=True)
+        return [(int(own[self.common]), *shot.plateau) for own, shot in pairs if shot.plateau]
 
     def jacobian(self, x: Floats, accuracy: Accuracy, *, central: bool, at: Floats | None = None) -> Floats:
         """(residuals, parameters) by finite differences; a side whose simulation fails is left out.
@@ -90,9 +79,8 @@ class LeastSquares:
         jobs: list[tuple[Experiment, Floats]] = []
         moves: list[tuple[int, int, float]] = []
         for k, shot in enumerate(self.shots):
-            steps = step * shot.steps
-            here = self.of_shot(x, k)
-            for i, column in enumerate(self.columns(k)):
+            steps, here = step * shot.steps, x[self.columns[k]]
+            for i, column in enumerate(self.columns[k]):
                 for sign in (1.0, -1.0) if central else (1.0 if x[column] < np.mean(self.bounds[column]) else -1.0,):
                     there = here.copy()
                     there[i] += sign * steps[i]
