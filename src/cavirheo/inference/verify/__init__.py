@@ -43,7 +43,7 @@ from cavirheo.inference.verify.predictive import Predictive, predictive_check, s
 from cavirheo.inference.verify.sampler import Sample, sample
 from cavirheo.inference.verify.tuning import TUNING
 from cavirheo.parallel import cores, each
-from cavirheo.parameters import LOG10, natural_name, units
+from cavirheo.parameters import natural_name, units
 from cavirheo.physics.media import WATER, Medium
 from cavirheo.posterior import Diagnostics, Evidence, Posterior, Verdict
 from cavirheo.prior import log_normal
@@ -62,8 +62,7 @@ class Verification:
     level: "map" (maximum and Laplace's Gaussian) or "full" (weighted draws). stretch, free, t0_bound, scale_bound: as
     in `fit_many`; free clock, scale and R_max by default. discrepancy: allow for what no simulation follows (noise.py);
     without it the law is taken as exact. ranges: of the priors, {"shear_modulus": [low, high] in SI}; default those
-    that a fit searches. adapt: without it the answer's own draws are weighted as they are, by its log_q, which shows
-    what they are worth. draws: at most so many weighted ones.
+    that a fit searches. draws: at most so many weighted ones.
 
     Raises:
         InputError: a setting is out of its domain.
@@ -77,7 +76,6 @@ class Verification:
     scale_bound: float = SCALE_BOUND
     discrepancy: bool = True
     ranges: Mapping[str, Sequence[float]] | None = None
-    adapt: bool = True
     draws: int = TUNING.draws
     seed: int = 0
     workers: int | None = None
@@ -161,19 +159,12 @@ class _Work:
             about: dict[str, Any] = {"log_evidence_laplace": best.log_evidence, "modes": len(found)}
             drawn = Sample(_gaussian(best, self.settings.draws, self.seed), np.empty(0), np.empty(0))
             return self._answer(drawn, best, about, Evidence(best.log_evidence), "laplace")
-        if self.settings.adapt:
-            explorer = Explorer(self.target, found, QUICK, FINE)
-            most = self.settings.draws
-            each_round = min(TUNING.draws_per_round, most)
-            drawn = sample(
-                explorer, explorer.propose, seed=self.seed, each=each_round, most=most, enough=TUNING.effective_enough
-            )
-            found = explorer.modes
-        else:
-            drawn = self._weighted(self.settings.draws)
-        best = self._best(found)
+        explorer, most = Explorer(self.target, found, QUICK, FINE), self.settings.draws
+        few = min(TUNING.draws_per_round, most)
+        drawn = sample(explorer, explorer.propose, seed=self.seed, each=few, most=most, enough=TUNING.effective_enough)
+        best = self._best(explorer.modes)
         log_evidence, error = drawn.log_evidence
-        about = {"log_evidence": log_evidence, "log_evidence_error": error, "modes": len(found)}
+        about = {"log_evidence": log_evidence, "log_evidence_error": error, "modes": len(explorer.modes)}
         return self._answer(drawn, best, about, Evidence(log_evidence, error), "verified")
 
     def _best(self, found: Sequence[Mode]) -> Mode:
@@ -226,35 +217,6 @@ class _Work:
         u = self.prior.start(scan.points)
         value = self.target.log_posterior(u, measured - np.array(frames))
         return [u[i] for i in np.argsort(-value)[: TUNING.scanned_climbed] if np.isfinite(value[i])]
-
-    def _weighted(self, draws: int) -> Sample:
-        """The answer's own draws; parameters that it does not have are drawn from their priors."""
-        answer, prior = self.answer, self.prior
-        if answer.log_q is None or len(answer.theta) < 2:
-            raise InputError("draws can only be weighted as they are if their density is known (log_q)")
-        theta, log_q = answer.theta[:draws], answer.log_q[:draws]
-        u = np.random.Generator(np.random.Philox(self.seed)).standard_normal((len(theta), len(prior.names)))
-        log_q_u = log_normal(u) + log_q
-        widths = dict(zip((FREE[name] for name in self.shot.options.free), self.shot.half_widths, strict=True))
-        for i, name in enumerate(prior.names):
-            for column, given in enumerate(answer.names):
-                if natural_name(given) != name:
-                    continue
-                x, jacobian = theta[:, column], np.zeros(len(theta))
-                if width := widths.get(name):
-                    x = (x - (0.0 if name == "time_origin" else 1.0)) / width
-                    jacobian = np.full(len(x), np.log(width))
-                elif not given.startswith(LOG10):
-                    x, jacobian = np.log10(x), np.log(x * np.log(10.0))
-                log_q_u -= log_normal(u[:, i : i + 1])
-                one = prior.part(i)
-                u[:, i] = one.to_u(x[:, None])[:, 0]
-                with np.errstate(invalid="ignore"):
-                    log_q_u += jacobian + log_normal(u[:, i : i + 1]) - one.log_density(x[:, None])
-        inside = np.all(np.isfinite(u), axis=1)
-        target = np.full(len(u), -np.inf)
-        target[inside] = self.target(u[inside], FINE)
-        return Sample(np.where(inside[:, None], u, 0.0), target, np.where(inside, log_q_u, 0.0))
 
     def _answer(self, drawn: Sample, best: Mode, about: dict[str, Any], evidence: Evidence, method: str) -> Posterior:
         shot, prior, noise, weighted = self.shot, self.prior, self.target.noise, method == "verified"
