@@ -90,7 +90,7 @@ def test_a_speck_before_the_bubble_is_not_the_maximum():
 
 def test_recording_that_starts_between_frames_after_the_maximum_uses_the_stated_time():
     t = 0.02 + np.arange(0.0, 5.0, 0.04)
-    curve = RadiusCurve(t * T_C, shot()[0](t) * R_MAX, meta={"stated_time_of_max": 0.0})
+    curve = RadiusCurve(t * T_C, shot()[0](t) * R_MAX, stated_time_of_max=0.0)
     assert curve.time_of_max == 0.0
     assert curve.max_radius == pytest.approx(R_MAX, rel=3e-4)
 
@@ -196,7 +196,7 @@ def test_window_ends_at_the_rebound_after_the_collapses_and_keeps_the_maximum():
 
 def test_max_radius_given_by_the_user_scales_the_radii_and_says_so():
     curve = measured(noise=0.005)
-    pixels = RadiusCurve(curve.time, curve.radius / 2.76, meta={"no_scale": "the radius is in pixels"})
+    pixels = RadiusCurve(curve.time, curve.radius / 2.76, unscaled="the radius is in pixels")
     with pytest.raises(InputError, match="--rmax-um"):
         _ = pixels.max_radius
     scaled = pixels.with_max_radius(R_MAX)

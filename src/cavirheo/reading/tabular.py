@@ -126,7 +126,7 @@ def _rows(lines: list[str], separator: str | None, is_header: IsHeader, marks: s
         elif any(cells):
             if above and not is_header(cells):
                 first = next((k for k, row in enumerate(above) if is_header(row.cells)), len(above))
-                yield from above[first:]
+                yield from (row for row in above[first:] if len(row.cells) == len(above[first].cells))
             above = []
             yield Row(number, cells)
 
