@@ -101,8 +101,7 @@ class RadiusCurve:
                 "curve.shape",
             )
         if not np.all(np.isfinite(time)):
-            sample = int(np.argmin(np.isfinite(time)))
-            raise InputError(f"time must be finite; sample {sample} is not", "curve.time")
+            raise InputError(f"time must be finite; sample {np.argmin(np.isfinite(time))} is not", "curve.time")
         if np.any(np.diff(time) <= 0):
             sample = int(np.argmax(np.diff(time) <= 0)) + 1
             raise InputError(
@@ -122,8 +121,8 @@ class RadiusCurve:
             top = f"R_max {self.max_radius * 1e6:.4g} um"
         except InputError:
             top = "no R_max"
-        span = 0.0 if len(self.time) == 0 else float(np.ptp(self.time))
-        return f"RadiusCurve({self.name!r}: {len(self.time)} frames{rate}, {top}, {span * 1e6:.4g} us)"
+        span = 1e6 * float(np.ptp(self.time)) if len(self.time) else 0.0
+        return f"RadiusCurve({self.name!r}: {len(self.time)} frames{rate}, {top}, {span:.4g} us)"
 
     @property
     def group(self) -> str:
@@ -143,7 +142,7 @@ class RadiusCurve:
         frames, no fall after the maximum, or no frame near it.
         """
         if self.unscaled:
-            raise InputError(f"{self.name}: {self.unscaled}; give the true R_max (--rmax-um)", "curve.unscaled")
+            raise self._error(f"{self.unscaled}; give the true R_max (--rmax-um)", "unscaled")
         return self._maximum[1]
 
     @property
@@ -156,14 +155,11 @@ class RadiusCurve:
         if self.maximum is not None:
             return self.maximum
         if self.unusable:
-            raise InputError(f"{self.name}: {self.unusable}", "curve.unusable")
+            raise self._error(self.unusable, "unusable")
         time, radius = self._finite
         if len(time) < _FEWEST_FRAMES:
-            raise InputError(
-                f"{self.name}: {len(time)} of {len(self.time)} frames have a radius; "
-                f"at least {_FEWEST_FRAMES} are needed",
-                "curve.few_frames",
-            )
+            measured = f"{len(time)} of {len(self.time)} frames have a radius"
+            raise self._error(f"{measured}; at least {_FEWEST_FRAMES} are needed", "few_frames")
         try:
             return fit_maximum(time, radius, self.stated_time_of_max)
         except InputError as error:
@@ -201,6 +197,9 @@ class RadiusCurve:
         if len(radius) < 9:
             return 0.0
         return float(1.4826 * np.median(np.abs(np.diff(radius[1:], 3))) / np.sqrt(20.0))
+
+    def _error(self, message: str, code: str) -> InputError:
+        return InputError(f"{self.name}: {message}", f"curve.{code}")
 
     def with_notes(self, *notes: str) -> RadiusCurve:
         """The same curve with more notes."""
@@ -260,10 +259,10 @@ class RadiusCurve:
         since_max, wanted = time - time[0], step * np.arange(count)
         missing = wanted > since_max[-1] * (1.0 + 1e-9)
         if np.any(missing) and not allow_short:
-            raise InputError(
-                f"{self.name}: the recording ends {since_max[-1] * 1e6:.4g} us after R_max; "
+            raise self._error(
+                f"the recording ends {since_max[-1] * 1e6:.4g} us after R_max; "
                 f"{wanted[-1] * 1e6:.4g} us are needed ({count} samples at {step * 1e6:.4g} us)",
-                "curve.short",
+                "short",
             )
         result = np.asarray(PchipInterpolator(time, radius)(np.minimum(time[0] + wanted, time[-1])))
         result[missing] = np.nan
@@ -294,17 +293,14 @@ class RadiusCurve:
         if collapses is not None:
             minima, maxima = self._turning_points
             if not 1 <= collapses <= len(minima):
-                raise InputError(
-                    f"{self.name}: a window of {collapses} collapses was asked; the curve shows {len(minima)}",
-                    "curve.collapses",
-                )
+                asked = f"a window of {collapses} collapses was asked"
+                raise self._error(f"{asked}; the curve shows {len(minima)}", "collapses")
             rebounds = [i for i in maxima if i > minima[collapses - 1]]
             stop = min(stop, time[rebounds[0]] if rebounds else time[-1])
         inside = (self.time >= start) & (self.time <= stop)
         if np.count_nonzero(inside & np.isfinite(self.radius)) < 2:
-            raise InputError(
-                f"{self.name}: fewer than two measured frames between R_max and {stop - start:.4g} s after it",
-                "curve.window",
+            raise self._error(
+                f"fewer than two measured frames between R_max and {stop - start:.4g} s after it", "window"
             )
         parts = {name: getattr(self, name)[inside] for name in ("time", "radius", "radius_std")}
         return replace(self, **parts, maximum=(start, top))
@@ -323,9 +319,7 @@ class RadiusCurve:
         time, radius = self._after_max
         minima = self._turning_points[0]
         if not minima:
-            raise InputError(
-                f"{self.name}: the curve shows no collapse, so there is no strain rate up to it", "curve.collapses"
-            )
+            raise self._error("the curve shows no collapse, so there is no strain rate up to it", "collapses")
         return 2.0 * log(self.max_radius / radius[minima[0]]) / (float(self.collapse_times()[0]) - time[0])
 
     def stretch_from_tail(self) -> tuple[float, float] | None:

@@ -39,7 +39,7 @@ def read_workbook(path: Path, most: int | None = None) -> list[tuple[str, list[R
         raise InputError(
             f"reading the workbook takes more than {_SECONDS:.0f} s; save it as CSV", "limits.time"
         ) from None
-    if child.returncode < 0:
+    if child.returncode < 0 or b"emory" in child.stderr:  # killed, or "MemoryError", "memory allocation ... failed"
         raise InputError("the workbook takes more memory than is given to it; save it as CSV", "limits.memory")
     if child.returncode:
         said = child.stderr.decode(errors="replace").strip().rpartition("\n")[2]
