@@ -102,7 +102,8 @@ def text_rows(text: str, is_header: IsHeader, *, marks: str = "#%") -> list[Row]
     limits.rows(lines)
     worded = [line.lstrip(marks + " ") for line in lines if re.search(r"[^\W\d]", line)]
     for separator in _SEPARATORS:
-        if any(is_header(cells) for _, cells in _split(worded, separator)):
+        here = worded if separator is None or separator in text else []
+        if any(not _is_data(cells) and is_header(cells) for _, cells in _split(here, separator)):
             rows = list(_rows(lines, separator, is_header, marks))
             headers = (k for k, row in enumerate(rows) if not _is_data(row.cells) and is_header(row.cells))
             if any(k + 1 == len(rows) or len(rows[k + 1].cells) > 1 for k in headers):
@@ -135,9 +136,8 @@ def _rows(lines: list[str], separator: str | None, is_header: IsHeader, marks: s
 
 def _split(lines: list[str], separator: str | None) -> Iterator[tuple[int, Cells]]:
     if separator is None:
-        yield from ((number, line.split()) for number, line in enumerate(lines, 1))
-        return
-    reader = csv.reader(lines, delimiter=separator, skipinitialspace=True)
+        lines = [re.sub(r"\s+", " ", line).strip() for line in lines]
+    reader = csv.reader(lines, delimiter=separator or " ", skipinitialspace=True)
     try:
         for cells in reader:
             yield reader.line_num, [cell.strip() for cell in cells]
