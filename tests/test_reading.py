@@ -6,7 +6,7 @@ import h5py
 import numpy as np
 import pytest
 from scipy.io import savemat
-from workbooks import ods_row, write_ods, write_xlsx
+from workbooks import ods_row, write_ods, write_xls, write_xlsx
 
 from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError
@@ -291,6 +291,10 @@ def test_an_open_document_whatever_its_ending(tmp_path):
     rows = rows_of(["time_us", "radius_um"], TIME * 1e6, RADIUS * 1e6)
     (curve,) = read_curves(write_ods(tmp_path / "a.csv", "".join(map(ods_row, rows))))
     assert np.allclose(curve.radius, RADIUS)
+
+
+def test_an_old_workbook(tmp_path):
+    assert read_sheets(write_xls(tmp_path / "a.csv"), is_header) == [("one", [(1, ["a", "b"]), (2, ["1.5", "2"])])]
 
 
 @pytest.mark.parametrize("encoding", ["utf-8", "utf-8-sig", "utf-16", "utf-16-le", "utf-16-be", "latin-1"])

@@ -9,6 +9,7 @@
 | matlab | .mat of v5 to v7.3: which variables make which format |
 | matfile | the bytes of a .mat of v5 to v7 |
 | hdf5 | this project's own .h5 layout |
+| trace | the pressure far from the bubble, over time |
 | limits | how much of a file is read |
 | shots | several files -> the shots of one run and their groups |
 

@@ -15,7 +15,7 @@ from cavirheo.curve import Floats, RadiusCurve
 from cavirheo.errors import InputError
 from cavirheo.reading import limits
 from cavirheo.reading.clean import RADIUS_UNITS, TIME_UNITS, make_curve
-from cavirheo.reading.tabular import Cells, Row, column_of, is_number, kind_of, numbers, read_sheets, refuse_wider
+from cavirheo.reading.tabular import Cells, Row, column_of, is_number, numbers, read_sheets, refuse_wider
 
 _UNITS = {
     **{unit: unit for unit in (*TIME_UNITS, *RADIUS_UNITS)},
@@ -43,10 +43,9 @@ def _is_header(cells: Cells) -> bool:
 
 def read(path: Path, density: float, pressure: float) -> list[RadiusCurve]:
     """The curves of a text table, or of the first sheet of a workbook."""
-    curves = curves_of_rows(read_sheets(path, _is_header, most=1)[0].rows, density, pressure)
-    with path.open("rb") as file:
-        notes = ["read from the first sheet of the workbook"] if kind_of(file.read(1024)) == "workbook" else []
-    return [curve.with_notes(*notes) for curve in curves]
+    sheet = read_sheets(path, _is_header, most=1)[0]
+    notes = ["read from the first sheet of the workbook"] if sheet.name else []
+    return [curve.with_notes(*notes) for curve in curves_of_rows(sheet.rows, density, pressure)]
 
 
 def curves_of_rows(rows: list[Row], density: float, pressure: float) -> list[RadiusCurve]:

@@ -14,7 +14,6 @@ import csv
 import re
 import unicodedata
 from collections.abc import Callable, Collection, Iterator, Mapping
-from dataclasses import dataclass
 from itertools import islice
 from pathlib import Path
 from typing import Any, Literal, NamedTuple, TypeVar
@@ -40,8 +39,7 @@ class Row(NamedTuple):
     cells: Cells
 
 
-@dataclass(frozen=True)
-class Sheet:
+class Sheet(NamedTuple):
     """A table of text (its name is empty) or one sheet of a workbook; `rows` holds no empty ones."""
 
     name: str
@@ -61,13 +59,17 @@ def read_sheets(path: Path, is_header: IsHeader, *, most: int | None = None, mar
     """
     with path.open("rb") as file:
         kind = kind_of(file.read(1024))
+    if kind == "binary":
+        raise InputError("neither text nor a workbook", "tabular.binary")
     if kind == "workbook":
         from cavirheo.reading.workbook import read_workbook
 
-        return [Sheet(name, _checked(rows)) for name, rows in read_workbook(path, most)]
-    if kind == "binary":
-        raise InputError("neither text nor a workbook", "tabular.binary")
-    return [Sheet("", text_rows(text_of(limits.text(path)), is_header, marks=marks))]
+        sheets = [Sheet(*one) for one in read_workbook(path, most)]
+    else:
+        sheets = [Sheet("", text_rows(text_of(limits.text(path)), is_header, marks=marks))]
+    for sheet in sheets:
+        limits.few(max((len(row.cells) for row in sheet.rows), default=0), limits.COLUMNS, "columns")
+    return sheets
 
 
 def kind_of(head: bytes) -> Literal["text", "workbook", "binary"]:
@@ -115,7 +117,7 @@ def text_rows(text: str, is_header: IsHeader, *, marks: str = "#%") -> list[Row]
         rows = list(_rows(lines, separator, is_header, marks))
     if separator != "," and "," in text:
         rows = [Row(row.number, with_points(row.cells)) for row in rows]
-    return _checked(rows)
+    return rows
 
 
 def _rows(lines: list[str], separator: str | None, is_header: IsHeader, marks: str) -> Iterator[Row]:
@@ -143,11 +145,6 @@ def _split(lines: list[str], separator: str | None) -> Iterator[tuple[int, Cells
             yield reader.line_num, [cell.strip() for cell in cells]
     except csv.Error as error:
         raise InputError(f"line {reader.line_num}: {error}", "tabular.csv") from None
-
-
-def _checked(rows: list[Row]) -> list[Row]:
-    limits.few(max((len(row.cells) for row in rows), default=0), limits.COLUMNS, "columns")
-    return rows
 
 
 def _is_data(cells: Cells) -> bool:

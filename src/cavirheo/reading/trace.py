@@ -7,7 +7,7 @@ from pathlib import Path
 from cavirheo.curve import Floats
 from cavirheo.errors import InputError
 from cavirheo.reading.clean import TIME_UNITS
-from cavirheo.reading.tabular import Cells, Row, column_of, numbers, read_sheets, refuse_wider
+from cavirheo.reading.tabular import Cells, column_of, numbers, read_sheets, refuse_wider
 
 _KINDS = {"time": "time", "t": "time", "pressure": "pressure", "p": "pressure"}
 _UNITS = {"time": TIME_UNITS, "pressure": {"Pa": 1.0, "kPa": 1e3, "MPa": 1e6}}
@@ -21,24 +21,22 @@ def read_trace(path: Path) -> tuple[Floats, Floats]:
         InputError: the file cannot be read, has no such columns, or a cell that is no number.
     """
     try:
-        rows = read_sheets(path, _is_header, most=1)[0].rows
-        header, *below = rows if rows else [Row(1, [])]
-        if not _is_header(header.cells):
-            first = ",".join(header.cells)
+        rows = read_sheets(path, lambda cells: len(_columns(cells)) == 2, most=1)[0].rows
+        header, below = rows[0].cells if rows else [], rows[1:]
+        found = _columns(header)
+        if len(found) < 2:
+            first = ",".join(header)
             raise InputError(f"its first line must read time_us,pressure_kPa, got {first!r}", "trace.header")
-        refuse_wider(below, header.cells)
-        found = {}
-        for at, title in enumerate(header.cells):
-            kind, unit = column_of(title, _KINDS, _UNITS)
-            if kind and unit:
-                found[kind] = numbers(below, at) * _UNITS[kind][unit]
+        refuse_wider(below, header)
+        (t, seconds), (p, pascals) = found["time"], found["pressure"]
+        return numbers(below, t) * seconds, numbers(below, p) * pascals
     except OSError as error:
         raise InputError(f"cannot read a pressure trace from {path}: {error}", "trace.missing") from error
     except InputError as error:
         raise error.within(f"cannot read a pressure trace from {path}") from None
-    return found["time"], found["pressure"]
 
 
-def _is_header(cells: Cells) -> bool:
-    named = dict(column_of(title, _KINDS, _UNITS) for title in cells)
-    return all(named.get(kind) in _UNITS[kind] for kind in _UNITS)
+def _columns(header: Cells) -> dict[str, tuple[int, float]]:
+    """By kind: where the column is, and its unit in SI."""
+    named = [column_of(title, _KINDS, _UNITS) for title in header]
+    return {kind: (k, _UNITS[kind][unit]) for k, (kind, unit) in enumerate(named) if kind and unit in _UNITS[kind]}

@@ -10,8 +10,9 @@ from __future__ import annotations
 import json
 import subprocess
 import sys
+from collections.abc import Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from cavirheo.reading.tabular import Row
@@ -31,47 +32,38 @@ def read_workbook(path: Path, most: int | None = None) -> list[tuple[str, list[R
     from cavirheo.reading.tabular import Row
 
     limits.few(path.stat().st_size, limits.SHEET, "bytes of a workbook")
-    numbers = most or 0, limits.ROWS, limits.COLUMNS, MEMORY
-    command = [sys.executable, "-P", __file__, str(path), *map(str, numbers)]
+    command = [sys.executable, "-P", __file__, str(path), str(most or 0), str(MEMORY)]
     try:
         child = subprocess.run(command, capture_output=True, timeout=_SECONDS, check=False)
     except subprocess.TimeoutExpired:
-        raise InputError(
-            f"reading the workbook takes more than {_SECONDS:.0f} s; save it as CSV", "limits.time"
-        ) from None
+        what = f"reading the workbook takes more than {_SECONDS:.0f} s; save it as CSV"
+        raise InputError(what, "limits.time") from None
     if child.returncode < 0 or b"emory" in child.stderr:  # killed, or "MemoryError", "memory allocation ... failed"
         raise InputError("the workbook takes more memory than is given to it; save it as CSV", "limits.memory")
     if child.returncode:
         said = child.stderr.decode(errors="replace").strip().rpartition("\n")[2]
         raise InputError(f"the workbook cannot be read, it may be damaged ({said})", "tabular.workbook")
-    found = json.loads(child.stdout)
-    if "error" in found:
-        raise InputError(found["error"], found["code"])
-    return [(name, [Row(number, cells) for number, cells in rows]) for name, rows in found["sheets"]]
+    sheets = json.loads(child.stdout)
+    for _, rows in sheets:
+        limits.few(len(rows), limits.ROWS, "rows")
+    return [(name, [Row(number, cells) for number, cells in rows]) for name, rows in sheets]
 
 
-def _sheets(path: str, most: int, rows: int, columns: int) -> dict[str, Any]:
-    """What the child says."""
-    from python_calamine import CalamineError, CalamineWorkbook, SheetTypeEnum, SheetVisibleEnum
+def _sheets(path: str, most: int) -> Iterator[tuple[str, list[tuple[int, list[str]]]]]:
+    """What the child says: (name, [(number of the row from 1, its cells)]) of each sheet."""
+    from python_calamine import CalamineWorkbook, SheetTypeEnum, SheetVisibleEnum
 
-    try:
-        book = CalamineWorkbook.from_filelike(open(path, "rb"))  # noqa: SIM115 (by a path, the ending would decide)
-        about = [one for one in book.sheets_metadata if one.typ == SheetTypeEnum.WorkSheet]
-        names = [one.name for one in about if one.visible == SheetVisibleEnum.Visible] or [one.name for one in about]
-        sheets = []
-        for name in names[: most or None]:
-            sheet = book.get_sheet_by_name(name)
-            for count, limit, what in ((sheet.height, rows, "rows"), (sheet.width, columns, "columns")):
-                if count > limit:
-                    return {"error": f"{count} {what}: more than {limit} are not read", "code": f"limits.{what}"}
-            first = (sheet.start or (0, 0))[0] + 1
-            cells = enumerate(([_text(cell) for cell in row] for row in sheet.iter_rows()), first)
-            sheets.append((name, [(number, row) for number, row in cells if any(row)]))
-    except CalamineError as error:
-        return {"error": f"the workbook cannot be read, it may be damaged ({error})", "code": "tabular.workbook"}
+    with open(path, "rb") as file:  # not by its path: then the ending would decide
+        book = CalamineWorkbook.from_filelike(file)
+    sheets = [one for one in book.sheets_metadata if one.typ == SheetTypeEnum.WorkSheet]
     if not sheets:
-        return {"error": "a workbook without a sheet of cells", "code": "tabular.workbook"}
-    return {"sheets": sheets}
+        raise ValueError("no sheet of cells")
+    seen = [one for one in sheets if one.visible == SheetVisibleEnum.Visible] or sheets
+    for about in seen[: most or None]:
+        sheet = book.get_sheet_by_name(about.name)
+        first = (sheet.start or (0, 0))[0] + 1
+        rows = enumerate(([_text(cell) for cell in row] for row in sheet.iter_rows()), first)
+        yield about.name, [(number, cells) for number, cells in rows if any(cells)]
 
 
 def _text(cell: object) -> str:
@@ -80,12 +72,11 @@ def _text(cell: object) -> str:
 
 
 if __name__ == "__main__":
-    most, rows, columns, memory = map(int, sys.argv[2:])
     try:
         import resource
 
         resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
-        resource.setrlimit(resource.RLIMIT_AS, (memory, memory))
+        resource.setrlimit(resource.RLIMIT_AS, (int(sys.argv[3]),) * 2)
     except (ImportError, ValueError, OSError):  # no such limit on this system: the time limit stays
         pass
-    json.dump(_sheets(sys.argv[1], most, rows, columns), sys.stdout)
+    json.dump(list(_sheets(sys.argv[1], int(sys.argv[2]))), sys.stdout)
