@@ -295,8 +295,8 @@ class Experiment:
         scale, origin = natural["radius_scale"], natural["time_origin"]
         cut = self.view.curve
         start = self.max_radius * scale * natural["max_radius_factor"]
-        meta = {**cut.meta, "maximum": (cut.time_of_max + origin, start)}
-        moved = RadiusCurve(cut.time, cut.radius * scale, cut.radius_std * scale, meta)
+        maximum = (cut.time_of_max + origin, start)
+        moved = replace(cut, radius=cut.radius * scale, radius_std=cut.radius_std * scale, maximum=maximum)
         view = Window(moved, self.view.end - origin, self.view.collapses)
         found = reconstruct(view, self.family.material(x[: self.law]), self.medium, natural["stretch"])
         return replace(found, drawn_radius=found.drawn_radius / scale)

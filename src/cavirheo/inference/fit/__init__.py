@@ -111,7 +111,7 @@ def fit_many(
     groups: dict[Any, list[int]] = {}
     for i, (curve, (_, alone)) in enumerate(zip(curves, answered, strict=True)):
         if joint and alone is not None:
-            groups.setdefault((curve.meta.get("group", curve.name), curve.meta.get("group_source")), []).append(i)
+            groups.setdefault((curve.group, curve.group_source), []).append(i)
     for members in groups.values():
         began = time.perf_counter()
         together = _joint([alone for i in members if (alone := answered[i][1])], common, seed, threads)
@@ -250,7 +250,7 @@ def _posterior(
     }
     told = {name: value for name, value in vars(diagnostics).items() if value is not None}
     provenance = common | told | {
-        "source_sha256": shot.curve.meta.get("source_sha256"), "best": best, "stretch": best["stretch"],
+        "source_sha256": shot.curve.source_sha256, "best": best, "stretch": best["stretch"],
         "windows": windows, "search": alone.search, "draws_seed": seed,
         "residual_variance_over_assumed": worth.variance[k],
     }  # fmt: skip
@@ -303,5 +303,5 @@ def _failed(family: Family, curve: RadiusCurve, common: dict[str, Any], message:
     names = tuple(LOG10 + name for name in family.parameters)
     return Posterior(
         names, units(names), np.empty((0, len(names))), Checks("failed", message), family.name, "least_squares",
-        common | {"source_sha256": curve.meta.get("source_sha256")},
+        common | {"source_sha256": curve.source_sha256},
     )  # fmt: skip

@@ -142,7 +142,7 @@ class _Work:
         options = settings.options(
             None if end is None else end * scale * (1.0 + 1e-9), max(0.5 * frame, NARROWEST * scale)
         )
-        exposure = float(curve.meta.get("exposure_s") or 0.0)
+        exposure = float(curve.exposure or 0.0)
         family = Family(answer.material)
         self.shot = Experiment(curve, family, settings.medium, options, exposure=exposure)
         self.prior = self.shot.prior(settings.ranges)
