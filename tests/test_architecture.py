@@ -19,7 +19,7 @@ MAY_USE = {
     "physics": {"errors", "writing"},
     "posterior": {"errors", "writing"},
     "problem": {"errors", "physics"},
-    "inference": {"errors", "curve", "physics", "problem", "posterior"},
+    "inference": {"errors", "curve", "physics", "problem", "posterior", "writing"},
     "training": {"errors", "curve", "physics", "problem", "inference", "writing"},
     "reporting": {"errors", "curve", "posterior", "writing"},
     "beside": {"errors", "curve", "reading", "physics", "posterior", "inference", "reporting", "writing"},

@@ -11,15 +11,15 @@ import csv
 import hashlib
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from cavirheo.beside.collapse_times.document import CollapseGroup, CollapseShot
 from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError
-from cavirheo.inference.collapse_time import Shots, shot, unusable
+from cavirheo.inference.collapse_time import shot, unusable
 from cavirheo.physics.media import Medium
 from cavirheo.reading import limits
 from cavirheo.reading.matfile import read_matfile
@@ -42,48 +42,15 @@ _SHOWN = {"max_radius": "R_max", "time": "t_1", "stretch": "lambda"}
 _EXPECTED = "expected a header such as rmax_um,stretch,t1_us"
 
 
-@dataclass(frozen=True)
-class Row:
-    """One shot; SI, NaN where unknown. `message`: why it cannot be used, empty if it can."""
-
-    name: str
-    max_radius: float
-    stretch: float
-    time: float
-    stretch_from: str
-    message: str = ""
-
-
-@dataclass
-class Group:
-    """The shots of one material: a table, or curves of one file or folder."""
-
-    name: str
-    source: str
-    sha256: str
-    rows: list[Row] = field(default_factory=list)
-    notes: list[str] = field(default_factory=list)
-
-    @property
-    def usable(self) -> list[Row]:
-        return [row for row in self.rows if not row.message]
-
-    def shots(self) -> Shots | None:
-        """The usable ones; None if there is none."""
-        rows = self.usable
-        columns = np.array([[row.max_radius, row.stretch, row.time] for row in rows]).reshape(-1, 3)
-        return Shots(*columns.T) if rows else None
-
-
 def read_groups(
     files: Sequence[str | Path], medium: Medium, stretch: float | None = None
-) -> tuple[list[Group], list[str]]:
+) -> tuple[list[CollapseGroup], list[str]]:
     """(the groups of all files in their order, the reason for each file that could not be read).
 
     `stretch` is for curves, and for tables without a column of it. Every row and curve of a file is in its group,
     those that cannot be used with the reason.
     """
-    groups: list[Group] = []
+    groups: list[CollapseGroup] = []
     problems: list[str] = []
     curves: list[str | Path] = []
     for path in map(Path, files):
@@ -97,27 +64,34 @@ def read_groups(
         else:
             groups.append(table)
     found, unread = read_shots(curves, density=medium.density, pressure=medium.pressure) if curves else ([], [])
-    by_key: dict[tuple[str, str], Group] = {}
+    members: dict[tuple[str, str], list[RadiusCurve]] = {}
     for curve in found:
         source = str(curve.meta.get("group_source", curve.meta["source"]))
-        key = (str(curve.meta["group"]), source)
-        if key not in by_key:
-            by_key[key] = Group(*key, str(curve.meta["source_sha256"]) if "group_source" not in curve.meta else "")
-        by_key[key].rows.append(_row_of(curve, stretch))
-        by_key[key].notes += [f"{curve.name}: {note}" for note in curve.notes if "CHECK" in note]
-    return groups + list(by_key.values()), problems + unread
+        members.setdefault((str(curve.meta["group"]), source), []).append(curve)
+    for (name, source), shots in members.items():
+        sha256 = str(shots[0].meta["source_sha256"]) if "group_source" not in shots[0].meta else ""
+        notes = [f"{curve.name}: {note}" for curve in shots for note in curve.notes if "CHECK" in note]
+        groups.append(_group(name, source, sha256, [_read_off(curve, stretch) for curve in shots], notes))
+    return groups, problems + unread
 
 
-def _row_of(curve: RadiusCurve, stretch: float | None) -> Row:
+def _group(name: str, source: str, sha256: str, shots: list[CollapseShot], notes: list[str]) -> CollapseGroup:
+    unusable = sum(bool(shot.message) for shot in shots)
+    return CollapseGroup(
+        name=name, source=source, source_sha256=sha256, n=len(shots), unusable=unusable, notes=notes, shots=shots
+    )
+
+
+def _read_off(curve: RadiusCurve, stretch: float | None) -> CollapseShot:
     try:
-        shots, origin = shot(curve, stretch)
+        found, origin = shot(curve, stretch)
     except InputError as error:
-        return Row(curve.name, np.nan, np.nan, np.nan, "", str(error).removeprefix(f"{curve.name}: "))
-    radius, ratio, time = (float(a[0]) for a in (shots.max_radius, shots.stretch, shots.time))
-    return Row(curve.name, radius, ratio, time, origin)
+        return CollapseShot(name=curve.name, message=str(error).removeprefix(f"{curve.name}: "))
+    radius, ratio, time = found.max_radius[0], found.stretch[0], found.time[0]
+    return CollapseShot(name=curve.name, max_radius_m=radius, stretch=ratio, collapse_time_s=time, stretch_from=origin)
 
 
-def read_table(path: Path, stretch: float | None = None) -> Group | None:
+def read_table(path: Path, stretch: float | None = None) -> CollapseGroup | None:
     """The table of collapse times in a file, or None where the file holds none and may hold curves.
 
     Raises:
@@ -143,11 +117,21 @@ def read_table(path: Path, stretch: float | None = None) -> Group | None:
     elif stretch is not None:
         notes.append("lambda of the table used, not the one given")
     names = cells.get("name") or [str(k) for k in range(1, len(cells["time"]) + 1)]
-    group = Group(path.stem, str(path), hashlib.sha256(content).hexdigest(), notes=notes)
+    shots = []
     for k, name in enumerate(names):
-        three = [float(cells[key][k]) for key in ("max_radius", "stretch", "time")]
-        group.rows.append(Row(name, three[0], three[1], three[2], origin, unusable(*three)))
-    return group
+        radius, ratio, time = (float(cells[key][k]) for key in ("max_radius", "stretch", "time"))
+        message = unusable(radius, ratio, time)
+        shots.append(
+            CollapseShot(
+                name=name,
+                max_radius_m=radius,
+                stretch=ratio,
+                collapse_time_s=time,
+                stretch_from=origin,
+                message=message,
+            )
+        )
+    return _group(path.stem, str(path), hashlib.sha256(content).hexdigest(), shots, notes)
 
 
 def _variable(path: Path, content: bytes) -> np.ndarray | None:

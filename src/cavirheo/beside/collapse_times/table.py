@@ -1,11 +1,12 @@
-"""The estimates of all groups, for the terminal (rich)."""
+"""The estimates of all groups, for the terminal."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
-from cavirheo.beside.collapse_times.record import CollapseTimes, Fit, GroupRecord, Value
+from cavirheo.beside.collapse_times.document import CollapseGroup, CollapseTimes
+from cavirheo.inference.collapse_time import CollapseEstimate, CollapseValue
 from cavirheo.writing import digits, terminal
 from cavirheo.writing.document import Quantity
 
@@ -13,7 +14,7 @@ if TYPE_CHECKING:
     from rich.console import Console
 
 
-def interval(value: Value, factor: float = 1.0, *, joint: str = " ") -> str:
+def interval(value: CollapseValue, factor: float = 1.0, *, joint: str = " ") -> str:
     """'6.5 [4.5, 8.6]', to the digits that the interval leaves; without it where there is none."""
     low, high = (None, None) if value.low == value.high else (value.low, value.high)
     if value.value == 0 and high is not None:  # which leaves no digits to go by
@@ -23,50 +24,38 @@ def interval(value: Value, factor: float = 1.0, *, joint: str = " ") -> str:
 
 def print_table(document: CollapseTimes, console: Console | None = None) -> None:
     """A row per group and model, then what is to be known of them."""
-    from rich.box import SIMPLE_HEAD
-    from rich.table import Table
     from rich.text import Text
 
     console = console or terminal.console()
     factor, unit = document.modulus_unit
-    table = Table(box=SIMPLE_HEAD, pad_edge=False, padding=(0, 1, 0, 0), show_edge=False)
-    table.add_column("material", overflow="fold", min_width=10)
-    for head in ("n", "model", f"G [95 %]\n{unit}", "µ [95 %]\nPa s", "scatter\n% of t₁"):
-        table.add_column(head, justify="left" if head == "model" else "right", no_wrap=True)
+    heads = ("n", "model", f"G [95 %]\n{unit}", "µ [95 %]\nPa s", "scatter\n% of t₁")
+    table = terminal.table("material", heads, left=("model",))
+    table.columns[0].min_width = 10
     for group in document.groups:
-        fits = [(name, fit) for name, fit in (("analytic", group.analytic), ("exact", group.exact)) if fit]
-        for k, (name, fit) in enumerate(fits or [("–", None)]):
+        for k, (name, found) in enumerate(group.estimates() or [(digits.MISSING, None)]):
             n = f"{group.n}" if not group.unusable else f"{group.n - group.unusable}/{group.n}"
-            table.add_row(*map(Text, [digits.elide(group.name, 30) if k == 0 else "", n, name, *_cells(fit, factor)]))
+            who = digits.elide(group.name, 30) if k == 0 else ""
+            table.add_row(*map(Text, [who, n, name, *_cells(found, factor)]))
     console.print(table)
-    about: dict[str, list[str]] = {}  # each note once, with those it is about
-    for group in document.groups:
-        for who, note in _notes(group, factor, unit):
-            about.setdefault(note, []).append(who)
-    for note, names in about.items():
-        who = ", ".join(names[:5]) + (f" and {len(names) - 5} more" if len(names) > 5 else "")
-        console.print(Text("• ").append(who, "bold").append(f": {note}"))
-    slopes = [fit.shear_modulus_Pa.per_percent for group in document.groups if (fit := group.exact or group.analytic)]
+    remarks = terminal.once(remark for group in document.groups for remark in _remarks(group, factor, unit))
+    terminal.print_remarks(console, remarks, most=5)
+    slopes = [group.best.shear_modulus_Pa.per_percent for group in document.groups if group.best]
     if moves := [abs(slope) * factor for slope in slopes if slope]:
         ends = " to ".join(dict.fromkeys(digits.significant(end, 2) for end in (min(moves), max(moves))))
         common = f"t₁ of all shots 1 % longer (R_max, frame rate, density) lowers G by {ends} {unit}"
         console.print(Text(f"intervals: from the scatter of the shots alone; {common}", "dim"))
-    for note in document.notes:
-        console.print(Text(f"• {note}"))
+    terminal.print_remarks(console, {}, document.notes)
 
 
-def _notes(group: GroupRecord, factor: float, unit: str) -> Iterator[tuple[str, str]]:
+def _remarks(group: CollapseGroup, factor: float, unit: str) -> Iterator[tuple[str, str]]:
     """(whom it is about, what is to be known)."""
-    for name, fit in (("analytic", group.analytic), ("exact", group.exact)):
-        if fit is None:
-            continue
+    for name, found in group.estimates():
         who = f"{group.name} ({name})"
-        if fit.message:
-            yield who, fit.message
-        if fit.downweighted:
-            yield who, f"weighted down: {', '.join(fit.downweighted)}"
-        if fit.pairs and fit.shear_modulus_Pa.value is None:
-            pairs = "; ".join(f"{G * factor:.3g}, {mu:.2g}" for G, mu in fit.pairs)
+        yield who, found.message
+        if found.downweighted:
+            yield who, f"weighted down: {', '.join(found.downweighted)}"
+        if found.pairs and found.shear_modulus_Pa.value is None:
+            pairs = "; ".join(f"{G * factor:.3g}, {mu:.2g}" for G, mu in found.pairs)
             yield who, f"equally good pairs (G {unit}, µ Pa s): {pairs}"
     for shot in group.shots:
         if shot.message:
@@ -74,16 +63,15 @@ def _notes(group: GroupRecord, factor: float, unit: str) -> Iterator[tuple[str, 
             yield who, f"left out: {shot.message}"
     for note in group.notes:
         yield group.name, note
-    origins = sorted({shot.stretch_from for shot in group.shots} - {"", "table"})
-    if origins:
+    if origins := sorted({shot.stretch_from for shot in group.shots} - {"", "table"}):
         yield group.name, f"lambda: {', '.join(origins)}"
 
 
-def _cells(fit: Fit | None, factor: float) -> list[str]:
-    if fit is None:
+def _cells(found: CollapseEstimate | None, factor: float) -> list[str]:
+    if found is None:
         return [digits.MISSING] * 3
     return [
-        interval(fit.shear_modulus_Pa, factor, joint="\n"),
-        interval(fit.viscosity_Pa_s, joint="\n"),
-        digits.MISSING if fit.scatter is None else digits.significant(100 * fit.scatter, 2),
+        interval(found.shear_modulus_Pa, factor, joint="\n"),
+        interval(found.viscosity_Pa_s, joint="\n"),
+        digits.MISSING if found.scatter is None else digits.significant(100 * found.scatter, 2),
     ]
