@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from pydantic import Field
@@ -158,44 +158,35 @@ def shot(curve: RadiusCurve, stretch: float | None = None, *, guess: float | Non
         raise error.within(curve.name) from None
 
 
-def estimate_of_curve(
-    curve: RadiusCurve, material: str = "nhkv", *, stretch: float | None = None, **options: Any
-) -> CollapseEstimate:
-    """The estimate from one curve: a starting point for a fit of R(t) in 20 ms (`start`). `options` as of `estimate`.
-
-    One collapse time cannot give both G and mu: without one of the two the answer is `pairs`, equally good (G, mu).
-    A lambda that is neither given nor in the curve or its file is guessed as 7 (and `message` says so).
-
-    Raises:
-        InputError: the curve has no maximum or no collapse, or an option is out of its domain.
-    """
-    shots, origin = shot(curve, stretch, guess=USUAL_STRETCH)
-    found = estimate(shots, material, **options)
-    if origin == "guessed":
-        found.message = "; ".join(filter(None, (f"lambda is not known: guessed as {USUAL_STRETCH:g}", found.message)))
-    return found
-
-
 def estimate(
-    shots: Shots,
+    shots: Shots | RadiusCurve,
     material: str = "nhkv",
     *,
+    stretch: float | None = None,
     medium: Medium = WATER,
     shear_modulus: float | None = None,
     viscosity: float | None = None,
     exact: bool = False,
 ) -> CollapseEstimate:
-    """G and/or mu of one material from n collapse times.
+    """G and/or mu of one material from n collapse times, or from one curve: a start for a fit of R(t) in 20 ms.
+
+    One collapse time cannot give both G and mu: without one of the two the answer is `pairs`, equally good (G, mu).
+    A lambda that is neither given nor in the curve or its file is guessed as 7 (and `message` says so).
 
     Args:
         material: "nhkv", "nh" (mu = 0) or "newtonian" (G = 0).
+        stretch: lambda of a curve, if it is known.
         shear_modulus, viscosity: Pa and Pa s where one is known; the other is then fitted alone.
         exact: with simulated collapse times, from the analytic answer on: 5 ms per shot, unknown and iteration.
 
     Raises:
-        InputError: unknown material, a given value out of its domain, or nothing to fit.
+        InputError: unknown material, a given value out of its domain, nothing to fit, a curve without a collapse.
         SolverError: a simulation of the exact fit failed.
     """
+    guessed = ""
+    if isinstance(shots, RadiusCurve):
+        shots, origin = shot(shots, stretch, guess=USUAL_STRETCH)
+        guessed = f"lambda is not known: guessed as {USUAL_STRETCH:g}" if origin == "guessed" else ""
     given = _given(material, shear_modulus, viscosity)
     problem = _CollapseProblem(shots, medium, given, np.flatnonzero(np.isnan(given)))
     why = "one collapse time is one relation between G and µ, not both: add shots of other R_max, or give one"
@@ -204,13 +195,15 @@ def estimate(
         if exact:
             solved = problem.solve(solved.values, exact=True)
         if len(problem.free) == 1 or _condition(solved.jacobian) <= _SINGULAR:
-            return _answer(problem, exact, solved)
+            found = _answer(problem, exact, solved)
+            found.message = "; ".join(filter(None, (guessed, found.message)))
+            return found
         why = "the shots are too alike (R_max, lambda) to tell G from µ: one relation, not both"
     pairs = _pairs(problem, exact)
     ends = " to ".join(f"({G:.3g} Pa, {mu:.2g} Pa s)" for G, mu in (pairs[0], pairs[-1])) if pairs else "none in range"
     n = len(shots)
     return CollapseEstimate(
-        pairs=pairs, message=f"{why}; equally good: {ends}",
+        pairs=pairs, message="; ".join(filter(None, (guessed, why, f"equally good: {ends}"))),
         measured=list(shots.ratio(medium)), model=[None] * n, weight=[1.0] * n,
     )  # fmt: skip
 
@@ -229,14 +222,11 @@ def _given(material: str, shear_modulus: float | None, viscosity: float | None) 
             expected = f"{name} must lie between 0 and {largest:g} (Pa, Pa s)"
             raise InputError(f"{expected}, got {value!r}", "collapse_time.out_of_range")
     if None not in values:
-        raise InputError(
-            "nothing to fit: both the shear modulus and the viscosity are given", "collapse_time.all_given"
-        )
+        raise InputError("nothing to fit: shear modulus and viscosity are both given", "collapse_time.all_given")
     return np.array([np.nan if value is None else value for value in values])
 
 
-@dataclass(frozen=True, eq=False)
-class _CollapseFit:
+class _CollapseFit(NamedTuple):
     values: Floats  # (2,) G, mu
     residual: Floats  # (n,)
     jacobian: Floats  # (n, p) of the residual, per unit
@@ -263,11 +253,8 @@ class _CollapseProblem:
         return time(R, self.shots.stretch, values[0], values[1], self.medium) / rayleigh_time(R, self.medium)
 
     def residual(self, values: Floats, exact: bool) -> Floats:
-        if exact:
-            f = self.ratios(values, exact) ** -2.0
-        else:
-            shots = self.shots
-            f = inverse_square(shots.max_radius, shots.stretch, values[0], values[1], self.medium)
+        R, stretch, (G, mu) = self.shots.max_radius, self.shots.stretch, values
+        f = self.ratios(values, True) ** -2.0 if exact else inverse_square(R, stretch, G, mu, self.medium)
         return np.asarray((self.shots.ratio(self.medium) ** 2 * f - 1) / 2)
 
     def coarse(self) -> Floats:
@@ -277,8 +264,7 @@ class _CollapseProblem:
         shots = self.shots
         f = inverse_square(shots.max_radius[:, None], shots.stretch[:, None], G, mu, self.medium)
         off = np.mean(np.abs(shots.ratio(self.medium)[:, None] ** 2 * f - 1), axis=0)
-        best = int(np.argmin(off))
-        return np.array([G[best], mu[best]])
+        return np.array([G, mu])[:, np.argmin(off)]
 
     def jacobian(self, x: Floats, base: Floats, exact: bool) -> Floats:
         """(n, p) by differences from the residual at x: upwards, so that zero needs no exception."""

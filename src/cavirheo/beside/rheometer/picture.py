@@ -8,10 +8,11 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from cavirheo.beside.rheometer.document import Rheometry
 from cavirheo.beside.rheometer.read import Floats, Sweep
-from cavirheo.beside.rheometer.record import Rheometry
 from cavirheo.reporting.picture import save_png
 from cavirheo.writing import digits
+from cavirheo.writing.document import spread_of
 from cavirheo.writing.style import BLUE, INK, VERMILLION, new_axes, new_figure, write
 
 if TYPE_CHECKING:
@@ -23,19 +24,18 @@ _GREEN = "#00694d"
 _NARROWEST = 5.0  # highest over lowest viscosity of an axis
 
 
-def write_pictures(folder: Path, document: Rheometry, sweeps: Sequence[Sweep]) -> None:
+def write_pictures(folder: Path, document: Rheometry) -> None:
     """strain-sweep.png and frequency-sweep.png: the sweeps of each kind laid over each other."""
-    strain = [sweep for sweep in sweeps if sweep.kind == "strain"]
-    frequency = [sweep for sweep in sweeps if sweep.kind == "frequency"]
-    if strain:
-        save_png(folder / "strain-sweep.png", strain_figure(strain, document))
-    if frequency:
-        save_png(folder / "frequency-sweep.png", frequency_figure(frequency, document))
+    if document.strain_sweeps:
+        save_png(folder / "strain-sweep.png", strain_figure(document))
+    if document.frequency_sweeps:
+        save_png(folder / "frequency-sweep.png", frequency_figure(document))
 
 
-def strain_figure(sweeps: Sequence[Sweep], document: Rheometry) -> Figure:
+def strain_figure(document: Rheometry) -> Figure:
     """Moduli over strain with the linear range shaded; below, how far G' is from its plateau."""
     found = document.strain_sweeps
+    sweeps = [sweep.data for sweep in found if sweep.data]
     figure = new_figure(4.5)
     factor, unit = digits.modulus_unit([sweep.plateau_storage_Pa for sweep in found])
     answer = [
@@ -68,9 +68,10 @@ def strain_figure(sweeps: Sequence[Sweep], document: Rheometry) -> Figure:
     return figure
 
 
-def frequency_figure(sweeps: Sequence[Sweep], document: Rheometry) -> Figure:
+def frequency_figure(document: Rheometry) -> Figure:
     """Moduli over angular frequency with the plateau of G'; below, G''/omega with the viscosity marked."""
     found = document.frequency_sweeps
+    sweeps = [sweep.data for sweep in found if sweep.data]
     figure = new_figure(4.5)
     factor, unit = digits.modulus_unit([sweep.plateau_storage_Pa for sweep in found])
     at = f"{document.at_rad_per_s:g} rad/s"
@@ -117,8 +118,6 @@ def _head(figure: Figure, document: Rheometry, kind: str, n: int, answer: Sequen
 
 def _said(text: str, values: Sequence[float | None], factor: float = 1.0) -> str:
     """The mean ± std in words; empty where there is no value."""
-    from cavirheo.writing.document import spread_of
-
     spread = spread_of(list(values))
     return "" if spread.mean is None else text.format(digits.spread(spread, factor))
 

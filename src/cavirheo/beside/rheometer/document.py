@@ -16,56 +16,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Literal
 
-from cavirheo.reporting.record import Result
+from cavirheo.beside.rheometer.sweeps import FrequencySweep, StrainSweep, SweepProperties
+from cavirheo.reporting.record import CurveRecord, GroupRecord, Result
 from cavirheo.writing import digits
 from cavirheo.writing.document import Document, Model, Spread, spread_of, write_rows
-
-
-class _Sweep(Model):
-    name: str
-    source: str
-    source_sha256: str
-    points: int
-    notes: list[str] = []
-    message: str = ""
-
-
-class StrainSweep(_Sweep):
-    """`departs` is null where G' stays in the band to the end: `linear_to` is then the largest strain measured."""
-
-    kind: Literal["strain"] = "strain"
-    frequency_rad_per_s: float | None
-    strain_from: float
-    strain_to: float
-    plateau_storage_Pa: float | None = None
-    plateau_loss_Pa: float | None = None
-    linear_from: float | None = None
-    linear_to: float | None = None
-    departs: str | None = None
-    crossover_strain: float | None = None
-    crossover_modulus_Pa: float | None = None
-
-
-class FrequencySweep(_Sweep):
-    """`viscosity_Pa_s` is the loss modulus at `at_rad_per_s` over that frequency."""
-
-    kind: Literal["frequency"] = "frequency"
-    strain: float | None
-    from_rad_per_s: float
-    to_rad_per_s: float
-    plateau_storage_Pa: float | None = None
-    plateau_from_rad_per_s: float | None = None
-    plateau_to_rad_per_s: float | None = None
-    at_rad_per_s: float
-    storage_at_Pa: float | None = None
-    loss_at_Pa: float | None = None
-    viscosity_Pa_s: float | None = None
-    tan_delta: float | None = None
-    complex_viscosity_Pa_s: float | None = None
-    crossover_rad_per_s: float | None = None
-    crossover_modulus_Pa: float | None = None
 
 
 class Rheometry(Document):
@@ -86,8 +41,11 @@ class Rheometry(Document):
         return [*self.strain_sweeps, *self.frequency_sweeps]
 
 
-class Row(Model):
-    """One material by one method. `regime`: angular frequencies in rad/s or strain rates in 1/s."""
+class BesideRow(Model):
+    """One material by one method, in the table beside bubbles: mean ± std over `n`.
+
+    `doubtful` and `failed` are bubbles beside those. `regime`: angular frequencies in rad/s or strain rates in 1/s.
+    """
 
     material: str
     method: str
@@ -152,53 +110,54 @@ def _beyond_linear(strain: Sequence[StrainSweep], frequency: Sequence[FrequencyS
 
 def write_csv(path: Path, document: Rheometry) -> None:
     """One line per sweep."""
-    fields = [name for kind in (_Sweep, StrainSweep, FrequencySweep) for name in kind.model_fields]
-    head = [name for name in dict.fromkeys(["kind", *fields]) if name != "notes"]
+    fields = [name for kind in (SweepProperties, StrainSweep, FrequencySweep) for name in kind.model_fields]
+    head = [name for name in dict.fromkeys(["kind", *fields]) if name not in ("data", "notes")]
     write_rows(path, head, (sweep.model_dump() for sweep in document.sweeps))
 
 
-def beside(document: Rheometry, result: Result) -> list[Row]:
+def beside(document: Rheometry, result: Result) -> list[BesideRow]:
     """The rheometer's row, then one for each group of bubbles."""
-    omegas = [w for s in document.frequency_sweeps for w in (s.from_rad_per_s, s.to_rad_per_s)]
-    omegas = omegas or [s.frequency_rad_per_s for s in document.strain_sweeps if s.frequency_rad_per_s is not None]
-    strains = [s.strain for s in document.frequency_sweeps if s.strain is not None]
-    strains = strains or [s.linear_to for s in document.strain_sweeps if s.linear_to is not None]
-    rows = [
-        Row(
-            material=document.material,
-            method="rheometer" + (f", µ at {document.at_rad_per_s:g} rad/s" if document.frequency_sweeps else ""),
-            n=max(len(document.frequency_sweeps), len(document.strain_sweeps)),
-            shear_modulus_Pa=document.shear_modulus_Pa,
-            viscosity_Pa_s=document.viscosity_Pa_s,
-            regime_from=min(omegas, default=None),
-            regime_to=max(omegas, default=None),
-            regime_unit="rad/s",
-            deformation=f"strain ≤ {digits.percent(max(strains))} %" if strains else "small strain",
-        )
-    ]
-    for group, members in result.members():
-        curves = [curve for curve in (result.curves[k] for k in members) if curve.answered]
-        rates = [curve.strain_rate_per_s for curve in curves if curve.strain_rate_per_s is not None]
-        stretches = [curve.stretch.median for curve in curves if curve.stretch.median is not None]
-        rows.append(
-            Row(
-                material=group.name,
-                method=f"bubble, {', '.join(dict.fromkeys(result.curves[k].method for k in members))}",
-                n=group.n,
-                doubtful=group.n - group.verdicts.get("ok", 0),
-                failed=group.n_failed,
-                shear_modulus_Pa=group.shear_modulus_Pa,
-                viscosity_Pa_s=group.viscosity_Pa_s,
-                regime_from=min(rates, default=None),
-                regime_to=max(rates, default=None),
-                regime_unit="1/s",
-                deformation=f"λ = {span(min(stretches), max(stretches), 2)}" if stretches else "large strain",
-            )
-        )
-    return rows
+    strain, frequency = document.strain_sweeps, document.frequency_sweeps
+    omegas = [w for s in frequency for w in (s.from_rad_per_s, s.to_rad_per_s)]
+    omegas = omegas or [s.frequency_rad_per_s for s in strain if s.frequency_rad_per_s is not None]
+    strains = [s.strain for s in frequency if s.strain is not None]
+    strains = strains or [s.linear_to for s in strain if s.linear_to is not None]
+    rheometer = BesideRow(
+        material=document.material,
+        method="rheometer" + (f", µ at {document.at_rad_per_s:g} rad/s" if frequency else ""),
+        n=max(len(frequency), len(strain)),
+        shear_modulus_Pa=document.shear_modulus_Pa,
+        viscosity_Pa_s=document.viscosity_Pa_s,
+        regime_from=min(omegas, default=None),
+        regime_to=max(omegas, default=None),
+        regime_unit="rad/s",
+        deformation=f"strain ≤ {digits.percent(max(strains))} %" if strains else "small strain",
+    )
+    return [rheometer, *(_bubbles(group, [result.curves[k] for k in members]) for group, members in result.members())]
 
 
-def warning(rows: Sequence[Row]) -> str:
+def _bubbles(group: GroupRecord, curves: list[CurveRecord]) -> BesideRow:
+    """The row of a group: its means, and the regime of the shots that they are over."""
+    trusted = getattr(group, "n_trusted", None)  # None: a document from before means were over trusted answers alone
+    counted = [c for c in curves if (c.answered if trusted is None else c.verdict == "ok")]
+    rates = [curve.strain_rate_per_s for curve in counted if curve.strain_rate_per_s is not None]
+    stretches = [curve.stretch.median for curve in counted if curve.stretch.median is not None]
+    return BesideRow(
+        material=group.name,
+        method=f"bubble, {', '.join(dict.fromkeys(curve.method for curve in curves))}",
+        n=group.n if trusted is None else trusted,
+        doubtful=group.n - group.verdicts.get("ok", 0),
+        failed=group.n_failed,
+        shear_modulus_Pa=group.shear_modulus_Pa,
+        viscosity_Pa_s=group.viscosity_Pa_s,
+        regime_from=min(rates, default=None),
+        regime_to=max(rates, default=None),
+        regime_unit="1/s",
+        deformation=f"λ = {span(min(stretches), max(stretches), 2)}" if stretches else "large strain",
+    )
+
+
+def warning(rows: Sequence[BesideRow]) -> str:
     """That the regimes of the rows differ, in their own numbers."""
 
     def regime(unit: str) -> str:
@@ -221,11 +180,11 @@ def span(low: float, high: float, count: int = 3) -> str:
     return ends[0] if ends[0] == ends[1] else " to ".join(ends)
 
 
-def write_table(path: Path, rows: Sequence[Row]) -> None:
+def write_table(path: Path, rows: Sequence[BesideRow]) -> None:
     """One line per row, and the warning below as a comment."""
     spreads = ("shear_modulus_Pa", "viscosity_Pa_s")
     head: list[str] = []
-    for name in Row.model_fields:
+    for name in BesideRow.model_fields:
         head += [name, f"{name}_std"] if name in spreads else [name]
     lines = []
     for row in rows:
