@@ -1,0 +1,59 @@
+"""Workbooks for tests: an .xlsx of given sheets, with the parts that every spreadsheet program writes."""
+
+from __future__ import annotations
+
+import zipfile
+from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
+from xml.sax.saxutils import escape
+
+_MAIN = "http://schemas.openxmlformats.org/spreadsheetml/2006/main"
+_OFFICE = "http://schemas.openxmlformats.org/officeDocument/2006/relationships"
+_PACKAGE = "http://schemas.openxmlformats.org/package/2006/relationships"
+
+
+def sheet_xml(rows: Iterable[Sequence[object]]) -> str:
+    """Numbers as numbers, the rest as text; None is no cell."""
+    return f'<worksheet xmlns="{_MAIN}"><sheetData>{"".join(map(_row, rows))}</sheetData></worksheet>'
+
+
+def _row(cells: Sequence[object]) -> str:
+    return f"<row>{''.join(map(_cell, cells))}</row>"
+
+
+def _cell(value: object) -> str:
+    if value is None:
+        return "<c/>"
+    if isinstance(value, str):
+        return f'<c t="inlineStr"><is><t>{escape(value)}</t></is></c>'
+    return f"<c><v>{value}</v></c>"
+
+
+def write_xlsx(
+    path: Path, sheets: Mapping[str, Iterable[Sequence[object]] | str | bytes], hidden: Sequence[str] = ()
+) -> Path:
+    """A workbook whose tabs are `sheets` in their order: rows, or the XML of a sheet.
+
+    The last tab lies in sheet1.xml: the order of the files is not that of the tabs.
+    """
+    numbers = {name: len(sheets) - k for k, name in enumerate(sheets)}
+    states = {name: ' state="hidden"' if name in hidden else "" for name in sheets}
+    tabs = "".join(
+        f'<sheet name="{escape(name)}" sheetId="{k}"{states[name]} r:id="rId{k}"/>' for name, k in numbers.items()
+    )
+    relations = "".join(
+        f'<Relationship Id="rId{k}" Type="{_OFFICE}/worksheet" Target="worksheets/sheet{k}.xml"/>'
+        for k in numbers.values()
+    )
+    book = f'<Relationship Id="rId1" Type="{_OFFICE}/officeDocument" Target="xl/workbook.xml"/>'
+    with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive:
+        archive.writestr("_rels/.rels", f'<Relationships xmlns="{_PACKAGE}">{book}</Relationships>')
+        archive.writestr(
+            "xl/workbook.xml",
+            f'<workbook xmlns="{_MAIN}" xmlns:r="{_OFFICE}"><sheets>{tabs}</sheets></workbook>',
+        )
+        archive.writestr("xl/_rels/workbook.xml.rels", f'<Relationships xmlns="{_PACKAGE}">{relations}</Relationships>')
+        for name, content in sheets.items():
+            xml = content if isinstance(content, (str, bytes)) else sheet_xml(content)
+            archive.writestr(f"xl/worksheets/sheet{numbers[name]}.xml", xml)
+    return path
