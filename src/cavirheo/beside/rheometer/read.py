@@ -9,25 +9,21 @@ Titles and units: `titles`.
 
 from __future__ import annotations
 
-import csv
 import hashlib
-import math
 import re
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Literal
-from zipfile import BadZipFile
 
 import numpy as np
 
-from cavirheo.beside.rheometer.titles import NAMES, Column, read_title
+from cavirheo.beside.rheometer.titles import NAMES, SweepColumn, read_title
 from cavirheo.errors import InputError
-from cavirheo.reading.spreadsheet import sheets
-from cavirheo.reading.table import Rows, decimal_point, is_number, text_of
+from cavirheo.reading.tabular import Row, is_number, numbers, read_sheets, refuse_wider
 
 Floats = np.ndarray
-Kind = Literal["strain", "frequency"]
+SweepKind = Literal["strain", "frequency"]
 
 _EXPECTED = "expected a header such as omega (rad/s), G' (Pa), G'' (Pa) or strain (%), G' (Pa), G'' (Pa)"
 _SWEPT = 2.0  # largest over smallest, from which a column counts as swept
@@ -40,7 +36,7 @@ class Sweep:
 
     name: str
     source: str
-    kind: Kind
+    kind: SweepKind
     x: Floats  # strain as a fraction, or angular frequency in rad/s
     storage: Floats  # G', Pa
     loss: Floats  # G'', Pa
@@ -60,25 +56,29 @@ def read_sweeps(path: str | Path) -> list[Sweep]:
     """
     path = Path(path)
     if not path.is_file():
-        raise InputError(f"{path} is a directory; give the files in it" if path.is_dir() else f"{path} does not exist")
+        raise InputError(
+            f"{path} is a directory; give the files in it" if path.is_dir() else f"{path} does not exist",
+            "rheometer.no_file",
+        )
+    found: list[Sweep] = []
+    others: list[str] = []
     try:
-        content = path.read_bytes()
-        tables = [table for rows in _layouts(path, content) for table in _tables(rows)]
+        sheets = read_sheets(path, _is_header, marks="#")
+        tables = [table for sheet in sheets for table in _tables(sheet.rows)]
         if not tables:
-            raise InputError(_nothing_found(next(_layouts(path, content))))
-        found, others = [], []
-        for number, (label, table) in enumerate(tables, 1):
+            raise _nothing_found([row.cells for sheet in sheets for row in sheet.rows])
+        for number, table in enumerate(tables, 1):
             try:
-                found += _sweeps(label or (str(number) if len(tables) > 1 else ""), table)
+                found += _sweeps(table, table.label or (str(number) if len(tables) > 1 else ""))
             except _NoSweepError as reason:
                 others.append(str(reason))
         if not found:
-            raise InputError("; ".join(others))
+            raise InputError("; ".join(others), "rheometer.no_sweep")
     except InputError as error:
-        raise InputError(f"{path}: {error}") from None
-    except (OSError, BadZipFile, KeyError, ValueError, SyntaxError) as error:  # SyntaxError: of XML
-        raise InputError(f"{path} cannot be read, it may be damaged ({type(error).__name__}: {error})") from error
-    digest = hashlib.sha256(content).hexdigest()
+        raise error.within(str(path)) from None
+    except OSError as error:
+        raise InputError(f"{path} cannot be read ({error.strerror or error})", "rheometer.no_file") from None
+    digest = hashlib.sha256(path.read_bytes()).hexdigest()
     notes = (f"left out of the file: {'; '.join(dict.fromkeys(others))}",) if others else ()
     return [
         replace(
@@ -92,156 +92,129 @@ def read_sweeps(path: str | Path) -> list[Sweep]:
     ]
 
 
-def _layouts(path: Path, content: bytes) -> Iterator[Rows]:
-    """The file as rows of cells: each sheet of a workbook; for text, the first separator that shows a table."""
-    if content.startswith(b"PK\x03\x04"):
-        yield from sheets(path)
-        return
-    if content.startswith(b"\xd0\xcf\x11\xe0"):
-        raise InputError("an old Excel file (.xls); save it as .xlsx or CSV")
-    if content[:2] in (b"\xff\xfe", b"\xfe\xff"):
-        text = content.decode("utf-16")
-    elif b"\x00" in content[:1000]:  # RheoCompass, with its byte order mark lost on the way
-        text = content.decode("utf-16-le" if content[1:2] == b"\x00" else "utf-16-be")
-    else:
-        text = text_of(content)
-    lines = [line.removeprefix("#") for line in text.splitlines()]
-    if not any(line.strip() for line in lines):
-        raise InputError(f"the file is empty; {_EXPECTED}")
-    layouts = [(separator, _split(lines, separator)) for separator in ("\t", ";", ",", None)]
-    shown = (layout for layout in layouts if any(map(_header, layout[1])))
-    best = max(layouts, key=lambda layout: max(map(_recognised, layout[1][:200])))  # for the message that there is none
-    separator, rows = next(shown, best)
-    yield rows if separator == "," else [_with_points(row) for row in rows]
-
-
-def _split(lines: list[str], separator: str | None) -> Rows:
-    rows = [next(csv.reader([line], delimiter=separator), []) if separator else line.split() for line in lines]
-    return [[cell.strip() for cell in row] for row in rows]
-
-
-def _recognised(row: list[str]) -> int:
-    return sum(bool(read_title(cell)[0]) for cell in row)
-
-
-def _with_points(row: list[str]) -> list[str]:
-    """Decimal commas become points; a row that has both does not say which of them separates thousands."""
-    changed = [decimal_point(cell) for cell in row]
-    commas = [old for old, new in zip(row, changed, strict=True) if old != new]
-    points = [cell for cell in row if "." in cell and is_number(cell)]
-    if commas and points:
-        raise InputError(f"{commas[0]!r} and {points[0]!r} in one row: is the comma decimal? export with points only")
-    return changed
-
-
 @dataclass
-class _Table:
-    columns: dict[str, Column]
+class _ModuliTable:
+    """`label`: what tells its rows from those of the others, where a column does."""
+
+    columns: dict[str, SweepColumn]
     header: list[str]
-    rows: list[tuple[int, list[str]]]  # with their numbers in the file, from 1
+    rows: list[Row]
+    label: str = ""
 
 
-def _tables(rows: Rows) -> Iterator[tuple[str, _Table]]:
-    """Each table with its label: what tells its rows from those of the others, where a column does."""
-    table: _Table | None = None
-    whole: list[_Table] = []
-    for number, row in enumerate(rows, 1):
-        filled = [cell for cell in row if cell]
-        if columns := _header(row):
-            table = _Table(columns, row, [])
+def _tables(rows: list[Row]) -> Iterator[_ModuliTable]:
+    """Each table of moduli; one with a column of intervals is as many tables."""
+    table: _ModuliTable | None = None
+    whole: list[_ModuliTable] = []
+    for row in rows:
+        filled = [cell for cell in row.cells if cell]
+        if _is_header(row.cells):
+            table = _ModuliTable(_columns(row.cells), row.cells, [])
             whole.append(table)
-        elif not filled or table is None:
+        elif table is None:
             continue
-        elif not table.rows and _are_units(table, row):
+        elif not table.rows and _are_units(table, row.cells):
             for kind, c in table.columns.items():  # the units, below their titles
-                if c.unit is None and c.at < len(row) and row[c.at]:
-                    table.columns[kind] = c._replace(unit=row[c.at])
+                if c.unit is None and c.at < len(row.cells) and row.cells[c.at]:
+                    table.columns[kind] = c._replace(unit=row.cells[c.at])
         elif filled[0].startswith("[") or filled[0].endswith(":") or not any(map(is_number, filled)):
             table = None  # "[step]", "Result:", "Frequency sweep - 2": another table begins, or none
         else:
-            table.rows.append((number, row))
+            table.rows.append(row)
     for table in whole:
         at = table.columns.pop("interval", None)
-        labels = [row[at.at] if at and at.at < len(row) else "" for _, row in table.rows]
+        labels = [row.cells[at.at] if at and at.at < len(row.cells) else "" for row in table.rows]
         if len(set(labels)) == len(labels):  # a number for each row
             labels = [""] * len(labels)
         for label in dict.fromkeys(labels) or [""]:
             mine = [row for row, other in zip(table.rows, labels, strict=True) if other == label]
-            yield label, _Table(table.columns, table.header, mine)
+            yield replace(table, rows=mine, label=label)
 
 
-def _are_units(table: _Table, row: list[str]) -> bool:
+def _are_units(table: _ModuliTable, cells: list[str]) -> bool:
     """Whether a row just below the titles has words, not numbers, in the columns that matter."""
-    mine = [row[c.at] for kind, c in table.columns.items() if c.at < len(row) and row[c.at] and kind != "interval"]
-    return not any(is_number(cell) and re.search(r"\d", cell) for cell in mine or row)
+    places = [c.at for kind, c in table.columns.items() if kind != "interval"]
+    mine = [cells[at] for at in places if at < len(cells) and cells[at]]
+    return not any(is_number(cell) and re.search(r"\d", cell) for cell in mine or cells)
 
 
-def _header(row: list[str]) -> dict[str, Column]:
-    """The columns that a row names, if it is the header of a table of moduli; else none."""
-    columns: dict[str, Column] = {}
-    for at, title in enumerate(row):
-        kind, unit, preference = ("", None, 0) if title[:1] in "0123456789+-." else read_title(title)
-        if not kind or (kind == "interval" and kind in columns):
-            continue
-        if kind not in columns or preference < columns[kind].preference:
-            columns[kind] = Column(at, title, unit, preference)
-        elif preference == columns[kind].preference and {"storage", "loss"} <= columns.keys():
-            raise InputError(f"two columns for {NAMES[kind]}: {columns[kind].title!r} and {title!r}; one sweep a table")
-    return columns if {"storage", "loss"} <= columns.keys() else {}
+def _is_header(cells: list[str]) -> bool:
+    return {"storage", "loss"} <= {read_title(cell)[0] for cell in cells}
 
 
-def _nothing_found(rows: Rows) -> str:
-    titles = max(rows, key=lambda row: (_recognised(row), sum(not is_number(cell) for cell in row)), default=[])
-    found = {kind for kind, _, _ in map(read_title, titles)} & {"storage", "loss"}
+def _columns(header: list[str]) -> dict[str, SweepColumn]:
+    """The columns that the header of a table of moduli names, by kind."""
+    columns: dict[str, SweepColumn] = {}
+    for at, title in enumerate(header):
+        column = SweepColumn(at, title, *read_title(title))
+        first = columns.get(column.kind)
+        if column.kind and (first is None or column.preference < first.preference):
+            columns[column.kind] = column
+        elif (
+            first
+            and first.preference == column.preference
+            and column.kind != "interval"
+            and {"storage", "loss"} <= columns.keys()
+        ):
+            raise InputError(
+                f"two columns for {NAMES[column.kind]}: {first.title!r} and {title!r}; one sweep a table",
+                "rheometer.two_columns",
+            )
+    return columns
+
+
+def _nothing_found(rows: list[list[str]]) -> InputError:
+    if not rows:
+        return InputError(f"the file is empty; {_EXPECTED}", "rheometer.empty")
+    titles = max(rows, key=lambda row: (sum(bool(read_title(c)[0]) for c in row), sum(not is_number(c) for c in row)))
+    found = {read_title(title)[0] for title in titles}
     missing = " and ".join(NAMES[kind] for kind in ("storage", "loss") if kind not in found)
     shown = ", ".join(repr(title[:30]) for title in titles[:8] if title)
-    return f"no column for {missing} among {shown}; {_EXPECTED}"
+    return InputError(f"no column for {missing} among {shown}; {_EXPECTED}", "rheometer.no_moduli")
 
 
 class _NoSweepError(Exception):
     """A table of moduli that is no sweep: one frequency, one strain."""
 
 
-def _sweeps(label: str, table: _Table) -> list[Sweep]:
+def _sweeps(table: _ModuliTable, label: str) -> list[Sweep]:
     """The sweep that a table holds, or each of its repetitions."""
     columns = table.columns
     settings = [kind for kind in ("omega", "strain") if kind in columns]
     if not settings:
-        raise _NoSweepError(
-            f"no column for frequency or strain among {', '.join(map(repr, table.header[:8]))}; {_EXPECTED}"
-        )
-    numbers, invalid = _numbers(table)
-    swept = {kind: _span(numbers[kind][numbers["storage"] > 0]) >= _SWEPT for kind in settings}
+        titles = ", ".join(map(repr, table.header[:8]))
+        raise _NoSweepError(f"no column for frequency or strain among {titles}; {_EXPECTED}")
+    refuse_wider(table.rows, table.header)
+    rows = [row for row in table.rows if not any("invalid" in cell.lower() for cell in row.cells)]
+    values = {kind: numbers(rows, column.at) for kind, column in columns.items()}  # in the units of the file
+    swept = {kind: _span(values[kind][values["storage"] > 0]) >= _SWEPT for kind in settings}
     if not any(swept.values()):
-        rows = np.count_nonzero(numbers["storage"] > 0)
+        count = np.count_nonzero(values["storage"] > 0)
         what = " and ".join(NAMES[kind] for kind in settings)
-        raise _NoSweepError(f"no sweep of {what} in the {rows} rows with moduli{f' of {label!r}' if label else ''}")
+        raise _NoSweepError(f"no sweep of {what} in the {count} rows with moduli{f' of {label!r}' if label else ''}")
     x_kind = "omega" if swept.get("omega") else "strain"  # at a given stress the strain varies with the frequency
-    needed = np.stack([numbers[kind] for kind in (x_kind, "storage", "loss")])
+    kinds = (x_kind, "storage", "loss")
+    needed = np.stack([values[kind] for kind in kinds])
     known = np.isfinite(needed).all(axis=0)
     usable = known & (needed > 0).all(axis=0)
     dropped = {
-        "marked invalid": invalid,
+        "marked invalid": len(table.rows) - len(rows),
         "without a number": int(np.count_nonzero(~known)),
         "with a modulus or setting that is not positive": int(np.count_nonzero(known & ~usable)),
     }
     notes = [f"{count} row{'s' * (count > 1)} {why} left out" for why, count in dropped.items() if count]
-    if np.count_nonzero(usable) < 3:
-        raise _NoSweepError(
-            f"{np.count_nonzero(usable)} usable rows in a sweep, at least 3 are needed; {'; '.join(notes)}"
-        )
-    notes += [note for kind in (x_kind, "storage", "loss") if (note := columns[kind].note(kind))]
-    x, storage, loss = (columns[kind].factor(kind) * numbers[kind][usable] for kind in (x_kind, "storage", "loss"))
-    other = {"omega": "strain", "strain": "omega"}[x_kind]
+    if (count := np.count_nonzero(usable)) < 3:
+        raise _NoSweepError(f"{count} usable rows in a sweep, at least 3 are needed; {'; '.join(notes)}")
+    notes += filter(None, (columns[kind].note() for kind in kinds))
+    x, storage, loss = (columns[kind].factor() * values[kind][usable] for kind in kinds)
     held = np.full(len(x), np.nan)
-    if other in columns:
+    if (other := "strain" if x_kind == "omega" else "omega") in columns:
         if x_kind == "omega":
-            _refuse_two_sweeps(x, numbers[other][usable])
+            _refuse_two_sweeps(x, values[other][usable])
         try:
-            held = columns[other].factor(other) * numbers[other][usable]
+            held = columns[other].factor() * values[other][usable]
         except InputError:
             notes.append(f"{columns[other].title!r} is not used: its unit is missing or not known")
-
     passes = _passes(x)
     times = int(passes.max()) + 1
     if times > 1:
@@ -250,32 +223,14 @@ def _sweeps(label: str, table: _Table) -> list[Sweep]:
     for k in range(times):
         mine = np.flatnonzero(passes == k)
         mine = mine[np.argsort(x[mine], kind="stable")]
-        columns_of_sweep, twice = _merged(x[mine], storage[mine], loss[mine])
+        merged, twice = _merged(x[mine], storage[mine], loss[mine])
         more = [f"{twice} row{'s' * (twice > 1)} at the {NAMES[x_kind]} of another averaged with it"] if twice else []
         name = label if times == 1 else f"{label}.{k + 1}".lstrip(".")
-        kind: Kind = "frequency" if x_kind == "omega" else "strain"
         setting = held[mine][np.isfinite(held[mine])]
         median = float(np.median(setting)) if setting.size else None
-        found.append(Sweep(name, "", kind, *columns_of_sweep, held=median, notes=(*notes, *more)))
+        kind: SweepKind = "frequency" if x_kind == "omega" else "strain"
+        found.append(Sweep(name, "", kind, *merged, held=median, notes=(*notes, *more)))
     return found
-
-
-def _numbers(table: _Table) -> tuple[dict[str, Floats], int]:
-    """The columns as numbers in the units of the file, NaN where there is none; and the rows marked invalid."""
-    values: dict[str, list[float]] = {kind: [] for kind in table.columns}
-    invalid = 0
-    for number, row in table.rows:
-        if any(row[len(table.header) :]):
-            raise InputError(f"row {number} has {len(row)} cells, the header {len(table.header)} (a decimal comma?)")
-        if any("invalid" in cell.lower() for cell in row):
-            invalid += 1
-            continue
-        for kind, place in table.columns.items():
-            cell = row[place.at] if place.at < len(row) else ""
-            if not is_number(cell) and not re.fullmatch(r"\W*", cell):
-                raise InputError(f"row {number}: {cell[:30]!r} is not a number")
-            values[kind].append(float(cell) if re.search(r"\d", cell) else math.nan)
-    return {kind: np.array(numbers) for kind, numbers in values.items()}, invalid
 
 
 def _span(values: Floats) -> float:
@@ -290,7 +245,8 @@ def _refuse_two_sweeps(omega: Floats, strain: Floats) -> None:
         if len(here) > 2 and _span(here) > _SWEPT:
             raise InputError(
                 f"{len(here)} rows at {one:.4g} rad/s with strains that differ by more than a factor of {_SWEPT:g}: "
-                "two sweeps in one table; give them as two files, or tell them apart by a column `interval`"
+                "two sweeps in one table; give them as two files, or tell them apart by a column `interval`",
+                "rheometer.two_sweeps",
             )
 
 

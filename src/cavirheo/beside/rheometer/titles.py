@@ -8,12 +8,11 @@ a strain (per cent or fraction?) and a plain frequency (Hz or rad/s?) without a 
 from __future__ import annotations
 
 import math
-import re
-import unicodedata
 from functools import cache
 from typing import NamedTuple
 
 from cavirheo.errors import InputError
+from cavirheo.reading.tabular import column_of, plain_unit
 
 # Titles as exported, without accents, spaces and capitals; in English, German and French, as the programs speak.
 _STORAGE = "storagemodulus shearstoragemodulus elasticmodulus shearmoduluselasticcomponent speichermodul"
@@ -48,6 +47,7 @@ _UNITS = {
     "strain": dict.fromkeys(("%", "percent", "pct"), 0.01) | _FRACTION,
     "interval": {},
 }
+_UNITS_BY_KIND = {kind: _UNITS[kind[0]] for kind in set(_TITLES.values())}
 NAMES = {"storage": "G'", "loss": "G''", "omega": "frequency", "strain": "strain"}
 _UNDECLARED = {
     "strain": "{title!r} has no unit, and per cent and fraction differ by a factor of 100; write it into the header: "
@@ -57,59 +57,46 @@ _UNDECLARED = {
 }
 
 
-class Column(NamedTuple):
+class SweepColumn(NamedTuple):
+    """One column of a table of moduli; `preference`: 0 where another title of its kind is less exact."""
+
     at: int
     title: str
-    unit: str | None
+    kind: str
     preference: int
+    unit: str | None
 
-    def factor(self, kind: str) -> float:
+    def factor(self) -> float:
         """From the column's unit to SI. Raises InputError for a unit that is missing or unknown."""
-        units = _UNITS[kind]
-        plain = kind == "omega" and self.preference == 1
-        if self.unit is None and (kind == "strain" or plain):
-            raise InputError(_UNDECLARED[kind].format(title=self.title))
+        plain = self.kind == "omega" and self.preference == 1
+        if self.unit is None and (self.kind == "strain" or plain):
+            raise InputError(_UNDECLARED[self.kind].format(title=self.title), "rheometer.no_unit")
         if self.unit is None:
             return 1.0
-        unit = _unit(self.unit)
+        unit, units = plain_unit(self.unit), _UNITS[self.kind]
         if plain and unit in _INVERSE_SECOND:
-            raise InputError(_UNDECLARED[kind].format(title=f"{self.title} {self.unit}".strip()))
+            title = self.title if self.unit in self.title else f"{self.title} {self.unit}"
+            raise InputError(_UNDECLARED[self.kind].format(title=title), "rheometer.no_unit")
         if unit not in units:
-            known = {"strain": "%, 1", "omega": "rad/s, Hz"}.get(kind, "Pa, kPa, MPa")
-            raise InputError(f"the unit {self.unit!r} of {self.title!r} is not known; known: {known}")
+            known = {"strain": "%, 1", "omega": "rad/s, Hz"}.get(self.kind, "Pa, kPa, MPa")
+            raise InputError(
+                f"the unit {self.unit!r} of {self.title!r} is not known; known: {known}", "rheometer.unknown_unit"
+            )
         return units[unit]
 
-    def note(self, kind: str) -> str:
+    def note(self) -> str:
         """What was done to the unit; nothing where there was nothing to do."""
         if self.unit is None:
-            return f"{self.title!r} has no unit: taken to be in {'rad/s' if kind == 'omega' else 'Pa'}"
-        if kind == "omega" and _unit(self.unit) in _HERTZ:
+            return f"{self.title!r} has no unit: taken to be in {'rad/s' if self.kind == 'omega' else 'Pa'}"
+        if self.kind == "omega" and plain_unit(self.unit) in _HERTZ:
             return f"{self.title!r} is in {self.unit}: converted to rad/s by 2 pi"
         return ""
 
 
 @cache
-def read_title(title: str) -> tuple[str, str | None, int]:
-    """("storage" | "loss" | "omega" | "strain" | "interval" | "", unit or None, preference) of a column's title."""
-    text = unicodedata.normalize("NFKD", title)
-    text = "".join(c for c in text if not unicodedata.combining(c))
-    text = re.sub("[′’‘´`]", "'", re.sub('["”“″]', "''", text))
-    named: tuple[str, str | None, int] = ("", None, 0)
-    for cut in re.finditer(r"\s*[\s_\[(/,]\s*(in\s)?", text):
-        kind, preference = _TITLES.get(_key(text[: cut.start()]), ("", 0))
-        unit = text[cut.end() :].rstrip("]) ")
-        if kind and _unit(unit) in _UNITS[kind]:
-            return kind, unit, preference
-        if kind and re.fullmatch(r"\s*[\[(][^\[\]()]+[\])]\s*", text[cut.start() :]):  # a unit, but not a known one
-            named = kind, unit, preference
-    kind, preference = _TITLES.get(_key(text), ("", 0))
-    return (kind, None, preference) if kind else named
-
-
-def _key(title: str) -> str:
-    return re.sub(r"[\s_\-.,:/*^()\[\]]+", "", title.lower())
-
-
-def _unit(text: str) -> str:
-    text = unicodedata.normalize("NFKD", text).replace("−", "-")
-    return re.sub(r"[\s/·⋅.*^_()\[\]{}]+", "", text)
+def read_title(title: str) -> tuple[str, int, str | None]:
+    """("storage" | "loss" | "omega" | "strain" | "interval" | "", preference, unit or None) of a column's title."""
+    if title[:1] in "0123456789+-.":
+        return "", 0, None
+    found, unit = column_of(title, _TITLES, _UNITS_BY_KIND)
+    return (*(found or ("", 0)), unit)
