@@ -98,5 +98,5 @@ def read_title(title: str) -> tuple[str, int, str | None]:
     """("storage" | "loss" | "omega" | "strain" | "interval" | "", preference, unit or None) of a column's title."""
     if title[:1] in "0123456789+-.":
         return "", 0, None
-    found, unit = column_of(title, _TITLES, _UNITS_BY_KIND)
-    return (*(found or ("", 0)), unit)
+    named: tuple[tuple[str, int] | None, str | None] = column_of(title, _TITLES, _UNITS_BY_KIND)
+    return (*(named[0] or ("", 0)), named[1])
