@@ -44,15 +44,11 @@ def rheometer(
     result = read_json(beside) if beside else None
     sweeps = _read(files, run)
     document = rheometry(
-        name or _shared_name(files),
         [strain_sweep(sweep, tolerance / 100) for sweep in sweeps if sweep.kind == "strain"],
         [frequency_sweep(sweep, at) for sweep in sweeps if sweep.kind == "frequency"],
-        tolerance=tolerance / 100,
-        at=at,
-        command=run.command,
-        date=run.date,
-        notes=() if style.available() else (style.NO_PICTURES,),
-    )
+        material=name or _shared_name(files), tolerance=tolerance / 100, at_rad_per_s=at,
+        command=run.command, date=run.date, notes=[] if style.available() else [style.NO_PICTURES],
+    )  # fmt: skip
     rows = rows_beside(document, result) if result else []
     _write(out, document, rows)
     print_rheometry(document, rows)

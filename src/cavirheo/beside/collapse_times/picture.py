@@ -9,19 +9,17 @@ import numpy as np
 
 from cavirheo.beside.collapse_times.document import CollapseGroup, CollapseTimes
 from cavirheo.beside.collapse_times.table import interval
+from cavirheo.beside.panels import headed, one_panel, two_panels
 from cavirheo.inference.collapse_time import CollapseEstimate
 from cavirheo.physics.collapse import analytic_time, rayleigh_time
 from cavirheo.physics.media import Medium
 from cavirheo.reporting import file_names
 from cavirheo.reporting.picture import save_png
 from cavirheo.writing import digits
-from cavirheo.writing.style import BLUE, INK, VERMILLION, new_axes, new_figure, write
+from cavirheo.writing.style import BLUE, INK, VERMILLION, write
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
-
-_WHOLE = (0.1, 0.115, 0.875, 0.72)
-_UPPER, _LOWER = (0.1, 0.41, 0.875, 0.41), (0.1, 0.115, 0.875, 0.22)
 
 
 def write_pictures(folder: Path, document: CollapseTimes) -> None:
@@ -38,21 +36,21 @@ def figure(group: CollapseGroup, best: CollapseEstimate, medium: Medium, unit: t
     lambda; below, residuals. The model is the simulation where `exact` was asked for, else the analytic one; the curve
     is always analytic. Where they were not found: the equally good pairs.
     """
-    drawing = new_figure(4.5)
+    factor, name = unit
     count = f"{len(group.usable)} collapse time" + "s" * (len(group.usable) != 1)
-    write(drawing, 0.1, 0.955, digits.elide(group.name, 50), size=11, weight="bold")
-    write(drawing, 0.975, 0.955, count, size=10, weight="bold", ha="right", color=INK)
-    box = {"boxstyle": "round,pad=0.45", "facecolor": "#f4f1ea", "edgecolor": "none"}
-    write(drawing, 0.111, 0.892, _said(best, unit, "exact" if group.exact else "analytic"), size=9.0, bbox=box)
     if best.shear_modulus_Pa.value is None:
-        pairs = np.array(best.pairs).reshape(-1, 2) * [unit[0], 1.0]
-        axes = new_axes(drawing, _WHOLE, "µ (Pa s)", f"G ({unit[1]})")
+        drawing = headed(group.name, count, ["G and µ: one relation, not both"])
+        pairs = np.array(best.pairs).reshape(-1, 2) * [factor, 1.0]
+        axes = one_panel(drawing, "µ (Pa s)", f"G ({name})")
         axes.plot(pairs[:, 1], pairs[:, 0], "o-", ms=4, lw=1, color=VERMILLION)
         said = "every pair on this line has the measured collapse times" if len(pairs) else "no pair gives such times"
         write(axes, 0.02, 0.93, said, size=9, color=INK)
         return drawing
-    upper = new_axes(drawing, _UPPER, "", r"$t_1/t_\mathrm{RC}$")
-    lower = new_axes(drawing, _LOWER, r"$R_\mathrm{max}$ (µm)", r"$t_1$ from model (%)")
+    G, mu = interval(best.shear_modulus_Pa, factor), interval(best.viscosity_Pa_s)
+    model_name = "exact" if group.exact else "analytic"
+    drawing = headed(group.name, count, [f"G = {G} {name}", f"µ = {mu} Pa s", model_name])
+    labels = (r"$t_1/t_\mathrm{RC}$", r"$R_\mathrm{max}$ (µm)", r"$t_1$ from model (%)")
+    upper, lower = two_panels(drawing, *labels)
     radius, stretches = (np.array([getattr(s, k) for s in group.usable]) for k in ("max_radius_m", "stretch"))
     radius = 1e6 * radius
     measured, model = np.array(best.measured, dtype=float), np.array(best.model, dtype=float)
@@ -82,11 +80,3 @@ def figure(group: CollapseGroup, best: CollapseEstimate, medium: Medium, unit: t
     upper.tick_params(labelbottom=False)
     upper.legend(loc="lower right", bbox_to_anchor=(1.0, 0.985), ncols=3, fontsize=8.5, frameon=False, handlelength=1.6)
     return drawing
-
-
-def _said(found: CollapseEstimate, unit: tuple[float, str], model: str) -> str:
-    factor, name = unit
-    if found.shear_modulus_Pa.value is None:
-        return "G and µ: one relation, not both"
-    G, mu = interval(found.shear_modulus_Pa, factor), interval(found.viscosity_Pa_s)
-    return "\u2003\u2002".join([f"G = {G} {name}", f"µ = {mu} Pa s", model])

@@ -21,7 +21,6 @@ Empty lines and lines that begin with # are left out.
 
 from __future__ import annotations
 
-import csv
 from dataclasses import dataclass, field
 from math import isfinite
 from pathlib import Path
@@ -29,6 +28,8 @@ from typing import Any
 
 from cavirheo.errors import InputError
 from cavirheo.physics.media import Medium, medium
+from cavirheo.reading.tabular import Row, read_sheets
+from cavirheo.writing.document import Model
 
 OURS = "cavirheo"  # the method's name for our own answers
 G, MU = "shear_modulus_Pa", "viscosity_Pa_s"
@@ -51,24 +52,26 @@ _VALUE = ("method", "quantity", "mean", "std")
 _COLUMNS = ("set", *_VALUE, *_SETTINGS, "source", "note")
 
 
-@dataclass(frozen=True)
-class Published:
-    """A value from the literature, SI; `std` None where none is given."""
+class MethodValue(Model):
+    """What one method says of one quantity, SI: published, or the mean ± standard deviation over our n shots."""
 
-    mean: float
+    mean: float | None = None
     std: float | None = None
+    n: int | None = None
     source: str = ""
 
 
 @dataclass
 class ReferenceSet:
-    """What the file says about one set. `lines` tells which line gave a setting; `values` is by (method, quantity)."""
+    """What the file says about one set. `where` is its first line; `given` tells which line gave a setting; `values`
+    is by (method, quantity).
+    """
 
     name: str
-    line: int
+    where: str
     settings: dict[str, Any] = field(default_factory=dict)
-    lines: dict[str, int] = field(default_factory=dict)
-    values: dict[tuple[str, str], Published] = field(default_factory=dict)
+    given: dict[str, str] = field(default_factory=dict)
+    values: dict[tuple[str, str], MethodValue] = field(default_factory=dict)
     medium: Medium = field(default_factory=Medium)
 
     @property
@@ -82,112 +85,110 @@ def read_references(path: str | Path) -> list[ReferenceSet]:
     Raises:
         InputError: the file cannot be read or has a mistake; the message names line, column and what was expected.
     """
-    rows = _rows(Path(path))
-    head_line, head = next(rows, (1, []))
-    head = [name.strip() for name in head]
-    _check_head(head, f"{path}, line {head_line}")
+    try:
+        (sheet,) = read_sheets(Path(path), lambda cells: "set" in cells, most=1, marks="#")
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read ({error.strerror or error})", "references.file") from None
+    except InputError as error:
+        raise error.within(str(path)) from None
+    (first, head), *rows = sheet.rows or [Row(1, [])]
+    _check_head(head, f"{path}, line {first}")
     sets: dict[str, ReferenceSet] = {}
-    methods: dict[str, tuple[str, int]] = {}
-    for line, cells in rows:
-        where = f"{path}, line {line}"
-        if len(cells) > len(head):
+    methods: dict[str, _Line] = {}
+    for number, cells in rows:
+        if any(cells[len(head) :]):
             raise InputError(
-                f"{where}: {len(cells)} cells, expected the {len(head)} of the header; text with a comma in it needs "
-                'quotes: "a, b"'
+                f"{path}, line {number}: {len(cells)} cells, expected the {len(head)} of the header; text with a comma "
+                'in it needs quotes: "a, b"',
+                "references.cells",
             )
-        row = {name: cell.strip() for name, cell in zip(head, cells, strict=False)}
-        name = row.get("set", "")
-        if not name:
-            raise InputError(f"{where}, column set: empty; expected the name of a set of measurements")
-        about = sets.setdefault(name, ReferenceSet(name, line))
-        _add_settings(about, row, line, where)
-        _add_value(about, row, where)
-        if method := row.get("method", ""):
-            known, first = methods.setdefault(method.casefold(), (method, line))
-            if known != method:
-                raise InputError(f"{where}, column method: {method!r}; expected it as on line {first}: {known!r}")
+        line = _Line(f"{path}, line {number}", number, dict(zip(head, cells, strict=False)))
+        if not line["set"]:
+            raise line.mistake("set", "the name of a set of measurements")
+        about = sets.setdefault(line["set"], ReferenceSet(line["set"], line.where))
+        _add_settings(about, line)
+        if any(line[name] for name in _VALUE):
+            _add_value(about, line)
+        known = methods.setdefault(line["method"].casefold(), line)
+        if known["method"] != line["method"]:
+            raise line.mistake("method", f"it as on line {known.number}: {known['method']!r}")
     if not sets:
-        raise InputError(f"{path}: no set; expected lines below the header, such as: gel_1,IMR,G_kPa,6.44,1.64")
+        raise InputError(
+            f"{path}: no set; expected lines below the header, such as: gel_1,IMR,G_kPa,6.44,1.64", "references.no_set"
+        )
     for about in sets.values():
         constants = {name: about.settings[name] for name in _CONSTANTS if name in about.settings}
         try:
             about.medium = medium(about.settings.get("medium", "water"), **constants)
         except InputError as error:
-            raise InputError(f"{path}, line {about.line}, set {about.name!r}: {error}") from None
+            raise error.within(f"{about.where}, set {about.name!r}") from None
     return list(sets.values())
 
 
-def _rows(path: Path) -> Any:
-    """(line, cells) of each line that is neither empty nor a comment."""
-    try:
-        with path.open(encoding="utf-8-sig", newline="") as file:
-            reader = csv.reader(file)
-            for cells in reader:
-                if any(cell.strip() for cell in cells) and not cells[0].lstrip().startswith("#"):
-                    yield reader.line_num, cells
-    except (OSError, UnicodeDecodeError, csv.Error) as error:
-        reason = error.strerror if isinstance(error, OSError) and error.strerror else error
-        raise InputError(f"{path}: cannot be read as a CSV file ({reason})") from None
+@dataclass
+class _Line:
+    """One line of the file; `line[column]` is its text, empty where there is none."""
+
+    where: str
+    number: int
+    cells: dict[str, str]
+
+    def __getitem__(self, column: str) -> str:
+        return self.cells.get(column, "")
+
+    def mistake(self, column: str, expected: str) -> InputError:
+        where = f"{self.where}, column {column}"
+        return InputError(f"{where}: {self[column]!r}; expected {expected}", f"references.{column}")
+
+    def value(self, column: str, unit: str, *, zero: bool = False) -> float:
+        """The number in a column; it may be 0 where `zero` says so."""
+        try:
+            value = float(self[column])
+        except ValueError:
+            value = float("nan")
+        if not isfinite(value) or value < 0 or (value == 0 and not zero):
+            raise self.mistake(column, f"a number {'from' if zero else 'above'} 0 ({unit})")
+        return value
 
 
 def _check_head(head: list[str], where: str) -> None:
     if "set" not in head:
-        raise InputError(
-            f"{where}: no column set; found: {', '.join(head) or 'nothing'}; expected {','.join(_COLUMNS)}"
-        )
+        found, expected = ", ".join(head) or "nothing", ",".join(_COLUMNS)
+        raise InputError(f"{where}: no column set; found: {found}; expected {expected}", "references.head")
     for name in head:
+        place = f"{where}, column {name or '(empty)'}"
         if name not in _COLUMNS:
-            raise InputError(f"{where}, column {name or '(empty)'}: not known; expected one of {', '.join(_COLUMNS)}")
+            raise InputError(f"{place}: not known; expected one of {', '.join(_COLUMNS)}", "references.head")
         if head.count(name) > 1:
-            raise InputError(f"{where}, column {name}: {head.count(name)} times; expected once")
+            raise InputError(f"{place}: {head.count(name)} times; expected once", "references.head")
 
 
-def _add_settings(about: ReferenceSet, row: dict[str, str], line: int, where: str) -> None:
-    for name in _SETTINGS:
-        text = row.get(name, "")
-        if not text:
-            continue
-        value: Any = text
+def _add_settings(about: ReferenceSet, line: _Line) -> None:
+    for name in filter(line.__getitem__, _SETTINGS):
+        value: Any = line[name]
         if name == "window":
-            if not text.isdigit() or int(text) < 1:
-                raise InputError(f"{where}, column window: {text!r}; expected a whole number of collapses from 1")
-            value = int(text)
+            if not value.isdigit() or int(value) < 1:
+                raise line.mistake(name, "a whole number of collapses from 1")
+            value = int(value)
         elif name in _NUMBERS:
-            value = _number(text, f"{where}, column {name}", _NUMBERS[name], zero=name == "surface_tension")
+            value = line.value(name, _NUMBERS[name], zero=name == "surface_tension")
         if about.settings.setdefault(name, value) != value:
-            raise InputError(
-                f"{where}, column {name}: {text}, but line {about.lines[name]} says {about.settings[name]} for the set "
-                f"{about.name!r}; expected one value for a set, or an empty cell"
-            )
-        about.lines.setdefault(name, line)
+            raise line.mistake(name, f"{about.settings[name]} as in {about.given[name]}, or an empty cell")
+        about.given.setdefault(name, line.where)
 
 
-def _add_value(about: ReferenceSet, row: dict[str, str], where: str) -> None:
-    if not any(row.get(name) for name in _VALUE):
-        return
-    method, quantity = row.get("method", ""), row.get("quantity", "")
+def _add_value(about: ReferenceSet, line: _Line) -> None:
+    method = line["method"]
     if not method:
-        raise InputError(f"{where}, column method: empty; expected who measured, such as IMR or rheometer")
+        raise line.mistake("method", "who measured, such as IMR or rheometer")
     if method.casefold() == OURS:
-        raise InputError(f"{where}, column method: {method!r} are our own answers; expected another name")
-    if quantity not in _UNITS:
-        raise InputError(f"{where}, column quantity: {quantity!r}; expected one of {', '.join(_UNITS)}")
-    name, factor = _UNITS[quantity]
-    mean = _number(row.get("mean", ""), f"{where}, column mean", quantity)
-    text = row.get("std", "")
-    std = _number(text, f"{where}, column std", quantity, zero=True) if text else None
-    if (method, name) in about.values:
-        raise InputError(f"{where}: a second {name} of {about.name!r} by {method}; expected one")
+        raise line.mistake("method", "another name: this one is of our own answers")
+    if line["quantity"] not in _UNITS:
+        raise line.mistake("quantity", f"one of {', '.join(_UNITS)}")
+    quantity, factor = _UNITS[line["quantity"]]
+    mean = line.value("mean", line["quantity"])
+    std = line.value("std", line["quantity"], zero=True) if line["std"] else None
+    if (method, quantity) in about.values:
+        raise line.mistake("quantity", f"one {quantity} of {about.name!r} by {method}")
     scaled = [None if value is None else float(f"{value * factor:.12g}") for value in (mean, std)]  # 6.44e3 is 6440
-    assert scaled[0] is not None
-    about.values[method, name] = Published(scaled[0], scaled[1], row.get("source", ""))
-
-
-def _number(text: str, where: str, unit: str, *, zero: bool = False) -> float:
-    try:
-        value = float(text)
-    except ValueError:
-        value = float("nan")
-    if not isfinite(value) or value < 0 or (value == 0 and not zero):
-        raise InputError(f"{where}: {text!r}; expected a number {'from' if zero else 'above'} 0 ({unit})")
-    return value
+    about.values[method, quantity] = MethodValue(mean=scaled[0], std=scaled[1], source=line["source"])

@@ -14,8 +14,10 @@ rheometer.csv has one line per sweep with the same names; table.csv one line per
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 from cavirheo.beside.rheometer.sweeps import FrequencySweep, StrainSweep, SweepProperties
 from cavirheo.reporting.record import CurveRecord, GroupRecord, Result
@@ -60,18 +62,11 @@ class BesideRow(Model):
     deformation: str
 
 
-def rheometry(
-    material: str,
-    strain: Sequence[StrainSweep],
-    frequency: Sequence[FrequencySweep],
-    *,
-    tolerance: float,
-    at: float,
-    command: str,
-    date: str,
-    notes: Sequence[str] = (),
-) -> Rheometry:
-    """The document. G is the plateau of the frequency sweeps; without one, that of the strain sweeps of a solid."""
+def rheometry(strain: Sequence[StrainSweep], frequency: Sequence[FrequencySweep], **head: Any) -> Rheometry:
+    """The document. G is the plateau of the frequency sweeps; without one, that of the strain sweeps of a solid.
+
+    `head` are the other fields: material, tolerance, at_rad_per_s, command, date, notes.
+    """
     plateaus = [sweep.plateau_storage_Pa for sweep in frequency if sweep.plateau_storage_Pa is not None]
     origin = "plateau of the frequency sweep"
     if not plateaus:
@@ -79,33 +74,23 @@ def rheometry(
         plateaus = [s.plateau_storage_Pa for s in solid if s.plateau_storage_Pa is not None]
         held = [s.frequency_rad_per_s for s in solid if s.frequency_rad_per_s is not None]
         origin = "plateau of the strain sweep" + (f" at {digits.significant(held[0])} rad/s" if held else "")
-    return Rheometry(
-        command=command,
-        date=date,
-        notes=[*notes, *_beyond_linear(strain, frequency)],
-        material=material,
-        tolerance=tolerance,
-        at_rad_per_s=at,
+    document = Rheometry(
         shear_modulus_Pa=spread_of([*plateaus]),
         shear_modulus_from=origin if plateaus else "no plateau",
         viscosity_Pa_s=spread_of([sweep.viscosity_Pa_s for sweep in frequency]),
         linear_to=spread_of([sweep.linear_to for sweep in strain]),
         strain_sweeps=list(strain),
         frequency_sweeps=list(frequency),
+        **head,
     )
-
-
-def _beyond_linear(strain: Sequence[StrainSweep], frequency: Sequence[FrequencySweep]) -> list[str]:
-    """A frequency sweep must be run inside the linear range, and the strain sweep knows it."""
     limits = [sweep.linear_to for sweep in strain if sweep.linear_to is not None and sweep.departs]
-    if not limits:
-        return []
-    return [
-        f"{sweep.name} was run at a strain of {digits.percent(sweep.strain)} %, beyond the linear range "
-        f"(to {digits.percent(min(limits))} %): its moduli are not those of the linear range"
-        for sweep in frequency
-        if sweep.strain is not None and sweep.strain > min(limits)
-    ]
+    for sweep in frequency:
+        if sweep.strain is not None and sweep.strain > min(limits, default=math.inf):
+            document.notes.append(
+                f"{sweep.name} was run at a strain of {digits.percent(sweep.strain)} %, beyond the linear range "
+                f"(to {digits.percent(min(limits))} %): its moduli are not those of the linear range"
+            )
+    return document
 
 
 def write_csv(path: Path, document: Rheometry) -> None:

@@ -11,10 +11,10 @@ from __future__ import annotations
 
 import hashlib
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 
@@ -41,8 +41,8 @@ class Sweep:
     storage: Floats  # G', Pa
     loss: Floats  # G'', Pa
     held: float | None = None
-    notes: tuple[str, ...] = ()
-    sha256: str = ""
+    notes: Sequence[str] = ()
+    source_sha256: str = ""
 
 
 def read_sweeps(path: str | Path) -> list[Sweep]:
@@ -56,10 +56,8 @@ def read_sweeps(path: str | Path) -> list[Sweep]:
     """
     path = Path(path)
     if not path.is_file():
-        raise InputError(
-            f"{path} is a directory; give the files in it" if path.is_dir() else f"{path} does not exist",
-            "rheometer.no_file",
-        )
+        trouble = "is a directory; give the files in it" if path.is_dir() else "does not exist"
+        raise InputError(f"{path} {trouble}", "rheometer.no_file")
     found: list[Sweep] = []
     others: list[str] = []
     try:
@@ -76,19 +74,12 @@ def read_sweeps(path: str | Path) -> list[Sweep]:
             raise InputError("; ".join(others), "rheometer.no_sweep")
     except InputError as error:
         raise error.within(str(path)) from None
-    except OSError as error:
-        raise InputError(f"{path} cannot be read ({error.strerror or error})", "rheometer.no_file") from None
-    digest = hashlib.sha256(path.read_bytes()).hexdigest()
-    notes = (f"left out of the file: {'; '.join(dict.fromkeys(others))}",) if others else ()
+    notes = [f"left out of the file: {'; '.join(dict.fromkeys(others))}"] if others else []
+    file: dict[str, Any] = {"source": str(path), "source_sha256": hashlib.sha256(path.read_bytes()).hexdigest()}
+    names = [f"{path.stem}[{sweep.name}]" if len(found) > 1 and sweep.name else path.stem for sweep in found]
     return [
-        replace(
-            sweep,
-            name=f"{path.stem}[{sweep.name}]" if len(found) > 1 and sweep.name else path.stem,
-            source=str(path),
-            notes=sweep.notes + notes,
-            sha256=digest,
-        )
-        for sweep in found
+        replace(sweep, name=name, notes=[*sweep.notes, *notes], **file)
+        for name, sweep in zip(names, found, strict=True)
     ]
 
 
@@ -229,7 +220,7 @@ def _sweeps(table: _ModuliTable, label: str) -> list[Sweep]:
         setting = held[mine][np.isfinite(held[mine])]
         median = float(np.median(setting)) if setting.size else None
         kind: SweepKind = "frequency" if x_kind == "omega" else "strain"
-        found.append(Sweep(name, "", kind, *merged, held=median, notes=(*notes, *more)))
+        found.append(Sweep(name, "", kind, *merged, held=median, notes=[*notes, *more]))
     return found
 
 

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import math
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
-from pydantic import ConfigDict, Field
+from pydantic import Field
 from scipy.interpolate import PchipInterpolator
 
 from cavirheo.beside.rheometer.read import Floats, Sweep
@@ -21,8 +21,7 @@ _DECADE = 0.99 * math.log(10.0)  # of a plateau; instruments set 0.1 and 1 rad/s
 class SweepProperties(Model):
     """What all sweeps have; `data` is what was measured, and is not written. `message`: why a number is missing."""
 
-    model_config = ConfigDict(arbitrary_types_allowed=True)
-    data: Sweep | None = Field(default=None, exclude=True, repr=False)
+    data: Any = Field(default=None, exclude=True, repr=False)  # Sweep
     name: str
     source: str
     source_sha256: str
@@ -82,10 +81,8 @@ def strain_sweep(sweep: Sweep, tolerance: float = 0.05) -> StrainSweep:
     found = _linear_range(gamma, storage, tolerance)
     first = 0
     if found is None:
-        answer.message = (
-            f"no linear range: nowhere does G' stay within {100 * tolerance:g} % "
-            f"over a factor of {_SHORTEST:g} in strain"
-        )
+        band = f"within {100 * tolerance:g} % over a factor of {_SHORTEST:g} in strain"
+        answer.message = f"no linear range: nowhere does G' stay {band}"
     else:
         first, last, level = found
         answer.linear_from, answer.plateau_storage_Pa = gamma[first], level
@@ -224,12 +221,6 @@ def _alone(flags: np.ndarray) -> np.ndarray:
     return alone
 
 
-def _common(sweep: Sweep) -> dict:
-    return {
-        "data": sweep,
-        "name": sweep.name,
-        "source": sweep.source,
-        "source_sha256": sweep.sha256,
-        "points": len(sweep.x),
-        "notes": list(sweep.notes),
-    }
+def _common(sweep: Sweep) -> dict[str, Any]:
+    told = {name: getattr(sweep, name) for name in ("name", "source", "source_sha256", "notes")}
+    return {"data": sweep, "points": len(sweep.x), **told}

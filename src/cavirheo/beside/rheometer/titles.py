@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from functools import cache
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from cavirheo.errors import InputError
 from cavirheo.reading.tabular import column_of, plain_unit
@@ -47,7 +47,7 @@ _UNITS = {
     "strain": dict.fromkeys(("%", "percent", "pct"), 0.01) | _FRACTION,
     "interval": {},
 }
-_UNITS_BY_KIND = {kind: _UNITS[kind[0]] for kind in set(_TITLES.values())}
+_UNITS_BY_KIND: dict[Any, dict[str, float]] = {kind: _UNITS[kind[0]] for kind in set(_TITLES.values())}
 NAMES = {"storage": "G'", "loss": "G''", "omega": "frequency", "strain": "strain"}
 _UNDECLARED = {
     "strain": "{title!r} has no unit, and per cent and fraction differ by a factor of 100; write it into the header: "
@@ -98,5 +98,5 @@ def read_title(title: str) -> tuple[str, int, str | None]:
     """("storage" | "loss" | "omega" | "strain" | "interval" | "", preference, unit or None) of a column's title."""
     if title[:1] in "0123456789+-.":
         return "", 0, None
-    named: tuple[tuple[str, int] | None, str | None] = column_of(title, _TITLES, _UNITS_BY_KIND)
-    return (*(named[0] or ("", 0)), named[1])
+    kind, unit = column_of(title, _TITLES, _UNITS_BY_KIND)
+    return (*(kind or ("", 0)), unit)
