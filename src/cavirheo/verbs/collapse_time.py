@@ -36,9 +36,8 @@ def collapse_time(
     out: Out = Path("cavirheo-collapse-time"),
 ) -> None:
     """G and µ from the times of the first collapse alone: one answer per table, or per file or folder of curves."""
-    from cavirheo.beside.collapse_times.document import CollapseTimes
+    from cavirheo.beside.collapse_times.document import CollapseTimes, print_table
     from cavirheo.beside.collapse_times.read import read_groups
-    from cavirheo.beside.collapse_times.table import print_table
     from cavirheo.writing import style
 
     run = Run()

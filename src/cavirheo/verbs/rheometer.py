@@ -30,9 +30,8 @@ def rheometer(
 ) -> None:
     """Linear range, plateau modulus and viscosity from the oscillatory sweeps of a rheometer, beside bubbles."""
     from cavirheo.beside.rheometer.document import beside as rows_beside
-    from cavirheo.beside.rheometer.document import rheometry
+    from cavirheo.beside.rheometer.document import print_rheometry, rheometry
     from cavirheo.beside.rheometer.sweeps import frequency_sweep, strain_sweep
-    from cavirheo.beside.rheometer.table import print_rheometry
     from cavirheo.reporting import read_json
     from cavirheo.writing import style
 

@@ -3,7 +3,6 @@
 | module | does |
 |---|---|
 | read | CSV, Excel and .mat tables of (R_max, lambda, t_1), or curves -> groups of shots |
-| document | the groups and their estimates, as collapse-time.json and shots.csv hold them |
-| table | the terminal |
+| document | the groups and their estimates: collapse-time.json, shots.csv, the terminal |
 | picture | measured and model t_1/t_RC (needs the [plot] extra) |
 """

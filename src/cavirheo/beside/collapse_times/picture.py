@@ -7,8 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from cavirheo.beside.collapse_times.document import CollapseGroup, CollapseTimes
-from cavirheo.beside.collapse_times.table import interval
+from cavirheo.beside.collapse_times.document import CollapseGroup, CollapseTimes, interval
 from cavirheo.beside.panels import headed, one_panel, two_panels
 from cavirheo.inference.collapse_time import CollapseEstimate
 from cavirheo.physics.collapse import analytic_time, rayleigh_time

@@ -3,8 +3,7 @@
 | module | does |
 |---|---|
 | references | the CSV file of published values, written by hand |
-| comparison | comparison.json: the rows, with relative errors |
-| table | the terminal, Markdown, CSV |
+| comparison | the rows, with relative errors: JSON, CSV, Markdown, the terminal |
 | picture | G and mu of all sets by all methods (needs the [plot] extra) |
 
 The answers are those of `cavirheo infer` or `cavirheo fit`, and so are the reports, one per set in its own folder.
@@ -18,7 +17,7 @@ from datetime import datetime
 from pathlib import Path
 from typing import Any
 
-from cavirheo.beside.published.comparison import ComparedSet, Comparison, compared_set
+from cavirheo.beside.published.comparison import ComparedSet, Comparison, compared_set, markdown, write_csv
 from cavirheo.beside.published.references import ReferenceSet, read_references
 from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError
@@ -178,12 +177,12 @@ def shots_of(
 
 
 def _write(out: Path, comparison: Comparison) -> None:
-    from cavirheo.beside.published import picture, table
+    from cavirheo.beside.published.picture import figure
     from cavirheo.reporting.picture import save_png
 
     with into(out):
         write_json(out / "comparison.json", comparison)
-        table.write_csv(out / "comparison.csv", comparison)
-        (out / "comparison.md").write_text(table.markdown(comparison), encoding="utf-8")
+        write_csv(out / "comparison.csv", comparison)
+        (out / "comparison.md").write_text(markdown(comparison), encoding="utf-8")
         if style.available():
-            save_png(out / "comparison.png", picture.figure(comparison))
+            save_png(out / "comparison.png", figure(comparison))

@@ -4,9 +4,8 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-from cavirheo.beside.published.comparison import ALL, TRUSTED, ComparedSet, Comparison
+from cavirheo.beside.published.comparison import ALL, TRUSTED, ComparedSet, Comparison, units
 from cavirheo.beside.published.references import MU, OURS, G, MethodValue
-from cavirheo.beside.published.table import units
 from cavirheo.writing import digits
 from cavirheo.writing.style import BLUE, INK, VERMILLION
 

@@ -4,27 +4,72 @@ A table is recognised by the header over it: one column for G', one for G'', and
 metadata above it, a row of units below it (TRIOS, RheoCompass), several tables one after the other, several sheets of
 a workbook, and a column that tells intervals apart (rSpace) are all read; decimal commas too, where commas do not
 separate the columns.
-Titles and units: `titles`.
+
+Units are read, never guessed: from the title (`G' (Pa)`, `Shear Strain [%]`, `omega_rad_per_s`) or from the row below.
+Without a unit, a modulus is in Pa and an angular frequency in rad/s (there is one usual unit, and the sweep says so);
+a strain (per cent or fraction?) and a plain frequency (Hz or rad/s?) without a unit are errors.
 """
 
 from __future__ import annotations
 
 import hashlib
+import math
 import re
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import cache
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
-from cavirheo.beside.rheometer.titles import NAMES, SweepColumn, read_title
 from cavirheo.errors import InputError
-from cavirheo.reading.tabular import Row, is_number, numbers, read_sheets, refuse_wider
+from cavirheo.reading.tabular import Row, column_of, is_number, numbers, plain_unit, read_sheets, refuse_wider
 
 Floats = np.ndarray
 SweepKind = Literal["strain", "frequency"]
 
+# Titles as exported, without accents, spaces and capitals; in English, German and French, as the programs speak.
+_STORAGE = "storagemodulus shearstoragemodulus elasticmodulus shearmoduluselasticcomponent speichermodul"
+_STORAGE += " modulestockage moduleconservation moduledestockage moduledeconservation moduleelastique"
+_LOSS = "lossmodulus shearlossmodulus viscousmodulus shearmodulusviscouscomponent verlustmodul"
+_LOSS += " moduleperte moduledeperte modulevisqueux"
+_OMEGA = "angularfrequency angfrequency angularfreq angfreq omega ω w kreisfrequenz frequenceangulaire pulsation"
+_AMPLITUDE = "oscillationstrain complexshearstrain strainamplitude shearstrainamplitude oscillationstrainamplitude"
+_STRAIN = "shearstrain strain gamma γ γ0 gamma0 scherdeformation deformation deformationdecisaillement"
+_INTERVAL = "actionname interval intervalno step stepname segment sweep sample run repeat replicate test"
+_COLUMNS = (  # column, which to prefer where two titles name one, titles
+    ("storage", 0, [f"{a}{t}{b}" for t in _STORAGE.split() for a, b in (("", ""), ("g'", ""), ("", "g'"))]),
+    ("storage", 0, ["g'", "gp", "gprime", "gstorage"]),
+    ("loss", 0, [f"{a}{t}{b}" for t in _LOSS.split() for a, b in (("", ""), ("g''", ""), ("", "g''"))]),
+    ("loss", 0, ["g''", "gpp", "gdp", "gdoubleprime", "gloss"]),
+    ("omega", 0, _OMEGA.split()),
+    ("omega", 1, ["frequency", "freq", "frequenz", "frequence"]),
+    ("strain", 0, _AMPLITUDE.split()),
+    ("strain", 1, _STRAIN.split()),
+    ("interval", 0, _INTERVAL.split()),
+)
+_TITLES = {title: (kind, preference) for kind, preference, titles in _COLUMNS for title in titles}
+_PASCAL = {"Pa": 1.0, "pa": 1.0, "kPa": 1e3, "KPa": 1e3, "kpa": 1e3, "MPa": 1e6, "GPa": 1e9, "mPa": 1e-3, "dyncm2": 0.1}
+_PER_SECOND = dict.fromkeys(("rads", "radsec", "radpers", "rads-1", "rads1", "radsec-1"), 1.0)
+_INVERSE_SECOND = dict.fromkeys(("1s", "s-1", "pers", "1sec"), 1.0)  # Hz or rad/s: only the name can tell
+_HERTZ = {"Hz": 2 * math.pi, "hz": 2 * math.pi, "HZ": 2 * math.pi, "kHz": 2e3 * math.pi, "mHz": 2e-3 * math.pi}
+_FRACTION = dict.fromkeys(("1", "-", "–", "—", "fraction", "dimensionless", "unitless"), 1.0)
+_UNITS = {
+    "storage": _PASCAL,
+    "loss": _PASCAL,
+    "omega": _PER_SECOND | _INVERSE_SECOND | _HERTZ,
+    "strain": dict.fromkeys(("%", "percent", "pct"), 0.01) | _FRACTION,
+    "interval": {},
+}
+_UNITS_BY_KIND: dict[Any, dict[str, float]] = {kind: _UNITS[kind[0]] for kind in set(_TITLES.values())}
+_NAMES = {"storage": "G'", "loss": "G''", "omega": "frequency", "strain": "strain"}
+_UNDECLARED = {
+    "strain": "{title!r} has no unit, and per cent and fraction differ by a factor of 100; write it into the header: "
+    "'Strain (%)' or 'Strain [1]'",
+    "omega": "{title!r} has no unit, and Hz and rad/s differ by a factor of 2 pi; write it into the header: "
+    "'Frequency (Hz)' or 'Angular frequency (rad/s)'",
+}
 _EXPECTED = "expected a header such as omega (rad/s), G' (Pa), G'' (Pa) or strain (%), G' (Pa), G'' (Pa)"
 _SWEPT = 2.0  # largest over smallest, from which a column counts as swept
 _SAME = 0.02  # relative difference below which two settings of the instrument are one
@@ -81,6 +126,51 @@ def read_sweeps(path: str | Path) -> list[Sweep]:
         replace(sweep, name=name, notes=[*sweep.notes, *notes], **file)
         for name, sweep in zip(names, found, strict=True)
     ]
+
+
+class SweepColumn(NamedTuple):
+    """One column of a table of moduli; `preference`: 0 where another title of its kind is less exact."""
+
+    at: int
+    title: str
+    kind: str
+    preference: int
+    unit: str | None
+
+    def factor(self) -> float:
+        """From the column's unit to SI. Raises InputError for a unit that is missing or unknown."""
+        plain = self.kind == "omega" and self.preference == 1
+        if self.unit is None and (self.kind == "strain" or plain):
+            raise InputError(_UNDECLARED[self.kind].format(title=self.title), "rheometer.no_unit")
+        if self.unit is None:
+            return 1.0
+        unit, units = plain_unit(self.unit), _UNITS[self.kind]
+        if plain and unit in _INVERSE_SECOND:
+            title = self.title if self.unit in self.title else f"{self.title} {self.unit}"
+            raise InputError(_UNDECLARED[self.kind].format(title=title), "rheometer.no_unit")
+        if unit not in units:
+            known = {"strain": "%, 1", "omega": "rad/s, Hz"}.get(self.kind, "Pa, kPa, MPa")
+            raise InputError(
+                f"the unit {self.unit!r} of {self.title!r} is not known; known: {known}", "rheometer.unknown_unit"
+            )
+        return units[unit]
+
+    def note(self) -> str:
+        """What was done to the unit; nothing where there was nothing to do."""
+        if self.unit is None:
+            return f"{self.title!r} has no unit: taken to be in {'rad/s' if self.kind == 'omega' else 'Pa'}"
+        if self.kind == "omega" and plain_unit(self.unit) in _HERTZ:
+            return f"{self.title!r} is in {self.unit}: converted to rad/s by 2 pi"
+        return ""
+
+
+@cache
+def read_title(title: str) -> tuple[str, int, str | None]:
+    """("storage" | "loss" | "omega" | "strain" | "interval" | "", preference, unit or None) of a column's title."""
+    if title[:1] in "0123456789+-.":
+        return "", 0, None
+    kind, unit = column_of(title, _TITLES, _UNITS_BY_KIND)
+    return (*(kind or ("", 0)), unit)
 
 
 @dataclass
@@ -148,7 +238,7 @@ def _columns(header: list[str]) -> dict[str, SweepColumn]:
             and {"storage", "loss"} <= columns.keys()
         ):
             raise InputError(
-                f"two columns for {NAMES[column.kind]}: {first.title!r} and {title!r}; one sweep a table",
+                f"two columns for {_NAMES[column.kind]}: {first.title!r} and {title!r}; one sweep a table",
                 "rheometer.two_columns",
             )
     return columns
@@ -159,7 +249,7 @@ def _nothing_found(rows: list[list[str]]) -> InputError:
         return InputError(f"the file is empty; {_EXPECTED}", "rheometer.empty")
     titles = max(rows, key=lambda row: (sum(bool(read_title(c)[0]) for c in row), sum(not is_number(c) for c in row)))
     found = {read_title(title)[0] for title in titles}
-    missing = " and ".join(NAMES[kind] for kind in ("storage", "loss") if kind not in found)
+    missing = " and ".join(_NAMES[kind] for kind in ("storage", "loss") if kind not in found)
     shown = ", ".join(repr(title[:30]) for title in titles[:8] if title)
     return InputError(f"no column for {missing} among {shown}; {_EXPECTED}", "rheometer.no_moduli")
 
@@ -181,7 +271,7 @@ def _sweeps(table: _ModuliTable, label: str) -> list[Sweep]:
     swept = {kind: _span(values[kind][values["storage"] > 0]) >= _SWEPT for kind in settings}
     if not any(swept.values()):
         count = np.count_nonzero(values["storage"] > 0)
-        what = " and ".join(NAMES[kind] for kind in settings)
+        what = " and ".join(_NAMES[kind] for kind in settings)
         raise _NoSweepError(f"no sweep of {what} in the {count} rows with moduli{f' of {label!r}' if label else ''}")
     x_kind = "omega" if swept.get("omega") else "strain"  # at a given stress the strain varies with the frequency
     kinds = (x_kind, "storage", "loss")
@@ -209,13 +299,13 @@ def _sweeps(table: _ModuliTable, label: str) -> list[Sweep]:
     passes = _passes(x)
     times = int(passes.max()) + 1
     if times > 1:
-        notes.append(f"each {NAMES[x_kind]} {times} times: read as {times} sweeps")
+        notes.append(f"each {_NAMES[x_kind]} {times} times: read as {times} sweeps")
     found = []
     for k in range(times):
         mine = np.flatnonzero(passes == k)
         mine = mine[np.argsort(x[mine], kind="stable")]
         merged, twice = _merged(x[mine], storage[mine], loss[mine])
-        more = [f"{twice} row{'s' * (twice > 1)} at the {NAMES[x_kind]} of another averaged with it"] if twice else []
+        more = [f"{twice} row{'s' * (twice > 1)} at the {_NAMES[x_kind]} of another averaged with it"] if twice else []
         name = label if times == 1 else f"{label}.{k + 1}".lstrip(".")
         setting = held[mine][np.isfinite(held[mine])]
         median = float(np.median(setting)) if setting.size else None
