@@ -9,12 +9,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from cavirheo.beside.published.record import Comparison
 from rich.console import Console
 
 from cavirheo import read_curves
 from cavirheo.beside import published
 from cavirheo.beside.published import compare, picture, table
-from cavirheo.beside.published.record import Comparison
 from cavirheo.beside.published.references import MU, G, read_references
 from cavirheo.errors import InputError
 from cavirheo.posterior import Checks, Posterior

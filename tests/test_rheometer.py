@@ -10,10 +10,10 @@ from zipfile import ZipFile
 
 import numpy as np
 import pytest
-
 from cavirheo.beside.rheometer.analyse import frequency_sweep, strain_sweep
-from cavirheo.beside.rheometer.read import Sweep, read_sweeps
 from cavirheo.beside.rheometer.titles import read_title
+
+from cavirheo.beside.rheometer.read import Sweep, read_sweeps
 from cavirheo.reporting.record import Result
 from cavirheo.writing import style
 from cavirheo.writing.document import write_json
