@@ -179,8 +179,11 @@ def print_table(comparison: Comparison, console: Console | None = None) -> None:
     console = console or terminal.console()
     in_units = units(comparison)
     heads = ["", "method", "mean ± std", *(f"error to\n{reference}, %" for reference in comparison.reference_methods)]
-    table = terminal.table("set", [*heads, "shots", "ok", "RMSE\n% of R_max"], left=heads[:2])
-    table.columns[2].no_wrap, table.columns[2].overflow = False, "fold"
+    gap = int(console.width >= 100)
+    table = terminal.table("set", [*heads, "shots", "ok", "RMSE\n% of R_max"], left=heads[:2], gap=gap)
+    for column in (table.columns[2], *table.columns[4 : len(heads) + 1]):  # methods, errors: they may fold
+        column.no_wrap, column.overflow, column.min_width = False, "fold", 7
+    table.columns[2].min_width = len(OURS)
     before = None
     for about, row in comparison.rows():
         head = ["" if about is before else about.name, digits.MISSING]

@@ -96,12 +96,10 @@ def read_references(path: str | Path) -> list[ReferenceSet]:
     sets: dict[str, ReferenceSet] = {}
     methods: dict[str, _Line] = {}
     for number, cells in rows:
+        cells = cells if len(head) > 1 else [" ".join(cells)]  # names alone: nothing separates columns
         if any(cells[len(head) :]):
-            raise InputError(
-                f"{path}, line {number}: {len(cells)} cells, expected the {len(head)} of the header; text with a comma "
-                'in it needs quotes: "a, b"',
-                "references.cells",
-            )
+            found = f"{path}, line {number}: {len(cells)} cells, expected the {len(head)} of the header"
+            raise InputError(f'{found}; text with a comma in it needs quotes: "a, b"', "references.cells")
         line = _Line(f"{path}, line {number}", number, dict(zip(head, cells, strict=False)))
         if not line["set"]:
             raise line.mistake("set", "the name of a set of measurements")
