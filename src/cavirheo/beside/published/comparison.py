@@ -182,7 +182,7 @@ def print_table(comparison: Comparison, console: Console | None = None) -> None:
     gap = int(console.width >= 100)
     table = terminal.table("set", [*heads, "shots", "ok", "RMSE\n% of R_max"], left=heads[:2], gap=gap)
     for column in (table.columns[2], *table.columns[4 : len(heads) + 1]):  # methods, errors: they may fold
-        column.no_wrap, column.overflow, column.min_width = False, "fold", 7
+        column.no_wrap, column.overflow, column.min_width = False, "fold", 6
     table.columns[2].min_width = len(OURS)
     before = None
     for about, row in comparison.rows():
