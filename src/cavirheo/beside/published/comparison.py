@@ -179,15 +179,15 @@ def print_table(comparison: Comparison, console: Console | None = None) -> None:
     console = console or terminal.console()
     in_units = units(comparison)
     heads = ["", "method", "mean ± std", *(f"error to\n{reference}, %" for reference in comparison.reference_methods)]
-    gap = int(console.width >= 100)
-    table = terminal.table("set", [*heads, "shots", "ok", "RMSE\n% of R_max"], left=heads[:2], gap=gap)
-    for column in (table.columns[2], *table.columns[4 : len(heads) + 1]):  # methods, errors: they may fold
-        column.no_wrap, column.overflow, column.min_width = False, "fold", 6
-    table.columns[2].min_width = len(OURS)
+    wide = console.width >= 100
+    heads += ["shots", "ok", "RMSE\n% of R_max" if wide else "RMSE\n% of\nR_max"]
+    table = terminal.table("set", heads, left=heads[:2], gap=int(wide))
+    for column in (table.columns[2], *table.columns[4:-3]):  # methods and errors may fold
+        column.no_wrap, column.overflow, column.min_width = False, "fold", 8
     before = None
     for about, row in comparison.rows():
         head = ["" if about is before else about.name, digits.MISSING]
-        ours = _counts(about)
+        ours = [cell if wide else cell.replace(" (", "\n(") for cell in _counts(about)]
         if row:
             factor, symbol, unit = in_units[row.quantity]
             head[1] = f"{symbol} ({unit})"
