@@ -11,9 +11,11 @@ import numpy as np
 import pytest
 from workbooks import write_xlsx
 
+from cavirheo.beside.rheometer.document import beside, rheometry
 from cavirheo.beside.rheometer.read import Sweep, SweepColumn, read_sweeps, read_title
 from cavirheo.beside.rheometer.sweeps import frequency_sweep, strain_sweep
 from cavirheo.errors import InputError
+from cavirheo.reporting import read_json
 from cavirheo.reporting.record import Result
 from cavirheo.writing import style
 from cavirheo.writing.document import write_json
@@ -43,6 +45,12 @@ def maxwell(omega, G=1e3, tau=1.0):
 
 def softening(gamma, G=2e3, at=1.0):
     return G / (1 + (gamma / at) ** 2)
+
+
+@pytest.fixture
+def plain(monkeypatch):
+    """Without pictures, which take half a second each."""
+    monkeypatch.setattr(style, "available", lambda: False)
 
 
 class TestFrequencySweep:
@@ -392,7 +400,7 @@ def test_bad_usage(run, tmp_path, words, named):
     assert "Traceback" not in err
 
 
-def test_outside_the_data_is_status_1_and_the_rest_is_answered(run, tmp_path):
+def test_outside_the_data_is_status_1_and_the_rest_is_answered(plain, run, tmp_path):
     put(tmp_path / "a.csv", LAYOUTS["comma.csv"])
     status, out, _ = run("rheometer", "a.csv", "--at", 1000, "-o", "r")
     assert status == 1
@@ -402,7 +410,7 @@ def test_outside_the_data_is_status_1_and_the_rest_is_answered(run, tmp_path):
     assert document["shear_modulus_Pa"]["mean"] == pytest.approx(1e3, rel=0.01)
 
 
-def test_a_good_file_is_answered_beside_a_bad_one(run, tmp_path):
+def test_a_good_file_is_answered_beside_a_bad_one(plain, run, tmp_path):
     put(tmp_path / "bad.csv", "")
     put(tmp_path / "good.csv", LAYOUTS["comma.csv"])
     status, out, err = run("rheometer", "bad.csv", "good.csv")
@@ -444,14 +452,14 @@ def test_the_shipped_sweeps_are_what_the_function_makes(examples, tmp_path):
         assert path.read_text() == (EXAMPLES / path.name).read_text()
 
 
-def test_no_linear_range_is_status_1(run, tmp_path):
+def test_no_linear_range_is_status_1(plain, run, tmp_path):
     put(tmp_path / "a.csv", "strain (%),G',G''\n" + "".join(f"{g},{1 / g},0.1\n" for g in STRAIN))
     status, out, _ = run("rheometer", "a.csv")
     assert status == 1
     assert "no linear range" in out
 
 
-def test_repeats_give_mean_and_deviation(run, tmp_path):
+def test_repeats_give_mean_and_deviation(plain, run, tmp_path):
     for k, factor in enumerate((0.9, 1.0, 1.1), 1):
         text = "omega,Gp,Gpp\n" + "".join(f"{w},{factor * 1e3},{factor * 5 * w}\n" for w in OMEGA)
         put(tmp_path / f"gel_{k}.csv", text)
@@ -463,7 +471,7 @@ def test_repeats_give_mean_and_deviation(run, tmp_path):
     assert document["shear_modulus_Pa"]["std"] == pytest.approx(100)
 
 
-def test_the_strain_plateau_stands_in_for_a_solid_only(run, tmp_path):
+def test_the_strain_plateau_stands_in_for_a_solid_only(plain, run, tmp_path):
     for name, loss in (("solid", 50), ("liquid", 5000)):
         rows = "".join(f"{g},{softening(g)},{loss},10\n" for g in STRAIN)
         put(tmp_path / f"{name}.csv", f"strain [1],G',G'',omega\n{rows}")
@@ -471,7 +479,7 @@ def test_the_strain_plateau_stands_in_for_a_solid_only(run, tmp_path):
     assert "G = – (no plateau)" in run("rheometer", "liquid.csv")[1]
 
 
-def test_a_frequency_sweep_beyond_the_linear_range_is_told(run, tmp_path):
+def test_a_frequency_sweep_beyond_the_linear_range_is_told(plain, run, tmp_path):
     put(tmp_path / "a.csv", TABLE.format("strain [1],G',G''"))
     rows = "".join(f"{w},1000,{w},0.5\n" for w in OMEGA)
     put(tmp_path / "b.csv", "omega,G',G'',strain [1]\n" + rows)
@@ -525,6 +533,18 @@ def test_beside_bubbles(run, tmp_path):
     assert float(table[1]["shear_modulus_Pa_std"]) == 500
     assert (table[1]["n"], table[1]["failed"]) == ("2", "1")
     assert table[0]["viscosity_Pa_s_std"] == ""
+
+
+def test_the_row_of_bubbles_is_over_those_that_are_trusted(tmp_path):
+    """n, the means and the regime are of the same shots; what was left out stands beside them."""
+    result = read_json(bubbles(tmp_path / "result.json"))
+    result.groups[0].n_trusted = 1
+    result.groups[0].verdicts = {"ok": 1, "model_does_not_fit": 1, "failed": 1}
+    result.curves[1].verdict = "model_does_not_fit"
+    head = {"material": "gel", "tolerance": 0.05, "at_rad_per_s": 1.0, "command": "cavirheo rheometer"}
+    _, row = beside(rheometry([], [], **head), result)
+    assert (row.n, row.doubtful, row.failed) == (1, 1, 1)
+    assert (row.regime_from, row.regime_to, row.deformation) == (6e4, 6e4, "λ = 7.0")
 
 
 def test_without_matplotlib_it_says_so(run, tmp_path, monkeypatch):
