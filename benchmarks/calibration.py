@@ -67,8 +67,8 @@ def film(
     run = simulate(law, max_radius=top * scale * factor, stretch=stretch, time=instants[order], precise=True)
     seen[order] = run.radius / scale
     radius = seen.reshape(FRAMES, 15).mean(axis=1) + noise * top * rng.standard_normal(FRAMES)
-    meta = {"name": name, "exposure_s": EXPOSURE * frame} | ({} if as_read else {"maximum": (0.0, top)})
-    return camera, RadiusCurve(time, np.maximum(radius, 1e-3 * top), meta=meta)
+    meta, maximum = {"name": name, "exposure_s": EXPOSURE * frame}, None if as_read else (0.0, top)
+    return camera, RadiusCurve(time, np.maximum(radius, 1e-3 * top), meta=meta, maximum=maximum)
 
 
 def rank(answer: Posterior, name: str, truth: float) -> float:

@@ -15,7 +15,7 @@ from __future__ import annotations
 import argparse
 import time
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -42,7 +42,7 @@ class Case:
         draw = np.random.default_rng(seed).standard_normal(len(self.clean.time))
         top = 10 ** self.truth[3]
         radius = np.maximum(self.clean.radius + noise * top * draw, 1e-7)
-        return RadiusCurve(self.clean.time, radius, meta={"name": "shot", "maximum": (0.0, top)})
+        return RadiusCurve(self.clean.time, radius, meta={"name": "shot"}, maximum=(0.0, top))
 
 
 def cases(count: int, seed: int) -> list[Case]:
@@ -53,7 +53,7 @@ def made(truth: np.ndarray) -> Case:
     G, mu, stretch, R_max = 10**truth
     times = np.linspace(0.0, 4.07 * WATER.time_scale(R_max), 100)
     run = simulate(NeoHookeanKelvinVoigt(G, mu), max_radius=R_max, stretch=stretch, time=times, precise=True)
-    return Case(truth, RadiusCurve(times, run.radius, meta={"name": "shot", "maximum": (0.0, R_max)}))
+    return Case(truth, RadiusCurve(times, run.radius, meta={"name": "shot"}, maximum=(0.0, R_max)))
 
 
 def bound(case: Case, window: int | str | None, noise: float) -> np.ndarray:
@@ -112,7 +112,7 @@ def joint(count: int, noise: float) -> None:
     for k, truth in enumerate(spread_starts(BOX, count)):
         case = made(np.array([4.0, -1.2, *truth[2:]]))
         curve = case.noisy(noise, k)
-        curves.append(RadiusCurve(curve.time, curve.radius, meta={**curve.meta, "group": "one"}))
+        curves.append(replace(curve, meta={**curve.meta, "group": "one"}))
     spent = []
     for together in (False, True):
         began = time.process_time()

@@ -40,8 +40,7 @@ def shot(law=GEL, stretch=7.0, end=80e-6, step=1e-6, t0=0.0, scale=1.0, noise=0.
     radius = np.empty_like(time)
     radius[order] = simulate(law, max_radius=R_max, stretch=stretch, time=at[order]).radius / scale
     radius += noise * R_max * np.random.default_rng(3).standard_normal(len(time))
-    meta = {"name": "shot", "maximum": (0.0, R_max / scale)} | meta
-    return RadiusCurve(time, radius, meta=meta)
+    return RadiusCurve(time, radius, meta={"name": "shot"} | meta, maximum=(0.0, R_max / scale))
 
 
 def values(answer, *names):
@@ -124,7 +123,7 @@ def test_time_origin_and_scale_are_recovered_when_free():
     assert set(answer.provenance["free"]) == {"time_origin", "radius_scale"}
     assert answer.units == ("Pa", "Pa s", "s", "1")
     # R_max read off the curve 1 % too small, the calibration being right
-    low = replace(shot(), meta={"name": "low", "maximum": (0.0, 0.99 * R_MAX)})
+    low = replace(shot(), meta={"name": "low"}, maximum=(0.0, 0.99 * R_MAX))
     assert fit(low, windows=False, free=("rmax",)).median("max_radius_factor") == pytest.approx(1 / 0.99, abs=2e-3)
 
 

@@ -44,7 +44,7 @@ def shot(law=None, noise=0.01, seed=3, end=80e-6, **meta) -> RadiusCurve:
     law = law or NeoHookeanKelvinVoigt(TRUTH["shear_modulus"], TRUTH["viscosity"])
     radius = simulate(law, max_radius=R_MAX, stretch=TRUTH["stretch"], time=time).radius
     radius = radius + noise * R_MAX * np.random.default_rng(seed).standard_normal(len(time))
-    return RadiusCurve(time, radius, meta={"name": "shot", "maximum": (0.0, R_MAX)} | meta)
+    return RadiusCurve(time, radius, meta={"name": "shot"} | meta, maximum=(0.0, R_MAX))
 
 
 def target_of(curve: RadiusCurve, discrepancy=False, free=tuple(FREE)) -> Target:

@@ -66,8 +66,8 @@ def unanswered(message="cell 3 of 5 is empty") -> Posterior:
 
 
 def empty(name="shot[3]", group="shots", source="data/shots.mat") -> RadiusCurve:
-    meta = {"name": name, "group": group, "source": source, "problem": "cell 3 of 5 is empty"}
-    return RadiusCurve(np.empty(0), np.empty(0), meta=meta)
+    meta = {"name": name, "group": group, "source": source}
+    return RadiusCurve(np.empty(0), np.empty(0), meta=meta, unusable="cell 3 of 5 is empty")
 
 
 @pytest.fixture
@@ -362,7 +362,7 @@ def test_picture_of_a_failed_curve_has_points_and_reason_but_no_line():
 
 
 def test_picture_without_scale_gives_no_micrometres():
-    curve = bubble(no_scale="in pixels", time_over_max_radius=True)
+    curve = replace(bubble(), unscaled="in pixels", time_unscaled=True)
     (axes,) = picture.curve_figure(curve, unanswered("no scale")).axes
     assert "µ" not in axes.get_ylabel() + axes.get_xlabel()
 

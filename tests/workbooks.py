@@ -1,4 +1,4 @@
-"""Workbooks for tests: an .xlsx of given sheets, with the parts that every spreadsheet program writes."""
+"""Workbooks for tests (.xlsx and .ods), with the parts that every spreadsheet program writes."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ from xml.sax.saxutils import escape
 
 _MAIN = "http://schemas.openxmlformats.org/spreadsheetml/2006/main"
 _OFFICE = "http://schemas.openxmlformats.org/officeDocument/2006/relationships"
+_ODS = ("office", "table", "text", "manifest")
 _PACKAGE = "http://schemas.openxmlformats.org/package/2006/relationships"
 
 
@@ -57,3 +58,29 @@ def write_xlsx(
             xml = content if isinstance(content, (str, bytes)) else sheet_xml(content)
             archive.writestr(f"xl/worksheets/sheet{numbers[name]}.xml", xml)
     return path
+
+
+def write_ods(path: Path, table: str) -> Path:
+    """An OpenDocument workbook of one sheet, from the XML of its rows."""
+    spaces = " ".join(f'xmlns:{name}="urn:oasis:names:tc:opendocument:xmlns:{name}:1.0"' for name in _ODS)
+    body = f'<office:spreadsheet><table:table table:name="a">{table}</table:table></office:spreadsheet>'
+    with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive:
+        archive.writestr("mimetype", "application/vnd.oasis.opendocument.spreadsheet")
+        archive.writestr("META-INF/manifest.xml", f"<manifest:manifest {spaces}/>")
+        archive.writestr(
+            "content.xml",
+            f"<office:document-content {spaces}><office:body>{body}</office:body></office:document-content>",
+        )
+    return path
+
+
+def ods_row(cells: Sequence[object]) -> str:
+    """The XML of one row of numbers and texts."""
+    return f"<table:table-row>{''.join(map(_ods_cell, cells))}</table:table-row>"
+
+
+def _ods_cell(value: object) -> str:
+    about = (
+        'office:value-type="string"' if isinstance(value, str) else f'office:value-type="float" office:value="{value}"'
+    )
+    return f"<table:table-cell {about}><text:p>{escape(str(value))}</text:p></table:table-cell>"

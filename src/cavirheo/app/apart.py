@@ -84,7 +84,7 @@ class Reader:
 
 def _named(curve: RadiusCurve) -> RadiusCurve:
     """The curve without the names of the server's folders."""
-    meta = {**curve.meta, "source": Path(curve.meta["source"]).name}
+    meta = {**curve.meta, "source": Path(curve.source).name}
     if "group_source" in meta:
         meta["group_source"] = meta["group"]
     return replace(curve, meta=meta)

@@ -138,7 +138,7 @@ class Session:
             for path in mine:
                 path.unlink()
             raise
-        read = {curve.meta["source"] for curve in curves}
+        read = {curve.source for curve in curves}
         for path in mine:
             if path.name not in read:
                 path.unlink()

@@ -55,7 +55,7 @@ def found(curves: Sequence[RadiusCurve], problems: Sequence[str]) -> str:
 
 
 def _row(curve: RadiusCurve) -> str:
-    rate = curve.meta.get("frame_rate_hz")
+    rate = curve.frame_rate
     measured = int(np.isfinite(curve.radius).sum())
     span = f"{1e6 * np.ptp(curve.time):.4g}" if len(curve.time) else digits.MISSING
     try:

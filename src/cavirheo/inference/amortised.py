@@ -104,7 +104,7 @@ class Amortised:
             "problem_id": self.model.problem.id,
             "medium": asdict(self.medium),
             "corrected_at_true_scale": self.correct,
-            "source_sha256": curve.meta.get("source_sha256"),
+            "source_sha256": curve.source_sha256,
         }
 
 
@@ -245,7 +245,7 @@ class _Answer:
         return np.array([self._on_grid(times, row) for row in radius])
 
     def _on_grid(self, times: Floats, radius: Floats) -> Floats:
-        seen = RadiusCurve(times, radius, meta={"maximum": (0.0, self.max_radius)})
+        seen = RadiusCurve(times, radius, maximum=(0.0, self.max_radius))
         return seen.resampled(self.step, self.frames) / self.max_radius
 
     def _stretch(self, theta: Floats, start: float | None) -> float:

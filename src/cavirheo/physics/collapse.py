@@ -7,20 +7,20 @@ where Re > 10; where it holds, and what its errors are made of, is in docs/colla
 
 from __future__ import annotations
 
-from math import gamma, pi, sqrt
+from math import pi, sqrt
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from cavirheo.errors import SolverError
+from cavirheo.landmarks import RAYLEIGH
 from cavirheo.physics.materials import NeoHookeanKelvinVoigt
 from cavirheo.physics.media import WATER, Medium
 from cavirheo.physics.simulate import simulate_many
 
 Floats = NDArray[np.float64]
 
-RAYLEIGH = sqrt(pi / 6) * gamma(5 / 6) / gamma(4 / 3)  # collapse time of an empty bubble over R_max sqrt(rho/p)
 _A = 1 / RAYLEIGH  # A_RC of the paper
 _SURFACE = pi * _A / sqrt(6)  # mean of (3/2) (1 - r^2)/(1 - r^3) over Rayleigh's collapse
 _GAS = 1.4942  # the paper's C_kappa: mean of 3 (r^(3-3k) - 1)/((3k-3)(1 - r^3)) over Rayleigh's collapse, k = 1.4

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from math import inf, pi
-from pathlib import Path
 from typing import Protocol
 
 import numpy as np
@@ -94,26 +93,6 @@ class Trace:
         rows[:, 0], rows[:, 1] = self.time, self.pressure
         rows[:-1, 1:5] = PchipInterpolator(self.time, self.pressure).c[::-1].T
         return _held(rows)
-
-
-def read_trace(path: Path) -> Trace:
-    """A trace from a CSV file with the columns time_us and pressure_kPa (above ambient).
-
-    Raises:
-        InputError: the file cannot be read, its header or a row is not as above, or the times do not ascend.
-    """
-    try:
-        with path.open(encoding="utf-8-sig") as file:
-            header = [name.strip() for name in file.readline().split(",")]
-            if header != ["time_us", "pressure_kPa"]:
-                raise ValueError(f"its first line must read time_us,pressure_kPa, got {','.join(header)!r}")
-            lines = [line for line in file if line.strip()]
-        rows = np.array([[float(number) for number in line.split(",")] for line in lines])
-        if rows.ndim != 2 or rows.shape[1] != 2:
-            raise ValueError("it needs rows of two numbers below that line")
-        return Trace(rows[:, 0] * 1e-6, rows[:, 1] * 1e3)
-    except (OSError, ValueError) as error:
-        raise InputError(f"cannot read a pressure trace from {path}: {error}") from error
 
 
 def _held(rows: Floats) -> Floats:

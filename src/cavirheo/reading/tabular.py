@@ -17,7 +17,7 @@ from collections.abc import Callable, Collection, Iterator, Mapping
 from dataclasses import dataclass
 from itertools import islice
 from pathlib import Path
-from typing import Literal, NamedTuple, TypeVar
+from typing import Any, Literal, NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -100,23 +100,26 @@ def text_rows(text: str, is_header: IsHeader, *, marks: str = "#%") -> list[Row]
     """The rows of a text; see `read_sheets`."""
     lines = text.splitlines()
     limits.rows(lines)
+    worded = [line.lstrip(marks + " ") for line in lines if re.search(r"[^\W\d]", line)]
     for separator in _SEPARATORS:
-        if separator is None or separator in text:
+        here = worded if separator is None or separator in text else []
+        if any(not _is_data(cells) and is_header(cells) for _, cells in _split(here, separator)):
             rows = list(_rows(lines, separator, is_header, marks))
-            headers = (k for k, row in enumerate(rows) if _is_title(row.cells) and is_header(row.cells))
+            headers = (k for k, row in enumerate(rows) if not _is_data(row.cells) and is_header(row.cells))
             if any(k + 1 == len(rows) or len(rows[k + 1].cells) > 1 for k in headers):
                 break
     else:
-        sample = list(islice((line for line in lines if line.strip() and line.lstrip()[0] not in marks), 20))
+        bare = (line.strip() for line in lines)
+        sample = list(islice((line for line in bare if line and line[0] not in marks), 20))
         separator = next((s for s in _SEPARATORS if s is None or all(s in line for line in sample)), None)
         rows = list(_rows(lines, separator, is_header, marks))
-    if separator != ",":
+    if separator != "," and "," in text:
         rows = [Row(row.number, with_points(row.cells)) for row in rows]
     return _checked(rows)
 
 
 def _rows(lines: list[str], separator: str | None, is_header: IsHeader, marks: str) -> Iterator[Row]:
-    comments = {k for k, line in enumerate(lines, 1) if line.lstrip()[:1] and line.lstrip()[0] in marks}
+    comments = {k for k, line in enumerate(lines, 1) if line.lstrip().startswith(tuple(marks))}
     data = ["" if k in comments else line for k, line in enumerate(lines, 1)]
     above: list[Row] = []  # the comments since the last row
     for number, cells in _split(data, separator):
@@ -126,16 +129,15 @@ def _rows(lines: list[str], separator: str | None, is_header: IsHeader, marks: s
         elif any(cells):
             if above and not is_header(cells):
                 first = next((k for k, row in enumerate(above) if is_header(row.cells)), len(above))
-                yield from above[first:]
+                yield from (row for row in above[first:] if len(row.cells) == len(above[first].cells))
             above = []
             yield Row(number, cells)
 
 
 def _split(lines: list[str], separator: str | None) -> Iterator[tuple[int, Cells]]:
     if separator is None:
-        yield from ((number, line.split()) for number, line in enumerate(lines, 1))
-        return
-    reader = csv.reader(lines, delimiter=separator, skipinitialspace=True)
+        lines = [re.sub(r"\s+", " ", line).strip() for line in lines]
+    reader = csv.reader(lines, delimiter=separator or " ", skipinitialspace=True)
     try:
         for cells in reader:
             yield reader.line_num, [cell.strip() for cell in cells]
@@ -148,8 +150,8 @@ def _checked(rows: list[Row]) -> list[Row]:
     return rows
 
 
-def _is_title(cells: Cells) -> bool:
-    return not all(map(is_number, cells))
+def _is_data(cells: Cells) -> bool:
+    return all(map(is_number, cells))
 
 
 def with_points(cells: Cells) -> Cells:
@@ -187,10 +189,11 @@ def numbers(rows: list[Row], at: int) -> NDArray[np.float64]:
     values = np.full(len(rows), np.nan)
     for k, (number, cells) in enumerate(rows):
         cell = cells[at] if at < len(cells) else ""
-        if not is_number(cell):
-            raise InputError(f"row {number}: {cell[:30]!r} is not a number", "tabular.number")
-        if re.search(r"\d", cell):
+        try:
             values[k] = float(cell)
+        except ValueError:
+            if not is_number(cell):
+                raise InputError(f"row {number}: {cell[:30]!r} is not a number", "tabular.number") from None
     return values
 
 
@@ -204,7 +207,7 @@ def refuse_wider(rows: list[Row], header: Cells) -> None:
 
 
 def column_of(
-    title: str, titles: Mapping[str, Kind], units: Mapping[Kind, Collection[str]]
+    title: str, titles: Mapping[str, Kind], units: Mapping[Any, Collection[str]]
 ) -> tuple[Kind | None, str | None]:
     """(kind, unit) that a column's title names: `time_us`, `R [um]`, `Shear Strain (%)`, `omega in rad/s`.
 

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from cavirheo.reading.tabular import Row
 
-_MEMORY = 1 << 30  # bytes
+MEMORY = 1 << 30  # bytes
 _SECONDS = 60.0
 
 
@@ -31,14 +31,15 @@ def read_workbook(path: Path, most: int | None = None) -> list[tuple[str, list[R
     from cavirheo.reading.tabular import Row
 
     limits.few(path.stat().st_size, limits.SHEET, "bytes of a workbook")
-    command = [sys.executable, "-P", __file__, str(path), str(most or 0), str(limits.ROWS), str(limits.COLUMNS)]
+    numbers = most or 0, limits.ROWS, limits.COLUMNS, MEMORY
+    command = [sys.executable, "-P", __file__, str(path), *map(str, numbers)]
     try:
         child = subprocess.run(command, capture_output=True, timeout=_SECONDS, check=False)
     except subprocess.TimeoutExpired:
         raise InputError(
             f"reading the workbook takes more than {_SECONDS:.0f} s; save it as CSV", "limits.time"
         ) from None
-    if child.returncode < 0:
+    if child.returncode < 0 or b"emory" in child.stderr:  # killed, or "MemoryError", "memory allocation ... failed"
         raise InputError("the workbook takes more memory than is given to it; save it as CSV", "limits.memory")
     if child.returncode:
         said = child.stderr.decode(errors="replace").strip().rpartition("\n")[2]
@@ -62,7 +63,7 @@ def _sheets(path: str, most: int, rows: int, columns: int) -> dict[str, Any]:
             sheet = book.get_sheet_by_name(name)
             for count, limit, what in ((sheet.height, rows, "rows"), (sheet.width, columns, "columns")):
                 if count > limit:
-                    return {"error": f"{count} {what}: more than {limit} are not read", "code": "limits.size"}
+                    return {"error": f"{count} {what}: more than {limit} are not read", "code": f"limits.{what}"}
             first = (sheet.start or (0, 0))[0] + 1
             cells = enumerate(([_text(cell) for cell in row] for row in sheet.iter_rows()), first)
             sheets.append((name, [(number, row) for number, row in cells if any(row)]))
@@ -79,11 +80,12 @@ def _text(cell: object) -> str:
 
 
 if __name__ == "__main__":
+    most, rows, columns, memory = map(int, sys.argv[2:])
     try:
         import resource
 
         resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
-        resource.setrlimit(resource.RLIMIT_AS, (_MEMORY, _MEMORY))
+        resource.setrlimit(resource.RLIMIT_AS, (memory, memory))
     except (ImportError, ValueError, OSError):  # no such limit on this system: the time limit stays
         pass
-    json.dump(_sheets(sys.argv[1], *map(int, sys.argv[2:])), sys.stdout)
+    json.dump(_sheets(sys.argv[1], most, rows, columns), sys.stdout)

@@ -239,7 +239,7 @@ class _Axis:
 
     @staticmethod
     def of(curve: RadiusCurve) -> _Axis:
-        if curve.meta.get("time_over_max_radius"):
+        if curve.time_unscaled:
             return _Axis(0.0, 1.0, "time (no scale)")
         try:
             return _Axis(curve.time_of_max, 1e6, f"time after {_RMAX} (µs)")
@@ -248,7 +248,7 @@ class _Axis:
 
 
 def _scale(curve: RadiusCurve) -> _Axis:
-    if "no_scale" in curve.meta:
+    if curve.unscaled:
         return _Axis(0.0, 1.0 / float(np.nanmax(curve.radius, initial=1e-300)), "R / largest R")
     return _Axis(0.0, 1e6, "R (µm)")
 

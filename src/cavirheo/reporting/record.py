@@ -154,9 +154,9 @@ def curve_record(curve: RadiusCurve, posterior: Posterior) -> CurveRecord:
     inferred = [name.removeprefix("log10_") for name in posterior.names]
     return CurveRecord(
         name=curve.name,
-        source=str(curve.meta.get("source", "")),
-        group=str(curve.meta.get("group", curve.name)),
-        group_source=str(curve.meta.get("group_source", curve.meta.get("source", ""))),
+        source=curve.source,
+        group=curve.group,
+        group_source=curve.group_source,
         max_radius_m=_measured(curve, "max_radius"),
         time_of_max_s=_measured(curve, "time_of_max"),
         strain_rate_per_s=_measured(curve, "strain_rate"),

@@ -6,7 +6,6 @@ import math
 import shlex
 import sys
 import time
-from dataclasses import replace
 from datetime import datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -51,8 +50,7 @@ class Run:
         if not curves:
             raise InputError("no curve could be read")
         if exposure_us is not None:
-            exposed = {"exposure_s": exposure_us * 1e-6}
-            curves = [replace(curve, meta={**curve.meta, **exposed}) for curve in curves]
+            curves = [curve.with_exposure(exposure_us * 1e-6) for curve in curves]
         from cavirheo.physics.simulate import load_solver
 
         load_solver()

@@ -71,10 +71,11 @@ def simulate(
     """
     import numpy as np
 
-    from cavirheo.physics.driving import Pulse, read_trace
+    from cavirheo.physics.driving import Pulse, Trace
     from cavirheo.physics.simulate import load_solver
     from cavirheo.physics.simulate import simulate as solve
     from cavirheo.physics.simulation import write_csv, write_fields
+    from cavirheo.reading.trace import read_trace
 
     if pulse and driving:
         raise InputError("give either --pulse or --driving, not both; a file can hold any sum of pressures")
@@ -84,7 +85,7 @@ def simulate(
             f"duration and frame rate must give 1 to a million frames, got {duration_us} us at {frame_rate_hz} Hz"
         )
     frames = int(duration_us * 1e-6 * frame_rate_hz * (1 + 1e-9)) + 1
-    far_field = read_trace(driving) if driving else None
+    far_field = Trace(*read_trace(driving)) if driving else None
     load_solver()
     run = solve(
         law,

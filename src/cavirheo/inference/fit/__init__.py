@@ -114,7 +114,7 @@ def fit_many(
     groups: dict[Any, list[int]] = {}
     for i, (curve, (_, single)) in enumerate(zip(curves, answered, strict=True)):
         if joint and single is not None:
-            groups.setdefault((curve.meta.get("group", curve.name), curve.meta.get("group_source")), []).append(i)
+            groups.setdefault((curve.group, curve.group_source), []).append(i)
     for members in groups.values():
         began = time.perf_counter()
         together = _joint([single for i in members if (single := answered[i][1])], common, seed, cores)
@@ -255,7 +255,7 @@ def _posterior(fit: Fit, found: Minimum, worth: Laplace, k: int, provenance: dic
     return Posterior(
         names, units(names), theta, _checks(fit, found, k, bound), fit.family.name, "least_squares",
         provenance | {
-            "source_sha256": shot.curve.meta.get("source_sha256"),
+            "source_sha256": shot.curve.source_sha256,
             "best": best | {name: float(value) for name, value in natural.items()},
             "stretch": float(natural["stretch"]),
             "stretch_source": _stretch_source(shot),
@@ -315,8 +315,8 @@ def overlaid(fit: Fit, x: Floats, k: int) -> Reconstruction:
     scale, origin = natural["radius_scale"], natural["time_origin"]
     cut = shot.view.curve
     start = shot.max_radius * scale * natural["max_radius_factor"]
-    meta = {**cut.meta, "maximum": (cut.time_of_max + origin, start)}
-    moved = RadiusCurve(cut.time, cut.radius * scale, cut.radius_std * scale, meta)
+    maximum = (cut.time_of_max + origin, start)
+    moved = replace(cut, radius=cut.radius * scale, radius_std=cut.radius_std * scale, maximum=maximum)
     view = Window(moved, shot.view.end - origin, shot.view.collapses)
     found = reconstruct(view, fit.family.material(x[: fit.common]), shot.medium, natural["stretch"])
     return replace(found, drawn_radius=found.drawn_radius / scale)
@@ -331,5 +331,5 @@ def _failed(family: Family, curve: RadiusCurve, common: dict[str, Any], message:
     names = tuple(f"log10_{name}" for name in family.parameters)
     return Posterior(
         names, units(names), np.empty((0, len(names))), Checks("failed", message), family.name, "least_squares",
-        common | {"source_sha256": curve.meta.get("source_sha256")},
+        common | {"source_sha256": curve.source_sha256},
     )  # fmt: skip

@@ -113,7 +113,7 @@ def rank_laws(
         )
     groups: dict[Any, list[Ranking]] = {}
     for curve, single in zip(curves, singles, strict=True):
-        groups.setdefault((curve.meta.get("group", curve.name), curve.meta.get("group_source")), []).append(single)
+        groups.setdefault((curve.group, curve.group_source), []).append(single)
     return singles, [_together(str(key[0]), members) for key, members in groups.items() if len(members) > 1]
 
 

@@ -150,7 +150,7 @@ class Likelihood:
 
     def __init__(self, shot: Shot, discrepancy: bool) -> None:
         self.shot, counted = shot, ~shot.spikes
-        self.exposure = float(shot.curve.meta.get("exposure_s") or 0.0)
+        self.exposure = float(shot.curve.exposure)
         if not 0.0 <= self.exposure < np.inf:
             raise InputError(f"{shot.curve.name}: exposure_s must be a time in s, got {self.exposure!r}")
         if self.exposure > shot.frame * (1.0 + 1e-6):
