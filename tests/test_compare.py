@@ -253,7 +253,7 @@ BAD = {  # text: (where, code, what is named)
     f"{HEAD}\na,,,IMR,G_Pa,1,-1": ("line 2, column std", "std", "'-1'"),
     f"{HEAD}\na,,,IMR,G_Pa,1,2,Bu, 2025": ("line 2", "cells", "9 cells"),
     f"{HEAD}\na,,,IMR,G_Pa,1,\na,,,IMR,G_kPa,1,": ("line 3, column quantity", "quantity", "shear_modulus_Pa of 'a'"),
-    f"{HEAD}\na,,,IMR,G_Pa,1,\na,,,imr,mu_Pa_s,1,": ("line 3, column method", "method", "line 2: 'IMR'"),
+    f"{HEAD}\na,,,IMR,G_Pa,1,\na,,,imr,mu_Pa_s,1,": ("line 3, column method", "method", "'IMR' as in"),
     f"{HEAD}\na,,998,IMR,G_Pa,1,\na,,999,,,,": ("line 3, column density", "density", "r.csv, line 2"),
     f"{HEAD}\na,,heavy,,,,": ("line 2, column density", "density", "'heavy'"),
     "set,window\na,1.5": ("line 2, column window", "window", "'1.5'"),

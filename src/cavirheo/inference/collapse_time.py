@@ -145,8 +145,8 @@ def shot(curve: RadiusCurve, stretch: float | None = None, *, guess: float | Non
     origin = "given"
     if stretch is None and (plateau := curve.stretch_from_tail()) is not None:
         stretch, origin = plateau[0], "late plateau"
-    if stretch is None and curve.meta.get("stretch"):
-        stretch, origin = float(curve.meta["stretch"]), "stated in the file"
+    if stretch is None and curve.stretch:
+        stretch, origin = float(curve.stretch), "stated in the file"
     if stretch is None and guess is not None:
         stretch, origin = guess, "guessed"
     if stretch is None:

@@ -61,12 +61,11 @@ def read_groups(
     found, unread = read_shots(curves, density=medium.density, pressure=medium.pressure) if curves else ([], [])
     members: dict[tuple[str, str], list[RadiusCurve]] = {}
     for curve in found:
-        source = str(curve.meta.get("group_source", curve.meta["source"]))
-        members.setdefault((str(curve.meta["group"]), source), []).append(curve)
+        members.setdefault((curve.group, curve.group_source), []).append(curve)
     for (name, source), shots in members.items():
-        sha256 = str(shots[0].meta["source_sha256"]) if "group_source" not in shots[0].meta else ""
+        sha256 = shots[0].source_sha256 if source == shots[0].source else ""
         notes = [f"{curve.name}: {note}" for curve in shots for note in curve.notes if "CHECK" in note]
-        groups.append(_group(name, source, sha256, [_read_off(curve, stretch) for curve in shots], notes))
+        groups.append(_group(name, source, sha256 or "", [_read_off(curve, stretch) for curve in shots], notes))
     return groups, problems + unread
 
 

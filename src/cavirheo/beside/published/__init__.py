@@ -72,9 +72,7 @@ def compare(
         Family(fit)
     folder, references, out = Path(folder), Path(references), Path(out)
     if not folder.is_dir():
-        raise InputError(
-            f"{folder} is not a folder; expected the folder that holds the sets of measurements", "compare.folder"
-        )
+        raise InputError(f"{folder} is not a folder; expected the one that holds the sets", "compare.folder")
     sets = read_references(references)
     methods = list(dict.fromkeys(method for about in sets for method, _ in about.values))
     for name in reference_methods:
@@ -92,44 +90,30 @@ def compare(
     for about, name, (curves, files, problems, left_out) in zip(sets, names, found, strict=True):
         which, answers = _answers(about, curves, model, fit, (lambda: done(total)) if done else None)
         rows = write_report(out / name, list(zip(curves, answers, strict=True)), command).curves if curves else []
-        records.append(
-            compared_set(
-                about,
-                rows,
-                against,
-                files=[str(file.relative_to(folder) if file.is_relative_to(folder) else file) for file in files],
-                model=which,
-                medium=asdict(about.medium),
-                report=f"{name}/report.html" if curves else None,
-                problems=problems,
-                notes=left_out,
-            )
-        )
+        records.append(compared_set(
+            about, rows, against, model=which, medium=asdict(about.medium), problems=problems, notes=left_out,
+            files=[str(file.relative_to(folder) if file.is_relative_to(folder) else file) for file in files],
+            report=f"{name}/report.html" if curves else None,
+        ))  # fmt: skip
     comparison = Comparison(
-        command=command,
-        date=datetime.now().astimezone().strftime("%Y-%m-%d %H:%M %Z"),
+        command=command, date=datetime.now().astimezone().strftime("%Y-%m-%d %H:%M %Z"),
         notes=([] if against else [none]) + ([] if style.available() else [_NO_PICTURE]),
-        methods=methods,
-        reference_methods=against,
-        sets=records,
-    )
+        methods=methods, reference_methods=against, sets=records,
+    )  # fmt: skip
     _write(out, comparison)
     return comparison
 
 
 def _check(about: ReferenceSet, model: str) -> None:
     """What only inference can judge, before the first shot costs time."""
-    checks = {
-        "model": lambda: load(about.settings.get("model", model)),
-        "stretch": lambda: check_stretch(about.settings.get("stretch")),
-    }
-    for column, check in checks.items():
-        try:
-            check()
-        except InputError as error:
-            raise (
-                error.within(f"{about.given[column]}, column {column}") if column in about.given else error
-            ) from None
+    column = "model"
+    try:
+        load(about.settings.get("model", model))
+        column = "stretch"
+        check_stretch(about.settings.get("stretch"))
+    except InputError as error:
+        line = about.given.get(column)
+        raise (error.within(f"{line}, column {column}") if line else error) from None
 
 
 def _answers(
@@ -156,23 +140,15 @@ def shots_of(
     except (ValueError, NotImplementedError, OSError):  # an absolute pattern, or a name that no file can have
         matches = []
     candidates = [file for path in matches for file in (sorted(path.iterdir()) if path.is_dir() else [path])]
-    files = [
-        file
-        for file in candidates
-        if not (file.is_dir() or file.name.startswith(".") or file.resolve() == references.resolve())
-    ]
-    left_out = [file for file in files if file not in matches and file.suffix.lower() not in _MEASUREMENTS]
-    files = [file for file in files if file not in left_out]
-    notes = [f"left out, for they do not look like measurements: {', '.join(f.name for f in left_out)}"]
-    notes = notes if left_out else []
+    seen = [f for f in candidates if not (f.is_dir() or f.name.startswith(".") or f.resolve() == references.resolve())]
+    files = [file for file in seen if file in matches or file.suffix.lower() in _MEASUREMENTS]
+    left_out = ", ".join(file.name for file in seen if file not in files)
+    notes = [f"left out, for they do not look like measurements: {left_out}"] if left_out else []
     if not files:
         return [], [], [f"no file matches {about.files!r} in {folder}"], notes
-    curves, problems = read_shots(
-        files,
-        density=about.medium.density,
-        pressure=about.medium.pressure,
-        max_radius=about.settings["rmax_um"] * 1e-6 if "rmax_um" in about.settings else None,
-    )
+    scale = about.settings["rmax_um"] * 1e-6 if "rmax_um" in about.settings else None
+    density, pressure = about.medium.density, about.medium.pressure
+    curves, problems = read_shots(files, density=density, pressure=pressure, max_radius=scale)
     return curves, files, problems, notes
 
 

@@ -54,6 +54,11 @@ class ComparedShot(Model):
     verdict: Verdict
     message: str
 
+    @classmethod
+    def of(cls, curve: CurveRecord) -> ComparedShot:
+        plain = {name: getattr(curve, name) for name in ("name", "rmse_over_rmax", "verdict", "message")}
+        return cls(shear_modulus_Pa=curve.shear_modulus_Pa.median, viscosity_Pa_s=curve.viscosity_Pa_s.median, **plain)
+
 
 class ComparedRange(Model):
     median: float | None = None
@@ -122,17 +127,7 @@ def compared_set(
         n_answered=sum(curve.answered for curve in curves),
         verdicts={verdict: verdicts.count(verdict) for verdict in dict.fromkeys(verdicts)},
         rmse_over_rmax=ComparedRange(**spread),
-        shots=[
-            ComparedShot(
-                name=curve.name,
-                shear_modulus_Pa=curve.shear_modulus_Pa.median,
-                viscosity_Pa_s=curve.viscosity_Pa_s.median,
-                rmse_over_rmax=curve.rmse_over_rmax,
-                verdict=curve.verdict,
-                message=curve.message,
-            )
-            for curve in curves
-        ],
+        shots=[ComparedShot.of(curve) for curve in curves],
         **found,
     )
 

@@ -7,24 +7,17 @@ One line per set, method and quantity, so that a method is added by adding lines
     gel 1 %,,,IMR,mu_Pa_s,0.020,0.009,
     gel 1 %,,,rheometer,G_kPa,1.30,,
 
-| column | holds |
-|---|---|
-| set | the name of the set of measurements (needed) |
-| files | its file, subfolder or glob, relative to the folder; default: the name of the set |
-| method, quantity, mean, std | a published value; a line without any of them only names a set. std may be left out |
-| model, window, stretch, rmax_um, medium, density, sound_speed, surface_tension, pressure, temperature | as the options of `cavirheo infer`, for the whole set: on one of its lines or on all |
-| source, note | free text |
-
-Quantities: G_Pa, G_kPa (or shear_modulus_Pa, shear_modulus_kPa) and mu_Pa_s, mu_mPa_s (or viscosity_...).
-Empty lines and lines that begin with # are left out.
-"""  # noqa: E501
+A line without method, quantity, mean and std only names a set. Settings stand on one line of a set or on all. Empty
+lines and lines that begin with # are left out.
+"""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from math import isfinite
 from pathlib import Path
 from typing import Any
+
+from pydantic import BaseModel, ConfigDict, NonNegativeFloat, PositiveFloat, PositiveInt, ValidationError
 
 from cavirheo.errors import InputError
 from cavirheo.physics.media import Medium, medium
@@ -34,22 +27,41 @@ from cavirheo.writing.document import Model
 OURS = "cavirheo"  # the method's name for our own answers
 G, MU = "shear_modulus_Pa", "viscosity_Pa_s"
 _UNITS = {
-    "G_Pa": (G, 1.0),
-    "G_kPa": (G, 1e3),
-    "shear_modulus_Pa": (G, 1.0),
-    "shear_modulus_kPa": (G, 1e3),
-    "mu_Pa_s": (MU, 1.0),
-    "mu_mPa_s": (MU, 1e-3),
-    "viscosity_Pa_s": (MU, 1.0),
-    "viscosity_mPa_s": (MU, 1e-3),
+    **dict.fromkeys(("G_Pa", "shear_modulus_Pa"), (G, 1.0)),
+    **dict.fromkeys(("G_kPa", "shear_modulus_kPa"), (G, 1e3)),
+    **dict.fromkeys(("mu_Pa_s", "viscosity_Pa_s"), (MU, 1.0)),
+    **dict.fromkeys(("mu_mPa_s", "viscosity_mPa_s"), (MU, 1e-3)),
 }
-_CONSTANTS = {
-    "density": "kg/m3", "sound_speed": "m/s", "surface_tension": "N/m", "pressure": "Pa", "temperature": "K",
-}  # fmt: skip
-_NUMBERS = {"window": "collapses", "stretch": "R_max/R_0", "rmax_um": "um", **_CONSTANTS}
-_SETTINGS = ("files", "model", "medium", *_NUMBERS)
-_VALUE = ("method", "quantity", "mean", "std")
-_COLUMNS = ("set", *_VALUE, *_SETTINGS, "source", "note")
+_CONSTANTS = ("density", "sound_speed", "surface_tension", "pressure", "temperature")
+_SETTINGS = ("files", "model", "medium", "window", "stretch", "rmax_um", *_CONSTANTS)
+
+
+class _ReferenceLine(BaseModel):
+    """One line of the file: its columns and what they may hold. The settings are as the options of `infer`, SI."""
+
+    model_config = ConfigDict(allow_inf_nan=False)
+
+    set: str
+    method: str | None = None
+    quantity: str | None = None
+    mean: PositiveFloat | None = None
+    std: NonNegativeFloat | None = None
+    files: str | None = None  # file, subfolder or glob, relative to the folder; default: the name of the set
+    model: str | None = None
+    medium: str | None = None
+    window: PositiveInt | None = None
+    stretch: PositiveFloat | None = None
+    rmax_um: PositiveFloat | None = None
+    density: PositiveFloat | None = None
+    sound_speed: PositiveFloat | None = None
+    surface_tension: NonNegativeFloat | None = None
+    pressure: PositiveFloat | None = None
+    temperature: PositiveFloat | None = None
+    source: str = ""
+    note: str = ""
+
+
+_COLUMNS = tuple(_ReferenceLine.model_fields)
 
 
 class MethodValue(Model):
@@ -94,26 +106,35 @@ def read_references(path: str | Path) -> list[ReferenceSet]:
     (first, head), *rows = sheet.rows or [Row(1, [])]
     _check_head(head, f"{path}, line {first}")
     sets: dict[str, ReferenceSet] = {}
-    methods: dict[str, _Line] = {}
+    methods: dict[str, tuple[str, str]] = {}
     for number, cells in rows:
+        where = f"{path}, line {number}"
         cells = cells if len(head) > 1 else [" ".join(cells)]  # names alone: nothing separates columns
         if any(cells[len(head) :]):
-            found = f"{path}, line {number}: {len(cells)} cells, expected the {len(head)} of the header"
+            found = f"{where}: {len(cells)} cells, expected the {len(head)} of the header"
             raise InputError(f'{found}; text with a comma in it needs quotes: "a, b"', "references.cells")
-        line = _Line(f"{path}, line {number}", number, dict(zip(head, cells, strict=False)))
-        if not line["set"]:
-            raise line.mistake("set", "the name of a set of measurements")
-        about = sets.setdefault(line["set"], ReferenceSet(line["set"], line.where))
-        _add_settings(about, line)
-        if any(line[name] for name in _VALUE):
-            _add_value(about, line)
-        known = methods.setdefault(line["method"].casefold(), line)
-        if known["method"] != line["method"]:
-            raise line.mistake("method", f"it as on line {known.number}: {known['method']!r}")
+        row = {name: cell for name, cell in zip(head, cells, strict=False) if cell}
+        try:
+            line = _ReferenceLine(**row)  # type: ignore[arg-type]  # text, which it turns into numbers
+        except ValidationError as error:
+            wrong = error.errors(include_url=False)[0]
+            column = str(wrong["loc"][0])
+            expected = "a name" if column == "set" else wrong["msg"].removeprefix("Input should be ")
+            raise _mistake(where, column, row.get(column, ""), expected) from None
+        about = sets.setdefault(line.set, ReferenceSet(line.set, where))
+        for name, value in line.model_dump(include=set(_SETTINGS), exclude_none=True).items():
+            if about.settings.setdefault(name, value) != value:
+                expected = f"{about.settings[name]} as in {about.given[name]}, or an empty cell"
+                raise _mistake(where, name, row[name], expected)
+            about.given.setdefault(name, where)
+        _add_value(about, line, where)
+        if line.method:
+            known, there = methods.setdefault(line.method.casefold(), (line.method, where))
+            if known != line.method:
+                raise _mistake(where, "method", line.method, f"{known!r} as in {there}")
     if not sets:
-        raise InputError(
-            f"{path}: no set; expected lines below the header, such as: gel_1,IMR,G_kPa,6.44,1.64", "references.no_set"
-        )
+        example = "gel_1,IMR,G_kPa,6.44,1.64"
+        raise InputError(f"{path}: no set; expected lines below the header, such as: {example}", "references.no_set")
     for about in sets.values():
         constants = {name: about.settings[name] for name in _CONSTANTS if name in about.settings}
         try:
@@ -123,30 +144,8 @@ def read_references(path: str | Path) -> list[ReferenceSet]:
     return list(sets.values())
 
 
-@dataclass
-class _Line:
-    """One line of the file; `line[column]` is its text, empty where there is none."""
-
-    where: str
-    number: int
-    cells: dict[str, str]
-
-    def __getitem__(self, column: str) -> str:
-        return self.cells.get(column, "")
-
-    def mistake(self, column: str, expected: str) -> InputError:
-        where = f"{self.where}, column {column}"
-        return InputError(f"{where}: {self[column]!r}; expected {expected}", f"references.{column}")
-
-    def value(self, column: str, unit: str, *, zero: bool = False) -> float:
-        """The number in a column; it may be 0 where `zero` says so."""
-        try:
-            value = float(self[column])
-        except ValueError:
-            value = float("nan")
-        if not isfinite(value) or value < 0 or (value == 0 and not zero):
-            raise self.mistake(column, f"a number {'from' if zero else 'above'} 0 ({unit})")
-        return value
+def _mistake(where: str, column: str, found: Any, expected: str) -> InputError:
+    return InputError(f"{where}, column {column}: {found or ''!r}; expected: {expected}", f"references.{column}")
 
 
 def _check_head(head: list[str], where: str) -> None:
@@ -161,32 +160,20 @@ def _check_head(head: list[str], where: str) -> None:
             raise InputError(f"{place}: {head.count(name)} times; expected once", "references.head")
 
 
-def _add_settings(about: ReferenceSet, line: _Line) -> None:
-    for name in filter(line.__getitem__, _SETTINGS):
-        value: Any = line[name]
-        if name == "window":
-            if not value.isdigit() or int(value) < 1:
-                raise line.mistake(name, "a whole number of collapses from 1")
-            value = int(value)
-        elif name in _NUMBERS:
-            value = line.value(name, _NUMBERS[name], zero=name == "surface_tension")
-        if about.settings.setdefault(name, value) != value:
-            raise line.mistake(name, f"{about.settings[name]} as in {about.given[name]}, or an empty cell")
-        about.given.setdefault(name, line.where)
-
-
-def _add_value(about: ReferenceSet, line: _Line) -> None:
-    method = line["method"]
-    if not method:
-        raise line.mistake("method", "who measured, such as IMR or rheometer")
-    if method.casefold() == OURS:
-        raise line.mistake("method", "another name: this one is of our own answers")
-    if line["quantity"] not in _UNITS:
-        raise line.mistake("quantity", f"one of {', '.join(_UNITS)}")
-    quantity, factor = _UNITS[line["quantity"]]
-    mean = line.value("mean", line["quantity"])
-    std = line.value("std", line["quantity"], zero=True) if line["std"] else None
-    if (method, quantity) in about.values:
-        raise line.mistake("quantity", f"one {quantity} of {about.name!r} by {method}")
-    scaled = [None if value is None else float(f"{value * factor:.12g}") for value in (mean, std)]  # 6.44e3 is 6440
-    about.values[method, quantity] = MethodValue(mean=scaled[0], std=scaled[1], source=line["source"])
+def _add_value(about: ReferenceSet, line: _ReferenceLine, where: str) -> None:
+    """The published value of a line, if it has one."""
+    if not any((line.method, line.quantity, line.mean, line.std is not None)):
+        return
+    if not line.method:
+        raise _mistake(where, "method", "", "who measured, such as IMR or rheometer")
+    if line.method.casefold() == OURS:
+        raise _mistake(where, "method", line.method, "another name: this one is of our own answers")
+    if line.quantity not in _UNITS:
+        raise _mistake(where, "quantity", line.quantity, f"one of {', '.join(_UNITS)}")
+    if line.mean is None:
+        raise _mistake(where, "mean", "", f"a number above 0 ({line.quantity})")
+    quantity, factor = _UNITS[line.quantity]
+    if (line.method, quantity) in about.values:
+        raise _mistake(where, "quantity", line.quantity, f"one {quantity} of {about.name!r} by {line.method}")
+    scaled = [None if value is None else float(f"{value * factor:.12g}") for value in (line.mean, line.std)]
+    about.values[line.method, quantity] = MethodValue(mean=scaled[0], std=scaled[1], source=line.source)
