@@ -25,7 +25,7 @@ ROOMS = (  # from the ground up: a room imports those below it, and only those t
     ("reading", "errors curve landmarks"),
     ("physics", "errors writing parameters parallel landmarks"),
     ("problem", "errors parameters prior physics"),
-    ("inference", "errors parallel parameters prior posterior curve landmarks physics problem"),
+    ("inference", "errors parallel parameters prior posterior curve landmarks physics problem writing"),
     ("training", "errors parallel parameters prior curve physics problem inference writing"),
     ("reporting", "errors parallel parameters posterior curve writing"),
     ("beside", "errors parallel parameters landmarks posterior curve reading physics inference reporting writing"),

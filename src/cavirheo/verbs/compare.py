@@ -26,7 +26,7 @@ def compare(
 ) -> None:
     """Published values of many sets beside ours, with relative errors: tables, a picture and a report per set."""
     from cavirheo.beside.published import compare as compare_sets
-    from cavirheo.beside.published.table import print_table
+    from cavirheo.beside.published.comparison import print_table
 
     run = Run()
     from cavirheo.physics.simulate import load_solver

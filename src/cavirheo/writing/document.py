@@ -6,13 +6,22 @@ import csv
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from importlib.metadata import version
+from math import isfinite
 from pathlib import Path
-from typing import Any, Literal
+from typing import Annotated, Any, Literal
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field
 
 from cavirheo.errors import InputError
+
+
+def finite(value: float | None) -> float | None:
+    """As JSON can hold it: NaN and infinity are null."""
+    return float(value) if value is not None and isfinite(value) else None
+
+
+Finite = Annotated[float | None, BeforeValidator(finite)]
 
 
 class Model(BaseModel):

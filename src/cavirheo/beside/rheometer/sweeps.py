@@ -1,19 +1,69 @@
-"""One sweep -> its properties. Nothing is extrapolated, and no width is given to a single sweep."""
+"""One sweep -> its properties, as they are written. Nothing is extrapolated, and a single sweep has no width."""
 
 from __future__ import annotations
 
 import math
+from typing import Any, Literal
 
 import numpy as np
+from pydantic import Field
 from scipy.interpolate import PchipInterpolator
 
 from cavirheo.beside.rheometer.read import Floats, Sweep
-from cavirheo.beside.rheometer.record import FrequencySweep, StrainSweep
+from cavirheo.writing.document import Model
 
 _SHORTEST = 3.0  # largest over smallest strain of a linear range
 _STRAY = 0.2  # part of the points of a linear range that may stray from it, each alone
 _FLAT = 0.1  # |d ln G'/d ln omega| of a plateau
 _DECADE = 0.99 * math.log(10.0)  # of a plateau; instruments set 0.1 and 1 rad/s to within a per cent
+
+
+class SweepProperties(Model):
+    """What all sweeps have; `data` is what was measured, and is not written. `message`: why a number is missing."""
+
+    data: Any = Field(default=None, exclude=True, repr=False)  # Sweep
+    name: str
+    source: str
+    source_sha256: str
+    points: int
+    notes: list[str] = []
+    message: str = ""
+
+
+class StrainSweep(SweepProperties):
+    """`departs` is null where G' stays in the band to the end: `linear_to` is then the largest strain measured."""
+
+    kind: Literal["strain"] = "strain"
+    frequency_rad_per_s: float | None
+    strain_from: float
+    strain_to: float
+    plateau_storage_Pa: float | None = None
+    plateau_loss_Pa: float | None = None
+    linear_from: float | None = None
+    linear_to: float | None = None
+    departs: str | None = None
+    crossover_strain: float | None = None
+    crossover_modulus_Pa: float | None = None
+
+
+class FrequencySweep(SweepProperties):
+    """`viscosity_Pa_s` is the loss modulus at `at_rad_per_s` over that frequency."""
+
+    kind: Literal["frequency"] = "frequency"
+    strain: float | None
+    from_rad_per_s: float
+    to_rad_per_s: float
+    plateau_storage_Pa: float | None = None
+    plateau_from_rad_per_s: float | None = None
+    plateau_to_rad_per_s: float | None = None
+    at_rad_per_s: float
+    storage_at_Pa: float | None = None
+    loss_at_Pa: float | None = None
+    viscosity_Pa_s: float | None = None
+    tan_delta: float | None = None
+    complex_viscosity_Pa_s: float | None = None
+    crossover_rad_per_s: float | None = None
+    crossover_modulus_Pa: float | None = None
 
 
 def strain_sweep(sweep: Sweep, tolerance: float = 0.05) -> StrainSweep:
@@ -31,10 +81,8 @@ def strain_sweep(sweep: Sweep, tolerance: float = 0.05) -> StrainSweep:
     found = _linear_range(gamma, storage, tolerance)
     first = 0
     if found is None:
-        answer.message = (
-            f"no linear range: nowhere does G' stay within {100 * tolerance:g} % "
-            f"over a factor of {_SHORTEST:g} in strain"
-        )
+        band = f"within {100 * tolerance:g} % over a factor of {_SHORTEST:g} in strain"
+        answer.message = f"no linear range: nowhere does G' stay {band}"
     else:
         first, last, level = found
         answer.linear_from, answer.plateau_storage_Pa = gamma[first], level
@@ -173,11 +221,6 @@ def _alone(flags: np.ndarray) -> np.ndarray:
     return alone
 
 
-def _common(sweep: Sweep) -> dict:
-    return {
-        "name": sweep.name,
-        "source": sweep.source,
-        "source_sha256": sweep.sha256,
-        "points": len(sweep.x),
-        "notes": list(sweep.notes),
-    }
+def _common(sweep: Sweep) -> dict[str, Any]:
+    told = {name: getattr(sweep, name) for name in ("name", "source", "source_sha256", "notes")}
+    return {"data": sweep, "points": len(sweep.x), **told}
