@@ -1,7 +1,7 @@
 """result.json: the answers as a document that other programs read (schema 1), and back.
 
 Every number is SI and finite, or null: a method without an interval has null q05 and q95, a curve without an answer
-has null everywhere and says why in `message`.
+has null everywhere and says why in `message`. Means of a group are over its trusted curves, those with verdict ok.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from pydantic import ValidationError
 
 from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError
-from cavirheo.posterior import Posterior, Verdict
+from cavirheo.posterior import Diagnostics, Evidence, Posterior, Verdict, WindowAnswer
 from cavirheo.writing import digits
 from cavirheo.writing.document import Document, Model, Quantity, Spread, spread_of
 
@@ -40,7 +40,10 @@ class Window(Model):
 
 
 class CurveRecord(Model):
-    """One row. `other_parameters` holds what was inferred besides G, mu and the stretch, in SI."""
+    """One row. `other_parameters` holds what was inferred besides G, mu and the stretch, in SI.
+
+    `windows`, `evidence` and `diagnostics` are those of the Posterior; `provenance` is for people alone.
+    """
 
     name: str
     source: str
@@ -63,18 +66,29 @@ class CurveRecord(Model):
     message: str
     notes: list[str]
     seconds: float
+    windows: dict[str, WindowAnswer] = {}
+    evidence: Evidence | None = None
+    diagnostics: Diagnostics = Diagnostics()
     provenance: dict[str, Any]
 
     @property
     def answered(self) -> bool:
         return self.verdict != "failed"
 
+    @property
+    def trusted(self) -> bool:
+        return self.verdict == "ok"
+
 
 class GroupRecord(Model):
-    """The shots of one file: n answered, n_failed not; `verdicts` counts the curves with each."""
+    """The shots of one file: n answered, n_failed not; `verdicts` counts the curves with each.
+
+    Means are over the n_trusted with verdict ok; null in documents of before, whose means are over all n.
+    """
 
     name: str
     n: int
+    n_trusted: int | None = None
     n_failed: int
     shear_modulus_Pa: Spread
     viscosity_Pa_s: Spread
@@ -84,6 +98,13 @@ class GroupRecord(Model):
     def shots(self) -> str:
         """'5 shots, 1 failed'."""
         return f"{self.n} shot" + ("" if self.n == 1 else "s") + (f", {self.n_failed} failed" if self.n_failed else "")
+
+    @property
+    def basis(self) -> str:
+        """'mean of 3 trusted of 5 answered'; nothing where all that were answered are trusted."""
+        if self.n_trusted is None or self.n_trusted == self.n:
+            return ""
+        return f"{f'mean of {self.n_trusted}' if self.n_trusted else 'no mean: none'} trusted of {self.n} answered"
 
 
 class Result(Document):
@@ -150,7 +171,7 @@ def curve_record(curve: RadiusCurve, posterior: Posterior) -> CurveRecord:
 
     stretch = quantity("stretch")
     if answered and stretch.median is None:  # not the network's own, but fitted after it or given
-        stretch = Quantity(median=_finite(posterior.provenance.get("stretch")))
+        stretch = Quantity(median=_finite(posterior.stretch))
     inferred = [name.removeprefix("log10_") for name in posterior.names]
     return CurveRecord(
         name=curve.name,
@@ -174,6 +195,9 @@ def curve_record(curve: RadiusCurve, posterior: Posterior) -> CurveRecord:
         message=message or ("" if answered else _NO_ANSWER),
         notes=list(curve.notes),
         seconds=_finite(posterior.seconds) or 0.0,
+        windows={key: _known(vars(window)) for key, window in posterior.windows.items()},
+        evidence=posterior.evidence,
+        diagnostics=_known(vars(posterior.diagnostics)),
         provenance=_plain(posterior.provenance),
     )
 
@@ -187,15 +211,17 @@ def _members(curves: Sequence[CurveRecord]) -> dict[tuple[str, str], list[int]]:
 
 
 def group_record(name: str, members: list[CurveRecord]) -> GroupRecord:
-    """The mean over the answered curves, doubtful ones included, and how many have which verdict."""
-    answered = [record for record in members if record.answered]
+    """The mean over the trusted curves, and how many have which verdict."""
+    trusted = [record for record in members if record.trusted]
     verdicts = [record.verdict for record in members]
+    n = sum(record.answered for record in members)
     return GroupRecord(
         name=name,
-        n=len(answered),
-        n_failed=len(members) - len(answered),
-        shear_modulus_Pa=spread_of([record.shear_modulus_Pa.median for record in answered]),
-        viscosity_Pa_s=spread_of([record.viscosity_Pa_s.median for record in answered]),
+        n=n,
+        n_trusted=len(trusted),
+        n_failed=len(members) - n,
+        shear_modulus_Pa=spread_of([record.shear_modulus_Pa.median for record in trusted]),
+        viscosity_Pa_s=spread_of([record.viscosity_Pa_s.median for record in trusted]),
         verdicts={verdict: verdicts.count(verdict) for verdict in dict.fromkeys(verdicts)},
     )
 
@@ -220,6 +246,15 @@ def _finite(value: Any) -> float | None:
 def _without_name(message: str, name: str) -> str:
     """The row says which curve it is about; the message need not."""
     return message.removeprefix(name).removeprefix(":").lstrip() if message.startswith(name + ":") else message
+
+
+def _known(fields: Mapping[str, Any]) -> Any:
+    """The fields of a dataclass as JSON can hold them, without the entries of its mappings that are no numbers."""
+    plain = _plain(fields)
+    return {
+        name: {key: item for key, item in value.items() if item is not None} if isinstance(value, dict) else value
+        for name, value in plain.items()
+    }
 
 
 def _plain(value: Any) -> Any:

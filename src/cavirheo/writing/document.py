@@ -40,7 +40,7 @@ class Quantity(Model):
 
 
 class Spread(Model):
-    """Over the answered curves of a group; std has n - 1 below it and is null for n < 2."""
+    """Over several values; std has n - 1 below it and is null for n < 2."""
 
     mean: float | None = None
     std: float | None = None
