@@ -22,6 +22,7 @@ MAY_USE = {
     "inference": {"errors", "curve", "physics", "problem", "posterior"},
     "training": {"errors", "curve", "physics", "problem", "inference", "writing"},
     "reporting": {"errors", "curve", "posterior", "writing"},
+    "loading": {"errors", "writing", "training", "beside", "reporting"},
     "beside": {"errors", "curve", "reading", "physics", "posterior", "inference", "reporting", "writing"},
     "app": {"errors", "curve", "reading", "physics", "posterior", "inference", "reporting", "writing"},
 }

@@ -11,13 +11,12 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from pydantic import ValidationError
 
 from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError
 from cavirheo.posterior import Diagnostics, Evidence, Posterior, Verdict, WindowAnswer
-from cavirheo.writing import digits
-from cavirheo.writing.document import Document, Model, Quantity, Spread, spread_of
+from cavirheo.writing import digits, document
+from cavirheo.writing.document import Document, Quantity, Record, Spread, spread_of
 
 Pairs = Sequence[tuple[RadiusCurve, Posterior]]
 
@@ -25,8 +24,8 @@ _NO_ANSWER = "no parameters were found"
 _NOT_A_NUMBER = "the method's answer is not a finite number: {}"
 
 
-class Window(Model):
-    """What was compared: from R_max to t_star_end (t/t_c), holding so many complete collapses."""
+class Compared(Record):
+    """The window: from R_max to t_star_end (t/t_c), holding so many complete collapses."""
 
     collapses: int | None = None
     t_star_end: float | None = None
@@ -39,7 +38,7 @@ class Window(Model):
         return ", ".join(words) or digits.MISSING
 
 
-class CurveRecord(Model):
+class CurveRecord(Record):
     """One row. `other_parameters` holds what was inferred besides G, mu and the stretch, in SI.
 
     `windows`, `evidence` and `diagnostics` are those of the Posterior; `provenance` is for people alone.
@@ -61,7 +60,7 @@ class CurveRecord(Model):
     rmse_over_rmax: float | None
     mae_over_rmax: float | None
     max_difference_over_rmax: float | None
-    window: Window
+    window: Compared
     verdict: Verdict
     message: str
     notes: list[str]
@@ -80,7 +79,7 @@ class CurveRecord(Model):
         return self.verdict == "ok"
 
 
-class GroupRecord(Model):
+class GroupRecord(Record):
     """The shots of one file: n answered, n_failed not; `verdicts` counts the curves with each.
 
     Means are over the n_trusted with verdict ok; null in documents of before, whose means are over all n.
@@ -137,17 +136,7 @@ def result(pairs: Pairs, command: str, *, date: str | None = None, notes: Sequen
 
 def read_json(path: str | Path) -> Result:
     """A result.json as it was written. Raises InputError if there is none or it is not one of ours."""
-    try:
-        return Result.model_validate_json(Path(path).read_text(encoding="utf-8"))
-    except (OSError, UnicodeDecodeError) as error:
-        raise InputError(f"{path}: cannot be read ({error})") from None
-    except ValidationError as error:
-        first = error.errors(include_url=False)[0]
-        where = ".".join(str(part) for part in first["loc"]) or "the document"
-        raise InputError(
-            f"{path}: not a cavirheo result of schema 1; {where}: {first['msg']}; expected a result.json "
-            "written by `cavirheo infer` or `cavirheo fit`"
-        ) from None
+    return document.read_json(path, Result)
 
 
 def curve_record(curve: RadiusCurve, posterior: Posterior) -> CurveRecord:
@@ -190,7 +179,7 @@ def curve_record(curve: RadiusCurve, posterior: Posterior) -> CurveRecord:
         rmse_over_rmax=if_answered(checks.rmse_over_rmax),
         mae_over_rmax=if_answered(checks.mae_over_rmax),
         max_difference_over_rmax=if_answered(checks.max_difference_over_rmax),
-        window=Window(collapses=checks.collapses if answered else None, t_star_end=if_answered(checks.t_star_end)),
+        window=Compared(collapses=checks.collapses if answered else None, t_star_end=if_answered(checks.t_star_end)),
         verdict=verdict,
         message=message or ("" if answered else _NO_ANSWER),
         notes=list(curve.notes),
