@@ -478,6 +478,9 @@ def test_picture_of_a_failed_curve_has_points_and_reason_but_no_line():
     (panel,) = drawn.panels
     assert list(panel.data) == ["measured"]
     assert "the recording is too short" in drawn.text
+    long = curve_picture(bubble(), unanswered("words " * 99))
+    assert sum("words" in text for text in long.text) == 3
+    assert "words" not in long.svg(picture.HEADER)  # the page says it itself
     assert not curve_picture(empty(), unanswered()).panels
 
 

@@ -199,7 +199,9 @@ class Posterior:
 
         draws = {name: self.draws(name) for name in self.parameters}
         groups = {"posterior": group(draws, self.parameters), "sample_stats": group(stats, {})}
-        return arviz.InferenceData(**groups) if hasattr(arviz, "InferenceData") else xarray.DataTree.from_dict(groups)
+        kind: Any = getattr(arviz, "InferenceData", None)
+        tree: Any = getattr(xarray, "DataTree", None)
+        return tree.from_dict(groups) if kind is None or kind is tree else kind(**groups)  # ArviZ 1: one is the other
 
     def plot(self) -> Figure:
         """The marginals of the draws and their pairs, as a matplotlib figure.

@@ -19,7 +19,7 @@ from cavirheo.writing.style import BLUE, INK, VERMILLION, save_png, shades
 __all__ = ["HEADER", "curve_picture", "group_picture", "save_png"]
 
 KILOPASCAL = (1e-3, "kPa")
-HEADER = 46.0  # points of a curve's picture: name, verdict and answer stand above
+HEADER = 50.0  # points of a curve's picture: name, verdict and answer stand above
 _WIDTH, _HEIGHT = 518.4, 324.0  # points
 _LEFT, _WIDE = 44.0, 461.0  # of the axes
 _MEASURED, _SIMULATED, _RESIDUAL, _PALE, _GREY = "#222222", VERMILLION, BLUE, "#b4b4b4", "#808080"
@@ -43,7 +43,7 @@ def curve_picture(
     else:
         reason = textwrap.wrap(record.message, 100, max_lines=3, placeholder=" …")
         for number, line in enumerate(reason):
-            page.write(_LEFT, 30.0 + 11.0 * number, line, 8.5, look.colour)
+            page.write(_LEFT, 28.0 + 10.5 * number, line, 8.5, look.colour)
         _draw_unanswered(page, curve)
     return page
 
