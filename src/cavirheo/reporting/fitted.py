@@ -12,13 +12,14 @@ from cavirheo.writing.document import spread_of
 if TYPE_CHECKING:
     from rich.table import Table
 
+_FITS = ("least_squares", "laplace")  # methods whose answer is a maximum
 _SYMBOLS = {"shear_modulus": "G", "viscosity": "µ", "stretch": "λ", "time_origin": "t_0", "radius_scale": "scale"}
 _HEADS = {"1": "1 collapse", "2": "2 collapses", "3": "3 collapses", "all": "whole recording"}
 
 
 def windows(record: CurveRecord) -> dict[str, WindowAnswer]:
     """The answers of the windows "1", "2", "3", "all" (collapses) that were fitted."""
-    return record.windows if record.method == "least_squares" and record.answered else {}
+    return record.windows if record.method in _FITS and record.answered else {}
 
 
 def window_cells(record: CurveRecord, factor: float) -> list[str]:
@@ -72,7 +73,7 @@ def facts(record: CurveRecord, factor: float, unit: str) -> dict[str, str]:
     if windows(record):
         cells = zip(_HEADS.values(), window_cells(record, factor), strict=True)
         found["windows"] = f"G ({unit}), µ (Pa s): " + "; ".join(f"{head} {cell}" for head, cell in cells)
-    if record.method == "least_squares":
+    if record.method in _FITS:
         found["freed"] = ", ".join(f"{_SYMBOLS.get(name, name)} = {value:.4g}" for name, value in about.free.items())
         found["correlations"] = ", ".join(
             f"{' and '.join(_SYMBOLS.get(name, name) for name in pair.split(', '))} {value:+.2f}"
