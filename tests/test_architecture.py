@@ -30,7 +30,7 @@ ROOMS = (  # from the ground up: a room imports those below it, and only those t
     ("reporting", "errors parallel parameters posterior curve writing"),
     ("beside", "errors parallel parameters landmarks posterior curve reading physics inference reporting writing"),
     ("app", "errors parallel parameters posterior curve reading physics inference reporting writing"),
-    ("load", "errors reporting training beside writing"),
+    ("loading", "errors reporting training beside writing"),
 )
 MAY_USE = {room: set(below.split()) for room, below in ROOMS}
 FREE = ("verbs", "__main__", "__init__")  # the command line and the package's face see every room

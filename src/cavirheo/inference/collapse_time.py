@@ -19,7 +19,7 @@ from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError
 from cavirheo.physics.collapse import Floats, analytic_time, inverse_square, rayleigh_time, simulated_time
 from cavirheo.physics.media import WATER, Medium
-from cavirheo.writing.document import Finite, Model
+from cavirheo.writing.document import Finite, Record
 
 MATERIALS = ("nhkv", "nh", "newtonian")  # neo-Hookean Kelvin-Voigt, neo-Hookean (mu = 0), Newtonian (G = 0)
 NAMES = ("G", "µ")
@@ -87,7 +87,7 @@ def unusable(max_radius: float, stretch: float, time: float) -> str:
     return ""
 
 
-class CollapseValue(Model):
+class CollapseValue(Record):
     """`low`, `high`: 95 % interval from the scatter of the shots; `per_percent`: change if all t_1 were 1 % longer."""
 
     value: Finite = None
@@ -96,7 +96,7 @@ class CollapseValue(Model):
     per_percent: Finite = None
 
 
-class CollapseEstimate(Model):
+class CollapseEstimate(Record):
     """What n collapse times say, as it is written; null where a number was not found.
 
     An estimate that is not `identified` has the best fit if there is a single one (with its wide interval), else null;

@@ -61,8 +61,9 @@ class Run:
         from cavirheo.reporting import write_report
         from cavirheo.reporting.table import print_table
 
-        print_table(write_report(out, list(zip(curves, answers, strict=True)), self.command))
-        failed = any(answer.checks.verdict == "failed" for answer in answers)
+        result = write_report(out, list(zip(curves, answers, strict=True)), self.command, date=self.date)
+        print_table(result)
+        failed = not all(record.answered for record in result.curves)
         self.end(f"{len(curves)} curves in {{seconds}}; report: {out / 'report.html'}", failed)
 
     def end(self, said: str, failed: bool = False) -> None:

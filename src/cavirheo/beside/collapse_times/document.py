@@ -22,13 +22,13 @@ import numpy as np
 from cavirheo.errors import SolverError
 from cavirheo.inference.collapse_time import CollapseEstimate, CollapseValue, Shots, estimate
 from cavirheo.writing import digits, terminal
-from cavirheo.writing.document import Document, Finite, Model, Quantity, write_rows
+from cavirheo.writing.document import Document, Finite, Quantity, Record, write_rows
 
 if TYPE_CHECKING:
     from rich.console import Console
 
 
-class CollapseShot(Model):
+class CollapseShot(Record):
     """One shot. `message`: why it cannot be used, empty if it can."""
 
     name: str
@@ -42,7 +42,7 @@ class CollapseShot(Model):
     message: str = ""
 
 
-class CollapseGroup(Model):
+class CollapseGroup(Record):
     """The shots of one material: a table, or curves of one file or folder; and what they say, once asked."""
 
     name: str

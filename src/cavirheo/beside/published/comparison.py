@@ -13,7 +13,7 @@ from cavirheo.beside.published.references import MU, OURS, G, MethodValue, Refer
 from cavirheo.posterior import Verdict
 from cavirheo.reporting.record import CurveRecord
 from cavirheo.writing import digits, terminal
-from cavirheo.writing.document import Document, Model, Spread, spread_of, write_rows
+from cavirheo.writing.document import Document, Record, Spread, spread_of, write_rows
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 TRUSTED, ALL = f"{OURS}, ok", f"{OURS}, all"  # how our two means are called where they differ
 
 
-class ComparedQuantity(Model):
+class ComparedQuantity(Record):
     """One row: a quantity of a set by all methods.
 
     `ours` is over all answered shots, `ours_ok` over the trusted ones (verdict ok) alone.
@@ -46,7 +46,7 @@ class ComparedQuantity(Model):
         return None if of is None or value.mean is None else abs(value.mean - of) / of
 
 
-class ComparedShot(Model):
+class ComparedShot(Record):
     name: str
     shear_modulus_Pa: float | None
     viscosity_Pa_s: float | None
@@ -60,13 +60,13 @@ class ComparedShot(Model):
         return cls(shear_modulus_Pa=curve.shear_modulus_Pa.median, viscosity_Pa_s=curve.viscosity_Pa_s.median, **plain)
 
 
-class ComparedRange(Model):
+class ComparedRange(Record):
     median: float | None = None
     smallest: float | None = None
     largest: float | None = None
 
 
-class ComparedSet(Model):
+class ComparedSet(Record):
     """One set. `problems` are files that are missing or unreadable; `notes` what was left out on purpose."""
 
     name: str

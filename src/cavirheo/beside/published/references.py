@@ -22,7 +22,7 @@ from pydantic import BaseModel, ConfigDict, NonNegativeFloat, PositiveFloat, Pos
 from cavirheo.errors import InputError
 from cavirheo.physics.media import Medium, medium
 from cavirheo.reading.tabular import Row, read_sheets
-from cavirheo.writing.document import Model
+from cavirheo.writing.document import Record
 
 OURS = "cavirheo"  # the method's name for our own answers
 G, MU = "shear_modulus_Pa", "viscosity_Pa_s"
@@ -64,7 +64,7 @@ class _ReferenceLine(BaseModel):
 _COLUMNS = tuple(_ReferenceLine.model_fields)
 
 
-class MethodValue(Model):
+class MethodValue(Record):
     """What one method says of one quantity, SI: published, or the mean ± standard deviation over our n shots."""
 
     mean: float | None = None

@@ -22,7 +22,7 @@ from typing import TYPE_CHECKING, Any
 from cavirheo.beside.rheometer.sweeps import FrequencySweep, StrainSweep, SweepProperties
 from cavirheo.reporting.record import CurveRecord, GroupRecord, Result
 from cavirheo.writing import digits, terminal
-from cavirheo.writing.document import Document, Model, Spread, spread_of, write_rows
+from cavirheo.writing.document import Document, Record, Spread, spread_of, write_rows
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -47,7 +47,7 @@ class Rheometry(Document):
         return [*self.strain_sweeps, *self.frequency_sweeps]
 
 
-class BesideRow(Model):
+class BesideRow(Record):
     """One material by one method, in the table beside bubbles: mean ± std over `n`.
 
     `doubtful` and `failed` are bubbles beside those. `regime`: angular frequencies in rad/s or strain rates in 1/s.

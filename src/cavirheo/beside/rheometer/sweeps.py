@@ -10,7 +10,7 @@ from pydantic import Field
 from scipy.interpolate import PchipInterpolator
 
 from cavirheo.beside.rheometer.read import Floats, Sweep
-from cavirheo.writing.document import Model
+from cavirheo.writing.document import Record
 
 _SHORTEST = 3.0  # largest over smallest strain of a linear range
 _STRAY = 0.2  # part of the points of a linear range that may stray from it, each alone
@@ -18,7 +18,7 @@ _FLAT = 0.1  # |d ln G'/d ln omega| of a plateau
 _DECADE = 0.99 * math.log(10.0)  # of a plateau; instruments set 0.1 and 1 rad/s to within a per cent
 
 
-class SweepProperties(Model):
+class SweepProperties(Record):
     """What all sweeps have; `data` is what was measured, and is not written. `message`: why a number is missing."""
 
     data: Any = Field(default=None, exclude=True, repr=False)  # Sweep
