@@ -143,7 +143,7 @@ def test_good_files_are_answered_beside_a_bad_one(run, tmp_path):
     [
         (["--model", "nobody"], "unknown model"),
         (["--medium", "honey"], "unknown medium"),
-        (["--density", "-3"], "density of the medium must be positive"),
+        (["--density", "-3"], "density must be finite and positive"),
         (["--stretch", "0.5"], "between 1 and 100"),
         (["--rmax-um", "-5"], "R_max must be a radius in micrometres"),
     ],
