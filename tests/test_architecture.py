@@ -16,7 +16,7 @@ MAY_USE = {
     "writing": {"errors"},
     "curve": {"errors", "landmarks", "writing"},
     "reading": {"errors", "curve"},
-    "physics": {"errors", "writing"},
+    "physics": {"errors", "landmarks", "writing"},
     "posterior": {"errors", "writing"},
     "problem": {"errors", "physics"},
     "inference": {"errors", "curve", "physics", "problem", "posterior"},

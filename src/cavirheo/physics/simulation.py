@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from cavirheo.landmarks import turning_points
 from cavirheo.physics.table import Floats
 
 if TYPE_CHECKING:
@@ -68,8 +69,9 @@ class Simulation:
 
     @property
     def collapses(self) -> int:
-        """How often the wall turns from inward to outward between two frames."""
-        return int(np.count_nonzero((self.velocity[:-1] < 0) & (self.velocity[1:] >= 0)))
+        """Minima of R after which it rises again by more than 3 % of the largest R, as those of a measured curve."""
+        radius = self.radius[np.isfinite(self.radius)]
+        return len(turning_points(radius, 0.03 * radius.max(initial=0.0))[0])
 
     def plot(self, axes: Axes | None = None) -> Axes:
         """R(t), um over us, on these axes or on those of a new figure.
