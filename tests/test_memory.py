@@ -226,7 +226,7 @@ def test_growth_that_cannot_be_is_a_status():
         (lambda: OldroydB(1.0, 1e-6, 2e-6), "retardation_time"),
         (lambda: OldroydB(1.0, 0.0, 0.0), "relaxation_time"),
         (lambda: Zener(-1.0, 1.0, 1e-6), "shear_modulus"),
-        (lambda: Viscoelastic(None, None, [Newtonian(1.0)]), "not_an_arm"),
+        (lambda: Viscoelastic(None, None, [Newtonian(1.0)]), "not_Arm"),
         (lambda: Viscoelastic(), "no_law"),
     ],
 )

@@ -30,12 +30,10 @@ class Viscoelastic(Material):
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "memory", tuple(self.memory))
-        for part, kind, what in ((self.elastic, Elastic, "an elastic law"), (self.viscous, Viscous, "a viscous law")):
+        for part, kind in ((self.elastic, Elastic), (self.viscous, Viscous), *((arm, Arm) for arm in self.memory)):
             if part is not None and not isinstance(part, kind):
-                why = f"expected {what} (elastic before viscous, arms as a list after them), got {part!r}"
-                raise InputError(why, "physics.order_of_parts")
-        if wrong := [arm for arm in self.memory if not isinstance(arm, Arm)]:
-            raise InputError(f"memory takes Maxwell arms, got {wrong[0]!r}", "physics.not_an_arm")
+                why = "a material takes an elastic law, a viscous law and a list of Maxwell arms, in this order"
+                raise InputError(f"{why}; got {part!r} where {kind.__name__} stands", f"physics.not_{kind.__name__}")
         if self.elastic is None and self.viscous is None and not self.memory:
             raise InputError("a material needs at least one law; an ideal fluid is Newtonian(0)", "physics.no_law")
 
