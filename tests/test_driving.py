@@ -63,17 +63,18 @@ def test_a_held_overpressure_is_a_higher_ambient_pressure():
 
 
 @pytest.mark.parametrize(
-    ("make", "match"),
+    ("make", "code"),
     [
-        (lambda: Pulse(np.nan, 1e6, 0.0), "amplitude must be finite"),
-        (lambda: Pulse(1e6, 0.0, 0.0), "frequency must be finite and positive"),
-        (lambda: Pulse(1e6, 1e6, 0.0, 0.5), "exponent of a pulse must be at least 1"),
-        (lambda: Trace([0, 1], [1]), "as many times as pressures"),
-        (lambda: Trace([0], [1]), "at least two"),
-        (lambda: Trace([0, 0], [1, 2]), "ascend"),
-        (lambda: Trace([0, 1], [1, np.inf]), "finite"),
+        (lambda: Pulse(np.nan, 1e6, 0.0), "amplitude"),
+        (lambda: Pulse(1e6, 0.0, 0.0), "frequency"),
+        (lambda: Pulse(1e6, 1e6, 0.0, 0.5), "exponent"),
+        (lambda: Trace([0, 1], [1]), "trace_shape"),
+        (lambda: Trace([0], [1]), "trace_shape"),
+        (lambda: Trace([0, 0], [1, 2]), "trace_values"),
+        (lambda: Trace([0, 1], [1, np.inf]), "trace_values"),
     ],
 )
-def test_bad_driving(make, match):
-    with pytest.raises(InputError, match=match):
+def test_bad_driving(make, code):
+    with pytest.raises(InputError) as error:
         make()
+    assert error.value.code == f"physics.{code}"

@@ -264,7 +264,7 @@ def test_starts_fill_the_box():
     [
         ({"material": "jelly"}, "law.not_fittable"),
         ({"material": "ogden"}, "law.not_fittable"),
-        ({"material": "nhkv + newtonian"}, "law.parts"),
+        ({"material": "nhkv + newtonian"}, "laws.viscous_twice"),
         ({"material": "nhkv(8e3, 0.1)"}, "law.not_fittable"),
         ({"window": 0}, "option.window"),
         ({"window": "most"}, "option.window"),

@@ -8,9 +8,9 @@ from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 
-import calibration
 import numpy as np
 import pytest
+from conftest import load_benchmark
 from scipy.integrate import quad
 from scipy.stats import invgamma, multivariate_normal, norm
 
@@ -31,6 +31,8 @@ from cavirheo.physics.materials import Zener
 from cavirheo.posterior import Checks, Posterior
 from cavirheo.prior import Prior, log_normal
 from cavirheo.reporting import read_json
+
+calibration = load_benchmark("calibration")
 
 EXAMPLE = Path(__file__).parent.parent / "examples" / "soft_gel.csv"
 R_MAX = 250e-6

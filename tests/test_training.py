@@ -9,7 +9,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-import scale_bias
+from conftest import load_benchmark
 
 from cavirheo.errors import InputError
 from cavirheo.inference.model import load as load_network
@@ -21,6 +21,8 @@ from cavirheo.training.breakdown import breakdown
 from cavirheo.training.dataset import generate, load
 from cavirheo.training.metrics import metrics, r2
 from cavirheo.training.recipe import Recipe, read_recipe
+
+scale_bias = load_benchmark("scale_bias")
 
 QUIET = {"device": "cpu", "threads": 1, "progress": False}
 RECIPES = sorted((Path(__file__).parent.parent / "recipes").glob("*.toml"))

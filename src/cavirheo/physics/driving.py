@@ -5,7 +5,7 @@ A driving is for the solver one more table (physics/table.py), of pressure over 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from math import inf, pi
 from typing import Protocol
 
@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from cavirheo.errors import InputError
-from cavirheo.physics.checks import finite, positive
+from cavirheo.physics.law import FINITE, POSITIVE, check, domain
 from cavirheo.physics.table import Floats, hermite
 
 
@@ -31,16 +31,13 @@ class Pulse:
     Gaudron, Warnez and Johnsen 2015, doi:10.1017/jfm.2015.7.
     """
 
-    amplitude: float
-    frequency: float
-    centre: float
-    exponent: float = 3.7
+    amplitude: float = field(metadata=FINITE)
+    frequency: float = field(metadata=POSITIVE)
+    centre: float = field(metadata=FINITE)
+    exponent: float = field(default=3.7, metadata=domain("at least 1", lambda x: 1 <= x < inf))
 
     def __post_init__(self) -> None:
-        finite(amplitude=self.amplitude, centre=self.centre)
-        positive(frequency=self.frequency)
-        if not 1 <= self.exponent < inf:
-            raise InputError(f"the exponent of a pulse must be at least 1, got {self.exponent!r}")
+        check(self)
 
     def pressure(self, time: ArrayLike) -> Floats:
         """Pa above ambient at `time` in s (any shape)."""
@@ -56,8 +53,7 @@ class Pulse:
         slope = -n / 2 * sine * below
         curvature = (n * (n - 1) * (1 - base) - n / 2 * np.cos(x)) * below
         rows = self.amplitude * np.stack([value, slope * omega, curvature * omega**2])
-        pulse = hermite(self.centre + x / omega, *rows)
-        return _held(pulse)
+        return _held(hermite(self.centre + x / omega, *rows))
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,12 +75,12 @@ class Trace:
         if self.time.ndim != 1 or self.time.size < 2 or self.time.shape != self.pressure.shape:
             raise InputError(
                 "a pressure trace needs as many times as pressures, at least two, "
-                f"got shapes {self.time.shape} and {self.pressure.shape}"
+                f"got shapes {self.time.shape} and {self.pressure.shape}",
+                "physics.trace_shape",
             )
-        if not (
-            np.all(np.isfinite(self.time)) and np.all(np.isfinite(self.pressure)) and np.all(np.diff(self.time) > 0)
-        ):
-            raise InputError("the times of a pressure trace must be finite and ascend, and its pressures be finite")
+        if not (np.isfinite([self.time, self.pressure]).all() and np.all(np.diff(self.time) > 0)):
+            why = "the times of a pressure trace must be finite and ascend, and its pressures be finite"
+            raise InputError(why, "physics.trace_values")
 
     def table(self) -> Floats:
         from scipy.interpolate import PchipInterpolator  # a third of a second that other uses need not wait for

@@ -621,9 +621,7 @@ def integrate(numbers, grid, method, start, time, rtol, max_steps, to_turn, out,
         y, trial = trial, y
         slope, next_slope = next_slope, slope
         growth = 0.9 * max(error, 1e-8) ** (-1 / order)
-        if (
-            steps > 1 and h == wish
-        ):  # Gustafsson's control foresees that the error goes on growing: few steps are rejected
+        if steps > 1 and h == wish:  # Gustafsson's control foresees that the error goes on growing: few are rejected
             trend = (max(last_error, 1e-2) / max(error * error, 1e-8)) ** (1 / order)
             growth = min(growth, 0.9 * h / last_h * trend)
         last_error, last_h = error, h
