@@ -96,7 +96,7 @@ def read_json(path: str | Path, kind: type[Kind]) -> Kind:
         first = error.errors(include_url=False)[0]
         where = ".".join(str(part) for part in first["loc"]) or "the document"
         raise InputError(
-            f"{path}: not a {kind.__name__} of schema 1 as cavirheo writes it; {where}: {first['msg']}",
+            f"{path}: not a cavirheo {kind.__name__.lower()} of schema 1; {where}: {first['msg']}",
             "document.other",
         ) from None
 
