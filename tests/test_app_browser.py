@@ -17,7 +17,7 @@ if CHROMIUM is None:
     pytest.skip("no Chromium on this machine", allow_module_level=True)
 
 from cavirheo.app.server import running  # noqa: E402
-from cavirheo.app.session import Limits  # noqa: E402
+from cavirheo.app.session import VisitorLimits  # noqa: E402
 from cavirheo.app.steps import examples  # noqa: E402
 
 WIDE, PHONE = (1440, 900), (390, 844)
@@ -26,7 +26,7 @@ MANY = 20
 
 @pytest.fixture(scope="module")
 def served():
-    with running(limits=Limits(file_mb=1.0)) as (address, visitors):
+    with running(limits=VisitorLimits(file_mb=1.0)) as (address, visitors):
         yield address, visitors
 
 
@@ -209,8 +209,8 @@ def test_errors_are_told_and_mended(visit, tmp_path):
     assert "simulation of the answer" not in traces(page)
     page.get_by_role("tab", name="3 Infer").click()
     page.get_by_role("tab", name="2 Prepare").click()
-    page.fill("#rmax input", "-5")
-    page.press("#rmax input", "Tab")
+    page.fill("#rmax_um input", "-5")
+    page.press("#rmax_um input", "Tab")
     page.wait_for_selector("text=/true R_max must be a radius/")
 
 
