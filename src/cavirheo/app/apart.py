@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import multiprocessing
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import replace
 from multiprocessing.connection import Connection
 from pathlib import Path
@@ -90,21 +91,17 @@ def _named(curve: RadiusCurve) -> RadiusCurve:
 
 
 def _serve(pipe: Connection) -> None:
-    try:
+    with suppress(ImportError, ValueError, OSError):  # no such limit on this system: the time limit stays
         import resource
 
         resource.setrlimit(resource.RLIMIT_AS, (MEMORY, MEMORY))
-    except (ImportError, ValueError, OSError):  # no such limit on this system: the time limit stays
-        pass
-    while True:
-        try:
+    with suppress(EOFError):
+        while True:
             files, options = pipe.recv()
-        except EOFError:
-            return
-        try:
-            answer: Found | InputError = read_shots(files, **options)
-        except MemoryError:
-            answer = InputError("the file needs more memory than is allowed here")
-        except Exception as error:
-            answer = InputError(f"the file cannot be read ({type(error).__name__}: {error})")
-        pipe.send(answer)
+            try:
+                answer: Found | InputError = read_shots(files, **options)
+            except MemoryError:
+                answer = InputError("the file needs more memory than is allowed here", "app.out_of_memory")
+            except Exception as error:
+                answer = InputError(f"the file cannot be read ({type(error).__name__}: {error})")
+            pipe.send(answer)

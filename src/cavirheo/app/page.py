@@ -42,33 +42,23 @@ _REDRAW = Path(__file__).with_name("redraw.js").read_text(encoding="utf-8")
 _AT_ONCE: dict[str, Any] = {"queue": False, "show_progress": "hidden"}
 
 
-def build(visitors: Visitors) -> gr.Blocks:
-    """The page with its handlers, not yet served."""
-    page = gr.Blocks(title="cavirheo", analytics_enabled=False, delete_cache=(300, 900), fill_width=True)
-    with page:
-        Page(visitors)
-
-        def leave(request: gr.Request) -> None:
-            visitors.leave(request.session_hash or "")
-
-        page.unload(leave)
-    return page
-
-
 class Page:
-    """The components of the five steps."""
+    """The five steps in `blocks`, with their handlers, not yet served."""
 
     def __init__(self, visitors: Visitors) -> None:
         self.visitors = visitors
-        _html("top", words.part("top"))
         parts = (self._data, self._prepare, self._infer, self._check, self._export)
-        with gr.Tabs(selected=1, elem_id="steps") as self.tabs:
-            for number, (name, part) in enumerate(zip(_STEPS, parts, strict=True), 1):
-                with gr.Tab(f"{number} {name}", id=number):
-                    part()
-        self.settings = [getattr(self, field.name) for field in fields(PageSettings)]
-        self._wire()
-        gr.api(public(visitors), api_name="infer")
+        self.blocks = gr.Blocks(title="cavirheo", analytics_enabled=False, delete_cache=(300, 900), fill_width=True)
+        with self.blocks:
+            _html("top", words.part("top"))
+            with gr.Tabs(selected=1, elem_id="steps") as self.tabs:
+                for number, (name, part) in enumerate(zip(_STEPS, parts, strict=True), 1):
+                    with gr.Tab(f"{number} {name}", id=number):
+                        part()
+            self.settings = [getattr(self, field.name) for field in fields(PageSettings)]
+            self._wire()
+            self.blocks.unload(self._leave)
+            gr.api(public(visitors), api_name="infer")
 
     # what stands where; what is set is named as the fields of PageSettings
 
@@ -206,6 +196,9 @@ class Page:
 
     # the handlers
 
+    def _leave(self, request: gr.Request) -> None:
+        self.visitors.leave(request.session_hash or "")
+
     def _load(self, session: Session, files: list[str] | None, *settings: Any) -> list[Any]:
         with uploaded(files or []) as paths:
             session.add(paths, _settings(settings))
@@ -266,7 +259,7 @@ class Page:
 
     def _try(self, session: Session, name: str, *values: float | None) -> dict[str, Any]:
         found, lines = steps.trial(session, name, values)
-        return {"words": words.trial(found), "lines": json.dumps({**lines, "traces": plots.TRIAL})}
+        return {"words": words.part("trial", found), "lines": json.dumps({**lines, "traces": plots.TRIAL})}
 
     def _zip(self, session: Session) -> Any:
         return gr.DownloadButton(value=str(export.write_zip(session)))

@@ -64,36 +64,46 @@ def prepared(curve: RadiusCurve, view: RadiusCurve, step: float, grid: Floats) -
     return figure
 
 
-def checked(curve: RadiusCurve, answer: Checks, fit: Checks | None, trial: dict[str, Any] | None = None) -> go.Figure:
-    """A measured curve, the simulations of its answers over it, what is left between, and the trial (`steps.trial`)."""
+def checked(
+    curve: RadiusCurve, answer: Checks, fit: Checks | None = None, trial: dict[str, Any] | None = None
+) -> go.Figure:
+    """A measured curve, the simulations of its answers over it, what is left between, and a trial's `lines`."""
     figure = make_subplots(rows=2, shared_xaxes=True, row_heights=[0.68, 0.32], vertical_spacing=0.06)
     _dress(figure)
-    start = curve.time_of_max
-    x, y = (trial[axis] if trial else ([], []) for axis in ("x", "y"))
-    for row in (1, 2):  # TRIAL
-        _line(figure, row, x[row - 1], y[row - 1], GREEN, "solid", "sliders")
+    _lines(figure, trial or lines(Checks("failed")), GREEN, "solid", "sliders")  # TRIAL
     inside = np.zeros(len(curve.time), dtype=bool)
     if answer.compared_time is not None and len(answer.compared_time):
         slack = 1e-9 * max(curve.time[-1] - curve.time[0], 1e-12)
         first, last = answer.compared_time[[0, -1]]
         inside = (curve.time >= first - slack) & (curve.time <= last + slack)
-        figure.update_xaxes(range=[-0.05e6 * (last - start), 1.15e6 * (last - start)])
+        reach = 1e6 * (last - curve.time_of_max)
+        figure.update_xaxes(range=[-0.05 * reach, 1.15 * reach])
     _measured(figure, curve, inside)
     for name, colour, dash, checks in (
         ("simulation of the answer", VERMILLION, "solid", answer),
         ("least squares", BLUE, "dash", fit),
     ):
-        if checks is None or checks.reconstruction_time is None or checks.reconstruction_radius is None:
-            continue
-        drawn = 1e6 * (checks.reconstruction_time - start), 1e6 * checks.reconstruction_radius
-        _line(figure, 1, *drawn, colour, dash, name)
-        if checks.compared_time is not None and checks.residual_over_rmax is not None:
-            _line(figure, 2, 1e6 * (checks.compared_time - start), 100 * checks.residual_over_rmax, colour, dash, name)
+        if checks and checks.reconstruction_time is not None:
+            _lines(figure, lines(checks, curve.time_of_max), colour, dash, name)
     figure.update_yaxes(title_text="R (µm)", rangemode="tozero", row=1, col=1)
     figure.update_yaxes(title_text=f"residual (% {_RMAX})", row=2, col=1, zerolinecolor=INK, zeroline=True)
     figure.update_xaxes(title_text=_TIME, row=2, col=1)
     figure.update_layout(height=520)
     return figure
+
+
+def lines(found: Checks, start: float = 0.0) -> dict[str, Any]:
+    """{x, y} of a simulation and of its residual: µm and % of R_max over µs after `start` (s); empty if it failed.
+
+    Five digits: finer than any screen.
+    """
+    simulated = found.reconstruction_time, found.reconstruction_radius, 1e6
+    residual = found.compared_time, found.residual_over_rmax, 100.0
+    x, y = [], []
+    for time, values, scale in (simulated, residual):
+        x.append([] if time is None else _short(1e6 * (time - start)))
+        y.append([] if values is None else _short(scale * values))
+    return {"x": x, "y": y}
 
 
 def _measured(figure: go.Figure, curve: RadiusCurve, inside: NDArray[np.bool_]) -> None:
@@ -113,12 +123,13 @@ def _dots(
         figure.add_scatter(x=1e6 * time, y=1e6 * radius, mode="markers", marker=marker, name=name)
 
 
-def _line(figure: go.Figure, row: int, x: Any, y: Any, colour: str, dash: str, name: str) -> None:
-    shape: Any = {"color": colour, "dash": dash, "width": 2 if row == 1 else 1.3}
-    figure.add_scatter(
-        x=x, y=y, mode="lines" if row == 1 else "lines+markers", line=shape, marker={"size": 3}, name=name,
-        legendgroup=name, showlegend=row == 1, row=row, col=1,
-    )  # fmt: skip
+def _lines(figure: go.Figure, drawn: dict[str, Any], colour: str, dash: str, name: str) -> None:
+    for row, (x, y) in enumerate(zip(drawn["x"], drawn["y"], strict=True), 1):
+        shape: Any = {"color": colour, "dash": dash, "width": 2 if row == 1 else 1.3}
+        figure.add_scatter(
+            x=x, y=y, mode="lines" if row == 1 else "lines+markers", line=shape, marker={"size": 3}, name=name,
+            legendgroup=name, showlegend=row == 1, row=row, col=1,
+        )  # fmt: skip
 
 
 def _figure(x: str, y: str) -> go.Figure:
@@ -147,6 +158,10 @@ def _dress(figure: go.Figure) -> None:
     }  # fmt: skip
     figure.update_xaxes(**axis)
     figure.update_yaxes(**axis, title_standoff=6)
+
+
+def _short(values: Floats) -> list[float]:
+    return [float(f"{value:.5g}") for value in values]
 
 
 def _thin(x: Floats, y: Floats) -> tuple[Floats, Floats]:

@@ -21,7 +21,7 @@ from starlette.middleware import Middleware
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from cavirheo.app import words
-from cavirheo.app.page import build
+from cavirheo.app.page import Page
 from cavirheo.app.session import VisitorLimits, Visitors
 from cavirheo.errors import InputError
 from cavirheo.physics.simulate import load_solver
@@ -88,7 +88,7 @@ def running(
     route_utils.GradioUploadFile = _Upload  # type: ignore[misc]
     with TemporaryDirectory(prefix="cavirheo-app-") as folder, closing(Visitors(limits or VisitorLimits())) as visitors:
         os.environ["GRADIO_TEMP_DIR"] = folder
-        page = build(visitors)
+        page = Page(visitors).blocks
         try:
             _, address, _ = page.launch(
                 server_name=host, server_port=port or None, prevent_thread_lock=True, quiet=True, show_error=False,

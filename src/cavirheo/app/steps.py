@@ -10,6 +10,7 @@ from math import floor, log10
 from pathlib import Path
 from typing import Any
 
+from cavirheo.app import plots
 from cavirheo.app.session import Answers, PageSettings, Session
 from cavirheo.curve import Floats, RadiusCurve
 from cavirheo.errors import InputError, SolverError
@@ -151,31 +152,22 @@ def _ends(key: str, value: float) -> dict[str, float]:
     return {"minimum": top / 500, "maximum": top, "step": top / 500, "value": value}
 
 
-def trial(session: Session, name: str, values: Sequence[float | None]) -> tuple[Checks | str, dict[str, Any]]:
-    """The simulation with the sliders' values over the window of the answer: (differences, {x, y} of what to draw).
+def trial(session: Session, name: str, values: Sequence[float | None]) -> tuple[Checks, dict[str, Any]]:
+    """The simulation with the sliders' values over the window of the answer: what was found, and its `plots.lines`.
 
-    Drawn are the radius in µm and the residual in % of R_max, over µs. A simulation that fails gives the reason and
-    nothing to draw.
+    A simulation that fails gives the reason and nothing to draw.
     """
     try:
         _, curve, posterior, _ = session.find(name)
         given = {key: float(v) / SLIDERS[key] for key, v in zip(SLIDERS, values, strict=True) if v is not None}
         law = MATERIALS[posterior.material]
         material = law(**{f.name: given.get(f.name, posterior.median(f.name)) for f in fields(law)})
-        frames = posterior.checks.compared_time
+        frames, liquid = posterior.checks.compared_time, session.settings.liquid
         end = None if frames is None else float(frames[-1]) - curve.time_of_max
         view = window(curve, end=end) if end else seen(curve, session.settings)[0]
-        found = reconstruct(view, material, session.settings.liquid, given["stretch"])
+        simulated = reconstruct(view, material, liquid, given["stretch"])
     except (InputError, SolverError) as error:
-        return str(error), {"x": [[], []], "y": [[], []]}
-    checks = found.checks(view, session.settings.liquid.time_scale(curve.max_radius), "ok", [])
-    lines = (found.drawn_time, found.drawn_radius), (found.time, found.residual)
-    return checks, {
-        "x": [_short(1e6 * (time - curve.time_of_max)) for time, _ in lines],
-        "y": [_short(scale * values) for scale, (_, values) in zip((1e6, 100), lines, strict=True)],
-    }
-
-
-def _short(values: Floats) -> list[float]:
-    """For the wire: five digits are finer than any screen."""
-    return [float(f"{value:.5g}") for value in values]
+        failed = Checks("failed", str(error))
+        return failed, plots.lines(failed)
+    found = simulated.checks(view, liquid.time_scale(curve.max_radius), "ok", [])
+    return found, plots.lines(found, curve.time_of_max)

@@ -14,7 +14,6 @@ from cavirheo.app.session import Answers, Session
 from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError
 from cavirheo.inference.model import card, shipped
-from cavirheo.posterior import Checks
 from cavirheo.reporting import html
 from cavirheo.reporting.record import curve_record
 from cavirheo.writing import digits
@@ -119,8 +118,3 @@ def facts(session: Session, name: str) -> str:
         table = html.curves_table(records, factor, unit, title="Answer and conventional fit", linked=False)
         failed = once((row.name, row.message) for row in records[1:] if not row.answered)
     return part("facts", table, failed, html.article(0, record, factor, unit, ""))
-
-
-def trial(found: Checks | str) -> str:
-    """How far a trial lies from the measurement, or why it failed."""
-    return part("failed" if isinstance(found, str) else "trial", found)
