@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Sequence
 from contextlib import suppress
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -21,7 +23,7 @@ GREEN, MEASURED, PALE = "#00875f", "#222222", "#b4b4b4"
 TRIAL = [0, 1]  # places of the trial's line and of its residual among the traces: `steps.trial` redraws these alone
 _RMAX = "R<sub>max</sub>"
 _TIME = f"time after {_RMAX} (µs)"
-_NOT_OFFERED = ["select2d", "lasso2d", "autoScale2d", "toImage", "zoomIn2d", "zoomOut2d"]
+_STYLE = json.loads(Path(__file__).with_name("figure.json").read_text(encoding="utf-8"))
 _MOST_POINTS = 2000  # of a drawn curve
 
 
@@ -69,7 +71,7 @@ def checked(
 ) -> go.Figure:
     """A measured curve, the simulations of its answers over it, what is left between, and a trial's `lines`."""
     figure = make_subplots(rows=2, shared_xaxes=True, row_heights=[0.68, 0.32], vertical_spacing=0.06)
-    _dress(figure)
+    figure.layout.template, figure.layout.height = _STYLE, 520
     _lines(figure, trial or lines(Checks("failed")), GREEN, "solid", "sliders")  # TRIAL
     inside = np.zeros(len(curve.time), dtype=bool)
     if answer.compared_time is not None and len(answer.compared_time):
@@ -88,7 +90,6 @@ def checked(
     figure.update_yaxes(title_text="R (µm)", rangemode="tozero", row=1, col=1)
     figure.update_yaxes(title_text=f"residual (% {_RMAX})", row=2, col=1, zerolinecolor=INK, zeroline=True)
     figure.update_xaxes(title_text=_TIME, row=2, col=1)
-    figure.update_layout(height=520)
     return figure
 
 
@@ -133,31 +134,10 @@ def _lines(figure: go.Figure, drawn: dict[str, Any], colour: str, dash: str, nam
 
 
 def _figure(x: str, y: str) -> go.Figure:
-    figure = go.Figure()
-    _dress(figure)
+    figure = go.Figure(layout={"template": _STYLE, "height": 340})
     figure.update_xaxes(title_text=x)
     figure.update_yaxes(title_text=y, rangemode="tozero")
-    figure.update_layout(height=340)
     return figure
-
-
-def _dress(figure: go.Figure) -> None:
-    figure.update_layout(
-        template="none",
-        font={"family": "system-ui, -apple-system, 'Segoe UI', Roboto, sans-serif", "size": 12, "color": INK},
-        margin={"l": 56, "r": 12, "t": 34, "b": 46},
-        legend={"orientation": "h", "y": 1.02, "yanchor": "bottom", "x": 0, "font": {"size": 11}},
-        hovermode="x unified",
-        hoverlabel={"namelength": 28},
-        modebar={"orientation": "v", "remove": _NOT_OFFERED},
-        uirevision="keep",
-    )
-    axis: Any = {
-        "showline": True, "linecolor": "#888888", "gridcolor": "#eceef1", "zeroline": False, "ticks": "outside",
-        "tickcolor": "#888888", "ticklen": 4, "hoverformat": ".4g",
-    }  # fmt: skip
-    figure.update_xaxes(**axis)
-    figure.update_yaxes(**axis, title_standoff=6)
 
 
 def _short(values: Floats) -> list[float]:

@@ -27,6 +27,13 @@ from cavirheo.errors import InputError
 from cavirheo.physics.simulate import load_solver
 
 _FONTS = ["system-ui", "-apple-system", "Segoe UI", "Roboto", "Helvetica Neue", "Arial", "sans-serif"]
+_THEME = gr.themes.Default(
+    primary_hue=gr.themes.colors.blue, neutral_hue=gr.themes.colors.slate, font=_FONTS,
+    font_mono=["ui-monospace", "Menlo", "Consolas", "DejaVu Sans Mono", "monospace"],
+).set(
+    button_primary_background_fill="#0b4f7d", button_primary_background_fill_hover="#0072b2",
+    body_background_fill="#f4f5f7",
+)  # fmt: skip
 # What the page may load: itself. Gradio's own scripts stand in the page and build functions.
 _POLICY = (
     "default-src 'self'; script-src 'self' 'unsafe-inline' 'unsafe-eval'; style-src 'self' 'unsafe-inline'; "
@@ -65,16 +72,6 @@ class _Upload(route_utils.GradioUploadFile):
         self.sha.update(token_bytes(16))
 
 
-def theme() -> gr.themes.Base:
-    return gr.themes.Default(
-        primary_hue=gr.themes.colors.blue, neutral_hue=gr.themes.colors.slate, font=_FONTS,
-        font_mono=["ui-monospace", "Menlo", "Consolas", "DejaVu Sans Mono", "monospace"],
-    ).set(
-        button_primary_background_fill="#0b4f7d", button_primary_background_fill_hover="#0072b2",
-        body_background_fill="#f4f5f7",
-    )  # fmt: skip
-
-
 @contextmanager
 def running(
     host: str = "127.0.0.1", port: int = 0, limits: VisitorLimits | None = None
@@ -92,7 +89,7 @@ def running(
         try:
             _, address, _ = page.launch(
                 server_name=host, server_port=port or None, prevent_thread_lock=True, quiet=True, show_error=False,
-                max_file_size=int(visitors.limits.file_mb * 1e6), theme=theme(), head=f"<style>{words.style()}</style>",
+                max_file_size=int(visitors.limits.file_mb * 1e6), theme=_THEME, head=f"<style>{words.style()}</style>",
                 js="() => document.body.classList.remove('dark')", footer_links=[], run_history=False, ssr_mode=False,
                 share=False, pwa=False, app_kwargs={"middleware": [Middleware(_only_here)]},
             )  # fmt: skip
