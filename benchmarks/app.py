@@ -27,7 +27,7 @@ from scipy.io import loadmat, savemat
 from cavirheo import infer_many, read_curves
 from cavirheo.app import steps
 from cavirheo.app.server import running
-from cavirheo.app.session import Settings
+from cavirheo.app.session import PageSettings
 
 SHOTS = 20
 # From the event to the drawn lines, and the part of it from the request to its answer, ms.
@@ -112,7 +112,7 @@ def main(repeats: int) -> None:
         page.wait_for_selector("#facts article")
         page.wait_for_timeout(1000)
         session = visitors.of("benchmark")
-        session.add([steps.examples()["stiff_gel.mat"]], Settings(), copy=True)
+        session.add([steps.examples()["stiff_gel.mat"]], PageSettings(), copy=True)
         steps.infer(session, [session.curves[0].name], lambda *_: None)
         tasks = page.context.new_cdp_session(page)
         tasks.send("Performance.enable", {"timeDomain": "threadTicks"})
