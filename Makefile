@@ -26,7 +26,7 @@ lint: $(VENV)/test.done
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
 
-# A folder that a hosted Gradio Space runs as it is (docs/app.md)
+# A folder that a hosted Gradio Space runs as it is (docs/how-to/app.md)
 space: $(VENV)/demo.done
 	rm -rf build/space && mkdir -p build && cp -r space build/space
 	$(BIN)/pip install --quiet --disable-pip-version-check --no-deps --target build/space .

@@ -4,7 +4,7 @@ the move of a slider to the redrawn simulation; beside the same functions called
     python benchmarks/app.py [--repeats 5]
 
 Needs Chromium and the extras [app] and [dev]. Prints medians (and, as other work on the machine slows wall time, the
-load) as Markdown; the results stand in docs/app.md.
+load) as Markdown; the results stand in benchmarks/app.md.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""The page as a hosted Gradio Space: `make space` puts the package beside this file (docs/app.md)."""
+"""The page as a hosted Gradio Space: `make space` puts the package beside this file (docs/how-to/app.md)."""
 
 import os
 

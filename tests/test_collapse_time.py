@@ -69,7 +69,8 @@ class TestModel:
         rp = {"motion": "rayleigh-plesset", "polytropic": 1.4}
         for stretch, tolerance in ((40.0, 1e-2), (10.0, 1e-2)):
             f = [(rayleigh_time(R, EMPTY) / simulated_time(R, stretch, G, 0, EMPTY, **rp)[0]) ** 2 for G in (0, 1e4)]
-            work = 2.5 - 2 * 1.10327 / stretch  # energy that the 1/R part of the stress takes (docs/collapse-time.md)
+            # energy that the 1/R part of the stress takes (docs/method/collapse-time.md)
+            work = 2.5 - 2 * 1.10327 / stretch
             assert (f[1] - f[0]) * EMPTY.pressure / 1e4 == pytest.approx(work, rel=tolerance)
         published = (inverse_square(R, 10.0, 1e4, 0) - inverse_square(R, 10.0, 0, 0)) * WATER.pressure / 1e4
         assert published == pytest.approx(2.5 - 2 * 1.40218 / 10, rel=1e-4)

@@ -1,4 +1,4 @@
-"""One battery for every instantaneous law, and what each law reduces to. docs/physics.md, section 4."""
+"""One battery for every instantaneous law, and what each law reduces to. docs/method/physics.md, section 4."""
 
 from __future__ import annotations
 
@@ -327,8 +327,8 @@ def test_a_law_made_of_a_function_says_its_name():
 
 
 def test_the_page_on_adding_a_law():
-    """docs/add-a-law.md shows what its code prints."""
-    page = (Path(__file__).parent.parent / "docs" / "add-a-law.md").read_text("utf-8")
+    """docs/how-to/add-a-law.md shows what its code prints."""
+    page = (Path(__file__).parent.parent / "docs" / "how-to" / "add-a-law.md").read_text("utf-8")
     blocks = re.findall(r"```python\n(.*?)```", page, flags=re.DOTALL)
     assert len(blocks) == 2
     for block in blocks:

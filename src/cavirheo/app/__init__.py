@@ -1,4 +1,4 @@
-"""The browser app: five guided steps over the same functions as the command line (docs/app.md).
+"""The browser app: five guided steps over the same functions as the command line (docs/how-to/app.md).
 
 | module | does |
 |---|---|

@@ -1,4 +1,4 @@
-"""What comes from outside: uploaded files, mistakes, and the documented endpoint `/infer` (docs/app.md)."""
+"""What comes from outside: uploaded files, mistakes, and the documented endpoint `/infer` (docs/how-to/app.md)."""
 
 from __future__ import annotations
 

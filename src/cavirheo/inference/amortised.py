@@ -2,7 +2,8 @@
 
 The network was trained at one R_max, in one medium and with one camera. Its answer theta_net is brought to the shot at
 the same Cauchy and Reynolds numbers (Problem.to_shot), which is not enough: surface tension, heat and mass transfer
-do not scale, and a 60 um bubble read as a 245 um one looks 0.3 to 0.4 decades too viscous (docs/physics.md, section 1).
+do not scale, and a 60 um bubble read as a 245 um one looks 0.3 to 0.4 decades too viscous
+(docs/method/physics.md, section 1).
 So the network is used as a summary of the curve (indirect inference, Gourieroux, Monfort and Renault 1993,
 doi:10.1002/jae.3950080507): wanted is the theta whose simulation *at the true R_max, in the true medium, seen by the
 same camera with the same noise* gives the same summary,

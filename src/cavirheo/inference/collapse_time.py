@@ -38,7 +38,10 @@ _USUAL = 0.03  # largest usual scatter of t_1: gels have 1.2 %
 _EQUAL = 1e-3  # of t_1: pairs as good as one another
 _LEAST_RE = 3.0  # of pairs: below it hardly a bubble collapses (benchmarks/collapse_time.md)
 _HOPELESS = 0.1  # of t_1: a pair so far off is no answer
-_GOOD_INVERSE_RE, _GOOD_STRETCH = 0.1, 4.0  # where the analytic model is within 1.5 % of t_1 (docs/collapse-time.md)
+_GOOD_INVERSE_RE, _GOOD_STRETCH = (
+    0.1,
+    4.0,
+)  # where the analytic model is within 1.5 % of t_1 (docs/method/collapse-time.md)
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,7 +1,7 @@
 """Elastic laws: each is one function of one number, the stress integral S_el(L) at L = R/R_0.
 
-With stretches (b^-2, b, b) around the bubble, What(b) = W(b^-2, b, b), W_1 = dW/dI_1 and q = 1/L (docs/physics.md,
-section 4),
+With stretches (b^-2, b, b) around the bubble, What(b) = W(b^-2, b, b), W_1 = dW/dI_1 and q = 1/L
+(docs/method/physics.md, section 4),
 
     dS_el/dL = -What'(L)/(L^3 - 1),  for W(I_1):  dS_el/dL = -4 W_1 (q^2 + q^5),  S_el(1) = 0.
 

@@ -1,7 +1,7 @@
 """Constitutive laws of the material around the bubble: an elastic part, a viscous part and arms that remember.
 
 The parts combine freely, `Viscoelastic(Gent(2e3, 40.0), CarreauYasuda(0.5, 0.01, 1e-4, 0.4))`, and each is a material
-by itself. The solver sees tables and does not know which laws they hold (docs/physics.md, section 4).
+by itself. The solver sees tables and does not know which laws they hold (docs/method/physics.md, section 4).
 """
 
 from __future__ import annotations

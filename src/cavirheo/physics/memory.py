@@ -1,7 +1,7 @@
 """Laws with memory: Maxwell arms, a spring and a dashpot in series, whose stress fades within the relaxation time.
 
 An arm's spring forgets what it was stretched from. For the laws below that is exact with one number a term
-(docs/physics.md, section 4.3):
+(docs/method/physics.md, section 4.3):
 
     S = sum_k C_k m_k,   m_k' = -m_k/tau - n_k (1 + m_k) U/R,   m_k = 0 in the relaxed state:
 

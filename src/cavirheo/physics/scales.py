@@ -1,4 +1,4 @@
-"""Dimensionless numbers of one simulation (docs/physics.md, section 1).
+"""Dimensionless numbers of one simulation (docs/method/physics.md, section 1).
 
 R_c = R_max, U_c = sqrt(p_inf/rho), t_c = R_c/U_c, pressures by p_inf, temperature by T_inf.
 """
@@ -34,7 +34,7 @@ class Numbers(NamedTuple):
     driving: Floats  # (n, 7) table of the far-field pressure above ambient, over p_inf, over t/t_c
     polytropic: float  # exponent of the gas where the contents are polytropic
     tait: float  # exponent of the liquid in Gilmore's equation; 0: Keller-Miksis
-    base: float  # p_b, which the state of the solver leaves out of the pressure (docs/physics.md, section 3.2)
+    base: float  # p_b, which the state of the solver leaves out of the pressure (docs/method/physics.md, section 3.2)
 
     @property
     def pressure(self) -> float:

@@ -74,7 +74,7 @@ def simulate(
         InputError: a parameter is out of its domain, or time is not as above.
         SolverError: the solve failed and throw is set.
 
-    Source: docs/physics.md sections 1-4; Estrada et al. 2018, doi:10.1016/j.jmps.2017.12.006.
+    Source: docs/method/physics.md sections 1-4; Estrada et al. 2018, doi:10.1016/j.jmps.2017.12.006.
     """
     times = _checked(time)
     usual = POLYTROPIC if polytropic is not None else PRECISE if precise else DEFAULT
@@ -133,7 +133,7 @@ def simulate(
 
 
 def _contents(shells: Floats, out: Floats, grid: Grid, medium: Medium) -> Contents:
-    """Temperature and mass fraction of vapour from moles per shell volume (docs/physics.md, section 3.2)."""
+    """Temperature and mass fraction of vapour from moles per shell volume (docs/method/physics.md, section 3.2)."""
     moles, gas = np.split(shells, 2, axis=1)
     R, p = out[:, :1], out[:, 2:3]
     temperature = np.hstack([p * R**3 / moles, np.ones_like(p)]) * medium.temperature

@@ -1,6 +1,6 @@
 """Viscous laws: each is one function of one number, the stress integral S_v(g) at the wall's hoop rate g = U/R.
 
-The shear rate sqrt(2 D:D) is 2 sqrt3 |g| at the wall and falls as r^-3 (docs/physics.md, section 4), so
+The shear rate sqrt(2 D:D) is 2 sqrt3 |g| at the wall and falls as r^-3 (docs/method/physics.md, section 4), so
 
     S_v(g) = -4 int_0^g mu(2 sqrt3 |e|) de,   dS_v/dg = -4 mu(2 sqrt3 |g|):
 

@@ -14,7 +14,7 @@ from cavirheo.writing.terminal import bar
 
 def compare(
     folder: Annotated[Path, typer.Argument(help="holds the measurements: a file, subfolder or glob per set")],
-    references: Annotated[Path, typer.Option(help="CSV of sets and published values, see docs/compare.md")],
+    references: Annotated[Path, typer.Option(help="CSV of sets and published values, see docs/how-to/compare.md")],
     reference_method: Annotated[
         list[str] | None, typer.Option(help="errors are relative to it; may be repeated  [default: IMR, rheometer]")
     ] = None,

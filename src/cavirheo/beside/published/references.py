@@ -1,4 +1,4 @@
-"""Published values of sets of measurements, as a CSV file that is written by hand (docs/compare.md).
+"""Published values of sets of measurements, as a CSV file that is written by hand (docs/how-to/compare.md).
 
 One line per set, method and quantity, so that a method is added by adding lines:
 

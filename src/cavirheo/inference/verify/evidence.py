@@ -2,7 +2,7 @@
 
 log p(frames | law) is the log of the mean importance weight. It rewards a law for how well it predicts the frames with
 all its prior, so a parameter that is not needed costs log(prior width/posterior width): laws that nest, like nhkv in
-qkv, are compared fairly only as far as the prior ranges are meant (docs/posterior.md). Kass and Raftery 1995,
+qkv, are compared fairly only as far as the prior ranges are meant (docs/method/posterior.md). Kass and Raftery 1995,
 doi:10.1080/01621459.1995.10476572.
 """
 
