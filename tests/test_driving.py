@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from cavirheo.errors import InputError
-from cavirheo.physics.driving import Pulse, Trace, read_trace
+from cavirheo.physics.driving import Pulse, Trace
 from cavirheo.physics.materials import NeoHookeanKelvinVoigt
 from cavirheo.physics.simulate import simulate
 from cavirheo.physics.table import read
@@ -78,33 +78,3 @@ def test_bad_driving(make, code):
     with pytest.raises(InputError) as error:
         make()
     assert error.value.code == f"physics.{code}"
-
-
-def test_reading_a_trace(tmp_path):
-    path = tmp_path / "p.csv"
-    path.write_text("time_us, pressure_kPa\n0,0\n1,-250.5\n\n2,0\n")
-    trace = read_trace(path)
-    assert trace.time == pytest.approx([0, 1e-6, 2e-6])
-    assert trace.pressure == pytest.approx([0, -250500, 0])
-
-
-@pytest.mark.parametrize(
-    ("text", "match"),
-    [
-        ("t,p\n0,1\n", "first line must read time_us,pressure_kPa, got 't,p'"),
-        ("time_us,pressure_kPa\n0,1,2\n1,1,2\n", "rows of two numbers"),
-        ("time_us,pressure_kPa\n0,x\n", "could not convert"),
-        ("time_us,pressure_kPa\n", "rows of two numbers"),
-        ("time_us,pressure_kPa\n1,0\n0,0\n", "ascend"),
-        ("time_us,pressure_kPa\n1,0\n2\n", "inhomogeneous"),
-        (b"\xff\xfe\x00", "cannot read a pressure trace"),
-    ],
-)
-def test_bad_trace_files(tmp_path, text, match):
-    path = tmp_path / "p.csv"
-    path.write_bytes(text if isinstance(text, bytes) else text.encode())
-    with pytest.raises(InputError, match=match) as error:
-        read_trace(path)
-    assert "p.csv" in str(error.value)
-    with pytest.raises(InputError, match="No such file"):
-        read_trace(tmp_path / "none.csv")
