@@ -11,6 +11,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -36,13 +37,18 @@ def read_v5(path: Path, density: float, pressure: float) -> list[RadiusCurve]:
 
 
 def read_v73(path: Path, density: float, pressure: float) -> list[RadiusCurve]:
-    """Version 7.3 (HDF5): arrays are stored transposed, cells as references to them."""
+    """Version 7.3 (HDF5)."""
+    return _curves(*read_hdf5(path, _WANTED), density, pressure)
+
+
+def read_hdf5(path: Path, wanted: Iterable[str]) -> tuple[Variables, list[str]]:
+    """As `read_matfile`, of version 7.3: arrays are stored transposed, cells as references to them."""
     import h5py
 
     variables: Variables = {}
     with h5py.File(path, "r") as file:
         found = [name for name in file if name not in ("#refs#", "#subsystem#")]
-        for name in _WANTED:
+        for name in wanted:
             item = limits.own(file, name)
             if not isinstance(item, h5py.Dataset):
                 continue
@@ -54,7 +60,7 @@ def read_v73(path: Path, density: float, pressure: float) -> list[RadiusCurve]:
                 variables[name] = [_plain(cell).ravel(order="F") for cell in cells]
             elif item.dtype.kind in "fiub":
                 variables[name] = _plain(item)
-    return _curves(variables, found, density, pressure)
+    return variables, found
 
 
 def _plain(item: Any) -> Floats:

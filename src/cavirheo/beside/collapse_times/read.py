@@ -19,8 +19,8 @@ from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError
 from cavirheo.inference.collapse_time import shot, unusable
 from cavirheo.physics.media import Medium
-from cavirheo.reading import limits
 from cavirheo.reading.matfile import read_matfile
+from cavirheo.reading.matlab import read_hdf5
 from cavirheo.reading.shots import read_shots
 from cavirheo.reading.tabular import Row, column_of, numbers, read_sheets, refuse_wider
 
@@ -77,10 +77,8 @@ def _group(name: str, source: str, sha256: str, shots: list[CollapseShot], notes
 
 
 def _shot(name: str, of: Sequence[float], origin: str, message: str = "") -> CollapseShot:
-    radius, stretch, time = of
-    return CollapseShot(
-        name=name, max_radius_m=radius, stretch=stretch, collapse_time_s=time, stretch_from=origin, message=message
-    )
+    fields = dict(zip(("max_radius_m", "stretch", "collapse_time_s"), of, strict=True))
+    return CollapseShot(name=name, stretch_from=origin, message=message, **fields)
 
 
 def _read_off(curve: RadiusCurve, stretch: float | None) -> CollapseShot:
@@ -102,10 +100,8 @@ def read_table(path: Path, stretch: float | None = None) -> CollapseGroup | None
     notes: list[str] = []
     if (array := _variable(path)) is not None:
         if array.ndim != 2 or 3 not in array.shape or not array.size:
-            raise InputError(
-                f"{VARIABLE} must be (n, 3): R_max in m, lambda, t_1 in s; got the shape {array.shape}",
-                "collapse_time.variable",
-            )
+            expected = f"{VARIABLE} must be (n, 3): R_max in m, lambda, t_1 in s"
+            raise InputError(f"{expected}; got the shape {array.shape}", "collapse_time.variable")
         values = array if array.shape[1] == 3 else array.T
         cells: dict[str, Any] = {"max_radius": values[:, 0], "stretch": values[:, 1], "time": values[:, 2]}
         notes.append(f"variable {VARIABLE}: R_max in m, lambda, t_1 in s")
@@ -114,43 +110,35 @@ def read_table(path: Path, stretch: float | None = None) -> CollapseGroup | None
             sheets = read_sheets(path, _is_header, most=1)
         except InputError:
             return None
-        if not sheets or not sheets[0].rows or not _is_header(sheets[0].rows[0].cells):
+        rows = sheets[0].rows if sheets else []
+        if not rows or not _is_header(rows[0].cells):
             return None
-        cells = _columns(sheets[0].rows, stretch is not None)
+        cells = _columns(rows, stretch is not None)
     origin = "table"
     if "stretch" not in cells:
         cells["stretch"], origin = np.full(len(cells["time"]), stretch), "given"
     elif stretch is not None:
         notes.append("lambda of the table used, not the one given")
-    rows = np.stack([cells[kind] for kind in ("max_radius", "stretch", "time")], axis=1).astype(float).tolist()
-    names = cells.get("name") or [str(k) for k in range(1, len(rows) + 1)]
-    shots = [_shot(name, row, origin, unusable(*row)) for name, row in zip(names, rows, strict=True)]
-    return _group(path.stem, str(path), hashlib.sha256(path.read_bytes()).hexdigest(), shots, notes)
+    shots = np.stack([cells[kind] for kind in ("max_radius", "stretch", "time")], axis=1).astype(float).tolist()
+    names = cells.get("name") or [str(k) for k in range(1, len(shots) + 1)]
+    found = [_shot(name, of, origin, unusable(*of)) for name, of in zip(names, shots, strict=True)]
+    return _group(path.stem, str(path), hashlib.sha256(path.read_bytes()).hexdigest(), found, notes)
 
 
 def _variable(path: Path) -> np.ndarray | None:
     """The array of a .mat of any version; None where there is none."""
     with path.open("rb") as file:
         head = file.read(128)
+    hdf5 = head.startswith(b"MATLAB 7.3")
+    if not hdf5 and head[124:128] not in (b"\x00\x01IM", b"\x01\x00MI"):
+        return None
     try:
-        if head.startswith(b"MATLAB 7.3"):
-            import h5py
-
-            with h5py.File(path, "r") as file:
-                item = limits.own(file, VARIABLE)
-                if not isinstance(item, h5py.Dataset) or item.dtype.kind not in "fiu":
-                    return None
-                limits.arrays([item])
-                return np.asarray(item[()], dtype=float).T
-        if head[124:128] in (b"\x00\x01IM", b"\x01\x00MI"):
-            value = read_matfile(path, (VARIABLE,))[0].get(VARIABLE)
-            return value if isinstance(value, np.ndarray) else None
+        value = (read_hdf5 if hdf5 else read_matfile)(path, (VARIABLE,))[0].get(VARIABLE)
     except InputError:
-        if head.startswith(b"MATLAB 7.3"):
-            raise
+        raise
     except Exception:  # damaged: the reader of curves says how
-        pass
-    return None
+        return None
+    return value if isinstance(value, np.ndarray) else None
 
 
 def column(title: str) -> tuple[str | None, str | None]:

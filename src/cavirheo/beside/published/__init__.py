@@ -72,7 +72,8 @@ def compare(
         Family(fit)
     folder, references, out = Path(folder), Path(references), Path(out)
     if not folder.is_dir():
-        raise InputError(f"{folder} is not a folder; expected the one that holds the sets", "compare.folder")
+        expected = "expected the folder that holds the sets of measurements"
+        raise InputError(f"{folder} is not a folder; {expected}", "compare.folder")
     sets = read_references(references)
     methods = list(dict.fromkeys(method for about in sets for method, _ in about.values))
     for name in reference_methods:

@@ -7,3 +7,8 @@
 | document | all sweeps of one material, and the common table with bubbles: JSON, CSV, the terminal |
 | picture | the sweeps with what was found in them (needs the [plot] extra) |
 """
+
+from cavirheo.beside.rheometer.read import Sweep, read_sweeps
+from cavirheo.beside.rheometer.sweeps import frequency_sweep, strain_sweep
+
+__all__ = ["Sweep", "frequency_sweep", "read_sweeps", "strain_sweep"]
