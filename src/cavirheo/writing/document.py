@@ -6,13 +6,22 @@ import csv
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from importlib.metadata import version
+from math import isfinite
 from pathlib import Path
-from typing import Any, Literal, TypeVar
+from typing import Annotated, Any, Literal, TypeVar
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError
 
 from cavirheo.errors import InputError
+
+
+def finite(value: float | None) -> float | None:
+    """As JSON can hold it: NaN and infinity are null."""
+    return float(value) if value is not None and isfinite(value) else None
+
+
+Finite = Annotated[float | None, BeforeValidator(finite)]
 
 
 class Record(BaseModel):
