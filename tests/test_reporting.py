@@ -449,7 +449,7 @@ def test_numbers_stand_where_their_ticks_say(pairs):
     """The place of a point on the page, from the places of two ticks of each axis."""
     upper = curve_picture(*pairs[0]).panels[0]
     words = {mark.text: mark for mark in upper.on.marks if hasattr(mark, "text")}
-    per_micrometre = (words["50"].y - words["200"].y) / 150.0  # R: upwards
+    per_micrometre = (words["50"].points[0, 1] - words["200"].points[0, 1]) / 150.0  # R: upwards
     (left, top, width, height), (first, last) = upper.place, upper.x
     time, radius = upper.data["measured"][0]
     ((x, y),) = upper.at([time], [radius])
@@ -466,10 +466,10 @@ def test_the_answer_stays_inside_the_picture():
         theta=np.hstack([posterior.theta, np.random.default_rng(1).normal(8.0, 0.3, (400, 1))]),
     )  # fmt: skip
     drawn = curve_picture(curve, posterior)
-    parts = [mark for mark in drawn.marks if isinstance(mark, Words) and " = " in mark.text and mark.y < picture.HEADER]
+    parts = [mark for mark in drawn.marks if isinstance(mark, Words) and " = " in mark.text and mark.points[0, 1] < 50]
     assert len(parts) == 4
-    ends = [mark.x + mark.size * _outline(mark.text, False)[2] for mark in parts]
-    assert all(end < after.x for end, after in zip(ends, parts[1:], strict=False))
+    ends = [mark.points[0, 0] + mark.size * _outline(mark.text, False)[2] for mark in parts]
+    assert all(end < after.points[0, 0] for end, after in zip(ends, parts[1:], strict=False))
     assert ends[-1] < drawn.width - 10
 
 

@@ -14,9 +14,9 @@ if TYPE_CHECKING:
     from cavirheo.training.dataset import Dataset
 
 _KINDS = {  # a key that no other document has, and the class of the document
-    "sets": ("beside.published.record", "Comparison"),
-    "strain_sweeps": ("beside.rheometer.record", "Rheometry"),
-    "medium": ("beside.collapse_times.record", "CollapseTimes"),
+    "sets": ("beside.published.comparison", "Comparison"),
+    "strain_sweeps": ("beside.rheometer.document", "Rheometry"),
+    "medium": ("beside.collapse_times.document", "CollapseTimes"),
     "laws": ("reporting.laws", "Laws"),
     "curves": ("reporting.record", "Result"),
 }

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import textwrap
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 
@@ -12,7 +13,7 @@ from cavirheo.errors import InputError
 from cavirheo.posterior import Checks, Posterior
 from cavirheo.reporting.record import CurveRecord, GroupRecord
 from cavirheo.writing import digits
-from cavirheo.writing.document import Quantity
+from cavirheo.writing.document import Quantity, Spread
 from cavirheo.writing.drawing import Drawing, Panel, room_for
 from cavirheo.writing.style import BLUE, INK, VERMILLION, save_png, shades
 
@@ -69,7 +70,7 @@ def _draw_unanswered(page: Drawing, curve: RadiusCurve) -> None:
     if not known.any():
         page.write(_LEFT + _WIDE / 2, 175.0, "no measured radius", 10, anchor="middle")
         return
-    x, y = _Scale.of_time(curve), _Scale.of_radius(curve)
+    x, y = _time_scale(curve), _radius_scale(curve)
     time, radius = x(curve.time), y(curve.radius)
     panel = Panel(page, place, _wider(time.min(), time.max()), (0.0, 1.05 * float(radius[known].max())))
     _points(panel, time, radius, _MEASURED, "measured")
@@ -77,7 +78,7 @@ def _draw_unanswered(page: Drawing, curve: RadiusCurve) -> None:
 
 
 def _draw_answer(page: Drawing, curve: RadiusCurve, checks: Checks) -> None:
-    x, y = _Scale.of_time(curve), _Scale.of_radius(curve)
+    x, y = _time_scale(curve), _radius_scale(curve)
     time, radius = x(curve.time), y(curve.radius)
     compared = np.empty(0) if checks.compared_time is None else x(checks.compared_time)
     drawn = np.empty(0) if checks.reconstruction_radius is None else y(checks.reconstruction_radius)
@@ -181,7 +182,7 @@ def _scatter(
     across = [_ends(record.shear_modulus_Pa, unit[0]) for record in records] if elastic else [(r, r, r) for r in radii]
     up = [_ends(record.viscosity_Pa_s, 1.0) for record in records]
     G, mu = group.shear_modulus_Pa, group.viscosity_Pa_s
-    mean_x, mean_y = _mean_ends(G.mean, G.std, unit[0]), _mean_ends(mu.mean, mu.std, 1.0)
+    mean_x, mean_y = _ends(_mean(G), unit[0]), _ends(_mean(mu), 1.0)
     x = _around([*across, mean_x] if elastic else across, from_zero=elastic)
     panel = Panel(page, (340.0, 36.0, 127.0, 181.0), x, _around([*up, mean_y], from_zero=True))
     if not elastic and mu.std is not None:
@@ -217,15 +218,17 @@ def _radius_bar(page: Drawing, low: float, high: float) -> None:
     page.write(483.5, 31.0, "(µm)", 8, anchor="middle")
 
 
-class _Scale:
+class _Scale(NamedTuple):
     """SI numbers -> what stands on an axis."""
 
-    def __init__(self, origin: float, factor: float, label: str) -> None:
-        self.origin, self.factor, self.label = origin, factor, label
+    origin: float
+    factor: float
+    label: str
 
     def __call__(self, values: Floats) -> Floats:
         return (values - self.origin) * self.factor
 
+<<<<<<< HEAD
     @staticmethod
     def of_time(curve: RadiusCurve) -> _Scale:
         if curve.time_unscaled:
@@ -240,6 +243,22 @@ class _Scale:
         if curve.unscaled:
             return _Scale(0.0, 1.0 / float(np.nanmax(curve.radius, initial=1e-300)), "R / largest R")
         return _Scale(0.0, 1e6, "R (µm)")
+=======
+
+def _time_scale(curve: RadiusCurve) -> _Scale:
+    if curve.meta.get("time_over_max_radius"):
+        return _Scale(0.0, 1.0, "time (no scale)")
+    try:
+        return _Scale(curve.time_of_max, 1e6, f"time after {_RMAX} (µs)")
+    except InputError:
+        return _Scale(0.0, 1e6, "time of the recording (µs)")
+
+
+def _radius_scale(curve: RadiusCurve) -> _Scale:
+    if "no_scale" in curve.meta:
+        return _Scale(0.0, 1.0 / float(np.nanmax(curve.radius, initial=1e-300)), "R / largest R")
+    return _Scale(0.0, 1e6, "R (µm)")
+>>>>>>> reporting
 
 
 def _view(times: Floats, compared: Floats) -> tuple[float, float]:
@@ -292,7 +311,9 @@ def _ends(value: Quantity, factor: float) -> tuple[float, float, float]:
     return middle * factor, low * factor, high * factor
 
 
-def _mean_ends(mean: float | None, std: float | None, factor: float) -> tuple[float, float, float]:
-    if mean is None:
-        return np.nan, np.nan, np.nan
-    return mean * factor, (mean - (std or 0.0)) * factor, (mean + (std or 0.0)) * factor
+def _mean(value: Spread) -> Quantity:
+    """Mean ± std as median and interval."""
+    if value.mean is None:
+        return Quantity()
+    std = value.std or 0.0
+    return Quantity(median=value.mean, q05=value.mean - std, q95=value.mean + std)

@@ -14,9 +14,9 @@ import numpy as np
 
 from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError
-from cavirheo.posterior import Diagnostics, Evidence, Posterior, Verdict, WindowAnswer
+from cavirheo.posterior import Checks, Diagnostics, Evidence, Posterior, Verdict, WindowAnswer
 from cavirheo.writing import digits, document
-from cavirheo.writing.document import Document, Quantity, Record, Spread, spread_of
+from cavirheo.writing.document import Document, Finite, Quantity, Record, Spread, finite, spread_of
 
 Pairs = Sequence[tuple[RadiusCurve, Posterior]]
 
@@ -28,7 +28,7 @@ class Compared(Record):
     """The window: from R_max to t_star_end (t/t_c), holding so many complete collapses."""
 
     collapses: int | None = None
-    t_star_end: float | None = None
+    t_star_end: Finite = None
 
     @property
     def words(self) -> str:
@@ -48,18 +48,18 @@ class CurveRecord(Record):
     source: str
     group: str
     group_source: str  # the file or folder whose shots form the group
-    max_radius_m: float | None
-    time_of_max_s: float | None
-    strain_rate_per_s: float | None
+    max_radius_m: Finite
+    time_of_max_s: Finite
+    strain_rate_per_s: Finite
     stretch: Quantity
     material: str
     method: str
     shear_modulus_Pa: Quantity
     viscosity_Pa_s: Quantity
     other_parameters: dict[str, Quantity] = {}
-    rmse_over_rmax: float | None
-    mae_over_rmax: float | None
-    max_difference_over_rmax: float | None
+    rmse_over_rmax: Finite
+    mae_over_rmax: Finite
+    max_difference_over_rmax: Finite
     window: Compared
     verdict: Verdict
     message: str
@@ -141,26 +141,24 @@ def read_json(path: str | Path) -> Result:
 
 def curve_record(curve: RadiusCurve, posterior: Posterior) -> CurveRecord:
     """The row of one curve."""
-    checks = posterior.checks
-    verdict, message = checks.verdict, _without_name(checks.message, curve.name)
+    verdict, message = posterior.checks.verdict, _without_name(posterior.checks.message, curve.name)
     if verdict != "failed":  # an answer that is none must not pass for one, whatever the method says of itself
-        broken = [name for name, draws in zip(posterior.names, posterior.theta.T, strict=True) if _broken(draws)]
+        draws = zip(posterior.names, posterior.theta.T, strict=True)
+        broken = [name for name, values in draws if not np.all(np.isfinite(values))]
         if len(posterior.theta) == 0 or not posterior.names:
             verdict, message = "failed", message or _NO_ANSWER
         elif broken:
             verdict, message = "failed", "; ".join(filter(None, (_NOT_A_NUMBER.format(", ".join(broken)), message)))
     answered = verdict != "failed"
+    checks = posterior.checks if answered else Checks("failed")
 
     def quantity(name: str) -> Quantity:
         low, high = (posterior.interval(name) if answered else None) or (None, None)
         return Quantity(median=posterior.median(name) if answered else None, q05=low, q95=high)
 
-    def if_answered(value: float | None) -> float | None:
-        return _finite(value) if answered else None
-
     stretch = quantity("stretch")
     if answered and stretch.median is None:  # not the network's own, but fitted after it or given
-        stretch = Quantity(median=_finite(posterior.stretch))
+        stretch = Quantity(median=finite(posterior.stretch))
     inferred = [name.removeprefix("log10_") for name in posterior.names]
     return CurveRecord(
         name=curve.name,
@@ -176,14 +174,14 @@ def curve_record(curve: RadiusCurve, posterior: Posterior) -> CurveRecord:
         shear_modulus_Pa=quantity("shear_modulus"),
         viscosity_Pa_s=quantity("viscosity"),
         other_parameters={n: quantity(n) for n in inferred if n not in ("shear_modulus", "viscosity", "stretch")},
-        rmse_over_rmax=if_answered(checks.rmse_over_rmax),
-        mae_over_rmax=if_answered(checks.mae_over_rmax),
-        max_difference_over_rmax=if_answered(checks.max_difference_over_rmax),
-        window=Compared(collapses=checks.collapses if answered else None, t_star_end=if_answered(checks.t_star_end)),
+        rmse_over_rmax=checks.rmse_over_rmax,
+        mae_over_rmax=checks.mae_over_rmax,
+        max_difference_over_rmax=checks.max_difference_over_rmax,
+        window=Compared(collapses=checks.collapses, t_star_end=checks.t_star_end),
         verdict=verdict,
         message=message or ("" if answered else _NO_ANSWER),
         notes=list(curve.notes),
-        seconds=_finite(posterior.seconds) or 0.0,
+        seconds=finite(posterior.seconds) or 0.0,
         windows={key: _known(vars(window)) for key, window in posterior.windows.items()},
         evidence=posterior.evidence,
         diagnostics=_known(vars(posterior.diagnostics)),
@@ -215,21 +213,13 @@ def group_record(name: str, members: list[CurveRecord]) -> GroupRecord:
     )
 
 
-def _broken(draws: np.ndarray) -> bool:
-    return not np.all(np.isfinite(draws))
-
-
 def _measured(curve: RadiusCurve, name: str) -> float | None:
     """A number that the curve itself gives, null where it says that it cannot be determined."""
     try:
         value = getattr(curve, name)
-        return _finite(value() if callable(value) else value)
+        return value() if callable(value) else value
     except InputError:
         return None
-
-
-def _finite(value: Any) -> float | None:
-    return float(value) if value is not None and np.isfinite(value) else None
 
 
 def _without_name(message: str, name: str) -> str:
@@ -257,5 +247,5 @@ def _plain(value: Any) -> Any:
     if isinstance(value, np.generic):
         return _plain(value.item())
     if isinstance(value, float):
-        return _finite(value)
+        return finite(value)
     return value if value is None or isinstance(value, bool | int | str) else str(value)

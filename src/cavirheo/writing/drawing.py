@@ -21,14 +21,16 @@ from cavirheo.writing.style import INK, need_matplotlib
 
 Floats = NDArray[np.float64]
 Pair = tuple[float, float]
+Anchor = Literal["start", "middle", "end"]
 _AXIS, _TICK = "#888888", 3.0
+_RING = 1.2  # points
 _MANY = 1500  # dots above which those that fall together are drawn once
 _NARROW, _WIDE = " .,:;'|!()[]-–fijlrtIJ", "mwMW@%=±µ…+−"
 
 
 @dataclass
-class Line:
-    """Polylines through `points` (n, 2); NaN interrupts."""
+class Shape:
+    """Polylines through `points` (n, 2), NaN interrupts; a filled polygon where the width is 0."""
 
     points: Floats
     colour: str
@@ -36,12 +38,15 @@ class Line:
     opacity: float
 
     def svg(self) -> str:
-        parts = [f"M{'L'.join(f'{x:.2f} {y:.2f}' for x, y in run.tolist())}" for run in _runs(self.points)]
-        look = f'stroke="{self.colour}" stroke-width="{self.width:g}"' + _opacity(self.opacity)
-        return f'<path d="{"".join(parts)}" fill="none" {look}/>'
+        d = "".join(f"M{'L'.join(f'{x:.2f} {y:.2f}' for x, y in run.tolist())}" for run in _runs(self.points))
+        look = f'fill="{self.colour}"'
+        if self.width:
+            look = f'fill="none" stroke="{self.colour}" stroke-width="{self.width:g}"'
+        faint = "" if self.opacity == 1.0 else f' opacity="{self.opacity:g}"'
+        return f'<path d="{d}" {look}{faint}/>'
 
     def paint(self, page: _Page) -> None:
-        page.path(self.points, None, stroke=self.colour, width=self.width, opacity=self.opacity)
+        page.path(self.points, None, self.colour, self.width, self.opacity)
 
 
 @dataclass
@@ -56,7 +61,7 @@ class Dots:
     def svg(self) -> str:
         if self.ring:
             discs = (f'<circle cx="{x:.1f}" cy="{y:.1f}" r="{self.size / 2:g}"/>' for x, y in self.points.tolist())
-            return f'<g fill="#ffffff" stroke="{self.colour}" stroke-width="1.2">{"".join(discs)}</g>'
+            return f'<g fill="#ffffff" stroke="{self.colour}" stroke-width="{_RING}">{"".join(discs)}</g>'
         where = self.points.round(1)
         if len(where) > _MANY:
             where = np.unique((self.points * 2).round() / 2, axis=0)
@@ -68,52 +73,31 @@ class Dots:
 
 
 @dataclass
-class Box:
-    """A filled rectangle."""
-
-    x: float
-    y: float
-    width: float
-    height: float
-    colour: str
-    opacity: float
-
-    def svg(self) -> str:
-        place = f'x="{self.x:.2f}" y="{self.y:.2f}" width="{self.width:.2f}" height="{self.height:.2f}"'
-        return f'<rect {place} fill="{self.colour}"{_opacity(self.opacity)}/>'
-
-    def paint(self, page: _Page) -> None:
-        x = self.x + np.array([0.0, 1.0, 1.0, 0.0, 0.0]) * self.width
-        y = self.y + np.array([0.0, 0.0, 1.0, 1.0, 0.0]) * self.height
-        page.path(np.column_stack([x, y]), None, fill=self.colour, opacity=self.opacity)
-
-
-@dataclass
 class Words:
     """A line of text on its baseline; `turned`: upwards."""
 
-    x: float
-    y: float
+    points: Floats  # (1, 2) where it begins, is centred or ends
     text: str
     size: float
     colour: str
-    anchor: Literal["start", "middle", "end"]
+    anchor: Anchor
     bold: bool
     turned: bool
 
     def svg(self) -> str:
+        x, y = self.points[0].tolist()
         look = f'font-size="{self.size:g}" fill="{self.colour}"'
         look += "" if self.anchor == "start" else f' text-anchor="{self.anchor}"'
         look += ' font-weight="bold"' if self.bold else ""
-        look += f' transform="rotate(-90 {self.x:.1f} {self.y:.1f})"' if self.turned else ""
-        return f'<text x="{self.x:.1f}" y="{self.y:.1f}" {look}>{escape(self.text)}</text>'
+        look += f' transform="rotate(-90 {x:.1f} {y:.1f})"' if self.turned else ""
+        return f'<text x="{x:.1f}" y="{y:.1f}" {look}>{escape(self.text)}</text>'
 
     def paint(self, page: _Page) -> None:
-        points, codes, width = _outline(self.text, self.bold)
+        outline, codes, width = _outline(self.text, self.bold)
         shift = {"start": 0.0, "middle": 0.5, "end": 1.0}[self.anchor] * width
-        x, y = (points[:, 0] - shift) * self.size, -points[:, 1] * self.size
-        x, y = (y, -x) if self.turned else (x, y)
-        page.path(np.column_stack([self.x + x, self.y + y]), codes, fill=self.colour)
+        letters = (outline - [shift, 0.0]) * [self.size, -self.size]
+        letters = letters[:, ::-1] * [1.0, -1.0] if self.turned else letters
+        page.path(self.points + letters, codes, self.colour)
 
 
 class Drawing:
@@ -124,7 +108,7 @@ class Drawing:
 
     def __init__(self, width: float, height: float) -> None:
         self.width, self.height = width, height
-        self.marks: list[Line | Dots | Box | Words] = []
+        self.marks: list[Shape | Dots | Words] = []
         self.panels: list[Panel] = []
 
     @property
@@ -133,24 +117,25 @@ class Drawing:
         return [mark.text for mark in self.marks if isinstance(mark, Words)]
 
     def line(self, points: Any, colour: str, width: float = 1.0, opacity: float = 1.0) -> None:
-        self.marks.append(Line(np.asarray(points, dtype=float), colour, width, opacity))
+        self.marks.append(Shape(np.asarray(points, dtype=float), colour, width, opacity))
 
     def dots(self, points: Any, colour: str, size: float, *, ring: bool = False) -> None:
         points = np.asarray(points, dtype=float)
         self.marks.append(Dots(points[np.isfinite(points).all(axis=1)], colour, size, ring))
 
     def box(self, x: float, y: float, width: float, height: float, colour: str, opacity: float = 1.0) -> None:
-        self.marks.append(Box(x, y, width, height, colour, opacity))
+        corners = [(x, y), (x + width, y), (x + width, y + height), (x, y + height), (x, y)]
+        self.marks.append(Shape(np.array(corners), colour, 0.0, opacity))
 
     def write(
         self, x: float, y: float, text: str, size: float = 8.5, colour: str = INK,
-        anchor: Literal["start", "middle", "end"] = "start", *, bold: bool = False, turned: bool = False,
+        anchor: Anchor = "start", *, bold: bool = False, turned: bool = False,
     ) -> None:  # fmt: skip
-        self.marks.append(Words(x, y, text, size, colour, anchor, bold, turned))
+        self.marks.append(Words(np.array([[x, y]]), text, size, colour, anchor, bold, turned))
 
     def svg(self, top: float = 0.0) -> str:
-        """An <svg> element without ids; words and boxes above `top` are left out, and the page begins there."""
-        shown = [m for m in self.marks if not (isinstance(m, Words | Box) and m.y < top)]
+        """An <svg> element without ids; the page begins at `top`, and what lies above it is left out."""
+        shown = [mark for mark in self.marks if np.nanmax(mark.points[:, 1], initial=-np.inf) >= top]
         box = f'viewBox="0 {top:g} {self.width:g} {self.height - top:g}"'
         look = 'font-family="system-ui, \'DejaVu Sans\', sans-serif" stroke-linejoin="round"'
         lines = "\n".join(mark.svg() for mark in shown)
@@ -163,7 +148,7 @@ class Drawing:
         """Raises InputError without matplotlib."""
         need_matplotlib()
         page = _Page(self.width, self.height, dpi)
-        for mark in [Box(0.0, 0.0, self.width, self.height, "#ffffff", 1.0), *self.marks]:
+        for mark in self.marks:
             mark.paint(page)
         page.save(path)
 
@@ -241,10 +226,6 @@ def room_for(text: str, size: float) -> float:
     return size * sum(0.42 if c in _NARROW else 1.0 if c in _WIDE else 0.8 if c.isupper() else 0.64 for c in text)
 
 
-def _opacity(value: float) -> str:
-    return "" if value == 1.0 else f' opacity="{value:g}"'
-
-
 def _runs(points: Floats) -> list[Floats]:
     """The parts without NaN."""
     known = np.isfinite(points).all(axis=1)
@@ -266,7 +247,7 @@ def _outline(text: str, bold: bool) -> tuple[Floats, Any, float]:
 
 
 class _Page:
-    """matplotlib's rasteriser, in points with y downwards."""
+    """matplotlib's rasteriser, in points with y downwards, on white."""
 
     def __init__(self, width: float, height: float, dpi: int) -> None:
         from matplotlib.backends.backend_agg import RendererAgg
@@ -276,35 +257,32 @@ class _Page:
         self.size = round(width * scale), round(height * scale)
         self.renderer: Any = RendererAgg(*self.size, dpi)
         self.to_pixels: Any = Affine2D().scale(scale, -scale).translate(0.0, height * scale)
+        self.path(np.array([(0.0, 0.0), (width, 0.0), (width, height), (0.0, height)]), None, "#ffffff")
 
-    def path(
-        self, points: Floats, codes: Any, *, fill: str | None = None, stroke: str | None = None, width: float = 0.0,
-        opacity: float = 1.0,
-    ) -> None:  # fmt: skip
+    def path(self, points: Floats, codes: Any, colour: str, width: float = 0.0, opacity: float = 1.0) -> None:
+        """A line of this width, or filled where it is 0."""
         from matplotlib.colors import to_rgba
         from matplotlib.path import Path as Outline
 
-        pen = self._pen(stroke or fill or INK, width if stroke else 0.0, opacity)
-        inside = None if fill is None else to_rgba(fill, opacity)
-        self.renderer.draw_path(pen, Outline(points, codes), self.to_pixels, inside)
+        inside = None if width else to_rgba(colour, opacity)
+        self.renderer.draw_path(self._pen(colour, width, opacity), Outline(points, codes), self.to_pixels, inside)
 
     def discs(self, points: Floats, size: float, colour: str, ring: bool) -> None:
         from matplotlib.colors import to_rgba
         from matplotlib.path import Path as Outline
         from matplotlib.transforms import Affine2D
 
-        pen = self._pen(colour, 1.2 if ring else 0.0)
-        radius: Any = Affine2D().scale(size / 2 * self.renderer.dpi / 72.0)
+        pen, radius = self._pen(colour, _RING if ring else 0.0, 1.0), size / 2 * self.renderer.dpi / 72.0
+        circle: Any = Affine2D().scale(radius)
         inside = to_rgba("#ffffff" if ring else colour)
-        self.renderer.draw_markers(pen, Outline.unit_circle(), radius, Outline(points), self.to_pixels, inside)
+        self.renderer.draw_markers(pen, Outline.unit_circle(), circle, Outline(points), self.to_pixels, inside)
 
-    def _pen(self, colour: str, width: float, opacity: float = 1.0) -> Any:
+    def _pen(self, colour: str, width: float, opacity: float) -> Any:
         pen = self.renderer.new_gc()
         pen.set_foreground(colour)
         pen.set_alpha(opacity)
         pen.set_linewidth(width)
         pen.set_joinstyle("round")
-        pen.set_capstyle("butt")
         return pen
 
     def save(self, path: str | Path) -> None:

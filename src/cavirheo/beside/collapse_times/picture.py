@@ -13,9 +13,8 @@ from cavirheo.inference.collapse_time import CollapseEstimate
 from cavirheo.physics.collapse import analytic_time, rayleigh_time
 from cavirheo.physics.media import Medium
 from cavirheo.reporting import file_names
-from cavirheo.reporting.picture import save_png
 from cavirheo.writing import digits
-from cavirheo.writing.style import BLUE, INK, VERMILLION, write
+from cavirheo.writing.style import BLUE, INK, VERMILLION, save_png, write
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -155,7 +155,7 @@ def shots_of(
 
 def _write(out: Path, comparison: Comparison) -> None:
     from cavirheo.beside.published.picture import figure
-    from cavirheo.reporting.picture import save_png
+    from cavirheo.writing.style import save_png
 
     with into(out):
         write_json(out / "comparison.json", comparison)

@@ -11,10 +11,9 @@ import numpy as np
 from cavirheo.beside.panels import headed, two_panels
 from cavirheo.beside.rheometer.document import Rheometry
 from cavirheo.beside.rheometer.sweeps import FrequencySweep, StrainSweep
-from cavirheo.reporting.picture import save_png
 from cavirheo.writing import digits
 from cavirheo.writing.document import spread_of
-from cavirheo.writing.style import BLUE, INK, VERMILLION, write
+from cavirheo.writing.style import BLUE, INK, VERMILLION, save_png, write
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
