@@ -228,25 +228,9 @@ class _Scale(NamedTuple):
     def __call__(self, values: Floats) -> Floats:
         return (values - self.origin) * self.factor
 
-<<<<<<< HEAD
-    @staticmethod
-    def of_time(curve: RadiusCurve) -> _Scale:
-        if curve.time_unscaled:
-            return _Scale(0.0, 1.0, "time (no scale)")
-        try:
-            return _Scale(curve.time_of_max, 1e6, f"time after {_RMAX} (µs)")
-        except InputError:
-            return _Scale(0.0, 1e6, "time of the recording (µs)")
-
-    @staticmethod
-    def of_radius(curve: RadiusCurve) -> _Scale:
-        if curve.unscaled:
-            return _Scale(0.0, 1.0 / float(np.nanmax(curve.radius, initial=1e-300)), "R / largest R")
-        return _Scale(0.0, 1e6, "R (µm)")
-=======
 
 def _time_scale(curve: RadiusCurve) -> _Scale:
-    if curve.meta.get("time_over_max_radius"):
+    if curve.time_unscaled:
         return _Scale(0.0, 1.0, "time (no scale)")
     try:
         return _Scale(curve.time_of_max, 1e6, f"time after {_RMAX} (µs)")
@@ -255,10 +239,9 @@ def _time_scale(curve: RadiusCurve) -> _Scale:
 
 
 def _radius_scale(curve: RadiusCurve) -> _Scale:
-    if "no_scale" in curve.meta:
+    if curve.unscaled:
         return _Scale(0.0, 1.0 / float(np.nanmax(curve.radius, initial=1e-300)), "R / largest R")
     return _Scale(0.0, 1e6, "R (µm)")
->>>>>>> reporting
 
 
 def _view(times: Floats, compared: Floats) -> tuple[float, float]:
