@@ -79,7 +79,10 @@ def check_verify(level: str, exposure_us: float | None, exact_law: bool) -> None
     """Raises InputError for an unknown level, or for an option that only --verify would use, before hours are spent."""
     from cavirheo.inference import check_level
 
-    check_level(level)
+    try:
+        check_level(level)
+    except InputError as error:
+        raise InputError(f"--{error}", error.code) from None
     idle = {"--exposure-us": exposure_us is not None, "--exact-law": exact_law}
     if level == "none" and (given := [option for option, is_given in idle.items() if is_given]):
         raise InputError(f"{' and '.join(given)} would change nothing without --verify map or full: give that too")
