@@ -43,7 +43,7 @@ def network_grid(curve: RadiusCurve, settings: Settings) -> tuple[float, np.ndar
     """(step s, (frames,) radius m) as the model reads the curve, NaN after its end. Raises InputError."""
     problem = load(settings.model).problem
     step = problem.grid_step(curve.max_radius, settings.liquid)
-    return step, curve.resampled(step, problem.camera.frames, allow_short=True)
+    return step, curve.resampled(step, problem.grid.frames, allow_short=True)
 
 
 def compared(curve: RadiusCurve, settings: Settings) -> Window:
