@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import hashlib
 import json
-import os
 import time
 from collections import Counter
 from dataclasses import dataclass
@@ -26,7 +25,7 @@ from numpy.typing import NDArray
 from cavirheo.errors import InputError
 from cavirheo.prior import uniforms
 from cavirheo.problem import TrainingProblem
-from cavirheo.writing.document import into
+from cavirheo.writing.document import into, whole
 from cavirheo.writing.terminal import bar
 
 SHARD = 500  # curves in a file
@@ -173,14 +172,12 @@ def _joined(parts: list[Columns]) -> Columns:
 
 
 def _write(path: Path, attributes: dict[str, Any], theta: Any, radius: Any, status: Any) -> None:
-    temporary = path.with_suffix(".tmp")
-    with h5py.File(temporary, "w", track_order=False) as file:
+    with whole(path) as temporary, h5py.File(temporary, "w", track_order=False) as file:
         file.attrs.update(attributes)
         for name, values in (("theta", theta), ("radius", radius)):
             file.create_dataset(name, data=values, track_times=False)
         text = np.array(status, dtype=object)
         file.create_dataset("status", data=text, dtype=h5py.string_dtype(), track_times=False)
-    os.replace(temporary, path)
 
 
 def _read(path: Path) -> Columns:

@@ -30,7 +30,7 @@ from cavirheo.problem import TrainingProblem
 from cavirheo.training.network import BubbleTransformer, Standardised
 from cavirheo.training.recipe import NetworkTable, Recipe
 from cavirheo.training.train import difference, read_tensors, scaling, write_text
-from cavirheo.writing.document import into
+from cavirheo.writing.document import into, whole
 
 OPSET = 18
 TOLERANCE = 1e-4  # largest difference between the exported model and the trained one, in the prior's scale
@@ -54,8 +54,7 @@ def export(recipe: Recipe, run_dir: str | Path, out_dir: str | Path, *, on: date
     model = load_model(run / "best.safetensors")
     with into(out_dir) as folder:
         target = folder / f"{recipe.export.name}.onnx"
-        temporary = target.with_suffix(".tmp.onnx")
-        try:
+        with whole(target) as temporary:
             write_onnx(model, recipe.problem.grid.frames, temporary)
             deviation = largest_difference(model, temporary, np.load(run / "test.npz")["radius"])
             if not deviation <= TOLERANCE:
@@ -63,9 +62,6 @@ def export(recipe: Recipe, run_dir: str | Path, out_dir: str | Path, *, on: date
                     f"the exported model differs from the trained one by {deviation:.2g} (at most {TOLERANCE:g}): "
                     f"nothing was written"
                 )
-            temporary.replace(target)
-        finally:
-            temporary.unlink(missing_ok=True)
         content = card(target, recipe, result, deviation, on or datetime.now(UTC).date())
         write_text(target.with_suffix(".json"), card_text(content))
     return target

@@ -24,11 +24,11 @@ from cavirheo.prior import Prior
 from cavirheo.problem import FrameGrid, TrainingProblem
 
 
-class _Table(BaseModel):
+class _Section(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True)
 
 
-class ProblemTable(_Table):
+class ProblemTable(_Section):
     material: str
     medium: str | dict[str, float | str] = "water"
     reference_max_radius_um: PositiveFloat = 245.0
@@ -36,12 +36,12 @@ class ProblemTable(_Table):
     frames: PositiveInt = 100
 
 
-class DataTable(_Table):
+class DataTable(_Section):
     n: PositiveInt
     seed: NonNegativeInt = 0
 
 
-class NetworkTable(_Table):
+class NetworkTable(_Section):
     """Sizes of the Bubble Dynamics Transformer; two choices that its description leaves open are marked."""
 
     outputs: tuple[str, ...] = ()  # names in the prior's scale; empty: all parameters but the stretch
@@ -56,7 +56,7 @@ class NetworkTable(_Table):
     norm_epsilon: PositiveFloat = 1e-6
 
 
-class TrainingTable(_Table):
+class TrainingTable(_Section):
     epochs: PositiveInt = 100
     batch: PositiveInt = 32
     lr: PositiveFloat = 1e-3  # Adam
@@ -66,11 +66,11 @@ class TrainingTable(_Table):
     dropout_epochs: PositiveInt | None = None  # without dropout afterwards; None leaves answers 3 to 7 % off scale
 
 
-class ExportTable(_Table):
+class ExportTable(_Section):
     name: str = Field(pattern=r"^[a-z0-9][a-z0-9.-]*$")
 
 
-class Recipe(_Table):
+class Recipe(_Section):
     problem_table: ProblemTable = Field(alias="problem")
     prior: dict[str, tuple[float, float]]
     data: DataTable

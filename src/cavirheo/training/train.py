@@ -17,7 +17,6 @@ from __future__ import annotations
 
 import json
 import math
-import os
 import time
 from collections.abc import Callable, Mapping
 from pathlib import Path
@@ -36,7 +35,7 @@ from cavirheo.training.dataset import load
 from cavirheo.training.metrics import metrics
 from cavirheo.training.network import BubbleTransformer
 from cavirheo.training.recipe import Recipe, TrainingTable
-from cavirheo.writing.document import into
+from cavirheo.writing.document import into, whole
 from cavirheo.writing.terminal import bar
 
 EVALUATION_BATCH = 512
@@ -238,10 +237,9 @@ class _Training:
 
 def write_tensors(path: Path, tensors: Mapping[str, Tensor], note: Mapping[str, Any]) -> None:
     """Put tensors and what is to be known about them into one file."""
-    temporary = path.with_suffix(".tmp")
     content = {name: tensor.detach().cpu().contiguous() for name, tensor in tensors.items()}
-    save_file(content, temporary, metadata={NOTE: json.dumps(note)})
-    os.replace(temporary, path)
+    with whole(path) as temporary:
+        save_file(content, temporary, metadata={NOTE: json.dumps(note)})
 
 
 def read_tensors(path: Path) -> tuple[dict[str, Tensor], dict[str, Any]]:
@@ -256,9 +254,8 @@ def read_tensors(path: Path) -> tuple[dict[str, Tensor], dict[str, Any]]:
 
 def write_text(path: Path, text: str) -> None:
     """Put text into a file that is never seen half-written."""
-    temporary = path.with_suffix(".tmp")
-    temporary.write_text(text, encoding="utf-8")
-    os.replace(temporary, path)
+    with whole(path) as temporary:
+        temporary.write_text(text, encoding="utf-8")
 
 
 def difference(old: Mapping[str, Any], new: Mapping[str, Any]) -> str:
