@@ -3,7 +3,7 @@ PYTHON ?= python3
 VENV ?= .venv
 BIN = $(VENV)/bin
 
-.PHONY: demo test test-slow lint space clean
+.PHONY: demo test test-slow test-lowest lint space clean
 
 demo: $(VENV)/demo.done
 	$(BIN)/cavirheo infer examples/soft_gel.csv examples/stiff_gel.mat -o demo-result
@@ -14,12 +14,19 @@ test: $(VENV)/test.done lint
 test-slow: $(VENV)/test.done
 	$(BIN)/python -m pytest -m slow
 
+# The fast tests that need neither torch nor the browser app, with the oldest versions that pyproject.toml allows
+test-lowest:
+	$(PYTHON) -m venv build/lowest
+	$(PYTHON) tests/lowest.py plot > build/lowest.txt
+	build/lowest/bin/pip install --quiet --disable-pip-version-check -c build/lowest.txt -e ".[plot]" pytest
+	build/lowest/bin/python -m pytest -m "not slow and not train" --ignore-glob="*test_app*"
+
 lint: $(VENV)/test.done
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
 
-# A folder that a hosted Gradio Space runs as it is (docs/app.md)
+# A folder that a hosted Gradio Space runs as it is (docs/how-to/app.md)
 space: $(VENV)/demo.done
 	rm -rf build/space && mkdir -p build && cp -r space build/space
 	$(BIN)/pip install --quiet --disable-pip-version-check --no-deps --target build/space .

@@ -4,7 +4,7 @@ the move of a slider to the redrawn simulation; beside the same functions called
     python benchmarks/app.py [--repeats 5]
 
 Needs Chromium and the extras [app] and [dev]. Prints medians (and, as other work on the machine slows wall time, the
-load) as Markdown; the results stand in docs/app.md.
+load) as Markdown; the results stand in benchmarks/app.md.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ from scipy.io import loadmat, savemat
 from cavirheo import infer_many, read_curves
 from cavirheo.app import steps
 from cavirheo.app.server import running
-from cavirheo.app.session import Settings
+from cavirheo.app.session import PageSettings
 
 SHOTS = 20
 # From the event to the drawn lines, and the part of it from the request to its answer, ms.
@@ -112,7 +112,7 @@ def main(repeats: int) -> None:
         page.wait_for_selector("#facts article")
         page.wait_for_timeout(1000)
         session = visitors.of("benchmark")
-        session.add([steps.examples()["stiff_gel.mat"]], Settings(), copy=True)
+        session.add([steps.examples()["stiff_gel.mat"]], PageSettings(), copy=True)
         steps.infer(session, [session.curves[0].name], lambda *_: None)
         tasks = page.context.new_cdp_session(page)
         tasks.send("Performance.enable", {"timeDomain": "threadTicks"})

@@ -23,8 +23,8 @@ from pathlib import Path
 import numpy as np
 from scipy.stats import chi2, kstest, truncnorm
 
-from cavirheo import NeoHookeanKelvinVoigt, RadiusCurve, simulate
-from cavirheo.inference.verify import LeastSquares, Verified
+from cavirheo import NeoHookeanKelvinVoigt, RadiusCurve, fit, simulate
+from cavirheo.inference.verify import verify
 from cavirheo.physics.materials import Material
 from cavirheo.physics.media import WATER
 from cavirheo.posterior import Posterior
@@ -67,8 +67,8 @@ def film(
     run = simulate(law, max_radius=top * scale * factor, stretch=stretch, time=instants[order], precise=True)
     seen[order] = run.radius / scale
     radius = seen.reshape(FRAMES, 15).mean(axis=1) + noise * top * rng.standard_normal(FRAMES)
-    meta = {"name": name, "exposure_s": EXPOSURE * frame} | ({} if as_read else {"maximum": (0.0, top)})
-    return camera, RadiusCurve(time, np.maximum(radius, 1e-3 * top), meta=meta)
+    meta, maximum = {"name": name, "exposure_s": EXPOSURE * frame}, None if as_read else (0.0, top)
+    return camera, RadiusCurve(time, np.maximum(radius, 1e-3 * top), meta=meta, maximum=maximum)
 
 
 def rank(answer: Posterior, name: str, truth: float) -> float:
@@ -100,19 +100,18 @@ def one(job: tuple[int, bool, bool]) -> dict:
     # as drawn, the clock is known to half a frame; read off the frames it is not, and the default range is wider
     bound = None if as_read else 0.5 * float(np.median(np.diff(curve.time)))
     began = time.process_time()
-    estimator = Verified(
-        LeastSquares("nhkv", options={"window": "all", "workers": 1}),
-        ranges=RANGES, discrepancy=discrepancy, t0_bound=bound, scale_bound=BOUND, workers=1,
+    answer = verify(
+        curve, fit(curve, window="all", workers=1),
+        ranges=RANGES, discrepancy=discrepancy, t0_bound=bound, scale_bound=BOUND, workers=1, seed=seed,
     )  # fmt: skip
-    answer = estimator.infer(curve, seed=seed)
-    about = answer.provenance
+    about = answer.diagnostics
     row = {"seed": seed, "truth": truth, "verdict": answer.checks.verdict, "message": answer.checks.message}
     row |= {
         "seconds": time.process_time() - began,
-        "ess": about.get("effective_sample_size"),
-        "tail": about.get("tail_index"),
+        "ess": about.effective_sample_size,
+        "tail": about.tail_index,
     }
-    row |= {"p_value": about.get("predictive", {}).get("p_value"), "simulations": about.get("simulations")}
+    row |= {"p_value": (about.predictive or {}).get("p_value"), "simulations": about.simulations}
     row["ranks"] = {n: rank(answer, n, truth[n]) for n in truth} if answer.log_weight is not None else None
     row["median"] = {name: answer.median(name) for name in RANGES}
     return row

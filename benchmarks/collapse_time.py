@@ -93,7 +93,8 @@ def main() -> None:
     off[collapses] = 100 * (analytic[collapses] / simulated[collapses] - 1)
 
     lines = ["# The analytic collapse time beside the simulated one", ""]
-    lines += [f"{N} bubbles, `benchmarks/collapse_time.py`; t_1 analytic over simulated, per cent.", ""]
+    lines += [f"{N} bubbles of `benchmarks/collapse_time.py`."]
+    lines += ["The columns give t_1 of the analytic model over t_1 of the simulation, minus 1, in per cent.", ""]
     lines += ["| | bubbles | no collapse simulated | median | median size | 95th percentile | largest |"]
     lines += ["|---|---|---|---|---|---|---|"]
 

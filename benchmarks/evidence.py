@@ -21,7 +21,7 @@ import numpy as np
 from calibration import film, resumed
 
 from cavirheo import NeoHookeanKelvinVoigt, Newtonian, QuadraticKelvinVoigt, RadiusCurve
-from cavirheo.inference.fit.parameters import Family
+from cavirheo.inference.law import Family
 from cavirheo.inference.verify.evidence import rank_laws
 from cavirheo.physics.materials import Zener
 
@@ -54,7 +54,7 @@ def one(job: tuple[str, int, bool]) -> dict:
         "error": found.error,
         "contenders": found.contenders,
         "chosen": found.chosen,
-        "ess": {law: answer.provenance.get("effective_sample_size") for law, answer in found.answers.items()},
+        "ess": {law: answer.diagnostics.effective_sample_size for law, answer in found.answers.items()},
         "verdict": {law: answer.checks.verdict for law, answer in found.answers.items()},
         "rmse": {law: answer.checks.rmse_over_rmax for law, answer in found.answers.items()},
     }

@@ -1,5 +1,5 @@
 """The field's usual way to solve the same physics, as an independent check: method of lines on mass fraction and
-Kirchhoff temperature (the equations of Estrada et al. 2018 as printed, docs/physics.md section 3.1), finite
+Kirchhoff temperature (the equations of Estrada et al. 2018 as printed, docs/method/physics.md section 3.1), finite
 differences, scipy's BDF. Shares no line with the package's solver.
 """
 

@@ -15,16 +15,17 @@ from __future__ import annotations
 import argparse
 import time
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 
 from cavirheo import NeoHookeanKelvinVoigt, Posterior, RadiusCurve, simulate
+from cavirheo.inference.experiment import FINE, Experiment, Options
 from cavirheo.inference.fit import fit, fit_many
-from cavirheo.inference.fit.parameters import Family, Settings, spread_starts
-from cavirheo.inference.fit.search import Fit
-from cavirheo.inference.fit.shots import FINE, Shot
+from cavirheo.inference.fit.least_squares import LeastSquares
+from cavirheo.inference.fit.starts import spread_starts
+from cavirheo.inference.law import Family
 from cavirheo.physics.media import WATER
 from cavirheo.reading.shots import read_shots
 
@@ -42,7 +43,7 @@ class Case:
         draw = np.random.default_rng(seed).standard_normal(len(self.clean.time))
         top = 10 ** self.truth[3]
         radius = np.maximum(self.clean.radius + noise * top * draw, 1e-7)
-        return RadiusCurve(self.clean.time, radius, meta={"name": "shot", "maximum": (0.0, top)})
+        return RadiusCurve(self.clean.time, radius, meta={"name": "shot"}, maximum=(0.0, top))
 
 
 def cases(count: int, seed: int) -> list[Case]:
@@ -53,21 +54,20 @@ def made(truth: np.ndarray) -> Case:
     G, mu, stretch, R_max = 10**truth
     times = np.linspace(0.0, 4.07 * WATER.time_scale(R_max), 100)
     run = simulate(NeoHookeanKelvinVoigt(G, mu), max_radius=R_max, stretch=stretch, time=times, precise=True)
-    return Case(truth, RadiusCurve(times, run.radius, meta={"name": "shot", "maximum": (0.0, R_max)}))
+    return Case(truth, RadiusCurve(times, run.radius, meta={"name": "shot"}, maximum=(0.0, R_max)))
 
 
 def bound(case: Case, window: int | str | None, noise: float) -> np.ndarray:
     """(3,) Cramer-Rao bound of log10 G, mu, stretch at this noise, fraction of R_max."""
-    family = Family("nhkv")
-    shot = Shot(case.clean, family, WATER, Settings(window=window, weights="equal"))
+    shot = Experiment(case.clean, Family("nhkv"), options=Options(window=window, weights="equal"))
     shot.sigma = np.ones(len(shot.measured))
-    J = Fit(family, [shot]).jacobian(case.truth[:3], FINE, central=True)
+    J = LeastSquares([shot]).jacobian(case.truth[:3], FINE, central=True)
     return noise * np.sqrt(np.diag(np.linalg.pinv(J.T @ J, rcond=1e-14)))
 
 
 def error(answer: Posterior, case: Case) -> np.ndarray:
     """(3,) log10 of answer over truth."""
-    best = [answer.provenance["best"][name] for name in ("shear_modulus", "viscosity", "stretch")]
+    best = [answer.best[name] for name in ("shear_modulus", "viscosity", "stretch")]
     return np.log10(best) - case.truth[:3]
 
 
@@ -79,7 +79,7 @@ def timed(curves: list[RadiusCurve]) -> tuple[np.ndarray, np.ndarray, int]:
         answer = fit(curve, workers=1)
         if answer.checks.verdict != "failed":
             seconds.append(time.process_time() - began)
-            runs.append(answer.provenance["simulations"])
+            runs.append(answer.diagnostics.simulations)
     return np.array(seconds), np.array(runs), len(curves) - len(runs)
 
 
@@ -112,7 +112,7 @@ def joint(count: int, noise: float) -> None:
     for k, truth in enumerate(spread_starts(BOX, count)):
         case = made(np.array([4.0, -1.2, *truth[2:]]))
         curve = case.noisy(noise, k)
-        curves.append(RadiusCurve(curve.time, curve.radius, meta={**curve.meta, "group": "one"}))
+        curves.append(replace(curve, meta={**curve.meta, "group": "one"}))
     spent = []
     for together in (False, True):
         began = time.process_time()
@@ -147,7 +147,7 @@ def main() -> None:
         answer = fit(case.clean, window=window, workers=1)
         wall.append(time.perf_counter() - began)
         cpu.append(time.process_time() - spent)
-        runs.append(answer.provenance.get("simulations", 0))
+        runs.append(answer.diagnostics.simulations or 0)
         failed += answer.checks.verdict == "failed"
         clean.append(np.expm1(LN10 * error(answer, case)) if answer.checks.verdict != "failed" else np.full(3, np.nan))
         sharp.append(bound(case, window, 1e-3) * LN10)

@@ -1,7 +1,7 @@
 """PyIMR (https://github.com/sbryngelson/PyIMR) on the package's cases: Keller-Miksis with its gas thermal equation and
 vapour transport, neo-Hookean Kelvin-Voigt, from R_max at rest.
 
-PyIMR's model is the same one (docs/physics.md 3.1) once its constants are these: one conductivity for gas and vapour
+PyIMR's model is the same one (docs/method/physics.md 3.1) once its constants are these: one conductivity for both gases
 (its default has two), gas constants from molar masses, p_v(T) as here (not adjustable there, and equal), the wall at
 the temperature of the liquid (`medtherm=0`). On a gentle case the two agree to 1e-7 of R_max when both are refined.
 It needs Python 3.12 and jax; import this module only where `pyimr` can be imported.

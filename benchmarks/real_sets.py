@@ -2,11 +2,12 @@
 
     python benchmarks/real_sets.py FOLDER [--references examples/published_values.csv] [--sets WORD] [-o real_sets.md]
 
-FOLDER and the CSV file are those of `cavirheo compare` (docs/compare.md), whose columns files, medium, density,
-stretch and rmax_um hold here too. A set without a published G is fitted as Newtonian, the others as NHKV, each over
-1 and 3 collapses, with and without a free time origin (within half a frame). "Shots": mean and standard deviation of
-the fits of single shots, with RMSE (% of R_max, median) and verdicts; "joint": one material for all shots, median and
-90 % interval.
+FOLDER and the CSV file are those of `cavirheo compare` (docs/how-to/compare.md).
+Its columns files, medium, density, stretch and rmax_um hold here, too.
+A set without a published G is fitted as Newtonian, the others as NHKV.
+Each set is fitted over 1 and 3 collapses, with and without a free time origin (within half a frame).
+"Shots" is mean and standard deviation of the fits of single shots, with RMSE (% of R_max, median) and verdicts.
+"Joint" is one material for all shots: median and 90 % interval.
 """
 
 from __future__ import annotations
@@ -52,7 +53,7 @@ def row(answers: list[Posterior], shots: int) -> list[str]:
         low, high = (done and done[0].interval(name)) or (None, None)
         cells.append(digits.quantity(Quantity(median=done[0].median(name), q05=low, q95=high), factor) if done else "")
     verdicts = Counter(one["verdict"] for one in alone) + Counter(failed=shots - len(done))
-    bounds = Counter(name for a in done for name in a.provenance["at_bound"])
+    bounds = Counter(name for a in done for name in a.diagnostics.at_bound)
     rmse = np.median([one["rmse_over_rmax"] for one in alone]) if alone else np.nan
     return [
         *cells, f"{100 * rmse:.2g}", ", ".join(f"{digits.VERDICTS[v]} {n}" for v, n in verdicts.items() if n),

@@ -52,8 +52,8 @@ def shots(
         run = simulate(problem.material(theta), max_radius=R_max, stretch=stretch, time=time, medium=problem.medium)
         radius = run.radius + noise * R_max * rng.standard_normal(len(time))
         radius[radius <= 0] = np.nan
-        meta = {"name": f"shot {k}", "maximum": (0.0, R_max)}  # R_max known: its own error is not what is asked here
-        curves.append(RadiusCurve(time, radius, meta=meta))
+        known = (0.0, R_max)  # its own error is not what is asked here
+        curves.append(RadiusCurve(time, radius, meta={"name": f"shot {k}"}, maximum=known))
     return truth, curves
 
 

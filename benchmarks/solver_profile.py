@@ -18,11 +18,12 @@ import numpy as np
 from numba import njit
 
 from cavirheo.physics import simulate as forward
-from cavirheo.physics import solver, tableau
+from cavirheo.physics import solver
 from cavirheo.physics.grid import wall_clustered
 from cavirheo.physics.materials import NeoHookeanKelvinVoigt
 from cavirheo.physics.media import WATER
 from cavirheo.physics.scales import dimensionless
+from cavirheo.physics.tableau import RODAS5P
 
 GEL, R_MAX, STRETCH = NeoHookeanKelvinVoigt(1e4, 0.05), 200e-6, 6.0
 TIME = np.linspace(0, 100e-6, 101)
@@ -108,7 +109,7 @@ def measure() -> list[tuple[str, int, float]]:
     finally:
         forward.solver.integrate = original
     tables = least(lambda: dimensionless(GEL, WATER, R_MAX, STRETCH))
-    steps, tries, stages = stats["steps"], stats["steps"] + stats["rejected"], len(tableau.A)
+    steps, tries, stages = stats["steps"], stats["steps"] + stats["rejected"], len(RODAS5P.A)
     parts = [
         ("derivatives (right-hand side)", 1 + tries * (stages - 1) + steps, per_call(solver.derivatives, names)),
         ("eliminate (Jacobian of the shells and its LU factors)", tries, per_call(solver.eliminate, names)),

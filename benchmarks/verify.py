@@ -43,7 +43,7 @@ def main() -> None:
         if answer.checks.verdict == "failed":
             continue
         processor = (time.process_time() - spent) / cores
-        rows.append((middle - began, end - began, processor, answer.provenance.get("simulations", 0)))
+        rows.append((middle - began, end - began, processor, (answer.diagnostics.simulations or 0)))
         without += answer.interval("shear_modulus") is None
     print(f"{len(rows)} of {len(curves)} curves answered, {without} of them without an interval; {cores} cores")
     names = ("fit, s", "fit and verification, s", "the same, processor time over cores, s", "simulations to verify")

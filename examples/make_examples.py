@@ -3,10 +3,10 @@
     python examples/make_examples.py
 
 Nothing here was measured. Each shot is a Keller-Miksis simulation (water-like medium, neo-Hookean Kelvin-Voigt
-material) filmed at 1 Mfps, with what real recordings have: growth before R_max (here the collapse run backwards, since
-the laser's work is not part of the model), a clock that starts before nucleation, frames without a bubble, a blur by
-the exposure that fills the sharp minima, radius noise, and frames that the edge detection lost, most of them round a
-collapse. The true parameters are written to truth.csv, which nothing reads but the tests.
+material) filmed at 1 Mfps. It has what real recordings have: growth before R_max (here the collapse in reverse, because
+the model has no laser), a clock that starts before nucleation, frames without a bubble, a blur by the exposure that
+fills the sharp minima, radius noise, and frames that the edge detection lost, most of them around a collapse. The true
+parameters are written to truth.csv, which only the tests read.
 
 The sweeps are of a gel that is the soft one at a bubble's rates, 6 kPa and 0.03 Pa s, and a softer one at a
 rheometer's: a spring of 1.5 kPa, beside it a Maxwell arm of 4.5 kPa that relaxes in 3 ms, and a dashpot of 0.03 Pa s.

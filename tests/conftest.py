@@ -1,12 +1,24 @@
 """Fixtures shared by all tests."""
 
+import importlib.util
 import os
 import sys
 from pathlib import Path
+from types import ModuleType
 
 import pytest
 
 from cavirheo import verbs
+
+
+def load_benchmark(name: str) -> ModuleType:
+    """A file of benchmarks/ as a module, whose name (`app`, `fit`) hides no other's."""
+    path = Path(__file__).resolve().parents[1] / "benchmarks" / f"{name}.py"
+    spec = importlib.util.spec_from_file_location(f"benchmarks_{name}", path)
+    module = importlib.util.module_from_spec(spec)
+    sys.modules[spec.name] = module
+    spec.loader.exec_module(module)
+    return module
 
 
 @pytest.fixture(scope="session")

@@ -1,81 +1,140 @@
-"""Imports run one way (docs/architecture.md), and whoever only infers needs no torch."""
+"""The plan of the house (docs/architecture.md) holds: imports run one way, a name means one thing, rooms stay short."""
 
 from __future__ import annotations
 
 import ast
 import subprocess
 import sys
+from collections import Counter
 from pathlib import Path
 
 import pytest
 
 SOURCE = Path(__file__).parent.parent / "src" / "cavirheo"
-MAY_USE = {
-    "errors": set(),
-    "parameters": set(),
-    "prior": {"errors", "parameters"},
-    "landmarks": {"errors"},
-    "writing": {"errors"},
-    "curve": {"errors", "landmarks", "writing"},
-    "reading": {"errors", "curve"},
-    "physics": {"errors", "writing"},
-    "posterior": {"errors", "writing"},
-    "problem": {"errors", "parameters", "prior", "physics"},
-    "inference": {"parameters", "prior", "errors", "curve", "physics", "problem", "posterior"},
-    "training": {"parameters", "prior", "errors", "curve", "physics", "problem", "inference", "writing"},
-    "reporting": {"errors", "curve", "posterior", "writing"},
-    "beside": {"errors", "curve", "reading", "physics", "posterior", "inference", "reporting", "writing"},
-    "app": {"errors", "curve", "reading", "physics", "posterior", "inference", "reporting", "writing"},
-}
+LONGEST = 400  # lines of a module
+SOLVER = "physics/solver.py"  # all that is compiled must be one file
+ROOMS = (  # from the ground up: a room imports those below it, and only those that it may
+    ("errors", ""),
+    ("parallel", ""),
+    ("parameters", ""),
+    ("landmarks", "errors"),
+    ("writing", "errors"),
+    ("prior", "errors parameters"),
+    ("posterior", "errors writing parameters"),
+    ("curve", "errors landmarks writing"),
+    ("reading", "errors curve landmarks"),
+    ("physics", "errors writing parameters parallel landmarks"),
+    ("problem", "errors parameters prior physics"),
+    ("inference", "errors parallel parameters prior posterior curve landmarks physics problem writing"),
+    ("training", "errors parallel parameters prior curve physics problem inference writing"),
+    ("reporting", "errors parallel parameters posterior curve writing"),
+    ("beside", "errors parallel parameters landmarks posterior curve reading physics inference reporting writing"),
+    ("app", "errors parallel parameters posterior curve reading physics inference reporting writing"),
+    ("loading", "errors reporting training beside writing"),
+)
+MAY_USE = {room: set(below.split()) for room, below in ROOMS}
+FREE = ("verbs", "__main__", "__init__")  # the command line and the package's face see every room
 
 
-def imports(path: Path) -> set[str]:
-    """Rooms of the package that a module names in any import, at the top or inside a function."""
+def modules() -> dict[str, Path]:
+    return {str(path.relative_to(SOURCE)): path for path in sorted(SOURCE.rglob("*.py"))}
+
+
+def room_of(module: str) -> str:
+    return module.split("/")[0].removesuffix(".py")
+
+
+def trees() -> dict[str, ast.Module]:
+    return {name: ast.parse(path.read_text(encoding="utf-8")) for name, path in modules().items()}
+
+
+def imported(tree: ast.Module) -> set[str]:
+    """Rooms that a module names in any import, at the top or inside a function."""
     found = set()
-    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+    for node in ast.walk(tree):
         names = []
         if isinstance(node, ast.ImportFrom) and node.module:
             names = [node.module]
+            if node.module == "cavirheo":
+                names = [f"cavirheo.{alias.name}" for alias in node.names]
         elif isinstance(node, ast.Import):
             names = [alias.name for alias in node.names]
         found |= {name.split(".")[1] for name in names if name.startswith("cavirheo.")}
     return found
 
 
-def modules() -> list[Path]:
-    """All but the command line, which may see every room."""
-    return sorted(
-        p for p in SOURCE.rglob("*.py") if p.relative_to(SOURCE).parts[0] not in ("verbs", "__main__.py", "__init__.py")
-    )
+def test_the_plan_itself_runs_upwards():
+    order = [room for room, _ in ROOMS]
+    for room, below in MAY_USE.items():
+        assert below <= set(order[: order.index(room)]), room
 
 
-@pytest.mark.parametrize("path", modules(), ids=lambda p: str(p.relative_to(SOURCE)))
-def test_imports_run_one_way(path):
-    room = path.relative_to(SOURCE).parts[0].removesuffix(".py")
-    if room == "models":
-        return
-    assert imports(path) <= MAY_USE[room] | {room}
+def test_imports_run_one_way():
+    wrong = {}
+    for name, tree in trees().items():
+        room = room_of(name)
+        if room not in FREE and (other := imported(tree) - MAY_USE[room] - {room}):
+            wrong[name] = other
+    assert wrong == {}
+
+
+def test_no_class_is_defined_twice():
+    places: dict[str, list[str]] = {}
+    for name, tree in trees().items():
+        for node in ast.walk(tree):
+            if isinstance(node, ast.ClassDef):
+                places.setdefault(node.name, []).append(name)
+    assert {name: where for name, where in places.items() if len(where) > 1} == {}
+
+
+def reads_of_provenance(tree: ast.Module) -> list[int]:
+    """Lines on which an entry of a `provenance` is looked up; writing the whole of it down is allowed."""
+
+    def is_provenance(node: ast.expr) -> bool:
+        return isinstance(node, ast.Attribute) and node.attr == "provenance"
+
+    lines = []
+    for node in ast.walk(tree):
+        looked_up = isinstance(node, ast.Subscript) and is_provenance(node.value)
+        asked = isinstance(node, ast.Attribute) and node.attr in ("get", "pop") and is_provenance(node.value)
+        tested = isinstance(node, ast.Compare) and any(map(is_provenance, node.comparators))
+        lines += [node.lineno] if looked_up or asked or tested else []
+    return lines
+
+
+def test_nothing_reads_provenance():
+    assert {name: lines for name, tree in trees().items() if (lines := reads_of_provenance(tree))} == {}
+    assert reads_of_provenance(ast.parse('answer.provenance["best"]')) == [1]
+    assert reads_of_provenance(ast.parse('answer.provenance.get("best")')) == [1]
+
+
+def test_modules_stay_short():
+    lines = {name: len(path.read_text("utf-8").splitlines()) for name, path in modules().items()}
+    assert lines.pop(SOLVER) <= 660
+    assert {name: n for name, n in lines.items() if n > LONGEST} == {}
 
 
 def test_only_training_names_torch():
-    offenders = [
-        p for p in SOURCE.rglob("*.py") if "training" not in p.parts and "import torch" in p.read_text("utf-8")
-    ]
-    assert offenders == []
+    assert [
+        name for name, tree in trees().items() if room_of(name) != "training" and "import torch" in ast.unparse(tree)
+    ] == []
 
 
-def test_inference_loads_neither_torch_nor_matplotlib():
+@pytest.mark.parametrize("missing", [("torch", "matplotlib", "gradio")])
+def test_inference_needs_no_extra(missing):
     code = (
-        "import sys; sys.modules['torch'] = None; sys.modules['matplotlib'] = None; "
-        "import cavirheo.inference.amortised, cavirheo.verbs, cavirheo.reporting; "
+        f"import sys; sys.modules.update(dict.fromkeys({missing!r})); "
+        "import cavirheo.inference.amortised, cavirheo.inference.verify, cavirheo.verbs, cavirheo.reporting; "
         "from cavirheo import infer, read_curves"
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
 
 
-def test_modules_stay_short():
-    """All but the solver, which must be one file (docs/architecture.md)."""
-    lines = {str(p.relative_to(SOURCE)): len(p.read_text("utf-8").splitlines()) for p in SOURCE.rglob("*.py")}
-    assert lines.pop("physics/solver.py") <= 660
-    assert {name: n for name, n in lines.items() if n > 420} == {}
+def test_the_verbs_are_one_file_each():
+    verbs = Counter(room for room in (name.removeprefix("verbs/") for name in modules() if name.startswith("verbs/")))
+    shared = {"__init__.py", "options.py", "run.py"}
+    from cavirheo.verbs import app
+
+    known = {command.name or command.callback.__name__ for command in app.registered_commands}
+    assert {name.replace("-", "_") + ".py" for name in known} == set(verbs) - shared

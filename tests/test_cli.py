@@ -8,6 +8,7 @@ from pathlib import Path
 import h5py
 import numpy as np
 import pytest
+import typer
 from scipy.io import savemat
 
 from cavirheo import NeoHookeanKelvinVoigt, read_curves, simulate
@@ -17,10 +18,28 @@ from cavirheo.physics.driving import Trace
 from cavirheo.physics.elastic import Yeoh
 from cavirheo.physics.materials import Viscoelastic
 from cavirheo.physics.viscous import Cross
+from cavirheo.posterior import Checks, Posterior
 from cavirheo.reading import write_csv
+from cavirheo.verbs.run import Run
 
 ROOT = Path(__file__).parent.parent
 EXAMPLE = ROOT / "examples" / "soft_gel.csv"
+
+
+def infer(run, *words: object, status: int = 0) -> tuple[list[dict], list[dict], str]:
+    """Rows of curves and groups, and what was said on stderr."""
+    found, _, err = run("infer", *words, "-o", "r")
+    assert found == status, err
+    assert "Traceback" not in err
+    document = json.loads(Path("r", "result.json").read_text())
+    return document["curves"], document["groups"], err
+
+
+@pytest.fixture
+def shot(tmp_path) -> Path:
+    """One shot of the example."""
+    write_csv(tmp_path / "shot.csv", read_curves(EXAMPLE)[1])
+    return tmp_path / "shot.csv"
 
 
 def test_the_main_job(run, tmp_path):
@@ -34,75 +53,60 @@ def test_the_main_job(run, tmp_path):
     assert row["verdict"] == "ok"
     assert row["shear_modulus_Pa"]["q05"] is None
     assert row["provenance"]["medium"]["density"] == 998.0
-    assert result["groups"][0]["n"] == 5
+    assert result["groups"][0]["n"] == result["groups"][0]["n_trusted"] == 5
     assert (tmp_path / "result" / "report.html").read_text().startswith("<!doctype html>")
-    assert len(list((tmp_path / "result").glob("*.png"))) >= 5
+    assert len(list((tmp_path / "result").glob("*.png"))) == 5
 
 
-def test_options_reach_the_answer(run, tmp_path):
+def test_options_reach_the_answer(run, shot):
     def answer(*options: object) -> dict:
-        assert run("infer", EXAMPLE, "-o", "r", *options)[0] == 0
-        return json.loads((tmp_path / "r" / "result.json").read_text())["curves"][1]
+        ((row,), _, _) = infer(run, shot, *options)
+        return row
 
     plain = answer()
     dense = answer("--density", 1040)
     assert dense["provenance"]["medium"]["density"] == 1040
     assert dense["shear_modulus_Pa"]["median"] > plain["shear_modulus_Pa"]["median"]  # the same clock, a slower liquid
-    assert answer("--medium", "zhu2025")["provenance"]["medium"]["name"] == "zhu2025"
-    assert answer("--stretch", 9)["stretch"]["median"] == 9
-    assert answer("--window", 1)["window"]["collapses"] == 1
-    bigger = answer("--rmax-um", 200)
-    assert bigger["max_radius_m"] == pytest.approx(200e-6)
-    assert any("R_max set to 200 um" in note for note in bigger["notes"])
+    other = answer("--medium", "zhu2025", "--stretch", 9, "--window", 1, "--rmax-um", 200)
+    assert other["provenance"]["medium"]["name"] == "zhu2025"
+    assert other["stretch"]["median"] == 9
+    assert other["window"]["collapses"] == 1
+    assert other["max_radius_m"] == pytest.approx(200e-6)
+    assert len(other["notes"]) == len(plain["notes"]) + 1  # that R_max was set
 
 
 def test_single_shot_files_of_a_folder_are_one_group(run, tmp_path):
+    curves = read_curves(EXAMPLE)
     (tmp_path / "gel").mkdir()
-    for k, curve in enumerate(read_curves(EXAMPLE)[:3]):
-        write_csv(tmp_path / "gel" / f"shot{k}.csv", curve)
-    status, _, err = run("infer", *sorted((tmp_path / "gel").glob("*.csv")), EXAMPLE, "-o", "r")
-    assert status == 0, err
-    groups = json.loads((tmp_path / "r" / "result.json").read_text())["groups"]
-    assert [(g["name"], g["n"]) for g in groups] == [("gel", 3), ("soft_gel", 5)]
+    for k in (0, 1):
+        write_csv(tmp_path / "gel" / f"shot{k}.csv", curves[k])
+    head, *rows = EXAMPLE.read_text().splitlines()
+    (tmp_path / "two.csv").write_text("\n".join([head, *(row for row in rows if row[0] in "12")]))
+    _, groups, _ = infer(run, *sorted((tmp_path / "gel").glob("*.csv")), "two.csv")
+    assert [(g["name"], g["n"]) for g in groups] == [("gel", 2), ("two", 2)]
 
 
 def few(n: int) -> str:
     return "time_us,radius_um\n" + "".join(f"{k},{100 + k}\n" for k in range(n))
 
 
-BAD_FILES = {
-    "empty.csv": (b"", "the file is empty"),
-    "text.txt": (b"Dear lab, the data will follow.\nYours\n", "expected|header|columns"),
-    "binary.csv": (bytes(range(256)) * 4, "binary data|cannot be read"),
-}
-
-
-@pytest.mark.parametrize("name", BAD_FILES)
-def test_unreadable_files(run, tmp_path, name):
-    content, message = BAD_FILES[name]
-    (tmp_path / name).write_bytes(content)
-    status, _, err = run("infer", name)
-    assert status == 2
-    assert name in err
-    assert any(word in err for word in message.split("|")), err
-    assert "Traceback" not in err
-
-
-def test_unreadable_other(run, tmp_path):
+def test_unreadable_files(run, tmp_path):
+    (tmp_path / "empty.csv").write_bytes(b"")
+    (tmp_path / "text.txt").write_bytes(b"Dear lab, the data will follow.\nYours\n")
+    (tmp_path / "binary.csv").write_bytes(bytes(range(256)) * 4)
     savemat(tmp_path / "other.mat", {"voltage": np.ones(4)})
-    for name, message in {
-        "other.mat": "variables found: voltage",
-        str(tmp_path): "is a directory",
-        "nowhere.csv": "does not exist",
-    }.items():
+    for name in ("empty.csv", "text.txt", "binary.csv", "other.mat", str(tmp_path), "nowhere.csv"):
         status, _, err = run("infer", name)
-        assert (status, message in err) == (2, True), err
+        assert status == 2
+        assert name in err
+        assert "Traceback" not in err
+    assert "voltage" in run("infer", "other.mat")[2]
 
 
-FAILED = {
-    "three.csv": (few(3), "3 of 3 frames"),
-    "nan.csv": ("time_us,radius_um\n" + "".join(f"{k},nan\n" for k in range(40)), "0 of 40 frames"),
-    "grows.csv": (few(60), "still grows"),
+FAILED = {  # and a number or an option that the reason must name
+    "three.csv": (few(3), "3 of 3"),
+    "nan.csv": ("time_us,radius_um\n" + "".join(f"{k},nan\n" for k in range(40)), "0 of 40"),
+    "grows.csv": (few(60), ""),
     "pixels.csv": (
         "time_us,radius_px\n" + "".join(f"{k},{140 * np.cos(k / 40):.2f}\n" for k in range(50)),
         "--rmax-um",
@@ -110,16 +114,27 @@ FAILED = {
 }
 
 
-@pytest.mark.parametrize("name", FAILED)
-def test_failed_curves_keep_their_row_and_the_others_their_answer(run, tmp_path, name):
-    content, message = FAILED[name]
-    (tmp_path / name).write_text(content)
-    status, _, err = run("infer", name, EXAMPLE, "-o", "r")
-    assert status == 1, err
-    curves = json.loads((tmp_path / "r" / "result.json").read_text())["curves"]
-    assert [c["verdict"] for c in curves] == ["failed"] + ["ok"] * 5
-    assert message in curves[0]["message"]
-    assert curves[0]["shear_modulus_Pa"]["median"] is None
+def test_failed_curves_keep_their_row_and_the_others_their_answer(run, tmp_path, shot):
+    for name, (content, _) in FAILED.items():
+        (tmp_path / name).write_text(content)
+    curves, _, _ = infer(run, *FAILED, shot, status=1)
+    assert [c["verdict"] for c in curves] == ["failed"] * len(FAILED) + ["ok"]
+    for row, (_, named) in zip(curves, FAILED.values(), strict=False):
+        assert row["message"]
+        assert named in row["message"]
+        assert row["shear_modulus_Pa"]["median"] is None
+    (tmp_path / "empty.csv").write_bytes(b"")
+    curves, _, err = infer(run, "empty.csv", shot, status=2)
+    assert "empty.csv" in err
+    assert [c["verdict"] for c in curves] == ["ok"]
+
+
+def test_an_answer_that_is_no_number_is_a_failure(tmp_path, capsys):
+    curve = read_curves(EXAMPLE)[0]
+    nothing = Posterior(("log10_viscosity",), ("Pa s",), np.array([[np.nan]]), Checks("ok"), "newtonian", "bdt")
+    with pytest.raises(typer.Exit) as stop:
+        Run().report([curve], [nothing], tmp_path)
+    assert stop.value.exit_code == 1
 
 
 def test_a_radius_in_micrometres_that_are_pixels_is_warned_of(run, tmp_path):
@@ -127,31 +142,17 @@ def test_a_radius_in_micrometres_that_are_pixels_is_warned_of(run, tmp_path):
     write_csv(tmp_path / "scaled.csv", curve.with_max_radius(2.7 * curve.max_radius))
     run("infer", "scaled.csv", "-o", "r")
     (row,) = json.loads((tmp_path / "r" / "result.json").read_text())["curves"]
-    assert any("CHECK THE SCALE" in note for note in row["notes"])
-
-
-def test_good_files_are_answered_beside_a_bad_one(run, tmp_path):
-    (tmp_path / "empty.csv").write_bytes(b"")
-    status, out, err = run("infer", "empty.csv", EXAMPLE, "-o", "r")
-    assert status == 2
-    assert "empty.csv" in err
-    assert "n = 5" in out
+    assert any("SCALE" in note for note in row["notes"])
 
 
 @pytest.mark.parametrize(
-    ("options", "message"),
-    [
-        (["--model", "nobody"], "unknown model"),
-        (["--medium", "honey"], "unknown medium"),
-        (["--density", "-3"], "density of the medium must be positive"),
-        (["--stretch", "0.5"], "between 1 and 100"),
-        (["--rmax-um", "-5"], "R_max must be a radius in micrometres"),
-    ],
+    ("option", "value"),
+    [("--model", "nobody"), ("--medium", "honey"), ("--density", "-3"), ("--stretch", "0.5"), ("--rmax-um", "-5")],
 )
-def test_bad_options(run, options, message):
-    status, _, err = run("infer", EXAMPLE, *options)
+def test_bad_options(run, option, value):
+    status, _, err = run("infer", EXAMPLE, option, value)
     assert status == 2
-    assert message in err
+    assert value in err
     assert "Traceback" not in err
 
 
@@ -180,23 +181,23 @@ def test_simulate_any_sum_of_laws(run, tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("material", "options", "message"),
+    ("material", "options", "named"),
     [
-        ("gent(2e3, 40", [], "'(' was never closed"),
-        ("gent", ["--shear-modulus", 2e3], "it reads gent(shear_modulus [Pa], limit [-])"),
-        ("gent(2e3, 40) + linear(1)", [], "one elastic part at most"),
+        ("gent(2e3, 40", [], "gent(2e3, 40"),
+        ("gent", ["--shear-modulus", 2e3], "gent(shear_modulus [Pa], limit [-])"),
+        ("gent(2e3, 40) + linear(1)", [], "gent and linear"),
         (
             "nhkv(2e3, 0.1)",
             ["--shear-modulus", 2e3, "--viscosity", 0.1, "--stiffening", 1],
-            "holds its own parameters: leave out --shear-modulus, --viscosity, --stiffening",
+            "--shear-modulus, --viscosity, --stiffening",
         ),
-        ("nhkv", ["--shear-modulus", 2e3], "takes shear_modulus, viscosity; got shear_modulus"),
+        ("nhkv", ["--shear-modulus", 2e3], "shear_modulus, viscosity"),
     ],
 )
-def test_simulate_refuses_a_material(run, tmp_path, material, options, message):
+def test_simulate_refuses_a_material(run, tmp_path, material, options, named):
     status, _, err = run("simulate", "--material", material, *options, "--rmax-um", 100, "--stretch", 5, "-o", "x.csv")
     assert (status, err.count("\n")) == (2, 1)
-    assert message in err
+    assert named in err
     assert not (tmp_path / "x.csv").exists()
 
 
@@ -245,23 +246,23 @@ def test_laws_lists_every_law(run):
 
 
 @pytest.mark.parametrize(
-    ("words", "message"),
+    ("words", "named"),
     [
-        ("--material glass --viscosity 1 --rmax-um 100 --stretch 5", "unknown material"),
-        ("--material newtonian --shear-modulus 5 --viscosity 1 --rmax-um 100 --stretch 5", "takes viscosity"),
-        ("--material nhkv --viscosity 1 --rmax-um 100 --stretch 5", "takes shear_modulus, viscosity"),
-        ("--shear-modulus 1 --viscosity 1 --rmax-um 100 --stretch 0.2", "at least 1"),
-        ("--shear-modulus 1 --viscosity 1 --rmax-um 100 --stretch 5 --frame-rate-hz 1e15", "a million frames"),
-        ("--material newtonian(1) --rmax-um 9 --stretch 1 --pulse 1 1 1 --driving p.csv", "either --pulse or"),
-        ("--material newtonian(1) --rmax-um 9 --stretch 1 --driving p.csv", "cannot read a pressure trace"),
-        ("--material newtonian(1) --rmax-um 9 --stretch 1 --polytropic 1 --fields f.h5", "have no fields"),
-        ("--material newtonian(1) --rmax-um 9 --stretch 1 --motion gilmor", "motion must be one of"),
+        ("--material glass --viscosity 1 --rmax-um 100 --stretch 5", "glass"),
+        ("--material newtonian --shear-modulus 5 --viscosity 1 --rmax-um 100 --stretch 5", "shear_modulus"),
+        ("--material nhkv --viscosity 1 --rmax-um 100 --stretch 5", "shear_modulus"),
+        ("--shear-modulus 1 --viscosity 1 --rmax-um 100 --stretch 0.2", "0.2"),
+        ("--shear-modulus 1 --viscosity 1 --rmax-um 100 --stretch 5 --frame-rate-hz 1e15", "frames"),
+        ("--material newtonian(1) --rmax-um 9 --stretch 1 --pulse 1 1 1 --driving p.csv", "--pulse"),
+        ("--material newtonian(1) --rmax-um 9 --stretch 1 --driving p.csv", "p.csv"),
+        ("--material newtonian(1) --rmax-um 9 --stretch 1 --polytropic 1 --fields f.h5", "fields"),
+        ("--material newtonian(1) --rmax-um 9 --stretch 1 --motion gilmor", "gilmor"),
     ],
 )
-def test_simulate_refuses(run, words, message):
+def test_simulate_refuses(run, words, named):
     status, _, err = run("simulate", *words.split(), "-o", "x.csv")
     assert status == 2
-    assert message in err
+    assert named in err
 
 
 def test_models_lists_what_is_shipped(run):

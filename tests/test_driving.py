@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from cavirheo.errors import InputError
-from cavirheo.physics.driving import Pulse, Trace, read_trace
+from cavirheo.physics.driving import Pulse, Trace
 from cavirheo.physics.materials import NeoHookeanKelvinVoigt
 from cavirheo.physics.simulate import simulate
 from cavirheo.physics.table import read
@@ -63,47 +63,18 @@ def test_a_held_overpressure_is_a_higher_ambient_pressure():
 
 
 @pytest.mark.parametrize(
-    ("make", "match"),
+    ("make", "code"),
     [
-        (lambda: Pulse(np.nan, 1e6, 0.0), "amplitude must be finite"),
-        (lambda: Pulse(1e6, 0.0, 0.0), "frequency must be finite and positive"),
-        (lambda: Pulse(1e6, 1e6, 0.0, 0.5), "exponent of a pulse must be at least 1"),
-        (lambda: Trace([0, 1], [1]), "as many times as pressures"),
-        (lambda: Trace([0], [1]), "at least two"),
-        (lambda: Trace([0, 0], [1, 2]), "ascend"),
-        (lambda: Trace([0, 1], [1, np.inf]), "finite"),
+        (lambda: Pulse(np.nan, 1e6, 0.0), "amplitude"),
+        (lambda: Pulse(1e6, 0.0, 0.0), "frequency"),
+        (lambda: Pulse(1e6, 1e6, 0.0, 0.5), "exponent"),
+        (lambda: Trace([0, 1], [1]), "trace_shape"),
+        (lambda: Trace([0], [1]), "trace_shape"),
+        (lambda: Trace([0, 0], [1, 2]), "trace_values"),
+        (lambda: Trace([0, 1], [1, np.inf]), "trace_values"),
     ],
 )
-def test_bad_driving(make, match):
-    with pytest.raises(InputError, match=match):
+def test_bad_driving(make, code):
+    with pytest.raises(InputError) as error:
         make()
-
-
-def test_reading_a_trace(tmp_path):
-    path = tmp_path / "p.csv"
-    path.write_text("time_us, pressure_kPa\n0,0\n1,-250.5\n\n2,0\n")
-    trace = read_trace(path)
-    assert trace.time == pytest.approx([0, 1e-6, 2e-6])
-    assert trace.pressure == pytest.approx([0, -250500, 0])
-
-
-@pytest.mark.parametrize(
-    ("text", "match"),
-    [
-        ("t,p\n0,1\n", "first line must read time_us,pressure_kPa, got 't,p'"),
-        ("time_us,pressure_kPa\n0,1,2\n1,1,2\n", "rows of two numbers"),
-        ("time_us,pressure_kPa\n0,x\n", "could not convert"),
-        ("time_us,pressure_kPa\n", "rows of two numbers"),
-        ("time_us,pressure_kPa\n1,0\n0,0\n", "ascend"),
-        ("time_us,pressure_kPa\n1,0\n2\n", "inhomogeneous"),
-        (b"\xff\xfe\x00", "cannot read a pressure trace"),
-    ],
-)
-def test_bad_trace_files(tmp_path, text, match):
-    path = tmp_path / "p.csv"
-    path.write_bytes(text if isinstance(text, bytes) else text.encode())
-    with pytest.raises(InputError, match=match) as error:
-        read_trace(path)
-    assert "p.csv" in str(error.value)
-    with pytest.raises(InputError, match="No such file"):
-        read_trace(tmp_path / "none.csv")
+    assert error.value.code == f"physics.{code}"

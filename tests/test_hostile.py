@@ -1,16 +1,16 @@
 """Files made to exhaust or to deceive a reader: each is refused with the reason before it takes time or memory."""
 
 import struct
-import zipfile
 import zlib
 
 import h5py
 import numpy as np
 import pytest
 from scipy.io import savemat
+from workbooks import write_ods, write_xlsx
 
 from cavirheo.errors import InputError
-from cavirheo.reading import limits, read_curves
+from cavirheo.reading import limits, read_curves, workbook
 
 HEAD = "time_us,radius_um\n"
 
@@ -30,7 +30,7 @@ def mat(path, *elements):
 
 
 def deflated(data):
-    packed = zlib.compress(data, 9)
+    packed = zlib.compress(data, 1)
     return struct.pack("<II", 15, len(packed)) + packed
 
 
@@ -43,24 +43,24 @@ def csv_of_one_line(path):
 
 
 def csv_of_many_columns(path):
-    path.write_text(HEAD + "1,2\n" + "," * 20_000 + "\n")
+    path.write_text(HEAD + "1,2\n" + "," * 20_000 + "1\n")
 
 
 def csv_of_as_many_shots_as_lines(path):
-    path.write_text("shot,time_us,radius_um\n" + "".join(f"{k},{k},100\n" for k in range(100_000)))
+    path.write_text("shot,time_us,radius_um\n" + "".join(f"{k},{k},100\n" for k in range(6_000)))
 
 
 def csv_of_separators(path):
-    path.write_text("1,2\n-1000,-1000\n" * 50_000)
+    path.write_text("1,2\n-1000,-1000\n" * 6_000)
 
 
 def mat_that_unpacks_to_gigabytes(path):
-    huge = array("Rnew", 9, bytes(8_000_000), shape=(1, 1_000_000)), deflated(array("t", 2, bytes(600_000_000)))
+    huge = array("Rnew", 9, bytes(8_000_000), shape=(1, 1_000_000)), deflated(array("t", 2, bytes(30_000_000)))
     mat(path, *huge)
 
 
-def mat_of_a_hundred_million_bytes_as_numbers(path):
-    mat(path, deflated(array("Rnew", 2, bytes(100_000_000))), array("t", 9, bytes(80)))
+def mat_of_ten_million_bytes_as_numbers(path):
+    mat(path, deflated(array("Rnew", 2, bytes(10_000_000))), array("t", 9, bytes(80)))
 
 
 def mat_of_a_million_cells(path):
@@ -132,53 +132,69 @@ def mat73_of_one_array_named_often(path):
     path.write_bytes(content)
 
 
-def xlsx(path, sheet):
-    with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive:
-        archive.writestr("xl/worksheets/sheet1.xml", sheet)
+def xlsx_of_one_huge_cell(path):
+    write_xlsx(
+        path,
+        {"a": f'<worksheet><sheetData><row><c t="str"><v>{"x" * 100_000_000}</v></c></row></sheetData></worksheet>'},
+    )
 
 
-def xlsx_that_unpacks_to_hundreds_of_megabytes(path):
-    xlsx(path, b"<worksheet>" + b" " * 300_000_000)
+def xlsx_of_many_columns(path):
+    write_xlsx(path, {"a": [["time_us", "radius_um"], [1.0] * 1200]})
 
 
-def xlsx_with_a_far_column(path):
-    xlsx(path, b"<worksheet>" + b'<row><c r="ZZZ1"><v>1</v></c></row>' * 100_000 + b"</worksheet>")
+def xlsx_of_a_huge_grid(path):
+    """Two cells; the reader alone would end the whole process for want of memory."""
+    cells = '<row r="1"><c r="A1"><v>1</v></c></row><row r="900000"><c r="XFD900000"><v>1</v></c></row>'
+    write_xlsx(path, {"a": f"<worksheet><sheetData>{cells}</sheetData></worksheet>"})
 
 
 def xlsx_of_entities(path):
-    xlsx(path, b'<!DOCTYPE w [<!ENTITY a "aaaaaaaaaa"><!ENTITY b "&a;&a;&a;">]><worksheet>&b;</worksheet>')
+    entities = '<!DOCTYPE w [<!ENTITY a "aaaaaaaaaa"><!ENTITY b "&a;&a;&a;">]>'
+    cell = '<row><c t="inlineStr"><is><t>&b;</t></is></c></row>'
+    write_xlsx(path, {"a": f"{entities}<worksheet><sheetData>{cell}</sheetData></worksheet>"})
+
+
+def ods_of_repeated_cells(path):
+    cell = '<table:table-cell table:number-columns-repeated="9000" office:value-type="float" office:value="1"/>'
+    write_ods(path, f'<table:table-row table:number-rows-repeated="9000">{cell}</table:table-row>')
 
 
 FILES = {
-    csv_of_ten_million_lines: ("csv", "lines"),
-    csv_of_one_line: ("csv", "characters in one line"),
-    csv_of_many_columns: ("csv", "columns"),
-    csv_of_as_many_shots_as_lines: ("csv", "curves"),
-    csv_of_separators: ("txt", "curves"),
-    mat_that_unpacks_to_gigabytes: ("mat", "unpacks to more"),
-    mat_of_a_hundred_million_bytes_as_numbers: ("mat", "numbers in Rnew"),
-    mat_of_a_million_cells: ("mat", "cells of R_nondim_All"),
-    mat_truncated: ("mat", "cut off"),
-    hdf5_of_a_huge_shape: ("h5", "declares the shape"),
-    hdf5_of_a_huge_chunk: ("h5", "declares chunks"),
-    hdf5_of_many_large_arrays: ("h5", "declares the shape"),
-    hdf5_that_reads_another_file: ("h5", "another file"),
-    hdf5_that_links_to_another_file: ("h5", "another file"),
-    hdf5_that_shows_another_file: ("h5", "another file"),
-    mat73_of_one_array_named_often: ("mat", "declares the shape"),
-    xlsx_that_unpacks_to_hundreds_of_megabytes: ("xlsx", "unpacks to more"),
-    xlsx_with_a_far_column: ("xlsx", "columns"),
-    xlsx_of_entities: ("xlsx", "entities"),
+    csv_of_ten_million_lines: ("csv", "limits.lines"),
+    csv_of_one_line: ("csv", "limits.characters"),
+    csv_of_many_columns: ("csv", "limits.columns"),
+    csv_of_as_many_shots_as_lines: ("csv", "limits.curves"),
+    csv_of_separators: ("txt", "limits.curves"),
+    mat_that_unpacks_to_gigabytes: ("mat", "limits.unpacked"),
+    mat_of_ten_million_bytes_as_numbers: ("mat", "limits.numbers"),
+    mat_of_a_million_cells: ("mat", "limits.cells"),
+    mat_truncated: ("mat", "matfile.cut"),
+    hdf5_of_a_huge_shape: ("h5", "limits.shape"),
+    hdf5_of_a_huge_chunk: ("h5", "limits.chunks"),
+    hdf5_of_many_large_arrays: ("h5", "limits.shape"),
+    hdf5_that_reads_another_file: ("h5", "limits.elsewhere"),
+    hdf5_that_links_to_another_file: ("h5", "limits.elsewhere"),
+    hdf5_that_shows_another_file: ("h5", "limits.elsewhere"),
+    mat73_of_one_array_named_often: ("mat", "limits.shape"),
+    xlsx_of_one_huge_cell: ("xlsx", "limits.memory"),
+    xlsx_of_many_columns: ("xlsx", "limits.columns"),
+    xlsx_of_a_huge_grid: ("xlsx", "limits.memory"),
+    xlsx_of_entities: ("xlsx", "tabular.workbook"),
+    ods_of_repeated_cells: ("ods", "limits.memory"),
 }
 
 
 @pytest.mark.parametrize("make", FILES, ids=lambda make: make.__name__)
-def test_refused_with_the_reason(tmp_path, make):
-    ending, says = FILES[make]
+def test_refused_with_the_reason(tmp_path, monkeypatch, make):
+    monkeypatch.setattr(limits, "INFLATED", 20_000_000)
+    monkeypatch.setattr(workbook, "MEMORY", 300_000_000)
+    ending, code = FILES[make]
     path = tmp_path / f"file.{ending}"
     make(path)
-    with pytest.raises(InputError, match=says):
+    with pytest.raises(InputError) as error:
         read_curves(path)
+    assert error.value.code == code, error.value
 
 
 def test_a_large_recording_is_within_the_limits(tmp_path):

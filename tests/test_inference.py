@@ -10,13 +10,15 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-import scale_bias
+from conftest import load_benchmark
 
 from cavirheo import InputError, Medium, NeoHookeanKelvinVoigt, RadiusCurve, infer, infer_many, read_curves, simulate
 from cavirheo.inference.amortised import Amortised
 from cavirheo.inference.model import load, path_of, shipped
 from cavirheo.inference.reconstruct import fit_stretch, reconstruct, window
 from cavirheo.physics.media import WATER
+
+scale_bias = load_benchmark("scale_bias")
 
 EXAMPLES = Path(__file__).parent.parent / "examples"
 

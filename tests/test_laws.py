@@ -73,76 +73,75 @@ def test_units_and_defaults_are_shown():
 
 
 def test_no_law_is_forgotten():
-    """All but the two that hold a Python function and the one that holds other laws; no unit is left over."""
+    """All but the two that hold a Python function, the one that holds other laws and a base; no unit is left over."""
+    unnamed = {StrainEnergy, Viscosity, Viscoelastic, Arm}
     here = {
         law
         for module in (elastic, viscous, memory, materials)
         for law in vars(module).values()
         if is_dataclass(law) and law.__module__ == module.__name__
     }
-    assert here - {StrainEnergy, Viscosity, Viscoelastic, Arm} == set(LAWS.values())
+    assert {law for law in here if law.__name__[0] != "_"} - unnamed == set(LAWS.values())
     assert {field.name for law in LAWS.values() for field in fields(law)} == UNITS.keys()
 
 
 @pytest.mark.parametrize(
-    ("text", "message"),
+    ("text", "code", "named"),
     [
-        ("", "the material is empty; write a sum of laws like"),
-        ("  ", "is empty"),
-        ("glass(1)", "unknown material law 'glass'; known: linear, neo-hookean, "),
-        ("gnet(1, 2)", "unknown material law 'gnet'; did you mean gent? known: "),
-        ("Carreau-Yasuda(1, 1, 1, 1)", "did you mean carreau-yasuda?"),
-        ("gent", "gent stands without its parameters; it reads gent(shear_modulus [Pa], limit [-])"),
-        ("gent()", "gent: missing a required argument: 'shear_modulus'; it reads gent(shear_modulus [Pa], limit [-])"),
-        ("gent(2e3)", "missing a required argument: 'limit'; it reads gent("),
-        ("gent(2e3, 40, 1)", "gent: too many positional arguments; it reads gent("),
-        ("gent(2e3, 40, stiffening=1)", "unexpected keyword argument 'stiffening'; it reads gent("),
-        ("neo-hookean(2e3, stiffening=1)", "unexpected keyword argument 'stiffening'"),
-        ("gent(2e3, 40, limit=40)", "multiple values for argument 'limit'"),
-        ("gent(2e3, limit=40, limit=50)", "a parameter given twice; it reads gent("),
-        ("gent(2e3, **{'limit': 40})", "missing a required argument: 'limit'"),
-        ("gent(*(2e3, 40), 40)", "gent: shear_modulus must be a number, got *(2000.0, 40)"),
-        ("gent(2e3, soft)", "gent: limit must be a number, got soft"),
-        ("gent(2e3, '40')", "limit must be a number, got '40'"),
-        ("gent(2e3, True)", "limit must be a number, got True"),
-        ("gent(2e3, (40,))", "limit must be a number, got (40,)"),
-        ("gent(2e3, 40j)", "limit must be a number, got 40j"),
-        ("gent(2e3, 4*10)", "limit must be a number, got 4 * 10"),
-        ("gent(2e3, __import__('os').getpid())", "limit must be a number, got __import__('os').getpid()"),
-        ("gent(1" + 400 * "0" + ", 40)", "shear_modulus must be a number, got 1000"),
-        ("ogden((2e3, 'a'), (2, 2))", "ogden: moduli must be a tuple of numbers, got (2000.0, 'a')"),
-        ("ogden((2e3, (1,)), (2, 2))", "ogden: moduli must be a tuple of numbers"),
-        ("ogden((2e3, 1), 2)", "ogden: as many moduli as exponents"),
-        ("gent(-1, 40)", "gent: shear_modulus must be finite and not negative, got -1.0"),
-        ("gent(2e3, 40", "cannot read the material 'gent(2e3, 40': '(' was never closed; write a sum of laws like"),
-        ("gent(2e3, 40))", "unmatched ')'"),
-        ("gent(2e3, 40) +", "cannot read the material"),
-        ("gent(2e3 Pa, 40)", "cannot read the material"),
-        ("gent(2e3, 40)\0", "cannot read the material"),
-        ("2 * gent(2e3, 40)", "'2 * gent(2000.0, 40)' is no law with its parameters; write a sum of laws like"),
-        ("gent(2e3, 40) - newtonian(1)", "is no law with its parameters"),
-        ("gent(2e3, 40)(1)", "is no law with its parameters"),
-        ("os.getpid()", "'os.getpid()' is no law with its parameters"),
-        (
-            "gent(2e3, 40) + linear(2)",
-            "a material has one elastic part at most, but gent and linear each have one; leave all but one out",
-        ),
-        ("newtonian(1) + cross(1, 1, 1)", "one viscous part at most, but newtonian and cross each have one"),
-        ("nhkv(1, 1) + newtonian(1)", "one viscous part at most, but nhkv and newtonian each have one"),
-        ("gent(1, 1) + newtonian(1) + qkv(1, 1, 1)", "one elastic part at most, but gent and qkv each have one"),
+        ("", "laws.empty", EXAMPLE),
+        ("  ", "laws.empty", EXAMPLE),
+        ("glass(1)", "laws.unknown", "'glass'; known: linear, neo-hookean, "),
+        ("gnet(1, 2)", "laws.unknown", "gent?"),
+        ("Carreau-Yasuda(1, 1, 1, 1)", "laws.unknown", "carreau-yasuda?"),
+        ("gent", "laws.parameters", "gent(shear_modulus [Pa], limit [-])"),
+        ("gent()", "laws.parameters", "'shear_modulus'"),
+        ("gent(2e3)", "laws.parameters", "'limit'; it reads gent(shear_modulus [Pa], limit [-])"),
+        ("gent(2e3, 40, 1)", "laws.parameters", "gent("),
+        ("gent(2e3, 40, stiffening=1)", "laws.parameters", "'stiffening'"),
+        ("neo-hookean(2e3, stiffening=1)", "laws.parameters", "'stiffening'"),
+        ("gent(2e3, 40, limit=40)", "laws.parameters", "'limit'"),
+        ("gent(2e3, limit=40, limit=50)", "laws.parameters", "gent("),
+        ("gent(2e3, **{'limit': 40})", "laws.parameters", "'limit'"),
+        ("gent(*(2e3, 40), 40)", "laws.number", "*(2000.0, 40)"),
+        ("gent(2e3, soft)", "laws.number", "gent: limit"),
+        ("gent(2e3, '40')", "laws.number", "'40'"),
+        ("gent(2e3, True)", "laws.number", "True"),
+        ("gent(2e3, (40,))", "laws.number", "(40,)"),
+        ("gent(2e3, 40j)", "laws.number", "40j"),
+        ("gent(2e3, 4*10)", "laws.number", "4 * 10"),
+        ("gent(2e3, __import__('os').getpid())", "laws.number", "__import__('os').getpid()"),
+        ("gent(1" + 400 * "0" + ", 40)", "laws.number", "shear_modulus"),
+        ("ogden((2e3, 'a'), (2, 2))", "laws.number", "ogden: moduli"),
+        ("ogden((2e3, (1,)), (2, 2))", "laws.number", "ogden: moduli"),
+        ("ogden((2e3, 1), 2)", "physics.terms", "ogden"),
+        ("gent(-1, 40)", "physics.shear_modulus", "-1.0"),
+        ("gent(2e3, 40", "laws.syntax", "'gent(2e3, 40'"),
+        ("gent(2e3, 40))", "laws.syntax", "')'"),
+        ("gent(2e3, 40) +", "laws.syntax", EXAMPLE),
+        ("gent(2e3 Pa, 40)", "laws.syntax", EXAMPLE),
+        ("gent(2e3, 40)\0", "laws.syntax", EXAMPLE),
+        ("2 * gent(2e3, 40)", "laws.no_law", "'2 * gent(2000.0, 40)'"),
+        ("gent(2e3, 40) - newtonian(1)", "laws.no_law", EXAMPLE),
+        ("gent(2e3, 40)(1)", "laws.no_law", EXAMPLE),
+        ("os.getpid()", "laws.no_law", "'os.getpid()'"),
+        ("gent(2e3, 40) + linear(2)", "laws.elastic_twice", "gent and linear"),
+        ("newtonian(1) + cross(1, 1, 1)", "laws.viscous_twice", "newtonian and cross"),
+        ("nhkv(1, 1) + newtonian(1)", "laws.viscous_twice", "nhkv and newtonian"),
+        ("gent(1, 1) + newtonian(1) + qkv(1, 1, 1)", "laws.elastic_twice", "gent and qkv"),
     ],
 )
-def test_every_mistake_is_named(text, message):
+def test_every_mistake_is_named(text, code, named):
     with pytest.raises(InputError) as error:
         parse(text)
-    assert message in str(error.value)
+    assert error.value.code == code
+    assert named in str(error.value)
 
 
 def test_combine_takes_any_material():
     law = StrainEnergy(lambda a, b, c: 5e2 * (a**2 + b**2 + c**2 - 3))
     assert combine([law]) is law
     assert combine([Newtonian(0.1), law]) == Viscoelastic(law, Newtonian(0.1))
-    with pytest.raises(InputError, match="but viscoelastic and linear each"):
+    with pytest.raises(InputError, match="viscoelastic and linear"):
         combine([Viscoelastic(law, Newtonian(0.1)), Linear(1.0)])
 
 

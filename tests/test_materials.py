@@ -1,9 +1,9 @@
-"""One battery for every instantaneous law, and what each law reduces to. docs/physics.md, section 4."""
+"""One battery for every instantaneous law, and what each law reduces to. docs/method/physics.md, section 4."""
 
 from __future__ import annotations
 
 import re
-from math import inf, sqrt
+from math import inf, nan, sqrt
 from pathlib import Path
 
 import numpy as np
@@ -246,17 +246,17 @@ def test_tabulated_law_gives_the_closed_forms_curve():
 
 def test_lock_up_is_a_status():
     law = Gent(3e3, 20.0)
-    with pytest.raises(SolverError, match=re.escape(f"of {law} at t = ")):
+    with pytest.raises(SolverError, match=re.escape(str(law))):
         simulate(Viscoelastic(law, Newtonian(0.01)), **GEL | {"stretch": 3.0})
     run = simulate(Viscoelastic(law, Newtonian(0.01)), **GEL | {"stretch": 3.0}, throw=False)
-    assert "R/R_0 left the range" in run.status
     assert np.isfinite(run.radius[:5]).all()  # it starts, and locks when the collapse has squeezed the gel
     assert np.isnan(run.radius[-1])
     taut = law.table()[[0, -1], 0]
+    assert all(f"{ratio:.4g}" in run.status for ratio in taut)
     assert taut**-4 + 2 * taut**2 - 3 == pytest.approx(20.0, rel=1e-6)
     at_once = simulate(law, **GEL | {"stretch": 5.0}, throw=False)
     assert at_once.stats["steps"] == 0
-    assert f"of {law} at t = 0 us" in at_once.status
+    assert "t = 0 us" in at_once.status
 
 
 def test_the_solver_reads_a_table_as_python_does():
@@ -275,8 +275,9 @@ def test_a_table_follows_kinks_and_refuses_noise():
     exact = np.where(x < sqrt(2), sqrt(2) * x, 1 + x * x / 2)
     assert read(table, x)[0] == pytest.approx(exact, abs=1e-7)
     noise = np.random.default_rng(0)
-    with pytest.raises(InputError, match="too rough"):
+    with pytest.raises(InputError) as error:
         tabulate(lambda x: noise.normal(size=x.shape), nodes, 0.0)
+    assert error.value.code == "physics.rough"
     assert TOLERANCE <= 1e-8
 
 
@@ -284,31 +285,50 @@ def test_a_table_follows_kinks_and_refuses_noise():
 
 
 @pytest.mark.parametrize(
-    ("make", "match"),
+    ("make", "code"),
     [
-        (lambda: Linear(-1.0), "shear_modulus must be finite and not negative, got -1.0"),
-        (lambda: MooneyRivlin(1e3, -2e3), "shear modulus"),
-        (lambda: Yeoh(1e3, inf), "C2 must be finite"),
-        (lambda: Gent(1e3, 0.0), "limit must be finite and positive"),
-        (lambda: ArrudaBoyce(1e3, 0.0), "segments must be positive"),
-        (lambda: Ogden((1e3,), (2.0, 3.0)), "as many moduli as exponents"),
-        (lambda: Ogden([1e3], [-2.0]), "same sign"),
-        (lambda: PowerLaw(1.0, 0.0), "exponent must be finite and positive"),
-        (lambda: Cross(0.1, -0.1, 1e-4), "infinite_rate must be finite and not negative"),
-        (lambda: Viscoelastic(Newtonian(1.0), NeoHookean(1e3)), "elastic before viscous"),
-        (lambda: StrainEnergy(lambda a, b, c: np.abs(a - 1) * 1e3 + b).table(), "not analytic"),
-        (lambda: Viscosity(lambda s: 1 - 1e-5 * s).table(), "not negative at all shear rates"),
-        (lambda: Viscosity(lambda s: np.nan * s).table(), "finite and not negative"),
+        (lambda: Linear(-1.0), "shear_modulus"),
+        (lambda: NeoHookean(nan), "shear_modulus"),
+        (lambda: MooneyRivlin(1e3, -2e3), "C1"),
+        (lambda: MooneyRivlin(1e3, inf), "C2"),
+        (lambda: Yeoh(1e3, inf), "C2"),
+        (lambda: Fung(1e3, -1.0), "stiffening"),
+        (lambda: Gent(1e3, 0.0), "limit"),
+        (lambda: ArrudaBoyce(1e3, 0.0), "segments"),
+        (lambda: Ogden((1e3,), (2.0, 3.0)), "terms"),
+        (lambda: Ogden([1e3], [inf]), "exponent"),
+        (lambda: Ogden([1e3], [-2.0]), "unstable"),
+        (lambda: PowerLaw(1.0, 0.0), "exponent"),
+        (lambda: HerschelBulkley(-1.0, 1.0, 1.0), "yield_stress"),
+        (lambda: CarreauYasuda(0.1, 0.1, 1e-4, 0.5, 0.0), "transition"),
+        (lambda: Cross(0.1, -0.1, 1e-4), "infinite_rate"),
+        (lambda: PowellEyring(0.1, 0.1, -1e-4), "time"),
+        (lambda: NeoHookeanKelvinVoigt(1e3, -0.1), "viscosity"),
+        (lambda: QuadraticKelvinVoigt(1e3, 0.1, -0.1), "stiffening"),
+        (lambda: Viscoelastic(Newtonian(1.0), NeoHookean(1e3)), "not_Elastic"),
+        (lambda: StrainEnergy(lambda a, b, c: np.abs(a - 1) * 1e3 + b).table(), "not_analytic"),
+        (lambda: Viscosity(lambda s: 1 - 1e-5 * s).table(), "negative_viscosity"),
+        (lambda: Viscosity(lambda s: np.nan * s).table(), "negative_viscosity"),
     ],
 )
-def test_bad_laws(make, match):
-    with pytest.raises(InputError, match=match):
+def test_bad_laws(make, code):
+    with pytest.raises(InputError) as error:
         make()
+    assert error.value.code == f"physics.{code}"
+
+
+def test_a_law_made_of_a_function_says_its_name():
+    def thinning(s):
+        return 0.1 + 0 * s
+
+    assert str(Viscoelastic(StrainEnergy(gent_energy), Viscosity(thinning))) == (
+        "Viscoelastic(elastic=StrainEnergy(gent_energy), viscous=Viscosity(thinning), memory=())"
+    )
 
 
 def test_the_page_on_adding_a_law():
-    """docs/add-a-law.md shows what its code prints."""
-    page = (Path(__file__).parent.parent / "docs" / "add-a-law.md").read_text("utf-8")
+    """docs/how-to/add-a-law.md shows what its code prints."""
+    page = (Path(__file__).parent.parent / "docs" / "how-to" / "add-a-law.md").read_text("utf-8")
     blocks = re.findall(r"```python\n(.*?)```", page, flags=re.DOTALL)
     assert len(blocks) == 2
     for block in blocks:

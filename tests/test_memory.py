@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-import lagrangian
 import numpy as np
 import pytest
+from conftest import load_benchmark
 from scipy.integrate import cumulative_trapezoid, quad, solve_ivp
 from scipy.optimize import brentq
 
@@ -18,6 +18,7 @@ from cavirheo.physics.scales import dimensionless
 from cavirheo.physics.simulate import simulate
 from cavirheo.physics.viscous import Newtonian
 
+lagrangian = load_benchmark("lagrangian")
 TIME = np.linspace(0, 100e-6, 101)
 GEL = dict(max_radius=150e-6, stretch=5.0, time=TIME)
 ARMS = [(UpperConvectedMaxwell(0.2, 3e-6), NeoHookean), (Maxwell(0.2, 3e-6), Linear)]
@@ -95,7 +96,7 @@ CASES = {
 
 
 @pytest.mark.parametrize("law", CASES)
-@pytest.mark.parametrize("motion", ["rayleigh-plesset", "keller-miksis"])
+@pytest.mark.parametrize("motion", [pytest.param("rayleigh-plesset", marks=pytest.mark.slow), "keller-miksis"])
 def test_against_the_stress_field_around_the_bubble(law, motion):
     """R, U and S of a violent collapse as benchmarks/lagrangian.py gets them from the tensor equations."""
     liquid = Medium(surface_tension=0.072)
@@ -210,24 +211,26 @@ def test_nothing_is_remembered_at_equilibrium():
 def test_growth_that_cannot_be_is_a_status():
     taut = Viscoelastic(Gent(1e3, 20.0), None, [Maxwell(0.1, 1e-6)])  # chains are taut before R_max
     run = simulate(taut, **GEL, throw=False)
-    assert "no impulse" in run.status
-    assert "relaxed" in run.status
+    assert str(taut) in run.status
     assert np.isnan(run.radius).all()
-    with pytest.raises(SolverError, match="no impulse"):
+    with pytest.raises(SolverError) as error:
         simulate(taut, **GEL)
+    assert str(error.value) == run.status
 
 
 @pytest.mark.parametrize(
-    ("make", "match"),
+    ("make", "code"),
     [
-        (lambda: Maxwell(-1.0, 1e-6), "viscosity must be finite and not negative"),
-        (lambda: UpperConvectedMaxwell(1.0, 0.0), "relaxation_time must be finite and positive"),
-        (lambda: OldroydB(1.0, 1e-6, 2e-6), "must not exceed the relaxation time"),
+        (lambda: Maxwell(-1.0, 1e-6), "viscosity"),
+        (lambda: UpperConvectedMaxwell(1.0, 0.0), "relaxation_time"),
+        (lambda: OldroydB(1.0, 1e-6, 2e-6), "retardation_time"),
+        (lambda: OldroydB(1.0, 0.0, 0.0), "relaxation_time"),
         (lambda: Zener(-1.0, 1.0, 1e-6), "shear_modulus"),
-        (lambda: Viscoelastic(None, None, [Newtonian(1.0)]), "memory takes Maxwell arms"),
-        (lambda: Viscoelastic(), "at least one law"),
+        (lambda: Viscoelastic(None, None, [Newtonian(1.0)]), "not_Arm"),
+        (lambda: Viscoelastic(), "no_law"),
     ],
 )
-def test_bad_laws(make, match):
-    with pytest.raises(InputError, match=match):
+def test_bad_laws(make, code):
+    with pytest.raises(InputError) as error:
         make()
+    assert error.value.code == f"physics.{code}"

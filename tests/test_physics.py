@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-import field_standard
 import numpy as np
 import pytest
+from conftest import load_benchmark
 
+from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError, SolverError
 from cavirheo.physics import simulate as forward
-from cavirheo.physics import solver, tableau
+from cavirheo.physics import solver
 from cavirheo.physics.driving import Pulse
 from cavirheo.physics.elastic import Fung, Gent, NeoHookean
 from cavirheo.physics.grid import NO_SHELLS, wall_clustered
@@ -19,7 +20,10 @@ from cavirheo.physics.media import ESTRADA2018, MEDIA, WATER, Medium, medium
 from cavirheo.physics.memory import Maxwell, UpperConvectedMaxwell
 from cavirheo.physics.scales import MOTIONS, dimensionless
 from cavirheo.physics.simulate import simulate, simulate_many
+from cavirheo.physics.tableau import RODAS5P
 from cavirheo.physics.viscous import CarreauYasuda, HerschelBulkley, Newtonian
+
+field_standard = load_benchmark("field_standard")
 
 GEL = NeoHookeanKelvinVoigt(5e3, 0.05)
 TIME = np.linspace(0, 100e-6, 101)
@@ -28,14 +32,14 @@ TIME = np.linspace(0, 100e-6, 101)
 def test_second_implementation():
     """Mole fractions on finite volumes give what mass fractions on finite differences give."""
     numbers = dimensionless(GEL, WATER, 150e-6, 5.0)
-    t_star = np.linspace(0, 2.5, 60)
-    s = np.linspace(0, 1, 160)
+    t_star = np.linspace(0, 1.1, 40)  # through the collapse to 0.11 R_max
+    s = np.linspace(0, 1, 100)
     y = np.tanh(4.0 * s) / np.tanh(4.0)
     t_c = WATER.time_scale(150e-6)
     iCa, iRe = GEL.shear_modulus / WATER.pressure, GEL.viscosity / (WATER.pressure * t_c)
     theirs = field_standard.solve(numbers, y, t_star, 1e-6, iCa, iRe)
     ours = simulate(GEL, max_radius=150e-6, stretch=5.0, time=t_star * t_c).radius / 150e-6
-    assert np.max(np.abs(ours - theirs)) < 1e-3
+    assert np.max(np.abs(ours - theirs)) < 3e-4
 
 
 ARMS = Viscoelastic(NeoHookean(4e4), Newtonian(0.1), [UpperConvectedMaxwell(0.3, 2e-6), Maxwell(0.1, 4e-5)])
@@ -105,11 +109,11 @@ def test_solver_is_compiled_once_for_all_inputs():
 
 def test_a_failed_solve_says_so(monkeypatch):
     monkeypatch.setattr(forward, "MAX_STEPS", 20)
-    with pytest.raises(SolverError, match="more than 20 steps at t = "):
+    with pytest.raises(SolverError, match="20 steps"):
         simulate(GEL, max_radius=2e-4, stretch=8.0, time=TIME)
     run = simulate(GEL, max_radius=2e-4, stretch=8.0, time=TIME, throw=False)
     assert not run.ok
-    assert "more than 20 steps" in run.status
+    assert "20 steps" in run.status
     assert np.isnan(run.radius[-1])
     assert np.isfinite(run.radius[0])
 
@@ -140,6 +144,35 @@ def test_what_a_simulation_carries():
     assert simulate(GEL, max_radius=150e-6, stretch=5.0, time=TIME).contents is None
 
 
+def test_a_simulation_says_what_it_is():
+    """One line with the numbers that one asks for first; never the arrays."""
+    run = simulate(GEL, max_radius=150e-6, stretch=5.0, time=TIME, fields=True)
+    said = repr(run)
+    assert "\n" not in said
+    assert len(said) < 120
+    for word in ("ok", "101 frames", "0 to 100 us", f"R {1e6 * run.radius.min():.4g} to 150 um", "R_0 30 um"):
+        assert word in said
+    assert said.endswith(f"collapses: {run.collapses})")
+    assert run.collapses == len(RadiusCurve(run.time, run.radius).collapse_times())
+    assert repr(run.contents) == f"Contents(101 frames, 153 places, at most {run.contents.temperature.max():.4g} K)"
+    taut = Viscoelastic(Gent(3e3, 20.0), Newtonian(0.01))
+    for stretch, words in ((3.0, "of 101 frames, 0 to "), (5.0, "0 of 101 frames)")):
+        run = simulate(taut, max_radius=150e-6, stretch=stretch, time=TIME, throw=False)
+        assert repr(run).startswith(f"Simulation(failed: {run.status}")
+        assert words in repr(run)
+        assert run.collapses == 0
+
+
+def test_a_simulation_draws_itself():
+    run = simulate(GEL, max_radius=150e-6, stretch=5.0, time=TIME)
+    axes = pytest.importorskip("matplotlib.figure").Figure().add_subplot()
+    assert run.plot(axes) is axes
+    for drawn in (axes, run.plot()):
+        x, y = drawn.lines[0].get_data()
+        assert x == pytest.approx(1e6 * run.time)
+        assert y == pytest.approx(1e6 * run.radius)
+
+
 def test_precise_is_more_accurate():
     settings = dict(max_radius=200e-6, stretch=8.0, time=TIME)
     truth = simulate(GEL, cells=1024, rtol=1e-8, **settings).radius
@@ -149,33 +182,45 @@ def test_precise_is_more_accurate():
 
 
 @pytest.mark.parametrize(
-    ("change", "match"),
+    ("change", "code"),
     [
-        (dict(max_radius=-1e-4), "max_radius must be positive"),
-        (dict(stretch=0.5), "at least 1"),
-        (dict(time=[0, 2e-6, 1e-6]), "ascend"),
-        (dict(time=[]), "non-empty"),
-        (dict(time=[0, np.nan]), "finite"),
+        (dict(max_radius=-1e-4), "max_radius"),
+        (dict(stretch=0.5), "stretch"),
+        (dict(time=[0, 2e-6, 1e-6]), "times_descend"),
+        (dict(time=[]), "times"),
+        (dict(time=[0, np.nan]), "times"),
         (dict(rtol=0.5), "rtol"),
-        (dict(cells=4), "at least 8 cells"),
-        (dict(polytropic=0.0), "polytropic exponent"),
-        (dict(polytropic=1.4, fields=True), "have no fields"),
-        (dict(motion="rayleigh"), "motion must be one of keller-miksis, rayleigh-plesset, gilmore"),
-        (dict(motion="gilmore", medium=Medium(sound_speed=np.inf)), "finite speed of sound"),
+        (dict(cells=4), "cells"),
+        (dict(polytropic=0.0), "polytropic"),
+        (dict(polytropic=1.4, fields=True), "no_fields"),
+        (dict(motion="rayleigh"), "motion"),
+        (dict(motion="gilmore", medium=Medium(sound_speed=np.inf)), "sound_speed"),
     ],
 )
-def test_bad_parameters(change, match):
-    with pytest.raises(InputError, match=match):
+def test_bad_parameters(change, code):
+    with pytest.raises(InputError) as error:
         simulate(GEL, **{"max_radius": 1e-4, "stretch": 5.0, "time": TIME, **change})
+    assert error.value.code == f"physics.{code}"
 
 
-def test_bad_materials_and_media():
-    with pytest.raises(InputError, match="viscosity must be finite and not negative"):
-        Newtonian(-0.1)
-    with pytest.raises(InputError, match="boil"):
-        replace(WATER, temperature=400.0)
-    with pytest.raises(InputError, match="known: water"):
-        medium("honey")
+@pytest.mark.parametrize(
+    ("make", "code"),
+    [
+        (lambda: Newtonian(-0.1), "viscosity"),
+        (lambda: replace(WATER, temperature=400.0), "boiling"),
+        (lambda: replace(WATER, density=0.0), "density"),
+        (lambda: replace(WATER, surface_tension=-0.1), "surface_tension"),
+        (lambda: medium("honey"), "unknown_medium"),
+        (lambda: simulate_many([GEL, GEL], max_radius=[1e-4] * 3, stretch=5.0, time=TIME), "shapes"),
+    ],
+)
+def test_bad_materials_and_media(make, code):
+    with pytest.raises(InputError) as error:
+        make()
+    assert error.value.code == f"physics.{code}"
+
+
+def test_media_by_name():
     assert medium("estrada2018") is ESTRADA2018
     assert len(MEDIA) == 5
 
@@ -186,11 +231,11 @@ def test_tableau_is_of_order_five():
     def error(n):
         y, h = 1.0, 1.0 / n
         for _ in range(n):
-            W, u = 1 / (h * tableau.GAMMA) + 2 * y, np.zeros(8)
+            W, u = 1 / (h * RODAS5P.gamma) + 2 * y, np.zeros(8)
             for s in range(8):
-                stage = y + tableau.A[s, :s] @ u[:s]
-                u[s] = (-(stage**2) + tableau.C[s, :s] @ u[:s] / h) / W
-            y += tableau.A[7, :7] @ u[:7] + u[7]
+                stage = y + RODAS5P.A[s, :s] @ u[:s]
+                u[s] = (-(stage**2) + RODAS5P.C[s, :s] @ u[:s] / h) / W
+            y += RODAS5P.A[7, :7] @ u[:7] + u[7]
         return abs(y - 0.5)
 
     assert np.log2(error(8) / error(16)) > 4.7

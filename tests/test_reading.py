@@ -6,10 +6,14 @@ import h5py
 import numpy as np
 import pytest
 from scipy.io import savemat
+from workbooks import ods_row, write_ods, write_xls, write_xlsx
 
 from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError
+from cavirheo.physics.driving import Trace
 from cavirheo.reading import read_curves, write_csv
+from cavirheo.reading.tabular import column_of, kind_of, plain_unit, read_sheets, text_rows
+from cavirheo.reading.trace import read_trace
 
 R_MAX = 200e-6
 T_C = R_MAX * np.sqrt(998.0 / 101325.0)
@@ -76,9 +80,9 @@ def test_bdt_cells_become_seconds_and_metres_with_each_shots_own_maximum(tmp_pat
     for curve, maximum in zip(curves, (1e-4, 2e-4, 3e-4), strict=True):
         assert curve.max_radius == pytest.approx(maximum, rel=0.01)
         assert np.allclose(curve.time, T_STAR * maximum * np.sqrt(1025.0 / 101325.0))
-        assert curve.meta["stretch"] == 6.5
-        assert curve.meta["group"] == "gel"
-        assert len(curve.meta["source_sha256"]) == 64
+        assert (curve.stretch, curve.stretch_std) == (6.5, 0.4)
+        assert (curve.group, curve.group_source) == ("gel", str(tmp_path / "gel.mat"))
+        assert len(curve.source_sha256) == 64
         assert any("density 1025 kg/m3" in note for note in curve.notes)
         assert any("before R_max (growth)" in note for note in curve.notes)
 
@@ -90,9 +94,11 @@ def test_unusable_cells_do_not_stop_the_others(tmp_path, save):
     save(tmp_path / "gel.mat", bdt_variables(radii, times, (0.0, 1e-4, 1e-4, 0.0, 2e-4)))
     curves = read_curves(tmp_path / "gel.mat")
     assert len(curves) == 5
-    for curve, reason in zip(curves[:4], ("1 of 5 is empty", "3 of 3", "0 of 180", "R_max = 0 m"), strict=True):
-        with pytest.raises(InputError, match=reason):
+    refused = (("unusable", "1 of 5"), ("few_frames", "3 of 3"), ("few_frames", "0 of 180"), ("unusable", "RmaxList"))
+    for curve, (code, name) in zip(curves[:4], refused, strict=True):
+        with pytest.raises(InputError, match=name) as error:
             _ = curve.max_radius
+        assert error.value.code == f"curve.{code}"
     assert curves[4].max_radius == pytest.approx(2e-4, rel=0.01)
 
 
@@ -101,8 +107,9 @@ def test_bdt_without_maxima_waits_for_the_users(tmp_path):
     del variables["RmaxList"]
     savemat(tmp_path / "gel.mat", variables)
     curve = read_curves(tmp_path / "gel.mat")[0]
-    with pytest.raises(InputError, match=r"no RmaxList.*--rmax-um"):
+    with pytest.raises(InputError, match="--rmax-um") as error:
         _ = curve.max_radius
+    assert error.value.code == "curve.unscaled"
     scaled = curve.with_max_radius(R_MAX)
     assert np.allclose(scaled.time, TIME)
     assert scaled.collapse_times()[0] == pytest.approx(0.93 * T_C, rel=0.02)
@@ -218,8 +225,9 @@ def test_wrong_units_are_recognised(tmp_path, header, factor, says, usable):
     (curve,) = read_curves(text_table(tmp_path / "a.csv", header, TIME * 1e6, RADIUS * factor))
     assert any(says in note for note in curve.notes)
     if not usable:
-        with pytest.raises(InputError, match="--rmax-um"):
+        with pytest.raises(InputError) as error:
             _ = curve.max_radius
+        assert error.value.code == "curve.unscaled"
         curve = curve.with_max_radius(R_MAX)
         assert np.allclose(curve.radius, RADIUS, rtol=0.01)
 
@@ -249,8 +257,9 @@ def test_tables_without_a_header(tmp_path):
     assert [c.max_radius for c in curves] == pytest.approx([R_MAX, 2 * R_MAX], rel=0.01)
     assert any("1 blocks of the file hold no radius" in note for note in curves[0].notes)
     for factor in (0.36e6, 2.1e6):  # a scale that the collapse time contradicts is not assumed
-        with pytest.raises(InputError, match="header line such as time_us,radius_um"):
+        with pytest.raises(InputError) as error:
             read_curves(text_table(tmp_path / "odd.csv", "", TIME * 1e6, RADIUS * factor))
+        assert error.value.code == "table.header"
 
 
 def test_hdf5_layout(tmp_path):
@@ -262,23 +271,143 @@ def test_hdf5_layout(tmp_path):
     curves = read_curves(tmp_path / "a.h5")
     assert [c.name for c in curves] == ["a[first]", "a[series/second]"]
     assert all(np.allclose(c.radius, RADIUS) and np.allclose(c.time, TIME) for c in curves)
-    assert curves[0].meta["stretch"] == 7.0
+    assert curves[0].stretch == 7.0
 
 
-def test_excel_first_sheet(tmp_path):
-    rows = "".join(
-        f'<row><c r="A{k}"><v>{t}</v></c><c r="C{k}"><v>{r}</v></c></row>'
-        for k, (t, r) in enumerate(zip(TIME * 1e6, RADIUS * 1e6, strict=True), 2)
-    )
-    header = '<row><c r="A1" t="s"><v>0</v></c><c r="C1" t="inlineStr"><is><t>radius_um</t></is></c></row>'
-    namespace = 'xmlns="http://schemas.openxmlformats.org/spreadsheetml/2006/main"'
-    with zipfile.ZipFile(tmp_path / "a.xlsx", "w") as archive:
-        archive.writestr("xl/sharedStrings.xml", f"<sst {namespace}><si><t>time_us</t></si></sst>")
-        archive.writestr(
-            "xl/worksheets/sheet1.xml", f"<worksheet {namespace}><sheetData>{header}{rows}</sheetData></worksheet>"
-        )
+def rows_of(header, *columns):
+    return [header, *zip(*columns, strict=True)]
+
+
+def test_workbook_is_read_from_its_first_tab(tmp_path):
+    """Whichever file of the archive holds it; a hidden tab is none. Empty cells and columns are left where they are."""
+    other = rows_of(["time_us", "radius_um"], TIME * 1e6, RADIUS * 2e6)
+    first = rows_of(["time_us", None, "radius_um"], TIME * 1e6, [None] * len(TIME), RADIUS * 1e6)
+    write_xlsx(tmp_path / "a.xlsx", {"hidden": other, "first": first, "second": other}, hidden=["hidden"])
     (curve,) = read_curves(tmp_path / "a.xlsx")
+    assert np.array_equal(curve.radius, (RADIUS * 1e6) * 1e-6)
+
+
+def test_an_open_document_whatever_its_ending(tmp_path):
+    rows = rows_of(["time_us", "radius_um"], TIME * 1e6, RADIUS * 1e6)
+    (curve,) = read_curves(write_ods(tmp_path / "a.csv", "".join(map(ods_row, rows))))
     assert np.allclose(curve.radius, RADIUS)
+
+
+def test_an_old_workbook(tmp_path):
+    assert read_sheets(write_xls(tmp_path / "a.csv"), is_header) == [("one", [(1, ["a", "b"]), (2, ["1.5", "2"])])]
+
+
+@pytest.mark.parametrize("encoding", ["utf-8", "utf-8-sig", "utf-16", "utf-16-le", "utf-16-be", "latin-1"])
+def test_encodings(tmp_path, encoding):
+    path = text_table(tmp_path / "a.csv", "time_µs,radius_µm", TIME * 1e6, RADIUS * 1e6)
+    path.write_bytes(path.read_text().encode(encoding))
+    assert np.allclose(read_curves(path)[0].radius, RADIUS, rtol=1e-6)
+
+
+def test_a_quoted_cell_may_hold_the_separator(tmp_path):
+    path = text_table(tmp_path / "a.csv", "time_us,radius_um", TIME * 1e6, RADIUS * 1e6)
+    head, *rows = path.read_text().splitlines()
+    path.write_text("\n".join([f'shot,{head},"note, if any"', *(f'"gel, 1",{row}, "a ""b"", c"' for row in rows)]))
+    (curve,) = read_curves(path)
+    assert np.allclose(curve.radius, RADIUS, rtol=1e-6)
+    assert curve.meta["label"] == "gel, 1"
+
+
+def is_header(cells):
+    return "a" in cells
+
+
+@pytest.mark.parametrize(
+    ("text", "found"),
+    [
+        ("a,b\n1,2\n", {1: "a b", 2: "1 2"}),
+        ("# made by x, y\n\na;b\n\n1,5;-2,5e3\n", {3: "a b", 5: "1.5 -2.5e3"}),
+        ("x y\na\tb\n\t2\n", {1: "x|y", 2: "a b", 3: " 2"}),
+        ("# note\n# a b\n# m s\n# more words than titles\n1 2\n% end\n3 4\n", {2: "a b", 3: "m s", 5: "1 2", 7: "3 4"}),
+        ("# a b\na b\n1 2\n", {2: "a b", 3: "1 2"}),
+        ("a, b\n1 2\n", {1: "a, b", 2: "1 2"}),
+        ("1,2\n3,4\n", {1: "1 2", 2: "3 4"}),
+        ("1;2,5\n3;4,5\n", {1: "1 2.5", 2: "3 4.5"}),
+        ('a,b\n"1\n5",2\n', {1: "a b", 3: "15 2"}),
+        ('"a" "b"\n 1   2 \n"3" 4\n', {1: "a b", 2: "1 2", 3: "3 4"}),
+        ("", {}),
+        ("# nothing\n", {}),
+    ],
+)
+def test_dialects_of_text(text, found):
+    """Rows by number of line; cells are separated by one space here, or none where the row has a single cell."""
+    rows = text_rows(text, is_header)
+    assert {row.number: " ".join(row.cells) for row in rows} == {k: v.replace("|", " ") for k, v in found.items()}
+
+
+def test_decimal_commas_and_points_in_one_row_are_refused():
+    with pytest.raises(InputError) as error:
+        text_rows("a;b\n1.5;2,000\n", is_header)
+    assert error.value.code == "tabular.comma"
+
+
+@pytest.mark.parametrize(
+    ("title", "kind", "unit"),
+    [
+        ("G' (Pa)", "G", "Pa"),
+        ("G’ [mPa]", "G", "mPa"),
+        ("G' [mpa]", "G", "mpa"),
+        ("Élan in rad/s", "speed", "rads"),
+        ("elan_rad_s^-1", None, None),
+        ("elan [s^−1]", "speed", "s-1"),
+        ("ELAN, RAD/S", "speed", "rads"),
+        ("elan*", None, None),
+        ("elan/limit", None, None),
+        ("elan", "speed", None),
+    ],
+)
+def test_what_a_title_says(title, kind, unit):
+    units = {"G": {"Pa", "mPa", "MPa"}, "speed": {plain_unit("rad/s"), plain_unit("s^-1")}}
+    assert column_of(title, {"g'": "G", "elan": "speed"}, units) == (kind, unit)
+
+
+def test_neither_text_nor_workbook(tmp_path):
+    assert [kind_of(head) for head in (b"1,2", b"PK\x03\x04", b"\x00\x01\x02\x00", "1,2".encode("utf-16-le"))] == [
+        "text", "workbook", "binary", "text",
+    ]  # fmt: skip
+    (tmp_path / "a.csv").write_bytes(bytes(range(256)))
+    with pytest.raises(InputError) as error:
+        read_sheets(tmp_path / "a.csv", is_header)
+    assert error.value.code == "tabular.binary"
+
+
+def test_a_pressure_trace(tmp_path):
+    for text in ("time_us, pressure_kPa\n0,0\n1,-250.5\n\n2,0\n", "p [Pa];t (ms)\n0;0\n-250500;0,001\n0;0,002\n"):
+        (tmp_path / "p.csv").write_text(text)
+        trace = Trace(*read_trace(tmp_path / "p.csv"))
+        assert trace.time == pytest.approx([0, 1e-6, 2e-6])
+        assert trace.pressure == pytest.approx([0, -250500, 0])
+
+
+@pytest.mark.parametrize(
+    ("text", "code"),
+    [
+        (b"t,p\n0,1\n", "trace.header"),
+        (b"", "trace.header"),
+        (b"time_us,pressure_kPa\n0,1,2\n1,1,2\n", "tabular.width"),
+        (b"time_us,pressure_kPa\n0,x\n", "tabular.number"),
+        (b"\xff\xfe\x00", "tabular.encoding"),
+        (None, "trace.missing"),
+    ],
+)
+def test_bad_traces(tmp_path, text, code):
+    if text is not None:
+        (tmp_path / "p.csv").write_bytes(text)
+    with pytest.raises(InputError, match=r"p\.csv") as error:
+        read_trace(tmp_path / "p.csv")
+    assert error.value.code == code
+
+
+@pytest.mark.parametrize("rows", ["", "1,0\n0,0\n", "1,0\n2\n"])
+def test_traces_that_are_no_function_of_time(tmp_path, rows):
+    (tmp_path / "p.csv").write_text("time_us,pressure_kPa\n" + rows)
+    with pytest.raises(InputError):
+        Trace(*read_trace(tmp_path / "p.csv"))
 
 
 def test_csv_round_trip(tmp_path):
@@ -319,38 +448,47 @@ def bad_files(folder):
         archive.writestr("word/document.xml", "<a/>")
 
 
+@pytest.fixture(scope="module")
+def bad(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("bad")
+    bad_files(folder)
+    return folder
+
+
 @pytest.mark.parametrize(
-    ("name", "says"),
+    ("name", "code", "names"),
     [
-        ("", "is a directory; give the files"),
-        ("missing.mat", "does not exist"),
-        ("empty.mat", "is empty"),
-        ("prose.txt", "no columns for time and radius among 'Dear"),
-        ("prose.mat", "no columns for time and radius"),
-        ("blank.csv", "no rows of data"),
-        ("header.csv", "a header but no rows"),
-        ("words.csv", "row 3: 'three' is not a number"),
-        ("commas.csv", "row 2 has 4 cells.*decimal comma"),
-        ("twice.csv", "two columns for radius"),
-        ("swapped.csv", "time in um and radius in us"),
-        ("numbers.csv", "header line such as time_us,radius_um"),
-        ("noise.bin", "binary data of no known format"),
-        ("clip.mp4", "cavirheo measure"),
-        ("other.mat", "variables found: G, speed; expected R_nondim_All"),
-        ("times.mat", "table of collapse times"),
-        ("half.mat", "variables found: R_nondim_All; expected"),
-        ("cut.mat", "cut off"),
-        ("huge.h5", "more than .* samples are not read"),
-        ("other.h5", "found: speed; expected"),
-        ("other.xlsx", "without a first worksheet"),
+        ("", "reading.folder", ""),
+        ("missing.mat", "reading.missing", ""),
+        ("empty.mat", "reading.empty", "time_us,radius_um"),
+        ("prose.txt", "table.columns", "'Dear'"),
+        ("prose.mat", "table.columns", "'Dear'"),
+        ("blank.csv", "table.empty", "time_us,radius_um"),
+        ("header.csv", "table.empty", ""),
+        ("words.csv", "tabular.number", "row 3: 'three'"),
+        ("commas.csv", "tabular.width", "row 2 has 4 cells"),
+        ("twice.csv", "table.twice", "radius"),
+        ("swapped.csv", "table.units", "time in um and radius in us"),
+        ("numbers.csv", "table.header", "time_us,radius_um"),
+        ("noise.bin", "reading.binary", ""),
+        ("clip.mp4", "reading.video", "time_us,radius_um"),
+        ("other.mat", "matlab.variables", "G, speed; expected R_nondim_All"),
+        ("times.mat", "matlab.collapse_times", "cavirheo collapse-time"),
+        ("half.mat", "matlab.variables", ""),
+        ("cut.mat", "matfile.cut", ""),
+        ("huge.h5", "limits.shape", "10000000000000"),
+        ("other.h5", "hdf5.datasets", "speed"),
+        ("other.xlsx", "tabular.workbook", ""),
     ],
 )
-def test_bad_files_are_refused_in_words(tmp_path, name, says):
-    bad_files(tmp_path)
-    path = tmp_path / name if name else tmp_path
-    with pytest.raises(InputError, match=says) as error:
+def test_bad_files_are_refused_in_words(bad, name, code, names):
+    path = bad / name if name else bad
+    with pytest.raises(InputError) as error:
         read_curves(path)
+    assert error.value.code == code
     assert str(path) in str(error.value)
+    assert names in str(error.value)
+    assert "cavirheo measure" not in str(error.value)  # there is no such command
 
 
 def test_damaged_files_never_raise_anything_but_input_errors(tmp_path):
@@ -399,8 +537,9 @@ def test_published_file(real_data, name):
     assert len(curves) == count
     for k, curve in enumerate(curves):
         if k in unusable:
-            with pytest.raises(InputError, match="is empty"):
+            with pytest.raises(InputError) as error:
                 _ = curve.max_radius
+            assert error.value.code == "curve.unusable"
             continue
         assert low <= curve.max_radius * 1e6 <= high
         assert curve.scale_warning() is None
@@ -432,8 +571,9 @@ def test_single_shots_of_agarose_agree_with_the_cells_made_from_them(real_data):
 
 def test_collapse_time_tables_are_refused_by_name(real_data):
     for path in (real_data / "collapse_times").glob("*.mat"):
-        with pytest.raises(InputError, match="table of collapse times"):
+        with pytest.raises(InputError) as error:
             read_curves(path)
+        assert error.value.code == "matlab.collapse_times"
 
 
 def test_plateau_is_read_where_there_is_one(real_data):

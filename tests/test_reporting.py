@@ -1,11 +1,13 @@
 """The reporting room: what is written must be what was found, and nothing that a file says may break the page."""
 
 import csv
+import gc
 import io
 import json
 import re
 import subprocess
 import sys
+import weakref
 import xml.etree.ElementTree as ET
 from dataclasses import replace
 from html.parser import HTMLParser
@@ -13,18 +15,20 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from PIL import Image
 from rich.console import Console
 
 from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError
-from cavirheo.posterior import Checks, Posterior
+from cavirheo.posterior import Checks, Diagnostics, Evidence, Posterior, WindowAnswer
 from cavirheo.reporting import html, picture, read_json, result, table, write_json, write_report
+from cavirheo.reporting.record import curve_record
 from cavirheo.writing import digits, style
 from cavirheo.writing.document import Quantity, Spread
+from cavirheo.writing.drawing import Words, _outline, ticks
 
 NAMES = ("log10_shear_modulus", "log10_viscosity")
 COMMAND = "cavirheo infer shots.mat -o out"
-MEDIUM = {"density": 998.0, "pressure": 101325.0}
 
 
 def bubble(name="shot[1]", group="shots", source="data/shots.mat", top=2.6e-4, frames=160, **meta) -> RadiusCurve:
@@ -53,12 +57,15 @@ def answer(curve, G=6100.0, mu=0.021, *, draws=1, verdict="ok", message="", mate
     checks = Checks(
         verdict, message, float(np.sqrt(np.mean(residual**2))), float(np.mean(np.abs(residual))),
         float(np.max(np.abs(residual))), 2, 2.6, time, residual, line, np.interp(line, time, curve.radius[after][:60]),
+        curve.max_radius * np.sqrt(998.0 / 101325.0),
     )  # fmt: skip
     names = NAMES if material == "nhkv" else NAMES[1:]
     centre = np.log10([G, mu])[-len(names) :]
     theta = centre + (0.05 * rng.standard_normal((draws, len(names))) if draws > 1 else 0.0) * np.ones((draws, 1))
-    provenance = {"model": "bdt-viscoelastic", "medium": MEDIUM, "stretch": stretch, "stretch_source": "fitted"}
-    return Posterior(names, ("Pa", "Pa s")[-len(names) :], theta, checks, material, "bdt", provenance, seconds=0.4)
+    return Posterior(
+        names, ("Pa", "Pa s")[-len(names) :], theta, checks, material, "bdt", {"model": "bdt-viscoelastic"},
+        seconds=0.4, stretch=stretch, diagnostics=Diagnostics(stretch_source="fitted"),
+    )  # fmt: skip
 
 
 def unanswered(message="cell 3 of 5 is empty") -> Posterior:
@@ -66,8 +73,8 @@ def unanswered(message="cell 3 of 5 is empty") -> Posterior:
 
 
 def empty(name="shot[3]", group="shots", source="data/shots.mat") -> RadiusCurve:
-    meta = {"name": name, "group": group, "source": source, "problem": "cell 3 of 5 is empty"}
-    return RadiusCurve(np.empty(0), np.empty(0), meta=meta)
+    meta = {"name": name, "group": group, "source": source}
+    return RadiusCurve(np.empty(0), np.empty(0), meta=meta, unusable="cell 3 of 5 is empty")
 
 
 @pytest.fixture
@@ -108,16 +115,43 @@ def test_json_keeps_the_contract(pairs, tmp_path):
     assert row["window"] == {"collapses": 2, "t_star_end": 2.6}
     (group,) = document["groups"]
     assert group["name"] == "shots"
-    assert {"n", "shear_modulus_Pa", "viscosity_Pa_s"} <= group.keys()
+    assert {"n", "n_trusted", "shear_modulus_Pa", "viscosity_Pa_s"} <= group.keys()
 
 
-def test_group_takes_mean_and_sample_deviation_of_the_answered(pairs):
+def test_group_takes_mean_and_sample_deviation(pairs):
     (group,) = result(pairs, COMMAND).groups
-    assert (group.n, group.n_failed) == (2, 1)
+    assert (group.n, group.n_trusted, group.n_failed) == (2, 2, 1)
     assert group.verdicts == {"ok": 2, "failed": 1}
     assert group.shear_modulus_Pa.mean == pytest.approx(7100.0)
     assert group.shear_modulus_Pa.std == pytest.approx(2000.0 / np.sqrt(2.0))  # n - 1, not n
     assert group.viscosity_Pa_s.median == pytest.approx(0.028)
+
+
+@pytest.mark.parametrize(
+    ("doubtful", "mean", "basis"),
+    [
+        ((), 7.0e3, ""),
+        ((1,), 6.5e3, "mean of 2 trusted of 3 answered"),
+        ((0, 1, 2), None, "no mean: none trusted of 3 answered"),
+    ],
+)
+def test_only_trusted_answers_are_averaged_and_the_rest_is_counted(doubtful, mean, basis, tmp_path):
+    verdicts = ["model_does_not_fit" if k in doubtful else "ok" for k in range(3)]
+    curves = [bubble(f"s{k}", top=(2.6 + 0.1 * k) * 1e-4) for k in range(3)]
+    moduli = (6e3, 8e3, 7e3)
+    pairs = [(c, answer(c, G, verdict=v)) for c, G, v in zip(curves, moduli, verdicts, strict=True)]
+    document = write_report(tmp_path, pairs, COMMAND, ())
+    (group,) = document.groups
+    assert (group.n, group.n_trusted) == (3, 3 - len(doubtful))
+    assert group.shear_modulus_Pa.mean == (None if mean is None else pytest.approx(mean))
+    assert (group.viscosity_Pa_s.mean is None) == (mean is None)
+    assert group.basis == basis
+    page = " ".join((tmp_path / "report.html").read_text(encoding="utf-8").split())
+    drawn = picture.group_picture(pairs, document.curves, group)
+    for said in (page, " ".join(printed(document, 80).split()), " ".join(drawn.text)):
+        assert all(word in said for word in basis.split())
+    rings = [mark for mark in drawn.marks if getattr(mark, "ring", False) and len(mark.points)]
+    assert len(rings) == (len(doubtful) + 1 if doubtful else 0)  # and one in the key
 
 
 def test_group_of_one_has_no_deviation(pairs):
@@ -158,6 +192,54 @@ def test_inferred_stretch_and_further_parameters_come_from_the_draws():
     assert row.stretch.q05 is not None
     assert row.other_parameters.keys() == {"t0"}
     assert row.other_parameters["t0"].median == pytest.approx(1e-7, rel=0.05)
+
+
+def test_what_the_answer_rests_on_is_read_from_its_fields_and_not_from_its_provenance(tmp_path):
+    curve = bubble()
+    about = Diagnostics(
+        stretch_source="given", free={"time_origin": 1.5e-7}, correlations={"shear_modulus, viscosity": -0.31},
+        frames=60, frames_per_independent_residual=np.float64(2.0), at_bound=("stretch",), draws=500,
+        effective_sample_size=321.0, predictive={"p_value": np.float64(0.04)}, systematic_misfit_over_rmax=0.01,
+    )  # fmt: skip
+    windows = {"1": WindowAnswer({"shear_modulus": 6440.0, "viscosity": 0.0295}, 1.0, 0.01, ("viscosity",))}
+    other = {
+        "stretch": 99.0, "stretch_source": "other", "frames": 7, "medium": {"density": 1.0, "pressure": 1.0},
+        "windows": {"2": {"shear_modulus": 1.0}}, "free": {"time_origin": 9.0},
+        "correlations": {"shear_modulus, viscosity": 0.99},
+    }  # fmt: skip
+    posterior = replace(
+        answer(curve), method="least_squares", diagnostics=about, windows=windows, provenance=other,
+        evidence=Evidence(-12.5, 0.1),
+    )  # fmt: skip
+    written = write_report(tmp_path, [(curve, posterior)], COMMAND, ())
+    row = strictly((tmp_path / "result.json").read_text(encoding="utf-8"))["curves"][0]
+    assert row["stretch"]["median"] == 9.1
+    assert row["evidence"] == {"log": -12.5, "error": 0.1}
+    assert row["windows"]["1"]["best"] == {"shear_modulus": 6440.0, "viscosity": 0.0295}
+    assert read_json(tmp_path / "result.json") == written
+    page = Page((tmp_path / "report.html").read_text(encoding="utf-8"))
+    shown = " ".join("".join(page.text).split('{ "source"')[0].split())
+    for part in ("given", "6.44, 0.0295*", "t_0 = 1.5e-07", "-0.31", "worth 30 independent", "321", "p = 0.04"):
+        assert part in shown
+    assert picture.curve_picture(curve, posterior.checks, written.curves[0]).panels[0].on.text.count("t*") == 1
+
+
+def test_numbers_that_are_none_do_not_break_the_report(tmp_path):
+    curve = bubble()
+    about = Diagnostics(correlations={"shear_modulus, viscosity": float("nan")}, predictive={"p_value": float("nan")})
+    posterior = replace(answer(curve), method="least_squares", diagnostics=about)
+    write_report(tmp_path, [(curve, posterior)], COMMAND, ())
+    strictly((tmp_path / "result.json").read_text(encoding="utf-8"))
+
+
+def test_the_maximum_of_the_posterior_is_no_least_squares(tmp_path):
+    curve = bubble()
+    written = write_report(tmp_path, [(curve, replace(answer(curve, draws=300), method="laplace"))], COMMAND, ())
+    page = (tmp_path / "report.html").read_text(encoding="utf-8")
+    assert "Laplace" in page
+    assert "least squares" not in page
+    assert written.curves[0].shear_modulus_Pa.q05 is not None
+    assert "[" in printed(written, 140).split("shot")[1]
 
 
 def test_newtonian_has_no_modulus():
@@ -226,8 +308,10 @@ def test_what_is_not_a_result_is_refused(text, tmp_path):
     path = tmp_path / "r.json"
     if text is not None:
         path.write_text(text, encoding="utf-8")
-    with pytest.raises(InputError, match=r"r\.json"):
+    with pytest.raises(InputError) as refused:
         read_json(path)
+    assert refused.value.code == ("document.unreadable" if text is None else "document.other")
+    assert path.name in str(refused.value)
 
 
 # --- words and the table ---------------------------------------------------------------------------------------------
@@ -254,6 +338,18 @@ def test_spread_shows_two_digits_of_the_deviation():
     assert digits.spread(Spread(mean=0.02, std=0.009)) == "0.0200 ± 0.0090"
     assert digits.spread(Spread(mean=0.02)) == "0.0200"
     assert digits.spread(Spread(mean=0.02, std=0.0)) == "0.0200 ± 0"
+    assert digits.spread(Spread(mean=0.02, std=1e-7)) == "0.0200 ± 1e-07"
+
+
+def test_identical_shots_leave_room_for_their_names():
+    value = 0.1 + 0.2  # their standard deviation is that of rounding
+    curves = [bubble(f"a_name_of_some_length_{k}") for k in range(3)]
+    document = result([(c, answer(c, 6e3 * value, value)) for c in curves], COMMAND)
+    document.groups[0].viscosity_Pa_s.std = 5.6e-17
+    text = printed(document, 80)
+    assert "± 0" in text
+    assert "± 0.0" not in text
+    assert all(curve.name in text for curve in curves)
 
 
 def test_elided_names_keep_both_ends():
@@ -284,7 +380,7 @@ def test_table_fits_its_terminal(width, draws):
     text = "\n".join(lines)
     for k in (1, 2, 3):
         assert text.split("RMSE:")[0].count(f"[{k}]") == 1, text
-    assert "n = 2" in text
+    assert "mean of 1 trusted" in text
     assert "failed" in text
     assert " ".join(text.split()).count("words") == 30  # the message stands below in full
     assert ("[" in text.split("v2[1]")[1].split("v2[2]")[0]) == (draws > 1)  # an interval only where there is one
@@ -329,90 +425,133 @@ def test_csv_has_a_line_per_curve(pairs, tmp_path):
 # --- pictures --------------------------------------------------------------------------------------------------------
 
 
-def drawn(axes, label):
-    (line,) = [line for line in axes.lines if line.get_label() == label]
-    return line.get_xydata()
+def curve_picture(curve, posterior):
+    return picture.curve_picture(curve, posterior.checks, curve_record(curve, posterior))
 
 
 def test_picture_shows_measurement_answer_and_residual(pairs):
     curve, posterior = pairs[0]
-    figure = picture.curve_figure(curve, posterior)
-    upper, lower = figure.axes
-    measured, outside = drawn(upper, "measured"), drawn(upper, "measured, not compared")
+    drawn = curve_picture(curve, posterior)
+    upper, lower = drawn.panels
+    measured, outside = upper.data["measured"], upper.data["measured, not compared"]
     assert np.isfinite(measured[:, 1]).sum() == 60
     assert np.isfinite(measured[:, 1]).sum() + np.isfinite(outside[:, 1]).sum() == np.isfinite(curve.radius).sum()
-    simulated = drawn(upper, "simulation of the answer")
+    simulated = upper.data["simulation of the answer"]
     assert simulated[:, 1] == pytest.approx(posterior.checks.reconstruction_radius * 1e6)
     assert simulated[0, 0] == pytest.approx((posterior.checks.reconstruction_time[0] - curve.time_of_max) * 1e6)
-    points = max((line.get_xydata() for line in lower.lines), key=len)
-    assert points[:, 1] == pytest.approx(100.0 * posterior.checks.residual_over_rmax)
-    words = " ".join(text.get_text() for text in figure.texts)
+    assert lower.data["residual"][:, 1] == pytest.approx(100.0 * posterior.checks.residual_over_rmax)
+    words = " ".join(drawn.text)
     for part in ("shot[1]", "G = 6.10 kPa", "µ = 0.0210 Pa s", "λ = 9.10", "ok"):
         assert part in words
 
 
-def test_picture_of_a_failed_curve_has_points_and_reason_but_no_line():
+def test_numbers_stand_where_their_ticks_say(pairs):
+    """The place of a point on the page, from the places of two ticks of each axis."""
+    upper = curve_picture(*pairs[0]).panels[0]
+    words = {mark.text: mark for mark in upper.on.marks if hasattr(mark, "text")}
+    per_micrometre = (words["50"].y - words["200"].y) / 150.0  # R: upwards
+    (left, top, width, height), (first, last) = upper.place, upper.x
+    time, radius = upper.data["measured"][0]
+    ((x, y),) = upper.at([time], [radius])
+    assert y == pytest.approx(top + height - radius * per_micrometre)
+    assert x == pytest.approx(left + width * (time - first) / (last - first))
+
+
+def test_the_answer_stays_inside_the_picture():
+    """Whatever its length, measured in the letters of the PNG."""
     curve = bubble()
-    figure = picture.curve_figure(curve, unanswered("the recording is too short"))
-    (axes,) = figure.axes
-    assert all(line.get_linestyle() == "None" for line in axes.lines)
-    assert "the recording is too short" in [text.get_text() for text in figure.texts]
-    nothing = picture.curve_figure(empty(), unanswered())
-    assert not nothing.axes[0].lines
+    posterior = answer(curve, 123456.0, 0.01234, draws=400)
+    posterior = replace(
+        posterior, names=(*NAMES, "stretch"), units=("Pa", "Pa s", "1"),
+        theta=np.hstack([posterior.theta, np.random.default_rng(1).normal(8.0, 0.3, (400, 1))]),
+    )  # fmt: skip
+    drawn = curve_picture(curve, posterior)
+    parts = [mark for mark in drawn.marks if isinstance(mark, Words) and " = " in mark.text and mark.y < picture.HEADER]
+    assert len(parts) == 4
+    ends = [mark.x + mark.size * _outline(mark.text, False)[2] for mark in parts]
+    assert all(end < after.x for end, after in zip(ends, parts[1:], strict=False))
+    assert ends[-1] < drawn.width - 10
+
+
+def test_picture_of_a_failed_curve_has_points_and_reason_but_no_line():
+    drawn = curve_picture(bubble(), unanswered("the recording is too short"))
+    (panel,) = drawn.panels
+    assert list(panel.data) == ["measured"]
+    assert "the recording is too short" in drawn.text
+    long = curve_picture(bubble(), unanswered("words " * 99))
+    assert sum("words" in text for text in long.text) == 3
+    assert "words" not in long.svg(picture.HEADER)  # the page says it itself
+    assert not curve_picture(empty(), unanswered()).panels
 
 
 def test_picture_without_scale_gives_no_micrometres():
-    curve = bubble(no_scale="in pixels", time_over_max_radius=True)
-    (axes,) = picture.curve_figure(curve, unanswered("no scale")).axes
-    assert "µ" not in axes.get_ylabel() + axes.get_xlabel()
+    drawn = curve_picture(replace(bubble(), unscaled="in pixels", time_unscaled=True), unanswered("no scale"))
+    assert drawn.panels
+    assert "µ" not in "".join(drawn.text)
 
 
 def test_picture_of_a_group_holds_each_answered_shot(pairs):
-    group = result(pairs, COMMAND).groups[0]
-    figure = picture.group_figure(pairs, group)
-    left, right, *_ = figure.axes
-    assert len(left.lines) == 2
-    assert left.lines[0].get_ydata()[np.isfinite(left.lines[0].get_ydata())].max() == pytest.approx(1.0, abs=0.02)
-    means = [c for c in right.containers if c.get_label() == "mean ± std"]
-    assert means[0][0].get_xydata()[0] == pytest.approx([7.1, 0.028])
-    assert "2 shots, 1 failed" in figure.texts[0].get_text()
+    document = result(pairs, COMMAND)
+    drawn = picture.group_picture(pairs, document.curves, document.groups[0])
+    left, right = drawn.panels
+    assert list(left.data) == ["shot[1]", "shot[2]"]
+    assert np.nanmax(left.data["shot[1]"][:, 1]) == pytest.approx(1.0, abs=0.02)
+    assert right.data["mean ± std"][0] == pytest.approx([7.1, 0.028])
+    assert "2 shots, 1 failed" in drawn.text[0]
 
 
 def test_group_picture_of_a_fluid_has_no_modulus():
     curves = [bubble(top=2e-4), bubble("shot[2]", top=3e-4)]
     pairs = [(c, answer(c, mu=m, material="newtonian")) for c, m in zip(curves, (0.04, 0.05), strict=True)]
-    _, right, *_ = picture.group_figure(pairs, result(pairs, COMMAND).groups[0]).axes
-    assert "G" not in right.get_xlabel()
+    document = result(pairs, COMMAND)
+    assert not any("G (" in text for text in picture.group_picture(pairs, document.curves, document.groups[0]).text)
 
 
 def test_png_and_svg(pairs, tmp_path):
-    figure = picture.curve_figure(*pairs[0])
-    picture.save_png(tmp_path / "a.png", figure, dpi=100)
-    head = (tmp_path / "a.png").read_bytes()[:24]
-    assert head[:8] == b"\x89PNG\r\n\x1a\n"
-    assert int.from_bytes(head[16:20], "big") == 720
-    one = picture.svg(figure, "one")
-    ET.fromstring(one)
-    assert one == picture.svg(figure, "one")  # the same bytes each time
-    assert "shot[1]" in one  # text stays text
-    bare = picture.svg(figure, "one", header=False)
+    drawn = curve_picture(*pairs[0])
+    drawn.save_png(tmp_path / "a.png", dpi=100)
+    with Image.open(tmp_path / "a.png") as read:
+        assert read.size == (720, 450)
+        pixels = np.asarray(read.convert("RGB")).astype(int)
+    assert (pixels[0, 0] == 255).all()
+    orange = np.abs(pixels - [0xD5, 0x5E, 0x00]).max(axis=2) < 30
+    columns = np.flatnonzero(orange[: int(0.6 * 450)].any(axis=0))
+    left, _, width, _ = drawn.panels[0].place
+    assert left < columns.min() * 0.72 < columns.max() * 0.72 < left + width  # the line lies in its axes
+    whole, bare = drawn.svg(), drawn.svg(picture.HEADER)
+    ET.fromstring(whole)
+    assert whole == drawn.svg()  # the same bytes each time
+    assert "shot[1]" in whole  # text stays text
     assert "shot[1]" not in bare
-    assert picture.svg(figure, "one") == one  # and nothing stays hidden
-    ids = [set(re.findall(r' id="([^"]+)"', picture.svg(figure, name))) for name in ("one", "two")]
-    assert ids[0]
-    assert not ids[0] & ids[1]
+    assert "id=" not in whole  # so that many may stand in one page
+
+
+@pytest.mark.parametrize(
+    ("low", "high", "most", "texts"),
+    [
+        (0.0, 267.0, 6, ["0", "50", "100", "150", "200", "250"]),
+        (-2.9, 2.9, 4, ["−2", "0", "2"]),
+        (0.0, 0.034, 6, ["0.00", "0.01", "0.02", "0.03"]),
+        (-1e-9, 1e-9, 4, ["−0.0000000010", "−0.0000000005", "0.0000000000", "0.0000000005", "0.0000000010"]),
+    ],
+)
+def test_ticks_are_round_numbers(low, high, most, texts):
+    marks, written = ticks(low, high, most)
+    assert written == texts
+    assert marks == pytest.approx([float(text.replace("−", "-")) for text in texts], abs=1e-12)
 
 
 def test_names_are_never_read_as_mathematics(tmp_path):
     curve = bubble(r"$x_{$ \frac <b> & [red]", group="$y_{$")
-    pairs = [(curve, answer(curve)), (curve, answer(curve, 7e3))]
-    picture.save_png(tmp_path / "a.png", picture.curve_figure(curve, answer(curve, message="$a$")), dpi=60)
-    ET.fromstring(picture.svg(picture.group_figure(pairs, result(pairs, COMMAND).groups[0]), "g"))
+    pairs = [(curve, answer(curve, message="$a$")), (curve, answer(curve, 7e3))]
+    document = result(pairs, COMMAND)
+    curve_picture(*pairs[0]).save_png(tmp_path / "a.png", dpi=60)
+    ET.fromstring(picture.group_picture(pairs, document.curves, document.groups[0]).svg())
 
 
 def test_long_recording_stays_a_small_svg():
     curve = bubble(frames=6000)
-    assert len(picture.svg(picture.curve_figure(curve, answer(curve)), "a")) < 150_000
+    assert len(curve_picture(curve, answer(curve)).svg()) < 150_000
 
 
 # --- the report ------------------------------------------------------------------------------------------------------
@@ -508,20 +647,61 @@ def test_without_matplotlib_the_report_says_so(pairs, tmp_path, monkeypatch):
     assert 'pip install "cavirheo[plot]"' in written.notes[0]
     assert "cavirheo[plot]" in (tmp_path / "report.html").read_text(encoding="utf-8")
     assert "cavirheo[plot]" in printed(written, 100)
-    with pytest.raises(InputError, match=r"cavirheo\[plot\]"):
-        picture.curve_figure(*pairs[0])
+    assert (tmp_path / "report.html").read_text(encoding="utf-8").count("<svg") == 4  # the page has its pictures
+    with pytest.raises(InputError) as refused:
+        curve_picture(*pairs[0]).save_png(tmp_path / "a.png")
+    assert refused.value.code == "style.no_matplotlib"
 
 
 def test_write_report_refuses_what_it_cannot_do(pairs, tmp_path):
-    with pytest.raises(InputError, match="'gif'"):
-        write_report(tmp_path, pairs, COMMAND, ("gif",))
     (tmp_path / "file").write_text("x")
-    with pytest.raises(InputError, match="cannot write"):
-        write_report(tmp_path / "file", pairs, COMMAND, ())
+    for folder, kinds, code in (
+        (tmp_path, ("gif",), "reporting.picture_kind"),
+        (tmp_path / "file", (), "document.folder"),
+    ):
+        with pytest.raises(InputError) as refused:
+            write_report(folder, pairs, COMMAND, kinds)
+        assert refused.value.code == code
 
 
-def test_a_run_without_curves_is_a_page_too():
-    Page(html.render(result([], COMMAND), {}, {}))
+def test_a_run_without_curves_is_a_page_too(tmp_path):
+    html.write(tmp_path / "r.html", result([], COMMAND))
+    Page((tmp_path / "r.html").read_text(encoding="utf-8"))
+
+
+def test_parts_of_the_page_stand_alone(pairs):
+    """As the browser app shows them."""
+    document = result(pairs, COMMAND)
+    unit = document.modulus_unit
+    parts = [
+        html.groups_table(document.groups, *unit),
+        html.curves_table(document.curves, *unit, title="A & B", linked=False),
+        html.article(0, document.curves[0], *unit, ""),
+    ]
+    assert [type(part) for part in parts] == [str] * 3
+    page = Page("".join(parts))
+    assert page.tags.isdisjoint({"a", "svg", "figure"})
+    assert "A & B" in page.text
+
+
+def test_pictures_are_drawn_written_and_forgotten(monkeypatch, tmp_path):
+    """However many curves, few pictures are held at once."""
+    alive: list[int] = []
+    made: weakref.WeakSet = weakref.WeakSet()
+    original = picture.curve_picture
+
+    def counted(*given):
+        if len(alive) == 7:
+            gc.collect()
+        alive.append(len(made))
+        page = original(*given)
+        made.add(page)
+        return page
+
+    monkeypatch.setattr(picture, "curve_picture", counted)
+    curve = bubble()
+    write_report(tmp_path, [(curve, answer(curve))] * 8, COMMAND, ())
+    assert alive[-1] <= 1
 
 
 def test_importing_the_room_is_cheap():

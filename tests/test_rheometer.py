@@ -6,14 +6,16 @@ import importlib.util
 import json
 import re
 from pathlib import Path
-from zipfile import ZipFile
 
 import numpy as np
 import pytest
+from workbooks import write_xlsx
 
-from cavirheo.beside.rheometer.analyse import frequency_sweep, strain_sweep
-from cavirheo.beside.rheometer.read import Sweep, read_sweeps
-from cavirheo.beside.rheometer.titles import read_title
+from cavirheo.beside.rheometer.document import beside, rheometry
+from cavirheo.beside.rheometer.read import Sweep, SweepColumn, read_sweeps, read_title
+from cavirheo.beside.rheometer.sweeps import frequency_sweep, strain_sweep
+from cavirheo.errors import InputError
+from cavirheo.reporting import read_json
 from cavirheo.reporting.record import Result
 from cavirheo.writing import style
 from cavirheo.writing.document import write_json
@@ -43,6 +45,12 @@ def maxwell(omega, G=1e3, tau=1.0):
 
 def softening(gamma, G=2e3, at=1.0):
     return G / (1 + (gamma / at) ** 2)
+
+
+@pytest.fixture
+def plain(monkeypatch):
+    """Without pictures, which take half a second each."""
+    monkeypatch.setattr(style, "available", lambda: False)
 
 
 class TestFrequencySweep:
@@ -86,16 +94,16 @@ class TestFrequencySweep:
         assert found.plateau_to_rad_per_s / found.plateau_from_rad_per_s > 100
 
     @pytest.mark.parametrize(
-        ("omega", "at", "message"),
+        ("omega", "at", "named"),
         [
-            ([2.0, 5, 20], 1.0, "1 rad/s lies outside the data, 2 to 20 rad/s"),
-            ([0.01, 0.1, 0.5], 1.0, "lies outside the data, 0.01 to 0.5"),
-            ([0.05, 0.08, 20], 1.0, "more than a decade apart"),
+            ([2.0, 5, 20], 1.0, "2 to 20 rad/s"),
+            ([0.01, 0.1, 0.5], 1.0, "0.01 to 0.5 rad/s"),
+            ([0.05, 0.08, 20], 1.0, "1 rad/s"),
         ],
     )
-    def test_nothing_is_extrapolated(self, omega, at, message):
+    def test_nothing_is_extrapolated(self, omega, at, named):
         found = frequency_sweep(sweep("frequency", omega, 1e3, 10.0), at)
-        assert message in found.message
+        assert named in found.message
         assert found.viscosity_Pa_s is None
         assert found.tan_delta is None
 
@@ -153,7 +161,7 @@ class TestStrainSweep:
 
     def test_no_linear_range_is_invented(self):
         found = strain_sweep(sweep("strain", STRAIN, 1e3 * STRAIN**-0.3, 10.0))
-        assert "no linear range" in found.message
+        assert found.message
         assert found.plateau_storage_Pa is None
         assert found.linear_to is None
 
@@ -163,55 +171,64 @@ class TestStrainSweep:
         assert any("higher" in note for note in found.notes)
 
 
-TITLES = {
-    "G' (Pa)": ("storage", "Pa"),
-    "G'": ("storage", None),
-    "Gp": ("storage", None),
-    "G′ [kPa]": ("storage", "kPa"),
-    "G_prime_Pa": ("storage", "Pa"),
-    "Storage modulus": ("storage", None),
-    "Storage Modulus [Pa]": ("storage", "Pa"),
-    "storage_modulus_MPa": ("storage", "MPa"),
-    "G' in Pa": ("storage", "Pa"),
-    "Storage modulus G' / Pa": ("storage", "Pa"),
-    "Shear modulus (elastic component)(Pa)": ("storage", "Pa"),
-    "Speichermodul [Pa]": ("storage", "Pa"),
-    "Module de Stockage [Pa]": ("storage", "Pa"),
-    'G" (Pa)': ("loss", "Pa"),
-    "G'' [Pa]": ("loss", "Pa"),
-    "G″": ("loss", None),
-    "Gpp": ("loss", None),
-    "Loss modulus (dyn/cm2)": ("loss", "dyn/cm2"),
-    "Shear modulus (viscous component) (Pa)": ("loss", "Pa"),
-    "Angular Frequency": ("omega", None),
-    "Angular frequency (rad/s)": ("omega", "rad/s"),
-    "ang. frequency": ("omega", None),
-    "Ang. Frequency [rad·s⁻¹]": ("omega", "rad·s−1"),
-    "omega (rad/s)": ("omega", "rad/s"),
-    "omega_rad_per_s": ("omega", "rad_per_s"),
-    "ω [1/s]": ("omega", "1/s"),
-    "Frequency(Hz)": ("omega", "Hz"),
-    "Fréquence [Hz]": ("omega", "Hz"),
-    "Oscillation strain (%)": ("strain", "%"),
-    "Shear Strain [1]": ("strain", "1"),
-    "Strain [-]": ("strain", "-"),
-    "strain_percent": ("strain", "percent"),
-    "Complex shear strain(%)": ("strain", "%"),
-    "γ [%]": ("strain", "%"),
-    "Déformation de Cisaillement [%]": ("strain", "%"),
-    "Action Name": ("interval", None),
-    "Storage modulus (psi)": ("storage", "psi"),
-    "Strain rate (1/s)": ("", None),
-    "Complex viscosity (Pa s)": ("", None),
-    "Temperature (°C)": ("", None),
-    "Normal force F (N)": ("", None),
+TITLES = {  # title: (kind, factor to SI; None where the unit is missing or unknown)
+    "G' (Pa)": ("storage", 1),
+    "G'": ("storage", 1),
+    "Gp": ("storage", 1),
+    "G′ [kPa]": ("storage", 1e3),
+    "G_prime_Pa": ("storage", 1),
+    "Storage modulus": ("storage", 1),
+    "Storage Modulus [Pa]": ("storage", 1),
+    "storage_modulus_MPa": ("storage", 1e6),
+    "G' in Pa": ("storage", 1),
+    "Storage modulus G' / Pa": ("storage", 1),
+    "Shear modulus (elastic component)(Pa)": ("storage", 1),
+    "Speichermodul [Pa]": ("storage", 1),
+    "Module de Stockage [Pa]": ("storage", 1),
+    "Storage modulus (psi)": ("storage", None),
+    'G" (Pa)': ("loss", 1),
+    "G'' [mPa]": ("loss", 1e-3),
+    "G″": ("loss", 1),
+    "Gpp": ("loss", 1),
+    "Loss modulus (dyn/cm2)": ("loss", 0.1),
+    "Shear modulus (viscous component) (Pa)": ("loss", 1),
+    "Angular Frequency": ("omega", 1),
+    "Angular frequency (rad/s)": ("omega", 1),
+    "ang. frequency": ("omega", 1),
+    "Ang. Frequency [rad·s⁻¹]": ("omega", 1),
+    "omega (rad/s)": ("omega", 1),
+    "omega_rad_per_s": ("omega", 1),
+    "ω [1/s]": ("omega", 1),
+    "Frequency(Hz)": ("omega", 2 * np.pi),
+    "Fréquence [Hz]": ("omega", 2 * np.pi),
+    "Frequency [1/s]": ("omega", None),
+    "Frequency": ("omega", None),
+    "Oscillation strain (%)": ("strain", 0.01),
+    "Shear Strain [1]": ("strain", 1),
+    "Strain [-]": ("strain", 1),
+    "strain_percent": ("strain", 0.01),
+    "Complex shear strain(%)": ("strain", 0.01),
+    "γ [%]": ("strain", 0.01),
+    "Déformation de Cisaillement [%]": ("strain", 0.01),
+    "Strain": ("strain", None),
+    "Action Name": ("interval", 1),
+    "Strain rate (1/s)": ("", 1),
+    "Complex viscosity (Pa s)": ("", 1),
+    "Temperature (°C)": ("", 1),
+    "Normal force F (N)": ("", 1),
 }
 
 
 @pytest.mark.parametrize("title", TITLES)
 def test_titles(title):
-    kind, unit, _ = read_title(title)
-    assert (kind, unit) == TITLES[title]
+    column = SweepColumn(0, title, *read_title(title))
+    kind, factor = TITLES[title]
+    assert column.kind == kind
+    if factor is None:
+        with pytest.raises(InputError):
+            column.factor()
+    else:
+        assert column.factor() == pytest.approx(factor)
 
 
 FREQUENCY_ROWS = list(zip(OMEGA, 1e3 + OMEGA, 5 * OMEGA, strict=True))
@@ -267,23 +284,11 @@ def test_layouts(tmp_path, name):
     assert any("in the 0 rows with moduli of 'Pre shear'" in note for note in found.notes) == (name == "rspace.csv")
 
 
-def workbook(path: Path, *sheets: list[list[object]]) -> Path:
-    with ZipFile(path, "w") as archive:
-        for number, rows in enumerate(sheets, 1):
-            cells = "".join(
-                "<row>" + "".join(f'<c t="inlineStr"><is><t>{cell}</t></is></c>' for cell in row) + "</row>"
-                for row in rows
-            )
-            archive.writestr(
-                f"xl/worksheets/sheet{number}.xml", f"<worksheet><sheetData>{cells}</sheetData></worksheet>"
-            )
-    return path
-
-
 def test_every_sheet_of_a_workbook(tmp_path):
     frequency = [["Angular frequency", "Storage modulus", "Loss modulus"], ["rad/s", "Pa", "Pa"], *FREQUENCY_ROWS]
     strain = [["Strain (%)", "G' (Pa)", "G'' (Pa)"], *([100 * g, softening(g), 50] for g in STRAIN)]
-    found = read_sweeps(workbook(tmp_path / "gel.xlsx", [["Sample", "gel"]], frequency, strain))
+    sheets = {"about": [["Sample", "gel"]], "frequency": frequency, "strain": strain}
+    found = read_sweeps(write_xlsx(tmp_path / "gel.xlsx", sheets))
     assert [(one.name, one.kind) for one in found] == [("gel[1]", "frequency"), ("gel[2]", "strain")]
     assert found[1].x == pytest.approx(STRAIN)
 
@@ -331,63 +336,71 @@ def test_a_setting_measured_twice_is_averaged_and_counted(tmp_path):
 
 
 TABLE = "{}\n" + "".join(f"{g:.5g},{softening(g):.6g},50\n" for g in STRAIN)
-BAD = {
-    "empty": ("", "is empty"),
-    "words": ("hello\nworld\n", "no column for G' and G''"),
-    "no loss": ("omega,G'\n1,2\n2,3\n3,4\n", "no column for G'' among 'omega', \"G'\""),
-    "no setting": ("time (s),G',G''\n1,2,3\n2,3,4\n3,4,5\n", "no column for frequency or strain"),
-    "strain without unit": (TABLE.format("strain,G',G''"), "'strain' has no unit, and per cent and fraction"),
-    "frequency without unit": (TABLE.format("Frequency,G',G''"), "'Frequency' has no unit, and Hz and rad/s"),
-    "frequency per second": (TABLE.format("Frequency (1/s),G',G''"), "Hz and rad/s differ"),
-    "unknown unit": (TABLE.format("strain (%),G' (psi),G''"), "the unit 'psi' of \"G' (psi)\" is not known"),
-    "two columns": (TABLE.format("strain (%),G' (Pa),G'' (Pa),G' (Pa)"), "two columns for G'"),
-    "no sweep": ("omega,G',G''\n" + "10,1000,50\n" * 9, "no sweep of frequency in the 9 rows"),
-    "few rows": ("omega,G',G''\n1,2,3\n5,,4\n9,4,5\n", "2 usable rows"),
-    "decimal comma": ("omega,G',G''\n0,1,10,5\n0,2,11,6\n", "(a decimal comma?)"),
-    "no number": ("omega,G',G''\n1,2,3\n2,3,x4\n3,4,5\n", "row 3: 'x4' is not a number"),
-    "comma or point": ("omega;G';G''\n0.5;1,234;5\n1.5;2,000;5\n", "is the comma decimal?"),
+BAD = {  # content, code, what is named
+    "empty": ("", "rheometer.empty", ""),
+    "words": ("hello\nworld\n", "rheometer.no_moduli", "G' and G''"),
+    "no loss": ("omega,G'\n1,2\n2,3\n3,4\n", "rheometer.no_moduli", "G'' among 'omega', \"G'\""),
+    "no setting": ("time (s),G',G''\n1,2,3\n2,3,4\n3,4,5\n", "rheometer.no_sweep", "'time (s)'"),
+    "strain without unit": (TABLE.format("strain,G',G''"), "rheometer.no_unit", "'strain'"),
+    "frequency without unit": (TABLE.format("Frequency,G',G''"), "rheometer.no_unit", "'Frequency'"),
+    "frequency per second": (TABLE.format("Frequency (1/s),G',G''"), "rheometer.no_unit", "'Frequency (1/s)"),
+    "unknown unit": (TABLE.format("strain (%),G' (psi),G''"), "rheometer.unknown_unit", "'psi'"),
+    "two columns": (TABLE.format("strain (%),G' (Pa),G'' (Pa),G' (Pa)"), "rheometer.two_columns", "G'"),
+    "no sweep": ("omega,G',G''\n" + "10,1000,50\n" * 9, "rheometer.no_sweep", "9 rows"),
+    "few rows": ("omega,G',G''\n1,2,3\n5,,4\n9,4,5\n", "rheometer.no_sweep", "2 usable rows"),
+    "decimal comma": ("omega,G',G''\n0,1,10,5\n0,2,11,6\n", "tabular.width", "row 2"),
+    "no number": ("omega,G',G''\n1,2,3\n2,3,x4\n3,4,5\n", "tabular.number", "row 3: 'x4'"),
+    "comma or point": ("omega;G';G''\n0.5;1,234;5\n1.5;2,000;5\n", "tabular.comma", "'1,234'"),
     "two sweeps": (
         "omega (rad/s),strain (%),G',G''\n"
         + "".join(f"10,{g},1000,50\n" for g in (0.1, 1, 10, 100))
         + "".join(f"{w},1,1000,50\n" for w in (0.1, 1, 10, 100)),
-        "two sweeps in one table",
+        "rheometer.two_sweeps",
+        "10 rad/s",
     ),
-    "old Excel": (b"\xd0\xcf\x11\xe0" + bytes(600), "save it as .xlsx"),
-    "broken Excel": (b"PK\x03\x04" + bytes(600), "may be damaged"),
+    "old Excel": (b"\xd0\xcf\x11\xe0\xa1\xb1\x1a\xe1" + bytes(600), "tabular.workbook", ""),
+    "broken Excel": (b"PK\x03\x04" + bytes(600), "tabular.workbook", ""),
 }
 
 
 @pytest.mark.parametrize("name", BAD)
-def test_unreadable_files_are_one_line_and_status_2(run, tmp_path, name):
-    content, message = BAD[name]
-    put(tmp_path / "file.csv", content)
-    status, _, err = run("rheometer", "file.csv")
-    assert status == 2
+def test_files_that_cannot_be_used(tmp_path, name):
+    content, code, named = BAD[name]
+    with pytest.raises(InputError) as caught:
+        read_sweeps(put(tmp_path / "file.csv", content))
+    assert caught.value.code == code
+    assert str(caught.value).startswith(f"{tmp_path / 'file.csv'}: ")
+    assert named in str(caught.value)
+
+
+def test_an_unreadable_file_is_one_line_and_status_2(run, tmp_path):
+    put(tmp_path / "file.csv", "")
+    status, out, err = run("rheometer", "file.csv")
+    assert (status, out) == (2, "")
     first, last = err.splitlines()
-    assert first.startswith("error: file.csv")
-    assert message in first
-    assert last == "error: no sweep could be read"
+    assert first.startswith("error: file.csv: ")
+    assert last.startswith("error: ")
 
 
 @pytest.mark.parametrize(
-    ("words", "message"),
+    ("words", "named"),
     [
-        (["nowhere.csv"], "nowhere.csv does not exist"),
-        (["a.csv", "--at", "-1"], "--at must be"),
-        (["a.csv", "--tolerance", "0"], "--tolerance must be"),
-        (["a.csv", "--beside", "a.csv"], "not a cavirheo result"),
-        (["a.csv", "-o", "a.csv"], "cannot write into a.csv"),
+        (["nowhere.csv"], "nowhere.csv"),
+        (["a.csv", "--at", "-1"], "--at"),
+        (["a.csv", "--tolerance", "0"], "--tolerance"),
+        (["a.csv", "--beside", "a.csv"], "a.csv"),
+        (["a.csv", "-o", "a.csv"], "a.csv"),
     ],
 )
-def test_bad_usage(run, tmp_path, words, message):
+def test_bad_usage(run, tmp_path, words, named):
     put(tmp_path / "a.csv", LAYOUTS["comma.csv"])
     status, _, err = run("rheometer", *words)
     assert status == 2
-    assert message in err
+    assert named in err
     assert "Traceback" not in err
 
 
-def test_outside_the_data_is_status_1_and_the_rest_is_answered(run, tmp_path):
+def test_outside_the_data_is_status_1_and_the_rest_is_answered(plain, run, tmp_path):
     put(tmp_path / "a.csv", LAYOUTS["comma.csv"])
     status, out, _ = run("rheometer", "a.csv", "--at", 1000, "-o", "r")
     assert status == 1
@@ -397,7 +410,7 @@ def test_outside_the_data_is_status_1_and_the_rest_is_answered(run, tmp_path):
     assert document["shear_modulus_Pa"]["mean"] == pytest.approx(1e3, rel=0.01)
 
 
-def test_a_good_file_is_answered_beside_a_bad_one(run, tmp_path):
+def test_a_good_file_is_answered_beside_a_bad_one(plain, run, tmp_path):
     put(tmp_path / "bad.csv", "")
     put(tmp_path / "good.csv", LAYOUTS["comma.csv"])
     status, out, err = run("rheometer", "bad.csv", "good.csv")
@@ -439,14 +452,14 @@ def test_the_shipped_sweeps_are_what_the_function_makes(examples, tmp_path):
         assert path.read_text() == (EXAMPLES / path.name).read_text()
 
 
-def test_no_linear_range_is_status_1(run, tmp_path):
+def test_no_linear_range_is_status_1(plain, run, tmp_path):
     put(tmp_path / "a.csv", "strain (%),G',G''\n" + "".join(f"{g},{1 / g},0.1\n" for g in STRAIN))
     status, out, _ = run("rheometer", "a.csv")
     assert status == 1
     assert "no linear range" in out
 
 
-def test_repeats_give_mean_and_deviation(run, tmp_path):
+def test_repeats_give_mean_and_deviation(plain, run, tmp_path):
     for k, factor in enumerate((0.9, 1.0, 1.1), 1):
         text = "omega,Gp,Gpp\n" + "".join(f"{w},{factor * 1e3},{factor * 5 * w}\n" for w in OMEGA)
         put(tmp_path / f"gel_{k}.csv", text)
@@ -458,7 +471,7 @@ def test_repeats_give_mean_and_deviation(run, tmp_path):
     assert document["shear_modulus_Pa"]["std"] == pytest.approx(100)
 
 
-def test_the_strain_plateau_stands_in_for_a_solid_only(run, tmp_path):
+def test_the_strain_plateau_stands_in_for_a_solid_only(plain, run, tmp_path):
     for name, loss in (("solid", 50), ("liquid", 5000)):
         rows = "".join(f"{g},{softening(g)},{loss},10\n" for g in STRAIN)
         put(tmp_path / f"{name}.csv", f"strain [1],G',G'',omega\n{rows}")
@@ -466,7 +479,7 @@ def test_the_strain_plateau_stands_in_for_a_solid_only(run, tmp_path):
     assert "G = – (no plateau)" in run("rheometer", "liquid.csv")[1]
 
 
-def test_a_frequency_sweep_beyond_the_linear_range_is_told(run, tmp_path):
+def test_a_frequency_sweep_beyond_the_linear_range_is_told(plain, run, tmp_path):
     put(tmp_path / "a.csv", TABLE.format("strain [1],G',G''"))
     rows = "".join(f"{w},1000,{w},0.5\n" for w in OMEGA)
     put(tmp_path / "b.csv", "omega,G',G'',strain [1]\n" + rows)
@@ -520,6 +533,18 @@ def test_beside_bubbles(run, tmp_path):
     assert float(table[1]["shear_modulus_Pa_std"]) == 500
     assert (table[1]["n"], table[1]["failed"]) == ("2", "1")
     assert table[0]["viscosity_Pa_s_std"] == ""
+
+
+def test_the_row_of_bubbles_is_over_those_that_are_trusted(tmp_path):
+    """n, the means and the regime are of the same shots; what was left out stands beside them."""
+    result = read_json(bubbles(tmp_path / "result.json"))
+    result.groups[0].n_trusted = 1
+    result.groups[0].verdicts = {"ok": 1, "model_does_not_fit": 1, "failed": 1}
+    result.curves[1].verdict = "model_does_not_fit"
+    head = {"material": "gel", "tolerance": 0.05, "at_rad_per_s": 1.0, "command": "cavirheo rheometer"}
+    _, row = beside(rheometry([], [], **head), result)
+    assert (row.n, row.doubtful, row.failed) == (1, 1, 1)
+    assert (row.regime_from, row.regime_to, row.deformation) == (6e4, 6e4, "λ = 7.0")
 
 
 def test_without_matplotlib_it_says_so(run, tmp_path, monkeypatch):

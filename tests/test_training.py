@@ -10,7 +10,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-import scale_bias
+from conftest import load_benchmark
 
 from cavirheo.errors import InputError
 from cavirheo.inference.model import card as read_card
@@ -23,6 +23,8 @@ from cavirheo.training import figures, robustness
 from cavirheo.training.dataset import generate, load
 from cavirheo.training.metrics import breakdown, metrics, r2
 from cavirheo.training.recipe import Recipe, read_recipe
+
+scale_bias = load_benchmark("scale_bias")
 
 QUIET = {"device": "cpu", "threads": 1, "progress": False}
 RECIPES = sorted((Path(__file__).parent.parent / "recipes").glob("*.toml"))

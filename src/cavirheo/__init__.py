@@ -13,6 +13,7 @@ if TYPE_CHECKING:
     from cavirheo.inference import infer_many as infer_many
     from cavirheo.inference.fit import fit as fit
     from cavirheo.inference.fit import fit_many as fit_many
+    from cavirheo.loading import load as load
     from cavirheo.physics.materials import NeoHookeanKelvinVoigt as NeoHookeanKelvinVoigt
     from cavirheo.physics.materials import Newtonian as Newtonian
     from cavirheo.physics.materials import QuadraticKelvinVoigt as QuadraticKelvinVoigt
@@ -31,6 +32,7 @@ _HOME = {
     "infer_many": "inference",
     "fit": "inference.fit",
     "fit_many": "inference.fit",
+    "load": "loading",
     "NeoHookeanKelvinVoigt": "physics.materials",
     "Newtonian": "physics.materials",
     "QuadraticKelvinVoigt": "physics.materials",
@@ -49,3 +51,8 @@ def __getattr__(name: str) -> Any:
     if name not in _HOME:
         raise AttributeError(f"module 'cavirheo' has no attribute {name!r}")
     return getattr(importlib.import_module(f"cavirheo.{_HOME[name]}"), name)
+
+
+def __dir__() -> list[str]:
+    """The public names, also those that are not imported yet."""
+    return sorted({*globals(), *_HOME})

@@ -3,20 +3,23 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import KW_ONLY, dataclass, field, replace
 from functools import cached_property
 from math import log
-from typing import Any, Protocol
+from typing import TYPE_CHECKING, Any, Generic, Protocol, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from cavirheo.errors import InputError
-from cavirheo.landmarks import collapse_time, fit_maximum, spikes, turning_points
+from cavirheo.landmarks import RAYLEIGH, collapse_time, fit_maximum, spikes, turning_points
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
 
 Floats = NDArray[np.float64]
+T = TypeVar("T")
 
-RAYLEIGH = 0.914681  # collapse time of an empty bubble over R_max sqrt(rho/p); sqrt(pi/6) Gamma(5/6)/Gamma(4/3)
 _FEWEST_FRAMES = 5  # below this no maximum is fitted
 _SMALLEST_REBOUND = 0.03  # of R_max, that makes a minimum a collapse
 _SPIKE = 0.2  # of R_max above both neighbours: no bubble moves like that (down it does, in a collapse)
@@ -28,18 +31,40 @@ class TimeScale(Protocol):
     def time_scale(self, max_radius: float) -> float: ...
 
 
-@dataclass(frozen=True, eq=False)
+class _Stated(Generic[T]):
+    """A key of `meta` as an attribute of the curve."""
+
+    def __init__(self, key: str, default: T) -> None:
+        self.key, self.default = key, default
+
+    def __get__(self, curve: RadiusCurve | None, _: type[RadiusCurve]) -> T:
+        return self.default if curve is None else curve.meta.get(self.key, self.default)
+
+
+@dataclass(frozen=True, eq=False, repr=False)
 class RadiusCurve:
     """A measured radius history.
 
     time: (n,) s, strictly increasing, any spacing and any origin. radius: (n,) m, positive; NaN is a frame without a
-    measurement. radius_std: (n,) m, NaN where unknown. meta: name, source (path as given), source_sha256, group (shots
-    of one file), notes (tuple of str: what was recognised, converted or left out), stretch and stretch_std (R_max/R_0
-    as the file states it), frame_rate_hz, exposure_s (of a frame, centred on its time), and what the properties below
-    say they look at.
+    measurement. radius_std: (n,) m, NaN where unknown. meta: what is known about the recording; these keys are
+    attributes too, and every one may be missing:
 
-    An unusable curve (three samples, all NaN, an empty cell) is a RadiusCurve too, so that the others of its file can
-    be answered: `max_radius` then raises with the reason.
+    | key | attribute |
+    |---|---|
+    | name | name: of the curve |
+    | notes | notes: what was recognised, converted or left out on the way from the file to this curve |
+    | source, source_sha256 | source, source_sha256: the file, as it was given |
+    | group, group_source | group, group_source: the shots of one material (one file), and its file or folder |
+    | stretch, stretch_std | stretch, stretch_std: R_max/R_0 as the file states it |
+    | frame_rate_hz | frame_rate, 1/s |
+    | exposure_s | exposure: of a frame, s, centred on its time |
+
+    maximum: (time in s, R_max in m), which is fitted to the samples (landmarks.py) where it is not given.
+    stated_time_of_max: s, as the file has it; counts where the recording does not show the growth.
+    unscaled: why the radii have no scale yet; `max_radius` raises it until `with_max_radius` gives the scale.
+    time_unscaled: time is in units of R_max sqrt(rho/p) times (s/m) and needs that scale too.
+    unusable: why there is nothing to be read off. Such a curve (three samples, all NaN, an empty cell) is a RadiusCurve
+    too, so that the others of its file can be answered: `max_radius` raises the reason.
 
     Raises:
         InputError: arrays of different lengths, a time that is not finite or does not increase, a radius <= 0.
@@ -49,6 +74,21 @@ class RadiusCurve:
     radius: Floats
     radius_std: Floats = field(default_factory=lambda: np.empty(0))
     meta: Mapping[str, Any] = field(default_factory=dict)
+    _: KW_ONLY
+    maximum: tuple[float, float] | None = None
+    stated_time_of_max: float | None = None
+    unscaled: str = ""
+    time_unscaled: bool = False
+    unusable: str = ""
+
+    name = _Stated("name", "curve")
+    notes = _Stated[tuple[str, ...]]("notes", ())
+    source = _Stated("source", "")
+    source_sha256 = _Stated[str | None]("source_sha256", None)
+    stretch = _Stated[float | None]("stretch", None)
+    stretch_std = _Stated[float | None]("stretch_std", None)
+    frame_rate = _Stated[float | None]("frame_rate_hz", None)
+    exposure = _Stated("exposure_s", 0.0)
 
     def __post_init__(self) -> None:
         time, radius, std = (np.array(a, dtype=np.float64) for a in (self.time, self.radius, self.radius_std))
@@ -57,38 +97,52 @@ class RadiusCurve:
         if time.ndim != 1 or time.shape != radius.shape or std.shape != radius.shape:
             raise InputError(
                 "time, radius and radius_std must be one-dimensional and of one length, got shapes "
-                f"{time.shape}, {radius.shape}, {std.shape}"
+                f"{time.shape}, {radius.shape}, {std.shape}",
+                "curve.shape",
             )
         if not np.all(np.isfinite(time)):
-            raise InputError(f"time must be finite; sample {int(np.argmin(np.isfinite(time)))} is not")
+            raise InputError(f"time must be finite; sample {np.argmin(np.isfinite(time))} is not", "curve.time")
         if np.any(np.diff(time) <= 0):
             sample = int(np.argmax(np.diff(time) <= 0)) + 1
-            raise InputError(f"time must increase strictly; sample {sample} ({time[sample]:.6g} s) does not")
+            raise InputError(
+                f"time must increase strictly; sample {sample} ({time[sample]:.6g} s) does not", "curve.time"
+            )
         if np.any(radius <= 0) or np.any(np.isinf(radius)):
-            raise InputError("radius must be positive and finite; a frame without a measurement is NaN")
+            raise InputError("radius must be positive and finite; a frame without a measurement is NaN", "curve.radius")
         for name, array in (("time", time), ("radius", radius), ("radius_std", std)):
             array.setflags(write=False)
             object.__setattr__(self, name, array)
-        object.__setattr__(self, "meta", {"name": "curve", "notes": (), **self.meta})
+        known = {"name": str(self.meta.get("name", "curve")), "notes": tuple(self.meta.get("notes", ()))}
+        object.__setattr__(self, "meta", {**known, **self.meta, **known})
+
+    def __repr__(self) -> str:
+        rate = f" at {self.frame_rate:.4g}/s" if self.frame_rate else ""
+        try:
+            top = f"R_max {self.max_radius * 1e6:.4g} um"
+        except InputError:
+            top = "no R_max"
+        span = 1e6 * float(np.ptp(self.time)) if len(self.time) else 0.0
+        return f"RadiusCurve({self.name!r}: {len(self.time)} frames{rate}, {top}, {span:.4g} us)"
 
     @property
-    def name(self) -> str:
-        return str(self.meta["name"])
+    def group(self) -> str:
+        """Name of the material whose shots are one group; that of the curve where there is none."""
+        return str(self.meta.get("group", self.name))
 
     @property
-    def notes(self) -> tuple[str, ...]:
-        """What was recognised, converted or left out on the way from the file to this curve."""
-        return tuple(self.meta["notes"])
+    def group_source(self) -> str:
+        """The file or folder that the group stands for."""
+        return str(self.meta.get("group_source", self.source))
 
     @property
     def max_radius(self) -> float:
-        """R_max in m, by the local fit (landmarks.py) unless `with_max_radius` or `window` has fixed it.
+        """R_max in m: `maximum`, else by the local fit (landmarks.py).
 
-        Raises InputError when it cannot be determined: meta["problem"] (unreadable), meta["no_scale"] (no length
-        scale), fewer than 5 measured frames, no fall after the maximum, or no frame near it.
+        Raises InputError when it cannot be determined: the curve is `unusable` or `unscaled`, has fewer than 5 measured
+        frames, no fall after the maximum, or no frame near it.
         """
-        if "no_scale" in self.meta:
-            raise InputError(f"{self.name}: {self.meta['no_scale']}; give the true R_max (--rmax-um)")
+        if self.unscaled:
+            raise self._error(f"{self.unscaled}; give the true R_max (--rmax-um)", "unscaled")
         return self._maximum[1]
 
     @property
@@ -98,20 +152,18 @@ class RadiusCurve:
 
     @cached_property
     def _maximum(self) -> tuple[float, float]:
-        if "maximum" in self.meta:
-            return self.meta["maximum"]
-        if "problem" in self.meta:
-            raise InputError(f"{self.name}: {self.meta['problem']}")
+        if self.maximum is not None:
+            return self.maximum
+        if self.unusable:
+            raise self._error(self.unusable, "unusable")
         time, radius = self._finite
         if len(time) < _FEWEST_FRAMES:
-            raise InputError(
-                f"{self.name}: {len(time)} of {len(self.time)} frames have a radius; "
-                f"at least {_FEWEST_FRAMES} are needed"
-            )
+            measured = f"{len(time)} of {len(self.time)} frames have a radius"
+            raise self._error(f"{measured}; at least {_FEWEST_FRAMES} are needed", "few_frames")
         try:
-            return fit_maximum(time, radius, self.meta.get("stated_time_of_max"))
+            return fit_maximum(time, radius, self.stated_time_of_max)
         except InputError as error:
-            raise InputError(f"{self.name}: {error}") from None
+            raise error.within(self.name) from None
 
     @cached_property
     def _finite(self) -> tuple[Floats, Floats]:
@@ -146,6 +198,9 @@ class RadiusCurve:
             return 0.0
         return float(1.4826 * np.median(np.abs(np.diff(radius[1:], 3))) / np.sqrt(20.0))
 
+    def _error(self, message: str, code: str) -> InputError:
+        return InputError(f"{self.name}: {message}", f"curve.{code}")
+
     def with_notes(self, *notes: str) -> RadiusCurve:
         """The same curve with more notes."""
         return replace(self, meta={**self.meta, "notes": self.notes + notes})
@@ -154,24 +209,32 @@ class RadiusCurve:
         """The same curve as a shot of another group; `source` is the file or folder that the group stands for."""
         return replace(self, meta={**self.meta, "group": name, "group_source": source})
 
+    def with_exposure(self, exposure: float) -> RadiusCurve:
+        """The same curve, each frame exposed for `exposure` (s)."""
+        return replace(self, meta={**self.meta, "exposure_s": exposure})
+
     def with_max_radius(self, max_radius: float) -> RadiusCurve:
         """The curve scaled so that its fitted maximum is `max_radius` (m): for pixels, or a scale known better.
 
         Times stay, except where the file gives time only in units of R_max sqrt(rho/p) and no R_max.
         """
         if not 0 < max_radius < np.inf:
-            raise InputError(f"the maximum radius must be positive, got {max_radius!r} m")
+            raise InputError(f"the maximum radius must be positive, got {max_radius!r} m", "curve.max_radius")
         start, top = self._maximum
         scale = max_radius / top
-        time_factor = max_radius if self.meta.get("time_over_max_radius") else 1.0
-        dropped = ("no_scale", "time_over_max_radius", "stated_time_of_max")
-        meta = {key: value for key, value in self.meta.items() if key not in dropped}
-        meta["maximum"] = (start * time_factor, float(max_radius))
-        note = f"R_max set to {max_radius * 1e6:.4g} um"
-        if "no_scale" not in self.meta:
-            note += f": radii scaled by {scale:.4g}"
-        meta["notes"] = (*self.notes, note)
-        return RadiusCurve(self.time * time_factor, self.radius * scale, self.radius_std * scale, meta)
+        time_factor = max_radius if self.time_unscaled else 1.0
+        said = f"R_max set to {max_radius * 1e6:.4g} um" + ("" if self.unscaled else f": radii scaled by {scale:.4g}")
+        return replace(
+            self,
+            time=self.time * time_factor,
+            radius=self.radius * scale,
+            radius_std=self.radius_std * scale,
+            meta={**self.meta, "notes": (*self.notes, said)},
+            maximum=(start * time_factor, float(max_radius)),
+            stated_time_of_max=None,
+            unscaled="",
+            time_unscaled=False,
+        )
 
     def normalised(self, medium: TimeScale) -> tuple[Floats, Floats]:
         """(m,) t* = (t - t_max)/t_c and (m,) R* = R/R_max of the measured frames, growth (t* < 0) included."""
@@ -190,15 +253,16 @@ class RadiusCurve:
         from scipy.interpolate import PchipInterpolator
 
         if not step > 0 or count < 1:
-            raise InputError(f"step must be positive and count at least 1, got {step!r} s and {count!r}")
+            raise InputError(f"step must be positive and count at least 1, got {step!r} s and {count!r}", "curve.step")
         top = self.max_radius
         time, radius = self._after_max
         since_max, wanted = time - time[0], step * np.arange(count)
         missing = wanted > since_max[-1] * (1.0 + 1e-9)
         if np.any(missing) and not allow_short:
-            raise InputError(
-                f"{self.name}: the recording ends {since_max[-1] * 1e6:.4g} us after R_max; "
-                f"{wanted[-1] * 1e6:.4g} us are needed ({count} samples at {step * 1e6:.4g} us)"
+            raise self._error(
+                f"the recording ends {since_max[-1] * 1e6:.4g} us after R_max; "
+                f"{wanted[-1] * 1e6:.4g} us are needed ({count} samples at {step * 1e6:.4g} us)",
+                "short",
             )
         result = np.asarray(PchipInterpolator(time, radius)(np.minimum(time[0] + wanted, time[-1])))
         result[missing] = np.nan
@@ -229,18 +293,17 @@ class RadiusCurve:
         if collapses is not None:
             minima, maxima = self._turning_points
             if not 1 <= collapses <= len(minima):
-                raise InputError(
-                    f"{self.name}: a window of {collapses} collapses was asked; the curve shows {len(minima)}"
-                )
+                asked = f"a window of {collapses} collapses was asked"
+                raise self._error(f"{asked}; the curve shows {len(minima)}", "collapses")
             rebounds = [i for i in maxima if i > minima[collapses - 1]]
             stop = min(stop, time[rebounds[0]] if rebounds else time[-1])
         inside = (self.time >= start) & (self.time <= stop)
         if np.count_nonzero(inside & np.isfinite(self.radius)) < 2:
-            raise InputError(
-                f"{self.name}: fewer than two measured frames between R_max and {stop - start:.4g} s after it"
+            raise self._error(
+                f"fewer than two measured frames between R_max and {stop - start:.4g} s after it", "window"
             )
-        meta = {**self.meta, "maximum": (start, top)}
-        return RadiusCurve(self.time[inside], self.radius[inside], self.radius_std[inside], meta)
+        parts = {name: getattr(self, name)[inside] for name in ("time", "radius", "radius_std")}
+        return replace(self, **parts, maximum=(start, top))
 
     def strain_rate(self) -> float:
         """Mean strain rate at the bubble wall between R_max and the first violent collapse, 1/s.
@@ -256,7 +319,7 @@ class RadiusCurve:
         time, radius = self._after_max
         minima = self._turning_points[0]
         if not minima:
-            raise InputError(f"{self.name}: the curve shows no collapse, so there is no strain rate up to it")
+            raise self._error("the curve shows no collapse, so there is no strain rate up to it", "collapses")
         return 2.0 * log(self.max_radius / radius[minima[0]]) / (float(self.collapse_times()[0]) - time[0])
 
     def stretch_from_tail(self) -> tuple[float, float] | None:
@@ -311,3 +374,22 @@ class RadiusCurve:
             f"CHECK THE SCALE of radius and time: the first collapse comes {ratio:.2g} Rayleigh times after R_max "
             f"({max_radius * 1e6:.4g} um); it would take {cause}"
         )
+
+    def plot(self, axes: Axes | None = None) -> Axes:
+        """Draw the radius over the time after R_max into `axes` (matplotlib), by default into those of a new figure.
+
+        A curve without a scale or a maximum is drawn on its own clock, over its largest radius. Returns the axes; their
+        figure is `axes.figure`. Raises InputError without matplotlib.
+        """
+        from cavirheo.writing import style
+
+        try:
+            _ = self.max_radius
+            start, unit, labels = self.time_of_max, 1e-6, ("time after R_max (µs)", "R (µm)")
+        except InputError:
+            start, unit, labels = 0.0, float(np.nanmax(self.radius, initial=1e-300)), ("time (µs)", "R / largest R")
+        if axes is None:
+            axes = style.new_axes(style.new_figure(3.0), (0.09, 0.16, 0.88, 0.74), *labels)
+            axes.set_title(self.name, fontsize=9, parse_math=False)
+        axes.plot((self.time - start) * 1e6, self.radius / unit, ".-", lw=0.6, ms=3.5, color=style.BLUE)
+        return axes

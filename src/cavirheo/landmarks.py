@@ -16,6 +16,8 @@ with 2 % noise R_max to 1.5 %. At Re = 5 the skew, hidden in noise, shifts the t
 
 from __future__ import annotations
 
+from math import gamma, pi, sqrt
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -23,6 +25,7 @@ from cavirheo.errors import InputError
 
 Floats = NDArray[np.float64]
 
+RAYLEIGH = sqrt(pi / 6) * gamma(5 / 6) / gamma(4 / 3)  # collapse time of an empty bubble over R_max sqrt(rho/p): 0.9147
 _NEAR_MAXIMUM = 0.9  # samples above this fraction of R_max enter its fit
 _AT_MAXIMUM = 0.97  # a recording whose first radius is above this shows no growth
 
@@ -46,9 +49,11 @@ def fit_maximum(time: Floats, radius: Floats, stated: float | None) -> tuple[flo
     below = np.flatnonzero(~near)
     if not np.any(below > peak):
         last = smooth[-1] / smooth[peak]
-        what = "the bubble still grows at the end" if peak >= len(smooth) - 2 else "the bubble never collapses"
+        grows = peak >= len(smooth) - 2
+        what = "the bubble still grows at the end" if grows else "the bubble never collapses"
         raise InputError(
-            f"{what} (last radius {last:.2f} of the largest); a recording must show R_max and the fall after it"
+            f"{what} (last radius {last:.2f} of the largest); a recording must show R_max and the fall after it",
+            "curve.grows" if grows else "curve.never_falls",
         )
     first = int(below[below < peak].max(initial=-1)) + 1
     last_index = int(below[below > peak].min())
@@ -77,7 +82,9 @@ def fit_maximum(time: Floats, radius: Floats, stated: float | None) -> tuple[flo
     if not (x[0] - 2.0 * frame <= centre <= x[-1] and 0.9 < top < 1.15):  # noise beat the fit: keep the time
         centre, top, _ = _fit_series(x, y, centre=0.0)
     if not 0.9 < top < 1.15:
-        raise InputError("no maximum can be fitted to the samples round the largest; they scatter too much")
+        raise InputError(
+            "no maximum can be fitted to the samples round the largest; they scatter too much", "curve.scatters"
+        )
     return float(time[peak] + centre * unit), float(top * smooth[peak])
 
 

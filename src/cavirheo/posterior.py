@@ -1,19 +1,25 @@
-"""Posterior: the answer for one curve, with the checks that sign or refuse it and the record of where it came from."""
+"""Posterior: the answer for one curve, with the checks that it passed or failed and where it came from."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any, Literal
+from importlib import import_module
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
+
+from cavirheo.errors import InputError
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 Verdict = Literal["ok", "model_does_not_fit", "outside_training_range", "failed"]
 Floats = NDArray[np.float64]
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Checks:
     """What was found when the answer was simulated and laid over the measurement."""
 
@@ -29,6 +35,16 @@ class Checks:
     reconstruction_time: Floats | None = None  # (k,) s on the measurement's clock, fine enough to draw
     reconstruction_radius: Floats | None = None  # (k,) m
     time_scale: float | None = None  # t_c = R_max sqrt(rho/p) of the shot in its medium, s
+
+    def __repr__(self) -> str:
+        """'Checks(ok, RMSE 0.64 % of R_max over 87 frames, 4 collapses, t* <= 4.0)'."""
+        said: list[str] = [self.verdict]
+        if self.rmse_over_rmax is not None:
+            over = "" if self.compared_time is None else f" over {len(self.compared_time)} frames"
+            said.append(f"RMSE {100 * self.rmse_over_rmax:.2g} % of R_max{over}")
+        said += [] if self.collapses is None else [f"{self.collapses} collapse" + ("" if self.collapses == 1 else "s")]
+        said += [] if self.t_star_end is None else [f"t* <= {self.t_star_end:.2g}"]
+        return f"Checks({', '.join(said)}{': ' + self.message if self.message else ''})"
 
 
 @dataclass(frozen=True)
@@ -69,7 +85,7 @@ class Diagnostics:
     failed_simulations: int | None = None
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Posterior:
     """Draws of the parameters given one curve, and the best of them.
 
@@ -84,7 +100,7 @@ class Posterior:
     theta: Floats
     checks: Checks
     material: str  # "nhkv", "newtonian", ...
-    method: str  # "bdt", "amortised", "verified", "least_squares"
+    method: str  # "bdt", "amortised", "verified", "laplace", "least_squares"
     provenance: dict[str, Any] = field(default_factory=dict)  # model, settings, versions, hash of the source
     log_q: Floats | None = None
     log_weight: Floats | None = None
@@ -94,6 +110,32 @@ class Posterior:
     windows: Mapping[str, WindowAnswer] = field(default_factory=dict)  # "1", "2", "3", "all" collapses, if fitted
     evidence: Evidence | None = None
     diagnostics: Diagnostics = Diagnostics()
+
+    def __repr__(self) -> str:
+        """Material, method and verdict, then a line per parameter: median, 90 % interval, unit."""
+        from cavirheo.writing import digits
+        from cavirheo.writing.document import Quantity
+
+        lines = [f"Posterior({self.material}, {self.method}, {len(self.theta)} draws): {self.checks!r}"]
+        for name, unit in self.parameters.items():
+            low, high = self.interval(name) or (None, None)
+            text = digits.quantity(Quantity(median=self.median(name), q05=low, q95=high))
+            lines.append(f"  {name:<18}{text}" + ("" if unit == "1" else f" {unit}"))
+        if self.stretch is not None and "stretch" not in self.parameters:
+            lines.append(f"  {'stretch':<18}{digits.significant(self.stretch)}")
+        return "\n".join(lines)
+
+    @property
+    def parameters(self) -> dict[str, str]:
+        """Natural names of what was inferred, and their units: {"shear_modulus": "Pa", ...}."""
+        return {name.removeprefix("log10_"): unit for name, unit in zip(self.names, self.units, strict=True)}
+
+    @property
+    def weights(self) -> Floats:
+        """(draws,) weights that sum to 1."""
+        log_weight = np.zeros(len(self.theta)) if self.log_weight is None else self.log_weight
+        weight = np.exp(log_weight - np.max(log_weight, initial=-np.inf))
+        return np.asarray(weight / weight.sum())
 
     def draws(self, name: str) -> Floats | None:
         """(draws,) values of a parameter in natural units (10**theta for "log10_<name>"); None if not inferred.
@@ -122,6 +164,68 @@ class Posterior:
         if draws is None or len(draws) == 0:
             return None
         return float(weighted_quantile(draws, np.array([0.5]), self.log_weight)[0])
+
+    def to_dataframe(self) -> Any:
+        """The draws as a pandas.DataFrame: a column per parameter, named as in result.csv ("shear_modulus_Pa", ...),
+        and "weight", which sums to 1. Raises InputError without pandas.
+        """
+        pandas = _needed("pandas")
+        columns = {
+            f"{name}_{unit.replace(' ', '_')}".removesuffix("_1"): name for name, unit in self.parameters.items()
+        }
+        frame = pandas.DataFrame({column: self.draws(name) for column, name in columns.items()})
+        frame["weight"] = self.weights
+        frame.attrs.update(material=self.material, method=self.method, verdict=self.checks.verdict)
+        return frame
+
+    def to_arviz(self) -> Any:
+        """The draws as arviz.InferenceData (ArviZ below 1) or xarray.DataTree (from 1 on).
+
+        "posterior" holds the parameters in natural units (attribute "units"), one chain; "sample_stats" holds "weight",
+        which sums to 1, and "log_weight" and "log_q" where they are known. ArviZ's own summaries do not use weights.
+        Raises InputError without arviz.
+        """
+        arviz, xarray = _needed("arviz"), _needed("xarray")
+        stats = {"weight": self.weights, "log_weight": self.log_weight, "log_q": self.log_q}
+        about = {"material": self.material, "method": self.method, "verdict": self.checks.verdict}
+
+        def group(values: Mapping[str, Floats | None], units: Mapping[str, str]) -> Any:
+            variables = {
+                name: (("chain", "draw"), value[None, :], {"units": units.get(name, "1")})
+                for name, value in values.items()
+                if value is not None
+            }
+            return xarray.Dataset(variables, {"chain": [0], "draw": np.arange(len(self.theta))}, about)
+
+        draws = {name: self.draws(name) for name in self.parameters}
+        groups = {"posterior": group(draws, self.parameters), "sample_stats": group(stats, {})}
+        kind: Any = getattr(arviz, "InferenceData", None)
+        tree: Any = getattr(xarray, "DataTree", None)
+        return tree.from_dict(groups) if kind is None or kind is tree else kind(**groups)  # ArviZ 1: one is the other
+
+    def plot(self) -> Figure:
+        """The marginals of the draws and their pairs, as a matplotlib figure.
+
+        Raises:
+            InputError: a point answer or a failed one has no draws to show, or matplotlib is missing.
+        """
+        from cavirheo.writing.corner import corner
+
+        if len(self.theta) < 2:
+            raise InputError(f"the answer by {self.method} has no draws to plot", "posterior.no_draws")
+        draws = {
+            name + ("" if unit == "1" else f" ({unit})"): self.draws(name) for name, unit in self.parameters.items()
+        }
+        return corner(draws, self.weights)  # type: ignore[arg-type]
+
+
+def _needed(name: str) -> Any:
+    try:
+        return import_module(name)
+    except ModuleNotFoundError as error:
+        if (error.name or "").split(".")[0] != name:
+            raise
+        raise InputError(f"this needs {name}: pip install {name}", "posterior.missing_library") from None
 
 
 def weighted_quantile(values: Floats, levels: Floats, log_weight: Floats | None) -> Floats:

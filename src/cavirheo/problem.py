@@ -3,7 +3,7 @@
 One scale serves every shot. For given medium constants the normalised history R/R_max as a function of
 t* = t/t_c depends on the Cauchy number p_inf/G, the Reynolds number p_inf t_c/mu and the stretch R_max/R_0,
 and less strongly (through conduction, diffusion, surface tension and sound speed) on R_max itself
-(docs/physics.md, section 1). Training curves are therefore all simulated at one reference R_max, 245 um:
+(docs/method/physics.md, section 1). Training curves are therefore all simulated at one reference R_max, 245 um:
 35 um (the R_0 that the authors of the Bubble Dynamics Transformer fix in their app) times 7 (the mean stretch
 of the prior); and sampled at j x 1 us, j = 0..99: a fixed grid in t*. A measured shot is brought to that grid
 through its own t_c, and the answer is brought back at the same Cauchy and Reynolds numbers:

@@ -1,31 +1,72 @@
-"""File in, result.json out: the documented endpoint `/infer` for programs (docs/app.md)."""
+"""What comes from outside: uploaded files, mistakes, and the documented endpoint `/infer` (docs/how-to/app.md)."""
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import closing, contextmanager
+from functools import wraps
 from pathlib import Path
 from typing import Any
 
-from cavirheo.app import steps
-from cavirheo.app.session import Session, Settings, Visitors
+import gradio as gr
+from gradio.utils import get_upload_folder
+
+from cavirheo.app import steps, words
+from cavirheo.app.session import PageSettings, Session, Visitors
+from cavirheo.errors import InputError, SolverError
+from cavirheo.inference.model import DEFAULT
 
 
-def infer(visitors: Visitors, files: list[Path], settings: Settings) -> dict[str, Any]:
-    """The content of result.json for these uploaded files; nothing is kept.
+def told(handler: Callable[..., Any]) -> Callable[..., Any]:
+    """The handler, whose errors of the user become a message that stays until it is closed."""
 
-    Raises:
-        InputError: no curve in the files, too many, or a setting out of its domain.
-    """
-    session = Session(visitors.limits, visitors.reader)
+    @wraps(handler)
+    def one(*given: Any) -> Any:
+        try:
+            return handler(*given)
+        except (InputError, SolverError) as error:
+            raise gr.Error(words.told(error), duration=None, title="Not done", print_exception=False) from None
+
+    return one
+
+
+@contextmanager
+def uploaded(files: Sequence[str]) -> Iterator[list[Path]]:
+    """What the browser sent, and no other file of this machine: what is not taken over is removed."""
+    folder = Path(get_upload_folder()).resolve()
+    paths = [Path(file).resolve() for file in files]
+    if not all(path.is_relative_to(folder) and path.is_file() for path in paths):
+        raise InputError("only uploaded files are read", "app.not_uploaded")
     try:
-        session.add(files, settings)
-        if not session.curves:
-            from cavirheo.errors import InputError
-
-            raise InputError("; ".join(session.problems) or "no curve could be read")
-        steps.infer(session, [curve.name for curve in session.curves], lambda *_: None)
-        assert session.result is not None
-        document = session.result
-        document.notes.extend(session.problems)
-        return document.model_dump(by_alias=True, mode="json")
+        yield paths
     finally:
-        session.close()
+        for path in paths:
+            path.unlink(missing_ok=True)
+
+
+def public(visitors: Visitors) -> Callable[..., Any]:
+    """The function that programs may call; nothing of a call is kept."""
+
+    @told
+    def infer(
+        files: list[gr.FileData],
+        model: str = DEFAULT,
+        medium: str = "water",
+        density: float | None = None,
+        rmax_um: float | None = None,
+        stretch: float | None = None,
+        window: int | None = None,
+        verify: str = "none",
+    ) -> dict:
+        """Measured radius histories in, the content of result.json out; options as those of `cavirheo infer`."""
+        options: dict[str, Any] = {"rmax_um": rmax_um, "stretch": stretch, "window": window, "verify": verify}
+        session = Session(visitors.limits, visitors.reader)
+        with closing(session), uploaded([str(dict(file)["path"]) for file in files]) as paths:
+            session.add(paths, PageSettings(medium, density, model=model, **options))
+            if not session.curves:
+                raise InputError("; ".join(session.problems) or "no curve could be read", "app.no_curve")
+            document = steps.infer(session, [curve.name for curve in session.curves], lambda *_: None).document
+            document.notes.extend(session.problems)
+            return document.model_dump(by_alias=True, mode="json")
+
+    return infer

@@ -14,6 +14,8 @@ from cavirheo.errors import InputError
 from cavirheo.reading import write_csv
 from cavirheo.reporting import file_names, write_report
 
+_PICTURES = ("png", "svg")
+
 
 def write_zip(session: Session) -> Path:
     """cavirheo-result.zip in the visitor's folder.
@@ -28,28 +30,22 @@ def write_zip(session: Session) -> Path:
     Raises:
         InputError: there is no answer yet.
     """
-    if not session.pairs:
-        raise InputError("nothing to export: infer first (step 3)")
+    if (answers := session.answers) is None:
+        raise InputError("nothing to export: infer first (step 3)", "app.no_answer")
     with TemporaryDirectory(dir=session.folder) as name:
         folder = Path(name) / "cavirheo-result"
-        write_report(folder, session.pairs, session.command, ("png", "svg"))
-        fitted = [(curve, session.fits[curve.name]) for curve, _ in session.pairs if curve.name in session.fits]
-        if fitted:
-            write_report(folder / "least-squares", fitted, f"{session.command}; then fit", ("png", "svg"))
+        command = answers.document.command
+        document = write_report(folder, answers.pairs, command, _PICTURES)
+        if fitted := [(curve, answers.fits[curve.name]) for curve, _ in answers.pairs if curve.name in answers.fits]:
+            write_report(folder / "least-squares", fitted, f"{command}; then fit", _PICTURES)
         for kind in ("processed", "simulated"):
             (folder / kind).mkdir()
-        names = file_names([curve.name for curve, _ in session.pairs])
-        for stem, (curve, posterior) in zip(names, session.pairs, strict=True):
+        names = file_names([record.name for record in document.curves])
+        for stem, (curve, posterior) in zip(names, answers.pairs, strict=True):
             write_csv(folder / "processed" / f"{stem}.csv", curve)
-            checks = posterior.checks
-            if checks.reconstruction_time is not None and checks.reconstruction_radius is not None:
-                drawn = RadiusCurve(*_distinct(checks.reconstruction_time, checks.reconstruction_radius))
-                write_csv(folder / "simulated" / f"{stem}.csv", drawn)
-        made = shutil.make_archive(str(session.folder / "cavirheo-result"), "zip", name)
-    return Path(made)
-
-
-def _distinct(time: np.ndarray, radius: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Without samples that ten digits of a microsecond do not tell apart: a drawn point beside a frame."""
-    kept = np.diff(time, prepend=-np.inf) > 1e-15
-    return time[kept], radius[kept]
+            time, radius = posterior.checks.reconstruction_time, posterior.checks.reconstruction_radius
+            if time is not None and radius is not None:
+                # a drawn point beside a frame, which ten digits of a microsecond do not tell from it
+                kept = np.diff(time, prepend=-np.inf) > 1e-15
+                write_csv(folder / "simulated" / f"{stem}.csv", RadiusCurve(time[kept], radius[kept]))
+        return Path(shutil.make_archive(str(session.folder / "cavirheo-result"), "zip", name))

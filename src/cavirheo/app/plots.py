@@ -2,43 +2,45 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Sequence
+from contextlib import suppress
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import plotly.graph_objects as go
+from numpy.typing import NDArray
 from plotly.subplots import make_subplots
 
 from cavirheo.curve import Floats, RadiusCurve
 from cavirheo.errors import InputError
 from cavirheo.physics.media import Medium
-from cavirheo.posterior import Checks, Posterior
+from cavirheo.posterior import Checks
 from cavirheo.writing.style import BLUE, INK, VERMILLION, shades
 
 GREEN, MEASURED, PALE = "#00875f", "#222222", "#b4b4b4"
 TRIAL = [0, 1]  # places of the trial's line and of its residual among the traces: `steps.trial` redraws these alone
 _RMAX = "R<sub>max</sub>"
-_NOT_OFFERED = ["select2d", "lasso2d", "autoScale2d", "toImage", "zoomIn2d", "zoomOut2d"]
+_TIME = f"time after {_RMAX} (µs)"
+_STYLE = json.loads(Path(__file__).with_name("figure.json").read_text(encoding="utf-8"))
 _MOST_POINTS = 2000  # of a drawn curve
-
-Answer = tuple[str, str, str, Checks]  # name, colour, dash, what was found
 
 
 def overview(curves: Sequence[RadiusCurve], medium: Medium) -> tuple[go.Figure, go.Figure]:
     """All curves in µs and µm, and as R/R_max over t*, darker where R_max is smaller; unusable ones are left out."""
-    usable = [(curve, top) for curve in curves if (top := _max_radius(curve)) is not None]
+    usable = []
+    for curve in curves:
+        with suppress(InputError):
+            usable.append((curve, curve.max_radius))
     radii = np.array([top for _, top in usable])
     tones = shades((radii - radii.min()) / (np.ptp(radii) or 1.0)) if usable else radii
-    plain = _figure(f"time after {_RMAX} (µs)", "R (µm)")
-    scaled = _figure(f"t* = t √(p/ρ) / {_RMAX}", f"R / {_RMAX}")
+    plain, scaled = _figure(_TIME, "R (µm)"), _figure(f"t* = t √(p/ρ) / {_RMAX}", f"R / {_RMAX}")
     for (curve, top), colour in zip(usable, tones, strict=True):
         line: Any = {"color": "rgb({},{},{})".format(*(255 * colour).astype(int)), "width": 1.2}
-        measured = np.isfinite(curve.radius)
-        time, radius = _thin(curve.time[measured] - curve.time_of_max, curve.radius[measured])
-        for figure, x, y in (
-            (plain, 1e6 * time, 1e6 * radius),
-            (scaled, time / medium.time_scale(top), radius / top),
-        ):
+        time, radius = _thin(*curve.normalised(medium))
+        t_c = medium.time_scale(top)
+        for figure, x, y in ((plain, 1e6 * t_c * time, 1e6 * top * radius), (scaled, time, radius)):
             figure.add_scatter(x=x, y=y, mode="lines+markers", line=line, marker={"size": 3}, name=curve.name)
     for figure in (plain, scaled):
         figure.update_layout(showlegend=False, hovermode="closest")
@@ -47,117 +49,102 @@ def overview(curves: Sequence[RadiusCurve], medium: Medium) -> tuple[go.Figure, 
 
 def prepared(curve: RadiusCurve, view: RadiusCurve, step: float, grid: Floats) -> go.Figure:
     """The frames of a curve, those that are compared (`view`), and the grid that the network reads, every `step` s."""
-    figure = _figure(f"time after {_RMAX} (µs)", "R (µm)")
-    start = curve.time_of_max
-    inside = (curve.time >= view.time[0]) & (curve.time <= view.time[-1])
-    spikes = np.zeros(len(curve.time), dtype=bool)
-    spikes[curve.spikes()] = True
-    missing = np.isnan(curve.radius)
-    for name, which, marker in (
-        ("measured, not compared", ~inside, {"color": PALE, "size": 5}),
-        ("measured", inside, {"color": MEASURED, "size": 5}),
-        ("stands out, kept", spikes, {"color": VERMILLION, "size": 11, "symbol": "circle-open", "line": {"width": 2}}),
-    ):
-        if np.any(which & ~missing):
-            time, radius = _thin(curve.time[which] - start, curve.radius[which])
-            figure.add_scatter(x=1e6 * time, y=1e6 * radius, mode="markers", marker=marker, name=name)
-    if missing.any():
-        time, _ = _thin(curve.time[missing] - start, curve.radius[missing])
-        marker = {"color": VERMILLION, "size": 8, "symbol": "line-ns-open"}
-        figure.add_scatter(x=1e6 * time, y=np.zeros(len(time)), mode="markers", marker=marker, name="no radius")
+    figure = _figure(_TIME, "R (µm)")
+    _measured(figure, curve, (curve.time >= view.time[0]) & (curve.time <= view.time[-1]))
+    spikes = np.isin(np.arange(len(curve.time)), curve.spikes())
+    _dots(figure, curve, spikes, "stands out, kept", VERMILLION, 11, symbol="circle-open", line={"width": 2})
+    _dots(figure, curve, np.isnan(curve.radius), "no radius", VERMILLION, 8, symbol="line-ns-open")
     read = np.isfinite(grid)
     line: Any = {"color": BLUE, "width": 1.6}
     figure.add_scatter(
         x=1e6 * step * np.flatnonzero(read), y=1e6 * grid[read], mode="lines+markers", line=line,
         marker={"size": 3}, name="read by the network",
     )  # fmt: skip
+    start = curve.time_of_max
     end = 1e6 * max(step * len(grid), view.time[-1] - start)
     figure.update_xaxes(range=[max(1e6 * (curve.time[0] - start), -0.5 * end), 1.25 * end])
     return figure
 
 
-def checked(curve: RadiusCurve, answers: Sequence[Answer], trial: dict[str, Any] | None = None) -> go.Figure:
-    """A measured curve, the simulations of its answers over it, what is left between, and the trial (`steps.trial`)."""
+def checked(
+    curve: RadiusCurve, answer: Checks, fit: Checks | None = None, trial: dict[str, Any] | None = None
+) -> go.Figure:
+    """A measured curve, the simulations of its answers over it, what is left between, and a trial's `lines`."""
     figure = make_subplots(rows=2, shared_xaxes=True, row_heights=[0.68, 0.32], vertical_spacing=0.06)
-    _dress(figure)
-    start = curve.time_of_max
-    x, y = (trial[axis] if trial else ([], []) for axis in ("x", "y"))
-    for row in (1, 2):  # TRIAL
-        _line(figure, row, x[row - 1], y[row - 1], GREEN, "solid", "sliders")
-    compared = answers[0][3].compared_time if answers else None
+    figure.layout.template, figure.layout.height = _STYLE, 520
+    _lines(figure, trial or lines(Checks("failed")), GREEN, "solid", "sliders")  # TRIAL
     inside = np.zeros(len(curve.time), dtype=bool)
-    if compared is not None and len(compared):
+    if answer.compared_time is not None and len(answer.compared_time):
         slack = 1e-9 * max(curve.time[-1] - curve.time[0], 1e-12)
-        inside = (curve.time >= compared[0] - slack) & (curve.time <= compared[-1] + slack)
-        reach = compared[-1] - start
-        figure.update_xaxes(range=[-0.05e6 * reach, 1.15e6 * reach])
-    for name, which, colour in (("measured, not compared", ~inside, PALE), ("measured", inside, MEASURED)):
-        if np.any(which & np.isfinite(curve.radius)):
-            time, radius = _thin(curve.time[which] - start, curve.radius[which])
-            marker = {"color": colour, "size": 5}
-            figure.add_scatter(x=1e6 * time, y=1e6 * radius, mode="markers", marker=marker, name=name, row=1, col=1)
-    for name, colour, dash, checks in answers:
-        if checks.reconstruction_time is None or checks.reconstruction_radius is None:
-            continue
-        drawn = 1e6 * (checks.reconstruction_time - start), 1e6 * checks.reconstruction_radius
-        _line(figure, 1, *drawn, colour, dash, name)
-        if checks.compared_time is not None and checks.residual_over_rmax is not None:
-            _line(figure, 2, 1e6 * (checks.compared_time - start), 100 * checks.residual_over_rmax, colour, dash, name)
+        first, last = answer.compared_time[[0, -1]]
+        inside = (curve.time >= first - slack) & (curve.time <= last + slack)
+        reach = 1e6 * (last - curve.time_of_max)
+        figure.update_xaxes(range=[-0.05 * reach, 1.15 * reach])
+    _measured(figure, curve, inside)
+    for name, colour, dash, checks in (
+        ("simulation of the answer", VERMILLION, "solid", answer),
+        ("least squares", BLUE, "dash", fit),
+    ):
+        if checks and checks.reconstruction_time is not None:
+            _lines(figure, lines(checks, curve.time_of_max), colour, dash, name)
     figure.update_yaxes(title_text="R (µm)", rangemode="tozero", row=1, col=1)
     figure.update_yaxes(title_text=f"residual (% {_RMAX})", row=2, col=1, zerolinecolor=INK, zeroline=True)
-    figure.update_xaxes(title_text=f"time after {_RMAX} (µs)", row=2, col=1)
-    figure.update_layout(height=520)
+    figure.update_xaxes(title_text=_TIME, row=2, col=1)
     return figure
 
 
-def of(posterior: Posterior, name: str, colour: str, dash: str = "solid") -> Answer:
-    return name, colour, dash, posterior.checks
+def lines(found: Checks, start: float = 0.0) -> dict[str, Any]:
+    """{x, y} of a simulation and of its residual: µm and % of R_max over µs after `start` (s); empty if it failed.
+
+    Five digits: finer than any screen.
+    """
+    simulated = found.reconstruction_time, found.reconstruction_radius, 1e6
+    residual = found.compared_time, found.residual_over_rmax, 100.0
+    x, y = [], []
+    for time, values, scale in (simulated, residual):
+        x.append([] if time is None else _short(1e6 * (time - start)))
+        y.append([] if values is None else _short(scale * values))
+    return {"x": x, "y": y}
 
 
-def _line(figure: go.Figure, row: int, x: Any, y: Any, colour: str, dash: str, name: str) -> None:
-    shape: Any = {"color": colour, "dash": dash, "width": 2 if row == 1 else 1.3}
-    figure.add_scatter(
-        x=x, y=y, mode="lines" if row == 1 else "lines+markers", line=shape, marker={"size": 3}, name=name,
-        legendgroup=name, showlegend=row == 1, row=row, col=1,
-    )  # fmt: skip
+def _measured(figure: go.Figure, curve: RadiusCurve, inside: NDArray[np.bool_]) -> None:
+    """The frames of a curve that have a radius, those `inside` what is compared darker."""
+    measured = np.isfinite(curve.radius)
+    _dots(figure, curve, measured & ~inside, "measured, not compared", PALE)
+    _dots(figure, curve, measured & inside, "measured", MEASURED)
+
+
+def _dots(
+    figure: go.Figure, curve: RadiusCurve, which: NDArray[np.bool_], name: str, colour: str, size: int = 5, **look: Any
+) -> None:
+    """Frames of a curve, those without a radius at zero."""
+    if which.any():
+        time, radius = _thin(curve.time[which] - curve.time_of_max, np.nan_to_num(curve.radius[which]))
+        marker = {"color": colour, "size": size, **look}
+        figure.add_scatter(x=1e6 * time, y=1e6 * radius, mode="markers", marker=marker, name=name)
+
+
+def _lines(figure: go.Figure, drawn: dict[str, Any], colour: str, dash: str, name: str) -> None:
+    for row, (x, y) in enumerate(zip(drawn["x"], drawn["y"], strict=True), 1):
+        shape: Any = {"color": colour, "dash": dash, "width": 2 if row == 1 else 1.3}
+        figure.add_scatter(
+            x=x, y=y, mode="lines" if row == 1 else "lines+markers", line=shape, marker={"size": 3}, name=name,
+            legendgroup=name, showlegend=row == 1, row=row, col=1,
+        )  # fmt: skip
 
 
 def _figure(x: str, y: str) -> go.Figure:
-    figure = go.Figure()
-    _dress(figure)
+    figure = go.Figure(layout={"template": _STYLE, "height": 340})
     figure.update_xaxes(title_text=x)
     figure.update_yaxes(title_text=y, rangemode="tozero")
-    figure.update_layout(height=340)
     return figure
 
 
-def _dress(figure: go.Figure) -> None:
-    figure.update_layout(
-        template="none",
-        font={"family": "system-ui, -apple-system, 'Segoe UI', Roboto, sans-serif", "size": 12, "color": INK},
-        margin={"l": 56, "r": 12, "t": 34, "b": 46},
-        legend={"orientation": "h", "y": 1.02, "yanchor": "bottom", "x": 0, "font": {"size": 11}},
-        hovermode="x unified",
-        hoverlabel={"namelength": 28},
-        modebar={"orientation": "v", "remove": _NOT_OFFERED},
-        uirevision="keep",
-    )
-    axis: Any = {
-        "showline": True, "linecolor": "#888888", "gridcolor": "#eceef1", "zeroline": False, "ticks": "outside",
-        "tickcolor": "#888888", "ticklen": 4, "hoverformat": ".4g",
-    }  # fmt: skip
-    figure.update_xaxes(**axis)
-    figure.update_yaxes(**axis, title_standoff=6)
+def _short(values: Floats) -> list[float]:
+    return [float(f"{value:.5g}") for value in values]
 
 
 def _thin(x: Floats, y: Floats) -> tuple[Floats, Floats]:
     """Every k-th point, where there are more than can be told apart."""
     every = -(-len(x) // _MOST_POINTS) or 1
     return x[::every], y[::every]
-
-
-def _max_radius(curve: RadiusCurve) -> float | None:
-    try:
-        return curve.max_radius
-    except InputError:
-        return None

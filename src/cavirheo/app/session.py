@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 import shutil
 from collections.abc import Sequence
 from concurrent.futures import Future
@@ -18,14 +19,13 @@ from cavirheo.inference import check_level
 from cavirheo.inference.model import DEFAULT, shipped
 from cavirheo.physics.media import Medium, medium
 from cavirheo.posterior import Posterior
-from cavirheo.reporting import result
-from cavirheo.reporting.record import Result
+from cavirheo.reporting.record import CurveRecord, Result
 
 YOURS = "your files"  # the folder of a visitor, which names the group of single-shot files
 
 
 @dataclass(frozen=True)
-class Limits:
+class VisitorLimits:
     """What one visitor may load, and how many visitors there are."""
 
     file_mb: float = 50.0
@@ -39,7 +39,7 @@ class Limits:
 
 
 @dataclass(frozen=True)
-class Settings:
+class PageSettings:
     """What the page asks for, as the options of `cavirheo infer`; None: not given.
 
     Raises:
@@ -62,7 +62,8 @@ class Settings:
     def __post_init__(self) -> None:
         check_level(self.verify)
         if self.model not in shipped():
-            raise InputError(f"unknown model {self.model!r}; known here: {', '.join(shipped())}")
+            known = ", ".join(shipped())
+            raise InputError(f"unknown model {self.model!r}; known here: {known}", "app.unknown_model")
 
     @property
     def liquid(self) -> Medium:
@@ -77,97 +78,94 @@ class Settings:
         scale = None if self.rmax_um is None else self.rmax_um * 1e-6
         return {"density": liquid.density, "pressure": liquid.pressure, "max_radius": scale}
 
-    @property
-    def words(self) -> str:
-        """The options of the command line that mean the same."""
-        given = {name: value for name, value in vars(self).items() if value != getattr(Settings(), name)}
-        return "".join(f" --{name.replace('_', '-')} {value}" for name, value in given.items())
+    def command(self, files: Sequence[Path]) -> str:
+        """The command line that means the same for these files."""
+        words = ["cavirheo", "infer", *(path.name for path in files)]
+        for name, value in vars(self).items():
+            if value != getattr(PageSettings, name):
+                words += [f"--{name.replace('_', '-')}", str(value)]
+        return shlex.join(words)
 
 
-@dataclass(eq=False)
+@dataclass(frozen=True, eq=False)
+class Answers:
+    """What one run has answered."""
+
+    pairs: list[tuple[RadiusCurve, Posterior]]
+    document: Result  # of the pairs, in their order
+    not_run: list[str]  # chosen shots that a stop left out
+    fits: dict[str, Posterior] = field(default_factory=dict)  # conventional fits that were made since, by name
+
+
 class Session:
-    """One visitor. Its files lie in a folder of its own, which goes with it.
+    """One visitor. The files lie in a folder that goes with the session.
 
-    lock: held while anything of it is read or changed, never while shots are worked on.
+    Attributes: limits; reader; settings; curves (of all files, as the settings have them read); problems (files that
+    could not be read); answers (None before there are any); lock (held while anything of it is read or changed, never
+    while shots are worked on); busy (held by a run); stopped (ends a run); abandoned (shots that were worked on when a
+    run was stopped).
     """
 
-    limits: Limits
-    reader: Reader
-    settings: Settings = field(default_factory=Settings)
-    curves: list[RadiusCurve] = field(default_factory=list)  # of all files, as the settings have them read
-    problems: list[str] = field(default_factory=list)  # files that could not be read
-    pairs: list[tuple[RadiusCurve, Posterior]] = field(default_factory=list)  # answered curves
-    fits: dict[str, Posterior] = field(default_factory=dict)  # conventional fits of answered curves, by name
-    not_run: list[str] = field(default_factory=list)  # chosen shots that a stop left out
-    command: str = ""
-    _result: Result | None = None
-
-    def __post_init__(self) -> None:
+    def __init__(self, limits: VisitorLimits, reader: Reader) -> None:
+        self.limits, self.reader, self.settings = limits, reader, PageSettings()
+        self.files: list[Path] = []
+        self.curves: list[RadiusCurve] = []
+        self.problems: list[str] = []
+        self.answers: Answers | None = None
         self.lock, self.busy, self.stopped = RLock(), Lock(), Event()
-        self.abandoned: set[Future[Any]] = set()  # shots that were worked on when a run was stopped
+        self.abandoned: set[Future[Any]] = set()
         self._temporary = TemporaryDirectory(prefix="cavirheo-")
         self.folder = Path(self._temporary.name)
-        self.files: list[Path] = []
         (self.folder / YOURS).mkdir()
 
-    @property
-    def result(self) -> Result | None:
-        """The document of the answers, None before there are any."""
-        return self._result
-
-    def add(self, files: Sequence[Path], settings: Settings, *, copy: bool = False) -> None:
+    def add(self, files: Sequence[Path], settings: PageSettings, *, copy: bool = False) -> None:
         """Take the files over (or copy them) and read them; those that cannot be read are not kept.
 
         Raises:
             InputError: too many files, curves or frames, or a setting out of its domain.
         """
-        if len(self.files) + len(files) > self.limits.files:
+        if (count := len(self.files) + len(files)) > self.limits.files:
             raise InputError(
-                f"{len(self.files) + len(files)} files; at most {self.limits.files} are read at once: start over with "
-                "fewer, or put the shots of one material into one file"
+                f"{count} files; at most {self.limits.files} are read at once: start over with fewer, or put the "
+                "shots of one material into one file",
+                "app.too_many_files",
             )
-        mine = []
+        mine, read = [], set()
         for path in files:
-            to = self._free(path.name)
-            (shutil.copyfile if copy else shutil.move)(path, to)
-            mine.append(to)
+            mine.append(self._free(path.name))
+            (shutil.copyfile if copy else shutil.move)(path, mine[-1])
         try:
             curves, problems = self.reader.read([*self.files, *mine], **settings.reading)
             self._check(curves)
-        except InputError:
+            read = {curve.source for curve in curves}
+        finally:
             for path in mine:
-                path.unlink()
-            raise
-        read = {curve.meta["source"] for curve in curves}
-        for path in mine:
-            if path.name not in read:
-                path.unlink()
+                if path.name not in read:
+                    path.unlink()
         self.files += [path for path in mine if path.name in read]
         self.problems += [problem for problem in problems if problem not in self.problems]
-        self.settings, self.curves = settings, curves
-        self.forget_answers()
+        self.settings, self.curves, self.answers = settings, curves, None
 
-    def prepare(self, settings: Settings) -> None:
+    def prepare(self, settings: PageSettings) -> None:
         """Read the files again if these settings change what they mean. Raises InputError."""
         if self.files and settings.reading != self.settings.reading:
             self.curves, _ = self.reader.read(self.files, **settings.reading)
         if settings != self.settings:
-            self.forget_answers()
-        self.settings = settings
+            self.settings, self.answers = settings, None
 
-    def answer(self, pairs: list[tuple[RadiusCurve, Posterior]], not_run: list[str], command: str) -> None:
-        self.pairs, self.fits, self.not_run, self.command = pairs, {}, not_run, command
-        self._result = result(pairs, command)
-
-    def forget_answers(self) -> None:
-        self.pairs, self.fits, self.not_run, self._result = [], {}, [], None
+    def find(self, name: str | None) -> tuple[Answers, RadiusCurve, Posterior, CurveRecord]:
+        """All answers, and the curve of this name with its own. Raises InputError: it is not answered."""
+        if self.answers:
+            for pair, record in zip(self.answers.pairs, self.answers.document.curves, strict=True):
+                if record.name == name:
+                    return self.answers, *pair, record
+        raise InputError("no answer to check: infer first (step 3)", "app.no_answer")
 
     def clear(self) -> None:
         """As if just come."""
         for path in self.files:
             path.unlink(missing_ok=True)
-        self.files, self.curves, self.problems = [], [], []
-        self.forget_answers()
+        self.files, self.curves, self.problems, self.answers = [], [], [], None
 
     def close(self) -> None:
         self.stopped.set()
@@ -186,21 +184,19 @@ class Session:
         if len(curves) > self.limits.curves or frames > self.limits.frames:
             raise InputError(
                 f"{len(curves)} shots with {frames} frames in all; the page takes at most {self.limits.curves} shots "
-                f"and {self.limits.frames} frames at once: load fewer, or use the command line (cavirheo infer)"
+                f"and {self.limits.frames} frames at once: load fewer, or use the command line (cavirheo infer)",
+                "app.too_many_frames",
             )
 
 
 class Visitors:
     """The sessions by the page's own random name; nobody gets another's."""
 
-    def __init__(self, limits: Limits) -> None:
+    def __init__(self, limits: VisitorLimits) -> None:
         self.limits, self.reader = limits, Reader(limits.seconds)
         self._lock = RLock()
         self._sessions: dict[str, Session] = {}
         self._leaving: dict[str, Timer] = {}
-
-    def __len__(self) -> int:
-        return len(self._sessions)
 
     def of(self, name: str) -> Session:
         """The session of this name, new if there is none; the one unused for longest makes room. Raises InputError."""

@@ -1,139 +1,120 @@
-"""Tables and facts as HTML; numbers and verdicts are written by `reporting`."""
+"""Tables and facts as HTML (words.html); numbers and verdicts are written by `reporting`."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from html import escape
 from importlib.resources import files
+from pathlib import Path
+from typing import Any
 
 import numpy as np
+from jinja2 import Environment, FileSystemLoader, StrictUndefined
 
+from cavirheo.app.session import Answers, Session
 from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError
 from cavirheo.inference.model import card, shipped
-from cavirheo.posterior import Checks
+from cavirheo.reporting import html
+from cavirheo.reporting.record import curve_record
 from cavirheo.writing import digits
+from cavirheo.writing.terminal import once
 
-_FEW = 4  # remarks that are shown unfolded
-NOTHING = '<div class="report"><p class="quiet">{}</p></div>'
+_TEMPLATES = Environment(
+    loader=FileSystemLoader(Path(__file__).parent), autoescape=True, undefined=StrictUndefined,
+    trim_blocks=True, lstrip_blocks=True,
+)  # fmt: skip
+_TEMPLATES.filters["percent"] = digits.percent
+_PARTS = _TEMPLATES.get_template("words.html").module
+
+
+def part(name: str, *given: Any) -> str:
+    """This part of words.html."""
+    return str(getattr(_PARTS, name)(*given)).strip()
 
 
 def style() -> str:
     """The style of the page: that of the report for all that stands in .report, and its own."""
-    report = files("cavirheo.reporting").joinpath("report.css").read_text(encoding="utf-8")
-    return ".report {\n" + report + "}\n" + files("cavirheo.app").joinpath("app.css").read_text(encoding="utf-8")
+    report, page = (
+        files(room).joinpath(name).read_text(encoding="utf-8")
+        for room, name in (("cavirheo.reporting", "report.css"), ("cavirheo.app", "app.css"))
+    )
+    return f".report {{\n{report}}}\n{page}"
 
 
-def report(*parts: str) -> str:
-    return f'<div class="report">{"".join(parts)}</div>'
+def told(error: Exception) -> str:
+    """The message, with the field of the page instead of the option of the command line."""
+    return str(error).replace("--rmax-um", "R_max in step 2")
 
 
 def models() -> list[tuple[str, str]]:
     """(label, name) of every shipped model."""
-    about = {name: card(path) for name, path in shipped().items()}
-    laws = {name: digits.MATERIALS.get(one["material"], one["material"]) for name, one in about.items()}
-    return [(f"{law.partition(' (')[0]} · {name}", name) for name, law in laws.items()]
+    laws = {name: card(path)["material"] for name, path in shipped().items()}
+    return [(f"{digits.MATERIALS.get(law, law).partition(' (')[0]} · {name}", name) for name, law in laws.items()]
 
 
 def found(curves: Sequence[RadiusCurve], problems: Sequence[str]) -> str:
     """What was found in the files: a row per shot, the warnings in full, and the files that could not be read."""
-    bad = "".join(f'<p class="message failed-message" role="alert">{escape(problem)}</p>' for problem in problems)
-    if not curves:
-        return report(bad or '<p class="quiet">Nothing loaded yet.</p>')
-    heads = (
-        "shot",
-        "R<sub>max</sub><br>µm",
-        "frame rate<br>1000/s",
-        "frames<br>with radius",
-        "recorded<br>µs",
-        "collapses",
-    )
-    rows = "".join(_row(curve) for curve in curves)
-    head = "".join(f"<th scope=col>{text}</th>" for text in heads)
-    table = f'<div class="wide"><table class="found"><thead><tr>{head}</tr></thead><tbody>{rows}</tbody></table></div>'
-    return report(bad, warnings(curves), f"<section>{table}{notes(curves)}</section>")
+    rows = [(curve.name, digits.elide(curve.name, 36), _cells(curve)) for curve in curves]
+    return part("found", problems, rows, _warnings(curves), _notes(curves))
 
 
-def _row(curve: RadiusCurve) -> str:
-    rate = curve.meta.get("frame_rate_hz")
-    measured = int(np.isfinite(curve.radius).sum())
-    span = f"{1e6 * np.ptp(curve.time):.4g}" if len(curve.time) else digits.MISSING
+def _cells(curve: RadiusCurve) -> tuple[str, ...]:
+    rate = curve.frame_rate
     try:
         top, collapses = digits.micrometres(curve.max_radius), str(len(curve.collapse_times()))
     except InputError:
         top = collapses = digits.MISSING
-    cells = (
+    return (
         top,
         digits.significant(rate / 1000) if rate else digits.MISSING,
-        f"{measured} of {len(curve.time)}",
-        span,
+        f"{np.isfinite(curve.radius).sum()} of {len(curve.time)}",
+        f"{1e6 * np.ptp(curve.time):.4g}" if len(curve.time) else digits.MISSING,
         collapses,
     )
-    name = escape(digits.elide(curve.name, 36))
-    return f'<tr><td title="{escape(curve.name)}">{name}</td>' + "".join(f"<td>{cell}</td>" for cell in cells) + "</tr>"
 
 
-def warnings(curves: Sequence[RadiusCurve]) -> str:
+def prepared(curve: RadiusCurve, error: InputError | None = None) -> str:
+    """The warnings on a curve, or why it cannot be shown, and what was done to it."""
+    return part("prepared", {told(error): [curve.name]} if error else _warnings([curve]), _notes([curve]))
+
+
+def _warnings(curves: Sequence[RadiusCurve]) -> dict[str, list[str]]:
     """What must not be overlooked: curves without R_max, and scales that make no sense."""
-    said: dict[str, list[str]] = {}
+    said = []
     for curve in curves:
         try:
-            top = curve.max_radius
+            _ = curve.max_radius
+            said.append((curve.name, curve.scale_warning() or ""))
         except InputError as error:
-            said.setdefault(str(error).removeprefix(f"{curve.name}: ").replace("--rmax-um", "step 2"), []).append(
-                curve.name
-            )
-        else:
-            if top and (warning := curve.scale_warning()):
-                said.setdefault(warning, []).append(curve.name)
-    return messages(said)
+            said.append((curve.name, told(error).removeprefix(f"{curve.name}: ")))
+    return once(said)
 
 
-def notes(curves: Sequence[RadiusCurve], *, shown: bool = False) -> str:
+def _notes(curves: Sequence[RadiusCurve]) -> dict[str, list[str]]:
     """What was recognised, converted or left out, each once with the shots that it concerns."""
-    said: dict[str, list[str]] = {}
-    for curve in curves:
-        for note in curve.notes:
-            said.setdefault(note, []).append(curve.name)
-    about = {note: "all shots" if len(names) == len(curves) else _some(names) for note, names in said.items()}
-    lines = "".join(
-        f"<li>{escape(note)}" + (f" <small>({escape(about[note])})</small></li>" if len(curves) > 1 else "</li>")
-        for note in said
-    )
-    if shown:
-        return f"<h3>What was recognised, converted or left out</h3><ul>{lines}</ul>"
-    return f"<details><summary>What was recognised, converted or left out</summary><ul>{lines}</ul></details>"
+    return once((curve.name, note) for curve in curves for note in curve.notes)
 
 
-def _some(names: Sequence[str]) -> str:
-    return ", ".join(names[:4]) + (f" and {len(names) - 4} more" if len(names) > 4 else "")
+def answers(found: Answers | None) -> str:
+    """The table of the answers: groups, curves, and what is said of them."""
+    if found is None:
+        return part("quiet", "No answers yet: press the button above.")
+    document = found.document
+    factor, unit = document.modulus_unit
+    tables = html.groups_table(document.groups, factor, unit)
+    tables += html.curves_table(document.curves, factor, unit, title="Shots", linked=False)
+    said = once((record.name, record.message) for record in document.curves)
+    return part("answers", len(document.curves), found.not_run, tables, said)
 
 
-def stopped(done: int, left: Sequence[str]) -> str:
-    """Which shots a stop left out."""
-    if not left:
-        return ""
-    return (
-        f'<p class="message" role="status"><b>Stopped: {done} of {done + len(left)} shots done.</b> '
-        f"Not run: {escape(_some(left))}.</p>"
-    )
-
-
-def differences(checks: Checks) -> str:
-    """'RMSE 1.2 %, mean absolute 0.9 %, largest 4 % of R_max'."""
-    return (
-        f"RMSE {digits.percent(checks.rmse_over_rmax)} %, mean absolute {digits.percent(checks.mae_over_rmax)} %, "
-        f"largest {digits.percent(checks.max_difference_over_rmax)} % of R<sub>max</sub>"
-    )
-
-
-def messages(said: dict[str, list[str]]) -> str:
-    """Each message once, after the names of the shots that it is about; more than a few are folded."""
-    lines = "".join(
-        f'<p class="message" role="status"><b>{escape(_some(names))}</b>: {escape(text)}</p>'
-        for text, names in said.items()
-        if text
-    )
-    if len(said) > _FEW:
-        return f"<section><details><summary>{len(said)} remarks on single shots</summary>{lines}</details></section>"
-    return lines
+def facts(session: Session, name: str) -> str:
+    """The answer, and the conventional fit if there is one, as rows of one table; then all facts of the answer."""
+    answers, curve, _, record = session.find(name)
+    factor, unit = answers.document.modulus_unit
+    table, failed = "", {}
+    if posterior := answers.fits.get(name):
+        rows = {"answer": record, "least squares": curve_record(curve, posterior)}
+        records = [row.model_copy(update={"name": what}) for what, row in rows.items()]
+        table = html.curves_table(records, factor, unit, title="Answer and conventional fit", linked=False)
+        failed = once((row.name, row.message) for row in records[1:] if not row.answered)
+    return part("facts", table, failed, html.article(0, record, factor, unit, ""))

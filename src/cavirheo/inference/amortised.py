@@ -3,9 +3,9 @@
 The network was trained at one R_max, in one medium and on one grid of times. Its answer theta_net is brought to the
 shot at the same Cauchy and Reynolds numbers (TrainingProblem.to_shot), which is not enough: surface tension, heat and
 mass transfer do not scale, and a 60 um bubble read as a 245 um one looks 0.3 to 0.4 decades too viscous
-(docs/physics.md, section 1). So the network is used as a summary of the curve (indirect inference, Gourieroux, Monfort
-and Renault 1993, doi:10.1002/jae.3950080507): wanted is the theta whose simulation *at the true R_max, in the true
-medium, seen by the same camera with the same noise* gives the same summary,
+(docs/method/physics.md, section 1). So the network is used as a summary of the curve (indirect inference, Gourieroux,
+Monfort and Renault 1993, doi:10.1002/jae.3950080507): wanted is the theta whose simulation *at the true R_max, in the
+true medium, seen by the same camera with the same noise* gives the same summary,
 
     theta <- theta + net(measured) - net(simulated(theta)),
 
@@ -96,7 +96,7 @@ class Amortised:
             "problem_id": self.model.problem.id,
             "medium": asdict(self.medium),
             "corrected_at_true_scale": self.correct,
-            "source_sha256": curve.meta.get("source_sha256"),
+            "source_sha256": curve.source_sha256,
         }
 
 
@@ -229,7 +229,7 @@ class _Answer:
         return np.array([self._on_grid(times, row) for row in radius])
 
     def _on_grid(self, times: Floats, radius: Floats) -> Floats:
-        seen = RadiusCurve(times, radius, meta={"maximum": (0.0, self.max_radius)})
+        seen = RadiusCurve(times, radius, maximum=(0.0, self.max_radius))
         return seen.resampled(self.step, self.frames) / self.max_radius
 
     def _stretch(self, theta: Floats, near: float | None) -> float:

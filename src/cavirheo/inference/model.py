@@ -24,14 +24,14 @@ _BATCH = 512
 class Network:
     """A network that reads R/R_max on the grid of its training problem and answers in the prior's scale.
 
-    Attributes: name; card (dict); problem; outputs (names in the prior's scale); sha256 of the .onnx file; path.
+    Attributes: name; card (dict); problem; outputs (names in the prior's scale); sha256 of the .onnx file.
 
     Raises:
         InputError: the file or its card is missing, is not one of ours, or the file is not the one the card describes.
     """
 
     def __init__(self, path: Path) -> None:
-        self.path, self.name, self.card = path, path.stem, card(path)
+        self.name, self.card = path.stem, card(path)
         try:
             self.problem = TrainingProblem.from_dict(self.card["problem"])
             self.outputs = tuple(str(output["name"]) for output in self.card["outputs"])

@@ -17,7 +17,7 @@ from cavirheo.physics.simulate import simulate, simulate_many
 from cavirheo.posterior import Checks, Verdict
 
 STRETCH_RANGE = (1.2, 16.0)  # in which R_max/R_0 is looked for
-MISFIT = 0.06  # RMSE/R_max above which the model is said not to fit (docs/verdicts.md)
+MISFIT = 0.06  # RMSE/R_max above which the model is said not to fit (docs/method/verdicts.md)
 _DRAWN = 800  # points of the drawn reconstruction
 
 Floats = NDArray[np.float64]

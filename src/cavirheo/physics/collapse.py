@@ -2,25 +2,25 @@
 
 t_1 is the time from R_max to the first minimum of R(t), t_RC = 0.9147 R_max sqrt(rho/p) that of an empty bubble.
 The analytic model (Zhu et al. 2025, doi:10.1039/D5SM00397K) takes a microsecond and is 0.3 % too long in the median
-where Re > 10; where it holds, and what its errors are made of, is in docs/collapse-time.md.
+where Re > 10; where it holds, and what its errors are made of, is in docs/method/collapse-time.md.
 """
 
 from __future__ import annotations
 
-from math import gamma, pi, sqrt
+from math import pi, sqrt
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from cavirheo.errors import SolverError
+from cavirheo.landmarks import RAYLEIGH
 from cavirheo.physics.materials import NeoHookeanKelvinVoigt
 from cavirheo.physics.media import WATER, Medium
 from cavirheo.physics.simulate import simulate_many
 
 Floats = NDArray[np.float64]
 
-RAYLEIGH = sqrt(pi / 6) * gamma(5 / 6) / gamma(4 / 3)  # collapse time of an empty bubble over R_max sqrt(rho/p)
 _A = 1 / RAYLEIGH  # A_RC of the paper
 _SURFACE = pi * _A / sqrt(6)  # mean of (3/2) (1 - r^2)/(1 - r^3) over Rayleigh's collapse
 _GAS = 1.4942  # the paper's C_kappa: mean of 3 (r^(3-3k) - 1)/((3k-3)(1 - r^3)) over Rayleigh's collapse, k = 1.4
@@ -44,7 +44,7 @@ def inverse_square(
 
     f_We = -pi A_RC/(sqrt(6) We), f_Ma = 2/(1 + sqrt(1 + 4 (C/A_RC)^2)), f_gas = 1.4942 (lambda^-3 + p_v),
     f_model = (Z + sqrt(Z^2 + beta))^-2, Z = 2 beta A_RC (0.4637/Re + 0.56598/Re^2 + 5.7331/Re^3),
-    beta = 1/(1 + Be/Ca), Be = 5/2 - sqrt(2/3) pi A_RC/lambda; numbers as in docs/physics.md, section 1.
+    beta = 1/(1 + Be/Ca), Be = 5/2 - sqrt(2/3) pi A_RC/lambda; numbers as in docs/method/physics.md, section 1.
     """
     G = np.asarray(shear_modulus, dtype=float)
     lost, Be, Y = _terms(max_radius, stretch, viscosity, medium)

@@ -5,16 +5,15 @@ A driving is for the solver one more table (physics/table.py), of pressure over 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from math import inf, pi
-from pathlib import Path
 from typing import Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from cavirheo.errors import InputError
-from cavirheo.physics.checks import finite, positive
+from cavirheo.physics.law import FINITE, POSITIVE, check, domain
 from cavirheo.physics.table import Floats, hermite
 
 
@@ -32,16 +31,13 @@ class Pulse:
     Gaudron, Warnez and Johnsen 2015, doi:10.1017/jfm.2015.7.
     """
 
-    amplitude: float
-    frequency: float
-    centre: float
-    exponent: float = 3.7
+    amplitude: float = field(metadata=FINITE)
+    frequency: float = field(metadata=POSITIVE)
+    centre: float = field(metadata=FINITE)
+    exponent: float = field(default=3.7, metadata=domain("at least 1", lambda x: 1 <= x < inf))
 
     def __post_init__(self) -> None:
-        finite(amplitude=self.amplitude, centre=self.centre)
-        positive(frequency=self.frequency)
-        if not 1 <= self.exponent < inf:
-            raise InputError(f"the exponent of a pulse must be at least 1, got {self.exponent!r}")
+        check(self)
 
     def pressure(self, time: ArrayLike) -> Floats:
         """Pa above ambient at `time` in s (any shape)."""
@@ -57,8 +53,7 @@ class Pulse:
         slope = -n / 2 * sine * below
         curvature = (n * (n - 1) * (1 - base) - n / 2 * np.cos(x)) * below
         rows = self.amplitude * np.stack([value, slope * omega, curvature * omega**2])
-        pulse = hermite(self.centre + x / omega, *rows)
-        return _held(pulse)
+        return _held(hermite(self.centre + x / omega, *rows))
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,12 +75,12 @@ class Trace:
         if self.time.ndim != 1 or self.time.size < 2 or self.time.shape != self.pressure.shape:
             raise InputError(
                 "a pressure trace needs as many times as pressures, at least two, "
-                f"got shapes {self.time.shape} and {self.pressure.shape}"
+                f"got shapes {self.time.shape} and {self.pressure.shape}",
+                "physics.trace_shape",
             )
-        if not (
-            np.all(np.isfinite(self.time)) and np.all(np.isfinite(self.pressure)) and np.all(np.diff(self.time) > 0)
-        ):
-            raise InputError("the times of a pressure trace must be finite and ascend, and its pressures be finite")
+        if not (np.isfinite([self.time, self.pressure]).all() and np.all(np.diff(self.time) > 0)):
+            why = "the times of a pressure trace must be finite and ascend, and its pressures be finite"
+            raise InputError(why, "physics.trace_values")
 
     def table(self) -> Floats:
         from scipy.interpolate import PchipInterpolator  # a third of a second that other uses need not wait for
@@ -94,26 +89,6 @@ class Trace:
         rows[:, 0], rows[:, 1] = self.time, self.pressure
         rows[:-1, 1:5] = PchipInterpolator(self.time, self.pressure).c[::-1].T
         return _held(rows)
-
-
-def read_trace(path: Path) -> Trace:
-    """A trace from a CSV file with the columns time_us and pressure_kPa (above ambient).
-
-    Raises:
-        InputError: the file cannot be read, its header or a row is not as above, or the times do not ascend.
-    """
-    try:
-        with path.open(encoding="utf-8-sig") as file:
-            header = [name.strip() for name in file.readline().split(",")]
-            if header != ["time_us", "pressure_kPa"]:
-                raise ValueError(f"its first line must read time_us,pressure_kPa, got {','.join(header)!r}")
-            lines = [line for line in file if line.strip()]
-        rows = np.array([[float(number) for number in line.split(",")] for line in lines])
-        if rows.ndim != 2 or rows.shape[1] != 2:
-            raise ValueError("it needs rows of two numbers below that line")
-        return Trace(rows[:, 0] * 1e-6, rows[:, 1] * 1e3)
-    except (OSError, ValueError) as error:
-        raise InputError(f"cannot read a pressure trace from {path}: {error}") from error
 
 
 def _held(rows: Floats) -> Floats:

@@ -1,7 +1,7 @@
 """Elastic laws: each is one function of one number, the stress integral S_el(L) at L = R/R_0.
 
-With stretches (b^-2, b, b) around the bubble, What(b) = W(b^-2, b, b), W_1 = dW/dI_1 and q = 1/L (docs/physics.md,
-section 4),
+With stretches (b^-2, b, b) around the bubble, What(b) = W(b^-2, b, b), W_1 = dW/dI_1 and q = 1/L
+(docs/method/physics.md, section 4),
 
     dS_el/dL = -What'(L)/(L^3 - 1),  for W(I_1):  dS_el/dL = -4 W_1 (q^2 + q^5),  S_el(1) = 0.
 
@@ -21,8 +21,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from cavirheo.errors import InputError
-from cavirheo.physics.checks import finite, not_negative, positive
-from cavirheo.physics.law import Law
+from cavirheo.physics.law import FINITE, NOT_NEGATIVE, POSITIVE, POSITIVE_OR_INFINITE, Material, require
 from cavirheo.physics.table import Floats, hermite, read, tabulate
 
 SMALLEST, LARGEST = 1e-3, 1e3  # R/R_0: beyond what a collapse or a stretch reaches
@@ -38,7 +37,7 @@ _COARSE = _nodes(0.1)  # halved where a law needs it
 _FINE = _nodes(0.02)  # for closed forms: an error of 2e-9 for their steepest term, q^8
 
 
-class Elastic(Law):
+class Elastic(Material):
     """Base of the elastic laws: a new one defines `slope`, or `first` if its energy depends on I_1 only."""
 
     @property
@@ -67,7 +66,8 @@ class Elastic(Law):
 def _tabulated(law: Elastic) -> Floats:
     table = tabulate(law.slope, _COARSE, origin=1.0)
     if not table[0, 0] < 1 < table[-1, 0]:
-        raise InputError(f"the stress of {law} must be finite and smooth around R = R_0, which it is not")
+        why = f"the stress of {law} must be finite and smooth around R = R_0, which it is not"
+        raise InputError(why, "physics.no_stress_at_rest")
     return table
 
 
@@ -95,10 +95,7 @@ class Linear(_Closed):
     Yang and Church 2005, doi:10.1121/1.2118307.
     """
 
-    shear_modulus: float
-
-    def __post_init__(self) -> None:
-        not_negative(shear_modulus=self.shear_modulus)
+    shear_modulus: float = field(metadata=NOT_NEGATIVE)
 
     def closed(self, ratio: Floats) -> tuple[Floats, Floats, Floats]:
         G, q = self.shear_modulus, 1 / ratio
@@ -113,11 +110,8 @@ class Quadratic(_Closed):
     Yang et al. 2020, doi:10.1016/j.eml.2020.100839.
     """
 
-    shear_modulus: float
-    stiffening: float = 0.0
-
-    def __post_init__(self) -> None:
-        not_negative(shear_modulus=self.shear_modulus, stiffening=self.stiffening)
+    shear_modulus: float = field(metadata=NOT_NEGATIVE)
+    stiffening: float = field(default=0.0, metadata=NOT_NEGATIVE)
 
     def closed(self, ratio: Floats) -> tuple[Floats, Floats, Floats]:
         G, a, q = self.shear_modulus, self.stiffening, 1 / ratio
@@ -149,12 +143,12 @@ class MooneyRivlin(_Closed):
     Mooney 1940, doi:10.1063/1.1712836; Rivlin 1948, doi:10.1098/rsta.1948.0024.
     """
 
-    C1: float
-    C2: float
+    C1: float = field(metadata=FINITE)
+    C2: float = field(metadata=FINITE)
 
     def __post_init__(self) -> None:
-        finite(C1=self.C1, C2=self.C2)
-        not_negative(**{"the shear modulus 2 (C1 + C2)": 2 * (self.C1 + self.C2)})
+        super().__post_init__()
+        require("C1 + C2", self.C1 + self.C2, NOT_NEGATIVE)
 
     def closed(self, ratio: Floats) -> tuple[Floats, Floats, Floats]:
         q = 1 / ratio
@@ -174,13 +168,9 @@ class Yeoh(Elastic):
     Yeoh 1993, doi:10.5254/1.3538343.
     """
 
-    C1: float
-    C2: float = 0.0
-    C3: float = 0.0
-
-    def __post_init__(self) -> None:
-        not_negative(C1=self.C1)
-        finite(C2=self.C2, C3=self.C3)
+    C1: float = field(metadata=NOT_NEGATIVE)
+    C2: float = field(default=0.0, metadata=FINITE)
+    C3: float = field(default=0.0, metadata=FINITE)
 
     def first(self, I1: Floats) -> Floats:
         J = I1 - 3
@@ -194,11 +184,8 @@ class Fung(Elastic):
     Fung 1967, doi:10.1152/ajplegacy.1967.213.6.1532, in its isotropic form.
     """
 
-    shear_modulus: float
-    stiffening: float
-
-    def __post_init__(self) -> None:
-        not_negative(shear_modulus=self.shear_modulus, stiffening=self.stiffening)
+    shear_modulus: float = field(metadata=NOT_NEGATIVE)
+    stiffening: float = field(metadata=NOT_NEGATIVE)
 
     def first(self, I1: Floats) -> Floats:
         return self.shear_modulus / 2 * np.exp(self.stiffening * (I1 - 3))
@@ -211,12 +198,8 @@ class Gent(Elastic):
     Gent 1996, doi:10.5254/1.3538357.
     """
 
-    shear_modulus: float
-    limit: float  # J_m
-
-    def __post_init__(self) -> None:
-        not_negative(shear_modulus=self.shear_modulus)
-        positive(limit=self.limit)
+    shear_modulus: float = field(metadata=NOT_NEGATIVE)
+    limit: float = field(metadata=POSITIVE)  # J_m
 
     def first(self, I1: Floats) -> Floats:
         J = (I1 - 3) / self.limit
@@ -231,13 +214,8 @@ class ArrudaBoyce(Elastic):
     somewhat above G. Arruda and Boyce 1993, doi:10.1016/0022-5096(93)90013-6.
     """
 
-    shear_modulus: float
-    segments: float  # N
-
-    def __post_init__(self) -> None:
-        not_negative(shear_modulus=self.shear_modulus)
-        if not self.segments > 0:
-            raise InputError(f"segments must be positive, got {self.segments!r}")
+    shear_modulus: float = field(metadata=NOT_NEGATIVE)
+    segments: float = field(metadata=POSITIVE_OR_INFINITE)  # N
 
     def first(self, I1: Floats) -> Floats:
         x = I1 / self.segments
@@ -258,12 +236,16 @@ class Ogden(Elastic):
         for name in ("moduli", "exponents"):  # lists are welcome, but could not be the key of a kept table
             object.__setattr__(self, name, tuple(getattr(self, name)))
         if len(self.moduli) != len(self.exponents) or not self.moduli:
-            raise InputError(f"as many moduli as exponents, at least one, got {self.moduli} and {self.exponents}")
+            why = f"as many moduli as exponents, at least one, got {self.moduli} and {self.exponents}"
+            raise InputError(why, "physics.terms")
         for modulus, exponent in zip(self.moduli, self.exponents, strict=True):
-            finite(modulus=modulus, exponent=exponent)
+            require("modulus", modulus, FINITE)
+            require("exponent", exponent, FINITE)
             if exponent == 0 or modulus * exponent < 0:
-                given = f"{modulus} and {exponent}"
-                raise InputError(f"modulus and exponent must have the same sign, the exponent not be 0; got {given}")
+                why = (
+                    f"modulus and exponent must have the same sign, the exponent not be 0; got {modulus} and {exponent}"
+                )
+                raise InputError(why, "physics.unstable")
 
     def slope(self, ratio: Floats) -> Floats:
         log = np.log(ratio)
@@ -289,15 +271,17 @@ class StrainEnergy(Elastic):
 
     energy: Callable[[Any, Any, Any], Any]
 
+    def __repr__(self) -> str:
+        return f"StrainEnergy({getattr(self.energy, '__name__', self.energy)})"
+
     def _derivative(self, b: Floats) -> Floats:
         """dWhat/db."""
         c = b + 1e-30j
         try:
             return np.broadcast_to(np.imag(self.energy(c**-2, c, c)) / 1e-30, b.shape)
         except TypeError as error:
-            raise InputError(
-                f"a strain energy must accept complex arrays (use numpy functions); got: {error}"
-            ) from None
+            why = f"a strain energy must accept complex arrays (use numpy functions); got: {error}"
+            raise InputError(why, "physics.not_analytic") from None
 
     def slope(self, ratio: Floats) -> Floats:
         near = np.abs(ratio - 1) < 2e-3  # 0/0 at 1: there a polynomial through six points beside it
@@ -311,9 +295,8 @@ class StrainEnergy(Elastic):
     def table(self) -> Floats:
         b, h = np.array([0.6, 0.9, 1.2, 1.7]), 1e-5
         by_step = self._derivative(b)
-        by_difference = [
-            (self.energy(c**-2, c, c) - self.energy(d**-2, d, d)) / 2e-5 for c, d in zip(b + h, b - h, strict=True)
-        ]
-        if not np.allclose(by_step, by_difference, rtol=1e-4, atol=1e-4 * np.abs(by_step).max()):
-            raise InputError("the strain energy is not analytic in the stretches: use no abs, max, real or conditions")
+        above, below = (np.array([self.energy(c**-2, c, c) for c in ends]) for ends in (b + h, b - h))
+        if not np.allclose(by_step, (above - below) / (2 * h), rtol=1e-4, atol=1e-4 * np.abs(by_step).max()):
+            why = "the strain energy is not analytic in the stretches: use no abs, max, real or conditions"
+            raise InputError(why, "physics.not_analytic")
         return super().table()

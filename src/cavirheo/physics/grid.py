@@ -6,22 +6,22 @@ from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from cavirheo.errors import InputError
+from cavirheo.physics.table import Floats
 
 
 class Grid(NamedTuple):
     """Spherical shells (cells) 0..M-1 from centre to wall; face i lies between cell i and cell i+1."""
 
-    inverse_volume: NDArray[np.float64]  # (M,) 3/(y_out^3 - y_in^3)
-    centre: NDArray[np.float64]  # (M,) centroid of each shell
-    face: NDArray[np.float64]  # (M-1,) y of the interior faces
-    area: NDArray[np.float64]  # (M-1,) y^2
-    inverse_distance: NDArray[np.float64]  # (M-1,) between the two centroids
-    left: NDArray[np.float64]  # (M-1,) weight of the inner cell in the value on the face
-    right: NDArray[np.float64]  # (M-1,) and of the outer one
-    wall: NDArray[np.float64]  # (3,) d/dy at y = 1 from the values at the wall, in cell M-1 and in cell M-2
+    inverse_volume: Floats  # (M,) 3/(y_out^3 - y_in^3)
+    centre: Floats  # (M,) centroid of each shell
+    face: Floats  # (M-1,) y of the interior faces
+    area: Floats  # (M-1,) y^2
+    inverse_distance: Floats  # (M-1,) between the two centroids
+    left: Floats  # (M-1,) weight of the inner cell in the value on the face
+    right: Floats  # (M-1,) and of the outer one
+    wall: Floats  # (3,) d/dy at y = 1 from the values at the wall, in cell M-1 and in cell M-2
 
 
 NO_SHELLS = Grid(*(np.zeros(0) for _ in Grid._fields))  # for contents without fields
@@ -31,9 +31,8 @@ NO_SHELLS = Grid(*(np.zeros(0) for _ in Grid._fields))  # for contents without f
 def wall_clustered(cells: int, first: float = 1e-4) -> Grid:
     """`cells` shells, tanh-spaced so that the one at the wall is `first` thick."""
     if cells < 8 or not 0 < first < 1 / cells:
-        raise InputError(
-            f"a clustered grid needs at least 8 cells and a wall cell thinner than 1/cells, got {cells} and {first}"
-        )
+        why = f"a clustered grid needs at least 8 cells and a wall cell thinner than 1/cells, got {cells} and {first}"
+        raise InputError(why, "physics.cells")
     s = np.linspace(0.0, 1.0, cells + 1)
     low, high = 1e-3, 18.0
     for _ in range(60):  # bisection: importing a solver takes longer than a simulation

@@ -22,7 +22,7 @@ def remembered(numbers: Numbers) -> Floats:
 
     The growth is modelled as an impulse: at R_0 the wall gets the velocity that carries it to R = 1, in an
     incompressible surroundings of the same law, with isothermal gas and saturated vapour, that is, with the pressure
-    that the contents have at R_max (docs/physics.md, section 4.3).
+    that the contents have at R_max (docs/method/physics.md, section 4.3).
 
     Raises:
         SolverError: no impulse carries the wall to R_max within the laws of the material.

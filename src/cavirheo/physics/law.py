@@ -1,28 +1,65 @@
-"""What every law and every material is to the solver: its parts."""
+"""What every law and every material is to the solver; and the domains of parameters, which their dataclasses state."""
 
 from __future__ import annotations
 
-from typing import Any
+from collections.abc import Callable, Mapping
+from dataclasses import fields
+from math import inf
+from typing import TYPE_CHECKING, Any
+
+from cavirheo.errors import InputError
+
+if TYPE_CHECKING:
+    from cavirheo.physics.elastic import Elastic
+    from cavirheo.physics.memory import Arm
+    from cavirheo.physics.viscous import Viscous
+
+Domain = Mapping[str, tuple[str, Callable[[float], bool]]]
 
 
-class Law:
-    """A material without any stress; a law overrides the part that it is, a composite all parts that it has."""
+def domain(words: str, holds: Callable[[float], bool]) -> Domain:
+    """The numbers that a parameter may be, as metadata of its field: `modulus: float = field(metadata=POSITIVE)`."""
+    return {"domain": (words, holds)}
+
+
+FINITE = domain("finite", lambda x: -inf < x < inf)
+NOT_NEGATIVE = domain("finite and not negative", lambda x: 0 <= x < inf)
+POSITIVE = domain("finite and positive", lambda x: 0 < x < inf)
+POSITIVE_OR_INFINITE = domain("positive", lambda x: x > 0)
+
+
+def require(name: str, value: float, within: Domain) -> None:
+    """Raises InputError for a number outside a domain; its code is `physics.` and the first word of the name."""
+    words, holds = within["domain"]
+    if not holds(value):
+        raise InputError(f"{name} must be {words}, got {value!r}", f"physics.{name.split()[0]}")
+
+
+def check(parameters: Any) -> None:
+    """Raises InputError for the first field of a dataclass that is outside its domain."""
+    for field in fields(parameters):
+        if field.metadata:
+            require(field.name, getattr(parameters, field.name), field.metadata)
+
+
+class Material:
+    """A material without any stress; a law overrides the part that it is, a sum of laws all parts that it has."""
+
+    def __post_init__(self) -> None:
+        check(self)
 
     @property
     def name(self) -> str:
         return type(self).__name__
 
     @property
-    def elastic(self) -> Any:
-        """Elastic | None: the spring (physics/elastic.py)."""
+    def elastic(self) -> Elastic | None:
         return None
 
     @property
-    def viscous(self) -> Any:
-        """Viscous | None: the dashpot (physics/viscous.py)."""
+    def viscous(self) -> Viscous | None:
         return None
 
     @property
-    def memory(self) -> tuple[Any, ...]:
-        """Maxwell arms (physics/memory.py)."""
+    def memory(self) -> tuple[Arm, ...]:
         return ()

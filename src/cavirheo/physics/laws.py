@@ -52,6 +52,7 @@ UNITS = {  # of every parameter of every law; "-" is dimensionless
 }  # fmt: skip
 
 EXAMPLE = "yeoh(1e3, 20) + cross(0.5, 0.01, 1e-4)"
+_HOW = f"write a sum of laws like {EXAMPLE}"
 
 
 def _takes_tuple(parameter: Parameter) -> bool:
@@ -82,13 +83,13 @@ def parse(text: str) -> Material:
         InputError: not a sum of laws, an unknown law, a parameter missing, too many or out of range, a part twice.
     """
     if not text.strip():
-        raise InputError(f"the material is empty; write a sum of laws like {EXAMPLE}")
+        raise InputError(f"the material is empty; {_HOW}", "laws.empty")
     try:
         source = re.sub(r"(?<=[A-Za-z])-(?=[A-Za-z])", "_", " ".join(text.split()))
         terms = _terms(ast.parse(source, mode="eval").body)
     except (SyntaxError, ValueError, RecursionError, MemoryError) as error:
         why = getattr(error, "msg", error)
-        raise InputError(f"cannot read the material {text!r}: {why}; write a sum of laws like {EXAMPLE}") from None
+        raise InputError(f"cannot read the material {text!r}: {why}; {_HOW}", "laws.syntax") from None
     return combine([_law(term) for term in terms])
 
 
@@ -108,7 +109,8 @@ def _only(kind: str, terms: Sequence[Material]) -> Any:
     if len(having) > 1:
         names = {law: name for name, law in LAWS.items()}
         got = " and ".join(names.get(type(term), term.name) for term in having)
-        raise InputError(f"a material has one {kind} part at most, but {got} each have one; leave all but one out")
+        why = f"a material has one {kind} part at most, but {got} each have one; leave all but one out"
+        raise InputError(why, f"laws.{kind}_twice")
     return getattr(having[0], kind) if having else None
 
 
@@ -121,13 +123,13 @@ def _terms(node: ast.expr) -> list[ast.expr]:
 def _law(node: ast.expr) -> Material:
     spelled = node.func if isinstance(node, ast.Call) else node
     if not isinstance(spelled, ast.Name):
-        raise InputError(f"{ast.unparse(node)!r} is no law with its parameters; write a sum of laws like {EXAMPLE}")
+        raise InputError(f"{ast.unparse(node)!r} is no law with its parameters; {_HOW}", "laws.no_law")
     name = spelled.id.replace("_", "-")
     if name not in LAWS:
         close = "".join(f"; did you mean {match}?" for match in get_close_matches(name.lower(), LAWS, 1))
-        raise InputError(f"unknown material law {name!r}{close or ';'} known: {', '.join(LAWS)}")
+        raise InputError(f"unknown material law {name!r}{close or ';'} known: {', '.join(LAWS)}", "laws.unknown")
     if not isinstance(node, ast.Call):
-        raise InputError(f"{name} stands without its parameters; it reads {usage(name)}")
+        raise InputError(f"{name} stands without its parameters; it reads {usage(name)}", "laws.parameters")
     takes = signature(LAWS[name])
     named = {keyword.arg or "**": keyword.value for keyword in node.keywords}
     try:
@@ -135,11 +137,11 @@ def _law(node: ast.expr) -> Material:
             raise TypeError("a parameter given twice")
         nodes = takes.bind(*node.args, **named).arguments
     except TypeError as error:
-        raise InputError(f"{name}: {error}; it reads {usage(name)}") from None
+        raise InputError(f"{name}: {error}; it reads {usage(name)}", "laws.parameters") from None
     try:
         return LAWS[name](**{key: _value(takes.parameters[key], nodes[key]) for key in nodes})
     except InputError as error:
-        raise InputError(f"{name}: {error}") from None
+        raise error.within(name) from None
 
 
 def _value(parameter: Parameter, node: ast.expr) -> float | tuple[float, ...]:
@@ -153,4 +155,4 @@ def _value(parameter: Parameter, node: ast.expr) -> float | tuple[float, ...]:
         return tuple(map(float, numbers)) if many else float(value)
     except (ValueError, TypeError, OverflowError):
         wanted = "a tuple of numbers" if many else "a number"
-        raise InputError(f"{parameter.name} must be {wanted}, got {ast.unparse(node)}") from None
+        raise InputError(f"{parameter.name} must be {wanted}, got {ast.unparse(node)}", "laws.number") from None

@@ -7,11 +7,12 @@ otherwise.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from math import exp, sqrt
 from typing import Any
 
 from cavirheo.errors import InputError
+from cavirheo.physics.law import NOT_NEGATIVE, POSITIVE, POSITIVE_OR_INFINITE, check
 
 
 @dataclass(frozen=True)
@@ -22,15 +23,15 @@ class Medium:
         InputError: a constant that must be positive is not.
     """
 
-    density: float = 998.0  # kg/m3, of the liquid or gel
-    sound_speed: float = 1484.0  # m/s
-    surface_tension: float = 0.072  # N/m
-    pressure: float = 101325.0  # Pa, far from the bubble
-    temperature: float = 298.15  # K, far from the bubble and at the bubble wall
-    adiabatic_index: float = 1.4  # kappa, gas and vapour alike
+    density: float = field(default=998.0, metadata=POSITIVE)  # kg/m3, of the liquid or gel
+    sound_speed: float = field(default=1484.0, metadata=POSITIVE_OR_INFINITE)  # m/s
+    surface_tension: float = field(default=0.072, metadata=NOT_NEGATIVE)  # N/m
+    pressure: float = field(default=101325.0, metadata=POSITIVE)  # Pa, far from the bubble
+    temperature: float = field(default=298.15, metadata=POSITIVE)  # K, far from the bubble and at the bubble wall
+    adiabatic_index: float = field(default=1.4, metadata=POSITIVE)  # kappa, gas and vapour alike
     gas_constant: float = 287.0  # J/(kg K), non-condensable gas (air)
     vapour_constant: float = 462.0  # J/(kg K), vapour (water)
-    diffusivity: float = 24.2e-6  # m2/s, vapour in gas
+    diffusivity: float = field(default=24.2e-6, metadata=POSITIVE)  # m2/s, vapour in gas
     conductivity_slope: float = 5.3e-5  # W/(m K2): K = slope T + intercept
     conductivity_intercept: float = 1.17e-2  # W/(m K)
     vapour_reference_pressure: float = 1.17e11  # Pa: p_v = p_ref exp(-T_ref/T)
@@ -38,16 +39,12 @@ class Medium:
     name: str = "water"
 
     def __post_init__(self) -> None:
-        for field in ("density", "sound_speed", "pressure", "temperature", "adiabatic_index", "diffusivity"):
-            value = getattr(self, field)
-            if not value > 0:
-                raise InputError(f"{field} of the medium must be positive, got {value!r}")
-        if not self.surface_tension >= 0:
-            raise InputError(f"surface_tension must not be negative, got {self.surface_tension!r} N/m")
+        check(self)
         if not self.vapour_pressure < self.pressure:
             raise InputError(
                 f"the vapour pressure ({self.vapour_pressure:.4g} Pa at {self.temperature} K) must be below the "
-                f"ambient pressure ({self.pressure:.4g} Pa): the liquid would boil"
+                f"ambient pressure ({self.pressure:.4g} Pa): the liquid would boil",
+                "physics.boiling",
             )
 
     @property
@@ -80,7 +77,7 @@ def medium(name: str, **constants: float | None) -> Medium:
     Raises InputError: unknown name (with the known ones), or a constant out of its domain.
     """
     if name not in MEDIA:
-        raise InputError(f"unknown medium {name!r}; known: {', '.join(MEDIA)}")
+        raise InputError(f"unknown medium {name!r}; known: {', '.join(MEDIA)}", "physics.unknown_medium")
     base = MEDIA[name]
     changes: Any = {key: value for key, value in constants.items() if value is not None}
     return replace(base, **changes, name=f"{base.name}, changed") if changes else base

@@ -1,7 +1,7 @@
 """Laws with memory: Maxwell arms, a spring and a dashpot in series, whose stress fades within the relaxation time.
 
 An arm's spring forgets what it was stretched from. For the laws below that is exact with one number a term
-(docs/physics.md, section 4.3):
+(docs/method/physics.md, section 4.3):
 
     S = sum_k C_k m_k,   m_k' = -m_k/tau - n_k (1 + m_k) U/R,   m_k = 0 in the relaxed state:
 
@@ -10,27 +10,22 @@ An arm's spring forgets what it was stretched from. For the laws below that is e
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import ClassVar
 
 import numpy as np
 
-from cavirheo.physics.checks import not_negative, positive
-from cavirheo.physics.law import Law
+from cavirheo.physics.law import NOT_NEGATIVE, POSITIVE, Material
 from cavirheo.physics.table import Floats
 
 
 @dataclass(frozen=True)
-class Arm(Law):
+class Arm(Material):
     """Base of the arms: viscosity in Pa s and relaxation time tau in s; the spring's shear modulus is their ratio."""
 
-    viscosity: float
-    relaxation_time: float
+    viscosity: float = field(metadata=NOT_NEGATIVE)
+    relaxation_time: float = field(metadata=POSITIVE)
     terms: ClassVar[tuple[tuple[float, float], ...]] = ()  # C_k/modulus and n_k
-
-    def __post_init__(self) -> None:
-        not_negative(viscosity=self.viscosity)
-        positive(relaxation_time=self.relaxation_time)
 
     @property
     def memory(self) -> tuple[Arm, ...]:

@@ -1,4 +1,4 @@
-"""Dimensionless numbers of one simulation (docs/physics.md, section 1).
+"""Dimensionless numbers of one simulation (docs/method/physics.md, section 1).
 
 R_c = R_max, U_c = sqrt(p_inf/rho), t_c = R_c/U_c, pressures by p_inf, temperature by T_inf.
 """
@@ -11,7 +11,7 @@ import numpy as np
 
 from cavirheo.errors import InputError
 from cavirheo.physics.driving import Driving
-from cavirheo.physics.materials import Material
+from cavirheo.physics.law import POSITIVE, Material, domain, require
 from cavirheo.physics.media import Medium
 from cavirheo.physics.table import Floats, scaled
 
@@ -34,7 +34,7 @@ class Numbers(NamedTuple):
     driving: Floats  # (n, 7) table of the far-field pressure above ambient, over p_inf, over t/t_c
     polytropic: float  # exponent of the gas where the contents are polytropic
     tait: float  # exponent of the liquid in Gilmore's equation; 0: Keller-Miksis
-    base: float  # p_b, which the state of the solver leaves out of the pressure (docs/physics.md, section 3.2)
+    base: float  # p_b, which the state of the solver leaves out of the pressure (docs/method/physics.md, section 3.2)
 
     @property
     def pressure(self) -> float:
@@ -43,6 +43,7 @@ class Numbers(NamedTuple):
 
 
 TAIT = 7.15  # exponent of water in Tait's equation of state: Gilmore 1952
+STRETCH = domain("at least 1 (the bubble starts at its largest radius)", lambda x: 1 <= x < float("inf"))
 MOTIONS = ("keller-miksis", "rayleigh-plesset", "gilmore")
 ABSENT = np.zeros((2, 7))  # no stress at all, at any stretch or rate, and no driving
 ABSENT[1, 0] = np.inf
@@ -65,20 +66,16 @@ def dimensionless(
             equation of motion is unknown, or it is Gilmore's in an incompressible medium.
     """
     if motion not in MOTIONS:
-        raise InputError(f"motion must be one of {', '.join(MOTIONS)}; got {motion!r}")
+        raise InputError(f"motion must be one of {', '.join(MOTIONS)}; got {motion!r}", "physics.motion")
     if motion == "gilmore" and medium.sound_speed == float("inf"):
-        raise InputError("Gilmore's equation needs a finite speed of sound: use motion='rayleigh-plesset'")
-    if not (0 < max_radius < float("inf")):
-        raise InputError(f"max_radius must be positive and finite, got {max_radius!r} m")
-    if not (1 <= stretch < float("inf")):
-        raise InputError(
-            f"stretch = R_max/R_0 must be at least 1 (the bubble starts at its largest radius), got {stretch!r}"
-        )
+        why = "Gilmore's equation needs a finite speed of sound: use motion='rayleigh-plesset'"
+        raise InputError(why, "physics.sound_speed")
+    require("max_radius", max_radius, POSITIVE)
+    require("stretch = R_max/R_0", stretch, STRETCH)
     U_c = medium.velocity_scale
     K_inf = medium.conductivity_slope * medium.temperature + medium.conductivity_intercept
     p = medium.pressure
-    elastic = material.elastic.table() if material.elastic else ABSENT
-    viscous = material.viscous.table() if material.viscous else ABSENT
+    elastic, viscous = (part.table() if part else ABSENT for part in (material.elastic, material.viscous))
     A = medium.conductivity_slope * medium.temperature / K_inf
     fields = dict(
         C=float("inf") if motion == "rayleigh-plesset" else medium.sound_speed / U_c,

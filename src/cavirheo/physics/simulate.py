@@ -10,17 +10,19 @@ from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from cavirheo.errors import InputError, SolverError
 from cavirheo.physics import solver
 from cavirheo.physics.driving import Driving
 from cavirheo.physics.grid import NO_SHELLS, Grid, wall_clustered
-from cavirheo.physics.materials import Material, Newtonian
+from cavirheo.physics.law import Material, domain, require
 from cavirheo.physics.media import WATER, Medium
-from cavirheo.physics.scales import MOTIONS, Numbers, dimensionless
+from cavirheo.physics.scales import MOTIONS, dimensionless
 from cavirheo.physics.simulation import Contents, Simulation
+from cavirheo.physics.table import Floats
 from cavirheo.physics.tableau import RODAS5P
+from cavirheo.physics.viscous import Newtonian
 
 DEFAULT = (152, 1e-4)  # shells across the bubble, relative error per step: what they are worth, benchmarks/solver.md
 PRECISE = (384, 1e-5)
@@ -72,18 +74,17 @@ def simulate(
         InputError: a parameter is out of its domain, or time is not as above.
         SolverError: the solve failed and throw is set.
 
-    Source: docs/physics.md sections 1-4; Estrada et al. 2018, doi:10.1016/j.jmps.2017.12.006.
+    Source: docs/method/physics.md sections 1-4; Estrada et al. 2018, doi:10.1016/j.jmps.2017.12.006.
     """
     times = _checked(time)
     usual = POLYTROPIC if polytropic is not None else PRECISE if precise else DEFAULT
     cells = usual[0] if cells is None else cells
     rtol = usual[1] if rtol is None else rtol
-    if not 1e-12 < rtol < 0.1:
-        raise InputError(f"rtol must lie between 1e-12 and 0.1, got {rtol!r}")
-    if polytropic is not None and not 0 < polytropic < 10:
-        raise InputError(f"the polytropic exponent must lie between 0 and 10 (1 isothermal), got {polytropic!r}")
-    if polytropic is not None and fields:
-        raise InputError("polytropic contents have no fields: leave out fields or polytropic")
+    require("rtol", rtol, domain("between 1e-12 and 0.1", lambda x: 1e-12 < x < 0.1))
+    if polytropic is not None:
+        require("polytropic", polytropic, domain("between 0 and 10 (1 is isothermal)", lambda x: 0 < x < 10))
+        if fields:
+            raise InputError("polytropic contents have no fields: leave out fields or polytropic", "physics.no_fields")
     numbers = dimensionless(
         material, medium, max_radius, stretch, driving=driving, motion=motion, polytropic=polytropic or 0.0
     )
@@ -96,14 +97,17 @@ def simulate(
     stats = np.zeros(5)
     status = "ok"
     try:
-        memory = _remembered(numbers) if terms and not relaxed else np.zeros(terms)
+        memory = np.zeros(terms)
+        if terms and not relaxed:
+            from cavirheo.physics.growth import remembered  # its scipy takes a third of a second to import
+
+            memory = remembered(numbers)
     except SolverError as error:
         status = f"{error}; with {material} and stretch {stretch:.4g}"
     else:
         start = np.concatenate([[1.0, 0.0, numbers.pressure], memory])
-        code = solver.integrate(
-            numbers, grid, RODAS5P, start, times / t_c, float(rtol), most, False, out, shells, stats
-        )
+        ways = (times / t_c, float(rtol), most, False)
+        code = solver.integrate(numbers, grid, RODAS5P, start, *ways, out, shells, stats)
         if code != solver.OK:
             low, high = numbers.elastic[[0, -1], 0]
             why = {
@@ -128,14 +132,8 @@ def simulate(
     )
 
 
-def _remembered(numbers: Numbers) -> NDArray[np.float64]:
-    from cavirheo.physics.growth import remembered  # its scipy takes a third of a second to import
-
-    return remembered(numbers)
-
-
-def _contents(shells: NDArray[np.float64], out: NDArray[np.float64], grid: Grid, medium: Medium) -> Contents:
-    """Temperature and mass fraction of vapour from moles per shell volume (docs/physics.md, section 3.2)."""
+def _contents(shells: Floats, out: Floats, grid: Grid, medium: Medium) -> Contents:
+    """Temperature and mass fraction of vapour from moles per shell volume (docs/method/physics.md, section 3.2)."""
     moles, gas = np.split(shells, 2, axis=1)
     R, p = out[:, :1], out[:, 2:3]
     temperature = np.hstack([p * R**3 / moles, np.ones_like(p)]) * medium.temperature
@@ -165,14 +163,13 @@ def simulate_many(
     except ValueError as error:
         raise InputError(
             f"{m} materials need max_radius and stretch as scalars or ({m},), time as (n,) or ({m}, n); "
-            f"got {np.shape(max_radius)}, {np.shape(stretch)}, {np.shape(time)}"
+            f"got {np.shape(max_radius)}, {np.shape(stretch)}, {np.shape(time)}",
+            "physics.shapes",
         ) from error
 
     def one(i: int) -> Simulation:
-        return simulate(
-            materials[i], max_radius=float(radii[i]), stretch=float(stretches[i]), time=times[i],
-            throw=False, **options,
-        )  # fmt: skip
+        bubble: dict[str, Any] = dict(max_radius=float(radii[i]), stretch=float(stretches[i]), time=times[i])
+        return simulate(materials[i], **bubble, throw=False, **options)
 
     done = [one(i) for i in range(m if workers == 1 else min(m, 1))]  # the first may compile: before threads
     with ThreadPoolExecutor(workers or os.cpu_count() or 1) as pool:
@@ -181,9 +178,8 @@ def simulate_many(
 
 def load_solver() -> None:
     """Load the compiled solver; tell the user if that takes long because it is compiled for the first time."""
-    said = threading.Timer(
-        2.0, lambda: print("compiling the bubble solver for this machine, once (10 to 30 s) ...", file=sys.stderr)
-    )
+    words = "compiling the bubble solver for this machine, once (10 to 30 s) ..."
+    said = threading.Timer(2.0, print, [words], {"file": sys.stderr})
     said.start()
     try:
         simulate(Newtonian(0.1), max_radius=1e-4, stretch=2.0, time=[0.0, 1e-7])
@@ -191,13 +187,15 @@ def load_solver() -> None:
         said.cancel()
 
 
-def _checked(time: ArrayLike) -> NDArray[np.float64]:
+def _checked(time: ArrayLike) -> Floats:
     times = np.array(time, dtype=float, ndmin=1)
     if times.ndim != 1 or times.size == 0 or not np.all(np.isfinite(times)):
-        raise InputError(f"time must be a non-empty list of finite seconds, got an array of shape {times.shape}")
+        why = f"time must be a non-empty list of finite seconds, got an array of shape {times.shape}"
+        raise InputError(why, "physics.times")
     if times[0] < 0 or np.any(np.diff(times) < 0):
         raise InputError(
             "time must ascend from zero or later (seconds after R_max); "
-            f"got {times[0]:.4g} s first and a smallest increment of {np.min(np.diff(times), initial=0):.4g} s"
+            f"got {times[0]:.4g} s first and a smallest increment of {np.min(np.diff(times), initial=0):.4g} s",
+            "physics.times_descend",
         )
     return times

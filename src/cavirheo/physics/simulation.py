@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
-from cavirheo.errors import InputError
+from cavirheo.landmarks import turning_points
+from cavirheo.physics.table import Floats
 
-Floats = NDArray[np.float64]
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
 
 
 @dataclass(frozen=True, eq=False)
@@ -20,6 +21,10 @@ class Contents:
     position: Floats  # (m,) r/R of the centroids of the shells and of the wall, ascending to 1
     temperature: Floats  # (n, m) K
     vapour: Floats  # (n, m) mass fraction of vapour
+
+    def __repr__(self) -> str:
+        frames, places = self.temperature.shape
+        return f"Contents({frames} frames, {places} places, at most {np.nanmax(self.temperature):.4g} K)"
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,6 +41,18 @@ class Simulation:
     stats: dict[str, float]  # steps, rejected, gas_drift (relative change of the gas in the bubble)
     contents: Contents | None = None  # if asked for
 
+    def __repr__(self) -> str:
+        solved = np.isfinite(self.radius)
+        words = [self.status if self.ok else f"failed: {self.status}", f"{len(self.time)} frames"]
+        if not solved.all():
+            words[-1] = f"{np.count_nonzero(solved)} of {words[-1]}"
+        if solved.any():
+            words.append(f"{1e6 * self.time[0]:.4g} to {1e6 * self.time[solved][-1]:.4g} us")
+            words.append(f"R {1e6 * np.nanmin(self.radius):.4g} to {1e6 * np.nanmax(self.radius):.4g} um")
+            words.append(f"R_0 {1e6 * self.equilibrium_radius:.4g} um")
+            words.append(f"collapses: {self.collapses}")
+        return f"Simulation({', '.join(words)})"
+
     @property
     def ok(self) -> bool:
         return self.status == "ok"
@@ -50,41 +67,20 @@ class Simulation:
         """(n,) its rate U/R, 1/s; the radial rate is -2 times as large, the shear rate 2 sqrt(3)."""
         return self.velocity / self.radius
 
+    @property
+    def collapses(self) -> int:
+        """Minima of R after which it rises again by more than 3 % of the largest R, as those of a measured curve."""
+        radius = self.radius[np.isfinite(self.radius)]
+        return len(turning_points(radius, 0.03 * radius.max(initial=0.0))[0])
 
-def write_csv(run: Simulation, path: Path) -> None:
-    """One row a frame. Raises InputError if the file cannot be written."""
-    columns = {
-        "time_us": run.time * 1e6,
-        "radius_um": run.radius * 1e6,
-        "velocity_m_per_s": run.velocity,
-        "pressure_Pa": run.pressure,
-        "stress_Pa": run.stress,
-        "strain": run.strain,
-        "strain_rate_per_s": run.strain_rate,
-    }
-    table = np.column_stack(list(columns.values()))
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        np.savetxt(path, table, delimiter=",", header=",".join(columns), comments="", fmt="%.9g")
-    except OSError as error:
-        raise InputError(f"cannot write {path}: {error}") from error
+    def plot(self, axes: Axes | None = None) -> Axes:
+        """R(t), um over us, on these axes or on those of a new figure.
 
+        Raises InputError without matplotlib (the extra [plot]).
+        """
+        from cavirheo.writing.style import BLUE, new_axes, new_figure
 
-def write_fields(run: Simulation, path: Path) -> None:
-    """The contents as HDF5: time_s (n,), radius_m (n,), position (m,), temperature_K and vapour_mass_fraction (n, m).
-
-    Raises:
-        InputError: the simulation kept no contents, or the file cannot be written.
-    """
-    import h5py  # a quarter of a second that other uses need not wait for
-
-    if run.contents is None:
-        raise InputError("the simulation kept no fields: simulate with fields=True")
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        with h5py.File(path, "w") as file:
-            file["time_s"], file["radius_m"] = run.time, run.radius
-            file["position"] = run.contents.position
-            file["temperature_K"], file["vapour_mass_fraction"] = run.contents.temperature, run.contents.vapour
-    except OSError as error:
-        raise InputError(f"cannot write {path}: {error}") from error
+        if axes is None:
+            axes = new_axes(new_figure(3.5), (0.085, 0.14, 0.89, 0.8), "time after the start (µs)", "radius (µm)")
+        axes.plot(1e6 * self.time, 1e6 * self.radius, color=BLUE, lw=1.5)
+        return axes

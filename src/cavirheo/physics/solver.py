@@ -1,6 +1,6 @@
 """The bubble and its contents, compiled: a finite-volume Rosenbrock solver.
 
-State (dimensionless, docs/physics.md sections 1-4), all extensive so that what nature conserves is conserved to
+State (dimensionless, docs/method/physics.md sections 1-4), all extensive so that what nature conserves is conserved to
 round-off: in each shell i of the grid
 
     N_i = R^3 n        moles of gas and vapour per shell volume, n = p/T
@@ -11,7 +11,7 @@ velocity v the contents obey
 
     n_t + div(n v) = 0,  [n (1-x)]_t + div(n (1-x) v + Fo n grad x) = 0,
 
-v and p' from docs/physics.md (3.7) and (3.8): the system of Estrada et al. 2018 (doi:10.1016/j.jmps.2017.12.006)
+v and p' from docs/method/physics.md (3.7) and (3.8): the system of Estrada et al. 2018 (doi:10.1016/j.jmps.2017.12.006)
 rewritten without approximation. A grid without shells means polytropic contents. The laws of the material are two
 tables (physics/table.py) and rows of relaxing terms (physics/memory.py); the far-field pressure is a table too.
 
@@ -621,9 +621,7 @@ def integrate(numbers, grid, method, start, time, rtol, max_steps, to_turn, out,
         y, trial = trial, y
         slope, next_slope = next_slope, slope
         growth = 0.9 * max(error, 1e-8) ** (-1 / order)
-        if (
-            steps > 1 and h == wish
-        ):  # Gustafsson's control foresees that the error goes on growing: few steps are rejected
+        if steps > 1 and h == wish:  # Gustafsson's control foresees that the error goes on growing: few are rejected
             trend = (max(last_error, 1e-2) / max(error * error, 1e-8)) ** (1 / order)
             growth = min(growth, 0.9 * h / last_h * trend)
         last_error, last_h = error, h

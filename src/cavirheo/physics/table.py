@@ -1,7 +1,7 @@
 """A function of one number as a chain of quintic polynomials: how the solver is given every law of a material.
 
-The solver needs a stress with its first two derivatives (docs/physics.md, section 4) and must not know the law. A row
-[x, c0 ... c5] of a table holds f(x + t) = c0 + c1 t + ... + c5 t^5 up to the x of the next row; the last row only ends
+The solver needs a stress with its first two derivatives (docs/method/physics.md, section 4) and must not know the law. A
+row [x, c0 ... c5] of a table holds f(x + t) = c0 + c1 t + ... + c5 t^5 up to the x of the next row; the last row only ends
 the range. Each piece takes value, first and second derivative at both its ends from the law, so the three numbers
 that the solver reads come from one polynomial and its Jacobian is exact. Nodes lie where the law needs them, densely
 before a singularity, so a table is read by bisection.
@@ -30,15 +30,13 @@ def hermite(x: Floats, value: Floats, slope: Floats, curvature: Floats) -> Float
     """Table (n, 7) through a function known with two derivatives at the ascending nodes x (n,)."""
     rows = np.zeros((x.size, 7))
     rows[:, 0] = x
-    rows[:-1, 1:] = _pieces(x[:-1], x[1:], value[:-1], np.diff(value), slope, curvature)
+    slopes, curvatures = (np.stack([f[:-1], f[1:]], axis=1) for f in (slope, curvature))
+    rows[:-1, 1:] = _pieces(np.diff(x), value[:-1], np.diff(value), slopes, curvatures)
     return rows
 
 
-def _pieces(a: Floats, b: Floats, start: Floats, rise: Floats, slope: Floats, curvature: Floats) -> Floats:
-    """Coefficients (n, 6) in powers of x - a; slope and curvature (n + 1,) at the nodes or (n, 2) at the ends."""
-    if slope.ndim == 1:
-        slope, curvature = (np.stack([f[:-1], f[1:]], axis=1) for f in (slope, curvature))
-    h = b - a
+def _pieces(h: Floats, start: Floats, rise: Floats, slope: Floats, curvature: Floats) -> Floats:
+    """Coefficients (n, 6), powers of x from the start of pieces of lengths h; slope, curvature (n, 2) at their ends."""
     v0, v1 = h * slope[:, 0], h * slope[:, 1]
     a0, a1 = h * h * curvature[:, 0], h * h * curvature[:, 1]
     c3 = 10 * rise - 6 * v0 - 4 * v1 - 1.5 * a0 + 0.5 * a1
@@ -70,14 +68,15 @@ def tabulate(slope: Callable[[Floats], Floats], nodes: Floats, origin: float) ->
     done: list[Floats] = []  # rows a, b, rise, c0 ... c5
     while a.size:
         if a.size + sum(map(len, done)) > MOST:
-            raise InputError(f"the law is too rough: {MOST} polynomials between {nodes[0]:g} and {nodes[-1]:g} miss it")
+            why = f"the law is too rough: {MOST} polynomials between {nodes[0]:g} and {nodes[-1]:g} miss it"
+            raise InputError(why, "physics.rough")
         h = b - a
         ends = np.stack([a, b], axis=1)
         steps = 1e-3 * h[:, None] * [1, -1]  # inwards: beyond the end the law may have its singularity
         curvature = sum(w * f(ends + k * steps) for k, w in enumerate((-25, 48, -36, 16, -3))) / (12 * steps)
         rise = h * (f(a[:, None] + h[:, None] * _POINTS) @ _WEIGHTS)
         slopes = f(ends)
-        pieces = _pieces(a, b, np.zeros_like(a), rise, slopes, curvature)
+        pieces = _pieces(h, np.zeros_like(a), rise, slopes, curvature)
         t = h[:, None] * _PROBES
         c = [k * pieces[:, k, None] for k in range(6)]
         exact = f(a[:, None] + t)

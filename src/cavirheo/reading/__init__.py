@@ -3,11 +3,13 @@
 | module | knows |
 |---|---|
 | clean | samples as they come -> one RadiusCurve with its notes: units, NaN, order, duplicates |
-| table | columns of text: CSV, InCA exports, curves separated by rows -1000,-1000 |
+| tabular | any text or workbook as rows of cells; what the title of a column says |
+| workbook | the sheets of an .xlsx, .xls, .ods, read in a process of its own |
+| table | rows of cells as curves: columns with titles, InCA exports, curves separated by rows -1000,-1000 |
 | matlab | .mat of v5 to v7.3: which variables make which format |
 | matfile | the bytes of a .mat of v5 to v7 |
 | hdf5 | this project's own .h5 layout |
-| spreadsheet | the sheets of an .xlsx as rows of text; the first one is read |
+| trace | the pressure far from the bubble, over time |
 | limits | how much of a file is read |
 | shots | several files -> the shots of one run and their groups |
 
@@ -18,6 +20,7 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 from cavirheo.curve import RadiusCurve
@@ -29,7 +32,7 @@ __all__ = ["read_curves", "write_csv"]
 _VIDEO = {".mp4", ".avi", ".mov", ".mkv", ".cine", ".tif", ".tiff", ".gif"}
 _EXPECTED = (
     "expected .mat (R_nondim_All + t_nondim_All + RmaxList, or Rnew + t), .csv or .txt (columns time_us,radius_um), "
-    ".h5 (groups with time and radius) or .xlsx"
+    ".h5 (groups with time and radius), .xlsx, .xls or .ods"
 )
 
 
@@ -46,31 +49,37 @@ def read_curves(path: str | Path, *, density: float = 998.0, pressure: float = 1
     """
     path = Path(path)
     if path.is_dir():
-        raise InputError(f"{path} is a directory; give the files in it, e.g. {path}/*.mat")
+        raise InputError(f"{path} is a directory; give the files in it, e.g. {path}/*.mat", "reading.folder")
     if not path.exists():
-        raise InputError(f"{path} does not exist")
+        raise InputError(f"{path} does not exist", "reading.missing")
     if path.suffix.lower() in _VIDEO:
-        raise InputError(f"{path} is a video or image; first measure R(t) in it (cavirheo measure) and give the CSV")
+        raise InputError(
+            f"{path} is a video or image; measure R(t) in it with another program and give its table, "
+            "a CSV with the columns time_us,radius_um",
+            "reading.video",
+        )
     try:
         with path.open("rb") as file:
             head = file.read(1024)
             file.seek(0)
             digest = hashlib.file_digest(file, "sha256").hexdigest()
         if not head:
-            raise InputError(f"the file is empty; {_EXPECTED}")
+            raise InputError(f"the file is empty; {_EXPECTED}", "reading.empty")
         found = _reader(head, path)(path, density, pressure)
         return [_finished(curve, path, digest, k, len(found), density, pressure) for k, curve in enumerate(found, 1)]
     except InputError as error:
-        raise InputError(f"{path}: {error}") from None
+        raise error.within(str(path)) from None
     except Exception as error:  # damaged files make the parsers below raise nearly anything
         raise InputError(
-            f"{path} cannot be read, it may be damaged ({type(error).__name__}: {error}); {_EXPECTED}"
+            f"{path} cannot be read, it may be damaged ({type(error).__name__}: {error}); {_EXPECTED}",
+            "reading.damaged",
         ) from error
 
 
 def _reader(head: bytes, path: Path) -> Callable[[Path, float, float], list[RadiusCurve]]:
     """The reader for a file that begins with `head`."""
-    from cavirheo.reading import hdf5, matlab, spreadsheet, table
+    from cavirheo.reading import hdf5, matlab, table
+    from cavirheo.reading.tabular import kind_of
 
     if head.startswith(b"MATLAB 7.3") or (path.suffix.lower() == ".mat" and head[:4] == b"\x89HDF"):
         return matlab.read_v73
@@ -78,26 +87,18 @@ def _reader(head: bytes, path: Path) -> Callable[[Path, float, float], list[Radi
         return matlab.read_v5
     if head.startswith(b"\x89HDF\r\n\x1a\n"):
         return hdf5.read
-    if head.startswith(b"PK\x03\x04"):
-        return spreadsheet.read
-    if b"\x00" not in head:
+    if kind_of(head) != "binary":
         return table.read
-    raise InputError(f"binary data of no known format; {_EXPECTED}")
+    raise InputError(f"binary data of no known format; {_EXPECTED}", "reading.binary")
 
 
 def _finished(
     curve: RadiusCurve, path: Path, digest: str, number: int, of: int, density: float, pressure: float
 ) -> RadiusCurve:
     """The curve with its name, its source, and the notes that need its maximum."""
-    label = curve.meta.get("label", number)
-    meta = {
-        **curve.meta,
-        "name": path.stem if of == 1 else f"{path.stem}[{label}]",
-        "group": path.stem,
-        "source": str(path),
-        "source_sha256": digest,
-    }
-    curve = RadiusCurve(curve.time, curve.radius, curve.radius_std, meta)
+    name = path.stem if of == 1 else f"{path.stem}[{curve.meta.get('label', number)}]"
+    origin = {"name": name, "group": path.stem, "source": str(path), "source_sha256": digest}
+    curve = replace(curve, meta={**curve.meta, **origin})
     try:
         start, spikes = curve.time_of_max, curve.spikes()
     except InputError:

@@ -20,23 +20,23 @@ _NO_BUBBLE = 1e-9  # m; smaller numbers are what an empty frame leaves behind (d
 
 def unusable(reason: str, **meta: Any) -> RadiusCurve:
     """A curve without samples that says why."""
-    return RadiusCurve(np.empty(0), np.empty(0), meta={**meta, "problem": reason, "notes": (reason,)})
+    return RadiusCurve(np.empty(0), np.empty(0), meta={**meta, "notes": (reason,)}, unusable=reason)
 
 
 def make_curve(
     time: ArrayLike,
     radius: ArrayLike,
     *,
-    time_unit: str | None,
-    radius_unit: str | None,
     radius_std: ArrayLike | None = None,
+    time_unit: str | None = None,
+    radius_unit: str | None = None,
     notes: tuple[str, ...] = (),
     **meta: Any,
 ) -> RadiusCurve:
     """Clean one curve: (n,) times and radii (and their deviations) in the given units; None = tell from the size.
 
     Frames with NaN, infinite or absurd (1e9) radius are NaN; radii <= 0 become NaN; frames without a time are left
-    out; frames are sorted by time; frames of one time are averaged. Each is counted in the notes.
+    out; frames are sorted by time; frames of one time are averaged. Each is counted in the notes. `meta`: the curve's.
 
     Raises:
         InputError: no unit of time is given and it cannot be told.
@@ -57,7 +57,7 @@ def make_curve(
     t = t * TIME_UNITS[time_unit]
 
     r = np.where(np.abs(r) < _ABSURD, r, np.nan)
-    scale, scale_note, no_scale = _radius_scale(_largest(r), radius_unit)
+    scale, scale_note, unscaled = _radius_scale(_largest(r), radius_unit)
     said += [scale_note] if scale_note else []
     r, std = r * scale, std * scale
     not_measured = r < _NO_BUBBLE
@@ -70,14 +70,11 @@ def make_curve(
         said.append(f"{not_measured.sum()} frames with radius <= 0 marked as not measured")
 
     t, r, std, order_notes = _in_order(t, r, std)
-    meta = {**meta, "notes": tuple(said + order_notes)}
-    if no_scale:
-        meta["no_scale"] = no_scale
-        meta["notes"] += (no_scale,)
     rate = _frame_rate(t)
     if rate is not None:
         meta.setdefault("frame_rate_hz", rate)
-    return RadiusCurve(t, r, std, meta)
+    said += [*order_notes, *([unscaled] if unscaled else [])]
+    return RadiusCurve(t, r, std, {**meta, "notes": tuple(said)}, unscaled=unscaled)
 
 
 def _in_order(t: Floats, r: Floats, std: Floats) -> tuple[Floats, Floats, Floats, list[str]]:
@@ -135,7 +132,9 @@ def _guess_time_unit(t: NDArray[np.float64]) -> str:
         return "s"
     if 1.0 <= span <= 5e3:
         return "us"
-    raise InputError(f"the unit of time cannot be told from its span ({span:.4g}); name it in the header, e.g. time_us")
+    raise InputError(
+        f"the unit of time cannot be told from its span ({span:.4g}); name it in the header, e.g. time_us", "table.time"
+    )
 
 
 def _frame_rate(t: NDArray[np.float64]) -> float | None:

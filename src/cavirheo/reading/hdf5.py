@@ -18,57 +18,52 @@ from cavirheo.reading import limits
 from cavirheo.reading.clean import make_curve
 from cavirheo.reading.table import column
 
+Arrays = dict[str, tuple[Any, str | None]]  # by kind of column: the dataset, not yet read, and its unit
+
 
 def read(path: Path, density: float, pressure: float) -> list[RadiusCurve]:
     import h5py
 
-    shots: list[tuple[Any, dict[str, Any], dict[str, str | None]]] = []
-    found: list[str] = []
     with h5py.File(path, "r") as file:
+        groups, found = [file], []
 
         def visit(name: str, item: Any) -> None:
             found.append(name)
             limits.few(len(found), limits.SAMPLES // 100, "groups and datasets")
             if isinstance(item, h5py.Group):
-                shots.extend(_shot_of(item, h5py.Dataset))
+                groups.append(item)
 
-        shots.extend(_shot_of(file, h5py.Dataset))
         file.visititems(visit)
+        shots = [(group, arrays) for group in groups if {"time", "radius"} <= (arrays := _arrays(group)).keys()]
         limits.few(len(shots), limits.CURVES, "curves")
-        limits.arrays(array for _, arrays, _ in shots for array in arrays.values())
+        limits.arrays(item for _, arrays in shots for item, _ in arrays.values())
         curves = [_curve(*shot) for shot in shots]
     if not curves:
         raise InputError(
             f"no group holds a time and a radius dataset; found: {', '.join(found[:20]) or 'nothing'}; expected "
-            "datasets time and radius (s, m), or time_us and radius_um, in the root or one group per curve"
+            "datasets time and radius (s, m), or time_us and radius_um, in the root or one group per curve",
+            "hdf5.datasets",
         )
     return curves
 
 
-def _shot_of(group: Any, dataset: Any) -> list[tuple[Any, dict[str, Any], dict[str, str | None]]]:
-    """[(group, its arrays, their units)], not yet read; [] if it holds no time or no radius."""
-    arrays: dict[str, Any] = {}
-    units: dict[str, str | None] = {}
+def _arrays(group: Any) -> Arrays:
+    """The datasets of a group that are named like columns of a curve and hold numbers."""
+    import h5py
+
+    arrays: Arrays = {}
     for name in group:
         kind, unit = column(name)
-        if kind not in ("time", "radius", "radius_std"):
-            continue
-        item = limits.own(group, name)
-        if isinstance(item, dataset) and item.dtype.kind in "fiu":
-            arrays[kind], units[kind] = item, unit
-    return [(group, arrays, units)] if "time" in arrays and "radius" in arrays else []
+        if kind in ("time", "radius", "radius_std"):
+            item = limits.own(group, name)
+            if isinstance(item, h5py.Dataset) and item.dtype.kind in "fiu":
+                arrays[kind] = item, unit
+    return arrays
 
 
-def _curve(group: Any, arrays: dict[str, Any], units: dict[str, str | None]) -> RadiusCurve:
-    values = {kind: np.asarray(item[()]) for kind, item in arrays.items()}
+def _curve(group: Any, arrays: Arrays) -> RadiusCurve:
     meta: dict[str, Any] = {"label": group.name.strip("/")} if group.name != "/" else {}
     if "stretch" in group.attrs:
         meta["stretch"] = float(group.attrs["stretch"])
-    return make_curve(
-        values["time"],
-        values["radius"],
-        radius_std=values.get("radius_std"),
-        time_unit=units["time"] or "s",
-        radius_unit=units["radius"] or "m",
-        **meta,
-    )
+    samples: dict[str, Any] = {kind: np.asarray(item[()]) for kind, (item, _) in arrays.items()}
+    return make_curve(**samples, time_unit=arrays["time"][1] or "s", radius_unit=arrays["radius"][1] or "m", **meta)

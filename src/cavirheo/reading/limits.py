@@ -24,9 +24,9 @@ INFLATED = 500_000_000  # bytes of all variables of a .mat, unpacked
 
 
 def few(count: int, most: int, what: str) -> None:
-    """Raises InputError where there are more of them than are read."""
+    """Raises InputError where there are more of them than are read: "limits.lines" for lines, and so on."""
     if count > most:
-        raise InputError(f"{count} {what}: more than {most} are not read; split the file")
+        raise InputError(f"{count} {what}: more than {most} are not read; split the file", f"limits.{what.split()[0]}")
 
 
 def text(path: Path) -> bytes:
@@ -47,17 +47,18 @@ def arrays(items: Iterable[Any]) -> None:
     """HDF5 datasets that are about to be read.
 
     Raises:
-        InputError: they declare more samples than are read, or chunks as large, or take their numbers from other files.
+        InputError: they declare more samples than are read ("limits.shape"), or chunks as large ("limits.chunks"), or
+            take their numbers from other files ("limits.elsewhere").
     """
     total = 0
     for item in items:
         if item.external or item.is_virtual:
-            raise InputError(f"{item.name} takes its numbers from another file; copy them into this one")
-        if prod(item.chunks or (0,)) > SAMPLES:
-            raise InputError(f"{item.name} declares chunks of {item.chunks}: more than {SAMPLES} samples are not read")
+            raise _elsewhere(f"{item.name} takes its numbers from another file")
         total += prod(item.shape)
-        if total > SAMPLES:
-            raise InputError(f"{item.name} declares the shape {item.shape}: more than {SAMPLES} samples are not read")
+        for what, size in (("chunks", prod(item.chunks or (0,))), ("shape", total)):
+            if size > SAMPLES:
+                declared = f"{item.name} declares the {what} {getattr(item, what)}"
+                raise InputError(f"{declared}: more than {SAMPLES} samples are not read", f"limits.{what}")
 
 
 def own(group: Any, name: str) -> Any:
@@ -65,5 +66,9 @@ def own(group: Any, name: str) -> Any:
     import h5py
 
     if isinstance(group.get(name, getlink=True), h5py.ExternalLink):
-        raise InputError(f"{name} is a link to another file; copy it into this one")
+        raise _elsewhere(f"{name} is a link to another file")
     return group.get(name)
+
+
+def _elsewhere(what: str) -> InputError:
+    return InputError(f"{what}; copy them into this one", "limits.elsewhere")

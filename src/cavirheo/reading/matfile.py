@@ -11,6 +11,7 @@ from __future__ import annotations
 import struct
 import zlib
 from collections.abc import Container, Iterator
+from math import prod
 from pathlib import Path
 from typing import Any
 
@@ -37,7 +38,7 @@ def read_matfile(path: Path, wanted: Container[str]) -> tuple[dict[str, Any], li
     left = limits.INFLATED
     order = {b"IM": "<", b"MI": ">"}.get(content[126:128])
     if order is None or len(content) < 128:
-        raise InputError("not a MATLAB file of version 5 to 7: its header of 128 bytes is damaged")
+        raise InputError("not a MATLAB file of version 5 to 7: its header of 128 bytes is damaged", "matfile.damaged")
     variables: dict[str, Any] = {}
     names: list[str] = []
     for kind, data in _elements(content[128:], order):
@@ -49,8 +50,10 @@ def read_matfile(path: Path, wanted: Container[str]) -> tuple[dict[str, Any], li
                 names += [name] if name else []
                 continue
             data = head + inflate.decompress(inflate.unconsumed_tail, left)
+            if inflate.unconsumed_tail:
+                raise InputError(f"{name} unpacks to more than {limits.INFLATED} bytes in all", "limits.unpacked")
             if not inflate.eof:
-                raise InputError(f"{name} is cut off, or unpacks to more than {limits.INFLATED} bytes in all")
+                raise InputError(f"{name} is cut off", "matfile.cut")
             left -= len(data)
             kind, data = next(_elements(data, order), (0, b""))
         if kind != _MATRIX:
@@ -70,12 +73,13 @@ def _elements(data: bytes, order: str) -> Iterator[tuple[int, bytes]]:
         if kind >> 16:  # small element: both numbers share the first four bytes, the data fills the other four
             kind, length, start, after = kind & 0xFFFF, kind >> 16, at + 4, at + 8
             if length > 4:
-                raise InputError(f"damaged at byte {at}: a small element of {length} bytes")
+                raise InputError(f"damaged at byte {at}: a small element of {length} bytes", "matfile.damaged")
         else:
             start = at + 8
             after = start + length + (0 if kind == _DEFLATED else -length % 8)
         if start + length > len(data):
-            raise InputError(f"cut off: an element of {length} bytes begins where {len(data) - start} are left")
+            left = len(data) - start
+            raise InputError(f"cut off: an element of {length} bytes begins where {left} are left", "matfile.cut")
         yield kind, data[start : start + length]
         at = after
 
@@ -85,7 +89,7 @@ def _header(data: bytes, order: str) -> tuple[int, tuple[int, ...], str, Iterato
     parts = _elements(data, order)
     flags, shape_bytes, name_bytes = (next(parts, (0, b""))[1] for _ in range(3))
     if len(flags) < 4 or len(shape_bytes) % 4:
-        raise InputError("an array without flags or dimensions")
+        raise InputError("an array without flags or dimensions", "matfile.damaged")
     array_class = struct.unpack_from(order + "I", flags)[0] & 0xFF
     shape = struct.unpack(f"{order}{len(shape_bytes) // 4}i", shape_bytes)
     return array_class, shape, name_bytes.decode("latin-1"), parts
@@ -114,13 +118,12 @@ def _array(data: bytes, order: str, wanted: Container[str] | None) -> tuple[str,
         return name, None
     kind, numbers = next(parts, (9, b""))
     if kind not in _NUMBERS:
-        raise InputError(f"{name or 'a cell'}: numbers of the unknown type {kind}")
+        raise InputError(f"{name or 'a cell'}: numbers of the unknown type {kind}", "matfile.damaged")
     item = np.dtype(order + _NUMBERS[kind])
     limits.few(len(numbers) // item.itemsize, limits.SAMPLES, f"numbers in {name or 'a cell'}")
     values = np.frombuffer(numbers[: len(numbers) // item.itemsize * item.itemsize], item).astype(np.float64)
-    size = 1
-    for length in shape:
-        size *= length
-    if min(shape, default=0) < 0 or size != len(values):
-        raise InputError(f"{name or 'a cell'}: {len(values)} numbers for an array of the shape {shape}")
+    if min(shape, default=0) < 0 or prod(shape) != len(values):
+        raise InputError(
+            f"{name or 'a cell'}: {len(values)} numbers for an array of the shape {shape}", "matfile.damaged"
+        )
     return name, values.reshape(shape, order="F")

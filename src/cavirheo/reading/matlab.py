@@ -11,6 +11,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -23,23 +24,8 @@ from cavirheo.reading.clean import make_curve, unusable
 from cavirheo.reading.matfile import read_matfile
 
 _CELLS = ("R_nondim_All", "t_nondim_All")
-_WANTED = (
-    *_CELLS,
-    *(
-        "RmaxList",
-        "lambda_max_mean",
-        "lambda_max_std",
-        "P_inf",
-        "rho",
-        "Rnew",
-        "t",
-        "deltax",
-        "deltat",
-        "R",
-        "RmaxAll",
-    ),
-    *("Rmax", "shift_normRnew", "shift_normTnew"),
-)
+_ONE_EACH = "RmaxList lambda_max_mean lambda_max_std P_inf rho Rnew t deltax deltat R Rmax shift_normRnew"
+_WANTED = (*_CELLS, *_ONE_EACH.split())
 
 Variables = dict[str, Any]  # name -> (…,) float array, or a list of them for a cell array
 
@@ -90,11 +76,13 @@ def _curves(variables: Variables, found: list[str], density: float, pressure: fl
     if "pIMR_array" in found:
         raise InputError(
             "a table of collapse times (pIMR_array: R_max, stretch, t_1), not radius histories R(t): "
-            "there is no curve in it to infer from; use cavirheo collapse-time"
+            "there is no curve in it to infer from; use cavirheo collapse-time",
+            "matlab.collapse_times",
         )
     raise InputError(
         f"no radius history; variables found: {', '.join(found) or 'none'}; expected R_nondim_All, t_nondim_All and "
-        "RmaxList (BDT), or Rnew and t (IMR)"
+        "RmaxList (BDT), or Rnew and t (IMR)",
+        "matlab.variables",
     )
 
 
@@ -113,10 +101,10 @@ def _bdt(variables: Variables, density: float, pressure: float) -> list[RadiusCu
         if value is not None and value > 0:
             shared.append(f"{name} = {value:.6g} {unit} taken from the file")
             density, pressure = (density, value) if name == "P_inf" else (value, pressure)
-    meta: dict[str, Any] = {"stated_time_of_max": 0.0}
+    stated: dict[str, Any] = {}
     stretch, spread = (_scalar(variables, name) for name in ("lambda_max_mean", "lambda_max_std"))
     if stretch is not None:
-        meta |= {"stretch": stretch, "stretch_std": spread}
+        stated = {"stretch": stretch, "stretch_std": spread}
         shared.append(f"the file states one stretch for all shots: {stretch:.4g} +- {spread or float('nan'):.2g}")
     listed = variables.get("RmaxList", np.empty(0)).ravel()
     per_radius = float(np.sqrt(density / pressure))  # s per m of R_max and unit of t*
@@ -125,19 +113,14 @@ def _bdt(variables: Variables, density: float, pressure: float) -> list[RadiusCu
         cell = f"cell {k + 1} of {len(radii)}"
         max_radius = float(listed[k]) if k < len(listed) else np.nan
         if radius.size == 0 or time.size == 0:
-            curves.append(unusable(f"{cell} is empty", **meta))
+            curve = unusable(f"{cell} is empty", **stated)
         elif len(listed) and not max_radius > 0:
-            curves.append(unusable(f"{cell} has samples but RmaxList gives R_max = {max_radius:.4g} m", **meta))
+            curve = unusable(f"{cell} has samples but RmaxList gives R_max = {max_radius:.4g} m", **stated)
         elif not len(listed):  # time and radius both wait for the user's R_max
             reason = "the file has no RmaxList, so radii and times are only known in units of R_max"
-            bare = make_curve(time * per_radius, radius, time_unit="s", radius_unit="m", **meta)
-            waiting = {
-                **bare.meta,
-                "no_scale": reason,
-                "time_over_max_radius": True,
-                "notes": (*shared, reason),
-            }
-            curves.append(RadiusCurve(bare.time, bare.radius, bare.radius_std, waiting))
+            curve = make_curve(time * per_radius, radius, time_unit="s", radius_unit="m", **stated)
+            meta = {**curve.meta, "notes": (*shared, reason)}
+            curve = replace(curve, meta=meta, unscaled=reason, time_unscaled=True)
         else:
             scale = f"R_max = {max_radius * 1e6:.4g} um, density {density:.6g} kg/m3, {pressure:.6g} Pa"
             curve = make_curve(
@@ -146,15 +129,15 @@ def _bdt(variables: Variables, density: float, pressure: float) -> list[RadiusCu
                 time_unit="s",
                 radius_unit="m",
                 notes=(f"seconds from t* with {scale}", *shared),
-                **meta,
+                **stated,
             )
-            curves.append(curve.with_notes(*_density_hint(curve, density)))
+            curve = curve.with_notes(*_density_hint(curve.frame_rate, density))
+        curves.append(replace(curve, stated_time_of_max=0.0))
     return curves
 
 
-def _density_hint(curve: RadiusCurve, density: float) -> list[str]:
+def _density_hint(rate: float | None, density: float) -> list[str]:
     """Cameras run at round rates: a rate just off one says with which density the file was made dimensionless."""
-    rate = curve.meta.get("frame_rate_hz")
     if rate is None:
         return []
     rounds = np.array([1.0, 2.0, 5.0])[:, None] * 10.0 ** np.arange(4, 8)
@@ -193,20 +176,12 @@ def _shifted(variables: Variables) -> list[RadiusCurve]:
 
 
 def _rows(
-    time: Floats,
-    radius: Floats,
-    *,
-    radius_unit: str | None,
-    notes: tuple[str, ...],
-    time_unit: str | None = None,
-    **meta: Any,
+    time: Floats, radius: Floats, *, radius_unit: str | None, notes: tuple[str, ...], time_unit: str | None = None
 ) -> list[RadiusCurve]:
     """One curve, or one per row (column) of a matrix whose rows (columns) are as long as the time."""
     time = time.ravel()
     if radius.ndim != 2 or min(radius.shape) <= 1:
         shots = [radius.ravel()]
-    elif radius.shape[1] == len(time):
-        shots = list(radius)
     else:
-        shots = list(radius.T)
-    return [make_curve(time, r, time_unit=time_unit, radius_unit=radius_unit, notes=notes, **meta) for r in shots]
+        shots = list(radius if radius.shape[1] == len(time) else radius.T)
+    return [make_curve(time, r, time_unit=time_unit, radius_unit=radius_unit, notes=notes) for r in shots]

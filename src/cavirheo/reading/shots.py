@@ -21,7 +21,9 @@ def read_shots(
         InputError: `max_radius` is no radius of a bubble.
     """
     if max_radius is not None and not 0 < max_radius < 0.1:
-        raise InputError(f"the true R_max must be a radius in micrometres, up to 1e5, got {1e6 * max_radius:.6g}")
+        raise InputError(
+            f"the true R_max must be a radius in micrometres, up to 1e5, got {1e6 * max_radius:.6g}", "curve.max_radius"
+        )
     groups: list[list[RadiusCurve]] = []
     problems: list[str] = []
     for path in files:
@@ -31,9 +33,9 @@ def read_shots(
             problems.append(str(error))
             continue
         groups.append(found if max_radius is None else [_scaled(curve, max_radius) for curve in found])
-    folders = [Path(curves[0].meta["source"]).resolve().parent for curves in groups if len(curves) == 1]
+    folders = [Path(curves[0].source).resolve().parent for curves in groups if len(curves) == 1]
     for k, curves in enumerate(groups):
-        folder = Path(curves[0].meta["source"]).resolve().parent
+        folder = Path(curves[0].source).resolve().parent
         if len(curves) == 1 and folders.count(folder) > 1:
             groups[k] = [curves[0].with_group(folder.name, str(folder))]
     return [curve for curves in groups for curve in curves], problems

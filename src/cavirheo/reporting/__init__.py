@@ -2,19 +2,18 @@
 
 | module | does |
 |---|---|
-| document | what all documents have in common |
 | record | result.json: what other programs read |
-| digits | digits, units and words for people, the same everywhere |
 | table | the terminal, and CSV |
-| style | how all pictures look |
-| picture | measured points, simulation of the answer, residual (needs the [plot] extra) |
-| html | the report, one file |
+| fitted | other windows, what was freed, correlations |
+| picture | measured points, simulation of the answer, residual |
+| html | the report, one file, from report.html, parts.html and report.css |
+| laws | which of several laws the curves speak for: table and laws.json |
 """
 
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from datetime import datetime
 from pathlib import Path
 
@@ -43,40 +42,53 @@ def write_report(
         pictures: kinds of picture files, of "png" and "svg"; () for none. The report holds its pictures in itself.
         date: as it stands in the documents; now if not given.
 
-    Without matplotlib there are no pictures, and the report and the result's notes say so.
+    Without matplotlib there are no PNG pictures, and the report and the result's notes say so.
 
     Raises:
         InputError: an unknown kind of picture, or a directory that cannot be written.
     """
-    from cavirheo.reporting import html, picture, table
+    from cavirheo.reporting import html, table
     from cavirheo.writing import style
 
     if unknown := [kind for kind in pictures if kind not in _KINDS]:
-        raise InputError(f"pictures can be {' or '.join(_KINDS)}, got {', '.join(map(repr, unknown))}")
+        raise InputError(
+            f"pictures can be {' or '.join(_KINDS)}, got {', '.join(map(repr, unknown))}", "reporting.picture_kind"
+        )
     date = date or datetime.now().astimezone().strftime("%Y-%m-%d %H:%M %Z")
-    drawing = style.available()
-    document = result(pairs, command, date=date, notes=() if drawing else (style.NO_PICTURES,))
-    unit = document.modulus_unit
+    lacking = "png" in pictures and not style.available()
+    document = result(pairs, command, date=date, notes=(style.NO_PICTURES,) if lacking else ())
+    kinds = [kind for kind in pictures if kind != "png" or not lacking]
     with into(directory) as folder:
-        drawn: dict[int, str] = {}
-        overviews: dict[int, str] = {}
-        if drawing:
-            names = file_names([record.name for record in document.curves])
-            for number, (pair, name) in enumerate(zip(pairs, names, strict=True)):
-                figure = picture.curve_figure(*pair, unit)
-                drawn[number] = picture.svg(figure, f"curve-{number}", header=False)
-                if "svg" in pictures:
-                    (folder / f"{name}.svg").write_text(picture.svg(figure, name), encoding="utf-8")
-                if "png" in pictures:
-                    picture.save_png(folder / f"{name}.png", figure)
-            for number, (group, members) in enumerate(document.members()):
-                if group.n > 1:
-                    figure = picture.group_figure([pairs[i] for i in members], group, unit)
-                    overviews[number] = picture.svg(figure, f"group-{number}")
         write_json(folder / "result.json", document)
         table.write_csv(folder / "result.csv", document)
-        (folder / "report.html").write_text(html.render(document, drawn, overviews), encoding="utf-8")
+        html.write(
+            folder / "report.html", document, _curve_pictures(folder, pairs, document, kinds),
+            _group_pictures(pairs, document),
+        )  # fmt: skip
     return document
+
+
+def _curve_pictures(folder: Path, pairs: Pairs, document: Result, kinds: Sequence[str]) -> Iterator[str]:
+    """Draws, saves and forgets the picture of one curve after the other; yields what the report shows of it."""
+    from cavirheo.reporting.picture import HEADER, curve_picture
+
+    names = file_names([record.name for record in document.curves])
+    for (curve, posterior), record, name in zip(pairs, document.curves, names, strict=True):
+        page = curve_picture(curve, posterior.checks, record, document.modulus_unit)
+        if "svg" in kinds:
+            page.save_svg(folder / f"{name}.svg")
+        if "png" in kinds:
+            page.save_png(folder / f"{name}.png")
+        yield page.svg(HEADER)
+
+
+def _group_pictures(pairs: Pairs, document: Result) -> Iterator[str]:
+    from cavirheo.reporting.picture import group_picture
+
+    for group, members in document.members():
+        if group.n > 1:
+            mine = [pairs[i] for i in members], [document.curves[i] for i in members]
+            yield group_picture(*mine, group, document.modulus_unit).svg()
 
 
 def file_names(names: Sequence[str]) -> list[str]:

@@ -1,12 +1,10 @@
-"""What a least-squares fit says besides its answer: other windows, what was freed, correlations.
-
-All of it stands in the provenance of a row (inference/fit); rows of other methods have none and give nothing here.
-"""
+"""What an answer says besides its values: other windows that were fitted, what was freed, correlations, its draws."""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
+from cavirheo.posterior import WindowAnswer
 from cavirheo.reporting.record import CurveRecord, Result
 from cavirheo.writing import digits
 from cavirheo.writing.document import spread_of
@@ -14,14 +12,14 @@ from cavirheo.writing.document import spread_of
 if TYPE_CHECKING:
     from rich.table import Table
 
+_FITS = ("least_squares", "laplace")  # methods whose answer is a maximum
 _SYMBOLS = {"shear_modulus": "G", "viscosity": "µ", "stretch": "λ", "time_origin": "t_0", "radius_scale": "scale"}
 _HEADS = {"1": "1 collapse", "2": "2 collapses", "3": "3 collapses", "all": "whole recording"}
 
 
-def windows(record: CurveRecord) -> dict[str, dict[str, Any]]:
+def windows(record: CurveRecord) -> dict[str, WindowAnswer]:
     """The answers of the windows "1", "2", "3", "all" (collapses) that were fitted."""
-    found = record.provenance.get("windows") if record.method == "least_squares" and record.answered else None
-    return found if isinstance(found, dict) else {}
+    return record.windows if record.method in _FITS and record.answered else {}
 
 
 def window_cells(record: CurveRecord, factor: float) -> list[str]:
@@ -30,12 +28,12 @@ def window_cells(record: CurveRecord, factor: float) -> list[str]:
 
 
 def mean_cells(records: list[CurveRecord], factor: float) -> list[str]:
-    """Mean ± standard deviation of G and mu over the curves that have the window, and how many they are."""
+    """Mean ± standard deviation of G and mu over the trusted curves that have the window, and how many they are."""
     cells = []
     for key in _HEADS:
-        having = [found[key] for record in records if key in (found := windows(record))]
+        having = [found[key].best for record in records if record.trusted and key in (found := windows(record))]
         parts = [
-            digits.spread(spread_of([one.get(name) for one in having]), scale)
+            digits.spread(spread_of([best.get(name) for best in having]), scale)
             for name, scale in (("shear_modulus", factor), ("viscosity", 1.0))
         ]
         known = ", ".join(part for part in parts if part != digits.MISSING)
@@ -68,34 +66,35 @@ def windows_table(result: Result) -> Table | None:
 
 def facts(record: CurveRecord, factor: float, unit: str) -> dict[str, str]:
     """Plain text for the report of one curve, by heading."""
-    about = record.provenance
-    found: dict[str, str] = {}
+    if not record.answered:
+        return {}
+    about = record.diagnostics
+    found = {"stretch": about.stretch_source}
     if windows(record):
         cells = zip(_HEADS.values(), window_cells(record, factor), strict=True)
         found["windows"] = f"G ({unit}), µ (Pa s): " + "; ".join(f"{head} {cell}" for head, cell in cells)
-    if record.method == "least_squares" and record.answered:
-        freed = about.get("free") or {}
-        found["freed"] = ", ".join(f"{_SYMBOLS.get(name, name)} = {value:.4g}" for name, value in freed.items())
+    if record.method in _FITS:
+        found["freed"] = ", ".join(f"{_SYMBOLS.get(name, name)} = {value:.4g}" for name, value in about.free.items())
         found["correlations"] = ", ".join(
             f"{' and '.join(_SYMBOLS.get(name, name) for name in pair.split(', '))} {value:+.2f}"
-            for pair, value in (about.get("correlations") or {}).items()
+            for pair, value in about.correlations.items()
         )
-        tau, frames = about.get("frames_per_independent_residual"), about.get("frames")
-        if tau and frames:
-            found["residuals"] = f"{frames} frames, worth {frames / tau:.0f} independent ones"
-    if (ess := about.get("effective_sample_size")) is not None and record.answered:
-        found["posterior"] = f"{about.get('draws')} weighted draws, worth {ess:.0f} effective draws"
-    if isinstance(check := about.get("predictive"), dict) and record.answered:
+        if about.frames and about.frames_per_independent_residual:
+            worth = about.frames / about.frames_per_independent_residual
+            found["residuals"] = f"{about.frames} frames, worth {worth:.0f} independent ones"
+    if about.effective_sample_size is not None:
+        found["posterior"] = f"{about.draws} weighted draws, worth {about.effective_sample_size:.0f} effective draws"
+    if about.predictive and about.predictive.get("p_value") is not None:
         found["predictive check"] = (
-            f"p = {check['p_value']:.2g} that the law and noise alone leave such residuals; systematic misfit "
-            f"{digits.percent(about.get('systematic_misfit_over_rmax'))} % of R_max"
+            f"p = {about.predictive['p_value']:.2g} that the law and noise alone leave such residuals; systematic "
+            f"misfit {digits.percent(about.systematic_misfit_over_rmax)} % of R_max"
         )
     return {key: text for key, text in found.items() if text}
 
 
-def _pair(found: dict[str, Any] | None, factor: float) -> str:
-    if not found:
+def _pair(found: WindowAnswer | None, factor: float) -> str:
+    if found is None:
         return digits.MISSING
-    values = [(found.get("shear_modulus"), factor), (found.get("viscosity"), 1.0)]
+    values = [(found.best.get("shear_modulus"), factor), (found.best.get("viscosity"), 1.0)]
     text = ", ".join(digits.significant(value * scale) for value, scale in values if value is not None)
-    return (text or digits.MISSING) + ("*" if found.get("at_bound") else "")
+    return (text or digits.MISSING) + ("*" if found.at_bound else "")

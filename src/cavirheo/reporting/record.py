@@ -1,7 +1,7 @@
 """result.json: the answers as a document that other programs read (schema 1), and back.
 
 Every number is SI and finite, or null: a method without an interval has null q05 and q95, a curve without an answer
-has null everywhere and says why in `message`.
+has null everywhere and says why in `message`. Means of a group are over its trusted curves, those with verdict ok.
 """
 
 from __future__ import annotations
@@ -11,13 +11,12 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from pydantic import ValidationError
 
 from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError
-from cavirheo.posterior import Posterior, Verdict
-from cavirheo.writing import digits
-from cavirheo.writing.document import Document, Model, Quantity, Spread, spread_of
+from cavirheo.posterior import Diagnostics, Evidence, Posterior, Verdict, WindowAnswer
+from cavirheo.writing import digits, document
+from cavirheo.writing.document import Document, Quantity, Record, Spread, spread_of
 
 Pairs = Sequence[tuple[RadiusCurve, Posterior]]
 
@@ -25,8 +24,8 @@ _NO_ANSWER = "no parameters were found"
 _NOT_A_NUMBER = "the method's answer is not a finite number: {}"
 
 
-class Window(Model):
-    """What was compared: from R_max to t_star_end (t/t_c), holding so many complete collapses."""
+class Compared(Record):
+    """The window: from R_max to t_star_end (t/t_c), holding so many complete collapses."""
 
     collapses: int | None = None
     t_star_end: float | None = None
@@ -39,8 +38,11 @@ class Window(Model):
         return ", ".join(words) or digits.MISSING
 
 
-class CurveRecord(Model):
-    """One row. `other_parameters` holds what was inferred besides G, mu and the stretch, in SI."""
+class CurveRecord(Record):
+    """One row. `other_parameters` holds what was inferred besides G, mu and the stretch, in SI.
+
+    `windows`, `evidence` and `diagnostics` are those of the Posterior; `provenance` is for people alone.
+    """
 
     name: str
     source: str
@@ -58,23 +60,34 @@ class CurveRecord(Model):
     rmse_over_rmax: float | None
     mae_over_rmax: float | None
     max_difference_over_rmax: float | None
-    window: Window
+    window: Compared
     verdict: Verdict
     message: str
     notes: list[str]
     seconds: float
+    windows: dict[str, WindowAnswer] = {}
+    evidence: Evidence | None = None
+    diagnostics: Diagnostics = Diagnostics()
     provenance: dict[str, Any]
 
     @property
     def answered(self) -> bool:
         return self.verdict != "failed"
 
+    @property
+    def trusted(self) -> bool:
+        return self.verdict == "ok"
 
-class GroupRecord(Model):
-    """The shots of one file: n answered, n_failed not; `verdicts` counts the curves with each."""
+
+class GroupRecord(Record):
+    """The shots of one file: n answered, n_failed not; `verdicts` counts the curves with each.
+
+    Means are over the n_trusted with verdict ok; null in documents of before, whose means are over all n.
+    """
 
     name: str
     n: int
+    n_trusted: int | None = None
     n_failed: int
     shear_modulus_Pa: Spread
     viscosity_Pa_s: Spread
@@ -84,6 +97,13 @@ class GroupRecord(Model):
     def shots(self) -> str:
         """'5 shots, 1 failed'."""
         return f"{self.n} shot" + ("" if self.n == 1 else "s") + (f", {self.n_failed} failed" if self.n_failed else "")
+
+    @property
+    def basis(self) -> str:
+        """'mean of 3 trusted of 5 answered'; nothing where all that were answered are trusted."""
+        if self.n_trusted is None or self.n_trusted == self.n:
+            return ""
+        return f"{f'mean of {self.n_trusted}' if self.n_trusted else 'no mean: none'} trusted of {self.n} answered"
 
 
 class Result(Document):
@@ -116,17 +136,7 @@ def result(pairs: Pairs, command: str, *, date: str | None = None, notes: Sequen
 
 def read_json(path: str | Path) -> Result:
     """A result.json as it was written. Raises InputError if there is none or it is not one of ours."""
-    try:
-        return Result.model_validate_json(Path(path).read_text(encoding="utf-8"))
-    except (OSError, UnicodeDecodeError) as error:
-        raise InputError(f"{path}: cannot be read ({error})") from None
-    except ValidationError as error:
-        first = error.errors(include_url=False)[0]
-        where = ".".join(str(part) for part in first["loc"]) or "the document"
-        raise InputError(
-            f"{path}: not a cavirheo result of schema 1; {where}: {first['msg']}; expected a result.json "
-            "written by `cavirheo infer` or `cavirheo fit`"
-        ) from None
+    return document.read_json(path, Result)
 
 
 def curve_record(curve: RadiusCurve, posterior: Posterior) -> CurveRecord:
@@ -150,13 +160,13 @@ def curve_record(curve: RadiusCurve, posterior: Posterior) -> CurveRecord:
 
     stretch = quantity("stretch")
     if answered and stretch.median is None:  # not the network's own, but fitted after it or given
-        stretch = Quantity(median=_finite(posterior.provenance.get("stretch")))
+        stretch = Quantity(median=_finite(posterior.stretch))
     inferred = [name.removeprefix("log10_") for name in posterior.names]
     return CurveRecord(
         name=curve.name,
-        source=str(curve.meta.get("source", "")),
-        group=str(curve.meta.get("group", curve.name)),
-        group_source=str(curve.meta.get("group_source", curve.meta.get("source", ""))),
+        source=curve.source,
+        group=curve.group,
+        group_source=curve.group_source,
         max_radius_m=_measured(curve, "max_radius"),
         time_of_max_s=_measured(curve, "time_of_max"),
         strain_rate_per_s=_measured(curve, "strain_rate"),
@@ -169,11 +179,14 @@ def curve_record(curve: RadiusCurve, posterior: Posterior) -> CurveRecord:
         rmse_over_rmax=if_answered(checks.rmse_over_rmax),
         mae_over_rmax=if_answered(checks.mae_over_rmax),
         max_difference_over_rmax=if_answered(checks.max_difference_over_rmax),
-        window=Window(collapses=checks.collapses if answered else None, t_star_end=if_answered(checks.t_star_end)),
+        window=Compared(collapses=checks.collapses if answered else None, t_star_end=if_answered(checks.t_star_end)),
         verdict=verdict,
         message=message or ("" if answered else _NO_ANSWER),
         notes=list(curve.notes),
         seconds=_finite(posterior.seconds) or 0.0,
+        windows={key: _known(vars(window)) for key, window in posterior.windows.items()},
+        evidence=posterior.evidence,
+        diagnostics=_known(vars(posterior.diagnostics)),
         provenance=_plain(posterior.provenance),
     )
 
@@ -187,15 +200,17 @@ def _members(curves: Sequence[CurveRecord]) -> dict[tuple[str, str], list[int]]:
 
 
 def group_record(name: str, members: list[CurveRecord]) -> GroupRecord:
-    """The mean over the answered curves, doubtful ones included, and how many have which verdict."""
-    answered = [record for record in members if record.answered]
+    """The mean over the trusted curves, and how many have which verdict."""
+    trusted = [record for record in members if record.trusted]
     verdicts = [record.verdict for record in members]
+    n = sum(record.answered for record in members)
     return GroupRecord(
         name=name,
-        n=len(answered),
-        n_failed=len(members) - len(answered),
-        shear_modulus_Pa=spread_of([record.shear_modulus_Pa.median for record in answered]),
-        viscosity_Pa_s=spread_of([record.viscosity_Pa_s.median for record in answered]),
+        n=n,
+        n_trusted=len(trusted),
+        n_failed=len(members) - n,
+        shear_modulus_Pa=spread_of([record.shear_modulus_Pa.median for record in trusted]),
+        viscosity_Pa_s=spread_of([record.viscosity_Pa_s.median for record in trusted]),
         verdicts={verdict: verdicts.count(verdict) for verdict in dict.fromkeys(verdicts)},
     )
 
@@ -220,6 +235,15 @@ def _finite(value: Any) -> float | None:
 def _without_name(message: str, name: str) -> str:
     """The row says which curve it is about; the message need not."""
     return message.removeprefix(name).removeprefix(":").lstrip() if message.startswith(name + ":") else message
+
+
+def _known(fields: Mapping[str, Any]) -> Any:
+    """The fields of a dataclass as JSON can hold them, without the entries of its mappings that are no numbers."""
+    plain = _plain(fields)
+    return {
+        name: {key: item for key, item in value.items() if item is not None} if isinstance(value, dict) else value
+        for name, value in plain.items()
+    }
 
 
 def _plain(value: Any) -> Any:

@@ -13,14 +13,11 @@ from cavirheo.writing.document import write_rows
 if TYPE_CHECKING:
     from rich.console import Console
 
-_STYLES = {"ok": "green", "model_does_not_fit": "yellow", "outside_training_range": "magenta", "failed": "red"}
 _WIDE = 110  # columns; below this an interval stands under its median, and only those of G and mu are shown
 
 
 def print_table(result: Result, console: Console | None = None) -> None:
     """One row per curve, one per group (mean ± standard deviation), then the messages in full."""
-    from rich.box import SIMPLE_HEAD
-    from rich.table import Table
     from rich.text import Text
 
     console = console or terminal.console()
@@ -34,13 +31,10 @@ def print_table(result: Result, console: Console | None = None) -> None:
     gap = 2 if wide else 1
     room = max(console.width - taken - gap * len(heads), 12)
 
-    table = Table(box=SIMPLE_HEAD, pad_edge=False, padding=(0, gap - 1, 0, 0), show_edge=False)
-    table.add_column("curve", overflow="fold")
-    for head in heads:
-        table.add_column(head, justify="left" if head == "verdict" else "right", no_wrap=True)
+    table = terminal.table("curve", heads, left=("verdict",), gap=gap - 1)
     names = _short_names([record.name for record in result.curves], room)
     for name, record, row in zip(names, result.curves, rows, strict=True):
-        verdict = Text(row.pop(), _STYLES[record.verdict])
+        verdict = Text(row.pop(), digits.LOOKS[record.verdict].terminal)
         table.add_row(*map(Text, [name, *row]), verdict)
     table.add_section()
     for group, row in zip(result.groups, group_rows, strict=True):
@@ -50,19 +44,15 @@ def print_table(result: Result, console: Console | None = None) -> None:
     if any(record.viscosity_Pa_s.q05 is not None for record in result.curves):
         key += "; [ , ]: central 90 % interval"
     console.print(Text(key, "dim"))
-
     if (windows := fitted.windows_table(result)) is not None:
         console.print(windows)
-    for message, about in _messages(result).items():
-        line = Text("• ").append(", ".join(about), "bold").append(": " + message)
-        console.print(line, soft_wrap=False)
-    for note in result.notes:
-        console.print(Text("• " + note))
+    terminal.print_remarks(console, terminal.once((r.name, r.message) for r in result.curves), result.notes)
 
 
 def _cells(record: CurveRecord, factor: float, wide: bool) -> list[str]:
     joint = " " if wide else "\n"
     collapses, end = record.window.collapses, record.window.t_star_end
+    words = digits.LOOKS[record.verdict].words
     return [
         digits.micrometres(record.max_radius_m),
         digits.quantity(record.stretch) if wide else digits.quantity(record.stretch).split(" ")[0],
@@ -71,23 +61,15 @@ def _cells(record: CurveRecord, factor: float, wide: bool) -> list[str]:
         digits.percent(record.rmse_over_rmax),
         (digits.MISSING if collapses is None else str(collapses))
         + (f", t* ≤ {digits.significant(end, 2)}" if wide and end is not None else ""),
-        digits.VERDICTS[record.verdict] if wide else digits.VERDICTS[record.verdict].replace(" range", "\nrange"),
+        words if wide else words.replace(" range", "\nrange"),
     ]
 
 
 def _group_cells(group: GroupRecord, factor: float) -> list[str]:
-    doubtful = group.n - group.verdicts.get("ok", 0)  # in the mean all the same, as the field does: so it is said
-    counts = f"n = {group.n}" + (f"\n{doubtful} not ok" if doubtful else "")
+    counts = group.basis.replace(" trusted ", " trusted\n") or f"n = {group.n}"
     counts += f"\n{group.n_failed} failed" if group.n_failed else ""
-    return [
-        "",
-        "",
-        digits.spread(group.shear_modulus_Pa, factor),
-        digits.spread(group.viscosity_Pa_s),
-        "",
-        "",
-        counts,
-    ]
+    G, mu = digits.spread(group.shear_modulus_Pa, factor), digits.spread(group.viscosity_Pa_s)
+    return ["", "", G, mu, "", "", counts]
 
 
 def write_csv(path: str | Path, result: Result) -> None:
@@ -99,7 +81,7 @@ def write_csv(path: str | Path, result: Result) -> None:
         head += [name, f"{name}_q05", f"{name}_q95"] if name in quantities else [name]
     rows = []
     for record in result.curves:
-        row = record.model_dump(exclude=set(quantities)) | record.window.model_dump()
+        row = vars(record) | vars(record.window)
         for name in quantities:
             value = getattr(record, name)
             row |= {name: value.median, f"{name}_q05": value.q05, f"{name}_q95": value.q95}
@@ -111,12 +93,3 @@ def _short_names(names: list[str], room: int) -> list[str]:
     """Elided to the room there is, unless two different names would become one: then in full."""
     short = [digits.elide(name, room) for name in names]
     return short if len(set(short)) == len(set(names)) else names
-
-
-def _messages(result: Result) -> dict[str, list[str]]:
-    """Each message once, with the curves it is about."""
-    found: dict[str, list[str]] = {}
-    for record in result.curves:
-        if record.message:
-            found.setdefault(record.message, []).append(record.name)
-    return found

@@ -17,9 +17,9 @@ from numpy.typing import NDArray
 
 from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError
-from cavirheo.inference import infer_many
 from cavirheo.inference.amortised import Amortised
 from cavirheo.inference.model import Network
+from cavirheo.parallel import each
 from cavirheo.problem import TrainingProblem
 from cavirheo.training.dataset import Dataset
 from cavirheo.training.metrics import metrics
@@ -101,9 +101,7 @@ def robustness(
             for (time, radius), index in zip(filmed[key], chosen, strict=True)
         ]
         read = np.array([alone(curve) for curve in curves])
-        posteriors = infer_many(
-            [curves[i] for i in drawn], model=str(network.path), medium=problem.medium, workers=workers, done=done
-        )
+        posteriors = each(estimator.infer, [curves[i] for i in drawn], workers, done)
         answer = np.array([p.theta[0] if len(p.theta) else np.full(len(names), np.nan) for p in posteriors])
         answer = answer.reshape(len(drawn), len(names))
         ok = np.array([p.checks.verdict == "ok" for p in posteriors], dtype=bool)

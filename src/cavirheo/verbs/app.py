@@ -27,6 +27,6 @@ def app(
         if (error.name or "").split(".")[0] not in ("gradio", "plotly"):
             raise
         raise InputError(NEEDS.format(error.name)) from None
-    from cavirheo.app.session import Limits
+    from cavirheo.app.session import VisitorLimits
 
-    serve(host, port, browser=browser, limits=Limits(file_mb=max_file_mb, files=max_files))
+    serve(host, port, browser=browser, limits=VisitorLimits(file_mb=max_file_mb, files=max_files))

@@ -3,19 +3,19 @@
 from __future__ import annotations
 
 import sys
-from functools import partial
+from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from cavirheo.errors import InputError, SolverError
+from cavirheo.errors import InputError
 from cavirheo.verbs.options import FROM_OPTIONS, Out, with_surroundings
 from cavirheo.verbs.run import Run
 from cavirheo.writing.document import into, write_json
 
 if TYPE_CHECKING:
-    from cavirheo.beside.collapse_times.record import Answers, CollapseTimes
+    from cavirheo.beside.collapse_times.document import CollapseTimes
     from cavirheo.physics.media import Medium
 
 
@@ -36,52 +36,38 @@ def collapse_time(
     out: Out = Path("cavirheo-collapse-time"),
 ) -> None:
     """G and µ from the times of the first collapse alone: one answer per table, or per file or folder of curves."""
+    from cavirheo.beside.collapse_times.document import CollapseTimes, print_table
     from cavirheo.beside.collapse_times.read import read_groups
-    from cavirheo.beside.collapse_times.record import collapse_times
-    from cavirheo.beside.collapse_times.table import print_table
-    from cavirheo.inference.collapse_time import fit
     from cavirheo.writing import style
 
     run = Run()
     if stretch is not None and not 1 < stretch < 1e3:
-        raise InputError(f"--stretch must be R_max/R_0 above 1, got {stretch!r}")
+        raise InputError(f"--stretch must be R_max/R_0 above 1, got {stretch!r}", "collapse_time.stretch")
     groups, problems = read_groups(files, liquid, stretch)
     run.refuse(problems)
     if not groups:
-        raise InputError("no collapse time could be read")
+        raise InputError("no collapse time could be read", "collapse_time.nothing")
     if exact:
         print("simulating (the solver is compiled once per machine, 10 to 30 s) ...", file=sys.stderr)
-    answers: list[Answers] = []
-    failed = False
     for group in groups:
-        shots = group.shots()
-        if shots is None:
-            answers.append((None, None))
-            continue
-        answer = partial(fit, shots, material, medium=liquid, shear_modulus=shear_modulus, viscosity=viscosity)
-        simulated = None
-        try:
-            simulated = answer(exact=True) if exact else None
-        except SolverError as error:
-            group.notes.append(f"no exact answer: {error}")
-            failed = True
-        answers.append((answer(), simulated))
-    document = collapse_times(
-        groups, answers, material=material, medium=liquid,
-        command=run.command, date=run.date, notes=() if style.available() else (style.NO_PICTURES,),
+        group.answer(material, exact=exact, medium=liquid, shear_modulus=shear_modulus, viscosity=viscosity)
+    document = CollapseTimes(
+        command=run.command, date=run.date, notes=[] if style.available() else [style.NO_PICTURES],
+        material=material, medium=asdict(liquid), groups=groups,
     )  # fmt: skip
-    _write(out, document, answers, liquid)
+    _write(out, document)
     print_table(document)
-    unanswered = any(group.unusable or not group.answered for group in document.groups)
-    run.end(f"written to {out}", failed or unanswered)
+    unanswered = any(group.unusable or group.best is None or not group.best.answered for group in groups)
+    run.end(f"written to {out}", unanswered or (exact and any(g.exact is None for g in groups)))
 
 
-def _write(out: Path, document: CollapseTimes, answers: list[Answers], medium: Medium) -> None:
-    from cavirheo.beside.collapse_times import picture, record
+def _write(out: Path, document: CollapseTimes) -> None:
+    from cavirheo.beside.collapse_times.document import write_csv
+    from cavirheo.beside.collapse_times.picture import write_pictures
     from cavirheo.writing import style
 
     with into(out) as folder:
         write_json(folder / "collapse-time.json", document)
-        record.write_csv(folder / "shots.csv", document)
+        write_csv(folder / "shots.csv", document)
         if style.available():
-            picture.write_pictures(folder, document, [analytic for analytic, _ in answers], medium)
+            write_pictures(folder, document)

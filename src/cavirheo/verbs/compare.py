@@ -14,7 +14,7 @@ from cavirheo.writing.terminal import bar
 
 def compare(
     folder: Annotated[Path, typer.Argument(help="holds the measurements: a file, subfolder or glob per set")],
-    references: Annotated[Path, typer.Option(help="CSV of sets and published values, see docs/compare.md")],
+    references: Annotated[Path, typer.Option(help="CSV of sets and published values, see docs/how-to/compare.md")],
     reference_method: Annotated[
         list[str] | None, typer.Option(help="errors are relative to it; may be repeated  [default: IMR, rheometer]")
     ] = None,
@@ -26,7 +26,7 @@ def compare(
 ) -> None:
     """Published values of many sets beside ours, with relative errors: tables, a picture and a report per set."""
     from cavirheo.beside.published import compare as compare_sets
-    from cavirheo.beside.published.table import print_table
+    from cavirheo.beside.published.comparison import print_table
 
     run = Run()
     from cavirheo.physics.simulate import load_solver

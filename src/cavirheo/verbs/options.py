@@ -20,7 +20,7 @@ Out = Annotated[Path, typer.Option("-o", "--out", help="folder for the results")
 TrueRadius = Annotated[float | None, typer.Option(help="true R_max of the shots, um: rescales the radii")]
 Verify = Annotated[
     str,
-    typer.Option(help="map: the posterior's maximum; full: draws weighted by the physics (docs/posterior.md); none"),
+    typer.Option(help="map: the posterior's maximum; full: draws weighted by full simulations; none"),
 ]
 ExposureUs = Annotated[
     float | None, typer.Option(help="of a frame, us, centred on its time: --verify blurs the simulation as the camera")

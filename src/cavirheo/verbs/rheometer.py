@@ -14,8 +14,8 @@ from cavirheo.verbs.run import Run
 from cavirheo.writing.document import into, write_json
 
 if TYPE_CHECKING:
+    from cavirheo.beside.rheometer.document import BesideRow, Rheometry
     from cavirheo.beside.rheometer.read import Sweep
-    from cavirheo.beside.rheometer.record import Rheometry, Row
 
 
 def rheometer(
@@ -29,10 +29,9 @@ def rheometer(
     out: Annotated[Path, typer.Option("-o", "--out", help="folder for the results")] = Path("cavirheo-rheometer"),
 ) -> None:
     """Linear range, plateau modulus and viscosity from the oscillatory sweeps of a rheometer, beside bubbles."""
-    from cavirheo.beside.rheometer.analyse import frequency_sweep, strain_sweep
-    from cavirheo.beside.rheometer.record import beside as rows_beside
-    from cavirheo.beside.rheometer.record import rheometry
-    from cavirheo.beside.rheometer.table import print_rheometry
+    from cavirheo.beside.rheometer.document import beside as rows_beside
+    from cavirheo.beside.rheometer.document import print_rheometry, rheometry
+    from cavirheo.beside.rheometer.sweeps import frequency_sweep, strain_sweep
     from cavirheo.reporting import read_json
     from cavirheo.writing import style
 
@@ -44,17 +43,13 @@ def rheometer(
     result = read_json(beside) if beside else None
     sweeps = _read(files, run)
     document = rheometry(
-        name or _shared_name(files),
         [strain_sweep(sweep, tolerance / 100) for sweep in sweeps if sweep.kind == "strain"],
         [frequency_sweep(sweep, at) for sweep in sweeps if sweep.kind == "frequency"],
-        tolerance=tolerance / 100,
-        at=at,
-        command=run.command,
-        date=run.date,
-        notes=() if style.available() else (style.NO_PICTURES,),
-    )
+        material=name or _shared_name(files), tolerance=tolerance / 100, at_rad_per_s=at,
+        command=run.command, date=run.date, notes=[] if style.available() else [style.NO_PICTURES],
+    )  # fmt: skip
     rows = rows_beside(document, result) if result else []
-    _write(out, document, sweeps, rows)
+    _write(out, document, rows)
     print_rheometry(document, rows)
     run.end(f"written to {out}", any(sweep.message for sweep in document.sweeps))
 
@@ -81,14 +76,15 @@ def _shared_name(files: list[Path]) -> str:
     return ("_".join(column[0] for column in shared) if len(files) > 1 else "") or files[0].stem
 
 
-def _write(out: Path, document: Rheometry, sweeps: list[Sweep], rows: list[Row]) -> None:
-    from cavirheo.beside.rheometer import picture, record
+def _write(out: Path, document: Rheometry, rows: list[BesideRow]) -> None:
+    from cavirheo.beside.rheometer.document import write_csv, write_table
+    from cavirheo.beside.rheometer.picture import write_pictures
     from cavirheo.writing import style
 
     with into(out) as folder:
         write_json(folder / "rheometer.json", document)
-        record.write_csv(folder / "rheometer.csv", document)
+        write_csv(folder / "rheometer.csv", document)
         if rows:
-            record.write_table(folder / "table.csv", rows)
+            write_table(folder / "table.csv", rows)
         if style.available():
-            picture.write_pictures(folder, document, sweeps)
+            write_pictures(folder, document)

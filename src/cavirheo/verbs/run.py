@@ -6,7 +6,6 @@ import math
 import shlex
 import sys
 import time
-from dataclasses import replace
 from datetime import datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -51,8 +50,7 @@ class Run:
         if not curves:
             raise InputError("no curve could be read")
         if exposure_us is not None:
-            exposed = {"exposure_s": exposure_us * 1e-6}
-            curves = [replace(curve, meta={**curve.meta, **exposed}) for curve in curves]
+            curves = [curve.with_exposure(exposure_us * 1e-6) for curve in curves]
         from cavirheo.physics.simulate import load_solver
 
         load_solver()
@@ -63,8 +61,9 @@ class Run:
         from cavirheo.reporting import write_report
         from cavirheo.reporting.table import print_table
 
-        print_table(write_report(out, list(zip(curves, answers, strict=True)), self.command))
-        failed = any(answer.checks.verdict == "failed" for answer in answers)
+        result = write_report(out, list(zip(curves, answers, strict=True)), self.command, date=self.date)
+        print_table(result)
+        failed = not all(record.answered for record in result.curves)
         self.end(f"{len(curves)} curves in {{seconds}}; report: {out / 'report.html'}", failed)
 
     def end(self, said: str, failed: bool = False) -> None:
@@ -81,4 +80,4 @@ def verified(curves: list[RadiusCurve], answers: list[Posterior], level: str, **
     from cavirheo.inference.verify import verify_many
 
     with bar("verifying", len(curves)) as advance:
-        return verify_many(curves, answers, level=level, done=advance, **settings)  # type: ignore[arg-type]
+        return verify_many(curves, answers, level=level, done=advance, **settings)

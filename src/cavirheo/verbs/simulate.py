@@ -14,19 +14,30 @@ from cavirheo.verbs.options import FROM_OPTIONS, with_surroundings
 if TYPE_CHECKING:
     from cavirheo.physics.materials import Material
     from cavirheo.physics.media import Medium
+    from cavirheo.physics.simulation import Simulation
 
 
 def _material(text: str, **options: float | None) -> Material:
     """A name whose parameters are options of the command, or a sum of laws that holds its own."""
-    from cavirheo.physics.laws import parse
-    from cavirheo.physics.materials import MATERIALS, make
+    from dataclasses import fields
 
-    if text in MATERIALS:
-        return make(text, **options)
-    law = parse(text)
-    if given := [f"--{key.replace('_', '-')}" for key, value in options.items() if value is not None]:
-        raise InputError(f"--material {text!r} holds its own parameters: leave out {', '.join(given)}")
-    return law
+    from cavirheo.physics.laws import parse
+    from cavirheo.physics.materials import MATERIALS
+
+    given = {key: value for key, value in options.items() if value is not None}
+    if text not in MATERIALS:
+        law = parse(text)
+        if given:
+            words = ", ".join(f"--{key.replace('_', '-')}" for key in given)
+            why = f"--material {text!r} holds its own parameters: leave out {words}"
+            raise InputError(why, "simulate.parameters_twice")
+        return law
+    needed = [field.name for field in fields(MATERIALS[text])]
+    if sorted(given) != sorted(needed):
+        why = f"material {text!r} takes {', '.join(needed)}; got {', '.join(given) or 'nothing'}"
+        raise InputError(why, "simulate.parameters")
+    made: Material = MATERIALS[text](**given)
+    return made
 
 
 @with_surroundings
@@ -71,20 +82,20 @@ def simulate(
     """
     import numpy as np
 
-    from cavirheo.physics.driving import Pulse, read_trace
+    from cavirheo.physics.driving import Pulse, Trace
     from cavirheo.physics.simulate import load_solver
     from cavirheo.physics.simulate import simulate as solve
-    from cavirheo.physics.simulation import write_csv, write_fields
+    from cavirheo.reading.trace import read_trace
 
     if pulse and driving:
-        raise InputError("give either --pulse or --driving, not both; a file can hold any sum of pressures")
+        why = "give either --pulse or --driving, not both; a file can hold any sum of pressures"
+        raise InputError(why, "simulate.two_drivings")
     law = _material(material, shear_modulus=shear_modulus, viscosity=viscosity, stiffening=stiffening)
     if not (duration_us > 0 and frame_rate_hz > 0 and 1 <= duration_us * 1e-6 * frame_rate_hz <= 1e6):
-        raise InputError(
-            f"duration and frame rate must give 1 to a million frames, got {duration_us} us at {frame_rate_hz} Hz"
-        )
+        why = f"duration and frame rate must give 1 to a million frames, got {duration_us} us at {frame_rate_hz} Hz"
+        raise InputError(why, "simulate.frames")
     frames = int(duration_us * 1e-6 * frame_rate_hz * (1 + 1e-9)) + 1
-    far_field = read_trace(driving) if driving else None
+    far_field = Trace(*read_trace(driving)) if driving else None
     load_solver()
     run = solve(
         law,
@@ -99,7 +110,38 @@ def simulate(
         fields=fields is not None,
         precise=precise,
     )
-    write_csv(run, out)
+    _write_frames(run, out)
     if fields:
-        write_fields(run, fields)
+        _write_fields(run, fields)
     print(f"{frames} frames of {law} in {liquid.name}: {out}", file=sys.stderr)
+
+
+def _write_frames(run: Simulation, path: Path) -> None:
+    """CSV, a row per frame."""
+    from cavirheo.writing.document import into, write_rows
+
+    columns = {
+        "time_us": run.time * 1e6,
+        "radius_um": run.radius * 1e6,
+        "velocity_m_per_s": run.velocity,
+        "pressure_Pa": run.pressure,
+        "stress_Pa": run.stress,
+        "strain": run.strain,
+        "strain_rate_per_s": run.strain_rate,
+    }
+    rows = ({name: f"{values[k]:.9g}" for name, values in columns.items()} for k in range(run.time.size))
+    with into(path.parent):
+        write_rows(path, list(columns), rows)
+
+
+def _write_fields(run: Simulation, path: Path) -> None:
+    """HDF5: time_s (n,), radius_m (n,), position (m,), temperature_K and vapour_mass_fraction (n, m)."""
+    import h5py  # a quarter of a second that other uses need not wait for
+
+    from cavirheo.writing.document import into
+
+    assert run.contents is not None
+    with into(path.parent), h5py.File(path, "w") as file:
+        file["time_s"], file["radius_m"] = run.time, run.radius
+        file["position"] = run.contents.position
+        file["temperature_K"], file["vapour_mass_fraction"] = run.contents.temperature, run.contents.vapour

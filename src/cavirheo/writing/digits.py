@@ -3,16 +3,28 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
+from dataclasses import dataclass
 from math import ceil, floor, isfinite, log10
 
 from cavirheo.writing.document import Quantity, Spread
 
-VERDICTS = {
-    "ok": "ok",
-    "model_does_not_fit": "does not fit",
-    "outside_training_range": "outside range",
-    "failed": "failed",
+
+@dataclass(frozen=True)
+class Look:
+    """How a verdict is shown: its words, its colour on white, its colour in a terminal."""
+
+    words: str
+    colour: str
+    terminal: str
+
+
+LOOKS = {
+    "ok": Look("ok", "#00694d", "green"),
+    "model_does_not_fit": Look("does not fit", "#a34a00", "yellow"),
+    "outside_training_range": Look("outside range", "#8a3068", "magenta"),
+    "failed": Look("failed", "#b00020", "red"),
 }
+VERDICTS = {verdict: look.words for verdict, look in LOOKS.items()}
 MATERIALS = {
     "nhkv": "neo-Hookean Kelvin-Voigt",
     "newtonian": "Newtonian fluid (no elasticity: G is not asked for)",
@@ -23,6 +35,7 @@ METHODS = {
     "amortised": "posterior network",
     "verified": "posterior draws, weighted by the full physics",
     "least_squares": "least squares on the simulation",
+    "laplace": "maximum of the posterior, Gaussian about it (Laplace)",
 }
 MISSING = "–"
 
@@ -49,14 +62,16 @@ def quantity(value: Quantity, factor: float = 1.0, *, joint: str = " ") -> str:
 
 
 def spread(value: Spread, factor: float = 1.0) -> str:
-    """'6.4 ± 1.6': two digits of the deviation decide."""
+    """'6.4 ± 1.6': two digits of the deviation decide; '6.44 ± 0' where it is that of rounding alone."""
     if value.mean is None:
         return MISSING
     mean = value.mean * factor
-    if not value.std:
-        return significant(mean) + ("" if value.std is None else " ± 0")
+    if value.std is None:
+        return significant(mean)
     std = value.std * factor
-    places = min(max(1 - floor(log10(std)), 0), 9)
+    if std < 1e-4 * abs(mean):
+        return f"{significant(mean)} ± {significant(std, 1) if std > 1e-12 * abs(mean) else 0}"
+    places = min(max(1 - floor(log10(std)), 0), 9) if std else 0
     return f"{mean:.{places}f} ± {std:.{places}f}"
 
 

@@ -1,4 +1,4 @@
-"""What all documents that cavirheo writes have in common: models that JSON can hold, their head, and files of rows."""
+"""What all documents that cavirheo writes have in common: records that JSON can hold, their head, and files of rows."""
 
 from __future__ import annotations
 
@@ -6,22 +6,34 @@ import csv
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from importlib.metadata import version
+from math import isfinite
 from pathlib import Path
-from typing import Any, Literal
+from typing import Annotated, Any, Literal, TypeVar
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError
 
 from cavirheo.errors import InputError
 
 
-class Model(BaseModel):
+def finite(value: float | None) -> float | None:
+    """As JSON can hold it: NaN and infinity are null."""
+    return float(value) if value is not None and isfinite(value) else None
+
+
+Finite = Annotated[float | None, BeforeValidator(finite)]
+
+
+class Record(BaseModel):
     """Numbers are finite or null; a later version may add fields."""
 
     model_config = ConfigDict(extra="allow", allow_inf_nan=False, populate_by_name=True)
 
 
-class Document(Model):
+Model = Record  # its name where documents are made beside an answer's
+
+
+class Document(Record):
     """The head. `notes` concern the run as a whole (pictures that could not be drawn, ...)."""
 
     schema_version: Literal[1] = Field(default=1, validation_alias="schema", serialization_alias="schema")
@@ -31,7 +43,10 @@ class Document(Model):
     notes: list[str] = []
 
 
-class Quantity(Model):
+Kind = TypeVar("Kind", bound=Document)
+
+
+class Quantity(Record):
     """Posterior median and central 90 % interval; q05 and q95 are null for a point answer."""
 
     median: float | None = None
@@ -39,8 +54,8 @@ class Quantity(Model):
     q95: float | None = None
 
 
-class Spread(Model):
-    """Over the answered curves of a group; std has n - 1 below it and is null for n < 2."""
+class Spread(Record):
+    """Over several values; std has n - 1 below it and is null for n < 2."""
 
     mean: float | None = None
     std: float | None = None
@@ -63,7 +78,7 @@ def into(folder: str | Path) -> Iterator[Path]:
         Path(folder).mkdir(parents=True, exist_ok=True)
         yield Path(folder)
     except OSError as error:
-        raise InputError(f"cannot write into {folder}: {error.strerror or error}") from None
+        raise InputError(f"cannot write into {folder}: {error.strerror or error}", "document.folder") from None
 
 
 @contextmanager
@@ -80,6 +95,21 @@ def whole(path: Path) -> Iterator[Path]:
 def write_json(path: str | Path, document: Document) -> None:
     """Write it as UTF-8 JSON; what is read back is equal to it."""
     Path(path).write_text(document.model_dump_json(by_alias=True, indent=1) + "\n", encoding="utf-8")
+
+
+def read_json(path: str | Path, kind: type[Kind]) -> Kind:
+    """A document as it was written. Raises InputError if there is none, or none of this kind."""
+    try:
+        return kind.model_validate_json(Path(path).read_text(encoding="utf-8"))
+    except (OSError, UnicodeDecodeError) as error:
+        raise InputError(f"{path}: cannot be read ({error})", "document.unreadable") from None
+    except ValidationError as error:
+        first = error.errors(include_url=False)[0]
+        where = ".".join(str(part) for part in first["loc"]) or "the document"
+        raise InputError(
+            f"{path}: not a cavirheo {kind.__name__.lower()} of schema 1; {where}: {first['msg']}",
+            "document.other",
+        ) from None
 
 
 def write_rows(path: str | Path, head: Sequence[str], rows: Iterable[Mapping[str, Any]]) -> None:

@@ -1,31 +1,28 @@
 """Files -> groups of (R_max, lambda, t_1): tables of collapse times, and radius histories whose t_1 is read off.
 
-A text table or the first sheet of an .xlsx has a header `rmax_um,stretch,t1_us` (m, mm, um, nm; s, ms, us, ns; also
+A text table or the first sheet of a workbook has a header `rmax_um,stretch,t1_us` (m, mm, um, nm; s, ms, us, ns; also
 `R_max [m]`, `lambda`, `t_1 (s)`, `collapse time (us)`; a column `shot` names the rows). A .mat table is the variable
 `pIMR_array` (n, 3) in m, 1, s. Anything else is read as curves. Units are read, never guessed.
 """
 
 from __future__ import annotations
 
-import csv
 import hashlib
-import re
 from collections.abc import Sequence
-from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from cavirheo.beside.collapse_times.document import CollapseGroup, CollapseShot
 from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError
-from cavirheo.inference.collapse_time import Shots, shot, unusable
+from cavirheo.inference.collapse_time import shot, unusable
 from cavirheo.physics.media import Medium
 from cavirheo.reading import limits
 from cavirheo.reading.matfile import read_matfile
 from cavirheo.reading.shots import read_shots
-from cavirheo.reading.spreadsheet import sheets
-from cavirheo.reading.table import Rows, decimal_point, is_number, text_of
+from cavirheo.reading.tabular import Row, column_of, numbers, read_sheets, refuse_wider
 
 VARIABLE = "pIMR_array"
 _TITLES = {
@@ -33,7 +30,7 @@ _TITLES = {
     **dict.fromkeys(("stretch", "lambda", "λ", "lmax", "lambdamax", "λmax", "rmaxr0", "rmaxreq"), "stretch"),
     **dict.fromkeys(("t1", "collapsetime", "tcollapse", "firstcollapse"), "time"),
     **dict.fromkeys(("shot", "curve", "name"), "name"),
-}  # fmt: skip
+}
 _UNITS: dict[str, dict[str, float]] = {
     "max_radius": {"m": 1.0, "mm": 1e-3, "um": 1e-6, "nm": 1e-9},
     "time": {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9},
@@ -42,82 +39,59 @@ _SHOWN = {"max_radius": "R_max", "time": "t_1", "stretch": "lambda"}
 _EXPECTED = "expected a header such as rmax_um,stretch,t1_us"
 
 
-@dataclass(frozen=True)
-class Row:
-    """One shot; SI, NaN where unknown. `message`: why it cannot be used, empty if it can."""
-
-    name: str
-    max_radius: float
-    stretch: float
-    time: float
-    stretch_from: str
-    message: str = ""
-
-
-@dataclass
-class Group:
-    """The shots of one material: a table, or curves of one file or folder."""
-
-    name: str
-    source: str
-    sha256: str
-    rows: list[Row] = field(default_factory=list)
-    notes: list[str] = field(default_factory=list)
-
-    @property
-    def usable(self) -> list[Row]:
-        return [row for row in self.rows if not row.message]
-
-    def shots(self) -> Shots | None:
-        """The usable ones; None if there is none."""
-        rows = self.usable
-        columns = np.array([[row.max_radius, row.stretch, row.time] for row in rows]).reshape(-1, 3)
-        return Shots(*columns.T) if rows else None
-
-
 def read_groups(
     files: Sequence[str | Path], medium: Medium, stretch: float | None = None
-) -> tuple[list[Group], list[str]]:
+) -> tuple[list[CollapseGroup], list[str]]:
     """(the groups of all files in their order, the reason for each file that could not be read).
 
     `stretch` is for curves, and for tables without a column of it. Every row and curve of a file is in its group,
     those that cannot be used with the reason.
     """
-    groups: list[Group] = []
+    groups: list[CollapseGroup] = []
     problems: list[str] = []
     curves: list[str | Path] = []
     for path in map(Path, files):
         try:
-            table = read_table(path, stretch)
+            if (table := read_table(path, stretch)) is None:
+                curves.append(path)
+            else:
+                groups.append(table)
         except InputError as error:
-            problems.append(f"{path}: {error}")
-            continue
-        if table is None:
-            curves.append(path)
-        else:
-            groups.append(table)
+            problems.append(str(error.within(str(path))))
     found, unread = read_shots(curves, density=medium.density, pressure=medium.pressure) if curves else ([], [])
-    by_key: dict[tuple[str, str], Group] = {}
+    members: dict[tuple[str, str], list[RadiusCurve]] = {}
     for curve in found:
-        source = str(curve.meta.get("group_source", curve.meta["source"]))
-        key = (str(curve.meta["group"]), source)
-        if key not in by_key:
-            by_key[key] = Group(*key, str(curve.meta["source_sha256"]) if "group_source" not in curve.meta else "")
-        by_key[key].rows.append(_row_of(curve, stretch))
-        by_key[key].notes += [f"{curve.name}: {note}" for note in curve.notes if "CHECK" in note]
-    return groups + list(by_key.values()), problems + unread
+        members.setdefault((curve.group, curve.group_source), []).append(curve)
+    for (name, source), shots in members.items():
+        sha256 = shots[0].source_sha256 if source == shots[0].source else ""
+        notes = [f"{curve.name}: {note}" for curve in shots for note in curve.notes if "CHECK" in note]
+        groups.append(_group(name, source, sha256 or "", [_read_off(curve, stretch) for curve in shots], notes))
+    return groups, problems + unread
 
 
-def _row_of(curve: RadiusCurve, stretch: float | None) -> Row:
+def _group(name: str, source: str, sha256: str, shots: list[CollapseShot], notes: list[str]) -> CollapseGroup:
+    bad = sum(bool(shot.message) for shot in shots)
+    return CollapseGroup(
+        name=name, source=source, source_sha256=sha256, n=len(shots), unusable=bad, notes=notes, shots=shots
+    )
+
+
+def _shot(name: str, of: Sequence[float], origin: str, message: str = "") -> CollapseShot:
+    radius, stretch, time = of
+    return CollapseShot(
+        name=name, max_radius_m=radius, stretch=stretch, collapse_time_s=time, stretch_from=origin, message=message
+    )
+
+
+def _read_off(curve: RadiusCurve, stretch: float | None) -> CollapseShot:
     try:
-        shots, origin = shot(curve, stretch)
+        found, origin = shot(curve, stretch)
     except InputError as error:
-        return Row(curve.name, np.nan, np.nan, np.nan, "", str(error).removeprefix(f"{curve.name}: "))
-    radius, ratio, time = (float(a[0]) for a in (shots.max_radius, shots.stretch, shots.time))
-    return Row(curve.name, radius, ratio, time, origin)
+        return CollapseShot(name=curve.name, message=str(error).removeprefix(f"{curve.name}: "))
+    return _shot(curve.name, (found.max_radius[0], found.stretch[0], found.time[0]), origin)
 
 
-def read_table(path: Path, stretch: float | None = None) -> Group | None:
+def read_table(path: Path, stretch: float | None = None) -> CollapseGroup | None:
     """The table of collapse times in a file, or None where the file holds none and may hold curves.
 
     Raises:
@@ -125,117 +99,90 @@ def read_table(path: Path, stretch: float | None = None) -> Group | None:
     """
     if not path.is_file():
         return None  # the reader of curves says what is wrong
-    content = path.read_bytes()
     notes: list[str] = []
-    if (array := _variable(path, content)) is not None:
+    if (array := _variable(path)) is not None:
         if array.ndim != 2 or 3 not in array.shape or not array.size:
-            raise InputError(f"{VARIABLE} must be (n, 3): R_max in m, lambda, t_1 in s; got the shape {array.shape}")
+            raise InputError(
+                f"{VARIABLE} must be (n, 3): R_max in m, lambda, t_1 in s; got the shape {array.shape}",
+                "collapse_time.variable",
+            )
         values = array if array.shape[1] == 3 else array.T
         cells: dict[str, Any] = {"max_radius": values[:, 0], "stretch": values[:, 1], "time": values[:, 2]}
         notes.append(f"variable {VARIABLE}: R_max in m, lambda, t_1 in s")
-    elif (rows := _rows(path, content)) and (parsed := _columns(rows, stretch is not None)) is not None:
-        cells = parsed
     else:
-        return None
+        try:
+            sheets = read_sheets(path, _is_header, most=1)
+        except InputError:
+            return None
+        if not sheets or not sheets[0].rows or not _is_header(sheets[0].rows[0].cells):
+            return None
+        cells = _columns(sheets[0].rows, stretch is not None)
     origin = "table"
     if "stretch" not in cells:
         cells["stretch"], origin = np.full(len(cells["time"]), stretch), "given"
     elif stretch is not None:
         notes.append("lambda of the table used, not the one given")
-    names = cells.get("name") or [str(k) for k in range(1, len(cells["time"]) + 1)]
-    group = Group(path.stem, str(path), hashlib.sha256(content).hexdigest(), notes=notes)
-    for k, name in enumerate(names):
-        three = [float(cells[key][k]) for key in ("max_radius", "stretch", "time")]
-        group.rows.append(Row(name, three[0], three[1], three[2], origin, unusable(*three)))
-    return group
+    rows = np.stack([cells[kind] for kind in ("max_radius", "stretch", "time")], axis=1).astype(float).tolist()
+    names = cells.get("name") or [str(k) for k in range(1, len(rows) + 1)]
+    shots = [_shot(name, row, origin, unusable(*row)) for name, row in zip(names, rows, strict=True)]
+    return _group(path.stem, str(path), hashlib.sha256(path.read_bytes()).hexdigest(), shots, notes)
 
 
-def _variable(path: Path, content: bytes) -> np.ndarray | None:
+def _variable(path: Path) -> np.ndarray | None:
     """The array of a .mat of any version; None where there is none."""
-    if content.startswith(b"MATLAB 7.3"):
-        import h5py
+    with path.open("rb") as file:
+        head = file.read(128)
+    try:
+        if head.startswith(b"MATLAB 7.3"):
+            import h5py
 
-        try:
             with h5py.File(path, "r") as file:
                 item = limits.own(file, VARIABLE)
-                if isinstance(item, h5py.Dataset) and item.dtype.kind in "fiu":
-                    limits.arrays([item])
-                    return np.asarray(item[()], dtype=float).T
-        except OSError:
-            pass
-        return None
-    if content[124:128] not in (b"\x00\x01IM", b"\x01\x00MI"):
-        return None
-    try:
-        value = read_matfile(path, (VARIABLE,))[0].get(VARIABLE)
+                if not isinstance(item, h5py.Dataset) or item.dtype.kind not in "fiu":
+                    return None
+                limits.arrays([item])
+                return np.asarray(item[()], dtype=float).T
+        if head[124:128] in (b"\x00\x01IM", b"\x01\x00MI"):
+            value = read_matfile(path, (VARIABLE,))[0].get(VARIABLE)
+            return value if isinstance(value, np.ndarray) else None
+    except InputError:
+        if head.startswith(b"MATLAB 7.3"):
+            raise
     except Exception:  # damaged: the reader of curves says how
-        return None
-    return value if isinstance(value, np.ndarray) else None
+        pass
+    return None
 
 
-def _rows(path: Path, content: bytes) -> Rows:
-    """Rows of cells of the first sheet, or of text by the first separator that gives its header several cells."""
-    if content.startswith(b"PK\x03\x04"):
-        try:
-            return sheets(path, 1)[0]
-        except Exception:  # of a damaged workbook: the reader of curves reports it
-            return []
-    if b"\x00" in content[:1024]:
-        return []
-    lines = [line for line in text_of(content).splitlines() if line.strip() and not line.lstrip().startswith("%")]
-    while len(lines) > 1 and lines[0].startswith("#") and lines[1].startswith("#"):
-        lines = lines[1:]
-    lines = [line.removeprefix("#").strip() if k == 0 else line for k, line in enumerate(lines)]
-    lines = [line for line in lines if not line.startswith("#")]
-    if not lines:
-        return []
-    delimiter = next((d for d in "\t;," if d in lines[0]), None)
-    if delimiter is None:
-        return [line.split() for line in lines]
-    rows = [[cell.strip() for cell in row] for row in csv.reader(lines, delimiter=delimiter)]
-    return [[decimal_point(cell) for cell in row] for row in rows] if delimiter != "," else rows
+def column(title: str) -> tuple[str | None, str | None]:
+    """("max_radius" | "stretch" | "time" | "name" | None, unit or None) of a column such as `R_max [um]` or `t1_us`."""
+    return column_of(title, _TITLES, _UNITS)
 
 
-def title(text: str) -> tuple[str, str]:
-    """("max_radius" | "stretch" | "time" | "name" | "", unit or "") of a column such as `R_max [um]` or `t1_us`."""
-    words = [w for w in re.split(r"[\W_]+", text.strip().lower().replace("µ", "u").replace("μ", "u")) if w]
-    if len(words) > 1 and (kind := _TITLES.get("".join(words[:-1]), "")) in _UNITS and words[-1] in _UNITS[kind]:
-        return kind, words[-1]
-    return _TITLES.get("".join(words), ""), ""
+def _is_header(cells: list[str]) -> bool:
+    return {"max_radius", "time"} <= {column(title)[0] for title in cells}
 
 
-def _columns(rows: Rows, known_stretch: bool) -> dict[str, Any] | None:
-    """Columns in SI by name; None where the header is not that of collapse times."""
-    at: dict[str, tuple[int, str]] = {}
-    for k, text in enumerate(rows[0]):
-        kind, unit = title(text)
-        if kind in at:
-            raise InputError(f"two columns for {_SHOWN.get(kind, kind)} in the header {rows[0]}")
-        if kind:
-            at[kind] = (k, unit)
-    if not {"max_radius", "time"} <= at.keys():
-        return None
-    for kind in ("max_radius", "time"):
-        if not at[kind][1]:
-            known = ", ".join(_UNITS[kind])
-            raise InputError(f"{rows[0][at[kind][0]]!r} has no unit ({known}); {_EXPECTED}")
-    if "stretch" not in at and not known_stretch:
-        raise InputError(f"no column for lambda = R_max/R_0; {_EXPECTED}, or give --stretch")
-    if len(rows) < 2:
-        raise InputError("a header but no rows of data")
+def _columns(table: list[Row], known_stretch: bool) -> dict[str, Any]:
+    """Columns in SI by name."""
+    (_, header), *rows = table
     columns: dict[str, Any] = {}
-    for kind, (k, unit) in at.items():
-        cells = [row[k].strip() if k < len(row) else "" for row in rows[1:]]
-        if kind == "name":
-            columns[kind] = cells
+    for at, title in enumerate(header):
+        kind, unit = column(title)
+        if kind is None:
             continue
-        values = np.full(len(cells), np.nan)
-        for i, cell in enumerate(cells):
-            if not is_number(cell):
-                raise InputError(f"row {i + 2}: {cell[:30]!r} is not a number")
-            try:
-                values[i] = float(cell)
-            except ValueError:  # a word for a missing number
-                continue
-        columns[kind] = values * _UNITS.get(kind, {}).get(unit, 1.0)
+        if kind in columns:
+            raise InputError(f"two columns for {_SHOWN.get(kind, kind)} in the header {header}", "collapse_time.twice")
+        if kind in _UNITS and unit not in _UNITS[kind]:
+            trouble = "has no unit" if unit is None else f"has the unknown unit {unit!r}"
+            raise InputError(f"{title!r} {trouble} ({', '.join(_UNITS[kind])}); {_EXPECTED}", "collapse_time.unit")
+        if kind == "name":
+            columns[kind] = [cells[at] if at < len(cells) else "" for _, cells in rows]
+        else:
+            columns[kind] = numbers(rows, at) * _UNITS.get(kind, {}).get(unit or "", 1.0)
+    if "stretch" not in columns and not known_stretch:
+        missing = f"no column for lambda = R_max/R_0; {_EXPECTED}, or give --stretch"
+        raise InputError(missing, "collapse_time.no_stretch")
+    if not rows:
+        raise InputError("a header but no rows of data", "collapse_time.no_rows")
+    refuse_wider(rows, header)
     return columns

@@ -3,8 +3,7 @@
 | module | does |
 |---|---|
 | references | the CSV file of published values, written by hand |
-| record | comparison.json: the rows, with relative errors |
-| table | the terminal, Markdown, CSV |
+| comparison | the rows, with relative errors: JSON, CSV, Markdown, the terminal |
 | picture | G and mu of all sets by all methods (needs the [plot] extra) |
 
 The answers are those of `cavirheo infer` or `cavirheo fit`, and so are the reports, one per set in its own folder.
@@ -18,16 +17,18 @@ from datetime import datetime
 from pathlib import Path
 from typing import Any
 
-from cavirheo.beside.published.record import Comparison, SetRecord, set_record
+from cavirheo.beside.published.comparison import ComparedSet, Comparison, compared_set, markdown, write_csv
 from cavirheo.beside.published.references import ReferenceSet, read_references
 from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError
 from cavirheo.inference import infer_many
-from cavirheo.inference.fit.parameters import Family
+from cavirheo.inference.law import Family
 from cavirheo.inference.model import DEFAULT, load
 from cavirheo.inference.reconstruct import check_stretch
+from cavirheo.posterior import Posterior
 from cavirheo.reading.shots import read_shots
 from cavirheo.reporting import file_names, write_report
+from cavirheo.writing import style
 from cavirheo.writing.document import into, write_json
 
 __all__ = ["REFERENCES", "compare"]
@@ -71,72 +72,63 @@ def compare(
         Family(fit)
     folder, references, out = Path(folder), Path(references), Path(out)
     if not folder.is_dir():
-        raise InputError(f"{folder} is not a folder; expected the folder that holds the sets of measurements")
+        raise InputError(f"{folder} is not a folder; expected the one that holds the sets", "compare.folder")
     sets = read_references(references)
     methods = list(dict.fromkeys(method for about in sets for method, _ in about.values))
-    against, notes = _against(reference_methods, methods, references)
+    for name in reference_methods:
+        if name not in methods:
+            known = ", ".join(methods) or "none"
+            raise InputError(f"reference method {name!r}: not in {references}; it has {known}", "compare.method")
+    against = list(dict.fromkeys(reference_methods)) or [name for name in REFERENCES if name in methods]
+    none = f"no relative errors: {references} has no method {' or '.join(REFERENCES)}; see --reference-method"
     for about in sets:
-        _check(about, model, references)
+        _check(about, model)
     found = [shots_of(about, folder, references) for about in sets]
     total = sum(len(curves) for curves, *_ in found)
     names = file_names([*_OUTPUTS, *(about.name for about in sets)])[len(_OUTPUTS) :]
-    records: list[SetRecord] = []
+    records: list[ComparedSet] = []
     for about, name, (curves, files, problems, left_out) in zip(sets, names, found, strict=True):
-        which = about.settings.get("model", model)
-        options: dict[str, Any] = {name: about.settings.get(name) for name in ("stretch", "window")}
-        options |= {"medium": about.medium, "done": (lambda: done(total)) if done else None}
-        if fit:
-            from cavirheo.inference.fit import fit_many
-
-            which = "newtonian" if load(which).card["material"] == "newtonian" else fit
-            answers = fit_many(curves, which, windows=False, **options)
-            which = f"least squares, {which}"
-        else:
-            answers = infer_many(curves, model=which, **options)
+        which, answers = _answers(about, curves, model, fit, (lambda: done(total)) if done else None)
         rows = write_report(out / name, list(zip(curves, answers, strict=True)), command).curves if curves else []
-        records.append(
-            set_record(
-                about,
-                rows,
-                against,
-                files=[str(file.relative_to(folder) if file.is_relative_to(folder) else file) for file in files],
-                model=which,
-                medium=asdict(about.medium),
-                report=f"{name}/report.html" if curves else None,
-                problems=problems,
-                notes=left_out,
-            )
-        )
-    date = datetime.now().astimezone().strftime("%Y-%m-%d %H:%M %Z")
+        records.append(compared_set(
+            about, rows, against, model=which, medium=asdict(about.medium), problems=problems, notes=left_out,
+            files=[str(file.relative_to(folder) if file.is_relative_to(folder) else file) for file in files],
+            report=f"{name}/report.html" if curves else None,
+        ))  # fmt: skip
     comparison = Comparison(
-        command=command, date=date, methods=methods, reference_methods=against, sets=records, notes=notes
-    )
+        command=command, date=datetime.now().astimezone().strftime("%Y-%m-%d %H:%M %Z"),
+        notes=([] if against else [none]) + ([] if style.available() else [_NO_PICTURE]),
+        methods=methods, reference_methods=against, sets=records,
+    )  # fmt: skip
     _write(out, comparison)
     return comparison
 
 
-def _against(wanted: Sequence[str], methods: list[str], references: Path) -> tuple[list[str], list[str]]:
-    """The reference methods, and a note if there is none."""
-    for name in wanted:
-        if name not in methods:
-            raise InputError(f"reference method {name!r}: not in {references}; it has {', '.join(methods) or 'none'}")
-    against = list(dict.fromkeys(wanted)) or [name for name in REFERENCES if name in methods]
-    if against:
-        return against, []
-    return [], [f"no relative errors: {references} has no method {' or '.join(REFERENCES)}; see --reference-method"]
-
-
-def _check(about: ReferenceSet, model: str, references: Path) -> None:
+def _check(about: ReferenceSet, model: str) -> None:
     """What only inference can judge, before the first shot costs time."""
+    column = "model"
     try:
         load(about.settings.get("model", model))
-    except InputError as error:
-        line = about.lines.get("model")
-        raise InputError(f"{references}, line {line}, column model: {error}" if line else str(error)) from None
-    try:
+        column = "stretch"
         check_stretch(about.settings.get("stretch"))
     except InputError as error:
-        raise InputError(f"{references}, line {about.lines['stretch']}, column stretch: {error}") from None
+        line = about.given.get(column)
+        raise (error.within(f"{line}, column {column}") if line else error) from None
+
+
+def _answers(
+    about: ReferenceSet, curves: list[RadiusCurve], model: str, fit: str | None, done: Callable[[], None] | None
+) -> tuple[str, list[Posterior]]:
+    """(by what the set is answered, the answers)."""
+    which = about.settings.get("model", model)
+    options: dict[str, Any] = {name: about.settings.get(name) for name in ("stretch", "window")}
+    options |= {"medium": about.medium, "done": done}
+    if not fit:
+        return which, infer_many(curves, model=which, **options)
+    from cavirheo.inference.fit import fit_many
+
+    law = "newtonian" if load(which).card["material"] == "newtonian" else fit
+    return f"least squares, {law}", fit_many(curves, law, windows=False, **options)
 
 
 def shots_of(
@@ -147,36 +139,26 @@ def shots_of(
         matches = [folder / about.files] if (folder / about.files).exists() else sorted(folder.glob(about.files))
     except (ValueError, NotImplementedError, OSError):  # an absolute pattern, or a name that no file can have
         matches = []
-    candidates = [f for path in matches for f in (sorted(path.iterdir()) if path.is_dir() else [path])]
-    files: list[Path] = []
-    left_out: list[Path] = []
-    for file in candidates:
-        in_folder = file not in matches
-        if file.is_dir() or file.name.startswith(".") or file.resolve() == references.resolve():
-            continue
-        (left_out if in_folder and file.suffix.lower() not in _MEASUREMENTS else files).append(file)
-    notes = [f"left out, for they do not look like measurements: {', '.join(f.name for f in left_out)}"]
+    candidates = [file for path in matches for file in (sorted(path.iterdir()) if path.is_dir() else [path])]
+    seen = [f for f in candidates if not (f.is_dir() or f.name.startswith(".") or f.resolve() == references.resolve())]
+    files = [file for file in seen if file in matches or file.suffix.lower() in _MEASUREMENTS]
+    left_out = ", ".join(file.name for file in seen if file not in files)
+    notes = [f"left out, for they do not look like measurements: {left_out}"] if left_out else []
     if not files:
-        return [], [], [f"no file matches {about.files!r} in {folder}"], notes if left_out else []
-    curves, problems = read_shots(
-        files,
-        density=about.medium.density,
-        pressure=about.medium.pressure,
-        max_radius=about.settings["rmax_um"] * 1e-6 if "rmax_um" in about.settings else None,
-    )
-    return curves, files, problems, notes if left_out else []
+        return [], [], [f"no file matches {about.files!r} in {folder}"], notes
+    scale = about.settings["rmax_um"] * 1e-6 if "rmax_um" in about.settings else None
+    density, pressure = about.medium.density, about.medium.pressure
+    curves, problems = read_shots(files, density=density, pressure=pressure, max_radius=scale)
+    return curves, files, problems, notes
 
 
 def _write(out: Path, comparison: Comparison) -> None:
-    from cavirheo.beside.published import picture, table
+    from cavirheo.beside.published.picture import figure
     from cavirheo.reporting.picture import save_png
-    from cavirheo.writing import style
 
-    if not style.available():
-        comparison.notes.append(_NO_PICTURE)
     with into(out):
         write_json(out / "comparison.json", comparison)
-        table.write_csv(out / "comparison.csv", comparison)
-        (out / "comparison.md").write_text(table.markdown(comparison), encoding="utf-8")
+        write_csv(out / "comparison.csv", comparison)
+        (out / "comparison.md").write_text(markdown(comparison), encoding="utf-8")
         if style.available():
-            save_png(out / "comparison.png", picture.figure(comparison))
+            save_png(out / "comparison.png", figure(comparison))

@@ -1,4 +1,4 @@
-"""Published values of sets of measurements, as a CSV file that is written by hand (docs/compare.md).
+"""Published values of sets of measurements, as a CSV file that is written by hand (docs/how-to/compare.md).
 
 One line per set, method and quantity, so that a method is added by adding lines:
 
@@ -7,68 +7,83 @@ One line per set, method and quantity, so that a method is added by adding lines
     gel 1 %,,,IMR,mu_Pa_s,0.020,0.009,
     gel 1 %,,,rheometer,G_kPa,1.30,,
 
-| column | holds |
-|---|---|
-| set | the name of the set of measurements (needed) |
-| files | its file, subfolder or glob, relative to the folder; default: the name of the set |
-| method, quantity, mean, std | a published value; a line without any of them only names a set. std may be left out |
-| model, window, stretch, rmax_um, medium, density, sound_speed, surface_tension, pressure, temperature | as the options of `cavirheo infer`, for the whole set: on one of its lines or on all |
-| source, note | free text |
-
-Quantities: G_Pa, G_kPa (or shear_modulus_Pa, shear_modulus_kPa) and mu_Pa_s, mu_mPa_s (or viscosity_...).
-Empty lines and lines that begin with # are left out.
-"""  # noqa: E501
+A line without method, quantity, mean and std only names a set. Settings stand on one line of a set or on all. Empty
+lines and lines that begin with # are left out.
+"""
 
 from __future__ import annotations
 
-import csv
 from dataclasses import dataclass, field
-from math import isfinite
 from pathlib import Path
 from typing import Any
 
+from pydantic import BaseModel, ConfigDict, NonNegativeFloat, PositiveFloat, PositiveInt, ValidationError
+
 from cavirheo.errors import InputError
 from cavirheo.physics.media import Medium, medium
+from cavirheo.reading.tabular import Row, read_sheets
+from cavirheo.writing.document import Record
 
 OURS = "cavirheo"  # the method's name for our own answers
 G, MU = "shear_modulus_Pa", "viscosity_Pa_s"
 _UNITS = {
-    "G_Pa": (G, 1.0),
-    "G_kPa": (G, 1e3),
-    "shear_modulus_Pa": (G, 1.0),
-    "shear_modulus_kPa": (G, 1e3),
-    "mu_Pa_s": (MU, 1.0),
-    "mu_mPa_s": (MU, 1e-3),
-    "viscosity_Pa_s": (MU, 1.0),
-    "viscosity_mPa_s": (MU, 1e-3),
+    **dict.fromkeys(("G_Pa", "shear_modulus_Pa"), (G, 1.0)),
+    **dict.fromkeys(("G_kPa", "shear_modulus_kPa"), (G, 1e3)),
+    **dict.fromkeys(("mu_Pa_s", "viscosity_Pa_s"), (MU, 1.0)),
+    **dict.fromkeys(("mu_mPa_s", "viscosity_mPa_s"), (MU, 1e-3)),
 }
-_CONSTANTS = {
-    "density": "kg/m3", "sound_speed": "m/s", "surface_tension": "N/m", "pressure": "Pa", "temperature": "K",
-}  # fmt: skip
-_NUMBERS = {"window": "collapses", "stretch": "R_max/R_0", "rmax_um": "um", **_CONSTANTS}
-_SETTINGS = ("files", "model", "medium", *_NUMBERS)
-_VALUE = ("method", "quantity", "mean", "std")
-_COLUMNS = ("set", *_VALUE, *_SETTINGS, "source", "note")
+_CONSTANTS = ("density", "sound_speed", "surface_tension", "pressure", "temperature")
+_SETTINGS = ("files", "model", "medium", "window", "stretch", "rmax_um", *_CONSTANTS)
 
 
-@dataclass(frozen=True)
-class Published:
-    """A value from the literature, SI; `std` None where none is given."""
+class _ReferenceLine(BaseModel):
+    """One line of the file: its columns and what they may hold. The settings are as the options of `infer`, SI."""
 
-    mean: float
+    model_config = ConfigDict(allow_inf_nan=False)
+
+    set: str
+    method: str | None = None
+    quantity: str | None = None
+    mean: PositiveFloat | None = None
+    std: NonNegativeFloat | None = None
+    files: str | None = None  # file, subfolder or glob, relative to the folder; default: the name of the set
+    model: str | None = None
+    medium: str | None = None
+    window: PositiveInt | None = None
+    stretch: PositiveFloat | None = None
+    rmax_um: PositiveFloat | None = None
+    density: PositiveFloat | None = None
+    sound_speed: PositiveFloat | None = None
+    surface_tension: NonNegativeFloat | None = None
+    pressure: PositiveFloat | None = None
+    temperature: PositiveFloat | None = None
+    source: str = ""
+    note: str = ""
+
+
+_COLUMNS = tuple(_ReferenceLine.model_fields)
+
+
+class MethodValue(Record):
+    """What one method says of one quantity, SI: published, or the mean ± standard deviation over our n shots."""
+
+    mean: float | None = None
     std: float | None = None
+    n: int | None = None
     source: str = ""
 
 
 @dataclass
 class ReferenceSet:
-    """What the file says about one set. `lines` tells which line gave a setting; `values` is by (method, quantity)."""
+    """What the file says about one set. `where` is its first line; `given` tells which line gave a setting; `values`
+    is by (method, quantity).
+    """
 
     name: str
-    line: int
+    where: str
     settings: dict[str, Any] = field(default_factory=dict)
-    lines: dict[str, int] = field(default_factory=dict)
-    values: dict[tuple[str, str], Published] = field(default_factory=dict)
+    given: dict[str, str] = field(default_factory=dict)
+    values: dict[tuple[str, str], MethodValue] = field(default_factory=dict)
     medium: Medium = field(default_factory=Medium)
 
     @property
@@ -82,112 +97,83 @@ def read_references(path: str | Path) -> list[ReferenceSet]:
     Raises:
         InputError: the file cannot be read or has a mistake; the message names line, column and what was expected.
     """
-    rows = _rows(Path(path))
-    head_line, head = next(rows, (1, []))
-    head = [name.strip() for name in head]
-    _check_head(head, f"{path}, line {head_line}")
+    try:
+        (sheet,) = read_sheets(Path(path), lambda cells: "set" in cells, most=1, marks="#")
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read ({error.strerror or error})", "references.file") from None
+    except InputError as error:
+        raise error.within(str(path)) from None
+    (first, head), *rows = sheet.rows or [Row(1, [])]
+    _check_head(head, f"{path}, line {first}")
     sets: dict[str, ReferenceSet] = {}
-    methods: dict[str, tuple[str, int]] = {}
-    for line, cells in rows:
-        where = f"{path}, line {line}"
-        if len(cells) > len(head):
-            raise InputError(
-                f"{where}: {len(cells)} cells, expected the {len(head)} of the header; text with a comma in it needs "
-                'quotes: "a, b"'
-            )
-        row = {name: cell.strip() for name, cell in zip(head, cells, strict=False)}
-        name = row.get("set", "")
-        if not name:
-            raise InputError(f"{where}, column set: empty; expected the name of a set of measurements")
-        about = sets.setdefault(name, ReferenceSet(name, line))
-        _add_settings(about, row, line, where)
-        _add_value(about, row, where)
-        if method := row.get("method", ""):
-            known, first = methods.setdefault(method.casefold(), (method, line))
-            if known != method:
-                raise InputError(f"{where}, column method: {method!r}; expected it as on line {first}: {known!r}")
+    methods: dict[str, tuple[str, str]] = {}
+    for number, cells in rows:
+        where = f"{path}, line {number}"
+        cells = cells if len(head) > 1 else [" ".join(cells)]  # names alone: nothing separates columns
+        if any(cells[len(head) :]):
+            found = f"{where}: {len(cells)} cells, expected the {len(head)} of the header"
+            raise InputError(f'{found}; text with a comma in it needs quotes: "a, b"', "references.cells")
+        row = {name: cell for name, cell in zip(head, cells, strict=False) if cell}
+        try:
+            line = _ReferenceLine(**row)  # type: ignore[arg-type]  # text, which it turns into numbers
+        except ValidationError as error:
+            wrong = error.errors(include_url=False)[0]
+            column = str(wrong["loc"][0])
+            expected = "a name" if column == "set" else wrong["msg"].removeprefix("Input should be ")
+            raise _mistake(where, column, row.get(column, ""), expected) from None
+        about = sets.setdefault(line.set, ReferenceSet(line.set, where))
+        for name, value in line.model_dump(include=set(_SETTINGS), exclude_none=True).items():
+            if about.settings.setdefault(name, value) != value:
+                expected = f"{about.settings[name]} as in {about.given[name]}, or an empty cell"
+                raise _mistake(where, name, row[name], expected)
+            about.given.setdefault(name, where)
+        _add_value(about, line, where)
+        if line.method:
+            known, there = methods.setdefault(line.method.casefold(), (line.method, where))
+            if known != line.method:
+                raise _mistake(where, "method", line.method, f"{known!r} as in {there}")
     if not sets:
-        raise InputError(f"{path}: no set; expected lines below the header, such as: gel_1,IMR,G_kPa,6.44,1.64")
+        example = "gel_1,IMR,G_kPa,6.44,1.64"
+        raise InputError(f"{path}: no set; expected lines below the header, such as: {example}", "references.no_set")
     for about in sets.values():
         constants = {name: about.settings[name] for name in _CONSTANTS if name in about.settings}
         try:
             about.medium = medium(about.settings.get("medium", "water"), **constants)
         except InputError as error:
-            raise InputError(f"{path}, line {about.line}, set {about.name!r}: {error}") from None
+            raise error.within(f"{about.where}, set {about.name!r}") from None
     return list(sets.values())
 
 
-def _rows(path: Path) -> Any:
-    """(line, cells) of each line that is neither empty nor a comment."""
-    try:
-        with path.open(encoding="utf-8-sig", newline="") as file:
-            reader = csv.reader(file)
-            for cells in reader:
-                if any(cell.strip() for cell in cells) and not cells[0].lstrip().startswith("#"):
-                    yield reader.line_num, cells
-    except (OSError, UnicodeDecodeError, csv.Error) as error:
-        reason = error.strerror if isinstance(error, OSError) and error.strerror else error
-        raise InputError(f"{path}: cannot be read as a CSV file ({reason})") from None
+def _mistake(where: str, column: str, found: Any, expected: str) -> InputError:
+    return InputError(f"{where}, column {column}: {found or ''!r}; expected: {expected}", f"references.{column}")
 
 
 def _check_head(head: list[str], where: str) -> None:
     if "set" not in head:
-        raise InputError(
-            f"{where}: no column set; found: {', '.join(head) or 'nothing'}; expected {','.join(_COLUMNS)}"
-        )
+        found, expected = ", ".join(head) or "nothing", ",".join(_COLUMNS)
+        raise InputError(f"{where}: no column set; found: {found}; expected {expected}", "references.head")
     for name in head:
+        place = f"{where}, column {name or '(empty)'}"
         if name not in _COLUMNS:
-            raise InputError(f"{where}, column {name or '(empty)'}: not known; expected one of {', '.join(_COLUMNS)}")
+            raise InputError(f"{place}: not known; expected one of {', '.join(_COLUMNS)}", "references.head")
         if head.count(name) > 1:
-            raise InputError(f"{where}, column {name}: {head.count(name)} times; expected once")
+            raise InputError(f"{place}: {head.count(name)} times; expected once", "references.head")
 
 
-def _add_settings(about: ReferenceSet, row: dict[str, str], line: int, where: str) -> None:
-    for name in _SETTINGS:
-        text = row.get(name, "")
-        if not text:
-            continue
-        value: Any = text
-        if name == "window":
-            if not text.isdigit() or int(text) < 1:
-                raise InputError(f"{where}, column window: {text!r}; expected a whole number of collapses from 1")
-            value = int(text)
-        elif name in _NUMBERS:
-            value = _number(text, f"{where}, column {name}", _NUMBERS[name], zero=name == "surface_tension")
-        if about.settings.setdefault(name, value) != value:
-            raise InputError(
-                f"{where}, column {name}: {text}, but line {about.lines[name]} says {about.settings[name]} for the set "
-                f"{about.name!r}; expected one value for a set, or an empty cell"
-            )
-        about.lines.setdefault(name, line)
-
-
-def _add_value(about: ReferenceSet, row: dict[str, str], where: str) -> None:
-    if not any(row.get(name) for name in _VALUE):
+def _add_value(about: ReferenceSet, line: _ReferenceLine, where: str) -> None:
+    """The published value of a line, if it has one."""
+    if not any((line.method, line.quantity, line.mean, line.std is not None)):
         return
-    method, quantity = row.get("method", ""), row.get("quantity", "")
-    if not method:
-        raise InputError(f"{where}, column method: empty; expected who measured, such as IMR or rheometer")
-    if method.casefold() == OURS:
-        raise InputError(f"{where}, column method: {method!r} are our own answers; expected another name")
-    if quantity not in _UNITS:
-        raise InputError(f"{where}, column quantity: {quantity!r}; expected one of {', '.join(_UNITS)}")
-    name, factor = _UNITS[quantity]
-    mean = _number(row.get("mean", ""), f"{where}, column mean", quantity)
-    text = row.get("std", "")
-    std = _number(text, f"{where}, column std", quantity, zero=True) if text else None
-    if (method, name) in about.values:
-        raise InputError(f"{where}: a second {name} of {about.name!r} by {method}; expected one")
-    scaled = [None if value is None else float(f"{value * factor:.12g}") for value in (mean, std)]  # 6.44e3 is 6440
-    assert scaled[0] is not None
-    about.values[method, name] = Published(scaled[0], scaled[1], row.get("source", ""))
-
-
-def _number(text: str, where: str, unit: str, *, zero: bool = False) -> float:
-    try:
-        value = float(text)
-    except ValueError:
-        value = float("nan")
-    if not isfinite(value) or value < 0 or (value == 0 and not zero):
-        raise InputError(f"{where}: {text!r}; expected a number {'from' if zero else 'above'} 0 ({unit})")
-    return value
+    if not line.method:
+        raise _mistake(where, "method", "", "who measured, such as IMR or rheometer")
+    if line.method.casefold() == OURS:
+        raise _mistake(where, "method", line.method, "another name: this one is of our own answers")
+    if line.quantity not in _UNITS:
+        raise _mistake(where, "quantity", line.quantity, f"one of {', '.join(_UNITS)}")
+    if line.mean is None:
+        raise _mistake(where, "mean", "", f"a number above 0 ({line.quantity})")
+    quantity, factor = _UNITS[line.quantity]
+    if (line.method, quantity) in about.values:
+        raise _mistake(where, "quantity", line.quantity, f"one {quantity} of {about.name!r} by {line.method}")
+    scaled = [None if value is None else float(f"{value * factor:.12g}") for value in (line.mean, line.std)]
+    about.values[line.method, quantity] = MethodValue(mean=scaled[0], std=scaled[1], source=line.source)

@@ -3,9 +3,7 @@
 | module | does |
 |---|---|
 | read | exports of rheometers (TRIOS, RheoCompass, rSpace, Excel, plain tables) -> sweeps in SI |
-| analyse | one sweep -> its properties |
-| record | all sweeps of one material -> rheometer.json, rheometer.csv; the common table with bubbles, table.csv |
-| table | the terminal |
+| sweeps | one sweep -> its properties |
+| document | all sweeps of one material, and the common table with bubbles: JSON, CSV, the terminal |
 | picture | the sweeps with what was found in them (needs the [plot] extra) |
-| command | `cavirheo rheometer` |
 """

@@ -4,31 +4,72 @@ A table is recognised by the header over it: one column for G', one for G'', and
 metadata above it, a row of units below it (TRIOS, RheoCompass), several tables one after the other, several sheets of
 a workbook, and a column that tells intervals apart (rSpace) are all read; decimal commas too, where commas do not
 separate the columns.
-Titles and units: `titles`.
+
+Units are read, never guessed: from the title (`G' (Pa)`, `Shear Strain [%]`, `omega_rad_per_s`) or from the row below.
+Without a unit, a modulus is in Pa and an angular frequency in rad/s (there is one usual unit, and the sweep says so);
+a strain (per cent or fraction?) and a plain frequency (Hz or rad/s?) without a unit are errors.
 """
 
 from __future__ import annotations
 
-import csv
 import hashlib
 import math
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import cache
 from pathlib import Path
-from typing import Literal
-from zipfile import BadZipFile
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
-from cavirheo.beside.rheometer.titles import NAMES, Column, read_title
 from cavirheo.errors import InputError
-from cavirheo.reading.spreadsheet import sheets
-from cavirheo.reading.table import Rows, decimal_point, is_number, text_of
+from cavirheo.reading.tabular import Row, column_of, is_number, numbers, plain_unit, read_sheets, refuse_wider
 
 Floats = np.ndarray
-Kind = Literal["strain", "frequency"]
+SweepKind = Literal["strain", "frequency"]
 
+# Titles as exported, without accents, spaces and capitals; in English, German and French, as the programs speak.
+_STORAGE = "storagemodulus shearstoragemodulus elasticmodulus shearmoduluselasticcomponent speichermodul"
+_STORAGE += " modulestockage moduleconservation moduledestockage moduledeconservation moduleelastique"
+_LOSS = "lossmodulus shearlossmodulus viscousmodulus shearmodulusviscouscomponent verlustmodul"
+_LOSS += " moduleperte moduledeperte modulevisqueux"
+_OMEGA = "angularfrequency angfrequency angularfreq angfreq omega ω w kreisfrequenz frequenceangulaire pulsation"
+_AMPLITUDE = "oscillationstrain complexshearstrain strainamplitude shearstrainamplitude oscillationstrainamplitude"
+_STRAIN = "shearstrain strain gamma γ γ0 gamma0 scherdeformation deformation deformationdecisaillement"
+_INTERVAL = "actionname interval intervalno step stepname segment sweep sample run repeat replicate test"
+_COLUMNS = (  # column, which to prefer where two titles name one, titles
+    ("storage", 0, [f"{a}{t}{b}" for t in _STORAGE.split() for a, b in (("", ""), ("g'", ""), ("", "g'"))]),
+    ("storage", 0, ["g'", "gp", "gprime", "gstorage"]),
+    ("loss", 0, [f"{a}{t}{b}" for t in _LOSS.split() for a, b in (("", ""), ("g''", ""), ("", "g''"))]),
+    ("loss", 0, ["g''", "gpp", "gdp", "gdoubleprime", "gloss"]),
+    ("omega", 0, _OMEGA.split()),
+    ("omega", 1, ["frequency", "freq", "frequenz", "frequence"]),
+    ("strain", 0, _AMPLITUDE.split()),
+    ("strain", 1, _STRAIN.split()),
+    ("interval", 0, _INTERVAL.split()),
+)
+_TITLES = {title: (kind, preference) for kind, preference, titles in _COLUMNS for title in titles}
+_PASCAL = {"Pa": 1.0, "pa": 1.0, "kPa": 1e3, "KPa": 1e3, "kpa": 1e3, "MPa": 1e6, "GPa": 1e9, "mPa": 1e-3, "dyncm2": 0.1}
+_PER_SECOND = dict.fromkeys(("rads", "radsec", "radpers", "rads-1", "rads1", "radsec-1"), 1.0)
+_INVERSE_SECOND = dict.fromkeys(("1s", "s-1", "pers", "1sec"), 1.0)  # Hz or rad/s: only the name can tell
+_HERTZ = {"Hz": 2 * math.pi, "hz": 2 * math.pi, "HZ": 2 * math.pi, "kHz": 2e3 * math.pi, "mHz": 2e-3 * math.pi}
+_FRACTION = dict.fromkeys(("1", "-", "–", "—", "fraction", "dimensionless", "unitless"), 1.0)
+_UNITS = {
+    "storage": _PASCAL,
+    "loss": _PASCAL,
+    "omega": _PER_SECOND | _INVERSE_SECOND | _HERTZ,
+    "strain": dict.fromkeys(("%", "percent", "pct"), 0.01) | _FRACTION,
+    "interval": {},
+}
+_UNITS_BY_KIND: dict[Any, dict[str, float]] = {kind: _UNITS[kind[0]] for kind in set(_TITLES.values())}
+_NAMES = {"storage": "G'", "loss": "G''", "omega": "frequency", "strain": "strain"}
+_UNDECLARED = {
+    "strain": "{title!r} has no unit, and per cent and fraction differ by a factor of 100; write it into the header: "
+    "'Strain (%)' or 'Strain [1]'",
+    "omega": "{title!r} has no unit, and Hz and rad/s differ by a factor of 2 pi; write it into the header: "
+    "'Frequency (Hz)' or 'Angular frequency (rad/s)'",
+}
 _EXPECTED = "expected a header such as omega (rad/s), G' (Pa), G'' (Pa) or strain (%), G' (Pa), G'' (Pa)"
 _SWEPT = 2.0  # largest over smallest, from which a column counts as swept
 _SAME = 0.02  # relative difference below which two settings of the instrument are one
@@ -40,13 +81,13 @@ class Sweep:
 
     name: str
     source: str
-    kind: Kind
+    kind: SweepKind
     x: Floats  # strain as a fraction, or angular frequency in rad/s
     storage: Floats  # G', Pa
     loss: Floats  # G'', Pa
     held: float | None = None
-    notes: tuple[str, ...] = ()
-    sha256: str = ""
+    notes: Sequence[str] = ()
+    source_sha256: str = ""
 
 
 def read_sweeps(path: str | Path) -> list[Sweep]:
@@ -60,222 +101,217 @@ def read_sweeps(path: str | Path) -> list[Sweep]:
     """
     path = Path(path)
     if not path.is_file():
-        raise InputError(f"{path} is a directory; give the files in it" if path.is_dir() else f"{path} does not exist")
+        trouble = "is a directory; give the files in it" if path.is_dir() else "does not exist"
+        raise InputError(f"{path} {trouble}", "rheometer.no_file")
+    found: list[Sweep] = []
+    others: list[str] = []
     try:
-        content = path.read_bytes()
-        tables = [table for rows in _layouts(path, content) for table in _tables(rows)]
+        sheets = read_sheets(path, _is_header, marks="#")
+        tables = [table for sheet in sheets for table in _tables(sheet.rows)]
         if not tables:
-            raise InputError(_nothing_found(next(_layouts(path, content))))
-        found, others = [], []
-        for number, (label, table) in enumerate(tables, 1):
+            raise _nothing_found([row.cells for sheet in sheets for row in sheet.rows])
+        for number, table in enumerate(tables, 1):
             try:
-                found += _sweeps(label or (str(number) if len(tables) > 1 else ""), table)
+                found += _sweeps(table, table.label or (str(number) if len(tables) > 1 else ""))
             except _NoSweepError as reason:
                 others.append(str(reason))
         if not found:
-            raise InputError("; ".join(others))
+            raise InputError("; ".join(others), "rheometer.no_sweep")
     except InputError as error:
-        raise InputError(f"{path}: {error}") from None
-    except (OSError, BadZipFile, KeyError, ValueError, SyntaxError) as error:  # SyntaxError: of XML
-        raise InputError(f"{path} cannot be read, it may be damaged ({type(error).__name__}: {error})") from error
-    digest = hashlib.sha256(content).hexdigest()
-    notes = (f"left out of the file: {'; '.join(dict.fromkeys(others))}",) if others else ()
+        raise error.within(str(path)) from None
+    notes = [f"left out of the file: {'; '.join(dict.fromkeys(others))}"] if others else []
+    file: dict[str, Any] = {"source": str(path), "source_sha256": hashlib.sha256(path.read_bytes()).hexdigest()}
+    names = [f"{path.stem}[{sweep.name}]" if len(found) > 1 and sweep.name else path.stem for sweep in found]
     return [
-        replace(
-            sweep,
-            name=f"{path.stem}[{sweep.name}]" if len(found) > 1 and sweep.name else path.stem,
-            source=str(path),
-            notes=sweep.notes + notes,
-            sha256=digest,
-        )
-        for sweep in found
+        replace(sweep, name=name, notes=[*sweep.notes, *notes], **file)
+        for name, sweep in zip(names, found, strict=True)
     ]
 
 
-def _layouts(path: Path, content: bytes) -> Iterator[Rows]:
-    """The file as rows of cells: each sheet of a workbook; for text, the first separator that shows a table."""
-    if content.startswith(b"PK\x03\x04"):
-        yield from sheets(path)
-        return
-    if content.startswith(b"\xd0\xcf\x11\xe0"):
-        raise InputError("an old Excel file (.xls); save it as .xlsx or CSV")
-    if content[:2] in (b"\xff\xfe", b"\xfe\xff"):
-        text = content.decode("utf-16")
-    elif b"\x00" in content[:1000]:  # RheoCompass, with its byte order mark lost on the way
-        text = content.decode("utf-16-le" if content[1:2] == b"\x00" else "utf-16-be")
-    else:
-        text = text_of(content)
-    lines = [line.removeprefix("#") for line in text.splitlines()]
-    if not any(line.strip() for line in lines):
-        raise InputError(f"the file is empty; {_EXPECTED}")
-    layouts = [(separator, _split(lines, separator)) for separator in ("\t", ";", ",", None)]
-    shown = (layout for layout in layouts if any(map(_header, layout[1])))
-    best = max(layouts, key=lambda layout: max(map(_recognised, layout[1][:200])))  # for the message that there is none
-    separator, rows = next(shown, best)
-    yield rows if separator == "," else [_with_points(row) for row in rows]
+class SweepColumn(NamedTuple):
+    """One column of a table of moduli; `preference`: 0 where another title of its kind is less exact."""
+
+    at: int
+    title: str
+    kind: str
+    preference: int
+    unit: str | None
+
+    def factor(self) -> float:
+        """From the column's unit to SI. Raises InputError for a unit that is missing or unknown."""
+        plain = self.kind == "omega" and self.preference == 1
+        if self.unit is None and (self.kind == "strain" or plain):
+            raise InputError(_UNDECLARED[self.kind].format(title=self.title), "rheometer.no_unit")
+        if self.unit is None:
+            return 1.0
+        unit, units = plain_unit(self.unit), _UNITS[self.kind]
+        if plain and unit in _INVERSE_SECOND:
+            title = self.title if self.unit in self.title else f"{self.title} {self.unit}"
+            raise InputError(_UNDECLARED[self.kind].format(title=title), "rheometer.no_unit")
+        if unit not in units:
+            known = {"strain": "%, 1", "omega": "rad/s, Hz"}.get(self.kind, "Pa, kPa, MPa")
+            raise InputError(
+                f"the unit {self.unit!r} of {self.title!r} is not known; known: {known}", "rheometer.unknown_unit"
+            )
+        return units[unit]
+
+    def note(self) -> str:
+        """What was done to the unit; nothing where there was nothing to do."""
+        if self.unit is None:
+            return f"{self.title!r} has no unit: taken to be in {'rad/s' if self.kind == 'omega' else 'Pa'}"
+        if self.kind == "omega" and plain_unit(self.unit) in _HERTZ:
+            return f"{self.title!r} is in {self.unit}: converted to rad/s by 2 pi"
+        return ""
 
 
-def _split(lines: list[str], separator: str | None) -> Rows:
-    rows = [next(csv.reader([line], delimiter=separator), []) if separator else line.split() for line in lines]
-    return [[cell.strip() for cell in row] for row in rows]
-
-
-def _recognised(row: list[str]) -> int:
-    return sum(bool(read_title(cell)[0]) for cell in row)
-
-
-def _with_points(row: list[str]) -> list[str]:
-    """Decimal commas become points; a row that has both does not say which of them separates thousands."""
-    changed = [decimal_point(cell) for cell in row]
-    commas = [old for old, new in zip(row, changed, strict=True) if old != new]
-    points = [cell for cell in row if "." in cell and is_number(cell)]
-    if commas and points:
-        raise InputError(f"{commas[0]!r} and {points[0]!r} in one row: is the comma decimal? export with points only")
-    return changed
+@cache
+def read_title(title: str) -> tuple[str, int, str | None]:
+    """("storage" | "loss" | "omega" | "strain" | "interval" | "", preference, unit or None) of a column's title."""
+    if title[:1] in "0123456789+-.":
+        return "", 0, None
+    kind, unit = column_of(title, _TITLES, _UNITS_BY_KIND)
+    return (*(kind or ("", 0)), unit)
 
 
 @dataclass
-class _Table:
-    columns: dict[str, Column]
+class _ModuliTable:
+    """`label`: what tells its rows from those of the others, where a column does."""
+
+    columns: dict[str, SweepColumn]
     header: list[str]
-    rows: list[tuple[int, list[str]]]  # with their numbers in the file, from 1
+    rows: list[Row]
+    label: str = ""
 
 
-def _tables(rows: Rows) -> Iterator[tuple[str, _Table]]:
-    """Each table with its label: what tells its rows from those of the others, where a column does."""
-    table: _Table | None = None
-    whole: list[_Table] = []
-    for number, row in enumerate(rows, 1):
-        filled = [cell for cell in row if cell]
-        if columns := _header(row):
-            table = _Table(columns, row, [])
+def _tables(rows: list[Row]) -> Iterator[_ModuliTable]:
+    """Each table of moduli; one with a column of intervals is as many tables."""
+    table: _ModuliTable | None = None
+    whole: list[_ModuliTable] = []
+    for row in rows:
+        filled = [cell for cell in row.cells if cell]
+        if _is_header(row.cells):
+            table = _ModuliTable(_columns(row.cells), row.cells, [])
             whole.append(table)
-        elif not filled or table is None:
+        elif table is None:
             continue
-        elif not table.rows and _are_units(table, row):
+        elif not table.rows and _are_units(table, row.cells):
             for kind, c in table.columns.items():  # the units, below their titles
-                if c.unit is None and c.at < len(row) and row[c.at]:
-                    table.columns[kind] = c._replace(unit=row[c.at])
+                if c.unit is None and c.at < len(row.cells) and row.cells[c.at]:
+                    table.columns[kind] = c._replace(unit=row.cells[c.at])
         elif filled[0].startswith("[") or filled[0].endswith(":") or not any(map(is_number, filled)):
             table = None  # "[step]", "Result:", "Frequency sweep - 2": another table begins, or none
         else:
-            table.rows.append((number, row))
+            table.rows.append(row)
     for table in whole:
         at = table.columns.pop("interval", None)
-        labels = [row[at.at] if at and at.at < len(row) else "" for _, row in table.rows]
+        labels = [row.cells[at.at] if at and at.at < len(row.cells) else "" for row in table.rows]
         if len(set(labels)) == len(labels):  # a number for each row
             labels = [""] * len(labels)
         for label in dict.fromkeys(labels) or [""]:
             mine = [row for row, other in zip(table.rows, labels, strict=True) if other == label]
-            yield label, _Table(table.columns, table.header, mine)
+            yield replace(table, rows=mine, label=label)
 
 
-def _are_units(table: _Table, row: list[str]) -> bool:
+def _are_units(table: _ModuliTable, cells: list[str]) -> bool:
     """Whether a row just below the titles has words, not numbers, in the columns that matter."""
-    mine = [row[c.at] for kind, c in table.columns.items() if c.at < len(row) and row[c.at] and kind != "interval"]
-    return not any(is_number(cell) and re.search(r"\d", cell) for cell in mine or row)
+    places = [c.at for kind, c in table.columns.items() if kind != "interval"]
+    mine = [cells[at] for at in places if at < len(cells) and cells[at]]
+    return not any(is_number(cell) and re.search(r"\d", cell) for cell in mine or cells)
 
 
-def _header(row: list[str]) -> dict[str, Column]:
-    """The columns that a row names, if it is the header of a table of moduli; else none."""
-    columns: dict[str, Column] = {}
-    for at, title in enumerate(row):
-        kind, unit, preference = ("", None, 0) if title[:1] in "0123456789+-." else read_title(title)
-        if not kind or (kind == "interval" and kind in columns):
-            continue
-        if kind not in columns or preference < columns[kind].preference:
-            columns[kind] = Column(at, title, unit, preference)
-        elif preference == columns[kind].preference and {"storage", "loss"} <= columns.keys():
-            raise InputError(f"two columns for {NAMES[kind]}: {columns[kind].title!r} and {title!r}; one sweep a table")
-    return columns if {"storage", "loss"} <= columns.keys() else {}
+def _is_header(cells: list[str]) -> bool:
+    return {"storage", "loss"} <= {read_title(cell)[0] for cell in cells}
 
 
-def _nothing_found(rows: Rows) -> str:
-    titles = max(rows, key=lambda row: (_recognised(row), sum(not is_number(cell) for cell in row)), default=[])
-    found = {kind for kind, _, _ in map(read_title, titles)} & {"storage", "loss"}
-    missing = " and ".join(NAMES[kind] for kind in ("storage", "loss") if kind not in found)
+def _columns(header: list[str]) -> dict[str, SweepColumn]:
+    """The columns that the header of a table of moduli names, by kind."""
+    columns: dict[str, SweepColumn] = {}
+    for at, title in enumerate(header):
+        column = SweepColumn(at, title, *read_title(title))
+        first = columns.get(column.kind)
+        if column.kind and (first is None or column.preference < first.preference):
+            columns[column.kind] = column
+        elif (
+            first
+            and first.preference == column.preference
+            and column.kind != "interval"
+            and {"storage", "loss"} <= columns.keys()
+        ):
+            raise InputError(
+                f"two columns for {_NAMES[column.kind]}: {first.title!r} and {title!r}; one sweep a table",
+                "rheometer.two_columns",
+            )
+    return columns
+
+
+def _nothing_found(rows: list[list[str]]) -> InputError:
+    if not rows:
+        return InputError(f"the file is empty; {_EXPECTED}", "rheometer.empty")
+    titles = max(rows, key=lambda row: (sum(bool(read_title(c)[0]) for c in row), sum(not is_number(c) for c in row)))
+    found = {read_title(title)[0] for title in titles}
+    missing = " and ".join(_NAMES[kind] for kind in ("storage", "loss") if kind not in found)
     shown = ", ".join(repr(title[:30]) for title in titles[:8] if title)
-    return f"no column for {missing} among {shown}; {_EXPECTED}"
+    return InputError(f"no column for {missing} among {shown}; {_EXPECTED}", "rheometer.no_moduli")
 
 
 class _NoSweepError(Exception):
     """A table of moduli that is no sweep: one frequency, one strain."""
 
 
-def _sweeps(label: str, table: _Table) -> list[Sweep]:
+def _sweeps(table: _ModuliTable, label: str) -> list[Sweep]:
     """The sweep that a table holds, or each of its repetitions."""
     columns = table.columns
     settings = [kind for kind in ("omega", "strain") if kind in columns]
     if not settings:
-        raise _NoSweepError(
-            f"no column for frequency or strain among {', '.join(map(repr, table.header[:8]))}; {_EXPECTED}"
-        )
-    numbers, invalid = _numbers(table)
-    swept = {kind: _span(numbers[kind][numbers["storage"] > 0]) >= _SWEPT for kind in settings}
+        titles = ", ".join(map(repr, table.header[:8]))
+        raise _NoSweepError(f"no column for frequency or strain among {titles}; {_EXPECTED}")
+    refuse_wider(table.rows, table.header)
+    rows = [row for row in table.rows if not any("invalid" in cell.lower() for cell in row.cells)]
+    values = {kind: numbers(rows, column.at) for kind, column in columns.items()}  # in the units of the file
+    swept = {kind: _span(values[kind][values["storage"] > 0]) >= _SWEPT for kind in settings}
     if not any(swept.values()):
-        rows = np.count_nonzero(numbers["storage"] > 0)
-        what = " and ".join(NAMES[kind] for kind in settings)
-        raise _NoSweepError(f"no sweep of {what} in the {rows} rows with moduli{f' of {label!r}' if label else ''}")
+        count = np.count_nonzero(values["storage"] > 0)
+        what = " and ".join(_NAMES[kind] for kind in settings)
+        raise _NoSweepError(f"no sweep of {what} in the {count} rows with moduli{f' of {label!r}' if label else ''}")
     x_kind = "omega" if swept.get("omega") else "strain"  # at a given stress the strain varies with the frequency
-    needed = np.stack([numbers[kind] for kind in (x_kind, "storage", "loss")])
+    kinds = (x_kind, "storage", "loss")
+    needed = np.stack([values[kind] for kind in kinds])
     known = np.isfinite(needed).all(axis=0)
     usable = known & (needed > 0).all(axis=0)
     dropped = {
-        "marked invalid": invalid,
+        "marked invalid": len(table.rows) - len(rows),
         "without a number": int(np.count_nonzero(~known)),
         "with a modulus or setting that is not positive": int(np.count_nonzero(known & ~usable)),
     }
     notes = [f"{count} row{'s' * (count > 1)} {why} left out" for why, count in dropped.items() if count]
-    if np.count_nonzero(usable) < 3:
-        raise _NoSweepError(
-            f"{np.count_nonzero(usable)} usable rows in a sweep, at least 3 are needed; {'; '.join(notes)}"
-        )
-    notes += [note for kind in (x_kind, "storage", "loss") if (note := columns[kind].note(kind))]
-    x, storage, loss = (columns[kind].factor(kind) * numbers[kind][usable] for kind in (x_kind, "storage", "loss"))
-    other = {"omega": "strain", "strain": "omega"}[x_kind]
+    if (count := np.count_nonzero(usable)) < 3:
+        raise _NoSweepError(f"{count} usable rows in a sweep, at least 3 are needed; {'; '.join(notes)}")
+    notes += filter(None, (columns[kind].note() for kind in kinds))
+    x, storage, loss = (columns[kind].factor() * values[kind][usable] for kind in kinds)
     held = np.full(len(x), np.nan)
-    if other in columns:
+    if (other := "strain" if x_kind == "omega" else "omega") in columns:
         if x_kind == "omega":
-            _refuse_two_sweeps(x, numbers[other][usable])
+            _refuse_two_sweeps(x, values[other][usable])
         try:
-            held = columns[other].factor(other) * numbers[other][usable]
+            held = columns[other].factor() * values[other][usable]
         except InputError:
             notes.append(f"{columns[other].title!r} is not used: its unit is missing or not known")
-
     passes = _passes(x)
     times = int(passes.max()) + 1
     if times > 1:
-        notes.append(f"each {NAMES[x_kind]} {times} times: read as {times} sweeps")
+        notes.append(f"each {_NAMES[x_kind]} {times} times: read as {times} sweeps")
     found = []
     for k in range(times):
         mine = np.flatnonzero(passes == k)
         mine = mine[np.argsort(x[mine], kind="stable")]
-        columns_of_sweep, twice = _merged(x[mine], storage[mine], loss[mine])
-        more = [f"{twice} row{'s' * (twice > 1)} at the {NAMES[x_kind]} of another averaged with it"] if twice else []
+        merged, twice = _merged(x[mine], storage[mine], loss[mine])
+        more = [f"{twice} row{'s' * (twice > 1)} at the {_NAMES[x_kind]} of another averaged with it"] if twice else []
         name = label if times == 1 else f"{label}.{k + 1}".lstrip(".")
-        kind: Kind = "frequency" if x_kind == "omega" else "strain"
         setting = held[mine][np.isfinite(held[mine])]
         median = float(np.median(setting)) if setting.size else None
-        found.append(Sweep(name, "", kind, *columns_of_sweep, held=median, notes=(*notes, *more)))
+        kind: SweepKind = "frequency" if x_kind == "omega" else "strain"
+        found.append(Sweep(name, "", kind, *merged, held=median, notes=[*notes, *more]))
     return found
-
-
-def _numbers(table: _Table) -> tuple[dict[str, Floats], int]:
-    """The columns as numbers in the units of the file, NaN where there is none; and the rows marked invalid."""
-    values: dict[str, list[float]] = {kind: [] for kind in table.columns}
-    invalid = 0
-    for number, row in table.rows:
-        if any(row[len(table.header) :]):
-            raise InputError(f"row {number} has {len(row)} cells, the header {len(table.header)} (a decimal comma?)")
-        if any("invalid" in cell.lower() for cell in row):
-            invalid += 1
-            continue
-        for kind, place in table.columns.items():
-            cell = row[place.at] if place.at < len(row) else ""
-            if not is_number(cell) and not re.fullmatch(r"\W*", cell):
-                raise InputError(f"row {number}: {cell[:30]!r} is not a number")
-            values[kind].append(float(cell) if re.search(r"\d", cell) else math.nan)
-    return {kind: np.array(numbers) for kind, numbers in values.items()}, invalid
 
 
 def _span(values: Floats) -> float:
@@ -290,7 +326,8 @@ def _refuse_two_sweeps(omega: Floats, strain: Floats) -> None:
         if len(here) > 2 and _span(here) > _SWEPT:
             raise InputError(
                 f"{len(here)} rows at {one:.4g} rad/s with strains that differ by more than a factor of {_SWEPT:g}: "
-                "two sweeps in one table; give them as two files, or tell them apart by a column `interval`"
+                "two sweeps in one table; give them as two files, or tell them apart by a column `interval`",
+                "rheometer.two_sweeps",
             )
 
 

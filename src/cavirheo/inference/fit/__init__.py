@@ -1,19 +1,16 @@
-"""The field's conventional fit: least squares of simulated on measured radius histories (docs/fit.md).
+"""The field's conventional fit: least squares of simulated on measured radius histories (docs/method/fit.md).
 
 | module | does |
 |---|---|
-| parameters | the law's and the shots' parameters, their ranges; the options |
-| shots | frames, weights, simulation at the frames |
-| search | starts, residuals, finite differences, the minimum |
+| least_squares | residuals, finite differences, the minimum |
+| starts | coarse simulations all over the ranges, from which searches start |
 | covariance | what the minimum is worth, draws |
 """
 
 from __future__ import annotations
 
-import os
 import time
 from collections.abc import Callable, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import asdict, replace
 from importlib.metadata import version
 from itertools import pairwise
@@ -24,21 +21,24 @@ from numpy.typing import NDArray
 
 from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError, SolverError
+from cavirheo.inference.experiment import FINE, QUICK, SCALE_BOUND, Experiment, Options, misfit_of
 from cavirheo.inference.fit.covariance import Laplace, draws, laplace
-from cavirheo.inference.fit.parameters import AT_BOUND, SCALE_BOUND, Family, Settings, units
-from cavirheo.inference.fit.search import SEARCH, Fit, Minimum, Scan
-from cavirheo.inference.fit.shots import FINE, QUICK, Shot
-from cavirheo.inference.reconstruct import MISFIT, Reconstruction, Window, reconstruct
+from cavirheo.inference.fit.least_squares import SEARCH, LeastSquares, Minimum
+from cavirheo.inference.fit.starts import Scan
+from cavirheo.inference.law import Family
+from cavirheo.parallel import cores, each
+from cavirheo.parameters import LOG10, natural_name, units
 from cavirheo.physics.media import WATER, Medium
-from cavirheo.posterior import Checks, Posterior, Verdict
+from cavirheo.posterior import Checks, Diagnostics, Posterior, Verdict, WindowAnswer
 
-__all__ = ["fit", "fit_many", "overlaid"]
+__all__ = ["fit", "fit_many"]
 
 DRAWS = 4096
 WINDOWS: tuple[int | None, ...] = (1, 2, 3, None)  # collapses; None: all that was recorded
 BEST = 3  # rough simulations from which a search is started
 FOLLOWED = 1.0  # residual variance over the assumed one below which one start is enough
 LOWER = 0.95  # of a minimum's cost, that another minimum must reach to replace it
+AT_BOUND = 1e-3  # of a range: nearer to its end is "at the bound"
 
 Floats = NDArray[np.float64]
 
@@ -79,8 +79,8 @@ def fit_many(
         free: of "t0" (the clock: true time of R_max minus fitted one), "scale" (radius calibration: true radius over
             measured one) and "rmax" (R_max of the motion over that read off the curve, the calibration being right).
         t0_bound: s, largest |t0|; default half a frame interval. scale_bound: largest deviation of the others from 1.
-        weights: "motion" (frames count less where the wall moves fast; fit/shots.py) or "equal".
-        windows: fit windows of 1, 2, 3 and all collapses too, for comparison: provenance["windows"].
+        weights: "motion" (frames count less where the wall moves fast; inference/experiment.py) or "equal".
+        windows: fit windows of 1, 2, 3 and all collapses too, for comparison: `Posterior.windows`.
         joint: curves of one group (meta "group") share the material; stretch and what is free are each shot's own.
         seed: of the draws, which are the Gaussian about the minimum (fit/covariance.py).
         done: called after each curve.
@@ -91,53 +91,49 @@ def fit_many(
         InputError: unknown material or a setting out of its domain.
     """
     family = Family(material)
-    settings = Settings(window, end, stretch, tuple(free), t0_bound, scale_bound, weights, windows)
-    cores = workers or os.cpu_count() or 1
-    inner = max(cores // max(len(curves), 1), 1)
-    common = _common_provenance(family, settings, medium)
+    options = Options(window, end, stretch, tuple(free), t0_bound, scale_bound, weights, windows)
+    threads = cores(workers)
+    inner = max(threads // max(len(curves), 1), 1)
+    common = _common_provenance(family, options, medium)
 
-    def one(curve: RadiusCurve) -> tuple[Posterior, Single | None]:
+    def one(curve: RadiusCurve) -> tuple[Posterior, _Alone | None]:
         began = time.perf_counter()
-        single = None
+        alone = None
         try:
-            single = Single(Shot(curve, family, medium, settings), inner)
-            answer = single.posterior(common, seed)
+            alone = _Alone(Experiment(curve, family, medium, options), inner)
+            answer = alone.posterior(common, seed)
         except (InputError, SolverError) as error:
-            single, answer = None, _failed(family, curve, common, str(error))
-        if done:
-            done()
-        return replace(answer, seconds=time.perf_counter() - began), single
+            alone, answer = None, _failed(family, curve, common, str(error))
+        return replace(answer, seconds=time.perf_counter() - began), alone
 
-    with ThreadPoolExecutor(min(cores, max(len(curves), 1))) as pool:
-        answered = list(pool.map(one, curves))
+    answered = each(one, curves, workers, done)
     answers = [answer for answer, _ in answered]
     groups: dict[Any, list[int]] = {}
-    for i, (curve, (_, single)) in enumerate(zip(curves, answered, strict=True)):
-        if joint and single is not None:
-            groups.setdefault((curve.meta.get("group", curve.name), curve.meta.get("group_source")), []).append(i)
+    for i, (curve, (_, alone)) in enumerate(zip(curves, answered, strict=True)):
+        if joint and alone is not None:
+            groups.setdefault((curve.group, curve.group_source), []).append(i)
     for members in groups.values():
         began = time.perf_counter()
-        together = _joint([single for i in members if (single := answered[i][1])], common, seed, cores)
-        each = (time.perf_counter() - began) / len(members)
+        together = _joint([alone for i in members if (alone := answered[i][1])], common, seed, threads)
+        seconds = (time.perf_counter() - began) / len(members)
         for i, answer in zip(members, together, strict=True):
             checks = answers[i].checks
-            alone = {"verdict": checks.verdict, "rmse_over_rmax": checks.rmse_over_rmax}
-            provenance = answer.provenance | {"alone": alone | {"best": answers[i].provenance["best"]}}
-            answers[i] = replace(answer, provenance=provenance, seconds=answers[i].seconds + each)
+            by_itself = {"verdict": checks.verdict, "rmse_over_rmax": checks.rmse_over_rmax, "best": answers[i].best}
+            provenance = answer.provenance | {"alone": by_itself}
+            answers[i] = replace(answer, provenance=provenance, seconds=answers[i].seconds + seconds)
     return answers
 
 
-class Single:
+class _Alone:
     """The fit of one curve by itself: every window from the starts of one scan and from the answer of the window
     before it, for the first collapses leave fewer minima than the long window, where a rebound can slip by a period."""
 
-    def __init__(self, shot: Shot, workers: int) -> None:
+    def __init__(self, shot: Experiment, workers: int) -> None:
         self.shot = shot
-        self.fit = Fit(shot.family, [shot], workers)
-        settings = shot.settings
-        self.cut = shot.cut
-        cuts = [(n, None) for n in shot.candidates(WINDOWS)] if settings.windows else []
-        shot.set_window(*((None, None) if settings.windows else self.cut))
+        self.fit = LeastSquares([shot], workers)
+        self.cut, windows = shot.cut, shot.options.windows
+        cuts = [(n, None) for n in shot.candidates(WINDOWS)] if windows else []
+        shot.set_window(*((None, None) if windows else self.cut))
         scan = Scan(self.fit)
         found: dict[Any, tuple[Minimum, Floats]] = {}  # minimum and sigma of each window
         x: Floats | None = None
@@ -152,14 +148,14 @@ class Single:
         for cut, longer in reversed(list(pairwise(every))):  # a few frames may have held a search in a side valley
             shot.set_window(*cut)
             found[cut] = self._better(*found[cut], found[longer][0].x)
-        self.others: dict[str, Any] = {}
+        self.windows: dict[str, WindowAnswer] = {}
         for cut in cuts:
             shot.set_window(*cut)
-            self.others["all" if cut[0] is None else str(cut[0])] = _summary(self.fit, found[cut][0].x)
+            self.windows["all" if cut[0] is None else str(cut[0])] = _window_answer(self.fit, found[cut][0].x)
         shot.set_window(*self.cut)
         self.found, shot.sigma = found[self.cut]
         self.laplace = laplace(self.fit, self.found.x)
-        self.starts = scan.provenance
+        self.search = scan.counts
 
     def _better(self, minimum: Minimum, sigma: Floats, start: Floats) -> tuple[Minimum, Floats]:
         """The minimum with its weights, or the one found from `start` if it is lower (both with measured weights)."""
@@ -173,18 +169,16 @@ class Single:
         return minimum, sigma
 
     def posterior(self, common: dict[str, Any], seed: int) -> Posterior:
-        return _posterior(
-            self.fit, self.found, self.laplace, 0, common | {"windows": self.others, "search": self.starts}, seed
-        )
+        return _posterior(self.fit, self.found, self.laplace, 0, self, common, seed)
 
 
-def _joint(singles: list[Single], common: dict[str, Any], seed: int, workers: int) -> list[Posterior]:
+def _joint(singles: list[_Alone], common: dict[str, Any], seed: int, workers: int) -> list[Posterior]:
     """One material for all shots, each with the noise that its own fit left (variance times correlation time)."""
     law = singles[0].fit.common
     for single in singles:
         left = single.laplace.variance[0] * single.laplace.correlation[0]
         single.shot.noise_factor = max(1.0, float(np.sqrt(left)))  # no shot is believed more than its frames
-    fit = Fit(singles[0].shot.family, [single.shot for single in singles], workers)
+    fit = LeastSquares([single.shot for single in singles], workers)
     alone = np.array([single.found.x[:law] for single in singles])
     own = np.concatenate([single.found.x[law:] for single in singles])
     starts = [np.concatenate([material, own]) for material in (np.median(alone, axis=0), np.mean(alone, axis=0))]
@@ -194,89 +188,80 @@ def _joint(singles: list[Single], common: dict[str, Any], seed: int, workers: in
         name: {"mean": float(np.mean(values)), "std": float(np.std(values, ddof=1)) if len(values) > 1 else None}
         for name, values in zip(fit.family.parameters, (10.0**alone).T, strict=True)
     }
-    joint = {"shots": len(singles), "alone": spread}
-    return [
-        _posterior(
-            fit, found, worth, k, common | {"windows": single.others, "search": single.starts, "joint": joint}, seed
-        )
-        for k, single in enumerate(singles)
-    ]
+    together = common | {"joint": {"shots": len(singles), "alone": spread}}
+    return [_posterior(fit, found, worth, k, single, together, seed) for k, single in enumerate(singles)]
 
 
-def _summary(fit: Fit, x: Floats) -> dict[str, Any]:
-    """The answer of another window, SI: parameters, RMSE over R_max, and which are at a bound."""
+def _window_answer(fit: LeastSquares, x: Floats) -> WindowAnswer:
     (shot,) = fit.shots
-    (prediction,) = fit.predictions([(shot, x)], FINE)
-    natural = shot.own.natural(x[fit.common :])
-    rmse = None if prediction is None else float(np.sqrt(np.mean((shot.measured - prediction.radius) ** 2)))
-    return {
-        **dict(zip(fit.family.parameters, (10.0 ** x[: fit.common]).tolist(), strict=True)),
-        "stretch": float(natural["stretch"]),
-        "t_star_end": float(shot.view.end / shot.time_scale),
-        "rmse_over_rmax": rmse,
-        "at_bound": list(_at_bound(fit, x, 0)),
-    }
+    (seen,) = fit.at(x, FINE)
+    rmse = None if seen is None else float(np.sqrt(np.mean((shot.measured - seen.radius) ** 2)))
+    kept = (*fit.family.parameters, "stretch")
+    best = {name: value for name, value in shot.best(x).items() if name in kept}
+    return WindowAnswer(best, float(shot.view.end / shot.time_scale), rmse, tuple(_at_bound(fit, x, 0)))
 
 
-def _at_bound(fit: Fit, x: Floats, k: int) -> dict[str, str]:
+def _at_bound(fit: LeastSquares, x: Floats, k: int) -> dict[str, str]:
     """Names of the parameters of shot k that ended at a bound, and which bound."""
     found = {}
-    own = fit.shots[k].own
-    for name, column in zip([*fit.family.parameters, *own.names], fit.columns(k), strict=True):
+    shot = fit.shots[k]
+    for name, column in zip(shot.names, fit.columns[k], strict=True):
         low, high = fit.bounds[column]
         for end, side in ((low, "lower"), (high, "upper")):
             if abs(x[column] - end) < AT_BOUND * (high - low):
-                at = fit.bounds[:, 0 if side == "lower" else 1][fit.columns(k)]
-                value = own.natural(at[fit.common :])[name] if name in own.names else 10.0**end
+                at = fit.bounds[:, 0 if side == "lower" else 1][fit.columns[k]]
+                value = shot.natural(at)[name] if name in shot.own else 10.0**end
                 found[name] = f"{name} at its {side} bound ({value:.4g})"
     return found
 
 
-def _posterior(fit: Fit, found: Minimum, worth: Laplace, k: int, provenance: dict[str, Any], seed: int) -> Posterior:
+def _posterior(
+    fit: LeastSquares, found: Minimum, worth: Laplace, k: int, alone: _Alone, common: dict[str, Any], seed: int
+) -> Posterior:
     """The answer for shot k at a minimum; the draws of the material are the same for all shots of a joint fit."""
-    shot, law = fit.shots[k], fit.common
-    columns = fit.columns(k)
+    shot, columns = fit.shots[k], fit.columns[k]
     x, covariance = found.x[columns], worth.covariance[np.ix_(columns, columns)]
     drawn = draws(found.x, worth.covariance, fit.bounds, DRAWS, seed, worth.freedom)[:, columns]
-    natural = shot.own.natural(x[law:])
-    own = shot.own.natural(drawn[:, law:].T)
-    names = (*(f"log10_{name}" for name in fit.family.parameters), *shot.own.names)
-    theta = np.column_stack([drawn[:, :law], *(own[name] for name in shot.own.names)])
+    names, theta = shot.answer(drawn)
+    best = shot.best(x)
+    plain = [natural_name(name) for name in names]
     sigma = np.sqrt(np.diag(covariance))
-    plain = [name.removeprefix("log10_") for name in names]
     log10 = [*fit.family.parameters, "stretch"]
     one_sigma = {
-        (f"log10_{name}" if name in log10 else name): float(value if name in log10 else np.std(own[name]))
-        for name, value in zip(plain, sigma, strict=True)
+        (LOG10 + name if name in log10 else name): float(deviation if name in log10 else np.std(column))
+        for name, deviation, column in zip(plain, sigma, theta.T, strict=True)
     }
     pairs = [(i, j) for i in range(len(plain)) for j in range(i)]
     bound = _at_bound(fit, found.x, k)
-    best = dict(zip(fit.family.parameters, (10.0 ** x[:law]).tolist(), strict=True))
+    diagnostics = Diagnostics(
+        stretch_source=_stretch_source(shot),
+        free={name: best[name] for name in shot.own if name != "stretch"},
+        one_sigma=one_sigma,
+        correlations={f"{plain[j]}, {plain[i]}": float(covariance[i, j] / (sigma[i] * sigma[j])) for i, j in pairs},
+        frames=len(shot.measured),
+        frames_per_independent_residual=worth.correlation[k],
+        at_bound=tuple(bound),
+        simulations=fit.runs,
+        failed_simulations=fit.failures,
+    )
+    windows = {
+        key: {**one.best, "t_star_end": one.t_star_end, "rmse_over_rmax": one.rmse_over_rmax, "at_bound": one.at_bound}
+        for key, one in alone.windows.items()
+    }
+    told = {name: value for name, value in vars(diagnostics).items() if value is not None}
+    provenance = common | told | {
+        "source_sha256": shot.curve.source_sha256, "best": best, "stretch": best["stretch"],
+        "windows": windows, "search": alone.search, "draws_seed": seed,
+        "residual_variance_over_assumed": worth.variance[k],
+    }  # fmt: skip
     return Posterior(
-        names, units(names), theta, _checks(fit, found, k, bound), fit.family.name, "least_squares",
-        provenance | {
-            "source_sha256": shot.curve.meta.get("source_sha256"),
-            "best": best | {name: float(value) for name, value in natural.items()},
-            "stretch": float(natural["stretch"]),
-            "stretch_source": _stretch_source(shot),
-            "free": {name: float(natural[name]) for name in shot.own.names if name != "stretch"},
-            "one_sigma": one_sigma,
-            "correlations": {
-                f"{plain[j]}, {plain[i]}": float(covariance[i, j] / (sigma[i] * sigma[j])) for i, j in pairs
-            },
-            "residual_variance_over_assumed": worth.variance[k],
-            "frames": len(shot.measured),
-            "frames_per_independent_residual": worth.correlation[k],
-            "at_bound": list(bound),
-            "simulations": fit.runs,
-            "failed_simulations": fit.failures,
-            "draws_seed": seed,
-        },
+        names, units(names), theta, _checks(fit, found, k, bound, drawn), fit.family.name, "least_squares", provenance,
+        best=best, stretch=best["stretch"], windows=alone.windows, diagnostics=diagnostics,
     )  # fmt: skip
 
 
-def _stretch_source(shot: Shot) -> str:
-    if not shot.settings.stretch_free:
+def _stretch_source(shot: Experiment) -> str:
+    if shot.stretch:
         return "given"
     if shot.stretch_prior:
         value, deviation = shot.stretch_prior
@@ -284,23 +269,24 @@ def _stretch_source(shot: Shot) -> str:
     return "fitted"
 
 
-def _checks(fit: Fit, found: Minimum, k: int, bound: dict[str, str]) -> Checks:
+def _checks(fit: LeastSquares, found: Minimum, k: int, bound: dict[str, str], drawn: Floats) -> Checks:
     """The same check as that of `infer`: the answer simulated anew and laid over the window."""
-    shot = fit.shots[k]
-    seen = overlaid(fit, found.x, k)
-    verdict: Verdict = "ok"
-    messages = []
-    if seen.rmse > MISFIT:
-        verdict = "model_does_not_fit"
-        messages.append(f"the simulation misses the measurement by {seen.rmse:.1%} of R_max RMS (limit {MISFIT:.0%})")
+    shot, columns = fit.shots[k], fit.columns[k]
+    seen = shot.overlaid(found.x[columns])
+    messages = misfit_of(seen)
+    verdict: Verdict = "model_does_not_fit" if messages else "ok"
+    low, high = fit.bounds[columns].T
+    ends = shot.open_ends(drawn, low, high)
     if bound:
         messages.append("; ".join(bound.values()))
-        if verdict == "ok" and any(name in bound for name in (*fit.family.parameters, "stretch")):
-            verdict = "outside_training_range"
-    if shot.settings.stretch == "plateau" and not shot.stretch_prior:
+    if wide := [text for name, text in ends.items() if name not in bound]:
+        messages.append(f"the interval reaches the end of the range searched: {', '.join(wide)}")
+    if verdict == "ok" and (ends or any(name in bound for name in (*fit.family.parameters, "stretch"))):
+        verdict = "outside_training_range"
+    if shot.options.stretch == "plateau" and not shot.stretch_prior:
         messages.append("the curve has no late plateau: the stretch was fitted freely")
-    if shot.spikes.any():
-        messages.append(f"{np.count_nonzero(shot.spikes)} frames above both neighbours by 20 % of R_max do not count")
+    if shot.spikes:
+        messages.append(f"{shot.spikes} frames above both neighbours by 20 % of R_max do not count")
     if not found.converged:
         messages.append("the search stopped at its limit of iterations")
     if len(fit.shots) > 1:
@@ -308,28 +294,14 @@ def _checks(fit: Fit, found: Minimum, k: int, bound: dict[str, str]) -> Checks:
     return seen.checks(shot.view, shot.time_scale, verdict, messages)
 
 
-def overlaid(fit: Fit, x: Floats, k: int) -> Reconstruction:
-    """`reconstruct` on the fitted clock and scale; what is drawn is put back on those of the measurement."""
-    shot = fit.shots[k]
-    natural = shot.own.natural(fit.of_shot(x, k)[fit.common :])
-    scale, origin = natural["radius_scale"], natural["time_origin"]
-    cut = shot.view.curve
-    start = shot.max_radius * scale * natural["max_radius_factor"]
-    meta = {**cut.meta, "maximum": (cut.time_of_max + origin, start)}
-    moved = RadiusCurve(cut.time, cut.radius * scale, cut.radius_std * scale, meta)
-    view = Window(moved, shot.view.end - origin, shot.view.collapses)
-    found = reconstruct(view, fit.family.material(x[: fit.common]), shot.medium, natural["stretch"])
-    return replace(found, drawn_radius=found.drawn_radius / scale)
-
-
-def _common_provenance(family: Family, settings: Settings, medium: Medium) -> dict[str, Any]:
+def _common_provenance(family: Family, options: Options, medium: Medium) -> dict[str, Any]:
     ranges = {name: (10.0**bounds).tolist() for name, bounds in zip(family.parameters, family.bounds(), strict=True)}
-    return {"cavirheo": version("cavirheo"), "medium": asdict(medium), "options": asdict(settings), "ranges": ranges}
+    return {"cavirheo": version("cavirheo"), "medium": asdict(medium), "options": asdict(options), "ranges": ranges}
 
 
 def _failed(family: Family, curve: RadiusCurve, common: dict[str, Any], message: str) -> Posterior:
-    names = tuple(f"log10_{name}" for name in family.parameters)
+    names = tuple(LOG10 + name for name in family.parameters)
     return Posterior(
         names, units(names), np.empty((0, len(names))), Checks("failed", message), family.name, "least_squares",
-        common | {"source_sha256": curve.meta.get("source_sha256")},
+        common | {"source_sha256": curve.source_sha256},
     )  # fmt: skip

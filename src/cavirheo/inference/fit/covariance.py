@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from cavirheo.inference.fit.search import Fit
-from cavirheo.inference.fit.shots import FINE
+from cavirheo.inference.experiment import FINE
+from cavirheo.inference.fit.least_squares import LeastSquares
 
 Floats = NDArray[np.float64]
 
@@ -46,7 +46,7 @@ class Laplace:
         return np.asarray(np.sqrt(np.diag(self.covariance)))
 
 
-def laplace(fit: Fit, x: Floats) -> Laplace:
+def laplace(fit: LeastSquares, x: Floats) -> Laplace:
     """Gauss-Newton: cov^-1 = sum over shots J^T J/(s^2 tau) + priors + ranges.
 
     s^2 is the variance of the weighted residuals of a shot (chi^2 over its degrees of freedom), tau their integrated
@@ -62,9 +62,8 @@ def laplace(fit: Fit, x: Floats) -> Laplace:
     for shot in fit.shots:
         rows = slice(begin, begin + len(shot.measured))
         begin = rows.stop
-        counted = ~shot.spikes
-        r, Jk = residual[rows][counted], J[rows][counted]
-        freedom = max(len(r) - share - len(shot.own.names), 1.0)
+        r, Jk = residual[rows][shot.counted], J[rows][shot.counted]
+        freedom = max(len(r) - share - len(shot.own), 1.0)
         variances.append(max(float(r @ r) / freedom, 1e-12))
         taus.append(correlation_time(r))
         precision += Jk.T @ Jk / (variances[-1] * taus[-1])

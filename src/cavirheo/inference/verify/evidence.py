@@ -2,7 +2,7 @@
 
 log p(frames | law) is the log of the mean importance weight. It rewards a law for how well it predicts the frames with
 all its prior, so a parameter that is not needed costs log(prior width/posterior width): laws that nest, like nhkv in
-qkv, are compared fairly only as far as the prior ranges are meant (docs/posterior.md). Kass and Raftery 1995,
+qkv, are compared fairly only as far as the prior ranges are meant (docs/method/posterior.md). Kass and Raftery 1995,
 doi:10.1080/01621459.1995.10476572.
 """
 
@@ -18,13 +18,11 @@ from scipy.special import softmax
 from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError
 from cavirheo.inference.fit import fit_many
-from cavirheo.inference.fit.parameters import Family
-from cavirheo.inference.verify import DRAWS, Posterior, verify_many
+from cavirheo.inference.law import Family
+from cavirheo.inference.verify import verify_many
+from cavirheo.inference.verify.tuning import TUNING
 from cavirheo.physics.media import WATER, Medium
-
-DECISIVE = 3.0  # log evidence (a factor of 20) below which laws are not told apart
-UNSURE = 3.0  # standard error of a log evidence whose weights are not to be trusted
-SCATTER = 3.0  # standard errors that are added to it
+from cavirheo.posterior import Posterior
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,10 +51,8 @@ class Ranking:
         if not known:
             return []
         best = max(known, key=lambda law: known[law])
-        near = [
-            law for law, value in known.items()
-            if known[best] - value <= DECISIVE + SCATTER * np.hypot(self.error[best] or 0.0, self.error[law] or 0.0)
-        ]  # fmt: skip
+        errors = {law: np.hypot(self.error[best] or 0.0, self.error[law] or 0.0) for law in known}
+        near = [law for law in known if known[best] - known[law] <= TUNING.decisive + TUNING.scatter * errors[law]]
         return sorted(near, key=lambda law: (len(Family(law).parameters), -known[law]))
 
     @property
@@ -72,7 +68,7 @@ def rank_laws(
     medium: Medium = WATER,
     window: int | str | None = None,
     stretch: float | str | None = None,
-    draws: int = DRAWS,
+    draws: int = TUNING.draws,
     seed: int = 0,
     workers: int | None = None,
     done: Callable[[], None] | None = None,
@@ -87,7 +83,9 @@ def rank_laws(
         InputError: fewer than two laws, one of them unknown, or a setting out of its domain.
     """
     if len(set(laws)) < 2 or len(set(laws)) < len(laws):
-        raise InputError(f"give two or more different laws to choose from, got {', '.join(laws) or 'none'}")
+        raise InputError(
+            f"give two or more different laws to choose from, got {', '.join(laws) or 'none'}", "option.laws"
+        )
     ranges: Mapping[str, Sequence[float]] = options.pop("ranges", None) or {}
     found: dict[str, list[Posterior]] = {}
     for law in laws:
@@ -113,18 +111,17 @@ def rank_laws(
         )
     groups: dict[Any, list[Ranking]] = {}
     for curve, single in zip(curves, singles, strict=True):
-        groups.setdefault((curve.meta.get("group", curve.name), curve.meta.get("group_source")), []).append(single)
+        groups.setdefault((curve.group, curve.group_source), []).append(single)
     return singles, [_together(str(key[0]), members) for key, members in groups.items() if len(members) > 1]
 
 
 def _evidence(answer: Posterior) -> tuple[float, float] | None:
-    """Log evidence and its standard error, which is at least UNSURE where the weights cannot be trusted (the posterior
+    """Log evidence and its standard error, which is larger where the weights cannot be trusted (the posterior
     of a law that is far off is often ragged); None where there is no posterior."""
-    about = answer.provenance
-    if not np.isfinite(about.get("log_evidence", -np.inf)):
+    found = answer.evidence
+    if found is None or found.error is None or not np.isfinite(found.log):
         return None
-    error = float(about["log_evidence_error"])
-    return float(about["log_evidence"]), error if answer.log_weight is not None else max(error, UNSURE)
+    return found.log, found.error if answer.log_weight is not None else max(found.error, TUNING.unsure)
 
 
 def _together(name: str, members: list[Ranking]) -> Ranking:

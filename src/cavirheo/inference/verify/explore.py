@@ -3,36 +3,24 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.special import logsumexp
 
+from cavirheo.inference.experiment import Accuracy
 from cavirheo.inference.verify.mode import Mode, Target, climb, ridge, same
 from cavirheo.inference.verify.sampler import Mixture, Sample, effective_size
 from cavirheo.inference.verify.surrogate import Surrogate
+from cavirheo.inference.verify.tuning import TUNING
 
 Floats = NDArray[np.float64]
-
-ROUNDS, LEARNT = 3, 80  # rough simulations before any draw counts
-FITS, POOL = 5, 2000  # at most, of the mixture to the surrogate after each round, and free draws for each
-WELL = 0.3  # effective draws over draws of the pool, from which the mixture fits
-FLATTER = 0.5  # power of the surrogate that teaches and that the mixture is fitted to, for what the surrogate misses
-TAUGHT = 0.8  # share of the rough simulations that are drawn from that power, the others from the mixture
-NORMED = 8000  # more free draws for the norm of a surrogate that is drawn from
-MET = 50.0  # effective draws of these, below which the mixture hardly meets the surrogate and is itself drawn from
-CUT = 50.0  # times its mean, at which the surrogate over the mixture is cut
-MIXED = 0.3  # share of the draws from the mixture, the others from the surrogate itself
-KEPT = 0.3  # share of the mixture's draws that stay with the modes
-HIGHER = 0.5  # log posterior above the best mode from which a draw is in another valley
-VALLEYS = 3  # climbed into at most
 
 
 class Blend:
     """Draws from a surrogate, by rejection from a mixture, and from the mixture itself.
 
-    The surrogate over the mixture is cut where it exceeds CUT times its mean; `pool` (k, d) of the mixture's draws
+    The surrogate over the mixture is cut where it exceeds a multiple of its mean; `pool` (k, d) of the mixture's draws
     gives that mean and the norm. Resampling a pool instead would draw its few heavy members, the tails, too rarely.
     """
 
@@ -40,24 +28,24 @@ class Blend:
         self.surrogate, self.mixture = surrogate, mixture
         self.pool, self.log_surrogate, self.log_mixture = pool, log_surrogate, mixture.log_density(pool)
         self.log_weight = log_surrogate - self.log_mixture
-        self.log_cut = np.log(CUT) + _log_mean(self.log_weight)
+        self.log_cut = np.log(TUNING.surrogate_cut) + _log_mean(self.log_weight)
         self.log_norm = _log_mean(np.minimum(self.log_weight - self.log_cut, 0.0))
 
     def draw(self, count: int, rng: np.random.Generator) -> Floats:
         """(count, d)"""
-        wanted = count - int(np.ceil(MIXED * count))
+        wanted = count - int(np.ceil(TUNING.mixture_share * count))
         kept = np.empty((0, self.pool.shape[1]))
         while len(kept) < wanted:
-            u = self.mixture.draw(POOL, rng)
+            u = self.mixture.draw(TUNING.pool, rng)
             log_chance = self.surrogate(u) - self.mixture.log_density(u) - self.log_cut
-            kept = np.concatenate([kept, u[np.log(rng.uniform(size=POOL)) < log_chance]])
+            kept = np.concatenate([kept, u[np.log(rng.uniform(size=TUNING.pool)) < log_chance]])
         return np.concatenate([kept[:wanted], self.mixture.draw(count - wanted, rng)])
 
     def log_density(self, u: Floats) -> Floats:
         """(k,) at u (k, d)."""
         log_mixture = self.mixture.log_density(u)
         log_kept = np.minimum(self.surrogate(u) - self.log_cut, log_mixture) - self.log_norm
-        return np.logaddexp(np.log(1.0 - MIXED) + log_kept, np.log(MIXED) + log_mixture)
+        return np.logaddexp(np.log(1.0 - TUNING.mixture_share) + log_kept, np.log(TUNING.mixture_share) + log_mixture)
 
     def normed(self, count: int, rng: np.random.Generator) -> Blend:
         """The same, its norm from `count` more of the mixture's draws."""
@@ -67,8 +55,8 @@ class Blend:
 
     def teachers(self, count: int, rng: np.random.Generator) -> Floats:
         """(count, d) from a flatter surrogate: where it can be wrong."""
-        log_weight = FLATTER * self.log_surrogate - self.log_mixture
-        weight, free = np.exp(log_weight - logsumexp(log_weight)), int(TAUGHT * count)
+        log_weight = TUNING.flatter * self.log_surrogate - self.log_mixture
+        weight, free = np.exp(log_weight - logsumexp(log_weight)), int(TUNING.taught_share * count)
         chosen = rng.choice(len(weight), free, p=weight, replace=bool(np.count_nonzero(weight) < free))
         return np.concatenate([self.pool[chosen], self.mixture.draw(count - free, rng)])
 
@@ -83,10 +71,10 @@ class Explorer:
     quick, fine: accuracies of the simulations that only teach and of those that count.
     """
 
-    def __init__(self, target: Target, modes: Sequence[Mode], quick: dict[str, Any], fine: dict[str, Any]) -> None:
+    def __init__(self, target: Target, modes: Sequence[Mode], quick: Accuracy, fine: Accuracy) -> None:
         self.target, self.quick, self.fine = target, quick, fine
         self.u = np.empty((0, len(target.prior.names)))
-        self.residual = np.empty((0, len(target.likelihood.measured)))
+        self.residual = np.empty((0, target.noise.size))
         self.value = np.empty(0)
         self.modes, self.climbed = list(modes), 0
         self.places: list[Mode] = []
@@ -107,7 +95,7 @@ class Explorer:
             [place.log_evidence - best for place in self.places],
         )  # fmt: skip
 
-    def simulated(self, u: Floats, accuracy: dict[str, Any]) -> Floats:
+    def simulated(self, u: Floats, accuracy: Accuracy) -> Floats:
         """(k,) log posterior of u (k, d), which the next proposal knows; -inf where the simulation failed."""
         residual = self.target.residuals(u, accuracy)
         value = self.target.log_posterior(u, residual)
@@ -125,25 +113,25 @@ class Explorer:
         """The next proposal, from the draws that count so far too; before the first, rounds of rough simulations where
         the posterior and its tails seem to be, and one more for each other valley found there."""
         rounds = 0
-        while counted is None and rounds < ROUNDS + self.climbed:
+        while counted is None and rounds < TUNING.learning_rounds + self.climbed:
             known = self._learnt(rng, None)
-            u = known.teachers(LEARNT, rng) if isinstance(known, Blend) else known.draw(LEARNT, rng)
-            self.simulated(u, self.quick)
+            draw = known.teachers if isinstance(known, Blend) else known.draw
+            self.simulated(draw(TUNING.learnt_per_round, rng), self.quick)
             self._other_valley()
             rounds += 1
         self._other_valley()
         proposal = self._learnt(rng, counted)
         if not isinstance(proposal, Blend):
             return proposal
-        proposal = proposal.normed(NORMED, rng)
-        return proposal if effective_size(proposal.log_weight) > MET else proposal.mixture
+        proposal = proposal.normed(TUNING.norm_draws, rng)
+        return proposal if effective_size(proposal.log_weight) > TUNING.norm_met else proposal.mixture
 
     def _other_valley(self) -> None:
         """Climb from the best simulation if it lies above all modes, which must then be beside the highest."""
         top = int(np.argmax(self.value)) if len(self.value) else -1
-        if top < 0 or self.climbed == VALLEYS:
+        if top < 0 or self.climbed == TUNING.valleys:
             return
-        if self.value[top] < max(mode.log_posterior for mode in self.modes) + HIGHER:
+        if self.value[top] < max(mode.log_posterior for mode in self.modes) + TUNING.other_valley:
             return
         self.climbed += 1
         mode = climb(self.target, self.u[top], self.quick)
@@ -153,23 +141,23 @@ class Explorer:
 
     def _learnt(self, rng: np.random.Generator, counted: Sample | None) -> Blend | Mixture:
         """A proposal from all simulations so far; where they are too few, the modes."""
-        mixture = self.mixture.beside(self.start, KEPT).widened()
+        mixture = self.mixture.beside(self.start, TUNING.modes_share).widened()
         if len(self.u) <= 2 * (self.u.shape[1] + 1):
             return mixture
         surrogate = Surrogate(
-            self.target.likelihood.noise, self.target.linear, self.u, self.residual, self.value, self.target.workers
+            self.target.noise, self.target.linear, self.u, self.residual, self.value, self.target.workers
         )
         if counted and np.any(np.isfinite(counted.log_weight)):
             self.mixture = self.mixture.fitted(counted.u, counted.log_weight)
-            mixture = self.mixture.beside(self.start, KEPT).widened()
-        for _ in range(FITS):
-            pool = mixture.draw(POOL, rng)
+            mixture = self.mixture.beside(self.start, TUNING.modes_share).widened()
+        for _ in range(TUNING.mixture_fits):
+            pool = mixture.draw(TUNING.pool, rng)
             log_surrogate = surrogate(pool)
             if not np.any(np.isfinite(log_surrogate)):
                 return mixture
             blend = Blend(surrogate, mixture, pool, log_surrogate)
-            if effective_size(blend.log_weight) > WELL * POOL:
+            if effective_size(blend.log_weight) > TUNING.fit_well * TUNING.pool:
                 break
-            self.mixture = self.mixture.fitted(pool, FLATTER * log_surrogate - blend.log_mixture)
-            mixture = self.mixture.beside(self.start, KEPT).widened()
+            self.mixture = self.mixture.fitted(pool, TUNING.flatter * log_surrogate - blend.log_mixture)
+            mixture = self.mixture.beside(self.start, TUNING.modes_share).widened()
         return blend

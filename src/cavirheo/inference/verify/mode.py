@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from threading import Lock
 from typing import Any
@@ -11,69 +10,53 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from cavirheo.inference.fit.search import FORWARD
-from cavirheo.inference.verify.likelihood import Likelihood
+from cavirheo.inference.experiment import Accuracy, Experiment
+from cavirheo.inference.fit.least_squares import FORWARD
+from cavirheo.inference.noise import Noise
+from cavirheo.inference.verify.tuning import TUNING
+from cavirheo.parallel import each
 from cavirheo.prior import Prior, log_normal
 
 Floats = NDArray[np.float64]
 
-ITERATIONS = 12
-TRIALS = 5  # damped steps tried before a search ends
-ENOUGH = 0.01  # expected gain of log posterior below which it ends
-NEAR = 1.0  # Mahalanobis distance below which two modes are one
-STRIDE, STRIDES, DEEP = 1.5, 4, 4.0  # along a ridge: standard deviations, steps a side, fall of the log posterior
-HELD = 5.0  # how firmly: 1 would be as firmly as the posterior itself
-LOWEST = 10.0  # log posterior below the best at which a mode is dropped
-
 
 class Target:
-    """log p(frames | x(u)) + log p(u). Failed simulations have -inf and are counted."""
+    """log p(frames | x(u)) + log p(u) of one experiment. Failed simulations have -inf and are counted."""
 
-    def __init__(self, likelihood: Likelihood, prior: Prior, workers: int = 1) -> None:
-        self.likelihood, self.prior, self.workers = likelihood, prior, workers
+    def __init__(self, experiment: Experiment, prior: Prior, noise: Noise, workers: int = 1) -> None:
+        self.experiment, self.prior, self.noise, self.workers = experiment, prior, noise, workers
         self.runs = self.failures = 0
         self._counting = Lock()
 
     def each(self, work: Callable[[Any], Any], jobs: Iterable[Any]) -> list[Any]:
-        """work(job) of each, in their order, on so many threads (the solver lets go of the interpreter)."""
-        if self.workers == 1:
-            return [work(job) for job in jobs]
-        with ThreadPoolExecutor(self.workers) as pool:
-            return list(pool.map(work, jobs))
+        """work(job) of each, in their order, on this target's threads."""
+        return each(work, jobs, self.workers)
 
-    def residuals(self, u: Floats, accuracy: dict[str, Any]) -> Floats:
+    def residuals(self, u: Floats, accuracy: Accuracy) -> Floats:
         """(k, n) measured minus simulated, over R_max, at u (k, d); NaN where the simulation failed."""
-
-        def one(x: Floats) -> Floats | None:
-            return self.likelihood.predict(x, accuracy)
-
-        rows = self.prior.to_x(u)
-        found = [one(rows[0])] if len(rows) == 1 else self.each(one, rows)
+        found = np.array(self.each(lambda x: self.experiment.difference(x, accuracy), self.prior.to_x(u)))
         with self._counting:
             self.runs += len(found)
-            self.failures += sum(prediction is None for prediction in found)
-        measured = self.likelihood.measured
-        return np.array([np.full(len(measured), np.nan) if p is None else measured - p for p in found])
+            self.failures += int(np.count_nonzero(np.isnan(found).any(axis=1)))
+        return found
 
-    def __call__(self, u: Floats, accuracy: dict[str, Any]) -> Floats:
+    def __call__(self, u: Floats, accuracy: Accuracy) -> Floats:
         """(k,) log of likelihood times prior density of u (k, d)."""
         return self.log_posterior(u, self.residuals(u, accuracy))
 
     def log_posterior(self, u: Floats, residual: Floats) -> Floats:
         """(k,) the same where the residuals (k, n) are known; -inf where one is not finite."""
-        return self.likelihood.noise.log_density(residual) + log_normal(u)
+        return self.noise.log_density(residual) + log_normal(u)
 
     def linear(self, u: Floats) -> Floats:
         """(k, d) coordinates that frames are nearly linear in, of u (k, d): the law's parameters, not their
         logarithms, and the others as in a fit."""
-        x, law = self.prior.to_x(u), len(self.likelihood.shot.family.parameters)
+        x, law = self.prior.to_x(u), self.experiment.law
         return np.concatenate([10.0 ** x[:, :law], x[:, law:]], axis=1)
 
-    def jacobian(self, u: Floats, residual: Floats, accuracy: dict[str, Any]) -> Floats:
+    def jacobian(self, u: Floats, residual: Floats, accuracy: Accuracy) -> Floats:
         """(n, d) of the simulated frames by u: differences towards u = 0, steps as those of a fit."""
-        shot = self.likelihood.shot
-        steps = FORWARD * np.concatenate([np.ones(len(shot.family.parameters)), shot.own.steps(shot.time_scale)])
-        moves = np.minimum(steps / self.prior.slope(u), 0.3) * np.where(u > 0, -1.0, 1.0)
+        moves = np.minimum(FORWARD * self.experiment.steps / self.prior.slope(u), 0.3) * np.where(u > 0, -1.0, 1.0)
         moved = self.residuals(u + np.diag(moves), accuracy)
         return np.nan_to_num((residual - moved) / moves[:, None]).T
 
@@ -97,17 +80,17 @@ class Mode:
 def climb(
     target: Target,
     start: Floats,
-    accuracy: dict[str, Any],
+    accuracy: Accuracy,
     held: Floats | None = None,
-    most: int = ITERATIONS,
+    most: int = TUNING.climb_steps,
     known: Sequence[Mode] = (),
 ) -> Mode | None:
     """The maximum reached from u (d,) by damped Gauss-Newton; None if the start cannot be simulated, or if the way
     comes to a `known` mode.
 
-    `held` (d,) is a direction along which u stays near its start: it is 1/HELD standard deviation long.
+    `held` (d,) is a direction along which u stays near its start: it is 1/TUNING.ridge_held standard deviation long.
     """
-    u, noise = start, target.likelihood.noise
+    u, noise = start, target.noise
     rope = np.zeros(len(u)) if held is None else held
 
     def value_of(residual: Floats, u: Floats) -> float:
@@ -119,15 +102,15 @@ def climb(
         return None
     damping = 1e-3
     for turn in range(most + 1):
-        if any((u - mode.u) @ np.linalg.solve(mode.covariance, u - mode.u) < NEAR**2 for mode in known):
+        if any((u - mode.u) @ np.linalg.solve(mode.covariance, u - mode.u) < TUNING.same_mode**2 for mode in known):
             return None
         jacobian = target.jacobian(u, residual, accuracy)
         gradient, curvature = noise.newton(residual, jacobian)
         free = curvature + np.eye(len(u))
         gradient, curvature = gradient + u + rope * (rope @ (u - start)), free + np.outer(rope, rope)
-        if turn == most or gradient @ np.linalg.solve(curvature, gradient) < 2.0 * ENOUGH:
+        if turn == most or gradient @ np.linalg.solve(curvature, gradient) < 2.0 * TUNING.climb_gain:
             break
-        for _ in range(TRIALS):
+        for _ in range(TUNING.damped_trials):
             step = -np.linalg.solve(curvature + damping * np.diag(np.diag(curvature)), gradient)
             there = np.clip(u + step, -5.0, 5.0)
             tried = target.residuals(there[None], accuracy)[0]
@@ -139,26 +122,26 @@ def climb(
             break
         gain, u, residual, value = reached - value, there, tried, reached
         damping = max(damping / 8.0, 1e-6)
-        if gain < ENOUGH:
+        if gain < TUNING.climb_gain:
             break
     value += 0.5 * float(rope @ (u - start)) ** 2
     return Mode(u, value, np.asarray(np.linalg.inv(free), dtype=float), residual, jacobian)
 
 
-def ridge(target: Target, mode: Mode, accuracy: dict[str, Any]) -> list[Mode]:
+def ridge(target: Target, mode: Mode, accuracy: Accuracy) -> list[Mode]:
     """Places on either side of a mode along its longest axis, each the maximum across it: posteriors are curved.
 
-    Steps of STRIDE standard deviations, until the log posterior has fallen by DEEP.
+    Steps of TUNING.ridge_stride standard deviations, until the log posterior has fallen by TUNING.ridge_depth.
     """
     values, vectors = np.linalg.eigh(mode.covariance)
 
     def along(side: float) -> list[Mode]:
         found: list[Mode] = []
         here, axis, length = mode.u, side * vectors[:, -1], np.sqrt(values[-1])
-        for _ in range(STRIDES):
-            start = np.clip(here + STRIDE * length * axis, -3.0, 3.0)
-            place = climb(target, start, accuracy, held=axis * HELD / length, most=2)
-            if place is None or place.log_posterior < mode.log_posterior - DEEP:
+        for _ in range(TUNING.ridge_strides):
+            start = np.clip(here + TUNING.ridge_stride * length * axis, -3.0, 3.0)
+            place = climb(target, start, accuracy, held=axis * TUNING.ridge_held / length, most=2)
+            if place is None or place.log_posterior < mode.log_posterior - TUNING.ridge_depth:
                 break
             found.append(place)
             local, turned = np.linalg.eigh(place.covariance)
@@ -172,12 +155,10 @@ def ridge(target: Target, mode: Mode, accuracy: dict[str, Any]) -> list[Mode]:
 def same(mode: Mode, other: Mode) -> bool:
     """Nearer to each other than their Gaussians are wide."""
     off = mode.u - other.u
-    return bool(off @ np.linalg.solve(other.covariance + mode.covariance, off) < NEAR**2)
+    return bool(off @ np.linalg.solve(other.covariance + mode.covariance, off) < TUNING.same_mode**2)
 
 
-def modes(
-    target: Target, starts: Sequence[Floats], accuracy: dict[str, Any], further: Sequence[Floats] = ()
-) -> list[Mode]:
+def modes(target: Target, starts: Sequence[Floats], accuracy: Accuracy, further: Sequence[Floats] = ()) -> list[Mode]:
     """Distinct maxima from the starts (d,) in u, and from `further` ones where they lead elsewhere; best first, and
     those far below the best are left out."""
     found: list[Mode] = []
@@ -194,4 +175,4 @@ def modes(
         else:
             found.append(mode)
     found.sort(key=lambda mode: -mode.log_posterior)
-    return [mode for mode in found if mode.log_posterior > found[0].log_posterior - LOWEST]
+    return [mode for mode in found if mode.log_posterior > found[0].log_posterior - TUNING.lowest_mode]

@@ -16,10 +16,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
+from cavirheo.inference.verify.tuning import TUNING
 
-REPLICATES = 2000
-REJECTED = 0.01  # probability of a rejection where the law is right
+Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -36,7 +35,7 @@ class Predictive:
 
     @property
     def rejected(self) -> bool:
-        return self.p_value < REJECTED
+        return self.p_value < TUNING.rejected
 
 
 def statistics(residuals: Floats) -> dict[str, Floats]:
@@ -65,11 +64,11 @@ def predictive_check(residual: Floats, jacobian: Floats, deviation: Floats, seed
     scaled, J = residual / deviation, jacobian / deviation[:, None]
     variance = float(scaled @ scaled) / max(n - d, 1)
     fitted = np.linalg.solve(J.T @ J + variance * np.eye(d), J.T)
-    noise = np.random.Generator(np.random.Philox(seed)).standard_normal((REPLICATES, n))
+    noise = np.random.Generator(np.random.Philox(seed)).standard_normal((TUNING.replicates, n))
     replicated = statistics(noise - (noise @ fitted.T) @ J.T)
     observed = {name: float(value[0]) for name, value in statistics(scaled[None]).items()}
     p = {
-        name: float((1 + np.count_nonzero(values >= observed[name])) / (1 + REPLICATES))
+        name: float((1 + np.count_nonzero(values >= observed[name])) / (1 + TUNING.replicates))
         for name, values in replicated.items()
     }
     return Predictive(p, observed)

@@ -19,18 +19,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import gammaln, logsumexp
 
+from cavirheo.inference.verify.tuning import TUNING
+
 Floats = NDArray[np.float64]
 Log = Callable[[Floats], Floats]
-
-FREEDOM = 8.0  # degrees of the Student's t
-STEPS = 3  # of expectation maximisation after each round
-GOOD = 0.4  # effective draws over draws, from which a proposal stays as it is
-WIDE, GROWN = 0.2, 2.0  # share of the draws that look for what the fitted shape misses, and how much wider they are
-SMALLEST = 0.005  # share of a component below which it is dropped
-LEAST = 3  # rounds: two that look good may only not have met the tails yet
-TAIL = 0.2  # of the draws, that the tail index looks at
-RELIABLE = 0.7  # tail index above which the mean of the weights cannot be trusted,
-UNSEEN = 0.02  # unless this share of it at most is to be expected beyond the largest weight
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,9 +42,11 @@ class Mixture:
         )
 
     def widened(self) -> Mixture:
-        """With WIDE of the draws from the same components GROWN times as wide: fitted shapes lose their tails."""
-        share = np.concatenate([(1.0 - WIDE) * self.share, WIDE * self.share])
-        return Mixture(share, np.tile(self.mean, (2, 1)), np.concatenate([self.scale, GROWN**2 * self.scale]))
+        """With some of the draws from the same components, wider: fitted shapes lose their tails."""
+        share = np.concatenate([(1.0 - TUNING.wide_share) * self.share, TUNING.wide_share * self.share])
+        return Mixture(
+            share, np.tile(self.mean, (2, 1)), np.concatenate([self.scale, TUNING.wide_factor**2 * self.scale])
+        )
 
     def beside(self, other: Mixture, part: float) -> Mixture:
         """With `part` of the draws from the other."""
@@ -66,7 +60,7 @@ class Mixture:
         """(count, d)"""
         which = rng.choice(len(self.share), size=count, p=self.share / np.sum(self.share))
         normal = rng.standard_normal((count, self.mean.shape[1]))
-        stretched = np.sqrt(FREEDOM / rng.chisquare(FREEDOM, count))
+        stretched = np.sqrt(TUNING.freedom / rng.chisquare(TUNING.freedom, count))
         roots = np.linalg.cholesky(self.scale)[which]
         return np.asarray(self.mean[which] + stretched[:, None] * np.einsum("kij,kj->ki", roots, normal))
 
@@ -78,8 +72,9 @@ class Mixture:
         half = np.sum(np.log(np.diagonal(roots, axis1=1, axis2=2)), axis=1)
         off = inverse @ u.T - inverse @ self.mean[:, :, None]  # (c, d, k)
         squares = np.einsum("cdk,cdk->ck", off, off)
-        constant = gammaln((FREEDOM + d) / 2) - gammaln(FREEDOM / 2) - 0.5 * d * np.log(FREEDOM * np.pi)
-        log_t = constant - half[:, None] - 0.5 * (FREEDOM + d) * np.log1p(squares / FREEDOM)
+        nu = TUNING.freedom
+        constant = gammaln((nu + d) / 2) - gammaln(nu / 2) - 0.5 * d * np.log(nu * np.pi)
+        log_t = constant - half[:, None] - 0.5 * (nu + d) * np.log1p(squares / nu)
         return np.log(self.share)[:, None] + log_t, squares
 
     def log_density(self, u: Floats) -> Floats:
@@ -89,7 +84,7 @@ class Mixture:
     def fitted(self, u: Floats, log_weight: Floats) -> Mixture:
         """A few steps towards weighted draws."""
         found = self
-        for _ in range(STEPS):
+        for _ in range(TUNING.em_steps):
             found = found._stepped(u, log_weight)
         return found
 
@@ -101,8 +96,8 @@ class Mixture:
         weight = np.exp(log_weight - logsumexp(log_weight))
         resp = np.exp(terms - logsumexp(terms, axis=0)) * weight
         share = np.sum(resp, axis=1)
-        kept = share > SMALLEST
-        gamma = resp * (FREEDOM + d) / (FREEDOM + squares)
+        kept = share > TUNING.smallest_share
+        gamma = resp * (TUNING.freedom + d) / (TUNING.freedom + squares)
         mean, scale = self.mean.copy(), self.scale.copy()
         for c in np.flatnonzero(kept):
             mean[c] = gamma[c] @ u / np.sum(gamma[c])
@@ -148,7 +143,7 @@ class Sample:
     def reliable(self) -> bool:
         """Whether the mean of the weights can be trusted; where they are too few to tell, it has to be."""
         index, unseen = self.tail
-        return not (index > RELIABLE and unseen > UNSEEN)
+        return not (index > TUNING.tail_reliable and unseen > TUNING.tail_unseen)
 
 
 class Proposal(Protocol):
@@ -163,8 +158,8 @@ Propose = Callable[[np.random.Generator, "Sample | None"], Proposal]
 
 
 def sample(target: Log, start: Mixture | Propose, *, seed: int, each: int, most: int, enough: float) -> Sample:
-    """LEAST rounds of `each` draws of a log density or more, until their effective size is `enough` (and their tail
-    index in order) or there are `most`.
+    """Rounds of `each` draws of a log density, until their effective size is `enough` (and their tail index in order)
+    or there are `most`.
 
     `start` gives a proposal from the draws so far, or is the first: then the next is fitted to the draws. A good one
     stays, for proposals made from the draws that they then weigh lose a few per cent of the tails. The draws depend on
@@ -177,9 +172,9 @@ def sample(target: Log, start: Mixture | Propose, *, seed: int, each: int, most:
     densities: list[Floats] = []  # of each, log, at all draws so far
     found: Sample | None = None
     while found is None or (
-        len(found.u) < most and (len(found.u) < LEAST * each or found.ess < enough or not found.reliable)
+        len(found.u) < most and (len(found.u) < TUNING.fewest_rounds * each or found.ess < enough or not found.reliable)
     ):
-        if found is None or found.ess < GOOD * len(found.u) or not found.reliable:
+        if found is None or found.ess < TUNING.good_proposal * len(found.u) or not found.reliable:
             proposals.append(propose(rng, found))
             counts.append(0)
             densities.append(proposals[-1].log_density(found.u) if found else np.empty(0))
@@ -239,7 +234,7 @@ def tail(log_weight: Floats) -> tuple[float, float]:
     from scipy.stats import genpareto
 
     finite = np.sort(log_weight[np.isfinite(log_weight)])
-    count = int(min(TAIL * len(finite), 3.0 * np.sqrt(len(finite))))
+    count = int(min(TUNING.tail_share * len(finite), 3.0 * np.sqrt(len(finite))))
     if count < 5:
         return float("nan"), float("nan")
     weight = np.exp(finite[-count - 1 :] - finite[-1])

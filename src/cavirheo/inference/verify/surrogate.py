@@ -11,26 +11,17 @@ place nor excludes one. It only shapes proposals (explore.py): what counts in a 
 from __future__ import annotations
 
 from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import solve_triangular
 
-from cavirheo.inference.verify.likelihood import Noise
+from cavirheo.inference.noise import Noise
+from cavirheo.inference.verify.tuning import TUNING
+from cavirheo.parallel import each
 from cavirheo.prior import log_normal
 
 Floats = NDArray[np.float64]
-
-LENGTH = 8.0  # of the Matern function, in standard deviations of the (flattened) posterior
-FLAT = 10.0  # log posterior below the best at which a simulation counts 1/e in them
-NUGGET, MISTRUST, LEAST = 1e-3, 3.0, 300.0  # of a simulation; grows with its distance below the best, log posterior
-HOPE = 0.5  # x of log(<p^x>)/x over the process: 0 would be <log p>, gloomy where little is known, 1 log<p>, credulous
-SHARE = 0.03  # of the noise, below which a common direction of the residuals is left out
-DIRECTIONS = 40  # at most
-LARGEST = 600  # simulations at most, the most likely ones: time grows with their square
-SHARED = 250  # u at least for each of several threads
-BEYOND = 1.5  # distance over that of the farthest simulation, beyond which nothing is claimed
 
 
 class Surrogate:
@@ -48,21 +39,22 @@ class Surrogate:
         workers: int = 1,
     ) -> None:
         self.noise, self.linear, self.workers = noise, linear, workers
-        kept = np.argsort(-value, kind="stable")[:LARGEST]
+        kept = np.argsort(-value, kind="stable")[: TUNING.surrogate_simulations]
         v, residual, below = linear(u[kept]), residual[kept], value[kept[0]] - value[kept]
-        weight = np.exp(-below / FLAT)
+        weight = np.exp(-below / TUNING.flat_height)
         self.centre = weight @ v / np.sum(weight)
         off = v - self.centre
         self.unit = np.sqrt(weight @ off**2 / np.sum(weight)) + 1e-12 * np.abs(self.centre)
         off /= self.unit
         self.root = np.linalg.cholesky((off.T * weight) @ off / np.sum(weight) + 1e-9 * np.eye(off.shape[1]))
         self.z = self._whitened(u[kept])
-        self.limit = BEYOND**2 * float(np.max(np.sum(self.z**2, axis=1)))
-        trust = (1.0 + below / MISTRUST) ** -2.0
+        self.limit = TUNING.surrogate_reach**2 * float(np.max(np.sum(self.z**2, axis=1)))
+        trust = (1.0 + below / TUNING.nugget_height) ** -2.0
         columns, along = _directions(residual, noise.deviation, trust / np.sum(trust))
 
         kernel = self._kernel(self.z)
-        kernel[np.diag_indices_from(kernel)] += NUGGET * np.minimum((1.0 + below / MISTRUST) ** 3, LEAST)
+        grown = np.minimum((1.0 + below / TUNING.nugget_height) ** 3, TUNING.nugget_most)
+        kernel[np.diag_indices_from(kernel)] += TUNING.nugget * grown
         # L^-1 for K = L L': a product with it lets other threads run, a triangular solve does not
         self.root_inverse = solve_triangular(np.linalg.cholesky(kernel), np.eye(len(kernel)), lower=True)
         inverse = self.root_inverse.T @ self.root_inverse
@@ -86,11 +78,10 @@ class Surrogate:
             )
 
     def __call__(self, u: Floats) -> Floats:
-        parts = min(self.workers, len(u) // SHARED)
+        parts = min(self.workers, len(u) // TUNING.surrogate_per_thread)
         if parts < 2:
             return self._expected(u)
-        with ThreadPoolExecutor(parts) as pool:
-            return np.concatenate(list(pool.map(self._expected, np.array_split(u, parts))))
+        return np.concatenate(each(self._expected, np.array_split(u, parts), parts))
 
     def _expected(self, u: Floats) -> Floats:
         z = self._whitened(u)
@@ -102,7 +93,7 @@ class Surrogate:
         kernel = self._kernel(z, self.z)
         known = kernel @ self.root_inverse.T
         variance = np.maximum(2.0 + np.sum(z**2, axis=1) / z.shape[1] - np.sum(known**2, axis=1), 0.0)
-        variance *= HOPE / self.scale
+        variance *= TUNING.hope / self.scale
         mean = np.column_stack([kernel @ self.coefficients, np.ones(len(z))])
         squares, half_log_det = np.empty((2, len(self.parts), len(z)))
         for i, (root, across, stiff) in enumerate(self.parts):
@@ -110,7 +101,7 @@ class Surrogate:
             spread = variance[:, None] * stiff
             softened = variance[:, None] / (1.0 + spread) * (mean @ across.T) ** 2
             squares[i] = np.sum((mean @ root) ** 2, axis=1) - np.sum(softened, axis=1)
-            half_log_det[i] = 0.5 / HOPE * np.sum(np.log1p(spread), axis=1)
+            half_log_det[i] = 0.5 / TUNING.hope * np.sum(np.log1p(spread), axis=1)
         value[near] = self.noise.log_density_of(np.maximum(squares, 0.0), half_log_det) + log_normal(u[near])
         return value
 
@@ -124,7 +115,7 @@ class Surrogate:
         distance = np.sum(z**2, axis=1)[:, None] + np.sum(other**2, axis=1) - 2.0 * product
         np.maximum(distance, 0.0, out=distance)  # in place: most of a call's time goes here
         np.sqrt(distance, out=distance)
-        distance *= np.sqrt(5.0) / LENGTH
+        distance *= np.sqrt(5.0) / TUNING.kernel_length
         matern = distance / 3.0
         matern += 1.0
         matern *= distance
@@ -142,6 +133,6 @@ def _directions(residual: Floats, deviation: Floats, weight: Floats) -> tuple[Fl
     far below the noise."""
     off = (residual - residual[0]) / deviation
     values, vectors = np.linalg.eigh((off.T * weight) @ off)
-    count = int(np.clip(np.count_nonzero(values > SHARE**2), 1, DIRECTIONS))
+    count = int(np.clip(np.count_nonzero(values > TUNING.direction_share**2), 1, TUNING.directions))
     vectors = vectors[:, ::-1][:, :count]
     return np.column_stack([vectors * deviation[:, None], residual[0]]), off @ vectors

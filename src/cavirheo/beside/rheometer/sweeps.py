@@ -1,0 +1,226 @@
+"""One sweep -> its properties, as they are written. Nothing is extrapolated, and a single sweep has no width."""
+
+from __future__ import annotations
+
+import math
+from typing import Any, Literal
+
+import numpy as np
+from pydantic import Field
+from scipy.interpolate import PchipInterpolator
+
+from cavirheo.beside.rheometer.read import Floats, Sweep
+from cavirheo.writing.document import Record
+
+_SHORTEST = 3.0  # largest over smallest strain of a linear range
+_STRAY = 0.2  # part of the points of a linear range that may stray from it, each alone
+_FLAT = 0.1  # |d ln G'/d ln omega| of a plateau
+_DECADE = 0.99 * math.log(10.0)  # of a plateau; instruments set 0.1 and 1 rad/s to within a per cent
+
+
+class SweepProperties(Record):
+    """What all sweeps have; `data` is what was measured, and is not written. `message`: why a number is missing."""
+
+    data: Any = Field(default=None, exclude=True, repr=False)  # Sweep
+    name: str
+    source: str
+    source_sha256: str
+    points: int
+    notes: list[str] = []
+    message: str = ""
+
+
+class StrainSweep(SweepProperties):
+    """`departs` is null where G' stays in the band to the end: `linear_to` is then the largest strain measured."""
+
+    kind: Literal["strain"] = "strain"
+    frequency_rad_per_s: float | None
+    strain_from: float
+    strain_to: float
+    plateau_storage_Pa: float | None = None
+    plateau_loss_Pa: float | None = None
+    linear_from: float | None = None
+    linear_to: float | None = None
+    departs: str | None = None
+    crossover_strain: float | None = None
+    crossover_modulus_Pa: float | None = None
+
+
+class FrequencySweep(SweepProperties):
+    """`viscosity_Pa_s` is the loss modulus at `at_rad_per_s` over that frequency."""
+
+    kind: Literal["frequency"] = "frequency"
+    strain: float | None
+    from_rad_per_s: float
+    to_rad_per_s: float
+    plateau_storage_Pa: float | None = None
+    plateau_from_rad_per_s: float | None = None
+    plateau_to_rad_per_s: float | None = None
+    at_rad_per_s: float
+    storage_at_Pa: float | None = None
+    loss_at_Pa: float | None = None
+    viscosity_Pa_s: float | None = None
+    tan_delta: float | None = None
+    complex_viscosity_Pa_s: float | None = None
+    crossover_rad_per_s: float | None = None
+    crossover_modulus_Pa: float | None = None
+
+
+def strain_sweep(sweep: Sweep, tolerance: float = 0.05) -> StrainSweep:
+    """Linear range, plateau and crossover of a strain sweep.
+
+    The linear range is the longest range of strains (on a logarithmic axis, at least a factor of 3) in which G' stays
+    within `tolerance` of its median over the range and has no trend (|d ln G'/d ln strain| at most `tolerance`, by the
+    median of the slopes of all pairs of points). A point that strays alone does not end it; two in succession to one
+    side do. It may begin above the smallest strain, where the torque is too low to be measured well. Its end is where
+    G', interpolated between the last point inside and the first one outside, leaves the band; a sweep that ends before
+    is said to have no such limit.
+    """
+    gamma, storage = sweep.x, sweep.storage
+    answer = StrainSweep(**_common(sweep), frequency_rad_per_s=sweep.held, strain_from=gamma[0], strain_to=gamma[-1])
+    found = _linear_range(gamma, storage, tolerance)
+    first = 0
+    if found is None:
+        band = f"within {100 * tolerance:g} % over a factor of {_SHORTEST:g} in strain"
+        answer.message = f"no linear range: nowhere does G' stay {band}"
+    else:
+        first, last, level = found
+        answer.linear_from, answer.plateau_storage_Pa = gamma[first], level
+        answer.plateau_loss_Pa = float(np.median(sweep.loss[first : last + 1]))
+        answer.linear_to, answer.departs = _limit(gamma, storage, last, level, tolerance)
+        if first:
+            answer.notes.append(_below(storage[:first], level, tolerance))
+    for x, modulus, yields in _crossovers(sweep):
+        if yields and x > gamma[first]:
+            answer.crossover_strain, answer.crossover_modulus_Pa = x, modulus
+            break
+    return answer
+
+
+def _linear_range(gamma: Floats, storage: Floats, tolerance: float) -> tuple[int, int, float] | None:
+    """First and last point, and the level: the median of the points within the band."""
+    x, y = np.log(gamma), np.log(storage)
+    first, last = np.triu_indices(len(x), 2)
+    span = x[last] - x[first]
+    order = np.lexsort((first, -span))  # the longest, then the one at smaller strain
+    for i, j in zip(first[order], last[order], strict=True):
+        if x[j] - x[i] < math.log(_SHORTEST):
+            break
+        part = storage[i : j + 1]
+        away = part / np.median(part) - 1
+        outside = np.abs(away) > tolerance
+        twice = outside[1:] & outside[:-1] & (away[1:] * away[:-1] > 0)
+        if outside[0] or outside[-1] or twice.any() or outside.mean() > _STRAY:
+            continue
+        a, b = np.triu_indices(len(part), 1)
+        if abs(np.median((y[i + b] - y[i + a]) / (x[i + b] - x[i + a]))) <= tolerance:
+            return int(i), int(j), float(np.median(part[~outside]))
+    return None
+
+
+def _limit(gamma: Floats, storage: Floats, last: int, level: float, tolerance: float) -> tuple[float, str | None]:
+    """The strain at which G' leaves the band, and how; the largest strain and None where it does not."""
+    if last == len(gamma) - 1:
+        return float(gamma[last]), None
+    departs = "softens" if storage[last + 1] < level else "stiffens"
+    edge = level * (1 - tolerance if departs == "softens" else 1 + tolerance)
+    inside, outside = np.log(storage[last : last + 2] / edge)
+    part = np.clip(inside / (inside - outside), 0.0, 1.0) if inside != outside else 1.0
+    return float(gamma[last] * (gamma[last + 1] / gamma[last]) ** part), departs
+
+
+def _below(storage: Floats, level: float, tolerance: float) -> str:
+    """What the points at strains below the linear range say."""
+    n = len(storage)
+    points = f"{n} point{'s' * (n > 1)} below the linear range"
+    if n > 2 and np.all(storage > level * (1 + tolerance)):
+        return f"G' is higher in the {points}: the true one may lie there, or below the data"
+    return f"{points} left out of it: up to {100 * np.max(np.abs(storage / level - 1)):.2g} % off (low torque?)"
+
+
+def frequency_sweep(sweep: Sweep, at: float = 1.0) -> FrequencySweep:
+    """Plateau, viscosity at the angular frequency `at` (rad/s) and crossover of a frequency sweep.
+
+    The plateau is the longest range of at least a decade in which |d ln G'/d ln omega|, fitted over half a decade round
+    each point, is at most 0.1. The viscosity is G''/omega, with G'' (and G') interpolated by monotone cubics (PCHIP)
+    through their logarithms; outside the data it is refused.
+    """
+    omega = sweep.x
+    answer = FrequencySweep(
+        **_common(sweep), strain=sweep.held, from_rad_per_s=omega[0], to_rad_per_s=omega[-1], at_rad_per_s=at
+    )
+    if (flat := _plateau(omega, sweep.storage)) is None:
+        answer.notes.append(f"no plateau of G': nowhere is d ln G'/d ln ω within ±{_FLAT:g} over a decade")
+    else:
+        answer.plateau_from_rad_per_s, answer.plateau_to_rad_per_s = omega[flat[0]], omega[flat[1]]
+        answer.plateau_storage_Pa = float(np.median(sweep.storage[flat[0] : flat[1] + 1]))
+    answer.message = _refusal(omega, at)
+    if not answer.message:
+        inside = math.log(np.clip(at, omega[0], omega[-1]))
+        storage, loss = (
+            float(np.exp(PchipInterpolator(np.log(omega), np.log(modulus))(inside)))
+            for modulus in (sweep.storage, sweep.loss)
+        )
+        answer.storage_at_Pa, answer.loss_at_Pa, answer.tan_delta = storage, loss, loss / storage
+        answer.viscosity_Pa_s, answer.complex_viscosity_Pa_s = loss / at, math.hypot(storage, loss) / at
+    crossovers = _crossovers(sweep)
+    if crossovers:
+        answer.crossover_rad_per_s, answer.crossover_modulus_Pa = crossovers[0][:2]
+        if len(crossovers) > 1:
+            others = ", ".join(f"{x:.3g}" for x, _, _ in crossovers[1:])
+            answer.notes.append(f"G' = G'' also at {others} rad/s")
+    return answer
+
+
+def _refusal(omega: Floats, at: float) -> str:
+    """Why there is no interpolation at a frequency; empty if there is."""
+    if not omega[0] * 0.999 <= at <= omega[-1] * 1.001:  # digits of the export, no more
+        return (
+            f"{at:g} rad/s lies outside the data, {omega[0]:.3g} to {omega[-1]:.3g} rad/s: "
+            "µ is not extrapolated; ask for another frequency with --at"
+        )
+    above = int(np.clip(np.searchsorted(omega, at), 1, len(omega) - 1))
+    if omega[above] > 10 * omega[above - 1]:
+        return f"the data nearest to {at:g} rad/s are more than a decade apart: µ is not interpolated over such a gap"
+    return ""
+
+
+def _plateau(omega: Floats, storage: Floats) -> tuple[int, int] | None:
+    """First and last point of the longest flat range."""
+    x, y = np.log(omega), np.log(storage)
+    flat = np.zeros(len(x), dtype=bool)
+    for k in range(len(x)):
+        near = np.abs(x - x[k]) <= 0.25 * math.log(10.0) * 1.01
+        near[max(k - 1, 0) : k + 2] = True
+        flat[k] = abs(np.polyfit(x[near], y[near], 1)[0]) <= _FLAT
+    flat ^= _alone(flat)
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], flat.astype(int), [0]])))
+    runs = [(first, last - 1) for first, last in zip(edges[::2], edges[1::2], strict=True)]
+    first, last = max(runs, key=lambda run: x[run[1]] - x[run[0]], default=(0, 0))
+    return (int(first), int(last)) if x[last] - x[first] >= _DECADE else None
+
+
+def _crossovers(sweep: Sweep) -> list[tuple[float, float, bool]]:
+    """(x, G' = G'', whether G'' wins beyond), each interpolated in the logarithms; single stray points apart."""
+    solid = sweep.storage > sweep.loss
+    keep = ~_alone(solid)
+    x, storage, loss, solid = (values[keep] for values in (sweep.x, sweep.storage, sweep.loss, solid))
+    found = []
+    for k in np.flatnonzero(solid[1:] != solid[:-1]):
+        before, after = np.log(storage[k : k + 2] / loss[k : k + 2])
+        part = before / (before - after)
+        position = x[k] * (x[k + 1] / x[k]) ** part
+        found.append((float(position), float(storage[k] * (storage[k + 1] / storage[k]) ** part), bool(solid[k])))
+    return found
+
+
+def _alone(flags: np.ndarray) -> np.ndarray:
+    """Where a flag differs from both its neighbours."""
+    alone = np.zeros_like(flags)
+    alone[1:-1] = (flags[1:-1] != flags[:-2]) & (flags[1:-1] != flags[2:])
+    return alone
+
+
+def _common(sweep: Sweep) -> dict[str, Any]:
+    told = {name: getattr(sweep, name) for name in ("name", "source", "source_sha256", "notes")}
+    return {"data": sweep, "points": len(sweep.x), **told}

@@ -1,0 +1,185 @@
+"""Least squares over experiments with one material: residuals, finite differences, the minimum."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cavirheo.inference.experiment import FINE, QUICK, Accuracy, Experiment, Prediction
+from cavirheo.inference.law import Family
+from cavirheo.parallel import each
+
+Floats = NDArray[np.float64]
+
+FORWARD, CENTRAL = 1e-3, 3e-3  # steps of the differences, decades or the like: the solver's noise is far below
+SAME = 0.01  # of its range: a search that comes so near to a known minimum in every parameter is given up
+SEARCH = {"ftol": 1e-3, "xtol": 1e-3, "gtol": 1e-8, "max_nfev": 15}
+_POLISH = {"ftol": 3e-5, "xtol": 1e-4, "gtol": 1e-8, "max_nfev": 12}
+
+
+@dataclass(frozen=True, eq=False)
+class Minimum:
+    """Where a search ended: x (parameters,), cost (half the sum of squared weighted residuals)."""
+
+    x: Floats
+    cost: float
+    converged: bool
+
+
+class LeastSquares:
+    """Experiments with one material: its parameters, common to all, followed by those of each shot.
+
+    runs and failures count the simulations.
+    """
+
+    def __init__(self, experiments: Sequence[Experiment], workers: int = 1) -> None:
+        self.shots, self.workers = list(experiments), workers
+        self.family: Family = self.shots[0].family
+        self.common = self.shots[0].law
+        self.runs = self.failures = 0
+        owns = [shot.bounds[self.common :] for shot in self.shots]
+        self.bounds = np.concatenate([self.family.bounds(), *owns])
+        ends = self.common + np.cumsum([0, *map(len, owns)])
+        law = range(self.common)
+        self.columns = [np.array([*law, *range(a, b)]) for a, b in pairwise(ends)]  # of x that shot k depends on
+
+    def predictions(self, jobs: list[tuple[Experiment, Floats]], accuracy: Accuracy) -> list[Prediction | None]:
+        """One simulation a job, on so many threads."""
+        found = each(lambda job: job[0].predict(job[1], accuracy), jobs, self.workers)
+        self.runs += len(found)
+        self.failures += sum(prediction is None for prediction in found)
+        return found
+
+    def at(self, x: Floats, accuracy: Accuracy) -> list[Prediction | None]:
+        """The simulation of every shot."""
+        return self.predictions([(shot, x[own]) for shot, own in zip(self.shots, self.columns, strict=True)], accuracy)
+
+    def residuals(self, x: Floats, accuracy: Accuracy) -> Floats:
+        """(all frames + priors,) weighted residuals."""
+        parts = [shot.residual(seen) for shot, seen in zip(self.shots, self.at(x, accuracy), strict=True)]
+        return np.concatenate([*parts, [(x[column] - mean) / width for column, mean, width in self.priors]])
+
+    @property
+    def priors(self) -> list[tuple[int, float, float]]:
+        """(column, mean, standard deviation) of log10 stretch for each shot whose late plateau gives it."""
+        pairs = zip(self.columns, self.shots, strict=True)
+        return [(int(own[self.common]), *shot.plateau) for own, shot in pairs if shot.plateau]
+
+    def jacobian(self, x: Floats, accuracy: Accuracy, *, central: bool, at: Floats | None = None) -> Floats:
+        """(residuals, parameters) by finite differences; a side whose simulation fails is left out.
+
+        `at` are the residuals at x, for forward differences.
+        """
+        step = CENTRAL if central else FORWARD
+        jobs: list[tuple[Experiment, Floats]] = []
+        moves: list[tuple[int, int, float]] = []
+        for k, shot in enumerate(self.shots):
+            steps, here = step * shot.steps, x[self.columns[k]]
+            for i, column in enumerate(self.columns[k]):
+                for sign in (1.0, -1.0) if central else (1.0 if x[column] < np.mean(self.bounds[column]) else -1.0,):
+                    there = here.copy()
+                    there[i] += sign * steps[i]
+                    jobs.append((shot, there))
+                    moves.append((k, column, sign * float(steps[i])))
+        found = self.predictions(jobs, accuracy)
+        if at is None:
+            at = self.residuals(x, accuracy)
+        result = np.zeros((len(at), len(x)))
+        starts = np.cumsum([0, *(len(shot.measured) for shot in self.shots)])
+        sides: dict[tuple[int, int], list[tuple[float, Floats]]] = {}
+        for (k, column, move), prediction in zip(moves, found, strict=True):
+            if prediction is not None:
+                sides.setdefault((k, column), []).append((move, self.shots[k].residual(prediction)))
+        for (k, column), sampled in sides.items():
+            rows = slice(starts[k], starts[k + 1])
+            if len(sampled) == 1:
+                sampled = [*sampled, (0.0, at[rows])]
+            (a, first), (b, second) = sampled
+            result[rows, column] = (first - second) / (a - b)
+        for row, (column, _, width) in enumerate(self.priors):
+            result[starts[-1] + row, column] = 1.0 / width
+        return result
+
+    def minimise(
+        self, start: Floats, accuracy: Accuracy, limits: Mapping[str, Any], known: Sequence[Floats] = ()
+    ) -> Minimum:
+        """Trust-region least squares within the bounds (scipy), weights as they are.
+
+        Every second Jacobian is the one before with Broyden's update, which costs no simulation; the last one is not,
+        unless `known` minima are given: a search that comes to one of those ends there, with infinite cost.
+        """
+        from scipy.optimize import least_squares
+
+        low, high = self.bounds.T
+        inside = 1e-6 * (high - low)
+        last: dict[bytes, Floats] = {}  # residuals at the current point
+        before: list[Floats] = []  # x, residuals and Jacobian there, if that was by differences
+
+        def fun(x: Floats) -> Floats:
+            last.clear()
+            last[x.tobytes()] = self.residuals(x, accuracy)
+            return last[x.tobytes()]
+
+        def jac(x: Floats) -> Floats:
+            if any(np.all(np.abs(x - other) < SAME * (high - low)) for other in known):
+                raise KnownMinimumError
+            at = last[x.tobytes()]
+            if len(before) == 3:
+                x0, at0, slope = before[-3:]
+                move = x - x0
+                slope = slope + np.outer(at - at0 - slope @ move, move) / (move @ move)
+            else:
+                before.clear()
+                slope = self.jacobian(x, accuracy, central=False, at=at)
+            before.extend([x.copy(), at, slope])
+            return slope.copy()
+
+        x = start
+        try:
+            for _ in range(1 if known else 2):
+                x = np.clip(x, low + inside, high - inside)
+                found = least_squares(fun, x, jac=jac, bounds=(low, high), method="trf", **limits)
+                if len(before) == 3:
+                    break
+                before.clear()
+                x = found.x
+        except KnownMinimumError:
+            return Minimum(x, np.inf, True)
+        return Minimum(found.x, float(found.cost), bool(found.status > 0))
+
+    def reweigh(self, x: Floats, accuracy: Accuracy) -> None:
+        """The frames' weights from the simulated motion; held fixed while a minimum is sought, for otherwise a faster
+        simulation would pay."""
+        for shot, seen in zip(self.shots, self.at(x, accuracy), strict=True):
+            if seen is not None:
+                shot.weigh(seen.speed)
+
+    def settle(self, starts: Sequence[Floats], *, enough: float = 0.0, accuracy: Accuracy = FINE) -> Minimum:
+        """The best minimum of a quick search from each start, then with the simulated motion's weights.
+
+        Further starts are left out once a minimum has less than `enough` times the variance that the weights assume.
+        """
+        best: Minimum | None = None
+        known: list[Floats] = []
+        for start in starts:
+            found = self.minimise(start, QUICK, SEARCH, known)
+            known.append(found.x)
+            best = found if best is None or found.cost < best.cost else best
+            if best.cost < 0.5 * enough * sum(len(shot.measured) for shot in self.shots):
+                break
+        assert best is not None
+        for stage, limits in ((QUICK, SEARCH), (accuracy, _POLISH), (accuracy, _POLISH)):
+            self.reweigh(best.x, stage)
+            before, best = best.x, self.minimise(best.x, stage, limits)
+            if stage is accuracy and np.max(np.abs(best.x - before)) < 2e-2:
+                break
+        return best
+
+
+class KnownMinimumError(Exception):
+    """A search came to a minimum that is known; does not leave `LeastSquares.minimise`."""

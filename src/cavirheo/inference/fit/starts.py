@@ -1,0 +1,89 @@
+"""Where a search starts: coarse simulations all over the ranges."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cavirheo.errors import SolverError
+from cavirheo.inference.experiment import COARSE, Experiment, Prediction
+from cavirheo.inference.fit.least_squares import LeastSquares
+from cavirheo.parameters import PARAMETERS
+from cavirheo.physics.collapse import analytic_modulus
+
+Floats = NDArray[np.float64]
+
+STARTS = 48
+TIMED = 2  # every so many starts get their shear modulus from the collapse time
+
+
+class Scan:
+    """Coarse simulations over the whole window of a shot, from which every window takes its starts.
+
+    Where the law has a shear modulus and a viscosity and the curve a collapse, every other point is an estimate from
+    the collapse time: it has the shear modulus that t_1 asks for at its viscosity and stretch (physics/collapse.py).
+
+    Raises:
+        SolverError: all of them failed.
+    """
+
+    def __init__(self, fit: LeastSquares, count: int = STARTS) -> None:
+        (shot,) = fit.shots
+        box = [fit.family.bounds(started=True)]
+        if shot.stretch is None:
+            near = shot.stretch_prior
+            around = np.log10([near[0] - near[1], near[0] + near[1]]) if near else PARAMETERS["stretch"].started
+            box.append(np.array([around]))
+        self.points = np.zeros((count, len(fit.bounds)))  # nuisances start at nothing
+        inner = np.concatenate(box)
+        self.points[:, : len(inner)] = spread_starts(inner, count)
+        self.timed = self._from_collapse_time(fit, shot)
+        self.found = fit.predictions([(shot, x) for x in self.points], COARSE)
+        if not any(self.found):
+            raise SolverError(
+                f"all {count} simulations of {fit.family.name} failed with which the search was to be started"
+            )
+
+    def _from_collapse_time(self, fit: LeastSquares, shot: Experiment) -> NDArray[np.bool_]:
+        """(count,) which points got their shear modulus from the collapse time."""
+        timed = np.zeros(len(self.points), dtype=bool)
+        names, times = fit.family.parameters, shot.curve.collapse_times()
+        if not len(times) or not {"shear_modulus", "viscosity"} <= set(names):
+            return timed
+        column = names.index("shear_modulus")
+        stretch = shot.natural(self.points.T)["stretch"]
+        viscosity = 10.0 ** self.points[:, names.index("viscosity")]
+        modulus = analytic_modulus(
+            shot.max_radius, stretch, viscosity, float(times[0] - shot.curve.time_of_max), shot.medium
+        )
+        log10 = np.log10(np.where(modulus > 0, modulus, np.nan))
+        timed[::TIMED] = True
+        timed &= (log10 > fit.bounds[column, 0]) & (log10 < fit.bounds[column, 1])
+        self.points[timed, column] = log10[timed]
+        return timed
+
+    @property
+    def counts(self) -> dict[str, int]:
+        """How many starts there were, and how many with the shear modulus of the collapse time."""
+        return {"starts": len(self.points), "starts_from_collapse_time": int(np.sum(self.timed))}
+
+    def best(self, shot: Experiment, count: int) -> list[Floats]:
+        """The points with the smallest cost in the present window of the shot."""
+        m = len(shot.since)
+        costs = [
+            np.sum(shot.residual(p if p is None else Prediction(p.radius[:m], p.speed[:m])) ** 2) for p in self.found
+        ]
+        return [self.points[i] for i in np.argsort(costs)[:count]]
+
+
+def spread_starts(bounds: Floats, count: int) -> Floats:
+    """(count, d) points that fill a box (d, 2) evenly: the additive recurrence of the generalised golden ratio.
+
+    Roberts 2018, "The unreasonable effectiveness of quasirandom sequences"; the same points every time.
+    """
+    d = len(bounds)
+    phi = 2.0
+    for _ in range(40):
+        phi = (1.0 + phi) ** (1.0 / (d + 1))
+    cube = (0.5 + np.outer(np.arange(1, count + 1), phi ** -np.arange(1.0, d + 1))) % 1.0
+    return np.asarray(bounds[:, 0] + cube * (bounds[:, 1] - bounds[:, 0]))

@@ -1,0 +1,73 @@
+"""Family: all materials of a law, or of a sum of laws, as a function of its parameters."""
+
+from __future__ import annotations
+
+from dataclasses import MISSING, Field, dataclass, field, fields
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cavirheo.errors import InputError
+from cavirheo.parameters import PARAMETERS
+from cavirheo.physics.laws import LAWS, combine
+from cavirheo.physics.materials import Material
+
+Floats = NDArray[np.float64]
+
+
+def _parameters(law: str) -> list[Field[Any]]:
+    return [f for f in fields(LAWS[law]) if f.init]  # type: ignore[arg-type]
+
+
+def _unfittable(law: str) -> list[str]:
+    """Parameters that neither have a range nor a default."""
+    return [f.name for f in _parameters(law) if not PARAMETERS[f.name].searched and f.default is MISSING]
+
+
+ABLE = [law for law in LAWS if not _unfittable(law)]
+
+
+@dataclass(frozen=True)
+class Family:
+    """All materials of a law, or of a sum of laws ("gent + newtonian"): log10 of the parameters -> Material.
+
+    A parameter that two laws of a sum have is followed by the number of the later one: viscosity, viscosity_2. One
+    without a range (parameters.py) keeps the default of its law.
+
+    Raises:
+        InputError: unknown law, one with a parameter for which no range is set, or laws that no material can have both.
+    """
+
+    name: str
+    _terms: tuple[tuple[str, tuple[str, ...]], ...] = field(init=False, repr=False, compare=False)
+
+    def __post_init__(self) -> None:
+        terms = []
+        for law in (part.strip() for part in self.name.split("+")):
+            if law not in ABLE:
+                hint = " without parameters (all of them are fitted)" if "(" in law else ""
+                if law in LAWS:
+                    hint = f" (its {', '.join(_unfittable(law))} cannot be given a range)"
+                known = f"known, also as sums: {', '.join(ABLE)}"
+                raise InputError(f"cannot fit the material {law!r}{hint}; {known}", "law.not_fittable")
+            terms.append((law, tuple(f.name for f in _parameters(law) if PARAMETERS[f.name].searched)))
+        object.__setattr__(self, "_terms", tuple(terms))
+        self.material(np.mean(self.bounds(started=True), axis=1))  # whether the laws go together
+
+    @property
+    def parameters(self) -> tuple[str, ...]:
+        names: list[str] = []
+        for number, (_, own) in enumerate(self._terms, 1):
+            names += [f"{name}_{number}" if name in names else name for name in own]
+        return tuple(names)
+
+    def material(self, log10: Floats) -> Material:
+        """The material of (parameters,) log10 values. Raises InputError where they exclude each other."""
+        values = iter(10.0**log10)
+        return combine([LAWS[law](**{name: float(next(values)) for name in own}) for law, own in self._terms])
+
+    def bounds(self, *, started: bool = False) -> Floats:
+        """(parameters, 2): the ranges searched, or the parts of them that searches start from."""
+        names = [name for _, own in self._terms for name in own]
+        return np.array([PARAMETERS[n].started if started else PARAMETERS[n].searched for n in names])

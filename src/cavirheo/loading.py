@@ -1,0 +1,65 @@
+"""What cavirheo wrote, read back: documents and training sets, told apart by what they hold."""
+
+from __future__ import annotations
+
+import json
+from importlib import import_module
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from cavirheo.errors import InputError
+from cavirheo.writing.document import Document, read_json
+
+if TYPE_CHECKING:
+    from cavirheo.training.dataset import Dataset
+
+_KINDS = {  # a key that no other document has, and the class of the document
+    "sets": ("beside.published.record", "Comparison"),
+    "strain_sweeps": ("beside.rheometer.record", "Rheometry"),
+    "medium": ("beside.collapse_times.record", "CollapseTimes"),
+    "laws": ("reporting.laws", "Laws"),
+    "curves": ("reporting.record", "Result"),
+}
+_NAMES = ("result.json", "laws.json", "comparison.json", "rheometer.json", "collapse-time.json")
+
+
+def load(path: str | Path) -> Document | Dataset:
+    """A document or a training set as an object.
+
+    | path | gives |
+    |---|---|
+    | result.json | `reporting.record.Result`: curves and groups |
+    | laws.json | `reporting.laws.Laws` |
+    | comparison.json, rheometer.json, collapse-time.json | `Comparison`, `Rheometry`, `CollapseTimes` |
+    | a folder of `cavirheo generate` | `training.dataset.Dataset` |
+    | a folder with one of the documents above | that document |
+
+    A file may have any name. Numbers are SI, as in the file.
+
+    Raises:
+        InputError: nothing there, or nothing that cavirheo wrote.
+    """
+    path = Path(path)
+    if path.is_dir():
+        if any(path.glob("shard-*.h5")):
+            from cavirheo.training import dataset
+
+            return dataset.load(path)
+        found = [path / name for name in _NAMES if (path / name).is_file()]
+        if len(found) != 1:
+            held = ", ".join(one.name for one in found) or f"none of {', '.join(_NAMES)}, and no training set"
+            raise InputError(f"{path} holds {held}: name the file", "loading.folder")
+        (path,) = found
+    try:
+        content = json.loads(path.read_text(encoding="utf-8"))
+    except (OSError, UnicodeDecodeError) as error:
+        raise InputError(f"{path}: cannot be read ({error})", "document.unreadable") from None
+    except ValueError:
+        raise InputError(f"{path}: no JSON document; expected {', '.join(_NAMES)}", "document.other") from None
+    keys = set(content) if isinstance(content, dict) else set()
+    if "curves" in keys and isinstance(content["curves"], list):
+        keys |= {"laws"} & {key for row in content["curves"] if isinstance(row, dict) for key in row}
+    for key, (module, kind) in _KINDS.items():
+        if key in keys:
+            return read_json(path, getattr(import_module(f"cavirheo.{module}"), kind))
+    raise InputError(f"{path}: no document of cavirheo ({', '.join(_NAMES)})", "document.other")

@@ -1,0 +1,68 @@
+"""laws.json: the evidence of several laws for the same curves, and its table."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from cavirheo.reporting.record import CurveRecord
+from cavirheo.writing import digits, terminal
+from cavirheo.writing.document import Document, Record
+
+if TYPE_CHECKING:
+    from rich.table import Table
+
+_TITLE = "log evidence below the best; *: cannot be told from it; →: the simplest of these"
+
+
+class WeighedLaw(Record):
+    """One law: null where there is no evidence; `answer`: the row that result.json would have, for a curve alone."""
+
+    log_evidence: float | None
+    standard_error: float | None
+    probability: float | None
+    answer: CurveRecord | None = None
+
+
+class WeighedLaws(Record):
+    """The laws of one curve, or of a group whose evidence is the sum over so many shots."""
+
+    name: str
+    shots: int
+    chosen: str | None
+    contenders: list[str]
+    laws: dict[str, WeighedLaw]
+
+
+class Laws(Document):
+    """The document."""
+
+    curves: list[WeighedLaws]
+    groups: list[WeighedLaws]
+
+
+def laws_table(document: Laws) -> Table:
+    """A line per law of each curve, then of each group."""
+    heads = ("law", "log evidence", "probability", "G Pa", "µ Pa s", "RMSE %", "verdict")
+    made = terminal.table("curve", heads, left=("law", "verdict"), title=_TITLE)
+    for one in document.curves:
+        _rows(made, one, one.name)
+    for one in document.groups:
+        _rows(made, one, f"{one.name}: {one.shots} shots", style="bold")
+    return made
+
+
+def _rows(made: Table, one: WeighedLaws, name: str, style: str | None = None) -> None:
+    best = max((law.log_evidence for law in one.laws.values() if law.log_evidence is not None), default=0.0)
+    for law, about in one.laws.items():
+        mark = ("→ " if law == one.chosen else "") + law + ("*" if law in one.contenders else "")
+        cells = [digits.MISSING, digits.MISSING]
+        if about.log_evidence is not None:
+            error = "" if about.standard_error is None else f" ± {about.standard_error:.1f}"
+            cells = [f"{about.log_evidence - best:.1f}{error}", f"{about.probability or 0.0:.3f}"]
+        if (answer := about.answer) is not None:
+            medians = (answer.shear_modulus_Pa.median, answer.viscosity_Pa_s.median)
+            cells += [digits.MISSING if value is None else digits.significant(value) for value in medians]
+            cells += [digits.percent(answer.rmse_over_rmax), digits.LOOKS[answer.verdict].words]
+        made.add_row(digits.elide(name, 24), mark, *cells, style=style)
+        name = ""
+    made.add_section()

@@ -1,0 +1,174 @@
+"""A Posterior in Python: what it shows of itself, and its draws in the formats of other libraries."""
+
+import json
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from cavirheo.errors import InputError
+from cavirheo.posterior import Checks, Posterior
+
+CHECKS = Checks("ok", "", 0.0064, 0.005, 0.02, 4, 4.02, *np.zeros((4, 9000)))
+
+
+@pytest.fixture
+def posterior() -> Posterior:
+    rng = np.random.default_rng(0)
+    theta = np.column_stack([3.8 + 0.05 * rng.standard_normal(900), 8.5 + 0.2 * rng.standard_normal(900)])
+    return Posterior(
+        ("log10_shear_modulus", "stretch"), ("Pa", "1"), theta, CHECKS, "nhkv", "verified",
+        {"long": list(range(9000))}, log_q=np.zeros(900), log_weight=0.5 * rng.standard_normal(900) - 700.0,
+    )  # fmt: skip
+
+
+def test_it_shows_its_answer_and_not_its_arrays(posterior):
+    text = repr(posterior)
+    assert len(text) < 400
+    first, modulus, stretch = text.splitlines()
+    assert all(word in first for word in ("nhkv", "verified", "900 draws", "ok", "0.64 %", "9000 frames"))
+    low, high = posterior.interval("shear_modulus")
+    assert modulus.split()[0] == "shear_modulus"
+    assert [float(part.strip("[],")) for part in modulus.split()[1:4]] == pytest.approx(
+        [posterior.median("shear_modulus"), low, high], rel=0.02
+    )
+    assert modulus.endswith(" Pa")
+    assert float(stretch.split()[1]) == pytest.approx(8.5, abs=0.05)
+    assert len(repr(CHECKS)) < 100
+
+
+def test_it_shows_a_point_a_given_stretch_and_a_failure(posterior):
+    point = replace(posterior, names=("log10_viscosity",), units=("Pa s",), theta=np.array([[-1.7]]), log_weight=None)
+    assert repr(replace(point, stretch=6.2)).split()[-5:] == ["0.0200", "Pa", "s", "stretch", "6.20"]
+    failed = replace(point, theta=np.empty((0, 1)), checks=Checks("failed", "cell 3 is empty"))
+    assert "failed: cell 3 is empty" in repr(failed)
+
+
+def test_dataframe_has_the_draws_in_natural_units(posterior):
+    pytest.importorskip("pandas")
+    frame = posterior.to_dataframe()
+    assert list(frame.columns) == ["shear_modulus_Pa", "stretch", "weight"]
+    assert frame["shear_modulus_Pa"].to_numpy() == pytest.approx(10.0 ** posterior.theta[:, 0])
+    assert frame["weight"].sum() == pytest.approx(1.0)  # though the largest weight is exp(-698)
+    assert frame["weight"].idxmax() == np.argmax(posterior.log_weight)
+    assert frame.attrs["verdict"] == "ok"
+    assert replace(posterior, log_weight=None).to_dataframe()["weight"].std() == 0.0
+
+
+def test_arviz_gets_draws_units_and_weights(posterior):
+    pytest.importorskip("arviz")
+    data = posterior.to_arviz()
+    assert data["posterior"]["shear_modulus"].attrs["units"] == "Pa"
+    assert data["posterior"]["shear_modulus"].dims == ("chain", "draw")
+    assert data["posterior"]["stretch"].values[0] == pytest.approx(posterior.theta[:, 1])
+    assert data["posterior"].attrs["material"] == "nhkv"
+    assert float(data["sample_stats"]["weight"].sum()) == pytest.approx(1.0)
+    assert data["sample_stats"]["log_weight"].values[0] == pytest.approx(posterior.log_weight)
+
+
+@pytest.mark.parametrize(("name", "method"), [("pandas", "to_dataframe"), ("arviz", "to_arviz")])
+def test_a_missing_library_is_named(posterior, monkeypatch, name, method):
+    monkeypatch.setitem(sys.modules, name, None)
+    with pytest.raises(InputError) as refused:
+        getattr(posterior, method)()
+    assert refused.value.code == "posterior.missing_library"
+    assert f"pip install {name}" in str(refused.value)
+
+
+def test_plot_has_marginals_and_pairs(posterior, tmp_path):
+    pytest.importorskip("matplotlib")
+    figure = posterior.plot()
+    shown = [axes for axes in figure.axes if axes.get_visible()]
+    assert len(shown) == 3
+    assert [axes.get_xlabel() for axes in shown if axes.get_xlabel()] == ["shear_modulus (Pa)", "stretch"]
+    marginal = next(axes for axes in shown if axes.patches)
+    assert sum(bar.get_height() for bar in marginal.patches[:-1]) == pytest.approx(1.0, abs=0.02)
+    figure.savefig(tmp_path / "a.png")
+
+
+def test_a_point_has_nothing_to_plot(posterior):
+    with pytest.raises(InputError) as refused:
+        replace(posterior, theta=posterior.theta[:1]).plot()
+    assert refused.value.code == "posterior.no_draws"
+
+
+def test_public_names_are_shown():
+    import cavirheo
+
+    assert set(cavirheo.__all__) <= set(dir(cavirheo))
+    assert {"load", "infer", "Posterior", "__doc__"} <= set(dir(cavirheo))
+
+
+# --- cavirheo.load ----------------------------------------------------------------------------------------------------
+
+
+HEAD = {"schema": 1, "version": "0", "command": "cavirheo"}
+EMPTY = {"mean": None, "std": None, "median": None}
+LAW = {"log_evidence": -3.0, "standard_error": None, "probability": 1.0}
+RANKED = {"name": "a", "shots": 1, "chosen": "nhkv", "contenders": ["nhkv"], "laws": {"nhkv": LAW}}
+DOCUMENTS = {
+    "Result": {"curves": [], "groups": []},
+    "Laws": {"curves": [RANKED], "groups": []},
+    "Comparison": {"methods": [], "reference_methods": [], "sets": []},
+    "Rheometry": {
+        "material": "", "tolerance": 0.1, "at_rad_per_s": 1.0, "shear_modulus_Pa": EMPTY, "shear_modulus_from": "",
+        "viscosity_Pa_s": EMPTY, "linear_to": EMPTY, "strain_sweeps": [], "frequency_sweeps": [],
+    },
+    "CollapseTimes": {"material": "nhkv", "medium": {}, "groups": []},
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("kind", DOCUMENTS)
+def test_load_tells_documents_apart_by_what_they_hold(kind, tmp_path):
+    from cavirheo import load
+
+    (tmp_path / "any.json").write_text(json.dumps(HEAD | DOCUMENTS[kind]), encoding="utf-8")
+    found = load(tmp_path / "any.json")
+    assert type(found).__name__ == kind
+    assert found.command == "cavirheo"
+
+
+def test_load_takes_the_one_document_of_a_folder(tmp_path):
+    from cavirheo import load
+
+    (tmp_path / "result.json").write_text(json.dumps(HEAD | DOCUMENTS["Result"]), encoding="utf-8")
+    assert load(tmp_path) == load(tmp_path / "result.json")
+    (tmp_path / "laws.json").write_text("{}", encoding="utf-8")
+    with pytest.raises(InputError) as refused:
+        load(tmp_path)
+    assert refused.value.code == "loading.folder"
+    assert "result.json, laws.json" in str(refused.value)
+
+
+def test_load_reads_a_training_set(tmp_path):
+    from cavirheo import load
+    from cavirheo.training.dataset import generate
+    from cavirheo.training.recipe import read_recipe
+
+    recipe = read_recipe(Path(__file__).parent.parent / "recipes" / "laptop.toml")
+    generate(recipe.problem, 2, tmp_path, progress=False)
+    assert load(tmp_path).theta.shape[0] == 2
+
+
+@pytest.mark.parametrize(
+    ("content", "code"),
+    [
+        (None, "document.unreadable"),
+        (b"\xff\xfe\x00", "document.unreadable"),
+        (b"time_us,radius_um\n", "document.other"),
+        (b"[1, 2]", "document.other"),
+        (b'{"a": 1}', "document.other"),
+        (b'{"schema": 1, "version": "", "command": "", "curves": [{"name": 1}], "groups": []}', "document.other"),
+    ],
+)
+def test_load_refuses_what_we_did_not_write(content, code, tmp_path):
+    from cavirheo import load
+
+    if content is not None:
+        (tmp_path / "x.json").write_bytes(content)
+    with pytest.raises(InputError) as refused:
+        load(tmp_path / "x.json")
+    assert refused.value.code == code
+    assert "x.json" in str(refused.value)

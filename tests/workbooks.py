@@ -1,0 +1,106 @@
+"""Workbooks for tests (.xlsx and .ods), with the parts that every spreadsheet program writes."""
+
+from __future__ import annotations
+
+import zipfile
+import zlib
+from base64 import b64decode
+from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
+from xml.sax.saxutils import escape
+
+_MAIN = "http://schemas.openxmlformats.org/spreadsheetml/2006/main"
+_OFFICE = "http://schemas.openxmlformats.org/officeDocument/2006/relationships"
+_ODS = ("office", "table", "text", "manifest")
+_PACKAGE = "http://schemas.openxmlformats.org/package/2006/relationships"
+
+
+def sheet_xml(rows: Iterable[Sequence[object]]) -> str:
+    """Numbers as numbers, the rest as text; None is no cell."""
+    return f'<worksheet xmlns="{_MAIN}"><sheetData>{"".join(map(_row, rows))}</sheetData></worksheet>'
+
+
+def _row(cells: Sequence[object]) -> str:
+    return f"<row>{''.join(map(_cell, cells))}</row>"
+
+
+def _cell(value: object) -> str:
+    if value is None:
+        return "<c/>"
+    if isinstance(value, str):
+        return f'<c t="inlineStr"><is><t>{escape(value)}</t></is></c>'
+    return f"<c><v>{value}</v></c>"
+
+
+def write_xlsx(
+    path: Path, sheets: Mapping[str, Iterable[Sequence[object]] | str | bytes], hidden: Sequence[str] = ()
+) -> Path:
+    """A workbook whose tabs are `sheets` in their order: rows, or the XML of a sheet.
+
+    The last tab lies in sheet1.xml: the order of the files is not that of the tabs.
+    """
+    numbers = {name: len(sheets) - k for k, name in enumerate(sheets)}
+    states = {name: ' state="hidden"' if name in hidden else "" for name in sheets}
+    tabs = "".join(
+        f'<sheet name="{escape(name)}" sheetId="{k}"{states[name]} r:id="rId{k}"/>' for name, k in numbers.items()
+    )
+    relations = "".join(
+        f'<Relationship Id="rId{k}" Type="{_OFFICE}/worksheet" Target="worksheets/sheet{k}.xml"/>'
+        for k in numbers.values()
+    )
+    book = f'<Relationship Id="rId1" Type="{_OFFICE}/officeDocument" Target="xl/workbook.xml"/>'
+    with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive:
+        archive.writestr("_rels/.rels", f'<Relationships xmlns="{_PACKAGE}">{book}</Relationships>')
+        archive.writestr(
+            "xl/workbook.xml",
+            f'<workbook xmlns="{_MAIN}" xmlns:r="{_OFFICE}"><sheets>{tabs}</sheets></workbook>',
+        )
+        archive.writestr("xl/_rels/workbook.xml.rels", f'<Relationships xmlns="{_PACKAGE}">{relations}</Relationships>')
+        for name, content in sheets.items():
+            xml = content if isinstance(content, (str, bytes)) else sheet_xml(content)
+            archive.writestr(f"xl/worksheets/sheet{numbers[name]}.xml", xml)
+    return path
+
+
+def write_ods(path: Path, table: str) -> Path:
+    """An OpenDocument workbook of one sheet, from the XML of its rows."""
+    spaces = " ".join(f'xmlns:{name}="urn:oasis:names:tc:opendocument:xmlns:{name}:1.0"' for name in _ODS)
+    body = f'<office:spreadsheet><table:table table:name="a">{table}</table:table></office:spreadsheet>'
+    with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive:
+        archive.writestr("mimetype", "application/vnd.oasis.opendocument.spreadsheet")
+        archive.writestr("META-INF/manifest.xml", f"<manifest:manifest {spaces}/>")
+        archive.writestr(
+            "content.xml",
+            f"<office:document-content {spaces}><office:body>{body}</office:body></office:document-content>",
+        )
+    return path
+
+
+def ods_row(cells: Sequence[object]) -> str:
+    """The XML of one row of numbers and texts."""
+    return f"<table:table-row>{''.join(map(_ods_cell, cells))}</table:table-row>"
+
+
+def _ods_cell(value: object) -> str:
+    about = (
+        'office:value-type="string"' if isinstance(value, str) else f'office:value-type="float" office:value="{value}"'
+    )
+    return f"<table:table-cell {about}><text:p>{escape(str(value))}</text:p></table:table-cell>"
+
+
+def write_xls(path: Path) -> Path:
+    """An old workbook: the cells a, b over 1.5, 2."""
+    path.write_bytes(zlib.decompress(b64decode(_XLS)))
+    return path
+
+
+_XLS = """
+eNq7cF7wwcKNUg8Z0IAdAzPDv/+cDGxIYoxAzAnjCDAA5f//BzFhNAcQ/x8FQwpwcgAjko2VYTfvGXZQHILi+yEDE8MGloNAkoHhERDHMBQw+O
+XnpSrQETiB3ZDICHKDLZBkZJgDFOFjkAS7SghMJoNJYTC5HqxyD5h0AIv0gklboNoHjFEM5+39tCygqTiCSQksx8cAMnc7WM8tsIghgyjDCVAq
+rp/ACFHLyuBYlJmYMzgl5Fh4GJYwAOPNPTUvtSgx5wGDCDAClzB8/a/AwPAFllMPKIyK01eckQEo/gNVnB2L+GQmFgaGBob/CeAE3srAzbCJGS
+TDzADMbX+ARSwoTTJBSt5EIE7iApXA4BwrgJJjecEpmQdIpjDwg9mCYH0CwDL5z8qPl3yTAuzjwSIN4FIaUpargqxn+M/QCNIB1MwHlmGCk1pg
+UhtMNoFNlQazpcCkCDAVAmm1AFEow60ZrKYFLKsGtMcYDC7bqyOxNYDs1teBO+RaH9trAtnr3B9Wiay7br+QQQlYt6QA9YNgM4MOow7jrJkgsN
+MeRjNC8/1dMCmJUQZwMAlA3f4fWmHxM/xl4AIzBcEkhAcKHUaoekY09XuBdjCC1UczgUiIejsmIYZt4IBxQKoPuRhGwSgYBaNgFIyCUTAKRsEo
+GFqAEdrWB/U7QL0BVmiPgh06rvMXiP+NDpMMWxDEkA+EJcCOqStDHpAuYqgkKf2IMbAywsxiJFIPbLwQBMKBthcxZDMkgd2RTXL6BfYIGZH9Q7
+RGAeplIVLt/0eKO2lsPwAqzLrh
+"""
