@@ -24,8 +24,8 @@ import numpy as np
 
 from cavirheo.errors import InputError
 from cavirheo.inference.model import DEFAULT, card, path_of, predict
-from cavirheo.physics.simulate import simulate_many
-from cavirheo.problem import LOG10, Problem
+from cavirheo.parameters import LOG10
+from cavirheo.problem import TrainingProblem
 from cavirheo.training.dataset import load
 
 STEP = {True: 0.03, False: 0.04}  # of the finite differences: decades for logarithms
@@ -47,19 +47,11 @@ def calibrated(predicted: np.ndarray, of: np.ndarray, truth: np.ndarray) -> np.n
     return one_and(predicted) @ np.linalg.lstsq(one_and(of), truth, rcond=None)[0]
 
 
-def sensitivities(problem: Problem, theta: np.ndarray, workers: int | None) -> np.ndarray:
+def sensitivities(problem: TrainingProblem, theta: np.ndarray, workers: int | None) -> np.ndarray:
     """(curves, parameters, frames) derivative of R/R_max by each parameter in the prior's scale."""
     steps = np.diag([STEP[name.startswith(LOG10)] for name in problem.prior.names])
     moved = np.concatenate([theta + sign * step for step in steps for sign in (1, -1)])
-    runs = simulate_many(
-        [problem.material(row) for row in moved],
-        max_radius=problem.reference_max_radius,
-        stretch=np.array([problem.natural(row)["stretch"] for row in moved]),
-        time=problem.camera.time,
-        medium=problem.medium,
-        workers=workers,
-        precise=True,
-    )
+    runs = problem.simulate_many(moved, workers=workers, precise=True)
     radius = np.array([run.radius for run in runs]) / problem.reference_max_radius
     up, down = radius.reshape(len(steps), 2, len(theta), -1).transpose(1, 2, 0, 3)
     return (up - down) / (2 * steps.diagonal()[:, None])
@@ -68,8 +60,8 @@ def sensitivities(problem: Problem, theta: np.ndarray, workers: int | None) -> n
 def of_the_run(run: Path, radius: dict[str, np.ndarray], truth: dict[str, np.ndarray]) -> None:
     import torch
 
-    from cavirheo.training.checkpoint import read_tensors
     from cavirheo.training.export import load_model
+    from cavirheo.training.train import read_tensors
 
     torch.manual_seed(0)
     model = load_model(run / "best.safetensors")
@@ -128,7 +120,7 @@ def main() -> None:
     names = [output["name"] for output in about["outputs"]]
     columns = [data.problem.prior.names.index(name) for name in names]
     split = data.split(about["training"]["seed"])
-    parts = {"test": split.test, "validation": split.validation, "train": split.train[: len(split.test)]}
+    parts = split | {"train": split["train"][: len(split["test"])]}
     truth = {part: data.theta[index][:, columns] for part, index in parts.items()}
     radius = {part: data.radius[index] for part, index in parts.items()}
     predicted = {part: predict(path, radius[part]) for part in ("test", "validation")}
@@ -140,7 +132,7 @@ def main() -> None:
         of_the_run(options.run, radius, truth)
 
     chosen = np.sort(np.random.default_rng(options.seed).permutation(len(error))[: options.curves])
-    theta = data.theta[split.test[chosen]]
+    theta = data.theta[split["test"][chosen]]
     slope = sensitivities(data.problem, theta, options.workers)
     usable = np.isfinite(slope).all(axis=(1, 2))
     chosen, theta, slope = chosen[usable], theta[usable], slope[usable]

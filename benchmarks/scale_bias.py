@@ -20,9 +20,10 @@ from scipy.optimize import least_squares
 from cavirheo.curve import RadiusCurve
 from cavirheo.inference.amortised import Amortised
 from cavirheo.inference.model import DEFAULT, load
+from cavirheo.parameters import LOG10, natural_name
 from cavirheo.physics.materials import MATERIALS
 from cavirheo.physics.simulate import simulate
-from cavirheo.problem import LOG10, Problem, natural_name
+from cavirheo.problem import TrainingProblem, natural_values
 
 R_MAX = (60e-6, 450e-6)  # m
 SYMBOLS = {"shear_modulus": "G", "viscosity": "mu", "stretch": "lambda"}
@@ -34,7 +35,9 @@ def symbol(name: str) -> str:
     return ("log10 " if name.startswith(LOG10) else "") + SYMBOLS.get(natural_name(name), natural_name(name))
 
 
-def shots(n: int, noise: float, seed: int, problem: Problem | None = None) -> tuple[np.ndarray, list[RadiusCurve]]:
+def shots(
+    n: int, noise: float, seed: int, problem: TrainingProblem | None = None
+) -> tuple[np.ndarray, list[RadiusCurve]]:
     """(n, parameters + 1) theta in the prior's scale with R_max (m) last, and the curves; the default model's problem
     by default."""
     problem = problem or load().problem
@@ -45,7 +48,7 @@ def shots(n: int, noise: float, seed: int, problem: Problem | None = None) -> tu
     for k, (*theta, R_max) in enumerate(truth):
         end = 4.3 * problem.medium.time_scale(R_max)
         time = 1e-6 * (np.arange(int(end / 1e-6) + 1) + rng.uniform())
-        stretch = problem.natural(theta)["stretch"]
+        stretch = natural_values(problem.prior.names, theta)["stretch"]
         run = simulate(problem.material(theta), max_radius=R_max, stretch=stretch, time=time, medium=problem.medium)
         radius = run.radius + noise * R_max * rng.standard_normal(len(time))
         radius[radius <= 0] = np.nan
@@ -54,15 +57,14 @@ def shots(n: int, noise: float, seed: int, problem: Problem | None = None) -> tu
     return truth, curves
 
 
-def misread(problem: Problem, R_max: float, n: int, seed: int) -> np.ndarray:
+def misread(problem: TrainingProblem, R_max: float, n: int, seed: int) -> np.ndarray:
     """(n, parameters) errors in the prior's scale when curves of R_max (m) are fitted as if of the reference R_max."""
     rng = np.random.default_rng(seed)
     names, low, high = problem.prior.names, problem.prior.low, problem.prior.high
     t_star = np.linspace(0.0, 4.07, 100)
 
     def curve(theta: np.ndarray, R: float) -> np.ndarray:
-        of_shot = problem.natural(theta)  # theta is at the reference scale
-        of_shot["viscosity"] *= problem.to_shot(1.0, 1.0, R)[1]
+        of_shot = problem.to_shot(natural_values(names, theta), R)  # theta is at the reference scale
         stretch = of_shot.pop("stretch")
         run = simulate(
             MATERIALS[problem.material_name](**of_shot), max_radius=R, stretch=stretch,

@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 
 from cavirheo.errors import InputError
-from cavirheo.problem import Prior, Problem
+from cavirheo.prior import Prior
+from cavirheo.problem import TrainingProblem
 from cavirheo.training import dataset
 from cavirheo.training.dataset import generate, load
 
@@ -15,8 +16,8 @@ FAILED = "the step size went to zero at t = 30 us"
 
 
 @pytest.fixture
-def problem() -> Problem:
-    return Problem("newtonian", Prior.uniform({"log10_viscosity": [-4.0, 0.0], "stretch": [3.0, 11.0]}))
+def problem() -> TrainingProblem:
+    return TrainingProblem("newtonian", Prior.uniform({"log10_viscosity": [-4.0, 0.0], "stretch": [3.0, 11.0]}))
 
 
 @pytest.fixture
@@ -28,7 +29,7 @@ def fake(monkeypatch):
         calls.append(len(theta))
         curves = []
         for log10_viscosity, stretch in theta:
-            damped = np.exp(-self.camera.time / 1e-4 * 10**log10_viscosity)
+            damped = np.exp(-self.grid.time / 1e-4 * 10**log10_viscosity)
             radius = self.reference_max_radius * damped
             failed = stretch > 9.0
             if failed:
@@ -36,7 +37,7 @@ def fake(monkeypatch):
             curves.append(SimpleNamespace(radius=radius, status=FAILED if failed else "ok"))
         return curves
 
-    monkeypatch.setattr(Problem, "simulate_many", simulate_many)
+    monkeypatch.setattr(TrainingProblem, "simulate_many", simulate_many)
     monkeypatch.setattr(dataset, "SHARD", 20)
     monkeypatch.setattr(dataset, "CHUNK", 8)
     return calls
@@ -63,7 +64,7 @@ def test_failures_are_kept_and_counted(problem, fake, tmp_path):
 
 def test_a_curve_that_is_not_finite_is_a_failure_whatever_it_says(problem, monkeypatch, tmp_path):
     broken = SimpleNamespace(radius=np.r_[np.inf, np.ones(99)], status="ok")
-    monkeypatch.setattr(Problem, "simulate_many", lambda self, theta, workers: [broken] * len(theta))
+    monkeypatch.setattr(TrainingProblem, "simulate_many", lambda self, theta, workers: [broken] * len(theta))
     assert list(generate(problem, 3, tmp_path, progress=False).failures.values()) == [3]
 
 
@@ -98,8 +99,9 @@ def test_a_killed_run_goes_on_to_the_same_bytes(problem, fake, monkeypatch, tmp_
         patch.setattr(dataset, "_write", killed_in_the_third_file)
         with pytest.raises(KeyboardInterrupt):
             generate(problem, 90, tmp_path / "cut", seed=3, progress=False)
-    with pytest.raises(InputError, match="3 of 5 files are missing"):
+    with pytest.raises(InputError, match="3 of 5 files") as caught:
         load(tmp_path / "cut")
+    assert caught.value.code == "dataset.incomplete"
     fake.clear()
     made = generate(problem, 90, tmp_path / "cut", seed=3, progress=False)
     assert (made.written, made.skipped, made.simulated, sum(fake)) == (3, 2, 50, 50)
@@ -109,39 +111,46 @@ def test_a_killed_run_goes_on_to_the_same_bytes(problem, fake, monkeypatch, tmp_
 
 def test_other_settings_do_not_mix(problem, fake, tmp_path):
     generate(problem, 30, tmp_path, seed=3, progress=False)
-    other = Problem("newtonian", Prior.uniform({"log10_viscosity": [-4.0, 0.0], "stretch": [3.0, 10.0]}))
-    for call, match in (
-        (lambda: generate(problem, 30, tmp_path, seed=4, progress=False), "another seed"),
-        (lambda: generate(problem, 31, tmp_path, seed=3, progress=False), "another total"),
-        (lambda: generate(other, 30, tmp_path, seed=3, progress=False), "another problem"),
-    ):
-        before = files(tmp_path)
-        with pytest.raises(InputError, match=match):
-            call()
+    other = TrainingProblem("newtonian", Prior.uniform({"log10_viscosity": [-4.0, 0.0], "stretch": [3.0, 10.0]}))
+    before = files(tmp_path)
+    for what, settings in (("seed", (problem, 30, 4)), ("total", (problem, 31, 3)), ("problem", (other, 30, 3))):
+        wanted, n, seed = settings
+        with pytest.raises(InputError) as caught:
+            generate(wanted, n, tmp_path, seed=seed, progress=False)
+        assert caught.value.code == f"dataset.another_{what}"
         assert files(tmp_path) == before
 
 
 def test_refuses_what_is_no_training_set(problem, tmp_path):
-    with pytest.raises(InputError, match="no training set"):
+    with pytest.raises(InputError) as caught:
         load(tmp_path)
-    with pytest.raises(InputError, match="i/N"):
+    assert caught.value.code == "dataset.none"
+    with pytest.raises(InputError) as caught:
         generate(problem, 30, tmp_path, shard=(0, 2), progress=False)
+    assert caught.value.code == "dataset.shard"
     (tmp_path / "shard-00000.h5").write_text("not HDF5")
-    with pytest.raises(InputError, match="cannot be read"):
+    with pytest.raises(InputError) as caught:
         load(tmp_path)
+    assert caught.value.code == "dataset.unreadable"
+
+
+def test_a_folder_that_cannot_be_written_is_named(problem, fake, tmp_path):
+    (tmp_path / "file").write_text("not a folder")
+    with pytest.raises(InputError, match="file"):
+        generate(problem, 3, tmp_path / "file", progress=False)
 
 
 def test_split_is_a_partition_that_no_parameter_decides(problem, fake, tmp_path):
     generate(problem, 400, tmp_path, seed=3, progress=False)
     data = load(tmp_path)
-    parts = vars(data.split(seed=3))  # the seed of the data on purpose
+    parts = data.split(seed=3)  # the seed of the data on purpose
     together = np.sort(np.concatenate(list(parts.values())))
     np.testing.assert_array_equal(together, np.flatnonzero(data.ok))
     assert 0.7 < len(parts["train"]) / len(together) < 0.9
     for indices in parts.values():
         assert abs(data.theta[indices, 0].mean() + 2.0) < 5 * (4 / 12**0.5) / len(indices) ** 0.5
-    assert not np.array_equal(parts["test"], data.split(seed=4).test)
-    np.testing.assert_array_equal(parts["test"], data.split(seed=3).test)
+    assert not np.array_equal(parts["test"], data.split(seed=4)["test"])
+    np.testing.assert_array_equal(parts["test"], data.split(seed=3)["test"])
 
 
 def test_identity_is_that_of_the_content(problem, fake, monkeypatch, tmp_path):

@@ -1,4 +1,4 @@
-"""Problem: everything that is assumed about an experiment before a curve is seen (physics, prior, camera).
+"""The training problem of a network: the law, the medium, the prior and the regular grid of times of its curves.
 
 One scale serves every shot. For given medium constants the normalised history R/R_max as a function of
 t* = t/t_c depends on the Cauchy number p_inf/G, the Reynolds number p_inf t_c/mu and the stretch R_max/R_0,
@@ -8,8 +8,8 @@ and less strongly (through conduction, diffusion, surface tension and sound spee
 of the prior); and sampled at j x 1 us, j = 0..99: a fixed grid in t*. A measured shot is brought to that grid
 through its own t_c, and the answer is brought back at the same Cauchy and Reynolds numbers:
 
-    step_shot = step_reference x t_c,shot / t_c,reference              `Problem.grid_step`
-    G_shot    = G x p_inf,shot / p_inf,reference                       `Problem.to_shot`, `Problem.from_shot`
+    step_shot = step_reference x t_c,shot / t_c,reference              `TrainingProblem.grid_step`
+    G_shot    = G x p_inf,shot / p_inf,reference                       `TrainingProblem.to_shot`
     mu_shot   = mu x (p_inf t_c)_shot / (p_inf t_c)_reference
 
 What does not scale (heat, vapour, surface tension, sound) is corrected by inference (inference/amortised.py).
@@ -21,8 +21,8 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field, fields
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, fields
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
@@ -38,12 +38,10 @@ from cavirheo.prior import Prior
 if TYPE_CHECKING:
     from cavirheo.physics.simulation import Simulation
 
-Floats = NDArray[np.float64]
-
 
 @dataclass(frozen=True)
-class Camera:
-    """The grid on which a curve is seen: `frames` samples, the first at R_max."""
+class FrameGrid:
+    """The times at which a network reads a curve: `frames` samples at equal steps, the first at R_max."""
 
     frame_interval: float = 1e-6  # s
     frames: int = 100
@@ -51,19 +49,19 @@ class Camera:
     def __post_init__(self) -> None:
         if not (self.frame_interval > 0 and self.frames >= 2):
             raise InputError(
-                f"a camera needs a positive frame interval and at least 2 frames, "
+                f"a grid needs a positive frame interval and at least 2 frames, "
                 f"got {self.frame_interval} s and {self.frames}"
             )
 
     @property
-    def time(self) -> Floats:
+    def time(self) -> NDArray[np.float64]:
         """(frames,) s after R_max."""
         return np.asarray(self.frame_interval * np.arange(self.frames, dtype=float))
 
 
 @dataclass(frozen=True, eq=False)
-class Problem:
-    """A material law in a medium, the prior of its parameters, and the camera.
+class TrainingProblem:
+    """What the curves of a training set are drawn from and simulated with; a network's card and its data hold it.
 
     Raises:
         InputError: unknown material, or a prior whose names are not its parameters and the stretch.
@@ -72,49 +70,43 @@ class Problem:
     material_name: str
     prior: Prior
     medium: Medium = WATER
-    camera: Camera = field(default_factory=Camera)
+    grid: FrameGrid = FrameGrid()
     reference_max_radius: float = 245e-6  # m
 
     def __post_init__(self) -> None:
         if self.material_name not in MATERIALS:
-            raise InputError(f"unknown material {self.material_name!r}; known: {', '.join(MATERIALS)}")
+            known = ", ".join(MATERIALS)
+            raise InputError(f"unknown material {self.material_name!r}; known: {known}", "problem.material")
         needed = {f.name for f in fields(MATERIALS[self.material_name])} | {"stretch"}
-        given = [natural_name(name) for name in self.prior.names]
-        if sorted(given) != sorted(needed):
+        if sorted(map(natural_name, self.prior.names)) != sorted(needed):
             raise InputError(
                 f"material {self.material_name!r} needs a prior for {', '.join(sorted(needed))} "
-                f"(each with or without log10_), got {', '.join(self.prior.names)}"
+                f"(each with or without log10_), got {', '.join(self.prior.names)}",
+                "problem.prior",
             )
         if not self.reference_max_radius > 0:
             raise InputError(f"reference_max_radius must be positive, got {self.reference_max_radius} m")
 
-    # identity
-
     def to_dict(self) -> dict[str, Any]:
         """Plain data for JSON, from which `from_dict` makes the same problem again."""
-        ranges = zip(self.prior.names, self.prior.low.tolist(), self.prior.high.tolist(), strict=True)
         return {
             "schema": 1,
             "material": self.material_name,
             "medium": asdict(self.medium),
-            "prior": {name: [low, high] for name, low, high in ranges},
-            "camera": asdict(self.camera),
+            "prior": self.prior.to_dict(),
+            "camera": asdict(self.grid),
             "reference_max_radius": self.reference_max_radius,
         }
 
     @classmethod
-    def from_dict(cls, data: Mapping[str, Any]) -> Problem:
+    def from_dict(cls, data: Mapping[str, Any]) -> TrainingProblem:
         """The problem of a `to_dict`. Raises InputError if a part is missing or unknown."""
         try:
-            return cls(
-                material_name=data["material"],
-                prior=Prior.uniform(data["prior"]),
-                medium=Medium(**data["medium"]),
-                camera=Camera(**data["camera"]),
-                reference_max_radius=data["reference_max_radius"],
-            )
+            prior, medium, grid = Prior.uniform(data["prior"]), Medium(**data["medium"]), FrameGrid(**data["camera"])
+            return cls(data["material"], prior, medium, grid, data["reference_max_radius"])
         except (KeyError, TypeError, IndexError) as error:
-            raise InputError(f"not a problem written by this version of cavirheo: {error}") from error
+            message = f"not a problem written by this version of cavirheo: {error}"
+            raise InputError(message, "problem.unreadable") from error
 
     @cached_property
     def id(self) -> str:
@@ -122,69 +114,51 @@ class Problem:
         text = json.dumps(self.to_dict() | {"order": self.prior.names}, sort_keys=True)
         return hashlib.sha256(text.encode()).hexdigest()[:12]
 
-    # theta -> curve
-
-    def natural(self, theta: ArrayLike) -> dict[str, float]:
-        """Values in SI by parameter name from theta (parameters,) in the prior's scale."""
-        theta = np.asarray(theta, dtype=float)
-        if theta.shape != (len(self.prior.names),):
-            raise InputError(f"theta must hold {', '.join(self.prior.names)}, got shape {theta.shape}")
-        return {
-            natural_name(name): float(10.0**value if name.startswith(LOG10) else value)
-            for name, value in zip(self.prior.names, theta, strict=True)
-        }
-
     def material(self, theta: ArrayLike) -> Material:
-        """The material of theta (parameters,); the stretch does not belong to it."""
-        values = self.natural(theta)
+        """The material of theta (parameters,) in the prior's scale; the stretch does not belong to it."""
+        values = natural_values(self.prior.names, theta)
         del values["stretch"]
         return MATERIALS[self.material_name](**values)
 
-    def simulate(self, theta: ArrayLike) -> Simulation:
-        """The curve of theta (parameters,) at the reference R_max, on the camera's grid."""
-        return self.simulate_many(np.atleast_2d(np.asarray(theta, dtype=float)), workers=1)[0]
-
-    def simulate_many(self, theta: ArrayLike, *, workers: int | None = None) -> list[Simulation]:
-        """The curves of theta (curves, parameters); none is left out, failures say so in their status."""
-        from cavirheo.physics.simulate import (
-            simulate_many,
-        )  # compiles; whoever only reads or trains need not wait
+    def simulate_many(self, theta: ArrayLike, *, time: ArrayLike | None = None, **options: Any) -> list[Simulation]:
+        """The curves of theta (curves, parameters) at the reference R_max; none is left out, failures say so in
+        their status. `time` is (n,) or (curves, n) s, by default the grid; `options` are those of the simulation."""
+        from cavirheo.physics.simulate import simulate_many  # compiles: whoever only trains need not wait
 
         rows = np.asarray(theta, dtype=float)
         return simulate_many(
             [self.material(row) for row in rows],
-            max_radius=np.full(len(rows), self.reference_max_radius),
-            stretch=np.array([self.natural(row)["stretch"] for row in rows]),
-            time=self.camera.time,
+            max_radius=self.reference_max_radius,
+            stretch=np.array([natural_values(self.prior.names, row)["stretch"] for row in rows]),
+            time=self.grid.time if time is None else time,
             medium=self.medium,
-            workers=workers,
+            **options,
         )
-
-    # shot <-> reference scale
 
     def grid_step(self, max_radius: float, medium: Medium | None = None) -> float:
         """The frame interval (s) that puts a shot of this R_max (m) on the grid in t*."""
-        return self.camera.frame_interval * self._time_ratio(max_radius, medium or self.medium)
+        return self.grid.frame_interval * self._time_ratio(max_radius, medium or self.medium)
 
-    def to_shot(
-        self, shear_modulus: float, viscosity: float, max_radius: float, medium: Medium | None = None
-    ) -> tuple[float, float]:
-        """(G Pa, mu Pa s) of the shot from those at the reference scale: same Cauchy and Reynolds numbers."""
-        g_ratio, mu_ratio = self._ratios(max_radius, medium or self.medium)
-        return shear_modulus * g_ratio, viscosity * mu_ratio
-
-    def from_shot(
-        self, shear_modulus: float, viscosity: float, max_radius: float, medium: Medium | None = None
-    ) -> tuple[float, float]:
-        """(G Pa, mu Pa s) at the reference scale from those of the shot: the inverse of `to_shot`."""
-        g_ratio, mu_ratio = self._ratios(max_radius, medium or self.medium)
-        return shear_modulus / g_ratio, viscosity / mu_ratio
+    def to_shot(self, values: Mapping[str, float], max_radius: float, medium: Medium | None = None) -> dict[str, float]:
+        """Values in SI by parameter name for a shot of this R_max (m) from those at the reference scale: the same
+        Cauchy and Reynolds numbers."""
+        medium = medium or self.medium
+        pressure = medium.pressure / self.medium.pressure
+        ratio = {"shear_modulus": pressure, "viscosity": pressure * self._time_ratio(max_radius, medium)}
+        return {name: value * ratio.get(name, 1.0) for name, value in values.items()}
 
     def _time_ratio(self, max_radius: float, medium: Medium) -> float:
         if not (np.isfinite(max_radius) and max_radius > 0):
-            raise InputError(f"R_max must be finite and positive, got {max_radius} m")
+            raise InputError(f"R_max must be finite and positive, got {max_radius} m", "problem.max_radius")
         return medium.time_scale(max_radius) / self.medium.time_scale(self.reference_max_radius)
 
-    def _ratios(self, max_radius: float, medium: Medium) -> tuple[float, float]:
-        pressure = medium.pressure / self.medium.pressure
-        return pressure, pressure * self._time_ratio(max_radius, medium)
+
+def natural_values(names: Sequence[str], theta: ArrayLike) -> dict[str, float]:
+    """Values in SI by parameter name from theta (names,) in the prior's scale. Raises InputError: another shape."""
+    theta = np.asarray(theta, dtype=float)
+    if theta.shape != (len(names),):
+        raise InputError(f"theta must hold {', '.join(names)}, got shape {theta.shape}", "problem.theta")
+    return {
+        natural_name(name): float(10.0**value if name.startswith(LOG10) else value)
+        for name, value in zip(names, theta, strict=True)
+    }

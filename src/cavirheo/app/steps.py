@@ -42,7 +42,7 @@ def seen(curve: RadiusCurve, settings: PageSettings) -> tuple[Window, float, Flo
     """
     problem = load(settings.model).problem
     step = problem.grid_step(curve.max_radius, settings.liquid)
-    grid = curve.resampled(step, problem.camera.frames, allow_short=True)
+    grid = curve.resampled(step, problem.grid.frames, allow_short=True)
     return window(curve, collapses=settings.window, end=step * (len(grid) - 1)), step, grid
 
 

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable, Sequence
-from concurrent.futures import ThreadPoolExecutor
 
 from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError
 from cavirheo.inference.amortised import Amortised
 from cavirheo.inference.model import DEFAULT, load
+from cavirheo.parallel import each
 from cavirheo.physics.media import WATER, Medium
 from cavirheo.posterior import Posterior
 
@@ -61,12 +60,4 @@ def infer_many(
 ) -> list[Posterior]:
     """`infer` for many curves on all cores, in their order; `done` is called after each."""
     estimator = Amortised(load(model), medium, stretch, window)
-
-    def one(curve: RadiusCurve) -> Posterior:
-        answer = estimator.infer(curve)
-        if done:
-            done()
-        return answer
-
-    with ThreadPoolExecutor(workers or os.cpu_count() or 1) as pool:
-        return list(pool.map(one, curves))
+    return each(estimator.infer, curves, workers, done)

@@ -1,12 +1,11 @@
-"""A trained network answers, and the physics brings the answer to the true scale of the shot.
+"""A trained network answers, and simulations correct the answer for the true scale of the shot.
 
-The network was trained at one R_max, in one medium and with one camera. Its answer theta_net is brought to the shot at
-the same Cauchy and Reynolds numbers (Problem.to_shot), which is not enough: surface tension, heat and mass transfer
-do not scale, and a 60 um bubble read as a 245 um one looks 0.3 to 0.4 decades too viscous
-(docs/method/physics.md, section 1).
-So the network is used as a summary of the curve (indirect inference, Gourieroux, Monfort and Renault 1993,
-doi:10.1002/jae.3950080507): wanted is the theta whose simulation *at the true R_max, in the true medium, seen by the
-same camera with the same noise* gives the same summary,
+The network was trained at one R_max, in one medium and on one grid of times. Its answer theta_net is brought to the
+shot at the same Cauchy and Reynolds numbers (TrainingProblem.to_shot), which is not enough: surface tension, heat and
+mass transfer do not scale, and a 60 um bubble read as a 245 um one looks 0.3 to 0.4 decades too viscous
+(docs/method/physics.md, section 1). So the network is used as a summary of the curve (indirect inference, Gourieroux,
+Monfort and Renault 1993, doi:10.1002/jae.3950080507): wanted is the theta whose simulation *at the true R_max, in the
+true medium, seen by the same camera with the same noise* gives the same summary,
 
     theta <- theta + net(measured) - net(simulated(theta)),
 
@@ -25,22 +24,14 @@ from numpy.typing import NDArray
 
 from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError, SolverError
-from cavirheo.inference.model import Model
-from cavirheo.inference.reconstruct import (
-    MISFIT,
-    Reconstruction,
-    Window,
-    check_stretch,
-    fit_stretch,
-    reconstruct,
-    refine_stretch,
-    window,
-)
-from cavirheo.parameters import about, natural_name, units
+from cavirheo.inference.model import Network
+from cavirheo.inference.reconstruct import MISFIT, Reconstruction, check_stretch, fit_stretch, reconstruct, window
+from cavirheo.parameters import LOG10, about, natural, natural_name, units
 from cavirheo.physics.materials import MATERIALS, Material
 from cavirheo.physics.media import WATER, Medium
 from cavirheo.physics.simulate import ROUGH, simulate
-from cavirheo.posterior import Checks, Posterior, Verdict
+from cavirheo.posterior import Checks, Diagnostics, Posterior, Verdict
+from cavirheo.problem import natural_values
 
 ITERATIONS = 12
 NOISE_DRAWS = 4
@@ -62,7 +53,7 @@ class Amortised:
     its own window). `correct` False gives the network's answer at equal Cauchy and Reynolds numbers and no more.
     """
 
-    model: Model
+    model: Network
     medium: Medium = WATER
     stretch: float | None = None
     collapses: int | None = None
@@ -76,7 +67,7 @@ class Amortised:
         """
         check_stretch(self.stretch)
         if self.collapses is not None and self.collapses < 1:
-            raise InputError(f"the window must hold at least 1 collapse, got {self.collapses}")
+            raise InputError(f"the window must hold at least 1 collapse, got {self.collapses}", "option.window")
         began = time.perf_counter()
         try:
             posterior = _Answer(self, curve).posterior()
@@ -117,19 +108,23 @@ class _Answer:
         self.problem, self.medium = estimator.model.problem, estimator.medium
         self.max_radius = curve.max_radius
         self.step = self.problem.grid_step(self.max_radius, self.medium)
-        self.frames = self.problem.camera.frames
+        self.frames = self.problem.grid.frames
         self.features = curve.resampled(self.step, self.frames, allow_short=True) / self.max_radius
         self.missing = np.isnan(self.features)
         read_until = self.step * (self.frames - 1)
-        measured = int(np.count_nonzero(~self.missing))
-        if measured < SHORTEST * self.frames:
+        self.time_scale = self.medium.time_scale(self.max_radius)
+        if np.count_nonzero(~self.missing) < SHORTEST * self.frames:
             end = curve.time[np.isfinite(curve.radius)][-1] - curve.time_of_max
             raise InputError(
                 f"{curve.name}: the recording ends {end * 1e6:.4g} us after R_max; the model reads "
                 f"{read_until * 1e6:.4g} us (t* = {read_until / self.time_scale:.2f}) and needs at least "
-                f"{SHORTEST:.0%} of them"
+                f"{SHORTEST:.0%} of them",
+                "amortised.too_short",
             )
-        self.view: Window = window(curve, collapses=estimator.collapses, end=read_until)
+        self.view = window(curve, collapses=estimator.collapses, end=read_until)
+        prior = self.problem.prior
+        columns = [prior.names.index(name) for name in self.model.outputs]
+        self.low, self.high = prior.low[columns], prior.high[columns]
         # Frames as the camera saw them after R_max; simulations are put on the grid from these, as the measurement was.
         seen = np.isfinite(curve.radius) & (curve.time > curve.time_of_max)
         self.seen = curve.time[seen] - curve.time_of_max
@@ -137,33 +132,28 @@ class _Answer:
         self.noise = curve.noise * rng.standard_normal((NOISE_DRAWS, len(self.seen)))
         self.messages: list[str] = []
 
-    @property
-    def time_scale(self) -> float:
-        return self.medium.time_scale(self.max_radius)
-
     def posterior(self) -> Posterior:
-        given = self.settings.stretch
         theta, stretch = self._consistent() if self.settings.correct else self._plain()
-        source = "given" if given is not None else "fitted to the curve with the G and mu of the answer"
-        material = self._material(theta)
-        found = reconstruct(self.view, material, self.medium, stretch)
-        names = self.model.outputs
-        raw = self._natural(self.raw)
+        given = self.settings.stretch is not None
+        source = "given" if given else "fitted to the curve with the G and mu of the answer"
+        found = reconstruct(self.view, self._material(theta), self.medium, stretch)
+        names, draw = self.model.outputs, self.for_shot(theta)
+        best = {natural_name(name): float(natural(name, value)) for name, value in zip(names, draw, strict=True)}
         provenance = self.settings._provenance(self.curve) | {
             "stretch": stretch,
             "stretch_source": source,
-            "network_alone": {f"{name} [{about(name).unit}]": value for name, value in raw.items()},
+            "network_alone": {f"{name} [{about(name).unit}]": value for name, value in self._natural(self.raw).items()},
         }
         return Posterior(
-            names, units(names), self.for_shot(theta)[None, :], self._checks(theta, stretch, found),
-            self.problem.material_name, "bdt", provenance,
+            names, units(names), draw[None, :], self._checks(theta, stretch, found), self.problem.material_name, "bdt",
+            provenance, best=best | {"stretch": stretch}, stretch=stretch,
+            diagnostics=Diagnostics(stretch_source=source),
         )  # fmt: skip
 
     def for_shot(self, theta: Floats) -> Floats:
         """(outputs,) in the prior's scale for the shot from theta at the reference scale."""
-        values = self._natural(theta)
-        names = self.model.outputs
-        return np.array([np.log10(values[natural_name(n)]) if n.startswith("log10_") else values[n] for n in names])
+        values = zip(self.model.outputs, self._natural(theta).values(), strict=True)
+        return np.array([np.log10(value) if name.startswith(LOG10) else value for name, value in values])
 
     def _plain(self) -> tuple[Floats, float]:
         """The network's answer alone; a short recording is completed from its own reconstruction."""
@@ -173,12 +163,13 @@ class _Answer:
             for _ in range(3):
                 theta = self.raw = self.model(self._completed(self._simulated(theta, stretch))).mean(axis=0)
                 stretch = self._stretch(theta, stretch)
-            self._note_missing()
         return theta, stretch
 
     def _consistent(self) -> tuple[Floats, float]:
         """Indirect inference; Aitken's rule relaxes the step, for G and stretch pull at each other."""
-        low, high = self._search_range()
+        # The training range at the training scale joined with the same numbers at the shot's, and MARGIN more.
+        shift = self.for_shot(np.zeros(len(self.low)))  # what 10^0 at the training scale is for the shot
+        low, high = np.minimum(self.low, self.low - shift) - MARGIN, np.maximum(self.high, self.high - shift) + MARGIN
         theta = self.raw = self.model(self._completed(None))[0]
         theta = np.clip(theta, low, high)
         stretch: float | None = None
@@ -211,8 +202,6 @@ class _Answer:
                 f"no parameters make the network see the simulation as it sees the measurement "
                 f"(nearest: {size:.2g} decades apart)"
             )
-        if self.missing.any():
-            self._note_missing()
         return theta, stretch
 
     def _completed(self, simulated: Floats | None) -> Floats:
@@ -222,12 +211,6 @@ class _Answer:
             return self.features[None, :]
         last = self.features[~self.missing][-1]
         return np.where(self.missing, last if simulated is None else simulated, self.features[None, :])
-
-    def _note_missing(self) -> None:
-        self.messages.append(
-            f"{np.count_nonzero(self.missing)} of the network's {self.frames} samples lie after the recording's end "
-            f"and were taken from the simulation of the answer itself"
-        )
 
     def _simulated(self, theta: Floats, stretch: float) -> Floats:
         """(k, frames) R/R_max of the answer at the true R_max on the grid by way of the camera's frames, each with
@@ -249,62 +232,38 @@ class _Answer:
         seen = RadiusCurve(times, radius, maximum=(0.0, self.max_radius))
         return seen.resampled(self.step, self.frames) / self.max_radius
 
-    def _stretch(self, theta: Floats, start: float | None) -> float:
-        if self.settings.stretch is not None:
-            return self.settings.stretch
-        material = self._material(theta)
-        if start is None:
-            return fit_stretch(self.view, material, self.medium)
-        return refine_stretch(self.view, material, self.medium, start)
+    def _stretch(self, theta: Floats, near: float | None) -> float:
+        return self.settings.stretch or fit_stretch(self.view, self._material(theta), self.medium, near)
 
     def _natural(self, theta: Floats) -> dict[str, float]:
         """SI values for the shot from theta at the reference scale."""
-        at_reference = {
-            natural_name(name): float(10**value if name.startswith("log10_") else value)
-            for name, value in zip(self.model.outputs, theta, strict=True)
-        }
-        shear_modulus = at_reference.get("shear_modulus", 0.0)
-        G, mu = self.problem.to_shot(shear_modulus, at_reference["viscosity"], self.max_radius, self.medium)
-        at_reference["viscosity"] = mu
-        if "shear_modulus" in at_reference:
-            at_reference["shear_modulus"] = G
-        return at_reference
+        return self.problem.to_shot(natural_values(self.model.outputs, theta), self.max_radius, self.medium)
 
     def _material(self, theta: Floats) -> Material:
         return MATERIALS[self.problem.material_name](**self._natural(theta))
 
-    def _range(self) -> tuple[Floats, Floats]:
-        prior = self.problem.prior
-        columns = [prior.names.index(name) for name in self.model.outputs]
-        return prior.low[columns], prior.high[columns]
-
-    def _search_range(self) -> tuple[Floats, Floats]:
-        """The training range at the training scale joined with the same numbers at the shot's, and MARGIN more."""
-        low, high = self._range()
-        at_one = self._natural(np.zeros(len(low)))  # what 10^0 at the training scale is for the shot
-        shift = [np.log10(at_one[natural_name(n)]) if n.startswith("log10_") else 0.0 for n in self.model.outputs]
-        return np.minimum(low, low - shift) - MARGIN, np.maximum(high, high - shift) + MARGIN
-
     def _checks(self, theta: Floats, stretch: float, found: Reconstruction) -> Checks:
-        verdict: Verdict = "ok"
-        low, high = self._range()
         outside = [
             f"{natural_name(name)} (at the training scale 10^{value:.2f}, trained in 10^{a:g} to 10^{b:g})"
-            for name, value, a, b in zip(self.model.outputs, theta, low, high, strict=True)
+            for name, value, a, b in zip(self.model.outputs, theta, self.low, self.high, strict=True)
             if not a - 0.02 <= value <= b + 0.02
         ]
-        column = self.problem.prior.names.index("stretch")
-        a, b = self.problem.prior.low[column], self.problem.prior.high[column]
+        prior = self.problem.prior.part(self.problem.prior.names.index("stretch"))
+        a, b = prior.low[0], prior.high[0]
         if not 0.97 * a <= stretch <= 1.03 * b:
             outside.append(f"stretch {stretch:.3g} (trained in {a:g} to {b:g})")
-        messages = list(self.messages)
+        verdict: Verdict = "ok"
+        messages = self.messages
+        if self.missing.any():
+            messages.append(
+                f"{np.count_nonzero(self.missing)} of the network's {self.frames} samples lie after the recording's "
+                f"end and were taken from the simulation of the answer itself"
+            )
         if outside:
             verdict = "outside_training_range"
             messages.insert(0, "outside the training range: " + ", ".join(outside))
         if found.rmse > MISFIT:
             verdict = "model_does_not_fit"
-            messages.insert(
-                0,
-                f"the simulation misses the measurement by {found.rmse:.1%} of R_max RMS (limit {MISFIT:.0%})",
-            )
+            misses = f"the simulation misses the measurement by {found.rmse:.1%} of R_max RMS (limit {MISFIT:.0%})"
+            messages.insert(0, misses)
         return found.checks(self.view, self.time_scale, verdict, messages)

@@ -5,26 +5,24 @@ from __future__ import annotations
 import hashlib
 import json
 import os
+from collections.abc import Callable
 from functools import lru_cache
 from importlib.resources import files
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from cavirheo.errors import InputError
-from cavirheo.problem import Problem
-
-if TYPE_CHECKING:
-    import onnxruntime
+from cavirheo.problem import TrainingProblem
 
 DEFAULT = "bdt-viscoelastic"
 _BATCH = 512
 
 
-class Model:
-    """A network that reads R/R_max on the grid of its problem and answers in the prior's scale.
+class Network:
+    """A network that reads R/R_max on the grid of its training problem and answers in the prior's scale.
 
     Attributes: name; card (dict); problem; outputs (names in the prior's scale); sha256 of the .onnx file.
 
@@ -33,57 +31,60 @@ class Model:
     """
 
     def __init__(self, path: Path) -> None:
-        self.card = card(path)
+        self.name, self.card = path.stem, card(path)
         try:
-            self.problem = Problem.from_dict(self.card["problem"])
+            self.problem = TrainingProblem.from_dict(self.card["problem"])
             self.outputs = tuple(str(output["name"]) for output in self.card["outputs"])
             expected = self.card["onnx"]["sha256"]
         except (KeyError, TypeError) as error:
-            raise InputError(f"the card of {path} lacks what inference needs: {error}") from error
+            raise InputError(f"the card of {path} lacks what inference needs: {error}", "model.card") from error
         content = path.read_bytes()
-        self.name = path.stem
         self.sha256 = hashlib.sha256(content).hexdigest()
         if self.sha256 != expected:
-            raise InputError(f"{path} is not the file that its card describes (sha256 {self.sha256[:12]}...)")
-        self._session = _session(content)
+            message = f"{path} is not the file that its card describes (sha256 {self.sha256[:12]}...)"
+            raise InputError(message, "model.changed")
+        self._run = _session(content)
 
     def __call__(self, features: ArrayLike) -> NDArray[np.float64]:
-        """(curves, outputs) in the prior's scale from R/R_max (curves, frames)."""
-        return _run(self._session, np.atleast_2d(np.asarray(features, dtype=np.float32)))
+        """(curves, outputs) in the prior's scale from R/R_max (curves, frames), any number of curves."""
+        return self._run(features)
 
 
 def predict(path: str | Path, features: ArrayLike) -> NDArray[np.float64]:
-    """(curves, outputs) in the prior's scale from R/R_max (curves, frames): any number of curves, no card needed."""
-    session, curves = _session(Path(path).read_bytes()), np.asarray(features, dtype=np.float32)
-    return np.concatenate([_run(session, curves[i : i + _BATCH]) for i in range(0, len(curves), _BATCH)])
+    """What the network of an .onnx file answers, as `Network` does; no card is needed."""
+    return _session(Path(path).read_bytes())(features)
 
 
-def _session(content: bytes) -> onnxruntime.InferenceSession:
+def _session(content: bytes) -> Callable[[ArrayLike], NDArray[np.float64]]:
+    """(curves, frames) -> (curves, outputs) of the content of an .onnx file."""
     os.environ.setdefault("ORT_DISABLE_TELEMETRY", "1")  # read at import: its wheels come with telemetry
     import onnxruntime  # half a second that listing models or reading curves need not pay
 
     options = onnxruntime.SessionOptions()
     options.intra_op_num_threads = 1  # one small curve at a time: threads cost more than they give
     options.log_severity_level = 3
-    return onnxruntime.InferenceSession(content, options, providers=["CPUExecutionProvider"])
+    session = onnxruntime.InferenceSession(content, options, providers=["CPUExecutionProvider"])
 
+    def run(features: ArrayLike) -> NDArray[np.float64]:
+        curves = np.asarray(features, dtype=np.float32)
+        blocks = [curves[i : i + _BATCH] for i in range(0, len(curves), _BATCH)]
+        return np.concatenate([session.run(["theta"], {"radius": block})[0] for block in blocks]).astype(float)
 
-def _run(session: onnxruntime.InferenceSession, curves: NDArray[np.float32]) -> NDArray[np.float64]:
-    (theta,) = session.run(["theta"], {"radius": curves})
-    return np.asarray(theta, dtype=float)
+    return run
 
 
 def card(path: Path) -> dict[str, Any]:
     """The card beside an .onnx file. Raises InputError if either is missing or the card is not JSON."""
     beside = path.with_suffix(".json")
     if not path.is_file() or not beside.is_file():
-        raise InputError(f"a model is an .onnx file with its card beside it; expected {path} and {beside}")
+        message = f"a model is an .onnx file with its card beside it; expected {path} and {beside}"
+        raise InputError(message, "model.missing")
     try:
         content = json.loads(beside.read_text(encoding="utf-8"))
     except (OSError, ValueError) as error:
-        raise InputError(f"{beside} is not a model card of cavirheo: {error}") from error
+        raise InputError(f"{beside} is not a model card of cavirheo: {error}", "model.card") from error
     if not isinstance(content, dict):
-        raise InputError(f"{beside} is not a model card of cavirheo: it holds no object")
+        raise InputError(f"{beside} is not a model card of cavirheo: it holds no object", "model.card")
     return content
 
 
@@ -99,11 +100,12 @@ def path_of(name: str) -> Path:
         return Path(name)
     known = shipped()
     if name not in known:
-        raise InputError(f"unknown model {name!r}; known: {', '.join(known) or 'none'}, or a path to an .onnx file")
+        there = ", ".join(known) or "none"
+        raise InputError(f"unknown model {name!r}; known: {there}, or a path to an .onnx file", "model.unknown")
     return known[name]
 
 
 @lru_cache(maxsize=8)
-def load(name: str = DEFAULT) -> Model:
+def load(name: str = DEFAULT) -> Network:
     """The shipped model of this name, or the one in a file whose name ends in .onnx. Raises InputError."""
-    return Model(path_of(name))
+    return Network(path_of(name))

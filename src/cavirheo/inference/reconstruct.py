@@ -1,4 +1,4 @@
-"""Answer -> simulated curve over the measured one: the check that signs or refuses an answer."""
+"""Answer -> simulated curve over the measured one: the comparison that an answer passes or fails."""
 
 from __future__ import annotations
 
@@ -53,37 +53,39 @@ def window(curve: RadiusCurve, *, collapses: int | None = None, end: float | Non
 
 def misfit(view: Window, material: Material, medium: Medium, stretches: Floats) -> Floats:
     """(k,) RMSE/R_max of quick simulations at each stretch; infinite where a solve failed."""
+    top, measured = view.curve.max_radius, view.normalised
     runs = simulate_many(
-        [material] * len(stretches), max_radius=view.curve.max_radius, stretch=stretches,
-        time=view.since_max, medium=medium, workers=1, cells=48, rtol=1e-3,  # only compared with each other
+        [material] * len(stretches), max_radius=top, stretch=stretches, time=view.since_max, medium=medium,
+        workers=1, cells=48, rtol=1e-3,  # only compared with each other
     )  # fmt: skip
-    measured = view.normalised
-    errors = [np.sqrt(np.mean((r.radius / view.curve.max_radius - measured) ** 2)) if r.ok else np.inf for r in runs]
-    return np.array(errors)
+    return np.array([np.sqrt(np.mean((run.radius / top - measured) ** 2)) if run.ok else np.inf for run in runs])
 
 
-def fit_stretch(view: Window, material: Material, medium: Medium) -> float:
+def fit_stretch(view: Window, material: Material, medium: Medium, near: float | None = None) -> float:
     """The stretch R_max/R_0 with the smallest RMSE, the material being given.
 
-    The error has several minima (a rebound may slip by a period), so the whole range is looked over first.
+    The error has several minima (a rebound may slip by a period), so the whole range is looked over first; from a
+    stretch `near` it, one parabola step is taken instead.
 
     Raises:
         SolverError: no simulation succeeded at any stretch.
     """
+    if near is not None:
+        return _refined(view, material, medium, near)
     grid = np.geomspace(*STRETCH_RANGE, 18)
     errors = misfit(view, material, medium, grid)
     best = int(np.argmin(errors))
     if not np.isfinite(errors[best]):
         raise SolverError(f"no simulation with {material} succeeded at any stretch in {STRETCH_RANGE}")
     found = minimize_scalar(
-        lambda s: float(misfit(view, material, medium, np.array([s]))[0]),
+        lambda stretch: float(misfit(view, material, medium, np.array([stretch]))[0]),
         bounds=(grid[max(best - 1, 0)], grid[min(best + 1, len(grid) - 1)]), method="bounded", options={"xatol": 0.01},
     )  # fmt: skip
     return float(found.x)
 
 
-def refine_stretch(view: Window, material: Material, medium: Medium, start: float) -> float:
-    """One parabola step in log stretch from a stretch that is nearly right; for use inside an iteration."""
+def _refined(view: Window, material: Material, medium: Medium, start: float) -> float:
+    """One parabola step in log stretch."""
     step = 0.03
     logs = np.log(np.clip(start, STRETCH_RANGE[0] * 1.04, STRETCH_RANGE[1] / 1.04)) + np.array([-step, 0.0, step])
     low, middle, high = misfit(view, material, medium, np.exp(logs)) ** 2
@@ -99,30 +101,32 @@ def refine_stretch(view: Window, material: Material, medium: Medium, start: floa
 
 @dataclass(frozen=True, eq=False)
 class Reconstruction:
-    """A measurement and the simulation of its answer. Differences are measured minus simulated, over R_max."""
+    """A measurement and the simulation of its answer."""
 
-    rmse: float
-    mae: float
-    largest: float
+    residual: Floats  # (m,) measured minus simulated, over R_max
     time: Floats  # (m,) s, clock of the measurement
-    residual: Floats  # (m,)
     drawn_time: Floats  # (k,) s, clock of the measurement
     drawn_radius: Floats  # (k,) m
+
+    @property
+    def rmse(self) -> float:
+        return float(np.sqrt(np.mean(self.residual**2)))
 
     def checks(self, view: Window, time_scale: float, verdict: Verdict, messages: Sequence[str]) -> Checks:
         """The Checks of an answer with this verdict, compared over this window; time_scale is t_c in s."""
         return Checks(
-            verdict=verdict,
-            message="; ".join(messages),
+            verdict,
+            "; ".join(messages),
             rmse_over_rmax=self.rmse,
-            mae_over_rmax=self.mae,
-            max_difference_over_rmax=self.largest,
+            mae_over_rmax=float(np.mean(np.abs(self.residual))),
+            max_difference_over_rmax=float(np.max(np.abs(self.residual))),
             collapses=view.collapses,
             t_star_end=view.end / time_scale,
             compared_time=self.time,
             residual_over_rmax=self.residual,
             reconstruction_time=self.drawn_time,
             reconstruction_radius=self.drawn_radius,
+            time_scale=time_scale,
         )
 
 
@@ -134,17 +138,8 @@ def reconstruct(view: Window, material: Material, medium: Medium, stretch: float
     curve, since = view.curve, np.abs(view.since_max)
     times = np.union1d(since, np.linspace(0.0, view.end, _DRAWN))
     run = simulate(material, max_radius=curve.max_radius, stretch=stretch, time=times, medium=medium)
-    at_frames = run.radius[np.searchsorted(times, since)]
-    residual = view.normalised - at_frames / curve.max_radius
-    return Reconstruction(
-        rmse=float(np.sqrt(np.mean(residual**2))),
-        mae=float(np.mean(np.abs(residual))),
-        largest=float(np.max(np.abs(residual))),
-        time=view.since_max + curve.time_of_max,
-        residual=residual,
-        drawn_time=times + curve.time_of_max,
-        drawn_radius=run.radius,
-    )
+    residual = view.normalised - run.radius[np.searchsorted(times, since)] / curve.max_radius
+    return Reconstruction(residual, view.since_max + curve.time_of_max, times + curve.time_of_max, run.radius)
 
 
 def check_stretch(stretch: float | None) -> None:

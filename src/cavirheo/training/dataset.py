@@ -10,10 +10,8 @@ from __future__ import annotations
 
 import hashlib
 import json
-import os
 import time
 from collections import Counter
-from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
 from importlib.metadata import version
@@ -26,12 +24,16 @@ from numpy.typing import NDArray
 
 from cavirheo.errors import InputError
 from cavirheo.prior import uniforms
-from cavirheo.problem import Problem
+from cavirheo.problem import TrainingProblem
+from cavirheo.writing.document import into, whole
 from cavirheo.writing.terminal import bar
 
 SHARD = 500  # curves in a file
 SPLIT_STREAM = 1  # apart from the draws of the prior, so that equal seeds do not sort the split by a parameter
 CHUNK = 50  # curves between two steps of the progress bar
+
+# theta (curves, parameters), radius (curves, frames), status (curves,)
+Columns = tuple[NDArray[np.float64], NDArray[np.float32], NDArray[np.str_]]
 
 
 @dataclass(frozen=True)
@@ -45,25 +47,12 @@ class Generated:
     seconds: float
     simulated: int  # curves that were simulated now
 
-    @property
-    def curves_per_second(self) -> float:
-        return self.simulated / self.seconds if self.seconds > 0 else 0.0
-
-
-@dataclass(frozen=True)
-class Split:
-    """Indices of the usable curves in each part."""
-
-    train: NDArray[np.int64]
-    validation: NDArray[np.int64]
-    test: NDArray[np.int64]
-
 
 @dataclass(frozen=True, eq=False)
 class Dataset:
     """A whole training set in memory."""
 
-    problem: Problem
+    problem: TrainingProblem
     seed: int
     theta: NDArray[np.float64]  # (curves, parameters) in the prior's scale
     radius: NDArray[np.float32]  # (curves, frames) R/R_max at the reference R_max
@@ -88,16 +77,19 @@ class Dataset:
         digest.update(np.ascontiguousarray(self.radius).tobytes())
         return digest.hexdigest()
 
-    def split(self, seed: int) -> Split:
-        """80/10/10. The part of curve i depends on (curves, seed, i), not on which curves failed."""
+    def split(self, seed: int) -> dict[str, NDArray[np.int64]]:
+        """80/10/10: indices of the usable curves of "train", "validation" and "test".
+
+        The part of curve i depends on (curves, seed, i), not on which curves failed.
+        """
         n = len(self.theta)
         order = np.argsort([uniforms(seed, i, 1, SPLIT_STREAM)[0] for i in range(n)], kind="stable")
         parts = np.split(order, [round(0.8 * n), round(0.9 * n)])
-        return Split(*(part[self.ok[part]] for part in parts))
+        return {name: part[self.ok[part]] for name, part in zip(("train", "validation", "test"), parts, strict=True)}
 
 
 def generate(
-    problem: Problem,
+    problem: TrainingProblem,
     n: int,
     out_dir: str | Path,
     *,
@@ -115,37 +107,27 @@ def generate(
     """
     part, parts = shard
     if n < 1 or not 1 <= part <= parts:
-        raise InputError(f"need n >= 1 and a shard i/N with 1 <= i <= N, got n = {n} and {part}/{parts}")
-    folder = Path(out_dir)
-    folder.mkdir(parents=True, exist_ok=True)
+        message = f"need n >= 1 and a shard i/N with 1 <= i <= N, got n = {n} and {part}/{parts}"
+        raise InputError(message, "dataset.shard")
     expected = {"problem": json.dumps(problem.to_dict()), "seed": seed, "total": n, "made_by": version("cavirheo")}
-    for path in _shards(folder):
-        _check(path, expected)
-
-    starts = range(0, n, SHARD)[part - 1 :: parts]
-    blocks = {_name(start): range(start, min(start + SHARD, n)) for start in starts}
-    todo = {name: block for name, block in blocks.items() if not (folder / name).exists()}
     began = time.perf_counter()
-    with bar("simulating", sum(map(len, todo.values())), shown=progress) as advance:
-        for name, block in todo.items():
-            rows = []
-            for chunk in _chunks(block):
-                rows.append(_simulate(problem, chunk, seed, workers))
-                advance(len(chunk))
-            theta, radius, status = (np.concatenate(column) for column in zip(*rows, strict=True))
-            _write(folder / name, expected | {"start": block.start}, theta, radius, status)
-    counts: Counter[str] = Counter()
-    for name in blocks:
-        counts.update(_read(folder / name)[2])
-    del counts["ok"]
-    return Generated(
-        curves=sum(map(len, blocks.values())),
-        written=len(todo),
-        skipped=len(blocks) - len(todo),
-        failures=dict(counts),
-        seconds=time.perf_counter() - began,
-        simulated=sum(map(len, todo.values())),
-    )
+    with into(out_dir) as folder:
+        for path in sorted(folder.glob("shard-*.h5")):
+            _check(path, expected)
+        starts = range(0, n, SHARD)[part - 1 :: parts]
+        blocks = {folder / _name(start): range(n)[start : start + SHARD] for start in starts}
+        todo = {path: block for path, block in blocks.items() if not path.exists()}
+        simulated = sum(map(len, todo.values()))
+        with bar("simulating", simulated, shown=progress) as advance:
+            for path, block in todo.items():
+                done = []
+                for chunk in (block[at : at + CHUNK] for at in range(0, len(block), CHUNK)):
+                    done.append(_simulate(problem, chunk, seed, workers))
+                    advance(len(chunk))
+                _write(path, expected | {"start": block.start}, *_joined(done))
+        failures = Counter(status for path in blocks for status in _read(path)[2].tolist() if status != "ok")
+    curves, seconds = sum(map(len, blocks.values())), time.perf_counter() - began
+    return Generated(curves, len(todo), len(blocks) - len(todo), dict(failures), seconds, simulated)
 
 
 def load(data_dir: str | Path) -> Dataset:
@@ -155,26 +137,25 @@ def load(data_dir: str | Path) -> Dataset:
         InputError: no shards, a missing shard, or shards of different sets.
     """
     folder = Path(data_dir)
-    paths = _shards(folder)
+    paths = sorted(folder.glob("shard-*.h5"))
     if not paths:
-        raise InputError(f"{folder} holds no training set (shard-*.h5); make one with `cavirheo generate`")
+        message = f"{folder} holds no training set (shard-*.h5); make one with `cavirheo generate`"
+        raise InputError(message, "dataset.none")
     head = _attributes(paths[0])
     for path in paths:
         _check(path, {key: head[key] for key in ("problem", "seed", "total", "made_by")})
-    wanted = [_name(start) for start in range(0, int(head["total"]), SHARD)]
-    if missing := sorted(set(wanted) - {path.name for path in paths}):
+    wanted = {_name(start) for start in range(0, int(head["total"]), SHARD)}
+    if missing := sorted(wanted - {path.name for path in paths}):
         raise InputError(
             f"{folder}: {len(missing)} of {len(wanted)} files are missing ({', '.join(missing[:3])}"
-            f"{', ...' if len(missing) > 3 else ''}); run the same `cavirheo generate` again to add them"
+            f"{', ...' if len(missing) > 3 else ''}); run the same `cavirheo generate` again to add them",
+            "dataset.incomplete",
         )
-    theta, radius, status = (np.concatenate(column) for column in zip(*(_read(path) for path in paths), strict=True))
-    problem = Problem.from_dict(json.loads(head["problem"]))
-    return Dataset(problem, int(head["seed"]), theta, radius, status, str(head["made_by"]))
+    problem = TrainingProblem.from_dict(json.loads(head["problem"]))
+    return Dataset(problem, int(head["seed"]), *_joined([_read(path) for path in paths]), str(head["made_by"]))
 
 
-def _simulate(
-    problem: Problem, indices: range, seed: int, workers: int | None
-) -> tuple[NDArray[np.float64], NDArray[np.float32], NDArray[np.str_]]:
+def _simulate(problem: TrainingProblem, indices: range, seed: int, workers: int | None) -> Columns:
     theta = problem.prior.sample(indices, seed)
     simulations = problem.simulate_many(theta, workers=workers)
     radius = np.array([s.radius for s in simulations], dtype=float) / problem.reference_max_radius
@@ -185,29 +166,23 @@ def _simulate(
     return theta, radius.astype(np.float32), np.array(status)
 
 
+def _joined(parts: list[Columns]) -> Columns:
+    theta, radius, status = (np.concatenate(column) for column in zip(*parts, strict=True))
+    return theta, radius, status
+
+
 def _write(path: Path, attributes: dict[str, Any], theta: Any, radius: Any, status: Any) -> None:
-    temporary = path.with_suffix(".tmp")
-    with h5py.File(temporary, "w", track_order=False) as file:
-        for key, value in attributes.items():
-            file.attrs[key] = value
+    with whole(path) as temporary, h5py.File(temporary, "w", track_order=False) as file:
+        file.attrs.update(attributes)
         for name, values in (("theta", theta), ("radius", radius)):
             file.create_dataset(name, data=values, track_times=False)
         text = np.array(status, dtype=object)
         file.create_dataset("status", data=text, dtype=h5py.string_dtype(), track_times=False)
-    os.replace(temporary, path)
 
 
-def _read(path: Path) -> tuple[NDArray[np.float64], NDArray[np.float32], NDArray[np.str_]]:
+def _read(path: Path) -> Columns:
     with h5py.File(path, "r") as file:
         return file["theta"][:], file["radius"][:], np.array(file["status"].asstr()[:], dtype=str)
-
-
-def _attributes(path: Path) -> dict[str, Any]:
-    try:
-        with h5py.File(path, "r") as file:
-            return dict(file.attrs)
-    except OSError as error:
-        raise InputError(f"{path} cannot be read as HDF5 ({error}); delete it and generate again") from error
 
 
 def _check(path: Path, expected: dict[str, Any]) -> None:
@@ -216,18 +191,19 @@ def _check(path: Path, expected: dict[str, Any]) -> None:
         if found.get(key) != value:
             raise InputError(
                 f"{path} was made with another {key} ({str(found.get(key))[:400]}; here {str(value)[:400]}): "
-                f"use an empty folder, or the settings that it was made with"
+                f"use an empty folder, or the settings that it was made with",
+                f"dataset.another_{key}",
             )
+
+
+def _attributes(path: Path) -> dict[str, Any]:
+    try:
+        with h5py.File(path, "r") as file:
+            return dict(file.attrs)
+    except OSError as error:
+        message = f"{path} cannot be read as HDF5 ({error}); delete it and generate again"
+        raise InputError(message, "dataset.unreadable") from error
 
 
 def _name(start: int) -> str:
     return f"shard-{start // SHARD:05d}.h5"
-
-
-def _shards(folder: Path) -> list[Path]:
-    return sorted(folder.glob("shard-*.h5"))
-
-
-def _chunks(block: range) -> Iterator[range]:
-    for start in range(block.start, block.stop, CHUNK):
-        yield range(start, min(start + CHUNK, block.stop))

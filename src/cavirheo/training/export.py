@@ -26,58 +26,52 @@ import torch
 from cavirheo.errors import InputError
 from cavirheo.inference.model import predict
 from cavirheo.parameters import about
-from cavirheo.problem import Problem
-from cavirheo.training.checkpoint import difference, read_tensors, write_text
+from cavirheo.problem import TrainingProblem
 from cavirheo.training.network import BubbleTransformer, Standardised
 from cavirheo.training.recipe import NetworkTable, Recipe
-from cavirheo.training.train import scaling
+from cavirheo.training.train import difference, read_tensors, scaling, write_text
+from cavirheo.writing.document import into, whole
 
 OPSET = 18
 TOLERANCE = 1e-4  # largest difference between the exported model and the trained one, in the prior's scale
 
 
-def export(
-    recipe: Recipe, run_dir: str | Path, out_dir: str | Path, *, name: str | None = None, on: date | None = None
-) -> Path:
+def export(recipe: Recipe, run_dir: str | Path, out_dir: str | Path, *, on: date | None = None) -> Path:
     """Write NAME.onnx and NAME.json for a finished run; the path of the former. `on` is the date on the card.
 
     Raises:
         InputError: the run is not finished, or is not of this recipe.
         RuntimeError: the exported model differs from the trained one by more than 1e-4.
     """
-    run, folder = Path(run_dir), Path(out_dir)
+    run = Path(run_dir)
     try:
         result = json.loads((run / "result.json").read_text(encoding="utf-8"))
     except (OSError, ValueError) as error:
-        raise InputError(f"{run} is not a finished run ({error}); finish it with `cavirheo train`") from error
+        message = f"{run} is not a finished run ({error}); finish it with `cavirheo train`"
+        raise InputError(message, "export.unfinished") from error
     if other := difference(result, recipe.settings()):
-        raise InputError(f"{run} was not trained with this recipe: {other}")
+        raise InputError(f"{run} was not trained with this recipe: {other}", "export.another_recipe")
     model = load_model(run / "best.safetensors")
-    folder.mkdir(parents=True, exist_ok=True)
-    target = folder / f"{name or recipe.export.name}.onnx"
-    temporary = target.with_suffix(".tmp.onnx")
-    try:
-        write_onnx(model, recipe.problem.camera.frames, temporary)
-        curves = np.load(run / "test.npz")["radius"]
-        deviation = largest_difference(model, temporary, curves)
-        if not deviation <= TOLERANCE:
-            raise RuntimeError(
-                f"the exported model differs from the trained one by {deviation:.2g} (at most {TOLERANCE:g}): "
-                f"nothing was written"
-            )
-        temporary.replace(target)
-    finally:
-        temporary.unlink(missing_ok=True)
-    content = card(target, recipe, result, deviation, on or datetime.now(UTC).date())
-    write_text(target.with_suffix(".json"), card_text(content))
+    with into(out_dir) as folder:
+        target = folder / f"{recipe.export.name}.onnx"
+        with whole(target) as temporary:
+            write_onnx(model, recipe.problem.grid.frames, temporary)
+            deviation = largest_difference(model, temporary, np.load(run / "test.npz")["radius"])
+            if not deviation <= TOLERANCE:
+                raise RuntimeError(
+                    f"the exported model differs from the trained one by {deviation:.2g} (at most {TOLERANCE:g}): "
+                    f"nothing was written"
+                )
+        content = card(target, recipe, result, deviation, on or datetime.now(UTC).date())
+        write_text(target.with_suffix(".json"), card_text(content))
     return target
 
 
 def load_model(checkpoint: Path) -> Standardised:
     """The network of a best.safetensors with its scaling, ready to answer."""
     weights, note = read_tensors(checkpoint)
-    problem, outputs = Problem.from_dict(note["problem"]), tuple(note["outputs"])
-    network = BubbleTransformer(NetworkTable(**note["network"]), problem.camera.frames, len(outputs))
+    problem, outputs = TrainingProblem.from_dict(note["problem"]), tuple(note["outputs"])
+    network = BubbleTransformer(NetworkTable(**note["network"]), problem.grid.frames, len(outputs))
     network.load_state_dict(weights)
     mean, std = scaling(problem.prior, outputs)
     return Standardised(network, mean, std).eval()
@@ -88,19 +82,14 @@ def write_onnx(model: Standardised, frames: int, path: Path) -> None:
     log = logging.getLogger("torch.onnx")
     level = log.level
     log.setLevel(logging.ERROR)  # it would tell the user about operators that we do not use
+    free = {"radius": {0: torch.export.Dim("batch", min=1)}}
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # deprecations inside the exporter, not ours to mend
             program = torch.onnx.export(
-                model,
-                (torch.ones(2, frames),),
-                input_names=["radius"],
-                output_names=["theta"],
-                dynamic_shapes={"radius": {0: torch.export.Dim("batch", min=1)}},
-                opset_version=OPSET,
-                dynamo=True,
-                verbose=False,
-            )
+                model, (torch.ones(2, frames),), input_names=["radius"], output_names=["theta"],
+                dynamic_shapes=free, opset_version=OPSET, dynamo=True, verbose=False,
+            )  # fmt: skip
     finally:
         log.setLevel(level)
     assert program is not None  # it is None only where a file is asked for
@@ -131,7 +120,7 @@ def card(path: Path, recipe: Recipe, result: Mapping[str, Any], deviation: float
         "problem": problem.to_dict(),
         "input": {
             "name": "radius",
-            "shape": ["batch", problem.camera.frames],
+            "shape": ["batch", problem.grid.frames],
             "dtype": "float32",
             "meaning": "R/R_max at R_max and at equal steps after it; the step is grid_step(R_max, medium)",
         },

@@ -14,7 +14,6 @@ weights (Glorot uniform, zero biases, embeddings uniform within 0.05).
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import TYPE_CHECKING
 
 import torch
@@ -23,12 +22,6 @@ from torch.nn import functional
 
 if TYPE_CHECKING:
     from cavirheo.training.recipe import NetworkTable
-
-ACTIVATIONS: dict[str, Callable[[Tensor], Tensor]] = {
-    "relu": functional.relu,
-    "softplus": functional.softplus,
-    "gelu": functional.gelu,
-}
 
 
 class EncoderLayer(nn.Module):
@@ -45,7 +38,7 @@ class EncoderLayer(nn.Module):
         self.contract = nn.Linear(size.feed_forward, size.width)
         self.norm_feed_forward = nn.LayerNorm(size.width, eps=size.norm_epsilon)
         self.dropout = nn.Dropout(size.dropout)
-        self.activation = ACTIVATIONS[size.activation]
+        self.activation = getattr(functional, size.activation)
 
     def forward(self, x: Tensor) -> Tensor:
         tokens = x.shape[1]

@@ -12,32 +12,23 @@
 from __future__ import annotations
 
 import tomllib
-from dataclasses import replace
 from functools import cached_property
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from pydantic import (
-    BaseModel,
-    ConfigDict,
-    Field,
-    NonNegativeInt,
-    PositiveFloat,
-    PositiveInt,
-    ValidationError,
-)
+from pydantic import BaseModel, ConfigDict, Field, NonNegativeInt, PositiveFloat, PositiveInt, ValidationError
 
 from cavirheo.errors import InputError
 from cavirheo.physics.media import medium as named_medium
 from cavirheo.prior import Prior
-from cavirheo.problem import Camera, Problem
+from cavirheo.problem import FrameGrid, TrainingProblem
 
 
-class _Table(BaseModel):
+class _Section(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True)
 
 
-class ProblemTable(_Table):
+class ProblemTable(_Section):
     material: str
     medium: str | dict[str, float | str] = "water"
     reference_max_radius_um: PositiveFloat = 245.0
@@ -45,12 +36,12 @@ class ProblemTable(_Table):
     frames: PositiveInt = 100
 
 
-class DataTable(_Table):
+class DataTable(_Section):
     n: PositiveInt
     seed: NonNegativeInt = 0
 
 
-class NetworkTable(_Table):
+class NetworkTable(_Section):
     """Sizes of the Bubble Dynamics Transformer; two choices that its description leaves open are marked."""
 
     outputs: tuple[str, ...] = ()  # names in the prior's scale; empty: all parameters but the stretch
@@ -65,7 +56,7 @@ class NetworkTable(_Table):
     norm_epsilon: PositiveFloat = 1e-6
 
 
-class TrainingTable(_Table):
+class TrainingTable(_Section):
     epochs: PositiveInt = 100
     batch: PositiveInt = 32
     lr: PositiveFloat = 1e-3  # Adam
@@ -75,11 +66,11 @@ class TrainingTable(_Table):
     dropout_epochs: PositiveInt | None = None  # without dropout afterwards; None leaves answers 3 to 7 % off scale
 
 
-class ExportTable(_Table):
+class ExportTable(_Section):
     name: str = Field(pattern=r"^[a-z0-9][a-z0-9.-]*$")
 
 
-class Recipe(_Table):
+class Recipe(_Section):
     problem_table: ProblemTable = Field(alias="problem")
     prior: dict[str, tuple[float, float]]
     data: DataTable
@@ -88,24 +79,17 @@ class Recipe(_Table):
     export: ExportTable
 
     @cached_property
-    def problem(self) -> Problem:
+    def problem(self) -> TrainingProblem:
         """Raises InputError where the physics does not accept the values."""
         table = self.problem_table
-        if isinstance(table.medium, str):
-            medium = named_medium(table.medium)
-        else:
-            try:
-                constants: dict[str, Any] = {"name": "water"} | table.medium
-                base = named_medium(constants.pop("name"))
-                medium = replace(base, **constants, name=f"{base.name}, changed")
-            except TypeError as error:
-                raise InputError(f"[problem] medium: {error}") from error
-        return Problem(
-            material_name=table.material,
-            prior=Prior.uniform(self.prior),
-            medium=medium,
-            camera=Camera(table.frame_interval_us / 1e6, table.frames),
-            reference_max_radius=table.reference_max_radius_um / 1e6,
+        constants: dict[str, Any] = {"name": table.medium} if isinstance(table.medium, str) else table.medium
+        try:
+            medium = named_medium(**{"name": "water"} | constants)
+        except TypeError as error:
+            raise InputError(f"[problem] medium: {error}", "recipe.medium") from error
+        grid = FrameGrid(table.frame_interval_us / 1e6, table.frames)
+        return TrainingProblem(
+            table.material, Prior.uniform(self.prior), medium, grid, table.reference_max_radius_um / 1e6
         )
 
     @property
@@ -113,7 +97,8 @@ class Recipe(_Table):
         """What the network answers, in the order of its outputs."""
         names = self.network.outputs or tuple(n for n in self.problem.prior.names if n != "stretch")
         if unknown := sorted(set(names) - set(self.problem.prior.names)):
-            raise InputError(f"[network] outputs: {', '.join(unknown)} has no prior; it has {', '.join(self.prior)}")
+            message = f"[network] outputs: {', '.join(unknown)} has no prior; it has {', '.join(self.prior)}"
+            raise InputError(message, "recipe.outputs")
         return names
 
     def settings(self) -> dict[str, Any]:
@@ -133,27 +118,25 @@ def read_recipe(path: str | Path) -> Recipe:
         InputError: not readable, not TOML, an unknown key, or a value missing or refused; all are named.
     """
     try:
-        content = tomllib.loads(Path(path).read_text(encoding="utf-8"))
-    except (OSError, UnicodeDecodeError) as error:
-        raise InputError(f"cannot read the recipe {path}: {error}") from error
-    except tomllib.TOMLDecodeError as error:
-        raise InputError(f"{path} is not valid TOML: {error}") from error
-    try:
-        recipe = Recipe.model_validate(content)
+        recipe = Recipe.model_validate(tomllib.loads(Path(path).read_text(encoding="utf-8")))
         _ = recipe.problem, recipe.outputs
+    except (OSError, UnicodeDecodeError) as error:
+        raise InputError(f"cannot read the recipe {path}: {error}", "recipe.missing") from error
+    except tomllib.TOMLDecodeError as error:
+        raise InputError(f"{path} is not valid TOML: {error}", "recipe.syntax") from error
     except ValidationError as error:
-        raise InputError(f"{path} cannot be used:\n{_explain(error)}") from error
+        raise InputError(f"{path} cannot be used:\n{_explained(error)}", "recipe.value") from error
     except InputError as error:
-        raise InputError(f"{path} cannot be used: {error}") from error
+        raise error.within(f"{path} cannot be used") from error
     return recipe
 
 
-def _explain(error: ValidationError) -> str:
+def _explained(error: ValidationError) -> str:
     """One line for each refused entry: where, what was given, what was expected."""
     lines = []
     for item in error.errors():
-        where = ".".join(str(part) for part in item["loc"])
-        given = "" if item["type"] in ("missing", "extra_forbidden") else f", got {item['input']!r}"
-        why = "unknown key" if item["type"] == "extra_forbidden" else item["msg"]
-        lines.append(f"  {where}: {why}{given}")
+        unknown = item["type"] == "extra_forbidden"
+        given = "" if unknown or item["type"] == "missing" else f", got {item['input']!r}"
+        where = ".".join(map(str, item["loc"]))
+        lines.append(f"  {where}: {'unknown key' if unknown else item['msg']}{given}")
     return "\n".join(lines)

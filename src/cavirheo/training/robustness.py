@@ -10,7 +10,6 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Callable
 from dataclasses import asdict, dataclass
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -18,11 +17,10 @@ from numpy.typing import NDArray
 
 from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError
-from cavirheo.inference import infer_many
 from cavirheo.inference.amortised import Amortised
-from cavirheo.inference.model import load
-from cavirheo.physics.simulate import simulate_many
-from cavirheo.problem import Problem
+from cavirheo.inference.model import Network
+from cavirheo.parallel import each
+from cavirheo.problem import TrainingProblem
 from cavirheo.training.dataset import Dataset
 from cavirheo.training.metrics import metrics
 
@@ -35,11 +33,11 @@ LONGER = 1.05  # the recording outlasts the network's grid by this: a fitted R_m
 
 @dataclass(frozen=True)
 class Recording:
-    """How a curve is filmed; the default is the camera that the network was trained with."""
+    """How a curve is filmed; the default is the grid of times that the network was trained with."""
 
     name: str
     noise: float = 0.0  # standard deviation of the radius, of R_max
-    frame_rate: float = 1.0  # of that camera
+    frame_rate: float = 1.0  # of that grid
     offset: float = 0.0  # largest distance of the first frame from R_max, frames, to either side
     missing: float = 0.0  # part of the frames that have no radius
 
@@ -56,7 +54,7 @@ RECORDINGS = (
 
 
 def robustness(
-    model: str | Path,
+    network: Network,
     data: Dataset,
     chosen: Indices,
     *,
@@ -65,7 +63,7 @@ def robustness(
     workers: int | None = None,
     done: Callable[[], None] | None = None,
 ) -> dict[str, Any]:
-    """Metrics of a model (.onnx) on the curves `chosen` of a set, filmed in every way.
+    """Metrics of a network on the curves `chosen` of a set, filmed in every way.
 
     The network alone reads all of them; the whole answer (`cavirheo.infer`: the network and its correction at the true
     scale) is found for `answers` of them, drawn at random. What a curve suffers depends on (seed, its index) alone.
@@ -76,12 +74,16 @@ def robustness(
         "answer_ok"}, each of the last four {"curves", "failed", "metrics"} (None with fewer than 2 answers), the answer
         with "verdicts"; answer_ok are those whose verdict is ok.
     """
-    problem, theta = data.problem, data.theta
-    estimator = Amortised(load(str(model)), problem.medium)
-    names = estimator.model.outputs
-    columns = [problem.prior.names.index(name) for name in names]
-    truth = theta[chosen][:, columns]
+    problem, names, estimator = data.problem, network.outputs, Amortised(network, data.problem.medium)
+    truth = data.theta[chosen][:, [problem.prior.names.index(name) for name in names]]
+    everything = np.arange(len(chosen))
     drawn = np.sort(np.random.default_rng(seed).permutation(len(chosen))[:answers])
+
+    def alone(curve: RadiusCurve) -> Floats:
+        try:
+            return estimator.network_alone(curve)
+        except InputError:  # counted as failed
+            return np.full(len(names), np.nan)
 
     def score(found: Floats, which: Indices) -> dict[str, Any]:
         answered = np.isfinite(found).all(axis=1)
@@ -93,48 +95,45 @@ def robustness(
     for recording in RECORDINGS:
         key = recording.frame_rate, recording.offset
         if key not in filmed:
-            filmed[key] = film(problem, theta, chosen, recording, seed, workers)
+            filmed[key] = film(problem, data.theta, chosen, recording, seed, workers)
         curves = [
             degrade(time, radius, problem.reference_max_radius, recording, seed, int(index))
             for (time, radius), index in zip(filmed[key], chosen, strict=True)
         ]
-        network = np.array([_network_alone(estimator, curve) for curve in curves])
-        posteriors = infer_many(
-            [curves[i] for i in drawn], model=str(model), medium=problem.medium, workers=workers, done=done
-        )
+        read = np.array([alone(curve) for curve in curves])
+        posteriors = each(estimator.infer, [curves[i] for i in drawn], workers, done)
         answer = np.array([p.theta[0] if len(p.theta) else np.full(len(names), np.nan) for p in posteriors])
         answer = answer.reshape(len(drawn), len(names))
-        signed = np.array([p.checks.verdict == "ok" for p in posteriors], dtype=bool)
+        ok = np.array([p.checks.verdict == "ok" for p in posteriors], dtype=bool)
         rows.append(
             {
                 "recording": asdict(recording),
-                "network": score(network, np.arange(len(chosen))),
-                "network_same_curves": score(network[drawn], drawn),
+                "network": score(read, everything),
+                "network_same_curves": score(read[drawn], drawn),
                 "answer": score(answer, drawn) | {"verdicts": dict(Counter(p.checks.verdict for p in posteriors))},
-                "answer_ok": score(answer[signed], drawn[signed]),
+                "answer_ok": score(answer[ok], drawn[ok]),
             }
         )
     return {"seed": seed, "curves": len(chosen), "answers": len(drawn), "rows": rows}
 
 
 def film(
-    problem: Problem, theta: Floats, chosen: Indices, recording: Recording, seed: int, workers: int | None = None
+    problem: TrainingProblem,
+    theta: Floats,
+    chosen: Indices,
+    recording: Recording,
+    seed: int,
+    workers: int | None = None,
 ) -> list[tuple[Floats, Floats]]:
     """For each chosen row of theta the times of the camera's frames (n,) s and the true radii (n,) m there."""
-    step = problem.camera.frame_interval / recording.frame_rate
-    count = int(np.ceil(LONGER * problem.camera.time[-1] / step)) + 1
+    step = problem.grid.frame_interval / recording.frame_rate
+    count = int(np.ceil(LONGER * problem.grid.time[-1] / step)) + 1
     offset = np.array([_random(seed, i, 0).uniform(-recording.offset, recording.offset) for i in chosen])
     times = step * (np.arange(count) + offset[:, None])
     since_max = np.abs(times)  # half a frame before R_max the curve is, to third order in time, that after it
     order = np.argsort(since_max, axis=1)
-    runs = simulate_many(
-        [problem.material(row) for row in theta[chosen]],
-        max_radius=problem.reference_max_radius,
-        stretch=np.array([problem.natural(row)["stretch"] for row in theta[chosen]]),
-        time=np.take_along_axis(since_max, order, axis=1),
-        medium=problem.medium,
-        workers=workers,
-    )
+    ascending = np.take_along_axis(since_max, order, axis=1)
+    runs = problem.simulate_many(theta[chosen], time=ascending, workers=workers)
     radii = np.empty_like(times)
     np.put_along_axis(radii, order, np.array([run.radius for run in runs]).reshape(times.shape), axis=1)
     return list(zip(times, radii, strict=True))
@@ -154,10 +153,3 @@ def degrade(
 
 def _random(seed: int, index: int, stream: int) -> np.random.Generator:
     return np.random.default_rng([seed, index, stream])
-
-
-def _network_alone(estimator: Amortised, curve: RadiusCurve) -> Floats:
-    try:
-        return estimator.network_alone(curve)
-    except InputError:  # counted as failed
-        return np.full(len(estimator.model.outputs), np.nan)

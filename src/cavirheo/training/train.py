@@ -3,22 +3,20 @@
 All randomness of an epoch (order of the curves, dropout) follows from (seed, epoch), and last.safetensors
 holds the weights and the state of the optimiser: a run that was cut off ends at the weights it would have had.
 
-Files in the run's folder:
+Files in the run's folder (tensors with a JSON note, never pickle; each is written whole or not at all):
     last.safetensors   the state after the last complete epoch, with the settings and the history
     best.safetensors   the weights of the epoch with the lowest validation loss
     history.jsonl      one line per epoch: loss on the training and the validation part, seconds
     test.npz           curves, truth and predictions of the test part, which is looked at once, at the end
     result.json        what came out, and of what: becomes the card of the exported model
 
-`python -m cavirheo.training.train RECIPE DATA -o DIR` needs numpy, h5py, pydantic, rich, safetensors, torch.
+This module needs numpy, h5py, pydantic, rich, safetensors and torch only, so it runs where nothing else is installed.
 """
 
 from __future__ import annotations
 
-import argparse
 import json
 import math
-import sys
 import time
 from collections.abc import Callable, Mapping
 from pathlib import Path
@@ -26,20 +24,24 @@ from typing import Any
 
 import numpy as np
 import torch
+from safetensors import SafetensorError, safe_open
+from safetensors.torch import save_file
 from torch import Tensor
 from torch.nn import functional
 
 from cavirheo.errors import InputError
 from cavirheo.prior import Prior
-from cavirheo.training.checkpoint import difference, read_tensors, write_tensors, write_text
 from cavirheo.training.dataset import load
 from cavirheo.training.metrics import metrics
 from cavirheo.training.network import BubbleTransformer
-from cavirheo.training.recipe import Recipe, TrainingTable, read_recipe
+from cavirheo.training.recipe import Recipe, TrainingTable
+from cavirheo.writing.document import into, whole
 from cavirheo.writing.terminal import bar
 
 EVALUATION_BATCH = 512
-Parts = dict[str, tuple[Tensor, Tensor]]  # "train", ...: radius (curves, frames), target (curves, outputs)
+NOTE = "cavirheo"
+
+OnEpoch = Callable[[Mapping[str, float]], None]
 
 
 def train(
@@ -50,7 +52,7 @@ def train(
     device: str | None = None,
     threads: int | None = None,
     progress: bool = True,
-    on_epoch: Callable[[Mapping[str, float]], None] | None = None,
+    on_epoch: OnEpoch | None = None,
 ) -> dict[str, Any]:
     """Train the recipe's network, or go on with the run in `out_dir`; a finished run is only reported.
 
@@ -66,15 +68,13 @@ def train(
     if threads is not None:
         torch.set_num_threads(threads)
     chosen = torch.device(device or ("cuda" if torch.cuda.is_available() else "cpu"))
-    folder = Path(out_dir)
-    folder.mkdir(parents=True, exist_ok=True)
-    with torch.random.fork_rng(devices=[chosen] if chosen.type == "cuda" else []):
-        run = _Run(recipe, Path(data_dir), folder, chosen)
-        run.resume()
+    with into(out_dir) as folder, torch.random.fork_rng(devices=[chosen] if chosen.type == "cuda" else []):
+        training = _Training(recipe, Path(data_dir), folder, chosen)
+        training.resume()
         if not (folder / "result.json").exists():
-            run.fit(progress, on_epoch)
-            run.finish()
-    result: dict[str, Any] = json.loads((folder / "result.json").read_text(encoding="utf-8"))
+            training.fit(progress, on_epoch)
+            training.finish()
+        result: dict[str, Any] = json.loads((folder / "result.json").read_text(encoding="utf-8"))
     return result
 
 
@@ -86,60 +86,61 @@ def scaling(prior: Prior, outputs: tuple[str, ...]) -> tuple[Tensor, Tensor]:
     return mean.float(), std.float()
 
 
-class _Run:
+def learning_rate(settings: TrainingTable, step: int, steps_per_epoch: int) -> float:
+    """Adam's step size at an optimiser step, from 0: linear warm-up, then constant or half a cosine to 0."""
+    rate = settings.lr * min(1.0, (step + 1) / max(1, settings.warmup_steps))
+    if settings.schedule == "cosine":
+        rate *= 0.5 * (1.0 + math.cos(math.pi * step / (settings.epochs * steps_per_epoch)))
+    return rate
+
+
+class _Training:
     """One training in one folder."""
 
     def __init__(self, recipe: Recipe, data_dir: Path, folder: Path, device: torch.device) -> None:
         self.recipe, self.settings, self.folder, self.device = recipe, recipe.training, folder, device
-        self.data = load(data_dir)
-        if self.data.problem.id != recipe.problem.id:
+        self.data, problem = load(data_dir), recipe.problem
+        if self.data.problem.id != problem.id:
             raise InputError(
                 f"{data_dir} was made for problem {self.data.problem.id}, "
-                f"the recipe is of {recipe.problem.id}: generate the data with this recipe"
+                f"the recipe is of {problem.id}: generate the data with this recipe",
+                "training.another_problem",
             )
-        self.parts = self._parts()
+        self.mean, self.std = scaling(problem.prior, recipe.outputs)
+        columns = [problem.prior.names.index(name) for name in recipe.outputs]
+        radius, theta = torch.from_numpy(self.data.radius), torch.tensor(self.data.theta[:, columns]).float()
+        target, split = (theta - self.mean) / self.std, self.data.split(self.settings.seed)
+        if small := [name for name, chosen in split.items() if len(chosen) < 2]:
+            raise InputError(f"too few usable curves in the {', '.join(small)} part of {len(theta)}")
+        # radius (curves, frames) and target (curves, outputs) of "train", "validation", "test"
+        self.parts = {name: (radius[i].to(device), target[i].to(device)) for name, i in split.items()}
+        self.steps_per_epoch = math.ceil(len(split["train"]) / self.settings.batch)
         torch.manual_seed(self.settings.seed)
-        frames, outputs = recipe.problem.camera.frames, len(recipe.outputs)
-        self.network = BubbleTransformer(recipe.network, frames, outputs).to(device)
+        self.network = BubbleTransformer(recipe.network, problem.grid.frames, len(recipe.outputs)).to(device)
         self.optimiser = torch.optim.Adam(self.network.parameters(), lr=self.settings.lr)
         self.history: list[dict[str, float]] = []
         # what must not change within a run
         self.identity = json.loads(json.dumps(recipe.settings() | {"data": self.data.sha256}))
 
-    def _parts(self) -> Parts:
-        mean, std = scaling(self.recipe.problem.prior, self.recipe.outputs)
-        columns = [self.recipe.problem.prior.names.index(name) for name in self.recipe.outputs]
-        theta = torch.tensor(self.data.theta[:, columns], dtype=torch.float32)
-        radius, target = torch.from_numpy(self.data.radius), (theta - mean) / std
-        split = vars(self.data.split(self.settings.seed))
-        if small := [name for name, indices in split.items() if len(indices) < 2]:
-            raise InputError(f"too few usable curves in the {', '.join(small)} part of {len(theta)}")
-        return {name: (radius[i].to(self.device), target[i].to(self.device)) for name, i in split.items()}
-
-    def fit(self, progress: bool, on_epoch: Callable[[Mapping[str, float]], None] | None) -> None:
-        epochs, steps = self.settings.epochs, self.steps_per_epoch
-        done = len(self.history)
+    def fit(self, progress: bool, on_epoch: OnEpoch | None) -> None:
+        epochs, done = self.settings.epochs, len(self.history)
         what = f"training, epoch {min(done + 1, epochs)}/{epochs}"
-        with bar(what, epochs * steps, shown=progress) as advance:
-            advance(done * steps)
+        with bar(what, epochs * self.steps_per_epoch, shown=progress) as advance:
+            advance(done * self.steps_per_epoch)
             for epoch in range(done, epochs):
                 began = time.perf_counter()
                 train_loss = self._epoch(epoch, advance)
-                validation_loss = self._loss("validation")
+                validation_loss = float(functional.mse_loss(self._predict("validation"), self.parts["validation"][1]))
                 if not (math.isfinite(train_loss) and math.isfinite(validation_loss)):
                     raise InputError(f"the loss is not finite in epoch {epoch + 1}: lower lr or add warmup_steps")
                 line = {"epoch": epoch + 1, "train": train_loss, "validation": validation_loss}
                 self.history.append(line | {"seconds": round(time.perf_counter() - began, 3)})
-                self._save()
                 best = min(entry["validation"] for entry in self.history)
+                self._save(validation_loss <= best)
                 losses = f"loss {train_loss:.5f}, validation {validation_loss:.5f} (best {best:.5f})"
                 advance(0, what=f"training, epoch {min(epoch + 2, epochs)}/{epochs}, {losses}")
                 if on_epoch is not None:
                     on_epoch(self.history[-1])
-
-    @property
-    def steps_per_epoch(self) -> int:
-        return math.ceil(len(self.parts["train"][0]) / self.settings.batch)
 
     def _epoch(self, epoch: int, step_done: Callable[[], None]) -> float:
         """One pass over the training part; the mean of its curves' losses, each taken before its step."""
@@ -148,8 +149,7 @@ class _Run:
         order = torch.randperm(len(radius)).to(self.device)
         summed = torch.zeros((), device=self.device)
         self.network.train(epoch < (self.settings.dropout_epochs or self.settings.epochs))  # only dropout heeds it
-        first = epoch * self.steps_per_epoch
-        for step, batch in enumerate(order.split(self.settings.batch), start=first):
+        for step, batch in enumerate(order.split(self.settings.batch), start=epoch * self.steps_per_epoch):
             for group in self.optimiser.param_groups:
                 group["lr"] = learning_rate(self.settings, step, self.steps_per_epoch)
             loss = functional.mse_loss(self.network(radius[batch]), target[batch])
@@ -160,18 +160,14 @@ class _Run:
             step_done()
         return float(summed) / len(radius)
 
-    def _loss(self, part: str) -> float:
-        return float(functional.mse_loss(self._predict(part), self.parts[part][1]))
-
     @torch.inference_mode()
     def _predict(self, part: str) -> Tensor:
         self.network.eval()
         return torch.cat([self.network(block) for block in self.parts[part][0].split(EVALUATION_BATCH)])
 
-    def _save(self) -> None:
-        weights = self.network.state_dict()
-        line = self.history[-1]
-        if line["validation"] <= min(entry["validation"] for entry in self.history):
+    def _save(self, best: bool) -> None:
+        weights, line = self.network.state_dict(), self.history[-1]
+        if best:
             about = self.recipe.settings() | {"epoch": line["epoch"], "validation_loss": line["validation"]}
             write_tensors(self.folder / "best.safetensors", weights, about)
         state = {f"network.{name}": tensor for name, tensor in weights.items()}
@@ -191,15 +187,20 @@ class _Run:
         if other := difference(about["identity"], self.identity):
             raise InputError(
                 f"{self.folder} holds another run ({other}): "
-                f"use another folder, or the recipe and data that it was begun with"
+                f"use another folder, or the recipe and data that it was begun with",
+                "training.another_run",
             )
         self.history = about["history"]
-        self.network.load_state_dict({k.removeprefix("network."): v for k, v in state.items() if k[0] == "n"})
+        weights: dict[str, Tensor] = {}
         adam: dict[int, dict[str, Tensor]] = {}
         for key, tensor in state.items():
-            if key.startswith("adam."):
-                _, index, name = key.split(".")
+            kind, _, name = key.partition(".")
+            if kind == "network":
+                weights[name] = tensor
+            else:
+                index, _, name = name.partition(".")
                 adam.setdefault(int(index), {})[name] = tensor
+        self.network.load_state_dict(weights)
         groups = self.optimiser.state_dict()["param_groups"]
         self.optimiser.load_state_dict({"state": adam, "param_groups": groups})
 
@@ -207,10 +208,9 @@ class _Run:
         """Look at the test part with the best weights and write the result."""
         weights, about = read_tensors(self.folder / "best.safetensors")
         self.network.load_state_dict(weights)
-        mean, std = scaling(self.recipe.problem.prior, self.recipe.outputs)
         radius, target = (tensor.cpu() for tensor in self.parts["test"])
-        truth, predicted = target * std + mean, self._predict("test").cpu() * std + mean
-        np.savez(self.folder / "test.npz", radius=radius.numpy(), truth=truth.numpy(), predicted=predicted.numpy())
+        truth, predicted = ((t * self.std + self.mean).numpy() for t in (target, self._predict("test").cpu()))
+        np.savez(self.folder / "test.npz", radius=radius.numpy(), truth=truth, predicted=predicted)
         data = self.data
         result = self.recipe.settings() | {
             "problem_id": self.recipe.problem.id,
@@ -227,45 +227,44 @@ class _Run:
                 "sha256": data.sha256,
                 "failures": data.failures,
                 "made_by": data.made_by,
-                **{part: len(self.parts[part][0]) for part in self.parts},
+                **{part: len(radius) for part, (radius, _) in self.parts.items()},
             },
-            "metrics": metrics(self.recipe.outputs, truth.numpy(), predicted.numpy()),
+            "metrics": metrics(self.recipe.outputs, truth, predicted),
             "torch": torch.__version__,
         }
         write_text(self.folder / "result.json", json.dumps(result, indent=2) + "\n")
 
 
-def learning_rate(settings: TrainingTable, step: int, steps_per_epoch: int) -> float:
-    """Adam's step size at an optimiser step, from 0: linear warm-up, then constant or half a cosine to 0."""
-    rate = settings.lr * min(1.0, (step + 1) / max(1, settings.warmup_steps))
-    if settings.schedule == "cosine":
-        rate *= 0.5 * (1.0 + math.cos(math.pi * step / (settings.epochs * steps_per_epoch)))
-    return rate
+def write_tensors(path: Path, tensors: Mapping[str, Tensor], note: Mapping[str, Any]) -> None:
+    """Put tensors and what is to be known about them into one file."""
+    content = {name: tensor.detach().cpu().contiguous() for name, tensor in tensors.items()}
+    with whole(path) as temporary:
+        save_file(content, temporary, metadata={NOTE: json.dumps(note)})
 
 
-def main(arguments: list[str] | None = None) -> int:
-    parser = argparse.ArgumentParser(prog="python -m cavirheo.training.train", description="Train a recipe's network.")
-    parser.add_argument("recipe", type=Path)
-    parser.add_argument("data", type=Path)
-    parser.add_argument("-o", "--out", type=Path, required=True)
-    parser.add_argument("--device", help="cpu, cuda, ... (default: cuda if there is one)")
-    parser.add_argument("--threads", type=int)
-    options = parser.parse_args(arguments)
+def read_tensors(path: Path) -> tuple[dict[str, Tensor], dict[str, Any]]:
+    """The tensors and the note of `write_tensors`. Raises InputError if the file is not one of ours."""
     try:
-        result = train(
-            read_recipe(options.recipe),
-            options.data,
-            options.out,
-            device=options.device,
-            threads=options.threads,
-        )
-    except InputError as error:
-        print(f"error: {error}", file=sys.stderr)
-        return 2
-    keys = ("device", "seconds", "epochs", "best_epoch", "best_validation_loss", "data", "metrics")
-    print(json.dumps({key: result[key] for key in keys}, indent=2))
-    return 0
+        with safe_open(path, framework="pt") as file:
+            note: dict[str, Any] = json.loads(file.metadata()[NOTE])
+            return {name: file.get_tensor(name) for name in list(file.keys())}, note
+    except (OSError, SafetensorError, KeyError, TypeError, ValueError) as error:
+        raise InputError(f"{path} is not a checkpoint of cavirheo: {error!r}", "training.checkpoint") from error
 
 
-if __name__ == "__main__":
-    sys.exit(main())
+def write_text(path: Path, text: str) -> None:
+    """Put text into a file that is never seen half-written."""
+    with whole(path) as temporary:
+        temporary.write_text(text, encoding="utf-8")
+
+
+def difference(old: Mapping[str, Any], new: Mapping[str, Any]) -> str:
+    """The first entry in which two nested settings differ, in words; empty if none does."""
+    for key in new:
+        before, after = old.get(key), new[key]
+        if isinstance(before, dict) and isinstance(after, dict):
+            if inner := difference(before, after):
+                return f"{key}.{inner}"
+        elif before != after:
+            return f"{key} = {before!r}, where {after!r} is asked now"
+    return ""

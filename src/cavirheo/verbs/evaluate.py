@@ -22,7 +22,7 @@ def evaluate(
     """How good a model is on simulated curves: metrics.json, tables (evaluation.md) and figures."""
     from cavirheo.inference.model import path_of
     from cavirheo.training.evaluate import evaluate as judge
-    from cavirheo.training.tables import markdown
+    from cavirheo.training.evaluate import markdown
 
     if robustness:
         from cavirheo.physics.simulate import load_solver

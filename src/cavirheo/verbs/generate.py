@@ -28,22 +28,15 @@ def generate(
     try:
         part, parts = (int(number) for number in shard.split("/"))
     except ValueError:
-        raise InputError(f"--shard must read i/N, e.g. 2/8; got {shard!r}") from None
+        raise InputError(f"--shard must read i/N, e.g. 2/8; got {shard!r}", "option.shard") from None
     from cavirheo.physics.simulate import load_solver
 
     load_solver()
-    made = dataset.generate(
-        content.problem,
-        content.data.n if n is None else n,
-        out,
-        seed=content.data.seed if seed is None else seed,
-        workers=workers,
-        shard=(part, parts),
-    )
+    n, seed = content.data.n if n is None else n, content.data.seed if seed is None else seed
+    made = dataset.generate(content.problem, n, out, seed=seed, workers=workers, shard=(part, parts))
     print(f"{made.curves} curves in {out}: {made.written} files written, {made.skipped} already there", file=sys.stderr)
     if made.simulated:
-        print(
-            f"{made.simulated} simulated in {made.seconds:.0f} s ({made.curves_per_second:.0f} per s)", file=sys.stderr
-        )
+        rate = made.simulated / made.seconds
+        print(f"{made.simulated} simulated in {made.seconds:.0f} s ({rate:.0f} per s)", file=sys.stderr)
     for status, count in made.failures.items():
         print(f"{count} failed and are kept with their status: {status}", file=sys.stderr)

@@ -81,6 +81,17 @@ def into(folder: str | Path) -> Iterator[Path]:
         raise InputError(f"cannot write into {folder}: {error.strerror or error}", "document.folder") from None
 
 
+@contextmanager
+def whole(path: Path) -> Iterator[Path]:
+    """A file to write beside `path`, which takes its place when it is complete and is gone if it never is."""
+    temporary = path.with_suffix(".tmp")
+    try:
+        yield temporary
+        temporary.replace(path)
+    finally:
+        temporary.unlink(missing_ok=True)
+
+
 def write_json(path: str | Path, document: Document) -> None:
     """Write it as UTF-8 JSON; what is read back is equal to it."""
     Path(path).write_text(document.model_dump_json(by_alias=True, indent=1) + "\n", encoding="utf-8")
