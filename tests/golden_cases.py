@@ -732,7 +732,21 @@ def excel(path: str, t: Any, r: Any) -> None:
     rows = "".join(f'<row><c r="A{k}"><v>{a:.9g}</v></c><c r="C{k}"><v>{b:.9g}</v></c></row>' for k, (a, b) in pairs)
     head = '<row><c r="A1" t="s"><v>0</v></c><c r="C1" t="inlineStr"><is><t>radius_um</t></is></c></row>'
     space = 'xmlns="http://schemas.openxmlformats.org/spreadsheetml/2006/main"'
+    office = "http://schemas.openxmlformats.org/officeDocument/2006/relationships"
+    parts = {
+        "_rels/.rels": ("xl/workbook.xml", "officeDocument"),
+        "xl/_rels/workbook.xml.rels": ("worksheets/sheet1.xml", "worksheet"),
+    }
     with zipfile.ZipFile(path, "w") as archive:
+        for part, (target, kind) in parts.items():
+            one = f'<Relationship Id="rId1" Type="{office}/{kind}" Target="{target}"/>'
+            if part.startswith("xl"):
+                one += f'<Relationship Id="rId2" Type="{office}/sharedStrings" Target="sharedStrings.xml"/>'
+            archive.writestr(part, f"<Relationships>{one}</Relationships>")
+        archive.writestr(
+            "xl/workbook.xml",
+            f'<workbook {space} xmlns:r="{office}"><sheets><sheet name="a" sheetId="1" r:id="rId1"/></sheets></workbook>',
+        )
         archive.writestr("xl/sharedStrings.xml", f"<sst {space}><si><t>time_us</t></si></sst>")
         archive.writestr(
             "xl/worksheets/sheet1.xml", f"<worksheet {space}><sheetData>{head}{rows}</sheetData></worksheet>"
@@ -855,6 +869,16 @@ def reading() -> Any:
         found[name] = []
         for curve in curves:
             meta = {key: value for key, value in curve.meta.items() if key not in ("name", "notes")}
+            for key, field in (
+                ("problem", "unusable"),
+                ("no_scale", "unscaled"),
+                ("time_over_max_radius", "time_unscaled"),
+                ("stated_time_of_max", "stated_time_of_max"),
+            ):
+                if (value := getattr(curve, field, None)) not in (None, "", False) or (
+                    value == 0.0 and key == "stated_time_of_max"
+                ):
+                    meta[key] = value
             if made_here and "source_sha256" in meta:
                 meta["source_sha256"] = MADE
             found[name].append({
