@@ -745,7 +745,8 @@ def excel(path: str, t: Any, r: Any) -> None:
             archive.writestr(part, f"<Relationships>{one}</Relationships>")
         archive.writestr(
             "xl/workbook.xml",
-            f'<workbook {space} xmlns:r="{office}"><sheets><sheet name="a" sheetId="1" r:id="rId1"/></sheets></workbook>',
+            f'<workbook {space} xmlns:r="{office}"><sheets>'
+            '<sheet name="a" sheetId="1" r:id="rId1"/></sheets></workbook>',
         )
         archive.writestr("xl/sharedStrings.xml", f"<sst {space}><si><t>time_us</t></si></sst>")
         archive.writestr(
@@ -869,16 +870,9 @@ def reading() -> Any:
         found[name] = []
         for curve in curves:
             meta = {key: value for key, value in curve.meta.items() if key not in ("name", "notes")}
-            for key, field in (
-                ("problem", "unusable"),
-                ("no_scale", "unscaled"),
-                ("time_over_max_radius", "time_unscaled"),
-                ("stated_time_of_max", "stated_time_of_max"),
-            ):
-                if (value := getattr(curve, field, None)) not in (None, "", False) or (
-                    value == 0.0 and key == "stated_time_of_max"
-                ):
-                    meta[key] = value
+            for field in ("unusable", "unscaled", "time_unscaled", "stated_time_of_max"):
+                if (value := getattr(curve, field)) not in (None, "", False) or value == 0.0:
+                    meta[field] = value
             if made_here and "source_sha256" in meta:
                 meta["source_sha256"] = MADE
             found[name].append({

@@ -14,6 +14,7 @@ SOURCE = Path(__file__).parent.parent / "src" / "cavirheo"
 LONGEST = 400  # lines of a module
 SOLVER = "physics/solver.py"  # all that is compiled must be one file
 ROOMS = (  # from the ground up: a room imports those below it, and only those that it may
+    ("arrays", ""),
     ("errors", ""),
     ("parallel", ""),
     ("parameters", ""),
@@ -32,7 +33,7 @@ ROOMS = (  # from the ground up: a room imports those below it, and only those t
     ("app", "errors parallel parameters posterior curve reading physics inference reporting writing"),
     ("loading", "errors reporting training beside writing"),
 )
-MAY_USE = {room: set(below.split()) for room, below in ROOMS}
+MAY_USE = {room: {"arrays", *below.split()} - {room} for room, below in ROOMS}
 FREE = ("verbs", "__main__", "__init__")  # the command line and the package's face see every room
 
 
@@ -66,7 +67,7 @@ def imported(tree: ast.Module) -> set[str]:
 def test_the_plan_itself_runs_upwards():
     order = [room for room, _ in ROOMS]
     for room, below in MAY_USE.items():
-        assert below <= set(order[: order.index(room)]), room
+        assert below - {"arrays"} <= set(order[: order.index(room)]), room
 
 
 def test_imports_run_one_way():

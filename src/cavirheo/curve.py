@@ -9,15 +9,14 @@ from math import log
 from typing import TYPE_CHECKING, Any, Generic, Protocol, TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 
+from cavirheo.arrays import Floats
 from cavirheo.errors import InputError
 from cavirheo.landmarks import RAYLEIGH, collapse_time, fit_maximum, spikes, turning_points
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-Floats = NDArray[np.float64]
 T = TypeVar("T")
 
 _FEWEST_FRAMES = 5  # below this no maximum is fitted

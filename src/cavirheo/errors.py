@@ -21,5 +21,11 @@ class InputError(ValueError):
         return type(self)(f"{where}: {self}", self.code)
 
 
+def require(fine: bool, message: str, code: str = "input") -> None:
+    """Raise InputError with this message and code unless all is fine."""
+    if not fine:
+        raise InputError(message, code)
+
+
 class SolverError(RuntimeError):
     """A simulation did not reach its end time; the message is the status of the solve."""

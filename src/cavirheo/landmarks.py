@@ -19,11 +19,9 @@ from __future__ import annotations
 from math import gamma, pi, sqrt
 
 import numpy as np
-from numpy.typing import NDArray
 
+from cavirheo.arrays import Floats
 from cavirheo.errors import InputError
-
-Floats = NDArray[np.float64]
 
 RAYLEIGH = sqrt(pi / 6) * gamma(5 / 6) / gamma(4 / 3)  # collapse time of an empty bubble over R_max sqrt(rho/p): 0.9147
 _NEAR_MAXIMUM = 0.9  # samples above this fraction of R_max enter its fit

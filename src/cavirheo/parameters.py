@@ -10,7 +10,9 @@ import re
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
+
+from cavirheo.arrays import Floats
 
 LOG10 = "log10_"
 
@@ -75,7 +77,7 @@ def units(names: tuple[str, ...]) -> tuple[str, ...]:
     return tuple(about(name).unit for name in names)
 
 
-def natural(name: str, values: ArrayLike) -> NDArray[np.float64]:
+def natural(name: str, values: ArrayLike) -> Floats:
     """Natural values in SI of a parameter from those in the prior's scale (log10 for a name that begins so)."""
     values = np.asarray(values, dtype=float)
     return np.asarray(10.0**values if name.startswith(LOG10) else values)

@@ -8,15 +8,14 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
+from cavirheo.arrays import Floats
 from cavirheo.errors import InputError
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 Verdict = Literal["ok", "model_does_not_fit", "outside_training_range", "failed"]
-Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False, repr=False)

@@ -12,13 +12,12 @@ from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.special import ndtr, ndtri
 
+from cavirheo.arrays import Bools, Floats
 from cavirheo.errors import InputError
 from cavirheo.parameters import PARAMETERS, natural_name
-
-Floats = NDArray[np.float64]
 
 _LOG_2PI = float(np.log(2.0 * np.pi))
 _INSIDE = 1e-12  # of the probability, that u keeps away from the bounds
@@ -94,7 +93,7 @@ class Prior:
         cube = np.array([uniforms(seed, i, len(self.names)) for i in indices]).reshape(len(indices), len(self.names))
         return np.asarray(self.low + (self.high - self.low) * cube)
 
-    def contains(self, theta: ArrayLike) -> NDArray[np.bool_]:
+    def contains(self, theta: ArrayLike) -> Bools:
         """(...,) whether each row of theta (..., parameters) lies inside all ranges, bounds included."""
         theta = np.asarray(theta, dtype=float)
         return np.asarray(np.all((theta >= self.low) & (theta <= self.high), axis=-1))
@@ -105,7 +104,7 @@ class Prior:
         return Prior(self.names[one], self.low[one], self.high[one], self.mean[one], self.std[one])
 
     @cached_property
-    def _normal(self) -> tuple[NDArray[np.bool_], Floats, Floats, Floats, Floats]:
+    def _normal(self) -> tuple[Bools, Floats, Floats, Floats, Floats]:
         """(which are uniform, unit, centre, probability below the lower bound, probability inside)."""
         uniform = ~np.isfinite(self.std)
         unit, centre = np.where(uniform, 1.0, self.std), np.where(uniform, 0.0, self.mean)

@@ -27,8 +27,9 @@ from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from cavirheo.arrays import Floats
 from cavirheo.errors import InputError
 from cavirheo.parameters import LOG10, natural_name
 from cavirheo.physics.materials import MATERIALS, Material
@@ -54,7 +55,7 @@ class FrameGrid:
             )
 
     @property
-    def time(self) -> NDArray[np.float64]:
+    def time(self) -> Floats:
         """(frames,) s after R_max."""
         return np.asarray(self.frame_interval * np.arange(self.frames, dtype=float))
 

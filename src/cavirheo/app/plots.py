@@ -10,10 +10,10 @@ from typing import Any
 
 import numpy as np
 import plotly.graph_objects as go
-from numpy.typing import NDArray
 from plotly.subplots import make_subplots
 
-from cavirheo.curve import Floats, RadiusCurve
+from cavirheo.arrays import Bools, Floats
+from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError
 from cavirheo.physics.media import Medium
 from cavirheo.posterior import Checks
@@ -107,7 +107,7 @@ def lines(found: Checks, start: float = 0.0) -> dict[str, Any]:
     return {"x": x, "y": y}
 
 
-def _measured(figure: go.Figure, curve: RadiusCurve, inside: NDArray[np.bool_]) -> None:
+def _measured(figure: go.Figure, curve: RadiusCurve, inside: Bools) -> None:
     """The frames of a curve that have a radius, those `inside` what is compared darker."""
     measured = np.isfinite(curve.radius)
     _dots(figure, curve, measured & ~inside, "measured, not compared", PALE)
@@ -115,7 +115,7 @@ def _measured(figure: go.Figure, curve: RadiusCurve, inside: NDArray[np.bool_]) 
 
 
 def _dots(
-    figure: go.Figure, curve: RadiusCurve, which: NDArray[np.bool_], name: str, colour: str, size: int = 5, **look: Any
+    figure: go.Figure, curve: RadiusCurve, which: Bools, name: str, colour: str, size: int = 5, **look: Any
 ) -> None:
     """Frames of a curve, those without a radius at zero."""
     if which.any():

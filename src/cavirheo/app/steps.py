@@ -12,7 +12,8 @@ from typing import Any
 
 from cavirheo.app import plots
 from cavirheo.app.session import Answers, PageSettings, Session
-from cavirheo.curve import Floats, RadiusCurve
+from cavirheo.arrays import Floats
+from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError, SolverError
 from cavirheo.inference import infer_many
 from cavirheo.inference.fit import fit_many

@@ -20,8 +20,8 @@ from importlib.metadata import version
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from cavirheo.arrays import Floats
 from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError, SolverError
 from cavirheo.inference.model import Network
@@ -41,8 +41,6 @@ CONVERGED = 0.005  # largest difference of the two summaries, decades
 LARGEST_STEP = 0.5  # decades
 MARGIN = 0.3  # decades beyond the training range, there and at the shot's scale, in which the answer is looked for
 SHORTEST = 0.6  # of the network's samples that must lie inside the recording
-
-Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

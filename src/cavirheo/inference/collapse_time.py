@@ -15,9 +15,10 @@ from typing import Any, NamedTuple
 import numpy as np
 from pydantic import Field
 
+from cavirheo.arrays import Floats
 from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError
-from cavirheo.physics.collapse import Floats, analytic_time, inverse_square, rayleigh_time, simulated_time
+from cavirheo.physics.collapse import analytic_time, inverse_square, rayleigh_time, simulated_time
 from cavirheo.physics.media import WATER, Medium
 from cavirheo.writing.document import Finite, Record
 

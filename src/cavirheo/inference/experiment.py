@@ -16,8 +16,8 @@ from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from cavirheo.arrays import Floats
 from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError
 from cavirheo.inference.law import Family
@@ -29,7 +29,6 @@ from cavirheo.physics.simulate import ROUGH, simulate
 from cavirheo.posterior import weighted_quantile
 from cavirheo.prior import Prior
 
-Floats = NDArray[np.float64]
 Accuracy = Mapping[str, Any]  # options of `simulate`
 
 COARSE: Accuracy = {"cells": 32, "rtol": 1e-3}  # for the starts: 1.5 ms

@@ -6,14 +6,12 @@ from dataclasses import MISSING, Field, dataclass, field, fields
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from cavirheo.arrays import Floats
 from cavirheo.errors import InputError
 from cavirheo.parameters import PARAMETERS
 from cavirheo.physics.laws import LAWS, combine
 from cavirheo.physics.materials import Material
-
-Floats = NDArray[np.float64]
 
 
 def _parameters(law: str) -> list[Field[Any]]:

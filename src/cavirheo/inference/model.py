@@ -12,8 +12,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from cavirheo.arrays import Floats
 from cavirheo.errors import InputError
 from cavirheo.problem import TrainingProblem
 
@@ -45,17 +46,17 @@ class Network:
             raise InputError(message, "model.changed")
         self._run = _session(content)
 
-    def __call__(self, features: ArrayLike) -> NDArray[np.float64]:
+    def __call__(self, features: ArrayLike) -> Floats:
         """(curves, outputs) in the prior's scale from R/R_max (curves, frames), any number of curves."""
         return self._run(features)
 
 
-def predict(path: str | Path, features: ArrayLike) -> NDArray[np.float64]:
+def predict(path: str | Path, features: ArrayLike) -> Floats:
     """What the network of an .onnx file answers, as `Network` does; no card is needed."""
     return _session(Path(path).read_bytes())(features)
 
 
-def _session(content: bytes) -> Callable[[ArrayLike], NDArray[np.float64]]:
+def _session(content: bytes) -> Callable[[ArrayLike], Floats]:
     """(curves, frames) -> (curves, outputs) of the content of an .onnx file."""
     os.environ.setdefault("ORT_DISABLE_TELEMETRY", "1")  # read at import: its wheels come with telemetry
     import onnxruntime  # half a second that listing models or reading curves need not pay
@@ -65,7 +66,7 @@ def _session(content: bytes) -> Callable[[ArrayLike], NDArray[np.float64]]:
     options.log_severity_level = 3
     session = onnxruntime.InferenceSession(content, options, providers=["CPUExecutionProvider"])
 
-    def run(features: ArrayLike) -> NDArray[np.float64]:
+    def run(features: ArrayLike) -> Floats:
         curves = np.asarray(features, dtype=np.float32)
         blocks = [curves[i : i + _BATCH] for i in range(0, len(curves), _BATCH)]
         return np.concatenate([session.run(["theta"], {"radius": block})[0] for block in blocks]).astype(float)

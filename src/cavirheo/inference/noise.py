@@ -16,11 +16,10 @@ doi:10.1111/1467-9868.00294, on the discrepancy.
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg import cho_solve_banded, cholesky_banded
 from scipy.special import gammaln, logsumexp
 
-Floats = NDArray[np.float64]
+from cavirheo.arrays import Floats
 
 SHAPE = 2.0  # A: the frame-to-frame noise is a good guess of the noise, but no more
 RATIOS = (1.0, 2.0, 4.0, 8.0, 16.0)  # r: discrepancy over noise

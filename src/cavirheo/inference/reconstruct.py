@@ -6,9 +6,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import minimize_scalar
 
+from cavirheo.arrays import Floats
 from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError, SolverError
 from cavirheo.physics.materials import Material
@@ -19,8 +19,6 @@ from cavirheo.posterior import Checks, Verdict
 STRETCH_RANGE = (1.2, 16.0)  # in which R_max/R_0 is looked for
 MISFIT = 0.06  # RMSE/R_max above which the model is said not to fit (docs/method/verdicts.md)
 _DRAWN = 800  # points of the drawn reconstruction
-
-Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

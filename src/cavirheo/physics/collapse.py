@@ -11,15 +11,14 @@ from math import pi, sqrt
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from cavirheo.arrays import Floats
 from cavirheo.errors import SolverError
 from cavirheo.landmarks import RAYLEIGH
 from cavirheo.physics.materials import NeoHookeanKelvinVoigt
 from cavirheo.physics.media import WATER, Medium
 from cavirheo.physics.simulate import simulate_many
-
-Floats = NDArray[np.float64]
 
 _A = 1 / RAYLEIGH  # A_RC of the paper
 _SURFACE = pi * _A / sqrt(6)  # mean of (3/2) (1 - r^2)/(1 - r^3) over Rayleigh's collapse

@@ -12,9 +12,10 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import ArrayLike
 
+from cavirheo.arrays import Floats
 from cavirheo.errors import InputError
 from cavirheo.physics.law import FINITE, POSITIVE, check, domain
-from cavirheo.physics.table import Floats, hermite
+from cavirheo.physics.table import hermite
 
 
 class Driving(Protocol):

@@ -20,9 +20,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from cavirheo.arrays import Floats
 from cavirheo.errors import InputError
 from cavirheo.physics.law import FINITE, NOT_NEGATIVE, POSITIVE, POSITIVE_OR_INFINITE, Material, require
-from cavirheo.physics.table import Floats, hermite, read, tabulate
+from cavirheo.physics.table import hermite, read, tabulate
 
 SMALLEST, LARGEST = 1e-3, 1e3  # R/R_0: beyond what a collapse or a stretch reaches
 

@@ -7,8 +7,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+from cavirheo.arrays import Floats
 from cavirheo.errors import InputError
-from cavirheo.physics.table import Floats
 
 
 class Grid(NamedTuple):

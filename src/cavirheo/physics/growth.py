@@ -6,11 +6,11 @@ import numpy as np
 from scipy.interpolate import CubicHermiteSpline
 from scipy.optimize import brentq
 
+from cavirheo.arrays import Floats
 from cavirheo.errors import SolverError
 from cavirheo.physics import solver
 from cavirheo.physics.grid import NO_SHELLS
 from cavirheo.physics.scales import ABSENT, Numbers
-from cavirheo.physics.table import Floats
 from cavirheo.physics.tableau import RODAS5P
 
 _TIME = np.linspace(0.0, 4.0, 8001)  # in t_c: an impulse turns within about one

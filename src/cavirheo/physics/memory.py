@@ -15,8 +15,8 @@ from typing import ClassVar
 
 import numpy as np
 
+from cavirheo.arrays import Floats
 from cavirheo.physics.law import NOT_NEGATIVE, POSITIVE, Material
-from cavirheo.physics.table import Floats
 
 
 @dataclass(frozen=True)

@@ -9,11 +9,12 @@ from typing import NamedTuple
 
 import numpy as np
 
+from cavirheo.arrays import Floats
 from cavirheo.errors import InputError
 from cavirheo.physics.driving import Driving
 from cavirheo.physics.law import POSITIVE, Material, domain, require
 from cavirheo.physics.media import Medium
-from cavirheo.physics.table import Floats, scaled
+from cavirheo.physics.table import scaled
 
 
 class Numbers(NamedTuple):

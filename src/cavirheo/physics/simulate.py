@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from cavirheo.arrays import Floats
 from cavirheo.errors import InputError, SolverError
 from cavirheo.physics import solver
 from cavirheo.physics.driving import Driving
@@ -20,7 +21,6 @@ from cavirheo.physics.law import Material, domain, require
 from cavirheo.physics.media import WATER, Medium
 from cavirheo.physics.scales import MOTIONS, dimensionless
 from cavirheo.physics.simulation import Contents, Simulation
-from cavirheo.physics.table import Floats
 from cavirheo.physics.tableau import RODAS5P
 from cavirheo.physics.viscous import Newtonian
 

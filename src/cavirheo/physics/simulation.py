@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from cavirheo.arrays import Floats
 from cavirheo.landmarks import turning_points
-from cavirheo.physics.table import Floats
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -12,11 +12,11 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from cavirheo.arrays import Floats
 from cavirheo.errors import InputError
 
-Floats = NDArray[np.float64]
 TOLERANCE = 1e-8  # largest error of the derivative within a piece, relative to its largest value there
 NARROWEST = 1e-8  # of x: a piece as narrow as this is a kink of the law, or the place where the law ends
 LARGEST = 1e100  # a slope beyond counts as infinite

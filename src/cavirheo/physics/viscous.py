@@ -19,9 +19,10 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import ArrayLike
 
+from cavirheo.arrays import Floats
 from cavirheo.errors import InputError
 from cavirheo.physics.law import FINITE, NOT_NEGATIVE, POSITIVE, Material
-from cavirheo.physics.table import Floats, read, tabulate
+from cavirheo.physics.table import read, tabulate
 
 SHEAR = 2 * sqrt(3)  # shear rate at the wall over |U/R|
 SLOWEST, FASTEST = 1e-3, 1e12  # U/R in 1/s: below the first and above the second the viscosity counts as constant

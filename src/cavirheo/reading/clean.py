@@ -5,9 +5,10 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from cavirheo.curve import Floats, RadiusCurve
+from cavirheo.arrays import Floats
+from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError
 
 TIME_UNITS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
@@ -125,7 +126,7 @@ def _radius_scale(largest: float, unit: str | None) -> tuple[float, str, str]:
     return 1e-6, "", f"{given}; its largest value {largest:.4g} is no bubble of 5 um to 5 mm in m, mm or um"
 
 
-def _guess_time_unit(t: NDArray[np.float64]) -> str:
+def _guess_time_unit(t: Floats) -> str:
     """Recordings of collapsing bubbles last between 1 us and 5 ms: numbers of that span are s or us."""
     span = float(np.ptp(t)) if len(t) else 0.0
     if len(t) < 2 or 5e-7 <= span <= 5e-3:
@@ -137,7 +138,7 @@ def _guess_time_unit(t: NDArray[np.float64]) -> str:
     )
 
 
-def _frame_rate(t: NDArray[np.float64]) -> float | None:
+def _frame_rate(t: Floats) -> float | None:
     """1/s where most frames are evenly spaced, else None."""
     if len(t) < 3:
         return None

@@ -18,7 +18,8 @@ from typing import Any
 
 import numpy as np
 
-from cavirheo.curve import Floats, RadiusCurve
+from cavirheo.arrays import Floats
+from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError
 from cavirheo.reading import limits
 from cavirheo.reading.clean import make_curve, unusable

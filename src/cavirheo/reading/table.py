@@ -11,7 +11,8 @@ from typing import Any
 
 import numpy as np
 
-from cavirheo.curve import Floats, RadiusCurve
+from cavirheo.arrays import Floats
+from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError
 from cavirheo.reading import limits
 from cavirheo.reading.clean import RADIUS_UNITS, TIME_UNITS, make_curve

@@ -19,8 +19,8 @@ from pathlib import Path
 from typing import Any, Literal, NamedTuple, TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 
+from cavirheo.arrays import Floats
 from cavirheo.errors import InputError
 from cavirheo.reading import limits
 
@@ -177,7 +177,7 @@ def is_number(cell: str) -> bool:
     return True
 
 
-def numbers(rows: list[Row], at: int) -> NDArray[np.float64]:
+def numbers(rows: list[Row], at: int) -> Floats:
     """(rows,) the column `at`, counted from 0; NaN where a cell is missing.
 
     Raises:

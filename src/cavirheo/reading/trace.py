@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from cavirheo.curve import Floats
+from cavirheo.arrays import Floats
 from cavirheo.errors import InputError
 from cavirheo.reading.clean import TIME_UNITS
 from cavirheo.reading.tabular import Cells, column_of, numbers, read_sheets, refuse_wider

@@ -8,7 +8,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from cavirheo.curve import Floats, RadiusCurve
+from cavirheo.arrays import Floats
+from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError
 from cavirheo.posterior import Checks, Posterior
 from cavirheo.reporting.record import CurveRecord, GroupRecord

@@ -22,6 +22,7 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 
+from cavirheo.arrays import Bools, Floats
 from cavirheo.errors import InputError
 from cavirheo.prior import uniforms
 from cavirheo.problem import TrainingProblem
@@ -33,7 +34,7 @@ SPLIT_STREAM = 1  # apart from the draws of the prior, so that equal seeds do no
 CHUNK = 50  # curves between two steps of the progress bar
 
 # theta (curves, parameters), radius (curves, frames), status (curves,)
-Columns = tuple[NDArray[np.float64], NDArray[np.float32], NDArray[np.str_]]
+Columns = tuple[Floats, NDArray[np.float32], NDArray[np.str_]]
 
 
 @dataclass(frozen=True)
@@ -54,13 +55,13 @@ class Dataset:
 
     problem: TrainingProblem
     seed: int
-    theta: NDArray[np.float64]  # (curves, parameters) in the prior's scale
+    theta: Floats  # (curves, parameters) in the prior's scale
     radius: NDArray[np.float32]  # (curves, frames) R/R_max at the reference R_max
     status: NDArray[np.str_]  # (curves,) "ok" or the reason of the failure
     made_by: str  # version of cavirheo
 
     @property
-    def ok(self) -> NDArray[np.bool_]:
+    def ok(self) -> Bools:
         """(curves,) whether the simulation reached its end."""
         return self.status == "ok"
 

@@ -7,8 +7,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from cavirheo.arrays import Floats
 from cavirheo.errors import InputError
 from cavirheo.parameters import LOG10, about, natural, natural_name
 from cavirheo.writing.style import BLUE, INK, VERMILLION, available
@@ -17,7 +17,6 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-Floats = NDArray[np.float64]
 _STYLE: Any = {
     "axes.spines.top": False,
     "axes.spines.right": False,

@@ -7,13 +7,13 @@ from itertools import combinations, pairwise
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from cavirheo.arrays import Bools, Floats
 from cavirheo.errors import InputError
 from cavirheo.parameters import LOG10, natural
 from cavirheo.prior import Prior
 
-Floats = NDArray[np.float64]
 BINS = 4  # of a parameter whose prior is not logarithmic; the others are cut by decades, or by halves of them in pairs
 
 
@@ -99,7 +99,7 @@ def breakdown(outputs: Sequence[str], prior: Prior, theta: Floats, error: Floats
     return result
 
 
-def _bins(prior: Prior, theta: Floats, width: float) -> list[tuple[Floats, list[NDArray[np.bool_]]]]:
+def _bins(prior: Prior, theta: Floats, width: float) -> list[tuple[Floats, list[Bools]]]:
     """For each parameter the edges of its bins, and which curves lie in each; the ends of the prior belong to the
     outermost."""
     found = []

@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from cavirheo.arrays import Floats
 from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError
 from cavirheo.inference.amortised import Amortised
@@ -24,7 +25,6 @@ from cavirheo.problem import TrainingProblem
 from cavirheo.training.dataset import Dataset
 from cavirheo.training.metrics import metrics
 
-Floats = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
 ANSWERS = 200  # curves that are also given the whole answer, a few tenths of a second each

@@ -6,8 +6,8 @@ from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from cavirheo.arrays import Floats
 from cavirheo.writing.style import BLUE, INK, VERMILLION, new_figure
 
 if TYPE_CHECKING:
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 _BINS = 40
 
 
-def corner(draws: Mapping[str, NDArray[np.float64]], weights: NDArray[np.float64]) -> Figure:
+def corner(draws: Mapping[str, Floats], weights: Floats) -> Figure:
     """`draws`: (n,) values by label. Lines mark the median and the central 90 %. Raises InputError: no matplotlib."""
     count = len(draws)
     figure = new_figure(7.2)
@@ -53,14 +53,12 @@ def corner(draws: Mapping[str, NDArray[np.float64]], weights: NDArray[np.float64
     return figure
 
 
-def _edges(values: NDArray[np.float64], weights: NDArray[np.float64]) -> NDArray[np.float64]:
+def _edges(values: Floats, weights: Floats) -> Floats:
     """Bins that hold all but one draw in a thousand on each side."""
     low, _, high = _quantiles(values, weights, (0.001, 0.5, 0.999))
     margin = 0.02 * (high - low) or 1e-3 * abs(high) or 1.0
     return np.linspace(low - margin, high + margin, _BINS + 1)
 
 
-def _quantiles(
-    values: NDArray[np.float64], weights: NDArray[np.float64], levels: tuple[float, ...] = (0.05, 0.5, 0.95)
-) -> NDArray[np.float64]:
+def _quantiles(values: Floats, weights: Floats, levels: tuple[float, ...] = (0.05, 0.5, 0.95)) -> Floats:
     return np.asarray(np.quantile(values, levels, weights=weights, method="inverted_cdf"))

@@ -15,11 +15,10 @@ from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
+from cavirheo.arrays import Floats
 from cavirheo.writing.style import INK, need_matplotlib
 
-Floats = NDArray[np.float64]
 Pair = tuple[float, float]
 Anchor = Literal["start", "middle", "end"]
 _AXIS, _TICK = "#888888", 3.0

@@ -12,8 +12,8 @@ from threading import Lock
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from cavirheo.arrays import Floats
 from cavirheo.errors import InputError
 
 if TYPE_CHECKING:
@@ -81,7 +81,7 @@ def save_png(path: str | Path, figure: Figure, dpi: int = 150) -> None:
         )
 
 
-def shades(fractions: NDArray[np.float64] | Sequence[float]) -> np.ndarray:
+def shades(fractions: Floats | Sequence[float]) -> np.ndarray:
     """(n, 3) from dark blue over grey to yellow: ordered in lightness, so it survives grey printing."""
     stops = np.array([[0, 45, 110], [90, 100, 120], [215, 175, 40]]) / 255.0
     return np.stack([np.interp(fractions, [0.0, 0.5, 1.0], stops[:, k]) for k in range(3)], axis=-1)

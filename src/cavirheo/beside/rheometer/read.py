@@ -23,10 +23,10 @@ from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
+from cavirheo.arrays import Floats
 from cavirheo.errors import InputError
 from cavirheo.reading.tabular import Row, column_of, is_number, numbers, plain_unit, read_sheets, refuse_wider
 
-Floats = np.ndarray
 SweepKind = Literal["strain", "frequency"]
 
 # Titles as exported, without accents, spaces and capitals; in English, German and French, as the programs speak.

@@ -9,7 +9,8 @@ import numpy as np
 from pydantic import Field
 from scipy.interpolate import PchipInterpolator
 
-from cavirheo.beside.rheometer.read import Floats, Sweep
+from cavirheo.arrays import Floats
+from cavirheo.beside.rheometer.read import Sweep
 from cavirheo.writing.document import Record
 
 _SHORTEST = 3.0  # largest over smallest strain of a linear range

@@ -17,8 +17,8 @@ from itertools import pairwise
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from cavirheo.arrays import Floats
 from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError, SolverError
 from cavirheo.inference.experiment import FINE, QUICK, SCALE_BOUND, Experiment, Options, misfit_of
@@ -39,8 +39,6 @@ BEST = 3  # rough simulations from which a search is started
 FOLLOWED = 1.0  # residual variance over the assumed one below which one start is enough
 LOWER = 0.95  # of a minimum's cost, that another minimum must reach to replace it
 AT_BOUND = 1e-3  # of a range: nearer to its end is "at the bound"
-
-Floats = NDArray[np.float64]
 
 
 def fit(curve: RadiusCurve, material: str = "nhkv", **options: Any) -> Posterior:

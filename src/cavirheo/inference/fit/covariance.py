@@ -5,12 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from cavirheo.arrays import Floats
 from cavirheo.inference.experiment import FINE
 from cavirheo.inference.fit.least_squares import LeastSquares
-
-Floats = NDArray[np.float64]
 
 
 def correlation_time(residual: Floats) -> float:

@@ -8,13 +8,11 @@ from itertools import pairwise
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from cavirheo.arrays import Floats
 from cavirheo.inference.experiment import FINE, QUICK, Accuracy, Experiment, Prediction
 from cavirheo.inference.law import Family
 from cavirheo.parallel import each
-
-Floats = NDArray[np.float64]
 
 FORWARD, CENTRAL = 1e-3, 3e-3  # steps of the differences, decades or the like: the solver's noise is far below
 SAME = 0.01  # of its range: a search that comes so near to a known minimum in every parameter is given up

@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from cavirheo.arrays import Bools, Floats
 from cavirheo.errors import SolverError
 from cavirheo.inference.experiment import COARSE, Experiment, Prediction
 from cavirheo.inference.fit.least_squares import LeastSquares
 from cavirheo.parameters import PARAMETERS
 from cavirheo.physics.collapse import analytic_modulus
-
-Floats = NDArray[np.float64]
 
 STARTS = 48
 TIMED = 2  # every so many starts get their shear modulus from the collapse time
@@ -44,7 +42,7 @@ class Scan:
                 f"all {count} simulations of {fit.family.name} failed with which the search was to be started"
             )
 
-    def _from_collapse_time(self, fit: LeastSquares, shot: Experiment) -> NDArray[np.bool_]:
+    def _from_collapse_time(self, fit: LeastSquares, shot: Experiment) -> Bools:
         """(count,) which points got their shear modulus from the collapse time."""
         timed = np.zeros(len(self.points), dtype=bool)
         names, times = fit.family.parameters, shot.curve.collapse_times()

@@ -19,9 +19,9 @@ from dataclasses import dataclass, replace
 from typing import Any, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
+from cavirheo.arrays import Floats
 from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError, SolverError
 from cavirheo.inference.experiment import (
@@ -50,7 +50,6 @@ from cavirheo.prior import log_normal
 
 __all__ = ["Verification", "verify", "verify_many"]
 
-Floats = NDArray[np.float64]
 Level = Literal["map", "full"]
 _CARRIED = ("cavirheo", "medium", "model", "model_sha256", "problem_id", "source_sha256", "windows", "options")
 

@@ -5,16 +5,14 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import logsumexp
 
+from cavirheo.arrays import Floats
 from cavirheo.inference.experiment import Accuracy
 from cavirheo.inference.verify.mode import Mode, Target, climb, ridge, same
 from cavirheo.inference.verify.sampler import Mixture, Sample, effective_size
 from cavirheo.inference.verify.surrogate import Surrogate
 from cavirheo.inference.verify.tuning import TUNING
-
-Floats = NDArray[np.float64]
 
 
 class Blend:

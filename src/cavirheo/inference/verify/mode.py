@@ -8,16 +8,14 @@ from threading import Lock
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from cavirheo.arrays import Floats
 from cavirheo.inference.experiment import Accuracy, Experiment
 from cavirheo.inference.fit.least_squares import FORWARD
 from cavirheo.inference.noise import Noise
 from cavirheo.inference.verify.tuning import TUNING
 from cavirheo.parallel import each
 from cavirheo.prior import Prior, log_normal
-
-Floats = NDArray[np.float64]
 
 
 class Target:

@@ -14,11 +14,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from cavirheo.arrays import Floats
 from cavirheo.inference.verify.tuning import TUNING
-
-Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -16,12 +16,11 @@ from functools import cached_property
 from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import gammaln, logsumexp
 
+from cavirheo.arrays import Floats
 from cavirheo.inference.verify.tuning import TUNING
 
-Floats = NDArray[np.float64]
 Log = Callable[[Floats], Floats]
 
 

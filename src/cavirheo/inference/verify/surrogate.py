@@ -13,15 +13,13 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg import solve_triangular
 
+from cavirheo.arrays import Floats
 from cavirheo.inference.noise import Noise
 from cavirheo.inference.verify.tuning import TUNING
 from cavirheo.parallel import each
 from cavirheo.prior import log_normal
-
-Floats = NDArray[np.float64]
 
 
 class Surrogate:
