@@ -871,7 +871,8 @@ def reading() -> Any:
         for curve in curves:
             meta = {key: value for key, value in curve.meta.items() if key not in ("name", "notes")}
             for field in ("unusable", "unscaled", "time_unscaled", "stated_time_of_max"):
-                if (value := getattr(curve, field)) not in (None, "", False) or value == 0.0:
+                value = getattr(curve, field)
+                if value is not None and value is not False and value != "":
                     meta[field] = value
             if made_here and "source_sha256" in meta:
                 meta["source_sha256"] = MADE
