@@ -12,7 +12,6 @@ equal Ca and Re) as if they were of the model's reference R_max. NAME is a shipp
 from __future__ import annotations
 
 import argparse
-from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 from scipy.optimize import least_squares
@@ -20,6 +19,7 @@ from scipy.optimize import least_squares
 from cavirheo.curve import RadiusCurve
 from cavirheo.inference.amortised import Amortised
 from cavirheo.inference.model import DEFAULT, load
+from cavirheo.parallel import each
 from cavirheo.parameters import LOG10, natural_name
 from cavirheo.physics.materials import MATERIALS
 from cavirheo.physics.simulate import simulate
@@ -107,8 +107,7 @@ def main() -> None:
     print(f"{options.shots} shots, noise {options.noise:g} R_max, model {model.name}")
     for correct in (False, True):
         estimator = Amortised(model, problem.medium, correct=correct)
-        with ThreadPoolExecutor() as pool:
-            answers = list(pool.map(estimator.infer, curves))
+        answers = each(estimator.infer, curves)
         failed = [a for a in answers if a.checks.verdict == "failed"]
         found = np.array([a.theta[0] if len(a.theta) else np.full(len(model.outputs), np.nan) for a in answers])
         error = found - of_outputs
