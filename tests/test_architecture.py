@@ -7,6 +7,7 @@ import subprocess
 import sys
 from collections import Counter
 from pathlib import Path
+from types import FrameType
 
 import pytest
 
@@ -139,3 +140,27 @@ def test_the_verbs_are_one_file_each():
 
     known = {command.name or command.callback.__name__ for command in app.registered_commands}
     assert {name.replace("-", "_") + ".py" for name in known} == set(verbs) - shared
+
+
+def test_the_way_from_the_command_to_the_report_is_short(run, tmp_path):
+    """Rooms that the data of `infer` passes, one after the other: in by the command, out as the report."""
+    lines = (Path(__file__).parent.parent / "examples" / "soft_gel.csv").read_text(encoding="utf-8").splitlines()
+    (tmp_path / "shot.csv").write_text("\n".join(line for line in lines if line[:1] in "#s1") + "\n", encoding="utf-8")
+    way: list[str] = []
+
+    def pass_through(frame: FrameType, event: str, _: object) -> None:
+        place = Path(frame.f_code.co_filename)
+        if event == "call" and SOURCE in place.parents:
+            room = room_of(str(place.relative_to(SOURCE)))
+            if room in ("verbs", "reading", "inference", "reporting") and way[-1:] != [room]:
+                way.append(room)
+
+    sys.setprofile(pass_through)
+    try:
+        status, _, err = run("infer", "shot.csv", "--verify", "map")
+    finally:
+        sys.setprofile(None)
+    assert status == 0, err
+    assert way[0] == "verbs"
+    assert [room for room in way if room != "verbs"] == ["reading", "inference", "inference", "reporting", "reporting"]
+    assert len(way) <= 10

@@ -199,7 +199,6 @@ EXAMPLES = {  # script: what it prints
 MARKS = {
     "posterior_interval": [pytest.mark.slow],
     "compare_laws": [pytest.mark.slow],
-    "fit_a_window": [pytest.mark.xfail(strict=True, reason="Posterior.diagnostics and .windows are not filled yet")],
 }
 
 
