@@ -6,27 +6,25 @@ import sys
 from pathlib import Path
 from typing import Annotated
 
-import typer
+from typer import Argument, Option
 
-from cavirheo.verbs.options import Out
+from cavirheo.verbs import options
 
 
 def evaluate(
-    model: Annotated[str, typer.Argument(help="a shipped model or an .onnx file")],
-    data: Annotated[Path, typer.Argument(help="folder written by `cavirheo generate`")],
-    out: Out = Path("cavirheo-evaluation"),
+    model: Annotated[str, Argument(help="a shipped model or an .onnx file")],
+    data: Annotated[Path, Argument(help="folder written by `cavirheo generate`")],
+    out: options.Out = Path("cavirheo-evaluation"),
     robustness: Annotated[
-        bool, typer.Option("--robustness", help="also with noise, other frame rates, a first frame off, gaps: minutes")
+        bool, Option("--robustness", help="also with noise, other frame rates, a first frame off, gaps: minutes")
     ] = False,
 ) -> None:
     """How good a model is on simulated curves: metrics.json, tables (evaluation.md) and figures."""
     from cavirheo.inference.model import path_of
-    from cavirheo.training.evaluate import evaluate as judge
-    from cavirheo.training.evaluate import markdown
+    from cavirheo.physics.simulate import load_solver
+    from cavirheo.training import evaluate as judge
 
     if robustness:
-        from cavirheo.physics.simulate import load_solver
-
         load_solver()
-    print(markdown(judge(path_of(model), data, out, robust=robustness, progress=True)))
+    print(judge.markdown(judge.evaluate(path_of(model), data, out, robust=robustness, progress=True)))
     print(f"written to {out}", file=sys.stderr)
