@@ -60,7 +60,6 @@ def simulate(
     from cavirheo.physics import simulate as forward
     from cavirheo.physics.driving import Pulse, Trace
     from cavirheo.reading.trace import read_trace
-    from cavirheo.writing.document import into
 
     both = "give either --pulse or --driving, not both; a file can hold any sum of pressures"
     require(not (pulse and driving), both, "simulate.two_drivings")
@@ -76,8 +75,7 @@ def simulate(
         driving=Pulse(pulse[0] * 1e3, pulse[1] * 1e6, pulse[2] * 1e-6) if pulse else far_field,
         motion=motion, polytropic=polytropic, relaxed=relaxed, fields=fields is not None, precise=precise,
     )  # fmt: skip
-    with into(out.parent):
-        _write_frames(run, out)
+    _write_frames(run, out)
     if fields:
         _write_fields(run, fields)
     print(f"{frames} frames of {law} in {liquid.name}: {out}", file=sys.stderr)
@@ -107,13 +105,16 @@ def _write_frames(run: Simulation, path: Path) -> None:
     """CSV, a row per frame."""
     import numpy as np
 
+    from cavirheo.writing.document import into
+
     columns = {
         "time_us": run.time * 1e6, "radius_um": run.radius * 1e6, "velocity_m_per_s": run.velocity,
         "pressure_Pa": run.pressure, "stress_Pa": run.stress, "strain": run.strain,
         "strain_rate_per_s": run.strain_rate,
     }  # fmt: skip
     rows = np.stack(list(columns.values()), axis=1)
-    np.savetxt(path, rows, fmt="%.9g", delimiter=",", header=",".join(columns), comments="")
+    with into(path.parent), path.open("wb") as file:
+        np.savetxt(file, rows, fmt="%.9g", delimiter=",", header=",".join(columns), comments="")
 
 
 def _write_fields(run: Simulation, path: Path) -> None:
