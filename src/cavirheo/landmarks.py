@@ -21,7 +21,7 @@ from math import gamma, pi, sqrt
 import numpy as np
 
 from cavirheo.arrays import Floats
-from cavirheo.errors import InputError
+from cavirheo.errors import InputError, require
 
 RAYLEIGH = sqrt(pi / 6) * gamma(5 / 6) / gamma(4 / 3)  # collapse time of an empty bubble over R_max sqrt(rho/p): 0.9147
 _NEAR_MAXIMUM = 0.9  # samples above this fraction of R_max enter its fit
@@ -46,13 +46,11 @@ def fit_maximum(time: Floats, radius: Floats, stated: float | None) -> tuple[flo
     near = smooth > _NEAR_MAXIMUM * smooth[peak]
     below = np.flatnonzero(~near)
     if not np.any(below > peak):
-        last = smooth[-1] / smooth[peak]
         grows = peak >= len(smooth) - 2
         what = "the bubble still grows at the end" if grows else "the bubble never collapses"
-        raise InputError(
-            f"{what} (last radius {last:.2f} of the largest); a recording must show R_max and the fall after it",
-            "curve.grows" if grows else "curve.never_falls",
-        )
+        last = f"(last radius {smooth[-1] / smooth[peak]:.2f} of the largest)"
+        why = f"{what} {last}; a recording must show R_max and the fall after it"
+        raise InputError(why, "curve.grows" if grows else "curve.never_falls")
     first = int(below[below < peak].max(initial=-1)) + 1
     last_index = int(below[below > peak].min())
     inside = slice(first, last_index)
@@ -79,10 +77,8 @@ def fit_maximum(time: Floats, radius: Floats, stated: float | None) -> tuple[flo
             centre, top, _ = free
     if not (x[0] - 2.0 * frame <= centre <= x[-1] and 0.9 < top < 1.15):  # noise beat the fit: keep the time
         centre, top, _ = _fit_series(x, y, centre=0.0)
-    if not 0.9 < top < 1.15:
-        raise InputError(
-            "no maximum can be fitted to the samples round the largest; they scatter too much", "curve.scatters"
-        )
+    why = "no maximum can be fitted to the samples round the largest; they scatter too much"
+    require(0.9 < top < 1.15, why, "curve.scatters")
     return float(time[peak] + centre * unit), float(top * smooth[peak])
 
 

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from cavirheo.arrays import Floats
-from cavirheo.errors import InputError
+from cavirheo.errors import require
 from cavirheo.physics.law import FINITE, POSITIVE, check, domain
 from cavirheo.physics.table import hermite
 
@@ -73,15 +73,13 @@ class Trace:
     def __post_init__(self) -> None:
         for name in ("time", "pressure"):
             object.__setattr__(self, name, np.array(getattr(self, name), dtype=float))
-        if self.time.ndim != 1 or self.time.size < 2 or self.time.shape != self.pressure.shape:
-            raise InputError(
-                "a pressure trace needs as many times as pressures, at least two, "
-                f"got shapes {self.time.shape} and {self.pressure.shape}",
-                "physics.trace_shape",
-            )
-        if not (np.isfinite([self.time, self.pressure]).all() and np.all(np.diff(self.time) > 0)):
-            why = "the times of a pressure trace must be finite and ascend, and its pressures be finite"
-            raise InputError(why, "physics.trace_values")
+        fits = self.time.ndim == 1 and self.time.size > 1 and self.time.shape == self.pressure.shape
+        shapes = f"got shapes {self.time.shape} and {self.pressure.shape}"
+        why = f"a pressure trace needs as many times as pressures, at least two, {shapes}"
+        require(fits, why, "physics.trace_shape")
+        ascends = np.isfinite([self.time, self.pressure]).all() and np.all(np.diff(self.time) > 0)
+        why = "the times of a pressure trace must be finite and ascend, and its pressures be finite"
+        require(bool(ascends), why, "physics.trace_values")
 
     def table(self) -> Floats:
         from scipy.interpolate import PchipInterpolator  # a third of a second that other uses need not wait for

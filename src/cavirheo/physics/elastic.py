@@ -6,23 +6,21 @@ With stretches (b^-2, b, b) around the bubble, What(b) = W(b^-2, b, b), W_1 = dW
     dS_el/dL = -What'(L)/(L^3 - 1),  for W(I_1):  dS_el/dL = -4 W_1 (q^2 + q^5),  S_el(1) = 0.
 
 So a law is complete with `slope`, dS_el/dL; the table for the solver follows by quadrature. The laws with a short
-closed form are tabulated from that. Every law is a frozen dataclass with SI parameters, and is by itself the material
-of a purely elastic solid.
+closed form are tabulated from that. Every law is by itself the material of a purely elastic solid.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from functools import lru_cache
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from cavirheo.arrays import Floats
-from cavirheo.errors import InputError
-from cavirheo.physics.law import FINITE, NOT_NEGATIVE, POSITIVE, POSITIVE_OR_INFINITE, Material, require
+from cavirheo.errors import InputError, require
+from cavirheo.physics.law import FINITE, NOT_NEGATIVE, POSITIVE, POSITIVE_OR_INFINITE, Material, Parts, table_of, within
 from cavirheo.physics.table import hermite, read, tabulate
 
 SMALLEST, LARGEST = 1e-3, 1e3  # R/R_0: beyond what a collapse or a stretch reaches
@@ -41,13 +39,12 @@ _FINE = _nodes(0.02)  # for closed forms: an error of 2e-9 for their steepest te
 class Elastic(Material):
     """Base of the elastic laws: a new one defines `slope`, or `first` if its energy depends on I_1 only."""
 
-    @property
-    def elastic(self) -> Elastic:
-        return self
+    def parts(self) -> Parts:
+        return Parts(elastic=self)
 
     def first(self, I1: Floats) -> Floats:
         """W_1 = dW/dI_1 in Pa at the first invariant I1 (any shape)."""
-        raise NotImplementedError(f"{type(self).__name__} must define `slope` or `first`")
+        raise NotImplementedError
 
     def slope(self, ratio: Floats) -> Floats:
         """dS_el/dL in Pa at L = ratio = R/R_0 (any shape); not finite where the law does not hold."""
@@ -55,21 +52,15 @@ class Elastic(Material):
         return -4 * self.first(q2 * q2 + 2 * ratio * ratio) * (q2 + q2 * q2 / ratio)
 
     def table(self) -> Floats:
-        """S_el over L in Pa for the solver (physics/table.py); it ends where the law does. Kept once computed."""
-        return _tabulated(self)
+        """(n, 7) S_el over L in Pa for the solver (physics/table.py); it ends where the law does."""
+        table = tabulate(self.slope, _COARSE, origin=1.0)
+        why = f"the stress of {self} must be finite and smooth around R = R_0, which it is not"
+        require(bool(table[0, 0] < 1 < table[-1, 0]), why, "physics.no_stress_at_rest")
+        return table
 
     def stress(self, ratio: ArrayLike) -> Floats:
         """S_el in Pa at R/R_0 (any shape); NaN where the law does not hold."""
-        return read(self.table(), ratio)[0]
-
-
-@lru_cache(maxsize=64)
-def _tabulated(law: Elastic) -> Floats:
-    table = tabulate(law.slope, _COARSE, origin=1.0)
-    if not table[0, 0] < 1 < table[-1, 0]:
-        why = f"the stress of {law} must be finite and smooth around R = R_0, which it is not"
-        raise InputError(why, "physics.no_stress_at_rest")
-    return table
+        return read(table_of(self), ratio)[0]
 
 
 class _Closed(Elastic):
@@ -149,7 +140,7 @@ class MooneyRivlin(_Closed):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        require("C1 + C2", self.C1 + self.C2, NOT_NEGATIVE)
+        within(NOT_NEGATIVE, "C1 + C2", self.C1 + self.C2)
 
     def closed(self, ratio: Floats) -> tuple[Floats, Floats, Floats]:
         q = 1 / ratio
@@ -236,17 +227,13 @@ class Ogden(Elastic):
     def __post_init__(self) -> None:
         for name in ("moduli", "exponents"):  # lists are welcome, but could not be the key of a kept table
             object.__setattr__(self, name, tuple(getattr(self, name)))
-        if len(self.moduli) != len(self.exponents) or not self.moduli:
-            why = f"as many moduli as exponents, at least one, got {self.moduli} and {self.exponents}"
-            raise InputError(why, "physics.terms")
+        several = f"as many moduli as exponents, at least one, got {self.moduli} and {self.exponents}"
+        require(len(self.moduli) == len(self.exponents) > 0, several, "physics.terms")
         for modulus, exponent in zip(self.moduli, self.exponents, strict=True):
-            require("modulus", modulus, FINITE)
-            require("exponent", exponent, FINITE)
-            if exponent == 0 or modulus * exponent < 0:
-                why = (
-                    f"modulus and exponent must have the same sign, the exponent not be 0; got {modulus} and {exponent}"
-                )
-                raise InputError(why, "physics.unstable")
+            within(FINITE, "modulus", modulus)
+            within(FINITE, "exponent", exponent)
+            sign = f"modulus and exponent must have the same sign, the exponent not be 0; got {modulus} and {exponent}"
+            require(exponent != 0 and modulus * exponent >= 0, sign, "physics.unstable")
 
     def slope(self, ratio: Floats) -> Floats:
         log = np.log(ratio)
@@ -297,7 +284,7 @@ class StrainEnergy(Elastic):
         b, h = np.array([0.6, 0.9, 1.2, 1.7]), 1e-5
         by_step = self._derivative(b)
         above, below = (np.array([self.energy(c**-2, c, c) for c in ends]) for ends in (b + h, b - h))
-        if not np.allclose(by_step, (above - below) / (2 * h), rtol=1e-4, atol=1e-4 * np.abs(by_step).max()):
-            why = "the strain energy is not analytic in the stretches: use no abs, max, real or conditions"
-            raise InputError(why, "physics.not_analytic")
+        near = np.allclose(by_step, (above - below) / (2 * h), rtol=1e-4, atol=1e-4 * np.abs(by_step).max())
+        why = "the strain energy is not analytic in the stretches: use no abs, max, real or conditions"
+        require(near, why, "physics.not_analytic")
         return super().table()

@@ -11,7 +11,7 @@ from dataclasses import dataclass, field, replace
 from math import exp, sqrt
 from typing import Any
 
-from cavirheo.errors import InputError
+from cavirheo.errors import require
 from cavirheo.physics.law import NOT_NEGATIVE, POSITIVE, POSITIVE_OR_INFINITE, check
 
 
@@ -40,12 +40,9 @@ class Medium:
 
     def __post_init__(self) -> None:
         check(self)
-        if not self.vapour_pressure < self.pressure:
-            raise InputError(
-                f"the vapour pressure ({self.vapour_pressure:.4g} Pa at {self.temperature} K) must be below the "
-                f"ambient pressure ({self.pressure:.4g} Pa): the liquid would boil",
-                "physics.boiling",
-            )
+        boils = f"the vapour pressure ({self.vapour_pressure:.4g} Pa at {self.temperature} K) must be below the "
+        boils += f"ambient pressure ({self.pressure:.4g} Pa): the liquid would boil"
+        require(self.vapour_pressure < self.pressure, boils, "physics.boiling")
 
     @property
     def vapour_pressure(self) -> float:
@@ -76,8 +73,7 @@ def medium(name: str, **constants: float | None) -> Medium:
 
     Raises InputError: unknown name (with the known ones), or a constant out of its domain.
     """
-    if name not in MEDIA:
-        raise InputError(f"unknown medium {name!r}; known: {', '.join(MEDIA)}", "physics.unknown_medium")
+    require(name in MEDIA, f"unknown medium {name!r}; known: {', '.join(MEDIA)}", "physics.unknown_medium")
     base = MEDIA[name]
     changes: Any = {key: value for key, value in constants.items() if value is not None}
     return replace(base, **changes, name=f"{base.name}, changed") if changes else base

@@ -16,7 +16,7 @@ from typing import ClassVar
 import numpy as np
 
 from cavirheo.arrays import Floats
-from cavirheo.physics.law import NOT_NEGATIVE, POSITIVE, Material
+from cavirheo.physics.law import NOT_NEGATIVE, POSITIVE, Material, Parts
 
 
 @dataclass(frozen=True)
@@ -27,9 +27,8 @@ class Arm(Material):
     relaxation_time: float = field(metadata=POSITIVE)
     terms: ClassVar[tuple[tuple[float, float], ...]] = ()  # C_k/modulus and n_k
 
-    @property
-    def memory(self) -> tuple[Arm, ...]:
-        return (self,)
+    def parts(self) -> Parts:
+        return Parts(memory=(self,))
 
     @property
     def modulus(self) -> float:
