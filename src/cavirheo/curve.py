@@ -126,8 +126,7 @@ class RadiusCurve:
             InputError: it cannot be determined: the curve is `unusable` or `unscaled`, has fewer than 5 measured
                 frames, no fall after the maximum, or no frame near it.
         """
-        if self.unscaled:
-            raise self._error(f"{self.unscaled}; give the true R_max (--rmax-um)", "unscaled")
+        self._require(not self.unscaled, f"{self.unscaled}; give the true R_max (--rmax-um)", "unscaled")
         return self._maximum[1]
 
     @property
@@ -139,12 +138,10 @@ class RadiusCurve:
     def _maximum(self) -> tuple[float, float]:
         if self.maximum is not None:
             return self.maximum
-        if self.unusable:
-            raise self._error(self.unusable, "unusable")
+        self._require(not self.unusable, self.unusable, "unusable")
         time, radius = self._finite
-        measured = f"{len(time)} of {len(self.time)} frames have a radius"
-        if len(time) < _FEWEST_FRAMES:
-            raise self._error(f"{measured}; at least {_FEWEST_FRAMES} are needed", "few_frames")
+        few = f"{len(time)} of {len(self.time)} frames have a radius; at least {_FEWEST_FRAMES} are needed"
+        self._require(len(time) >= _FEWEST_FRAMES, few, "few_frames")
         try:
             return fit_maximum(time, radius, self.stated_time_of_max)
         except InputError as error:
@@ -183,8 +180,8 @@ class RadiusCurve:
             return 0.0
         return float(1.4826 * np.median(np.abs(np.diff(radius[1:], 3))) / np.sqrt(20.0))
 
-    def _error(self, message: str, code: str) -> InputError:
-        return InputError(f"{self.name}: {message}", f"curve.{code}")
+    def _require(self, fine: bool, message: str, code: str) -> None:
+        require(fine, f"{self.name}: {message}", f"curve.{code}")
 
     def with_notes(self, *notes: str) -> RadiusCurve:
         """The same curve with more notes."""
@@ -237,10 +234,9 @@ class RadiusCurve:
         time, radius = self._after_max
         since_max, wanted = time - time[0], step * np.arange(count)
         missing = wanted > since_max[-1] * (1.0 + 1e-9)
-        if np.any(missing) and not allow_short:
-            ends = f"the recording ends {since_max[-1] * 1e6:.4g} us after R_max"
-            needed = f"{wanted[-1] * 1e6:.4g} us are needed ({count} samples at {step * 1e6:.4g} us)"
-            raise self._error(f"{ends}; {needed}", "short")
+        ends = f"the recording ends {since_max[-1] * 1e6:.4g} us after R_max"
+        needed = f"{wanted[-1] * 1e6:.4g} us are needed ({count} samples at {step * 1e6:.4g} us)"
+        self._require(allow_short or not missing.any(), f"{ends}; {needed}", "short")
         result = np.asarray(PchipInterpolator(time, radius)(np.minimum(time[0] + wanted, time[-1])))
         result[missing] = np.nan
         result[0] = top
@@ -269,33 +265,30 @@ class RadiusCurve:
         stop = time[-1] if end is None else start + end
         if collapses is not None:
             minima, maxima = self._turning_points
-            if not 1 <= collapses <= len(minima):
-                shown = f"a window of {collapses} collapses was asked; the curve shows {len(minima)}"
-                raise self._error(shown, "collapses")
+            shown = f"a window of {collapses} collapses was asked; the curve shows {len(minima)}"
+            self._require(1 <= collapses <= len(minima), shown, "collapses")
             rebounds = [i for i in maxima if i > minima[collapses - 1]]
             stop = min(stop, time[rebounds[0]] if rebounds else time[-1])
         inside = (self.time >= start) & (self.time <= stop)
-        if np.count_nonzero(inside & np.isfinite(self.radius)) < 2:
-            few = f"fewer than two measured frames between R_max and {stop - start:.4g} s after it"
-            raise self._error(few, "window")
+        left = np.count_nonzero(inside & np.isfinite(self.radius))
+        few = f"fewer than two measured frames between R_max and {stop - start:.4g} s after it"
+        self._require(left > 1, few, "window")
         parts = {name: getattr(self, name)[inside] for name in ("time", "radius", "radius_std")}
         return replace(self, **parts, maximum=(start, top))
 
     def strain_rate(self) -> float:
         """Mean strain rate at the bubble wall between R_max and the first violent collapse, 1/s.
 
-        For an incompressible medium the wall's radial logarithmic strain rate is -2 R'/R, and the radius only falls
-        between the two, so its mean is (1/(t_1 - t_max)) int |2 R'/R| dt = 2 ln(R_max/R_1)/(t_1 - t_max), R_1 being
-        the smallest *measured* radius of the first collapse. The hoop rate is half of it. Collapses are under-sampled:
-        R_1 is too large and the rate too small (a true minimum half as large adds 2 ln 2/(t_1 - t_max)).
+        For an incompressible medium the wall's radial logarithmic strain rate is -2 R'/R, whose mean is
+        2 ln(R_max/R_1)/(t_1 - t_max), R_1 being the smallest *measured* radius of the first collapse; the hoop rate is
+        half of it. Collapses are under-sampled: a true minimum half as large adds 2 ln 2/(t_1 - t_max).
 
         Raises:
             InputError: the curve shows no collapse.
         """
         time, radius = self._after_max
         minima = self._turning_points[0]
-        if not minima:
-            raise self._error("the curve shows no collapse, so there is no strain rate up to it", "collapses")
+        self._require(bool(minima), "the curve shows no collapse, so there is no strain rate up to it", "collapses")
         return 2.0 * log(self.max_radius / radius[minima[0]]) / (float(self.collapse_times()[0]) - time[0])
 
     def stretch_from_tail(self) -> tuple[float, float] | None:
@@ -303,8 +296,7 @@ class RadiusCurve:
 
         The plateau is the last third of the time after R_max. It must hold at least 8 frames, lie at least two collapse
         periods after R_max (if there are collapses), scatter by less than 5 % (residual oscillation included), and
-        drift by less than 5 % in itself and against the sixth of the time before it. The deviation is that of the
-        scatter and the drift, not the standard error of the mean: what is left of the oscillation is not noise.
+        drift by less than 5 % in itself and against the sixth of the time before it: the deviation is that of both.
         """
         time, radius = self._after_max
         duration = time[-1] - time[0]
@@ -332,28 +324,24 @@ class RadiusCurve:
         passes. None as well where the curve shows no collapse.
         """
         try:
-            max_radius, times = self.max_radius, self.collapse_times()
-        except InputError:
+            seen = float(self.collapse_times()[0] - self.time_of_max)
+            ratio = seen / (RAYLEIGH * self.max_radius * float(np.sqrt(density / pressure)))
+        except (InputError, IndexError):
             return None
-        if len(times) == 0:
-            return None
-        ratio = float(times[0] - self.time_of_max) / (RAYLEIGH * max_radius * float(np.sqrt(density / pressure)))
         if 0.5 <= ratio <= 1.6:
             return None
         stiff = pressure * (max(ratio, 1e-3) ** -2 - 1.0) / 2.5
         cause = "a very large viscosity (or a radius in pixels)"
         if ratio < 1.0:
             cause = f"a shear modulus near {stiff / 1e3:.2g} kPa (or a diameter given as radius)"
-        return (
-            f"CHECK THE SCALE of radius and time: the first collapse comes {ratio:.2g} Rayleigh times after R_max "
-            f"({max_radius * 1e6:.4g} um); it would take {cause}"
-        )
+        found = f"the first collapse comes {ratio:.2g} Rayleigh times after R_max ({self.max_radius * 1e6:.4g} um)"
+        return f"CHECK THE SCALE of radius and time: {found}; it would take {cause}"
 
     def plot(self, axes: Axes | None = None) -> Axes:
         """Draw the radius over the time after R_max into `axes` (matplotlib), by default into those of a new figure.
 
-        A curve without a scale or a maximum is drawn on its own clock, over its largest radius. Returns the axes; their
-        figure is `axes.figure`. Raises InputError without matplotlib.
+        A curve without a scale or a maximum is drawn on its own clock, over its largest radius. Returns the axes.
+        Raises InputError without matplotlib.
         """
         from cavirheo.writing import style
 

@@ -1,17 +1,17 @@
 """Where a radius history has its maximum and its collapses: the fits behind RadiusCurve, on bare arrays.
 
 - *Maximum.* Near its maximum a collapsing bubble follows R = R_max (1 - a s^2 - (2/3) a^2 s^4), s = t - t_max: the
-  series of Rayleigh's equation R R'' + (3/2) R'^2 = -P to fourth order, with the one unknown a = P/(2 R_max^2), so it
-  holds for any constant driving pressure P. (R_max, t_max, a) are fitted to the samples above 0.9 R_max, each weighted
-  down as its residual passes 0.5 % of R_max, so that a single bad frame does not decide. Growth and collapse are not
-  mirror images (viscosity): a term k s^3 joins where the noise is low enough to see it.
+  series of Rayleigh's equation R R'' + (3/2) R'^2 = -P to fourth order, a = P/(2 R_max^2), for any constant driving
+  pressure P. (R_max, t_max, a) are fitted to the samples above 0.9 R_max, each weighted down as its residual passes
+  0.5 % of R_max. Growth and collapse are not mirror images (viscosity): a term k s^3 joins where the noise is low
+  enough to see it.
 - *Collapses.* A turning point counts when the radius rises again by more than the larger of 3 % of R_max and six
   standard deviations of the noise. Its time is where the two branches meet: R^(5/2) is linear in time on either side of
   an inertial collapse, and the two lines through the neighbours of the smallest sample cross there.
 
 Measured on simulated shots with 0.5 % noise and 10 or 25 frames per R_max sqrt(rho/p) (tests/test_curve.py): R_max to
-0.3 % (standard deviation; bias below 0.1 %), its time to 0.008 R_max sqrt(rho/p), the first collapse to 0.1 frames;
-with 2 % noise R_max to 1.5 %. At Re = 5 the skew, hidden in noise, shifts the time by 0.01 R_max sqrt(rho/p).
+0.3 % (bias below 0.1 %), its time to 0.008 R_max sqrt(rho/p), the first collapse to 0.1 frames; with 2 % noise R_max to
+1.5 %. At Re = 5 the skew, hidden in noise, shifts the time by 0.01 R_max sqrt(rho/p).
 """
 
 from __future__ import annotations

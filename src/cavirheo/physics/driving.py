@@ -27,14 +27,11 @@ class Driving(Protocol):
 @dataclass(frozen=True)
 class Pulse:
     """One cycle of focused ultrasound, p_A {[1 + cos(2 pi f (t - centre))]/2}^n within half a period of its centre.
+    Gaudron, Warnez and Johnsen 2015, doi:10.1017/jfm.2015.7."""
 
-    amplitude p_A in Pa, negative for tension; frequency f in Hz; centre in s; exponent n.
-    Gaudron, Warnez and Johnsen 2015, doi:10.1017/jfm.2015.7.
-    """
-
-    amplitude: float = field(metadata=FINITE)
-    frequency: float = field(metadata=POSITIVE)
-    centre: float = field(metadata=FINITE)
+    amplitude: float = field(metadata=FINITE)  # p_A, Pa; negative for tension
+    frequency: float = field(metadata=POSITIVE)  # Hz
+    centre: float = field(metadata=FINITE)  # s
     exponent: float = field(default=3.7, metadata=domain("at least 1", lambda x: 1 <= x < inf))
 
     def __post_init__(self) -> None:
@@ -59,15 +56,13 @@ class Pulse:
 
 @dataclass(frozen=True, eq=False)
 class Trace:
-    """A measured or computed pressure, Pa above ambient, at ascending times in s; held at both its ends.
-
-    Between the samples monotone cubics (PCHIP): no pressure is invented beyond the samples' own.
+    """A measured or computed pressure above ambient: monotone cubics (PCHIP) between its samples, held at both ends.
 
     Raises:
         InputError: fewer than two samples, not finite, not ascending, or not as many times as pressures.
     """
 
-    time: Floats  # (n,) s
+    time: Floats  # (n,) s, ascending
     pressure: Floats  # (n,) Pa
 
     def __post_init__(self) -> None:

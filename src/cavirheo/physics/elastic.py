@@ -83,9 +83,7 @@ class _Closed(Elastic):
 @dataclass(frozen=True)
 class Linear(_Closed):
     """Linear elasticity, shear modulus G in Pa: S_el = -(4/3) G (1 - q^3).
-
-    Yang and Church 2005, doi:10.1121/1.2118307.
-    """
+    Yang and Church 2005, doi:10.1121/1.2118307."""
 
     shear_modulus: float = field(metadata=NOT_NEGATIVE)
 
@@ -98,9 +96,7 @@ class Linear(_Closed):
 @dataclass(frozen=True)
 class Quadratic(_Closed):
     """W = G/2 [(I_1-3) + alpha/2 (I_1-3)^2], G in Pa; stiffening alpha = 0 is neo-Hookean.
-
-    Yang et al. 2020, doi:10.1016/j.eml.2020.100839.
-    """
+    Yang et al. 2020, doi:10.1016/j.eml.2020.100839."""
 
     shear_modulus: float = field(metadata=NOT_NEGATIVE)
     stiffening: float = field(default=0.0, metadata=NOT_NEGATIVE)
@@ -121,9 +117,7 @@ class Quadratic(_Closed):
 @dataclass(frozen=True)
 class NeoHookean(Quadratic):
     """W = G/2 (I_1-3), shear modulus G in Pa.
-
-    Gaudron, Warnez and Johnsen 2015, doi:10.1017/jfm.2015.7.
-    """
+    Gaudron, Warnez and Johnsen 2015, doi:10.1017/jfm.2015.7."""
 
     stiffening: float = field(default=0.0, init=False, repr=False)
 
@@ -131,9 +125,7 @@ class NeoHookean(Quadratic):
 @dataclass(frozen=True)
 class MooneyRivlin(_Closed):
     """W = C_1 (I_1-3) + C_2 (I_2-3), Pa; shear modulus 2 (C_1 + C_2).
-
-    Mooney 1940, doi:10.1063/1.1712836; Rivlin 1948, doi:10.1098/rsta.1948.0024.
-    """
+    Mooney 1940, doi:10.1063/1.1712836; Rivlin 1948, doi:10.1098/rsta.1948.0024."""
 
     C1: float = field(metadata=FINITE)
     C2: float = field(metadata=FINITE)
@@ -156,9 +148,7 @@ class MooneyRivlin(_Closed):
 @dataclass(frozen=True)
 class Yeoh(Elastic):
     """W = C_1 (I_1-3) + C_2 (I_1-3)^2 + C_3 (I_1-3)^3, Pa; shear modulus 2 C_1.
-
-    Yeoh 1993, doi:10.5254/1.3538343.
-    """
+    Yeoh 1993, doi:10.5254/1.3538343."""
 
     C1: float = field(metadata=NOT_NEGATIVE)
     C2: float = field(default=0.0, metadata=FINITE)
@@ -172,9 +162,7 @@ class Yeoh(Elastic):
 @dataclass(frozen=True)
 class Fung(Elastic):
     """W = G/(2a) [exp(a (I_1-3)) - 1], shear modulus G in Pa; stiffening a = 0 is neo-Hookean.
-
-    Fung 1967, doi:10.1152/ajplegacy.1967.213.6.1532, in its isotropic form.
-    """
+    Fung 1967, doi:10.1152/ajplegacy.1967.213.6.1532, in its isotropic form."""
 
     shear_modulus: float = field(metadata=NOT_NEGATIVE)
     stiffening: float = field(metadata=NOT_NEGATIVE)
@@ -186,9 +174,7 @@ class Fung(Elastic):
 @dataclass(frozen=True)
 class Gent(Elastic):
     """W = -(G J_m/2) ln(1 - (I_1-3)/J_m), shear modulus G in Pa: the chains are taut (lock-up) at I_1 - 3 = J_m.
-
-    Gent 1996, doi:10.5254/1.3538357.
-    """
+    Gent 1996, doi:10.5254/1.3538357."""
 
     shear_modulus: float = field(metadata=NOT_NEGATIVE)
     limit: float = field(metadata=POSITIVE)  # J_m
@@ -201,10 +187,8 @@ class Gent(Elastic):
 @dataclass(frozen=True)
 class ArrudaBoyce(Elastic):
     """Eight-chain network of chains with N segments, the energy's series to fifth order; modulus G in Pa.
-
     W = G sum_i c_i (I_1^i - 3^i)/N^(i-1). N -> infinity is neo-Hookean; at finite N the small-strain modulus is
-    somewhat above G. Arruda and Boyce 1993, doi:10.1016/0022-5096(93)90013-6.
-    """
+    somewhat above G. Arruda and Boyce 1993, doi:10.1016/0022-5096(93)90013-6."""
 
     shear_modulus: float = field(metadata=NOT_NEGATIVE)
     segments: float = field(metadata=POSITIVE_OR_INFINITE)  # N
@@ -217,9 +201,7 @@ class ArrudaBoyce(Elastic):
 @dataclass(frozen=True)
 class Ogden(Elastic):
     """W = sum_i mu_i/alpha_i (l1^alpha_i + l2^alpha_i + l3^alpha_i - 3), mu_i in Pa; shear modulus sum mu_i alpha_i/2.
-
-    Each mu_i alpha_i must not be negative (stability). Ogden 1972, doi:10.1098/rspa.1972.0026.
-    """
+    Each mu_i alpha_i must not be negative (stability). Ogden 1972, doi:10.1098/rspa.1972.0026."""
 
     moduli: tuple[float, ...]
     exponents: tuple[float, ...]

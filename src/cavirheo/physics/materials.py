@@ -1,7 +1,6 @@
-"""Constitutive laws of the material around the bubble: an elastic part, a viscous part and arms that remember.
+"""Materials that are sums of laws: an elastic part, a viscous part and arms that remember.
 
-The parts combine freely, `Viscoelastic(Gent(2e3, 40.0), CarreauYasuda(0.5, 0.01, 1e-4, 0.4))`, and each is a material
-by itself. The solver sees tables and does not know which laws they hold (docs/method/physics.md, section 4).
+The solver sees tables and does not know which laws they hold (docs/method/physics.md, section 4).
 """
 
 from __future__ import annotations
@@ -20,7 +19,7 @@ from cavirheo.physics.viscous import Newtonian, Viscous
 class Viscoelastic(Material):
     """Any elastic law beside any viscous law (Kelvin-Voigt) and any number of Maxwell arms; their stresses add.
 
-    A part that the material does not have is None, or is left out.
+    `Viscoelastic(Gent(2e3, 40.0), CarreauYasuda(0.5, 0.01, 1e-4, 0.4))`. A part that it does not have is None.
     """
 
     elastic: Elastic | None = None
@@ -41,9 +40,7 @@ class Viscoelastic(Material):
 @dataclass(frozen=True)
 class NeoHookeanKelvinVoigt(Material):
     """NHKV: neo-Hookean spring (shear modulus, Pa) beside a dashpot (viscosity, Pa s).
-
-    Estrada et al. 2018, doi:10.1016/j.jmps.2017.12.006.
-    """
+    Estrada et al. 2018, doi:10.1016/j.jmps.2017.12.006."""
 
     shear_modulus: float = field(metadata=NOT_NEGATIVE)
     viscosity: float = field(metadata=NOT_NEGATIVE)
@@ -56,9 +53,7 @@ class NeoHookeanKelvinVoigt(Material):
 @dataclass(frozen=True)
 class QuadraticKelvinVoigt(Material):
     """qKV: W = G/2 [(I1-3) + alpha/2 (I1-3)^2] beside a dashpot; stiffening alpha is dimensionless.
-
-    Yang et al. 2020, doi:10.1016/j.eml.2020.100839.
-    """
+    Yang et al. 2020, doi:10.1016/j.eml.2020.100839."""
 
     shear_modulus: float = field(metadata=NOT_NEGATIVE)
     viscosity: float = field(metadata=NOT_NEGATIVE)
@@ -72,10 +67,8 @@ class QuadraticKelvinVoigt(Material):
 @dataclass(frozen=True)
 class OldroydB(Material):
     """Dilute polymer solution: an upper-convected Maxwell arm in a Newtonian solvent.
-
     viscosity mu in Pa s is that of both at rest; relaxation time tau_1 and retardation time tau_2 <= tau_1 in s: the
-    solvent has mu tau_2/tau_1. Oldroyd 1950, doi:10.1098/rspa.1950.0035.
-    """
+    solvent has mu tau_2/tau_1. Oldroyd 1950, doi:10.1098/rspa.1950.0035."""
 
     viscosity: float = field(metadata=NOT_NEGATIVE)
     relaxation_time: float = field(metadata=POSITIVE)
@@ -114,9 +107,7 @@ class Zener(Material):
 @dataclass(frozen=True)
 class StandardLinearSolid(Zener):
     """The Zener solid for small strains: a linear spring beside a linear Maxwell arm.
-
-    Hua and Johnsen 2013, doi:10.1063/1.4817673.
-    """
+    Hua and Johnsen 2013, doi:10.1063/1.4817673."""
 
     name: ClassVar[str] = "sls"
 

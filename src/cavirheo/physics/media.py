@@ -1,7 +1,6 @@
-"""Named sets of constants for the liquid and the bubble contents.
+"""Named sets of constants for the liquid and the bubble contents; each says which code of the field it is from.
 
-The mechanical constants differ between the field's codes; each set below says where it comes from. The constants of
-the gas and the vapour are those of Estrada et al. 2018 (doi:10.1016/j.jmps.2017.12.006) throughout, unless a set says
+The gas and the vapour are those of Estrada et al. 2018 (doi:10.1016/j.jmps.2017.12.006) throughout, unless a set says
 otherwise.
 """
 

@@ -64,8 +64,8 @@ def dimensionless(
     """Numbers of a bubble of `max_radius` (m) and `stretch` (1) in a material (SI) and a medium.
 
     Raises:
-        InputError: the radius is not positive, the stretch is below 1 (the bubble starts at its largest radius), the
-            equation of motion is unknown, or it is Gilmore's in an incompressible medium.
+        InputError: the radius is not positive, the stretch is below 1, the equation of motion is unknown, or it is
+            Gilmore's in an incompressible medium.
     """
     require(motion in MOTIONS, f"motion must be one of {', '.join(MOTIONS)}; got {motion!r}", "physics.motion")
     why = "Gilmore's equation needs a finite speed of sound: use motion='rayleigh-plesset'"

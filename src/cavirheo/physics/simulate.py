@@ -58,17 +58,17 @@ def simulate(
         stretch: lambda = R_max/R_0, R_0 the stress-free equilibrium radius.
         time: (n,) s after the start, ascending, from zero or later.
         medium: liquid and gas constants.
-        driving: pressure far from the bubble above the ambient one (physics/driving.py); none by default.
+        driving: pressure far from the bubble above the ambient one (physics/driving.py).
         motion: "keller-miksis", "rayleigh-plesset" (incompressible) or "gilmore" (Tait's liquid).
-        polytropic: exponent of the gas (1 isothermal, 1.4 adiabatic air) beside saturated vapour, the cheap
-            alternative to heat and vapour transport, which are solved if it is None. The start is the same, with the
-            gas of R_0 expanded isothermally, so that with another exponent than 1 the bubble rests above R_0.
+        polytropic: exponent of the gas (1 isothermal, 1.4 adiabatic air) beside saturated vapour, instead of heat and
+            vapour transport. The gas of R_0 is expanded to the start isothermally: with another exponent than 1 the
+            bubble rests above R_0.
         relaxed: laws with memory start unstressed; otherwise with what the growth from R_0 to R_max leaves
-            (physics/growth.py). The instantaneous laws have no such choice.
+            (physics/growth.py).
         fields: keep temperature and vapour in the bubble, `Simulation.contents`.
         precise: ten times as accurate and five times as long as the default, whose error is 1e-4 of R_max in
             the median and up to 2e-3 in the most violent collapses (benchmarks/solver.md).
-        rtol, cells: instead of those of the default, relative error per step and shells across the bubble.
+        rtol, cells: relative error per step and shells across the bubble, instead of the default's.
         throw: raise on a failed solve; otherwise return it with its status.
 
     Raises:

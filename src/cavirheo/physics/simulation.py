@@ -75,10 +75,7 @@ class Simulation:
         return len(turning_points(radius, 0.03 * radius.max(initial=0.0))[0])
 
     def plot(self, axes: Axes | None = None) -> Axes:
-        """R(t), um over us, on these axes or on those of a new figure.
-
-        Raises InputError without matplotlib (the extra [plot]).
-        """
+        """R(t), um over us, on these axes or on those of a new figure. Raises InputError without matplotlib."""
         from cavirheo.writing.style import BLUE, new_axes, new_figure
 
         if axes is None:

@@ -1,9 +1,8 @@
 """A function of one number as a chain of quintic polynomials: how the solver is given every law of a material.
 
-The solver needs a stress with its first two derivatives (docs/method/physics.md, section 4) and must not know the law.
 A row [x, c0 ... c5] of a table holds f(x + t) = c0 + c1 t + ... + c5 t^5 up to the x of the next row; the last row
-only ends the range. Each piece takes value, first and second derivative at both its ends from the law, so the three
-numbers that the solver reads come from one polynomial and its Jacobian is exact. Nodes lie where the law needs them,
+only ends the range. Each piece takes value, first and second derivative at both its ends from the law: the three
+numbers that the solver reads come from one polynomial, and its Jacobian is exact. Nodes lie where the law needs them,
 densely before a singularity, so a table is read by bisection.
 """
 

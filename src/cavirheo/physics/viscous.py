@@ -75,10 +75,8 @@ class Newtonian(Viscous):
 @dataclass(frozen=True)
 class PowerLaw(Viscous):
     """mu = K s^(n-1), consistency K in Pa s^n, exponent n; a viscosity that is finite at rest.
-
     With n < 1 the law itself diverges at rest: s stands for sqrt(shear_rate^2 + rest_rate^2). Collapses have rates of
-    1e4 to 1e7 1/s. Ostwald 1925, doi:10.1007/BF01431449.
-    """
+    1e4 to 1e7 1/s. Ostwald 1925, doi:10.1007/BF01431449."""
 
     consistency: float = field(metadata=NOT_NEGATIVE)
     exponent: float = field(metadata=POSITIVE)
@@ -91,11 +89,9 @@ class PowerLaw(Viscous):
 @dataclass(frozen=True)
 class HerschelBulkley(Viscous):
     """mu = tau_y/s + K s^(n-1), yield stress tau_y in Pa, consistency K in Pa s^n, exponent n.
-
     Regularised: s stands for sqrt(shear_rate^2 + rest_rate^2), so that below the yield stress the material creeps with
     the viscosity tau_y/rest_rate instead of being rigid. Herschel and Bulkley 1926, doi:10.1007/BF01432034; the
-    regularisation is that of Bercovier and Engelman 1980, doi:10.1016/0021-9991(80)90163-1.
-    """
+    regularisation is that of Bercovier and Engelman 1980, doi:10.1016/0021-9991(80)90163-1."""
 
     yield_stress: float = field(metadata=NOT_NEGATIVE)
     consistency: float = field(metadata=NOT_NEGATIVE)
@@ -123,9 +119,7 @@ class _Thinning(Viscous):
 @dataclass(frozen=True)
 class CarreauYasuda(_Thinning):
     """mu = mu_inf + (mu_0 - mu_inf) [1 + (tau s)^a]^((n-1)/a), viscosities in Pa s, tau in s; a = 2 is Carreau's law.
-
-    Carreau 1972, doi:10.1122/1.549276; Yasuda, Armstrong and Cohen 1981, doi:10.1007/BF01513059.
-    """
+    Carreau 1972, doi:10.1122/1.549276; Yasuda, Armstrong and Cohen 1981, doi:10.1007/BF01513059."""
 
     exponent: float = field(metadata=FINITE)
     transition: float = field(default=2.0, metadata=POSITIVE)
@@ -138,9 +132,7 @@ class CarreauYasuda(_Thinning):
 @dataclass(frozen=True)
 class Cross(_Thinning):
     """mu = mu_inf + (mu_0 - mu_inf)/[1 + (tau s)^m], viscosities in Pa s, tau in s.
-
-    Cross 1965, doi:10.1016/0095-8522(65)90022-X.
-    """
+    Cross 1965, doi:10.1016/0095-8522(65)90022-X."""
 
     exponent: float = field(default=1.0, metadata=POSITIVE)
 
@@ -151,9 +143,7 @@ class Cross(_Thinning):
 @dataclass(frozen=True)
 class PowellEyring(_Thinning):
     """mu = mu_inf + (mu_0 - mu_inf) asinh(tau s)/(tau s), viscosities in Pa s, tau in s.
-
-    Powell and Eyring 1944, doi:10.1038/154427a0.
-    """
+    Powell and Eyring 1944, doi:10.1038/154427a0."""
 
     def apparent(self, shear_rate: Floats) -> Floats:
         x = self.time * shear_rate
