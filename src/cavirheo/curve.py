@@ -236,7 +236,7 @@ class RadiusCurve:
         missing = wanted > since_max[-1] * (1.0 + 1e-9)
         ends = f"the recording ends {since_max[-1] * 1e6:.4g} us after R_max"
         needed = f"{wanted[-1] * 1e6:.4g} us are needed ({count} samples at {step * 1e6:.4g} us)"
-        self._require(allow_short or not missing.any(), f"{ends}; {needed}", "short")
+        self._require(bool(allow_short or not missing.any()), f"{ends}; {needed}", "short")
         result = np.asarray(PchipInterpolator(time, radius)(np.minimum(time[0] + wanted, time[-1])))
         result[missing] = np.nan
         result[0] = top
@@ -272,7 +272,7 @@ class RadiusCurve:
         inside = (self.time >= start) & (self.time <= stop)
         left = np.count_nonzero(inside & np.isfinite(self.radius))
         few = f"fewer than two measured frames between R_max and {stop - start:.4g} s after it"
-        self._require(left > 1, few, "window")
+        self._require(bool(left > 1), few, "window")
         parts = {name: getattr(self, name)[inside] for name in ("time", "radius", "radius_std")}
         return replace(self, **parts, maximum=(start, top))
 
