@@ -21,10 +21,12 @@ def evaluate(
 ) -> None:
     """How good a model is on simulated curves: metrics.json, tables (evaluation.md) and figures."""
     from cavirheo.inference.model import path_of
-    from cavirheo.physics.simulate import load_solver
-    from cavirheo.training import evaluate as judge
+    from cavirheo.training.evaluate import evaluate as judge
+    from cavirheo.training.evaluate import markdown
 
     if robustness:
+        from cavirheo.physics.simulate import load_solver
+
         load_solver()
-    print(judge.markdown(judge.evaluate(path_of(model), data, out, robust=robustness, progress=True)))
+    print(markdown(judge(path_of(model), data, out, robust=robustness, progress=True)))
     print(f"written to {out}", file=sys.stderr)
