@@ -8,9 +8,10 @@ from inspect import signature
 import pytest
 
 from cavirheo.errors import InputError
+from cavirheo.parameters import PARAMETERS
 from cavirheo.physics import elastic, materials, memory, viscous
 from cavirheo.physics.elastic import Gent, Linear, NeoHookean, Ogden, StrainEnergy, Yeoh
-from cavirheo.physics.laws import EXAMPLE, LAWS, UNITS, combine, parse, summary, usage
+from cavirheo.physics.laws import EXAMPLE, LAWS, combine, parse, summary, usage
 from cavirheo.physics.materials import Material, NeoHookeanKelvinVoigt, Viscoelastic, Zener
 from cavirheo.physics.memory import Arm, Maxwell, UpperConvectedMaxwell
 from cavirheo.physics.viscous import CarreauYasuda, Newtonian, PowerLaw, Viscosity
@@ -59,7 +60,7 @@ def test_every_law_by_position_and_by_name(name):
 @pytest.mark.parametrize("name", LAWS)
 def test_every_law_is_described(name):
     takes = signature(LAWS[name]).parameters
-    assert takes.keys() <= UNITS.keys()
+    assert takes.keys() <= PARAMETERS.keys()
     assert usage(name).startswith(f"{name}(")
     assert all(f"{key} [" in usage(name) for key in takes)
     assert summary(name).endswith(".")
@@ -73,7 +74,7 @@ def test_units_and_defaults_are_shown():
 
 
 def test_no_law_is_forgotten():
-    """All but the two that hold a Python function, the one that holds other laws and a base; no unit is left over."""
+    """All but the two that hold a Python function, the one that holds others and a base; parameters have units."""
     unnamed = {StrainEnergy, Viscosity, Viscoelastic, Arm}
     here = {
         law
@@ -82,7 +83,7 @@ def test_no_law_is_forgotten():
         if is_dataclass(law) and law.__module__ == module.__name__
     }
     assert {law for law in here if law.__name__[0] != "_"} - unnamed == set(LAWS.values())
-    assert {field.name for law in LAWS.values() for field in fields(law)} == UNITS.keys()
+    assert {field.name for law in LAWS.values() for field in fields(law)} <= PARAMETERS.keys()
 
 
 @pytest.mark.parametrize(

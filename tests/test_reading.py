@@ -432,6 +432,7 @@ def bad_files(folder):
     (folder / "twice.csv").write_text("time_us,radius_um,radius_um\n1,2,3\n")
     (folder / "swapped.csv").write_text("time_um,radius_us\n1,2\n")
     (folder / "numbers.csv").write_text("1,2\n2,3\n")
+    (folder / "hollow.txt").write_text("-1000,-1000\n1,0\n-1000,-1000\n")
     (folder / "noise.bin").write_bytes(bytes(range(256)) * 20)
     (folder / "clip.mp4").write_bytes(b"\x00" * 64)
     savemat(folder / "other.mat", {"G": 1.0, "speed": np.arange(3.0)})
@@ -470,6 +471,7 @@ def bad(tmp_path_factory):
         ("twice.csv", "table.twice", "radius"),
         ("swapped.csv", "table.units", "time in um and radius in us"),
         ("numbers.csv", "table.header", "time_us,radius_um"),
+        ("hollow.txt", "table.empty", "-1000"),
         ("noise.bin", "reading.binary", ""),
         ("clip.mp4", "reading.video", "time_us,radius_um"),
         ("other.mat", "matlab.variables", "G, speed; expected R_nondim_All"),

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, Generic, Protocol, TypeVar
 import numpy as np
 
 from cavirheo.arrays import Floats
-from cavirheo.errors import InputError
+from cavirheo.errors import InputError, require
 from cavirheo.landmarks import RAYLEIGH, collapse_time, fit_maximum, spikes, turning_points
 
 if TYPE_CHECKING:
@@ -45,18 +45,8 @@ class RadiusCurve:
     """A measured radius history.
 
     time: (n,) s, strictly increasing, any spacing and any origin. radius: (n,) m, positive; NaN is a frame without a
-    measurement. radius_std: (n,) m, NaN where unknown. meta: what is known about the recording; these keys are
-    attributes too, and every one may be missing:
-
-    | key | attribute |
-    |---|---|
-    | name | name: of the curve |
-    | notes | notes: what was recognised, converted or left out on the way from the file to this curve |
-    | source, source_sha256 | source, source_sha256: the file, as it was given |
-    | group, group_source | group, group_source: the shots of one material (one file), and its file or folder |
-    | stretch, stretch_std | stretch, stretch_std: R_max/R_0 as the file states it |
-    | frame_rate_hz | frame_rate, 1/s |
-    | exposure_s | exposure: of a frame, s, centred on its time |
+    measurement. radius_std: (n,) m, NaN where unknown. meta: what is known about the recording; the keys `group`,
+    `group_source` and those below are attributes too, and every one may be missing.
 
     maximum: (time in s, R_max in m), which is fitted to the samples (landmarks.py) where it is not given.
     stated_time_of_max: s, as the file has it; counts where the recording does not show the growth.
@@ -81,38 +71,33 @@ class RadiusCurve:
     unusable: str = ""
 
     name = _Stated("name", "curve")
-    notes = _Stated[tuple[str, ...]]("notes", ())
-    source = _Stated("source", "")
+    notes = _Stated[tuple[str, ...]]("notes", ())  # what was recognised, converted or left out
+    source = _Stated("source", "")  # the file, as it was given
     source_sha256 = _Stated[str | None]("source_sha256", None)
-    stretch = _Stated[float | None]("stretch", None)
+    stretch = _Stated[float | None]("stretch", None)  # R_max/R_0 as the file states it
     stretch_std = _Stated[float | None]("stretch_std", None)
-    frame_rate = _Stated[float | None]("frame_rate_hz", None)
-    exposure = _Stated("exposure_s", 0.0)
+    frame_rate = _Stated[float | None]("frame_rate_hz", None)  # 1/s
+    exposure = _Stated("exposure_s", 0.0)  # of a frame, s, centred on its time
 
     def __post_init__(self) -> None:
         time, radius, std = (np.array(a, dtype=np.float64) for a in (self.time, self.radius, self.radius_std))
-        if std.size == 0:
-            std = np.full(radius.shape, np.nan)
-        if time.ndim != 1 or time.shape != radius.shape or std.shape != radius.shape:
-            raise InputError(
-                "time, radius and radius_std must be one-dimensional and of one length, got shapes "
-                f"{time.shape}, {radius.shape}, {std.shape}",
-                "curve.shape",
-            )
-        if not np.all(np.isfinite(time)):
+        std = std if std.size else np.full(radius.shape, np.nan)
+        shapes = f"{time.shape}, {radius.shape}, {std.shape}"
+        fine = time.ndim == 1 and time.shape == radius.shape == std.shape
+        expected = "time, radius and radius_std must be one-dimensional and of one length"
+        require(fine, f"{expected}, got shapes {shapes}", "curve.shape")
+        if not np.isfinite(time).all():
             raise InputError(f"time must be finite; sample {np.argmin(np.isfinite(time))} is not", "curve.time")
         if np.any(np.diff(time) <= 0):
-            sample = int(np.argmax(np.diff(time) <= 0)) + 1
-            raise InputError(
-                f"time must increase strictly; sample {sample} ({time[sample]:.6g} s) does not", "curve.time"
-            )
-        if np.any(radius <= 0) or np.any(np.isinf(radius)):
-            raise InputError("radius must be positive and finite; a frame without a measurement is NaN", "curve.radius")
+            at = int(np.argmax(np.diff(time) <= 0)) + 1
+            raise InputError(f"time must increase; sample {at} ({time[at]:.6g} s) does not", "curve.time")
+        good = not np.any((radius <= 0) | np.isinf(radius))
+        require(good, "radius must be positive and finite; a frame without a measurement is NaN", "curve.radius")
         for name, array in (("time", time), ("radius", radius), ("radius_std", std)):
             array.setflags(write=False)
             object.__setattr__(self, name, array)
-        known = {"name": str(self.meta.get("name", "curve")), "notes": tuple(self.meta.get("notes", ()))}
-        object.__setattr__(self, "meta", {**known, **self.meta, **known})
+        words = {"name": str(self.meta.get("name", "curve")), "notes": tuple(self.meta.get("notes", ()))}
+        object.__setattr__(self, "meta", {**words, **self.meta, **words})
 
     def __repr__(self) -> str:
         rate = f" at {self.frame_rate:.4g}/s" if self.frame_rate else ""
@@ -137,11 +122,11 @@ class RadiusCurve:
     def max_radius(self) -> float:
         """R_max in m: `maximum`, else by the local fit (landmarks.py).
 
-        Raises InputError when it cannot be determined: the curve is `unusable` or `unscaled`, has fewer than 5 measured
-        frames, no fall after the maximum, or no frame near it.
+        Raises:
+            InputError: it cannot be determined: the curve is `unusable` or `unscaled`, has fewer than 5 measured
+                frames, no fall after the maximum, or no frame near it.
         """
-        if self.unscaled:
-            raise self._error(f"{self.unscaled}; give the true R_max (--rmax-um)", "unscaled")
+        self._require(not self.unscaled, f"{self.unscaled}; give the true R_max (--rmax-um)", "unscaled")
         return self._maximum[1]
 
     @property
@@ -153,12 +138,10 @@ class RadiusCurve:
     def _maximum(self) -> tuple[float, float]:
         if self.maximum is not None:
             return self.maximum
-        if self.unusable:
-            raise self._error(self.unusable, "unusable")
+        self._require(not self.unusable, self.unusable, "unusable")
         time, radius = self._finite
-        if len(time) < _FEWEST_FRAMES:
-            measured = f"{len(time)} of {len(self.time)} frames have a radius"
-            raise self._error(f"{measured}; at least {_FEWEST_FRAMES} are needed", "few_frames")
+        few = f"{len(time)} of {len(self.time)} frames have a radius; at least {_FEWEST_FRAMES} are needed"
+        self._require(len(time) >= _FEWEST_FRAMES, few, "few_frames")
         try:
             return fit_maximum(time, radius, self.stated_time_of_max)
         except InputError as error:
@@ -197,8 +180,8 @@ class RadiusCurve:
             return 0.0
         return float(1.4826 * np.median(np.abs(np.diff(radius[1:], 3))) / np.sqrt(20.0))
 
-    def _error(self, message: str, code: str) -> InputError:
-        return InputError(f"{self.name}: {message}", f"curve.{code}")
+    def _require(self, fine: bool, message: str, code: str) -> None:
+        require(fine, f"{self.name}: {message}", f"curve.{code}")
 
     def with_notes(self, *notes: str) -> RadiusCurve:
         """The same curve with more notes."""
@@ -217,23 +200,17 @@ class RadiusCurve:
 
         Times stay, except where the file gives time only in units of R_max sqrt(rho/p) and no R_max.
         """
-        if not 0 < max_radius < np.inf:
-            raise InputError(f"the maximum radius must be positive, got {max_radius!r} m", "curve.max_radius")
+        why = f"the maximum radius must be positive, got {max_radius!r} m"
+        require(0 < max_radius < np.inf, why, "curve.max_radius")
         start, top = self._maximum
         scale = max_radius / top
         time_factor = max_radius if self.time_unscaled else 1.0
         said = f"R_max set to {max_radius * 1e6:.4g} um" + ("" if self.unscaled else f": radii scaled by {scale:.4g}")
         return replace(
-            self,
-            time=self.time * time_factor,
-            radius=self.radius * scale,
-            radius_std=self.radius_std * scale,
-            meta={**self.meta, "notes": (*self.notes, said)},
-            maximum=(start * time_factor, float(max_radius)),
-            stated_time_of_max=None,
-            unscaled="",
-            time_unscaled=False,
-        )
+            self, time=self.time * time_factor, radius=self.radius * scale, radius_std=self.radius_std * scale,
+            meta={**self.meta, "notes": (*self.notes, said)}, maximum=(start * time_factor, float(max_radius)),
+            stated_time_of_max=None, unscaled="", time_unscaled=False,
+        )  # fmt: skip
 
     def normalised(self, medium: TimeScale) -> tuple[Floats, Floats]:
         """(m,) t* = (t - t_max)/t_c and (m,) R* = R/R_max of the measured frames, growth (t* < 0) included."""
@@ -251,18 +228,15 @@ class RadiusCurve:
         """
         from scipy.interpolate import PchipInterpolator
 
-        if not step > 0 or count < 1:
-            raise InputError(f"step must be positive and count at least 1, got {step!r} s and {count!r}", "curve.step")
+        why = f"step must be positive and count at least 1, got {step!r} s and {count!r}"
+        require(step > 0 and count >= 1, why, "curve.step")
         top = self.max_radius
         time, radius = self._after_max
         since_max, wanted = time - time[0], step * np.arange(count)
         missing = wanted > since_max[-1] * (1.0 + 1e-9)
-        if np.any(missing) and not allow_short:
-            raise self._error(
-                f"the recording ends {since_max[-1] * 1e6:.4g} us after R_max; "
-                f"{wanted[-1] * 1e6:.4g} us are needed ({count} samples at {step * 1e6:.4g} us)",
-                "short",
-            )
+        ends = f"the recording ends {since_max[-1] * 1e6:.4g} us after R_max"
+        needed = f"{wanted[-1] * 1e6:.4g} us are needed ({count} samples at {step * 1e6:.4g} us)"
+        self._require(bool(allow_short or not missing.any()), f"{ends}; {needed}", "short")
         result = np.asarray(PchipInterpolator(time, radius)(np.minimum(time[0] + wanted, time[-1])))
         result[missing] = np.nan
         result[0] = top
@@ -291,34 +265,30 @@ class RadiusCurve:
         stop = time[-1] if end is None else start + end
         if collapses is not None:
             minima, maxima = self._turning_points
-            if not 1 <= collapses <= len(minima):
-                asked = f"a window of {collapses} collapses was asked"
-                raise self._error(f"{asked}; the curve shows {len(minima)}", "collapses")
+            shown = f"a window of {collapses} collapses was asked; the curve shows {len(minima)}"
+            self._require(1 <= collapses <= len(minima), shown, "collapses")
             rebounds = [i for i in maxima if i > minima[collapses - 1]]
             stop = min(stop, time[rebounds[0]] if rebounds else time[-1])
         inside = (self.time >= start) & (self.time <= stop)
-        if np.count_nonzero(inside & np.isfinite(self.radius)) < 2:
-            raise self._error(
-                f"fewer than two measured frames between R_max and {stop - start:.4g} s after it", "window"
-            )
+        left = np.count_nonzero(inside & np.isfinite(self.radius))
+        few = f"fewer than two measured frames between R_max and {stop - start:.4g} s after it"
+        self._require(bool(left > 1), few, "window")
         parts = {name: getattr(self, name)[inside] for name in ("time", "radius", "radius_std")}
         return replace(self, **parts, maximum=(start, top))
 
     def strain_rate(self) -> float:
         """Mean strain rate at the bubble wall between R_max and the first violent collapse, 1/s.
 
-        For an incompressible medium the wall's radial logarithmic strain rate is -2 R'/R, and the radius only falls
-        between the two, so its mean is (1/(t_1 - t_max)) int |2 R'/R| dt = 2 ln(R_max/R_1)/(t_1 - t_max), R_1 being
-        the smallest *measured* radius of the first collapse. The hoop rate is half of it. Collapses are under-sampled:
-        R_1 is too large and the rate too small (a true minimum half as large adds 2 ln 2/(t_1 - t_max)).
+        For an incompressible medium the wall's radial logarithmic strain rate is -2 R'/R, whose mean is
+        2 ln(R_max/R_1)/(t_1 - t_max), R_1 being the smallest *measured* radius of the first collapse; the hoop rate is
+        half of it. Collapses are under-sampled: a true minimum half as large adds 2 ln 2/(t_1 - t_max).
 
         Raises:
             InputError: the curve shows no collapse.
         """
         time, radius = self._after_max
         minima = self._turning_points[0]
-        if not minima:
-            raise self._error("the curve shows no collapse, so there is no strain rate up to it", "collapses")
+        self._require(bool(minima), "the curve shows no collapse, so there is no strain rate up to it", "collapses")
         return 2.0 * log(self.max_radius / radius[minima[0]]) / (float(self.collapse_times()[0]) - time[0])
 
     def stretch_from_tail(self) -> tuple[float, float] | None:
@@ -326,8 +296,7 @@ class RadiusCurve:
 
         The plateau is the last third of the time after R_max. It must hold at least 8 frames, lie at least two collapse
         periods after R_max (if there are collapses), scatter by less than 5 % (residual oscillation included), and
-        drift by less than 5 % in itself and against the sixth of the time before it. The deviation is that of the
-        scatter and the drift, not the standard error of the mean: what is left of the oscillation is not noise.
+        drift by less than 5 % in itself and against the sixth of the time before it: the deviation is that of both.
         """
         time, radius = self._after_max
         duration = time[-1] - time[0]
@@ -355,30 +324,24 @@ class RadiusCurve:
         passes. None as well where the curve shows no collapse.
         """
         try:
-            max_radius, times = self.max_radius, self.collapse_times()
-        except InputError:
+            seen = float(self.collapse_times()[0] - self.time_of_max)
+            ratio = seen / (RAYLEIGH * self.max_radius * float(np.sqrt(density / pressure)))
+        except (InputError, IndexError):
             return None
-        if len(times) == 0:
-            return None
-        ratio = float(times[0] - self.time_of_max) / (RAYLEIGH * max_radius * float(np.sqrt(density / pressure)))
         if 0.5 <= ratio <= 1.6:
             return None
         stiff = pressure * (max(ratio, 1e-3) ** -2 - 1.0) / 2.5
-        cause = (
-            f"a shear modulus near {stiff / 1e3:.2g} kPa (or a diameter given as radius)"
-            if ratio < 1.0
-            else "a very large viscosity (or a radius in pixels)"
-        )
-        return (
-            f"CHECK THE SCALE of radius and time: the first collapse comes {ratio:.2g} Rayleigh times after R_max "
-            f"({max_radius * 1e6:.4g} um); it would take {cause}"
-        )
+        cause = "a very large viscosity (or a radius in pixels)"
+        if ratio < 1.0:
+            cause = f"a shear modulus near {stiff / 1e3:.2g} kPa (or a diameter given as radius)"
+        found = f"the first collapse comes {ratio:.2g} Rayleigh times after R_max ({self.max_radius * 1e6:.4g} um)"
+        return f"CHECK THE SCALE of radius and time: {found}; it would take {cause}"
 
     def plot(self, axes: Axes | None = None) -> Axes:
         """Draw the radius over the time after R_max into `axes` (matplotlib), by default into those of a new figure.
 
-        A curve without a scale or a maximum is drawn on its own clock, over its largest radius. Returns the axes; their
-        figure is `axes.figure`. Raises InputError without matplotlib.
+        A curve without a scale or a maximum is drawn on its own clock, over its largest radius. Returns the axes.
+        Raises InputError without matplotlib.
         """
         from cavirheo.writing import style
 

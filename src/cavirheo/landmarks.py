@@ -1,17 +1,17 @@
 """Where a radius history has its maximum and its collapses: the fits behind RadiusCurve, on bare arrays.
 
 - *Maximum.* Near its maximum a collapsing bubble follows R = R_max (1 - a s^2 - (2/3) a^2 s^4), s = t - t_max: the
-  series of Rayleigh's equation R R'' + (3/2) R'^2 = -P to fourth order, with the one unknown a = P/(2 R_max^2), so it
-  holds for any constant driving pressure P. (R_max, t_max, a) are fitted to the samples above 0.9 R_max, each weighted
-  down as its residual passes 0.5 % of R_max, so that a single bad frame does not decide. Growth and collapse are not
-  mirror images (viscosity): a term k s^3 joins where the noise is low enough to see it.
+  series of Rayleigh's equation R R'' + (3/2) R'^2 = -P to fourth order, a = P/(2 R_max^2), for any constant driving
+  pressure P. (R_max, t_max, a) are fitted to the samples above 0.9 R_max, each weighted down as its residual passes
+  0.5 % of R_max. Growth and collapse are not mirror images (viscosity): a term k s^3 joins where the noise is low
+  enough to see it.
 - *Collapses.* A turning point counts when the radius rises again by more than the larger of 3 % of R_max and six
   standard deviations of the noise. Its time is where the two branches meet: R^(5/2) is linear in time on either side of
   an inertial collapse, and the two lines through the neighbours of the smallest sample cross there.
 
 Measured on simulated shots with 0.5 % noise and 10 or 25 frames per R_max sqrt(rho/p) (tests/test_curve.py): R_max to
-0.3 % (standard deviation; bias below 0.1 %), its time to 0.008 R_max sqrt(rho/p), the first collapse to 0.1 frames;
-with 2 % noise R_max to 1.5 %. At Re = 5 the skew, hidden in noise, shifts the time by 0.01 R_max sqrt(rho/p).
+0.3 % (bias below 0.1 %), its time to 0.008 R_max sqrt(rho/p), the first collapse to 0.1 frames; with 2 % noise R_max to
+1.5 %. At Re = 5 the skew, hidden in noise, shifts the time by 0.01 R_max sqrt(rho/p).
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from math import gamma, pi, sqrt
 import numpy as np
 
 from cavirheo.arrays import Floats
-from cavirheo.errors import InputError
+from cavirheo.errors import InputError, require
 
 RAYLEIGH = sqrt(pi / 6) * gamma(5 / 6) / gamma(4 / 3)  # collapse time of an empty bubble over R_max sqrt(rho/p): 0.9147
 _NEAR_MAXIMUM = 0.9  # samples above this fraction of R_max enter its fit
@@ -46,13 +46,11 @@ def fit_maximum(time: Floats, radius: Floats, stated: float | None) -> tuple[flo
     near = smooth > _NEAR_MAXIMUM * smooth[peak]
     below = np.flatnonzero(~near)
     if not np.any(below > peak):
-        last = smooth[-1] / smooth[peak]
         grows = peak >= len(smooth) - 2
         what = "the bubble still grows at the end" if grows else "the bubble never collapses"
-        raise InputError(
-            f"{what} (last radius {last:.2f} of the largest); a recording must show R_max and the fall after it",
-            "curve.grows" if grows else "curve.never_falls",
-        )
+        last = f"(last radius {smooth[-1] / smooth[peak]:.2f} of the largest)"
+        why = f"{what} {last}; a recording must show R_max and the fall after it"
+        raise InputError(why, "curve.grows" if grows else "curve.never_falls")
     first = int(below[below < peak].max(initial=-1)) + 1
     last_index = int(below[below > peak].min())
     inside = slice(first, last_index)
@@ -79,10 +77,8 @@ def fit_maximum(time: Floats, radius: Floats, stated: float | None) -> tuple[flo
             centre, top, _ = free
     if not (x[0] - 2.0 * frame <= centre <= x[-1] and 0.9 < top < 1.15):  # noise beat the fit: keep the time
         centre, top, _ = _fit_series(x, y, centre=0.0)
-    if not 0.9 < top < 1.15:
-        raise InputError(
-            "no maximum can be fitted to the samples round the largest; they scatter too much", "curve.scatters"
-        )
+    why = "no maximum can be fitted to the samples round the largest; they scatter too much"
+    require(0.9 < top < 1.15, why, "curve.scatters")
     return float(time[peak] + centre * unit), float(top * smooth[peak])
 
 

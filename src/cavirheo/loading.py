@@ -7,7 +7,7 @@ from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from cavirheo.errors import InputError
+from cavirheo.errors import InputError, require
 from cavirheo.writing.document import Document, read_json
 
 if TYPE_CHECKING:
@@ -24,17 +24,9 @@ _NAMES = ("result.json", "laws.json", "comparison.json", "rheometer.json", "coll
 
 
 def load(path: str | Path) -> Document | Dataset:
-    """A document or a training set as an object.
+    """A document (`Result`, `Laws`, `Comparison`, `Rheometry`, `CollapseTimes`) or a training set (`Dataset`).
 
-    | path | gives |
-    |---|---|
-    | result.json | `reporting.record.Result`: curves and groups |
-    | laws.json | `reporting.laws.Laws` |
-    | comparison.json, rheometer.json, collapse-time.json | `Comparison`, `Rheometry`, `CollapseTimes` |
-    | a folder of `cavirheo generate` | `training.dataset.Dataset` |
-    | a folder with one of the documents above | that document |
-
-    A file may have any name. Numbers are SI, as in the file.
+    `path`: a file of any name, a folder with one, or a folder of `cavirheo generate`. Numbers are SI, as in the file.
 
     Raises:
         InputError: nothing there, or nothing that cavirheo wrote.
@@ -46,16 +38,15 @@ def load(path: str | Path) -> Document | Dataset:
 
             return dataset.load(path)
         found = [path / name for name in _NAMES if (path / name).is_file()]
-        if len(found) != 1:
-            held = ", ".join(one.name for one in found) or f"none of {', '.join(_NAMES)}, and no training set"
-            raise InputError(f"{path} holds {held}: name the file", "loading.folder")
+        held = ", ".join(one.name for one in found) or f"none of {', '.join(_NAMES)}, and no training set"
+        require(len(found) == 1, f"{path} holds {held}: name the file", "loading.folder")
         (path,) = found
     try:
         content = json.loads(path.read_text(encoding="utf-8"))
     except (OSError, UnicodeDecodeError) as error:
         raise InputError(f"{path}: cannot be read ({error})", "document.unreadable") from None
     except ValueError:
-        raise InputError(f"{path}: no JSON document; expected {', '.join(_NAMES)}", "document.other") from None
+        content = None
     keys = set(content) if isinstance(content, dict) else set()
     if "curves" in keys and isinstance(content["curves"], list):
         keys |= {"laws"} & {key for row in content["curves"] if isinstance(row, dict) for key in row}

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from cavirheo.arrays import Floats
-from cavirheo.errors import InputError
+from cavirheo.errors import require
 from cavirheo.physics.law import FINITE, POSITIVE, check, domain
 from cavirheo.physics.table import hermite
 
@@ -27,14 +27,11 @@ class Driving(Protocol):
 @dataclass(frozen=True)
 class Pulse:
     """One cycle of focused ultrasound, p_A {[1 + cos(2 pi f (t - centre))]/2}^n within half a period of its centre.
+    Gaudron, Warnez and Johnsen 2015, doi:10.1017/jfm.2015.7."""
 
-    amplitude p_A in Pa, negative for tension; frequency f in Hz; centre in s; exponent n.
-    Gaudron, Warnez and Johnsen 2015, doi:10.1017/jfm.2015.7.
-    """
-
-    amplitude: float = field(metadata=FINITE)
-    frequency: float = field(metadata=POSITIVE)
-    centre: float = field(metadata=FINITE)
+    amplitude: float = field(metadata=FINITE)  # p_A, Pa; negative for tension
+    frequency: float = field(metadata=POSITIVE)  # Hz
+    centre: float = field(metadata=FINITE)  # s
     exponent: float = field(default=3.7, metadata=domain("at least 1", lambda x: 1 <= x < inf))
 
     def __post_init__(self) -> None:
@@ -59,29 +56,25 @@ class Pulse:
 
 @dataclass(frozen=True, eq=False)
 class Trace:
-    """A measured or computed pressure, Pa above ambient, at ascending times in s; held at both its ends.
-
-    Between the samples monotone cubics (PCHIP): no pressure is invented beyond the samples' own.
+    """A measured or computed pressure above ambient: monotone cubics (PCHIP) between its samples, held at both ends.
 
     Raises:
         InputError: fewer than two samples, not finite, not ascending, or not as many times as pressures.
     """
 
-    time: Floats  # (n,) s
+    time: Floats  # (n,) s, ascending
     pressure: Floats  # (n,) Pa
 
     def __post_init__(self) -> None:
         for name in ("time", "pressure"):
             object.__setattr__(self, name, np.array(getattr(self, name), dtype=float))
-        if self.time.ndim != 1 or self.time.size < 2 or self.time.shape != self.pressure.shape:
-            raise InputError(
-                "a pressure trace needs as many times as pressures, at least two, "
-                f"got shapes {self.time.shape} and {self.pressure.shape}",
-                "physics.trace_shape",
-            )
-        if not (np.isfinite([self.time, self.pressure]).all() and np.all(np.diff(self.time) > 0)):
-            why = "the times of a pressure trace must be finite and ascend, and its pressures be finite"
-            raise InputError(why, "physics.trace_values")
+        fits = self.time.ndim == 1 and self.time.size > 1 and self.time.shape == self.pressure.shape
+        shapes = f"got shapes {self.time.shape} and {self.pressure.shape}"
+        why = f"a pressure trace needs as many times as pressures, at least two, {shapes}"
+        require(fits, why, "physics.trace_shape")
+        ascends = np.isfinite([self.time, self.pressure]).all() and np.all(np.diff(self.time) > 0)
+        why = "the times of a pressure trace must be finite and ascend, and its pressures be finite"
+        require(bool(ascends), why, "physics.trace_values")
 
     def table(self) -> Floats:
         from scipy.interpolate import PchipInterpolator  # a third of a second that other uses need not wait for

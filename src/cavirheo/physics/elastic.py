@@ -6,23 +6,21 @@ With stretches (b^-2, b, b) around the bubble, What(b) = W(b^-2, b, b), W_1 = dW
     dS_el/dL = -What'(L)/(L^3 - 1),  for W(I_1):  dS_el/dL = -4 W_1 (q^2 + q^5),  S_el(1) = 0.
 
 So a law is complete with `slope`, dS_el/dL; the table for the solver follows by quadrature. The laws with a short
-closed form are tabulated from that. Every law is a frozen dataclass with SI parameters, and is by itself the material
-of a purely elastic solid.
+closed form are tabulated from that. Every law is by itself the material of a purely elastic solid.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from functools import lru_cache
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from cavirheo.arrays import Floats
-from cavirheo.errors import InputError
-from cavirheo.physics.law import FINITE, NOT_NEGATIVE, POSITIVE, POSITIVE_OR_INFINITE, Material, require
+from cavirheo.errors import InputError, require
+from cavirheo.physics.law import FINITE, NOT_NEGATIVE, POSITIVE, POSITIVE_OR_INFINITE, Material, Parts, table_of, within
 from cavirheo.physics.table import hermite, read, tabulate
 
 SMALLEST, LARGEST = 1e-3, 1e3  # R/R_0: beyond what a collapse or a stretch reaches
@@ -41,13 +39,12 @@ _FINE = _nodes(0.02)  # for closed forms: an error of 2e-9 for their steepest te
 class Elastic(Material):
     """Base of the elastic laws: a new one defines `slope`, or `first` if its energy depends on I_1 only."""
 
-    @property
-    def elastic(self) -> Elastic:
-        return self
+    def parts(self) -> Parts:
+        return Parts(elastic=self)
 
     def first(self, I1: Floats) -> Floats:
         """W_1 = dW/dI_1 in Pa at the first invariant I1 (any shape)."""
-        raise NotImplementedError(f"{type(self).__name__} must define `slope` or `first`")
+        raise NotImplementedError
 
     def slope(self, ratio: Floats) -> Floats:
         """dS_el/dL in Pa at L = ratio = R/R_0 (any shape); not finite where the law does not hold."""
@@ -55,21 +52,15 @@ class Elastic(Material):
         return -4 * self.first(q2 * q2 + 2 * ratio * ratio) * (q2 + q2 * q2 / ratio)
 
     def table(self) -> Floats:
-        """S_el over L in Pa for the solver (physics/table.py); it ends where the law does. Kept once computed."""
-        return _tabulated(self)
+        """(n, 7) S_el over L in Pa for the solver (physics/table.py); it ends where the law does."""
+        table = tabulate(self.slope, _COARSE, origin=1.0)
+        why = f"the stress of {self} must be finite and smooth around R = R_0, which it is not"
+        require(bool(table[0, 0] < 1 < table[-1, 0]), why, "physics.no_stress_at_rest")
+        return table
 
     def stress(self, ratio: ArrayLike) -> Floats:
         """S_el in Pa at R/R_0 (any shape); NaN where the law does not hold."""
-        return read(self.table(), ratio)[0]
-
-
-@lru_cache(maxsize=64)
-def _tabulated(law: Elastic) -> Floats:
-    table = tabulate(law.slope, _COARSE, origin=1.0)
-    if not table[0, 0] < 1 < table[-1, 0]:
-        why = f"the stress of {law} must be finite and smooth around R = R_0, which it is not"
-        raise InputError(why, "physics.no_stress_at_rest")
-    return table
+        return read(table_of(self), ratio)[0]
 
 
 class _Closed(Elastic):
@@ -92,9 +83,7 @@ class _Closed(Elastic):
 @dataclass(frozen=True)
 class Linear(_Closed):
     """Linear elasticity, shear modulus G in Pa: S_el = -(4/3) G (1 - q^3).
-
-    Yang and Church 2005, doi:10.1121/1.2118307.
-    """
+    Yang and Church 2005, doi:10.1121/1.2118307."""
 
     shear_modulus: float = field(metadata=NOT_NEGATIVE)
 
@@ -107,9 +96,7 @@ class Linear(_Closed):
 @dataclass(frozen=True)
 class Quadratic(_Closed):
     """W = G/2 [(I_1-3) + alpha/2 (I_1-3)^2], G in Pa; stiffening alpha = 0 is neo-Hookean.
-
-    Yang et al. 2020, doi:10.1016/j.eml.2020.100839.
-    """
+    Yang et al. 2020, doi:10.1016/j.eml.2020.100839."""
 
     shear_modulus: float = field(metadata=NOT_NEGATIVE)
     stiffening: float = field(default=0.0, metadata=NOT_NEGATIVE)
@@ -130,9 +117,7 @@ class Quadratic(_Closed):
 @dataclass(frozen=True)
 class NeoHookean(Quadratic):
     """W = G/2 (I_1-3), shear modulus G in Pa.
-
-    Gaudron, Warnez and Johnsen 2015, doi:10.1017/jfm.2015.7.
-    """
+    Gaudron, Warnez and Johnsen 2015, doi:10.1017/jfm.2015.7."""
 
     stiffening: float = field(default=0.0, init=False, repr=False)
 
@@ -140,16 +125,14 @@ class NeoHookean(Quadratic):
 @dataclass(frozen=True)
 class MooneyRivlin(_Closed):
     """W = C_1 (I_1-3) + C_2 (I_2-3), Pa; shear modulus 2 (C_1 + C_2).
-
-    Mooney 1940, doi:10.1063/1.1712836; Rivlin 1948, doi:10.1098/rsta.1948.0024.
-    """
+    Mooney 1940, doi:10.1063/1.1712836; Rivlin 1948, doi:10.1098/rsta.1948.0024."""
 
     C1: float = field(metadata=FINITE)
     C2: float = field(metadata=FINITE)
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        require("C1 + C2", self.C1 + self.C2, NOT_NEGATIVE)
+        within(NOT_NEGATIVE, "C1 + C2", self.C1 + self.C2)
 
     def closed(self, ratio: Floats) -> tuple[Floats, Floats, Floats]:
         q = 1 / ratio
@@ -165,9 +148,7 @@ class MooneyRivlin(_Closed):
 @dataclass(frozen=True)
 class Yeoh(Elastic):
     """W = C_1 (I_1-3) + C_2 (I_1-3)^2 + C_3 (I_1-3)^3, Pa; shear modulus 2 C_1.
-
-    Yeoh 1993, doi:10.5254/1.3538343.
-    """
+    Yeoh 1993, doi:10.5254/1.3538343."""
 
     C1: float = field(metadata=NOT_NEGATIVE)
     C2: float = field(default=0.0, metadata=FINITE)
@@ -181,9 +162,7 @@ class Yeoh(Elastic):
 @dataclass(frozen=True)
 class Fung(Elastic):
     """W = G/(2a) [exp(a (I_1-3)) - 1], shear modulus G in Pa; stiffening a = 0 is neo-Hookean.
-
-    Fung 1967, doi:10.1152/ajplegacy.1967.213.6.1532, in its isotropic form.
-    """
+    Fung 1967, doi:10.1152/ajplegacy.1967.213.6.1532, in its isotropic form."""
 
     shear_modulus: float = field(metadata=NOT_NEGATIVE)
     stiffening: float = field(metadata=NOT_NEGATIVE)
@@ -195,9 +174,7 @@ class Fung(Elastic):
 @dataclass(frozen=True)
 class Gent(Elastic):
     """W = -(G J_m/2) ln(1 - (I_1-3)/J_m), shear modulus G in Pa: the chains are taut (lock-up) at I_1 - 3 = J_m.
-
-    Gent 1996, doi:10.5254/1.3538357.
-    """
+    Gent 1996, doi:10.5254/1.3538357."""
 
     shear_modulus: float = field(metadata=NOT_NEGATIVE)
     limit: float = field(metadata=POSITIVE)  # J_m
@@ -210,10 +187,8 @@ class Gent(Elastic):
 @dataclass(frozen=True)
 class ArrudaBoyce(Elastic):
     """Eight-chain network of chains with N segments, the energy's series to fifth order; modulus G in Pa.
-
     W = G sum_i c_i (I_1^i - 3^i)/N^(i-1). N -> infinity is neo-Hookean; at finite N the small-strain modulus is
-    somewhat above G. Arruda and Boyce 1993, doi:10.1016/0022-5096(93)90013-6.
-    """
+    somewhat above G. Arruda and Boyce 1993, doi:10.1016/0022-5096(93)90013-6."""
 
     shear_modulus: float = field(metadata=NOT_NEGATIVE)
     segments: float = field(metadata=POSITIVE_OR_INFINITE)  # N
@@ -226,9 +201,7 @@ class ArrudaBoyce(Elastic):
 @dataclass(frozen=True)
 class Ogden(Elastic):
     """W = sum_i mu_i/alpha_i (l1^alpha_i + l2^alpha_i + l3^alpha_i - 3), mu_i in Pa; shear modulus sum mu_i alpha_i/2.
-
-    Each mu_i alpha_i must not be negative (stability). Ogden 1972, doi:10.1098/rspa.1972.0026.
-    """
+    Each mu_i alpha_i must not be negative (stability). Ogden 1972, doi:10.1098/rspa.1972.0026."""
 
     moduli: tuple[float, ...]
     exponents: tuple[float, ...]
@@ -236,17 +209,13 @@ class Ogden(Elastic):
     def __post_init__(self) -> None:
         for name in ("moduli", "exponents"):  # lists are welcome, but could not be the key of a kept table
             object.__setattr__(self, name, tuple(getattr(self, name)))
-        if len(self.moduli) != len(self.exponents) or not self.moduli:
-            why = f"as many moduli as exponents, at least one, got {self.moduli} and {self.exponents}"
-            raise InputError(why, "physics.terms")
+        several = f"as many moduli as exponents, at least one, got {self.moduli} and {self.exponents}"
+        require(len(self.moduli) == len(self.exponents) > 0, several, "physics.terms")
         for modulus, exponent in zip(self.moduli, self.exponents, strict=True):
-            require("modulus", modulus, FINITE)
-            require("exponent", exponent, FINITE)
-            if exponent == 0 or modulus * exponent < 0:
-                why = (
-                    f"modulus and exponent must have the same sign, the exponent not be 0; got {modulus} and {exponent}"
-                )
-                raise InputError(why, "physics.unstable")
+            within(FINITE, "modulus", modulus)
+            within(FINITE, "exponent", exponent)
+            sign = f"modulus and exponent must have the same sign, the exponent not be 0; got {modulus} and {exponent}"
+            require(exponent != 0 and modulus * exponent >= 0, sign, "physics.unstable")
 
     def slope(self, ratio: Floats) -> Floats:
         log = np.log(ratio)
@@ -297,7 +266,7 @@ class StrainEnergy(Elastic):
         b, h = np.array([0.6, 0.9, 1.2, 1.7]), 1e-5
         by_step = self._derivative(b)
         above, below = (np.array([self.energy(c**-2, c, c) for c in ends]) for ends in (b + h, b - h))
-        if not np.allclose(by_step, (above - below) / (2 * h), rtol=1e-4, atol=1e-4 * np.abs(by_step).max()):
-            why = "the strain energy is not analytic in the stretches: use no abs, max, real or conditions"
-            raise InputError(why, "physics.not_analytic")
+        near = np.allclose(by_step, (above - below) / (2 * h), rtol=1e-4, atol=1e-4 * np.abs(by_step).max())
+        why = "the strain energy is not analytic in the stretches: use no abs, max, real or conditions"
+        require(near, why, "physics.not_analytic")
         return super().table()

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from cavirheo.arrays import Floats
-from cavirheo.errors import InputError
+from cavirheo.errors import require
 
 
 class Grid(NamedTuple):
@@ -30,17 +30,14 @@ NO_SHELLS = Grid(*(np.zeros(0) for _ in Grid._fields))  # for contents without f
 @lru_cache(maxsize=16)
 def wall_clustered(cells: int, first: float = 1e-4) -> Grid:
     """`cells` shells, tanh-spaced so that the one at the wall is `first` thick."""
-    if cells < 8 or not 0 < first < 1 / cells:
-        why = f"a clustered grid needs at least 8 cells and a wall cell thinner than 1/cells, got {cells} and {first}"
-        raise InputError(why, "physics.cells")
+    why = f"a clustered grid needs at least 8 cells and a wall cell thinner than 1/cells, got {cells} and {first}"
+    require(cells >= 8 and 0 < first < 1 / cells, why, "physics.cells")
     s = np.linspace(0.0, 1.0, cells + 1)
     low, high = 1e-3, 18.0
     for _ in range(60):  # bisection: importing a solver takes longer than a simulation
         steepness = (low + high) / 2
-        if 1 - np.tanh(steepness * s[-2]) / np.tanh(steepness) > first:
-            low = steepness
-        else:
-            high = steepness
+        thick = 1 - np.tanh(steepness * s[-2]) / np.tanh(steepness) > first
+        low, high = (steepness, high) if thick else (low, steepness)
     y = np.tanh(steepness * s) / np.tanh(steepness)
     volume = np.diff(y**3) / 3
     centre = np.diff(y**4) / 4 / volume
@@ -48,13 +45,5 @@ def wall_clustered(cells: int, first: float = 1e-4) -> Grid:
     right = (y[1:-1] - centre[:-1]) / distance
     h1, h2 = 1 - centre[-1], 1 - centre[-2]
     c1, c2 = -h2 / (h1 * (h2 - h1)), h1 / (h2 * (h2 - h1))
-    return Grid(
-        inverse_volume=1 / volume,
-        centre=centre,
-        face=y[1:-1].copy(),
-        area=y[1:-1] ** 2,
-        inverse_distance=1 / distance,
-        left=1 - right,
-        right=right,
-        wall=np.array([-(c1 + c2), c1, c2]),
-    )
+    wall = np.array([-(c1 + c2), c1, c2])
+    return Grid(1 / volume, centre, y[1:-1].copy(), y[1:-1] ** 2, 1 / distance, 1 - right, right, wall)

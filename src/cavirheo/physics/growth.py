@@ -20,9 +20,8 @@ _RTOL = 1e-8
 def remembered(numbers: Numbers) -> Floats:
     """Memories (k,) at R = 1 after growth from relaxed rest at R_0 = 1/stretch.
 
-    The growth is modelled as an impulse: at R_0 the wall gets the velocity that carries it to R = 1, in an
-    incompressible surroundings of the same law, with isothermal gas and saturated vapour, that is, with the pressure
-    that the contents have at R_max (docs/method/physics.md, section 4.3).
+    The growth is an impulse: at R_0 the wall gets the velocity that carries it to R = 1, in incompressible surroundings
+    of the same law, with isothermal gas and saturated vapour (docs/method/physics.md, section 4.3).
 
     Raises:
         SolverError: no impulse carries the wall to R_max within the laws of the material.

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import fields
+from functools import lru_cache
 from math import inf
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
+from cavirheo.arrays import Floats
 from cavirheo.errors import InputError
 
 if TYPE_CHECKING:
@@ -28,9 +30,9 @@ POSITIVE = domain("finite and positive", lambda x: 0 < x < inf)
 POSITIVE_OR_INFINITE = domain("positive", lambda x: x > 0)
 
 
-def require(name: str, value: float, within: Domain) -> None:
+def within(allowed: Domain, name: str, value: float) -> None:
     """Raises InputError for a number outside a domain; its code is `physics.` and the first word of the name."""
-    words, holds = within["domain"]
+    words, holds = allowed["domain"]
     if not holds(value):
         raise InputError(f"{name} must be {words}, got {value!r}", f"physics.{name.split()[0]}")
 
@@ -39,11 +41,19 @@ def check(parameters: Any) -> None:
     """Raises InputError for the first field of a dataclass that is outside its domain."""
     for field in fields(parameters):
         if field.metadata:
-            require(field.name, getattr(parameters, field.name), field.metadata)
+            within(field.metadata, field.name, getattr(parameters, field.name))
+
+
+class Parts(NamedTuple):
+    """What a material is made of; the stresses add."""
+
+    elastic: Elastic | None = None
+    viscous: Viscous | None = None
+    memory: tuple[Arm, ...] = ()
 
 
 class Material:
-    """A material without any stress; a law overrides the part that it is, a sum of laws all parts that it has."""
+    """A law, or a sum of laws: a new one defines `parts`. It is a frozen dataclass with SI parameters."""
 
     def __post_init__(self) -> None:
         check(self)
@@ -52,14 +62,23 @@ class Material:
     def name(self) -> str:
         return type(self).__name__
 
+    def parts(self) -> Parts:
+        return Parts()
+
     @property
     def elastic(self) -> Elastic | None:
-        return None
+        return self.parts().elastic
 
     @property
     def viscous(self) -> Viscous | None:
-        return None
+        return self.parts().viscous
 
     @property
     def memory(self) -> tuple[Arm, ...]:
-        return ()
+        return self.parts().memory
+
+
+@lru_cache(maxsize=128)
+def table_of(law: Elastic | Viscous) -> Floats:
+    """`law.table()`, kept once computed."""
+    return law.table()

@@ -9,48 +9,28 @@ from difflib import get_close_matches
 from inspect import Parameter, cleandoc, signature
 from typing import Any
 
-from cavirheo.errors import InputError
+from cavirheo.errors import InputError, require
+from cavirheo.parameters import PARAMETERS
 from cavirheo.physics import elastic, materials, memory, viscous
 from cavirheo.physics.materials import Material, Viscoelastic
 
 KINDS: dict[str, dict[str, Callable[..., Material]]] = {
     "elastic": {
-        "linear": elastic.Linear,
-        "neo-hookean": elastic.NeoHookean,
-        "quadratic": elastic.Quadratic,
-        "mooney-rivlin": elastic.MooneyRivlin,
-        "yeoh": elastic.Yeoh,
-        "fung": elastic.Fung,
-        "gent": elastic.Gent,
-        "arruda-boyce": elastic.ArrudaBoyce,
-        "ogden": elastic.Ogden,
+        "linear": elastic.Linear, "neo-hookean": elastic.NeoHookean, "quadratic": elastic.Quadratic,
+        "mooney-rivlin": elastic.MooneyRivlin, "yeoh": elastic.Yeoh, "fung": elastic.Fung, "gent": elastic.Gent,
+        "arruda-boyce": elastic.ArrudaBoyce, "ogden": elastic.Ogden,
     },
     "viscous": {
-        "newtonian": viscous.Newtonian,
-        "power-law": viscous.PowerLaw,
-        "herschel-bulkley": viscous.HerschelBulkley,
-        "carreau-yasuda": viscous.CarreauYasuda,
-        "cross": viscous.Cross,
-        "powell-eyring": viscous.PowellEyring,
+        "newtonian": viscous.Newtonian, "power-law": viscous.PowerLaw, "herschel-bulkley": viscous.HerschelBulkley,
+        "carreau-yasuda": viscous.CarreauYasuda, "cross": viscous.Cross, "powell-eyring": viscous.PowellEyring,
     },
     "elastic and viscous": {"nhkv": materials.NeoHookeanKelvinVoigt, "qkv": materials.QuadraticKelvinVoigt},
     "with memory": {
-        "maxwell": memory.Maxwell,
-        "ucm": memory.UpperConvectedMaxwell,
-        "oldroyd-b": materials.OldroydB,
-        "zener": materials.Zener,
-        "sls": materials.StandardLinearSolid,
+        "maxwell": memory.Maxwell, "ucm": memory.UpperConvectedMaxwell, "oldroyd-b": materials.OldroydB,
+        "zener": materials.Zener, "sls": materials.StandardLinearSolid,
     },
-}
-LAWS = {name: law for laws in KINDS.values() for name, law in laws.items()}
-
-UNITS = {  # of every parameter of every law; "-" is dimensionless
-    "shear_modulus": "Pa", "C1": "Pa", "C2": "Pa", "C3": "Pa", "moduli": "Pa", "yield_stress": "Pa",
-    "viscosity": "Pa s", "zero_rate": "Pa s", "infinite_rate": "Pa s", "consistency": "Pa s^n",
-    "time": "s", "relaxation_time": "s", "retardation_time": "s", "rest_rate": "1/s",
-    "stiffening": "-", "limit": "-", "segments": "-", "exponent": "-", "exponents": "-", "transition": "-",
 }  # fmt: skip
-
+LAWS = {name: law for laws in KINDS.values() for name, law in laws.items()}
 EXAMPLE = "yeoh(1e3, 20) + cross(0.5, 0.01, 1e-4)"
 _HOW = f"write a sum of laws like {EXAMPLE}"
 
@@ -61,12 +41,12 @@ def _takes_tuple(parameter: Parameter) -> bool:
 
 def usage(name: str) -> str:
     """How a law is written, with units and defaults: `gent(shear_modulus [Pa], limit [-])`."""
-
-    def one(key: str, parameter: Parameter) -> str:
-        unit = f"({UNITS[key]}, ...)" if _takes_tuple(parameter) else UNITS[key]
-        return f"{key} [{unit}]" + ("" if parameter.default is Parameter.empty else f" = {parameter.default:g}")
-
-    return f"{name}({', '.join(one(*item) for item in signature(LAWS[name]).parameters.items())})"
+    shown = []
+    for key, parameter in signature(LAWS[name]).parameters.items():
+        unit = "-" if PARAMETERS[key].unit == "1" else PARAMETERS[key].unit
+        default = "" if parameter.default is Parameter.empty else f" = {parameter.default:g}"
+        shown.append(f"{key} [({unit}, ...)]" if _takes_tuple(parameter) else f"{key} [{unit}]{default}")
+    return f"{name}({', '.join(shown)})"
 
 
 def summary(name: str) -> str:
@@ -82,8 +62,7 @@ def parse(text: str) -> Material:
     Raises:
         InputError: not a sum of laws, an unknown law, a parameter missing, too many or out of range, a part twice.
     """
-    if not text.strip():
-        raise InputError(f"the material is empty; {_HOW}", "laws.empty")
+    require(text.strip() != "", f"the material is empty; {_HOW}", "laws.empty")
     try:
         source = re.sub(r"(?<=[A-Za-z])-(?=[A-Za-z])", "_", " ".join(text.split()))
         terms = _terms(ast.parse(source, mode="eval").body)
@@ -99,19 +78,15 @@ def combine(terms: Sequence[Material]) -> Material:
     Raises:
         InputError: more than one elastic or more than one viscous part.
     """
-    parts = _only("elastic", terms), _only("viscous", terms)
-    return terms[0] if len(terms) == 1 else Viscoelastic(*parts, tuple(arm for term in terms for arm in term.memory))
-
-
-def _only(kind: str, terms: Sequence[Material]) -> Any:
-    """The part of this kind, None if no term has one."""
-    having = [term for term in terms if getattr(term, kind) is not None]
-    if len(having) > 1:
-        names = {law: name for name, law in LAWS.items()}
+    names = {law: name for name, law in LAWS.items()}
+    parts: dict[str, Any] = {}
+    for kind in ("elastic", "viscous"):
+        having = [term for term in terms if getattr(term, kind)]
         got = " and ".join(names.get(type(term), term.name) for term in having)
         why = f"a material has one {kind} part at most, but {got} each have one; leave all but one out"
-        raise InputError(why, f"laws.{kind}_twice")
-    return getattr(having[0], kind) if having else None
+        require(len(having) < 2, why, f"laws.{kind}_twice")
+        parts[kind] = getattr(having[0], kind) if having else None
+    return terms[0] if len(terms) == 1 else Viscoelastic(**parts, memory=sum((term.memory for term in terms), ()))
 
 
 def _terms(node: ast.expr) -> list[ast.expr]:
@@ -125,9 +100,8 @@ def _law(node: ast.expr) -> Material:
     if not isinstance(spelled, ast.Name):
         raise InputError(f"{ast.unparse(node)!r} is no law with its parameters; {_HOW}", "laws.no_law")
     name = spelled.id.replace("_", "-")
-    if name not in LAWS:
-        close = "".join(f"; did you mean {match}?" for match in get_close_matches(name.lower(), LAWS, 1))
-        raise InputError(f"unknown material law {name!r}{close or ';'} known: {', '.join(LAWS)}", "laws.unknown")
+    close = "".join(f"; did you mean {match}?" for match in get_close_matches(name.lower(), LAWS, 1))
+    require(name in LAWS, f"unknown material law {name!r}{close or ';'} known: {', '.join(LAWS)}", "laws.unknown")
     if not isinstance(node, ast.Call):
         raise InputError(f"{name} stands without its parameters; it reads {usage(name)}", "laws.parameters")
     takes = signature(LAWS[name])

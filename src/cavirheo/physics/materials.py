@@ -1,7 +1,6 @@
-"""Constitutive laws of the material around the bubble: an elastic part, a viscous part and arms that remember.
+"""Materials that are sums of laws: an elastic part, a viscous part and arms that remember.
 
-The parts combine freely, `Viscoelastic(Gent(2e3, 40.0), CarreauYasuda(0.5, 0.01, 1e-4, 0.4))`, and each is a material
-by itself. The solver sees tables and does not know which laws they hold (docs/method/physics.md, section 4).
+The solver sees tables and does not know which laws they hold (docs/method/physics.md, section 4).
 """
 
 from __future__ import annotations
@@ -9,9 +8,9 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import ClassVar
 
-from cavirheo.errors import InputError
+from cavirheo.errors import InputError, require
 from cavirheo.physics.elastic import Elastic, Linear, NeoHookean, Quadratic
-from cavirheo.physics.law import NOT_NEGATIVE, POSITIVE, Material
+from cavirheo.physics.law import NOT_NEGATIVE, POSITIVE, Material, Parts
 from cavirheo.physics.memory import Arm, Maxwell, UpperConvectedMaxwell
 from cavirheo.physics.viscous import Newtonian, Viscous
 
@@ -20,7 +19,7 @@ from cavirheo.physics.viscous import Newtonian, Viscous
 class Viscoelastic(Material):
     """Any elastic law beside any viscous law (Kelvin-Voigt) and any number of Maxwell arms; their stresses add.
 
-    A part that the material does not have is None, or is left out.
+    `Viscoelastic(Gent(2e3, 40.0), CarreauYasuda(0.5, 0.01, 1e-4, 0.4))`. A part that it does not have is None.
     """
 
     elastic: Elastic | None = None
@@ -34,67 +33,42 @@ class Viscoelastic(Material):
             if part is not None and not isinstance(part, kind):
                 why = "a material takes an elastic law, a viscous law and a list of Maxwell arms, in this order"
                 raise InputError(f"{why}; got {part!r} where {kind.__name__} stands", f"physics.not_{kind.__name__}")
-        if self.elastic is None and self.viscous is None and not self.memory:
-            raise InputError("a material needs at least one law; an ideal fluid is Newtonian(0)", "physics.no_law")
-
-
-class Composite(Material):
-    """A sum of laws under a name and with parameters of its own: a new one defines `parts`."""
-
-    def parts(self) -> Viscoelastic:
-        raise NotImplementedError
-
-    @property
-    def elastic(self) -> Elastic | None:
-        return self.parts().elastic
-
-    @property
-    def viscous(self) -> Viscous | None:
-        return self.parts().viscous
-
-    @property
-    def memory(self) -> tuple[Arm, ...]:
-        return self.parts().memory
+        some = bool(self.elastic or self.viscous or self.memory)
+        require(some, "a material needs at least one law; an ideal fluid is Newtonian(0)", "physics.no_law")
 
 
 @dataclass(frozen=True)
-class NeoHookeanKelvinVoigt(Composite):
+class NeoHookeanKelvinVoigt(Material):
     """NHKV: neo-Hookean spring (shear modulus, Pa) beside a dashpot (viscosity, Pa s).
-
-    Estrada et al. 2018, doi:10.1016/j.jmps.2017.12.006.
-    """
+    Estrada et al. 2018, doi:10.1016/j.jmps.2017.12.006."""
 
     shear_modulus: float = field(metadata=NOT_NEGATIVE)
     viscosity: float = field(metadata=NOT_NEGATIVE)
     name: ClassVar[str] = "nhkv"
 
-    def parts(self) -> Viscoelastic:
-        return Viscoelastic(NeoHookean(self.shear_modulus), Newtonian(self.viscosity))
+    def parts(self) -> Parts:
+        return Parts(NeoHookean(self.shear_modulus), Newtonian(self.viscosity))
 
 
 @dataclass(frozen=True)
-class QuadraticKelvinVoigt(Composite):
+class QuadraticKelvinVoigt(Material):
     """qKV: W = G/2 [(I1-3) + alpha/2 (I1-3)^2] beside a dashpot; stiffening alpha is dimensionless.
-
-    Yang et al. 2020, doi:10.1016/j.eml.2020.100839.
-    """
+    Yang et al. 2020, doi:10.1016/j.eml.2020.100839."""
 
     shear_modulus: float = field(metadata=NOT_NEGATIVE)
     viscosity: float = field(metadata=NOT_NEGATIVE)
     stiffening: float = field(metadata=NOT_NEGATIVE)
     name: ClassVar[str] = "qkv"
 
-    def parts(self) -> Viscoelastic:
-        return Viscoelastic(Quadratic(self.shear_modulus, self.stiffening), Newtonian(self.viscosity))
+    def parts(self) -> Parts:
+        return Parts(Quadratic(self.shear_modulus, self.stiffening), Newtonian(self.viscosity))
 
 
 @dataclass(frozen=True)
-class OldroydB(Composite):
+class OldroydB(Material):
     """Dilute polymer solution: an upper-convected Maxwell arm in a Newtonian solvent.
-
     viscosity mu in Pa s is that of both at rest; relaxation time tau_1 and retardation time tau_2 <= tau_1 in s: the
-    solvent has mu tau_2/tau_1. Oldroyd 1950, doi:10.1098/rspa.1950.0035.
-    """
+    solvent has mu tau_2/tau_1. Oldroyd 1950, doi:10.1098/rspa.1950.0035."""
 
     viscosity: float = field(metadata=NOT_NEGATIVE)
     relaxation_time: float = field(metadata=POSITIVE)
@@ -103,21 +77,18 @@ class OldroydB(Composite):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        if not self.retardation_time <= self.relaxation_time:
-            raise InputError(
-                "the retardation time must not exceed the relaxation time, "
-                f"got {self.retardation_time!r} and {self.relaxation_time!r} s",
-                "physics.retardation_time",
-            )
+        both = f"{self.retardation_time!r} and {self.relaxation_time!r} s"
+        why = f"the retardation time must not exceed the relaxation time, got {both}"
+        require(self.retardation_time <= self.relaxation_time, why, "physics.retardation_time")
 
-    def parts(self) -> Viscoelastic:
+    def parts(self) -> Parts:
         solvent = Newtonian(self.viscosity * self.retardation_time / self.relaxation_time)
         share = 1 - self.retardation_time / self.relaxation_time
-        return Viscoelastic(None, solvent, (UpperConvectedMaxwell(self.viscosity * share, self.relaxation_time),))
+        return Parts(None, solvent, (UpperConvectedMaxwell(self.viscosity * share, self.relaxation_time),))
 
 
 @dataclass(frozen=True)
-class Zener(Composite):
+class Zener(Material):
     """Zener solid at finite strain: a neo-Hookean spring (shear modulus, Pa) beside an upper-convected Maxwell arm.
 
     viscosity in Pa s and relaxation time in s are the arm's: for tau -> 0 it is NHKV.
@@ -128,22 +99,20 @@ class Zener(Composite):
     relaxation_time: float = field(metadata=POSITIVE)
     name: ClassVar[str] = "zener"
 
-    def parts(self) -> Viscoelastic:
+    def parts(self) -> Parts:
         arm = UpperConvectedMaxwell(self.viscosity, self.relaxation_time)
-        return Viscoelastic(NeoHookean(self.shear_modulus), None, (arm,))
+        return Parts(NeoHookean(self.shear_modulus), None, (arm,))
 
 
 @dataclass(frozen=True)
 class StandardLinearSolid(Zener):
     """The Zener solid for small strains: a linear spring beside a linear Maxwell arm.
-
-    Hua and Johnsen 2013, doi:10.1063/1.4817673.
-    """
+    Hua and Johnsen 2013, doi:10.1063/1.4817673."""
 
     name: ClassVar[str] = "sls"
 
-    def parts(self) -> Viscoelastic:
-        return Viscoelastic(Linear(self.shear_modulus), None, (Maxwell(self.viscosity, self.relaxation_time),))
+    def parts(self) -> Parts:
+        return Parts(Linear(self.shear_modulus), None, (Maxwell(self.viscosity, self.relaxation_time),))
 
 
 MATERIALS: dict[str, type] = {m.name: m for m in (Newtonian, NeoHookeanKelvinVoigt, QuadraticKelvinVoigt)}

@@ -1,7 +1,6 @@
-"""Named sets of constants for the liquid and the bubble contents.
+"""Named sets of constants for the liquid and the bubble contents; each says which code of the field it is from.
 
-The mechanical constants differ between the field's codes; each set below says where it comes from. The constants of
-the gas and the vapour are those of Estrada et al. 2018 (doi:10.1016/j.jmps.2017.12.006) throughout, unless a set says
+The gas and the vapour are those of Estrada et al. 2018 (doi:10.1016/j.jmps.2017.12.006) throughout, unless a set says
 otherwise.
 """
 
@@ -11,7 +10,7 @@ from dataclasses import dataclass, field, replace
 from math import exp, sqrt
 from typing import Any
 
-from cavirheo.errors import InputError
+from cavirheo.errors import require
 from cavirheo.physics.law import NOT_NEGATIVE, POSITIVE, POSITIVE_OR_INFINITE, check
 
 
@@ -40,12 +39,9 @@ class Medium:
 
     def __post_init__(self) -> None:
         check(self)
-        if not self.vapour_pressure < self.pressure:
-            raise InputError(
-                f"the vapour pressure ({self.vapour_pressure:.4g} Pa at {self.temperature} K) must be below the "
-                f"ambient pressure ({self.pressure:.4g} Pa): the liquid would boil",
-                "physics.boiling",
-            )
+        boils = f"the vapour pressure ({self.vapour_pressure:.4g} Pa at {self.temperature} K) must be below the "
+        boils += f"ambient pressure ({self.pressure:.4g} Pa): the liquid would boil"
+        require(self.vapour_pressure < self.pressure, boils, "physics.boiling")
 
     @property
     def vapour_pressure(self) -> float:
@@ -76,8 +72,7 @@ def medium(name: str, **constants: float | None) -> Medium:
 
     Raises InputError: unknown name (with the known ones), or a constant out of its domain.
     """
-    if name not in MEDIA:
-        raise InputError(f"unknown medium {name!r}; known: {', '.join(MEDIA)}", "physics.unknown_medium")
+    require(name in MEDIA, f"unknown medium {name!r}; known: {', '.join(MEDIA)}", "physics.unknown_medium")
     base = MEDIA[name]
     changes: Any = {key: value for key, value in constants.items() if value is not None}
     return replace(base, **changes, name=f"{base.name}, changed") if changes else base

@@ -1,11 +1,10 @@
 """Laws with memory: Maxwell arms, a spring and a dashpot in series, whose stress fades within the relaxation time.
 
-An arm's spring forgets what it was stretched from. For the laws below that is exact with one number a term
-(docs/method/physics.md, section 4.3):
+An arm's spring forgets what it was stretched from, which one number a term tells (docs/method/physics.md, section 4.3):
 
     S = sum_k C_k m_k,   m_k' = -m_k/tau - n_k (1 + m_k) U/R,   m_k = 0 in the relaxed state:
 
-1 + m_k is the fading mean of past R^n_k over the present one. Arms add to each other and to the instantaneous laws.
+1 + m_k is the fading mean of past R^n_k over the present one.
 """
 
 from __future__ import annotations
@@ -16,7 +15,7 @@ from typing import ClassVar
 import numpy as np
 
 from cavirheo.arrays import Floats
-from cavirheo.physics.law import NOT_NEGATIVE, POSITIVE, Material
+from cavirheo.physics.law import NOT_NEGATIVE, POSITIVE, Material, Parts
 
 
 @dataclass(frozen=True)
@@ -27,9 +26,8 @@ class Arm(Material):
     relaxation_time: float = field(metadata=POSITIVE)
     terms: ClassVar[tuple[tuple[float, float], ...]] = ()  # C_k/modulus and n_k
 
-    @property
-    def memory(self) -> tuple[Arm, ...]:
-        return (self,)
+    def parts(self) -> Parts:
+        return Parts(memory=(self,))
 
     @property
     def modulus(self) -> float:
@@ -44,9 +42,7 @@ class Arm(Material):
 @dataclass(frozen=True)
 class Maxwell(Arm):
     """Linear Maxwell fluid, tau_rr + tau d(tau_rr)/dt = 2 mu D_rr at a fixed place: its spring is linear.
-
-    Not frame-indifferent: for small strains. Allen and Roy 2000, doi:10.1121/1.429344.
-    """
+    Not frame-indifferent: for small strains. Allen and Roy 2000, doi:10.1121/1.429344."""
 
     terms: ClassVar[tuple[tuple[float, float], ...]] = ((4 / 3, 3.0),)
 
@@ -54,8 +50,6 @@ class Maxwell(Arm):
 @dataclass(frozen=True)
 class UpperConvectedMaxwell(Arm):
     """Maxwell fluid with the upper-convected rate (UCM), right at any strain: its spring is neo-Hookean.
-
-    Warnez and Johnsen 2015, doi:10.1063/1.4922598.
-    """
+    Warnez and Johnsen 2015, doi:10.1063/1.4922598."""
 
     terms: ClassVar[tuple[tuple[float, float], ...]] = ((2.0, 1.0), (0.5, 4.0))

@@ -5,14 +5,15 @@ R_c = R_max, U_c = sqrt(p_inf/rho), t_c = R_c/U_c, pressures by p_inf, temperatu
 
 from __future__ import annotations
 
+from math import inf
 from typing import NamedTuple
 
 import numpy as np
 
 from cavirheo.arrays import Floats
-from cavirheo.errors import InputError
+from cavirheo.errors import require
 from cavirheo.physics.driving import Driving
-from cavirheo.physics.law import POSITIVE, Material, domain, require
+from cavirheo.physics.law import POSITIVE, Material, domain, table_of, within
 from cavirheo.physics.media import Medium
 from cavirheo.physics.table import scaled
 
@@ -44,7 +45,7 @@ class Numbers(NamedTuple):
 
 
 TAIT = 7.15  # exponent of water in Tait's equation of state: Gilmore 1952
-STRETCH = domain("at least 1 (the bubble starts at its largest radius)", lambda x: 1 <= x < float("inf"))
+STRETCH = domain("at least 1 (the bubble starts at its largest radius)", lambda x: 1 <= x < inf)
 MOTIONS = ("keller-miksis", "rayleigh-plesset", "gilmore")
 ABSENT = np.zeros((2, 7))  # no stress at all, at any stretch or rate, and no driving
 ABSENT[1, 0] = np.inf
@@ -63,35 +64,32 @@ def dimensionless(
     """Numbers of a bubble of `max_radius` (m) and `stretch` (1) in a material (SI) and a medium.
 
     Raises:
-        InputError: the radius is not positive, the stretch is below 1 (the bubble starts at its largest radius), the
-            equation of motion is unknown, or it is Gilmore's in an incompressible medium.
+        InputError: the radius is not positive, the stretch is below 1, the equation of motion is unknown, or it is
+            Gilmore's in an incompressible medium.
     """
-    if motion not in MOTIONS:
-        raise InputError(f"motion must be one of {', '.join(MOTIONS)}; got {motion!r}", "physics.motion")
-    if motion == "gilmore" and medium.sound_speed == float("inf"):
-        why = "Gilmore's equation needs a finite speed of sound: use motion='rayleigh-plesset'"
-        raise InputError(why, "physics.sound_speed")
-    require("max_radius", max_radius, POSITIVE)
-    require("stretch = R_max/R_0", stretch, STRETCH)
-    U_c = medium.velocity_scale
+    require(motion in MOTIONS, f"motion must be one of {', '.join(MOTIONS)}; got {motion!r}", "physics.motion")
+    why = "Gilmore's equation needs a finite speed of sound: use motion='rayleigh-plesset'"
+    require(motion != "gilmore" or medium.sound_speed < inf, why, "physics.sound_speed")
+    within(POSITIVE, "max_radius", max_radius)
+    within(STRETCH, "stretch = R_max/R_0", stretch)
+    U_c, p, pv = medium.velocity_scale, medium.pressure, medium.vapour_pressure / medium.pressure
     K_inf = medium.conductivity_slope * medium.temperature + medium.conductivity_intercept
-    p = medium.pressure
-    elastic, viscous = (part.table() if part else ABSENT for part in (material.elastic, material.viscous))
     A = medium.conductivity_slope * medium.temperature / K_inf
     fields = dict(
-        C=float("inf") if motion == "rayleigh-plesset" else medium.sound_speed / U_c,
-        We=p * max_radius / (2 * medium.surface_tension) if medium.surface_tension else float("inf"),
+        C=inf if motion == "rayleigh-plesset" else medium.sound_speed / U_c,
+        We=p * max_radius / (2 * medium.surface_tension) if medium.surface_tension else inf,
         stretch=stretch,
         Fo=medium.diffusivity / (U_c * max_radius),
         chi=medium.temperature * K_inf / (p * max_radius * U_c),
         A=A,
         B=1 - A,
-        pv=medium.vapour_pressure / p,
+        pv=pv,
         kappa=medium.adiabatic_index,
         polytropic=polytropic,
         tait=TAIT if motion == "gilmore" else 0.0,
-        base=medium.vapour_pressure / p if driving or stretch > 20 else 0.0,
+        base=pv if driving or stretch > 20 else 0.0,
     )
+    elastic, viscous = (table_of(part) if part else ABSENT for part in (material.elastic, material.viscous))
     arms = [arm.table() * [1 / p, 1.0, max_radius / U_c] for arm in material.memory]
     return Numbers(
         **{name: float(value) for name, value in fields.items()},  # ints would compile the solver anew

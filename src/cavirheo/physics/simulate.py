@@ -2,22 +2,21 @@
 
 from __future__ import annotations
 
-import os
 import sys
 import threading
 from collections.abc import Sequence
-from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+from cavirheo import parallel
 from cavirheo.arrays import Floats
-from cavirheo.errors import InputError, SolverError
+from cavirheo.errors import InputError, SolverError, require
 from cavirheo.physics import solver
 from cavirheo.physics.driving import Driving
 from cavirheo.physics.grid import NO_SHELLS, Grid, wall_clustered
-from cavirheo.physics.law import Material, domain, require
+from cavirheo.physics.law import Material, domain, within
 from cavirheo.physics.media import WATER, Medium
 from cavirheo.physics.scales import MOTIONS, dimensionless
 from cavirheo.physics.simulation import Contents, Simulation
@@ -30,6 +29,8 @@ ROUGH: dict[str, Any] = {"cells": 64, "rtol": 3e-4}  # inside a search: 2 ms, go
 POLYTROPIC = (0, 1e-7)  # without fields a step costs next to nothing
 WALL_CELL = 1e-4  # thickness of the shell at the wall
 MAX_STEPS = 100_000
+_RTOL = domain("between 1e-12 and 0.1", lambda x: 1e-12 < x < 0.1)
+_EXPONENT = domain("between 0 and 10 (1 is isothermal)", lambda x: 0 < x < 10)
 
 
 def simulate(
@@ -57,17 +58,17 @@ def simulate(
         stretch: lambda = R_max/R_0, R_0 the stress-free equilibrium radius.
         time: (n,) s after the start, ascending, from zero or later.
         medium: liquid and gas constants.
-        driving: pressure far from the bubble above the ambient one (physics/driving.py); none by default.
+        driving: pressure far from the bubble above the ambient one (physics/driving.py).
         motion: "keller-miksis", "rayleigh-plesset" (incompressible) or "gilmore" (Tait's liquid).
-        polytropic: exponent of the gas (1 isothermal, 1.4 adiabatic air) beside saturated vapour, the cheap
-            alternative to heat and vapour transport, which are solved if it is None. The start is the same, with the
-            gas of R_0 expanded isothermally, so that with another exponent than 1 the bubble rests above R_0.
+        polytropic: exponent of the gas (1 isothermal, 1.4 adiabatic air) beside saturated vapour, instead of heat and
+            vapour transport. The gas of R_0 is expanded to the start isothermally: with another exponent than 1 the
+            bubble rests above R_0.
         relaxed: laws with memory start unstressed; otherwise with what the growth from R_0 to R_max leaves
-            (physics/growth.py). The instantaneous laws have no such choice.
+            (physics/growth.py).
         fields: keep temperature and vapour in the bubble, `Simulation.contents`.
         precise: ten times as accurate and five times as long as the default, whose error is 1e-4 of R_max in
             the median and up to 2e-3 in the most violent collapses (benchmarks/solver.md).
-        rtol, cells: instead of those of the default, relative error per step and shells across the bubble.
+        rtol, cells: relative error per step and shells across the bubble, instead of the default's.
         throw: raise on a failed solve; otherwise return it with its status.
 
     Raises:
@@ -78,33 +79,26 @@ def simulate(
     """
     times = _checked(time)
     usual = POLYTROPIC if polytropic is not None else PRECISE if precise else DEFAULT
-    cells = usual[0] if cells is None else cells
-    rtol = usual[1] if rtol is None else rtol
-    require("rtol", rtol, domain("between 1e-12 and 0.1", lambda x: 1e-12 < x < 0.1))
+    cells, rtol = usual[0] if cells is None else cells, usual[1] if rtol is None else rtol
+    within(_RTOL, "rtol", rtol)
     if polytropic is not None:
-        require("polytropic", polytropic, domain("between 0 and 10 (1 is isothermal)", lambda x: 0 < x < 10))
-        if fields:
-            raise InputError("polytropic contents have no fields: leave out fields or polytropic", "physics.no_fields")
-    numbers = dimensionless(
-        material, medium, max_radius, stretch, driving=driving, motion=motion, polytropic=polytropic or 0.0
-    )
+        within(_EXPONENT, "polytropic", polytropic)
+        require(not fields, "polytropic contents have no fields: leave out fields or polytropic", "physics.no_fields")
+    way: dict[str, Any] = {"driving": driving, "motion": motion, "polytropic": polytropic or 0.0}
+    numbers = dimensionless(material, medium, max_radius, stretch, **way)
     grid = wall_clustered(cells, min(WALL_CELL, 0.5 / cells)) if polytropic is None else NO_SHELLS
     most = MAX_STEPS + len(numbers.driving) - 2  # no step passes over more than one sample of a trace
-    t_c = medium.time_scale(max_radius)
-    terms = len(numbers.memory)
+    t_c, terms = medium.time_scale(max_radius), len(numbers.memory)
     out = np.full((times.size, 4 + terms), np.nan)
     shells = np.full((times.size, 2 * cells), np.nan) if fields else np.zeros((0, 0))
     stats = np.zeros(5)
-    status = "ok"
+    why = where = ""
     try:
         memory = np.zeros(terms)
         if terms and not relaxed:
             from cavirheo.physics.growth import remembered  # its scipy takes a third of a second to import
 
             memory = remembered(numbers)
-    except SolverError as error:
-        status = f"{error}; with {material} and stretch {stretch:.4g}"
-    else:
         start = np.concatenate([[1.0, 0.0, numbers.pressure], memory])
         ways = (times / t_c, float(rtol), most, False)
         code = solver.integrate(numbers, grid, RODAS5P, start, *ways, out, shells, stats)
@@ -115,9 +109,11 @@ def simulate(
                 solver.STEP_TOO_SMALL: "the step size went to zero",
                 solver.OUTSIDE_LAW: f"R/R_0 left the range {low:.4g} to {high:.4g} of {material.elastic}",
             }[code]
-            where = f"t = {stats[3] * t_c * 1e6:.4g} us, R/R_max = {stats[4]:.3g}"
-            status = f"{why} at {where}, with {material} and stretch {stretch:.4g}"
-    if throw and status != "ok":
+            where = f" at t = {stats[3] * t_c * 1e6:.4g} us, R/R_max = {stats[4]:.3g}, with"
+    except SolverError as error:
+        why, where = str(error), "; with"
+    status = f"{why}{where} {material} and stretch {stretch:.4g}" if why else "ok"
+    if throw and why:
         raise SolverError(status)
     return Simulation(
         time=times,
@@ -161,19 +157,16 @@ def simulate_many(
         radii, stretches = (np.broadcast_to(np.asarray(a, float), (m,)) for a in (max_radius, stretch))
         times = np.broadcast_to(np.asarray(time, float), (m, np.shape(time)[-1] if np.ndim(time) else 1))
     except ValueError as error:
-        raise InputError(
-            f"{m} materials need max_radius and stretch as scalars or ({m},), time as (n,) or ({m}, n); "
-            f"got {np.shape(max_radius)}, {np.shape(stretch)}, {np.shape(time)}",
-            "physics.shapes",
-        ) from error
+        shapes = f"{np.shape(max_radius)}, {np.shape(stretch)}, {np.shape(time)}"
+        expected = f"max_radius and stretch as scalars or ({m},), time as (n,) or ({m}, n)"
+        raise InputError(f"{m} materials need {expected}; got {shapes}", "physics.shapes") from error
 
     def one(i: int) -> Simulation:
         bubble: dict[str, Any] = dict(max_radius=float(radii[i]), stretch=float(stretches[i]), time=times[i])
         return simulate(materials[i], **bubble, throw=False, **options)
 
-    done = [one(i) for i in range(m if workers == 1 else min(m, 1))]  # the first may compile: before threads
-    with ThreadPoolExecutor(workers or os.cpu_count() or 1) as pool:
-        return done + list(pool.map(one, range(len(done), m)))
+    first = [one(0)] if m else []  # it may compile: before threads
+    return first + parallel.each(one, range(1, m), workers)
 
 
 def load_solver() -> None:
@@ -189,13 +182,11 @@ def load_solver() -> None:
 
 def _checked(time: ArrayLike) -> Floats:
     times = np.array(time, dtype=float, ndmin=1)
-    if times.ndim != 1 or times.size == 0 or not np.all(np.isfinite(times)):
-        why = f"time must be a non-empty list of finite seconds, got an array of shape {times.shape}"
-        raise InputError(why, "physics.times")
-    if times[0] < 0 or np.any(np.diff(times) < 0):
-        raise InputError(
-            "time must ascend from zero or later (seconds after R_max); "
-            f"got {times[0]:.4g} s first and a smallest increment of {np.min(np.diff(times), initial=0):.4g} s",
-            "physics.times_descend",
-        )
+    fine = times.ndim == 1 and times.size > 0 and bool(np.all(np.isfinite(times)))
+    why = f"time must be a non-empty list of finite seconds, got an array of shape {times.shape}"
+    require(fine, why, "physics.times")
+    smallest = np.min(np.diff(times), initial=np.inf)
+    got = f"got {times[0]:.4g} s first and a smallest increment of {min(smallest, 0):.4g} s"
+    why = f"time must ascend from zero or later (seconds after R_max); {got}"
+    require(times[0] >= 0 and smallest >= 0, why, "physics.times_descend")
     return times

@@ -43,14 +43,15 @@ class Simulation:
 
     def __repr__(self) -> str:
         solved = np.isfinite(self.radius)
-        words = [self.status if self.ok else f"failed: {self.status}", f"{len(self.time)} frames"]
-        if not solved.all():
-            words[-1] = f"{np.count_nonzero(solved)} of {words[-1]}"
+        frames = f"{len(self.time)} frames" if solved.all() else f"{solved.sum()} of {len(self.time)} frames"
+        words = [self.status if self.ok else f"failed: {self.status}", frames]
         if solved.any():
-            words.append(f"{1e6 * self.time[0]:.4g} to {1e6 * self.time[solved][-1]:.4g} us")
-            words.append(f"R {1e6 * np.nanmin(self.radius):.4g} to {1e6 * np.nanmax(self.radius):.4g} um")
-            words.append(f"R_0 {1e6 * self.equilibrium_radius:.4g} um")
-            words.append(f"collapses: {self.collapses}")
+            words += [
+                f"{1e6 * self.time[0]:.4g} to {1e6 * self.time[solved][-1]:.4g} us",
+                f"R {1e6 * np.nanmin(self.radius):.4g} to {1e6 * np.nanmax(self.radius):.4g} um",
+                f"R_0 {1e6 * self.equilibrium_radius:.4g} um",
+                f"collapses: {self.collapses}",
+            ]
         return f"Simulation({', '.join(words)})"
 
     @property
@@ -74,10 +75,7 @@ class Simulation:
         return len(turning_points(radius, 0.03 * radius.max(initial=0.0))[0])
 
     def plot(self, axes: Axes | None = None) -> Axes:
-        """R(t), um over us, on these axes or on those of a new figure.
-
-        Raises InputError without matplotlib (the extra [plot]).
-        """
+        """R(t), um over us, on these axes or on those of a new figure. Raises InputError without matplotlib."""
         from cavirheo.writing.style import BLUE, new_axes, new_figure
 
         if axes is None:

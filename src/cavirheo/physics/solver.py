@@ -1,3 +1,4 @@
+# mypy: disable-error-code="no-untyped-def"
 """The bubble and its contents, compiled: a finite-volume Rosenbrock solver.
 
 State (dimensionless, docs/method/physics.md sections 1-4), all extensive so that what nature conserves is conserved to
@@ -33,7 +34,7 @@ _compiled = njit(cache=True, nogil=True, error_model="numpy")
 
 
 @_compiled
-def piece(table, x):  # type: ignore[no-untyped-def]
+def piece(table, x):
     """The row of a table (physics/table.py) that holds x."""
     low, count = 0, table.shape[0] - 1
     while count > 1:  # x is in one of `count` rows from `low`
@@ -44,7 +45,7 @@ def piece(table, x):  # type: ignore[no-untyped-def]
 
 
 @_compiled
-def look_up(table, x):  # type: ignore[no-untyped-def]
+def look_up(table, x):
     """f(x), f'(x), f''(x) from the one quintic of a table that holds x; NaN outside the table."""
     if not table[0, 0] <= x <= table[-1, 0]:
         return math.nan, math.nan, math.nan
@@ -56,7 +57,7 @@ def look_up(table, x):  # type: ignore[no-untyped-def]
 
 
 @_compiled
-def stress(numbers, R, rate):  # type: ignore[no-untyped-def]
+def stress(numbers, R, rate):
     """S at radius R and rate g = U/R, and its derivatives dS/dR, d2S/dR2, dS/dg, d2S/dg2."""
     lam = numbers.stretch
     E, E1, E2 = look_up(numbers.elastic, R * lam)
@@ -65,7 +66,7 @@ def stress(numbers, R, rate):  # type: ignore[no-untyped-def]
 
 
 @_compiled
-def fault(numbers, R, P):  # type: ignore[no-untyped-def]
+def fault(numbers, R, P):
     """OK, or why a step to this state must be shorter: it is unphysical, or beyond the reach of the elastic law."""
     law = numbers.elastic
     inside = law[0, 0] <= R * numbers.stretch <= law[-1, 0]
@@ -73,7 +74,7 @@ def fault(numbers, R, P):  # type: ignore[no-untyped-def]
 
 
 @_compiled
-def accelerate(numbers, t, R, U, p, p_dot, memory):  # type: ignore[no-untyped-def]
+def accelerate(numbers, t, R, U, p, p_dot, memory):
     """U' with its derivatives by R, U, p, p' and t, and by the wall's excess pressure b and its rate; docs (2.1)-(2.4).
 
     b = p - 1/(We R) + S - 1. Keller-Miksis is its enthalpy h(b) = b at constant speed of sound c; Gilmore has Tait's.
@@ -126,7 +127,7 @@ def accelerate(numbers, t, R, U, p, p_dot, memory):  # type: ignore[no-untyped-d
 
 
 @_compiled
-def derivatives(t, y, numbers, grid, theta, gas, F, H, out):  # type: ignore[no-untyped-def]
+def derivatives(t, y, numbers, grid, theta, gas, F, H, out):
     """Time derivative of the state into `out`; returns p' and z. theta, gas, F, H are work space."""
     M = grid.centre.size
     area, face, left, right, wall = grid.area, grid.face, grid.left, grid.right, grid.wall
@@ -176,7 +177,7 @@ def derivatives(t, y, numbers, grid, theta, gas, F, H, out):  # type: ignore[no-
 
 
 @_compiled
-def eliminate(y, numbers, grid, p_dot, z, shift, cell, flux, blocks, border):  # type: ignore[no-untyped-def]
+def eliminate(y, numbers, grid, p_dot, z, shift, cell, flux, blocks, border):
     """The shells of (shift - J), LU-factorised from the centre to the wall. There must be shells.
 
     Most loops write one array, so that LLVM can rule out overlap and vectorise; only the elimination is sequential.
@@ -327,7 +328,7 @@ def eliminate(y, numbers, grid, p_dot, z, shift, cell, flux, blocks, border):  #
 
 
 @_compiled
-def factorise(t, y, numbers, grid, p_dot, z, shift, blocks, border, recall, schur, pivot):  # type: ignore[no-untyped-def]
+def factorise(t, y, numbers, grid, p_dot, z, shift, blocks, border, recall, schur, pivot):
     """LU factors of the border R, U, P, p', z of (shift - J), whose shells `eliminate` has done.
 
     recall (k, 4): factor of each memory m, the derivatives of m' by R and U, and that of U' by m.
@@ -415,7 +416,7 @@ def factorise(t, y, numbers, grid, p_dot, z, shift, blocks, border, recall, schu
 
 
 @_compiled
-def back_substitute(r, M, blocks, border, recall, schur, pivot, couplings, b):  # type: ignore[no-untyped-def]
+def back_substitute(r, M, blocks, border, recall, schur, pivot, couplings, b):
     """Solve (shift - J) u = r in place with the factors; b (5,) is work space."""
     N, G = r[:M], r[M : 2 * M]
     a11, a21, a22 = blocks[6], blocks[7], blocks[8]
@@ -467,7 +468,7 @@ def back_substitute(r, M, blocks, border, recall, schur, pivot, couplings, b):  
 
 
 @_compiled
-def add(x, weights, scale, u, count):  # type: ignore[no-untyped-def]
+def add(x, weights, scale, u, count):
     """x += scale * the weighted sum of the first `count` rows of u, three rows at a time."""
     m = count % 3
     if m == 1:
@@ -487,13 +488,13 @@ def add(x, weights, scale, u, count):  # type: ignore[no-untyped-def]
 
 
 @_compiled
-def reach(table, t):  # type: ignore[no-untyped-def]
+def reach(table, t):
     """The longest step from t that passes over no piece of the table unseen: to the end of the next one."""
     return table[min(piece(table, t) + 2, table.shape[0] - 1), 0] - t
 
 
 @_compiled
-def report(k, x, h, M, numbers, y, slope, trial, next_slope, out, fields):  # type: ignore[no-untyped-def]
+def report(k, x, h, M, numbers, y, slope, trial, next_slope, out, fields):
     """Row k of the results, a fraction x of the step h from y to trial."""
     # quintic Hermite in R, whose first two derivatives are known at both ends; cubic in all else
     R0, V0, A0 = y[2 * M], h * y[2 * M + 1], h * h * slope[2 * M + 1]
@@ -520,7 +521,7 @@ def report(k, x, h, M, numbers, y, slope, trial, next_slope, out, fields):  # ty
 
 
 @_compiled
-def integrate(numbers, grid, method, start, time, rtol, max_steps, to_turn, out, fields, stats):  # type: ignore[no-untyped-def]
+def integrate(numbers, grid, method, start, time, rtol, max_steps, to_turn, out, fields, stats):
     """From the state `start` (3 + k,) R, U, p, m_k, contents at rest and ambient temperature, to time[-1].
 
     out (time, 4 + k): R, U, p, S, m_k; fields (time, 2 M) or empty: the contents. Rows from a failure on stay as they

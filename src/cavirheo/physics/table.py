@@ -1,9 +1,8 @@
 """A function of one number as a chain of quintic polynomials: how the solver is given every law of a material.
 
-The solver needs a stress with its first two derivatives (docs/method/physics.md, section 4) and must not know the law.
 A row [x, c0 ... c5] of a table holds f(x + t) = c0 + c1 t + ... + c5 t^5 up to the x of the next row; the last row
-only ends the range. Each piece takes value, first and second derivative at both its ends from the law, so the three
-numbers that the solver reads come from one polynomial and its Jacobian is exact. Nodes lie where the law needs them,
+only ends the range. Each piece takes value, first and second derivative at both its ends from the law: the three
+numbers that the solver reads come from one polynomial, and its Jacobian is exact. Nodes lie where the law needs them,
 densely before a singularity, so a table is read by bisection.
 """
 
@@ -15,7 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from cavirheo.arrays import Floats
-from cavirheo.errors import InputError
+from cavirheo.errors import require
 
 TOLERANCE = 1e-8  # largest error of the derivative within a piece, relative to its largest value there
 NARROWEST = 1e-8  # of x: a piece as narrow as this is a kink of the law, or the place where the law ends
@@ -46,14 +45,11 @@ def _pieces(h: Floats, start: Floats, rise: Floats, slope: Floats, curvature: Fl
 
 
 def tabulate(slope: Callable[[Floats], Floats], nodes: Floats, origin: float) -> Floats:
-    """Table of the integral of `slope` from `origin`, which is one of the ascending nodes.
+    """Table of the integral of `slope` (for arrays of any shape) from `origin`, one of the ascending nodes.
 
     Pieces between the nodes are halved until quintics represent the slope to TOLERANCE. Where the slope is not finite
     the table ends: its range is the domain of the law. Integrals by Gauss-Legendre quadrature with 20 points a piece;
     the second derivative is a difference of the slope.
-
-    Args:
-        slope: derivative of the function, for arrays of any shape.
 
     Raises:
         InputError: the slope is so rough that MOST pieces do not represent it.
@@ -67,9 +63,8 @@ def tabulate(slope: Callable[[Floats], Floats], nodes: Floats, origin: float) ->
     a, b = nodes[:-1], nodes[1:]
     done: list[Floats] = []  # rows a, b, rise, c0 ... c5
     while a.size:
-        if a.size + sum(map(len, done)) > MOST:
-            why = f"the law is too rough: {MOST} polynomials between {nodes[0]:g} and {nodes[-1]:g} miss it"
-            raise InputError(why, "physics.rough")
+        rough = f"the law is too rough: {MOST} polynomials between {nodes[0]:g} and {nodes[-1]:g} miss it"
+        require(a.size + sum(map(len, done)) <= MOST, rough, "physics.rough")
         h = b - a
         ends = np.stack([a, b], axis=1)
         steps = 1e-3 * h[:, None] * [1, -1]  # inwards: beyond the end the law may have its singularity

@@ -1,11 +1,11 @@
 """Rodas5P: stiffly accurate, L-stable Rosenbrock method of order 5 with an embedded 4th-order solution.
 
-G. Steinebach, "Construction of Rosenbrock-Wanner method Rodas5P and numerical benchmarks within the Julia
-Differential Equations package", BIT Numer. Math. 63, 27 (2023), doi:10.1007/s10543-023-00967-x; chosen because its
-order does not fall on parabolic problems with moving boundary values, which the vapour at the wall is.
+G. Steinebach, BIT Numer. Math. 63, 27 (2023), doi:10.1007/s10543-023-00967-x; its order does not fall on parabolic
+problems with moving boundary values, which the vapour at the wall is. In the transformed form
 
-In the transformed form: (1/(h gamma) - J) u_i = f(y + sum_j A_ij u_j) + sum_j (C_ij/h) u_j. The last stage is the
-error estimate. Where f depends on time, stage i takes it at t + when_i h, and h drift_i df/dt is added.
+    (1/(h gamma) - J) u_i = f(y + sum_j A_ij u_j) + sum_j (C_ij/h) u_j + h drift_i df/dt,  f at t + when_i h;
+
+the last stage is the error estimate.
 """
 
 from __future__ import annotations

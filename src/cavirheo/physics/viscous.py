@@ -5,14 +5,13 @@ The shear rate sqrt(2 D:D) is 2 sqrt3 |g| at the wall and falls as r^-3 (docs/me
     S_v(g) = -4 int_0^g mu(2 sqrt3 |e|) de,   dS_v/dg = -4 mu(2 sqrt3 |g|):
 
 a law is complete with `apparent`, its viscosity mu at a shear rate; the table for the solver follows by quadrature.
-Every law is a frozen dataclass with SI parameters, and is by itself the material of a fluid.
+Every law is by itself the material of a fluid.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from functools import lru_cache
 from math import inf, sqrt
 from typing import Any, ClassVar
 
@@ -20,8 +19,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from cavirheo.arrays import Floats
-from cavirheo.errors import InputError
-from cavirheo.physics.law import FINITE, NOT_NEGATIVE, POSITIVE, Material
+from cavirheo.errors import require
+from cavirheo.physics.law import FINITE, NOT_NEGATIVE, POSITIVE, Material, Parts, table_of
 from cavirheo.physics.table import read, tabulate
 
 SHEAR = 2 * sqrt(3)  # shear rate at the wall over |U/R|
@@ -31,38 +30,32 @@ SLOWEST, FASTEST = 1e-3, 1e12  # U/R in 1/s: below the first and above the secon
 class Viscous(Material):
     """Base of the viscous laws: a new one defines `apparent`."""
 
-    @property
-    def viscous(self) -> Viscous:
-        return self
+    def parts(self) -> Parts:
+        return Parts(viscous=self)
 
     def apparent(self, shear_rate: Floats) -> Floats:
         """Viscosity in Pa s at a shear rate in 1/s (any shape, not negative)."""
-        raise NotImplementedError(f"{type(self).__name__} must define `apparent`")
-
-    def table(self) -> Floats:
-        """S_v over g >= 0 in Pa for the solver (physics/table.py). Kept once computed."""
-        return _tabulated(self)
+        raise NotImplementedError
 
     def stress(self, rate: ArrayLike) -> Floats:
         """S_v in Pa at U/R in 1/s (any shape)."""
         rate = np.asarray(rate, float)
-        return np.sign(rate) * read(self.table(), np.abs(rate))[0]
+        return np.sign(rate) * read(table_of(self), np.abs(rate))[0]
 
-
-@lru_cache(maxsize=64)
-def _tabulated(law: Viscous) -> Floats:
-    nodes = np.geomspace(SLOWEST, FASTEST, 200)
-    table = tabulate(lambda g: -4 * law.apparent(SHEAR * g), nodes, origin=SLOWEST)
-    if (table[0, 0], table[-1, 0]) != (SLOWEST, FASTEST) or not np.all(table[:, 2] <= 0):
-        why = f"the viscosity of {law} must be finite and not negative at all shear rates"
-        raise InputError(why, "physics.negative_viscosity")
-    low, high = table[0], [value[()] for value in read(table, FASTEST)]
-    table[:, 1] += SLOWEST * low[2]
-    slow, fast, end = np.zeros((3, 7))
-    slow[2] = low[2]
-    fast[:3] = FASTEST, high[0] + SLOWEST * low[2], high[1]
-    end[0] = inf
-    return np.vstack([slow, table[:-1], fast, end])
+    def table(self) -> Floats:
+        """(n, 7) S_v over g >= 0 in Pa for the solver (physics/table.py)."""
+        nodes = np.geomspace(SLOWEST, FASTEST, 200)
+        table = tabulate(lambda g: -4 * self.apparent(SHEAR * g), nodes, origin=SLOWEST)
+        fine = (table[0, 0], table[-1, 0]) == (SLOWEST, FASTEST) and np.all(table[:, 2] <= 0)
+        why = f"the viscosity of {self} must be finite and not negative at all shear rates"
+        require(bool(fine), why, "physics.negative_viscosity")
+        low, high = table[0], [value[()] for value in read(table, FASTEST)]
+        table[:, 1] += SLOWEST * low[2]
+        slow, fast, end = np.zeros((3, 7))
+        slow[2] = low[2]
+        fast[:3] = FASTEST, high[0] + SLOWEST * low[2], high[1]
+        end[0] = inf
+        return np.vstack([slow, table[:-1], fast, end])
 
 
 @dataclass(frozen=True)
@@ -82,10 +75,8 @@ class Newtonian(Viscous):
 @dataclass(frozen=True)
 class PowerLaw(Viscous):
     """mu = K s^(n-1), consistency K in Pa s^n, exponent n; a viscosity that is finite at rest.
-
     With n < 1 the law itself diverges at rest: s stands for sqrt(shear_rate^2 + rest_rate^2). Collapses have rates of
-    1e4 to 1e7 1/s. Ostwald 1925, doi:10.1007/BF01431449.
-    """
+    1e4 to 1e7 1/s. Ostwald 1925, doi:10.1007/BF01431449."""
 
     consistency: float = field(metadata=NOT_NEGATIVE)
     exponent: float = field(metadata=POSITIVE)
@@ -98,11 +89,9 @@ class PowerLaw(Viscous):
 @dataclass(frozen=True)
 class HerschelBulkley(Viscous):
     """mu = tau_y/s + K s^(n-1), yield stress tau_y in Pa, consistency K in Pa s^n, exponent n.
-
     Regularised: s stands for sqrt(shear_rate^2 + rest_rate^2), so that below the yield stress the material creeps with
     the viscosity tau_y/rest_rate instead of being rigid. Herschel and Bulkley 1926, doi:10.1007/BF01432034; the
-    regularisation is that of Bercovier and Engelman 1980, doi:10.1016/0021-9991(80)90163-1.
-    """
+    regularisation is that of Bercovier and Engelman 1980, doi:10.1016/0021-9991(80)90163-1."""
 
     yield_stress: float = field(metadata=NOT_NEGATIVE)
     consistency: float = field(metadata=NOT_NEGATIVE)
@@ -116,57 +105,50 @@ class HerschelBulkley(Viscous):
 
 @dataclass(frozen=True)
 class _Thinning(Viscous):
-    """mu = mu_inf + (mu_0 - mu_inf) fall(tau s): from one plateau to another."""
+    """From one plateau, mu_0 at rest, to another."""
 
     zero_rate: float = field(metadata=NOT_NEGATIVE)
     infinite_rate: float = field(metadata=NOT_NEGATIVE)
     time: float = field(metadata=NOT_NEGATIVE)
 
-    def apparent(self, shear_rate: Floats) -> Floats:
-        return self.infinite_rate + (self.zero_rate - self.infinite_rate) * self.fall(self.time * shear_rate)
-
-    def fall(self, x: Floats) -> Floats:
-        """From 1 at x = 0, with x the shear rate times `time` (any shape)."""
-        raise NotImplementedError
+    def between(self, fall: Floats) -> Floats:
+        """The viscosity where `fall` has come down from 1 at rest."""
+        return self.infinite_rate + (self.zero_rate - self.infinite_rate) * fall
 
 
 @dataclass(frozen=True)
 class CarreauYasuda(_Thinning):
     """mu = mu_inf + (mu_0 - mu_inf) [1 + (tau s)^a]^((n-1)/a), viscosities in Pa s, tau in s; a = 2 is Carreau's law.
-
-    Carreau 1972, doi:10.1122/1.549276; Yasuda, Armstrong and Cohen 1981, doi:10.1007/BF01513059.
-    """
+    Carreau 1972, doi:10.1122/1.549276; Yasuda, Armstrong and Cohen 1981, doi:10.1007/BF01513059."""
 
     exponent: float = field(metadata=FINITE)
     transition: float = field(default=2.0, metadata=POSITIVE)
 
-    def fall(self, x: Floats) -> Floats:
-        return (1 + x**self.transition) ** ((self.exponent - 1) / self.transition)
+    def apparent(self, shear_rate: Floats) -> Floats:
+        x = 1 + (self.time * shear_rate) ** self.transition
+        return self.between(x ** ((self.exponent - 1) / self.transition))
 
 
 @dataclass(frozen=True)
 class Cross(_Thinning):
     """mu = mu_inf + (mu_0 - mu_inf)/[1 + (tau s)^m], viscosities in Pa s, tau in s.
-
-    Cross 1965, doi:10.1016/0095-8522(65)90022-X.
-    """
+    Cross 1965, doi:10.1016/0095-8522(65)90022-X."""
 
     exponent: float = field(default=1.0, metadata=POSITIVE)
 
-    def fall(self, x: Floats) -> Floats:
-        return 1 / (1 + x**self.exponent)
+    def apparent(self, shear_rate: Floats) -> Floats:
+        return self.between(1 / (1 + (self.time * shear_rate) ** self.exponent))
 
 
 @dataclass(frozen=True)
 class PowellEyring(_Thinning):
     """mu = mu_inf + (mu_0 - mu_inf) asinh(tau s)/(tau s), viscosities in Pa s, tau in s.
+    Powell and Eyring 1944, doi:10.1038/154427a0."""
 
-    Powell and Eyring 1944, doi:10.1038/154427a0.
-    """
-
-    def fall(self, x: Floats) -> Floats:
+    def apparent(self, shear_rate: Floats) -> Floats:
+        x = self.time * shear_rate
         small = x < 1e-8
-        return np.where(small, 1.0, np.arcsinh(x) / np.where(small, 1.0, x))
+        return self.between(np.where(small, 1.0, np.arcsinh(x) / np.where(small, 1.0, x)))
 
 
 @dataclass(frozen=True)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from cavirheo.arrays import Floats
 from cavirheo.curve import RadiusCurve
@@ -27,8 +27,8 @@ def unusable(reason: str, **meta: Any) -> RadiusCurve:
 def make_curve(
     time: ArrayLike,
     radius: ArrayLike,
-    *,
     radius_std: ArrayLike | None = None,
+    *,
     time_unit: str | None = None,
     radius_unit: str | None = None,
     notes: tuple[str, ...] = (),
@@ -48,56 +48,49 @@ def make_curve(
         return unusable(f"{len(t)} times but {len(r)} radii", **meta)
     said = list(notes)
 
-    timeless = ~(np.abs(t) < _ABSURD)
-    if timeless.any():
-        said.append(f"{timeless.sum()} of {len(t)} frames without a time left out")
-        t, r, std = t[~timeless], r[~timeless], std[~timeless]
+    timed = np.abs(t) < _ABSURD
+    if not timed.all():
+        said.append(f"{np.count_nonzero(~timed)} of {len(t)} frames without a time left out")
+        t, r, std = t[timed], r[timed], std[timed]
     if time_unit is None:
         time_unit = _guess_time_unit(t)
         said.append(f"no unit given for time: taken as {time_unit} from its span")
     t = t * TIME_UNITS[time_unit]
 
     r = np.where(np.abs(r) < _ABSURD, r, np.nan)
-    scale, scale_note, unscaled = _radius_scale(_largest(r), radius_unit)
-    said += [scale_note] if scale_note else []
+    scale, note, unscaled = _radius_scale(_largest(r), radius_unit)
     r, std = r * scale, std * scale
-    not_measured = r < _NO_BUBBLE
-    missing = int(np.isnan(r).sum())
-    r[not_measured] = np.nan
     std[~(std > 0)] = np.nan
-    if missing:
-        said.append(f"{missing} of {len(r)} frames without a radius (NaN)")
-    if not_measured.any():
-        said.append(f"{not_measured.sum()} frames with radius <= 0 marked as not measured")
+    missing, empty = np.count_nonzero(np.isnan(r)), r < _NO_BUBBLE
+    r[empty] = np.nan
+    said += [note] if note else []
+    said += [f"{missing} of {len(r)} frames without a radius (NaN)"] if missing else []
+    said += [f"{empty.sum()} frames with radius <= 0 marked as not measured"] if empty.any() else []
 
-    t, r, std, order_notes = _in_order(t, r, std)
-    rate = _frame_rate(t)
-    if rate is not None:
-        meta.setdefault("frame_rate_hz", rate)
-    said += [*order_notes, *([unscaled] if unscaled else [])]
-    return RadiusCurve(t, r, std, {**meta, "notes": tuple(said)}, unscaled=unscaled)
-
-
-def _in_order(t: Floats, r: Floats, std: Floats) -> tuple[Floats, Floats, Floats, list[str]]:
-    """Sorted by time, frames of one time averaged; with notes."""
-    notes = []
-    backwards = int((np.diff(t) < 0).sum())
-    if backwards:
-        notes.append(f"times not in order ({backwards} steps back): frames sorted")
+    if backwards := np.count_nonzero(np.diff(t) < 0):
+        said.append(f"times not in order ({backwards} steps back): frames sorted")
         order = np.argsort(t, kind="stable")
         t, r, std = t[order], r[order], std[order]
     first = np.flatnonzero(np.diff(t, prepend=-np.inf) > _SAME_TIME)
-    counts = np.diff(first, append=len(t))
     if len(first) < len(t):
-        notes.append(f"{len(t) - len(first)} frames repeat a time: the radii of one time averaged")
-        r, std = r.copy(), std.copy()
-        for start, count in zip(first[counts > 1], counts[counts > 1], strict=True):
-            for values in (r, std):
-                known = values[start : start + count]
-                known = known[np.isfinite(known)]
-                values[start] = known.mean() if known.size else np.nan
-        t, r, std = t[first], r[first], std[first]
-    return t, r, std, notes
+        said.append(f"{len(t) - len(first)} frames repeat a time: the radii of one time averaged")
+        t, r, std = t[first], _averaged(r, first), _averaged(std, first)
+    steps = np.diff(t)
+    step = float(np.median(steps)) if len(steps) > 1 else 0.0
+    if step and np.mean(np.abs(steps - step) < 0.01 * step) > 0.5:  # most frames are evenly spaced
+        meta.setdefault("frame_rate_hz", 1.0 / step)
+    said += [unscaled] if unscaled else []
+    return RadiusCurve(t, r, std, {**meta, "notes": tuple(said)}, unscaled=unscaled)
+
+
+def _averaged(values: Floats, first: NDArray[np.intp]) -> Floats:
+    """The mean of what is known of each run of values that begins at one of the indices `first`."""
+    means = values[first]
+    for k in np.flatnonzero(np.diff(first, append=len(values)) > 1):
+        run = values[first[k] : first[k + 1] if k + 1 < len(first) else None]
+        known = run[np.isfinite(run)]
+        means[k] = known.mean() if known.size else np.nan
+    return means
 
 
 def _largest(r: Floats) -> float:
@@ -116,14 +109,10 @@ def _radius_scale(largest: float, unit: str | None) -> tuple[float, str, str]:
     given = f"the radius is given in {unit}" if unit else "no unit is given for the radius"
     if 0.8 < largest < 1.25:  # rather R/R_max than a bubble of 1 mm
         return 1e-6, "", f"{given}, but its largest value {largest:.4g} looks like R/R_max"
-    if len(fits) == 1:
-        note = (
-            f"{given}: taken as {fits[0]} from its size"
-            if unit is None
-            else (f"{given}, but the largest value {largest:.4g} only makes sense in {fits[0]}: taken as {fits[0]}")
-        )
-        return RADIUS_UNITS[fits[0]], note, ""
-    return 1e-6, "", f"{given}; its largest value {largest:.4g} is no bubble of 5 um to 5 mm in m, mm or um"
+    if len(fits) != 1:
+        return 1e-6, "", f"{given}; its largest value {largest:.4g} is no bubble of 5 um to 5 mm in m, mm or um"
+    told = f", but the largest value {largest:.4g} only makes sense in {fits[0]}: taken as {fits[0]}"
+    return RADIUS_UNITS[fits[0]], given + (told if unit else f": taken as {fits[0]} from its size"), ""
 
 
 def _guess_time_unit(t: Floats) -> str:
@@ -133,16 +122,5 @@ def _guess_time_unit(t: Floats) -> str:
         return "s"
     if 1.0 <= span <= 5e3:
         return "us"
-    raise InputError(
-        f"the unit of time cannot be told from its span ({span:.4g}); name it in the header, e.g. time_us", "table.time"
-    )
-
-
-def _frame_rate(t: Floats) -> float | None:
-    """1/s where most frames are evenly spaced, else None."""
-    if len(t) < 3:
-        return None
-    steps = np.diff(t)
-    step = float(np.median(steps))
-    even = np.abs(steps - step) < 0.01 * step
-    return 1.0 / step if even.mean() > 0.5 else None
+    why = f"the unit of time cannot be told from its span ({span:.4g})"
+    raise InputError(f"{why}; name it in the header, e.g. time_us", "table.time")

@@ -13,15 +13,15 @@ from typing import Any
 import numpy as np
 
 from cavirheo.curve import RadiusCurve
-from cavirheo.errors import InputError
+from cavirheo.errors import require
 from cavirheo.reading import limits
 from cavirheo.reading.clean import make_curve
 from cavirheo.reading.table import column
 
-Arrays = dict[str, tuple[Any, str | None]]  # by kind of column: the dataset, not yet read, and its unit
+_EXPECTED = "datasets time and radius (s, m), or time_us and radius_um, in the root or one group per curve"
 
 
-def read(path: Path, density: float, pressure: float) -> list[RadiusCurve]:
+def read(path: Path) -> list[RadiusCurve]:
     import h5py
 
     with h5py.File(path, "r") as file:
@@ -37,21 +37,17 @@ def read(path: Path, density: float, pressure: float) -> list[RadiusCurve]:
         shots = [(group, arrays) for group in groups if {"time", "radius"} <= (arrays := _arrays(group)).keys()]
         limits.few(len(shots), limits.CURVES, "curves")
         limits.arrays(item for _, arrays in shots for item, _ in arrays.values())
-        curves = [_curve(*shot) for shot in shots]
-    if not curves:
-        raise InputError(
-            f"no group holds a time and a radius dataset; found: {', '.join(found[:20]) or 'nothing'}; expected "
-            "datasets time and radius (s, m), or time_us and radius_um, in the root or one group per curve",
-            "hdf5.datasets",
-        )
-    return curves
+        names = ", ".join(found[:20]) or "nothing"
+        none = f"no group holds a time and a radius dataset; found: {names}; expected {_EXPECTED}"
+        require(len(shots) > 0, none, "hdf5.datasets")
+        return [_curve(*shot) for shot in shots]
 
 
-def _arrays(group: Any) -> Arrays:
-    """The datasets of a group that are named like columns of a curve and hold numbers."""
+def _arrays(group: Any) -> dict[str, tuple[Any, str | None]]:
+    """By kind of column: the dataset named so, not yet read, and its unit."""
     import h5py
 
-    arrays: Arrays = {}
+    arrays = {}
     for name in group:
         kind, unit = column(name)
         if kind in ("time", "radius", "radius_std"):
@@ -61,7 +57,7 @@ def _arrays(group: Any) -> Arrays:
     return arrays
 
 
-def _curve(group: Any, arrays: Arrays) -> RadiusCurve:
+def _curve(group: Any, arrays: dict[str, tuple[Any, str | None]]) -> RadiusCurve:
     meta: dict[str, Any] = {"label": group.name.strip("/")} if group.name != "/" else {}
     if "stretch" in group.attrs:
         meta["stretch"] = float(group.attrs["stretch"])

@@ -8,10 +8,9 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from math import prod
-from pathlib import Path
 from typing import Any
 
-from cavirheo.errors import InputError
+from cavirheo.errors import require
 
 SAMPLES = 5_000_000  # numbers in all arrays of one file
 CURVES = 5_000
@@ -19,28 +18,14 @@ ROWS = 1_000_000
 COLUMNS = 1_000
 LINE = 100_000  # characters
 TEXT = 200_000_000  # bytes of a text file
-SHEET = 60_000_000  # bytes of XML of one sheet, unpacked
+SHEET = 60_000_000  # bytes of a workbook
 INFLATED = 500_000_000  # bytes of all variables of a .mat, unpacked
 
 
 def few(count: int, most: int, what: str) -> None:
     """Raises InputError where there are more of them than are read: "limits.lines" for lines, and so on."""
-    if count > most:
-        raise InputError(f"{count} {what}: more than {most} are not read; split the file", f"limits.{what.split()[0]}")
-
-
-def text(path: Path) -> bytes:
-    """The content of a text file. Raises InputError: too large, too many lines."""
-    few(path.stat().st_size, TEXT, "bytes of text")
-    content = path.read_bytes()
-    few(content.count(b"\n") + 1, ROWS, "lines")
-    return content
-
-
-def rows(lines: list[str]) -> None:
-    """Raises InputError: too many lines, or one that is no row of a table."""
-    few(len(lines), ROWS, "lines")
-    few(max(map(len, lines), default=0), LINE, "characters in one line")
+    split = f"more than {most} are not read; split the file"
+    require(count <= most, f"{count} {what}: {split}", f"limits.{what.split()[0]}")
 
 
 def arrays(items: Iterable[Any]) -> None:
@@ -52,23 +37,21 @@ def arrays(items: Iterable[Any]) -> None:
     """
     total = 0
     for item in items:
-        if item.external or item.is_virtual:
-            raise _elsewhere(f"{item.name} takes its numbers from another file")
+        _here(not (item.external or item.is_virtual), f"{item.name} takes its numbers from another file")
         total += prod(item.shape)
         for what, size in (("chunks", prod(item.chunks or (0,))), ("shape", total)):
-            if size > SAMPLES:
-                declared = f"{item.name} declares the {what} {getattr(item, what)}"
-                raise InputError(f"{declared}: more than {SAMPLES} samples are not read", f"limits.{what}")
+            declared = f"{item.name} declares the {what} {getattr(item, what)}"
+            require(size <= SAMPLES, f"{declared}: more than {SAMPLES} samples are not read", f"limits.{what}")
 
 
 def own(group: Any, name: str) -> Any:
     """group[name], None if there is nothing. Raises InputError: it would be read from another file."""
     import h5py
 
-    if isinstance(group.get(name, getlink=True), h5py.ExternalLink):
-        raise _elsewhere(f"{name} is a link to another file")
+    link = isinstance(group.get(name, getlink=True), h5py.ExternalLink)
+    _here(not link, f"{name} is a link to another file")
     return group.get(name)
 
 
-def _elsewhere(what: str) -> InputError:
-    return InputError(f"{what}; copy them into this one", "limits.elsewhere")
+def _here(fine: bool, what: str) -> None:
+    require(fine, f"{what}; copy them into this one", "limits.elsewhere")

@@ -17,13 +17,15 @@ from typing import Any
 
 import numpy as np
 
-from cavirheo.errors import InputError
+from cavirheo.errors import require
 from cavirheo.reading import limits
 
 _HEAD = 1024  # bytes that hold the header of an array, its name at the end
 _NUMBERS = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 9: "f8", 12: "i8", 13: "u8"}
 _MATRIX, _DEFLATED = 14, 15
 _CELL, _NUMERIC = 1, range(6, 16)  # array classes
+_NOTHING = (0, b"")  # no element
+_DAMAGED, _CUT = "matfile.damaged", "matfile.cut"
 
 
 def read_matfile(path: Path, wanted: Container[str]) -> tuple[dict[str, Any], list[str]]:
@@ -35,10 +37,9 @@ def read_matfile(path: Path, wanted: Container[str]) -> tuple[dict[str, Any], li
     """
     limits.few(path.stat().st_size, limits.INFLATED, "bytes")
     content = path.read_bytes()
+    order = {b"IM": "<", b"MI": ">"}.get(content[126:128], "")
+    require(order != "", "not a MATLAB file of version 5 to 7: its header of 128 bytes is damaged", _DAMAGED)
     left = limits.INFLATED
-    order = {b"IM": "<", b"MI": ">"}.get(content[126:128])
-    if order is None or len(content) < 128:
-        raise InputError("not a MATLAB file of version 5 to 7: its header of 128 bytes is damaged", "matfile.damaged")
     variables: dict[str, Any] = {}
     names: list[str] = []
     for kind, data in _elements(content[128:], order):
@@ -50,18 +51,16 @@ def read_matfile(path: Path, wanted: Container[str]) -> tuple[dict[str, Any], li
                 names += [name] if name else []
                 continue
             data = head + inflate.decompress(inflate.unconsumed_tail, left)
-            if inflate.unconsumed_tail:
-                raise InputError(f"{name} unpacks to more than {limits.INFLATED} bytes in all", "limits.unpacked")
-            if not inflate.eof:
-                raise InputError(f"{name} is cut off", "matfile.cut")
+            most = f"{name} unpacks to more than {limits.INFLATED} bytes in all"
+            require(not inflate.unconsumed_tail, most, "limits.unpacked")
+            require(inflate.eof, f"{name} is cut off", _CUT)
             left -= len(data)
-            kind, data = next(_elements(data, order), (0, b""))
-        if kind != _MATRIX:
-            continue
-        name, value = _array(data, order, wanted)
-        names += [name] if name else []
-        if name and value is not None:
-            variables[name] = value
+            kind, data = next(_elements(data, order), _NOTHING)
+        if kind == _MATRIX:
+            name, value = _array(data, order, wanted)
+            names += [name] if name else []
+            if name and value is not None:
+                variables[name] = value
     return variables, names
 
 
@@ -72,14 +71,12 @@ def _elements(data: bytes, order: str) -> Iterator[tuple[int, bytes]]:
         kind, length = struct.unpack_from(order + "II", data, at)
         if kind >> 16:  # small element: both numbers share the first four bytes, the data fills the other four
             kind, length, start, after = kind & 0xFFFF, kind >> 16, at + 4, at + 8
-            if length > 4:
-                raise InputError(f"damaged at byte {at}: a small element of {length} bytes", "matfile.damaged")
+            require(length <= 4, f"damaged at byte {at}: a small element of {length} bytes", _DAMAGED)
         else:
             start = at + 8
             after = start + length + (0 if kind == _DEFLATED else -length % 8)
-        if start + length > len(data):
-            left = len(data) - start
-            raise InputError(f"cut off: an element of {length} bytes begins where {left} are left", "matfile.cut")
+        left = len(data) - start
+        require(length <= left, f"cut off: an element of {length} bytes begins where {left} are left", _CUT)
         yield kind, data[start : start + length]
         at = after
 
@@ -87,12 +84,10 @@ def _elements(data: bytes, order: str) -> Iterator[tuple[int, bytes]]:
 def _header(data: bytes, order: str) -> tuple[int, tuple[int, ...], str, Iterator[tuple[int, bytes]]]:
     """(class, shape, name, the elements that follow) of one array."""
     parts = _elements(data, order)
-    flags, shape_bytes, name_bytes = (next(parts, (0, b""))[1] for _ in range(3))
-    if len(flags) < 4 or len(shape_bytes) % 4:
-        raise InputError("an array without flags or dimensions", "matfile.damaged")
+    flags, shape, name = (next(parts, _NOTHING)[1] for _ in range(3))
+    require(len(flags) >= 4 and len(shape) % 4 == 0, "an array without flags or dimensions", _DAMAGED)
     array_class = struct.unpack_from(order + "I", flags)[0] & 0xFF
-    shape = struct.unpack(f"{order}{len(shape_bytes) // 4}i", shape_bytes)
-    return array_class, shape, name_bytes.decode("latin-1"), parts
+    return array_class, struct.unpack(f"{order}{len(shape) // 4}i", shape), name.decode("latin-1"), parts
 
 
 def _array(data: bytes, order: str, wanted: Container[str] | None) -> tuple[str, Any]:
@@ -105,25 +100,23 @@ def _array(data: bytes, order: str, wanted: Container[str] | None) -> tuple[str,
     array_class, shape, name, parts = _header(data, order)
     if wanted is not None and name not in wanted:
         return name, None
-    if array_class == _CELL:
-        if wanted is None:  # cells in cells hold nothing that is read
-            return name, None
+    if array_class == _CELL and wanted is not None:  # cells in cells hold nothing that is read
         cells: list[Any] = []
         for kind, part in parts:
             if kind == _MATRIX:
-                cells.append(_array(part, order, None)[1])
+                value = _array(part, order, None)[1]
+                cells.append(np.empty(0) if value is None else value.ravel(order="F"))
                 limits.few(len(cells), limits.CURVES, f"cells of {name}")
-        return name, [c.ravel(order="F") if isinstance(c, np.ndarray) else np.empty(0) for c in cells]
+        return name, cells
     if array_class not in _NUMERIC:
         return name, None
     kind, numbers = next(parts, (9, b""))
-    if kind not in _NUMBERS:
-        raise InputError(f"{name or 'a cell'}: numbers of the unknown type {kind}", "matfile.damaged")
+    shown = name or "a cell"
+    require(kind in _NUMBERS, f"{shown}: numbers of the unknown type {kind}", _DAMAGED)
     item = np.dtype(order + _NUMBERS[kind])
-    limits.few(len(numbers) // item.itemsize, limits.SAMPLES, f"numbers in {name or 'a cell'}")
-    values = np.frombuffer(numbers[: len(numbers) // item.itemsize * item.itemsize], item).astype(np.float64)
-    if min(shape, default=0) < 0 or prod(shape) != len(values):
-        raise InputError(
-            f"{name or 'a cell'}: {len(values)} numbers for an array of the shape {shape}", "matfile.damaged"
-        )
+    count = len(numbers) // item.itemsize
+    limits.few(count, limits.SAMPLES, f"numbers in {shown}")
+    fits = min(shape, default=0) >= 0 and prod(shape) == count
+    require(fits, f"{shown}: {count} numbers for an array of the shape {shape}", _DAMAGED)
+    values = np.frombuffer(numbers, item, count).astype(np.float64)
     return name, values.reshape(shape, order="F")

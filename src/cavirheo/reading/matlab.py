@@ -20,26 +20,15 @@ import numpy as np
 
 from cavirheo.arrays import Floats
 from cavirheo.curve import RadiusCurve
-from cavirheo.errors import InputError
+from cavirheo.errors import InputError, require
 from cavirheo.reading import limits
 from cavirheo.reading.clean import make_curve, unusable
-from cavirheo.reading.matfile import read_matfile
 
 _CELLS = ("R_nondim_All", "t_nondim_All")
 _ONE_EACH = "RmaxList lambda_max_mean lambda_max_std P_inf rho Rnew t deltax deltat R Rmax shift_normRnew"
-_WANTED = (*_CELLS, *_ONE_EACH.split())
+WANTED = (*_CELLS, *_ONE_EACH.split())
 
 Variables = dict[str, Any]  # name -> (…,) float array, or a list of them for a cell array
-
-
-def read_v5(path: Path, density: float, pressure: float) -> list[RadiusCurve]:
-    """Versions 5 to 7."""
-    return _curves(*read_matfile(path, _WANTED), density, pressure)
-
-
-def read_v73(path: Path, density: float, pressure: float) -> list[RadiusCurve]:
-    """Version 7.3 (HDF5)."""
-    return _curves(*read_hdf5(path, _WANTED), density, pressure)
 
 
 def read_hdf5(path: Path, wanted: Iterable[str]) -> tuple[Variables, list[str]]:
@@ -65,32 +54,32 @@ def read_hdf5(path: Path, wanted: Iterable[str]) -> tuple[Variables, list[str]]:
 
 
 def _plain(item: Any) -> Floats:
-    if item.attrs.get("MATLAB_empty", 0):
-        return np.empty(0)
-    return np.asarray(item[()], dtype=np.float64).T
+    empty = item.attrs.get("MATLAB_empty", 0)
+    return np.empty(0) if empty else np.asarray(item[()], dtype=np.float64).T
 
 
-def _curves(variables: Variables, found: list[str], density: float, pressure: float) -> list[RadiusCurve]:
+def curves(variables: Variables, found: list[str], density: float, pressure: float) -> list[RadiusCurve]:
+    """The curves that the variables make; `found` are the names of all that are in the file.
+
+    Raises:
+        InputError: they make none.
+    """
     has = variables.keys().__contains__
-    if has("R_nondim_All") and has("t_nondim_All"):
+    if all(map(has, _CELLS)):
         return _bdt(variables, density, pressure)
     if has("shift_normRnew") and has("Rmax") and has("t"):
         return _shifted(variables)
     if has("Rnew") and (has("t") or has("deltat")):
         return _imr(variables)
     if has("R") and has("t"):
-        return _rows(variables["t"], variables["R"], radius_unit=None, notes=())
+        return _rows(variables["t"], variables["R"])
     if "pIMR_array" in found:
-        raise InputError(
-            "a table of collapse times (pIMR_array: R_max, stretch, t_1), not radius histories R(t): "
-            "there is no curve in it to infer from; use cavirheo collapse-time",
-            "matlab.collapse_times",
-        )
-    raise InputError(
-        f"no radius history; variables found: {', '.join(found) or 'none'}; expected R_nondim_All, t_nondim_All and "
-        "RmaxList (BDT), or Rnew and t (IMR)",
-        "matlab.variables",
-    )
+        why = "a table of collapse times (pIMR_array: R_max, stretch, t_1), not radius histories R(t)"
+        use = "there is no curve in it to infer from; use cavirheo collapse-time"
+        raise InputError(f"{why}: {use}", "matlab.collapse_times")
+    expected = "expected R_nondim_All, t_nondim_All and RmaxList (BDT), or Rnew and t (IMR)"
+    names = ", ".join(found) or "none"
+    raise InputError(f"no radius history; variables found: {names}; {expected}", "matlab.variables")
 
 
 def _scalar(variables: Variables, name: str) -> float | None:
@@ -100,14 +89,16 @@ def _scalar(variables: Variables, name: str) -> float | None:
 
 def _bdt(variables: Variables, density: float, pressure: float) -> list[RadiusCurve]:
     radii, times = ([v] if isinstance(v, np.ndarray) else v for v in (variables[name] for name in _CELLS))
-    if len(radii) != len(times):
-        raise InputError(f"R_nondim_All has {len(radii)} cells but t_nondim_All {len(times)}")
+    count = len(radii)
+    require(count == len(times), f"R_nondim_All has {count} cells but t_nondim_All {len(times)}")
     shared: list[str] = []
-    for name, unit in (("P_inf", "Pa"), ("rho", "kg/m3")):
+    given = {"P_inf": (pressure, "Pa"), "rho": (density, "kg/m3")}
+    for name, (_, unit) in given.items():
         value = _scalar(variables, name)
         if value is not None and value > 0:
             shared.append(f"{name} = {value:.6g} {unit} taken from the file")
-            density, pressure = (density, value) if name == "P_inf" else (value, pressure)
+            given[name] = value, unit
+    pressure, density = (value for value, _ in given.values())
     stated: dict[str, Any] = {}
     stretch, spread = (_scalar(variables, name) for name in ("lambda_max_mean", "lambda_max_std"))
     if stretch is not None:
@@ -115,32 +106,27 @@ def _bdt(variables: Variables, density: float, pressure: float) -> list[RadiusCu
         shared.append(f"the file states one stretch for all shots: {stretch:.4g} +- {spread or float('nan'):.2g}")
     listed = variables.get("RmaxList", np.empty(0)).ravel()
     per_radius = float(np.sqrt(density / pressure))  # s per m of R_max and unit of t*
-    curves = []
+    made = []
     for k, (radius, time) in enumerate(zip(radii, times, strict=True)):
-        cell = f"cell {k + 1} of {len(radii)}"
-        max_radius = float(listed[k]) if k < len(listed) else np.nan
+        cell = f"cell {k + 1} of {count}"
+        largest = float(listed[k]) if k < len(listed) else np.nan
         if radius.size == 0 or time.size == 0:
             curve = unusable(f"{cell} is empty", **stated)
-        elif len(listed) and not max_radius > 0:
-            curve = unusable(f"{cell} has samples but RmaxList gives R_max = {max_radius:.4g} m", **stated)
         elif not len(listed):  # time and radius both wait for the user's R_max
             reason = "the file has no RmaxList, so radii and times are only known in units of R_max"
             curve = make_curve(time * per_radius, radius, time_unit="s", radius_unit="m", **stated)
             meta = {**curve.meta, "notes": (*shared, reason)}
             curve = replace(curve, meta=meta, unscaled=reason, time_unscaled=True)
+        elif not largest > 0:
+            curve = unusable(f"{cell} has samples but RmaxList gives R_max = {largest:.4g} m", **stated)
         else:
-            scale = f"R_max = {max_radius * 1e6:.4g} um, density {density:.6g} kg/m3, {pressure:.6g} Pa"
-            curve = make_curve(
-                time * (max_radius * per_radius),
-                radius * max_radius,
-                time_unit="s",
-                radius_unit="m",
-                notes=(f"seconds from t* with {scale}", *shared),
-                **stated,
-            )
+            scale = f"R_max = {largest * 1e6:.4g} um, density {density:.6g} kg/m3, {pressure:.6g} Pa"
+            notes = (f"seconds from t* with {scale}", *shared)
+            seconds, metres = time * (largest * per_radius), radius * largest
+            curve = make_curve(seconds, metres, time_unit="s", radius_unit="m", notes=notes, **stated)
             curve = curve.with_notes(*_density_hint(curve.frame_rate, density))
-        curves.append(replace(curve, stated_time_of_max=0.0))
-    return curves
+        made.append(replace(curve, stated_time_of_max=0.0))
+    return made
 
 
 def _density_hint(rate: float | None, density: float) -> list[str]:
@@ -151,10 +137,8 @@ def _density_hint(rate: float | None, density: float) -> list[str]:
     nearest = float(rounds.flat[np.argmin(np.abs(np.log(rounds / rate)))])
     if not 5e-4 < abs(rate / nearest - 1.0) < 0.05:
         return []
-    return [
-        f"frame rate {rate:.5g}/s with this density; if the camera ran at {nearest:.3g}/s, the file was made with "
-        f"density {density * (rate / nearest) ** 2:.5g} kg/m3"
-    ]
+    made = f"the file was made with density {density * (rate / nearest) ** 2:.5g} kg/m3"
+    return [f"frame rate {rate:.5g}/s with this density; if the camera ran at {nearest:.3g}/s, {made}"]
 
 
 def _imr(variables: Variables) -> list[RadiusCurve]:
@@ -166,8 +150,8 @@ def _imr(variables: Variables) -> list[RadiusCurve]:
         radius = radius * pixel
     time = variables.get("t")
     if time is None:
-        if frame is None:
-            raise InputError("Rnew without t or a usable deltat")
+        require(frame is not None, "Rnew without t or a usable deltat")
+        assert frame is not None
         notes.append(f"frame times from deltat = {frame * 1e6:.6g} us")
         time = frame * np.arange(radius.size)
     return _rows(time, radius, radius_unit="m", notes=tuple(notes), time_unit="s")
@@ -176,19 +160,17 @@ def _imr(variables: Variables) -> list[RadiusCurve]:
 def _shifted(variables: Variables) -> list[RadiusCurve]:
     """Rows of R/R_max over the frame times t; shift_normTnew is t over R_max sqrt(rho/p) with rho = 1060: not used."""
     normal, largest = variables["shift_normRnew"], variables["Rmax"].ravel()
-    if normal.ndim != 2 or len(normal) != len(largest):
-        raise InputError(f"Rmax has {len(largest)} values but shift_normRnew the shape {normal.shape}")
+    fits = normal.ndim == 2 and len(normal) == len(largest)
+    require(fits, f"Rmax has {len(largest)} values but shift_normRnew the shape {normal.shape}")
     notes = ("R/R_max times Rmax of the shot; the frame times t are used, not the normalised shift_normTnew",)
-    return _rows(variables["t"], normal * largest[:, None], radius_unit=None, notes=notes, time_unit="s")
+    return _rows(variables["t"], normal * largest[:, None], notes=notes, time_unit="s")
 
 
-def _rows(
-    time: Floats, radius: Floats, *, radius_unit: str | None, notes: tuple[str, ...], time_unit: str | None = None
-) -> list[RadiusCurve]:
-    """One curve, or one per row (column) of a matrix whose rows (columns) are as long as the time."""
-    time = time.ravel()
+def _rows(time: Floats, radius: Floats, **about: Any) -> list[RadiusCurve]:
+    """One curve, or one per row (column) of a matrix whose rows (columns) are as long as the time; `about` as
+    `make_curve`."""
     if radius.ndim != 2 or min(radius.shape) <= 1:
-        shots = [radius.ravel()]
-    else:
-        shots = list(radius if radius.shape[1] == len(time) else radius.T)
-    return [make_curve(time, r, time_unit=time_unit, radius_unit=radius_unit, notes=notes) for r in shots]
+        radius = radius.reshape(1, -1)
+    elif radius.shape[1] != time.size:
+        radius = radius.T
+    return [make_curve(time, shot, **about) for shot in radius]

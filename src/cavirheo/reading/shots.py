@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from contextlib import suppress
 from pathlib import Path
 
 from cavirheo.curve import RadiusCurve
-from cavirheo.errors import InputError
+from cavirheo.errors import InputError, require
 from cavirheo.reading import read_curves
 
 
@@ -20,29 +21,27 @@ def read_shots(
     Raises:
         InputError: `max_radius` is no radius of a bubble.
     """
-    if max_radius is not None and not 0 < max_radius < 0.1:
-        raise InputError(
-            f"the true R_max must be a radius in micrometres, up to 1e5, got {1e6 * max_radius:.6g}", "curve.max_radius"
-        )
+    if max_radius is not None:
+        why = f"the true R_max must be a radius in micrometres, up to 1e5, got {1e6 * max_radius:.6g}"
+        require(0 < max_radius < 0.1, why, "curve.max_radius")
     groups: list[list[RadiusCurve]] = []
     problems: list[str] = []
     for path in files:
         try:
-            found = read_curves(path, density=density, pressure=pressure)
+            groups.append(read_curves(path, density=density, pressure=pressure))
         except InputError as error:
             problems.append(str(error))
-            continue
-        groups.append(found if max_radius is None else [_scaled(curve, max_radius) for curve in found])
-    folders = [Path(curves[0].source).resolve().parent for curves in groups if len(curves) == 1]
-    for k, curves in enumerate(groups):
-        folder = Path(curves[0].source).resolve().parent
-        if len(curves) == 1 and folders.count(folder) > 1:
-            groups[k] = [curves[0].with_group(folder.name, str(folder))]
+    folders = [Path(curves[0].source).resolve().parent for curves in groups]
+    shared = [folder for folder, curves in zip(folders, groups, strict=True) if len(curves) == 1]
+    for folder, curves in zip(folders, groups, strict=True):
+        if len(curves) == 1 and shared.count(folder) > 1:
+            curves[0] = curves[0].with_group(folder.name, str(folder))
+        if max_radius is not None:
+            curves[:] = (_scaled(curve, max_radius) for curve in curves)
     return [curve for curves in groups for curve in curves], problems
 
 
 def _scaled(curve: RadiusCurve, max_radius: float) -> RadiusCurve:
-    try:
+    with suppress(InputError):  # without a maximum there is nothing to scale; the answer will say why
         return curve.with_max_radius(max_radius)
-    except InputError:  # without a maximum there is nothing to scale; the answer will say why
-        return curve
+    return curve

@@ -21,7 +21,7 @@ from typing import Any, Literal, NamedTuple, TypeVar
 import numpy as np
 
 from cavirheo.arrays import Floats
-from cavirheo.errors import InputError
+from cavirheo.errors import InputError, require
 from cavirheo.reading import limits
 
 Cells = list[str]
@@ -59,14 +59,16 @@ def read_sheets(path: Path, is_header: IsHeader, *, most: int | None = None, mar
     """
     with path.open("rb") as file:
         kind = kind_of(file.read(1024))
-    if kind == "binary":
-        raise InputError("neither text nor a workbook", "tabular.binary")
+    require(kind != "binary", "neither text nor a workbook", "tabular.binary")
     if kind == "workbook":
         from cavirheo.reading.workbook import read_workbook
 
-        sheets = [Sheet(*one) for one in read_workbook(path, most)]
+        sheets = read_workbook(path, most)
     else:
-        sheets = [Sheet("", text_rows(text_of(limits.text(path)), is_header, marks=marks))]
+        limits.few(path.stat().st_size, limits.TEXT, "bytes of text")
+        content = path.read_bytes()
+        limits.few(content.count(b"\n") + 1, limits.ROWS, "lines")
+        sheets = [Sheet("", text_rows(_decoded(content), is_header, marks=marks))]
     for sheet in sheets:
         limits.few(max((len(row.cells) for row in sheet.rows), default=0), limits.COLUMNS, "columns")
     return sheets
@@ -88,26 +90,31 @@ def _utf16(content: bytes) -> str:
     return "utf-16-le" if odd > half and not even else "utf-16-be" if even > half and not odd else ""
 
 
-def text_of(content: bytes) -> str:
+def _decoded(content: bytes) -> str:
     """UTF-16, UTF-8 or Latin-1, without its mark."""
+    encoding = _utf16(content)
     try:
-        return content.decode(_utf16(content) or "utf-8-sig")
+        return content.decode(encoding or "utf-8-sig")
     except UnicodeDecodeError:
-        if _utf16(content):
-            raise InputError("begins as UTF-16 text and does not go on so", "tabular.encoding") from None
+        require(not encoding, "begins as UTF-16 text and does not go on so", "tabular.encoding")
         return content.decode("latin-1")
 
 
 def text_rows(text: str, is_header: IsHeader, *, marks: str = "#%") -> list[Row]:
     """The rows of a text; see `read_sheets`."""
     lines = text.splitlines()
-    limits.rows(lines)
+    limits.few(len(lines), limits.ROWS, "lines")
+    limits.few(max(map(len, lines), default=0), limits.LINE, "characters in one line")
+
+    def names(cells: Cells) -> bool:
+        return not all(map(is_number, cells)) and is_header(cells)
+
     worded = [line.lstrip(marks + " ") for line in lines if re.search(r"[^\W\d]", line)]
     for separator in _SEPARATORS:
         here = worded if separator is None or separator in text else []
-        if any(not _is_data(cells) and is_header(cells) for _, cells in _split(here, separator)):
+        if any(names(cells) for _, cells in _split(here, separator)):
             rows = list(_rows(lines, separator, is_header, marks))
-            headers = (k for k, row in enumerate(rows) if not _is_data(row.cells) and is_header(row.cells))
+            headers = (k for k, row in enumerate(rows) if names(row.cells))
             if any(k + 1 == len(rows) or len(rows[k + 1].cells) > 1 for k in headers):
                 break
     else:
@@ -115,9 +122,7 @@ def text_rows(text: str, is_header: IsHeader, *, marks: str = "#%") -> list[Row]
         sample = list(islice((line for line in bare if line and line[0] not in marks), 20))
         separator = next((s for s in _SEPARATORS if s is None or all(s in line for line in sample)), None)
         rows = list(_rows(lines, separator, is_header, marks))
-    if separator != "," and "," in text:
-        rows = [Row(row.number, with_points(row.cells)) for row in rows]
-    return rows
+    return [Row(row.number, _with_points(row.cells)) for row in rows] if separator != "," and "," in text else rows
 
 
 def _rows(lines: list[str], separator: str | None, is_header: IsHeader, marks: str) -> Iterator[Row]:
@@ -147,24 +152,13 @@ def _split(lines: list[str], separator: str | None) -> Iterator[tuple[int, Cells
         raise InputError(f"line {reader.line_num}: {error}", "tabular.csv") from None
 
 
-def _is_data(cells: Cells) -> bool:
-    return all(map(is_number, cells))
-
-
-def with_points(cells: Cells) -> Cells:
-    """Decimal commas become points.
-
-    Raises:
-        InputError: a row with both ("tabular.comma"): it does not say which of them separates thousands.
-    """
+def _with_points(cells: Cells) -> Cells:
+    """Decimal commas become points. Raises InputError ("tabular.comma"): both in one row; one separates thousands."""
     changed = [re.sub(r"^([+-]?\d+),(\d+(e[+-]?\d+)?)$", r"\1.\2", cell, flags=re.I) for cell in cells]
     commas = [old for old, new in zip(cells, changed, strict=True) if old != new]
     points = [cell for cell in cells if "." in cell and is_number(cell)] if commas else []
-    if points:
-        raise InputError(
-            f"{commas[0]!r} and {points[0]!r} in one row: is the comma decimal? export with points only",
-            "tabular.comma",
-        )
+    both = " and ".join(repr(some[0]) for some in (commas, points) if some)
+    require(not points, f"{both} in one row: is the comma decimal? export with points only", "tabular.comma")
     return changed
 
 
@@ -189,8 +183,7 @@ def numbers(rows: list[Row], at: int) -> Floats:
         try:
             values[k] = float(cell)
         except ValueError:
-            if not is_number(cell):
-                raise InputError(f"row {number}: {cell[:30]!r} is not a number", "tabular.number") from None
+            require(is_number(cell), f"row {number}: {cell[:30]!r} is not a number", "tabular.number")
     return values
 
 
@@ -198,9 +191,8 @@ def refuse_wider(rows: list[Row], header: Cells) -> None:
     """Raises InputError ("tabular.width"): a row with more cells than the header has titles."""
     for number, cells in rows:
         if any(cells[len(header) :]):
-            raise InputError(
-                f"row {number} has {len(cells)} cells, the header {len(header)} (a decimal comma?)", "tabular.width"
-            )
+            why = f"row {number} has {len(cells)} cells, the header {len(header)} (a decimal comma?)"
+            raise InputError(why, "tabular.width")
 
 
 def column_of(
@@ -208,14 +200,14 @@ def column_of(
 ) -> tuple[Kind | None, str | None]:
     """(kind, unit) that a column's title names: `time_us`, `R [um]`, `Shear Strain (%)`, `omega in rad/s`.
 
-    titles: kinds by title as `plain_title` writes them; units: known units by kind as `plain_unit` writes them, which
+    titles: kinds by title as `_plain_title` writes them; units: known units by kind as `plain_unit` writes them, which
     count in small letters too. (None, None): no title that is known. The unit is None where there is none, and as
     written where it stands in brackets and is not known.
     """
     text = _plain(title).strip()
     named: tuple[Kind | None, str | None] = (None, None)
     for cut in re.finditer(r"\s*[\s_\[(/,.\-]\s*(in\s)?", text):
-        kind = titles.get(plain_title(text[: cut.start()]))
+        kind = titles.get(_plain_title(text[: cut.start()]))
         if kind is None:
             continue
         written = text[cut.end() :].rstrip("]), ")
@@ -224,7 +216,7 @@ def column_of(
             return kind, unit if unit in known else unit.lower()
         if re.fullmatch(r"\s*[\[(][^\[\]()]+[\])]\s*", text[cut.start() :]):
             named = kind, written
-    kind = titles.get(plain_title(text))
+    kind = titles.get(_plain_title(text))
     return named if kind is None else (kind, None)
 
 
@@ -235,7 +227,7 @@ def _plain(text: str) -> str:
     return re.sub("[′’‘´`]", "'", re.sub('["”“″]', "''", text))
 
 
-def plain_title(text: str) -> str:
+def _plain_title(text: str) -> str:
     """Small letters, digits and primes; no spaces, brackets or points."""
     return re.sub(r"[\s_\-.,:;=/^()\[\]{}]+", "", _plain(text).lower())
 

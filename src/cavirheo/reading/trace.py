@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from cavirheo.arrays import Floats
-from cavirheo.errors import InputError
+from cavirheo.errors import InputError, require
 from cavirheo.reading.clean import TIME_UNITS
 from cavirheo.reading.tabular import Cells, column_of, numbers, read_sheets, refuse_wider
 
@@ -23,10 +23,8 @@ def read_trace(path: Path) -> tuple[Floats, Floats]:
     try:
         rows = read_sheets(path, lambda cells: len(_columns(cells)) == 2, most=1)[0].rows
         header, below = rows[0].cells if rows else [], rows[1:]
-        found = _columns(header)
-        if len(found) < 2:
-            first = ",".join(header)
-            raise InputError(f"its first line must read time_us,pressure_kPa, got {first!r}", "trace.header")
+        found, first = _columns(header), ",".join(header)
+        require(len(found) == 2, f"its first line must read time_us,pressure_kPa, got {first!r}", "trace.header")
         refuse_wider(below, header)
         (t, seconds), (p, pascals) = found["time"], found["pressure"]
         return numbers(below, t) * seconds, numbers(below, p) * pascals

@@ -11,25 +11,26 @@ import json
 import subprocess
 import sys
 from collections.abc import Iterator
+from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from cavirheo.reading.tabular import Row
+    from cavirheo.reading.tabular import Sheet
 
 MEMORY = 1 << 30  # bytes
 _SECONDS = 60.0
 
 
-def read_workbook(path: Path, most: int | None = None) -> list[tuple[str, list[Row]]]:
-    """(name, rows that are not empty) of the first `most` visible sheets, in the order of their tabs.
+def read_workbook(path: Path, most: int | None = None) -> list[Sheet]:
+    """The first `most` visible sheets, in the order of their tabs.
 
     Raises:
         InputError: no workbook, damaged, or larger than is read ("limits.memory", "limits.time").
     """
-    from cavirheo.errors import InputError
+    from cavirheo.errors import InputError, require
     from cavirheo.reading import limits
-    from cavirheo.reading.tabular import Row
+    from cavirheo.reading.tabular import Row, Sheet
 
     limits.few(path.stat().st_size, limits.SHEET, "bytes of a workbook")
     command = [sys.executable, "-P", __file__, str(path), str(most or 0), str(MEMORY)]
@@ -38,19 +39,19 @@ def read_workbook(path: Path, most: int | None = None) -> list[tuple[str, list[R
     except subprocess.TimeoutExpired:
         what = f"reading the workbook takes more than {_SECONDS:.0f} s; save it as CSV"
         raise InputError(what, "limits.time") from None
-    if child.returncode < 0 or b"emory" in child.stderr:  # killed, or "MemoryError", "memory allocation ... failed"
-        raise InputError("the workbook takes more memory than is given to it; save it as CSV", "limits.memory")
-    if child.returncode:
-        said = child.stderr.decode(errors="replace").strip().rpartition("\n")[2]
-        raise InputError(f"the workbook cannot be read, it may be damaged ({said})", "tabular.workbook")
-    sheets = json.loads(child.stdout)
-    for _, rows in sheets:
-        limits.few(len(rows), limits.ROWS, "rows")
-    return [(name, [Row(number, cells) for number, cells in rows]) for name, rows in sheets]
+    full = child.returncode < 0 or b"emory" in child.stderr  # killed, or "MemoryError", "memory allocation ... failed"
+    require(not full, "the workbook takes more memory than is given to it; save it as CSV", "limits.memory")
+    said = child.stderr.decode(errors="replace").strip().rpartition("\n")[2]
+    damaged = f"the workbook cannot be read, it may be damaged ({said})"
+    require(child.returncode == 0, damaged, "tabular.workbook")
+    sheets = [Sheet(name, [Row(*row) for row in rows]) for name, rows in json.loads(child.stdout)]
+    for sheet in sheets:
+        limits.few(len(sheet.rows), limits.ROWS, "rows")
+    return sheets
 
 
 def _sheets(path: str, most: int) -> Iterator[tuple[str, list[tuple[int, list[str]]]]]:
-    """What the child says: (name, [(number of the row from 1, its cells)]) of each sheet."""
+    """What the child says: (name, [(number of the row from 1, its cells)]) of each sheet, without its empty rows."""
     from python_calamine import CalamineWorkbook, SheetTypeEnum, SheetVisibleEnum
 
     with open(path, "rb") as file:  # not by its path: then the ending would decide
@@ -72,11 +73,9 @@ def _text(cell: object) -> str:
 
 
 if __name__ == "__main__":
-    try:
+    with suppress(ImportError, ValueError, OSError):  # no such limit on this system: the time limit stays
         import resource
 
         resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
         resource.setrlimit(resource.RLIMIT_AS, (int(sys.argv[3]),) * 2)
-    except (ImportError, ValueError, OSError):  # no such limit on this system: the time limit stays
-        pass
     json.dump(list(_sheets(sys.argv[1], int(sys.argv[2]))), sys.stdout)

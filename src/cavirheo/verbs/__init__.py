@@ -4,29 +4,21 @@ from __future__ import annotations
 
 import os
 import sys
+from importlib import import_module
 from typing import Annotated
 
 import typer
 
 from cavirheo.errors import InputError, SolverError
-from cavirheo.verbs.app import app as browser_app
-from cavirheo.verbs.collapse_time import collapse_time
-from cavirheo.verbs.compare import compare
-from cavirheo.verbs.evaluate import evaluate
-from cavirheo.verbs.fit import fit
-from cavirheo.verbs.generate import generate
-from cavirheo.verbs.infer import infer
-from cavirheo.verbs.laws import laws
-from cavirheo.verbs.models import models
-from cavirheo.verbs.rheometer import rheometer
-from cavirheo.verbs.simulate import simulate
-from cavirheo.verbs.train import train
-from cavirheo.verbs.which_law import which_law
+from cavirheo.verbs.options import with_surroundings
 
+_VERBS = "infer compare simulate laws generate train evaluate models fit which_law rheometer collapse_time app"
+_FOUND = [getattr(import_module(f"cavirheo.verbs.{name}"), name) for name in _VERBS.split()]
 app = typer.Typer(
     no_args_is_help=True, add_completion=False, pretty_exceptions_enable=False, rich_markup_mode=None,
 )  # fmt: skip
-_VERBS = (infer, compare, simulate, laws, generate, train, evaluate, models, fit, which_law, rheometer, collapse_time)
+for _verb in _FOUND:
+    app.command(_verb.__name__.replace("_", "-"))(with_surroundings(_verb))
 
 
 def _show_version(wanted: bool) -> None:
@@ -44,11 +36,6 @@ def _options(
     ] = False,
 ) -> None:
     """Material properties of soft matter from the radius history R(t) of a laser-made bubble."""
-
-
-for _verb in _VERBS:
-    app.command()(_verb)
-app.command("app")(browser_app)
 
 
 def main() -> None:

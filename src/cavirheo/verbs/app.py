@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Annotated
 
-import typer
+from typer import Option
 
 from cavirheo.errors import InputError
 
@@ -12,13 +12,13 @@ NEEDS = 'the browser app needs {}: pip install "cavirheo[app]"'
 
 
 def app(
-    host: Annotated[
-        str, typer.Option(help="address to listen on; 0.0.0.0 lets the network in, without a password")
-    ] = "127.0.0.1",
-    port: Annotated[int, typer.Option(help="0: any that is free", min=0, max=65535)] = 7860,
-    browser: Annotated[bool, typer.Option("--browser/--no-browser", help="open the page")] = True,
-    max_file_mb: Annotated[float, typer.Option(help="largest file that may be uploaded, MB", min=0.001)] = 50.0,
-    max_files: Annotated[int, typer.Option(help="files of one visitor", min=1)] = 50,
+    host: Annotated[str, Option(help="address to listen on; 0.0.0.0 lets the network in, without a password")] = (
+        "127.0.0.1"
+    ),
+    port: Annotated[int, Option(help="0: any that is free", min=0, max=65535)] = 7860,
+    browser: Annotated[bool, Option("--browser/--no-browser", help="open the page")] = True,
+    max_file_mb: Annotated[float, Option(help="largest file that may be uploaded, MB", min=0.001)] = 50.0,
+    max_files: Annotated[int, Option(help="files of one visitor", min=1)] = 50,
 ) -> None:
     """The same in the browser: drop files, look, infer, check against the simulation, take everything as one zip."""
     try:

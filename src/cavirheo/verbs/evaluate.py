@@ -6,17 +6,17 @@ import sys
 from pathlib import Path
 from typing import Annotated
 
-import typer
+from typer import Argument, Option
 
-from cavirheo.verbs.options import Out
+from cavirheo.verbs import options
 
 
 def evaluate(
-    model: Annotated[str, typer.Argument(help="a shipped model or an .onnx file")],
-    data: Annotated[Path, typer.Argument(help="folder written by `cavirheo generate`")],
-    out: Out = Path("cavirheo-evaluation"),
+    model: Annotated[str, Argument(help="a shipped model or an .onnx file")],
+    data: Annotated[Path, Argument(help="folder written by `cavirheo generate`")],
+    out: options.Out = Path("cavirheo-evaluation"),
     robustness: Annotated[
-        bool, typer.Option("--robustness", help="also with noise, other frame rates, a first frame off, gaps: minutes")
+        bool, Option("--robustness", help="also with noise, other frame rates, a first frame off, gaps: minutes")
     ] = False,
 ) -> None:
     """How good a model is on simulated curves: metrics.json, tables (evaluation.md) and figures."""

@@ -3,51 +3,35 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
-import typer
+from typer import Option
 
-from cavirheo.verbs.options import (
-    FROM_OPTIONS,
-    Curves,
-    ExactLaw,
-    ExposureUs,
-    ModelName,
-    Out,
-    TrueRadius,
-    Verify,
-    check_verify,
-    with_surroundings,
-)
-from cavirheo.verbs.run import Run, verified
-from cavirheo.writing.terminal import bar
-
-if TYPE_CHECKING:
-    from cavirheo.physics.media import Medium
+from cavirheo.verbs import options
+from cavirheo.verbs.run import Run
 
 
-@with_surroundings
 def infer(
-    files: Curves,
-    model: ModelName = "bdt-viscoelastic",
-    rmax_um: TrueRadius = None,
-    stretch: Annotated[float | None, typer.Option(help="R_max/R_0 if known; fitted otherwise")] = None,
-    window: Annotated[
-        int | None, typer.Option(help="collapses over which answer and measurement are compared", min=1)
-    ] = None,
-    verify: Verify = "none",
-    exact_law: ExactLaw = False,
-    exposure_us: ExposureUs = None,
-    liquid: Medium = FROM_OPTIONS,
-    out: Out = Path("cavirheo-result"),
+    files: options.Curves,
+    model: options.ModelName = "bdt-viscoelastic",
+    rmax_um: options.TrueRadius = None,
+    stretch: Annotated[float | None, Option(help="R_max/R_0 if known; fitted otherwise")] = None,
+    window: Annotated[int | None, Option(help="collapses over which answer and measurement are compared", min=1)] = (
+        None
+    ),
+    verify: options.Verify = "none",
+    exact_law: options.ExactLaw = False,
+    exposure_us: options.ExposureUs = None,
+    liquid: options.Liquid = options.FROM_OPTIONS,
+    out: options.Out = Path("cavirheo-result"),
 ) -> None:
     """Shear modulus and viscosity from measured radius histories, with pictures that show whether to believe them."""
     from cavirheo.inference import infer_many
+    from cavirheo.writing.terminal import bar
 
     run = Run()
-    check_verify(verify, exposure_us, exact_law)
+    options.check_verify(verify, exposure_us, exact_law)
     curves = run.read(files, liquid, rmax_um, exposure_us)
     with bar("inferring", len(curves)) as advance:
         answers = infer_many(curves, model=model, medium=liquid, stretch=stretch, window=window, done=advance)
-    answers = verified(curves, answers, verify, medium=liquid, stretch=stretch, discrepancy=not exact_law)
-    run.report(curves, answers, out)
+    run.report(curves, answers, out, verify, medium=liquid, stretch=stretch, discrepancy=not exact_law)

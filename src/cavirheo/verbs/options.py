@@ -6,71 +6,77 @@ import functools
 import inspect
 from collections.abc import Callable
 from pathlib import Path
-from typing import Annotated, Any, get_type_hints
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
-import typer
+from typer import Argument, Option
 
-from cavirheo.errors import InputError
+from cavirheo.errors import InputError, require
 
-Curves = Annotated[list[Path], typer.Argument(help="measured R(t): .mat, .csv, .h5, .xlsx; one or many curves each")]
-ModelName = Annotated[
-    str, typer.Option("--model", help="shipped model (see `cavirheo models`) or a path to an .onnx file")
-]
-Out = Annotated[Path, typer.Option("-o", "--out", help="folder for the results")]
-TrueRadius = Annotated[float | None, typer.Option(help="true R_max of the shots, um: rescales the radii")]
-Verify = Annotated[
-    str,
-    typer.Option(help="map: the posterior's maximum; full: draws weighted by full simulations; none"),
-]
+if TYPE_CHECKING:
+    from cavirheo.physics.media import Medium as Liquid
+else:
+    Liquid = Any
+
+Curves = Annotated[list[Path], Argument(help="measured R(t): .mat, .csv, .h5, .xlsx; one or many curves each")]
+ModelName = Annotated[str, Option("--model", help="shipped model (see `cavirheo models`) or a path to an .onnx file")]
+Out = Annotated[Path, Option("-o", "--out", help="folder for the results")]
+TrueRadius = Annotated[float | None, Option(help="true R_max of the shots, um: rescales the radii")]
+Verify = Annotated[str, Option(help="map: the posterior's maximum; full: draws weighted by full simulations; none")]
 ExposureUs = Annotated[
-    float | None, typer.Option(help="of a frame, us, centred on its time: --verify blurs the simulation as the camera")
+    float | None, Option(help="of a frame, us, centred on its time: --verify blurs the simulation as the camera")
 ]
 ExactLaw = Annotated[
-    bool, typer.Option("--exact-law", help="--verify: no discrepancy between law and bubble, narrower intervals")
+    bool, Option("--exact-law", help="--verify: no discrepancy between law and bubble, narrower intervals")
 ]
 FROM_OPTIONS: Any = None  # default of the argument `liquid` of a verb: it is made of the options below
-_SURROUNDINGS: dict[str, tuple[Any, Any]] = {  # options of every verb that takes a `liquid`, and their defaults
-    "medium": (
-        Annotated[str, typer.Option(help="named constants: water, bu2026, estrada2018, ...")],
-        "water",
-    ),
-    "density": (Annotated[float | None, typer.Option(help="of the liquid or gel, kg/m3")], None),
-    "sound_speed": (Annotated[float | None, typer.Option(help="m/s")], None),
-    "surface_tension": (Annotated[float | None, typer.Option(help="N/m")], None),
-    "pressure": (Annotated[float | None, typer.Option(help="far from the bubble, Pa")], None),
-    "temperature": (Annotated[float | None, typer.Option(help="far from the bubble, K")], None),
+_CONSTANTS = {  # of the surroundings: None is the named medium's own
+    "density": "of the liquid or gel, kg/m3",
+    "sound_speed": "m/s",
+    "surface_tension": "N/m",
+    "pressure": "far from the bubble, Pa",
+    "temperature": "far from the bubble, K",
 }
+Named = Annotated[str, Option(help="named constants: water, bu2026, estrada2018, ...")]
 
 
 def with_surroundings(verb: Callable[..., None]) -> Callable[..., None]:
-    """A verb whose argument `liquid` (a Medium) is given by the options of the surroundings, where `liquid` stands."""
+    """A verb whose argument `liquid` (a Medium), if it has one, is given by the options of the surroundings."""
+    takes = inspect.signature(verb, locals={"Medium": Any}, eval_str=True).parameters
+    if "liquid" not in takes:
+        return verb
 
     @functools.wraps(verb)
-    def run(**given: Any) -> None:
-        from cavirheo.physics.media import medium
+    def run(medium: str, **given: Any) -> None:
+        from cavirheo.physics import media
 
-        name, *constants = _SURROUNDINGS
-        liquid = medium(given.pop(name), **{key: given.pop(key) for key in constants})
+        liquid = media.medium(medium, **{key: given.pop(key) for key in _CONSTANTS})
         verb(**given, liquid=liquid)
 
-    hints = get_type_hints(verb, localns={"Medium": Any}, include_extras=True)
-    parameters: list[inspect.Parameter] = []
-    for parameter in inspect.signature(verb).parameters.values():
-        if parameter.name == "liquid":
-            parameters += [parameter.replace(name=n, annotation=a, default=d) for n, (a, d) in _SURROUNDINGS.items()]
-        else:
-            parameters.append(parameter.replace(annotation=hints[parameter.name]))
+    parameters = list(takes.values())
+    at = parameters.index(takes["liquid"])
+    instead = [takes["liquid"].replace(name="medium", annotation=Named, default="water")]
+    for name, words in _CONSTANTS.items():
+        number = Annotated[float | None, Option(help=words)]
+        instead.append(instead[0].replace(name=name, annotation=number, default=None))
+    parameters[at : at + 1] = instead
     run.__signature__ = inspect.Signature(parameters)  # type: ignore[attr-defined]
     run.__annotations__ = {parameter.name: parameter.annotation for parameter in parameters}
     return run
 
 
-def number_or(text: str | None, word: str, option: str, kind: type[Any]) -> Any:
-    """`text` as a number of this kind, unless it is the word or None."""
-    if text is None or text == word:
-        return text
+def window_of(text: str | None) -> int | Literal["all"] | None:
+    """A number of collapses, or all of them. Raises InputError."""
+    return _number_or("all", "--window", text, int)
+
+
+def stretch_of(text: str | None) -> float | Literal["plateau"] | None:
+    """R_max/R_0, or what the late radius says. Raises InputError."""
+    return _number_or("plateau", "--stretch", text, float)
+
+
+def _number_or(word: str, option: str, text: str | None, kind: type) -> Any:
     try:
-        return kind(text)
+        return text if text in (None, word) else kind(text)
     except ValueError:
         raise InputError(f"{option} must be a number or {word!r}, got {text!r}") from None
 
@@ -83,6 +89,6 @@ def check_verify(level: str, exposure_us: float | None, exact_law: bool) -> None
         check_level(level)
     except InputError as error:
         raise InputError(f"--{error}", error.code) from None
-    idle = {"--exposure-us": exposure_us is not None, "--exact-law": exact_law}
-    if level == "none" and (given := [option for option, is_given in idle.items() if is_given]):
-        raise InputError(f"{' and '.join(given)} would change nothing without --verify map or full: give that too")
+    given = ["--exposure-us"] * (exposure_us is not None) + ["--exact-law"] * exact_law
+    idle = level == "none" and given
+    require(not idle, f"{' and '.join(given)} would change nothing without --verify map or full: give that too")

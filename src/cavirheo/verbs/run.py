@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 import typer
 
-from cavirheo.errors import InputError
+from cavirheo.errors import require
 from cavirheo.writing.terminal import bar
 
 if TYPE_CHECKING:
@@ -40,27 +40,32 @@ class Run:
         self, files: list[Path], medium: Medium, rmax_um: float | None, exposure_us: float | None = None
     ) -> list[RadiusCurve]:
         """All curves of all files, and the solver loaded. Raises InputError: there is none."""
+        from cavirheo.physics.simulate import load_solver
         from cavirheo.reading.shots import read_shots
 
-        if exposure_us is not None and not 0.0 < exposure_us < math.inf:
-            raise InputError(f"--exposure-us must be a positive time in us, got {exposure_us:g}")
+        exposure = exposure_us or 0.0
+        good = exposure_us is None or 0.0 < exposure < math.inf
+        require(good, f"--exposure-us must be a positive time in us, got {exposure:g}")
         scale = None if rmax_um is None else rmax_um * 1e-6
         curves, problems = read_shots(files, density=medium.density, pressure=medium.pressure, max_radius=scale)
         self.refuse(problems)
-        if not curves:
-            raise InputError("no curve could be read")
-        if exposure_us is not None:
-            curves = [curve.with_exposure(exposure_us * 1e-6) for curve in curves]
-        from cavirheo.physics.simulate import load_solver
-
+        require(len(curves) > 0, "no curve could be read")
         load_solver()
-        return curves
+        return [curve.with_exposure(exposure * 1e-6) for curve in curves] if exposure else curves
 
-    def report(self, curves: list[RadiusCurve], answers: list[Posterior], out: Path) -> None:
-        """The end of `infer` and `fit`: documents into `out`, the table, the exit status."""
+    def report(
+        self, curves: list[RadiusCurve], answers: list[Posterior], out: Path, verify: str = "none", **settings: Any
+    ) -> None:
+        """The end of `infer` and `fit`: the answers verified (`settings` are those of `verify_many`), documents into
+        `out`, the table, the exit status."""
         from cavirheo.reporting import write_report
         from cavirheo.reporting.table import print_table
 
+        if verify != "none":
+            from cavirheo.inference.verify import verify_many
+
+            with bar("verifying", len(curves)) as advance:
+                answers = verify_many(curves, answers, level=verify, done=advance, **settings)
         result = write_report(out, list(zip(curves, answers, strict=True)), self.command, date=self.date)
         print_table(result)
         failed = not all(record.answered for record in result.curves)
@@ -71,13 +76,3 @@ class Run:
         print(said.replace("{seconds}", f"{time.perf_counter() - self.began:.1f} s"), file=sys.stderr)
         if self.unreadable or failed:
             raise typer.Exit(2 if self.unreadable else 1)
-
-
-def verified(curves: list[RadiusCurve], answers: list[Posterior], level: str, **settings: Any) -> list[Posterior]:
-    """The answers with --verify none, map or full; `settings` are those of `verify_many`."""
-    if level == "none":
-        return answers
-    from cavirheo.inference.verify import verify_many
-
-    with bar("verifying", len(curves)) as advance:
-        return verify_many(curves, answers, level=level, done=advance, **settings)

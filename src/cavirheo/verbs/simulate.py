@@ -6,74 +6,49 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-import typer
+from typer import Option
 
-from cavirheo.errors import InputError
-from cavirheo.verbs.options import FROM_OPTIONS, with_surroundings
+from cavirheo.errors import require
+from cavirheo.verbs import options
 
 if TYPE_CHECKING:
-    from cavirheo.physics.materials import Material
-    from cavirheo.physics.media import Medium
+    from cavirheo.physics.law import Material
     from cavirheo.physics.simulation import Simulation
 
 
-def _material(text: str, **options: float | None) -> Material:
-    """A name whose parameters are options of the command, or a sum of laws that holds its own."""
-    from dataclasses import fields
-
-    from cavirheo.physics.laws import parse
-    from cavirheo.physics.materials import MATERIALS
-
-    given = {key: value for key, value in options.items() if value is not None}
-    if text not in MATERIALS:
-        law = parse(text)
-        if given:
-            words = ", ".join(f"--{key.replace('_', '-')}" for key in given)
-            why = f"--material {text!r} holds its own parameters: leave out {words}"
-            raise InputError(why, "simulate.parameters_twice")
-        return law
-    needed = [field.name for field in fields(MATERIALS[text])]
-    if sorted(given) != sorted(needed):
-        why = f"material {text!r} takes {', '.join(needed)}; got {', '.join(given) or 'nothing'}"
-        raise InputError(why, "simulate.parameters")
-    made: Material = MATERIALS[text](**given)
-    return made
-
-
-@with_surroundings
 def simulate(
-    out: Annotated[Path, typer.Option("-o", "--out", help="CSV file to write")],
-    rmax_um: Annotated[float, typer.Option(help="largest radius, um")],
-    stretch: Annotated[float, typer.Option(help="R_max/R_0")],
+    out: Annotated[Path, Option("-o", "--out", help="CSV file to write")],
+    rmax_um: Annotated[float, Option(help="largest radius, um")],
+    stretch: Annotated[float, Option(help="R_max/R_0")],
     material: Annotated[
         str,
-        typer.Option(
+        Option(
             help="nhkv, newtonian or qkv; or any laws with their parameters (see `cavirheo laws`), "
             "'yeoh(1e3, 20) + cross(0.5, 0.01, 1e-4)'"
         ),
     ] = "nhkv",
-    shear_modulus: Annotated[float | None, typer.Option(help="Pa")] = None,
-    viscosity: Annotated[float | None, typer.Option(help="Pa s")] = None,
-    stiffening: Annotated[float | None, typer.Option(help="alpha of qkv")] = None,
-    duration_us: Annotated[float, typer.Option(help="us after R_max")] = 100.0,
-    frame_rate_hz: Annotated[float, typer.Option(help="1/s")] = 1e6,
+    shear_modulus: Annotated[float | None, Option(help="Pa")] = None,
+    viscosity: Annotated[float | None, Option(help="Pa s")] = None,
+    stiffening: Annotated[float | None, Option(help="alpha of qkv")] = None,
+    duration_us: Annotated[float, Option(help="us after R_max")] = 100.0,
+    frame_rate_hz: Annotated[float, Option(help="1/s")] = 1e6,
     pulse: Annotated[
         tuple[float, float, float] | None,
-        typer.Option(help="ultrasound: peak kPa (negative: tension), MHz, us of the peak", metavar="KPA MHZ US"),
+        Option(help="ultrasound: peak kPa (negative: tension), MHz, us of the peak", metavar="KPA MHZ US"),
     ] = None,
     driving: Annotated[
-        Path | None, typer.Option(help="far-field pressure above ambient: CSV file with columns time_us,pressure_kPa")
+        Path | None, Option(help="far-field pressure above ambient: CSV file with columns time_us,pressure_kPa")
     ] = None,
-    motion: Annotated[str, typer.Option(help="keller-miksis, rayleigh-plesset or gilmore")] = "keller-miksis",
-    polytropic: Annotated[
-        float | None, typer.Option(help="exponent of the gas, instead of heat and vapour transport")
-    ] = None,
-    relaxed: Annotated[bool, typer.Option("--relaxed", help="laws with memory start unstressed")] = False,
-    precise: Annotated[bool, typer.Option("--precise", help="ten times as accurate, five times as long")] = False,
-    fields: Annotated[
-        Path | None, typer.Option(help="HDF5 file for temperature and vapour in the bubble at every frame")
-    ] = None,
-    liquid: Medium = FROM_OPTIONS,
+    motion: Annotated[str, Option(help="keller-miksis, rayleigh-plesset or gilmore")] = "keller-miksis",
+    polytropic: Annotated[float | None, Option(help="exponent of the gas, instead of heat and vapour transport")] = (
+        None
+    ),
+    relaxed: Annotated[bool, Option("--relaxed", help="laws with memory start unstressed")] = False,
+    precise: Annotated[bool, Option("--precise", help="ten times as accurate, five times as long")] = False,
+    fields: Annotated[Path | None, Option(help="HDF5 file for temperature and vapour in the bubble at every frame")] = (
+        None
+    ),
+    liquid: options.Liquid = options.FROM_OPTIONS,
 ) -> None:
     """One bubble from rest at its largest radius, or at equilibrium (--stretch 1) under ultrasound.
 
@@ -82,56 +57,64 @@ def simulate(
     """
     import numpy as np
 
+    from cavirheo.physics import simulate as forward
     from cavirheo.physics.driving import Pulse, Trace
-    from cavirheo.physics.simulate import load_solver
-    from cavirheo.physics.simulate import simulate as solve
     from cavirheo.reading.trace import read_trace
 
-    if pulse and driving:
-        why = "give either --pulse or --driving, not both; a file can hold any sum of pressures"
-        raise InputError(why, "simulate.two_drivings")
+    both = "give either --pulse or --driving, not both; a file can hold any sum of pressures"
+    require(not (pulse and driving), both, "simulate.two_drivings")
     law = _material(material, shear_modulus=shear_modulus, viscosity=viscosity, stiffening=stiffening)
-    if not (duration_us > 0 and frame_rate_hz > 0 and 1 <= duration_us * 1e-6 * frame_rate_hz <= 1e6):
-        why = f"duration and frame rate must give 1 to a million frames, got {duration_us} us at {frame_rate_hz} Hz"
-        raise InputError(why, "simulate.frames")
+    possible = duration_us > 0 and frame_rate_hz > 0 and 1 <= duration_us * 1e-6 * frame_rate_hz <= 1e6
+    got = f"got {duration_us} us at {frame_rate_hz} Hz"
+    require(possible, f"duration and frame rate must give 1 to a million frames, {got}", "simulate.frames")
     frames = int(duration_us * 1e-6 * frame_rate_hz * (1 + 1e-9)) + 1
     far_field = Trace(*read_trace(driving)) if driving else None
-    load_solver()
-    run = solve(
-        law,
-        max_radius=rmax_um * 1e-6,
-        stretch=stretch,
-        time=np.arange(frames) / frame_rate_hz,
-        medium=liquid,
+    forward.load_solver()
+    run = forward.simulate(
+        law, max_radius=rmax_um * 1e-6, stretch=stretch, time=np.arange(frames) / frame_rate_hz, medium=liquid,
         driving=Pulse(pulse[0] * 1e3, pulse[1] * 1e6, pulse[2] * 1e-6) if pulse else far_field,
-        motion=motion,
-        polytropic=polytropic,
-        relaxed=relaxed,
-        fields=fields is not None,
-        precise=precise,
-    )
+        motion=motion, polytropic=polytropic, relaxed=relaxed, fields=fields is not None, precise=precise,
+    )  # fmt: skip
     _write_frames(run, out)
     if fields:
         _write_fields(run, fields)
     print(f"{frames} frames of {law} in {liquid.name}: {out}", file=sys.stderr)
 
 
+def _material(text: str, **parameters: float | None) -> Material:
+    """A name whose parameters are options of the command, or a sum of laws that holds its own."""
+    from inspect import signature
+
+    from cavirheo.physics.laws import LAWS, parse
+    from cavirheo.physics.materials import MATERIALS
+
+    given = {key: value for key, value in parameters.items() if value is not None}
+    if text in MATERIALS:
+        needed = list(signature(LAWS[text]).parameters)
+        takes = f"material {text!r} takes {', '.join(needed)}; got {', '.join(given) or 'nothing'}"
+        require(sorted(given) == sorted(needed), takes, "simulate.parameters")
+        return LAWS[text](**given)
+    words = ", ".join(f"--{key.replace('_', '-')}" for key in given)
+    law = parse(text)
+    why = f"--material {text!r} holds its own parameters: leave out {words}"
+    require(not given, why, "simulate.parameters_twice")
+    return law
+
+
 def _write_frames(run: Simulation, path: Path) -> None:
     """CSV, a row per frame."""
-    from cavirheo.writing.document import into, write_rows
+    import numpy as np
+
+    from cavirheo.writing.document import into
 
     columns = {
-        "time_us": run.time * 1e6,
-        "radius_um": run.radius * 1e6,
-        "velocity_m_per_s": run.velocity,
-        "pressure_Pa": run.pressure,
-        "stress_Pa": run.stress,
-        "strain": run.strain,
+        "time_us": run.time * 1e6, "radius_um": run.radius * 1e6, "velocity_m_per_s": run.velocity,
+        "pressure_Pa": run.pressure, "stress_Pa": run.stress, "strain": run.strain,
         "strain_rate_per_s": run.strain_rate,
-    }
-    rows = ({name: f"{values[k]:.9g}" for name, values in columns.items()} for k in range(run.time.size))
-    with into(path.parent):
-        write_rows(path, list(columns), rows)
+    }  # fmt: skip
+    rows = np.stack(list(columns.values()), axis=1)
+    with into(path.parent), path.open("wb") as file:
+        np.savetxt(file, rows, fmt="%.9g", delimiter=",", header=",".join(columns), comments="")
 
 
 def _write_fields(run: Simulation, path: Path) -> None:

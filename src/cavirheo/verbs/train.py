@@ -6,22 +6,22 @@ import sys
 from pathlib import Path
 from typing import Annotated
 
-import typer
+from typer import Argument, Option
 
 from cavirheo.errors import InputError
-from cavirheo.verbs.options import Out
+from cavirheo.verbs import options
 
 
 def train(
-    recipe: Annotated[Path, typer.Argument(help="TOML file, see recipes/")],
-    data: Annotated[Path, typer.Argument(help="folder written by `cavirheo generate`")],
-    out: Out,
-    threads: Annotated[int | None, typer.Option(help="of the processor; default: torch's choice", min=1)] = None,
-    device: Annotated[str | None, typer.Option(help="cpu or cuda; default: cuda if there is one")] = None,
+    recipe: Annotated[Path, Argument(help="TOML file, see recipes/")],
+    data: Annotated[Path, Argument(help="folder written by `cavirheo generate`")],
+    out: options.Out,
+    threads: Annotated[int | None, Option(help="of the processor; default: torch's choice", min=1)] = None,
+    device: Annotated[str | None, Option(help="cpu or cuda; default: cuda if there is one")] = None,
 ) -> None:
     """Train a recipe's network (the same call resumes) and export it as NAME.onnx with its card NAME.json."""
     try:
-        from cavirheo.training.export import export
+        from cavirheo.training import export
         from cavirheo.training.train import train as run
     except ModuleNotFoundError as error:
         raise InputError(f"training needs {error.name}: install cavirheo with the extra [train]") from error
@@ -29,7 +29,7 @@ def train(
 
     content = read_recipe(recipe)
     result = run(content, data, out, device=device, threads=threads)
-    path = export(content, out, out)
+    path = export.export(content, out, out)
     for name, score in result["metrics"].items():
         print(f"{name}: R2 {score['r2']:.4f}, median error {score['median_absolute_error']:.3f} (test curves)")
     print(f"model: {path}; use it with: cavirheo infer --model {path} FILE", file=sys.stderr)
