@@ -5,7 +5,7 @@ matplotlib is imported when the first figure is made.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from cavirheo.writing import digits
 from cavirheo.writing.style import INK, new_axes, new_figure, write
@@ -33,4 +33,15 @@ def one_panel(figure: Figure, x: str, y: str) -> Axes:
 
 def two_panels(figure: Figure, upper_y: str, x: str, lower_y: str) -> tuple[Axes, Axes]:
     """Upper and lower axes; the lower one names x for both."""
-    return new_axes(figure, _UPPER, "", upper_y), new_axes(figure, _LOWER, x, lower_y)
+    upper, lower = new_axes(figure, _UPPER, "", upper_y), new_axes(figure, _LOWER, x, lower_y)
+    upper.tick_params(labelbottom=False)
+    return upper, lower
+
+
+def plain_ticks(axis: Any, steps: tuple[int, ...], most: int | None = None) -> None:
+    """0.01, 1, 100 instead of powers, and such multiples of these."""
+    from matplotlib.ticker import LogLocator
+
+    axis.set_major_locator(LogLocator(subs=steps, numticks=most))
+    axis.set_major_formatter("{x:g}")
+    axis.set_minor_formatter("")
