@@ -43,7 +43,7 @@ _HOPELESS = 0.1  # of t_1: a pair so far off is no answer
 _GOOD_RE, _GOOD_STRETCH = 10.0, 4.0  # above: the analytic model is within 1.5 % of t_1 (docs/method/collapse-time.md)
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(eq=False)
 class Shots:
     """n bubbles in one material: R_max (n,) m, lambda = R_max/R_0 (n,), t_1 (n,) s from R_max to the first minimum.
 
@@ -60,16 +60,14 @@ class Shots:
 
     def __post_init__(self) -> None:
         arrays = [np.array(a, dtype=float, ndmin=1) for a in (self.max_radius, self.stretch, self.time)]
-        shapes = [a.shape for a in arrays]
-        fine = shapes == [(arrays[0].size,)] * 3 and arrays[0].size > 0
+        shapes, n = [a.shape for a in arrays], arrays[0].size
         lengths = f"R_max, lambda and t_1 must be (n,) of one length, got {shapes}"
-        require(fine, lengths, "collapse_time.lengths")
-        names = self.names or [str(k) for k in range(1, len(arrays[0]) + 1)]
-        for field, values in zip(("max_radius", "stretch", "time", "names"), (*arrays, names), strict=True):
-            object.__setattr__(self, field, values)
-        for k, of in enumerate(zip(*arrays, strict=True), 1):
-            trouble = unusable(*map(float, of))
-            require(not trouble, f"shot {k}: {trouble}", "collapse_time.shot")
+        require(shapes == [(n,)] * 3 and n > 0, lengths, "collapse_time.lengths")
+        self.max_radius, self.stretch, self.time = arrays
+        self.names = self.names or [str(k + 1) for k in range(n)]
+        for k in range(n):
+            trouble = unusable(*(float(a[k]) for a in arrays))
+            require(not trouble, f"shot {k + 1}: {trouble}", "collapse_time.shot")
 
     def __len__(self) -> int:
         return len(self.time)
@@ -214,19 +212,16 @@ def _given(material: str, shear_modulus: float | None, viscosity: float | None) 
     """(2,) G and mu, NaN where to be fitted."""
     unknown = f"unknown material {material!r}; collapse times know {', '.join(MATERIALS)}"
     require(material in MATERIALS, unknown, "collapse_time.material")
-    values = [shear_modulus, viscosity]
-    names = ("shear modulus", "viscosity")
-    for k, without in enumerate(("newtonian", "nh")):
-        if material == without:
-            alien = f"material {material!r} has no {names[k]}"
-            require(not values[k], alien, "collapse_time.not_of_the_material")
-            values[k] = 0.0
-    for name, value, most in zip(names, values, _LARGEST, strict=True):
+    values = {"shear modulus": shear_modulus, "viscosity": viscosity}
+    if none := {"newtonian": "shear modulus", "nh": "viscosity"}.get(material):
+        require(not values[none], f"material {material!r} has no {none}", "collapse_time.not_of_the_material")
+        values[none] = 0.0
+    for (name, value), most in zip(values.items(), _LARGEST, strict=True):
         expected = f"the {name} must lie between 0 and {most:g} (Pa, Pa s)"
         require(value is None or 0 <= value <= most, f"{expected}, got {value!r}", "collapse_time.out_of_range")
-    nothing = "nothing to fit: shear modulus and viscosity are both given"
-    require(None in values, nothing, "collapse_time.all_given")
-    return np.array(values, dtype=float)
+    both = "nothing to fit: shear modulus and viscosity are both given"
+    require(None in values.values(), both, "collapse_time.all_given")
+    return np.array([*values.values()], dtype=float)
 
 
 @dataclass(frozen=True)
@@ -349,15 +344,15 @@ def _answer(problem: _CollapseProblem, solved: _CollapseFit) -> CollapseEstimate
     zero = [name for name, value in zip(NAMES, solved.values, strict=True) if name in at_bound and value == 0]
     upper = [name for name in at_bound if name not in zero]
     model = problem.ratios(solved.values)
-    said = {
-        f"{' and '.join(zero)} at the bound 0: these times ask for none": bool(zero),
-        f"{' and '.join(upper)} at the upper bound": bool(upper),
-        f"the interval of {' and '.join(wide)} holds zero: an upper limit only": bool(wide),
-        "as many shots as unknowns: no interval": n == p,
-        f"the times scatter by {100 * scatter:.2g} % about the model: they do not follow it": scatter > _USUAL,
-        (poor := _outside(problem, solved.values)): bool(poor),
-        f"{np.sum(np.isinf(model))} shots have no collapse in the model": not np.all(np.isfinite(model)),
-    }
+    said: list[Any] = [
+        zero and f"{' and '.join(zero)} at the bound 0: these times ask for none",
+        upper and f"{' and '.join(upper)} at the upper bound",
+        wide and f"the interval of {' and '.join(wide)} holds zero: an upper limit only",
+        n == p and "as many shots as unknowns: no interval",
+        scatter > _USUAL and f"the times scatter by {100 * scatter:.2g} % about the model: they do not follow it",
+        not problem.exact and _outside(problem, solved.values),
+        np.isinf(model).any() and f"{np.sum(np.isinf(model))} shots have no collapse in the model",
+    ]
     spread = float(np.sqrt(np.prod(np.diag(covariance))))
     return CollapseEstimate(
         shear_modulus_Pa=G,
@@ -368,7 +363,7 @@ def _answer(problem: _CollapseProblem, solved: _CollapseFit) -> CollapseEstimate
         at_bound=at_bound,
         downweighted=[name for name, w in zip(shots.names, weight, strict=True) if w < 0.5],
         pairs=_pairs(replace(problem, exact=False)) if wide and p == 2 else [],
-        message="; ".join(message for message, holds in said.items() if holds),
+        message="; ".join(filter(None, said)),
         model=list(model),
         weight=list(weight),
     )
@@ -395,12 +390,12 @@ def _pairs(problem: _CollapseProblem) -> list[tuple[float, float]]:
 
 
 def _outside(problem: _CollapseProblem, values: Floats) -> str:
-    """A sentence where the analytic model, if it is the one, is known to be poor."""
+    """A sentence where the analytic model is known to be poor."""
     medium, shots = problem.medium, problem.shots
     inverse_re = values[1] * medium.velocity_scale / (medium.pressure * shots.max_radius)
     poor = {
         f"Re < {_GOOD_RE:g}": np.sum(inverse_re > 1 / _GOOD_RE),
         f"lambda < {_GOOD_STRETCH:g}": np.sum(shots.stretch < _GOOD_STRETCH),
     }
-    where = "; ".join(f"{what} in {count}" for what, count in poor.items() if count and not problem.exact)
+    where = "; ".join(f"{what} in {count}" for what, count in poor.items() if count)
     return f"the analytic model is poor here ({where} of {len(shots)} shots): use exact" if where else ""

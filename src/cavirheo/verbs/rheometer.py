@@ -41,8 +41,8 @@ def rheometer(
             run.refuse([str(error)])
     require(bool(found), "no sweep could be read")
     made = document.rheometry(
-        [sweeps.analyse_strain(one, tolerance / 100) for one in found if isinstance(one, sweeps.StrainSweep)],
-        [sweeps.analyse_frequency(one, at) for one in found if isinstance(one, sweeps.FrequencySweep)],
+        [sweeps.strain_sweep(one, tolerance / 100) for one in found if isinstance(one, sweeps.StrainSweep)],
+        [sweeps.frequency_sweep(one, at) for one in found if isinstance(one, sweeps.FrequencySweep)],
         material=name or _shared_name(files), tolerance=tolerance / 100, at_rad_per_s=at,
         command=run.command, date=run.date, notes=[] if style.available() else [style.NO_PICTURES],
     )  # fmt: skip

@@ -69,7 +69,7 @@ class FrequencySweep(Sweep):
     crossover_modulus_Pa: float | None = None
 
 
-def analyse_strain(sweep: StrainSweep, tolerance: float = 0.05) -> StrainSweep:
+def strain_sweep(sweep: StrainSweep, tolerance: float = 0.05) -> StrainSweep:
     """The same sweep with its linear range, plateau and crossover.
 
     The linear range is the longest range of strains (on a logarithmic axis, at least a factor of 3) in which G' stays
@@ -140,7 +140,7 @@ def _below(storage: Floats, level: float, tolerance: float) -> str:
     return f"{points} left out of it: up to {100 * np.max(np.abs(storage / level - 1)):.2g} % off (low torque?)"
 
 
-def analyse_frequency(sweep: FrequencySweep, at: float = 1.0) -> FrequencySweep:
+def frequency_sweep(sweep: FrequencySweep, at: float = 1.0) -> FrequencySweep:
     """The same sweep with its plateau, its viscosity at the angular frequency `at` (rad/s) and its crossover.
 
     The plateau is the longest range of at least a decade in which |d ln G'/d ln omega|, fitted over half a decade round
