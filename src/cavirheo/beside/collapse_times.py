@@ -1,16 +1,12 @@
 """Tables of collapse times, or curves -> G and mu of each material, by the quick estimate (inference/collapse_time).
 
-A text table or the first sheet of a workbook has a header `rmax_um,stretch,t1_us` (m, mm, um, nm; s, ms, us, ns; also
-`R_max [m]`, `lambda`, `t_1 (s)`, `collapse time (us)`; a column `shot` names the rows). A .mat table is the variable
-`pIMR_array` (n, 3) in m, 1, s. Anything else is read as curves. Units are read, never guessed.
-
-collapse-time.json (schema 1), and shots.csv with a line per shot:
+What is read: docs/how-to/collapse-time.md. shots.csv has a line per shot; collapse-time.json (schema 1):
 
 ```
 schema 1, version, command, date, notes      as in result.json
 material, medium                             the law; the constants used
 groups                                       one per table, or per file or folder of curves:
-  name, source, source_sha256, n, unusable   shots, and how many of them could not be used (their `message` says why)
+  name, source, source_sha256, n, unusable   shots, and how many could not be used (their `message` says why)
   analytic, exact                            the answers (CollapseEstimate); exact is null unless it was asked for
   shots                                      R_max, lambda, t_1 and t_1/t_RC as measured and of the models
 ```
@@ -142,8 +138,7 @@ def read_groups(
 ) -> tuple[list[CollapseGroup], list[str]]:
     """(the groups of all files in their order, the reason for each file that could not be read).
 
-    `stretch` is for curves, and for tables without a column of it. Every row and curve of a file is in its group,
-    those that cannot be used with the reason.
+    `stretch` is for curves, and for tables without a column of it. Rows and curves that cannot be used say why.
     """
     groups: list[CollapseGroup] = []
     problems: list[str] = []
@@ -334,9 +329,8 @@ def write_pictures(folder: Path, document: CollapseTimes) -> None:
 
 
 def figure(group: CollapseGroup, best: CollapseEstimate, medium: Medium, unit: tuple[float, str]) -> Figure:
-    """Where G and mu were found: above, t_1/t_RC of the shots and of the model, with the model's curve at the median
-    lambda; below, residuals. The model is the simulation where `exact` was asked for, else the analytic one; the curve
-    is always analytic. Where they were not found: the equally good pairs.
+    """Above, t_1/t_RC of the shots and of the best model, with the analytic curve at the median lambda; below,
+    residuals. Where G and mu were not both found: the equally good pairs.
     """
     factor, name = unit
     G, mu = best.shear_modulus_Pa, best.viscosity_Pa_s

@@ -1,9 +1,9 @@
 """G and mu from collapse times: a table of (R_max, lambda, t_1), or one curve, whose answer starts a fit of R(t).
 
 The residual of a shot is r = [(t_1/t_RC)^2 (t_RC/t_model)^2 - 1]/2, which is ln(t_1/t_model) near a fit and stays
-finite where the model sees no collapse (Zhu et al. 2025, doi:10.1039/D5SM00397K, minimise the same). It is minimised
-with Huber's loss, whose knee is at two standard deviations of the residuals (from their median absolute value), so that
-a few wrong t_1 do not decide. `exact` puts simulations in the place of the analytic model, from its answer on.
+finite where the model sees no collapse (Zhu et al. 2025, doi:10.1039/D5SM00397K, minimise the same). Huber's loss, with
+its knee at two standard deviations of the residuals (from their median absolute value), keeps a few wrong t_1 from
+deciding. `exact` puts simulations in the place of the analytic model, from its answer on.
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cache
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from pydantic import Field
@@ -100,8 +100,8 @@ class CollapseValue(Record):
 class CollapseEstimate(Record):
     """What n collapse times say, as it is written; null where a number was not found.
 
-    An estimate that is not `identified` has the best fit if there is a single one (with its wide interval), else null;
-    `pairs` then are the equally good (G in Pa, mu in Pa s). `message`: what is wrong or to be known; empty if nothing.
+    An estimate that is not `identified` has the best fit if there is a single one, else null; `pairs` then are the
+    equally good (G in Pa, mu in Pa s). `message`: what is wrong or to be known.
     """
 
     shear_modulus_Pa: CollapseValue = CollapseValue()
@@ -224,8 +224,7 @@ def _given(material: str, shear_modulus: float | None, viscosity: float | None) 
     return np.array([*values.values()], dtype=float)
 
 
-@dataclass(frozen=True)
-class _CollapseFit:
+class _CollapseFit(NamedTuple):
     values: Floats  # (2,) G, mu
     residual: Floats  # (n,)
     jacobian: Floats  # (n, p) of the residual, per unit

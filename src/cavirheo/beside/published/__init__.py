@@ -44,17 +44,15 @@ def compare(
 ) -> Comparison:
     """Infer, or fit, every set that `references` names and write the comparison, and a report per set, into `out`.
 
+    A set whose files are missing or unreadable keeps its row and says so in `problems`.
+
     Args:
         folder: what the files of the sets are relative to.
         references: the CSV file (references.py).
         model: for sets that name none.
-        fit: a law, such as "nhkv": least squares (inference/fit) in the place of networks, Newtonian for sets whose
-            model is that of a Newtonian liquid.
+        fit: a law, such as "nhkv": least squares instead of networks, Newtonian where the model is Newtonian.
         reference_methods: those to which errors are relative; default: of REFERENCES those in the file.
         done: called after each shot with the number of all shots.
-
-    A set whose files are missing or unreadable keeps its row and says so in `problems`; a shot without an answer is
-    counted.
 
     Raises:
         InputError: a mistake in `references` (line, column, what was expected), an unknown model or reference method,

@@ -8,8 +8,8 @@ viscosity_Pa_s, at_rad_per_s                 G''/omega at this angular frequency
 linear_to                                    largest strain of the linear range
 strain_sweeps, frequency_sweeps              one entry each (sweeps.py)
 ```
-Every number is SI (a strain of 1 is 100 %) and finite, or null where it was not found; `message` then says why.
-rheometer.csv has one line per sweep with the same names; table.csv one line per material and method.
+Numbers are SI (a strain of 1 is 100 %) and finite, or null where not found; `message` then says why.
+rheometer.csv has one line per sweep with the same names; table.csv one per material and method.
 """
 
 from __future__ import annotations
@@ -149,13 +149,13 @@ def _row(means: Rheometry | GroupRecord, regime: Iterable[float | None], **other
 
 def warning(rows: Sequence[BesideRow]) -> str:
     """That the regimes of the rows differ, in their own numbers."""
-    slow, fast = (
-        _span([end for row in rows if row.regime_unit == unit for end in (row.regime_from, row.regime_to)], 2)
-        for unit in ("rad/s", "1/s")
-    )
+    ends: dict[str, list[float | None]] = {"rad/s": [], "1/s": []}
+    for row in rows:
+        ends[row.regime_unit] += [row.regime_from, row.regime_to]
+    slow, fast = (f"{_span(known, 2)} {unit}" for unit, known in ends.items())
     return (
-        f"The regimes differ: the rheometer measures at {slow} rad/s and small strain, the bubble at {fast} 1/s and "
-        "large strain. G and µ depend on both: unequal values are not a contradiction."
+        f"The regimes differ: the rheometer measures at {slow} and small strain, the bubble at {fast} and large "
+        "strain. G and µ depend on both: unequal values are not a contradiction."
     )
 
 

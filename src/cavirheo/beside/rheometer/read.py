@@ -1,13 +1,9 @@
-"""Exports of rheometers -> sweeps in SI.
+"""Exports of rheometers -> sweeps in SI (what is read: docs/how-to/rheometer.md).
 
-A table is recognised by the header over it: one column for G', one for G'', and the frequency or the strain. Lines of
-metadata above it, a row of units below it (TRIOS, RheoCompass), several tables one after the other, several sheets of
-a workbook, and a column that tells intervals apart (rSpace) are all read; decimal commas too, where commas do not
-separate the columns.
-
-Units are read, never guessed: from the title (`G' (Pa)`, `Shear Strain [%]`, `omega_rad_per_s`) or from the row below.
-Without a unit, a modulus is in Pa and an angular frequency in rad/s (there is one usual unit, and the sweep says so);
-a strain (per cent or fraction?) and a plain frequency (Hz or rad/s?) without a unit are errors.
+A table is recognised by the header over it: one column for G', one for G'', and the frequency or the strain. Units are
+read, never guessed: from the title (`G' (Pa)`, `Shear Strain [%]`, `omega_rad_per_s`) or from the row below. Without
+one, a modulus is in Pa and an angular frequency in rad/s, and the sweep says so; a strain and a plain frequency are
+errors.
 """
 
 from __future__ import annotations
@@ -244,11 +240,12 @@ def _sweeps(table: _ModuliTable, label: str) -> Iterator[StrainSweep | Frequency
     values = {kind: numbers(rows, column.at) for kind, column in columns.items()}  # in the units of the file
     positive = values["storage"] > 0
     swept = [kind for kind in settings if _span(values[kind][positive]) >= _SWEPT]
-    where = f"{np.count_nonzero(positive)} rows with moduli{f' of {label!r}' if label else ''}"
     kinds = " and ".join(_NAMES[kind] for kind in settings)
+    where = f"{np.sum(positive)} rows with moduli" + (f" of {label!r}" if label else "")
     require(bool(swept), f"no sweep of {kinds} in the {where}", _NO_SWEEP)
     setting = swept[0]  # at a given stress the strain varies with the frequency
-    needed = np.stack([values[kind] for kind in (setting, "storage", "loss")])
+    wanted = [columns[kind] for kind in (setting, "storage", "loss")]
+    needed = np.stack([values[column.kind] for column in wanted])
     known = np.isfinite(needed).all(axis=0)
     usable = known & (needed > 0).all(axis=0)
     dropped = {
@@ -256,43 +253,44 @@ def _sweeps(table: _ModuliTable, label: str) -> Iterator[StrainSweep | Frequency
         "without a number": int(np.sum(~known)),
         "with a modulus or setting that is not positive": int(np.sum(known & ~usable)),
     }
-    notes = [f"{count} row{'s' * (count > 1)} {why} left out" for why, count in dropped.items() if count]
+    notes = [f"{_rows(count)} {why} left out" for why, count in dropped.items() if count]
     few = f"{np.sum(usable)} usable rows in a sweep, at least 3 are needed; {'; '.join(notes)}"
     require(bool(np.sum(usable) >= 3), few, _NO_SWEEP)
-    wanted = [columns[kind] for kind in (setting, "storage", "loss")]
     notes += [note for column in wanted for note in column.notes()]
-    x, storage, loss = (column.factor() * values[column.kind][usable] for column in wanted)
-    held = np.full(len(x), np.nan)
+    data = [column.factor() * values[column.kind][usable] for column in wanted]
+    held = np.full(len(data[0]), np.nan)
     if other := columns.get("strain" if setting == "omega" else "omega"):
         if setting == "omega":
-            _refuse_two_sweeps(x, values["strain"][usable])
+            _refuse_two_sweeps(data[0], values["strain"][usable])
         try:
             held = other.factor() * values[other.kind][usable]
         except InputError:
             notes.append(f"{other.title!r} is not used: its unit is missing or not known")
-    passes = _passes(x)
+    passes = _passes(data[0])
     times = int(passes.max()) + 1
     if times > 1:
         notes.append(f"each {_NAMES[setting]} {times} times: read as {times} sweeps")
     for k in range(times):
-        mine = np.flatnonzero(passes == k)
-        mine = mine[np.argsort(x[mine], kind="stable")]
-        group = np.concatenate([[0], np.cumsum(np.diff(x[mine]) > _SAME * x[mine][:-1])])  # rows of one setting
+        part = np.stack([*data, held])[:, passes == k]
+        part = part[:, np.argsort(part[0], kind="stable")]
+        group = np.cumsum(np.diff(part[0], prepend=part[0, 0]) > _SAME * np.roll(part[0], 1))  # rows of one setting
         count = np.bincount(group)
-        steady = held[mine][np.isfinite(held[mine])]
+        x, storage, loss = (np.bincount(group, row) / count for row in part[:3])
+        twice = part.shape[1] - len(count)
+        averaged = [f"{_rows(twice)} at the {_NAMES[setting]} of another averaged with it"] if twice else []
+        steady = part[3][np.isfinite(part[3])]
         median = float(np.median(steady)) if steady.size else None
-        told: dict[str, Any] = {
-            "name": label if times == 1 else f"{label}.{k + 1}".lstrip("."),
-            "points": len(count),
-            "notes": [*notes],
-            "strain" if setting == "omega" else "frequency_rad_per_s": median,
-        }
-        for name, measured in (("x", x), ("storage", storage), ("loss", loss)):
-            told[name] = np.bincount(group, measured[mine]) / count
-        if twice := len(mine) - len(count):
-            rows_at = f"{twice} row{'s' * (twice > 1)} at the {_NAMES[setting]}"
-            told["notes"].append(f"{rows_at} of another averaged with it")
-        yield FrequencySweep(**told) if setting == "omega" else StrainSweep(**told)
+        told: dict[str, Any] = {"x": x, "storage": storage, "loss": loss, "points": len(x)}
+        told["name"] = label if times == 1 else f"{label}.{k + 1}".lstrip(".")
+        told["notes"] = notes + averaged
+        if setting == "omega":
+            yield FrequencySweep(strain=median, **told)
+        else:
+            yield StrainSweep(frequency_rad_per_s=median, **told)
+
+
+def _rows(count: int) -> str:
+    return f"{count} row" + "s" * (count > 1)
 
 
 def _span(values: Floats) -> float:

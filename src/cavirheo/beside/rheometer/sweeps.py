@@ -72,12 +72,10 @@ class FrequencySweep(Sweep):
 def strain_sweep(sweep: StrainSweep, tolerance: float = 0.05) -> StrainSweep:
     """The same sweep with its linear range, plateau and crossover.
 
-    The linear range is the longest range of strains (on a logarithmic axis, at least a factor of 3) in which G' stays
-    within `tolerance` of its median over the range and has no trend (|d ln G'/d ln strain| at most `tolerance`, by the
-    median of the slopes of all pairs of points). A point that strays alone does not end it; two in succession to one
-    side do. It may begin above the smallest strain, where the torque is too low to be measured well. Its end is where
-    G', interpolated between the last point inside and the first one outside, leaves the band; a sweep that ends before
-    is said to have no such limit.
+    The linear range is the longest one (at least a factor of 3 in strain) in which G' stays within `tolerance` of its
+    median and has no trend: the median slope of all pairs of points, |d ln G'/d ln strain|, is at most `tolerance`.
+    One stray point does not end it, two in succession to one side do. It may begin above the smallest strain, where
+    the torque is low. It ends where G', interpolated between two points, leaves the band, if it does.
     """
     gamma, storage = sweep.x, sweep.storage
     sweep.strain_from, sweep.strain_to = gamma[0], gamma[-1]
@@ -144,8 +142,8 @@ def frequency_sweep(sweep: FrequencySweep, at: float = 1.0) -> FrequencySweep:
     """The same sweep with its plateau, its viscosity at the angular frequency `at` (rad/s) and its crossover.
 
     The plateau is the longest range of at least a decade in which |d ln G'/d ln omega|, fitted over half a decade round
-    each point, is at most 0.1. The viscosity is G''/omega, with G'' (and G') interpolated by monotone cubics (PCHIP)
-    through their logarithms; outside the data it is refused.
+    each point, is at most 0.1. The viscosity is G''/omega; G'' and G' are interpolated by monotone cubics (PCHIP)
+    through their logarithms, never extrapolated.
     """
     omega = sweep.x
     sweep.from_rad_per_s, sweep.to_rad_per_s, sweep.at_rad_per_s = omega[0], omega[-1], at
