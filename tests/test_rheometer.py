@@ -472,6 +472,13 @@ def test_repeats_give_mean_and_deviation(plain, run, tmp_path):
     assert document["shear_modulus_Pa"]["std"] == pytest.approx(100)
 
 
+def test_names_in_brackets_are_printed_as_they_are(plain, run, tmp_path):
+    put(tmp_path / "gel[red].csv", LAYOUTS["quotes.csv"])
+    out = run("rheometer", "gel[red].csv", "--name", "gel [bold] :x:")[1]
+    assert "gel[red]" in out
+    assert "gel [bold] :x:: G =" in out
+
+
 def test_the_strain_plateau_stands_in_for_a_solid_only(plain, run, tmp_path):
     for name, loss in (("solid", 50), ("liquid", 5000)):
         rows = "".join(f"{g},{softening(g)},{loss},10\n" for g in STRAIN)

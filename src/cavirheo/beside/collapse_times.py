@@ -1,4 +1,4 @@
-"""Tables of collapse times, or curves -> G and mu of each material, by the quick estimate (inference/collapse_time).
+"""Tables of collapse times, or curves -> G and mu of each material (inference/collapse_time).
 
 What is read: docs/how-to/collapse-time.md. shots.csv has a line per shot; collapse-time.json (schema 1):
 
@@ -68,7 +68,7 @@ class CollapseShot(Record):
 
 
 class CollapseGroup(Record):
-    """The shots of one material: a table, or curves of one file or folder; and what they say, once asked."""
+    """The shots of one material (a table, or curves of one file or folder) and what they say."""
 
     name: str
     source: str
@@ -101,7 +101,7 @@ class CollapseGroup(Record):
         return {name: found for name in ("analytic", "exact") if (found := getattr(self, name))}
 
     def answer(self, material: str, *, exact: bool = False, **options: Any) -> None:
-        """Estimate G and mu from the shots that can be used, if there are any; `options` are those of `estimate`.
+        """Estimate G and mu from the usable shots, if any; `options` are those of `estimate`.
 
         A simulation that fails leaves no exact answer, and a note.
         """
@@ -136,9 +136,9 @@ class CollapseTimes(Document):
 def read_groups(
     files: Sequence[str | Path], medium: Medium, stretch: float | None = None
 ) -> tuple[list[CollapseGroup], list[str]]:
-    """(the groups of all files in their order, the reason for each file that could not be read).
+    """(the groups of all files, the reason for each file that could not be read).
 
-    `stretch` is for curves, and for tables without a column of it. Rows and curves that cannot be used say why.
+    `stretch` is for curves, and for tables without a column of it.
     """
     groups: list[CollapseGroup] = []
     problems: list[str] = []
@@ -228,7 +228,7 @@ def _variable(path: Path) -> np.ndarray | None:
 
 
 def column(title: str) -> tuple[str | None, str | None]:
-    """("R_max" | "lambda" | "t_1" | "name" | None, unit or None) of a column such as `R_max [um]` or `t1_us`."""
+    """("R_max" | "lambda" | "t_1" | "name" | None, unit or None) of a title such as `t1_us`."""
     return column_of(title, _TITLES, _UNITS)
 
 

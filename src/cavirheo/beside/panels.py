@@ -1,7 +1,4 @@
-"""The frame of pictures with two panels: a head with the answer in words, the measurement, and below it what is left.
-
-matplotlib is imported when the first figure is made.
-"""
+"""The frame of pictures with two panels: the answer in words, the measurement, and below it what is left."""
 
 from __future__ import annotations
 
@@ -18,7 +15,7 @@ _WHOLE, _UPPER, _LOWER = (0.1, 0.115, 0.875, 0.72), (0.1, 0.415, 0.875, 0.4), (0
 
 
 def headed(name: str, right: str, answer: list[str]) -> Figure:
-    """A figure with the name and what was measured above, and the answer in a box. InputError without matplotlib."""
+    """A figure with its title and the answer in a box. Raises InputError without matplotlib."""
     figure = new_figure(4.5)
     write(figure, 0.1, 0.955, digits.elide(name, 50), size=11, weight="bold")
     write(figure, 0.975, 0.955, right, size=10, weight="bold", ha="right", color=INK)

@@ -89,7 +89,7 @@ def unusable(max_radius: float, stretch: float, time: float) -> str:
 
 
 class CollapseValue(Record):
-    """`low`, `high`: 95 % interval from the scatter of the shots; `per_percent`: change if all t_1 were 1 % longer."""
+    """`low`, `high`: 95 % interval by the scatter; `per_percent`: change if all t_1 were 1 % longer."""
 
     value: Finite = None
     low: Finite = None
@@ -107,16 +107,16 @@ class CollapseEstimate(Record):
     shear_modulus_Pa: CollapseValue = CollapseValue()
     viscosity_Pa_s: CollapseValue = CollapseValue()
     correlation: Finite = None
-    scatter: Finite = None  # standard deviation of ln(t_1/t_model); null where there are no more shots than unknowns
+    scatter: Finite = None  # standard deviation of ln(t_1/t_model); null: not more shots than unknowns
     identified: bool = False
     at_bound: list[str] = []  # names of those at a bound of their range
     downweighted: list[str] = []  # shots that count less than half
     pairs: list[tuple[float, float]] = []
     message: str = ""
-    # of each shot, not written here: t_1/t_RC as measured, the same of the model (null where it has none), the weight
+    # of each shot, not written here: t_1/t_RC as measured and of the model, the weight (at most 1)
     measured: list[Finite] = Field(default=[], exclude=True)
     model: list[Finite] = Field(default=[], exclude=True)
-    weight: list[float] = Field(default=[], exclude=True)  # 1 where the residual is within two standard deviations
+    weight: list[float] = Field(default=[], exclude=True)
 
     @property
     def answered(self) -> bool:
@@ -125,7 +125,7 @@ class CollapseEstimate(Record):
 
     @property
     def start(self) -> tuple[float, float] | None:
-        """(G, mu) for a fit of R(t) to begin with: the estimate, or the middle of the pairs; None without either."""
+        """(G, mu) for a fit of R(t) to begin with: the estimate, or the middle of the pairs, if any."""
         G, mu = self.shear_modulus_Pa.value, self.viscosity_Pa_s.value
         middle = self.pairs[len(self.pairs) // 2] if self.pairs else None
         return middle if G is None or mu is None else (G, mu)
@@ -298,7 +298,7 @@ class _CollapseProblem:
 
 
 def _remembered(function: Callable[[Floats], Floats]) -> Callable[[Floats], Floats]:
-    """The function with its values kept; each call gives a copy, for least_squares weights them in place."""
+    """The function with its values kept; least_squares weights them in place, so each call copies."""
     kept = cache(lambda key: function(np.frombuffer(key)))
     return lambda x: kept(x.tobytes()).copy()
 
@@ -369,7 +369,7 @@ def _answer(problem: _CollapseProblem, solved: _CollapseFit) -> CollapseEstimate
 
 
 def _pairs(problem: _CollapseProblem) -> list[tuple[float, float]]:
-    """The best G for each of some viscosities, where that is as good as the best of all to the 95 % level."""
+    """The best G for each of some viscosities, if it is as good as the best of all (95 %)."""
     from scipy.stats import f as fisher
 
     found, costs = [], []

@@ -105,7 +105,7 @@ def simulated_time(
     four = (np.atleast_1d(np.asarray(a, dtype=float)) for a in (max_radius, stretch, shear_modulus, viscosity))
     R, stretches, G, mu = np.broadcast_arrays(*four)
     late = _LATEST * rayleigh_time(R, medium)
-    # the analytic answer says how far to look: past it by half where it is good, all the way where it sees no collapse
+    # the analytic answer says how far to look first
     guess = np.minimum(1.3 * analytic_time(R, stretches, G, mu, medium), late)
     found = np.full(R.shape, np.inf)
     for end in (guess, late):
@@ -123,7 +123,7 @@ def simulated_time(
 
 
 def _first_minimum(time: Floats, radius: Floats, velocity: Floats) -> float:
-    """Where the wall first turns outwards, on the cubic through radius and velocity at both ends of that sample."""
+    """Where the wall first turns outwards, on the cubic through radius and velocity of that step."""
     turns = np.flatnonzero((velocity[1:] > 0) & (velocity[:-1] <= 0) & (time[1:] > 0))
     turns = turns[radius[turns] < radius[0]]
     if turns.size == 0:

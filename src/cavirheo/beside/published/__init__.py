@@ -1,6 +1,6 @@
 """Published values beside ours, for a folder of sets of measurements: a table for papers and a picture.
 
-The answers are those of `cavirheo infer` or `cavirheo fit`, and so are the reports, one per set in its own folder.
+Answers and reports, one per set in its own folder, are those of `cavirheo infer` or `cavirheo fit`.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from cavirheo.reporting import file_names, write_report
 from cavirheo.writing import style
 from cavirheo.writing.document import into, write_json
 
-REFERENCES = ("IMR", "rheometer")  # errors are relative to these where the file has them and the user names none
+REFERENCES = ("IMR", "rheometer")  # of relative errors, where the user names none
 _MEASUREMENTS = {".mat", ".csv", ".txt", ".h5", ".hdf5", ".xlsx"}  # what is taken of a subfolder
 _OUTPUTS = ("comparison.json", "comparison.csv", "comparison.md", "comparison.png")
 _NO_PICTURE = 'comparison.png is left out: matplotlib is not installed; pip install "cavirheo[plot]"'
@@ -42,7 +42,7 @@ def compare(
     command: str = "cavirheo compare",
     done: Callable[[int], None] | None = None,
 ) -> Comparison:
-    """Infer, or fit, every set that `references` names and write the comparison, and a report per set, into `out`.
+    """Infer or fit every set that `references` names; write the comparison and a report per set into `out`.
 
     A set whose files are missing or unreadable keeps its row and says so in `problems`.
 
@@ -50,12 +50,12 @@ def compare(
         folder: what the files of the sets are relative to.
         references: the CSV file (references.py).
         model: for sets that name none.
-        fit: a law, such as "nhkv": least squares instead of networks, Newtonian where the model is Newtonian.
+        fit: a law, such as "nhkv": least squares instead of networks; Newtonian where the model is.
         reference_methods: those to which errors are relative; default: of REFERENCES those in the file.
         done: called after each shot with the number of all shots.
 
     Raises:
-        InputError: a mistake in `references` (line, column, what was expected), an unknown model or reference method,
+        InputError: a mistake in `references` (line, column, what was expected), an unknown model or method,
             or a folder that cannot be read or written.
     """
     if fit:
@@ -134,13 +134,18 @@ def shots_of(
     name = about.settings.get("files", about.name)
     try:
         matches = [folder / name] if (folder / name).exists() else sorted(folder.glob(name))
-    except (ValueError, NotImplementedError, OSError):  # an absolute pattern, or a name that no file can have
+    except (ValueError, NotImplementedError, OSError):  # an absolute pattern, a name that no file can have
         matches = []
-    candidates = [file for path in matches for file in (sorted(path.iterdir()) if path.is_dir() else [path])]
-    seen = [f for f in candidates if not (f.is_dir() or f.name.startswith(".") or f.resolve() == references.resolve())]
-    files = [file for file in seen if file in matches or file.suffix.lower() in _MEASUREMENTS]
-    left_out = ", ".join(file.name for file in seen if file not in files)
-    notes = [f"left out, for they do not look like measurements: {left_out}"] if left_out else []
+    files: list[Path] = []
+    others: list[Path] = []
+    for path in matches:
+        for file in sorted(path.iterdir()) if path.is_dir() else [path]:
+            if file.is_dir() or file.name.startswith(".") or file.resolve() == references.resolve():
+                continue
+            taken = file in matches or file.suffix.lower() in _MEASUREMENTS
+            (files if taken else others).append(file)
+    left_out = ", ".join(file.name for file in others)
+    notes = [f"left out, for they do not look like measurements: {left_out}"] if others else []
     if not files:
         return [], [], [f"no file matches {name!r} in {folder}"], notes
     scale = about.settings["rmax_um"] * 1e-6 if "rmax_um" in about.settings else None

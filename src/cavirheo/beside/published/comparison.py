@@ -1,4 +1,4 @@
-"""comparison.json: published values and ours, set by set. SI; relative errors and RMSE as fractions; null: none."""
+"""comparison.json: published values and ours, set by set. SI, errors as fractions; null: none."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ class ComparedQuantity(Record):
     """One row: a quantity of a set by all methods; of a set without any, a row without values.
 
     `ours` is over all answered shots, `ours_ok` over the trusted ones (verdict ok) alone.
-    `relative_errors[reference][method]` is |mean - mean of the reference| / mean of the reference, of `ours`.
+    `relative_errors[reference][method]` is |mean - mean of the reference| / that mean, of `ours`.
     """
 
     quantity: str = ""
@@ -41,7 +41,7 @@ class ComparedQuantity(Record):
         return [OURS] if self.ours.n == self.ours_ok.n else [TRUSTED, ALL]
 
     def error(self, reference: str, method: str) -> float | None:
-        """|mean - mean of the reference| / mean of the reference; None where one of the two is not known."""
+        """|mean - mean of the reference| / that mean; None where one of the two is not known."""
         of, mean = self.value(reference).mean, self.value(method).mean
         return None if of is None or mean is None else abs(mean - of) / of
 
@@ -62,7 +62,7 @@ class ComparedRange(Record):
 
 
 class ComparedSet(Record):
-    """One set. `problems` are files that are missing or unreadable; `notes` what was left out on purpose."""
+    """One set. `problems`: files missing or unreadable; `notes`: what was left out on purpose."""
 
     name: str
     files: list[str]
@@ -80,7 +80,7 @@ class ComparedSet(Record):
     notes: list[str]
 
     def remarks(self) -> list[str]:
-        """What must be known besides the numbers: doubtful and failed shots, problems, files left out."""
+        """What is to be known besides: doubtful and failed shots, problems, files left out."""
         found = []
         if counts := [f"{digits.VERDICTS[v]} {n}" for v in _VERDICTS[1:] if (n := self.verdicts.get(v))]:
             found.append(f"of {self.n_shots} shots: {', '.join(counts)}")
@@ -97,12 +97,12 @@ class Comparison(Document):
     sets: list[ComparedSet]
 
     def rows(self) -> Iterator[tuple[ComparedSet, ComparedQuantity]]:
-        """Every set with each of its quantities; a set without any has one row all the same."""
+        """Every set with each of its quantities, or with a row without values."""
         return ((about, row) for about in self.sets for row in about.quantities or [ComparedQuantity()])
 
     @property
     def answers(self) -> list[str]:
-        """What our means are called in the whole table: one name if no set has answers that are not trusted."""
+        """What our means are called in the whole table."""
         return max((row.answers() for _, row in self.rows()), key=len, default=[OURS])
 
     def errors(self) -> list[tuple[str, str]]:
@@ -114,7 +114,7 @@ class Comparison(Document):
 def compared_set(
     about: ReferenceSet, curves: Sequence[CurveRecord], references: Sequence[str], **found: Any
 ) -> ComparedSet:
-    """The rows of a set from its published values and the answers to its shots; `found` are the fields left."""
+    """The rows of a set from its published values and the answers; `found` are the other fields."""
     verdicts = [curve.verdict for curve in curves]
     errors = [c.rmse_over_rmax for c in curves if c.answered and c.rmse_over_rmax is not None]
     spread = {"median": np.median(errors), "smallest": min(errors), "largest": max(errors)} if errors else {}
@@ -165,7 +165,7 @@ def units(comparison: Comparison) -> dict[str, tuple[float, str]]:
 
 
 def print_table(comparison: Comparison) -> None:
-    """One line per set, quantity and method; then what the numbers hide: other verdicts, problems, files left out."""
+    """One line per set, quantity and method; then the remarks on each set."""
     console = terminal.console()
     wide, in_units = console.width >= 100, units(comparison)
     heads = ["", "method", "mean ± std", *(f"error to\n{reference}, %" for reference in comparison.reference_methods)]
@@ -217,7 +217,7 @@ def markdown(comparison: Comparison) -> str:
 
 
 def write_csv(path: Path, comparison: Comparison) -> None:
-    """One line per set and quantity, SI; relative errors and RMSE as fractions; empty where there is no number."""
+    """One line per set and quantity, SI, errors as fractions; empty where there is no number."""
     head = ["set", "quantity", *(f"{method}_{part}" for method in comparison.methods for part in ("mean", "std"))]
     head += [f"{OURS}_{part}" for part in ("mean", "std", "n", "ok_mean", "ok_std", "ok_n")]
     head += [f"{method}_error_to_{reference}" for reference, method in comparison.errors()]

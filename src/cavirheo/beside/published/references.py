@@ -35,7 +35,7 @@ _UNITS = {
 
 
 class _ReferenceLine(BaseModel):
-    """One line of the file: its columns and what they may hold. The settings are as the options of `infer`, SI."""
+    """One line: the columns and what they may hold. Settings are as the options of `infer`, SI."""
 
     model_config = ConfigDict(allow_inf_nan=False)
 
@@ -44,7 +44,7 @@ class _ReferenceLine(BaseModel):
     quantity: str | None = None
     mean: PositiveFloat | None = None
     std: NonNegativeFloat | None = None
-    files: str | None = None  # file, subfolder or glob, relative to the folder; default: the name of the set
+    files: str | None = None  # file, subfolder or glob in the folder; default: the name of the set
     model: str | None = None
     medium: str | None = None
     window: PositiveInt | None = None
@@ -65,7 +65,7 @@ _CONSTANTS = _SETTINGS[_SETTINGS.index("density") :]
 
 
 class MethodValue(Record):
-    """What one method says of one quantity, SI: published, or the mean ± standard deviation over our n shots."""
+    """What one method says of a quantity, SI: published, or mean ± standard deviation of our n shots."""
 
     mean: float | None = None
     std: float | None = None
@@ -75,9 +75,7 @@ class MethodValue(Record):
 
 @dataclass
 class ReferenceSet:
-    """What the file says about one set. `where` is its first line; `given` tells which line gave a setting; `values`
-    is by (method, quantity).
-    """
+    """What the file says about a set: `where` first, `given` by which line, `values` by (method, quantity)."""
 
     name: str
     where: str
@@ -91,7 +89,7 @@ def read_references(path: str | Path) -> list[ReferenceSet]:
     """The sets in the order of their first lines.
 
     Raises:
-        InputError: the file cannot be read or has a mistake; the message names line, column and what was expected.
+        InputError: the file cannot be read or has a mistake (line, column, what was expected).
     """
     try:
         (sheet,) = read_sheets(Path(path), lambda cells: "set" in cells, most=1, marks="#")

@@ -1,4 +1,4 @@
-"""Oscillatory rheometry: strain and frequency sweeps -> linear range, plateau modulus and viscosity, beside bubbles."""
+"""Oscillatory rheometry: sweeps -> linear range, plateau modulus and viscosity, beside bubbles."""
 
 from cavirheo.beside.rheometer.read import read_sweeps
 from cavirheo.beside.rheometer.sweeps import frequency_sweep, strain_sweep

@@ -1,4 +1,4 @@
-"""rheometer.json: all sweeps of one material and what was found in them (schema 1); and its row beside bubbles.
+"""rheometer.json (schema 1): all sweeps of one material, what was found in them, and its row beside bubbles.
 
 ```
 schema 1, version, command, date, notes      as in result.json
@@ -49,7 +49,7 @@ class Rheometry(Document):
 class BesideRow(Record):
     """One material by one method, in the table beside bubbles: mean ± std over `n`.
 
-    `doubtful` and `failed` are bubbles beside those. `regime`: angular frequencies in rad/s or strain rates in 1/s.
+    `doubtful` and `failed` are bubbles beside those. `regime`: rad/s, or strain rates in 1/s.
     """
 
     material: str
@@ -66,9 +66,9 @@ class BesideRow(Record):
 
 
 def rheometry(strain: list[StrainSweep], frequency: list[FrequencySweep], **head: Any) -> Rheometry:
-    """The document. G is the plateau of the frequency sweeps; without one, that of the strain sweeps of a solid.
+    """The document; `head`: material, tolerance, at_rad_per_s, command, date, notes.
 
-    `head` are the other fields: material, tolerance, at_rad_per_s, command, date, notes.
+    G is the plateau of the frequency sweeps; without one, that of the strain sweeps of a solid.
     """
     solid = [s for s in strain if (s.plateau_storage_Pa or 0.0) > (s.plateau_loss_Pa or 0.0)]
     modulus, origin = spread_of([s.plateau_storage_Pa for s in frequency]), "plateau of the frequency sweep"
@@ -186,7 +186,7 @@ _Column = tuple[str, float, Callable[[Any], str] | None]  # field, factor, how i
 
 
 def print_rheometry(document: Rheometry, rows: Sequence[BesideRow] = ()) -> None:
-    """The sweeps, what the material is, what could not be found; then, with `rows`, the table beside bubbles."""
+    """The sweeps, the material, the remarks; with `rows` the table beside bubbles."""
     from rich.text import Text
 
     console = terminal.console()

@@ -75,10 +75,9 @@ _SAME = 0.02  # relative difference below which two settings of the instrument a
 
 
 def read_sweeps(path: str | Path) -> list[StrainSweep | FrequencySweep]:
-    """Every strain and frequency sweep of a file, in its order. Rows that cannot be used are counted in `notes`.
+    """Every strain and frequency sweep of a file; rows that cannot be used are counted in `notes`.
 
-    A table that gives every strain or frequency equally often (a sweep run three times, or up and down) is that many
-    sweeps.
+    A table with every setting equally often (a sweep run three times, or up and down) is that many sweeps.
 
     Raises:
         InputError: the file cannot be read, holds no table of G' and G'', or leaves a unit open.
@@ -144,7 +143,7 @@ class SweepColumn(NamedTuple):
 
 @cache
 def read_title(title: str) -> tuple[str, int, str | None]:
-    """("storage" | "loss" | "omega" | "strain" | "interval" | "", preference, unit or None) of a column's title."""
+    """(column or "", preference, unit or None) of a title; the columns are those of the vocabulary."""
     if title[:1] in "0123456789+-.":
         return "", 0, None
     kind, unit = column_of(title, _TITLES, _UNITS_OF_TITLES)
@@ -308,7 +307,7 @@ def _refuse_two_sweeps(omega: Floats, strain: Floats) -> None:
 
 
 def _passes(x: Floats) -> np.ndarray:
-    """(n,) the number of the repetition that a row belongs to, where all settings come equally often; else 0."""
+    """(n,) the repetition that a row belongs to, where all settings come equally often; else 0."""
     seen: dict[float, int] = {}  # how often each setting came
     passes = np.zeros(len(x), dtype=int)
     for row, value in enumerate(x):

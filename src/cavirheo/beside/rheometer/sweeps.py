@@ -1,4 +1,4 @@
-"""Sweeps, as they are read and written, and what one says. Nothing is extrapolated; a single sweep has no width."""
+"""Sweeps, as they are read and written, and what one says. Nothing is extrapolated."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ class Sweep(Record):
 
 
 class StrainSweep(Sweep):
-    """`departs` is null where G' stays in the band to the end: `linear_to` is then the largest strain measured."""
+    """`departs` is null where G' stays in the band: `linear_to` is then the largest strain."""
 
     kind: Literal["strain"] = "strain"
     frequency_rad_per_s: float | None = None
@@ -119,7 +119,7 @@ def _linear_range(gamma: Floats, storage: Floats, tolerance: float) -> tuple[int
 
 
 def _limit(gamma: Floats, storage: Floats, last: int, level: float, tolerance: float) -> tuple[float, str | None]:
-    """The strain at which G' leaves the band, and how; the largest strain and None where it does not."""
+    """The strain at which G' leaves the band, and how; or the largest strain and None."""
     if last == len(gamma) - 1:
         return float(gamma[last]), None
     departs = "softens" if storage[last + 1] < level else "stiffens"
@@ -191,7 +191,7 @@ def _plateau(omega: Floats, storage: Floats) -> tuple[int, int] | None:
 
 
 def _crossovers(sweep: Sweep) -> list[tuple[float, float, bool]]:
-    """(x, G' = G'', whether G'' wins beyond), each interpolated in the logarithms; single stray points apart."""
+    """(x, G' = G'', whether G'' wins beyond) in the logarithms, without single stray points."""
     solid = sweep.storage > sweep.loss
     keep = ~_alone(solid)
     x, storage, loss, solid = (values[keep] for values in (sweep.x, sweep.storage, sweep.loss, solid))
