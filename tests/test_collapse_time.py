@@ -10,7 +10,7 @@ import pytest
 from scipy.io import savemat
 from workbooks import write_xlsx
 
-from cavirheo.beside.collapse_times.read import column, read_groups, read_table
+from cavirheo.beside.collapse_times import column, read_groups, read_table
 from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError, SolverError
 from cavirheo.inference.collapse_time import CollapseEstimate, Shots, estimate, shot, unusable
@@ -235,13 +235,13 @@ class TestReading:
     @pytest.mark.parametrize(
         ("text", "expected"),
         [
-            ("rmax_um", ("max_radius", "um")),
-            ("R_max [µm]", ("max_radius", "um")),
-            ("lambda", ("stretch", None)),
-            ("R_max/R_0", ("stretch", None)),
-            ("t_1 (s)", ("time", "s")),
-            ("collapse time (us)", ("time", "us")),
-            ("t1", ("time", None)),
+            ("rmax_um", ("R_max", "um")),
+            ("R_max [µm]", ("R_max", "um")),
+            ("lambda", ("lambda", None)),
+            ("R_max/R_0", ("lambda", None)),
+            ("t_1 (s)", ("t_1", "s")),
+            ("collapse time (us)", ("t_1", "us")),
+            ("t1", ("t_1", None)),
             ("temperature", (None, None)),
         ],
     )

@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 import csv
-import io
 import json
 from pathlib import Path
 
 import numpy as np
 import pytest
-from rich.console import Console
 
 from cavirheo import read_curves
 from cavirheo.beside import published
@@ -306,12 +304,12 @@ def test_without_matplotlib_the_tables_are_complete(fake, folder, tmp_path, monk
     assert "matplotlib is not installed" in result.notes[0]
 
 
-def test_the_table_fits_and_the_picture_shows_every_value(fake, folder, tmp_path):
+def test_the_table_fits_and_the_picture_shows_every_value(fake, folder, tmp_path, monkeypatch, capsys):
     result = compare(folder, folder / "published.csv", tmp_path / "c")
     for width in (80, 120):
-        console = Console(width=width, record=True, file=io.StringIO())
-        print_table(result, console)
-        text = console.export_text()
+        monkeypatch.setenv("COLUMNS", str(width))
+        print_table(result)
+        text = capsys.readouterr().out
         assert max(map(len, text.splitlines())) <= width
         assert len(text.splitlines()) < 45
         assert "(0.5–2.0)" in text

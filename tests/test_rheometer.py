@@ -11,9 +11,10 @@ import numpy as np
 import pytest
 from workbooks import write_xlsx
 
+from cavirheo.beside.rheometer import frequency_sweep, read_sweeps, strain_sweep
 from cavirheo.beside.rheometer.document import beside, rheometry
-from cavirheo.beside.rheometer.read import Sweep, SweepColumn, read_sweeps, read_title
-from cavirheo.beside.rheometer.sweeps import frequency_sweep, strain_sweep
+from cavirheo.beside.rheometer.read import SweepColumn, read_title
+from cavirheo.beside.rheometer.sweeps import FrequencySweep, StrainSweep, Sweep
 from cavirheo.errors import InputError
 from cavirheo.reporting import read_json
 from cavirheo.reporting.record import Result
@@ -34,9 +35,9 @@ def examples():
     return module
 
 
-def sweep(kind: str, x, storage, loss, **more) -> Sweep:
+def sweep(kind: type[Sweep], x, storage, loss) -> Sweep:
     x = np.asarray(x)
-    return Sweep("gel", "gel.csv", kind, x, np.broadcast_to(storage, x.shape), np.broadcast_to(loss, x.shape), **more)
+    return kind(name="gel", x=x, storage=np.broadcast_to(storage, x.shape), loss=np.broadcast_to(loss, x.shape))
 
 
 def maxwell(omega, G=1e3, tau=1.0):
@@ -55,7 +56,7 @@ def plain(monkeypatch):
 
 class TestFrequencySweep:
     def test_kelvin_voigt_is_exact(self):
-        found = frequency_sweep(sweep("frequency", OMEGA, 5e3, 0.3 * OMEGA))
+        found = frequency_sweep(sweep(FrequencySweep, OMEGA, 5e3, 0.3 * OMEGA))
         assert found.viscosity_Pa_s == pytest.approx(0.3, rel=1e-12)
         assert found.plateau_storage_Pa == pytest.approx(5e3)
         assert (found.plateau_from_rad_per_s, found.plateau_to_rad_per_s) == (OMEGA[0], OMEGA[-1])
@@ -66,7 +67,7 @@ class TestFrequencySweep:
 
     def test_maxwell(self):
         omega = np.logspace(-1, 3, 41)
-        found = frequency_sweep(sweep("frequency", omega, *maxwell(omega)), at=3.3)
+        found = frequency_sweep(sweep(FrequencySweep, omega, *maxwell(omega)), at=3.3)
         storage, loss = maxwell(3.3)
         assert found.crossover_rad_per_s == pytest.approx(1.0, rel=1e-3)
         assert found.crossover_modulus_Pa == pytest.approx(500, rel=1e-3)
@@ -78,18 +79,18 @@ class TestFrequencySweep:
     def test_zener_on_a_coarse_grid(self):
         omega = np.logspace(-1, 2, 10)
         storage, loss = maxwell(omega, 4e3, 0.1)
-        found = frequency_sweep(sweep("frequency", omega, 1e3 + storage, loss + 0.05 * omega))
+        found = frequency_sweep(sweep(FrequencySweep, omega, 1e3 + storage, loss + 0.05 * omega))
         assert found.viscosity_Pa_s == pytest.approx(maxwell(1.0, 4e3, 0.1)[1] + 0.05, rel=2e-3)
 
     def test_a_liquid_has_no_plateau_and_says_so(self):
-        found = frequency_sweep(sweep("frequency", OMEGA, *maxwell(OMEGA, 1e4, 1e-3)))
+        found = frequency_sweep(sweep(FrequencySweep, OMEGA, *maxwell(OMEGA, 1e4, 1e-3)))
         assert found.plateau_storage_Pa is None
         assert any("no plateau" in note for note in found.notes)
         assert found.viscosity_Pa_s == pytest.approx(10.0, rel=1e-4)
 
     def test_noise_does_not_break_a_plateau(self):
         noise = 1 + 0.02 * np.random.default_rng(1).standard_normal((2, OMEGA.size))
-        found = frequency_sweep(sweep("frequency", OMEGA, 5e3 * noise[0], 0.3 * OMEGA * noise[1]))
+        found = frequency_sweep(sweep(FrequencySweep, OMEGA, 5e3 * noise[0], 0.3 * OMEGA * noise[1]))
         assert found.plateau_storage_Pa == pytest.approx(5e3, rel=0.02)
         assert found.plateau_to_rad_per_s / found.plateau_from_rad_per_s > 100
 
@@ -102,19 +103,19 @@ class TestFrequencySweep:
         ],
     )
     def test_nothing_is_extrapolated(self, omega, at, named):
-        found = frequency_sweep(sweep("frequency", omega, 1e3, 10.0), at)
+        found = frequency_sweep(sweep(FrequencySweep, omega, 1e3, 10.0), at)
         assert named in found.message
         assert found.viscosity_Pa_s is None
         assert found.tan_delta is None
 
     def test_an_end_of_the_data_rounded_by_the_export_is_inside(self):
-        found = frequency_sweep(sweep("frequency", [1.0003, 2, 5], 1e3, 10.0))
+        found = frequency_sweep(sweep(FrequencySweep, [1.0003, 2, 5], 1e3, 10.0))
         assert found.viscosity_Pa_s == pytest.approx(10.0)
 
 
 class TestStrainSweep:
     def test_softening_gel(self):
-        found = strain_sweep(sweep("strain", STRAIN, softening(STRAIN), 50.0))
+        found = strain_sweep(sweep(StrainSweep, STRAIN, softening(STRAIN), 50.0))
         assert found.plateau_storage_Pa == pytest.approx(2e3, rel=1e-3)
         assert found.linear_from == STRAIN[0]
         assert found.linear_to == pytest.approx(np.sqrt(1 / 0.95 - 1), rel=0.02)
@@ -124,18 +125,18 @@ class TestStrainSweep:
 
     @pytest.mark.parametrize("tolerance", [0.02, 0.1])
     def test_tolerance(self, tolerance):
-        found = strain_sweep(sweep("strain", STRAIN, softening(STRAIN), 50.0), tolerance)
+        found = strain_sweep(sweep(StrainSweep, STRAIN, softening(STRAIN), 50.0), tolerance)
         assert found.linear_to == pytest.approx(np.sqrt(1 / (1 - tolerance) - 1), rel=0.02)
 
     def test_stiffening(self):
-        found = strain_sweep(sweep("strain", STRAIN, 500 * (1 + (STRAIN / 0.3) ** 2), 5.0))
+        found = strain_sweep(sweep(StrainSweep, STRAIN, 500 * (1 + (STRAIN / 0.3) ** 2), 5.0))
         assert found.departs == "stiffens"
         assert found.linear_to == pytest.approx(0.3 * np.sqrt(0.05), rel=0.02)
 
     def test_scatter_at_low_torque_is_left_out_and_counted(self):
         storage = softening(STRAIN)
         storage[:6] *= [1.8, 0.5, 1.4, 0.7, 1.25, 0.88]
-        found = strain_sweep(sweep("strain", STRAIN, storage, 50.0))
+        found = strain_sweep(sweep(StrainSweep, STRAIN, storage, 50.0))
         assert found.linear_from == STRAIN[6]
         assert found.linear_to == pytest.approx(np.sqrt(1 / 0.95 - 1), rel=0.02)
         assert any("6 points below the linear range" in note and "torque" in note for note in found.notes)
@@ -143,31 +144,31 @@ class TestStrainSweep:
     @pytest.mark.parametrize("seed", range(5))
     def test_noise(self, seed):
         noise = 1 + 0.02 * np.random.default_rng(seed).standard_normal(STRAIN.size)
-        found = strain_sweep(sweep("strain", STRAIN, softening(STRAIN) * noise, 50.0))
+        found = strain_sweep(sweep(StrainSweep, STRAIN, softening(STRAIN) * noise, 50.0))
         assert found.plateau_storage_Pa == pytest.approx(2e3, rel=0.01)
         assert found.linear_to == pytest.approx(np.sqrt(1 / 0.95 - 1), rel=0.25)
 
     def test_one_stray_point_does_not_end_the_range(self):
         storage = softening(STRAIN)
         storage[15] *= 1.3
-        found = strain_sweep(sweep("strain", STRAIN, storage, 50.0))
+        found = strain_sweep(sweep(StrainSweep, STRAIN, storage, 50.0))
         assert found.linear_to == pytest.approx(np.sqrt(1 / 0.95 - 1), rel=0.02)
 
     def test_a_sweep_that_ends_in_the_linear_range_has_no_limit(self):
-        found = strain_sweep(sweep("strain", STRAIN[:20], 1e3, 10.0))
+        found = strain_sweep(sweep(StrainSweep, STRAIN[:20], 1e3, 10.0))
         assert found.linear_to == STRAIN[19]
         assert found.departs is None
         assert found.crossover_strain is None
 
     def test_no_linear_range_is_invented(self):
-        found = strain_sweep(sweep("strain", STRAIN, 1e3 * STRAIN**-0.3, 10.0))
+        found = strain_sweep(sweep(StrainSweep, STRAIN, 1e3 * STRAIN**-0.3, 10.0))
         assert found.message
         assert found.plateau_storage_Pa is None
         assert found.linear_to is None
 
     def test_a_second_plateau_is_told(self):
         storage = 1e3 * np.where(STRAIN < 3e-4, 1.0, 0.3)
-        found = strain_sweep(sweep("strain", STRAIN, storage, 10.0))
+        found = strain_sweep(sweep(StrainSweep, STRAIN, storage, 10.0))
         assert any("higher" in note for note in found.notes)
 
 
@@ -278,7 +279,7 @@ def test_layouts(tmp_path, name):
     assert found.kind == "frequency"
     for values, expected in zip((found.x, found.storage, found.loss), zip(*FREQUENCY_ROWS, strict=True), strict=True):
         assert values == pytest.approx(expected, rel=1e-5)
-    assert found.held in (None, pytest.approx(0.01))
+    assert found.strain in (None, pytest.approx(0.01))
     assert any("2 pi" in note for note in found.notes) == (name in ("hertz.tsv", "rspace.csv"))
     assert any("no unit" in note for note in found.notes) == (name in ("comma.csv", "savetxt.txt"))
     assert any("in the 0 rows with moduli of 'Pre shear'" in note for note in found.notes) == (name == "rspace.csv")
@@ -469,6 +470,13 @@ def test_repeats_give_mean_and_deviation(plain, run, tmp_path):
     assert "5.00 ± 0.50" in out
     document = json.loads((tmp_path / "r" / "rheometer.json").read_text())
     assert document["shear_modulus_Pa"]["std"] == pytest.approx(100)
+
+
+def test_names_in_brackets_are_printed_as_they_are(plain, run, tmp_path):
+    put(tmp_path / "gel[red].csv", LAYOUTS["quotes.csv"])
+    out = run("rheometer", "gel[red].csv", "--name", "gel [bold] :x:")[1]
+    assert "gel[red]" in out
+    assert "gel [bold] :x:: G =" in out
 
 
 def test_the_strain_plateau_stands_in_for_a_solid_only(plain, run, tmp_path):

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 _KINDS = {  # a key that no other document has, and the class of the document
     "sets": ("beside.published.comparison", "Comparison"),
     "strain_sweeps": ("beside.rheometer.document", "Rheometry"),
-    "medium": ("beside.collapse_times.document", "CollapseTimes"),
+    "medium": ("beside.collapse_times", "CollapseTimes"),
     "laws": ("reporting.laws", "Laws"),
     "curves": ("reporting.record", "Result"),
 }

@@ -1,11 +1,8 @@
-"""The frame of pictures with two panels: a head with the answer in words, the measurement, and below it what is left.
-
-matplotlib is imported when the first figure is made.
-"""
+"""The frame of pictures with two panels: the answer in words, the measurement, and below it what is left."""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from cavirheo.writing import digits
 from cavirheo.writing.style import INK, new_axes, new_figure, write
@@ -18,7 +15,7 @@ _WHOLE, _UPPER, _LOWER = (0.1, 0.115, 0.875, 0.72), (0.1, 0.415, 0.875, 0.4), (0
 
 
 def headed(name: str, right: str, answer: list[str]) -> Figure:
-    """A figure with the name and what was measured above, and the answer in a box. InputError without matplotlib."""
+    """A figure with its title and the answer in a box. Raises InputError without matplotlib."""
     figure = new_figure(4.5)
     write(figure, 0.1, 0.955, digits.elide(name, 50), size=11, weight="bold")
     write(figure, 0.975, 0.955, right, size=10, weight="bold", ha="right", color=INK)
@@ -33,4 +30,15 @@ def one_panel(figure: Figure, x: str, y: str) -> Axes:
 
 def two_panels(figure: Figure, upper_y: str, x: str, lower_y: str) -> tuple[Axes, Axes]:
     """Upper and lower axes; the lower one names x for both."""
-    return new_axes(figure, _UPPER, "", upper_y), new_axes(figure, _LOWER, x, lower_y)
+    upper, lower = new_axes(figure, _UPPER, "", upper_y), new_axes(figure, _LOWER, x, lower_y)
+    upper.tick_params(labelbottom=False)
+    return upper, lower
+
+
+def plain_ticks(axis: Any, steps: tuple[int, ...], most: int | None = None) -> None:
+    """0.01, 1, 100 instead of powers, and such multiples of these."""
+    from matplotlib.ticker import LogLocator
+
+    axis.set_major_locator(LogLocator(subs=steps, numticks=most))
+    axis.set_major_formatter("{x:g}")
+    axis.set_minor_formatter("")

@@ -45,9 +45,8 @@ def inverse_square(
     f_model = (Z + sqrt(Z^2 + beta))^-2, Z = 2 beta A_RC (0.4637/Re + 0.56598/Re^2 + 5.7331/Re^3),
     beta = 1/(1 + Be/Ca), Be = 5/2 - sqrt(2/3) pi A_RC/lambda; numbers as in docs/method/physics.md, section 1.
     """
-    G = np.asarray(shear_modulus, dtype=float)
     lost, Be, Y = _terms(max_radius, stretch, viscosity, medium)
-    beta = 1 / (1 + Be * G / medium.pressure)
+    beta = 1 / (1 + Be * np.asarray(shear_modulus, dtype=float) / medium.pressure)
     Z = beta * Y
     return np.asarray((Z + np.sqrt(Z * Z + beta)) ** -2 - lost)
 
@@ -61,11 +60,8 @@ def _terms(max_radius: ArrayLike, stretch: ArrayLike, viscosity: ArrayLike, medi
     f_gas = _GAS * (stretch**-3 + medium.vapour_pressure / p)
     inverse_Re = mu * U_c / (p * R)
     a, b, c = _VISCOUS
-    return (
-        f_We + f_Ma + f_gas,
-        2.5 - 2 * _SURFACE / stretch,
-        2 * _A * inverse_Re * (a + inverse_Re * (b + inverse_Re * c)),
-    )
+    Y = 2 * _A * inverse_Re * (a + inverse_Re * (b + inverse_Re * c))
+    return f_We + f_Ma + f_gas, 2.5 - 2 * _SURFACE / stretch, Y
 
 
 def analytic_time(
@@ -106,35 +102,28 @@ def simulated_time(
         InputError: a parameter out of its domain.
         SolverError: a simulation failed (where, and how).
     """
-    R, stretches, G, mu = np.broadcast_arrays(
-        *(np.atleast_1d(np.asarray(a, dtype=float)) for a in (max_radius, stretch, shear_modulus, viscosity))
-    )
-    late = rayleigh_time(R, medium)
-    # the analytic answer says how far to look: past it by half where it is good, all the way where it sees no collapse
-    guess = analytic_time(R, stretches, G, mu, medium)
+    four = (np.atleast_1d(np.asarray(a, dtype=float)) for a in (max_radius, stretch, shear_modulus, viscosity))
+    R, stretches, G, mu = np.broadcast_arrays(*four)
+    late = _LATEST * rayleigh_time(R, medium)
+    # the analytic answer says how far to look first
+    guess = np.minimum(1.3 * analytic_time(R, stretches, G, mu, medium), late)
     found = np.full(R.shape, np.inf)
-    missing = np.arange(R.size)
-    for end in (np.minimum(1.3 * guess, _LATEST * late), _LATEST * late):
-        runs = simulate_many(
-            [NeoHookeanKelvinVoigt(float(G[i]), float(mu[i])) for i in missing],
-            max_radius=R[missing],
-            stretch=stretches[missing],
-            time=np.linspace(0.0, end[missing], _SAMPLES, axis=1),
-            medium=medium,
-            **options,
-        )
-        for i, run in zip(missing, runs, strict=True):
+    for end in (guess, late):
+        missing = np.flatnonzero(np.isinf(found))
+        if missing.size == 0:
+            break
+        materials = [NeoHookeanKelvinVoigt(float(G[i]), float(mu[i])) for i in missing]
+        time = np.linspace(0.0, end[missing], _SAMPLES, axis=1)
+        of: Any = {"max_radius": R[missing], "stretch": stretches[missing], "time": time, "medium": medium}
+        for i, run in zip(missing, simulate_many(materials, **of, **options), strict=True):
             found[i] = _first_minimum(run.time, run.radius, run.velocity)
             if not np.isfinite(found[i]) and not run.ok:
                 raise SolverError(f"no collapse time: {run.status}")
-        missing = missing[np.isinf(found[missing])]
-        if missing.size == 0:
-            break
     return found
 
 
 def _first_minimum(time: Floats, radius: Floats, velocity: Floats) -> float:
-    """Where the wall first turns outwards, on the cubic through radius and velocity at both ends of that sample."""
+    """Where the wall first turns outwards, on the cubic through radius and velocity of that step."""
     turns = np.flatnonzero((velocity[1:] > 0) & (velocity[:-1] <= 0) & (time[1:] > 0))
     turns = turns[radius[turns] < radius[0]]
     if turns.size == 0:

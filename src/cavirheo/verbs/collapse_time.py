@@ -9,13 +9,12 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from cavirheo.errors import InputError
+from cavirheo.errors import require
 from cavirheo.verbs.options import FROM_OPTIONS, Out, with_surroundings
 from cavirheo.verbs.run import Run
 from cavirheo.writing.document import into, write_json
 
 if TYPE_CHECKING:
-    from cavirheo.beside.collapse_times.document import CollapseTimes
     from cavirheo.physics.media import Medium
 
 
@@ -36,38 +35,28 @@ def collapse_time(
     out: Out = Path("cavirheo-collapse-time"),
 ) -> None:
     """G and µ from the times of the first collapse alone: one answer per table, or per file or folder of curves."""
-    from cavirheo.beside.collapse_times.document import CollapseTimes, print_table
-    from cavirheo.beside.collapse_times.read import read_groups
+    from cavirheo.beside import collapse_times
     from cavirheo.writing import style
 
     run = Run()
-    if stretch is not None and not 1 < stretch < 1e3:
-        raise InputError(f"--stretch must be R_max/R_0 above 1, got {stretch!r}", "collapse_time.stretch")
-    groups, problems = read_groups(files, liquid, stretch)
+    fine = stretch is None or 1 < stretch < 1e3
+    require(fine, f"--stretch must be R_max/R_0 above 1, got {stretch!r}", "collapse_time.stretch")
+    groups, problems = collapse_times.read_groups(files, liquid, stretch)
     run.refuse(problems)
-    if not groups:
-        raise InputError("no collapse time could be read", "collapse_time.nothing")
+    require(bool(groups), "no collapse time could be read", "collapse_time.nothing")
     if exact:
         print("simulating (the solver is compiled once per machine, 10 to 30 s) ...", file=sys.stderr)
     for group in groups:
         group.answer(material, exact=exact, medium=liquid, shear_modulus=shear_modulus, viscosity=viscosity)
-    document = CollapseTimes(
+    document = collapse_times.CollapseTimes(
         command=run.command, date=run.date, notes=[] if style.available() else [style.NO_PICTURES],
         material=material, medium=asdict(liquid), groups=groups,
     )  # fmt: skip
-    _write(out, document)
-    print_table(document)
-    unanswered = any(group.unusable or group.best is None or not group.best.answered for group in groups)
-    run.end(f"written to {out}", unanswered or (exact and any(g.exact is None for g in groups)))
-
-
-def _write(out: Path, document: CollapseTimes) -> None:
-    from cavirheo.beside.collapse_times.document import write_csv
-    from cavirheo.beside.collapse_times.picture import write_pictures
-    from cavirheo.writing import style
-
     with into(out) as folder:
         write_json(folder / "collapse-time.json", document)
-        write_csv(folder / "shots.csv", document)
+        collapse_times.write_csv(folder / "shots.csv", document)
         if style.available():
-            write_pictures(folder, document)
+            collapse_times.write_pictures(folder, document)
+    collapse_times.print_table(document)
+    unanswered = any(group.unusable or group.best is None or not group.best.answered for group in groups)
+    run.end(f"written to {out}", unanswered or (exact and any(group.exact is None for group in groups)))

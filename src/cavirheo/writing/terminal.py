@@ -12,10 +12,10 @@ if TYPE_CHECKING:
 
 
 def console(*, stderr: bool = False) -> Console:
-    """Where results are printed (stdout), or what is only said meanwhile (stderr)."""
+    """Where results are printed (stdout), or what is only said meanwhile (stderr); text is printed as it is."""
     from rich.console import Console
 
-    return Console(stderr=stderr)
+    return Console(stderr=stderr, markup=False, emoji=False, highlight=False)
 
 
 @contextmanager

@@ -1,12 +1,6 @@
 """Published values beside ours, for a folder of sets of measurements: a table for papers and a picture.
 
-| module | does |
-|---|---|
-| references | the CSV file of published values, written by hand |
-| comparison | the rows, with relative errors: JSON, CSV, Markdown, the terminal |
-| picture | G and mu of all sets by all methods (needs the [plot] extra) |
-
-The answers are those of `cavirheo infer` or `cavirheo fit`, and so are the reports, one per set in its own folder.
+Answers and reports, one per set in its own folder, are those of `cavirheo infer` or `cavirheo fit`.
 """
 
 from __future__ import annotations
@@ -20,7 +14,7 @@ from typing import Any
 from cavirheo.beside.published.comparison import ComparedSet, Comparison, compared_set, markdown, write_csv
 from cavirheo.beside.published.references import ReferenceSet, read_references
 from cavirheo.curve import RadiusCurve
-from cavirheo.errors import InputError
+from cavirheo.errors import InputError, require
 from cavirheo.inference import infer_many
 from cavirheo.inference.law import Family
 from cavirheo.inference.model import DEFAULT, load
@@ -31,9 +25,7 @@ from cavirheo.reporting import file_names, write_report
 from cavirheo.writing import style
 from cavirheo.writing.document import into, write_json
 
-__all__ = ["REFERENCES", "compare"]
-
-REFERENCES = ("IMR", "rheometer")  # errors are relative to these where the file has them and the user names none
+REFERENCES = ("IMR", "rheometer")  # of relative errors, where the user names none
 _MEASUREMENTS = {".mat", ".csv", ".txt", ".h5", ".hdf5", ".xlsx"}  # what is taken of a subfolder
 _OUTPUTS = ("comparison.json", "comparison.csv", "comparison.md", "comparison.png")
 _NO_PICTURE = 'comparison.png is left out: matplotlib is not installed; pip install "cavirheo[plot]"'
@@ -50,36 +42,32 @@ def compare(
     command: str = "cavirheo compare",
     done: Callable[[int], None] | None = None,
 ) -> Comparison:
-    """Infer, or fit, every set that `references` names and write the comparison, and a report per set, into `out`.
+    """Infer or fit every set that `references` names; write the comparison and a report per set into `out`.
+
+    A set whose files are missing or unreadable keeps its row and says so in `problems`.
 
     Args:
         folder: what the files of the sets are relative to.
         references: the CSV file (references.py).
         model: for sets that name none.
-        fit: a law, such as "nhkv": least squares (inference/fit) in the place of networks, Newtonian for sets whose
-            model is that of a Newtonian liquid.
+        fit: a law, such as "nhkv": least squares instead of networks; Newtonian where the model is.
         reference_methods: those to which errors are relative; default: of REFERENCES those in the file.
         done: called after each shot with the number of all shots.
 
-    A set whose files are missing or unreadable keeps its row and says so in `problems`; a shot without an answer is
-    counted.
-
     Raises:
-        InputError: a mistake in `references` (line, column, what was expected), an unknown model or reference method,
+        InputError: a mistake in `references` (line, column, what was expected), an unknown model or method,
             or a folder that cannot be read or written.
     """
     if fit:
         Family(fit)
     folder, references, out = Path(folder), Path(references), Path(out)
-    if not folder.is_dir():
-        expected = "expected the folder that holds the sets of measurements"
-        raise InputError(f"{folder} is not a folder; {expected}", "compare.folder")
+    expected = "expected the folder that holds the sets of measurements"
+    require(folder.is_dir(), f"{folder} is not a folder; {expected}", "compare.folder")
     sets = read_references(references)
     methods = list(dict.fromkeys(method for about in sets for method, _ in about.values))
     for name in reference_methods:
-        if name not in methods:
-            known = ", ".join(methods) or "none"
-            raise InputError(f"reference method {name!r}: not in {references}; it has {known}", "compare.method")
+        trouble = f"reference method {name!r}: not in {references}; it has {', '.join(methods) or 'none'}"
+        require(name in methods, trouble, "compare.method")
     against = list(dict.fromkeys(reference_methods)) or [name for name in REFERENCES if name in methods]
     none = f"no relative errors: {references} has no method {' or '.join(REFERENCES)}; see --reference-method"
     for about in sets:
@@ -101,7 +89,14 @@ def compare(
         notes=([] if against else [none]) + ([] if style.available() else [_NO_PICTURE]),
         methods=methods, reference_methods=against, sets=records,
     )  # fmt: skip
-    _write(out, comparison)
+    with into(out):
+        write_json(out / "comparison.json", comparison)
+        write_csv(out / "comparison.csv", comparison)
+        (out / "comparison.md").write_text(markdown(comparison), encoding="utf-8")
+        if style.available():
+            from cavirheo.beside.published.picture import figure
+
+            style.save_png(out / "comparison.png", figure(comparison))
     return comparison
 
 
@@ -136,30 +131,24 @@ def shots_of(
     about: ReferenceSet, folder: Path, references: Path
 ) -> tuple[list[RadiusCurve], list[Path], list[str], list[str]]:
     """(curves, files, problems, what was left out) of a set."""
+    name = about.settings.get("files", about.name)
     try:
-        matches = [folder / about.files] if (folder / about.files).exists() else sorted(folder.glob(about.files))
-    except (ValueError, NotImplementedError, OSError):  # an absolute pattern, or a name that no file can have
+        matches = [folder / name] if (folder / name).exists() else sorted(folder.glob(name))
+    except (ValueError, NotImplementedError, OSError):  # an absolute pattern, a name that no file can have
         matches = []
-    candidates = [file for path in matches for file in (sorted(path.iterdir()) if path.is_dir() else [path])]
-    seen = [f for f in candidates if not (f.is_dir() or f.name.startswith(".") or f.resolve() == references.resolve())]
-    files = [file for file in seen if file in matches or file.suffix.lower() in _MEASUREMENTS]
-    left_out = ", ".join(file.name for file in seen if file not in files)
-    notes = [f"left out, for they do not look like measurements: {left_out}"] if left_out else []
+    files: list[Path] = []
+    others: list[Path] = []
+    for path in matches:
+        for file in sorted(path.iterdir()) if path.is_dir() else [path]:
+            if file.is_dir() or file.name.startswith(".") or file.resolve() == references.resolve():
+                continue
+            taken = file in matches or file.suffix.lower() in _MEASUREMENTS
+            (files if taken else others).append(file)
+    left_out = ", ".join(file.name for file in others)
+    notes = [f"left out, for they do not look like measurements: {left_out}"] if others else []
     if not files:
-        return [], [], [f"no file matches {about.files!r} in {folder}"], notes
+        return [], [], [f"no file matches {name!r} in {folder}"], notes
     scale = about.settings["rmax_um"] * 1e-6 if "rmax_um" in about.settings else None
     density, pressure = about.medium.density, about.medium.pressure
     curves, problems = read_shots(files, density=density, pressure=pressure, max_radius=scale)
     return curves, files, problems, notes
-
-
-def _write(out: Path, comparison: Comparison) -> None:
-    from cavirheo.beside.published.picture import figure
-    from cavirheo.writing.style import save_png
-
-    with into(out):
-        write_json(out / "comparison.json", comparison)
-        write_csv(out / "comparison.csv", comparison)
-        (out / "comparison.md").write_text(markdown(comparison), encoding="utf-8")
-        if style.available():
-            save_png(out / "comparison.png", figure(comparison))

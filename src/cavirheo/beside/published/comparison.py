@@ -1,11 +1,11 @@
-"""comparison.json: published values and ours, set by set. SI; relative errors and RMSE as fractions; null: none."""
+"""comparison.json: published values and ours, set by set. SI, errors as fractions; null: none."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from math import floor, log10
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -15,35 +15,35 @@ from cavirheo.reporting.record import CurveRecord
 from cavirheo.writing import digits, terminal
 from cavirheo.writing.document import Document, Record, Spread, spread_of, write_rows
 
-if TYPE_CHECKING:
-    from rich.console import Console
-
 TRUSTED, ALL = f"{OURS}, ok", f"{OURS}, all"  # how our two means are called where they differ
+_VERDICTS: tuple[Verdict, ...] = ("ok", "model_does_not_fit", "outside_training_range", "failed")
 
 
 class ComparedQuantity(Record):
-    """One row: a quantity of a set by all methods.
+    """One row: a quantity of a set by all methods; of a set without any, a row without values.
 
     `ours` is over all answered shots, `ours_ok` over the trusted ones (verdict ok) alone.
-    `relative_errors[reference][method]` is |mean - mean of the reference| / mean of the reference, of `ours`.
+    `relative_errors[reference][method]` is |mean - mean of the reference| / that mean, of `ours`.
     """
 
-    quantity: str
-    published: dict[str, MethodValue]
-    ours: MethodValue
-    ours_ok: MethodValue
-    relative_errors: dict[str, dict[str, float]]
+    quantity: str = ""
+    published: dict[str, MethodValue] = {}
+    ours: MethodValue = MethodValue()
+    ours_ok: MethodValue = MethodValue()
+    relative_errors: dict[str, dict[str, float]] = {}
 
-    def answers(self) -> list[tuple[str, MethodValue]]:
-        """Our means with their names: over the trusted shots; where others were answered, over all, too."""
-        if self.ours.n == self.ours_ok.n:
-            return [(OURS, self.ours)]
-        return [(TRUSTED, self.ours_ok), (ALL, self.ours)]
+    def value(self, method: str) -> MethodValue:
+        ours = {OURS: self.ours, ALL: self.ours, TRUSTED: self.ours_ok}
+        return (ours | self.published).get(method, MethodValue())
 
-    def error(self, reference: str, value: MethodValue) -> float | None:
-        """|mean - mean of the reference| / mean of the reference; None where one of the two is not known."""
-        of = self.published.get(reference, MethodValue()).mean
-        return None if of is None or value.mean is None else abs(value.mean - of) / of
+    def answers(self) -> list[str]:
+        """What our means are called: over the trusted shots; where others were answered, over all, too."""
+        return [OURS] if self.ours.n == self.ours_ok.n else [TRUSTED, ALL]
+
+    def error(self, reference: str, method: str) -> float | None:
+        """|mean - mean of the reference| / that mean; None where one of the two is not known."""
+        of, mean = self.value(reference).mean, self.value(method).mean
+        return None if of is None or mean is None else abs(mean - of) / of
 
 
 class ComparedShot(Record):
@@ -54,11 +54,6 @@ class ComparedShot(Record):
     verdict: Verdict
     message: str
 
-    @classmethod
-    def of(cls, curve: CurveRecord) -> ComparedShot:
-        plain = {name: getattr(curve, name) for name in ("name", "rmse_over_rmax", "verdict", "message")}
-        return cls(shear_modulus_Pa=curve.shear_modulus_Pa.median, viscosity_Pa_s=curve.viscosity_Pa_s.median, **plain)
-
 
 class ComparedRange(Record):
     median: float | None = None
@@ -67,7 +62,7 @@ class ComparedRange(Record):
 
 
 class ComparedSet(Record):
-    """One set. `problems` are files that are missing or unreadable; `notes` what was left out on purpose."""
+    """One set. `problems`: files missing or unreadable; `notes`: what was left out on purpose."""
 
     name: str
     files: list[str]
@@ -84,6 +79,15 @@ class ComparedSet(Record):
     problems: list[str]
     notes: list[str]
 
+    def remarks(self) -> list[str]:
+        """What is to be known besides: doubtful and failed shots, problems, files left out."""
+        found = []
+        if counts := [f"{digits.VERDICTS[v]} {n}" for v in _VERDICTS[1:] if (n := self.verdicts.get(v))]:
+            found.append(f"of {self.n_shots} shots: {', '.join(counts)}")
+        reasons = terminal.once((shot.name, shot.message) for shot in self.shots if shot.verdict == "failed")
+        found += [f"{', '.join(names)}: {message}" for message, names in reasons.items()]
+        return found + self.problems + self.notes
+
 
 class Comparison(Document):
     """The document."""
@@ -92,32 +96,28 @@ class Comparison(Document):
     reference_methods: list[str]
     sets: list[ComparedSet]
 
-    @property
-    def doubtful(self) -> bool:
-        """Whether a mean of ours would change by leaving out shots that are answered but not trusted."""
-        return any(len(row.answers()) > 1 for about in self.sets for row in about.quantities)
+    def rows(self) -> Iterator[tuple[ComparedSet, ComparedQuantity]]:
+        """Every set with each of its quantities, or with a row without values."""
+        return ((about, row) for about in self.sets for row in about.quantities or [ComparedQuantity()])
 
-    def rows(self) -> Iterator[tuple[ComparedSet, ComparedQuantity | None]]:
-        """Every set with each of its quantities; a set without any has one row all the same."""
-        for about in self.sets:
-            yield from ((about, row) for row in about.quantities)
-            if not about.quantities:
-                yield about, None
+    @property
+    def answers(self) -> list[str]:
+        """What our means are called in the whole table."""
+        return max((row.answers() for _, row in self.rows()), key=len, default=[OURS])
 
     def errors(self) -> list[tuple[str, str]]:
         """(reference, method) of which some set has a relative error."""
-        all_errors = [row.relative_errors for about in self.sets for row in about.quantities]
-        found = {(reference, method) for errors in all_errors for reference in errors for method in errors[reference]}
-        return [(a, b) for a in self.reference_methods for b in (*self.methods, OURS) if (a, b) in found]
+        found = {(to, method) for _, row in self.rows() for to, of in row.relative_errors.items() for method in of}
+        return [(to, m) for to in self.reference_methods for m in (*self.methods, OURS) if (to, m) in found]
 
 
 def compared_set(
     about: ReferenceSet, curves: Sequence[CurveRecord], references: Sequence[str], **found: Any
 ) -> ComparedSet:
-    """The rows of a set from its published values and the answers to its shots; `found` are the fields left."""
+    """The rows of a set from its published values and the answers; `found` are the other fields."""
     verdicts = [curve.verdict for curve in curves]
-    errors = np.array([c.rmse_over_rmax for c in curves if c.answered and c.rmse_over_rmax is not None])
-    spread = {"median": np.median(errors), "smallest": errors.min(), "largest": errors.max()} if errors.size else {}
+    errors = [c.rmse_over_rmax for c in curves if c.answered and c.rmse_over_rmax is not None]
+    spread = {"median": np.median(errors), "smallest": min(errors), "largest": max(errors)} if errors else {}
     rows = [_quantity(quantity, about, curves, references) for quantity in (G, MU)]
     return ComparedSet(
         name=about.name,
@@ -127,25 +127,26 @@ def compared_set(
         n_answered=sum(curve.answered for curve in curves),
         verdicts={verdict: verdicts.count(verdict) for verdict in dict.fromkeys(verdicts)},
         rmse_over_rmax=ComparedRange(**spread),
-        shots=[ComparedShot.of(curve) for curve in curves],
+        shots=[_shot(curve) for curve in curves],
         **found,
     )
+
+
+def _shot(curve: CurveRecord) -> ComparedShot:
+    plain: dict[str, Any] = {name: getattr(curve, name) for name in ComparedShot.model_fields}
+    return ComparedShot(**plain | {name: plain[name].median for name in (G, MU)})
 
 
 def _quantity(
     quantity: str, about: ReferenceSet, curves: Sequence[CurveRecord], references: Sequence[str]
 ) -> ComparedQuantity:
-    row = ComparedQuantity(
-        quantity=quantity,
-        published={method: value for (method, which), value in about.values.items() if which == quantity},
-        ours=_mean([getattr(curve, quantity).median for curve in curves if curve.answered]),
-        ours_ok=_mean([getattr(curve, quantity).median for curve in curves if curve.verdict == "ok"]),
-        relative_errors={},
-    )
-    methods = {**row.published, OURS: row.ours}
+    published = {method: value for (method, which), value in about.values.items() if which == quantity}
+    answered = [(getattr(c, quantity).median, c.verdict == "ok") for c in curves if c.answered]
+    ours, trusted = ([value for value, fine in answered if fine or not only] for only in (False, True))
+    row = ComparedQuantity(quantity=quantity, published=published, ours=_mean(ours), ours_ok=_mean(trusted))
     for reference in references:
-        if reference in row.published:
-            errors = {m: row.error(reference, value) for m, value in methods.items() if m != reference}
+        if reference in published:
+            errors = {m: row.error(reference, m) for m in (*published, OURS) if m != reference}
             row.relative_errors[reference] = {m: error for m, error in errors.items() if error is not None}
     return row
 
@@ -155,164 +156,120 @@ def _mean(values: list[float | None]) -> MethodValue:
     return MethodValue(mean=spread.mean, std=spread.std, n=sum(value is not None for value in values))
 
 
-Units = dict[str, tuple[float, str, str]]  # quantity -> (factor from SI, symbol, unit)
-_VERDICTS: tuple[Verdict, ...] = ("ok", "model_does_not_fit", "outside_training_range", "failed")
-
-
-def units(comparison: Comparison) -> Units:
-    """One unit of G for the whole table."""
-    moduli = [row for about in comparison.sets for row in about.quantities if row.quantity == G]
+def units(comparison: Comparison) -> dict[str, tuple[float, str]]:
+    """(factor from SI, what stands over a column) by quantity: one unit of G for the whole table."""
+    moduli = [row for _, row in comparison.rows() if row.quantity == G]
     means = [value.mean for row in moduli for value in (row.ours, *row.published.values())]
-    factor, unit = digits.modulus_unit([mean or 0.0 for mean in (means or [0.0])])
-    return {G: (factor, "G", unit), MU: (1.0, "µ", "Pa s")}
+    factor, unit = digits.modulus_unit([0.0, *means])
+    return {G: (factor, f"G ({unit})"), MU: (1.0, "µ (Pa s)"), "": (1.0, digits.MISSING)}
 
 
-def print_table(comparison: Comparison, console: Console | None = None) -> None:
-    """One line per set, quantity and method; then what the numbers hide: other verdicts, problems, files left out."""
-    from rich.text import Text
-
-    console = console or terminal.console()
-    in_units = units(comparison)
+def print_table(comparison: Comparison) -> None:
+    """One line per set, quantity and method; then the remarks on each set."""
+    console = terminal.console()
+    wide, in_units = console.width >= 100, units(comparison)
     heads = ["", "method", "mean ± std", *(f"error to\n{reference}, %" for reference in comparison.reference_methods)]
-    wide = console.width >= 100
     heads += ["shots", "ok", "RMSE\n% of R_max" if wide else "RMSE\n% of\nR_max"]
     table = terminal.table("set", heads, left=heads[:2], gap=int(wide))
     for column in (table.columns[2], *table.columns[4:-3]):  # methods and errors may fold
         column.no_wrap, column.overflow, column.min_width = False, "fold", 8
     before = None
     for about, row in comparison.rows():
-        head = ["" if about is before else about.name, digits.MISSING]
-        ours = [cell if wide else cell.replace(" (", "\n(") for cell in _counts(about)]
-        if row:
-            factor, symbol, unit = in_units[row.quantity]
-            head[1] = f"{symbol} ({unit})"
-            for method, value in row.published.items():
-                cells = [*head, method, _as_published(value, factor)]
-                table.add_row(*map(Text, [*cells, *_errors(row, method, value, comparison.reference_methods)]))
-                head = ["", ""]
-        for name, value in row.answers() if row else [(OURS, MethodValue())]:
-            errors = _errors(row, name, value, comparison.reference_methods)
-            cells = [*head, name, _as_ours(value, in_units[row.quantity][0] if row else 1.0), *errors, *ours]
-            table.add_row(*map(Text, cells), style="bold" if name != ALL else "")
-            head, ours = ["", ""], []
+        factor, label = in_units[row.quantity]
+        head = ["" if about is before else about.name, label]
+        counts = [cell if wide else cell.replace(" (", "\n(") for cell in _counts(about)]
+        for method in (*row.published, *row.answers()):
+            cells = [*head, method, _written(row, method, factor)]
+            cells += [_error(row, reference, method) for reference in comparison.reference_methods]
+            ours = method not in row.published
+            table.add_row(*cells, *(counts if ours else []), style="bold" if ours and method != ALL else None)
+            head, counts = ["", ""], [] if ours else counts
         before = about
         table.add_section()
     console.print(table)
-    console.print(Text(_key(comparison), "dim"))
+    console.print(_key(comparison), style="dim")
     for about in comparison.sets:
-        terminal.print_remarks(console, {remark: [about.name] for remark in remarks(about)})
+        terminal.print_remarks(console, {remark: [about.name] for remark in about.remarks()})
     terminal.print_remarks(console, {}, comparison.notes)
 
 
 def markdown(comparison: Comparison) -> str:
     """One row per set and quantity, and how the sets were answered."""
-    in_units = units(comparison)
-    names = [TRUSTED, ALL] if comparison.doubtful else [OURS]  # one column each for the whole table
+    in_units, names = units(comparison), comparison.answers
+    methods = [*comparison.methods, *names]
     pairs = [(to, m) for to, method in comparison.errors() for m in (names if method == OURS else [method])]
-    head = ["Set", "Quantity", *comparison.methods, *names, *(f"{method} to {to}, %" for to, method in pairs)]
+    head = ["Set", "Quantity", *methods, *(f"{method} to {to}, %" for to, method in pairs)]
     head += ["Shots", "ok", "RMSE, % of R_max"]
     lines = [head, ["---"] * len(head)]
     for about, row in comparison.rows():
-        cells = [about.name]
-        if row is None:
-            cells += [digits.MISSING] * (len(head) - 4)
-        else:
-            factor, symbol, unit = in_units[row.quantity]
-            values = {**row.published, **dict.fromkeys((OURS, ALL), row.ours), TRUSTED: row.ours_ok}
-            cells.append(f"{symbol} ({unit})")
-            cells += [_as_published(values.get(method, MethodValue()), factor) for method in comparison.methods]
-            cells += [_as_ours(values[name], factor) for name in names]
-            cells += [cell for to, m in pairs for cell in _errors(row, m, values.get(m, MethodValue()), [to])]
-        lines.append([*cells, *_counts(about)])
+        factor, label = in_units[row.quantity]
+        values = [_written(row, method, factor) for method in methods]
+        lines.append([about.name, label, *values, *(_error(row, to, m) for to, m in pairs), *_counts(about)])
     parts = ["| " + " | ".join(map(_escaped, cells)) + " |" for cells in lines]
     parts += ["", _key(comparison), ""]
     for about in comparison.sets:
-        settings = [f"model {about.model}", f"density {about.medium['density']:g} kg/m³"]
-        settings += [
-            f"{key} {value}" for key, value in about.settings.items() if key not in ("files", "density", "model")
-        ]
-        parts.append(f"- {_escaped(about.name)}: {'; '.join([*map(_escaped, settings + remarks(about))])}")
+        others = {key: value for key, value in about.settings.items() if key not in ("files", "density", "model")}
+        said = [f"model {about.model}", f"density {about.medium['density']:g} kg/m³"]
+        said += [*(f"{key} {value}" for key, value in others.items()), *about.remarks()]
+        parts.append(f"- {_escaped(about.name)}: {'; '.join(map(_escaped, said))}")
     parts += [f"- {_escaped(note)}" for note in comparison.notes]
     return "\n".join([*parts, "", f"cavirheo {comparison.version}, {comparison.date}: `{comparison.command}`", ""])
 
 
 def write_csv(path: Path, comparison: Comparison) -> None:
-    """One line per set and quantity, SI; relative errors and RMSE as fractions; empty where there is no number."""
-    methods = [f"{method}_{part}" for method in comparison.methods for part in ("mean", "std")]
-    errors = [f"{method}_error_to_{reference}" for reference, method in comparison.errors()]
-    ours = [f"{OURS}_{part}" for part in ("mean", "std", "n", "ok_mean", "ok_std", "ok_n")]
-    counts = ["n_shots", "n_answered", *(f"n_{verdict}" for verdict in _VERDICTS)]
-    rmse = [f"rmse_over_rmax_{part}" for part in ("median", "smallest", "largest")]
-    head = ["set", "quantity", *methods, *ours, *errors, *counts, *rmse, "model", "density", "report", "message"]
+    """One line per set and quantity, SI, errors as fractions; empty where there is no number."""
+    head = ["set", "quantity", *(f"{method}_{part}" for method in comparison.methods for part in ("mean", "std"))]
+    head += [f"{OURS}_{part}" for part in ("mean", "std", "n", "ok_mean", "ok_std", "ok_n")]
+    head += [f"{method}_error_to_{reference}" for reference, method in comparison.errors()]
+    head += ["n_shots", "n_answered", *(f"n_{verdict}" for verdict in _VERDICTS)]
+    head += [*(f"rmse_over_rmax_{part}" for part in ComparedRange.model_fields), "model", "density", "report"]
     rows = []
     for about, row in comparison.rows():
-        cells: dict[str, object] = {
-            "set": about.name, "n_shots": about.n_shots, "n_answered": about.n_answered, "model": about.model,
-            "density": about.medium["density"], "report": about.report, "message": "; ".join(remarks(about)),
-        }  # fmt: skip
+        cells = dict(about) | {"set": about.name, "quantity": row.quantity, "density": about.medium["density"]}
         cells |= {f"n_{verdict}": about.verdicts.get(verdict, 0) for verdict in _VERDICTS}
-        cells |= {f"rmse_over_rmax_{key}": value for key, value in about.rmse_over_rmax}
-        if row:
-            cells["quantity"] = row.quantity
-            for name, value in (*row.published.items(), (OURS, row.ours), (f"{OURS}_ok", row.ours_ok)):
-                cells |= {f"{name}_{part}": getattr(value, part) for part in ("mean", "std", "n")}
-            for reference, of in row.relative_errors.items():
-                cells |= {f"{method}_error_to_{reference}": value for method, value in of.items()}
-        rows.append(cells)
-    write_rows(path, head, rows)
+        cells |= {f"rmse_over_rmax_{part}": value for part, value in about.rmse_over_rmax}
+        for name, value in {**row.published, OURS: row.ours, f"{OURS}_ok": row.ours_ok}.items():
+            cells |= {f"{name}_{part}": number for part, number in value}
+        for reference, of in row.relative_errors.items():
+            cells |= {f"{method}_error_to_{reference}": error for method, error in of.items()}
+        rows.append(cells | {"message": "; ".join(about.remarks())})
+    write_rows(path, [*head, "message"], rows)
 
 
-def remarks(about: ComparedSet) -> list[str]:
-    """What must be known of a set besides its numbers: doubtful and failed shots, problems, files left out."""
-    found = []
-    if counts := [f"{digits.VERDICTS[v]} {n}" for v in _VERDICTS[1:] if (n := about.verdicts.get(v))]:
-        found.append(f"of {about.n_shots} shots: {', '.join(counts)}")
-    reasons = terminal.once((shot.name, shot.message) for shot in about.shots if shot.verdict == "failed")
-    found += [f"{', '.join(names)}: {message}" for message, names in reasons.items()]
-    return found + about.problems + about.notes
+def _error(row: ComparedQuantity, reference: str, method: str) -> str:
+    """In per cent; nothing where a method is its own reference."""
+    error = row.error(reference, method)
+    if method == reference or error is None:
+        return "" if method == reference else digits.MISSING
+    return f"{100 * error:.0f}" if error >= 0.0995 else digits.significant(100 * error, 2)
 
 
-def _errors(row: ComparedQuantity | None, method: str, value: MethodValue, references: list[str]) -> list[str]:
-    """To each reference, in per cent; nothing where a method is its own reference."""
-    found = []
-    for reference in references:
-        error = row.error(reference, value) if row and method != reference else None
-        if error is None:
-            found.append("" if method == reference else digits.MISSING)
-        else:
-            found.append(f"{100 * error:.0f}" if error >= 0.0995 else digits.significant(100 * error, 2))
-    return found
-
-
-def _as_ours(value: MethodValue, factor: float) -> str:
-    """To the digits that the spread leaves."""
-    return digits.spread(Spread(mean=value.mean, std=value.std), factor)
-
-
-def _as_published(value: MethodValue, factor: float) -> str:
-    """With the digits that it was published with."""
+def _written(row: ComparedQuantity, method: str, factor: float) -> str:
+    """With the digits that it was published with; ours to those that the spread leaves."""
+    value = row.value(method)
+    if method not in row.published:
+        return digits.spread(Spread(mean=value.mean, std=value.std), factor)
     parts = [f"{number * factor:.10g}" for number in (value.mean, value.std) if number is not None]
     places = max((len(part.partition(".")[2]) for part in parts), default=0)
     if not any("e" in part for part in parts):
         parts = [f"{float(part):.{places}f}" for part in parts]
-    return " ± ".join(parts) or digits.MISSING
+    return " ± ".join(parts)
 
 
 def _counts(about: ComparedSet) -> list[str]:
     """Answered of all shots; the trusted ones; RMSE: median (smallest–largest), % of R_max."""
-    low, middle, high = (getattr(about.rmse_over_rmax, name) for name in ("smallest", "median", "largest"))
+    spread = [100 * value for _, value in about.rmse_over_rmax if value is not None]
     words = digits.MISSING
-    if middle is not None:
-        places = max(1 - floor(log10(100 * middle)), 0) if middle > 0 else 1
-        words = "{:.{places}f} ({:.{places}f}–{:.{places}f})".format(
-            *(100 * v for v in (middle, low, high)), places=places
-        )
+    if spread:
+        places = max(1 - floor(log10(spread[0])), 0) if spread[0] > 0 else 1
+        middle, low, high = (f"{value:.{places}f}" for value in spread)
+        words = f"{middle} ({low}–{high})"
     return [f"{about.n_answered} of {about.n_shots}", str(about.verdicts.get("ok", 0)), words]
 
 
 def _key(comparison: Comparison) -> str:
     words = "Mean ± standard deviation over the shots with the verdict ok. "
-    if comparison.doubtful:
+    if len(comparison.answers) > 1:
         words = f"{TRUSTED}: mean ± standard deviation over the shots with the verdict ok. "
         words += f"{ALL}: over all answered shots, doubtful ones included. "
     if comparison.reference_methods:

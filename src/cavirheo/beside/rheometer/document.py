@@ -1,4 +1,4 @@
-"""rheometer.json: all sweeps of one material and what was found in them (schema 1); and its row beside bubbles.
+"""rheometer.json (schema 1): all sweeps of one material, what was found in them, and its row beside bubbles.
 
 ```
 schema 1, version, command, date, notes      as in result.json
@@ -6,26 +6,25 @@ material, tolerance                          the name; the part of G' by which i
 shear_modulus_Pa, shear_modulus_from         mean, std, median over the sweeps that have it; where it comes from
 viscosity_Pa_s, at_rad_per_s                 G''/omega at this angular frequency
 linear_to                                    largest strain of the linear range
-strain_sweeps, frequency_sweeps              one entry each, below
+strain_sweeps, frequency_sweeps              one entry each (sweeps.py)
 ```
-Every number is SI (a strain of 1 is 100 %) and finite, or null where it was not found; `message` then says why.
-rheometer.csv has one line per sweep with the same names; table.csv one line per material and method.
+Numbers are SI (a strain of 1 is 100 %) and finite, or null where not found; `message` then says why.
+rheometer.csv has one line per sweep with the same names; table.csv one per material and method.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from cavirheo.beside.rheometer.sweeps import FrequencySweep, StrainSweep, SweepProperties
+from cavirheo.beside.rheometer.sweeps import FrequencySweep, StrainSweep, Sweep
 from cavirheo.reporting.record import CurveRecord, GroupRecord, Result
 from cavirheo.writing import digits, terminal
 from cavirheo.writing.document import Document, Record, Spread, spread_of, write_rows
 
 if TYPE_CHECKING:
-    from rich.console import Console
     from rich.table import Table
 
 
@@ -50,7 +49,7 @@ class Rheometry(Document):
 class BesideRow(Record):
     """One material by one method, in the table beside bubbles: mean ± std over `n`.
 
-    `doubtful` and `failed` are bubbles beside those. `regime`: angular frequencies in rad/s or strain rates in 1/s.
+    `doubtful` and `failed` are bubbles beside those. `regime`: rad/s, or strain rates in 1/s.
     """
 
     material: str
@@ -66,41 +65,44 @@ class BesideRow(Record):
     deformation: str
 
 
-def rheometry(strain: Sequence[StrainSweep], frequency: Sequence[FrequencySweep], **head: Any) -> Rheometry:
-    """The document. G is the plateau of the frequency sweeps; without one, that of the strain sweeps of a solid.
+def rheometry(strain: list[StrainSweep], frequency: list[FrequencySweep], **head: Any) -> Rheometry:
+    """The document; `head`: material, tolerance, at_rad_per_s, command, date, notes.
 
-    `head` are the other fields: material, tolerance, at_rad_per_s, command, date, notes.
+    G is the plateau of the frequency sweeps; without one, that of the strain sweeps of a solid.
     """
-    plateaus = [sweep.plateau_storage_Pa for sweep in frequency if sweep.plateau_storage_Pa is not None]
-    origin = "plateau of the frequency sweep"
-    if not plateaus:
-        solid = [s for s in strain if (s.plateau_storage_Pa or 0.0) > (s.plateau_loss_Pa or 0.0)]
-        plateaus = [s.plateau_storage_Pa for s in solid if s.plateau_storage_Pa is not None]
-        held = [s.frequency_rad_per_s for s in solid if s.frequency_rad_per_s is not None]
+    solid = [s for s in strain if (s.plateau_storage_Pa or 0.0) > (s.plateau_loss_Pa or 0.0)]
+    modulus, origin = spread_of([s.plateau_storage_Pa for s in frequency]), "plateau of the frequency sweep"
+    if modulus.mean is None:
+        held = _known(s.frequency_rad_per_s for s in solid)
+        modulus = spread_of([s.plateau_storage_Pa for s in solid])
         origin = "plateau of the strain sweep" + (f" at {digits.significant(held[0])} rad/s" if held else "")
     document = Rheometry(
-        shear_modulus_Pa=spread_of([*plateaus]),
-        shear_modulus_from=origin if plateaus else "no plateau",
+        shear_modulus_Pa=modulus,
+        shear_modulus_from="no plateau" if modulus.mean is None else origin,
         viscosity_Pa_s=spread_of([sweep.viscosity_Pa_s for sweep in frequency]),
         linear_to=spread_of([sweep.linear_to for sweep in strain]),
-        strain_sweeps=list(strain),
-        frequency_sweeps=list(frequency),
+        strain_sweeps=strain,
+        frequency_sweeps=frequency,
         **head,
     )
-    limits = [sweep.linear_to for sweep in strain if sweep.linear_to is not None and sweep.departs]
-    for sweep in frequency:
-        if sweep.strain is not None and sweep.strain > min(limits, default=math.inf):
-            document.notes.append(
-                f"{sweep.name} was run at a strain of {digits.percent(sweep.strain)} %, beyond the linear range "
-                f"(to {digits.percent(min(limits))} %): its moduli are not those of the linear range"
-            )
+    limit = min(_known(sweep.linear_to for sweep in strain if sweep.departs), default=math.inf)
+    document.notes += [
+        f"{sweep.name} was run at a strain of {digits.percent(sweep.strain)} %, beyond the linear range "
+        f"(to {digits.percent(limit)} %): its moduli are not those of the linear range"
+        for sweep in frequency
+        if sweep.strain is not None and sweep.strain > limit
+    ]
     return document
+
+
+def _known(values: Iterable[float | None]) -> list[float]:
+    return [value for value in values if value is not None]
 
 
 def write_csv(path: Path, document: Rheometry) -> None:
     """One line per sweep."""
-    fields = [name for kind in (SweepProperties, StrainSweep, FrequencySweep) for name in kind.model_fields]
-    head = [name for name in dict.fromkeys(["kind", *fields]) if name not in ("data", "notes")]
+    fields = dict.fromkeys(["kind", *Sweep.model_fields, *StrainSweep.model_fields, *FrequencySweep.model_fields])
+    head = [name for name in fields if name not in ("x", "storage", "loss", "notes")]
     write_rows(path, head, (sweep.model_dump() for sweep in document.sweeps))
 
 
@@ -108,17 +110,13 @@ def beside(document: Rheometry, result: Result) -> list[BesideRow]:
     """The rheometer's row, then one for each group of bubbles."""
     strain, frequency = document.strain_sweeps, document.frequency_sweeps
     omegas = [w for s in frequency for w in (s.from_rad_per_s, s.to_rad_per_s)]
-    omegas = omegas or [s.frequency_rad_per_s for s in strain if s.frequency_rad_per_s is not None]
-    strains = [s.strain for s in frequency if s.strain is not None]
-    strains = strains or [s.linear_to for s in strain if s.linear_to is not None]
-    rheometer = BesideRow(
+    strains = _known(s.strain for s in frequency) or _known(s.linear_to for s in strain)
+    rheometer = _row(
+        document,
+        omegas or [s.frequency_rad_per_s for s in strain],
         material=document.material,
         method="rheometer" + (f", µ at {document.at_rad_per_s:g} rad/s" if frequency else ""),
         n=max(len(frequency), len(strain)),
-        shear_modulus_Pa=document.shear_modulus_Pa,
-        viscosity_Pa_s=document.viscosity_Pa_s,
-        regime_from=min(omegas, default=None),
-        regime_to=max(omegas, default=None),
         regime_unit="rad/s",
         deformation=f"strain ≤ {digits.percent(max(strains))} %" if strains else "small strain",
     )
@@ -127,162 +125,141 @@ def beside(document: Rheometry, result: Result) -> list[BesideRow]:
 
 def _bubbles(group: GroupRecord, curves: list[CurveRecord]) -> BesideRow:
     """The row of a group: its means, and the regime of the shots that they are over."""
-    trusted = getattr(group, "n_trusted", None)  # None: a document from before means were over trusted answers alone
+    trusted = group.n_trusted  # None: a document from before means were over trusted answers alone
     counted = [c for c in curves if (c.answered if trusted is None else c.verdict == "ok")]
-    rates = [curve.strain_rate_per_s for curve in counted if curve.strain_rate_per_s is not None]
-    stretches = [curve.stretch.median for curve in counted if curve.stretch.median is not None]
-    return BesideRow(
+    stretches = _known(curve.stretch.median for curve in counted)
+    return _row(
+        group,
+        [curve.strain_rate_per_s for curve in counted],
         material=group.name,
         method=f"bubble, {', '.join(dict.fromkeys(curve.method for curve in curves))}",
         n=group.n if trusted is None else trusted,
         doubtful=group.n - group.verdicts.get("ok", 0),
         failed=group.n_failed,
-        shear_modulus_Pa=group.shear_modulus_Pa,
-        viscosity_Pa_s=group.viscosity_Pa_s,
-        regime_from=min(rates, default=None),
-        regime_to=max(rates, default=None),
         regime_unit="1/s",
-        deformation=f"λ = {span(min(stretches), max(stretches), 2)}" if stretches else "large strain",
+        deformation=f"λ = {_span(stretches, 2)}" if stretches else "large strain",
     )
+
+
+def _row(means: Rheometry | GroupRecord, regime: Iterable[float | None], **other: Any) -> BesideRow:
+    known = _known(regime)
+    other |= {name: getattr(means, name) for name in ("shear_modulus_Pa", "viscosity_Pa_s")}
+    return BesideRow(regime_from=min(known, default=None), regime_to=max(known, default=None), **other)
 
 
 def warning(rows: Sequence[BesideRow]) -> str:
     """That the regimes of the rows differ, in their own numbers."""
-
-    def regime(unit: str) -> str:
-        ends = [end for row in rows if row.regime_unit == unit for end in (row.regime_from, row.regime_to)]
-        known = [end for end in ends if end is not None]
-        return f"{span(min(known), max(known), 2)} {unit}" if known else f"{digits.MISSING} {unit}"
-
+    ends: dict[str, list[float | None]] = {"rad/s": [], "1/s": []}
+    for row in rows:
+        ends[row.regime_unit] += [row.regime_from, row.regime_to]
+    slow, fast = (f"{_span(known, 2)} {unit}" for unit, known in ends.items())
     return (
-        f"The regimes differ: the rheometer measures at {regime('rad/s')} and small strain, the bubble at "
-        f"{regime('1/s')} and large strain. G and µ depend on both: unequal values are not a contradiction."
+        f"The regimes differ: the rheometer measures at {slow} and small strain, the bubble at {fast} and large "
+        "strain. G and µ depend on both: unequal values are not a contradiction."
     )
 
 
-def span(low: float, high: float, count: int = 3) -> str:
+def _span(values: Iterable[float | None], count: int = 3) -> str:
     """'0.10 to 100', '1.5e5 to 2.5e5', or one number where both ends read the same."""
+    known = _known(values) or [math.nan]
     ends = [
         digits.significant(end, count) if end < 1e4 else f"{end:.{count - 1}e}".replace("e+0", "e")
-        for end in (low, high)
+        for end in (min(known), max(known))
     ]
-    return ends[0] if ends[0] == ends[1] else " to ".join(ends)
+    return digits.MISSING if math.isnan(known[0]) else " to ".join(dict.fromkeys(ends))
 
 
 def write_table(path: Path, rows: Sequence[BesideRow]) -> None:
     """One line per row, and the warning below as a comment."""
-    spreads = ("shear_modulus_Pa", "viscosity_Pa_s")
-    head: list[str] = []
-    for name in BesideRow.model_fields:
-        head += [name, f"{name}_std"] if name in spreads else [name]
     lines = []
     for row in rows:
-        line = row.model_dump(exclude=set(spreads))
-        for name in spreads:
-            line |= {name: getattr(row, name).mean, f"{name}_std": getattr(row, name).std}
+        line: dict[str, Any] = {}
+        for name, value in row:
+            line |= {name: value.mean, f"{name}_std": value.std} if isinstance(value, Spread) else {name: value}
         lines.append(line)
-    write_rows(path, head, lines)
+    write_rows(path, list(lines[0]), lines)
     with path.open("a", encoding="utf-8") as file:
         file.write(f"# {warning(rows)}\n")
 
 
 _Column = tuple[str, float, Callable[[Any], str] | None]  # field, factor, how it is written if not as a number
-_G = "plateau_storage_Pa"
 
 
-def print_rheometry(document: Rheometry, rows: Sequence[BesideRow] = (), console: Console | None = None) -> None:
-    """The sweeps, what the material is, what could not be found; then, with `rows`, the table beside bubbles."""
+def print_rheometry(document: Rheometry, rows: Sequence[BesideRow] = ()) -> None:
+    """The sweeps, the material, the remarks; with `rows` the table beside bubbles."""
     from rich.text import Text
 
-    console = console or terminal.console()
+    console = terminal.console()
     factor, unit = digits.modulus_unit([sweep.plateau_storage_Pa for sweep in document.sweeps])
+    plateau: dict[str, _Column] = {f"plateau G'\n{unit}": ("plateau_storage_Pa", factor, None)}
+    answer = f": G = {_with_unit(document.shear_modulus_Pa, factor, unit)} ({document.shear_modulus_from})"
     if document.strain_sweeps:
-        columns: dict[str, _Column] = {
-            f"linear, ±{100 * document.tolerance:g} %\n%": ("linear_to", 100.0, _linear),
-            f"plateau G'\n{unit}": (_G, factor, None),
-            "G' = G''\nat %": ("crossover_strain", 100.0, None),
-        }
+        linear: _Column = ("linear_to", 100.0, _linear)
+        columns = {f"linear, ±{100 * document.tolerance:g} %\n%": linear, **plateau}
+        columns["G' = G''\nat %"] = ("crossover_strain", 100.0, None)
         console.print(_sweeps("strain sweep", document.strain_sweeps, columns))
-    at = f"{document.at_rad_per_s:g} rad/s"
     if document.frequency_sweeps:
         columns = {
-            f"plateau G'\n{unit}": (_G, factor, None),
-            "over\nrad/s": ("", 1.0, _plateau),
+            **plateau,
+            "over\nrad/s": ("", 1.0, lambda sweep: _span([sweep.plateau_from_rad_per_s, sweep.plateau_to_rad_per_s])),
             "µ = G''/ω\nPa s": ("viscosity_Pa_s", 1.0, None),
             "tan δ\n": ("tan_delta", 1.0, None),
             "|η*|\nPa s": ("complex_viscosity_Pa_s", 1.0, None),
             "G' = G''\nat rad/s": ("crossover_rad_per_s", 1.0, None),
         }
+        at = f"{document.at_rad_per_s:g} rad/s"
         console.print(_sweeps("frequency sweep", document.frequency_sweeps, columns))
-        console.print(Text(f"µ, tan δ and |η*| at {at}", "dim"))
-    answer = Text(document.material, "bold").append(f": G = {_with_unit(document.shear_modulus_Pa, factor, unit)}", "")
-    answer.append(f" ({document.shear_modulus_from})")
-    if document.frequency_sweeps:
-        answer.append(f", µ = {_with_unit(document.viscosity_Pa_s, 1.0, 'Pa s')} at {at}")
-    console.print(answer)
+        console.print(f"µ, tan δ and |η*| at {at}", style="dim")
+        answer += f", µ = {_with_unit(document.viscosity_Pa_s, 1.0, 'Pa s')} at {at}"
+    console.print(Text.assemble((document.material, "bold"), answer))
     remarks = terminal.once((sweep.name, note) for sweep in document.sweeps for note in (sweep.message, *sweep.notes))
     terminal.print_remarks(console, remarks, document.notes)
     if rows:
         console.print()
         console.print(_beside(rows))
-        console.print(Text(warning(rows), "yellow"))
+        console.print(warning(rows), style="yellow")
 
 
-def _sweeps(first: str, sweeps: Sequence[Any], columns: Mapping[str, _Column]) -> Table:
+def _sweeps(first: str, sweeps: Sequence[Sweep], columns: Mapping[str, _Column]) -> Table:
     """A row per sweep; the mean where there are several."""
-    from rich.text import Text
-
     table = terminal.table(first, list(columns))
-    for sweep in sweeps:
-        cells = [words(sweep) if words else _number(sweep, name, factor) for name, factor, words in columns.values()]
-        table.add_row(*map(Text, [sweep.name, *cells]))
-    if len(sweeps) > 1:
-        spreads = [(spread_of([getattr(s, name, None) for s in sweeps]), name, f) for name, f, _ in columns.values()]
-        cells = [digits.spread(spread, factor) if name else "" for spread, name, factor in spreads]
+    shown = [[*(sweep.name for sweep in sweeps), "mean ± std"]]
+    for name, factor, words in columns.values():
+        values = [getattr(sweep, name, None) for sweep in sweeps]
+        cells = [*map(words, sweeps)] if words else [digits.spread(Spread(mean=value), factor) for value in values]
+        shown.append([*cells, digits.spread(spread_of(values), factor) if name else ""])
+    *rows, mean = zip(*shown, strict=True)
+    for row in rows:
+        table.add_row(*row)
+    if len(rows) > 1:
         table.add_section()
-        table.add_row(*map(Text, ["mean ± std", *cells]), style="bold")
+        table.add_row(*mean, style="bold")
     return table
 
 
-def _number(sweep: Any, name: str, factor: float) -> str:
-    value = getattr(sweep, name)
-    return digits.MISSING if value is None else digits.significant(value * factor)
-
-
-def _linear(sweep: Any) -> str:
-    if sweep.linear_from is None or sweep.linear_to is None:
-        return digits.MISSING
-    ends = [digits.significant(100 * end) for end in (sweep.linear_from, sweep.linear_to)]
-    return (" to " if sweep.departs else " to ≥ ").join(ends)
-
-
-def _plateau(sweep: Any) -> str:
-    start, end = sweep.plateau_from_rad_per_s, sweep.plateau_to_rad_per_s
-    return digits.MISSING if start is None or end is None else span(start, end)
+def _linear(sweep: StrainSweep) -> str:
+    ends = [digits.significant(100 * end) for end in _known([sweep.linear_from, sweep.linear_to])]
+    return (" to " if sweep.departs else " to ≥ ").join(ends) or digits.MISSING
 
 
 def _beside(rows: Sequence[BesideRow]) -> Table:
-    from rich.text import Text
-
     factor, unit = digits.modulus_unit([row.shear_modulus_Pa.mean for row in rows])
     heads = ["method", "n", f"G\n{unit}", "µ\nPa s", "ω or strain rate,\ndeformation"]
     table = terminal.table("material", heads, left=(heads[0], heads[-1]))
     for row in rows:
         doubts = {"not ok": row.doubtful, "failed": row.failed}
-        regime = digits.MISSING
-        if row.regime_from is not None and row.regime_to is not None:
-            regime = f"{span(row.regime_from, row.regime_to, 2)} {row.regime_unit}"
-        cells = [
+        regime = _span([row.regime_from, row.regime_to], 2)
+        unit = "" if row.regime_from is None else f" {row.regime_unit}"
+        table.add_row(
             digits.elide(row.material, 30),
             row.method.replace(", ", "\n", 1),
             "\n".join([str(row.n), *(f"{count} {what}" for what, count in doubts.items() if count)]),
             digits.spread(row.shear_modulus_Pa, factor),
             digits.spread(row.viscosity_Pa_s),
-            f"{regime}\n{row.deformation}",
-        ]
-        table.add_row(*map(Text, cells))
+            f"{regime}{unit}\n{row.deformation}",
+        )
     return table
 
 
 def _with_unit(value: Spread, factor: float, unit: str) -> str:
-    return digits.MISSING if value.mean is None else f"{digits.spread(value, factor)} {unit}"
+    return digits.spread(value, factor) + ("" if value.mean is None else f" {unit}")

@@ -1,13 +1,9 @@
-"""Exports of rheometers -> sweeps in SI.
+"""Exports of rheometers -> sweeps in SI (what is read: docs/how-to/rheometer.md).
 
-A table is recognised by the header over it: one column for G', one for G'', and the frequency or the strain. Lines of
-metadata above it, a row of units below it (TRIOS, RheoCompass), several tables one after the other, several sheets of
-a workbook, and a column that tells intervals apart (rSpace) are all read; decimal commas too, where commas do not
-separate the columns.
-
-Units are read, never guessed: from the title (`G' (Pa)`, `Shear Strain [%]`, `omega_rad_per_s`) or from the row below.
-Without a unit, a modulus is in Pa and an angular frequency in rad/s (there is one usual unit, and the sweep says so);
-a strain (per cent or fraction?) and a plain frequency (Hz or rad/s?) without a unit are errors.
+A table is recognised by the header over it: one column for G', one for G'', and the frequency or the strain. Units are
+read, never guessed: from the title (`G' (Pa)`, `Shear Strain [%]`, `omega_rad_per_s`) or from the row below. Without
+one, a modulus is in Pa and an angular frequency in rad/s, and the sweep says so; a strain and a plain frequency are
+errors.
 """
 
 from __future__ import annotations
@@ -15,95 +11,81 @@ from __future__ import annotations
 import hashlib
 import math
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
-from typing import Any, Literal, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from cavirheo.arrays import Floats
-from cavirheo.errors import InputError
+from cavirheo.beside.rheometer.sweeps import FrequencySweep, StrainSweep
+from cavirheo.errors import InputError, require
 from cavirheo.reading.tabular import Row, column_of, is_number, numbers, plain_unit, read_sheets, refuse_wider
 
-SweepKind = Literal["strain", "frequency"]
-
 # Titles as exported, without accents, spaces and capitals; in English, German and French, as the programs speak.
-_STORAGE = "storagemodulus shearstoragemodulus elasticmodulus shearmoduluselasticcomponent speichermodul"
-_STORAGE += " modulestockage moduleconservation moduledestockage moduledeconservation moduleelastique"
-_LOSS = "lossmodulus shearlossmodulus viscousmodulus shearmodulusviscouscomponent verlustmodul"
-_LOSS += " moduleperte moduledeperte modulevisqueux"
-_OMEGA = "angularfrequency angfrequency angularfreq angfreq omega ω w kreisfrequenz frequenceangulaire pulsation"
-_AMPLITUDE = "oscillationstrain complexshearstrain strainamplitude shearstrainamplitude oscillationstrainamplitude"
-_STRAIN = "shearstrain strain gamma γ γ0 gamma0 scherdeformation deformation deformationdecisaillement"
-_INTERVAL = "actionname interval intervalno step stepname segment sweep sample run repeat replicate test"
-_COLUMNS = (  # column, which to prefer where two titles name one, titles
-    ("storage", 0, [f"{a}{t}{b}" for t in _STORAGE.split() for a, b in (("", ""), ("g'", ""), ("", "g'"))]),
-    ("storage", 0, ["g'", "gp", "gprime", "gstorage"]),
-    ("loss", 0, [f"{a}{t}{b}" for t in _LOSS.split() for a, b in (("", ""), ("g''", ""), ("", "g''"))]),
-    ("loss", 0, ["g''", "gpp", "gdp", "gdoubleprime", "gloss"]),
-    ("omega", 0, _OMEGA.split()),
-    ("omega", 1, ["frequency", "freq", "frequenz", "frequence"]),
-    ("strain", 0, _AMPLITUDE.split()),
-    ("strain", 1, _STRAIN.split()),
-    ("interval", 0, _INTERVAL.split()),
+_VOCABULARY = (  # column; 0, or 1 where another title of the column is more exact; a symbol that may be part of it
+    ("storage", 0, "", "g' gp gprime gstorage"),
+    ("storage", 0, "g'", "storagemodulus shearstoragemodulus elasticmodulus shearmoduluselasticcomponent"),
+    ("storage", 0, "g'", "speichermodul modulestockage moduledestockage moduleconservation moduledeconservation"),
+    ("storage", 0, "g'", "moduleelastique"),
+    ("loss", 0, "", "g'' gpp gdp gdoubleprime gloss"),
+    ("loss", 0, "g''", "lossmodulus shearlossmodulus viscousmodulus shearmodulusviscouscomponent"),
+    ("loss", 0, "g''", "verlustmodul moduleperte moduledeperte modulevisqueux"),
+    ("omega", 0, "", "angularfrequency angfrequency angularfreq angfreq omega ω w kreisfrequenz"),
+    ("omega", 0, "", "frequenceangulaire pulsation"),
+    ("omega", 1, "", "frequency freq frequenz frequence"),
+    ("strain", 0, "", "oscillationstrain complexshearstrain strainamplitude shearstrainamplitude"),
+    ("strain", 0, "", "oscillationstrainamplitude"),
+    ("strain", 1, "", "shearstrain strain gamma γ γ0 gamma0 scherdeformation deformation deformationdecisaillement"),
+    ("interval", 0, "", "actionname interval intervalno step stepname segment sweep sample run repeat replicate test"),
 )
-_TITLES = {title: (kind, preference) for kind, preference, titles in _COLUMNS for title in titles}
+_TITLES = {
+    title: (kind, preference)
+    for kind, preference, symbol, words in _VOCABULARY
+    for word in words.split()
+    for title in (word, symbol + word, word + symbol)
+}
 _PASCAL = {"Pa": 1.0, "pa": 1.0, "kPa": 1e3, "KPa": 1e3, "kpa": 1e3, "MPa": 1e6, "GPa": 1e9, "mPa": 1e-3, "dyncm2": 0.1}
 _PER_SECOND = dict.fromkeys(("rads", "radsec", "radpers", "rads-1", "rads1", "radsec-1"), 1.0)
 _INVERSE_SECOND = dict.fromkeys(("1s", "s-1", "pers", "1sec"), 1.0)  # Hz or rad/s: only the name can tell
 _HERTZ = {"Hz": 2 * math.pi, "hz": 2 * math.pi, "HZ": 2 * math.pi, "kHz": 2e3 * math.pi, "mHz": 2e-3 * math.pi}
+_PER_CENT = dict.fromkeys(("%", "percent", "pct"), 0.01)
 _FRACTION = dict.fromkeys(("1", "-", "–", "—", "fraction", "dimensionless", "unitless"), 1.0)
-_UNITS = {
+_UNITS: dict[str, dict[str, float]] = {
     "storage": _PASCAL,
     "loss": _PASCAL,
     "omega": _PER_SECOND | _INVERSE_SECOND | _HERTZ,
-    "strain": dict.fromkeys(("%", "percent", "pct"), 0.01) | _FRACTION,
+    "strain": _PER_CENT | _FRACTION,
     "interval": {},
 }
-_UNITS_BY_KIND: dict[Any, dict[str, float]] = {kind: _UNITS[kind[0]] for kind in set(_TITLES.values())}
+_UNITS_OF_TITLES: dict[Any, dict[str, float]] = {kind: _UNITS[kind[0]] for kind in _TITLES.values()}
+_KNOWN = {"strain": "%, 1", "omega": "rad/s, Hz", "storage": "Pa, kPa, MPa", "loss": "Pa, kPa, MPa"}
 _NAMES = {"storage": "G'", "loss": "G''", "omega": "frequency", "strain": "strain"}
-_UNDECLARED = {
-    "strain": "{title!r} has no unit, and per cent and fraction differ by a factor of 100; write it into the header: "
-    "'Strain (%)' or 'Strain [1]'",
-    "omega": "{title!r} has no unit, and Hz and rad/s differ by a factor of 2 pi; write it into the header: "
+_AMBIGUOUS = {
+    "strain": "per cent and fraction differ by a factor of 100; write it into the header: 'Strain (%)' or 'Strain [1]'",
+    "omega": "Hz and rad/s differ by a factor of 2 pi; write it into the header: "
     "'Frequency (Hz)' or 'Angular frequency (rad/s)'",
 }
 _EXPECTED = "expected a header such as omega (rad/s), G' (Pa), G'' (Pa) or strain (%), G' (Pa), G'' (Pa)"
+_NO_SWEEP = "rheometer.no_sweep"  # the code of a table of moduli that is no sweep: one frequency, one strain
 _SWEPT = 2.0  # largest over smallest, from which a column counts as swept
 _SAME = 0.02  # relative difference below which two settings of the instrument are one
 
 
-@dataclass(frozen=True)
-class Sweep:
-    """Moduli over strain or angular frequency, in SI, sorted; `held`: the other of the two, where it is known."""
+def read_sweeps(path: str | Path) -> list[StrainSweep | FrequencySweep]:
+    """Every strain and frequency sweep of a file; rows that cannot be used are counted in `notes`.
 
-    name: str
-    source: str
-    kind: SweepKind
-    x: Floats  # strain as a fraction, or angular frequency in rad/s
-    storage: Floats  # G', Pa
-    loss: Floats  # G'', Pa
-    held: float | None = None
-    notes: Sequence[str] = ()
-    source_sha256: str = ""
-
-
-def read_sweeps(path: str | Path) -> list[Sweep]:
-    """Every strain and frequency sweep of a file, in its order. Rows that cannot be used are counted in `notes`.
-
-    A table that gives every strain or frequency equally often (a sweep run three times, or up and down) is that many
-    sweeps.
+    A table with every setting equally often (a sweep run three times, or up and down) is that many sweeps.
 
     Raises:
         InputError: the file cannot be read, holds no table of G' and G'', or leaves a unit open.
     """
     path = Path(path)
-    if not path.is_file():
-        trouble = "is a directory; give the files in it" if path.is_dir() else "does not exist"
-        raise InputError(f"{path} {trouble}", "rheometer.no_file")
-    found: list[Sweep] = []
+    trouble = "is a directory; give the files in it" if path.is_dir() else "does not exist"
+    require(path.is_file(), f"{path} {trouble}", "rheometer.no_file")
+    found: list[StrainSweep | FrequencySweep] = []
     others: list[str] = []
     try:
         sheets = read_sheets(path, _is_header, marks="#")
@@ -113,19 +95,19 @@ def read_sweeps(path: str | Path) -> list[Sweep]:
         for number, table in enumerate(tables, 1):
             try:
                 found += _sweeps(table, table.label or (str(number) if len(tables) > 1 else ""))
-            except _NoSweepError as reason:
-                others.append(str(reason))
-        if not found:
-            raise InputError("; ".join(others), "rheometer.no_sweep")
+            except InputError as error:
+                if error.code != _NO_SWEEP:
+                    raise
+                others.append(str(error))
+        require(bool(found), "; ".join(others), _NO_SWEEP)
     except InputError as error:
         raise error.within(str(path)) from None
-    notes = [f"left out of the file: {'; '.join(dict.fromkeys(others))}"] if others else []
-    file: dict[str, Any] = {"source": str(path), "source_sha256": hashlib.sha256(path.read_bytes()).hexdigest()}
-    names = [f"{path.stem}[{sweep.name}]" if len(found) > 1 and sweep.name else path.stem for sweep in found]
-    return [
-        replace(sweep, name=name, notes=[*sweep.notes, *notes], **file)
-        for name, sweep in zip(names, found, strict=True)
-    ]
+    sha256 = hashlib.sha256(path.read_bytes()).hexdigest()
+    for sweep in found:
+        sweep.name = f"{path.stem}[{sweep.name}]" if len(found) > 1 and sweep.name else path.stem
+        sweep.source, sweep.source_sha256 = str(path), sha256
+        sweep.notes += [f"left out of the file: {'; '.join(dict.fromkeys(others))}"] if others else []
+    return found
 
 
 class SweepColumn(NamedTuple):
@@ -140,36 +122,31 @@ class SweepColumn(NamedTuple):
     def factor(self) -> float:
         """From the column's unit to SI. Raises InputError for a unit that is missing or unknown."""
         plain = self.kind == "omega" and self.preference == 1
-        if self.unit is None and (self.kind == "strain" or plain):
-            raise InputError(_UNDECLARED[self.kind].format(title=self.title), "rheometer.no_unit")
+        unit, title = plain_unit(self.unit or ""), self.title
+        if (plain and unit in _INVERSE_SECOND) or (self.unit is None and (plain or self.kind == "strain")):
+            title = title if (self.unit or "") in title else f"{title} {self.unit}"
+            raise InputError(f"{title!r} has no unit, and {_AMBIGUOUS[self.kind]}", "rheometer.no_unit")
         if self.unit is None:
             return 1.0
-        unit, units = plain_unit(self.unit), _UNITS[self.kind]
-        if plain and unit in _INVERSE_SECOND:
-            title = self.title if self.unit in self.title else f"{self.title} {self.unit}"
-            raise InputError(_UNDECLARED[self.kind].format(title=title), "rheometer.no_unit")
-        if unit not in units:
-            known = {"strain": "%, 1", "omega": "rad/s, Hz"}.get(self.kind, "Pa, kPa, MPa")
-            raise InputError(
-                f"the unit {self.unit!r} of {self.title!r} is not known; known: {known}", "rheometer.unknown_unit"
-            )
-        return units[unit]
+        known = f"the unit {self.unit!r} of {title!r} is not known; known: {_KNOWN[self.kind]}"
+        require(unit in _UNITS[self.kind], known, "rheometer.unknown_unit")
+        return _UNITS[self.kind][unit]
 
-    def note(self) -> str:
-        """What was done to the unit; nothing where there was nothing to do."""
+    def notes(self) -> list[str]:
+        """What was done to the unit, if anything."""
         if self.unit is None:
-            return f"{self.title!r} has no unit: taken to be in {'rad/s' if self.kind == 'omega' else 'Pa'}"
+            return [f"{self.title!r} has no unit: taken to be in {'rad/s' if self.kind == 'omega' else 'Pa'}"]
         if self.kind == "omega" and plain_unit(self.unit) in _HERTZ:
-            return f"{self.title!r} is in {self.unit}: converted to rad/s by 2 pi"
-        return ""
+            return [f"{self.title!r} is in {self.unit}: converted to rad/s by 2 pi"]
+        return []
 
 
 @cache
 def read_title(title: str) -> tuple[str, int, str | None]:
-    """("storage" | "loss" | "omega" | "strain" | "interval" | "", preference, unit or None) of a column's title."""
+    """(column or "", preference, unit or None) of a title; the columns are those of the vocabulary."""
     if title[:1] in "0123456789+-.":
         return "", 0, None
-    kind, unit = column_of(title, _TITLES, _UNITS_BY_KIND)
+    kind, unit = column_of(title, _TITLES, _UNITS_OF_TITLES)
     return (*(kind or ("", 0)), unit)
 
 
@@ -196,20 +173,24 @@ def _tables(rows: list[Row]) -> Iterator[_ModuliTable]:
             continue
         elif not table.rows and _are_units(table, row.cells):
             for kind, c in table.columns.items():  # the units, below their titles
-                if c.unit is None and c.at < len(row.cells) and row.cells[c.at]:
-                    table.columns[kind] = c._replace(unit=row.cells[c.at])
+                if c.unit is None and _cell(row, c):
+                    table.columns[kind] = c._replace(unit=_cell(row, c))
         elif filled[0].startswith("[") or filled[0].endswith(":") or not any(map(is_number, filled)):
             table = None  # "[step]", "Result:", "Frequency sweep - 2": another table begins, or none
         else:
             table.rows.append(row)
     for table in whole:
-        at = table.columns.pop("interval", None)
-        labels = [row.cells[at.at] if at and at.at < len(row.cells) else "" for row in table.rows]
+        interval = table.columns.pop("interval", None)
+        labels = [_cell(row, interval) for row in table.rows]
         if len(set(labels)) == len(labels):  # a number for each row
             labels = [""] * len(labels)
         for label in dict.fromkeys(labels) or [""]:
             mine = [row for row, other in zip(table.rows, labels, strict=True) if other == label]
             yield replace(table, rows=mine, label=label)
+
+
+def _cell(row: Row, column: SweepColumn | None) -> str:
+    return row.cells[column.at] if column and column.at < len(row.cells) else ""
 
 
 def _are_units(table: _ModuliTable, cells: list[str]) -> bool:
@@ -231,16 +212,9 @@ def _columns(header: list[str]) -> dict[str, SweepColumn]:
         first = columns.get(column.kind)
         if column.kind and (first is None or column.preference < first.preference):
             columns[column.kind] = column
-        elif (
-            first
-            and first.preference == column.preference
-            and column.kind != "interval"
-            and {"storage", "loss"} <= columns.keys()
-        ):
-            raise InputError(
-                f"two columns for {_NAMES[column.kind]}: {first.title!r} and {title!r}; one sweep a table",
-                "rheometer.two_columns",
-            )
+        elif first and first.preference == column.preference and column.kind != "interval":
+            twice = f"two columns for {_NAMES[column.kind]}: {first.title!r} and {title!r}; one sweep a table"
+            require(not {"storage", "loss"} <= columns.keys(), twice, "rheometer.two_columns")
     return columns
 
 
@@ -254,64 +228,68 @@ def _nothing_found(rows: list[list[str]]) -> InputError:
     return InputError(f"no column for {missing} among {shown}; {_EXPECTED}", "rheometer.no_moduli")
 
 
-class _NoSweepError(Exception):
-    """A table of moduli that is no sweep: one frequency, one strain."""
-
-
-def _sweeps(table: _ModuliTable, label: str) -> list[Sweep]:
+def _sweeps(table: _ModuliTable, label: str) -> Iterator[StrainSweep | FrequencySweep]:
     """The sweep that a table holds, or each of its repetitions."""
     columns = table.columns
     settings = [kind for kind in ("omega", "strain") if kind in columns]
-    if not settings:
-        titles = ", ".join(map(repr, table.header[:8]))
-        raise _NoSweepError(f"no column for frequency or strain among {titles}; {_EXPECTED}")
+    titles = ", ".join(map(repr, table.header[:8]))
+    require(bool(settings), f"no column for frequency or strain among {titles}; {_EXPECTED}", _NO_SWEEP)
     refuse_wider(table.rows, table.header)
     rows = [row for row in table.rows if not any("invalid" in cell.lower() for cell in row.cells)]
     values = {kind: numbers(rows, column.at) for kind, column in columns.items()}  # in the units of the file
-    swept = {kind: _span(values[kind][values["storage"] > 0]) >= _SWEPT for kind in settings}
-    if not any(swept.values()):
-        count = np.count_nonzero(values["storage"] > 0)
-        what = " and ".join(_NAMES[kind] for kind in settings)
-        raise _NoSweepError(f"no sweep of {what} in the {count} rows with moduli{f' of {label!r}' if label else ''}")
-    x_kind = "omega" if swept.get("omega") else "strain"  # at a given stress the strain varies with the frequency
-    kinds = (x_kind, "storage", "loss")
-    needed = np.stack([values[kind] for kind in kinds])
+    positive = values["storage"] > 0
+    swept = [kind for kind in settings if _span(values[kind][positive]) >= _SWEPT]
+    kinds = " and ".join(_NAMES[kind] for kind in settings)
+    where = f"{np.sum(positive)} rows with moduli" + (f" of {label!r}" if label else "")
+    require(bool(swept), f"no sweep of {kinds} in the {where}", _NO_SWEEP)
+    setting = swept[0]  # at a given stress the strain varies with the frequency
+    wanted = [columns[kind] for kind in (setting, "storage", "loss")]
+    needed = np.stack([values[column.kind] for column in wanted])
     known = np.isfinite(needed).all(axis=0)
     usable = known & (needed > 0).all(axis=0)
     dropped = {
         "marked invalid": len(table.rows) - len(rows),
-        "without a number": int(np.count_nonzero(~known)),
-        "with a modulus or setting that is not positive": int(np.count_nonzero(known & ~usable)),
+        "without a number": int(np.sum(~known)),
+        "with a modulus or setting that is not positive": int(np.sum(known & ~usable)),
     }
-    notes = [f"{count} row{'s' * (count > 1)} {why} left out" for why, count in dropped.items() if count]
-    if (count := np.count_nonzero(usable)) < 3:
-        raise _NoSweepError(f"{count} usable rows in a sweep, at least 3 are needed; {'; '.join(notes)}")
-    notes += filter(None, (columns[kind].note() for kind in kinds))
-    x, storage, loss = (columns[kind].factor() * values[kind][usable] for kind in kinds)
-    held = np.full(len(x), np.nan)
-    if (other := "strain" if x_kind == "omega" else "omega") in columns:
-        if x_kind == "omega":
-            _refuse_two_sweeps(x, values[other][usable])
+    notes = [f"{_rows(count)} {why} left out" for why, count in dropped.items() if count]
+    few = f"{np.sum(usable)} usable rows in a sweep, at least 3 are needed; {'; '.join(notes)}"
+    require(bool(np.sum(usable) >= 3), few, _NO_SWEEP)
+    notes += [note for column in wanted for note in column.notes()]
+    data = [column.factor() * values[column.kind][usable] for column in wanted]
+    held = np.full(len(data[0]), np.nan)
+    if other := columns.get("strain" if setting == "omega" else "omega"):
+        if setting == "omega":
+            _refuse_two_sweeps(data[0], values["strain"][usable])
         try:
-            held = columns[other].factor() * values[other][usable]
+            held = other.factor() * values[other.kind][usable]
         except InputError:
-            notes.append(f"{columns[other].title!r} is not used: its unit is missing or not known")
-    passes = _passes(x)
+            notes.append(f"{other.title!r} is not used: its unit is missing or not known")
+    passes = _passes(data[0])
     times = int(passes.max()) + 1
     if times > 1:
-        notes.append(f"each {_NAMES[x_kind]} {times} times: read as {times} sweeps")
-    found = []
+        notes.append(f"each {_NAMES[setting]} {times} times: read as {times} sweeps")
     for k in range(times):
-        mine = np.flatnonzero(passes == k)
-        mine = mine[np.argsort(x[mine], kind="stable")]
-        merged, twice = _merged(x[mine], storage[mine], loss[mine])
-        more = [f"{twice} row{'s' * (twice > 1)} at the {_NAMES[x_kind]} of another averaged with it"] if twice else []
-        name = label if times == 1 else f"{label}.{k + 1}".lstrip(".")
-        setting = held[mine][np.isfinite(held[mine])]
-        median = float(np.median(setting)) if setting.size else None
-        kind: SweepKind = "frequency" if x_kind == "omega" else "strain"
-        found.append(Sweep(name, "", kind, *merged, held=median, notes=[*notes, *more]))
-    return found
+        part = np.stack([*data, held])[:, passes == k]
+        part = part[:, np.argsort(part[0], kind="stable")]
+        group = np.cumsum(np.diff(part[0], prepend=part[0, 0]) > _SAME * np.roll(part[0], 1))  # rows of one setting
+        count = np.bincount(group)
+        x, storage, loss = (np.bincount(group, row) / count for row in part[:3])
+        twice = part.shape[1] - len(count)
+        averaged = [f"{_rows(twice)} at the {_NAMES[setting]} of another averaged with it"] if twice else []
+        steady = part[3][np.isfinite(part[3])]
+        median = float(np.median(steady)) if steady.size else None
+        told: dict[str, Any] = {"x": x, "storage": storage, "loss": loss, "points": len(x)}
+        told["name"] = label if times == 1 else f"{label}.{k + 1}".lstrip(".")
+        told["notes"] = notes + averaged
+        if setting == "omega":
+            yield FrequencySweep(strain=median, **told)
+        else:
+            yield StrainSweep(frequency_rad_per_s=median, **told)
+
+
+def _rows(count: int) -> str:
+    return f"{count} row" + "s" * (count > 1)
 
 
 def _span(values: Floats) -> float:
@@ -323,33 +301,17 @@ def _span(values: Floats) -> float:
 def _refuse_two_sweeps(omega: Floats, strain: Floats) -> None:
     for one in np.unique(omega):
         here = strain[np.abs(omega / one - 1) < _SAME]
-        if len(here) > 2 and _span(here) > _SWEPT:
-            raise InputError(
-                f"{len(here)} rows at {one:.4g} rad/s with strains that differ by more than a factor of {_SWEPT:g}: "
-                "two sweeps in one table; give them as two files, or tell them apart by a column `interval`",
-                "rheometer.two_sweeps",
-            )
+        trouble = f"{len(here)} rows at {one:.4g} rad/s with strains that differ by more than a factor of {_SWEPT:g}"
+        mend = "two sweeps in one table; give them as two files, or tell them apart by a column `interval`"
+        require(len(here) < 3 or _span(here) <= _SWEPT, f"{trouble}: {mend}", "rheometer.two_sweeps")
 
 
 def _passes(x: Floats) -> np.ndarray:
-    """(n,) the number of the repetition that a row belongs to, where all settings come equally often; else 0."""
-    settings: list[float] = []
-    count: list[int] = []
+    """(n,) the repetition that a row belongs to, where all settings come equally often; else 0."""
+    seen: dict[float, int] = {}  # how often each setting came
     passes = np.zeros(len(x), dtype=int)
     for row, value in enumerate(x):
-        which = next((k for k, other in enumerate(settings) if abs(value / other - 1) < _SAME), None)
-        if which is None:
-            settings.append(value)
-            count.append(1)
-        else:
-            passes[row] = count[which]
-            count[which] += 1
-    return passes if len(set(count)) == 1 else np.zeros_like(passes)
-
-
-def _merged(x: Floats, storage: Floats, loss: Floats) -> tuple[tuple[Floats, Floats, Floats], int]:
-    """Sorted columns with rows of one setting averaged, and how many rows that took away."""
-    group = np.concatenate([[0], np.cumsum(np.diff(x) > _SAME * x[:-1])])
-    count = np.bincount(group)
-    mean = tuple(np.bincount(group, values) / count for values in (x, storage, loss))
-    return (mean[0], mean[1], mean[2]), len(x) - len(count)
+        setting = next((other for other in seen if abs(value / other - 1) < _SAME), value)
+        passes[row] = seen.get(setting, 0)
+        seen[setting] = seen.get(setting, 0) + 1
+    return passes if len(set(seen.values())) == 1 else np.zeros_like(passes)

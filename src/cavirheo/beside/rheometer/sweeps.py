@@ -1,43 +1,45 @@
-"""One sweep -> its properties, as they are written. Nothing is extrapolated, and a single sweep has no width."""
+"""Sweeps, as they are read and written, and what one says. Nothing is extrapolated."""
 
 from __future__ import annotations
 
 import math
-from typing import Any, Literal
+from typing import Annotated, Any, Literal
 
 import numpy as np
 from pydantic import Field
 from scipy.interpolate import PchipInterpolator
 
-from cavirheo.arrays import Floats
-from cavirheo.beside.rheometer.read import Sweep
+from cavirheo.arrays import Bools, Floats
 from cavirheo.writing.document import Record
 
 _SHORTEST = 3.0  # largest over smallest strain of a linear range
 _STRAY = 0.2  # part of the points of a linear range that may stray from it, each alone
 _FLAT = 0.1  # |d ln G'/d ln omega| of a plateau
 _DECADE = 0.99 * math.log(10.0)  # of a plateau; instruments set 0.1 and 1 rad/s to within a per cent
+Measured = Annotated[Any, Field(exclude=True, repr=False)]  # (n,) floats, which are not written
 
 
-class SweepProperties(Record):
-    """What all sweeps have; `data` is what was measured, and is not written. `message`: why a number is missing."""
+class Sweep(Record):
+    """Moduli over strain or angular frequency, sorted, in SI. `message`: why a number is missing."""
 
-    data: Any = Field(default=None, exclude=True, repr=False)  # Sweep
-    name: str
-    source: str
-    source_sha256: str
-    points: int
+    x: Measured = ()  # strain as a fraction, or angular frequency in rad/s
+    storage: Measured = ()  # G', Pa
+    loss: Measured = ()  # G'', Pa
+    name: str = ""
+    source: str = ""
+    source_sha256: str = ""
+    points: int = 0
     notes: list[str] = []
     message: str = ""
 
 
-class StrainSweep(SweepProperties):
-    """`departs` is null where G' stays in the band to the end: `linear_to` is then the largest strain measured."""
+class StrainSweep(Sweep):
+    """`departs` is null where G' stays in the band: `linear_to` is then the largest strain."""
 
     kind: Literal["strain"] = "strain"
-    frequency_rad_per_s: float | None
-    strain_from: float
-    strain_to: float
+    frequency_rad_per_s: float | None = None
+    strain_from: float | None = None
+    strain_to: float | None = None
     plateau_storage_Pa: float | None = None
     plateau_loss_Pa: float | None = None
     linear_from: float | None = None
@@ -47,17 +49,17 @@ class StrainSweep(SweepProperties):
     crossover_modulus_Pa: float | None = None
 
 
-class FrequencySweep(SweepProperties):
+class FrequencySweep(Sweep):
     """`viscosity_Pa_s` is the loss modulus at `at_rad_per_s` over that frequency."""
 
     kind: Literal["frequency"] = "frequency"
-    strain: float | None
-    from_rad_per_s: float
-    to_rad_per_s: float
+    strain: float | None = None
+    from_rad_per_s: float | None = None
+    to_rad_per_s: float | None = None
     plateau_storage_Pa: float | None = None
     plateau_from_rad_per_s: float | None = None
     plateau_to_rad_per_s: float | None = None
-    at_rad_per_s: float
+    at_rad_per_s: float | None = None
     storage_at_Pa: float | None = None
     loss_at_Pa: float | None = None
     viscosity_Pa_s: float | None = None
@@ -67,35 +69,32 @@ class FrequencySweep(SweepProperties):
     crossover_modulus_Pa: float | None = None
 
 
-def strain_sweep(sweep: Sweep, tolerance: float = 0.05) -> StrainSweep:
-    """Linear range, plateau and crossover of a strain sweep.
+def strain_sweep(sweep: StrainSweep, tolerance: float = 0.05) -> StrainSweep:
+    """The same sweep with its linear range, plateau and crossover.
 
-    The linear range is the longest range of strains (on a logarithmic axis, at least a factor of 3) in which G' stays
-    within `tolerance` of its median over the range and has no trend (|d ln G'/d ln strain| at most `tolerance`, by the
-    median of the slopes of all pairs of points). A point that strays alone does not end it; two in succession to one
-    side do. It may begin above the smallest strain, where the torque is too low to be measured well. Its end is where
-    G', interpolated between the last point inside and the first one outside, leaves the band; a sweep that ends before
-    is said to have no such limit.
+    The linear range is the longest one (at least a factor of 3 in strain) in which G' stays within `tolerance` of its
+    median and has no trend: the median slope of all pairs of points, |d ln G'/d ln strain|, is at most `tolerance`.
+    One stray point does not end it, two in succession to one side do. It may begin above the smallest strain, where
+    the torque is low. It ends where G', interpolated between two points, leaves the band, if it does.
     """
     gamma, storage = sweep.x, sweep.storage
-    answer = StrainSweep(**_common(sweep), frequency_rad_per_s=sweep.held, strain_from=gamma[0], strain_to=gamma[-1])
-    found = _linear_range(gamma, storage, tolerance)
+    sweep.strain_from, sweep.strain_to = gamma[0], gamma[-1]
     first = 0
-    if found is None:
-        band = f"within {100 * tolerance:g} % over a factor of {_SHORTEST:g} in strain"
-        answer.message = f"no linear range: nowhere does G' stay {band}"
-    else:
+    if found := _linear_range(gamma, storage, tolerance):
         first, last, level = found
-        answer.linear_from, answer.plateau_storage_Pa = gamma[first], level
-        answer.plateau_loss_Pa = float(np.median(sweep.loss[first : last + 1]))
-        answer.linear_to, answer.departs = _limit(gamma, storage, last, level, tolerance)
+        sweep.linear_from, sweep.plateau_storage_Pa = gamma[first], level
+        sweep.plateau_loss_Pa = float(np.median(sweep.loss[first : last + 1]))
+        sweep.linear_to, sweep.departs = _limit(gamma, storage, last, level, tolerance)
         if first:
-            answer.notes.append(_below(storage[:first], level, tolerance))
+            sweep.notes.append(_below(storage[:first], level, tolerance))
+    else:
+        band = f"within {100 * tolerance:g} % over a factor of {_SHORTEST:g} in strain"
+        sweep.message = f"no linear range: nowhere does G' stay {band}"
     for x, modulus, yields in _crossovers(sweep):
         if yields and x > gamma[first]:
-            answer.crossover_strain, answer.crossover_modulus_Pa = x, modulus
+            sweep.crossover_strain, sweep.crossover_modulus_Pa = x, modulus
             break
-    return answer
+    return sweep
 
 
 def _linear_range(gamma: Floats, storage: Floats, tolerance: float) -> tuple[int, int, float] | None:
@@ -120,7 +119,7 @@ def _linear_range(gamma: Floats, storage: Floats, tolerance: float) -> tuple[int
 
 
 def _limit(gamma: Floats, storage: Floats, last: int, level: float, tolerance: float) -> tuple[float, str | None]:
-    """The strain at which G' leaves the band, and how; the largest strain and None where it does not."""
+    """The strain at which G' leaves the band, and how; or the largest strain and None."""
     if last == len(gamma) - 1:
         return float(gamma[last]), None
     departs = "softens" if storage[last + 1] < level else "stiffens"
@@ -139,51 +138,41 @@ def _below(storage: Floats, level: float, tolerance: float) -> str:
     return f"{points} left out of it: up to {100 * np.max(np.abs(storage / level - 1)):.2g} % off (low torque?)"
 
 
-def frequency_sweep(sweep: Sweep, at: float = 1.0) -> FrequencySweep:
-    """Plateau, viscosity at the angular frequency `at` (rad/s) and crossover of a frequency sweep.
+def frequency_sweep(sweep: FrequencySweep, at: float = 1.0) -> FrequencySweep:
+    """The same sweep with its plateau, its viscosity at the angular frequency `at` (rad/s) and its crossover.
 
     The plateau is the longest range of at least a decade in which |d ln G'/d ln omega|, fitted over half a decade round
-    each point, is at most 0.1. The viscosity is G''/omega, with G'' (and G') interpolated by monotone cubics (PCHIP)
-    through their logarithms; outside the data it is refused.
+    each point, is at most 0.1. The viscosity is G''/omega; G'' and G' are interpolated by monotone cubics (PCHIP)
+    through their logarithms, never extrapolated.
     """
     omega = sweep.x
-    answer = FrequencySweep(
-        **_common(sweep), strain=sweep.held, from_rad_per_s=omega[0], to_rad_per_s=omega[-1], at_rad_per_s=at
-    )
-    if (flat := _plateau(omega, sweep.storage)) is None:
-        answer.notes.append(f"no plateau of G': nowhere is d ln G'/d ln ω within ±{_FLAT:g} over a decade")
+    sweep.from_rad_per_s, sweep.to_rad_per_s, sweep.at_rad_per_s = omega[0], omega[-1], at
+    if flat := _plateau(omega, sweep.storage):
+        first, last = flat
+        sweep.plateau_from_rad_per_s, sweep.plateau_to_rad_per_s = omega[first], omega[last]
+        sweep.plateau_storage_Pa = float(np.median(sweep.storage[first : last + 1]))
     else:
-        answer.plateau_from_rad_per_s, answer.plateau_to_rad_per_s = omega[flat[0]], omega[flat[1]]
-        answer.plateau_storage_Pa = float(np.median(sweep.storage[flat[0] : flat[1] + 1]))
-    answer.message = _refusal(omega, at)
-    if not answer.message:
+        sweep.notes.append(f"no plateau of G': nowhere is d ln G'/d ln ω within ±{_FLAT:g} over a decade")
+    above = int(np.clip(np.searchsorted(omega, at), 1, len(omega) - 1))
+    if not omega[0] * 0.999 <= at <= omega[-1] * 1.001:  # digits of the export, no more
+        outside = f"{at:g} rad/s lies outside the data, {omega[0]:.3g} to {omega[-1]:.3g} rad/s"
+        sweep.message = f"{outside}: µ is not extrapolated; ask for another frequency with --at"
+    elif omega[above] > 10 * omega[above - 1]:
+        gap = f"the data nearest to {at:g} rad/s are more than a decade apart"
+        sweep.message = f"{gap}: µ is not interpolated over such a gap"
+    else:
         inside = math.log(np.clip(at, omega[0], omega[-1]))
         storage, loss = (
             float(np.exp(PchipInterpolator(np.log(omega), np.log(modulus))(inside)))
             for modulus in (sweep.storage, sweep.loss)
         )
-        answer.storage_at_Pa, answer.loss_at_Pa, answer.tan_delta = storage, loss, loss / storage
-        answer.viscosity_Pa_s, answer.complex_viscosity_Pa_s = loss / at, math.hypot(storage, loss) / at
-    crossovers = _crossovers(sweep)
-    if crossovers:
-        answer.crossover_rad_per_s, answer.crossover_modulus_Pa = crossovers[0][:2]
-        if len(crossovers) > 1:
-            others = ", ".join(f"{x:.3g}" for x, _, _ in crossovers[1:])
-            answer.notes.append(f"G' = G'' also at {others} rad/s")
-    return answer
-
-
-def _refusal(omega: Floats, at: float) -> str:
-    """Why there is no interpolation at a frequency; empty if there is."""
-    if not omega[0] * 0.999 <= at <= omega[-1] * 1.001:  # digits of the export, no more
-        return (
-            f"{at:g} rad/s lies outside the data, {omega[0]:.3g} to {omega[-1]:.3g} rad/s: "
-            "µ is not extrapolated; ask for another frequency with --at"
-        )
-    above = int(np.clip(np.searchsorted(omega, at), 1, len(omega) - 1))
-    if omega[above] > 10 * omega[above - 1]:
-        return f"the data nearest to {at:g} rad/s are more than a decade apart: µ is not interpolated over such a gap"
-    return ""
+        sweep.storage_at_Pa, sweep.loss_at_Pa, sweep.tan_delta = storage, loss, loss / storage
+        sweep.viscosity_Pa_s, sweep.complex_viscosity_Pa_s = loss / at, math.hypot(storage, loss) / at
+    if crossovers := _crossovers(sweep):
+        sweep.crossover_rad_per_s, sweep.crossover_modulus_Pa, _ = crossovers[0]
+    if others := ", ".join(f"{x:.3g}" for x, _, _ in crossovers[1:]):
+        sweep.notes.append(f"G' = G'' also at {others} rad/s")
+    return sweep
 
 
 def _plateau(omega: Floats, storage: Floats) -> tuple[int, int] | None:
@@ -202,7 +191,7 @@ def _plateau(omega: Floats, storage: Floats) -> tuple[int, int] | None:
 
 
 def _crossovers(sweep: Sweep) -> list[tuple[float, float, bool]]:
-    """(x, G' = G'', whether G'' wins beyond), each interpolated in the logarithms; single stray points apart."""
+    """(x, G' = G'', whether G'' wins beyond) in the logarithms, without single stray points."""
     solid = sweep.storage > sweep.loss
     keep = ~_alone(solid)
     x, storage, loss, solid = (values[keep] for values in (sweep.x, sweep.storage, sweep.loss, solid))
@@ -210,18 +199,13 @@ def _crossovers(sweep: Sweep) -> list[tuple[float, float, bool]]:
     for k in np.flatnonzero(solid[1:] != solid[:-1]):
         before, after = np.log(storage[k : k + 2] / loss[k : k + 2])
         part = before / (before - after)
-        position = x[k] * (x[k + 1] / x[k]) ** part
-        found.append((float(position), float(storage[k] * (storage[k + 1] / storage[k]) ** part), bool(solid[k])))
+        position, modulus = (values[k] * (values[k + 1] / values[k]) ** part for values in (x, storage))
+        found.append((float(position), float(modulus), bool(solid[k])))
     return found
 
 
-def _alone(flags: np.ndarray) -> np.ndarray:
+def _alone(flags: Bools) -> Bools:
     """Where a flag differs from both its neighbours."""
     alone = np.zeros_like(flags)
     alone[1:-1] = (flags[1:-1] != flags[:-2]) & (flags[1:-1] != flags[2:])
     return alone
-
-
-def _common(sweep: Sweep) -> dict[str, Any]:
-    told = {name: getattr(sweep, name) for name in ("name", "source", "source_sha256", "notes")}
-    return {"data": sweep, "points": len(sweep.x), **told}

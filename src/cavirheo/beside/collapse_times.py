@@ -1,0 +1,376 @@
+"""Tables of collapse times, or curves -> G and mu of each material (inference/collapse_time).
+
+What is read: docs/how-to/collapse-time.md. shots.csv has a line per shot; collapse-time.json (schema 1):
+
+```
+schema 1, version, command, date, notes      as in result.json
+material, medium                             the law; the constants used
+groups                                       one per table, or per file or folder of curves:
+  name, source, source_sha256, n, unusable   shots, and how many could not be used (their `message` says why)
+  analytic, exact                            the answers (CollapseEstimate); exact is null unless it was asked for
+  shots                                      R_max, lambda, t_1 and t_1/t_RC as measured and of the models
+```
+Every number is SI and finite, or null where it was not found; `message` then says why.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from cavirheo.beside.panels import headed, one_panel, two_panels
+from cavirheo.curve import RadiusCurve
+from cavirheo.errors import InputError, SolverError, require
+from cavirheo.inference.collapse_time import CollapseEstimate, CollapseValue, Shots, estimate, shot, unusable
+from cavirheo.physics.collapse import analytic_time, rayleigh_time
+from cavirheo.physics.media import Medium
+from cavirheo.reading.clean import TIME_UNITS
+from cavirheo.reading.matfile import read_matfile
+from cavirheo.reading.matlab import read_hdf5
+from cavirheo.reading.shots import read_shots
+from cavirheo.reading.tabular import Row, column_of, numbers, read_sheets, refuse_wider
+from cavirheo.reporting import file_names
+from cavirheo.writing import digits, terminal
+from cavirheo.writing.document import Document, Finite, Quantity, Record, write_rows
+from cavirheo.writing.style import BLUE, INK, VERMILLION, save_png, write
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+VARIABLE = "pIMR_array"
+_TITLES = {
+    **dict.fromkeys(("rmax", "maxradius", "maximumradius", "largestradius"), "R_max"),
+    **dict.fromkeys(("stretch", "lambda", "λ", "lmax", "lambdamax", "λmax", "rmaxr0", "rmaxreq"), "lambda"),
+    **dict.fromkeys(("t1", "collapsetime", "tcollapse", "firstcollapse"), "t_1"),
+    **dict.fromkeys(("shot", "curve", "name"), "name"),
+}
+_UNITS: dict[str, dict[str, float]] = {"R_max": {"m": 1.0, "mm": 1e-3, "um": 1e-6, "nm": 1e-9}, "t_1": TIME_UNITS}
+_MEASURED = {"R_max": "max_radius_m", "lambda": "stretch", "t_1": "collapse_time_s"}  # column: field of a shot
+_EXPECTED = "expected a header such as rmax_um,stretch,t1_us"
+
+
+class CollapseShot(Record):
+    """One shot. `message`: why it cannot be used, empty if it can."""
+
+    name: str
+    max_radius_m: Finite = None
+    stretch: Finite = None
+    stretch_from: str = ""
+    collapse_time_s: Finite = None
+    measured: Finite = None  # t_1/t_RC
+    analytic: Finite = None
+    exact: Finite = None
+    message: str = ""
+
+
+class CollapseGroup(Record):
+    """The shots of one material (a table, or curves of one file or folder) and what they say."""
+
+    name: str
+    source: str
+    source_sha256: str
+    n: int = 0
+    unusable: int = 0
+    notes: list[str] = []
+    analytic: CollapseEstimate | None = None
+    exact: CollapseEstimate | None = None
+    shots: list[CollapseShot]
+
+    def model_post_init(self, _: Any) -> None:
+        self.n, self.unusable = len(self.shots), len(self.shots) - len(self.usable)
+
+    @property
+    def usable(self) -> list[CollapseShot]:
+        return [shot for shot in self.shots if not shot.message]
+
+    @property
+    def best(self) -> CollapseEstimate | None:
+        """The exact answer where there is one."""
+        return self.exact or self.analytic
+
+    def columns(self) -> list[np.ndarray]:
+        """R_max, lambda and t_1 of the shots that can be used, each (n,), SI."""
+        return [np.array([getattr(shot, field) for shot in self.usable]) for field in _MEASURED.values()]
+
+    def estimates(self) -> dict[str, CollapseEstimate]:
+        """The answers by model."""
+        return {name: found for name in ("analytic", "exact") if (found := getattr(self, name))}
+
+    def answer(self, material: str, *, exact: bool = False, **options: Any) -> None:
+        """Estimate G and mu from the usable shots, if any; `options` are those of `estimate`.
+
+        A simulation that fails leaves no exact answer, and a note.
+        """
+        if not self.usable:
+            return
+        radius, stretch, time = self.columns()
+        shots = Shots(radius, stretch, time, [one.name for one in self.usable])
+        self.analytic = estimate(shots, material, **options)
+        try:
+            self.exact = estimate(shots, material, exact=True, **options) if exact else None
+        except SolverError as error:
+            self.notes.append(f"no exact answer: {error}")
+        for k, one in enumerate(self.usable):
+            one.measured, one.analytic = self.analytic.measured[k], self.analytic.model[k]
+            one.exact = self.exact.model[k] if self.exact else None
+
+
+class CollapseTimes(Document):
+    """The document."""
+
+    material: str
+    medium: dict[str, Any]
+    groups: list[CollapseGroup]
+
+    @property
+    def modulus_unit(self) -> tuple[float, str]:
+        """(factor from Pa, its name) of G in all tables and pictures of this document."""
+        found = [one.shear_modulus_Pa.value for group in self.groups for one in group.estimates().values()]
+        return digits.modulus_unit(value for value in found if value)
+
+
+def read_groups(
+    files: Sequence[str | Path], medium: Medium, stretch: float | None = None
+) -> tuple[list[CollapseGroup], list[str]]:
+    """(the groups of all files, the reason for each file that could not be read).
+
+    `stretch` is for curves, and for tables without a column of it.
+    """
+    groups: list[CollapseGroup] = []
+    problems: list[str] = []
+    curves: list[Path] = []
+    for path in map(Path, files):
+        try:
+            table = read_table(path, stretch)
+        except InputError as error:
+            problems.append(str(error.within(str(path))))
+        else:
+            groups += [table] if table else []
+            curves += [] if table else [path]
+    found, unread = read_shots(curves, density=medium.density, pressure=medium.pressure)
+    members: dict[tuple[str, str], list[RadiusCurve]] = {}
+    for curve in found:
+        members.setdefault((curve.group, curve.group_source), []).append(curve)
+    for (name, source), mine in members.items():
+        sha256 = mine[0].source_sha256 if source == mine[0].source else ""
+        notes = [f"{curve.name}: {note}" for curve in mine for note in curve.notes if "CHECK" in note]
+        shots = [_read_off(curve, stretch) for curve in mine]
+        groups.append(CollapseGroup(name=name, source=source, source_sha256=sha256 or "", notes=notes, shots=shots))
+    return groups, problems + unread
+
+
+def _shot(name: str, of: Sequence[float], origin: str, message: str = "") -> CollapseShot:
+    fields: Any = dict(zip(_MEASURED.values(), of, strict=True))
+    return CollapseShot(name=name, stretch_from=origin, message=message, **fields)
+
+
+def _read_off(curve: RadiusCurve, stretch: float | None) -> CollapseShot:
+    try:
+        found, origin = shot(curve, stretch)
+    except InputError as error:
+        return CollapseShot(name=curve.name, message=str(error).removeprefix(f"{curve.name}: "))
+    return _shot(curve.name, (found.max_radius[0], found.stretch[0], found.time[0]), origin)
+
+
+def read_table(path: Path, stretch: float | None = None) -> CollapseGroup | None:
+    """The table of collapse times in a file, or None where the file holds none and may hold curves.
+
+    Raises:
+        InputError: a table without a unit, with a cell that is no number, or a damaged file.
+    """
+    if not path.is_file():
+        return None  # the reader of curves says what is wrong
+    notes: list[str] = []
+    if (array := _variable(path)) is not None:
+        expected = f"{VARIABLE} must be (n, 3): R_max in m, lambda, t_1 in s"
+        fine = array.ndim == 2 and 3 in array.shape and array.size > 0
+        require(fine, f"{expected}; got the shape {array.shape}", "collapse_time.variable")
+        cells: dict[str, Any] = dict(zip(_MEASURED, array.T if array.shape[1] == 3 else array, strict=True))
+        notes.append(f"variable {VARIABLE}: R_max in m, lambda, t_1 in s")
+    else:
+        try:
+            sheets = read_sheets(path, _is_header, most=1)
+        except InputError:
+            return None
+        if not (sheets and sheets[0].rows and _is_header(sheets[0].rows[0].cells)):
+            return None
+        cells = _columns(sheets[0].rows, stretch is not None)
+    origin = "table"
+    if "lambda" not in cells:
+        cells["lambda"], origin = np.full(len(cells["t_1"]), stretch), "given"
+    elif stretch is not None:
+        notes.append("lambda of the table used, not the one given")
+    rows = np.stack([cells[kind] for kind in _MEASURED], axis=1).astype(float).tolist()
+    names = cells.get("name") or [str(k) for k in range(1, len(rows) + 1)]
+    shots = [_shot(name, of, origin, unusable(*of)) for name, of in zip(names, rows, strict=True)]
+    sha256 = hashlib.sha256(path.read_bytes()).hexdigest()
+    return CollapseGroup(name=path.stem, source=str(path), source_sha256=sha256, notes=notes, shots=shots)
+
+
+def _variable(path: Path) -> np.ndarray | None:
+    """The array of a .mat of any version; None where there is none."""
+    with path.open("rb") as file:
+        head = file.read(128)
+    hdf5 = head.startswith(b"MATLAB 7.3")
+    if not hdf5 and head[124:128] not in (b"\x00\x01IM", b"\x01\x00MI"):
+        return None
+    try:
+        value = (read_hdf5 if hdf5 else read_matfile)(path, (VARIABLE,))[0].get(VARIABLE)
+    except InputError:
+        raise
+    except Exception:  # damaged: the reader of curves says how
+        return None
+    return value if isinstance(value, np.ndarray) else None
+
+
+def column(title: str) -> tuple[str | None, str | None]:
+    """("R_max" | "lambda" | "t_1" | "name" | None, unit or None) of a title such as `t1_us`."""
+    return column_of(title, _TITLES, _UNITS)
+
+
+def _is_header(cells: list[str]) -> bool:
+    return {"R_max", "t_1"} <= {column(title)[0] for title in cells}
+
+
+def _columns(table: list[Row], known_stretch: bool) -> dict[str, Any]:
+    """Columns in SI by name."""
+    (_, header), *rows = table
+    columns: dict[str, Any] = {}
+    for at, title in enumerate(header):
+        kind, unit = column(title)
+        if kind is None:
+            continue
+        require(kind not in columns, f"two columns for {kind} in the header {header}", "collapse_time.twice")
+        units = _UNITS.get(kind, {unit or "": 1.0})
+        trouble = "has no unit" if unit is None else f"has the unknown unit {unit!r}"
+        known = f"{title!r} {trouble} ({', '.join(units)}); {_EXPECTED}"
+        require((unit or "") in units, known, "collapse_time.unit")
+        if kind == "name":
+            columns[kind] = [cells[at] if at < len(cells) else "" for _, cells in rows]
+        else:
+            columns[kind] = numbers(rows, at) * units[unit or ""]
+    missing = f"no column for lambda = R_max/R_0; {_EXPECTED}, or give --stretch"
+    require("lambda" in columns or known_stretch, missing, "collapse_time.no_stretch")
+    require(bool(rows), "a header but no rows of data", "collapse_time.no_rows")
+    refuse_wider(rows, header)
+    return columns
+
+
+def write_csv(path: Path, document: CollapseTimes) -> None:
+    """One line per shot of every group."""
+    rows = ({"group": group.name, **shot.model_dump()} for group in document.groups for shot in group.shots)
+    write_rows(path, ["group", *CollapseShot.model_fields], rows)
+
+
+def _interval(value: CollapseValue, factor: float = 1.0, *, joint: str = " ") -> str:
+    """'6.5 [4.5, 8.6]', to the digits that the interval leaves; without it where there is none."""
+    low, high = (None, None) if value.low == value.high else (value.low, value.high)
+    if value.value == 0 and high is not None:  # which leaves no digits to go by
+        return f"0{joint}[0, {digits.significant(high * factor, 2)}]"
+    return digits.quantity(Quantity(median=value.value, q05=low, q95=high), factor, joint=joint)
+
+
+def print_table(document: CollapseTimes) -> None:
+    """A row per group and model, then what is to be known of them."""
+    console = terminal.console()
+    factor, unit = document.modulus_unit
+    heads = ("n", "model", f"G [95 %]\n{unit}", "µ [95 %]\nPa s", "scatter\n% of t₁")
+    table = terminal.table("material", heads, left=("model",))
+    table.columns[0].min_width = 10
+    for group in document.groups:
+        who = digits.elide(group.name, 30)
+        n = f"{group.n}" if not group.unusable else f"{group.n - group.unusable}/{group.n}"
+        for name, found in (group.estimates() or {digits.MISSING: CollapseEstimate()}).items():
+            G, mu = _interval(found.shear_modulus_Pa, factor, joint="\n"), _interval(found.viscosity_Pa_s, joint="\n")
+            table.add_row(who, n, name, G, mu, digits.percent(found.scatter))
+            who = ""
+    console.print(table)
+    remarks = terminal.once(remark for group in document.groups for remark in _remarks(group, factor, unit))
+    terminal.print_remarks(console, remarks, most=5)
+    slopes = [group.best.shear_modulus_Pa.per_percent for group in document.groups if group.best]
+    if moves := [abs(slope) * factor for slope in slopes if slope]:
+        ends = " to ".join(dict.fromkeys(digits.significant(end, 2) for end in (min(moves), max(moves))))
+        common = f"t₁ of all shots 1 % longer (R_max, frame rate, density) lowers G by {ends} {unit}"
+        console.print(f"intervals: from the scatter of the shots alone; {common}", style="dim")
+    terminal.print_remarks(console, {}, document.notes)
+
+
+def _remarks(group: CollapseGroup, factor: float, unit: str) -> Iterator[tuple[str, str]]:
+    """(whom it is about, what is to be known)."""
+    for name, found in group.estimates().items():
+        who = f"{group.name} ({name})"
+        yield who, found.message
+        if found.downweighted:
+            yield who, f"weighted down: {', '.join(found.downweighted)}"
+        if found.pairs and found.shear_modulus_Pa.value is None:
+            pairs = "; ".join(f"{G * factor:.3g}, {mu:.2g}" for G, mu in found.pairs)
+            yield who, f"equally good pairs (G {unit}, µ Pa s): {pairs}"
+    for one in group.shots:
+        if one.message:
+            who = one.name if one.name.startswith(group.name) else f"{group.name} {one.name}"
+            yield who, f"left out: {one.message}"
+    for note in group.notes:
+        yield group.name, note
+    if origins := sorted({shot.stretch_from for shot in group.shots} - {"", "table"}):
+        yield group.name, f"lambda: {', '.join(origins)}"
+
+
+def write_pictures(folder: Path, document: CollapseTimes) -> None:
+    """One PNG per group that has an answer."""
+    names = file_names([group.name for group in document.groups])
+    medium = Medium(**document.medium)
+    for group, name in zip(document.groups, names, strict=True):
+        if group.best is not None:
+            save_png(folder / f"{name}.png", figure(group, group.best, medium, document.modulus_unit))
+
+
+def figure(group: CollapseGroup, best: CollapseEstimate, medium: Medium, unit: tuple[float, str]) -> Figure:
+    """Above, t_1/t_RC of the shots and of the best model, with the analytic curve at the median lambda; below,
+    residuals. Where G and mu were not both found: the equally good pairs.
+    """
+    factor, name = unit
+    G, mu = best.shear_modulus_Pa, best.viscosity_Pa_s
+    count = f"{len(group.usable)} collapse time" + "s" * (len(group.usable) != 1)
+    if G.value is None or mu.value is None:
+        drawing = headed(group.name, count, ["G and µ: one relation, not both"])
+        pairs = np.array(best.pairs).reshape(-1, 2) * [factor, 1.0]
+        axes = one_panel(drawing, "µ (Pa s)", f"G ({name})")
+        axes.plot(pairs[:, 1], pairs[:, 0], "o-", ms=4, lw=1, color=VERMILLION)
+        said = "every pair on this line has the measured collapse times" if len(pairs) else "no pair gives such times"
+        write(axes, 0.02, 0.93, said, size=9, color=INK)
+        return drawing
+    answer = [f"G = {_interval(G, factor)} {name}", f"µ = {_interval(mu)} Pa s"]
+    drawing = headed(group.name, count, [*answer, "exact" if group.exact else "analytic"])
+    labels = (r"$t_1/t_\mathrm{RC}$", r"$R_\mathrm{max}$ (µm)", r"$t_1$ from model (%)")
+    upper, lower = two_panels(drawing, *labels)
+    radius, stretches, _ = group.columns()
+    radius = 1e6 * radius
+    measured, model = np.array(best.measured, dtype=float), np.array(best.model, dtype=float)
+    upper.plot(radius, measured, "o", ms=4.5, mew=0, color=BLUE, label="measured", zorder=3)
+    if np.isfinite(model).any():
+        upper.plot(radius, model, "s", ms=4.2, mew=1.0, mfc="none", mec=VERMILLION, label="model", zorder=4)
+        heavy = np.array(best.weight) >= 0.5
+        away = 100 * (measured / model - 1)
+        lower.plot(radius[heavy], away[heavy], "o", ms=4, mew=0, color=BLUE)
+        lower.plot(radius[~heavy], away[~heavy], "x", ms=5, mew=1.4, color=INK)
+        if not heavy.all():
+            write(lower, 1.0, 1.05, "× weighted down", size=8, color=INK, ha="right")
+        most = 1.15 * float(np.nanmax(np.abs(away))) or 1.0
+        lower.set_ylim(-most, most)
+        if radius.size > 1:
+            across = np.geomspace(radius.min() * 0.97, radius.max() * 1.03, 200) * 1e-6
+            stretch = float(np.median(stretches))
+            times = analytic_time(across, stretch, G.value, mu.value, medium) / rayleigh_time(across, medium)
+            label = f"analytic, λ = {digits.significant(stretch, 2)}"
+            upper.plot(1e6 * across, np.where(np.isfinite(times), times, np.nan), lw=1, color=VERMILLION, label=label)
+    lower.axhline(0.0, color=INK, lw=0.8)
+    upper.axhline(1.0, color=INK, lw=0.8, ls=(0, (2, 3)), zorder=0)
+    margin = 0.02 * max(float(np.ptp(radius)), 10.0)
+    for axes in (upper, lower):
+        axes.set_xlim(radius.min() - 2 * margin, radius.max() + 2 * margin)
+    upper.legend(loc="lower right", bbox_to_anchor=(1.0, 0.985), ncols=3, fontsize=8.5, frameon=False, handlelength=1.6)
+    return drawing
