@@ -11,7 +11,7 @@ check its usual timidity (Robins, van der Vaart and Ventura 2000, doi:10.1080/01
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -19,8 +19,7 @@ from cavirheo.arrays import Floats
 from cavirheo.inference.verify.tuning import TUNING
 
 
-@dataclass(frozen=True)
-class Predictive:
+class Predictive(NamedTuple):
     """p-values of the three statistics, and their values for the measurement."""
 
     p: dict[str, float]
@@ -30,10 +29,6 @@ class Predictive:
     def p_value(self) -> float:
         """Of the most extreme statistic, three having been looked at (Bonferroni)."""
         return min(1.0, len(self.p) * min(self.p.values()))
-
-    @property
-    def rejected(self) -> bool:
-        return self.p_value < TUNING.rejected
 
 
 def statistics(residuals: Floats) -> dict[str, Floats]:
@@ -65,13 +60,6 @@ def predictive_check(residual: Floats, jacobian: Floats, deviation: Floats, seed
     noise = np.random.Generator(np.random.Philox(seed)).standard_normal((TUNING.replicates, n))
     replicated = statistics(noise - (noise @ fitted.T) @ J.T)
     observed = {name: float(value[0]) for name, value in statistics(scaled[None]).items()}
-    p = {
-        name: float((1 + np.count_nonzero(values >= observed[name])) / (1 + TUNING.replicates))
-        for name, values in replicated.items()
-    }
+    extreme = {name: np.count_nonzero(values >= observed[name]) for name, values in replicated.items()}
+    p = {name: float((1 + count) / (1 + TUNING.replicates)) for name, count in extreme.items()}
     return Predictive(p, observed)
-
-
-def systematic(residual: Floats, noise: float) -> float:
-    """Root mean square of the misfit beyond independent noise of this deviation, in the residual's unit."""
-    return float(np.sqrt(max(float(np.mean(residual**2)) - noise**2, 0.0)))

@@ -35,17 +35,12 @@ class Mixture:
     @classmethod
     def about(cls, means: Sequence[Floats], covariances: Sequence[Floats], log_share: Sequence[float]) -> Mixture:
         """A component about each place, and a tenth of the draws twice as wide."""
-        share, scale = np.exp(np.asarray(log_share) - logsumexp(log_share)), np.array(covariances)
-        return cls(
-            np.concatenate([0.9 * share, 0.1 * share]), np.tile(means, (2, 1)), np.concatenate([scale, 4.0 * scale])
-        )
+        share = np.exp(np.asarray(log_share) - logsumexp(log_share))
+        return cls(share, np.array(means), np.array(covariances)).widened(0.1, 2.0)
 
-    def widened(self) -> Mixture:
-        """With some of the draws from the same components, wider: fitted shapes lose their tails."""
-        share = np.concatenate([(1.0 - TUNING.wide_share) * self.share, TUNING.wide_share * self.share])
-        return Mixture(
-            share, np.tile(self.mean, (2, 1)), np.concatenate([self.scale, TUNING.wide_factor**2 * self.scale])
-        )
+    def widened(self, part: float = TUNING.wide_share, factor: float = TUNING.wide_factor) -> Mixture:
+        """With `part` of the draws from the same components, wider: fitted shapes lose their tails."""
+        return self.beside(Mixture(self.share, self.mean, factor**2 * self.scale), part)
 
     def beside(self, other: Mixture, part: float) -> Mixture:
         """With `part` of the draws from the other."""
@@ -136,6 +131,7 @@ class Sample:
 
     @cached_property
     def tail(self) -> tuple[float, float]:
+        """`tail` of the weights."""
         return tail(self.log_weight)
 
     @property
@@ -156,23 +152,19 @@ class Proposal(Protocol):
 Propose = Callable[[np.random.Generator, "Sample | None"], Proposal]
 
 
-def sample(target: Log, start: Mixture | Propose, *, seed: int, each: int, most: int, enough: float) -> Sample:
+def sample(target: Log, propose: Propose, *, seed: int, each: int, most: int, enough: float) -> Sample:
     """Rounds of `each` draws of a log density, until their effective size is `enough` (and their tail index in order)
     or there are `most`.
 
-    `start` gives a proposal from the draws so far, or is the first: then the next is fitted to the draws. A good one
-    stays, for proposals made from the draws that they then weigh lose a few per cent of the tails. The draws depend on
-    the seed, the target and the start alone.
+    `propose` gives a proposal from the draws so far. A good one stays, for proposals made from the draws that they then
+    weigh lose a few per cent of the tails. The draws depend on the seed, the target and the proposals alone.
     """
     rng = np.random.Generator(np.random.Philox(seed))
-    propose = _Fitted(start) if isinstance(start, Mixture) else start
     proposals: list[Proposal] = []
     counts: list[int] = []  # draws from each
     densities: list[Floats] = []  # of each, log, at all draws so far
     found: Sample | None = None
-    while found is None or (
-        len(found.u) < most and (len(found.u) < TUNING.fewest_rounds * each or found.ess < enough or not found.reliable)
-    ):
+    while True:
         if found is None or found.ess < TUNING.good_proposal * len(found.u) or not found.reliable:
             proposals.append(propose(rng, found))
             counts.append(0)
@@ -185,19 +177,9 @@ def sample(target: Log, start: Mixture | Propose, *, seed: int, each: int, most:
             u, value = np.concatenate([found.u, u]), np.concatenate([found.log_target, value])
         log_share = np.log(np.array(counts) / len(u))[:, None]
         found = Sample(u, value, np.asarray(logsumexp(log_share + densities, axis=0)))
-    return found
-
-
-class _Fitted:
-    """Proposals that are one mixture, fitted to the draws so far."""
-
-    def __init__(self, mixture: Mixture) -> None:
-        self.mixture = mixture
-
-    def __call__(self, rng: np.random.Generator, found: Sample | None) -> Mixture:
-        if found and np.any(np.isfinite(found.log_weight)):
-            self.mixture = self.mixture.fitted(found.u, found.log_weight)
-        return self.mixture.widened()
+        many = len(u) >= TUNING.fewest_rounds * each and found.ess >= enough and found.reliable
+        if many or len(u) >= most:
+            return found
 
 
 def effective_size(log_weight: Floats) -> float:
@@ -211,9 +193,9 @@ def effective_size(log_weight: Floats) -> float:
 
 def tempered(log_weight: Floats, least: float) -> Floats:
     """log_weight, or a power of the weights small enough for an effective size of `least`."""
-    if effective_size(log_weight) >= min(least, 0.5 * np.count_nonzero(np.isfinite(log_weight))):
-        return log_weight
     goal = min(least, 0.5 * np.count_nonzero(np.isfinite(log_weight)))
+    if effective_size(log_weight) >= goal:
+        return log_weight
     low, high = 0.0, 1.0
     for _ in range(20):
         middle = 0.5 * (low + high)
