@@ -1,11 +1,10 @@
 """A trained network answers, and simulations correct the answer for the true scale of the shot.
 
-The network was trained at one R_max, in one medium and on one grid of times. Its answer is brought to the shot at the
-same Cauchy and Reynolds numbers (TrainingProblem.to_shot), which is not enough: surface tension, heat and mass transfer
-do not scale, and a 60 um bubble read as a 245 um one looks 0.3 to 0.4 decades too viscous (docs/method/physics.md,
-section 1). So the network is used as a summary of the curve (indirect inference, Gourieroux, Monfort and Renault 1993,
-doi:10.1002/jae.3950080507): wanted is the theta whose simulation *at the true R_max, in the true medium, seen by the
-same camera with the same noise* gives the same summary,
+The network knows one R_max, medium and grid of times. The same Cauchy and Reynolds numbers (TrainingProblem.to_shot)
+are not enough: surface tension, heat and mass transfer do not scale, and a 60 um bubble read as a 245 um one looks 0.3
+to 0.4 decades too viscous (docs/method/physics.md, section 1). So the network is used as a summary of the curve
+(indirect inference, Gourieroux, Monfort and Renault 1993, doi:10.1002/jae.3950080507): wanted is the theta whose
+simulation *at the true R_max, in the true medium, seen by the same camera with the same noise* gives the same summary,
 
     theta <- theta + net(measured) - net(simulated(theta)),
 
@@ -39,7 +38,7 @@ STRETCH_SETTLED = 0.003  # relative change of the stretch in the last iteration
 PATIENCE = 4  # iterations without a nearer summary
 CONVERGED = 0.005  # largest difference of the two summaries, decades
 LARGEST_STEP = 0.5  # decades
-MARGIN = 0.3  # decades beyond the training range, there and at the shot's scale, in which the answer is looked for
+MARGIN = 0.3  # decades beyond the training range in which the answer is looked for
 SHORTEST = 0.6  # of the network's samples that must lie inside the recording
 
 
@@ -68,7 +67,7 @@ class Amortised:
         require(self.collapses is None or self.collapses >= 1, told, "option.window")
         found: dict[str, Any] = {}
         try:
-            theta, checks, found = _Work(self, curve).answer()
+            theta, checks, found = _Reading(self, curve).answer()
         except (InputError, SolverError) as error:
             theta, checks = np.empty((0, len(names))), Checks("failed", str(error))
         provenance = {
@@ -89,11 +88,11 @@ class Amortised:
 
         Raises InputError: the curve cannot be put on the network's grid.
         """
-        work = _Work(self, curve)
+        work = _Reading(self, curve)
         return work.for_shot(self.model(work.completed())[0])
 
 
-class _Work:
+class _Reading:
     """The work on one curve. theta (outputs,) are in the prior's scale, for the reference scale."""
 
     def __init__(self, settings: Amortised, curve: RadiusCurve) -> None:
@@ -114,7 +113,7 @@ class _Work:
             )
         self.view = window(curve, collapses=settings.collapses, end=read_until)
         self.low, self.high = np.transpose([self.problem.prior.bounds(name) for name in self.model.outputs])
-        # Frames as the camera saw them after R_max; simulations are put on the grid from these, as the measurement was.
+        # Simulations are put on the grid from the camera's frames after R_max, as the measurement was.
         seen = np.isfinite(curve.radius) & (curve.time > curve.time_of_max)
         self.seen = curve.time[seen] - curve.time_of_max
         rng = np.random.default_rng(0)  # the same draws in every iteration, so that it converges
@@ -180,8 +179,8 @@ class _Work:
         return best
 
     def _simulated(self, theta: Floats, stretch: float) -> Floats:
-        """(k, frames) R/R_max of the answer at the true R_max on the grid by way of the camera's frames, each with
-        another draw of the measurement's noise: the network takes noise for a weaker damping, in both alike."""
+        """(k, frames) R/R_max at the true R_max on the grid by way of the camera's frames, each with another draw of
+        the measurement's noise: the network takes noise for a weaker damping, in both alike."""
         grid = self.step * np.arange(self.frames)
         beyond = grid[grid > self.seen[-1]]
         times = np.concatenate([[0.0], self.seen, beyond])

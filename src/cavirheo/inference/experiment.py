@@ -1,7 +1,7 @@
 """Experiment: one curve, and everything that is assumed of it. Fit, posterior and evidence speak to this object.
 
-A measured frame at t_i shows the mean of R over its exposure; the clock is off by t_0, the radii by a scale, and R_max
-of the motion is a factor off that read from the curve:
+A frame at t_i shows the mean of R over its exposure; the clock is off by t_0, the radii by a scale, and R_max of the
+motion by a factor:
 
     y_i = <R(t_i - t_0)>/(scale R_max) + e_i,    R(0) = scale x factor x R_max,    R_max that of the curve.
 
@@ -32,15 +32,15 @@ from cavirheo.prior import Prior
 Accuracy = Mapping[str, Any]  # options of `simulate`
 
 COARSE: Accuracy = {"cells": 32, "rtol": 1e-3}  # for the starts: 1.5 ms
-QUICK: Accuracy = ROUGH  # for the search: forward differences of 1e-3 are right to 1 %
-FINE: Accuracy = {}  # the solver's default: central differences of 3e-3 are right to 0.1 % (docs/method/fit.md)
-FLOOR = 0.007  # of R_max: two independent circle fits of one video differ by 1.0 % rms, so each has 0.7 %
-TIMING = 1.0 / np.sqrt(12.0)  # of a frame interval: standard deviation of an instant somewhere within the frame
-SHARPEST = 1e-3  # of R_max: less noise than this is not believed, for the solver's own error is up to that
+QUICK: Accuracy = ROUGH  # for the search: forward differences are right to 1 %
+FINE: Accuracy = {}  # the solver's default: central differences are right to 0.1 %
+FLOOR = 0.007  # of R_max: two circle fits of one video differ by 1.0 % rms, so each has 0.7 %
+TIMING = 1.0 / np.sqrt(12.0)  # frames: standard deviation of an instant within one
+SHARPEST = 1e-3  # of R_max: the solver's own error; less noise is not believed
 FREE = {"t0": "time_origin", "scale": "radius_scale", "rmax": "max_radius_factor"}  # option: name in the answer
-SCALE_BOUND = 0.015  # radius calibration and R_max are known to 1-1.5 % (two circle fits of one video differ by 1 %)
-SIGMAS = 3.0  # standard deviations of the radius scale and of R_max within their bounds
-AT_END = 0.25  # of an interval's width: an end nearer to that of the range is the range's, not the curve's
+SCALE_BOUND = 0.015  # radius calibration and R_max are known to 1-1.5 %
+SIGMAS = 3.0  # standard deviations of these within their bounds
+AT_END = 0.25  # of an interval's width: an end nearer to the range's is the range's
 _LN10 = float(np.log(10.0))
 _NODES, _SHARES = (part / 2.0 for part in np.polynomial.legendre.leggauss(9))  # of an exposure, over its length
 
@@ -50,10 +50,7 @@ def _positive(time: float | None) -> bool:
 
 
 _DOMAINS: dict[str, tuple[Callable[[Any], bool], str]] = {
-    "window": (
-        lambda n: n in (None, "all") or (isinstance(n, int) and n >= 1),
-        "a number of collapses from 1 up, or 'all'",
-    ),
+    "window": (lambda n: n in (None, "all") or (isinstance(n, int) and n >= 1), "collapses from 1 up, or 'all'"),
     "end": (_positive, "a positive time in s"),
     "stretch": (lambda value: not isinstance(value, str) or value == "plateau", "R_max/R_0, 'plateau' or left out"),
     "free": (lambda names: sorted(names) == sorted({*names} & {*FREE}), f"some of {', '.join(FREE)}, each once"),
@@ -100,8 +97,7 @@ class Experiment:
 
     A frame counts with sigma^2 = sigma_R^2 + (U dt/sqrt(12))^2: sigma_R is the radius noise (its own where the file
     states one, else that of the curve from frame to frame, at least 0.7 % of R_max), U the wall's speed and dt the
-    frame interval, within which the instant of a frame is not known. So a frame beside a collapse, where one frame
-    interval moves the wall by half of R_max, decides little. Frames that stand out as spikes do not count.
+    frame interval, within which its instant is not known. So frames beside a collapse decide little.
 
     names: (d,) of x. bounds: (d, 2). since, measured, sigma: (m,) of the measured frames in the window: s after R_max,
     R/R_max, assumed deviation over R_max. counted: (m,) frames that are no spikes.
@@ -142,8 +138,6 @@ class Experiment:
         self.cut = (None if wanted in (None, "all") else int(wanted), options.end)  # the window asked for
         self.set_window(*self.cut)
 
-    # what was measured
-
     def set_window(self, collapses: int | None, end: float | None = None) -> None:
         """Cut to so many collapses (None: all) and at most `end` s, with weights from the measured motion."""
         self.view: Window = window(self.curve, collapses=collapses, end=end)
@@ -161,8 +155,6 @@ class Experiment:
         """Set sigma of the frames from the wall's speed over R_max, 1/s."""
         motion = speed * self.frame * TIMING if self.options.weights == "motion" else 0.0
         self.sigma = np.where(self.counted, np.hypot(self._radius_sigma, motion), np.inf)
-
-    # what is varied
 
     @property
     def plateau(self) -> tuple[float, float] | None:
@@ -204,10 +196,8 @@ class Experiment:
 
         log10 of the law's parameters and of the stretch: uniform in the ranges that a fit searches, or in `ranges`
         ({"shear_modulus": [low, high] in SI}); the stretch normal where the plateau gives it. Time origin: uniform
-        within its bound. Radius scale and R_max: normal, with a third of their bound as standard deviation.
-
-        Raises:
-            InputError: a range for an unknown parameter, or one that is not positive and rising.
+        within its bound. Radius scale and R_max: normal, a third of their bound wide. Raises InputError: a range of an
+        unknown parameter, or one that is not positive and rising.
         """
         bounds, given = self.bounds.copy(), dict(ranges or {})
         mean, std = np.zeros(len(self.names)), np.full(len(self.names), np.inf)
@@ -225,14 +215,10 @@ class Experiment:
         require(not given, told, "prior.name")
         return Prior(self.names, bounds[:, 0], bounds[:, 1], mean, std)
 
-    # what is expected
-
     def predict(self, x: Floats, accuracy: Accuracy = FINE, *, counted: bool = False) -> Prediction | None:
-        """What the camera would have measured at x (d,), in the frames that count or in all; None if the simulation
-        failed.
+        """What the camera would have measured at x (d,), in the frames that count or in all; None if that failed.
 
-        The bubble starts from rest at R_max times radius scale and factor, at t_max + t_0; instants before that are
-        mirrored (R is even in time to third order at its maximum).
+        The bubble starts from rest at t_max + t_0; instants before are mirrored (R is even to third order there).
         """
         natural = self.natural(x)
         nodes, shares = (_NODES, _SHARES) if self.exposure else (np.zeros(1), np.ones(1))
@@ -268,9 +254,8 @@ class Experiment:
     def noise(self, discrepancy: bool) -> Noise:
         """The distribution of the frames that count about the simulation (noise.py).
 
-        With `discrepancy` the assumed deviations are the fit's (at least 0.7 % of R_max, more where the measured wall
-        moves fast); without it they are those of the file or of the frame-to-frame noise. Raises InputError: fewer
-        than three frames count.
+        The assumed deviations are with `discrepancy` the fit's, without it those of the file or of the frame-to-frame
+        noise. Raises InputError: fewer than three frames count.
         """
         count = int(np.sum(self.counted))
         told = f"{self.curve.name}: {count} frames are too few for a posterior"
@@ -278,10 +263,8 @@ class Experiment:
         deviation = (self.sigma if discrepancy else self._sharpest)[self.counted]
         return Noise(deviation, self.since[self.counted], self.time_scale, discrepancy)
 
-    # what is said of an answer
-
     def checks(self, x: Floats, verdict: Verdict, messages: Sequence[str]) -> Checks:
-        """`Reconstruction.checks` at x on the clock and scale of x; what is drawn is on those of the measurement."""
+        """`Reconstruction.checks` on the clock and scale of x; what is drawn is on those of the measurement."""
         natural, cut = self.natural(x), self.view.curve
         scale, origin = natural["radius_scale"], natural["time_origin"]
         maximum = (cut.time_of_max + origin, self.max_radius * scale * natural["max_radius_factor"])
@@ -292,8 +275,8 @@ class Experiment:
         return found.checks(self.view, self.time_scale, verdict, messages)
 
     def open_ends(self, x: Floats, low: Floats, high: Floats, log_weight: Floats | None = None) -> dict[str, str]:
-        """Parameters of the law and the stretch whose central 90 % of the draws x (draws, d) end at an end of the
-        range low (d,) to high (d,): there the range decides, not the curve."""
+        """Parameters of the law and the stretch whose central 90 % of x (draws, d) reach an end of their range, low to
+        high (d,): there the range decides, not the curve."""
         found: dict[str, str] = {}
         for name, values, a, b in zip(self.names, x.T, low, high, strict=True):
             if name in FREE.values() or len(x) < 2:

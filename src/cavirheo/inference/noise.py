@@ -100,8 +100,8 @@ class Noise:
         return found
 
     def newton(self, residual: Floats, jacobian: Floats) -> tuple[Floats, Floats]:
-        """Gradient (d,) and Gauss-Newton curvature (d, d) of -log density of measured minus simulated, (n,), where
-        `jacobian` (n, d) is that of the simulated: grid points and k^2 as the residual has them on average."""
+        """Gradient (d,) and Gauss-Newton curvature (d, d) of -log density of measured minus simulated, (n,), with the
+        simulated's `jacobian` (n, d)."""
         _, share, squares = self._weighed(residual[:, None])
         weight = (share * self.power / (SHAPE + 0.5 * squares))[:, 0]
         both = np.column_stack([jacobian, residual])

@@ -13,7 +13,7 @@ from threadpoolctl import threadpool_limits
 from cavirheo.arrays import Floats
 from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError, SolverError, require
-from cavirheo.inference.experiment import FINE, FREE, SCALE_BOUND, Experiment, Options
+from cavirheo.inference.experiment import FINE, FREE, Experiment, Options
 from cavirheo.inference.fit.least_squares import LeastSquares
 from cavirheo.inference.fit.starts import Scan
 from cavirheo.inference.law import Family
@@ -30,31 +30,23 @@ from cavirheo.prior import log_normal
 
 __all__ = ["Verification", "verify", "verify_many"]
 
-Level = Literal["map", "full"]
 _CARRIED = ("cavirheo", "medium", "model", "model_sha256", "problem_id", "source_sha256", "windows", "options")
 _NARROWEST = 0.02  # t_c: half-width of the clock where half a frame is less; R_max is hardly seen sooner
 _INSIDE = 1e-3  # of the probability, that a start keeps away from the bounds: it must have somewhere to go
 
 
 @dataclass(frozen=True)
-class Verification:
-    """How an answer is verified.
+class Verification(Options):
+    """How an answer is verified: the options of its experiment, by default with free clock, scale and R_max, and
 
-    level: "map" (maximum and Laplace's Gaussian) or "full" (weighted draws). stretch, free, t0_bound, scale_bound: as
-    in `fit_many`; free clock, scale and R_max by default. discrepancy: allow for what no simulation follows (noise.py);
-    without it the law is taken as exact. ranges: of the priors, {"shear_modulus": [low, high] in SI}; default those
-    that a fit searches. draws: at most so many weighted ones.
-
-    Raises:
-        InputError: a setting is out of its domain.
+    level: "map" (maximum and Laplace's Gaussian) or "full" (weighted draws). discrepancy: allow for what no simulation
+    follows (noise.py); without it the law is taken as exact. ranges: of the priors, {"shear_modulus": [low, high] in
+    SI}; default those that a fit searches. draws: at most so many weighted ones. Raises InputError.
     """
 
-    level: Level = "full"
-    medium: Medium = WATER
-    stretch: float | str | None = None
     free: tuple[str, ...] = tuple(FREE)
-    t0_bound: float | None = None
-    scale_bound: float = SCALE_BOUND
+    level: Literal["map", "full"] = "full"
+    medium: Medium = WATER
     discrepancy: bool = True
     ranges: Mapping[str, Sequence[float]] | None = None
     draws: int = TUNING.draws
@@ -64,12 +56,7 @@ class Verification:
     def __post_init__(self) -> None:
         require(self.level in ("map", "full"), f"verify must be map or full, got {self.level!r}", "option.verify")
         require(self.draws >= 10, f"a posterior needs at least 10 draws, got {self.draws}", "option.draws")
-        self.options(None, None)
-
-    def options(self, end: float | None, t0_bound: float | None) -> Options:
-        """Of an experiment whose window ends at `end`. Raises InputError."""
-        clock = self.t0_bound or t0_bound
-        return Options(None, end, self.stretch, tuple(self.free), clock, self.scale_bound, windows=False)
+        super().__post_init__()
 
 
 def verify(curve: RadiusCurve, answer: Posterior, **settings: Any) -> Posterior:
@@ -85,11 +72,10 @@ def verify_many(
     done: Callable[[], None] | None = None,
     **settings: Any,
 ) -> list[Posterior]:
-    """Answers brought to the maximum of the posterior and, with level "full", replaced by draws that the likelihood
-    has weighted; on all cores, in their order. `settings` are those of `Verification`; `done` is called after each.
+    """Answers of any method brought to the maximum of the posterior and, with level "full", replaced by draws that the
+    likelihood has weighted; on all cores, in their order. `settings` are those of `Verification`.
 
-    An answer may come from any method; it needs a value for the law's parameters and for the stretch. The law and the
-    window are the answer's. A failed answer stays as it is; one whose verification fails keeps its values and says so.
+    Law and window are the answer's. A failed answer stays as it is; one whose verification fails says so.
     """
     inner = max(cores(workers) // max(len(curves), 1), 1)
     chosen = Verification(workers=inner, **settings)
@@ -117,9 +103,8 @@ class _Work:
         self.settings, self.answer = settings, answer
         scale, frame = settings.medium.time_scale(curve.max_radius), float(np.median(np.diff(curve.time)))
         end = answer.checks.t_star_end
-        options = settings.options(
-            None if end is None else end * scale * (1.0 + 1e-9), max(0.5 * frame, _NARROWEST * scale)
-        )
+        clock = settings.t0_bound or max(0.5 * frame, _NARROWEST * scale)
+        options = replace(settings, end=None if end is None else end * scale * (1.0 + 1e-9), t0_bound=clock)
         exposure = float(curve.exposure or 0.0)
         self.shot = Experiment(curve, Family(answer.material), settings.medium, options, exposure=exposure)
         self.prior = self.shot.prior(settings.ranges)
@@ -149,7 +134,7 @@ class _Work:
         raise SolverError(f"no mode of {self.shot.family.name} could be simulated")
 
     def starts(self) -> list[Floats]:
-        """u of the answer and of its other windows, for they may be other valleys; nuisances at their middle."""
+        """u of the answer and of its other windows, which may be other valleys; nuisances at their middle."""
         answer, found = self.answer, list[Floats]()
         here = {"stretch": answer.stretch} | {name: answer.median(name) for name in answer.parameters}
         for given in (here, answer.best, *(window.best for window in answer.windows.values())):
@@ -163,8 +148,7 @@ class _Work:
         return found
 
     def scanned(self) -> list[Floats]:
-        """u where coarse simulations all over the ranges of a fit are most likely: neither a network's answer nor least
-        squares need lie in the highest valley."""
+        """u where coarse simulations all over the ranges are most likely: the answer need not be the highest valley."""
         fit = LeastSquares([self.shot], self.target.workers)
         try:
             scan = Scan(fit, TUNING.scanned)
@@ -183,8 +167,7 @@ class _Work:
     def _answer(
         self, u: Floats, drawn: Sample | None, best: Mode, evidence: Evidence, about: dict[str, Any]
     ) -> Posterior:
-        """The Posterior of u (k, d): the weighted draws if they can be trusted, else the maximum, or of Laplace's
-        Gaussian about it."""
+        """The Posterior of u (k, d): weighted draws, the maximum where they are not to be trusted, or a Gaussian."""
         shot, prior, noise, settings = self.shot, self.prior, self.target.noise, self.settings
         x = prior.to_x(u)
         names, theta = shot.answer(x)

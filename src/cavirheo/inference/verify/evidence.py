@@ -1,9 +1,8 @@
 """Which of several laws? Evidence of each from the draws of its verified posterior.
 
-log p(frames | law) is the log of the mean importance weight. It rewards a law for how well it predicts the frames with
-all its prior, so a parameter that is not needed costs log(prior width/posterior width): laws that nest, like nhkv in
-qkv, are compared fairly only as far as the prior ranges are meant (docs/method/posterior.md). Kass and Raftery 1995,
-doi:10.1080/01621459.1995.10476572.
+log p(frames | law) is the log of the mean importance weight. A parameter that is not needed costs log(prior width/
+posterior width): laws that nest are compared fairly only as far as the prior ranges are meant
+(docs/method/posterior.md). Kass and Raftery 1995, doi:10.1080/01621459.1995.10476572.
 """
 
 from __future__ import annotations
@@ -82,11 +81,8 @@ def rank_laws(
 ) -> tuple[list[Ranking], list[Ranking]]:
     """The laws of each curve, and of each group of more than one: the sum over shots each with its own parameters.
 
-    All laws see the same frames. `options` are those of `Verification`; `ranges` may hold parameters of some of the
-    laws only. `done` is called after each law of each curve.
-
-    Raises:
-        InputError: fewer than two laws, one of them unknown, or a setting out of its domain.
+    `options` are those of `Verification`; `ranges` may hold parameters of some of the laws only. `done` is called after
+    each law of each curve. Raises InputError: fewer than two laws, one unknown, or a setting out of its domain.
     """
     told = f"give two or more different laws to choose from, got {', '.join(laws) or 'none'}"
     require(len(laws) >= 2 and len(set(laws)) == len(laws), told, "option.laws")
@@ -112,8 +108,7 @@ def rank_laws(
 
 
 def _evidence(answer: Posterior) -> Evidence | None:
-    """The evidence with a standard error that is larger where the weights cannot be trusted (the posterior of a law
-    that is far off is often ragged); None where there is no posterior."""
+    """With a larger standard error where the weights cannot be trusted; None where there is no posterior."""
     found = answer.evidence
     if found is None or found.error is None or not np.isfinite(found.log):
         return None

@@ -18,8 +18,7 @@ from cavirheo.inference.verify.tuning import TUNING
 class Blend:
     """Draws from a surrogate, by rejection from a mixture, and from the mixture itself.
 
-    The surrogate over the mixture is cut where it exceeds a multiple of its mean; `pool` (k, d) of the mixture's draws
-    gives that mean and the norm. Resampling a pool instead would draw its few heavy members, the tails, too rarely.
+    The surrogate over the mixture is cut at a multiple of its mean, which a `pool` (k, d) of the mixture's draws gives.
     """
 
     def __init__(self, surrogate: Surrogate, mixture: Mixture, pool: Floats, log_surrogate: Floats) -> None:
@@ -99,8 +98,8 @@ class Explorer:
         return value
 
     def propose(self, rng: np.random.Generator, counted: Sample | None) -> Blend | Mixture:
-        """The next proposal, from the draws that count so far too; before the first, rounds of rough simulations where
-        the posterior and its tails seem to be, and one more for each other valley found there."""
+        """The next proposal; before the first, rounds of rough simulations where the posterior and its tails seem to
+        be, and one more for each other valley found there."""
         rounds = 0
         while counted is None and rounds < TUNING.learning_rounds + self.climbed:
             known = self._learnt(rng, None)

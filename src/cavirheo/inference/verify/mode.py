@@ -38,8 +38,7 @@ class Target:
         return self.noise.log_density(residual) + log_normal(u)
 
     def linear(self, u: Floats) -> Floats:
-        """(k, d) coordinates that frames are nearly linear in, of u (k, d): the law's parameters, not their
-        logarithms, and the others as in a fit."""
+        """(k, d) coordinates that frames are nearly linear in, of u (k, d): parameters, not their logarithms."""
         x, law = self.prior.to_x(u), self.experiment.law
         return np.concatenate([10.0 ** x[:, :law], x[:, law:]], axis=1)
 
@@ -75,10 +74,7 @@ def climb(
     known: Sequence[Mode] = (),
 ) -> Mode | None:
     """The maximum reached from u (d,) by damped Gauss-Newton; None if the start cannot be simulated, or if the way
-    comes to a `known` mode.
-
-    `held` (d,) is a direction along which u stays near its start: it is 1/TUNING.ridge_held standard deviation long.
-    """
+    comes to a `known` mode. `held` (d,) is a direction along which u stays near its start."""
     u, noise = start, target.noise
     rope = np.zeros(len(u)) if held is None else held
 
@@ -118,10 +114,7 @@ def climb(
 
 
 def ridge(target: Target, mode: Mode) -> list[Mode]:
-    """Places on either side of a mode along its longest axis, each the maximum across it: posteriors are curved.
-
-    Steps of TUNING.ridge_stride standard deviations, until the log posterior has fallen by TUNING.ridge_depth.
-    """
+    """Places on either side of a mode along its longest axis, each the maximum across it: posteriors are curved."""
     values, vectors = np.linalg.eigh(mode.covariance)
 
     def along(side: float) -> list[Mode]:
@@ -148,8 +141,8 @@ def same(mode: Mode, other: Mode) -> bool:
 
 
 def modes(target: Target, starts: Sequence[Floats], further: Sequence[Floats] = ()) -> list[Mode]:
-    """Distinct maxima from the starts (d,) in u, and from `further` ones where they lead elsewhere; best first, and
-    those far below the best are left out."""
+    """Distinct maxima from the starts (d,) in u, and from `further` ones where they lead elsewhere; best first, without
+    those far below."""
     first = each(lambda start: climb(target, start, QUICK), starts, target.workers)
     known = [mode for mode in first if mode]
     later = each(lambda start: climb(target, start, QUICK, known=known), further, target.workers)

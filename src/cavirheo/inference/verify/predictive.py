@@ -1,12 +1,11 @@
 """Could the law have left these residuals? A posterior-predictive check against white noise.
 
-Replicated frames are the simulation of a posterior draw plus independent noise; refitted, as the measurement was, they
-leave the part of that noise that no parameter can follow: (1 - J (J'J + ridge)^-1 J') z, J the frames' derivatives,
-the same for all draws as far as the posterior is normal, so no replicate costs a simulation. Statistics, none of
-which depends on the size of the noise: level (standard deviation over the frame-to-frame noise of third differences,
-which cancel a smooth misfit), correlation (of neighbours) and run (longest, of one sign). The p-value is the share of
-replicates that are at least as extreme. Gelman, Meng and Stern 1996, Statistica Sinica 6, 733; refitting spares the
-check its usual timidity (Robins, van der Vaart and Ventura 2000, doi:10.1080/01621459.2000.10474310).
+Replicates are independent noise z that is refitted, as the measurement was: (1 - J (J'J + ridge)^-1 J') z is left, J
+the frames' derivatives, so none costs a simulation. Statistics, none of which depends on the size of the noise: level
+(standard deviation over the frame-to-frame noise of third differences, which cancel a smooth misfit), correlation (of
+neighbours) and run (longest, of one sign). p is the share of replicates that are as extreme. Gelman, Meng and Stern
+1996, Statistica Sinica 6, 733; with refitting the check is not too timid (Robins, van der Vaart and Ventura 2000,
+doi:10.1080/01621459.2000.10474310).
 """
 
 from __future__ import annotations

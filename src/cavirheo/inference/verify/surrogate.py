@@ -1,11 +1,10 @@
 """What simulations near a maximum of the posterior say about it everywhere: a Gaussian process for the frames.
 
-The residuals of all frames, in their few common directions, are Gaussian processes of u with one kernel (Rasmussen and
-Williams 2006, ch. 2 and 5.4.2, gaussianprocess.org/gpml): a Matern function and a linear trend. Both are functions of
-coordinates in which frames are nearly linear, whitened by the posterior. In u they are not: a stress is linear in a
-modulus, not in its logarithm, and u runs to infinity at the bounds of a uniform prior, where nothing happens any more.
-The process' own variance is added to that of the noise: where little is known the surrogate neither claims a likely
-place nor excludes one. It only shapes proposals (explore.py): what counts in a posterior is simulated.
+The residuals of all frames, in their few common directions, are Gaussian processes with one kernel (Rasmussen and
+Williams 2006, ch. 2 and 5.4.2, gaussianprocess.org/gpml): a Matern function and a linear trend, of coordinates in which
+frames are nearly linear, whitened by the posterior. (In u they are not: a stress is linear in a modulus, not in its
+logarithm.) The process' own variance is added to that of the noise: where little is known the surrogate neither claims
+a likely place nor excludes one. It only shapes proposals (explore.py): what counts is simulated.
 """
 
 from __future__ import annotations
@@ -97,23 +96,13 @@ class Surrogate:
         other = z if other is None else other
         product = z @ other.T
         distance = np.sum(z**2, axis=1)[:, None] + np.sum(other**2, axis=1) - 2.0 * product
-        np.maximum(distance, 0.0, out=distance)  # in place: most of a call's time goes here
-        np.sqrt(distance, out=distance)
-        distance *= np.sqrt(5.0) / TUNING.kernel_length
-        matern = distance / 3.0
-        matern += 1.0
-        matern *= distance
-        matern += 1.0
-        np.negative(distance, out=distance)
-        matern *= np.exp(distance, out=distance)
-        product /= z.shape[1]
-        product += 1.0
-        return np.asarray(matern + product)
+        distance = np.sqrt(np.maximum(distance, 0.0)) * (np.sqrt(5.0) / TUNING.kernel_length)
+        matern = ((distance / 3.0 + 1.0) * distance + 1.0) * np.exp(-distance)
+        return np.asarray(matern + (product / z.shape[1] + 1.0))
 
 
 def _directions(residual: Floats, deviation: Floats, weight: Floats) -> tuple[Floats, Floats]:
-    """Columns (n, c + 1), the last one the first residual, and (m, c): residual = columns @ [along, 1] but for what is
-    far below the noise."""
+    """Columns (n, c + 1) and along (m, c): residual = columns @ [along, 1] but for what is far below the noise."""
     off = (residual - residual[0]) / deviation
     values, vectors = np.linalg.eigh((off.T * weight) @ off)
     count = int(np.clip(np.count_nonzero(values > TUNING.direction_share**2), 1, TUNING.directions))
