@@ -62,11 +62,7 @@ _DOMAINS: dict[str, tuple[Callable[[Any], bool], str]] = {
 
 @dataclass(frozen=True)
 class Options:
-    """What is chosen for an experiment: arguments of `fit_many` (inference/fit), which says what they are.
-
-    Raises:
-        InputError: an option out of its domain.
-    """
+    """Of an experiment: arguments of `fit_many` (inference/fit), which says what they are. Raises InputError."""
 
     window: int | str | None = None
     end: float | None = None
@@ -120,15 +116,23 @@ class Experiment:
         longest = f"longer than the time between two frames ({self.frame * 1e6:.4g} us)"
         require(exposure <= self.frame * (1.0 + 1e-6), told + longest, "experiment.exposure")
         self.shown = len(curve.collapse_times())
-        free, plateau = options.free, options.stretch == "plateau"
-        self.stretch = float(options.stretch) if options.stretch and not plateau else None
-        # (stretch, standard deviation) from the late plateau, or None
-        self.stretch_prior = curve.stretch_from_tail() if plateau else None
-        clock = options.t0_bound or 0.5 * self.frame
-        self.half_widths = tuple(clock if name == "t0" else options.scale_bound for name in free)
-        self.own = (*(() if self.stretch else ("stretch",)), *(FREE[name] for name in free))
+        tail = options.stretch == "plateau"
+        self.stretch = float(options.stretch) if options.stretch and not tail else None
+        # (mean, standard deviation) of the stretch, and of its log10, where the late plateau is to tell it
+        self.stretch_prior = curve.stretch_from_tail() if tail else None
+        self.plateau: tuple[float, float] | None = None
+        if self.stretch_prior:
+            value, deviation = self.stretch_prior
+            self.plateau = float(np.log10(value)), deviation / (value * _LN10)
+        clock = (0.0, options.t0_bound or 0.5 * self.frame, self.time_scale)
+        factor = (1.0, options.scale_bound, 1.0)
+        # what is free of clock and scales: (middle, half-width, unit of the steps of finite differences)
+        self.free = {FREE[name]: clock if name == "t0" else factor for name in options.free}
+        self.own = (*(() if self.stretch else ("stretch",)), *self.free)
         self.law = len(family.parameters)  # how many of x are the law's
         self.names = (*family.parameters, *self.own)
+        units = [unit / width for _, width, unit in self.free.values()]
+        self.steps = np.array([1.0] * (len(self.names) - len(units)) + units)  # over the general one of differences
         ranges = [PARAMETERS["stretch"].searched if name == "stretch" else (-1.0, 1.0) for name in self.own]
         self.bounds = np.concatenate([family.bounds(), np.array(ranges, dtype=float).reshape(-1, 2)])
         self.noise_factor = 1.0  # of sigma, found from the residuals in a joint fit
@@ -156,21 +160,12 @@ class Experiment:
         motion = speed * self.frame * TIMING if self.options.weights == "motion" else 0.0
         self.sigma = np.where(self.counted, np.hypot(self._radius_sigma, motion), np.inf)
 
-    @property
-    def plateau(self) -> tuple[float, float] | None:
-        """(mean, standard deviation) of log10 stretch where the late plateau is to tell it."""
-        if not self.stretch_prior:
-            return None
-        value, deviation = self.stretch_prior
-        return float(np.log10(value)), deviation / (value * _LN10)
-
     def natural(self, x: Floats) -> dict[str, Any]:
         """stretch, time_origin (s), radius_scale and max_radius_factor from x (d,), or from (d, draws)."""
         values: dict[str, Any] = {"time_origin": 0.0, "radius_scale": 1.0, "max_radius_factor": 1.0}
         values["stretch"] = self.stretch if self.stretch else 10.0 ** x[self.law]
-        free = self.options.free
-        for name, width, value in zip(free, self.half_widths, x[len(x) - len(free) :], strict=True):
-            values[FREE[name]] = value * width + (0.0 if name == "t0" else 1.0)
+        for (name, (middle, width, _)), value in zip(self.free.items(), x[len(x) - len(self.free) :], strict=True):
+            values[name] = value * width + middle
         return values
 
     def best(self, x: Floats) -> dict[str, float]:
@@ -184,13 +179,6 @@ class Experiment:
         names = (*(LOG10 + name for name in self.family.parameters), *self.own)
         return names, np.column_stack([x[:, : self.law], *(own[name] for name in self.own)])
 
-    @property
-    def steps(self) -> Floats:
-        """(d,) by which finite differences move x, in units of the general step: a clock by t_c, a scale by 1."""
-        units = [self.time_scale if name == "t0" else 1.0 for name in self.options.free]
-        own = [unit / width for unit, width in zip(units, self.half_widths, strict=True)]
-        return np.array([1.0] * (self.law + (self.stretch is None)) + own)
-
     def prior(self, ranges: Mapping[str, Sequence[float]] | None = None) -> Prior:
         """The proper prior of x.
 
@@ -202,7 +190,7 @@ class Experiment:
         bounds, given = self.bounds.copy(), dict(ranges or {})
         mean, std = np.zeros(len(self.names)), np.full(len(self.names), np.inf)
         for i, name in enumerate(self.names):
-            if name in given and name not in FREE.values():
+            if name in given and name not in self.free:
                 pair = given.pop(name)
                 told = f"the prior range of {name} must be [low, high] with 0 < low < high, got {list(pair)}"
                 require(len(pair) == 2 and 0 < pair[0] < pair[1] < np.inf, told, "prior.range")
@@ -279,7 +267,7 @@ class Experiment:
         high (d,): there the range decides, not the curve."""
         found: dict[str, str] = {}
         for name, values, a, b in zip(self.names, x.T, low, high, strict=True):
-            if name in FREE.values() or len(x) < 2:
+            if name in self.free or len(x) < 2:
                 continue
             bottom, top = weighted_quantile(values, np.array([0.05, 0.95]), log_weight)
             sides = {"below": bottom - a, "above": b - top}

@@ -29,8 +29,8 @@ __all__ = ["fit", "fit_many"]
 DRAWS = 4096
 WINDOWS = (1, 2, 3, None)  # collapses; None: all that was recorded
 BEST = 3  # rough simulations from which a search is started
-FOLLOWED = 1.0  # residual variance over the assumed one below which one start is enough
-LOWER = 0.95  # of a minimum's cost, that another minimum must reach to replace it
+FOLLOWED = 1.0  # residual variance over the assumed one, at which one start is enough
+LOWER = 0.95  # of a minimum's cost, that another must reach to replace it
 AT_BOUND = 1e-3  # of a range: nearer to its end is "at the bound"
 
 
@@ -69,7 +69,7 @@ def fit_many(
         free: of "t0" (the clock: true time of R_max minus fitted one), "scale" (radius calibration: true radius over
             measured one) and "rmax" (R_max of the motion over that read off the curve, the calibration being right).
         t0_bound: s, largest |t0|; default half a frame interval. scale_bound: largest deviation of the others from 1.
-        weights: "motion" (frames count less where the wall moves fast; inference/experiment.py) or "equal".
+        weights: "motion" (frames count less where the wall moves fast) or "equal".
         windows: fit windows of 1, 2, 3 and all collapses too, for comparison: `Posterior.windows`.
         joint: curves of one group (meta "group") share the material; stretch and what is free are each shot's own.
         seed: of the draws, which are the Gaussian about the minimum (fit/covariance.py).
@@ -188,7 +188,7 @@ def _joint(singles: list[_Alone], common: dict[str, Any], seed: int, workers: in
 
 
 def _at_bound(fit: LeastSquares, x: Floats, k: int) -> dict[str, str]:
-    """Names of the parameters of shot k that ended at a bound, and which bound."""
+    """Of the parameters of shot k that ended at a bound: by name, which."""
     found = {}
     shot, x = fit.shots[k], x[fit.columns[k]]
     low, high = fit.bounds[fit.columns[k]].T
@@ -211,13 +211,13 @@ def _posterior(
     bound = _at_bound(fit, found.x, k)
     one_sigma, correlations = {}, {}
     for i, name in enumerate(shot.names):
-        free = name in FREE.values()
+        free = name in shot.free
         one_sigma[name if free else LOG10 + name] = float(np.std(theta[:, i]) if free else sigma[i])
         for j, other in enumerate(shot.names[:i]):
             correlations[f"{other}, {name}"] = float(covariance[i, j] / (sigma[i] * sigma[j]))
     diagnostics = Diagnostics(
         stretch_source=_stretch_source(shot),
-        free={name: best[name] for name in shot.own if name != "stretch"},
+        free={name: best[name] for name in shot.free},
         one_sigma=one_sigma,
         correlations=correlations,
         frames=len(shot.measured),
@@ -254,7 +254,7 @@ def _checks(fit: LeastSquares, found: Minimum, k: int, bound: dict[str, str], dr
     """The same check as that of `infer`: the answer simulated anew and laid over the window."""
     shot, columns = fit.shots[k], fit.columns[k]
     ends = shot.open_ends(drawn, *fit.bounds[columns].T)
-    outside = ends or set(bound) - set(FREE.values())
+    outside = ends or set(bound) - set(shot.free)
     verdict: Verdict = "outside_training_range" if outside else "ok"
     messages = list(bound.values())
     if wide := [text for name, text in ends.items() if name not in bound]:

@@ -138,7 +138,7 @@ class _Work:
         answer, found = self.answer, list[Floats]()
         here = {"stretch": answer.stretch} | {name: answer.median(name) for name in answer.parameters}
         for given in (here, answer.best, *(window.best for window in answer.windows.values())):
-            values = [1.0 if name in FREE.values() else given.get(name) or 0.0 for name in self.prior.names]
+            values = [1.0 if name in self.shot.free else given.get(name) or 0.0 for name in self.prior.names]
             if all(value > 0 for value in values):
                 u = self.prior.to_u(np.log10(values), _INSIDE)
                 if all(np.max(np.abs(u - other)) > TUNING.same_start for other in found):
@@ -181,7 +181,7 @@ class _Work:
         if drawn and len(u) > 1:  # from u to the answer's parameters
             log_weight = drawn.log_weight
             log_q = drawn.log_q + prior.log_density(x) - log_normal(u)
-            log_q -= np.sum(np.log(shot.half_widths))
+            log_q -= np.sum(np.log([width for _, width, _ in shot.free.values()]))
             if "stretch" in shot.own:
                 log_q -= np.log(theta[:, shot.law] * np.log(10.0))
         predictive = predictive_check(best.residual, best.jacobian, noise.deviation, settings.seed)
@@ -246,7 +246,7 @@ class _Work:
             self.messages.append(text)
         u, below = self.prior.to_u(at), self.prior.cdf(at)
         for i, name in enumerate(self.prior.names):
-            if name in FREE.values() and abs(u[i]) > TUNING.pulled:
+            if name in self.shot.free and abs(u[i]) > TUNING.pulled:
                 self.messages.append(f"{name} is pulled to the end of its prior ({below[i]:.1%} below it)")
         self.messages += self.shot.spikes
         return verdict

@@ -70,7 +70,7 @@ def climb(
     start: Floats,
     accuracy: Accuracy,
     held: Floats | None = None,
-    most: int = TUNING.climb_steps,
+    most: int = 12,
     known: Sequence[Mode] = (),
 ) -> Mode | None:
     """The maximum reached from u (d,) by damped Gauss-Newton; None if the start cannot be simulated, or if the way
@@ -95,7 +95,7 @@ def climb(
         gradient, curvature = gradient + u + rope * (rope @ (u - start)), free + np.outer(rope, rope)
         if turn == most or gradient @ np.linalg.solve(curvature, gradient) < 2.0 * TUNING.climb_gain:
             break
-        for _ in range(TUNING.damped_trials):
+        for _ in range(5):
             step = -np.linalg.solve(curvature + damping * np.diag(np.diag(curvature)), gradient)
             there = np.clip(u + step, -5.0, 5.0)
             tried = target.residuals(there[None], accuracy)[0]
@@ -120,7 +120,7 @@ def ridge(target: Target, mode: Mode) -> list[Mode]:
     def along(side: float) -> list[Mode]:
         found: list[Mode] = []
         here, axis, length = mode.u, side * vectors[:, -1], np.sqrt(values[-1])
-        for _ in range(TUNING.ridge_strides):
+        for _ in range(4):
             start = np.clip(here + TUNING.ridge_stride * length * axis, -3.0, 3.0)
             place = climb(target, start, QUICK, held=axis * TUNING.ridge_held / length, most=2)
             if place is None or place.log_posterior < mode.log_posterior - TUNING.ridge_depth:

@@ -77,7 +77,7 @@ class Mixture:
         found, d = self, u.shape[1]
         log_weight = tempered(log_weight, 4.0 * d)
         weight = np.exp(log_weight - logsumexp(log_weight))
-        for _ in range(TUNING.em_steps):
+        for _ in range(3):
             terms, squares = found._terms(u)
             resp = np.exp(terms - logsumexp(terms, axis=0)) * weight
             share = np.sum(resp, axis=1)

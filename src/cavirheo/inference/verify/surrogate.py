@@ -60,7 +60,7 @@ class Surrogate:
 
     def __call__(self, u: Floats) -> Floats:
         """(k,) at u (k, d), many of them shared by the target's threads."""
-        parts = min(self.target.workers, len(u) // TUNING.surrogate_per_thread)
+        parts = min(self.target.workers, len(u) // 250)  # for fewer, threads cost more than they give
         if parts < 2:
             return self._expected(u)
         return np.concatenate(each(self._expected, np.array_split(u, parts), parts))
@@ -105,6 +105,6 @@ def _directions(residual: Floats, deviation: Floats, weight: Floats) -> tuple[Fl
     """Columns (n, c + 1) and along (m, c): residual = columns @ [along, 1] but for what is far below the noise."""
     off = (residual - residual[0]) / deviation
     values, vectors = np.linalg.eigh((off.T * weight) @ off)
-    count = int(np.clip(np.count_nonzero(values > TUNING.direction_share**2), 1, TUNING.directions))
+    count = int(np.clip(np.count_nonzero(values > TUNING.direction_share**2), 1, 40))
     vectors = vectors[:, ::-1][:, :count]
     return np.column_stack([vectors * deviation[:, None], residual[0]]), off @ vectors

@@ -23,21 +23,17 @@ class Tuning:
     same_start: float = 0.005  # starts nearer to each other are one
 
     # climbing to a mode, damped Gauss-Newton
-    climb_steps: int = 12
-    damped_trials: int = 5  # damped steps tried before a search ends
     climb_gain: float = 0.01  # expected gain of height at which it ends
     same_mode: float = 1.0  # Mahalanobis distance below which modes are one
     lowest_mode: float = 10.0  # height below the best at which one is dropped
 
     # following the ridge through a mode, for posteriors are curved
     ridge_stride: float = 1.5  # standard deviations
-    ridge_strides: int = 4  # to either side
     ridge_depth: float = 4.0  # fall of the height at which it ends
     ridge_held: float = 5.0  # how firmly a place stays; 1: as the posterior itself holds it
 
     # mixtures of Student's t
     freedom: float = 8.0  # degrees
-    em_steps: int = 3  # of expectation maximisation after each round
     good_proposal: float = 0.4  # effective draws over draws, from which one stays as it is
     wide_share: float = 0.2  # of the draws, for what the fitted shape misses
     wide_factor: float = 2.0  # how much wider these are
@@ -72,9 +68,7 @@ class Tuning:
     nugget_most: float = 300.0  # up to this factor
     hope: float = 0.5  # x of log(<p^x>)/x over the process; 1 trusts the unknown
     direction_share: float = 0.03  # of the noise, below which a direction is left out
-    directions: int = 40  # common ones of the residuals, at most
     surrogate_simulations: int = 600  # at most, the most likely: time grows with their square
-    surrogate_per_thread: int = 250  # u at least for each of several threads
     surrogate_reach: float = 1.5  # distance over the farthest simulation's, to which it claims
 
     # what is said of an answer
