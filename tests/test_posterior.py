@@ -568,8 +568,8 @@ def test_evidence_of_a_group_is_the_sum_of_the_shots_that_all_laws_have(monkeypa
     singles, (group,) = rank_laws(curves, ["newtonian", "nhkv"])
     assert [one.chosen for one in singles] == ["nhkv", "nhkv", "newtonian"]
     assert singles[2].probability == {"newtonian": 1.0}
-    assert (group.shots, group.log_evidence) == (2, {"newtonian": -170.0, "nhkv": -82.0})
-    assert group.error["nhkv"] == pytest.approx(np.hypot(0.4, 0.1))
+    assert (group.shots, group.evidence["newtonian"].log, group.evidence["nhkv"].log) == (2, -170.0, -82.0)
+    assert group.evidence["nhkv"].error == pytest.approx(np.hypot(0.4, 0.1))
     found["nhkv"][:] = [(-90.5, 3.0), (-83.0, 0.1), (-9.0, 0.1)]  # a parameter more, and no better than by chance
     assert rank_laws(curves, ["newtonian", "nhkv"])[1][0].contenders == ["newtonian", "nhkv"]
     with pytest.raises(InputError) as error:

@@ -1,8 +1,7 @@
 """Prior: what is assumed of every parameter before a curve is seen; and the coordinates u in which it is normal.
 
-u = Phi^-1(F(x)), F the cumulative distribution of a parameter's prior, x in the scale of the prior. In u there are no
-bounds, the prior density is prod phi(u_i), and what a curve does not determine looks like its prior: the coordinates
-in which a posterior is sampled. A density over x is one over u times p(x)/phi(u).
+u = Phi^-1(F(x)), F the cumulative distribution of a parameter's prior, x in its scale. In u, where posteriors are
+sampled, there are no bounds and the prior density is prod phi(u_i). A density over x is one over u times p(x)/phi(u).
 """
 
 from __future__ import annotations
@@ -39,13 +38,10 @@ def log_normal(u: Floats) -> Floats:
 
 @dataclass(frozen=True, eq=False)
 class Prior:
-    """Independent and normalised: uniform between the bounds, or normal and cut there.
+    """Independent and normalised: uniform between the bounds, or normal and cut there. All arrays are (parameters,).
 
-    A name that starts with log10_ is of the logarithm of the SI value. All arrays are (parameters,); mean and std are
-    of the normal ones, std is infinite where uniform.
-
-    Raises:
-        InputError: a range that is not finite and rising, or arrays of other lengths than the names.
+    A name that starts with log10_ is of the logarithm of the SI value; std is infinite where uniform. Raises
+    InputError: a range that is not finite and rising, or arrays of other lengths than the names.
     """
 
     names: tuple[str, ...]

@@ -1,4 +1,4 @@
-"""The training problem of a network: the law, the medium, the prior and the regular grid of times of its curves.
+"""The training problem of a network: law, medium, prior and the regular grid of times of its curves.
 
 One scale serves every shot: R/R_max over t* = t/t_c depends on the Cauchy number p_inf/G, the Reynolds number
 p_inf t_c/mu and the stretch, and less on R_max itself (docs/method/physics.md, section 1). All training curves have one
@@ -57,8 +57,7 @@ class FrameGrid:
 class TrainingProblem:
     """What the curves of a training set are drawn from and simulated with; a network's card and its data hold it.
 
-    Raises:
-        InputError: unknown material, or a prior whose names are not its parameters and the stretch.
+    Raises InputError: unknown material, or a prior whose names are not its parameters and the stretch.
     """
 
     material_name: str
@@ -125,8 +124,7 @@ class TrainingProblem:
         return self.grid.frame_interval * self._time_ratio(max_radius, medium or self.medium)
 
     def to_shot(self, values: Mapping[str, float], max_radius: float, medium: Medium | None = None) -> dict[str, float]:
-        """Values in SI by parameter name for a shot of this R_max (m) from those at the reference scale: the same
-        Cauchy and Reynolds numbers."""
+        """Values in SI by parameter name for a shot of this R_max (m) from those at the reference scale."""
         medium = medium or self.medium
         pressure = medium.pressure / self.medium.pressure
         ratio = {"shear_modulus": pressure, "viscosity": pressure * self._time_ratio(max_radius, medium)}

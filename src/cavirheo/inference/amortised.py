@@ -44,11 +44,8 @@ SHORTEST = 0.6  # of the network's samples that must lie inside the recording
 
 @dataclass(frozen=True)
 class Amortised:
-    """Estimator: a network and the settings of the shot.
-
-    `stretch` None is fitted. `collapses` limits the window of the check and of the stretch (the network always reads
-    its own window).
-    """
+    """Estimator: a network and the settings of the shot. `stretch` None is fitted; `collapses` limits the window of
+    the check and of the stretch (the network always reads its own)."""
 
     model: Network
     medium: Medium = WATER
@@ -58,8 +55,7 @@ class Amortised:
     def infer(self, curve: RadiusCurve) -> Posterior:
         """The answer for one curve; one that cannot be answered gives a failed Posterior with the reason.
 
-        Raises:
-            InputError: a setting is out of its domain (what concerns the curve is in the answer instead).
+        Raises InputError: a setting is out of its domain.
         """
         began, names = time.perf_counter(), self.model.outputs
         check_stretch(self.stretch)
@@ -84,10 +80,7 @@ class Amortised:
 
     def network_alone(self, curve: RadiusCurve) -> Floats:
         """(outputs,) for the shot, in the prior's scale: what the network reads off the curve at equal Cauchy and
-        Reynolds numbers. Nothing is simulated; after the end of a short recording its last radius is held.
-
-        Raises InputError: the curve cannot be put on the network's grid.
-        """
+        Reynolds numbers. Raises InputError: the curve cannot be put on the network's grid."""
         work = _Reading(self, curve)
         return work.for_shot(self.model(work.completed())[0])
 
@@ -139,15 +132,14 @@ class _Reading:
         return np.array([np.log10(value) if name.startswith(LOG10) else value for name, value in values])
 
     def completed(self, simulated: Floats | None = None) -> Floats:
-        """(1 or k, frames) the measured samples; those after the recording's end from the simulations (k, frames), or,
-        to begin with, the last one held."""
+        """(1 or k, frames) the measured samples; after the recording's end those of simulations (k, frames), or the
+        last one."""
         fill = self.features[~self.missing][-1] if simulated is None or not self.missing.any() else simulated
         return np.where(self.missing, fill, self.features[None, :])
 
     def _consistent(self) -> tuple[Floats, Floats, float]:
-        """What the network reads, theta and the stretch by indirect inference; Aitken's rule relaxes the step, for G
-        and stretch pull at each other."""
-        # The training range at the training scale joined with the same numbers at the shot's, and MARGIN more.
+        """What the network reads, theta and the stretch by indirect inference, steps relaxed by Aitken's rule."""
+        # the training range at the training scale joined with the same numbers at the shot's, and MARGIN more
         shift = self.for_shot(np.zeros(len(self.low)))  # what 10^0 at the training scale is for the shot
         low, high = np.minimum(self.low, self.low - shift) - MARGIN, np.maximum(self.high, self.high - shift) + MARGIN
         theta = np.clip(self.model(self.completed())[0], low, high)

@@ -50,13 +50,10 @@ def window(curve: RadiusCurve, *, collapses: int | None = None, end: float | Non
 
 
 def fit_stretch(view: Window, material: Material, medium: Medium, near: float | None = None) -> float:
-    """The stretch R_max/R_0 with the smallest RMSE, the material being given.
+    """The stretch R_max/R_0 with the smallest RMSE, the material being given. Raises SolverError: none succeeded.
 
     The error has several minima (a rebound may slip by a period), so the whole range is looked over first; from a
     stretch `near` it, one parabola step in log stretch is taken instead.
-
-    Raises:
-        SolverError: no simulation succeeded at any stretch.
     """
     top, measured = view.curve.max_radius, view.normalised
 
@@ -108,8 +105,8 @@ class Reconstruction:
         return float(np.sqrt(np.mean(self.residual**2)))
 
     def checks(self, view: Window, time_scale: float, verdict: Verdict, messages: Sequence[str]) -> Checks:
-        """The Checks of an answer over this window: this verdict with these messages, unless the simulation misses the
-        measurement by more than the limit. time_scale is t_c in s."""
+        """The Checks of an answer: this verdict, unless the simulation misses the measurement by more than the limit.
+        time_scale is t_c in s."""
         if self.rmse > MISFIT:
             missed = f"by {self.rmse:.1%} of R_max RMS (limit {MISFIT:.0%})"
             verdict, messages = "model_does_not_fit", [f"the simulation misses the measurement {missed}", *messages]

@@ -41,9 +41,8 @@ class Laplace(NamedTuple):
 def laplace(fit: LeastSquares, x: Floats) -> Laplace:
     """Gauss-Newton: cov^-1 = sum over shots J^T J/(s^2 tau) + priors + ranges.
 
-    s^2 is the variance of the weighted residuals of a shot (chi^2 over its degrees of freedom), tau their integrated
-    correlation time: m frames are worth m/tau independent ones. A range of width w counts as a Gaussian of variance
-    w^2/12, that of a uniform prior: what the curve does not determine gets the width of its range, not infinity.
+    s^2 is chi^2 over the degrees of freedom of a shot, tau the correlation time: m frames are worth m/tau independent
+    ones. A range of width w counts as a Gaussian of variance w^2/12, that of a uniform prior.
     """
     residual = fit.residuals(x, FINE)
     J = fit.jacobian(x, FINE, central=True, at=residual)

@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from itertools import pairwise
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -14,14 +13,13 @@ from cavirheo.inference.experiment import FINE, QUICK, Accuracy, Experiment, Pre
 from cavirheo.inference.law import Family
 from cavirheo.parallel import each
 
-FORWARD, CENTRAL = 1e-3, 3e-3  # steps of the differences, decades or the like: the solver's noise is far below
-SAME = 0.01  # of its range: a search that comes so near to a known minimum in every parameter is given up
+FORWARD, CENTRAL = 1e-3, 3e-3  # steps of the differences, decades or the like
+SAME = 0.01  # of each range: a search so near to a known minimum is given up
 SEARCH = {"ftol": 1e-3, "xtol": 1e-3, "gtol": 1e-8, "max_nfev": 15}
 _POLISH = {"ftol": 3e-5, "xtol": 1e-4, "gtol": 1e-8, "max_nfev": 12}
 
 
-@dataclass(frozen=True, eq=False)
-class Minimum:
+class Minimum(NamedTuple):
     """Where a search ended: x (parameters,), cost (half the sum of squared weighted residuals)."""
 
     x: Floats
@@ -30,10 +28,7 @@ class Minimum:
 
 
 class LeastSquares:
-    """Experiments with one material: its parameters, common to all, followed by those of each shot.
-
-    runs and failures count the simulations.
-    """
+    """Experiments with one material: x holds its parameters, then those of each shot. runs, failures: simulations."""
 
     def __init__(self, experiments: Sequence[Experiment], workers: int = 1) -> None:
         self.shots, self.workers = list(experiments), workers
@@ -75,10 +70,7 @@ class LeastSquares:
         return [(int(own[self.common]), *shot.plateau) for own, shot in pairs if shot.plateau]
 
     def jacobian(self, x: Floats, accuracy: Accuracy, *, central: bool, at: Floats | None = None) -> Floats:
-        """(residuals, parameters) by finite differences; a side whose simulation fails is left out.
-
-        `at` are the residuals at x, for forward differences.
-        """
+        """(residuals, parameters) by finite differences, without a side whose simulation fails; `at`: those at x."""
         middle = np.mean(self.bounds, axis=1)
         moves: list[tuple[int, int, float, Floats]] = []  # shot, column, step, x of the shot
         for k, (shot, own) in enumerate(zip(self.shots, self.columns, strict=True)):
@@ -109,7 +101,7 @@ class LeastSquares:
         """Trust-region least squares within the bounds (scipy), weights as they are.
 
         Every second Jacobian is the one before with Broyden's update, which costs no simulation; the last one is not,
-        unless `known` minima are given: a search that comes to one of those ends there, with infinite cost.
+        unless minima are `known`: a search that comes to one ends there, with infinite cost.
         """
         from scipy.optimize import least_squares
 

@@ -18,11 +18,8 @@ TIMED = 2  # every so many starts get their shear modulus from the collapse time
 class Scan:
     """Coarse simulations over the whole window of a shot, from which every window takes its starts.
 
-    Where the law has a shear modulus and a viscosity and the curve a collapse, every other point is an estimate from
-    the collapse time: it has the shear modulus that t_1 asks for at its viscosity and stretch (physics/collapse.py).
-
-    Raises:
-        SolverError: all of them failed.
+    Where law and curve allow, every other point has the shear modulus that the collapse time t_1 asks for at its
+    viscosity and stretch (physics/collapse.py). Raises SolverError: all of them failed.
     """
 
     def __init__(self, fit: LeastSquares, count: int = STARTS) -> None:

@@ -35,16 +35,6 @@ class Ranking:
     answers: dict[str, Posterior]
 
     @property
-    def log_evidence(self) -> dict[str, float | None]:
-        """By law."""
-        return {law: found.log if found else None for law, found in self.evidence.items()}
-
-    @property
-    def error(self) -> dict[str, float | None]:
-        """Standard error of the log evidence, by law."""
-        return {law: found.error if found else None for law, found in self.evidence.items()}
-
-    @property
     def probability(self) -> dict[str, float]:
         """Of the laws that have an evidence, all being equally likely before."""
         known = {law: found.log for law, found in self.evidence.items() if found}
@@ -55,10 +45,8 @@ class Ranking:
         """The laws that cannot be told from the best: log evidence within 3 and the standard errors, simplest first."""
         known = {law: (found.log, found.error or 0.0) for law, found in self.evidence.items() if found}
         top, least = max(known.values(), key=lambda pair: pair[0], default=(0.0, 0.0))
-        near = [
-            law for law, (log, error) in known.items()
-            if top - log <= TUNING.decisive + TUNING.scatter * np.hypot(least, error)
-        ]  # fmt: skip
+        allowed = {law: TUNING.decisive + TUNING.scatter * np.hypot(least, pair[1]) for law, pair in known.items()}
+        near = [law for law in known if top - known[law][0] <= allowed[law]]
         return sorted(near, key=lambda law: (len(Family(law).parameters), -known[law][0]))
 
     @property
