@@ -394,9 +394,9 @@ def test_verified_posterior_of_a_shot(fitted, full):
 
 def test_the_draws_depend_on_the_seed_alone(fitted, light):
     curve, answer = fitted
-    settings = {"free": (), "discrepancy": False, "draws": 20}
-    one, again, other = (verify.verify(curve, answer, **settings, seed=seed) for seed in (1, 1, 2))
-    assert one.evidence == again.evidence != other.evidence
+    settings = {"free": (), "discrepancy": False, "draws": 20, "seed": 1}
+    one, again = (verify.verify(curve, answer, **settings, workers=workers) for workers in (1, 2))
+    assert one.evidence == again.evidence
 
 
 def test_weights_are_posterior_over_proposal_in_the_answers_parameters(fitted):
@@ -476,11 +476,11 @@ def test_predictive_check_rejects_at_its_nominal_rate(monkeypatch):
     p = []
     for i in range(300):
         residual = project @ rng.standard_normal(90)
-        p.append(predictive_check(residual, J, np.full(90, 0.5), seed=i).p)
+        p.append(predictive_check(residual, J, np.full(90, 0.5), seed=i)["p"])
     for name in ("level", "correlation"):
         assert np.mean([one[name] < 0.1 for one in p]) == pytest.approx(0.1, abs=0.05)
     wave = project @ (rng.standard_normal(90) + 1.5 * np.sin(np.arange(90) / 3.0))
-    assert predictive_check(wave, J, np.ones(90), seed=0).p_value < TUNING.rejected
+    assert predictive_check(wave, J, np.ones(90), seed=0)["p_value"] < TUNING.rejected
     assert predictive_check(wave[:5], J[:5], np.ones(5), seed=0) is None
 
 
@@ -635,9 +635,9 @@ def test_the_exposure_from_the_command_line(run, tmp_path):
     assert "positive time" in err
 
 
-def test_which_law_from_the_command_line(run, tmp_path, monkeypatch):
+def test_which_law_from_the_command_line(run, tmp_path, monkeypatch, light):
     """The true law is preferred to one that lacks a parameter."""
-    monkeypatch.setattr(evidence, "verify_many", partial(verify_many, draws=200))
+    monkeypatch.setattr(evidence, "verify_many", partial(verify_many, draws=60))
     write_gel(tmp_path)
     words = ("which-law", "gel.csv", "--laws", "newtonian,nhkv", "--exact-law", "--window", "2", "-o", "w")
     status, out, err = run(*words)
@@ -649,7 +649,7 @@ def test_which_law_from_the_command_line(run, tmp_path, monkeypatch):
     assert row["chosen"] == "nhkv"
     assert row["laws"]["nhkv"]["probability"] > 0.99
     assert sum(law["probability"] for law in row["laws"].values()) == pytest.approx(1.0)
-    assert row["laws"]["nhkv"]["answer"]["viscosity_Pa_s"]["q05"] > 0
+    assert row["laws"]["nhkv"]["answer"]["viscosity_Pa_s"]["median"] == pytest.approx(0.05, rel=0.2)
     status, _, err = run("which-law", "gel.csv", "--laws", "nhkv")
     assert status == 2
     assert "nhkv" in err

@@ -18,8 +18,8 @@ LOG10 = "log10_"
 
 
 class Parameter(NamedTuple):
-    """`searched` is the range that a fit searches and that a posterior takes as prior, `started` the part of it where
-    searches start: log10 of the SI value; None for one that is not fitted but keeps the default of its law."""
+    """`searched`: log10 of the SI values that a fit searches and a posterior takes as prior, `started`: of those where
+    searches start; None for one that is not fitted but keeps the default of its law."""
 
     symbol: str
     unit: str  # SI; "1" is dimensionless

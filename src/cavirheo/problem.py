@@ -1,16 +1,11 @@
 """The training problem of a network: law, medium, prior and the regular grid of times of its curves.
 
-One scale serves every shot: R/R_max over t* = t/t_c depends on the Cauchy number p_inf/G, the Reynolds number
-p_inf t_c/mu and the stretch, and less on R_max itself (docs/method/physics.md, section 1). All training curves have one
-R_max, 245 um: 35 um (the R_0 of the app of the Bubble Dynamics Transformer) times 7 (the mean stretch of the prior);
-they are sampled at j x 1 us, j = 0..99, a fixed grid in t*. A shot comes to that grid through its own t_c, and the
-answer goes back at the same Cauchy and Reynolds numbers:
+R/R_max over t* = t/t_c depends on the Cauchy number p_inf/G, the Reynolds number p_inf t_c/mu and the stretch, and
+less on R_max itself (docs/method/physics.md, section 1). So all training curves have one R_max, 245 um: 35 um (the R_0
+of the app of the Bubble Dynamics Transformer) times 7 (the mean stretch). A shot comes to their grid of t* through its
+own t_c, and the answer goes back at the same Cauchy and Reynolds numbers (`grid_step`, `to_shot`):
 
-    step_shot = step_reference x t_c,shot / t_c,reference              `TrainingProblem.grid_step`
-    G_shot    = G x p_inf,shot / p_inf,reference                       `TrainingProblem.to_shot`
-    mu_shot   = mu x (p_inf t_c)_shot / (p_inf t_c)_reference
-
-Inference corrects what does not scale: heat, vapour, surface tension, sound (inference/amortised.py).
+    step_shot = step x t_c,shot/t_c,   G_shot = G x p_inf,shot/p_inf,   mu_shot = mu x (p_inf t_c)_shot/(p_inf t_c)
 """
 
 from __future__ import annotations
@@ -101,7 +96,7 @@ class TrainingProblem:
         return hashlib.sha256(text.encode()).hexdigest()[:12]
 
     def material(self, theta: ArrayLike) -> Material:
-        """The material of theta (parameters,) in the prior's scale; the stretch does not belong to it."""
+        """The material of theta (parameters,) in the prior's scale."""
         values = natural_values(self.prior.names, theta)
         del values["stretch"]
         return MATERIALS[self.material_name](**values)

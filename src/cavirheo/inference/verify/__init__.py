@@ -19,7 +19,7 @@ from cavirheo.inference.fit.starts import Scan
 from cavirheo.inference.law import Family
 from cavirheo.inference.verify.explore import Explorer
 from cavirheo.inference.verify.mode import Mode, Target, climb, modes
-from cavirheo.inference.verify.predictive import Predictive, predictive_check
+from cavirheo.inference.verify.predictive import predictive_check
 from cavirheo.inference.verify.sampler import Sample, sample
 from cavirheo.inference.verify.tuning import TUNING
 from cavirheo.parallel import cores, each
@@ -194,8 +194,7 @@ class _Work:
             "systematic_misfit_over_rmax": excess,
             "simulations": self.target.runs, "failed_simulations": self.target.failures, **worth,
         }  # fmt: skip
-        if predictive:
-            told["predictive"] = {"p": predictive.p, "observed": predictive.observed, "p_value": predictive.p_value}
+        told |= {"predictive": predictive} if predictive else {}
         provenance = {key: value for key, value in self.answer.provenance.items() if key in _CARRIED}
         provenance |= told | about | noise.describe(best.residual) | {
             "verify": settings.level, "discrepancy": settings.discrepancy, "prior": prior.to_dict(),
@@ -223,18 +222,18 @@ class _Work:
         return False
 
     def _verdict(
-        self, at: Floats, predictive: Predictive | None, excess: float, x: Floats, log_weight: Floats | None
+        self, at: Floats, predictive: dict[str, Any] | None, excess: float, x: Floats, log_weight: Floats | None
     ) -> Verdict:
         verdict: Verdict = "ok"
         if ends := self.shot.open_ends(x, self.prior.low, self.prior.high, log_weight):
             verdict = "outside_training_range"
             named = ", ".join(ends.values())
             self.messages.append(f"the curve does not bound {named}: there the prior's range does")
-        if predictive and predictive.p_value < TUNING.rejected:
-            which = min(predictive.p, key=lambda name: predictive.p[name])
+        if predictive and predictive["p_value"] < TUNING.rejected:
+            which = min(predictive["p"], key=predictive["p"].get)
             seen = excess >= TUNING.systematic_seen
             size = f"a systematic misfit of {excess:.1%} of R_max" if seen else "though no larger than noise"
-            text = f"residuals are not independent noise ({which}, p = {predictive.p_value:.2g}): {size}"
+            text = f"residuals are not independent noise ({which}, p = {predictive['p_value']:.2g}): {size}"
             if not self.settings.discrepancy:
                 verdict = "model_does_not_fit"
                 text += "; the law was taken as exact, so the interval is too narrow"

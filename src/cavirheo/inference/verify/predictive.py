@@ -10,24 +10,12 @@ doi:10.1080/01621459.2000.10474310).
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any
 
 import numpy as np
 
 from cavirheo.arrays import Floats
 from cavirheo.inference.verify.tuning import TUNING
-
-
-class Predictive(NamedTuple):
-    """p-values of the three statistics, and their values for the measurement."""
-
-    p: dict[str, float]
-    observed: dict[str, float]
-
-    @property
-    def p_value(self) -> float:
-        """Of the most extreme statistic, three having been looked at (Bonferroni)."""
-        return min(1.0, len(self.p) * min(self.p.values()))
 
 
 def statistics(residuals: Floats) -> dict[str, Floats]:
@@ -47,7 +35,7 @@ def statistics(residuals: Floats) -> dict[str, Floats]:
     }
 
 
-def predictive_check(residual: Floats, jacobian: Floats, deviation: Floats, seed: int) -> Predictive | None:
+def predictive_check(residual: Floats, jacobian: Floats, deviation: Floats, seed: int) -> dict[str, Any] | None:
     """The check of residuals (n,) at a maximum of the posterior with the frames' derivatives (n, d) there and the
     frames' assumed deviations (n,). None below 9 frames."""
     n, d = jacobian.shape
@@ -61,4 +49,5 @@ def predictive_check(residual: Floats, jacobian: Floats, deviation: Floats, seed
     observed = {name: float(value[0]) for name, value in statistics(scaled[None]).items()}
     extreme = {name: np.count_nonzero(values >= observed[name]) for name, values in replicated.items()}
     p = {name: float((1 + count) / (1 + TUNING.replicates)) for name, count in extreme.items()}
-    return Predictive(p, observed)
+    worst = min(1.0, len(p) * min(p.values()))  # the most extreme of three has been looked at (Bonferroni)
+    return {"p": p, "observed": observed, "p_value": worst}
