@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -19,7 +20,7 @@ from cavirheo.inference import experiment, verify
 from cavirheo.inference.experiment import FINE, FREE, QUICK, Experiment, Options
 from cavirheo.inference.law import Family
 from cavirheo.inference.noise import SHAPE, Noise
-from cavirheo.inference.verify import Verification, explore, predictive, verify_many
+from cavirheo.inference.verify import Verification, evidence, explore, predictive, verify_many
 from cavirheo.inference.verify.evidence import rank_laws
 from cavirheo.inference.verify.explore import Blend, Explorer
 from cavirheo.inference.verify.mode import Target, climb, modes, same
@@ -28,7 +29,7 @@ from cavirheo.inference.verify.sampler import Mixture, Sample, effective_size, s
 from cavirheo.inference.verify.surrogate import Surrogate
 from cavirheo.inference.verify.tuning import TUNING
 from cavirheo.physics.materials import Zener
-from cavirheo.posterior import Checks, Posterior
+from cavirheo.posterior import Checks, Evidence, Posterior
 from cavirheo.prior import Prior, log_normal
 from cavirheo.reporting import read_json
 
@@ -54,6 +55,10 @@ def target_of(curve: RadiusCurve, discrepancy=False, free=tuple(FREE)) -> Target
     return Target(there, there.prior(), there.noise(discrepancy))
 
 
+def value_of(target: Target, u: np.ndarray, accuracy=FINE) -> np.ndarray:
+    return target.log_posterior(u, target.residuals(u, accuracy))
+
+
 def truth_of(target: Target) -> np.ndarray:
     """x of the truth, nuisances at their middle."""
     x = np.zeros(len(target.prior.names))
@@ -72,7 +77,14 @@ def fitted():
 def full(fitted):
     """Its verified posterior, the law taken as exact."""
     curve, answer = fitted
-    return verify_many([curve], [answer], discrepancy=False, seed=1)[0]
+    return verify_many([curve], [answer], discrepancy=False, seed=1, draws=400)[0]
+
+
+@pytest.fixture
+def light(monkeypatch):
+    """Less is learnt before draws count: for what does not depend on how good they are."""
+    less = replace(TUNING, learning_rounds=1, mixture_fits=2, pool=500, norm_draws=1000)
+    monkeypatch.setattr(explore, "TUNING", less)
 
 
 # likelihood
@@ -150,7 +162,7 @@ def test_a_failed_simulation_has_no_likelihood_and_is_counted(monkeypatch):
     target = target_of(shot())
     monkeypatch.setattr(experiment, "simulate", fails_often)
     u = target.prior.to_u(np.stack([truth_of(target), truth_of(target) - np.eye(6)[1] * 0.1]))
-    value = target(u, FINE)
+    value = value_of(target, u)
     assert np.isfinite(value[0])
     assert value[1] == -np.inf
     assert (target.runs, target.failures) == (2, 1)
@@ -162,7 +174,7 @@ def test_spikes_do_not_count():
     radius[12] = 1.5 * R_MAX
     wrong = replace(curve, radius=radius)
     there = target_of(wrong).experiment
-    assert there.spikes == 1
+    assert there.spikes[0].startswith("1 frame")
     assert len(there.difference(truth_of(target_of(curve)))) == len(there.measured) - 1
 
 
@@ -172,7 +184,7 @@ def test_spikes_do_not_count():
 def test_priors_are_normalised_and_their_coordinates_normal():
     prior = Prior(("a", "b"), [1.0, -1.0], [3.0, 1.0], [0.0, 0.2], [np.inf, 0.5])
     for i, (low, high) in enumerate([(1.0, 3.0), (-1.0, 1.0)]):
-        one = prior.part(i)
+        one = Prior(("a",), [low], [high], prior.mean[[i]], prior.std[[i]])
         assert quad(lambda x, one=one: np.exp(one.log_density(np.array([x]))), low, high)[0] == pytest.approx(1.0)
         u = np.array([0.7])
         slope = (one.to_x(u + 1e-6) - one.to_x(u - 1e-6)) / 2e-6
@@ -190,11 +202,22 @@ def test_prior_ranges_can_be_given(fitted):
         ({"viscosity": (1.0, 0.1)}, "0 < low < high"),
         ({"stiffening": (1.0, 2.0)}, "no prior range"),
     ):
-        wrong = verify.verify(curve, answer, ranges=ranges)
+        wrong = verify.verify(curve, answer, ranges=ranges, level="map")
         assert match in wrong.checks.message
 
 
 # sampling
+
+
+def fitting(mixture: Mixture):
+    """Proposals that are one mixture, fitted to the draws so far."""
+
+    def propose(rng, found):
+        nonlocal mixture
+        mixture = mixture.fitted(found.u, found.log_weight) if found else mixture
+        return mixture.widened()
+
+    return propose
 
 
 def gaussian(mean, cov):
@@ -205,7 +228,7 @@ def test_importance_sampling_of_a_gaussian():
     """Mean, spread and evidence (exp 3) are known; the start is off and too wide."""
     mean, cov = np.array([1.0, -0.5, 0.2]), np.array([[0.04, 0.03, 0.0], [0.03, 0.09, 0.0], [0.0, 0.0, 0.01]])
     start = Mixture.about([np.zeros(3)], [np.eye(3)], [0.0])
-    found = sample(gaussian(mean, cov), start, seed=1, each=500, most=5000, enough=3000)
+    found = sample(gaussian(mean, cov), fitting(start), seed=1, each=500, most=5000, enough=3000)
     weight = np.exp(found.log_weight - np.max(found.log_weight))
     weight /= np.sum(weight)
     assert found.ess > 2500
@@ -215,7 +238,7 @@ def test_importance_sampling_of_a_gaussian():
     log_evidence, error = found.log_evidence
     assert error < 0.03
     assert log_evidence == pytest.approx(3.0, abs=4 * error)
-    again = sample(gaussian(mean, cov), start, seed=1, each=500, most=5000, enough=3000)
+    again = sample(gaussian(mean, cov), fitting(start), seed=1, each=500, most=5000, enough=3000)
     assert np.array_equal(found.u, again.u)
 
 
@@ -224,7 +247,7 @@ def test_two_modes_keep_their_shares():
         return np.logaddexp(norm.logpdf(u[:, 0], -2, 0.3) + np.log(0.3), norm.logpdf(u[:, 0], 2, 0.2) + np.log(0.7))
 
     start = Mixture.about([np.array([-2.2]), np.array([1.8])], [np.eye(1) * 0.1] * 2, [0.0, 0.0])
-    found = sample(two, start, seed=0, each=400, most=2000, enough=1500)
+    found = sample(two, fitting(start), seed=0, each=400, most=2000, enough=1500)
     weight = np.exp(found.log_weight)
     assert np.sum(weight[found.u[:, 0] < 0]) / np.sum(weight) == pytest.approx(0.3, abs=0.04)
 
@@ -266,7 +289,7 @@ def test_a_surrogate_knows_what_it_was_shown_and_little_else():
     target, exact = two_valleys()
     rng = np.random.default_rng(0)
     shown, there = 0.5 * rng.standard_normal((150, 2)), 0.4 * rng.standard_normal((80, 2))
-    known = Surrogate(target.noise, target.linear, shown, target.residuals(shown, QUICK), exact(shown))
+    known = Surrogate(target, shown, target.residuals(shown, QUICK), exact(shown))
     near = exact(there) > np.max(exact(shown)) - 6.0
     assert np.sum(near) > 15
     off = known(there[near]) - exact(there[near])
@@ -278,12 +301,12 @@ def test_draws_of_a_surrogate_have_the_density_that_they_claim():
     """Tails too, where the mixture that it is drawn from has few of its own."""
     target, exact = two_valleys()
     rng = np.random.default_rng(0)
-    shown = 0.7 * rng.standard_normal((300, 2))
-    known = Surrogate(target.noise, target.linear, shown, target.residuals(shown, QUICK), exact(shown))
+    shown = 0.7 * rng.standard_normal((150, 2))
+    known = Surrogate(target, shown, target.residuals(shown, QUICK), exact(shown))
     mixture = Mixture.about([np.array([0.3, 0.1])], [0.25 * np.eye(2)], [0.0])
     pool = mixture.draw(2000, rng)
-    blend = Blend(known, mixture, pool, known(pool)).normed(20000, rng)
-    axis = np.linspace(-5.0, 5.0, 201)
+    blend = Blend(known, mixture, pool, known(pool)).normed(10000, rng)
+    axis = np.linspace(-4.0, 4.0, 101)
     grid = np.stack(np.meshgrid(axis, axis), axis=-1).reshape(-1, 2)
     density = np.exp(blend.log_density(grid)) * (axis[1] - axis[0]) ** 2
     assert np.sum(density) == pytest.approx(1.0, abs=3.0 / np.sqrt(effective_size(blend.log_weight)))
@@ -297,10 +320,10 @@ def test_draws_of_a_surrogate_have_the_density_that_they_claim():
 
 def test_a_surrogate_that_its_mixture_hardly_meets_is_not_drawn_from(monkeypatch):
     """It would take for ever; the draws come from the mixture, and their weights tell."""
-    monkeypatch.setattr(explore, "TUNING", replace(TUNING, mixture_fits=1))
+    monkeypatch.setattr(explore, "TUNING", replace(TUNING, mixture_fits=1, pool=500, norm_draws=2000))
     target, _ = two_valleys()
-    (mode,) = modes(target, [np.array([-0.4, -0.2])], FINE)
-    explorer = Explorer(target, [mode], QUICK, FINE)
+    (mode,) = modes(target, [np.array([-0.4, -0.2])])
+    explorer = Explorer(target, [mode])
     assert isinstance(explorer.propose(np.random.default_rng(0), None), Blend)
     explorer.mixture = explorer.start = Mixture.about([mode.u + 1.0], [mode.covariance], [0.0])
     nothing = Sample(mode.u[None], np.full(1, -np.inf), np.zeros(1))
@@ -311,18 +334,18 @@ def test_a_surrogate_that_its_mixture_hardly_meets_is_not_drawn_from(monkeypatch
 
 def test_a_valley_that_no_start_led_to_is_climbed_into():
     target, exact = two_valleys()
-    (mode,) = modes(target, [np.array([-0.4, -0.2])], FINE)
+    (mode,) = modes(target, [np.array([-0.4, -0.2])])
     assert mode.u[0] < 0
-    explorer = Explorer(target, [mode], QUICK, FINE)
+    explorer = Explorer(target, [mode])
     found = sample(explorer, explorer.propose, seed=0, each=200, most=1800, enough=400)
     assert max(explorer.modes, key=lambda mode: mode.log_posterior).u[0] > 0
-    grid = np.stack(np.meshgrid(np.linspace(-3, 3, 301), np.linspace(-3, 3, 301)), axis=-1).reshape(-1, 2)
+    grid = np.stack(np.meshgrid(np.linspace(-3, 3, 121), np.linspace(-3, 3, 121)), axis=-1).reshape(-1, 2)
     density = np.exp(exact(grid))
     weight = np.exp(found.log_weight)
     share = np.sum(density[grid[:, 0] > 0]) / np.sum(density)
     assert 0.6 < share < 0.99
     assert np.sum(weight[found.u[:, 0] > 0]) / np.sum(weight) == pytest.approx(share, abs=0.05)
-    assert found.log_evidence[0] == pytest.approx(np.log(np.sum(density) * 0.02**2), abs=0.1)
+    assert found.log_evidence[0] == pytest.approx(np.log(np.sum(density) * 0.05**2), abs=0.1)
 
 
 def test_a_proposal_that_is_too_narrow_shows_in_size_and_tail():
@@ -358,23 +381,28 @@ def test_verified_posterior_of_a_shot(fitted, full):
     assert found.names == ("log10_shear_modulus", "log10_viscosity", "stretch", *FREE.values())
     assert len(found.theta) == len(found.log_q) == len(found.log_weight)
     assert found.diagnostics.effective_sample_size == pytest.approx(effective_size(found.log_weight))
-    assert found.diagnostics.effective_sample_size > 200
+    assert found.diagnostics.effective_sample_size > 100
     assert found.provenance["noise_over_assumed"] * curve.noise / R_MAX == pytest.approx(0.01, rel=0.2)
     for name, value in TRUTH.items():
         low, high = found.interval(name, 0.99)
         assert low < value < high
         # the camera is not known exactly
         assert np.diff(found.interval(name)) > 0.95 * np.diff(answer.interval(name))
-    once, again = (verify_many([curve], [answer], draws=50)[0] for _ in range(2))
-    assert once.evidence == again.evidence
-    wider = verify_many([curve], [answer])[0]
-    assert np.diff(wider.interval("viscosity")) > 0.9 * np.diff(found.interval("viscosity"))
+    wider = verify_many([curve], [answer], draws=300)[0]
+    assert np.diff(wider.interval("viscosity")) > 0.8 * np.diff(found.interval("viscosity"))
+
+
+def test_the_draws_depend_on_the_seed_alone(fitted, light):
+    curve, answer = fitted
+    settings = {"free": (), "discrepancy": False, "draws": 20, "seed": 1}
+    one, again = (verify.verify(curve, answer, **settings, workers=workers) for workers in (1, 2))
+    assert one.evidence == again.evidence
 
 
 def test_weights_are_posterior_over_proposal_in_the_answers_parameters(fitted):
     """log_q + log_weight is the likelihood times the prior of log10 G, log10 mu, stretch."""
     curve, answer = fitted
-    settings = {"free": (), "discrepancy": False, "draws": 300, "seed": 2}
+    settings = {"free": (), "discrepancy": False, "draws": 200, "seed": 2}
     found = verify.verify(curve, answer, **settings)
     target = verify._Work(Verification(**settings), curve, answer).target
     for row, expected in list(zip(found.theta, found.log_q + found.log_weight, strict=True))[:5]:
@@ -400,17 +428,19 @@ def test_an_overconfident_proposal_is_caught_and_mended(fitted):
     """Draws that claim too little width have few that count, and say so; the sampler itself finds the true width."""
     curve, answer = fitted
     work = verify._Work(Verification(free=(), discrepancy=False), curve, answer)
-    (mode,) = modes(work.target, work._starts(), QUICK)
+    (mode,) = modes(work.target, work.starts())
     rng, trusted = np.random.default_rng(5), {}
     for factor in (1.1, 0.2):
         cov = factor**2 * mode.covariance
         u = rng.multivariate_normal(mode.u, cov, 300)
-        drawn = Sample(u, work.target(u, QUICK), multivariate_normal.logpdf(u, mode.u, cov))
+        drawn = Sample(u, value_of(work.target, u, QUICK), multivariate_normal.logpdf(u, mode.u, cov))
         trusted[factor] = drawn.ess > TUNING.effective_fewest and drawn.reliable
     assert trusted == {1.1: True, 0.2: False}
     middle = np.median(answer.theta, axis=0)
     narrow = replace(answer, theta=middle + 0.1 * (answer.theta - middle))
-    right, mended = (verify.verify(curve, one, free=(), discrepancy=False, draws=400) for one in (answer, narrow))
+    settings = {"free": (), "discrepancy": False}
+    right = verify.verify(curve, answer, level="map", **settings)
+    mended = verify.verify(curve, narrow, draws=200, **settings)
     width = np.diff(right.interval("viscosity"))[0]
     assert np.diff(mended.interval("viscosity"))[0] == pytest.approx(width, rel=0.3)
 
@@ -446,17 +476,17 @@ def test_predictive_check_rejects_at_its_nominal_rate(monkeypatch):
     p = []
     for i in range(300):
         residual = project @ rng.standard_normal(90)
-        p.append(predictive_check(residual, J, np.full(90, 0.5), seed=i).p)
+        p.append(predictive_check(residual, J, np.full(90, 0.5), seed=i)["p"])
     for name in ("level", "correlation"):
         assert np.mean([one[name] < 0.1 for one in p]) == pytest.approx(0.1, abs=0.05)
     wave = project @ (rng.standard_normal(90) + 1.5 * np.sin(np.arange(90) / 3.0))
-    assert predictive_check(wave, J, np.ones(90), seed=0).rejected
+    assert predictive_check(wave, J, np.ones(90), seed=0)["p_value"] < TUNING.rejected
     assert predictive_check(wave[:5], J[:5], np.ones(5), seed=0) is None
 
 
 def test_a_wrong_law_is_rejected(fitted):
     curve = shot(Zener(2e4, 0.08, 6e-6), noise=0.004)
-    wrong = verify.verify(curve, fit(curve, "newtonian", windows=False), discrepancy=False)
+    wrong = verify.verify(curve, fit(curve, "newtonian", windows=False), discrepancy=False, level="map")
     assert wrong.checks.verdict == "model_does_not_fit"
     assert "residuals are not independent noise" in wrong.checks.message
     assert wrong.diagnostics.predictive["p_value"] < 0.01
@@ -465,14 +495,15 @@ def test_a_wrong_law_is_rejected(fitted):
 def test_what_the_curve_does_not_bound_is_said():
     """One collapse of a gel much softer than it can tell: G runs to the lower end of its prior."""
     curve = shot(NeoHookeanKelvinVoigt(15.0, 0.05), end=60e-6)
-    answer = verify.verify(curve, fit(curve, windows=False), discrepancy=False)
+    answer = verify.verify(curve, fit(curve, windows=False), discrepancy=False, level="map")
     assert answer.checks.verdict == "outside_training_range"
     assert "shear_modulus from below" in answer.checks.message
 
 
 def test_what_cannot_be_verified_keeps_its_answer(fitted):
     curve, answer = fitted
-    pointless = replace(answer, names=("log10_viscosity",), theta=answer.theta[:, 1:2], best={}, stretch=None)
+    one = {"names": answer.names[1:2], "units": answer.units[1:2], "theta": answer.theta[:, 1:2]}
+    pointless = replace(answer, **one, best={}, stretch=None)
     found = verify.verify(curve, pointless)
     assert "not verified: the answer that is to be verified must give shear_modulus" in found.checks.message
     failed = replace(answer, theta=answer.theta[:0], checks=Checks("failed", "why"))
@@ -503,10 +534,10 @@ def test_a_matrix_that_breaks_loses_one_shot_alone(fitted, monkeypatch):
 
 def test_climb_finds_the_maximum():
     target = target_of(shot())
-    start = target.prior.start(truth_of(target) + np.array([0.1, -0.1, 0.03, 0.0, 0.0, 0.0]))
+    start = target.prior.to_u(truth_of(target) + np.array([0.1, -0.1, 0.03, 0.0, 0.0, 0.0]))
     mode = climb(target, start, FINE)
     around = mode.u + 0.5 * np.linalg.cholesky(mode.covariance).T
-    assert np.all(target(around, FINE) < mode.log_posterior)
+    assert np.all(value_of(target, around) < mode.log_posterior)
     offset = (target.prior.to_x(mode.u) - truth_of(target))[:3]
     assert np.max(np.abs(offset)) < 0.1
 
@@ -514,23 +545,33 @@ def test_climb_finds_the_maximum():
 def test_the_highest_valley_is_found_without_the_answer(fitted):
     curve, answer = fitted
     work = verify._Work(Verification(discrepancy=False), curve, answer)
-    (known,) = modes(work.target, work._starts(), QUICK)
-    found = modes(work.target, work._scanned(), QUICK)
+    (known,) = modes(work.target, work.starts())
+    found = modes(work.target, work.scanned())
     assert same(found[0], known)
-    assert len(modes(work.target, work._starts(), QUICK, work._scanned())) == 1
+    assert len(modes(work.target, work.starts(), work.scanned())) == 1
 
 
 # laws
 
 
-def test_evidence_prefers_the_true_law_and_spares_a_needless_parameter():
-    curves = [shot(noise=0.005, seed=seed, name=f"s{seed}", group="gel") for seed in (1, 2)]
-    singles, groups = rank_laws(curves, ["newtonian", "nhkv"], discrepancy=False, window=1, draws=400)
-    assert [one.chosen for one in singles] == ["nhkv", "nhkv"]
-    assert singles[0].probability["nhkv"] > 0.99
-    assert groups[0].shots == 2
-    total = sum(one.log_evidence["nhkv"] for one in singles)
-    assert groups[0].log_evidence["nhkv"] == pytest.approx(total)
+def test_evidence_of_a_group_is_the_sum_of_the_shots_that_all_laws_have(monkeypatch):
+    found = {"newtonian": [(-90.0, 0.3), (-80.0, 0.1), (-10.0, 0.1)], "nhkv": [(-40.0, 0.4), (-42.0, 0.1), None]}
+    point = Posterior((), (), np.zeros((1, 0)), Checks("ok"), "", "verified", log_weight=np.zeros(1))
+
+    def verified(curves, answers, **settings):
+        pairs = found[answers]
+        return [replace(point, evidence=Evidence(*pair) if pair else None) for pair in pairs]
+
+    monkeypatch.setattr(evidence, "fit_many", lambda curves, law, **options: law)
+    monkeypatch.setattr(evidence, "verify_many", verified)
+    curves = [RadiusCurve(np.arange(3.0), np.ones(3), meta={"group": "gel", "name": name}) for name in "abc"]
+    singles, (group,) = rank_laws(curves, ["newtonian", "nhkv"])
+    assert [one.chosen for one in singles] == ["nhkv", "nhkv", "newtonian"]
+    assert singles[2].probability == {"newtonian": 1.0}
+    assert (group.shots, group.evidence["newtonian"].log, group.evidence["nhkv"].log) == (2, -170.0, -82.0)
+    assert group.evidence["nhkv"].error == pytest.approx(np.hypot(0.4, 0.1))
+    found["nhkv"][:] = [(-90.5, 3.0), (-83.0, 0.1), (-9.0, 0.1)]  # a parameter more, and no better than by chance
+    assert rank_laws(curves, ["newtonian", "nhkv"])[1][0].contenders == ["newtonian", "nhkv"]
     with pytest.raises(InputError) as error:
         rank_laws(curves, ["nhkv"])
     assert error.value.code == "option.laws"
@@ -545,7 +586,8 @@ def write_gel(folder: Path) -> None:
     (folder / "gel.csv").write_text("time_us,radius_um\n" + "\n".join(rows) + "\n")
 
 
-def test_verify_from_the_command_line(run, tmp_path):
+@pytest.mark.slow
+def test_full_verification_from_the_command_line(run, tmp_path):
     write_gel(tmp_path)
     status, _, err = run("infer", "gel.csv", "--verify", "full", "-o", "r")
     assert status == 0, err
@@ -557,6 +599,10 @@ def test_verify_from_the_command_line(run, tmp_path):
     assert row.provenance["effective_sample_size"] > 100
     page = (tmp_path / "r" / "report.html").read_text()
     assert "effective draws" in page
+
+
+def test_verify_from_the_command_line(run, tmp_path):
+    write_gel(tmp_path)
     status, _, err = run("fit", "gel.csv", "--verify", "map", "--exact-law", "--free", "t0", "-o", "f")
     assert status == 0, err
     (row,) = read_json(tmp_path / "f" / "result.json").curves
@@ -589,19 +635,21 @@ def test_the_exposure_from_the_command_line(run, tmp_path):
     assert "positive time" in err
 
 
-def test_which_law_from_the_command_line(run, tmp_path):
+def test_which_law_from_the_command_line(run, tmp_path, monkeypatch, light):
+    """The true law is preferred to one that lacks a parameter."""
+    monkeypatch.setattr(evidence, "verify_many", partial(verify_many, draws=60))
     write_gel(tmp_path)
-    status, out, err = run(
-        "which-law", "gel.csv", "--laws", "newtonian,nhkv", "--exact-law", "--window", "2", "-o", "w"
-    )
+    words = ("which-law", "gel.csv", "--laws", "newtonian,nhkv", "--exact-law", "--window", "2", "-o", "w")
+    status, out, err = run(*words)
     assert status == 0, err
     assert "nhkv" in out
     document = json.loads((tmp_path / "w" / "laws.json").read_text())
     (row,) = document["curves"]
     assert set(row["laws"]) == {"newtonian", "nhkv"}
-    assert row["chosen"] in row["contenders"]
+    assert row["chosen"] == "nhkv"
+    assert row["laws"]["nhkv"]["probability"] > 0.99
     assert sum(law["probability"] for law in row["laws"].values()) == pytest.approx(1.0)
-    assert row["laws"]["nhkv"]["answer"]["viscosity_Pa_s"]["q05"] > 0
+    assert row["laws"]["nhkv"]["answer"]["viscosity_Pa_s"]["median"] == pytest.approx(0.05, rel=0.2)
     status, _, err = run("which-law", "gel.csv", "--laws", "nhkv")
     assert status == 2
     assert "nhkv" in err
@@ -624,16 +672,17 @@ def test_against_emcee(seed, monkeypatch):
     settings = {"discrepancy": False, "ranges": calibration.RANGES, "draws": 6000, "seed": seed}
     monkeypatch.setattr(verify, "TUNING", replace(TUNING, effective_enough=2500.0))
     monkeypatch.setattr(verify, "FINE", QUICK)
+    monkeypatch.setattr(Explorer.__call__, "__defaults__", (QUICK,))
     found = verify.verify(curve, answer, **settings)
     work = verify._Work(Verification(**settings), curve, answer)
     target = work.target
     weight = np.exp(found.log_weight - np.max(found.log_weight))
     weight /= np.sum(weight)
-    best = climb(target, work._starts()[0], QUICK)
+    best = climb(target, work.starts()[0], QUICK)
     d, rng = len(best.u), np.random.default_rng(seed)
     walkers = best.u + rng.standard_normal((4 * d, d)) @ np.linalg.cholesky(best.covariance).T
     moves = [(emcee.moves.DEMove(), 0.5), (emcee.moves.StretchMove(), 0.5)]
-    sampler = emcee.EnsembleSampler(4 * d, d, lambda u: target(u, QUICK), vectorize=True, moves=moves)
+    sampler = emcee.EnsembleSampler(4 * d, d, lambda u: value_of(target, u, QUICK), vectorize=True, moves=moves)
     sampler._random.seed(seed)
     sampler.run_mcmc(walkers, 4000)
     tau = float(np.max(sampler.get_autocorr_time(tol=0)))

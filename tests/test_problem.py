@@ -35,8 +35,8 @@ def test_draws_are_fixed_for_all_time():
 
 def test_prior_is_uniform_and_independent(problem):
     theta = problem.prior.sample(4000, seed=3)
-    assert problem.prior.contains(theta).all()
     unit = (theta - problem.prior.low) / (problem.prior.high - problem.prior.low)
+    assert 0 <= unit.min() < unit.max() <= 1
     for column in unit.T:
         counts, _ = np.histogram(column, bins=10, range=(0, 1))
         assert np.sum((counts - 400) ** 2 / 400) < 27.9  # chi-square, 9 degrees of freedom: 0.1 %
@@ -47,11 +47,6 @@ def test_streams_are_independent():
     ours = [uniforms(5, i, 1)[0] for i in range(500)]
     theirs = [uniforms(5, i, 1, stream=1)[0] for i in range(500)]
     assert abs(np.corrcoef(ours, theirs)[0, 1]) < 0.15
-
-
-def test_contains(problem):
-    inside = problem.prior.contains([[3.0, -3.0, 11.0], [2.99, -1.0, 5.0], [4.0, -1.0, np.nan]])
-    assert inside.tolist() == [True, False, False]
 
 
 @pytest.mark.parametrize(

@@ -18,8 +18,8 @@ LOG10 = "log10_"
 
 
 class Parameter(NamedTuple):
-    """`searched` is the range that a fit searches and that a posterior takes as prior, `started` the part of it where
-    searches start: log10 of the SI value; None for one that is not fitted but keeps the default of its law."""
+    """`searched`: log10 of the SI values that a fit searches and a posterior takes as prior, `started`: of those where
+    searches start; None for one that is not fitted but keeps the default of its law."""
 
     symbol: str
     unit: str  # SI; "1" is dimensionless
@@ -53,9 +53,7 @@ PARAMETERS: dict[str, Parameter] = {
     "relaxation_time": Parameter("tau_1", "s", (-8.0, -3.0), (-7.0, -5.0)),
     "retardation_time": Parameter("tau_2", "s", (-9.0, -3.0), (-8.0, -6.0)),
     # of a shot
-    "stretch": Parameter(
-        "λ", "1", (float(np.log10(1.2)), float(np.log10(16.0))), tuple(np.log10([3.0, 12.0]).tolist())
-    ),
+    "stretch": Parameter("λ", "1", _log10(1.2, 16.0), _log10(3.0, 12.0)),
     "time_origin": Parameter("t_0", "s"),
     "radius_scale": Parameter("scale", "1"),
     "max_radius_factor": Parameter("R_max factor", "1"),

@@ -1,8 +1,7 @@
 """Prior: what is assumed of every parameter before a curve is seen; and the coordinates u in which it is normal.
 
-u = Phi^-1(F(x)), F the cumulative distribution of a parameter's prior, x in the scale of the prior. In u there are no
-bounds, the prior density is prod phi(u_i), and what a curve does not determine looks like its prior: the coordinates
-in which a posterior is sampled. A density over x is one over u times p(x)/phi(u).
+u = Phi^-1(F(x)), F the cumulative distribution of a parameter's prior, x in its scale. In u, where posteriors are
+sampled, there are no bounds and the prior density is prod phi(u_i). A density over x is one over u times p(x)/phi(u).
 """
 
 from __future__ import annotations
@@ -12,16 +11,14 @@ from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import ArrayLike
 from scipy.special import ndtr, ndtri
 
 from cavirheo.arrays import Bools, Floats
-from cavirheo.errors import InputError
+from cavirheo.errors import require
 from cavirheo.parameters import PARAMETERS, natural_name
 
 _LOG_2PI = float(np.log(2.0 * np.pi))
 _INSIDE = 1e-12  # of the probability, that u keeps away from the bounds
-_START = 1e-3  # the same for a start, which must have somewhere to go
 
 
 def uniforms(seed: int, index: int, count: int, stream: int = 0) -> Floats:
@@ -29,8 +26,7 @@ def uniforms(seed: int, index: int, count: int, stream: int = 0) -> Floats:
 
     Raw words of the counter-based Philox generator, whose stream numpy keeps fixed across versions.
     """
-    if not 0 <= seed < 2**64:
-        raise InputError(f"a seed must be from 0 to 2^64 - 1, got {seed}", "prior.seed")
+    require(0 <= seed < 2**64, f"a seed must be from 0 to 2^64 - 1, got {seed}", "prior.seed")
     words = np.random.Philox(key=(stream << 64) + seed, counter=index << 128).random_raw(count)
     return np.asarray((words >> np.uint64(11)) * 2.0**-53)
 
@@ -42,66 +38,52 @@ def log_normal(u: Floats) -> Floats:
 
 @dataclass(frozen=True, eq=False)
 class Prior:
-    """Independent and normalised: uniform between the bounds, or normal and cut there.
+    """Independent and normalised: uniform between the bounds, or normal and cut there. All arrays are (parameters,).
 
-    A name that starts with log10_ is of the logarithm of the SI value. All arrays are (parameters,); mean and std are
-    of the normal ones, std is infinite where uniform.
-
-    Raises:
-        InputError: a range that is not finite and rising, or arrays of other lengths than the names.
+    A name that starts with log10_ is of the logarithm of the SI value; std is infinite where uniform. Raises
+    InputError: a range that is not finite and rising, or arrays of other lengths than the names.
     """
 
     names: tuple[str, ...]
     low: Floats
     high: Floats
-    mean: Floats = field(default_factory=lambda: np.zeros(1))
-    std: Floats = field(default_factory=lambda: np.full(1, np.inf))
+    mean: Floats = field(default_factory=lambda: np.array(0.0))
+    std: Floats = field(default_factory=lambda: np.array(np.inf))
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "names", tuple(self.names))
         size = len(self.names)
         for name in ("low", "high", "mean", "std"):
             values = np.asarray(getattr(self, name), dtype=float)
-            if values.size == 1 and name in ("mean", "std"):
-                values = np.full(size, values.item())
+            values = values if values.ndim else np.full(size, values)
+            told = f"a prior needs one {name} for each of its names {self.names}"
+            require(values.size == size == len(set(self.names)), told, "prior.shape")
             object.__setattr__(self, name, values)
-        if not size == len(set(self.names)) == self.low.size == self.high.size == self.mean.size == self.std.size:
-            raise InputError(
-                f"a prior needs one low and one high value for each of its names {self.names}", "prior.shape"
-            )
         for name, low, high in zip(self.names, self.low, self.high, strict=True):
-            if not (np.isfinite(low) and np.isfinite(high) and low < high):
-                raise InputError(
-                    f"the prior of {name} must be [low, high] with low < high, got [{low}, {high}]", "prior.range"
-                )
+            told = f"the prior of {name} must be [low, high] with low < high, got [{low}, {high}]"
+            require(-np.inf < low < high < np.inf, told, "prior.range")
 
     @classmethod
     def uniform(cls, ranges: Mapping[str, Sequence[float]]) -> Prior:
         """A prior from {name: [low, high]}. Raises InputError: an unknown parameter, or not two numbers."""
+        known = ", ".join(PARAMETERS)
         for name, pair in ranges.items():
-            if natural_name(name) not in PARAMETERS:
-                known = ", ".join(PARAMETERS)
-                raise InputError(f"unknown parameter {name!r}; known, with or without log10_: {known}", "prior.name")
-            if len(pair) != 2:
-                raise InputError(f"the prior of {name} must be [low, high], got {list(pair)}", "prior.range")
+            told = f"unknown parameter {name!r}; known, with or without log10_: {known}"
+            require(natural_name(name) in PARAMETERS, told, "prior.name")
+            require(len(pair) == 2, f"the prior of {name} must be [low, high], got {list(pair)}", "prior.range")
         low, high = np.array(list(ranges.values()), dtype=float).reshape(-1, 2).T
         return cls(tuple(ranges), low, high)
+
+    def bounds(self, name: str) -> tuple[float, float]:
+        """(low, high) of one parameter."""
+        i = self.names.index(name)
+        return float(self.low[i]), float(self.high[i])
 
     def sample(self, draws: int | range, seed: int) -> Floats:
         """(draws, parameters) of a uniform prior; draw i depends on (seed, i) alone: any part can be drawn anywhere."""
         indices = range(draws) if isinstance(draws, int) else draws
         cube = np.array([uniforms(seed, i, len(self.names)) for i in indices]).reshape(len(indices), len(self.names))
         return np.asarray(self.low + (self.high - self.low) * cube)
-
-    def contains(self, theta: ArrayLike) -> Bools:
-        """(...,) whether each row of theta (..., parameters) lies inside all ranges, bounds included."""
-        theta = np.asarray(theta, dtype=float)
-        return np.asarray(np.all((theta >= self.low) & (theta <= self.high), axis=-1))
-
-    def part(self, i: int) -> Prior:
-        """The prior of parameter i alone."""
-        one = slice(i, i + 1)
-        return Prior(self.names[one], self.low[one], self.high[one], self.mean[one], self.std[one])
 
     @cached_property
     def _normal(self) -> tuple[Bools, Floats, Floats, Floats, Floats]:
@@ -125,13 +107,9 @@ class Prior:
         normal = centre + unit * ndtri(np.clip(below + p * inside, _INSIDE, 1.0 - _INSIDE))
         return np.asarray(np.clip(np.where(flat, self.low + p * (self.high - self.low), normal), self.low, self.high))
 
-    def to_u(self, x: Floats) -> Floats:
-        """(..., d) from x (..., d); infinite at and beyond a bound."""
-        return np.asarray(ndtri(self.cdf(x)))
-
-    def start(self, x: Floats) -> Floats:
-        """`to_u` with what lies at or beyond a bound brought a little inside."""
-        return np.asarray(ndtri(np.clip(self.cdf(x), _START, 1.0 - _START)))
+    def to_u(self, x: Floats, inside: float = 0.0) -> Floats:
+        """(..., d) from x (..., d); infinite at and beyond a bound, unless it is to keep a probability `inside` it."""
+        return np.asarray(ndtri(np.clip(self.cdf(x), inside, 1.0 - inside)))
 
     def log_density(self, x: Floats) -> Floats:
         """(...,) log p(x) of x (..., d), inside the bounds."""

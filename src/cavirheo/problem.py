@@ -1,20 +1,11 @@
-"""The training problem of a network: the law, the medium, the prior and the regular grid of times of its curves.
+"""The training problem of a network: law, medium, prior and the regular grid of times of its curves.
 
-One scale serves every shot. For given medium constants the normalised history R/R_max as a function of
-t* = t/t_c depends on the Cauchy number p_inf/G, the Reynolds number p_inf t_c/mu and the stretch R_max/R_0,
-and less strongly (through conduction, diffusion, surface tension and sound speed) on R_max itself
-(docs/method/physics.md, section 1). Training curves are therefore all simulated at one reference R_max, 245 um:
-35 um (the R_0 that the authors of the Bubble Dynamics Transformer fix in their app) times 7 (the mean stretch
-of the prior); and sampled at j x 1 us, j = 0..99: a fixed grid in t*. A measured shot is brought to that grid
-through its own t_c, and the answer is brought back at the same Cauchy and Reynolds numbers:
+R/R_max over t* = t/t_c depends on the Cauchy number p_inf/G, the Reynolds number p_inf t_c/mu and the stretch, and
+less on R_max itself (docs/method/physics.md, section 1). So all training curves have one R_max, 245 um: 35 um (the R_0
+of the app of the Bubble Dynamics Transformer) times 7 (the mean stretch). A shot comes to their grid of t* through its
+own t_c, and the answer goes back at the same Cauchy and Reynolds numbers (`grid_step`, `to_shot`):
 
-    step_shot = step_reference x t_c,shot / t_c,reference              `TrainingProblem.grid_step`
-    G_shot    = G x p_inf,shot / p_inf,reference                       `TrainingProblem.to_shot`
-    mu_shot   = mu x (p_inf t_c)_shot / (p_inf t_c)_reference
-
-What does not scale (heat, vapour, surface tension, sound) is corrected by inference (inference/amortised.py).
-
-No torch here: training and inference share this module, so that a curve is prepared in one way only.
+    step_shot = step x t_c,shot/t_c,   G_shot = G x p_inf,shot/p_inf,   mu_shot = mu x (p_inf t_c)_shot/(p_inf t_c)
 """
 
 from __future__ import annotations
@@ -30,7 +21,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from cavirheo.arrays import Floats
-from cavirheo.errors import InputError
+from cavirheo.errors import InputError, require
 from cavirheo.parameters import LOG10, natural_name
 from cavirheo.physics.materials import MATERIALS, Material
 from cavirheo.physics.media import WATER, Medium
@@ -48,11 +39,8 @@ class FrameGrid:
     frames: int = 100
 
     def __post_init__(self) -> None:
-        if not (self.frame_interval > 0 and self.frames >= 2):
-            raise InputError(
-                f"a grid needs a positive frame interval and at least 2 frames, "
-                f"got {self.frame_interval} s and {self.frames}"
-            )
+        told = f"a positive frame interval and at least 2 frames, got {self.frame_interval} s and {self.frames}"
+        require(self.frame_interval > 0 and self.frames >= 2, f"a grid needs {told}")
 
     @property
     def time(self) -> Floats:
@@ -64,8 +52,7 @@ class FrameGrid:
 class TrainingProblem:
     """What the curves of a training set are drawn from and simulated with; a network's card and its data hold it.
 
-    Raises:
-        InputError: unknown material, or a prior whose names are not its parameters and the stretch.
+    Raises InputError: unknown material, or a prior whose names are not its parameters and the stretch.
     """
 
     material_name: str
@@ -75,29 +62,22 @@ class TrainingProblem:
     reference_max_radius: float = 245e-6  # m
 
     def __post_init__(self) -> None:
-        if self.material_name not in MATERIALS:
-            known = ", ".join(MATERIALS)
-            raise InputError(f"unknown material {self.material_name!r}; known: {known}", "problem.material")
-        needed = {f.name for f in fields(MATERIALS[self.material_name])} | {"stretch"}
-        if sorted(map(natural_name, self.prior.names)) != sorted(needed):
-            raise InputError(
-                f"material {self.material_name!r} needs a prior for {', '.join(sorted(needed))} "
-                f"(each with or without log10_), got {', '.join(self.prior.names)}",
-                "problem.prior",
-            )
-        if not self.reference_max_radius > 0:
-            raise InputError(f"reference_max_radius must be positive, got {self.reference_max_radius} m")
+        material, names = self.material_name, self.prior.names
+        told = f"unknown material {material!r}; known: {', '.join(MATERIALS)}"
+        require(material in MATERIALS, told, "problem.material")
+        needed = sorted([*(f.name for f in fields(MATERIALS[material])), "stretch"])
+        told = f"material {material!r} needs a prior for {', '.join(needed)} (each with or without log10_)"
+        require(sorted(map(natural_name, names)) == needed, f"{told}, got {', '.join(names)}", "problem.prior")
+        radius = self.reference_max_radius
+        require(radius > 0, f"reference_max_radius must be positive, got {radius} m")
 
     def to_dict(self) -> dict[str, Any]:
         """Plain data for JSON, from which `from_dict` makes the same problem again."""
         return {
-            "schema": 1,
-            "material": self.material_name,
-            "medium": asdict(self.medium),
-            "prior": self.prior.to_dict(),
-            "camera": asdict(self.grid),
+            "schema": 1, "material": self.material_name, "medium": asdict(self.medium),
+            "prior": self.prior.to_dict(), "camera": asdict(self.grid),
             "reference_max_radius": self.reference_max_radius,
-        }
+        }  # fmt: skip
 
     @classmethod
     def from_dict(cls, data: Mapping[str, Any]) -> TrainingProblem:
@@ -106,8 +86,8 @@ class TrainingProblem:
             prior, medium, grid = Prior.uniform(data["prior"]), Medium(**data["medium"]), FrameGrid(**data["camera"])
             return cls(data["material"], prior, medium, grid, data["reference_max_radius"])
         except (KeyError, TypeError, IndexError) as error:
-            message = f"not a problem written by this version of cavirheo: {error}"
-            raise InputError(message, "problem.unreadable") from error
+            told = f"not a problem written by this version of cavirheo: {error}"
+            raise InputError(told, "problem.unreadable") from error
 
     @cached_property
     def id(self) -> str:
@@ -116,49 +96,46 @@ class TrainingProblem:
         return hashlib.sha256(text.encode()).hexdigest()[:12]
 
     def material(self, theta: ArrayLike) -> Material:
-        """The material of theta (parameters,) in the prior's scale; the stretch does not belong to it."""
+        """The material of theta (parameters,) in the prior's scale."""
         values = natural_values(self.prior.names, theta)
         del values["stretch"]
         return MATERIALS[self.material_name](**values)
 
     def simulate_many(self, theta: ArrayLike, *, time: ArrayLike | None = None, **options: Any) -> list[Simulation]:
-        """The curves of theta (curves, parameters) at the reference R_max; none is left out, failures say so in
-        their status. `time` is (n,) or (curves, n) s, by default the grid; `options` are those of the simulation."""
+        """The curves of theta (curves, parameters) at the reference R_max, failed ones too (see their status).
+        `time` is (n,) or (curves, n) s, by default the grid; `options` are those of the simulation."""
         from cavirheo.physics.simulate import simulate_many  # compiles: whoever only trains need not wait
 
         rows = np.asarray(theta, dtype=float)
+        stretch = np.array([natural_values(self.prior.names, row)["stretch"] for row in rows])
+        time = self.grid.time if time is None else time
         return simulate_many(
-            [self.material(row) for row in rows],
-            max_radius=self.reference_max_radius,
-            stretch=np.array([natural_values(self.prior.names, row)["stretch"] for row in rows]),
-            time=self.grid.time if time is None else time,
-            medium=self.medium,
-            **options,
-        )
+            [self.material(row) for row in rows], max_radius=self.reference_max_radius, stretch=stretch,
+            time=time, medium=self.medium, **options,
+        )  # fmt: skip
 
     def grid_step(self, max_radius: float, medium: Medium | None = None) -> float:
         """The frame interval (s) that puts a shot of this R_max (m) on the grid in t*."""
         return self.grid.frame_interval * self._time_ratio(max_radius, medium or self.medium)
 
     def to_shot(self, values: Mapping[str, float], max_radius: float, medium: Medium | None = None) -> dict[str, float]:
-        """Values in SI by parameter name for a shot of this R_max (m) from those at the reference scale: the same
-        Cauchy and Reynolds numbers."""
+        """Values in SI by parameter name for a shot of this R_max (m) from those at the reference scale."""
         medium = medium or self.medium
         pressure = medium.pressure / self.medium.pressure
         ratio = {"shear_modulus": pressure, "viscosity": pressure * self._time_ratio(max_radius, medium)}
         return {name: value * ratio.get(name, 1.0) for name, value in values.items()}
 
     def _time_ratio(self, max_radius: float, medium: Medium) -> float:
-        if not (np.isfinite(max_radius) and max_radius > 0):
-            raise InputError(f"R_max must be finite and positive, got {max_radius} m", "problem.max_radius")
+        told = f"R_max must be finite and positive, got {max_radius} m"
+        require(0 < max_radius < np.inf, told, "problem.max_radius")
         return medium.time_scale(max_radius) / self.medium.time_scale(self.reference_max_radius)
 
 
 def natural_values(names: Sequence[str], theta: ArrayLike) -> dict[str, float]:
     """Values in SI by parameter name from theta (names,) in the prior's scale. Raises InputError: another shape."""
     theta = np.asarray(theta, dtype=float)
-    if theta.shape != (len(names),):
-        raise InputError(f"theta must hold {', '.join(names)}, got shape {theta.shape}", "problem.theta")
+    told = f"theta must hold {', '.join(names)}, got shape {theta.shape}"
+    require(theta.shape == (len(names),), told, "problem.theta")
     return {
         natural_name(name): float(10.0**value if name.startswith(LOG10) else value)
         for name, value in zip(names, theta, strict=True)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 
 from cavirheo.curve import RadiusCurve
-from cavirheo.errors import InputError
+from cavirheo.errors import require
 from cavirheo.inference.amortised import Amortised
 from cavirheo.inference.model import DEFAULT, load
 from cavirheo.parallel import each
@@ -19,8 +19,7 @@ LEVELS = ("none", "map", "full")  # of verification (inference/verify)
 
 def check_level(level: str) -> None:
     """Raises InputError for a level of verification that does not exist."""
-    if level not in LEVELS:
-        raise InputError(f"verify must be {', '.join(LEVELS[:-1])} or {LEVELS[-1]}, got {level!r}")
+    require(level in LEVELS, f"verify must be none, map or full, got {level!r}", "option.verify")
 
 
 def infer(

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from cavirheo.arrays import Floats
-from cavirheo.errors import InputError
+from cavirheo.errors import require
 from cavirheo.parameters import PARAMETERS
 from cavirheo.physics.laws import LAWS, combine
 from cavirheo.physics.materials import Material
@@ -38,27 +38,22 @@ class Family:
     """
 
     name: str
-    _terms: tuple[tuple[str, tuple[str, ...]], ...] = field(init=False, repr=False, compare=False)
+    parameters: tuple[str, ...] = field(init=False, repr=False, compare=False)
+    _terms: list[tuple[str, list[str]]] = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
-        terms = []
-        for law in (part.strip() for part in self.name.split("+")):
-            if law not in ABLE:
-                hint = " without parameters (all of them are fitted)" if "(" in law else ""
-                if law in LAWS:
-                    hint = f" (its {', '.join(_unfittable(law))} cannot be given a range)"
-                known = f"known, also as sums: {', '.join(ABLE)}"
-                raise InputError(f"cannot fit the material {law!r}{hint}; {known}", "law.not_fittable")
-            terms.append((law, tuple(f.name for f in _parameters(law) if PARAMETERS[f.name].searched)))
-        object.__setattr__(self, "_terms", tuple(terms))
-        self.material(np.mean(self.bounds(started=True), axis=1))  # whether the laws go together
-
-    @property
-    def parameters(self) -> tuple[str, ...]:
-        names: list[str] = []
-        for number, (_, own) in enumerate(self._terms, 1):
+        terms, names = [], list[str]()
+        for number, law in enumerate((part.strip() for part in self.name.split("+")), 1):
+            hint = " without parameters (all of them are fitted)" if "(" in law else ""
+            hint = f" (its {', '.join(_unfittable(law))} cannot be given a range)" if law in LAWS else hint
+            told = f"cannot fit the material {law!r}{hint}; known, also as sums: {', '.join(ABLE)}"
+            require(law in ABLE, told, "law.not_fittable")
+            own = [f.name for f in _parameters(law) if PARAMETERS[f.name].searched]
             names += [f"{name}_{number}" if name in names else name for name in own]
-        return tuple(names)
+            terms.append((law, own))
+        object.__setattr__(self, "_terms", terms)
+        object.__setattr__(self, "parameters", tuple(names))
+        self.material(np.mean(self.bounds(started=True), axis=1))  # whether the laws go together
 
     def material(self, log10: Floats) -> Material:
         """The material of (parameters,) log10 values. Raises InputError where they exclude each other."""

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from cavirheo.arrays import Floats
-from cavirheo.errors import InputError
+from cavirheo.errors import InputError, require
 from cavirheo.problem import TrainingProblem
 
 DEFAULT = "bdt-viscoelastic"
@@ -41,9 +41,8 @@ class Network:
             raise InputError(f"the card of {path} lacks what inference needs: {error}", "model.card") from error
         content = path.read_bytes()
         self.sha256 = hashlib.sha256(content).hexdigest()
-        if self.sha256 != expected:
-            message = f"{path} is not the file that its card describes (sha256 {self.sha256[:12]}...)"
-            raise InputError(message, "model.changed")
+        told = f"{path} is not the file that its card describes (sha256 {self.sha256[:12]}...)"
+        require(self.sha256 == expected, told, "model.changed")
         self._run = _session(content)
 
     def __call__(self, features: ArrayLike) -> Floats:
@@ -77,16 +76,14 @@ def _session(content: bytes) -> Callable[[ArrayLike], Floats]:
 def card(path: Path) -> dict[str, Any]:
     """The card beside an .onnx file. Raises InputError if either is missing or the card is not JSON."""
     beside = path.with_suffix(".json")
-    if not path.is_file() or not beside.is_file():
-        message = f"a model is an .onnx file with its card beside it; expected {path} and {beside}"
-        raise InputError(message, "model.missing")
+    told = f"a model is an .onnx file with its card beside it; expected {path} and {beside}"
+    require(path.is_file() and beside.is_file(), told, "model.missing")
     try:
         content = json.loads(beside.read_text(encoding="utf-8"))
+        require(isinstance(content, dict), "it holds no object")
     except (OSError, ValueError) as error:
         raise InputError(f"{beside} is not a model card of cavirheo: {error}", "model.card") from error
-    if not isinstance(content, dict):
-        raise InputError(f"{beside} is not a model card of cavirheo: it holds no object", "model.card")
-    return content
+    return dict(content)
 
 
 def shipped() -> dict[str, Path]:
@@ -100,9 +97,8 @@ def path_of(name: str) -> Path:
     if name.endswith(".onnx"):
         return Path(name)
     known = shipped()
-    if name not in known:
-        there = ", ".join(known) or "none"
-        raise InputError(f"unknown model {name!r}; known: {there}, or a path to an .onnx file", "model.unknown")
+    told = f"unknown model {name!r}; known: {', '.join(known) or 'none'}, or a path to an .onnx file"
+    require(name in known, told, "model.unknown")
     return known[name]
 
 

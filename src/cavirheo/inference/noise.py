@@ -75,22 +75,20 @@ class Noise:
         """C^-1 columns, (n, k), for each grid point."""
         return [part.solve(columns) for part in self.parts]
 
-    def _joint(self, squares: Floats) -> Floats:
-        """(grid, k) log joint density of grid point and residual, from e' C^-1 e."""
+    def joint(self, squares: Floats) -> Floats:
+        """(grid, k) log joint density of grid point and residual, from e' C^-1 e (grid, k)."""
         return np.asarray(self.constants[:, None] - self.power * np.log1p(squares / (2.0 * SHAPE)))
 
-    def _terms(self, residuals: Floats) -> tuple[Floats, Floats]:
-        """(grid, k) log joint density of grid point and residual, and e' C^-1 e."""
+    def _weighed(self, residuals: Floats) -> tuple[Floats, Floats, Floats]:
+        """log density (k,) of residuals (n, k), the share of each grid point in it and e' C^-1 e, both (grid, k)."""
         squares = np.array([np.sum(residuals * part.solve(residuals), axis=0) for part in self.parts])
-        return self._joint(squares), squares
-
-    def log_density_of(self, squares: Floats, half_log_det: Floats) -> Floats:
-        """(k,) log density where e' C^-1 e is known, (grid, k), and what 0.5 log |C| is larger by."""
-        return np.asarray(logsumexp(self._joint(squares) - half_log_det, axis=0))
+        terms = self.joint(squares)
+        total = logsumexp(terms, axis=0)
+        return total, np.exp(terms - total), squares
 
     def factor(self, squares: Floats) -> float:
         """k^2 on average over the grid, for one residual with e' C^-1 e (grid,)."""
-        terms = self._joint(squares[:, None])[:, 0]
+        terms = self.joint(squares[:, None])[:, 0]
         return float(np.exp(terms - logsumexp(terms)) @ (SHAPE + 0.5 * squares) / self.power)
 
     def log_density(self, residuals: Floats) -> Floats:
@@ -98,24 +96,22 @@ class Noise:
         found = np.full(len(residuals), -np.inf)
         good = np.all(np.isfinite(residuals), axis=1)
         if np.any(good):
-            found[good] = logsumexp(self._terms(residuals[good].T)[0], axis=0)
+            found[good] = self._weighed(residuals[good].T)[0]
         return found
 
     def newton(self, residual: Floats, jacobian: Floats) -> tuple[Floats, Floats]:
-        """Gradient (d,) and Gauss-Newton curvature (d, d) of -log density of measured minus simulated, (n,), where
-        `jacobian` (n, d) is that of the simulated: grid points and k^2 as the residual has them on average."""
-        terms, squares = self._terms(residual[:, None])
-        share = np.exp(terms[:, 0] - logsumexp(terms[:, 0])) * self.power / (SHAPE + 0.5 * squares[:, 0])
+        """Gradient (d,) and Gauss-Newton curvature (d, d) of -log density of measured minus simulated, (n,), with the
+        simulated's `jacobian` (n, d)."""
+        _, share, squares = self._weighed(residual[:, None])
+        weight = (share * self.power / (SHAPE + 0.5 * squares))[:, 0]
         both = np.column_stack([jacobian, residual])
-        solved = sum(w * part.solve(both) for w, part in zip(share, self.parts, strict=True))
+        solved = sum(w * part.solve(both) for w, part in zip(weight, self.parts, strict=True))
         product = jacobian.T @ solved
         return -product[:, -1], product[:, :-1]
 
-    def describe(self, residuals: Floats, weight: Floats) -> dict[str, float]:
-        """Averages over draws, residuals (k, n) with weights (k,): the noise over that assumed, the probability of a
-        discrepancy, and its standard deviation."""
-        terms, squares = self._terms(residuals.T)
-        share = np.exp(terms - logsumexp(terms, axis=0)) * weight / np.sum(weight)
+    def describe(self, residual: Floats) -> dict[str, float]:
+        """The noise over that assumed, the probability of a discrepancy, and its standard deviation, of a (n,)."""
+        _, share, squares = self._weighed(residual[:, None])
         variance = (SHAPE + 0.5 * squares) / (self.power - 1.0)
         ratio = np.array([r for r, _ in self.grid])[:, None]
         sigma = float(np.median(self.deviation))

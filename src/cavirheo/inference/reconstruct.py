@@ -10,7 +10,7 @@ from scipy.optimize import minimize_scalar
 
 from cavirheo.arrays import Floats
 from cavirheo.curve import RadiusCurve
-from cavirheo.errors import InputError, SolverError
+from cavirheo.errors import SolverError, require
 from cavirheo.physics.materials import Material
 from cavirheo.physics.media import Medium
 from cavirheo.physics.simulate import simulate, simulate_many
@@ -49,52 +49,46 @@ def window(curve: RadiusCurve, *, collapses: int | None = None, end: float | Non
     return Window(cut, float(last - curve.time_of_max), int(np.count_nonzero(seen <= last)))
 
 
-def misfit(view: Window, material: Material, medium: Medium, stretches: Floats) -> Floats:
-    """(k,) RMSE/R_max of quick simulations at each stretch; infinite where a solve failed."""
-    top, measured = view.curve.max_radius, view.normalised
-    runs = simulate_many(
-        [material] * len(stretches), max_radius=top, stretch=stretches, time=view.since_max, medium=medium,
-        workers=1, cells=48, rtol=1e-3,  # only compared with each other
-    )  # fmt: skip
-    return np.array([np.sqrt(np.mean((run.radius / top - measured) ** 2)) if run.ok else np.inf for run in runs])
-
-
 def fit_stretch(view: Window, material: Material, medium: Medium, near: float | None = None) -> float:
-    """The stretch R_max/R_0 with the smallest RMSE, the material being given.
+    """The stretch R_max/R_0 with the smallest RMSE, the material being given. Raises SolverError: none succeeded.
 
     The error has several minima (a rebound may slip by a period), so the whole range is looked over first; from a
-    stretch `near` it, one parabola step is taken instead.
-
-    Raises:
-        SolverError: no simulation succeeded at any stretch.
+    stretch `near` it, one parabola step in log stretch is taken instead.
     """
-    if near is not None:
-        return _refined(view, material, medium, near)
-    grid = np.geomspace(*STRETCH_RANGE, 18)
-    errors = misfit(view, material, medium, grid)
-    best = int(np.argmin(errors))
-    if not np.isfinite(errors[best]):
-        raise SolverError(f"no simulation with {material} succeeded at any stretch in {STRETCH_RANGE}")
-    found = minimize_scalar(
-        lambda stretch: float(misfit(view, material, medium, np.array([stretch]))[0]),
-        bounds=(grid[max(best - 1, 0)], grid[min(best + 1, len(grid) - 1)]), method="bounded", options={"xatol": 0.01},
-    )  # fmt: skip
-    return float(found.x)
+    top, measured = view.curve.max_radius, view.normalised
 
+    def misfit(stretches: Floats) -> Floats:
+        """(k,) RMSE/R_max of quick simulations, only compared with each other; infinite where a solve failed."""
+        runs = simulate_many(
+            [material] * len(stretches), max_radius=top, stretch=stretches, time=view.since_max, medium=medium,
+            workers=1, cells=48, rtol=1e-3,
+        )  # fmt: skip
+        return np.array([np.sqrt(np.mean((run.radius / top - measured) ** 2)) if run.ok else np.inf for run in runs])
 
-def _refined(view: Window, material: Material, medium: Medium, start: float) -> float:
-    """One parabola step in log stretch."""
+    lowest, highest = STRETCH_RANGE
+    if near is None:
+        grid = np.geomspace(lowest, highest, 18)
+        errors = misfit(grid)
+        best = int(np.argmin(errors))
+        if not np.isfinite(errors[best]):
+            raise SolverError(f"no simulation with {material} succeeded at any stretch in {STRETCH_RANGE}")
+        around = grid[max(best - 1, 0)], grid[min(best + 1, len(grid) - 1)]
+        found = minimize_scalar(
+            lambda stretch: float(misfit(np.array([stretch]))[0]),
+            bounds=around, method="bounded", options={"xatol": 0.01},
+        )  # fmt: skip
+        return float(found.x)
     step = 0.03
-    logs = np.log(np.clip(start, STRETCH_RANGE[0] * 1.04, STRETCH_RANGE[1] / 1.04)) + np.array([-step, 0.0, step])
-    low, middle, high = misfit(view, material, medium, np.exp(logs)) ** 2
+    logs = np.log(np.clip(near, lowest * 1.04, highest / 1.04)) + np.array([-step, 0.0, step])
+    low, middle, high = misfit(np.exp(logs)) ** 2
     curvature = low - 2 * middle + high
     if not np.isfinite(curvature):
-        return start
+        return near
     if curvature <= 0:
         move = -2 * step * np.sign(high - low)
     else:
         move = np.clip(step * (low - high) / (2 * curvature), -2 * step, 2 * step)
-    return float(np.clip(np.exp(logs[1] + move), *STRETCH_RANGE))
+    return float(np.clip(np.exp(logs[1] + move), lowest, highest))
 
 
 @dataclass(frozen=True, eq=False)
@@ -111,7 +105,11 @@ class Reconstruction:
         return float(np.sqrt(np.mean(self.residual**2)))
 
     def checks(self, view: Window, time_scale: float, verdict: Verdict, messages: Sequence[str]) -> Checks:
-        """The Checks of an answer with this verdict, compared over this window; time_scale is t_c in s."""
+        """The Checks of an answer: this verdict, unless the simulation misses the measurement by more than the limit.
+        time_scale is t_c in s."""
+        if self.rmse > MISFIT:
+            missed = f"by {self.rmse:.1%} of R_max RMS (limit {MISFIT:.0%})"
+            verdict, messages = "model_does_not_fit", [f"the simulation misses the measurement {missed}", *messages]
         return Checks(
             verdict,
             "; ".join(messages),
@@ -142,5 +140,5 @@ def reconstruct(view: Window, material: Material, medium: Medium, stretch: float
 
 def check_stretch(stretch: float | None) -> None:
     """Raises InputError for a stretch that no bubble at its largest radius has."""
-    if stretch is not None and not 1 < stretch < 100:
-        raise InputError(f"stretch = R_max/R_0 must lie between 1 and 100, got {stretch!r}", "option.stretch")
+    told = f"stretch = R_max/R_0 must lie between 1 and 100, got {stretch!r}"
+    require(stretch is None or 1 < stretch < 100, told, "option.stretch")

@@ -1,11 +1,4 @@
-"""The field's conventional fit: least squares of simulated on measured radius histories (docs/method/fit.md).
-
-| module | does |
-|---|---|
-| least_squares | residuals, finite differences, the minimum |
-| starts | coarse simulations all over the ranges, from which searches start |
-| covariance | what the minimum is worth, draws |
-"""
+"""The field's conventional fit: least squares of simulated on measured radius histories (docs/method/fit.md)."""
 
 from __future__ import annotations
 
@@ -21,23 +14,23 @@ import numpy as np
 from cavirheo.arrays import Floats
 from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError, SolverError
-from cavirheo.inference.experiment import FINE, QUICK, SCALE_BOUND, Experiment, Options, misfit_of
+from cavirheo.inference.experiment import FINE, FREE, QUICK, SCALE_BOUND, Experiment, Options
 from cavirheo.inference.fit.covariance import Laplace, draws, laplace
 from cavirheo.inference.fit.least_squares import SEARCH, LeastSquares, Minimum
 from cavirheo.inference.fit.starts import Scan
 from cavirheo.inference.law import Family
 from cavirheo.parallel import cores, each
-from cavirheo.parameters import LOG10, natural_name, units
+from cavirheo.parameters import LOG10, units
 from cavirheo.physics.media import WATER, Medium
 from cavirheo.posterior import Checks, Diagnostics, Posterior, Verdict, WindowAnswer
 
 __all__ = ["fit", "fit_many"]
 
 DRAWS = 4096
-WINDOWS: tuple[int | None, ...] = (1, 2, 3, None)  # collapses; None: all that was recorded
+WINDOWS = (1, 2, 3, None)  # collapses; None: all that was recorded
 BEST = 3  # rough simulations from which a search is started
-FOLLOWED = 1.0  # residual variance over the assumed one below which one start is enough
-LOWER = 0.95  # of a minimum's cost, that another minimum must reach to replace it
+FOLLOWED = 1.0  # residual variance over the assumed one, at which one start is enough
+LOWER = 0.95  # of a minimum's cost, that another must reach to replace it
 AT_BOUND = 1e-3  # of a range: nearer to its end is "at the bound"
 
 
@@ -67,8 +60,7 @@ def fit_many(
     """Nonlinear least squares on the simulated radius, from many starts; one answer per curve, in their order.
 
     Args:
-        material: a law of `cavirheo laws` all of whose parameters are then fitted ("nhkv", "newtonian", "qkv",
-            "zener", ...).
+        material: a law of `cavirheo laws` all of whose parameters are then fitted ("nhkv", "qkv", "zener", ...).
         medium: constants of the liquid or gel.
         window: collapses that are fitted, up to the rebound's maximum after the last; "all" for the whole recording.
             Default: 3, or as many as there are, unless `end` is given.
@@ -77,7 +69,7 @@ def fit_many(
         free: of "t0" (the clock: true time of R_max minus fitted one), "scale" (radius calibration: true radius over
             measured one) and "rmax" (R_max of the motion over that read off the curve, the calibration being right).
         t0_bound: s, largest |t0|; default half a frame interval. scale_bound: largest deviation of the others from 1.
-        weights: "motion" (frames count less where the wall moves fast; inference/experiment.py) or "equal".
+        weights: "motion" (frames count less where the wall moves fast) or "equal".
         windows: fit windows of 1, 2, 3 and all collapses too, for comparison: `Posterior.windows`.
         joint: curves of one group (meta "group") share the material; stretch and what is free are each shot's own.
         seed: of the draws, which are the Gaussian about the minimum (fit/covariance.py).
@@ -92,33 +84,38 @@ def fit_many(
     options = Options(window, end, stretch, tuple(free), t0_bound, scale_bound, weights, windows)
     threads = cores(workers)
     inner = max(threads // max(len(curves), 1), 1)
-    common = _common_provenance(family, options, medium)
+    ranges = dict(zip(family.parameters, (10.0 ** family.bounds()).tolist(), strict=True))
+    common = {
+        "cavirheo": version("cavirheo"), "medium": asdict(medium), "options": asdict(options), "ranges": ranges
+    }  # fmt: skip
 
     def one(curve: RadiusCurve) -> tuple[Posterior, _Alone | None]:
         began = time.perf_counter()
-        alone = None
         try:
             alone = _Alone(Experiment(curve, family, medium, options), inner)
-            answer = alone.posterior(common, seed)
+            answer = _posterior(alone.fit, alone.found, alone.laplace, 0, alone, common, seed)
         except (InputError, SolverError) as error:
-            alone, answer = None, _failed(family, curve, common, str(error))
+            names = tuple(LOG10 + name for name in family.parameters)
+            nothing, checks = np.empty((0, len(names))), Checks("failed", str(error))
+            told, alone = common | {"source_sha256": curve.source_sha256}, None
+            answer = Posterior(names, units(names), nothing, checks, family.name, "least_squares", told)
         return replace(answer, seconds=time.perf_counter() - began), alone
 
     answered = each(one, curves, workers, done)
     answers = [answer for answer, _ in answered]
-    groups: dict[Any, list[int]] = {}
-    for i, (curve, (_, alone)) in enumerate(zip(curves, answered, strict=True)):
-        if joint and alone is not None:
-            groups.setdefault((curve.group, curve.group_source), []).append(i)
+    groups: dict[Any, dict[int, _Alone]] = {}
+    for i, (curve, (_, single)) in enumerate(zip(curves, answered, strict=True)):
+        if joint and single:
+            groups.setdefault((curve.group, curve.group_source), {})[i] = single
     for members in groups.values():
         began = time.perf_counter()
-        together = _joint([alone for i in members if (alone := answered[i][1])], common, seed, threads)
+        together = _joint(list(members.values()), common, seed, threads)
         seconds = (time.perf_counter() - began) / len(members)
         for i, answer in zip(members, together, strict=True):
-            checks = answers[i].checks
-            by_itself = {"verdict": checks.verdict, "rmse_over_rmax": checks.rmse_over_rmax, "best": answers[i].best}
+            before, checks = answers[i], answers[i].checks
+            by_itself = {"verdict": checks.verdict, "rmse_over_rmax": checks.rmse_over_rmax, "best": before.best}
             provenance = answer.provenance | {"alone": by_itself}
-            answers[i] = replace(answer, provenance=provenance, seconds=answers[i].seconds + seconds)
+            answers[i] = replace(answer, provenance=provenance, seconds=before.seconds + seconds)
     return answers
 
 
@@ -129,45 +126,45 @@ class _Alone:
     def __init__(self, shot: Experiment, workers: int) -> None:
         self.shot = shot
         self.fit = LeastSquares([shot], workers)
-        self.cut, windows = shot.cut, shot.options.windows
-        cuts = [(n, None) for n in shot.candidates(WINDOWS)] if windows else []
-        shot.set_window(*((None, None) if windows else self.cut))
+        cuts: list[Any] = [(n, None) for n in WINDOWS if n is None or n <= shot.shown] if shot.options.windows else []
+        shot.set_window(*(cuts[-1] if cuts else shot.cut))
         scan = Scan(self.fit)
+        self.search = scan.counts
         found: dict[Any, tuple[Minimum, Floats]] = {}  # minimum and sigma of each window
-        x: Floats | None = None
-        every = list(dict.fromkeys([*cuts, self.cut]))
+        every = list(dict.fromkeys([*cuts, shot.cut]))
+        before: list[Floats] = []
         for cut in every:
             shot.set_window(*cut)
-            if x is None:
-                minimum = self.fit.settle(scan.best(shot, BEST))
-            else:
-                minimum = self.fit.settle([x, *scan.best(shot, 2)], enough=FOLLOWED)
-            found[cut], x = (minimum, shot.sigma), minimum.x
+            starts = [*before, *scan.best(shot, 2 if before else BEST)]
+            minimum = self.fit.settle(starts, enough=FOLLOWED if before else 0.0)
+            found[cut], before = (minimum, shot.sigma), [minimum.x]
         for cut, longer in reversed(list(pairwise(every))):  # a few frames may have held a search in a side valley
             shot.set_window(*cut)
             found[cut] = self._better(*found[cut], found[longer][0].x)
         self.windows: dict[str, WindowAnswer] = {}
         for cut in cuts:
             shot.set_window(*cut)
-            self.windows["all" if cut[0] is None else str(cut[0])] = _window_answer(self.fit, found[cut][0].x)
-        shot.set_window(*self.cut)
-        self.found, shot.sigma = found[self.cut]
+            self.windows[str(cut[0] or "all")] = self._window_answer(found[cut][0].x)
+        shot.set_window(*shot.cut)
+        self.found, shot.sigma = found[shot.cut]
         self.laplace = laplace(self.fit, self.found.x)
-        self.search = scan.counts
 
     def _better(self, minimum: Minimum, sigma: Floats, start: Floats) -> tuple[Minimum, Floats]:
         """The minimum with its weights, or the one found from `start` if it is lower (both with measured weights)."""
         fit, shot = self.fit, self.shot
-        here = 0.5 * float(np.sum(fit.residuals(minimum.x, QUICK) ** 2))
-        there = 0.5 * float(np.sum(fit.residuals(start, QUICK) ** 2))
+        here, there = (0.5 * float(np.sum(fit.residuals(x, QUICK) ** 2)) for x in (minimum.x, start))
         if there < here or here > 0.5 * FOLLOWED * len(shot.measured):
             other = fit.minimise(start, QUICK, SEARCH, [minimum.x])
             if other.cost < LOWER * here:
                 return fit.settle([other.x]), shot.sigma
         return minimum, sigma
 
-    def posterior(self, common: dict[str, Any], seed: int) -> Posterior:
-        return _posterior(self.fit, self.found, self.laplace, 0, self, common, seed)
+    def _window_answer(self, x: Floats) -> WindowAnswer:
+        shot = self.shot
+        (seen,) = self.fit.at(x, FINE)
+        rmse = None if seen is None else float(np.sqrt(np.mean((shot.measured - seen.radius) ** 2)))
+        best = {name: value for name, value in shot.best(x).items() if name not in FREE.values()}
+        return WindowAnswer(best, float(shot.view.end / shot.time_scale), rmse, tuple(_at_bound(self.fit, x, 0)))
 
 
 def _joint(singles: list[_Alone], common: dict[str, Any], seed: int, workers: int) -> list[Posterior]:
@@ -190,26 +187,15 @@ def _joint(singles: list[_Alone], common: dict[str, Any], seed: int, workers: in
     return [_posterior(fit, found, worth, k, single, together, seed) for k, single in enumerate(singles)]
 
 
-def _window_answer(fit: LeastSquares, x: Floats) -> WindowAnswer:
-    (shot,) = fit.shots
-    (seen,) = fit.at(x, FINE)
-    rmse = None if seen is None else float(np.sqrt(np.mean((shot.measured - seen.radius) ** 2)))
-    kept = (*fit.family.parameters, "stretch")
-    best = {name: value for name, value in shot.best(x).items() if name in kept}
-    return WindowAnswer(best, float(shot.view.end / shot.time_scale), rmse, tuple(_at_bound(fit, x, 0)))
-
-
 def _at_bound(fit: LeastSquares, x: Floats, k: int) -> dict[str, str]:
-    """Names of the parameters of shot k that ended at a bound, and which bound."""
+    """Of the parameters of shot k that ended at a bound: by name, which."""
     found = {}
-    shot = fit.shots[k]
-    for name, column in zip(shot.names, fit.columns[k], strict=True):
-        low, high = fit.bounds[column]
-        for end, side in ((low, "lower"), (high, "upper")):
-            if abs(x[column] - end) < AT_BOUND * (high - low):
-                at = fit.bounds[:, 0 if side == "lower" else 1][fit.columns[k]]
-                value = shot.natural(at)[name] if name in shot.own else 10.0**end
-                found[name] = f"{name} at its {side} bound ({value:.4g})"
+    shot, x = fit.shots[k], x[fit.columns[k]]
+    low, high = fit.bounds[fit.columns[k]].T
+    for i, name in enumerate(shot.names):
+        for side, ends in (("lower", low), ("upper", high)):
+            if abs(x[i] - ends[i]) < AT_BOUND * (high[i] - low[i]):
+                found[name] = f"{name} at its {side} bound ({shot.best(ends)[name]:.4g})"
     return found
 
 
@@ -221,31 +207,28 @@ def _posterior(
     x, covariance = found.x[columns], worth.covariance[np.ix_(columns, columns)]
     drawn = draws(found.x, worth.covariance, fit.bounds, DRAWS, seed, worth.freedom)[:, columns]
     names, theta = shot.answer(drawn)
-    best = shot.best(x)
-    plain = [natural_name(name) for name in names]
-    sigma = np.sqrt(np.diag(covariance))
-    log10 = [*fit.family.parameters, "stretch"]
-    one_sigma = {
-        (LOG10 + name if name in log10 else name): float(deviation if name in log10 else np.std(column))
-        for name, deviation, column in zip(plain, sigma, theta.T, strict=True)
-    }
-    pairs = [(i, j) for i in range(len(plain)) for j in range(i)]
+    best, sigma = shot.best(x), np.sqrt(np.diag(covariance))
     bound = _at_bound(fit, found.x, k)
+    one_sigma, correlations = {}, {}
+    for i, name in enumerate(shot.names):
+        free = name in shot.free
+        one_sigma[name if free else LOG10 + name] = float(np.std(theta[:, i]) if free else sigma[i])
+        for j, other in enumerate(shot.names[:i]):
+            correlations[f"{other}, {name}"] = float(covariance[i, j] / (sigma[i] * sigma[j]))
     diagnostics = Diagnostics(
         stretch_source=_stretch_source(shot),
-        free={name: best[name] for name in shot.own if name != "stretch"},
+        free={name: best[name] for name in shot.free},
         one_sigma=one_sigma,
-        correlations={f"{plain[j]}, {plain[i]}": float(covariance[i, j] / (sigma[i] * sigma[j])) for i, j in pairs},
+        correlations=correlations,
         frames=len(shot.measured),
         frames_per_independent_residual=worth.correlation[k],
         at_bound=tuple(bound),
         simulations=fit.runs,
         failed_simulations=fit.failures,
     )
-    windows = {
-        key: {**one.best, "t_star_end": one.t_star_end, "rmse_over_rmax": one.rmse_over_rmax, "at_bound": one.at_bound}
-        for key, one in alone.windows.items()
-    }
+    windows = {key: {**one.best, **vars(one)} for key, one in alone.windows.items()}
+    for window in windows.values():
+        del window["best"]
     told = {name: value for name, value in vars(diagnostics).items() if value is not None}
     provenance = common | told | {
         "source_sha256": shot.curve.source_sha256, "best": best, "stretch": best["stretch"],
@@ -270,36 +253,17 @@ def _stretch_source(shot: Experiment) -> str:
 def _checks(fit: LeastSquares, found: Minimum, k: int, bound: dict[str, str], drawn: Floats) -> Checks:
     """The same check as that of `infer`: the answer simulated anew and laid over the window."""
     shot, columns = fit.shots[k], fit.columns[k]
-    seen = shot.overlaid(found.x[columns])
-    messages = misfit_of(seen)
-    verdict: Verdict = "model_does_not_fit" if messages else "ok"
-    low, high = fit.bounds[columns].T
-    ends = shot.open_ends(drawn, low, high)
-    if bound:
-        messages.append("; ".join(bound.values()))
+    ends = shot.open_ends(drawn, *fit.bounds[columns].T)
+    outside = ends or set(bound) - set(shot.free)
+    verdict: Verdict = "outside_training_range" if outside else "ok"
+    messages = list(bound.values())
     if wide := [text for name, text in ends.items() if name not in bound]:
         messages.append(f"the interval reaches the end of the range searched: {', '.join(wide)}")
-    if verdict == "ok" and (ends or any(name in bound for name in (*fit.family.parameters, "stretch"))):
-        verdict = "outside_training_range"
     if shot.options.stretch == "plateau" and not shot.stretch_prior:
         messages.append("the curve has no late plateau: the stretch was fitted freely")
-    if shot.spikes:
-        messages.append(f"{shot.spikes} frames above both neighbours by 20 % of R_max do not count")
+    messages += shot.spikes
     if not found.converged:
         messages.append("the search stopped at its limit of iterations")
     if len(fit.shots) > 1:
         messages.append(f"joint fit of {len(fit.shots)} shots with one material")
-    return seen.checks(shot.view, shot.time_scale, verdict, messages)
-
-
-def _common_provenance(family: Family, options: Options, medium: Medium) -> dict[str, Any]:
-    ranges = {name: (10.0**bounds).tolist() for name, bounds in zip(family.parameters, family.bounds(), strict=True)}
-    return {"cavirheo": version("cavirheo"), "medium": asdict(medium), "options": asdict(options), "ranges": ranges}
-
-
-def _failed(family: Family, curve: RadiusCurve, common: dict[str, Any], message: str) -> Posterior:
-    names = tuple(LOG10 + name for name in family.parameters)
-    return Posterior(
-        names, units(names), np.empty((0, len(names))), Checks("failed", message), family.name, "least_squares",
-        common | {"source_sha256": curve.source_sha256},
-    )  # fmt: skip
+    return shot.checks(found.x[columns], verdict, messages)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -29,57 +29,46 @@ def correlation_time(residual: Floats) -> float:
     return min(tau, len(r) / 2.0)
 
 
-@dataclass(frozen=True, eq=False)
-class Laplace:
+class Laplace(NamedTuple):
     """The Gaussian about a minimum, in the units of the fit (log10 for parameters of the law and the stretch)."""
 
     covariance: Floats  # (parameters, parameters)
-    variance: tuple[float, ...]  # per shot: residual variance over the one that its weights assume
-    correlation: tuple[float, ...]  # per shot: frames per independent residual
-    freedom: float = np.inf  # degrees of freedom from which the variances are known
-
-    @property
-    def sigma(self) -> Floats:
-        """(parameters,)"""
-        return np.asarray(np.sqrt(np.diag(self.covariance)))
+    variance: list[float]  # per shot: residual variance over the one that its weights assume
+    correlation: list[float]  # per shot: frames per independent residual
+    freedom: float  # degrees of freedom from which the variances are known
 
 
 def laplace(fit: LeastSquares, x: Floats) -> Laplace:
     """Gauss-Newton: cov^-1 = sum over shots J^T J/(s^2 tau) + priors + ranges.
 
-    s^2 is the variance of the weighted residuals of a shot (chi^2 over its degrees of freedom), tau their integrated
-    correlation time: m frames are worth m/tau independent ones. A range of width w counts as a Gaussian of variance
-    w^2/12, that of a uniform prior: what the curve does not determine gets the width of its range, not infinity.
+    s^2 is chi^2 over the degrees of freedom of a shot, tau the correlation time: m frames are worth m/tau independent
+    ones. A range of width w counts as a Gaussian of variance w^2/12, that of a uniform prior.
     """
     residual = fit.residuals(x, FINE)
     J = fit.jacobian(x, FINE, central=True, at=residual)
-    widths = fit.bounds[:, 1] - fit.bounds[:, 0]
-    precision = np.diag(12.0 / widths**2)
-    begin, variances, taus, independent = 0, [], [], 0.0
+    precision = np.diag(12.0 / (fit.bounds[:, 1] - fit.bounds[:, 0]) ** 2)
+    variances, taus, independent = [], [], 0.0
     share = fit.common / len(fit.shots)  # of the common parameters, that each shot pays with degrees of freedom
-    for shot in fit.shots:
-        rows = slice(begin, begin + len(shot.measured))
-        begin = rows.stop
+    for shot, rows in zip(fit.shots, fit.rows, strict=True):
         r, Jk = residual[rows][shot.counted], J[rows][shot.counted]
         freedom = max(len(r) - share - len(shot.own), 1.0)
         variances.append(max(float(r @ r) / freedom, 1e-12))
         taus.append(correlation_time(r))
         precision += Jk.T @ Jk / (variances[-1] * taus[-1])
         independent += len(r) / taus[-1]
-    precision += J[begin:].T @ J[begin:]  # the plateaus
-    freedom = max(independent - len(x), 1.0)
-    return Laplace(np.linalg.inv(precision), tuple(variances), tuple(taus), freedom)
+    plateaus = J[fit.rows[-1].stop :]
+    precision += plateaus.T @ plateaus
+    return Laplace(np.linalg.inv(precision), variances, taus, max(independent - len(x), 1.0))
 
 
-def draws(mean: Floats, covariance: Floats, bounds: Floats, count: int, seed: int, freedom: float = np.inf) -> Floats:
-    """(count, parameters) of the Gaussian, in pairs opposite to each other (the median is the mean), clipped to bounds.
+def draws(mean: Floats, covariance: Floats, bounds: Floats, count: int, seed: int, freedom: float) -> Floats:
+    """(count, parameters) of Student's t, for the variance is itself estimated, clipped to the bounds.
 
-    With `freedom`, Student's t, for a variance that is itself estimated. The same for the same seed and count.
+    In pairs opposite to each other (the median is the mean); the same for the same seed and count.
     """
     rng = np.random.default_rng(seed)
     half = rng.standard_normal((count // 2, len(mean)))
-    if np.isfinite(freedom):
-        half *= np.sqrt(freedom / rng.chisquare(freedom, (len(half), 1)))
+    half *= np.sqrt(freedom / rng.chisquare(freedom, (len(half), 1)))
     values, vectors = np.linalg.eigh(covariance)
     spread = half @ (vectors * np.sqrt(np.maximum(values, 0.0))).T
     return np.clip(mean + np.concatenate([spread, -spread]), bounds[:, 0], bounds[:, 1])

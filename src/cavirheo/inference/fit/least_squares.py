@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from itertools import pairwise
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -14,14 +13,13 @@ from cavirheo.inference.experiment import FINE, QUICK, Accuracy, Experiment, Pre
 from cavirheo.inference.law import Family
 from cavirheo.parallel import each
 
-FORWARD, CENTRAL = 1e-3, 3e-3  # steps of the differences, decades or the like: the solver's noise is far below
-SAME = 0.01  # of its range: a search that comes so near to a known minimum in every parameter is given up
+FORWARD, CENTRAL = 1e-3, 3e-3  # steps of the differences, decades or the like
+SAME = 0.01  # of each range: a search so near to a known minimum is given up
 SEARCH = {"ftol": 1e-3, "xtol": 1e-3, "gtol": 1e-8, "max_nfev": 15}
 _POLISH = {"ftol": 3e-5, "xtol": 1e-4, "gtol": 1e-8, "max_nfev": 12}
 
 
-@dataclass(frozen=True, eq=False)
-class Minimum:
+class Minimum(NamedTuple):
     """Where a search ended: x (parameters,), cost (half the sum of squared weighted residuals)."""
 
     x: Floats
@@ -30,10 +28,7 @@ class Minimum:
 
 
 class LeastSquares:
-    """Experiments with one material: its parameters, common to all, followed by those of each shot.
-
-    runs and failures count the simulations.
-    """
+    """Experiments with one material: x holds its parameters, then those of each shot. runs, failures: simulations."""
 
     def __init__(self, experiments: Sequence[Experiment], workers: int = 1) -> None:
         self.shots, self.workers = list(experiments), workers
@@ -42,9 +37,15 @@ class LeastSquares:
         self.runs = self.failures = 0
         owns = [shot.bounds[self.common :] for shot in self.shots]
         self.bounds = np.concatenate([self.family.bounds(), *owns])
-        ends = self.common + np.cumsum([0, *map(len, owns)])
+        ends = np.cumsum([self.common, *map(len, owns)])
         law = range(self.common)
         self.columns = [np.array([*law, *range(a, b)]) for a, b in pairwise(ends)]  # of x that shot k depends on
+
+    @property
+    def rows(self) -> list[slice]:
+        """Of the residuals: those of each shot, which the priors follow."""
+        ends = np.cumsum([0, *(len(shot.measured) for shot in self.shots)]).tolist()
+        return [slice(a, b) for a, b in pairwise(ends)]
 
     def predictions(self, jobs: list[tuple[Experiment, Floats]], accuracy: Accuracy) -> list[Prediction | None]:
         """One simulation a job, on so many threads."""
@@ -69,38 +70,29 @@ class LeastSquares:
         return [(int(own[self.common]), *shot.plateau) for own, shot in pairs if shot.plateau]
 
     def jacobian(self, x: Floats, accuracy: Accuracy, *, central: bool, at: Floats | None = None) -> Floats:
-        """(residuals, parameters) by finite differences; a side whose simulation fails is left out.
-
-        `at` are the residuals at x, for forward differences.
-        """
-        step = CENTRAL if central else FORWARD
-        jobs: list[tuple[Experiment, Floats]] = []
-        moves: list[tuple[int, int, float]] = []
-        for k, shot in enumerate(self.shots):
-            steps, here = step * shot.steps, x[self.columns[k]]
-            for i, column in enumerate(self.columns[k]):
-                for sign in (1.0, -1.0) if central else (1.0 if x[column] < np.mean(self.bounds[column]) else -1.0,):
-                    there = here.copy()
-                    there[i] += sign * steps[i]
-                    jobs.append((shot, there))
-                    moves.append((k, column, sign * float(steps[i])))
-        found = self.predictions(jobs, accuracy)
-        if at is None:
-            at = self.residuals(x, accuracy)
-        result = np.zeros((len(at), len(x)))
-        starts = np.cumsum([0, *(len(shot.measured) for shot in self.shots)])
+        """(residuals, parameters) by finite differences, without a side whose simulation fails; `at`: those at x."""
+        middle = np.mean(self.bounds, axis=1)
+        moves: list[tuple[int, int, float, Floats]] = []  # shot, column, step, x of the shot
+        for k, (shot, own) in enumerate(zip(self.shots, self.columns, strict=True)):
+            steps = ((CENTRAL if central else FORWARD) * shot.steps).tolist()
+            for i, (column, step) in enumerate(zip(own, steps, strict=True)):
+                for sign in (1.0, -1.0) if central else (1.0 if x[column] < middle[column] else -1.0,):
+                    there = x[own]
+                    there[i] += sign * step
+                    moves.append((k, column, sign * step, there))
+        found = self.predictions([(self.shots[k], there) for k, _, _, there in moves], accuracy)
+        at = self.residuals(x, accuracy) if at is None else at
         sides: dict[tuple[int, int], list[tuple[float, Floats]]] = {}
-        for (k, column, move), prediction in zip(moves, found, strict=True):
+        for (k, column, step, _), prediction in zip(moves, found, strict=True):
             if prediction is not None:
-                sides.setdefault((k, column), []).append((move, self.shots[k].residual(prediction)))
+                sides.setdefault((k, column), []).append((step, self.shots[k].residual(prediction)))
+        result = np.zeros((len(at), len(x)))
+        rows = self.rows
         for (k, column), sampled in sides.items():
-            rows = slice(starts[k], starts[k + 1])
-            if len(sampled) == 1:
-                sampled = [*sampled, (0.0, at[rows])]
-            (a, first), (b, second) = sampled
-            result[rows, column] = (first - second) / (a - b)
-        for row, (column, _, width) in enumerate(self.priors):
-            result[starts[-1] + row, column] = 1.0 / width
+            (a, first), (b, second) = sampled if len(sampled) == 2 else (*sampled, (0.0, at[rows[k]]))
+            result[rows[k], column] = (first - second) / (a - b)
+        for row, (column, _, width) in enumerate(self.priors, rows[-1].stop):
+            result[row, column] = 1.0 / width
         return result
 
     def minimise(
@@ -109,32 +101,31 @@ class LeastSquares:
         """Trust-region least squares within the bounds (scipy), weights as they are.
 
         Every second Jacobian is the one before with Broyden's update, which costs no simulation; the last one is not,
-        unless `known` minima are given: a search that comes to one of those ends there, with infinite cost.
+        unless minima are `known`: a search that comes to one ends there, with infinite cost.
         """
         from scipy.optimize import least_squares
 
         low, high = self.bounds.T
         inside = 1e-6 * (high - low)
-        last: dict[bytes, Floats] = {}  # residuals at the current point
-        before: list[Floats] = []  # x, residuals and Jacobian there, if that was by differences
+        last: list[Floats] = []  # residuals at the current point
+        slopes: list[tuple[Floats, Floats, Floats]] = []  # x, residuals, Jacobian: by differences, then updated
 
         def fun(x: Floats) -> Floats:
-            last.clear()
-            last[x.tobytes()] = self.residuals(x, accuracy)
-            return last[x.tobytes()]
+            last[:] = [self.residuals(x, accuracy)]
+            return last[0]
 
         def jac(x: Floats) -> Floats:
             if any(np.all(np.abs(x - other) < SAME * (high - low)) for other in known):
                 raise KnownMinimumError
-            at = last[x.tobytes()]
-            if len(before) == 3:
-                x0, at0, slope = before[-3:]
+            (at,) = last
+            if len(slopes) == 1:
+                ((x0, at0, slope),) = slopes
                 move = x - x0
                 slope = slope + np.outer(at - at0 - slope @ move, move) / (move @ move)
             else:
-                before.clear()
+                slopes.clear()
                 slope = self.jacobian(x, accuracy, central=False, at=at)
-            before.extend([x.copy(), at, slope])
+            slopes.append((x.copy(), at, slope))
             return slope.copy()
 
         x = start
@@ -142,22 +133,21 @@ class LeastSquares:
             for _ in range(1 if known else 2):
                 x = np.clip(x, low + inside, high - inside)
                 found = least_squares(fun, x, jac=jac, bounds=(low, high), method="trf", **limits)
-                if len(before) == 3:
+                if len(slopes) == 1:
                     break
-                before.clear()
+                slopes.clear()
                 x = found.x
         except KnownMinimumError:
             return Minimum(x, np.inf, True)
         return Minimum(found.x, float(found.cost), bool(found.status > 0))
 
     def reweigh(self, x: Floats, accuracy: Accuracy) -> None:
-        """The frames' weights from the simulated motion; held fixed while a minimum is sought, for otherwise a faster
-        simulation would pay."""
+        """The frames' weights from the simulated motion; fixed in a search, where otherwise fast motion would pay."""
         for shot, seen in zip(self.shots, self.at(x, accuracy), strict=True):
             if seen is not None:
                 shot.weigh(seen.speed)
 
-    def settle(self, starts: Sequence[Floats], *, enough: float = 0.0, accuracy: Accuracy = FINE) -> Minimum:
+    def settle(self, starts: Sequence[Floats], *, enough: float = 0.0) -> Minimum:
         """The best minimum of a quick search from each start, then with the simulated motion's weights.
 
         Further starts are left out once a minimum has less than `enough` times the variance that the weights assume.
@@ -171,10 +161,10 @@ class LeastSquares:
             if best.cost < 0.5 * enough * sum(len(shot.measured) for shot in self.shots):
                 break
         assert best is not None
-        for stage, limits in ((QUICK, SEARCH), (accuracy, _POLISH), (accuracy, _POLISH)):
+        for stage, limits in ((QUICK, SEARCH), (FINE, _POLISH), (FINE, _POLISH)):
             self.reweigh(best.x, stage)
             before, best = best.x, self.minimise(best.x, stage, limits)
-            if stage is accuracy and np.max(np.abs(best.x - before)) < 2e-2:
+            if stage is FINE and np.max(np.abs(best.x - before)) < 2e-2:
                 break
         return best
 

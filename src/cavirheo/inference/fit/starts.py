@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from cavirheo.arrays import Bools, Floats
+from cavirheo.arrays import Floats
 from cavirheo.errors import SolverError
 from cavirheo.inference.experiment import COARSE, Experiment, Prediction
 from cavirheo.inference.fit.least_squares import LeastSquares
@@ -18,47 +18,33 @@ TIMED = 2  # every so many starts get their shear modulus from the collapse time
 class Scan:
     """Coarse simulations over the whole window of a shot, from which every window takes its starts.
 
-    Where the law has a shear modulus and a viscosity and the curve a collapse, every other point is an estimate from
-    the collapse time: it has the shear modulus that t_1 asks for at its viscosity and stretch (physics/collapse.py).
-
-    Raises:
-        SolverError: all of them failed.
+    Where law and curve allow, every other point has the shear modulus that the collapse time t_1 asks for at its
+    viscosity and stretch (physics/collapse.py). Raises SolverError: all of them failed.
     """
 
     def __init__(self, fit: LeastSquares, count: int = STARTS) -> None:
         (shot,) = fit.shots
-        box = [fit.family.bounds(started=True)]
+        box = fit.family.bounds(started=True)
         if shot.stretch is None:
             near = shot.stretch_prior
             around = np.log10([near[0] - near[1], near[0] + near[1]]) if near else PARAMETERS["stretch"].started
-            box.append(np.array([around]))
+            box = np.concatenate([box, [around]])
         self.points = np.zeros((count, len(fit.bounds)))  # nuisances start at nothing
-        inner = np.concatenate(box)
-        self.points[:, : len(inner)] = spread_starts(inner, count)
-        self.timed = self._from_collapse_time(fit, shot)
+        self.points[:, : len(box)] = spread_starts(box, count)
+        self.timed = np.zeros(count, dtype=bool)  # which get their shear modulus from the collapse time
+        names, times = fit.family.parameters, shot.curve.collapse_times()
+        if len(times) and {"shear_modulus", "viscosity"} <= set(names):
+            column = names.index("shear_modulus")
+            viscosity = 10.0 ** self.points[:, names.index("viscosity")]
+            stretch, first = shot.natural(self.points.T)["stretch"], float(times[0] - shot.curve.time_of_max)
+            modulus = analytic_modulus(shot.max_radius, stretch, viscosity, first, shot.medium)
+            log10 = np.log10(np.where(modulus > 0, modulus, np.nan))
+            low, high = fit.bounds[column]
+            self.timed[::TIMED] = ((log10 > low) & (log10 < high))[::TIMED]
+            self.points[self.timed, column] = log10[self.timed]
         self.found = fit.predictions([(shot, x) for x in self.points], COARSE)
         if not any(self.found):
-            raise SolverError(
-                f"all {count} simulations of {fit.family.name} failed with which the search was to be started"
-            )
-
-    def _from_collapse_time(self, fit: LeastSquares, shot: Experiment) -> Bools:
-        """(count,) which points got their shear modulus from the collapse time."""
-        timed = np.zeros(len(self.points), dtype=bool)
-        names, times = fit.family.parameters, shot.curve.collapse_times()
-        if not len(times) or not {"shear_modulus", "viscosity"} <= set(names):
-            return timed
-        column = names.index("shear_modulus")
-        stretch = shot.natural(self.points.T)["stretch"]
-        viscosity = 10.0 ** self.points[:, names.index("viscosity")]
-        modulus = analytic_modulus(
-            shot.max_radius, stretch, viscosity, float(times[0] - shot.curve.time_of_max), shot.medium
-        )
-        log10 = np.log10(np.where(modulus > 0, modulus, np.nan))
-        timed[::TIMED] = True
-        timed &= (log10 > fit.bounds[column, 0]) & (log10 < fit.bounds[column, 1])
-        self.points[timed, column] = log10[timed]
-        return timed
+            raise SolverError(f"all {count} simulations of {fit.family.name} failed that were to start the search")
 
     @property
     def counts(self) -> dict[str, int]:
@@ -68,9 +54,8 @@ class Scan:
     def best(self, shot: Experiment, count: int) -> list[Floats]:
         """The points with the smallest cost in the present window of the shot."""
         m = len(shot.since)
-        costs = [
-            np.sum(shot.residual(p if p is None else Prediction(p.radius[:m], p.speed[:m])) ** 2) for p in self.found
-        ]
+        cut = [p and Prediction(p.radius[:m], p.speed[:m]) for p in self.found]
+        costs = [np.sum(shot.residual(p) ** 2) for p in cut]
         return [self.points[i] for i in np.argsort(costs)[:count]]
 
 

@@ -1,9 +1,8 @@
 """Which of several laws? Evidence of each from the draws of its verified posterior.
 
-log p(frames | law) is the log of the mean importance weight. It rewards a law for how well it predicts the frames with
-all its prior, so a parameter that is not needed costs log(prior width/posterior width): laws that nest, like nhkv in
-qkv, are compared fairly only as far as the prior ranges are meant (docs/method/posterior.md). Kass and Raftery 1995,
-doi:10.1080/01621459.1995.10476572.
+log p(frames | law) is the log of the mean importance weight. A parameter that is not needed costs log(prior width/
+posterior width): laws that nest are compared fairly only as far as the prior ranges are meant
+(docs/method/posterior.md). Kass and Raftery 1995, doi:10.1080/01621459.1995.10476572.
 """
 
 from __future__ import annotations
@@ -16,44 +15,39 @@ import numpy as np
 from scipy.special import softmax
 
 from cavirheo.curve import RadiusCurve
-from cavirheo.errors import InputError
+from cavirheo.errors import require
 from cavirheo.inference.fit import fit_many
 from cavirheo.inference.law import Family
 from cavirheo.inference.verify import verify_many
 from cavirheo.inference.verify.tuning import TUNING
 from cavirheo.physics.media import WATER, Medium
-from cavirheo.posterior import Posterior
+from cavirheo.posterior import Evidence, Posterior
 
 
 @dataclass(frozen=True, eq=False)
 class Ranking:
-    """The laws of one curve or group, best first.
-
-    log_evidence and error: by law; None where a law gave none. shots: how many curves are summed.
-    """
+    """The laws of one curve or group. evidence: by law; None where a law gave none. shots: how many curves are summed.
+    answers: by law, of a curve; empty for a group."""
 
     name: str
-    log_evidence: dict[str, float | None]
-    error: dict[str, float | None]
+    evidence: dict[str, Evidence | None]
     shots: int
-    answers: dict[str, Posterior]  # of a curve; empty for a group
+    answers: dict[str, Posterior]
 
     @property
     def probability(self) -> dict[str, float]:
         """Of the laws that have an evidence, all being equally likely before."""
-        known = {law: value for law, value in self.log_evidence.items() if value is not None}
+        known = {law: found.log for law, found in self.evidence.items() if found}
         return dict(zip(known, softmax(list(known.values())).tolist(), strict=True)) if known else {}
 
     @property
     def contenders(self) -> list[str]:
         """The laws that cannot be told from the best: log evidence within 3 and the standard errors, simplest first."""
-        known = {law: value for law, value in self.log_evidence.items() if value is not None}
-        if not known:
-            return []
-        best = max(known, key=lambda law: known[law])
-        errors = {law: np.hypot(self.error[best] or 0.0, self.error[law] or 0.0) for law in known}
-        near = [law for law in known if known[best] - known[law] <= TUNING.decisive + TUNING.scatter * errors[law]]
-        return sorted(near, key=lambda law: (len(Family(law).parameters), -known[law]))
+        known = {law: (found.log, found.error or 0.0) for law, found in self.evidence.items() if found}
+        top, least = max(known.values(), key=lambda pair: pair[0], default=(0.0, 0.0))
+        allowed = {law: TUNING.decisive + TUNING.scatter * np.hypot(least, pair[1]) for law, pair in known.items()}
+        near = [law for law in known if top - known[law][0] <= allowed[law]]
+        return sorted(near, key=lambda law: (len(Family(law).parameters), -known[law][0]))
 
     @property
     def chosen(self) -> str | None:
@@ -68,7 +62,6 @@ def rank_laws(
     medium: Medium = WATER,
     window: int | str | None = None,
     stretch: float | str | None = None,
-    draws: int = TUNING.draws,
     seed: int = 0,
     workers: int | None = None,
     done: Callable[[], None] | None = None,
@@ -76,60 +69,46 @@ def rank_laws(
 ) -> tuple[list[Ranking], list[Ranking]]:
     """The laws of each curve, and of each group of more than one: the sum over shots each with its own parameters.
 
-    All laws see the same frames. `options` are those of `Verified`; `ranges` may hold parameters of some of the laws
-    only. `done` is called after each law of each curve.
-
-    Raises:
-        InputError: fewer than two laws, one of them unknown, or a setting out of its domain.
+    `options` are those of `Verification`; `ranges` may hold parameters of some of the laws only. `done` is called after
+    each law of each curve. Raises InputError: fewer than two laws, one unknown, or a setting out of its domain.
     """
-    if len(set(laws)) < 2 or len(set(laws)) < len(laws):
-        raise InputError(
-            f"give two or more different laws to choose from, got {', '.join(laws) or 'none'}", "option.laws"
-        )
+    told = f"give two or more different laws to choose from, got {', '.join(laws) or 'none'}"
+    require(len(laws) >= 2 and len(set(laws)) == len(laws), told, "option.laws")
     ranges: Mapping[str, Sequence[float]] = options.pop("ranges", None) or {}
     found: dict[str, list[Posterior]] = {}
     for law in laws:
         known = (*Family(law).parameters, "stretch")
         fitted = fit_many(curves, law, medium=medium, window=window, stretch=stretch, seed=seed, workers=workers)
+        mine = {name: pair for name, pair in ranges.items() if name in known}
         found[law] = verify_many(
-            curves, fitted, medium=medium, stretch=stretch, draws=draws, seed=seed, workers=workers,
-            done=done,
-            ranges={name: pair for name, pair in ranges.items() if name in known}, **options,
+            curves, fitted, medium=medium, stretch=stretch, seed=seed, workers=workers, done=done, ranges=mine,
+            **options,
         )  # fmt: skip
     singles = []
     for i, curve in enumerate(curves):
         answers = {law: found[law][i] for law in laws}
         evidence = {law: _evidence(answer) for law, answer in answers.items()}
-        singles.append(
-            Ranking(
-                curve.name,
-                {law: pair[0] if pair else None for law, pair in evidence.items()},
-                {law: pair[1] if pair else None for law, pair in evidence.items()},
-                1,
-                answers,
-            )
-        )
+        singles.append(Ranking(curve.name, evidence, 1, answers))
     groups: dict[Any, list[Ranking]] = {}
     for curve, single in zip(curves, singles, strict=True):
         groups.setdefault((curve.group, curve.group_source), []).append(single)
     return singles, [_together(str(key[0]), members) for key, members in groups.items() if len(members) > 1]
 
 
-def _evidence(answer: Posterior) -> tuple[float, float] | None:
-    """Log evidence and its standard error, which is larger where the weights cannot be trusted (the posterior
-    of a law that is far off is often ragged); None where there is no posterior."""
+def _evidence(answer: Posterior) -> Evidence | None:
+    """With a larger standard error where the weights cannot be trusted; None where there is no posterior."""
     found = answer.evidence
     if found is None or found.error is None or not np.isfinite(found.log):
         return None
-    return found.log, found.error if answer.log_weight is not None else max(found.error, TUNING.unsure)
+    return found if answer.log_weight is not None else Evidence(found.log, max(found.error, TUNING.unsure))
 
 
 def _together(name: str, members: list[Ranking]) -> Ranking:
     """The sum over the shots for which every law has an evidence."""
-    complete = [one for one in members if all(value is not None for value in one.log_evidence.values())]
-    laws = members[0].log_evidence
-    if not complete:
-        return Ranking(name, dict.fromkeys(laws), dict.fromkeys(laws), 0, {})
-    log_evidence = {law: float(sum(one.log_evidence[law] or 0.0 for one in complete)) for law in laws}
-    error = {law: float(np.sqrt(sum((one.error[law] or 0.0) ** 2 for one in complete))) for law in laws}
-    return Ranking(name, {**log_evidence}, {**error}, len(complete), {})
+    complete = [one.evidence for one in members if all(one.evidence.values())]
+    evidence: dict[str, Evidence | None] = dict.fromkeys(members[0].evidence)
+    for law in evidence if complete else ():
+        each = [found for one in complete if (found := one[law])]
+        error = np.sqrt(sum((found.error or 0.0) ** 2 for found in each))
+        evidence[law] = Evidence(float(sum(found.log for found in each)), float(error))
+    return Ranking(name, evidence, len(complete), {})

@@ -8,7 +8,7 @@ import numpy as np
 from scipy.special import logsumexp
 
 from cavirheo.arrays import Floats
-from cavirheo.inference.experiment import Accuracy
+from cavirheo.inference.experiment import FINE, QUICK, Accuracy
 from cavirheo.inference.verify.mode import Mode, Target, climb, ridge, same
 from cavirheo.inference.verify.sampler import Mixture, Sample, effective_size
 from cavirheo.inference.verify.surrogate import Surrogate
@@ -18,8 +18,7 @@ from cavirheo.inference.verify.tuning import TUNING
 class Blend:
     """Draws from a surrogate, by rejection from a mixture, and from the mixture itself.
 
-    The surrogate over the mixture is cut where it exceeds a multiple of its mean; `pool` (k, d) of the mixture's draws
-    gives that mean and the norm. Resampling a pool instead would draw its few heavy members, the tails, too rarely.
+    The surrogate over the mixture is cut at a multiple of its mean, which a `pool` (k, d) of the mixture's draws gives.
     """
 
     def __init__(self, surrogate: Surrogate, mixture: Mixture, pool: Floats, log_surrogate: Floats) -> None:
@@ -64,13 +63,10 @@ def _log_mean(log_value: Floats) -> float:
 
 
 class Explorer:
-    """Proposals for the posterior of a shot that learn from every simulation, from its modes on.
+    """Proposals for the posterior of a shot that learn from every simulation, from its modes on."""
 
-    quick, fine: accuracies of the simulations that only teach and of those that count.
-    """
-
-    def __init__(self, target: Target, modes: Sequence[Mode], quick: Accuracy, fine: Accuracy) -> None:
-        self.target, self.quick, self.fine = target, quick, fine
+    def __init__(self, target: Target, modes: Sequence[Mode]) -> None:
+        self.target = target
         self.u = np.empty((0, len(target.prior.names)))
         self.residual = np.empty((0, target.noise.size))
         self.value = np.empty(0)
@@ -82,18 +78,16 @@ class Explorer:
 
     def _settle(self, mode: Mode) -> None:
         """A mode and the ridge through it become places to draw about, each known a standard deviation around."""
-        for place in (mode, *ridge(self.target, mode, self.quick)):
+        for place in (mode, *ridge(self.target, mode)):
             if not any(same(place, other) for other in self.places):
                 self.places.append(place)
                 axes = np.linalg.cholesky(place.covariance).T
-                self.simulated(place.u + np.concatenate([axes, -axes]), self.quick)
-        best = max(place.log_evidence for place in self.places)
-        self.start = Mixture.about(
-            [place.u for place in self.places], [place.covariance for place in self.places],
-            [place.log_evidence - best for place in self.places],
-        )  # fmt: skip
+                self(place.u + np.concatenate([axes, -axes]), QUICK)
+        heights = np.array([place.log_evidence for place in self.places])
+        means, covariances = [place.u for place in self.places], [place.covariance for place in self.places]
+        self.start = Mixture.about(means, covariances, heights - np.max(heights))
 
-    def simulated(self, u: Floats, accuracy: Accuracy) -> Floats:
+    def __call__(self, u: Floats, accuracy: Accuracy = FINE) -> Floats:
         """(k,) log posterior of u (k, d), which the next proposal knows; -inf where the simulation failed."""
         residual = self.target.residuals(u, accuracy)
         value = self.target.log_posterior(u, residual)
@@ -103,18 +97,14 @@ class Explorer:
         self.value = np.concatenate([self.value, value[good]])
         return value
 
-    def __call__(self, u: Floats) -> Floats:
-        """The log posterior, by simulations that count."""
-        return self.simulated(u, self.fine)
-
     def propose(self, rng: np.random.Generator, counted: Sample | None) -> Blend | Mixture:
-        """The next proposal, from the draws that count so far too; before the first, rounds of rough simulations where
-        the posterior and its tails seem to be, and one more for each other valley found there."""
+        """The next proposal; before the first, rounds of rough simulations where the posterior and its tails seem to
+        be, and one more for each other valley found there."""
         rounds = 0
         while counted is None and rounds < TUNING.learning_rounds + self.climbed:
             known = self._learnt(rng, None)
             draw = known.teachers if isinstance(known, Blend) else known.draw
-            self.simulated(draw(TUNING.learnt_per_round, rng), self.quick)
+            self(draw(TUNING.learnt_per_round, rng), QUICK)
             self._other_valley()
             rounds += 1
         self._other_valley()
@@ -126,28 +116,23 @@ class Explorer:
 
     def _other_valley(self) -> None:
         """Climb from the best simulation if it lies above all modes, which must then be beside the highest."""
-        top = int(np.argmax(self.value)) if len(self.value) else -1
-        if top < 0 or self.climbed == TUNING.valleys:
-            return
-        if self.value[top] < max(mode.log_posterior for mode in self.modes) + TUNING.other_valley:
+        highest = max(mode.log_posterior for mode in self.modes)
+        if self.climbed == TUNING.valleys or np.max(self.value, initial=-np.inf) < highest + TUNING.other_valley:
             return
         self.climbed += 1
-        mode = climb(self.target, self.u[top], self.quick)
+        mode = climb(self.target, self.u[np.argmax(self.value)], QUICK)
         if mode is not None and not any(same(mode, other) for other in self.modes):
             self.modes.append(mode)
             self._settle(mode)
 
     def _learnt(self, rng: np.random.Generator, counted: Sample | None) -> Blend | Mixture:
         """A proposal from all simulations so far; where they are too few, the modes."""
-        mixture = self.mixture.beside(self.start, TUNING.modes_share).widened()
+        mixture = self._wide()
         if len(self.u) <= 2 * (self.u.shape[1] + 1):
             return mixture
-        surrogate = Surrogate(
-            self.target.noise, self.target.linear, self.u, self.residual, self.value, self.target.workers
-        )
+        surrogate = Surrogate(self.target, self.u, self.residual, self.value)
         if counted and np.any(np.isfinite(counted.log_weight)):
-            self.mixture = self.mixture.fitted(counted.u, counted.log_weight)
-            mixture = self.mixture.beside(self.start, TUNING.modes_share).widened()
+            mixture = self._wide(counted.u, counted.log_weight)
         for _ in range(TUNING.mixture_fits):
             pool = mixture.draw(TUNING.pool, rng)
             log_surrogate = surrogate(pool)
@@ -156,6 +141,10 @@ class Explorer:
             blend = Blend(surrogate, mixture, pool, log_surrogate)
             if effective_size(blend.log_weight) > TUNING.fit_well * TUNING.pool:
                 break
-            self.mixture = self.mixture.fitted(pool, TUNING.flatter * log_surrogate - blend.log_mixture)
-            mixture = self.mixture.beside(self.start, TUNING.modes_share).widened()
+            mixture = self._wide(pool, TUNING.flatter * log_surrogate - blend.log_mixture)
         return blend
+
+    def _wide(self, *weighted: Floats) -> Mixture:
+        """The mixture, fitted to draws and their log weights if these are given, with the modes beside it, widened."""
+        self.mixture = self.mixture.fitted(*weighted) if weighted else self.mixture
+        return self.mixture.beside(self.start, TUNING.modes_share).widened()

@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from threading import Lock
-from typing import Any
 
 import numpy as np
 
 from cavirheo.arrays import Floats
-from cavirheo.inference.experiment import Accuracy, Experiment
+from cavirheo.inference.experiment import QUICK, Accuracy, Experiment
 from cavirheo.inference.fit.least_squares import FORWARD
 from cavirheo.inference.noise import Noise
 from cavirheo.inference.verify.tuning import TUNING
@@ -26,29 +25,20 @@ class Target:
         self.runs = self.failures = 0
         self._counting = Lock()
 
-    def each(self, work: Callable[[Any], Any], jobs: Iterable[Any]) -> list[Any]:
-        """work(job) of each, in their order, on this target's threads."""
-        return each(work, jobs, self.workers)
-
     def residuals(self, u: Floats, accuracy: Accuracy) -> Floats:
         """(k, n) measured minus simulated, over R_max, at u (k, d); NaN where the simulation failed."""
-        found = np.array(self.each(lambda x: self.experiment.difference(x, accuracy), self.prior.to_x(u)))
+        found = each(lambda x: self.experiment.difference(x, accuracy), self.prior.to_x(u), self.workers)
         with self._counting:
             self.runs += len(found)
-            self.failures += int(np.count_nonzero(np.isnan(found).any(axis=1)))
-        return found
-
-    def __call__(self, u: Floats, accuracy: Accuracy) -> Floats:
-        """(k,) log of likelihood times prior density of u (k, d)."""
-        return self.log_posterior(u, self.residuals(u, accuracy))
+            self.failures += sum(bool(np.isnan(one).any()) for one in found)
+        return np.array(found)
 
     def log_posterior(self, u: Floats, residual: Floats) -> Floats:
-        """(k,) the same where the residuals (k, n) are known; -inf where one is not finite."""
+        """(k,) of u (k, d), where the residuals are (k, n); -inf where one is not finite."""
         return self.noise.log_density(residual) + log_normal(u)
 
     def linear(self, u: Floats) -> Floats:
-        """(k, d) coordinates that frames are nearly linear in, of u (k, d): the law's parameters, not their
-        logarithms, and the others as in a fit."""
+        """(k, d) coordinates that frames are nearly linear in, of u (k, d): parameters, not their logarithms."""
         x, law = self.prior.to_x(u), self.experiment.law
         return np.concatenate([10.0 ** x[:, :law], x[:, law:]], axis=1)
 
@@ -80,14 +70,11 @@ def climb(
     start: Floats,
     accuracy: Accuracy,
     held: Floats | None = None,
-    most: int = TUNING.climb_steps,
+    most: int = 12,
     known: Sequence[Mode] = (),
 ) -> Mode | None:
     """The maximum reached from u (d,) by damped Gauss-Newton; None if the start cannot be simulated, or if the way
-    comes to a `known` mode.
-
-    `held` (d,) is a direction along which u stays near its start: it is 1/TUNING.ridge_held standard deviation long.
-    """
+    comes to a `known` mode. `held` (d,) is a direction along which u stays near its start."""
     u, noise = start, target.noise
     rope = np.zeros(len(u)) if held is None else held
 
@@ -108,7 +95,7 @@ def climb(
         gradient, curvature = gradient + u + rope * (rope @ (u - start)), free + np.outer(rope, rope)
         if turn == most or gradient @ np.linalg.solve(curvature, gradient) < 2.0 * TUNING.climb_gain:
             break
-        for _ in range(TUNING.damped_trials):
+        for _ in range(5):
             step = -np.linalg.solve(curvature + damping * np.diag(np.diag(curvature)), gradient)
             there = np.clip(u + step, -5.0, 5.0)
             tried = target.residuals(there[None], accuracy)[0]
@@ -126,19 +113,16 @@ def climb(
     return Mode(u, value, np.asarray(np.linalg.inv(free), dtype=float), residual, jacobian)
 
 
-def ridge(target: Target, mode: Mode, accuracy: Accuracy) -> list[Mode]:
-    """Places on either side of a mode along its longest axis, each the maximum across it: posteriors are curved.
-
-    Steps of TUNING.ridge_stride standard deviations, until the log posterior has fallen by TUNING.ridge_depth.
-    """
+def ridge(target: Target, mode: Mode) -> list[Mode]:
+    """Places on either side of a mode along its longest axis, each the maximum across it: posteriors are curved."""
     values, vectors = np.linalg.eigh(mode.covariance)
 
     def along(side: float) -> list[Mode]:
         found: list[Mode] = []
         here, axis, length = mode.u, side * vectors[:, -1], np.sqrt(values[-1])
-        for _ in range(TUNING.ridge_strides):
+        for _ in range(4):
             start = np.clip(here + TUNING.ridge_stride * length * axis, -3.0, 3.0)
-            place = climb(target, start, accuracy, held=axis * TUNING.ridge_held / length, most=2)
+            place = climb(target, start, QUICK, held=axis * TUNING.ridge_held / length, most=2)
             if place is None or place.log_posterior < mode.log_posterior - TUNING.ridge_depth:
                 break
             found.append(place)
@@ -147,7 +131,7 @@ def ridge(target: Target, mode: Mode, accuracy: Accuracy) -> list[Mode]:
             here, length = place.u, min(np.sqrt(local[-1]), 2.0 * length)
         return found
 
-    return [place for places in target.each(along, (1.0, -1.0)) for place in places]
+    return [place for places in each(along, (1.0, -1.0), target.workers) for place in places]
 
 
 def same(mode: Mode, other: Mode) -> bool:
@@ -156,21 +140,18 @@ def same(mode: Mode, other: Mode) -> bool:
     return bool(off @ np.linalg.solve(other.covariance + mode.covariance, off) < TUNING.same_mode**2)
 
 
-def modes(target: Target, starts: Sequence[Floats], accuracy: Accuracy, further: Sequence[Floats] = ()) -> list[Mode]:
-    """Distinct maxima from the starts (d,) in u, and from `further` ones where they lead elsewhere; best first, and
-    those far below the best are left out."""
+def modes(target: Target, starts: Sequence[Floats], further: Sequence[Floats] = ()) -> list[Mode]:
+    """Distinct maxima from the starts (d,) in u, and from `further` ones where they lead elsewhere; best first, without
+    those far below."""
+    first = each(lambda start: climb(target, start, QUICK), starts, target.workers)
+    known = [mode for mode in first if mode]
+    later = each(lambda start: climb(target, start, QUICK, known=known), further, target.workers)
     found: list[Mode] = []
-    first = target.each(lambda start: climb(target, start, accuracy), starts)
-    known = [mode for mode in first if mode is not None]
-    for mode in (*first, *target.each(lambda start: climb(target, start, accuracy, known=known), further)):
-        if mode is None:
-            continue
-        for other in found:
-            if same(mode, other):
-                if mode.log_posterior > other.log_posterior:
-                    found[found.index(other)] = mode
-                break
-        else:
+    for mode in filter(None, (*first, *later)):
+        twin = next((i for i, other in enumerate(found) if same(mode, other)), None)
+        if twin is None:
             found.append(mode)
+        elif mode.log_posterior > found[twin].log_posterior:
+            found[twin] = mode
     found.sort(key=lambda mode: -mode.log_posterior)
     return [mode for mode in found if mode.log_posterior > found[0].log_posterior - TUNING.lowest_mode]

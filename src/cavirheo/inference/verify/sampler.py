@@ -1,11 +1,10 @@
 """Adaptive importance sampling of any density: draws with weights, evidence, and how far to trust them.
 
-Rounds of draws from a mixture of Student's t (heavy tails bound the weights) that is fitted to the weighted draws of
-all rounds before it, some steps of expectation maximisation a round (Cappe et al. 2008,
-doi:10.1007/s11222-008-9059-x). All rounds count together, each draw weighted against the mixture of all rounds'
-proposals, the balance heuristic of Veach and Guibas 1995, doi:10.1145/218380.218498, as in adaptive multiple
-importance sampling (Cornuet et al. 2012, doi:10.1111/j.1467-9469.2011.00756.x): a draw in a place that one bad round
-overlooked cannot get a huge weight.
+Mixtures of Student's t (heavy tails bound the weights) are fitted to the weighted draws of the rounds before, by some
+steps of expectation maximisation (Cappe et al. 2008, doi:10.1007/s11222-008-9059-x). Each draw is weighted against the
+mixture of all rounds' proposals, so that a place that one round overlooked gets no huge weight: the balance heuristic
+(Veach and Guibas 1995, doi:10.1145/218380.218498) in adaptive multiple importance sampling (Cornuet et al. 2012,
+doi:10.1111/j.1467-9469.2011.00756.x).
 """
 
 from __future__ import annotations
@@ -21,8 +20,6 @@ from scipy.special import gammaln, logsumexp
 from cavirheo.arrays import Floats
 from cavirheo.inference.verify.tuning import TUNING
 
-Log = Callable[[Floats], Floats]
-
 
 @dataclass(frozen=True, eq=False)
 class Mixture:
@@ -35,17 +32,12 @@ class Mixture:
     @classmethod
     def about(cls, means: Sequence[Floats], covariances: Sequence[Floats], log_share: Sequence[float]) -> Mixture:
         """A component about each place, and a tenth of the draws twice as wide."""
-        share, scale = np.exp(np.asarray(log_share) - logsumexp(log_share)), np.array(covariances)
-        return cls(
-            np.concatenate([0.9 * share, 0.1 * share]), np.tile(means, (2, 1)), np.concatenate([scale, 4.0 * scale])
-        )
+        share = np.exp(np.asarray(log_share) - logsumexp(log_share))
+        return cls(share, np.array(means), np.array(covariances)).widened(0.1, 2.0)
 
-    def widened(self) -> Mixture:
-        """With some of the draws from the same components, wider: fitted shapes lose their tails."""
-        share = np.concatenate([(1.0 - TUNING.wide_share) * self.share, TUNING.wide_share * self.share])
-        return Mixture(
-            share, np.tile(self.mean, (2, 1)), np.concatenate([self.scale, TUNING.wide_factor**2 * self.scale])
-        )
+    def widened(self, part: float = TUNING.wide_share, factor: float = TUNING.wide_factor) -> Mixture:
+        """With `part` of the draws from the same components, wider: fitted shapes lose their tails."""
+        return self.beside(Mixture(self.share, self.mean, factor**2 * self.scale), part)
 
     def beside(self, other: Mixture, part: float) -> Mixture:
         """With `part` of the draws from the other."""
@@ -81,36 +73,30 @@ class Mixture:
         return np.asarray(logsumexp(self._terms(u)[0], axis=0))
 
     def fitted(self, u: Floats, log_weight: Floats) -> Mixture:
-        """A few steps towards weighted draws."""
-        found = self
-        for _ in range(TUNING.em_steps):
-            found = found._stepped(u, log_weight)
-        return found
-
-    def _stepped(self, u: Floats, log_weight: Floats) -> Mixture:
-        """One step of expectation maximisation; where few draws decide, the old shape keeps part of its say."""
-        d = u.shape[1]
-        terms, squares = self._terms(u)
+        """Steps of expectation maximisation towards weighted draws; where few decide, the old shape keeps a say."""
+        found, d = self, u.shape[1]
         log_weight = tempered(log_weight, 4.0 * d)
         weight = np.exp(log_weight - logsumexp(log_weight))
-        resp = np.exp(terms - logsumexp(terms, axis=0)) * weight
-        share = np.sum(resp, axis=1)
-        kept = share > TUNING.smallest_share
-        gamma = resp * (TUNING.freedom + d) / (TUNING.freedom + squares)
-        mean, scale = self.mean.copy(), self.scale.copy()
-        for c in np.flatnonzero(kept):
-            mean[c] = gamma[c] @ u / np.sum(gamma[c])
-            off = u - mean[c]
-            effective = share[c] ** 2 / np.sum(resp[c] ** 2)
-            old = (d + 2.0) / (effective + d + 2.0)
-            scale[c] = (1.0 - old) * (off.T * gamma[c]) @ off / share[c] + old * self.scale[c]
-        return Mixture(share[kept] / np.sum(share[kept]), mean[kept], scale[kept])
+        for _ in range(3):
+            terms, squares = found._terms(u)
+            resp = np.exp(terms - logsumexp(terms, axis=0)) * weight
+            share = np.sum(resp, axis=1)
+            kept = share > TUNING.smallest_share
+            gamma = resp * (TUNING.freedom + d) / (TUNING.freedom + squares)
+            mean, scale = found.mean.copy(), found.scale.copy()
+            for c in np.flatnonzero(kept):
+                mean[c] = gamma[c] @ u / np.sum(gamma[c])
+                off = u - mean[c]
+                effective = share[c] ** 2 / np.sum(resp[c] ** 2)
+                old = (d + 2.0) / (effective + d + 2.0)
+                scale[c] = (1.0 - old) * (off.T * gamma[c]) @ off / share[c] + old * scale[c]
+            found = Mixture(share[kept] / np.sum(share[kept]), mean[kept], scale[kept])
+        return found
 
 
 @dataclass(frozen=True, eq=False)
 class Sample:
-    """Draws u (k, d) with the log density of target and proposal and log weight, all (k,); weights are not normalised:
-    the mean of exp(log_weight) is the evidence."""
+    """Draws u (k, d), log density of target and proposal (k,); the mean of exp(log_weight) is the evidence."""
 
     u: Floats
     log_target: Floats
@@ -136,7 +122,27 @@ class Sample:
 
     @cached_property
     def tail(self) -> tuple[float, float]:
-        return tail(self.log_weight)
+        """(shape of the generalised Pareto distribution of the largest weights, share of their mean that it expects
+        beyond the largest one); NaN below 25 weights that do not vanish.
+
+        Above a shape of 0.7 the mean cannot be trusted (Vehtari, Simpson, Gelman, Yao and Gabry 2024,
+        jmlr.org/papers/v25/19-556.html; here fitted by maximum likelihood), but where nearly all weights are equal, a
+        few of three times as much give a large shape too. Hence the share: one weight in all lies beyond the largest,
+        and exceeds it by the mean excess there.
+        """
+        from scipy.stats import genpareto
+
+        finite = np.sort(self.log_weight[np.isfinite(self.log_weight)])
+        count = int(min(TUNING.tail_share * len(finite), 3.0 * np.sqrt(len(finite))))
+        if count < 5:
+            return float("nan"), float("nan")
+        weight = np.exp(finite[-count - 1 :] - finite[-1])
+        beyond = weight[1:] - weight[0]
+        if not beyond[-1] > 0:
+            return 0.0, 0.0
+        shape, _, scale = genpareto.fit(beyond / beyond[-1], floc=0.0)
+        excess = (scale + shape) * beyond[-1] / (1.0 - shape) if shape < 1.0 else np.inf
+        return float(shape), float(max(excess, 0.0) / np.sum(np.exp(finite - finite[-1])))
 
     @property
     def reliable(self) -> bool:
@@ -153,26 +159,24 @@ class Proposal(Protocol):
     def log_density(self, u: Floats) -> Floats: ...
 
 
+Density = Callable[[Floats], Floats]  # log, (k,) at (k, d)
 Propose = Callable[[np.random.Generator, "Sample | None"], Proposal]
 
 
-def sample(target: Log, start: Mixture | Propose, *, seed: int, each: int, most: int, enough: float) -> Sample:
+def sample(
+    target: Callable[[Floats], Floats], propose: Propose, *, seed: int, each: int, most: int, enough: float
+) -> Sample:
     """Rounds of `each` draws of a log density, until their effective size is `enough` (and their tail index in order)
-    or there are `most`.
+    or there are `most`; they depend on seed, target and proposals alone.
 
-    `start` gives a proposal from the draws so far, or is the first: then the next is fitted to the draws. A good one
-    stays, for proposals made from the draws that they then weigh lose a few per cent of the tails. The draws depend on
-    the seed, the target and the start alone.
+    A good proposal stays: one that is made from the draws that it then weighs loses a few per cent of the tails.
     """
     rng = np.random.Generator(np.random.Philox(seed))
-    propose = _Fitted(start) if isinstance(start, Mixture) else start
     proposals: list[Proposal] = []
     counts: list[int] = []  # draws from each
     densities: list[Floats] = []  # of each, log, at all draws so far
     found: Sample | None = None
-    while found is None or (
-        len(found.u) < most and (len(found.u) < TUNING.fewest_rounds * each or found.ess < enough or not found.reliable)
-    ):
+    while True:
         if found is None or found.ess < TUNING.good_proposal * len(found.u) or not found.reliable:
             proposals.append(propose(rng, found))
             counts.append(0)
@@ -185,19 +189,9 @@ def sample(target: Log, start: Mixture | Propose, *, seed: int, each: int, most:
             u, value = np.concatenate([found.u, u]), np.concatenate([found.log_target, value])
         log_share = np.log(np.array(counts) / len(u))[:, None]
         found = Sample(u, value, np.asarray(logsumexp(log_share + densities, axis=0)))
-    return found
-
-
-class _Fitted:
-    """Proposals that are one mixture, fitted to the draws so far."""
-
-    def __init__(self, mixture: Mixture) -> None:
-        self.mixture = mixture
-
-    def __call__(self, rng: np.random.Generator, found: Sample | None) -> Mixture:
-        if found and np.any(np.isfinite(found.log_weight)):
-            self.mixture = self.mixture.fitted(found.u, found.log_weight)
-        return self.mixture.widened()
+        many = len(u) >= TUNING.fewest_rounds * each and found.ess >= enough and found.reliable
+        if many or len(u) >= most:
+            return found
 
 
 def effective_size(log_weight: Floats) -> float:
@@ -211,35 +205,11 @@ def effective_size(log_weight: Floats) -> float:
 
 def tempered(log_weight: Floats, least: float) -> Floats:
     """log_weight, or a power of the weights small enough for an effective size of `least`."""
-    if effective_size(log_weight) >= min(least, 0.5 * np.count_nonzero(np.isfinite(log_weight))):
-        return log_weight
     goal = min(least, 0.5 * np.count_nonzero(np.isfinite(log_weight)))
+    if effective_size(log_weight) >= goal:
+        return log_weight
     low, high = 0.0, 1.0
     for _ in range(20):
         middle = 0.5 * (low + high)
         low, high = (middle, high) if effective_size(middle * log_weight) >= goal else (low, middle)
     return np.asarray(low * log_weight if low > 0 else np.where(np.isfinite(log_weight), 0.0, -np.inf))
-
-
-def tail(log_weight: Floats) -> tuple[float, float]:
-    """(shape of the generalised Pareto distribution of the largest weights, share of their mean that it expects beyond
-    the largest one).
-
-    Above a shape of 0.7 the mean cannot be trusted (Vehtari, Simpson, Gelman, Yao and Gabry 2024,
-    jmlr.org/papers/v25/19-556.html; here fitted by maximum likelihood), but the shape knows no scale: where nearly all
-    weights are equal, a few of three times as much give a large one. Hence the share: one weight in all lies beyond
-    the largest, and exceeds it by the mean excess there. NaN below 25 weights that do not vanish.
-    """
-    from scipy.stats import genpareto
-
-    finite = np.sort(log_weight[np.isfinite(log_weight)])
-    count = int(min(TUNING.tail_share * len(finite), 3.0 * np.sqrt(len(finite))))
-    if count < 5:
-        return float("nan"), float("nan")
-    weight = np.exp(finite[-count - 1 :] - finite[-1])
-    beyond = weight[1:] - weight[0]
-    if not beyond[-1] > 0:
-        return 0.0, 0.0
-    shape, _, scale = genpareto.fit(beyond / beyond[-1], floc=0.0)
-    excess = (scale + shape) * beyond[-1] / (1.0 - shape) if shape < 1.0 else np.inf
-    return float(shape), float(max(excess, 0.0) / np.sum(np.exp(finite - finite[-1])))

@@ -1,22 +1,20 @@
 """What simulations near a maximum of the posterior say about it everywhere: a Gaussian process for the frames.
 
-The residuals of all frames, in their few common directions, are Gaussian processes of u with one kernel (Rasmussen and
-Williams 2006, ch. 2 and 5.4.2, gaussianprocess.org/gpml): a Matern function and a linear trend. Both are functions of
-coordinates in which frames are nearly linear, whitened by the posterior. In u they are not: a stress is linear in a
-modulus, not in its logarithm, and u runs to infinity at the bounds of a uniform prior, where nothing happens any more.
-The process' own variance is added to that of the noise: where little is known the surrogate neither claims a likely
-place nor excludes one. It only shapes proposals (explore.py): what counts in a posterior is simulated.
+The residuals of all frames, in their few common directions, are Gaussian processes with one kernel (Rasmussen and
+Williams 2006, ch. 2 and 5.4.2, gaussianprocess.org/gpml): a Matern function and a linear trend, of coordinates in which
+frames are nearly linear, whitened by the posterior. (In u they are not: a stress is linear in a modulus, not in its
+logarithm.) The process' own variance is added to that of the noise: where little is known the surrogate neither claims
+a likely place nor excludes one. It only shapes proposals (explore.py): what counts is simulated.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
 import numpy as np
 from scipy.linalg import solve_triangular
+from scipy.special import logsumexp
 
 from cavirheo.arrays import Floats
-from cavirheo.inference.noise import Noise
+from cavirheo.inference.verify.mode import Target
 from cavirheo.inference.verify.tuning import TUNING
 from cavirheo.parallel import each
 from cavirheo.prior import log_normal
@@ -24,21 +22,12 @@ from cavirheo.prior import log_normal
 
 class Surrogate:
     """log of the posterior to be expected at u (k, d), from simulations at u (m, d) with residuals (m, n) and log
-    posterior value (m,), all finite and more than 2 (d + 1). `linear` gives, of u (k, d), the coordinates (k, d) that
-    the frames are nearly linear in. Many u are shared by `workers` threads."""
+    posterior value (m,), all finite and more than 2 (d + 1)."""
 
-    def __init__(
-        self,
-        noise: Noise,
-        linear: Callable[[Floats], Floats],
-        u: Floats,
-        residual: Floats,
-        value: Floats,
-        workers: int = 1,
-    ) -> None:
-        self.noise, self.linear, self.workers = noise, linear, workers
+    def __init__(self, target: Target, u: Floats, residual: Floats, value: Floats) -> None:
+        self.target, self.noise = target, target.noise
         kept = np.argsort(-value, kind="stable")[: TUNING.surrogate_simulations]
-        v, residual, below = linear(u[kept]), residual[kept], value[kept[0]] - value[kept]
+        v, residual, below = target.linear(u[kept]), residual[kept], value[kept[0]] - value[kept]
         weight = np.exp(-below / TUNING.flat_height)
         self.centre = weight @ v / np.sum(weight)
         off = v - self.centre
@@ -48,8 +37,7 @@ class Surrogate:
         self.z = self._whitened(u[kept])
         self.limit = TUNING.surrogate_reach**2 * float(np.max(np.sum(self.z**2, axis=1)))
         trust = (1.0 + below / TUNING.nugget_height) ** -2.0
-        columns, along = _directions(residual, noise.deviation, trust / np.sum(trust))
-
+        columns, along = _directions(residual, self.noise.deviation, trust / np.sum(trust))
         kernel = self._kernel(self.z)
         grown = np.minimum((1.0 + below / TUNING.nugget_height) ** 3, TUNING.nugget_most)
         kernel[np.diag_indices_from(kernel)] += TUNING.nugget * grown
@@ -59,24 +47,20 @@ class Surrogate:
         self.coefficients = inverse @ along
         left_out = self.coefficients**2 / np.diag(inverse)[:, None]  # (y - y left out)^2 over its variance
         size = np.sqrt(trust @ left_out / np.sum(trust)) + 1e-9  # of each process, (directions,)
-        self._forms(columns, size, np.append(along[0], 1.0))
-
-    def _forms(self, columns: Floats, size: Floats, best: Floats) -> None:
-        """For each covariance C of the noise: e' C^-1 e as a quadratic form of the directions, and its axes in units of
-        the processes' sizes."""
+        # for each covariance C of the noise: e' C^-1 e as a quadratic form of the directions, and its axes in units of
+        # the processes' sizes
         forms = [columns.T @ solved for solved in self.noise.solved(columns)]
-        squares = np.array([best @ form @ best for form in forms])
-        self.scale = self.noise.factor(squares)  # k^2, as at the best
+        best = np.append(along[0], 1.0)
+        self.scale = self.noise.factor(np.array([best @ form @ best for form in forms]))  # k^2, as at the best
         self.parts = []
         for form in forms:
-            axes = np.linalg.eigh(size[:, None] * form[:-1, :-1] * size)
+            values, axes = np.linalg.eigh(size[:, None] * form[:-1, :-1] * size)
             root = np.linalg.cholesky(form + 1e-12 * np.trace(form) * np.eye(len(form)))
-            self.parts.append(
-                (root, axes.eigenvectors.T @ (size[:, None] * form[:-1]), np.maximum(axes.eigenvalues, 0))
-            )
+            self.parts.append((root, axes.T @ (size[:, None] * form[:-1]), np.maximum(values, 0)))
 
     def __call__(self, u: Floats) -> Floats:
-        parts = min(self.workers, len(u) // TUNING.surrogate_per_thread)
+        """(k,) at u (k, d), many of them shared by the target's threads."""
+        parts = min(self.target.workers, len(u) // 250)  # for fewer, threads cost more than they give
         if parts < 2:
             return self._expected(u)
         return np.concatenate(each(self._expected, np.array_split(u, parts), parts))
@@ -100,37 +84,27 @@ class Surrogate:
             softened = variance[:, None] / (1.0 + spread) * (mean @ across.T) ** 2
             squares[i] = np.sum((mean @ root) ** 2, axis=1) - np.sum(softened, axis=1)
             half_log_det[i] = 0.5 / TUNING.hope * np.sum(np.log1p(spread), axis=1)
-        value[near] = self.noise.log_density_of(np.maximum(squares, 0.0), half_log_det) + log_normal(u[near])
+        joint = self.noise.joint(np.maximum(squares, 0.0)) - half_log_det
+        value[near] = np.asarray(logsumexp(joint, axis=0)) + log_normal(u[near])
         return value
 
     def _whitened(self, u: Floats) -> Floats:
-        return np.asarray(np.linalg.solve(self.root, ((self.linear(u) - self.centre) / self.unit).T).T)
+        return np.asarray(np.linalg.solve(self.root, ((self.target.linear(u) - self.centre) / self.unit).T).T)
 
     def _kernel(self, z: Floats, other: Floats | None = None) -> Floats:
         """(k, m) Matern function of order 5/2 and linear trend."""
         other = z if other is None else other
         product = z @ other.T
         distance = np.sum(z**2, axis=1)[:, None] + np.sum(other**2, axis=1) - 2.0 * product
-        np.maximum(distance, 0.0, out=distance)  # in place: most of a call's time goes here
-        np.sqrt(distance, out=distance)
-        distance *= np.sqrt(5.0) / TUNING.kernel_length
-        matern = distance / 3.0
-        matern += 1.0
-        matern *= distance
-        matern += 1.0
-        np.negative(distance, out=distance)
-        matern *= np.exp(distance, out=distance)
-        product /= z.shape[1]
-        product += 1.0
-        matern += product
-        return np.asarray(matern)
+        distance = np.sqrt(np.maximum(distance, 0.0)) * (np.sqrt(5.0) / TUNING.kernel_length)
+        matern = ((distance / 3.0 + 1.0) * distance + 1.0) * np.exp(-distance)
+        return np.asarray(matern + (product / z.shape[1] + 1.0))
 
 
 def _directions(residual: Floats, deviation: Floats, weight: Floats) -> tuple[Floats, Floats]:
-    """Columns (n, c + 1), the last one the first residual, and (m, c): residual = columns @ [along, 1] but for what is
-    far below the noise."""
+    """Columns (n, c + 1) and along (m, c): residual = columns @ [along, 1] but for what is far below the noise."""
     off = (residual - residual[0]) / deviation
     values, vectors = np.linalg.eigh((off.T * weight) @ off)
-    count = int(np.clip(np.count_nonzero(values > TUNING.direction_share**2), 1, TUNING.directions))
+    count = int(np.clip(np.count_nonzero(values > TUNING.direction_share**2), 1, 40))
     vectors = vectors[:, ::-1][:, :count]
     return np.column_stack([vectors * deviation[:, None], residual[0]]), off @ vectors

@@ -15,78 +15,72 @@ class Tuning:
     draws_per_round: int = 200
     fewest_rounds: int = 3  # two that look good may only not have met the tails yet
     effective_enough: float = 400.0  # effective draws at which sampling ends
-    effective_fewest: float = 100.0  # effective draws below which no interval is given
+    effective_fewest: float = 100.0  # below which no interval is given
 
     # where searches start
     scanned: int = 96  # coarse simulations all over the ranges
     scanned_climbed: int = 3  # how many of them are climbed from
-    same_start: float = 0.005  # starts nearer to each other than this are one
+    same_start: float = 0.005  # starts nearer to each other are one
 
     # climbing to a mode, damped Gauss-Newton
-    climb_steps: int = 12
-    damped_trials: int = 5  # damped steps tried before a search ends
-    climb_gain: float = 0.01  # expected gain of height below which it ends
-    same_mode: float = 1.0  # Mahalanobis distance below which two modes are one
-    lowest_mode: float = 10.0  # height below the best at which a mode is dropped
+    climb_gain: float = 0.01  # expected gain of height at which it ends
+    same_mode: float = 1.0  # Mahalanobis distance below which modes are one
+    lowest_mode: float = 10.0  # height below the best at which one is dropped
 
     # following the ridge through a mode, for posteriors are curved
     ridge_stride: float = 1.5  # standard deviations
-    ridge_strides: int = 4  # to either side
     ridge_depth: float = 4.0  # fall of the height at which it ends
-    ridge_held: float = 5.0  # how firmly a place stays: 1 would be as firmly as the posterior itself holds it
+    ridge_held: float = 5.0  # how firmly a place stays; 1: as the posterior itself holds it
 
     # mixtures of Student's t
     freedom: float = 8.0  # degrees
-    em_steps: int = 3  # of expectation maximisation after each round
-    good_proposal: float = 0.4  # effective draws over draws, from which a proposal stays as it is
-    wide_share: float = 0.2  # of the draws, that look for what the fitted shape misses
+    good_proposal: float = 0.4  # effective draws over draws, from which one stays as it is
+    wide_share: float = 0.2  # of the draws, for what the fitted shape misses
     wide_factor: float = 2.0  # how much wider these are
     smallest_share: float = 0.005  # of a component, below which it is dropped
 
     # how far weights are trusted
     tail_share: float = 0.2  # of the draws, that the tail index looks at
-    tail_reliable: float = 0.7  # tail index above which the mean of the weights cannot be trusted,
-    tail_unseen: float = 0.02  # unless this share of it at most is to be expected beyond the largest weight
+    tail_reliable: float = 0.7  # tail index above which the mean weight is not to be trusted,
+    tail_unseen: float = 0.02  # unless at most this share is expected beyond the largest
 
     # learning where to draw, by rough simulations
     learning_rounds: int = 3  # before any draw counts
     learnt_per_round: int = 80
     mixture_fits: int = 5  # at most, of the mixture to the surrogate after each round
     pool: int = 2000  # free draws for each of these
-    fit_well: float = 0.3  # effective draws over draws of the pool, from which the mixture fits
-    flatter: float = 0.5  # power of the surrogate that teaches, for what the surrogate misses
-    taught_share: float = 0.8  # of the rough simulations that are drawn from that power, the others from the mixture
-    norm_draws: int = 8000  # more free draws for the norm of a surrogate that is drawn from
-    norm_met: float = 50.0  # effective draws of these, below which the mixture itself is drawn from
-    surrogate_cut: float = 50.0  # times its mean, at which the surrogate over the mixture is cut
-    mixture_share: float = 0.3  # of the draws from the mixture, the others from the surrogate itself
+    fit_well: float = 0.3  # effective draws over the pool, from which the mixture fits
+    flatter: float = 0.5  # power of the surrogate that teaches, for what it misses
+    taught_share: float = 0.8  # of the rough simulations from that power, the others from the mixture
+    norm_draws: int = 8000  # more free draws for the norm of a surrogate
+    norm_met: float = 50.0  # effective draws of these, below which the mixture is drawn from
+    surrogate_cut: float = 50.0  # times its mean, at which surrogate over mixture is cut
+    mixture_share: float = 0.3  # of the draws from the mixture, the others from the surrogate
     modes_share: float = 0.3  # of the mixture's draws that stay with the modes
-    other_valley: float = 0.5  # height above the best mode from which a draw is in another valley
+    other_valley: float = 0.5  # height above the best mode of a draw in another valley
     valleys: int = 3  # climbed into at most
 
     # the surrogate, a Gaussian process of the frames
-    kernel_length: float = 8.0  # of the Matern function, in standard deviations of the (flattened) posterior
+    kernel_length: float = 8.0  # in standard deviations of the (flattened) posterior
     flat_height: float = 10.0  # below the best, at which a simulation counts 1/e in them
     nugget: float = 1e-3  # of a simulation; grows with its distance below the best,
     nugget_height: float = 3.0  # measured in this height,
     nugget_most: float = 300.0  # up to this factor
-    hope: float = 0.5  # x of log(<p^x>)/x over the process: 0 would be <log p>, 1 log<p>, which trusts the unknown
-    direction_share: float = 0.03  # of the noise, below which a common direction of the residuals is left out
-    directions: int = 40  # at most
-    surrogate_simulations: int = 600  # at most, the most likely ones: time grows with their square
-    surrogate_per_thread: int = 250  # u at least for each of several threads
-    surrogate_reach: float = 1.5  # distance over that of the farthest simulation, beyond which nothing is claimed
+    hope: float = 0.5  # x of log(<p^x>)/x over the process; 1 trusts the unknown
+    direction_share: float = 0.03  # of the noise, below which a direction is left out
+    surrogate_simulations: int = 600  # at most, the most likely: time grows with their square
+    surrogate_reach: float = 1.5  # distance over the farthest simulation's, to which it claims
 
     # what is said of an answer
-    systematic: float = 0.03  # of R_max: misfit beyond noise above which a law is rejected although some is allowed for
+    systematic: float = 0.03  # of R_max: misfit beyond noise that rejects a law
     systematic_seen: float = 5e-4  # of R_max: misfit below which none is stated
     pulled: float = 2.3  # a nuisance that far from its middle has 1 % of its prior beyond it
     replicates: int = 2000  # of the predictive check
     rejected: float = 0.01  # probability of its rejection where the law is right
 
     # evidence of laws
-    decisive: float = 3.0  # log evidence (a factor of 20) below which laws are not told apart
-    unsure: float = 3.0  # standard error of a log evidence whose weights are not to be trusted
+    decisive: float = 3.0  # log evidence (a factor of 20) below which laws are alike
+    unsure: float = 3.0  # standard error where weights are not to be trusted
     scatter: float = 3.0  # standard errors that are added to it
 
 
