@@ -19,6 +19,7 @@ from pathlib import Path
 
 from cavirheo.errors import InputError
 from cavirheo.reporting.record import Pairs, Result, read_json, result
+from cavirheo.writing import style
 from cavirheo.writing.document import into, write_json
 
 __all__ = ["file_names", "read_json", "result", "write_json", "write_report"]
@@ -42,44 +43,43 @@ def write_report(
         pictures: kinds of picture files, of "png" and "svg"; () for none. The report holds its pictures in itself.
         date: as it stands in the documents; now if not given.
 
-    Without matplotlib there are no PNG pictures, and the report and the result's notes say so.
+    Without matplotlib there are no pictures, and the report and the result's notes say so.
 
     Raises:
         InputError: an unknown kind of picture, or a directory that cannot be written.
     """
     from cavirheo.reporting import html, table
-    from cavirheo.writing import style
 
     if unknown := [kind for kind in pictures if kind not in _KINDS]:
         raise InputError(
             f"pictures can be {' or '.join(_KINDS)}, got {', '.join(map(repr, unknown))}", "reporting.picture_kind"
         )
     date = date or datetime.now().astimezone().strftime("%Y-%m-%d %H:%M %Z")
-    lacking = "png" in pictures and not style.available()
-    document = result(pairs, command, date=date, notes=(style.NO_PICTURES,) if lacking else ())
-    kinds = [kind for kind in pictures if kind != "png" or not lacking]
+    drawing = style.available()
+    document = result(pairs, command, date=date, notes=() if drawing else (style.NO_PICTURES,))
     with into(directory) as folder:
         write_json(folder / "result.json", document)
         table.write_csv(folder / "result.csv", document)
-        html.write(
-            folder / "report.html", document, _curve_pictures(folder, pairs, document, kinds),
-            _group_pictures(pairs, document),
-        )  # fmt: skip
+        shown = (
+            (_curve_pictures(folder, pairs, document, pictures), _group_pictures(pairs, document)) if drawing else ()
+        )
+        html.write(folder / "report.html", document, *shown)
     return document
 
 
 def _curve_pictures(folder: Path, pairs: Pairs, document: Result, kinds: Sequence[str]) -> Iterator[str]:
-    """Draws, saves and forgets the picture of one curve after the other; yields what the report shows of it."""
-    from cavirheo.reporting.picture import HEADER, curve_picture
+    """Draws and saves the picture of one curve after the other; yields what the report shows of it."""
+    from cavirheo.reporting.picture import HEAD, CurvePicture
 
-    names = file_names([record.name for record in document.curves])
+    picture, names = CurvePicture(), file_names([record.name for record in document.curves])
     for (curve, posterior), record, name in zip(pairs, document.curves, names, strict=True):
-        page = curve_picture(curve, posterior.checks, record, document.modulus_unit)
+        figure = picture.show(curve, posterior.checks, record, document.modulus_unit)
         if "svg" in kinds:
-            page.save_svg(folder / f"{name}.svg")
+            style.save_svg(folder / f"{name}.svg", figure)
+        image = style.compact(style.drawn(figure))
         if "png" in kinds:
-            page.save_png(folder / f"{name}.png")
-        yield page.svg(HEADER)
+            image.save(folder / f"{name}.png", dpi=(style.DPI, style.DPI), compress_level=3)
+        yield style.address(image.crop((0, int(HEAD * image.height), *image.size)))
 
 
 def _group_pictures(pairs: Pairs, document: Result) -> Iterator[str]:
@@ -88,7 +88,7 @@ def _group_pictures(pairs: Pairs, document: Result) -> Iterator[str]:
     for group, members in document.members():
         if group.n > 1:
             mine = [pairs[i] for i in members], [document.curves[i] for i in members]
-            yield group_picture(*mine, group, document.modulus_unit).svg()
+            yield style.address(style.drawn(group_picture(*mine, group, document.modulus_unit)).quantize(64))
 
 
 def file_names(names: Sequence[str]) -> list[str]:
