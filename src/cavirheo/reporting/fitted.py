@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
 from cavirheo.posterior import WindowAnswer
@@ -17,28 +18,26 @@ _SYMBOLS = {"shear_modulus": "G", "viscosity": "µ", "stretch": "λ", "time_orig
 _HEADS = {"1": "1 collapse", "2": "2 collapses", "3": "3 collapses", "all": "whole recording"}
 
 
-def windows(record: CurveRecord) -> dict[str, WindowAnswer]:
-    """The answers of the windows "1", "2", "3", "all" (collapses) that were fitted."""
-    return record.windows if record.method in _FITS and record.answered else {}
-
-
 def window_cells(record: CurveRecord, factor: float) -> list[str]:
-    """'6.44, 0.0295' (G, mu) for each of the four windows; an asterisk where a parameter ended at a bound."""
-    return [_pair(windows(record).get(key), factor) for key in _HEADS]
+    """'6.44, 0.0295' (G, mu) for windows of 1, 2, 3 and all collapses, if a fit answers; * where one is at a bound."""
+    found = record.windows if record.method in _FITS and record.answered else {}
+    return [_pair(found[key], factor) if key in found else digits.MISSING for key in _HEADS] if found else []
 
 
-def mean_cells(records: list[CurveRecord], factor: float) -> list[str]:
+def _pair(window: WindowAnswer, factor: float) -> str:
+    values = [(window.best.get("shear_modulus"), factor), (window.best.get("viscosity"), 1.0)]
+    text = ", ".join(digits.significant(value * scale) for value, scale in values if value is not None)
+    return (text or digits.MISSING) + ("*" if window.at_bound else "")
+
+
+def _mean_cells(records: list[CurveRecord], factor: float) -> Iterator[str]:
     """Mean ± standard deviation of G and mu over the trusted curves that have the window, and how many they are."""
-    cells = []
     for key in _HEADS:
-        having = [found[key].best for record in records if record.trusted and key in (found := windows(record))]
-        parts = [
-            digits.spread(spread_of([best.get(name) for best in having]), scale)
-            for name, scale in (("shear_modulus", factor), ("viscosity", 1.0))
-        ]
-        known = ", ".join(part for part in parts if part != digits.MISSING)
-        cells.append(f"{known} (n = {len(having)})" if known else digits.MISSING)
-    return cells
+        trusted = [record for record in records if record.trusted and record.method in _FITS]
+        having = [record.windows[key].best for record in trusted if key in record.windows]
+        G, mu = (spread_of([best.get(name) for best in having]) for name in ("shear_modulus", "viscosity"))
+        known = [text for text in (digits.spread(G, factor), digits.spread(mu)) if text != digits.MISSING]
+        yield f"{', '.join(known)} (n = {len(having)})" if known else digits.MISSING
 
 
 def windows_table(result: Result) -> Table | None:
@@ -46,21 +45,22 @@ def windows_table(result: Result) -> Table | None:
     from rich.box import SIMPLE_HEAD
     from rich.table import Table
 
-    if not any(windows(record) for record in result.curves):
-        return None
     factor, unit = result.modulus_unit
-    table = Table(box=SIMPLE_HEAD, pad_edge=False, show_edge=False, title_justify="left", title_style="dim")
-    table.title = f"G ({unit}), µ (Pa s) by the window that is fitted; *: a parameter at its bound"
-    for head in ("curve", *_HEADS.values()):
-        table.add_column(head)
-    for record in result.curves:
-        if windows(record):
-            table.add_row(digits.elide(record.name, 24), *window_cells(record, factor))
+    rows = [(record.name, cells) for record in result.curves if (cells := window_cells(record, factor))]
+    if not rows:
+        return None
+    table = Table("curve", *_HEADS.values(), box=SIMPLE_HEAD, pad_edge=False, show_edge=False, title_justify="left")
+    table.title, table.title_style = (
+        f"G ({unit}), µ (Pa s) by the window that is fitted; *: a parameter at its bound",
+        "dim",
+    )
+    for name, cells in rows:
+        table.add_row(digits.elide(name, 24), *cells)
     table.add_section()
     for group, members in result.members():
         if len(members) > 1:
-            cells = mean_cells([result.curves[i] for i in members], factor)
-            table.add_row(digits.elide(group.name, 24), *cells, style="bold")
+            means = _mean_cells([result.curves[i] for i in members], factor)
+            table.add_row(digits.elide(group.name, 24), *means, style="bold")
     return table
 
 
@@ -70,9 +70,10 @@ def facts(record: CurveRecord, factor: float, unit: str) -> dict[str, str]:
         return {}
     about = record.diagnostics
     found = {"stretch": about.stretch_source}
-    if windows(record):
-        cells = zip(_HEADS.values(), window_cells(record, factor), strict=True)
-        found["windows"] = f"G ({unit}), µ (Pa s): " + "; ".join(f"{head} {cell}" for head, cell in cells)
+    if cells := window_cells(record, factor):
+        found["windows"] = f"G ({unit}), µ (Pa s): " + "; ".join(
+            map(" ".join, zip(_HEADS.values(), cells, strict=True))
+        )
     if record.method in _FITS:
         found["freed"] = ", ".join(f"{_SYMBOLS.get(name, name)} = {value:.4g}" for name, value in about.free.items())
         found["correlations"] = ", ".join(
@@ -90,11 +91,3 @@ def facts(record: CurveRecord, factor: float, unit: str) -> dict[str, str]:
             f"misfit {digits.percent(about.systematic_misfit_over_rmax)} % of R_max"
         )
     return {key: text for key, text in found.items() if text}
-
-
-def _pair(found: WindowAnswer | None, factor: float) -> str:
-    if found is None:
-        return digits.MISSING
-    values = [(found.best.get("shear_modulus"), factor), (found.best.get("viscosity"), 1.0)]
-    text = ", ".join(digits.significant(value * scale) for value, scale in values if value is not None)
-    return (text or digits.MISSING) + ("*" if found.at_bound else "")

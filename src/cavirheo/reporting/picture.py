@@ -12,8 +12,8 @@ import numpy as np
 from cavirheo.arrays import Floats
 from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError
-from cavirheo.posterior import Checks, Posterior
-from cavirheo.reporting.record import CurveRecord, GroupRecord
+from cavirheo.posterior import Checks
+from cavirheo.reporting.record import CurveRecord, GroupRecord, Pairs
 from cavirheo.writing import digits, style
 from cavirheo.writing.document import Quantity
 from cavirheo.writing.style import BLACK, BLUE, INK, VERMILLION, write
@@ -21,7 +21,7 @@ from cavirheo.writing.style import BLACK, BLUE, INK, VERMILLION, write
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-KILOPASCAL = (1e-3, "kPa")
+Unit = tuple[float, str]  # of G: factor from Pa, name
 _OUTSIDE, _GREY = "#b4b4b4", "#808080"
 _LEFT, _WIDTH, _RIGHT = 0.085, 0.889, 0.974  # of the axes, in widths of the figure
 _UPPER, _LOWER = (_LEFT, 0.355, _WIDTH, 0.445), (_LEFT, 0.11, _WIDTH, 0.2)
@@ -52,19 +52,15 @@ class CurvePicture:
         self.t_star = self._t_star_axis()
 
         dots: dict[str, Any] = {"ls": "", "marker": "o", "mew": 0}
-        looks = {
-            "measured": {"color": BLACK, **dots},
-            "measured, not compared": {"color": _OUTSIDE, **dots},
-            "simulation of the answer": {"color": VERMILLION, "lw": 1.5},
-        }
+        looks = [("measured", {"color": BLACK, **dots}), ("measured, not compared", {"color": _OUTSIDE, **dots})]
+        looks.append(("simulation of the answer", {"color": VERMILLION, "lw": 1.5}))
         self.lines, self.key = [], []
-        for row, (label, look) in enumerate(looks.items()):
-            x, y = np.array([0.742, 0.755, 0.768]), 0.95 - 0.083 * row
+        for row, (label, look) in enumerate(looks):
+            y = 0.95 - 0.083 * row
+            place: dict[str, Any] = {"transform": self.upper.transAxes, "ms": 3.6, "markevery": [1]}
             self.lines += self.upper.plot([], [], label=label, **look)
-            (sample,) = self.upper.plot(
-                x, [y] * 3, transform=self.upper.transAxes, ms=3.6, markevery=[1], **look
-            )  # fmt: skip
-            self.key.append((sample, write(self.upper, 0.78, y, label, size=8, va="center_baseline")))
+            sample = self.upper.plot([0.742, 0.755, 0.768], [y] * 3, **place, **look)
+            self.key.append((*sample, write(self.upper, 0.78, y, label, size=8, va="center_baseline")))
         self.band = self.lower.axhspan(0.0, 0.0, color=BLUE, alpha=0.13, lw=0)
         self.lower.axhline(0.0, color=INK, lw=0.8)
         (self.residual,) = self.lower.plot([], [], color=BLUE, label="residual", **dots)
@@ -82,12 +78,10 @@ class CurvePicture:
         write(axes, -0.008, 1.035, "t*", size=7.5, color=_GREY, ha="right")
         return axes
 
-    def show(
-        self, curve: RadiusCurve, checks: Checks, record: CurveRecord, unit: tuple[float, str] = KILOPASCAL
-    ) -> Figure:
+    def show(self, curve: RadiusCurve, checks: Checks, record: CurveRecord, unit: Unit) -> Figure:
         """One curve and its answer; a failed one shows its measured points and the reason, and no line.
 
-        `record` is the row of the curve, `unit` that of G: (factor from Pa, name). Save the figure before the next.
+        `record` is the row of the curve. Save the figure before the next.
         """
         answered, look = record.answered, digits.LOOKS[record.verdict]
         self.name.set_text(digits.elide(record.name, 60))
@@ -110,9 +104,10 @@ class CurvePicture:
         return self.figure
 
     def _write_answer(self, record: CurveRecord, unit: tuple[float, str]) -> None:
-        answer = [] if record.shear_modulus_Pa.median is None else [f"G = {_with(record.shear_modulus_Pa, *unit)}"]
-        answer.append(f"µ = {_with(record.viscosity_Pa_s, 1.0, 'Pa s')}")
-        answer += [] if record.stretch.median is None else [f"λ = {digits.quantity(record.stretch)}"]
+        G, mu, stretch = record.shear_modulus_Pa, record.viscosity_Pa_s, record.stretch
+        answer = [] if G.median is None else [f"G = {digits.quantity(G, unit[0], unit=unit[1])}"]
+        answer.append(f"µ = {digits.quantity(mu, unit='Pa s')}")
+        answer += [] if stretch.median is None else [f"λ = {digits.quantity(stretch)}"]
         answer.append(f"{_RMAX} = {digits.micrometres(record.max_radius_m)} µm")
         self.answer.set(text="\u2003\u2002".join(answer), fontsize=9.5)
         taken = self.answer.get_window_extent().width / self.figure.bbox.width
@@ -147,12 +142,7 @@ class CurvePicture:
         self.until.set_text(f"recorded until {time[-1]:.0f} µs →" if time[-1] > view[1] else "")
 
 
-def group_picture(
-    pairs: Sequence[tuple[RadiusCurve, Posterior]],
-    records: Sequence[CurveRecord],
-    group: GroupRecord,
-    unit: tuple[float, str] = KILOPASCAL,
-) -> Figure:
+def group_picture(pairs: Pairs, records: Sequence[CurveRecord], group: GroupRecord, unit: Unit) -> Figure:
     """The shots of a group laid over each other, R/R_max over t*, beside their answers and the mean ± std of these.
 
     `pairs` and `records` are the group's; failed ones are counted in the title, those not trusted drawn as rings.
@@ -185,15 +175,15 @@ def group_picture(
 
 
 def _scatter(
-    figure: Figure, records: Sequence[CurveRecord], radii: Floats, colours: list[Any], group: GroupRecord,
-    unit: tuple[float, str],
-) -> None:  # fmt: skip
+    figure: Figure, records: Sequence[CurveRecord], radii: Floats, colours: list[Any], group: GroupRecord, unit: Unit
+) -> None:
     """µ over G, or over R_max where there is no G, each with its interval."""
     G, mu = group.shear_modulus_Pa, group.viscosity_Pa_s
     elastic = any(record.shear_modulus_Pa.median is not None for record in records)
-    across = [_ends(record.shear_modulus_Pa, unit[0]) for record in records] if elastic else [[r] * 3 for r in radii]
-    x = np.array(across).reshape(-1, 3)
-    y = np.array([_ends(record.viscosity_Pa_s) for record in records]).reshape(-1, 3)
+    x = np.column_stack([radii] * 3)
+    if elastic:
+        x = _ends([record.shear_modulus_Pa for record in records], unit[0])
+    y = _ends([record.viscosity_Pa_s for record in records])
     label = f"G ({unit[1]})" if elastic else f"{_RMAX} (µm)"
     axes = style.new_axes(figure, (0.656, 0.139, 0.245, 0.718), label, "µ (Pa s)")
     axes.hlines(y[:, 0], x[:, 1], x[:, 2], colors=colours, lw=1.0)
@@ -259,14 +249,7 @@ def _fill(line: Any, x: Floats, y: Floats) -> bool:
     return bool(count)
 
 
-def _with(value: Quantity, factor: float, unit: str) -> str:
-    """'6.1 kPa [5.4, 6.9]'."""
-    number, *interval = digits.quantity(value, factor).split(" ", 1)
-    return " ".join([number, unit, *interval])
-
-
-def _ends(value: Quantity, factor: float = 1.0) -> tuple[float, float, float]:
-    """Median and interval; the median thrice where there is none."""
-    middle = np.nan if value.median is None else value.median
-    low, high = (middle if end is None else end for end in (value.q05, value.q95))
-    return middle * factor, low * factor, high * factor
+def _ends(values: Sequence[Quantity], factor: float = 1.0) -> Floats:
+    """(n, 3) medians and intervals; the median thrice where there is none."""
+    known = factor * np.array([(value.median, value.q05, value.q95) for value in values], dtype=float).reshape(-1, 3)
+    return np.where(np.isnan(known), known[:, :1], known)

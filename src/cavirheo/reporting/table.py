@@ -32,8 +32,11 @@ def print_table(result: Result, console: Console | None = None) -> None:
     room = max(console.width - taken - gap * len(heads), 12)
 
     table = terminal.table("curve", heads, left=("verdict",), gap=gap - 1)
-    names = _short_names([record.name for record in result.curves], room)
-    for name, record, row in zip(names, result.curves, rows, strict=True):
+    names = [record.name for record in result.curves]
+    short = [digits.elide(name, room) for name in names]
+    if len(set(short)) < len(set(names)):  # two would look like one
+        short = names
+    for name, record, row in zip(short, result.curves, rows, strict=True):
         verdict = Text(row.pop(), digits.LOOKS[record.verdict].terminal)
         table.add_row(*map(Text, [name, *row]), verdict)
     table.add_section()
@@ -87,9 +90,3 @@ def write_csv(path: str | Path, result: Result) -> None:
             row |= {name: value.median, f"{name}_q05": value.q05, f"{name}_q95": value.q95}
         rows.append(row)
     write_rows(path, head, rows)
-
-
-def _short_names(names: list[str], room: int) -> list[str]:
-    """Elided to the room there is, unless two different names would become one: then in full."""
-    short = [digits.elide(name, room) for name in names]
-    return short if len(set(short)) == len(set(names)) else names

@@ -12,7 +12,6 @@ import typer
 from cavirheo.errors import InputError
 from cavirheo.verbs.options import FROM_OPTIONS, Out, with_surroundings
 from cavirheo.verbs.run import Run
-from cavirheo.writing.document import into, write_json
 
 if TYPE_CHECKING:
     from cavirheo.beside.collapse_times.document import CollapseTimes
@@ -65,6 +64,7 @@ def _write(out: Path, document: CollapseTimes) -> None:
     from cavirheo.beside.collapse_times.document import write_csv
     from cavirheo.beside.collapse_times.picture import write_pictures
     from cavirheo.writing import style
+    from cavirheo.writing.document import into, write_json
 
     with into(out) as folder:
         write_json(folder / "collapse-time.json", document)

@@ -11,7 +11,6 @@ import typer
 
 from cavirheo.errors import InputError
 from cavirheo.verbs.run import Run
-from cavirheo.writing.document import into, write_json
 
 if TYPE_CHECKING:
     from cavirheo.beside.rheometer.document import BesideRow, Rheometry
@@ -80,6 +79,7 @@ def _write(out: Path, document: Rheometry, rows: list[BesideRow]) -> None:
     from cavirheo.beside.rheometer.document import write_csv, write_table
     from cavirheo.beside.rheometer.picture import write_pictures
     from cavirheo.writing import style
+    from cavirheo.writing.document import into, write_json
 
     with into(out) as folder:
         write_json(folder / "rheometer.json", document)

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 _BINS = 40
 
 
-def corner(draws: Mapping[str, Floats], weights: Floats) -> Figure:
+def corner(draws: Mapping[str, Any], weights: Floats) -> Figure:
     """`draws`: (n,) values by label. Lines mark the median and the central 90 %. Raises InputError: no matplotlib."""
     count = len(draws)
     figure = new_figure(7.2)
