@@ -16,7 +16,7 @@ from cavirheo.posterior import Checks
 from cavirheo.reporting.record import CurveRecord, GroupRecord, Pairs
 from cavirheo.writing import digits, style
 from cavirheo.writing.document import Quantity
-from cavirheo.writing.style import BLACK, BLUE, INK, VERMILLION, write
+from cavirheo.writing.style import BLACK, BLUE, BOX, INK, VERMILLION, write
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -43,7 +43,7 @@ class CurvePicture:
             axes.yaxis.set_label_coords(-0.06, 0.5)
         self.name = write(figure, _LEFT, 0.955, "", size=11, weight="bold")
         self.verdict = write(figure, _RIGHT, 0.955, "", size=10, weight="bold", ha="right")
-        self.box = figure.add_artist(Rectangle((_LEFT, 0.88), _WIDTH, 0.054, color="#f4f1ea", lw=0))
+        self.box = figure.add_artist(Rectangle((_LEFT, 0.88), _WIDTH, 0.054, color=BOX, lw=0))
         self.answer = write(figure, _LEFT + 0.013, 0.8965, "", size=9.5)
         self.reason = write(figure, _LEFT, 0.935, "", size=8.5, va="top")
         self.nothing = write(figure, 0.5, 0.46, "no measured radius", size=10, ha="center")

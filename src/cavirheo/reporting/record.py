@@ -165,26 +165,16 @@ def curve_record(curve: RadiusCurve, posterior: Posterior) -> CurveRecord:
         stretch = Quantity(median=finite(posterior.stretch))
     return CurveRecord(
         **{name: getattr(curve, name) for name in ("name", "source", "group", "group_source")},
-        max_radius_m=_measured(curve, "max_radius"),
-        time_of_max_s=_measured(curve, "time_of_max"),
-        strain_rate_per_s=_measured(curve, "strain_rate"),
-        stretch=stretch,
-        material=posterior.material,
-        method=posterior.method,
-        shear_modulus_Pa=G,
-        viscosity_Pa_s=mu,
-        other_parameters=values,
         **{name: getattr(checks, name) for name in _DIFFERENCES},
+        max_radius_m=_measured(curve, "max_radius"), time_of_max_s=_measured(curve, "time_of_max"),
+        strain_rate_per_s=_measured(curve, "strain_rate"), material=posterior.material, method=posterior.method,
+        stretch=stretch, shear_modulus_Pa=G, viscosity_Pa_s=mu, other_parameters=values,
         window=Compared(collapses=checks.collapses, t_star_end=checks.t_star_end),
-        verdict=verdict,
-        message=message or ("" if answered else _NO_ANSWER),
-        notes=list(curve.notes),
-        seconds=finite(posterior.seconds) or 0.0,
+        verdict=verdict, message=message or ("" if answered else _NO_ANSWER), notes=list(curve.notes),
+        seconds=finite(posterior.seconds) or 0.0, evidence=posterior.evidence,
         windows={key: _known(window) for key, window in posterior.windows.items()},
-        evidence=posterior.evidence,
-        diagnostics=_known(posterior.diagnostics),
-        provenance=_plain(posterior.provenance),
-    )
+        diagnostics=_known(posterior.diagnostics), provenance=_plain(posterior.provenance),
+    )  # fmt: skip
 
 
 def _members(curves: Sequence[CurveRecord]) -> dict[tuple[str, str], list[int]]:
@@ -200,14 +190,11 @@ def _group(name: str, members: list[CurveRecord]) -> GroupRecord:
     trusted = [record for record in members if record.trusted]
     n = sum(record.answered for record in members)
     return GroupRecord(
-        name=name,
-        n=n,
-        n_trusted=len(trusted),
-        n_failed=len(members) - n,
+        name=name, n=n, n_trusted=len(trusted), n_failed=len(members) - n,
         shear_modulus_Pa=spread_of([record.shear_modulus_Pa.median for record in trusted]),
         viscosity_Pa_s=spread_of([record.viscosity_Pa_s.median for record in trusted]),
         verdicts=dict(Counter(record.verdict for record in members)),
-    )
+    )  # fmt: skip
 
 
 def _measured(curve: RadiusCurve, name: str) -> float | None:

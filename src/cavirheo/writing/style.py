@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     from PIL.Image import Image
 
 BLUE, VERMILLION, INK, BLACK, PALE = "#0072b2", "#d55e00", "#444444", "#222222", "#888888"
+BOX = "#f4f1ea"  # behind an answer
 NO_PICTURES = 'pictures are left out: matplotlib is not installed; pip install "cavirheo[plot]"'
 DPI = 150  # of PNG files
 _settings = Lock()  # matplotlib reads its settings from a global while it draws
@@ -100,14 +101,14 @@ def compact(image: Image) -> Image:
 @cache
 def _palette() -> Image:
     """Each colour in steps from white."""
+    from matplotlib.colors import to_rgba_array
     from PIL import Image
 
-    tones = [BLUE, VERMILLION, BLACK, *(look.colour for look in LOOKS.values())]
-    rgb = np.array([[int(tone[k : k + 2], 16) for k in (1, 3, 5)] for tone in tones])
-    steps = np.array([0.13, 0.3, 0.5, 0.7, 0.85, 1.0])[:, None, None]
-    colours = np.vstack([[(255, 255, 255), (244, 241, 234)], (255 - steps * (255 - rgb)).reshape(-1, 3)])
+    tones = to_rgba_array([BLUE, VERMILLION, BLACK, *(look.colour for look in LOOKS.values())])[:, :3]
+    steps = np.array([0.13, 0.4, 0.7, 1.0])[:, None, None]
+    colours = np.vstack([to_rgba_array(["white", BOX])[:, :3], (1.0 - steps * (1.0 - tones)).reshape(-1, 3)])
     image = Image.new("P", (1, 1))
-    image.putpalette(colours.round().astype(int).ravel().tolist())
+    image.putpalette((255 * colours).round().astype(int).ravel().tolist())
     return image
 
 
