@@ -197,12 +197,24 @@ class Posterior:
         return tree.from_dict(sets) if kind is tree else kind(**sets)  # ArviZ 1: one is the other
 
     def plot(self) -> Figure:
-        """The marginals of the draws and their pairs. Raises InputError: no draws, or no matplotlib."""
-        from cavirheo.writing.corner import corner
+        """The marginals of the draws and their pairs (library corner); lines mark the median and the central 90 %.
+
+        Raises InputError: a point answer or a failed one has no draws, or matplotlib or corner is missing.
+        """
+        from cavirheo.writing.style import BLUE, new_figure
 
         require(len(self.theta) > 1, f"the answer by {self.method} has no draws to plot", "posterior.no_draws")
         labels = {name + ("" if unit == "1" else f" ({unit})"): name for name, unit in self.parameters.items()}
-        return corner({label: self.draws(name) for label, name in labels.items()}, self.weights)
+        figure = new_figure(max(2.1 * len(labels), 4.2))
+        draws = np.column_stack([np.asarray(self.draws(name)) for name in labels.values()])
+        low, high = weighted_quantile(draws, np.array([0.001, 0.999]), self.log_weight)
+        margin = np.maximum(0.02 * (high - low), 1e-9 * np.abs(high))
+        _needed("corner").corner(
+            draws, 40, range=list(zip(low - margin, high + margin, strict=True)), weights=self.weights,
+            labels=list(labels), quantiles=(0.05, 0.5, 0.95), color=BLUE, fig=figure,
+            plot_datapoints=False, plot_contours=False,
+        )  # fmt: skip
+        return figure
 
     @property
     def _about(self) -> dict[str, str]:
@@ -223,6 +235,7 @@ def _unscaled(log_weight: Floats) -> Floats:
 
 
 def weighted_quantile(values: Floats, levels: Floats, log_weight: Floats | None) -> Floats:
+    """At each level, of the values along their first axis."""
     if log_weight is None:
-        return np.asarray(np.quantile(values, levels))
-    return np.asarray(np.quantile(values, levels, weights=_unscaled(log_weight), method="inverted_cdf"))
+        return np.asarray(np.quantile(values, levels, axis=0))
+    return np.asarray(np.quantile(values, levels, axis=0, weights=_unscaled(log_weight), method="inverted_cdf"))
