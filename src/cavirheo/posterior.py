@@ -170,8 +170,7 @@ class Posterior:
         frame = _needed("pandas").DataFrame()
         for name, unit in self.parameters.items():
             frame[f"{name}_{unit.replace(' ', '_')}".removesuffix("_1")] = self.draws(name)
-        frame["weight"] = self.weights
-        frame.attrs.update(self._about)
+        frame["weight"], frame.attrs = self.weights, self._about
         return frame
 
     def to_arviz(self) -> Any:
@@ -208,11 +207,10 @@ class Posterior:
         figure = new_figure(max(2.1 * len(labels), 4.2))
         draws = np.column_stack([np.asarray(self.draws(name)) for name in labels.values()])
         low, high = weighted_quantile(draws, np.array([0.001, 0.999]), self.log_weight)
-        margin = np.maximum(0.02 * (high - low), 1e-9 * np.abs(high))
+        margin = np.maximum(0.02 * (high - low), 1e-9 * np.abs(high))  # some, where all draws are one
         _needed("corner").corner(
-            draws, 40, range=list(zip(low - margin, high + margin, strict=True)), weights=self.weights,
-            labels=list(labels), quantiles=(0.05, 0.5, 0.95), color=BLUE, fig=figure,
-            plot_datapoints=False, plot_contours=False,
+            draws, 40, range=[*zip(low - margin, high + margin, strict=True)], weights=self.weights, labels=[*labels],
+            quantiles=(0.05, 0.5, 0.95), color=BLUE, fig=figure, plot_datapoints=False, plot_contours=False,
         )  # fmt: skip
         return figure
 
@@ -236,6 +234,5 @@ def _unscaled(log_weight: Floats) -> Floats:
 
 def weighted_quantile(values: Floats, levels: Floats, log_weight: Floats | None) -> Floats:
     """At each level, of the values along their first axis."""
-    if log_weight is None:
-        return np.asarray(np.quantile(values, levels, axis=0))
-    return np.asarray(np.quantile(values, levels, axis=0, weights=_unscaled(log_weight), method="inverted_cdf"))
+    how: Any = {} if log_weight is None else {"weights": _unscaled(log_weight), "method": "inverted_cdf"}
+    return np.asarray(np.quantile(values, levels, axis=0, **how))

@@ -13,8 +13,8 @@ from importlib.resources import files
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from cavirheo.reporting.fitted import facts
 from cavirheo.reporting.record import CurveRecord, GroupRecord, Result
+from cavirheo.reporting.table import FITS, window_cells
 from cavirheo.writing import digits
 from cavirheo.writing.document import Quantity
 
@@ -28,19 +28,13 @@ def write(path: str | Path, result: Result, pictures: Iterable[str] = (), group_
     `group_pictures`: those that stand before the curves.
     """
     unit, drawn = result.modulus_unit, iter(pictures)
-    names = [group.name for group in result.groups]
-    failed = sum(not record.answered for record in result.curves)
-    n = digits.counted(len(result.curves), "curve") + (f", {failed} not answered" if failed else "")
     page = _templates().get_template("report.html")
     page.stream(
         result=result,
-        title=", ".join(names[:3]) + (f" and {len(names) - 3} more" if len(names) > 3 else "") or "no curves",
-        about=[fact for fact in (n, result.date, f"cavirheo {result.version}") if fact],
         style=files("cavirheo.reporting").joinpath("report.css").read_text(encoding="utf-8"),
         unit=unit,
         group_pictures=group_pictures,
         articles=(article(k, record, *unit, next(drawn, "")) for k, record in enumerate(result.curves)),
-        intervals=any(record.viscosity_Pa_s.q05 is not None for record in result.curves),
     ).dump(str(path))
 
 
@@ -60,7 +54,7 @@ def article(number: int, record: CurveRecord, factor: float, unit: str, picture:
     """All that is known of one curve and its answer; `picture`: the address of an image or nothing."""
     origin = {"source": record.source, **record.provenance, "seconds": round(record.seconds, 3)}
     text = json.dumps(origin, indent=1, ensure_ascii=False)
-    return _part("article", number, record, factor, unit, picture, facts(record, factor, unit), text)
+    return _part("article", number, record, factor, unit, picture, window_cells(record, factor), text)
 
 
 def _part(name: str, *given: Any) -> str:
@@ -76,5 +70,5 @@ def _templates() -> Environment:
         loader=PackageLoader("cavirheo.reporting", ""), autoescape=True, undefined=StrictUndefined,
         keep_trailing_newline=True,
     )  # fmt: skip
-    made.globals.update(digits=digits, LOOKS=digits.LOOKS, Quantity=Quantity)
+    made.globals.update(digits=digits, LOOKS=digits.LOOKS, FITS=FITS, Quantity=Quantity)
     return made

@@ -56,11 +56,10 @@ class CurvePicture:
         looks.append(("simulation of the answer", {"color": VERMILLION, "lw": 1.5}))
         self.lines, self.key = [], []
         for row, (label, look) in enumerate(looks):
-            y = 0.95 - 0.083 * row
-            place: dict[str, Any] = {"transform": self.upper.transAxes, "ms": 3.6, "markevery": [1]}
+            x, y, place = [0.742, 0.755, 0.768], 0.95 - 0.083 * row, self.upper.transAxes
             self.lines += self.upper.plot([], [], label=label, **look)
-            sample = self.upper.plot([0.742, 0.755, 0.768], [y] * 3, **place, **look)
-            self.key.append((*sample, write(self.upper, 0.78, y, label, size=8, va="center_baseline")))
+            (sample,) = self.upper.plot(x, [y] * 3, transform=place, ms=3.6, markevery=[1], **look)
+            self.key.append((sample, write(self.upper, 0.78, y, label, size=8, va="center_baseline")))
         self.band = self.lower.axhspan(0.0, 0.0, color=BLUE, alpha=0.13, lw=0)
         self.lower.axhline(0.0, color=INK, lw=0.8)
         (self.residual,) = self.lower.plot([], [], color=BLUE, label="residual", **dots)
@@ -69,10 +68,9 @@ class CurvePicture:
         """t* in whole numbers along the top."""
         from matplotlib.ticker import MaxNLocator
 
-        axes = self.upper.twiny()
+        axes: Any = self.upper.twiny()
         axes.spines[:].set_visible(False)
-        look = {"labelsize": 7.5, "labelcolor": _GREY, "color": "#aaaaaa"}
-        axes.tick_params(axis="x", length=5, direction="inout", pad=1, **look)
+        axes.tick_params(labelsize=7.5, labelcolor=_GREY, color="#aaaaaa", length=5, direction="inout", pad=1)
         axes.xaxis.set_major_locator(MaxNLocator(9, steps=[1, 2, 5, 10], integer=True))
         axes.yaxis.set_visible(False)
         write(axes, -0.008, 1.035, "t*", size=7.5, color=_GREY, ha="right")
@@ -95,8 +93,7 @@ class CurvePicture:
             part.set_visible(answered)
         if answered:
             self._write_answer(record, unit)
-        known = bool(np.isfinite(curve.radius).any())
-        self.upper.set_visible(known)
+        self.upper.set_visible(known := bool(np.isfinite(curve.radius).any()))
         self.nothing.set_visible(not known)
         self.t_star.set_visible(answered and checks.time_scale is not None)
         if known:
@@ -123,10 +120,9 @@ class CurvePicture:
             slack = 1e-6 * (time[-1] - time[0])
             inside = (time >= compared[0] - slack) & (time <= compared[-1] + slack)
         parts = ((time[inside], radius[inside]), (time[~inside], radius[~inside]), (simulated, drawn))
-        for line, key, part in zip(self.lines, self.key, parts, strict=True):
-            shown = _fill(line, *part) and checks.verdict != "failed"
-            for piece in key:
-                piece.set_visible(shown)
+        for line, (sample, label), part in zip(self.lines, self.key, parts, strict=True):
+            sample.set_visible(_fill(line, *part) and checks.verdict != "failed")
+            label.set_visible(sample.get_visible())
         view = _view(time, compared)
         top = 1.05 * max(float(np.nanmax(radius)), float(np.max(drawn, initial=0.0)))
         self.upper.set(xlim=view, ylim=(0.0, top), xlabel=x.label, ylabel=y.label)
@@ -164,12 +160,11 @@ def group_picture(pairs: Pairs, records: Sequence[CurveRecord], group: GroupReco
     axes.set(xlim=(-1.1, 1.1 * end), ylim=(0.0, 1.06))
     _scatter(figure, [record for *_, record in shots], radii, colours, group, unit)
     if high > low:  # the key to the colours
-        bar: Any = figure.add_axes((0.925, 0.139, 0.0155, 0.718), xticks=[], yticks=[low, high])
-        bar.imshow(style.shades(np.linspace(0.0, 1.0, 32))[:, None], origin="lower", aspect="auto",
-                   extent=(0.0, 1.0, low, high))  # fmt: skip
+        bar: Any = figure.add_axes((0.925, 0.139, 0.0155, 0.718), xticks=[], yticks=[low, high], frame_on=False)
+        tones = style.shades(np.linspace(1.0, 0.0, 32))[:, None]
+        bar.imshow(tones, aspect="auto", extent=(0.0, 1.0, low, high))
         bar.yaxis.set_major_formatter("{x:.0f}")
         bar.tick_params(left=False, labelleft=False, labelright=True, labelsize=8, labelcolor=INK)
-        bar.set_frame_on(False)
         bar.set_title(f"{_RMAX}\n(µm)", fontsize=8, color=INK)
     return figure
 

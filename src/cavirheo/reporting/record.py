@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -22,9 +23,7 @@ from cavirheo.writing.document import Document, Finite, Quantity, Record, Spread
 
 Pairs = Sequence[tuple[RadiusCurve, Posterior]]
 
-_NO_ANSWER = "no parameters were found"
 _DIFFERENCES = ("rmse_over_rmax", "mae_over_rmax", "max_difference_over_rmax")
-_NOT_A_NUMBER = "the method's answer is not a finite number: {}"
 
 
 class Compared(Record):
@@ -149,7 +148,8 @@ def curve_record(curve: RadiusCurve, posterior: Posterior) -> CurveRecord:
         draws = zip(posterior.names, posterior.theta.T, strict=True)
         broken = [name for name, values in draws if not np.all(np.isfinite(values))]
         if broken:
-            message = "; ".join(filter(None, (_NOT_A_NUMBER.format(", ".join(broken)), message)))
+            said = f"the method's answer is not a finite number: {', '.join(broken)}"
+            message = f"{said}; {message}" if message else said
         if broken or not posterior.theta.size:
             verdict = "failed"
     answered = verdict != "failed"
@@ -170,7 +170,7 @@ def curve_record(curve: RadiusCurve, posterior: Posterior) -> CurveRecord:
         strain_rate_per_s=_measured(curve, "strain_rate"), material=posterior.material, method=posterior.method,
         stretch=stretch, shear_modulus_Pa=G, viscosity_Pa_s=mu, other_parameters=values,
         window=Compared(collapses=checks.collapses, t_star_end=checks.t_star_end),
-        verdict=verdict, message=message or ("" if answered else _NO_ANSWER), notes=list(curve.notes),
+        verdict=verdict, message=message or ("" if answered else "no parameters were found"), notes=list(curve.notes),
         seconds=finite(posterior.seconds) or 0.0, evidence=posterior.evidence,
         windows={key: _known(window) for key, window in posterior.windows.items()},
         diagnostics=_known(posterior.diagnostics), provenance=_plain(posterior.provenance),
@@ -199,11 +199,10 @@ def _group(name: str, members: list[CurveRecord]) -> GroupRecord:
 
 def _measured(curve: RadiusCurve, name: str) -> float | None:
     """A number that the curve itself gives, null where it says that it cannot be determined."""
-    try:
+    with suppress(InputError):
         value = getattr(curve, name)
         return value() if callable(value) else value
-    except InputError:
-        return None
+    return None
 
 
 def _known(fields: Any) -> Any:
