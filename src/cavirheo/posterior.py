@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 
 from cavirheo.arrays import Floats
-from cavirheo.errors import InputError
+from cavirheo.errors import require
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -37,11 +37,13 @@ class Checks:
 
     def __repr__(self) -> str:
         """'Checks(ok, RMSE 0.64 % of R_max over 87 frames, 4 collapses, t* <= 4.0)'."""
+        from cavirheo.writing.digits import counted
+
         said: list[str] = [self.verdict]
         if self.rmse_over_rmax is not None:
             over = "" if self.compared_time is None else f" over {len(self.compared_time)} frames"
             said.append(f"RMSE {100 * self.rmse_over_rmax:.2g} % of R_max{over}")
-        said += [] if self.collapses is None else [f"{self.collapses} collapse" + ("" if self.collapses == 1 else "s")]
+        said += [] if self.collapses is None else [counted(self.collapses, "collapse")]
         said += [] if self.t_star_end is None else [f"t* <= {self.t_star_end:.2g}"]
         return f"Checks({', '.join(said)}{': ' + self.message if self.message else ''})"
 
@@ -132,8 +134,7 @@ class Posterior:
     @property
     def weights(self) -> Floats:
         """(draws,) weights that sum to 1."""
-        log_weight = np.zeros(len(self.theta)) if self.log_weight is None else self.log_weight
-        weight = np.exp(log_weight - np.max(log_weight, initial=-np.inf))
+        weight = np.ones(len(self.theta)) if self.log_weight is None else _unscaled(self.log_weight)
         return np.asarray(weight / weight.sum())
 
     def draws(self, name: str) -> Floats | None:
@@ -141,11 +142,9 @@ class Posterior:
 
         `name` is without the log10_ prefix: "shear_modulus" (Pa), "viscosity" (Pa s), "stretch" (1).
         """
-        for column, given in enumerate(self.names):
-            if given == name:
-                return self.theta[:, column]
-            if given == "log10_" + name:
-                return np.asarray(10.0 ** self.theta[:, column])
+        for given, values in zip(self.names, self.theta.T, strict=True):
+            if given in (name, f"log10_{name}"):
+                return values if given == name else np.asarray(10.0**values)
         return None
 
     def interval(self, name: str, level: float = 0.9) -> tuple[float, float] | None:
@@ -168,13 +167,10 @@ class Posterior:
         """The draws as a pandas.DataFrame: a column per parameter, named as in result.csv ("shear_modulus_Pa", ...),
         and "weight", which sums to 1. Raises InputError without pandas.
         """
-        pandas = _needed("pandas")
-        columns = {
-            f"{name}_{unit.replace(' ', '_')}".removesuffix("_1"): name for name, unit in self.parameters.items()
-        }
-        frame = pandas.DataFrame({column: self.draws(name) for column, name in columns.items()})
-        frame["weight"] = self.weights
-        frame.attrs.update(material=self.material, method=self.method, verdict=self.checks.verdict)
+        frame = _needed("pandas").DataFrame()
+        for name, unit in self.parameters.items():
+            frame[f"{name}_{unit.replace(' ', '_')}".removesuffix("_1")] = self.draws(name)
+        frame["weight"], frame.attrs = self.weights, self._about
         return frame
 
     def to_arviz(self) -> Any:
@@ -185,51 +181,58 @@ class Posterior:
         Raises InputError without arviz.
         """
         arviz, xarray = _needed("arviz"), _needed("xarray")
-        stats = {"weight": self.weights, "log_weight": self.log_weight, "log_q": self.log_q}
-        about = {"material": self.material, "method": self.method, "verdict": self.checks.verdict}
-
-        def group(values: Mapping[str, Floats | None], units: Mapping[str, str]) -> Any:
-            variables = {
-                name: (("chain", "draw"), value[None, :], {"units": units.get(name, "1")})
-                for name, value in values.items()
-                if value is not None
-            }
-            return xarray.Dataset(variables, {"chain": [0], "draw": np.arange(len(self.theta))}, about)
-
-        draws = {name: self.draws(name) for name in self.parameters}
-        groups = {"posterior": group(draws, self.parameters), "sample_stats": group(stats, {})}
-        kind: Any = getattr(arviz, "InferenceData", None)
+        groups: dict[str, dict[str, Any]] = {
+            "posterior": {name: self.draws(name) for name in self.parameters},
+            "sample_stats": {"weight": self.weights, "log_weight": self.log_weight, "log_q": self.log_q},
+        }
+        places = {"chain": [0], "draw": np.arange(len(self.theta))}
+        sets = {group: xarray.Dataset(coords=places, attrs=self._about) for group in groups}
+        for group, values in groups.items():
+            for name in [name for name, value in values.items() if value is not None]:
+                unit = {"units": self.parameters.get(name, "1")}
+                sets[group][name] = (tuple(places), values[name][None, :], unit)
         tree: Any = getattr(xarray, "DataTree", None)
-        return tree.from_dict(groups) if kind is None or kind is tree else kind(**groups)  # ArviZ 1: one is the other
+        kind: Any = getattr(arviz, "InferenceData", tree)
+        return tree.from_dict(sets) if kind is tree else kind(**sets)  # ArviZ 1: one is the other
 
     def plot(self) -> Figure:
-        """The marginals of the draws and their pairs, as a matplotlib figure.
+        """The marginals of the draws and their pairs (library corner); lines mark the median and the central 90 %.
 
-        Raises:
-            InputError: a point answer or a failed one has no draws to show, or matplotlib is missing.
+        Raises InputError: a point answer or a failed one has no draws, or matplotlib or corner is missing.
         """
-        from cavirheo.writing.corner import corner
+        from cavirheo.writing.style import BLUE, new_figure
 
-        if len(self.theta) < 2:
-            raise InputError(f"the answer by {self.method} has no draws to plot", "posterior.no_draws")
-        draws = {
-            name + ("" if unit == "1" else f" ({unit})"): self.draws(name) for name, unit in self.parameters.items()
-        }
-        return corner(draws, self.weights)  # type: ignore[arg-type]
+        require(len(self.theta) > 1, f"the answer by {self.method} has no draws to plot", "posterior.no_draws")
+        labels = {name + ("" if unit == "1" else f" ({unit})"): name for name, unit in self.parameters.items()}
+        figure = new_figure(max(2.1 * len(labels), 4.2))
+        draws = np.column_stack([np.asarray(self.draws(name)) for name in labels.values()])
+        low, high = weighted_quantile(draws, np.array([0.001, 0.999]), self.log_weight)
+        margin = np.maximum(0.02 * (high - low), 1e-9 * np.abs(high))  # some, where all draws are one
+        _needed("corner").corner(
+            draws, 40, range=[*zip(low - margin, high + margin, strict=True)], weights=self.weights, labels=[*labels],
+            quantiles=(0.05, 0.5, 0.95), color=BLUE, fig=figure, plot_datapoints=False, plot_contours=False,
+        )  # fmt: skip
+        return figure
+
+    @property
+    def _about(self) -> dict[str, str]:
+        return {"material": self.material, "method": self.method, "verdict": self.checks.verdict}
 
 
 def _needed(name: str) -> Any:
     try:
         return import_module(name)
     except ModuleNotFoundError as error:
-        if (error.name or "").split(".")[0] != name:
-            raise
-        raise InputError(f"this needs {name}: pip install {name}", "posterior.missing_library") from None
+        own = (error.name or "").split(".")[0] == name  # not something that it needs itself
+        require(not own, f"this needs {name}: pip install {name}", "posterior.missing_library")
+        raise
+
+
+def _unscaled(log_weight: Floats) -> Floats:
+    return np.asarray(np.exp(log_weight - np.max(log_weight)))
 
 
 def weighted_quantile(values: Floats, levels: Floats, log_weight: Floats | None) -> Floats:
-    if log_weight is None:
-        return np.asarray(np.quantile(values, levels))
-    return np.asarray(
-        np.quantile(values, levels, weights=np.exp(log_weight - np.max(log_weight)), method="inverted_cdf")
-    )
+    """At each level, of the values along their first axis."""
+    how: Any = {} if log_weight is None else {"weights": _unscaled(log_weight), "method": "inverted_cdf"}
+    return np.asarray(np.quantile(values, levels, axis=0, **how))

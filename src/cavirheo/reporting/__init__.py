@@ -1,38 +1,23 @@
-"""Posterior -> terminal table, result.json, report.html and pictures.
-
-| module | does |
-|---|---|
-| record | result.json: what other programs read |
-| table | the terminal, and CSV |
-| fitted | other windows, what was freed, correlations |
-| picture | measured points, simulation of the answer, residual |
-| html | the report, one file, from report.html, parts.html and report.css |
-| laws | which of several laws the curves speak for: table and laws.json |
-"""
+"""Posterior -> terminal table, result.json, report.html and pictures."""
 
 from __future__ import annotations
 
 import re
 from collections.abc import Iterator, Sequence
 from datetime import datetime
+from itertools import chain, count
 from pathlib import Path
 
-from cavirheo.errors import InputError
+from cavirheo.errors import require
 from cavirheo.reporting.record import Pairs, Result, read_json, result
+from cavirheo.writing import style
 from cavirheo.writing.document import into, write_json
 
-__all__ = ["file_names", "read_json", "result", "write_json", "write_report"]
-
-_KINDS = ("png", "svg")
+__all__ = ["file_names", "read_json", "result", "write_report"]
 
 
 def write_report(
-    directory: str | Path,
-    pairs: Pairs,
-    command: str,
-    pictures: Sequence[str] = ("png",),
-    *,
-    date: str | None = None,
+    directory: str | Path, pairs: Pairs, command: str, pictures: Sequence[str] = ("png",), *, date: str | None = None
 ) -> Result:
     """Write result.json, result.csv, report.html and a picture of each curve into `directory` (made if missing).
 
@@ -42,65 +27,55 @@ def write_report(
         pictures: kinds of picture files, of "png" and "svg"; () for none. The report holds its pictures in itself.
         date: as it stands in the documents; now if not given.
 
-    Without matplotlib there are no PNG pictures, and the report and the result's notes say so.
+    Without matplotlib there are no pictures, and the report and the result's notes say so.
 
     Raises:
         InputError: an unknown kind of picture, or a directory that cannot be written.
     """
     from cavirheo.reporting import html, table
-    from cavirheo.writing import style
 
-    if unknown := [kind for kind in pictures if kind not in _KINDS]:
-        raise InputError(
-            f"pictures can be {' or '.join(_KINDS)}, got {', '.join(map(repr, unknown))}", "reporting.picture_kind"
-        )
+    unknown = ", ".join(repr(kind) for kind in pictures if kind not in ("png", "svg"))
+    require(not unknown, f"pictures can be png or svg, got {unknown}", "reporting.picture_kind")
     date = date or datetime.now().astimezone().strftime("%Y-%m-%d %H:%M %Z")
-    lacking = "png" in pictures and not style.available()
-    document = result(pairs, command, date=date, notes=(style.NO_PICTURES,) if lacking else ())
-    kinds = [kind for kind in pictures if kind != "png" or not lacking]
+    drawing = style.available()
+    document = result(pairs, command, date=date, notes=() if drawing else (style.NO_PICTURES,))
     with into(directory) as folder:
         write_json(folder / "result.json", document)
         table.write_csv(folder / "result.csv", document)
-        html.write(
-            folder / "report.html", document, _curve_pictures(folder, pairs, document, kinds),
-            _group_pictures(pairs, document),
-        )  # fmt: skip
+        drawn = (_curves(folder, pairs, document, pictures), _groups(pairs, document)) if drawing else ()
+        html.write(folder / "report.html", document, *drawn)
     return document
 
 
-def _curve_pictures(folder: Path, pairs: Pairs, document: Result, kinds: Sequence[str]) -> Iterator[str]:
-    """Draws, saves and forgets the picture of one curve after the other; yields what the report shows of it."""
-    from cavirheo.reporting.picture import HEADER, curve_picture
+def _curves(folder: Path, pairs: Pairs, document: Result, kinds: Sequence[str]) -> Iterator[str]:
+    """Draws and saves the picture of one curve after the other; yields what the report shows of it."""
+    from cavirheo.reporting.picture import HEAD, CurvePicture
 
-    names = file_names([record.name for record in document.curves])
+    picture, names = CurvePicture(), file_names([record.name for record in document.curves])
     for (curve, posterior), record, name in zip(pairs, document.curves, names, strict=True):
-        page = curve_picture(curve, posterior.checks, record, document.modulus_unit)
+        figure = picture.show(curve, posterior.checks, record, document.modulus_unit)
         if "svg" in kinds:
-            page.save_svg(folder / f"{name}.svg")
+            style.save_svg(folder / f"{name}.svg", figure)
+        image = style.compact(style.drawn(figure))
         if "png" in kinds:
-            page.save_png(folder / f"{name}.png")
-        yield page.svg(HEADER)
+            image.save(folder / f"{name}.png", dpi=(style.DPI, style.DPI), compress_level=3)
+        yield style.address(image.crop((0, int(HEAD * image.height), *image.size)))
 
 
-def _group_pictures(pairs: Pairs, document: Result) -> Iterator[str]:
+def _groups(pairs: Pairs, document: Result) -> Iterator[str]:
     from cavirheo.reporting.picture import group_picture
 
     for group, members in document.members():
         if group.n > 1:
             mine = [pairs[i] for i in members], [document.curves[i] for i in members]
-            yield group_picture(*mine, group, document.modulus_unit).svg()
+            yield style.address(style.drawn(group_picture(*mine, group, document.modulus_unit)).quantize(64))
 
 
 def file_names(names: Sequence[str]) -> list[str]:
     """A safe file name for each, different also where letter case does not count."""
-    taken: set[str] = {"result", "report"}
-    found = []
+    taken = dict.fromkeys(("result", "report"), "")
     for name in names:
         stem = re.sub(r"[^\w.+-]+", "_", name).strip("._")[:100] or "curve"
-        unique, count = stem, 1
-        while unique.lower() in taken:
-            count += 1
-            unique = f"{stem}-{count}"
-        taken.add(unique.lower())
-        found.append(unique)
-    return found
+        unique = next(n for n in chain([stem], (f"{stem}-{k}" for k in count(2))) if n.lower() not in taken)
+        taken[unique.lower()] = unique
+    return list(taken.values())[2:]

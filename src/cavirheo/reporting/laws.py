@@ -44,25 +44,25 @@ def laws_table(document: Laws) -> Table:
     """A line per law of each curve, then of each group."""
     heads = ("law", "log evidence", "probability", "G Pa", "µ Pa s", "RMSE %", "verdict")
     made = terminal.table("curve", heads, left=("law", "verdict"), title=_TITLE)
-    for one in document.curves:
-        _rows(made, one, one.name)
-    for one in document.groups:
-        _rows(made, one, f"{one.name}: {one.shots} shots", style="bold")
+    rows = [(one, one.name, "") for one in document.curves]
+    rows += [(one, f"{one.name}: {one.shots} shots", "bold") for one in document.groups]
+    for one, name, style in rows:
+        best = max((law.log_evidence for law in one.laws.values() if law.log_evidence is not None), default=0.0)
+        for law, about in one.laws.items():
+            mark = ("→ " if law == one.chosen else "") + law + ("*" if law in one.contenders else "")
+            made.add_row(digits.elide(name, 24), mark, *_cells(about, best), style=style)
+            name = ""
+        made.add_section()
     return made
 
 
-def _rows(made: Table, one: WeighedLaws, name: str, style: str | None = None) -> None:
-    best = max((law.log_evidence for law in one.laws.values() if law.log_evidence is not None), default=0.0)
-    for law, about in one.laws.items():
-        mark = ("→ " if law == one.chosen else "") + law + ("*" if law in one.contenders else "")
-        cells = [digits.MISSING, digits.MISSING]
-        if about.log_evidence is not None:
-            error = "" if about.standard_error is None else f" ± {about.standard_error:.1f}"
-            cells = [f"{about.log_evidence - best:.1f}{error}", f"{about.probability or 0.0:.3f}"]
-        if (answer := about.answer) is not None:
-            medians = (answer.shear_modulus_Pa.median, answer.viscosity_Pa_s.median)
-            cells += [digits.MISSING if value is None else digits.significant(value) for value in medians]
-            cells += [digits.percent(answer.rmse_over_rmax), digits.LOOKS[answer.verdict].words]
-        made.add_row(digits.elide(name, 24), mark, *cells, style=style)
-        name = ""
-    made.add_section()
+def _cells(law: WeighedLaw, best: float) -> list[str]:
+    cells = [digits.MISSING, digits.MISSING]
+    if law.log_evidence is not None:
+        error = "" if law.standard_error is None else f" ± {law.standard_error:.1f}"
+        cells = [f"{law.log_evidence - best:.1f}{error}", f"{law.probability or 0.0:.3f}"]
+    if (answer := law.answer) is not None:
+        medians = (answer.shear_modulus_Pa.median, answer.viscosity_Pa_s.median)
+        cells += [digits.MISSING if value is None else digits.significant(value) for value in medians]
+        cells += [digits.percent(answer.rmse_over_rmax), digits.LOOKS[answer.verdict].words]
+    return cells

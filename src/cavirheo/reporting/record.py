@@ -6,11 +6,14 @@ has null everywhere and says why in `message`. Means of a group are over its tru
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections import Counter
+from collections.abc import Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from pydantic_core import to_jsonable_python
 
 from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError
@@ -20,8 +23,7 @@ from cavirheo.writing.document import Document, Finite, Quantity, Record, Spread
 
 Pairs = Sequence[tuple[RadiusCurve, Posterior]]
 
-_NO_ANSWER = "no parameters were found"
-_NOT_A_NUMBER = "the method's answer is not a finite number: {}"
+_DIFFERENCES = ("rmse_over_rmax", "mae_over_rmax", "max_difference_over_rmax")
 
 
 class Compared(Record):
@@ -33,7 +35,7 @@ class Compared(Record):
     @property
     def words(self) -> str:
         """'3 collapses, t* ≤ 3.1'."""
-        words = [] if self.collapses is None else [f"{self.collapses} collapse" + ("" if self.collapses == 1 else "s")]
+        words = [] if self.collapses is None else [digits.counted(self.collapses, "collapse")]
         words += [] if self.t_star_end is None else [f"t* ≤ {digits.significant(self.t_star_end, 2)}"]
         return ", ".join(words) or digits.MISSING
 
@@ -96,7 +98,7 @@ class GroupRecord(Record):
     @property
     def shots(self) -> str:
         """'5 shots, 1 failed'."""
-        return f"{self.n} shot" + ("" if self.n == 1 else "s") + (f", {self.n_failed} failed" if self.n_failed else "")
+        return digits.counted(self.n, "shot") + (f", {self.n_failed} failed" if self.n_failed else "")
 
     @property
     def basis(self) -> str:
@@ -128,7 +130,7 @@ def result(pairs: Pairs, command: str, *, date: str | None = None, notes: Sequen
     members = _members(curves)
     stems = [group for group, _ in members]
     groups = [
-        group_record(group if stems.count(group) == 1 or not source else source, [curves[i] for i in indices])
+        _group(group if stems.count(group) == 1 or not source else source, [curves[i] for i in indices])
         for (group, source), indices in members.items()
     ]
     return Result(command=command, date=date, notes=list(notes), curves=curves, groups=groups)
@@ -141,14 +143,15 @@ def read_json(path: str | Path) -> Result:
 
 def curve_record(curve: RadiusCurve, posterior: Posterior) -> CurveRecord:
     """The row of one curve."""
-    verdict, message = posterior.checks.verdict, _without_name(posterior.checks.message, curve.name)
+    verdict, message = posterior.checks.verdict, posterior.checks.message.removeprefix(f"{curve.name}:").lstrip()
     if verdict != "failed":  # an answer that is none must not pass for one, whatever the method says of itself
         draws = zip(posterior.names, posterior.theta.T, strict=True)
         broken = [name for name, values in draws if not np.all(np.isfinite(values))]
-        if len(posterior.theta) == 0 or not posterior.names:
-            verdict, message = "failed", message or _NO_ANSWER
-        elif broken:
-            verdict, message = "failed", "; ".join(filter(None, (_NOT_A_NUMBER.format(", ".join(broken)), message)))
+        if broken:
+            said = f"the method's answer is not a finite number: {', '.join(broken)}"
+            message = f"{said}; {message}" if message else said
+        if broken or not posterior.theta.size:
+            verdict = "failed"
     answered = verdict != "failed"
     checks = posterior.checks if answered else Checks("failed")
 
@@ -156,37 +159,22 @@ def curve_record(curve: RadiusCurve, posterior: Posterior) -> CurveRecord:
         low, high = (posterior.interval(name) if answered else None) or (None, None)
         return Quantity(median=posterior.median(name) if answered else None, q05=low, q95=high)
 
-    stretch = quantity("stretch")
+    values = {name: quantity(name) for name in ("shear_modulus", "viscosity", "stretch", *posterior.parameters)}
+    G, mu, stretch = (values.pop(name) for name in ("shear_modulus", "viscosity", "stretch"))
     if answered and stretch.median is None:  # not the network's own, but fitted after it or given
         stretch = Quantity(median=finite(posterior.stretch))
-    inferred = [name.removeprefix("log10_") for name in posterior.names]
     return CurveRecord(
-        name=curve.name,
-        source=curve.source,
-        group=curve.group,
-        group_source=curve.group_source,
-        max_radius_m=_measured(curve, "max_radius"),
-        time_of_max_s=_measured(curve, "time_of_max"),
-        strain_rate_per_s=_measured(curve, "strain_rate"),
-        stretch=stretch,
-        material=posterior.material,
-        method=posterior.method,
-        shear_modulus_Pa=quantity("shear_modulus"),
-        viscosity_Pa_s=quantity("viscosity"),
-        other_parameters={n: quantity(n) for n in inferred if n not in ("shear_modulus", "viscosity", "stretch")},
-        rmse_over_rmax=checks.rmse_over_rmax,
-        mae_over_rmax=checks.mae_over_rmax,
-        max_difference_over_rmax=checks.max_difference_over_rmax,
+        **{name: getattr(curve, name) for name in ("name", "source", "group", "group_source")},
+        **{name: getattr(checks, name) for name in _DIFFERENCES},
+        max_radius_m=_measured(curve, "max_radius"), time_of_max_s=_measured(curve, "time_of_max"),
+        strain_rate_per_s=_measured(curve, "strain_rate"), material=posterior.material, method=posterior.method,
+        stretch=stretch, shear_modulus_Pa=G, viscosity_Pa_s=mu, other_parameters=values,
         window=Compared(collapses=checks.collapses, t_star_end=checks.t_star_end),
-        verdict=verdict,
-        message=message or ("" if answered else _NO_ANSWER),
-        notes=list(curve.notes),
-        seconds=finite(posterior.seconds) or 0.0,
-        windows={key: _known(vars(window)) for key, window in posterior.windows.items()},
-        evidence=posterior.evidence,
-        diagnostics=_known(vars(posterior.diagnostics)),
-        provenance=_plain(posterior.provenance),
-    )
+        verdict=verdict, message=message or ("" if answered else "no parameters were found"), notes=list(curve.notes),
+        seconds=finite(posterior.seconds) or 0.0, evidence=posterior.evidence,
+        windows={key: _known(window) for key, window in posterior.windows.items()},
+        diagnostics=_known(posterior.diagnostics), provenance=_plain(posterior.provenance),
+    )  # fmt: skip
 
 
 def _members(curves: Sequence[CurveRecord]) -> dict[tuple[str, str], list[int]]:
@@ -197,55 +185,34 @@ def _members(curves: Sequence[CurveRecord]) -> dict[tuple[str, str], list[int]]:
     return found
 
 
-def group_record(name: str, members: list[CurveRecord]) -> GroupRecord:
+def _group(name: str, members: list[CurveRecord]) -> GroupRecord:
     """The mean over the trusted curves, and how many have which verdict."""
     trusted = [record for record in members if record.trusted]
-    verdicts = [record.verdict for record in members]
     n = sum(record.answered for record in members)
     return GroupRecord(
-        name=name,
-        n=n,
-        n_trusted=len(trusted),
-        n_failed=len(members) - n,
+        name=name, n=n, n_trusted=len(trusted), n_failed=len(members) - n,
         shear_modulus_Pa=spread_of([record.shear_modulus_Pa.median for record in trusted]),
         viscosity_Pa_s=spread_of([record.viscosity_Pa_s.median for record in trusted]),
-        verdicts={verdict: verdicts.count(verdict) for verdict in dict.fromkeys(verdicts)},
-    )
+        verdicts=dict(Counter(record.verdict for record in members)),
+    )  # fmt: skip
 
 
 def _measured(curve: RadiusCurve, name: str) -> float | None:
     """A number that the curve itself gives, null where it says that it cannot be determined."""
-    try:
+    with suppress(InputError):
         value = getattr(curve, name)
         return value() if callable(value) else value
-    except InputError:
-        return None
+    return None
 
 
-def _without_name(message: str, name: str) -> str:
-    """The row says which curve it is about; the message need not."""
-    return message.removeprefix(name).removeprefix(":").lstrip() if message.startswith(name + ":") else message
-
-
-def _known(fields: Mapping[str, Any]) -> Any:
-    """The fields of a dataclass as JSON can hold them, without the entries of its mappings that are no numbers."""
-    plain = _plain(fields)
+def _known(fields: Any) -> Any:
+    """A dataclass as JSON can hold it, without the entries of its mappings that are no numbers."""
     return {
         name: {key: item for key, item in value.items() if item is not None} if isinstance(value, dict) else value
-        for name, value in plain.items()
+        for name, value in _plain(fields).items()
     }
 
 
 def _plain(value: Any) -> Any:
-    """Provenance as JSON can hold it: arrays as lists, NaN as null, what is not data as its text."""
-    if isinstance(value, Mapping):
-        return {str(key): _plain(item) for key, item in value.items()}
-    if isinstance(value, np.ndarray):
-        return _plain(value.tolist())
-    if isinstance(value, list | tuple | set | frozenset):
-        return [_plain(item) for item in value]
-    if isinstance(value, np.generic):
-        return _plain(value.item())
-    if isinstance(value, float):
-        return finite(value)
-    return value if value is None or isinstance(value, bool | int | str) else str(value)
+    """As JSON can hold it: arrays as lists, NaN as null, what is not data as its text."""
+    return to_jsonable_python(value, inf_nan_mode="null", fallback=lambda v: getattr(v, "tolist", v.__str__)())

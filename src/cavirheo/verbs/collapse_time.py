@@ -12,7 +12,6 @@ import typer
 from cavirheo.errors import require
 from cavirheo.verbs.options import FROM_OPTIONS, Out, with_surroundings
 from cavirheo.verbs.run import Run
-from cavirheo.writing.document import into, write_json
 
 if TYPE_CHECKING:
     from cavirheo.physics.media import Medium
@@ -37,6 +36,7 @@ def collapse_time(
     """G and µ from the times of the first collapse alone: one answer per table, or per file or folder of curves."""
     from cavirheo.beside import collapse_times
     from cavirheo.writing import style
+    from cavirheo.writing.document import into, write_json
 
     run = Run()
     fine = stretch is None or 1 < stretch < 1e3

@@ -11,7 +11,6 @@ import typer
 
 from cavirheo.errors import InputError, require
 from cavirheo.verbs.run import Run
-from cavirheo.writing.document import into, write_json
 
 
 def rheometer(
@@ -28,6 +27,7 @@ def rheometer(
     from cavirheo.beside.rheometer import document, read, sweeps
     from cavirheo.reporting import read_json
     from cavirheo.writing import style
+    from cavirheo.writing.document import into, write_json
 
     require(0 < at < float("inf"), f"--at must be an angular frequency in rad/s, got {at!r}")
     require(0 < tolerance < 50, f"--tolerance must be between 0 and 50 %, got {tolerance!r}")

@@ -5,8 +5,10 @@ from __future__ import annotations
 from collections.abc import Iterable
 from dataclasses import dataclass
 from math import ceil, floor, isfinite, log10
+from typing import TYPE_CHECKING
 
-from cavirheo.writing.document import Quantity, Spread
+if TYPE_CHECKING:
+    from cavirheo.writing.document import Quantity, Spread
 
 
 @dataclass(frozen=True)
@@ -45,12 +47,13 @@ def modulus_unit(moduli: Iterable[float | None]) -> tuple[float, str]:
     return (1e-3, "kPa") if max((G for G in moduli if G is not None), default=1e3) >= 1e3 else (1.0, "Pa")
 
 
-def quantity(value: Quantity, factor: float = 1.0, *, joint: str = " ") -> str:
-    """'6.1 [5.4, 6.9]' to the digits that the interval leaves; '6.44' where there is none."""
+def quantity(value: Quantity, factor: float = 1.0, *, unit: str = "", joint: str = " ") -> str:
+    """'6.1 [5.4, 6.9]' to the digits that the interval leaves; '6.44' where there is none; `unit` after the median."""
+    unit = f" {unit}" if unit else ""
     if value.median is None:
         return MISSING
     if value.q05 is None or value.q95 is None:
-        return significant(value.median * factor)
+        return significant(value.median * factor) + unit
     half = (value.q95 - value.q05) / 2.0
     relative = half / abs(value.median) if value.median else 1.0
     count = min(max(ceil(-log10(relative)) + 1, 2), 4) if relative > 0 else 4
@@ -58,7 +61,7 @@ def quantity(value: Quantity, factor: float = 1.0, *, joint: str = " ") -> str:
     high = value.q95 * factor
     places = len(middle.partition(".")[2])
     above = significant(high, count) if "e" in middle else f"{high:.{places}f}"
-    return f"{middle}{joint}[{significant(value.q05 * factor, count)}, {above}]"
+    return f"{middle}{unit}{joint}[{significant(value.q05 * factor, count)}, {above}]"
 
 
 def spread(value: Spread, factor: float = 1.0) -> str:
@@ -83,6 +86,11 @@ def significant(value: float, count: int = 3) -> str:
         return f"{value:.{count - 1}e}"
     rounded = float(f"{value:.{count - 1}e}")  # 9.996 is 10.0, not 10.00
     return f"{rounded:.{max(count - 1 - floor(log10(abs(rounded))), 0)}f}"
+
+
+def counted(count: int, what: str) -> str:
+    """'1 shot', '2 shots'."""
+    return f"{count} {what}" + ("" if count == 1 else "s")
 
 
 def percent(value: float | None) -> str:

@@ -30,9 +30,6 @@ class Record(BaseModel):
     model_config = ConfigDict(extra="allow", allow_inf_nan=False, populate_by_name=True)
 
 
-Model = Record  # its name where documents are made beside an answer's
-
-
 class Document(Record):
     """The head. `notes` concern the run as a whole (pictures that could not be drawn, ...)."""
 
@@ -64,10 +61,10 @@ class Spread(Record):
 
 def spread_of(values: list[float | None]) -> Spread:
     """Over those that are known."""
-    known = np.array([value for value in values if value is not None])
-    if not known.size:
+    known = [value for value in values if value is not None]
+    if not known:
         return Spread()
-    std = float(np.std(known, ddof=1)) if known.size > 1 else None
+    std = float(np.std(known, ddof=1)) if len(known) > 1 else None
     return Spread(mean=float(np.mean(known)), std=std, median=float(np.median(known)))
 
 
@@ -105,11 +102,9 @@ def read_json(path: str | Path, kind: type[Kind]) -> Kind:
         raise InputError(f"{path}: cannot be read ({error})", "document.unreadable") from None
     except ValidationError as error:
         first = error.errors(include_url=False)[0]
-        where = ".".join(str(part) for part in first["loc"]) or "the document"
-        raise InputError(
-            f"{path}: not a cavirheo {kind.__name__.lower()} of schema 1; {where}: {first['msg']}",
-            "document.other",
-        ) from None
+        where = ".".join(map(str, first["loc"])) or "the document"
+        said = f"{path}: not a cavirheo {kind.__name__.lower()} of schema 1; {where}: {first['msg']}"
+        raise InputError(said, "document.other") from None
 
 
 def write_rows(path: str | Path, head: Sequence[str], rows: Iterable[Mapping[str, Any]]) -> None:

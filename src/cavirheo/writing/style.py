@@ -5,7 +5,10 @@ matplotlib is optional (`pip install "cavirheo[plot]"`) and imported when the fi
 
 from __future__ import annotations
 
+import base64
+import io
 from collections.abc import Sequence
+from functools import cache
 from importlib.util import find_spec
 from pathlib import Path
 from threading import Lock
@@ -14,17 +17,19 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from cavirheo.arrays import Floats
-from cavirheo.errors import InputError
+from cavirheo.errors import require
+from cavirheo.writing.digits import LOOKS
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
+    from PIL.Image import Image
 
-BLUE, VERMILLION, INK = "#0072b2", "#d55e00", "#444444"
+BLUE, VERMILLION, INK, BLACK, PALE = "#0072b2", "#d55e00", "#444444", "#222222", "#888888"
+BOX = "#f4f1ea"  # behind an answer
 NO_PICTURES = 'pictures are left out: matplotlib is not installed; pip install "cavirheo[plot]"'
-_WIDTH = 7.2  # inches
-_STEPS = [1, 2, 5, 10]  # of the ticks
-_settings = Lock()  # matplotlib reads its settings from a global while it writes
+DPI = 150  # of PNG files
+_settings = Lock()  # matplotlib reads its settings from a global while it draws
 
 
 def available() -> bool:
@@ -32,53 +37,86 @@ def available() -> bool:
     return find_spec("matplotlib") is not None
 
 
-def need_matplotlib() -> None:
-    """Raises InputError without it."""
-    if not available():
-        raise InputError('pictures need matplotlib: pip install "cavirheo[plot]"', "style.no_matplotlib")
-
-
 def new_figure(height: float) -> Figure:
-    """Raises InputError without matplotlib."""
-    need_matplotlib()
+    """So many inches high. Raises InputError without matplotlib."""
+    require(available(), 'pictures need matplotlib: pip install "cavirheo[plot]"', "style.no_matplotlib")
     from matplotlib.figure import Figure
 
-    return Figure(figsize=(_WIDTH, height), facecolor="white")
+    return Figure(figsize=(7.2, height), facecolor="white")
 
 
 def new_axes(figure: Figure, place: tuple[float, float, float, float], x_label: str, y_label: str) -> Axes:
     from matplotlib.ticker import MaxNLocator
 
     axes = figure.add_axes(place)
-    for side in ("top", "right"):
-        axes.spines[side].set_visible(False)
-    for side in ("left", "bottom"):
-        axes.spines[side].set_color("#888888")
-    axes.tick_params(labelsize=8.5, labelcolor=INK, color="#888888", length=3)
+    axes.spines[["top", "right"]].set_visible(False)
+    axes.spines[["left", "bottom"]].set_color(PALE)
+    axes.tick_params(labelsize=8.5, labelcolor=INK, color=PALE, length=3)
     axes.set_xlabel(x_label, fontsize=9, color=INK)
     axes.set_ylabel(y_label, fontsize=9, color=INK)
     axes.margins(x=0.02)
-    axes.xaxis.set_major_locator(MaxNLocator(8 if place[2] > 0.5 else 5, steps=_STEPS))
-    axes.yaxis.set_major_locator(MaxNLocator(6 if place[3] > 0.3 else 4, steps=_STEPS))
+    for axis, most in ((axes.xaxis, 8 if place[2] > 0.5 else 5), (axes.yaxis, 6 if place[3] > 0.3 else 4)):
+        axis.set_major_locator(MaxNLocator(most, steps=[1, 2, 5, 10]))
     return axes
 
 
-def write(where: Any, x: float, y: float, text: str, *, size: float, color: str = "#111111", **how: Any) -> None:
+def write(where: Any, x: float, y: float, text: str, *, size: float, color: str = "#111111", **how: Any) -> Any:
     """Text in fractions of a figure or of axes; never read as mathematics, whatever a file calls its curves."""
     place = {"transform": where.transAxes} if hasattr(where, "transAxes") else {}
-    where.text(x, y, text, fontsize=size, color=color, parse_math=False, **place, **how)
+    return where.text(x, y, text, fontsize=size, color=color, parse_math=False, **place, **how)
 
 
-def save_png(path: str | Path, figure: Figure, dpi: int = 150) -> None:
-    """Write the figure as PNG."""
+def drawn(figure: Figure) -> Image:
+    """The figure as an image (RGB)."""
     import matplotlib
     from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from PIL import Image
 
-    figure.dpi = dpi
+    figure.dpi = DPI
+    canvas: Any = figure.canvas if isinstance(figure.canvas, FigureCanvasAgg) else FigureCanvasAgg(figure)
     with _settings, matplotlib.rc_context({"text.hinting": "none"}):  # a fifth faster, and nothing shows it
-        FigureCanvasAgg(figure).print_png(
-            str(path), metadata={"Software": "cavirheo"}, pil_kwargs={"compress_level": 1}
-        )
+        canvas.draw()
+    return Image.fromarray(np.asarray(canvas.buffer_rgba())).convert("RGB")
+
+
+def save_png(path: str | Path, figure: Figure) -> None:
+    drawn(figure).save(path, dpi=(DPI, DPI), compress_level=1)
+
+
+def save_svg(path: str | Path, figure: Figure) -> None:
+    """With text as text, and the same bytes each time."""
+    import matplotlib
+
+    with _settings, matplotlib.rc_context({"svg.fonttype": "none", "svg.hashsalt": "cavirheo"}):
+        figure.savefig(path, format="svg", metadata={"Date": None})
+
+
+def compact(image: Image) -> Image:
+    """In the colours of a curve's picture alone: a third of the bytes."""
+    from PIL.Image import Dither
+
+    return image.quantize(palette=_palette(), dither=Dither.NONE)
+
+
+@cache
+def _palette() -> Image:
+    """Each colour in steps from white."""
+    from matplotlib.colors import to_rgba_array
+    from PIL import Image
+
+    tones = to_rgba_array([BLUE, VERMILLION, BLACK, *(look.colour for look in LOOKS.values())])[:, :3]
+    steps = np.array([0.13, 0.4, 0.7, 1.0])[:, None, None]
+    colours = np.vstack([to_rgba_array(["white", BOX])[:, :3], (1.0 - steps * (1.0 - tones)).reshape(-1, 3)])
+    image = Image.new("P", (1, 1))
+    image.putpalette((255 * colours).round().astype(int).ravel().tolist())
+    return image
+
+
+def address(image: Image) -> str:
+    """The image itself, as an address that a page can show."""
+    file = io.BytesIO()
+    image.save(file, "png", compress_level=6)
+    return "data:image/png;base64," + base64.b64encode(file.getvalue()).decode()
 
 
 def shades(fractions: Floats | Sequence[float]) -> np.ndarray:

@@ -60,13 +60,13 @@ def once(about: Iterable[tuple[str, str]]) -> dict[str, list[str]]:
 
 
 def print_remarks(
-    to: Console, remarks: Mapping[str, Sequence[str]], notes: Iterable[str] = (), *, most: int = 0
+    to: Console, remarks: Mapping[str, Sequence[str]], notes: Iterable[str] = (), *, most: int | None = None
 ) -> None:
     """A line for each message, after the names (at most `most`, if given) that it is about; then notes on the whole."""
     from rich.text import Text
 
     for message, names in remarks.items():
-        shown = names[:most] if most else names
+        shown = names[:most]
         who = ", ".join(shown) + (f" and {len(names) - len(shown)} more" if len(shown) < len(names) else "")
         to.print(Text("• ").append(who, "bold").append(f": {message}"))
     for note in notes:
