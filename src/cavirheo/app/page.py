@@ -102,10 +102,10 @@ class Page:
                 self.prepared, self.dropped = _plot(), _html()
         self.to_infer = _button("Go on")
 
-    def _numbers(self, *names: str) -> None:
+    def _numbers(self, *names: str) -> None:  # in fields for text: an empty gr.Number stalls the page
         for name in names:
             label, empty = _NUMBERS[name]
-            self.fields[name] = gr.Number(label=label, placeholder=empty, min_width=120)
+            self.fields[name] = gr.Textbox(label=label, placeholder=empty, max_lines=1, min_width=120)
 
     def _infer(self) -> None:
         self.fields["model"] = gr.Radio(words.models(), value=DEFAULT, label="Material and model")
@@ -264,6 +264,13 @@ class Page:
 
 
 def _settings(values: Sequence[Any]) -> PageSettings:
-    """From the components, in the order of the fields of PageSettings. Raises InputError."""
+    """From the components, in the order of the fields of PageSettings. Raises InputError: no number."""
     given = dict(zip((field.name for field in fields(PageSettings)), values, strict=True))
+    for name in _NUMBERS:
+        text = str(given[name] or "").strip().replace(",", ".")
+        try:
+            given[name] = float(text) if text else None
+        except ValueError:
+            label = name.replace("_", " ")
+            raise InputError(f"{label} must be a number, got {given[name]!r}", "app.not_a_number") from None
     return PageSettings(**given | {"window": given["window"] or None})
