@@ -10,23 +10,21 @@ import time
 import tomllib
 import zipfile
 from contextlib import contextmanager, suppress
+from importlib.util import find_spec
 from pathlib import Path
 from threading import Event
 
 import numpy as np
 import pytest
 
-pytest.importorskip("gradio", reason="the app extra is not installed")
+if find_spec("gradio") is None:
+    pytest.skip("the app extra is not installed", allow_module_level=True)
 
-import httpx
-from gradio_client import Client, handle_file
-from gradio_client.exceptions import AppError
 from test_hostile import FILES
 
 from cavirheo.app import steps
 from cavirheo.app.apart import Reader
 from cavirheo.app.export import write_zip
-from cavirheo.app.server import running
 from cavirheo.app.session import PageSettings, Session, VisitorLimits, Visitors
 from cavirheo.app.steps import examples, fit, infer, sliders, trial
 from cavirheo.app.words import answers
@@ -37,15 +35,40 @@ from cavirheo.reading import read_curves, write_csv
 SOFT = examples()["soft_gel.csv"]
 
 
+@pytest.fixture(scope="session")
+def running():
+    from cavirheo.app.server import running  # gradio takes seconds, which collecting tests need not wait for
+
+    return running
+
+
 @pytest.fixture(scope="module")
-def served():
+def served(running):
     with running(limits=VisitorLimits(file_mb=0.5, files=3)) as (address, visitors):
         yield address, visitors
 
 
 @pytest.fixture(scope="module")
 def client(served):
+    from gradio_client import Client
+
     return Client(served[0], verbose=False)
+
+
+def ask(client, *files, **options):
+    """What the endpoint answers for these files."""
+    from gradio_client import handle_file
+
+    return client.predict([handle_file(str(file)) for file in files], **options, api_name="/infer")
+
+
+@contextmanager
+def told(message=""):
+    """The endpoint refuses with this in its message."""
+    from gradio_client.exceptions import AppError
+
+    with pytest.raises(AppError, match=message) as error:
+        yield error
 
 
 @pytest.fixture(scope="module")
@@ -91,7 +114,7 @@ def test_the_endpoint_answers_as_the_command_line(client, run, tmp_path):
     path = single(tmp_path / "one.csv")
     status, _, _ = run("infer", path, "-o", tmp_path, "--density", 1050, "--window", 2, "--verify", "map")
     ours = json.loads((tmp_path / "result.json").read_text())
-    theirs = client.predict([handle_file(str(path))], density=1050, window=2, verify="map", api_name="/infer")
+    theirs = ask(client, path, density=1050, window=2, verify="map")
     assert status == 0
     assert theirs["command"] == "cavirheo infer one.csv --density 1050 --window 2 --verify map"
     assert theirs["groups"] == ours["groups"]
@@ -119,8 +142,8 @@ def test_only_the_endpoint_is_public(client):
     ],
 )
 def test_bad_settings_are_told_to_programs(client, options, named):
-    with pytest.raises(AppError, match=named):
-        client.predict([handle_file(str(SOFT))], **options, api_name="/infer")
+    with told(named):
+        ask(client, SOFT, **options)
 
 
 def test_damaged_and_too_many_files_leave_the_server_answering(client, tmp_path):
@@ -128,22 +151,20 @@ def test_damaged_and_too_many_files_leave_the_server_answering(client, tmp_path)
     bad.write_bytes(b"MATLAB 5.0 MAT-file".ljust(124) + b"\x00\x01IM" + b"\xff" * 500)
     lines = tmp_path / "long.csv"
     lines.write_bytes(b"1,2\n" * 120_000)
-    many = [handle_file(str(single(tmp_path / f"{k}.csv"))) for k in range(4)]
-    for files, named in (
-        ([handle_file(str(bad))], "bad.mat"),
-        ([handle_file(str(lines))], "long.csv"),
-        (many, "4 files"),
-    ):
-        with pytest.raises(AppError, match=named) as error:
-            client.predict(files, api_name="/infer")
+    many = [single(tmp_path / f"{k}.csv") for k in range(4)]
+    for files, named in (([bad], "bad.mat"), ([lines], "long.csv"), (many, "4 files")):
+        with told(named) as error:
+            ask(client, *files)
         assert str(tmp_path) not in str(error.value)
         assert list(Path(os.environ["GRADIO_TEMP_DIR"]).rglob("*.[cm][sa][vt]")) == []  # refused files do not stay
-    (record,) = client.predict([handle_file(str(single(tmp_path / "a.csv")))], api_name="/infer")["curves"]
+    (record,) = ask(client, single(tmp_path / "a.csv"))["curves"]
     assert record["verdict"] == "ok"
 
 
 def upload(address, path):
     """Where the server keeps it."""
+    import httpx
+
     (kept,) = httpx.post(f"{address}gradio_api/upload", files={"files": (path.name, path.read_bytes())}).json()
     return kept
 
@@ -157,38 +178,44 @@ def test_two_programs_may_send_the_same_file_at_once(served, client, tmp_path):
 
 
 @pytest.mark.slow
-def test_hostile_files_leave_the_server_answering(tmp_path):
+def test_hostile_files_leave_the_server_answering(running, tmp_path):
     """Every file of test_hostile.py, one after the other, to one server."""
+    from gradio_client import Client
+
     with running() as (address, _):
         client = Client(address, verbose=False)
-        for make, (ending, says) in FILES.items():
+        for make, (ending, _) in FILES.items():
             path = tmp_path / f"{make.__name__}.{ending}"
             make(path)
             began = time.monotonic()
-            with pytest.raises(AppError, match=says):
-                client.predict([handle_file(str(path))], api_name="/infer")
+            with told(path.name):
+                ask(client, path)
             assert time.monotonic() - began < 20.0, make.__name__  # the limit of the reader, whatever the load
             path.unlink()
-        assert len(client.predict([handle_file(str(SOFT))], api_name="/infer")["curves"]) == 5
+        assert len(ask(client, SOFT)["curves"]) == 5
 
 
 def test_a_file_above_the_limit_is_not_taken(served):
+    import httpx
+
     answer = httpx.post(f"{served[0]}gradio_api/upload", files={"files": ("large.csv", b"1" * 600_000)})
     assert answer.status_code == 413
 
 
 def test_the_server_fetches_nothing(client):
     file = {"path": "http://192.0.2.1/x.csv", "meta": {"_type": "gradio.FileData"}}
-    with pytest.raises(AppError):
+    with told():
         client.predict([file], api_name="/infer")
 
 
 def test_files_of_the_machine_cannot_be_named(client):
-    with pytest.raises(AppError):
+    with told():
         client.predict([{"path": "/etc/hostname", "meta": {"_type": "gradio.FileData"}}], api_name="/infer")
 
 
 def test_pages_may_ask_nobody_else(served):
+    import httpx
+
     policy = httpx.get(served[0]).headers["content-security-policy"]
     assert "default-src 'self'" in policy
     assert "http" not in policy
@@ -406,7 +433,7 @@ def test_the_command_line_does_not_wait_for_gradio(tmp_path):
     assert "Traceback" not in done.stderr
 
 
-def test_a_port_that_is_taken_is_said(served):
+def test_a_port_that_is_taken_is_said(running, served):
     port = int(served[0].rstrip("/").rpartition(":")[2])
     with refused("app.port_taken", str(port)), running(port=port):
         pass

@@ -5,17 +5,20 @@ import os
 import re
 import shutil
 import zipfile
+from importlib.util import find_spec
 
 import numpy as np
 import pytest
 
-pytest.importorskip("gradio", reason="the app extra is not installed")
-playwright = pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
-if CHROMIUM is None:
-    pytest.skip("no Chromium on this machine", allow_module_level=True)
+for found, lacking in (
+    (find_spec("gradio"), "the app extra is not installed"),
+    (find_spec("playwright"), "playwright is not installed"),
+    (CHROMIUM, "no Chromium on this machine"),
+):
+    if found is None:
+        pytest.skip(lacking, allow_module_level=True)
 
-from cavirheo.app.server import running  # noqa: E402
 from cavirheo.app.session import VisitorLimits  # noqa: E402
 from cavirheo.app.steps import examples  # noqa: E402
 from cavirheo.reading import read_curves, write_csv  # noqa: E402
@@ -26,13 +29,17 @@ MANY = 20
 
 @pytest.fixture(scope="module")
 def served():
+    from cavirheo.app.server import running  # gradio takes seconds, which collecting tests need not wait for
+
     with running(limits=VisitorLimits(file_mb=1.0)) as (address, visitors):
         yield address, visitors
 
 
 @pytest.fixture(scope="module")
 def browser():
-    with playwright.sync_playwright() as driver:
+    from playwright.sync_api import sync_playwright
+
+    with sync_playwright() as driver:
         sandbox = ["--no-sandbox"] if getattr(os, "geteuid", lambda: 1)() == 0 else []  # Chromium refuses it to root
         one = driver.chromium.launch(executable_path=CHROMIUM, args=sandbox)
         yield one.new_context()  # of all pages: scripts are loaded once
@@ -226,43 +233,37 @@ def test_errors_are_told_and_mended(visit, tmp_path):
     assert "simulation of the answer" not in traces(page)
     page.get_by_role("tab", name="3 Infer").click()
     page.get_by_role("tab", name="2 Prepare").click()
-    page.fill("#rmax_um input", "-5")
-    page.press("#rmax_um input", "Tab")
+    page.fill("#rmax-um input", "-5")
+    page.press("#rmax-um input", "Tab")
     page.wait_for_selector(".toast-body.error >> text=-5")
 
 
-def test_two_visitors_do_not_see_each_other(visit, tmp_path):
+def test_two_visitors_do_not_see_each_other_and_need_no_mouse(visit, tmp_path):
     pages, files = (visit(WIDE), visit(PHONE)), [_one_shot(tmp_path / f"{name}.csv") for name in ("mine", "yours")]
     for page, file in zip(pages, files, strict=True):
         drop(page, file)
-        page.click("#infer-now")
+        page.wait_for_selector("#infer-now:enabled")
+        page.focus("#infer-now")
+        page.keyboard.press("Enter")
     for page, file in zip(pages, files, strict=True):
         page.wait_for_selector("#answers .curves")
         names = page.locator("#answers .curves tbody td:first-child").all_inner_texts()
         assert names == [file.stem]
-
-
-def _one_shot(path):
-    write_csv(path, read_curves(examples()["soft_gel.csv"])[0])
-    return path
-
-
-def test_every_field_has_a_name_and_the_keyboard_reaches_the_answer(visit, tmp_path):
-    page = visit(WIDE)
-    drop(page, _one_shot(tmp_path / "one.csv"))
-    page.wait_for_selector("#infer-now:enabled")
-    page.focus("#infer-now")
-    page.keyboard.press("Enter")
-    page.wait_for_selector("#answers .curves")
+    page = pages[0]
     page.focus("#to-check")
     page.keyboard.press("Enter")
     page.wait_for_selector("#facts article")
     page.locator("#slider-shear_modulus input[type=range]").focus()
     page.keyboard.press("ArrowRight")
     page.wait_for_selector("#trial :text('RMSE')")
-    unnamed = page.evaluate(
+    unnamed = page.evaluate(  # every field has a name
         "[...document.querySelectorAll('input:not([type=file]), button, select')]"
         ".filter(one => one.offsetParent && !(one.labels?.length || one.getAttribute('aria-label') || one.title"
         " || one.innerText.trim())).map(one => one.outerHTML)"
     )
     assert unnamed == []
+
+
+def _one_shot(path):
+    write_csv(path, read_curves(examples()["soft_gel.csv"])[0])
+    return path

@@ -87,18 +87,19 @@ def test_same_bytes_for_any_number_of_workers(problem, monkeypatch, tmp_path):
 
 def test_a_killed_run_goes_on_to_the_same_bytes(problem, fake, monkeypatch, tmp_path):
     generate(problem, 90, tmp_path / "whole", seed=3, progress=False)
-    write = dataset._write
+    simulate = TrainingProblem.simulate_many
+    fake.clear()
 
-    def killed_in_the_third_file(path, *rest):
-        if path.name == "shard-00002.h5":
-            path.with_suffix(".tmp").write_bytes(b"half a file")
+    def killed_in_the_third_file(self, theta, **options):
+        if len(fake) == 7:
             raise KeyboardInterrupt
-        write(path, *rest)
+        return simulate(self, theta, **options)
 
     with monkeypatch.context() as patch:
-        patch.setattr(dataset, "_write", killed_in_the_third_file)
+        patch.setattr(TrainingProblem, "simulate_many", killed_in_the_third_file)
         with pytest.raises(KeyboardInterrupt):
             generate(problem, 90, tmp_path / "cut", seed=3, progress=False)
+    (tmp_path / "cut" / "shard-00002.tmp").write_bytes(b"half a file")
     with pytest.raises(InputError, match="3 of 5 files") as caught:
         load(tmp_path / "cut")
     assert caught.value.code == "dataset.incomplete"

@@ -21,12 +21,12 @@ from cavirheo.problem import FrameGrid, TrainingProblem
 from cavirheo.training import evaluate as judge
 from cavirheo.training import figures, robustness
 from cavirheo.training.dataset import generate, load
-from cavirheo.training.metrics import breakdown, metrics, r2
+from cavirheo.training.metrics import breakdown, metrics
 from cavirheo.training.recipe import Recipe, read_recipe
 
 scale_bias = load_benchmark("scale_bias")
 
-QUIET = {"device": "cpu", "threads": 1, "progress": False}
+CPU = {"device": "cpu", "threads": 1}
 RECIPES = sorted((Path(__file__).parent.parent / "recipes").glob("*.toml"))
 TINY = """
 [problem]
@@ -170,7 +170,8 @@ def test_metrics_of_known_errors():
     natural = 10 ** truth[:, 0]
     assert g["r2_natural"] == pytest.approx(1 - np.mean((0.1 * 0 + natural * (10**0.1 - 1)) ** 2) / natural.var())
     assert found["stretch"]["r2"] == 1.0
-    assert r2([1.0, 2.0, 3.0], [2.0, 2.0, 2.0]) == 0.0
+    mean = metrics(["stretch"], [[1.0], [2.0], [3.0]], [[2.0], [2.0], [2.0]])["stretch"]
+    assert mean["r2"] == 0.0
     refused("metrics.shape", metrics, ["stretch"], truth, predicted)
 
 
@@ -208,11 +209,9 @@ def test_recordings_are_what_they_say(filmed):
     R_max = problem.reference_max_radius
     by_name = {}
     for recording in robustness.RECORDINGS:
-        true = robustness.film(problem, theta, everything, recording, 5, workers=1)
-        curves = [
-            robustness.degrade(*frames, R_max, recording, 5, int(i)) for frames, i in zip(true, everything, strict=True)
-        ]
-        ((time, radius),) = robustness.film(problem, theta, everything[2:3], recording, 5, workers=1)
+        true = robustness.film(problem, theta, everything, recording)
+        curves = [robustness.degrade(*true[i], R_max, recording, i) for i in everything]
+        ((time, radius),) = robustness.film(problem, theta, everything[2:3], recording)
         np.testing.assert_array_equal(time, true[2][0])  # what a curve suffers does not depend on the others
         np.testing.assert_allclose(radius, true[2][1], rtol=1e-9)
         by_name[recording.name] = true, curves
@@ -238,13 +237,10 @@ def test_robustness_of_the_shipped_model(filmed, tmp_path, monkeypatch):
     problem, _ = filmed
     generate(problem, 4, tmp_path / "data", workers=1, progress=False)
     ways = (robustness.RECORDINGS[0], robustness.Recording("blind", missing=1.0))
-    for module in (robustness, judge):
-        monkeypatch.setattr(module, "RECORDINGS", ways)
-    for name in ("_loss", "_predicted", "_error", "_error_map", "_error_share"):  # drawn in other tests
-        monkeypatch.setattr(figures, name, lambda *_: None)
-    found = judge.evaluate(
-        path_of("bdt-viscoelastic"), tmp_path / "data", tmp_path / "out", robust=True, answers=3, workers=1
-    )
+    monkeypatch.setattr(robustness, "RECORDINGS", ways)
+    monkeypatch.setattr(robustness, "ANSWERS", 3)
+    monkeypatch.setattr(figures, "draw", lambda *_: [])  # in other tests
+    found = judge.evaluate(path_of("bdt-viscoelastic"), tmp_path / "data", tmp_path / "out", robust=True)
     seen, blind = found["robustness"]["rows"]
     assert seen["recording"] == asdict(ways[0])
     assert (seen["network"]["curves"], seen["network_same_curves"]["curves"], seen["answer"]["curves"]) == (4, 3, 3)
@@ -259,24 +255,29 @@ def test_robustness_of_the_shipped_model(filmed, tmp_path, monkeypatch):
     text = (tmp_path / "out" / "evaluation.md").read_text(encoding="utf-8")
     assert text == judge.markdown(json.loads((tmp_path / "out" / "metrics.json").read_text()))
     assert "| blind " in text
-    assert found["figures"] == ["robustness.png"]
-    assert (tmp_path / "out" / "robustness.png").stat().st_size > 0
+    axes = pytest.importorskip("matplotlib.figure").Figure().subplots()
+    figures._robustness(axes, found["robustness"], dict.fromkeys(found["outputs"]), 1)
+    assert [len(line.get_xdata()) for line in axes.lines] == [2, 2]
+    assert axes.lines[1].get_xdata()[0] == seen["answer"]["metrics"]["log10_viscosity"]["median_absolute_error"]
 
 
-def test_figures_of_one_output(tmp_path, monkeypatch):
-    rng = np.random.default_rng(0)
+def test_figures(tmp_path, monkeypatch):
+    figure = pytest.importorskip("matplotlib.figure").Figure
     prior = Prior.uniform({"log10_viscosity": (-4.0, 0.0), "stretch": (3.0, 11.0)})
-    theta = prior.sample(60, 1)
-    truth, names = theta[:, :1], ["log10_viscosity"]
-    predicted = truth + 0.1 * rng.standard_normal(truth.shape)
+    theta, names = prior.sample(60, 1), ["log10_viscosity"]
+    truth, card = theta[:, :1], {"history": {"train": [2.0, 1.0], "validation": [1.5, 0.9]}}
+    predicted = truth + 0.1 * np.random.default_rng(0).standard_normal(truth.shape)
     result = {
         "outputs": names,
         "metrics": metrics(names, truth, predicted),
         "breakdown": breakdown(names, prior, theta, predicted - truth),
         "robustness": None,
     }
-    three = ["predicted.png", "error.png", "error_map.png", "error_share.png"]
-    assert figures.draw(tmp_path, {}, result, truth, predicted) == three  # a card without a history
+    drawn = figures.draw(tmp_path, card | {"training": {"best_epoch": 2}}, result, truth, predicted)
+    assert drawn == ["loss.png", "predicted.png", "error.png", "error_map.png", "error_share.png"]
+    assert min((tmp_path / name).stat().st_size for name in drawn) > 10_000
+    monkeypatch.setattr(figure, "savefig", lambda *_, **__: None)
+    assert figures.draw(tmp_path, {}, result, truth, predicted) == drawn[1:]  # a card without a history
     monkeypatch.setitem(sys.modules, "matplotlib", None)
     refused("figures.matplotlib", figures.draw, tmp_path, {}, result, truth, predicted)
 
@@ -331,14 +332,13 @@ class TestTorch:
     def test_learns(self, recipe, data, tmp_path):
         from cavirheo.training.train import train
 
-        lines = []
-        result = train(changed(recipe, epochs=20), data, tmp_path / "run", **QUIET, on_epoch=lines.append)
+        result = train(changed(recipe, epochs=20), data, tmp_path / "run", **CPU)
+        lines = [json.loads(line) for line in (tmp_path / "run" / "history.jsonl").read_text().splitlines()]
+        assert [line["epoch"] for line in lines] == list(range(1, 21))
         assert lines[-1]["train"] < 0.2 * lines[0]["train"]
         assert min(line["validation"] for line in lines) == result["best_validation_loss"]
         assert result["data"]["failures"] == {"failed": 2}
         assert sum(result["data"][part] for part in ("train", "validation", "test")) == 98
-        history = [json.loads(line) for line in (tmp_path / "run" / "history.jsonl").read_text().splitlines()]
-        assert history == lines
         test = np.load(tmp_path / "run" / "test.npz")
         again = metrics(recipe.outputs, test["truth"], test["predicted"])
         assert again == result["metrics"]
@@ -347,50 +347,53 @@ class TestTorch:
         np.testing.assert_allclose(test["truth"], load(data).theta[split["test"]][:, :2], atol=1e-5)
 
     @pytest.mark.parametrize("schedule", ["constant", "cosine"])
-    def test_resumes_to_the_same_weights(self, recipe, data, tmp_path, schedule):
-        from cavirheo.training.train import read_tensors, train
+    def test_resumes_to_the_same_weights(self, recipe, data, tmp_path, monkeypatch, schedule):
+        from cavirheo.training import train as module
 
         recipe = changed(recipe, schedule=schedule, warmup_steps=3)
-        whole = train(recipe, data, tmp_path / "whole", **QUIET)
+        whole = module.train(recipe, data, tmp_path / "whole", **CPU)
+        epochs, one_epoch = [], module._Training._epoch
 
-        def cut(line):
-            if line["epoch"] == 2:
+        def cut(training, epoch, step_done):
+            if epoch == 2:
                 raise KeyboardInterrupt
+            return one_epoch(training, epoch, step_done)
 
+        monkeypatch.setattr(module._Training, "_epoch", cut)
         with pytest.raises(KeyboardInterrupt):
-            train(recipe, data, tmp_path / "cut", **QUIET, on_epoch=cut)
+            module.train(recipe, data, tmp_path / "cut", **CPU)
         assert not (tmp_path / "cut" / "result.json").exists()
         self.torch.manual_seed(99)  # whatever happened in between must not matter
-        lines = []
-        resumed = train(recipe, data, tmp_path / "cut", **QUIET, on_epoch=lines.append)
-        assert [line["epoch"] for line in lines] == [3, 4]
+        monkeypatch.setattr(
+            module._Training, "_epoch", lambda run, k, done: epochs.append(k) or one_epoch(run, k, done)
+        )
+        resumed = module.train(recipe, data, tmp_path / "cut", **CPU)
+        assert epochs == [2, 3]
         assert resumed["metrics"] == whole["metrics"]
         for name in ("last.safetensors", "best.safetensors"):
-            ours, theirs = (read_tensors(tmp_path / run / name)[0] for run in ("whole", "cut"))
+            ours, theirs = (module.read_tensors(tmp_path / run / name)[0] for run in ("whole", "cut"))
             assert ours.keys() == theirs.keys()
             assert all(self.torch.equal(ours[key], theirs[key]) for key in ours)
         before = (tmp_path / "cut" / "result.json").read_bytes()
-        train(recipe, data, tmp_path / "cut", **QUIET, on_epoch=lines.append)
-        assert len(lines) == 2  # a finished run is not trained, nor its test part looked at, again
+        module.train(recipe, data, tmp_path / "cut", **CPU)
+        assert epochs == [2, 3]  # a finished run is not trained, nor its test part looked at, again
         assert (tmp_path / "cut" / "result.json").read_bytes() == before
 
     def test_dropout_ends_where_the_recipe_says(self, recipe, data, tmp_path, monkeypatch):
-        from cavirheo.training.train import train
+        from cavirheo.training import train as module
 
-        dropped, epoch = {}, [1]
-        forward = self.torch.nn.Dropout.forward
+        dropped, now = {}, []
+        forward, one_epoch = self.torch.nn.Dropout.forward, module._Training._epoch
 
         def seen(layer, x):
             if self.torch.is_grad_enabled():  # in training, not in the look at the validation part
-                dropped.setdefault(epoch[0], set()).add(layer.training)
+                dropped.setdefault(now[-1], set()).add(layer.training)
             return forward(layer, x)
 
         monkeypatch.setattr(self.torch.nn.Dropout, "forward", seen)
-        train(
-            changed(recipe, epochs=3, dropout_epochs=2), data, tmp_path / "run", **QUIET,
-            on_epoch=lambda line: epoch.__setitem__(0, line["epoch"] + 1),
-        )  # fmt: skip
-        assert dropped == {1: {True}, 2: {True}, 3: {False}}
+        monkeypatch.setattr(module._Training, "_epoch", lambda run, k, done: now.append(k) or one_epoch(run, k, done))
+        module.train(changed(recipe, epochs=3, dropout_epochs=2), data, tmp_path / "run", **CPU)
+        assert dropped == {0: {True}, 1: {True}, 2: {False}}
 
     def test_leaves_the_random_numbers_of_the_caller_alone(self, recipe, data, tmp_path):
         from cavirheo.training.train import train
@@ -398,19 +401,19 @@ class TestTorch:
         self.torch.manual_seed(1)
         expected = self.torch.rand(3)
         self.torch.manual_seed(1)
-        train(changed(recipe, epochs=1), data, tmp_path / "run", **QUIET)
+        train(changed(recipe, epochs=1), data, tmp_path / "run", **CPU)
         assert self.torch.equal(self.torch.rand(3), expected)
 
     def test_refuses_another_run_and_other_data(self, recipe, data, tmp_path):
         from cavirheo.training.train import train
 
-        train(changed(recipe, epochs=1), data, tmp_path / "run", **QUIET)
+        train(changed(recipe, epochs=1), data, tmp_path / "run", **CPU)
         another = changed(recipe, epochs=1, lr=0.02)
-        said = refused("training.another_run", train, another, data, tmp_path / "run", **QUIET)
+        said = refused("training.another_run", train, another, data, tmp_path / "run", **CPU)
         assert re.search(r"training\.lr = 0\.01, .* 0\.02", said)
         other = recipe.model_copy(update={"prior": recipe.prior | {"stretch": (3.0, 10.0)}})
         other.__dict__.pop("problem", None)
-        refused("training.another_problem", train, other, data, tmp_path / "other", **QUIET)
+        refused("training.another_problem", train, other, data, tmp_path / "other", **CPU)
 
     def test_learning_rate(self, recipe):
         from cavirheo.training.train import learning_rate
@@ -429,7 +432,7 @@ class TestTorch:
         from cavirheo.training.train import train
 
         refused("export.unfinished", export, recipe, tmp_path / "run", tmp_path / "models")
-        result = train(recipe, data, tmp_path / "run", **QUIET)
+        result = train(recipe, data, tmp_path / "run", **CPU)
         path = export(recipe, tmp_path / "run", tmp_path / "models", on=date(2026, 1, 2))
         assert sorted(p.name for p in path.parent.iterdir()) == ["tiny.json", "tiny.onnx"]
         radius = np.random.default_rng(0).random((600, 20), dtype=np.float32)
@@ -451,13 +454,14 @@ class TestTorch:
         assert card["data"]["failures"] == {"failed": 2}
         assert card["date"] == "2026-01-02"
 
+        drawn = []
+        monkeypatch.setattr(figures, "draw", lambda *given: drawn.append(given) or ["loss.png"])  # in test_figures
         found = judge.evaluate(path, data, tmp_path / "figures")
+        assert drawn[0][:2] == (tmp_path / "figures", card)
         assert (found["part"], found["curves"]) == ("test", result["data"]["test"])
         for name, values in result["metrics"].items():
             assert found["metrics"][name] == pytest.approx(values, abs=1e-4)
-        for name in ["metrics.json", *found["figures"]]:
-            assert (tmp_path / "figures" / name).stat().st_size > 0
-        assert found["figures"] == ["loss.png", "predicted.png", "error.png", "error_map.png", "error_share.png"]
+        assert json.loads((tmp_path / "figures" / "metrics.json").read_text()) == found
         assert card["history"]["train"] == pytest.approx(result["history"]["train"], rel=1e-4)
         assert max(len(str(loss)) for loss in card["history"]["train"]) <= 8
 
@@ -484,7 +488,7 @@ class TestTorch:
         from cavirheo.training import export as module
         from cavirheo.training.train import train
 
-        train(changed(recipe, epochs=1), data, tmp_path / "run", **QUIET)
+        train(changed(recipe, epochs=1), data, tmp_path / "run", **CPU)
         model = module.load_model(tmp_path / "run" / "best.safetensors")
         monkeypatch.setattr(module, "write_onnx", lambda model, frames, path: path.write_bytes(b"weights"))
 

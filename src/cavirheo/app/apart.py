@@ -15,7 +15,7 @@ from threading import Lock
 from typing import Any
 
 from cavirheo.curve import RadiusCurve
-from cavirheo.errors import InputError
+from cavirheo.errors import InputError, require
 from cavirheo.reading.shots import read_shots
 
 MEMORY = 4 << 30  # bytes of address space that reading may take
@@ -44,17 +44,13 @@ class Reader:
                 self._replace()
             try:
                 self._pipe.send(([str(path) for path in files], options))
-                if not self._pipe.poll(self.seconds):
-                    self._replace()
-                    raise InputError(
-                        f"reading {names} took more than {self.seconds:g} s; is the file damaged?",
-                        "app.reading_too_slow",
-                    )
+                slow = f"reading {names} took more than {self.seconds:g} s; is the file damaged?"
+                require(self._pipe.poll(self.seconds), slow, "app.reading_too_slow")
                 answer = self._pipe.recv()
-            except (EOFError, OSError):
+            except (EOFError, OSError, InputError) as error:
                 self._replace()
-                said = f"{names}: damaged so badly that reading it ended the reader"
-                raise InputError(said, "app.reader_ended") from None
+                ended = f"{names}: damaged so badly that reading it ended the reader"
+                raise error if isinstance(error, InputError) else InputError(ended, "app.reader_ended") from None
         if isinstance(answer, InputError):
             raise answer
         curves, problems = answer

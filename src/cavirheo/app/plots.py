@@ -15,6 +15,7 @@ from plotly.subplots import make_subplots
 from cavirheo.arrays import Bools, Floats
 from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError
+from cavirheo.inference.reconstruct import Window
 from cavirheo.physics.media import Medium
 from cavirheo.posterior import Checks
 from cavirheo.writing.style import BLUE, INK, VERMILLION, shades
@@ -47,9 +48,10 @@ def overview(curves: Sequence[RadiusCurve], medium: Medium) -> tuple[go.Figure, 
     return plain, scaled
 
 
-def prepared(curve: RadiusCurve, view: RadiusCurve, step: float, grid: Floats) -> go.Figure:
-    """The frames of a curve, those that are compared (`view`), and the grid that the network reads, every `step` s."""
+def prepared(curve: RadiusCurve, seen: Window, step: float, grid: Floats) -> go.Figure:
+    """The frames of a curve, those that are compared (`seen`), and the grid that the network reads, every `step` s."""
     figure = _figure(_TIME, "R (µm)")
+    view = seen.curve
     _measured(figure, curve, (curve.time >= view.time[0]) & (curve.time <= view.time[-1]))
     spikes = np.isin(np.arange(len(curve.time)), curve.spikes())
     _dots(figure, curve, spikes, "stands out, kept", VERMILLION, 11, symbol="circle-open", line={"width": 2})

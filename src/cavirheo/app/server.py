@@ -55,7 +55,7 @@ def _only_here(app: ASGIApp) -> ASGIApp:
                 message["headers"] = [*message["headers"], *_HEADERS]
             await send(message)
 
-        await app(scope, receive, one if scope["type"] == "http" else send)
+        await app(scope, receive, one)
 
     return answer
 

@@ -7,6 +7,7 @@ import shutil
 from collections.abc import Sequence
 from concurrent.futures import Future
 from dataclasses import dataclass, field
+from itertools import count
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from threading import Event, Lock, RLock, Timer
@@ -14,7 +15,7 @@ from typing import Any
 
 from cavirheo.app.apart import Reader
 from cavirheo.curve import RadiusCurve
-from cavirheo.errors import InputError
+from cavirheo.errors import InputError, require
 from cavirheo.inference import check_level
 from cavirheo.inference.model import DEFAULT, shipped
 from cavirheo.physics.media import Medium, medium
@@ -61,9 +62,9 @@ class PageSettings:
 
     def __post_init__(self) -> None:
         check_level(self.verify)
-        if self.model not in shipped():
-            known = ", ".join(shipped())
-            raise InputError(f"unknown model {self.model!r}; known here: {known}", "app.unknown_model")
+        known = shipped()
+        unknown = f"unknown model {self.model!r}; known here: {', '.join(known)}"
+        require(self.model in known, unknown, "app.unknown_model")
 
     @property
     def liquid(self) -> Medium:
@@ -74,8 +75,7 @@ class PageSettings:
     @property
     def reading(self) -> dict[str, float | None]:
         """The options of `read_shots`. Raises InputError."""
-        liquid = self.liquid
-        scale = None if self.rmax_um is None else self.rmax_um * 1e-6
+        liquid, scale = self.liquid, None if self.rmax_um is None else self.rmax_um * 1e-6
         return {"density": liquid.density, "pressure": liquid.pressure, "max_radius": scale}
 
     def command(self, files: Sequence[Path]) -> str:
@@ -98,22 +98,18 @@ class Answers:
 
 
 class Session:
-    """One visitor. The files lie in a folder that goes with the session.
-
-    Attributes: limits; reader; settings; curves (of all files, as the settings have them read); problems (files that
-    could not be read); answers (None before there are any); lock (held while anything of it is read or changed, never
-    while shots are worked on); busy (held by a run); stopped (ends a run); abandoned (shots that were worked on when a
-    run was stopped).
-    """
+    """One visitor. The files lie in a folder that goes with the session."""
 
     def __init__(self, limits: VisitorLimits, reader: Reader) -> None:
         self.limits, self.reader, self.settings = limits, reader, PageSettings()
         self.files: list[Path] = []
-        self.curves: list[RadiusCurve] = []
-        self.problems: list[str] = []
+        self.curves: list[RadiusCurve] = []  # of all files, as the settings have them read
+        self.problems: list[str] = []  # files that could not be read
         self.answers: Answers | None = None
-        self.lock, self.busy, self.stopped = RLock(), Lock(), Event()
-        self.abandoned: set[Future[Any]] = set()
+        self.lock = RLock()  # held while anything here is read or changed, never while shots are worked on
+        self.busy, self.stopped = Lock(), Event()  # held by a run; ends it
+        self.abandoned: set[Future[Any]] = set()  # shots that were worked on when a run was stopped
+        self.calls = 0  # so often was anything asked
         self._temporary = TemporaryDirectory(prefix="cavirheo-")
         self.folder = Path(self._temporary.name)
         (self.folder / YOURS).mkdir()
@@ -124,19 +120,21 @@ class Session:
         Raises:
             InputError: too many files, curves or frames, or a setting out of its domain.
         """
-        if (count := len(self.files) + len(files)) > self.limits.files:
-            raise InputError(
-                f"{count} files; at most {self.limits.files} are read at once: start over with fewer, or put the "
-                "shots of one material into one file",
-                "app.too_many_files",
-            )
+        limits, number = self.limits, len(self.files) + len(files)
+        many = f"{number} files; at most {limits.files} are read at once"
+        mend = "start over with fewer, or put the shots of one material into one file"
+        require(number <= limits.files, f"{many}: {mend}", "app.too_many_files")
         mine, read = [], set()
         for path in files:
             mine.append(self._free(path.name))
             (shutil.copyfile if copy else shutil.move)(path, mine[-1])
         try:
             curves, problems = self.reader.read([*self.files, *mine], **settings.reading)
-            self._check(curves)
+            frames = sum(len(curve.time) for curve in curves)
+            many = f"{len(curves)} shots with {frames} frames in all; at most {limits.curves} and {limits.frames}"
+            mend = "load fewer, or use the command line (cavirheo infer)"
+            fine = len(curves) <= limits.curves and frames <= limits.frames
+            require(fine, f"{many} at once: {mend}", "app.too_many_frames")
             read = {curve.source for curve in curves}
         finally:
             for path in mine:
@@ -173,20 +171,10 @@ class Session:
 
     def _free(self, name: str) -> Path:
         """A path of this name in the visitor's folder, numbered where the name is taken."""
-        to, number = self.folder / YOURS / name, 1
+        to, numbers = self.folder / YOURS / name, count(2)
         while to.exists():
-            number += 1
-            to = to.with_name(f"{Path(name).stem} ({number}){Path(name).suffix}")
+            to = to.with_name(f"{Path(name).stem} ({next(numbers)}){Path(name).suffix}")
         return to
-
-    def _check(self, curves: list[RadiusCurve]) -> None:
-        frames = sum(len(curve.time) for curve in curves)
-        if len(curves) > self.limits.curves or frames > self.limits.frames:
-            raise InputError(
-                f"{len(curves)} shots with {frames} frames in all; the page takes at most {self.limits.curves} shots "
-                f"and {self.limits.frames} frames at once: load fewer, or use the command line (cavirheo infer)",
-                "app.too_many_frames",
-            )
 
 
 class Visitors:
@@ -195,18 +183,15 @@ class Visitors:
     def __init__(self, limits: VisitorLimits) -> None:
         self.limits, self.reader = limits, Reader(limits.seconds)
         self._lock = RLock()
-        self._sessions: dict[str, Session] = {}
-        self._leaving: dict[str, Timer] = {}
+        self._sessions: dict[str, Session] = {}  # in the order of use
 
     def of(self, name: str) -> Session:
         """The session of this name, new if there is none; the one unused for longest makes room. Raises InputError."""
-        if not name:
-            raise InputError("no session: reload the page")
+        require(bool(name), "no session: reload the page")
         with self._lock:
-            if timer := self._leaving.pop(name, None):
-                timer.cancel()
             session = self._sessions.pop(name, None) or Session(self.limits, self.reader)
-            self._sessions[name] = session  # last in the order of use
+            self._sessions[name] = session
+            session.calls += 1
             while len(self._sessions) > self.limits.visitors:
                 self._sessions.pop(next(iter(self._sessions))).close()
             return session
@@ -214,22 +199,19 @@ class Visitors:
     def leave(self, name: str) -> None:
         """Forget this one after a while, unless something is asked for it again (a phone that slept)."""
         with self._lock:
-            if name in self._sessions and name not in self._leaving:
-                timer = self._leaving[name] = Timer(self.limits.absent, self._forget, (name,))
+            if session := self._sessions.get(name):
+                timer = Timer(self.limits.absent, self._forget, (name, session, session.calls))
                 timer.daemon = True
                 timer.start()
 
-    def _forget(self, name: str) -> None:
+    def _forget(self, name: str, session: Session, calls: int) -> None:
         with self._lock:
-            if self._leaving.pop(name, None) and (session := self._sessions.pop(name, None)):
-                session.close()
+            if self._sessions.get(name) is session and session.calls == calls:
+                self._sessions.pop(name).close()
 
     def close(self) -> None:
         """Forget all."""
         with self._lock:
-            for timer in self._leaving.values():
-                timer.cancel()
-            for session in self._sessions.values():
-                session.close()
-            self._sessions, self._leaving = {}, {}
+            while self._sessions:
+                self._sessions.popitem()[1].close()
         self.reader.close()

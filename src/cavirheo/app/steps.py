@@ -6,7 +6,6 @@ import os
 from collections.abc import Callable, Sequence
 from concurrent.futures import FIRST_COMPLETED, ThreadPoolExecutor, wait
 from dataclasses import fields
-from math import floor, log10
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +13,7 @@ from cavirheo.app import plots
 from cavirheo.app.session import Answers, PageSettings, Session
 from cavirheo.arrays import Floats
 from cavirheo.curve import RadiusCurve
-from cavirheo.errors import InputError, SolverError
+from cavirheo.errors import InputError, SolverError, require
 from cavirheo.inference import infer_many
 from cavirheo.inference.fit import fit_many
 from cavirheo.inference.model import load
@@ -22,10 +21,14 @@ from cavirheo.inference.reconstruct import Window, reconstruct, window
 from cavirheo.inference.verify import verify_many
 from cavirheo.physics.materials import MATERIALS
 from cavirheo.posterior import Checks, Posterior
+from cavirheo.problem import natural_values
 from cavirheo.reporting import result
 
-SLIDERS = {"shear_modulus": 1e-3, "viscosity": 1.0, "stretch": 1.0}  # factors from SI to kPa, Pa s, 1
-_ROUND = (1.5, 2, 3, 4, 5, 6, 8, 10)  # ends of a slider, times a power of ten
+SLIDERS = {  # label, factor from SI
+    "shear_modulus": ("Try G (kPa)", 1e-3),
+    "viscosity": ("Try µ (Pa s)", 1.0),
+    "stretch": ("Try λ (R_max/R_0)", 1.0),
+}
 _CHANGED = "files or settings were changed while it ran: its answers are dropped; run it again"
 
 Report = Callable[[float, str], Any]
@@ -56,33 +59,28 @@ def infer(session: Session, names: Sequence[str], progress: Report) -> Answers:
     """
     with session.lock:
         settings, curves, command = session.settings, session.curves, session.settings.command(session.files)
-    chosen = [curve for curve in curves if curve.name in set(names)]
-    if not chosen:
-        raise InputError("no shots: load a file in step 1, and choose shots in step 2", "app.no_shots")
-    if settings.verify == "full" and len(chosen) > session.limits.full:
-        raise InputError(
-            f"full uncertainty for {len(chosen)} shots; the page takes at most {session.limits.full} at once: choose "
-            "fewer in step 2, or use the command line (cavirheo infer --verify full)",
-            "app.too_many_full",
-        )
+    chosen = [curve for curve in curves if curve.name in names]
+    require(bool(chosen), "no shots: load a file in step 1, and choose shots in step 2", "app.no_shots")
+    many = f"full uncertainty for {len(chosen)} shots; at most {session.limits.full} at once"
+    mend = "choose fewer in step 2, or use the command line (cavirheo infer --verify full)"
+    fine = settings.verify != "full" or len(chosen) <= session.limits.full
+    require(fine, f"{many}: {mend}", "app.too_many_full")
     options: dict[str, Any] = {"medium": settings.liquid, "stretch": settings.stretch}
     cores = max((os.cpu_count() or 1) // len(chosen), 1)
 
     def one(curve: RadiusCurve) -> Posterior:
         found = infer_many([curve], model=settings.model, window=settings.window, workers=1, **options)
         if settings.verify != "none":
-            level: Any = settings.verify
-            found = verify_many([curve], found, level=level, workers=cores, **options)
+            found = verify_many([curve], found, level=settings.verify, workers=cores, **options)
         return found[0]
 
-    found = each(session, one, chosen, progress)
-    pairs = [(curve, answer) for curve, answer in zip(chosen, found, strict=True) if answer]
+    answers = list(zip(chosen, each(session, one, chosen, progress), strict=True))
+    pairs = [(curve, answer) for curve, answer in answers if answer]
+    left = [curve.name for curve, answer in answers if not answer]
     if len(pairs) < len(curves):
         command += f" ({len(pairs)} of {len(curves)} shots)"
-    left = [curve.name for curve, answer in zip(chosen, found, strict=True) if not answer]
     with session.lock:
-        if session.curves is not curves or session.settings != settings:
-            raise InputError(_CHANGED, "app.changed")
+        require(session.curves is curves and session.settings == settings, _CHANGED, "app.changed")
         session.answers = Answers(pairs, result(pairs, command), left)
         return session.answers
 
@@ -107,8 +105,8 @@ def each(
     Raises:
         InputError: stopped before the first was done, or another run of this session goes on.
     """
-    if not session.busy.acquire(blocking=False):
-        raise InputError("the run before goes on: stop it, or wait for its end", "app.busy")
+    free = session.busy.acquire(blocking=False)
+    require(free, "the run before goes on: stop it, or wait for its end", "app.busy")
     try:
         wait(session.abandoned)  # one who stops and starts in turns takes no more cores than others
         pool = ThreadPoolExecutor(os.cpu_count())
@@ -121,8 +119,7 @@ def each(
         session.abandoned = {task for task in left if not task.cancelled()}
     finally:
         session.busy.release()
-    if len(left) == len(tasks):
-        raise InputError("stopped before a shot was done: nothing has changed", "app.stopped")
+    require(len(left) < len(tasks), "stopped before a shot was done: nothing has changed", "app.stopped")
     return [None if task in left else task.result() for task in tasks]
 
 
@@ -132,25 +129,21 @@ def sliders(session: Session, name: str) -> dict[str, dict[str, float] | None]:
     They start at the answer, or where there is none in the middle of the trained range.
     """
     *_, record = session.find(name)
-    answer = dict(zip(SLIDERS, (record.shear_modulus_Pa, record.viscosity_Pa_s, record.stretch), strict=True))
     prior = load(session.settings.model).problem.prior
-    middle = dict(zip(prior.names, (prior.low + prior.high) / 2, strict=True))
-    middle |= {log.removeprefix("log10_"): 10.0**value for log, value in middle.items() if log.startswith("log10_")}
-    found: dict[str, dict[str, float] | None] = {}
-    for key, factor in SLIDERS.items():
-        value = middle.get(key) if answer[key].median is None else answer[key].median
-        found[key] = None if value is None else _ends(key, float(f"{value * factor:.4g}"))
-    return found
+    start = natural_values(prior.names, (prior.low + prior.high) / 2)
+    answers = zip(SLIDERS, (record.shear_modulus_Pa, record.viscosity_Pa_s, record.stretch), strict=True)
+    start |= {key: answer.median for key, answer in answers if answer.median is not None}
+    scaled = {key: start[key] * factor for key, (_, factor) in SLIDERS.items() if key in start}
+    return {key: _ends(key, float(f"{scaled[key]:.4g}")) if key in scaled else None for key in SLIDERS}
 
 
 def _ends(key: str, value: float) -> dict[str, float]:
-    """Of a slider that starts at this value: zero (nearly) and a round number three times as large, or the usual λ."""
+    """Of a slider that starts at this value: zero (nearly) and a round number about thrice as large, or the usual λ."""
     if key == "stretch":
         return {"minimum": 1.2, "maximum": max(20.0, value), "step": 0.05, "value": value}
-    top = 3.0 * max(value, 1e-6)
-    unit = 10.0 ** floor(log10(top))
-    top = float(f"{unit * next(n for n in _ROUND if n * unit >= top):.3g}")
-    return {"minimum": top / 500, "maximum": top, "step": top / 500, "value": value}
+    top = float(f"{3.0 * max(value, 1e-6):.1g}")
+    step = float(f"{top / 500:.1g}")
+    return {"minimum": step, "maximum": top, "step": step, "value": value}
 
 
 def trial(session: Session, name: str, values: Sequence[float | None]) -> tuple[Checks, dict[str, Any]]:
@@ -160,7 +153,7 @@ def trial(session: Session, name: str, values: Sequence[float | None]) -> tuple[
     """
     try:
         _, curve, posterior, _ = session.find(name)
-        given = {key: float(v) / SLIDERS[key] for key, v in zip(SLIDERS, values, strict=True) if v is not None}
+        given = {key: v / SLIDERS[key][1] for key, v in zip(SLIDERS, values, strict=True) if v is not None}
         law = MATERIALS[posterior.material]
         material = law(**{f.name: given.get(f.name, posterior.median(f.name)) for f in fields(law)})
         frames, liquid = posterior.checks.compared_time, session.settings.liquid

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from importlib.resources import files
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -19,10 +19,10 @@ from cavirheo.reporting.record import curve_record
 from cavirheo.writing import digits
 from cavirheo.writing.terminal import once
 
+_HERE = Path(__file__).parent
 _TEMPLATES = Environment(
-    loader=FileSystemLoader(Path(__file__).parent), autoescape=True, undefined=StrictUndefined,
-    trim_blocks=True, lstrip_blocks=True,
-)  # fmt: skip
+    loader=FileSystemLoader(_HERE), autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True
+)
 _TEMPLATES.filters["percent"] = digits.percent
 _PARTS = _TEMPLATES.get_template("words.html").module
 
@@ -35,8 +35,7 @@ def part(name: str, *given: Any) -> str:
 def style() -> str:
     """The style of the page: that of the report for all that stands in .report, and its own."""
     report, page = (
-        files(room).joinpath(name).read_text(encoding="utf-8")
-        for room, name in (("cavirheo.reporting", "report.css"), ("cavirheo.app", "app.css"))
+        path.read_text(encoding="utf-8") for path in (_HERE.parent / "reporting/report.css", _HERE / "app.css")
     )
     return f".report {{\n{report}}}\n{page}"
 
@@ -59,18 +58,13 @@ def found(curves: Sequence[RadiusCurve], problems: Sequence[str]) -> str:
 
 
 def _cells(curve: RadiusCurve) -> tuple[str, ...]:
-    rate = curve.frame_rate
-    try:
+    """R_max, frame rate, frames with a radius, time that was recorded, collapses."""
+    rate, top, collapses = curve.frame_rate, digits.MISSING, digits.MISSING
+    with suppress(InputError):
         top, collapses = digits.micrometres(curve.max_radius), str(len(curve.collapse_times()))
-    except InputError:
-        top = collapses = digits.MISSING
-    return (
-        top,
-        digits.significant(rate / 1000) if rate else digits.MISSING,
-        f"{np.isfinite(curve.radius).sum()} of {len(curve.time)}",
-        f"{1e6 * np.ptp(curve.time):.4g}" if len(curve.time) else digits.MISSING,
-        collapses,
-    )
+    seen = f"{np.isfinite(curve.radius).sum()} of {len(curve.time)}"
+    recorded = f"{1e6 * np.ptp(curve.time):.4g}" if len(curve.time) else digits.MISSING
+    return top, digits.significant(rate / 1000) if rate else digits.MISSING, seen, recorded, collapses
 
 
 def prepared(curve: RadiusCurve, error: InputError | None = None) -> str:

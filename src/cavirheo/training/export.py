@@ -23,9 +23,9 @@ import numpy as np
 import onnx
 import torch
 
-from cavirheo.errors import InputError
+from cavirheo.errors import InputError, require
 from cavirheo.inference.model import predict
-from cavirheo.parameters import about
+from cavirheo.parameters import LOG10, about
 from cavirheo.problem import TrainingProblem
 from cavirheo.training.network import BubbleTransformer, Standardised
 from cavirheo.training.recipe import NetworkTable, Recipe
@@ -49,8 +49,8 @@ def export(recipe: Recipe, run_dir: str | Path, out_dir: str | Path, *, on: date
     except (OSError, ValueError) as error:
         message = f"{run} is not a finished run ({error}); finish it with `cavirheo train`"
         raise InputError(message, "export.unfinished") from error
-    if other := difference(result, recipe.settings()):
-        raise InputError(f"{run} was not trained with this recipe: {other}", "export.another_recipe")
+    other = difference(result, recipe.settings())
+    require(not other, f"{run} was not trained with this recipe: {other}", "export.another_recipe")
     model = load_model(run / "best.safetensors")
     with into(out_dir) as folder:
         target = folder / f"{recipe.export.name}.onnx"
@@ -58,10 +58,7 @@ def export(recipe: Recipe, run_dir: str | Path, out_dir: str | Path, *, on: date
             write_onnx(model, recipe.problem.grid.frames, temporary)
             deviation = largest_difference(model, temporary, np.load(run / "test.npz")["radius"])
             if not deviation <= TOLERANCE:
-                raise RuntimeError(
-                    f"the exported model differs from the trained one by {deviation:.2g} (at most {TOLERANCE:g}): "
-                    f"nothing was written"
-                )
+                raise RuntimeError(f"exported and trained model differ by {deviation:.2g}, more than {TOLERANCE:g}")
         content = card(target, recipe, result, deviation, on or datetime.now(UTC).date())
         write_text(target.with_suffix(".json"), card_text(content))
     return target
@@ -73,25 +70,19 @@ def load_model(checkpoint: Path) -> Standardised:
     problem, outputs = TrainingProblem.from_dict(note["problem"]), tuple(note["outputs"])
     network = BubbleTransformer(NetworkTable(**note["network"]), problem.grid.frames, len(outputs))
     network.load_state_dict(weights)
-    mean, std = scaling(problem.prior, outputs)
-    return Standardised(network, mean, std).eval()
+    return Standardised(network, *scaling(problem.prior, outputs)).eval()
 
 
 def write_onnx(model: Standardised, frames: int, path: Path) -> None:
     """One self-contained file with a free batch size, and without the exporter's notes of where our code lies."""
-    log = logging.getLogger("torch.onnx")
-    level = log.level
-    log.setLevel(logging.ERROR)  # it would tell the user about operators that we do not use
+    logging.getLogger("torch.onnx").setLevel(logging.ERROR)  # else it tells of operators that we do not use
     free = {"radius": {0: torch.export.Dim("batch", min=1)}}
-    try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # deprecations inside the exporter, not ours to mend
-            program = torch.onnx.export(
-                model, (torch.ones(2, frames),), input_names=["radius"], output_names=["theta"],
-                dynamic_shapes=free, opset_version=OPSET, dynamo=True, verbose=False,
-            )  # fmt: skip
-    finally:
-        log.setLevel(level)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # deprecations inside the exporter, not ours to mend
+        program = torch.onnx.export(
+            model, (torch.ones(2, frames),), input_names=["radius"], output_names=["theta"],
+            dynamic_shapes=free, opset_version=OPSET, dynamo=True, verbose=False,
+        )  # fmt: skip
     assert program is not None  # it is None only where a file is asked for
     content = program.model_proto
     for item in (*content.graph.node, *content.graph.value_info, *content.functions, content.graph, content):
@@ -110,7 +101,11 @@ def largest_difference(model: Standardised, path: Path, radius: np.ndarray) -> f
 
 def card(path: Path, recipe: Recipe, result: Mapping[str, Any], deviation: float, on: date) -> dict[str, Any]:
     """What an exported model is, and what it was made of."""
-    problem = recipe.problem
+    problem, sha256 = recipe.problem, hashlib.sha256(path.read_bytes()).hexdigest()
+    meaning = "R/R_max at R_max and at equal steps after it; the step is grid_step(R_max, medium)"
+    how = {key: result[key] for key in ("best_epoch", "best_validation_loss", "seconds", "device")}
+    packages = {package: version(package) for package in ("cavirheo", "numpy", "onnxruntime")}
+    scales = {output: "log10" if output.startswith(LOG10) else "linear" for output in recipe.outputs}
     return {
         "schema": 1,
         "name": path.stem,
@@ -118,35 +113,16 @@ def card(path: Path, recipe: Recipe, result: Mapping[str, Any], deviation: float
         "material": problem.material_name,
         "problem_id": problem.id,
         "problem": problem.to_dict(),
-        "input": {
-            "name": "radius",
-            "shape": ["batch", problem.grid.frames],
-            "dtype": "float32",
-            "meaning": "R/R_max at R_max and at equal steps after it; the step is grid_step(R_max, medium)",
-        },
-        "outputs": [
-            {"name": output, "unit": about(output).unit, "scale": "log10" if output.startswith("log10_") else "linear"}
-            for output in recipe.outputs
-        ],
-        "network": {**result["network"], "parameters": result["parameters"]},
-        "training": {
-            **result["training"],
-            **{key: result[key] for key in ("best_epoch", "best_validation_loss", "seconds", "device")},
-        },
+        "input": {"name": "radius", "shape": ["batch", problem.grid.frames], "dtype": "float32", "meaning": meaning},
+        "outputs": [{"name": name, "unit": about(name).unit, "scale": scale} for name, scale in scales.items()],
+        "network": result["network"] | {"parameters": result["parameters"]},
+        "training": result["training"] | how,
         # of the figure of the losses; more digits than can be seen would be most of the card
         "history": {part: [float(f"{loss:.5g}") for loss in losses] for part, losses in result["history"].items()},
         "data": result["data"],
         "metrics": result["metrics"],  # of the test part
-        "onnx": {
-            "sha256": hashlib.sha256(path.read_bytes()).hexdigest(),
-            "opset": OPSET,
-            "largest_difference_from_torch": deviation,
-        },
-        "versions": {
-            "python": platform.python_version(),
-            "torch": result["torch"],
-            **{package: version(package) for package in ("cavirheo", "numpy", "onnxruntime")},
-        },
+        "onnx": {"sha256": sha256, "opset": OPSET, "largest_difference_from_torch": deviation},
+        "versions": {"python": platform.python_version(), "torch": result["torch"]} | packages,
         "license": "MIT",
         "date": on.isoformat(),
     }

@@ -10,17 +10,11 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from cavirheo.arrays import Bools, Floats
-from cavirheo.errors import InputError
+from cavirheo.errors import require
 from cavirheo.parameters import LOG10, natural
 from cavirheo.prior import Prior
 
 BINS = 4  # of a parameter whose prior is not logarithmic; the others are cut by decades, or by halves of them in pairs
-
-
-def r2(truth: ArrayLike, predicted: ArrayLike) -> float:
-    """Coefficient of determination, 1 - sum of squared errors over that of the mean as predictor."""
-    truth, predicted = np.asarray(truth, dtype=float), np.asarray(predicted, dtype=float)
-    return float(1.0 - np.sum((predicted - truth) ** 2) / np.sum((truth - truth.mean()) ** 2))
 
 
 def metrics(names: Sequence[str], truth: ArrayLike, predicted: ArrayLike) -> dict[str, dict[str, float]]:
@@ -33,24 +27,22 @@ def metrics(names: Sequence[str], truth: ArrayLike, predicted: ArrayLike) -> dic
         InputError: fewer than 2 curves, or shapes that do not fit.
     """
     truth, predicted = np.asarray(truth, dtype=float), np.asarray(predicted, dtype=float)
-    if truth.shape != predicted.shape or truth.ndim != 2 or truth.shape[1] != len(names) or len(truth) < 2:
-        raise InputError(
-            f"need truth and prediction of at least 2 curves for {', '.join(names)}, "
-            f"got shapes {truth.shape} and {predicted.shape}",
-            "metrics.shape",
-        )
+    fine = truth.shape == predicted.shape == (max(len(truth), 2), len(names))
+    given = f"got shapes {truth.shape} and {predicted.shape}"
+    require(fine, f"need truth and prediction of 2 curves or more for {', '.join(names)}, {given}", "metrics.shape")
     result = {}
     for name, t, p in zip(names, truth.T, predicted.T, strict=True):
         t_natural, p_natural = natural(name, t), natural(name, p)
-        result[name] = {
-            "r2": r2(t, p),
-            "r2_natural": r2(t_natural, p_natural),
-            "median_absolute_error": float(np.median(np.abs(p - t))),
-            "p90_absolute_error": float(np.quantile(np.abs(p - t), 0.9)),
-            "rmse": float(np.sqrt(np.mean((p - t) ** 2))),
-            "bias": float(np.mean(p - t)),
-            "median_relative_error": float(np.median(np.abs(p_natural / t_natural - 1.0))),
+        found = {
+            "r2": _r2(t, p),
+            "r2_natural": _r2(t_natural, p_natural),
+            "median_absolute_error": np.median(np.abs(p - t)),
+            "p90_absolute_error": np.quantile(np.abs(p - t), 0.9),
+            "rmse": np.sqrt(np.mean((p - t) ** 2)),
+            "bias": np.mean(p - t),
+            "median_relative_error": np.median(np.abs(p_natural / t_natural - 1.0)),
         }
+        result[name] = {key: float(value) for key, value in found.items()}
     return result
 
 
@@ -67,49 +59,41 @@ def breakdown(outputs: Sequence[str], prior: Prior, theta: Floats, error: Floats
     result = {}
     for output, e in zip(outputs, error.T, strict=True):
         total = max(np.sum(e**2), np.finfo(float).tiny)
-        by_parameter = {
-            name: [
-                {
-                    "low": float(low),
-                    "high": float(high),
-                    "curves": int(inside.sum()),
-                    "bias": float(e[inside].mean()) if inside.any() else None,
-                    "rmse": _rms(e[inside]),
-                    "share": float(np.sum(e[inside] ** 2) / total),
-                }
-                for (low, high), inside in zip(pairwise(edges), masks, strict=True)
-            ]
-            for name, (edges, masks) in zip(prior.names, coarse, strict=True)
+        rows = {
+            name: [_row(e[inside], *ends, total) for ends, inside in zip(pairwise(edges), masks, strict=True)]
+            for name, (edges, masks) in coarse.items()
         }
-        by_pair = []
-        for i, j in combinations(range(len(prior.names)), 2):
-            (x_edges, x_masks), (y_edges, y_masks) = fine[i], fine[j]
-            cells = [[e[x & y] for y in y_masks] for x in x_masks]
-            by_pair.append(
-                {
-                    "x": prior.names[i],
-                    "y": prior.names[j],
-                    "x_edges": x_edges.tolist(),
-                    "y_edges": y_edges.tolist(),
-                    "curves": [[len(cell) for cell in row] for row in cells],
-                    "rmse": [[_rms(cell) for cell in row] for row in cells],
-                }
-            )
-        result[output] = {"by_parameter": by_parameter, "by_pair": by_pair}
+        maps = []
+        for (x, (x_edges, x_masks)), (y, (y_edges, y_masks)) in combinations(fine.items(), 2):
+            cells = [[e[i & j] for j in y_masks] for i in x_masks]
+            pair: dict[str, Any] = {"x": x, "y": y, "x_edges": x_edges, "y_edges": y_edges}
+            pair["curves"] = [[len(cell) for cell in row] for row in cells]
+            maps.append(pair | {"rmse": [[_rms(cell) for cell in row] for row in cells]})
+        result[output] = {"by_parameter": rows, "by_pair": maps}
     return result
 
 
-def _bins(prior: Prior, theta: Floats, width: float) -> list[tuple[Floats, list[Bools]]]:
-    """For each parameter the edges of its bins, and which curves lie in each; the ends of the prior belong to the
-    outermost."""
-    found = []
+def _bins(prior: Prior, theta: Floats, width: float) -> dict[str, tuple[list[float], list[Bools]]]:
+    """Of each parameter the edges of its bins, and which curves lie in each; the outermost include their ends."""
+    found = {}
     for name, low, high, values in zip(prior.names, prior.low, prior.high, theta.T, strict=True):
         count = max(1, round((high - low) / width)) if name.startswith(LOG10) else BINS
         edges = np.linspace(low, high, count + 1)
         place = np.clip(np.searchsorted(edges, values, side="right") - 1, 0, count - 1)
-        found.append((edges, [place == k for k in range(count)]))
+        found[name] = edges.tolist(), [place == k for k in range(count)]
     return found
+
+
+def _row(error: Floats, low: float, high: float, total: float) -> dict[str, Any]:
+    bias = float(error.mean()) if len(error) else None
+    row: dict[str, Any] = {"low": low, "high": high, "curves": len(error), "bias": bias, "rmse": _rms(error)}
+    return row | {"share": float(np.sum(error**2) / total)}
 
 
 def _rms(error: Floats) -> float | None:
     return float(np.sqrt(np.mean(error**2))) if len(error) else None
+
+
+def _r2(truth: Floats, predicted: Floats) -> float:
+    """Coefficient of determination: 1 - sum of squared errors over that of the mean as predictor."""
+    return float(1.0 - np.sum((predicted - truth) ** 2) / np.sum((truth - truth.mean()) ** 2))

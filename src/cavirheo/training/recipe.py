@@ -1,12 +1,7 @@
 """Recipe: one TOML file that says how a shipped model is made, from the problem to the name of the export.
 
-[problem]  material, medium (a name, or a table that starts from `name`), reference_max_radius_um,
-           frame_interval_us, frames
-[prior]    one [low, high] for each parameter of the material and for the stretch
-[data]     n, seed
-[network]  (optional) outputs and sizes; the defaults are the network of the paper
-[training] epochs, batch, lr, seed, schedule, warmup_steps, dropout_epochs
-[export]   name
+Its sections are the fields of `Recipe`. [prior] holds one [low, high] for each parameter of the material and for the
+stretch; `medium` is a name, or a table whose values replace those of the `name` in it; [network] may be left out.
 """
 
 from __future__ import annotations
@@ -18,8 +13,8 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, NonNegativeInt, PositiveFloat, PositiveInt, ValidationError
 
-from cavirheo.errors import InputError
-from cavirheo.physics.media import medium as named_medium
+from cavirheo.errors import InputError, require
+from cavirheo.physics.media import medium
 from cavirheo.prior import Prior
 from cavirheo.problem import FrameGrid, TrainingProblem
 
@@ -82,24 +77,23 @@ class Recipe(_Section):
     def problem(self) -> TrainingProblem:
         """Raises InputError where the physics does not accept the values."""
         table = self.problem_table
-        constants: dict[str, Any] = {"name": table.medium} if isinstance(table.medium, str) else table.medium
+        changed = {"name": table.medium} if isinstance(table.medium, str) else table.medium
+        constants: dict[str, Any] = {"name": "water"} | changed
         try:
-            medium = named_medium(**{"name": "water"} | constants)
+            liquid = medium(**constants)
         except TypeError as error:
             raise InputError(f"[problem] medium: {error}", "recipe.medium") from error
         grid = FrameGrid(table.frame_interval_us / 1e6, table.frames)
-        return TrainingProblem(
-            table.material, Prior.uniform(self.prior), medium, grid, table.reference_max_radius_um / 1e6
-        )
+        prior, reference = Prior.uniform(self.prior), table.reference_max_radius_um / 1e6
+        return TrainingProblem(table.material, prior, liquid, grid, reference)
 
     @property
     def outputs(self) -> tuple[str, ...]:
-        """What the network answers, in the order of its outputs."""
-        names = self.network.outputs or tuple(n for n in self.problem.prior.names if n != "stretch")
-        if unknown := sorted(set(names) - set(self.problem.prior.names)):
-            message = f"[network] outputs: {', '.join(unknown)} has no prior; it has {', '.join(self.prior)}"
-            raise InputError(message, "recipe.outputs")
-        return names
+        """What the network answers, in the order of its outputs. Raises InputError: one without a prior."""
+        unknown = ", ".join(name for name in self.network.outputs if name not in self.prior)
+        message = f"[network] outputs: {unknown} has no prior; it has {', '.join(self.prior)}"
+        require(not unknown, message, "recipe.outputs")
+        return self.network.outputs or tuple(name for name in self.prior if name != "stretch")
 
     def settings(self) -> dict[str, Any]:
         """All that decides the trained weights apart from the data: plain data for JSON."""
@@ -120,14 +114,14 @@ def read_recipe(path: str | Path) -> Recipe:
     try:
         recipe = Recipe.model_validate(tomllib.loads(Path(path).read_text(encoding="utf-8")))
         _ = recipe.problem, recipe.outputs
-    except (OSError, UnicodeDecodeError) as error:
-        raise InputError(f"cannot read the recipe {path}: {error}", "recipe.missing") from error
     except tomllib.TOMLDecodeError as error:
         raise InputError(f"{path} is not valid TOML: {error}", "recipe.syntax") from error
     except ValidationError as error:
         raise InputError(f"{path} cannot be used:\n{_explained(error)}", "recipe.value") from error
     except InputError as error:
         raise error.within(f"{path} cannot be used") from error
+    except (OSError, UnicodeDecodeError) as error:
+        raise InputError(f"cannot read the recipe {path}: {error}", "recipe.missing") from error
     return recipe
 
 
@@ -135,8 +129,7 @@ def _explained(error: ValidationError) -> str:
     """One line for each refused entry: where, what was given, what was expected."""
     lines = []
     for item in error.errors():
-        unknown = item["type"] == "extra_forbidden"
-        given = "" if unknown or item["type"] == "missing" else f", got {item['input']!r}"
-        where = ".".join(map(str, item["loc"]))
-        lines.append(f"  {where}: {'unknown key' if unknown else item['msg']}{given}")
+        said = {"extra_forbidden": "unknown key", "missing": item["msg"]}
+        where, what = ".".join(map(str, item["loc"])), f"{item['msg']}, got {item['input']!r}"
+        lines.append(f"  {where}: {said.get(item['type'], what)}")
     return "\n".join(lines)

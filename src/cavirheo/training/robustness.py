@@ -8,12 +8,10 @@ being fitted. A simulation knows no growth, so the recording begins at the frame
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from cavirheo.arrays import Floats
 from cavirheo.curve import RadiusCurve
@@ -22,12 +20,12 @@ from cavirheo.inference.amortised import Amortised
 from cavirheo.inference.model import Network
 from cavirheo.parallel import each
 from cavirheo.problem import TrainingProblem
-from cavirheo.training.dataset import Dataset
+from cavirheo.training.dataset import Dataset, Indices
 from cavirheo.training.metrics import metrics
-
-Indices = NDArray[np.int64]
+from cavirheo.writing.terminal import bar
 
 ANSWERS = 200  # curves that are also given the whole answer, a few tenths of a second each
+SEED = 0
 LONGER = 1.05  # the recording outlasts the network's grid by this: a fitted R_max that is too large needs later frames
 
 
@@ -53,97 +51,75 @@ RECORDINGS = (
 )
 
 
-def robustness(
-    network: Network,
-    data: Dataset,
-    chosen: Indices,
-    *,
-    answers: int = ANSWERS,
-    seed: int = 0,
-    workers: int | None = None,
-    done: Callable[[], None] | None = None,
-) -> dict[str, Any]:
+def robustness(network: Network, data: Dataset, chosen: Indices) -> dict[str, Any]:
     """Metrics of a network on the curves `chosen` of a set, filmed in every way.
 
     The network alone reads all of them; the whole answer (`cavirheo.infer`: the network and its correction at the true
-    scale) is found for `answers` of them, drawn at random. What a curve suffers depends on (seed, its index) alone.
-    `done` is called after each answer.
+    scale) is found for ANSWERS of them, drawn at random. What a curve suffers depends on (SEED, its index) alone.
 
     Returns:
         {"seed", "curves", "answers", "rows"}; a row is {"recording", "network", "network_same_curves", "answer",
         "answer_ok"}, each of the last four {"curves", "failed", "metrics"} (None with fewer than 2 answers), the answer
         with "verdicts"; answer_ok are those whose verdict is ok.
     """
-    problem, names, estimator = data.problem, network.outputs, Amortised(network, data.problem.medium)
-    truth = data.theta[chosen][:, [problem.prior.names.index(name) for name in names]]
-    everything = np.arange(len(chosen))
-    drawn = np.sort(np.random.default_rng(seed).permutation(len(chosen))[:answers])
+    names, estimator, truth = network.outputs, Amortised(network, data.problem.medium), data.truth(network.outputs)
+    nothing, R_max = np.full(len(names), np.nan), data.problem.reference_max_radius
+    drawn = np.sort(np.random.default_rng(SEED).permutation(len(chosen))[:ANSWERS])
 
     def alone(curve: RadiusCurve) -> Floats:
         try:
             return estimator.network_alone(curve)
         except InputError:  # counted as failed
-            return np.full(len(names), np.nan)
+            return nothing
 
-    def score(found: Floats, which: Indices) -> dict[str, Any]:
-        answered = np.isfinite(found).all(axis=1)
-        numbers = metrics(names, truth[which][answered], found[answered]) if answered.sum() >= 2 else None
-        return {"curves": len(found), "failed": int(np.sum(~answered)), "metrics": numbers}
+    def score(found: list[Floats], curves: Indices) -> dict[str, Any]:
+        answers = np.reshape(found, (len(curves), len(names)))
+        answered = np.isfinite(answers).all(axis=1)
+        numbers = metrics(names, truth[curves][answered], answers[answered]) if answered.sum() >= 2 else None
+        return {"curves": len(curves), "failed": int(np.sum(~answered)), "metrics": numbers}
 
     rows = []
     filmed: dict[tuple[float, float], list[tuple[Floats, Floats]]] = {}  # several ways film at the same times
-    for recording in RECORDINGS:
-        key = recording.frame_rate, recording.offset
-        if key not in filmed:
-            filmed[key] = film(problem, data.theta, chosen, recording, seed, workers)
-        curves = [
-            degrade(time, radius, problem.reference_max_radius, recording, seed, int(index))
-            for (time, radius), index in zip(filmed[key], chosen, strict=True)
-        ]
-        read = np.array([alone(curve) for curve in curves])
-        posteriors = each(estimator.infer, [curves[i] for i in drawn], workers, done)
-        answer = np.array([p.theta[0] if len(p.theta) else np.full(len(names), np.nan) for p in posteriors])
-        answer = answer.reshape(len(drawn), len(names))
-        ok = np.array([p.checks.verdict == "ok" for p in posteriors], dtype=bool)
-        rows.append(
-            {
-                "recording": asdict(recording),
-                "network": score(read, everything),
-                "network_same_curves": score(read[drawn], drawn),
-                "answer": score(answer, drawn) | {"verdicts": dict(Counter(p.checks.verdict for p in posteriors))},
-                "answer_ok": score(answer[ok], drawn[ok]),
-            }
-        )
-    return {"seed": seed, "curves": len(chosen), "answers": len(drawn), "rows": rows}
+    with bar("filming, answering", len(RECORDINGS) * len(drawn)) as advance:
+        for recording in RECORDINGS:
+            key = recording.frame_rate, recording.offset
+            if key not in filmed:
+                filmed[key] = film(data.problem, data.theta, chosen, recording)
+            curves = [degrade(*true, R_max, recording, i) for true, i in zip(filmed[key], chosen, strict=True)]
+            read = [alone(curve) for curve in curves]
+            posteriors = each(estimator.infer, [curves[i] for i in drawn], done=advance)
+            answers = [posterior.theta[0] if len(posterior.theta) else nothing for posterior in posteriors]
+            verdicts = [posterior.checks.verdict for posterior in posteriors]
+            ok = [i for i, verdict in enumerate(verdicts) if verdict == "ok"]
+            rows.append(
+                {
+                    "recording": asdict(recording),
+                    "network": score(read, chosen),
+                    "network_same_curves": score([read[i] for i in drawn], chosen[drawn]),
+                    "answer": score(answers, chosen[drawn]) | {"verdicts": dict(Counter(verdicts))},
+                    "answer_ok": score([answers[i] for i in ok], chosen[drawn[ok]]),
+                }
+            )
+    return {"seed": SEED, "curves": len(chosen), "answers": len(drawn), "rows": rows}
 
 
-def film(
-    problem: TrainingProblem,
-    theta: Floats,
-    chosen: Indices,
-    recording: Recording,
-    seed: int,
-    workers: int | None = None,
-) -> list[tuple[Floats, Floats]]:
+def film(problem: TrainingProblem, theta: Floats, chosen: Indices, recording: Recording) -> list[tuple[Floats, Floats]]:
     """For each chosen row of theta the times of the camera's frames (n,) s and the true radii (n,) m there."""
     step = problem.grid.frame_interval / recording.frame_rate
     count = int(np.ceil(LONGER * problem.grid.time[-1] / step)) + 1
-    offset = np.array([_random(seed, i, 0).uniform(-recording.offset, recording.offset) for i in chosen])
-    times = step * (np.arange(count) + offset[:, None])
+    offset = [_random(i, 0).uniform(-recording.offset, recording.offset) for i in chosen]
+    times = step * (np.arange(count) + np.array(offset)[:, None])
     since_max = np.abs(times)  # half a frame before R_max the curve is, to third order in time, that after it
     order = np.argsort(since_max, axis=1)
-    ascending = np.take_along_axis(since_max, order, axis=1)
-    runs = problem.simulate_many(theta[chosen], time=ascending, workers=workers)
+    runs = problem.simulate_many(theta[chosen], time=np.take_along_axis(since_max, order, axis=1))
     radii = np.empty_like(times)
-    np.put_along_axis(radii, order, np.array([run.radius for run in runs]).reshape(times.shape), axis=1)
+    np.put_along_axis(radii, order, np.reshape([run.radius for run in runs], times.shape), axis=1)
     return list(zip(times, radii, strict=True))
 
 
-def degrade(
-    time: Floats, radius: Floats, max_radius: float, recording: Recording, seed: int, index: int
-) -> RadiusCurve:
+def degrade(time: Floats, radius: Floats, max_radius: float, recording: Recording, index: int) -> RadiusCurve:
     """The measured curve from true radii (n,) m at the times (n,) s of the frames; R_max scales the noise."""
-    rng = _random(seed, index, 1)
+    rng = _random(index, 1)
     measured = radius + recording.noise * max_radius * rng.standard_normal(len(radius))
     lost = rng.permutation(len(radius))[: round(recording.missing * len(radius))]
     measured[lost] = np.nan
@@ -151,5 +127,5 @@ def degrade(
     return RadiusCurve(time, measured, meta={"name": f"curve {index}"})
 
 
-def _random(seed: int, index: int, stream: int) -> np.random.Generator:
-    return np.random.default_rng([seed, index, stream])
+def _random(index: int, stream: int) -> np.random.Generator:
+    return np.random.default_rng([SEED, index, stream])

@@ -1,7 +1,7 @@
 """Training: a recipe and a training set in, the weights of the best validation epoch out.
 
-All randomness of an epoch (order of the curves, dropout) follows from (seed, epoch), and last.safetensors
-holds the weights and the state of the optimiser: a run that was cut off ends at the weights it would have had.
+All randomness of an epoch (order of the curves, dropout) follows from (seed, epoch), and last.safetensors holds the
+weights and the state of the optimiser: a run that was cut off ends at the weights it would have had.
 
 Files in the run's folder (tensors with a JSON note, never pickle; each is written whole or not at all):
     last.safetensors   the state after the last complete epoch, with the settings and the history
@@ -27,9 +27,9 @@ import torch
 from safetensors import SafetensorError, safe_open
 from safetensors.torch import save_file
 from torch import Tensor
-from torch.nn import functional
+from torch.nn.functional import mse_loss
 
-from cavirheo.errors import InputError
+from cavirheo.errors import InputError, require
 from cavirheo.prior import Prior
 from cavirheo.training.dataset import load
 from cavirheo.training.metrics import metrics
@@ -41,23 +41,13 @@ from cavirheo.writing.terminal import bar
 EVALUATION_BATCH = 512
 NOTE = "cavirheo"
 
-OnEpoch = Callable[[Mapping[str, float]], None]
-
 
 def train(
-    recipe: Recipe,
-    data_dir: str | Path,
-    out_dir: str | Path,
-    *,
-    device: str | None = None,
-    threads: int | None = None,
-    progress: bool = True,
-    on_epoch: OnEpoch | None = None,
+    recipe: Recipe, data_dir: str | Path, out_dir: str | Path, *, device: str | None = None, threads: int | None = None
 ) -> dict[str, Any]:
     """Train the recipe's network, or go on with the run in `out_dir`; a finished run is only reported.
 
-    `device` is torch's name ("cpu", "cuda"; default: cuda if there is one). `on_epoch` is told each line of
-    the history, after the epoch is safe on disk.
+    `device` is torch's name ("cpu", "cuda"; default: cuda if there is one).
 
     Returns:
         The content of result.json.
@@ -72,7 +62,7 @@ def train(
         training = _Training(recipe, Path(data_dir), folder, chosen)
         training.resume()
         if not (folder / "result.json").exists():
-            training.fit(progress, on_epoch)
+            training.fit()
             training.finish()
         result: dict[str, Any] = json.loads((folder / "result.json").read_text(encoding="utf-8"))
     return result
@@ -100,18 +90,14 @@ class _Training:
     def __init__(self, recipe: Recipe, data_dir: Path, folder: Path, device: torch.device) -> None:
         self.recipe, self.settings, self.folder, self.device = recipe, recipe.training, folder, device
         self.data, problem = load(data_dir), recipe.problem
-        if self.data.problem.id != problem.id:
-            raise InputError(
-                f"{data_dir} was made for problem {self.data.problem.id}, "
-                f"the recipe is of {problem.id}: generate the data with this recipe",
-                "training.another_problem",
-            )
+        other = f"{data_dir} was made for problem {self.data.problem.id}, the recipe is of {problem.id}"
+        fine = self.data.problem.id == problem.id
+        require(fine, f"{other}: generate the data with this recipe", "training.another_problem")
         self.mean, self.std = scaling(problem.prior, recipe.outputs)
-        columns = [problem.prior.names.index(name) for name in recipe.outputs]
-        radius, theta = torch.from_numpy(self.data.radius), torch.tensor(self.data.theta[:, columns]).float()
-        target, split = (theta - self.mean) / self.std, self.data.split(self.settings.seed)
-        if small := [name for name, chosen in split.items() if len(chosen) < 2]:
-            raise InputError(f"too few usable curves in the {', '.join(small)} part of {len(theta)}")
+        target = (torch.tensor(self.data.truth(recipe.outputs)).float() - self.mean) / self.std
+        radius, split = torch.from_numpy(self.data.radius), self.data.split(self.settings.seed)
+        for name, curves in split.items():
+            require(len(curves) >= 2, f"too few usable curves in the {name} part of {len(radius)}")
         # radius (curves, frames) and target (curves, outputs) of "train", "validation", "test"
         self.parts = {name: (radius[i].to(device), target[i].to(device)) for name, i in split.items()}
         self.steps_per_epoch = math.ceil(len(split["train"]) / self.settings.batch)
@@ -122,25 +108,21 @@ class _Training:
         # what must not change within a run
         self.identity = json.loads(json.dumps(recipe.settings() | {"data": self.data.sha256}))
 
-    def fit(self, progress: bool, on_epoch: OnEpoch | None) -> None:
+    def fit(self) -> None:
         epochs, done = self.settings.epochs, len(self.history)
-        what = f"training, epoch {min(done + 1, epochs)}/{epochs}"
-        with bar(what, epochs * self.steps_per_epoch, shown=progress) as advance:
+        with bar("training", epochs * self.steps_per_epoch) as advance:
             advance(done * self.steps_per_epoch)
             for epoch in range(done, epochs):
+                best = min((line["validation"] for line in self.history), default=math.inf)
+                advance(0, what=f"training, epoch {epoch + 1}/{epochs}, best validation loss {best:.5f}")
                 began = time.perf_counter()
-                train_loss = self._epoch(epoch, advance)
-                validation_loss = float(functional.mse_loss(self._predict("validation"), self.parts["validation"][1]))
-                if not (math.isfinite(train_loss) and math.isfinite(validation_loss)):
-                    raise InputError(f"the loss is not finite in epoch {epoch + 1}: lower lr or add warmup_steps")
-                line = {"epoch": epoch + 1, "train": train_loss, "validation": validation_loss}
+                loss = self._epoch(epoch, advance)
+                validation = float(mse_loss(self._predict("validation"), self.parts["validation"][1]))
+                finite = math.isfinite(loss) and math.isfinite(validation)
+                require(finite, f"the loss is not finite in epoch {epoch + 1}: lower lr or add warmup_steps")
+                line = {"epoch": epoch + 1, "train": loss, "validation": validation}
                 self.history.append(line | {"seconds": round(time.perf_counter() - began, 3)})
-                best = min(entry["validation"] for entry in self.history)
-                self._save(validation_loss <= best)
-                losses = f"loss {train_loss:.5f}, validation {validation_loss:.5f} (best {best:.5f})"
-                advance(0, what=f"training, epoch {min(epoch + 2, epochs)}/{epochs}, {losses}")
-                if on_epoch is not None:
-                    on_epoch(self.history[-1])
+                self._save(validation <= best)
 
     def _epoch(self, epoch: int, step_done: Callable[[], None]) -> float:
         """One pass over the training part; the mean of its curves' losses, each taken before its step."""
@@ -152,7 +134,7 @@ class _Training:
         for step, batch in enumerate(order.split(self.settings.batch), start=epoch * self.steps_per_epoch):
             for group in self.optimiser.param_groups:
                 group["lr"] = learning_rate(self.settings, step, self.steps_per_epoch)
-            loss = functional.mse_loss(self.network(radius[batch]), target[batch])
+            loss = mse_loss(self.network(radius[batch]), target[batch])
             self.optimiser.zero_grad()
             loss.backward()
             self.optimiser.step()
@@ -177,32 +159,23 @@ class _Training:
         write_text(self.folder / "history.jsonl", "".join(json.dumps(entry) + "\n" for entry in self.history))
 
     def resume(self) -> None:
-        """Take up the state of the folder, if there is one."""
+        """Take up the state of the folder, if there is one. Raises InputError: it is of another run."""
         path = self.folder / "last.safetensors"
         if not path.exists():
-            if (self.folder / "result.json").exists():
-                raise InputError(f"{self.folder} holds a result but not the run's {path.name}: use another folder")
+            done = (self.folder / "result.json").exists()
+            require(not done, f"{self.folder} holds a result but not the run's {path.name}: use another folder")
             return
         state, about = read_tensors(path)
-        if other := difference(about["identity"], self.identity):
-            raise InputError(
-                f"{self.folder} holds another run ({other}): "
-                f"use another folder, or the recipe and data that it was begun with",
-                "training.another_run",
-            )
+        other = difference(about["identity"], self.identity)
+        mend = "use another folder, or the recipe and data that it was begun with"
+        require(not other, f"{self.folder} holds another run ({other}): {mend}", "training.another_run")
         self.history = about["history"]
-        weights: dict[str, Tensor] = {}
         adam: dict[int, dict[str, Tensor]] = {}
-        for key, tensor in state.items():
-            kind, _, name = key.partition(".")
-            if kind == "network":
-                weights[name] = tensor
-            else:
-                index, _, name = name.partition(".")
-                adam.setdefault(int(index), {})[name] = tensor
-        self.network.load_state_dict(weights)
-        groups = self.optimiser.state_dict()["param_groups"]
-        self.optimiser.load_state_dict({"state": adam, "param_groups": groups})
+        for key in state.keys() - {f"network.{name}" for name in self.network.state_dict()}:
+            _, index, name = key.split(".")
+            adam.setdefault(int(index), {})[name] = state.pop(key)
+        self.network.load_state_dict({key.removeprefix("network."): tensor for key, tensor in state.items()})
+        self.optimiser.load_state_dict(self.optimiser.state_dict() | {"state": adam})
 
     def finish(self) -> None:
         """Look at the test part with the best weights and write the result."""
@@ -211,24 +184,19 @@ class _Training:
         radius, target = (tensor.cpu() for tensor in self.parts["test"])
         truth, predicted = ((t * self.std + self.mean).numpy() for t in (target, self._predict("test").cpu()))
         np.savez(self.folder / "test.npz", radius=radius.numpy(), truth=truth, predicted=predicted)
-        data = self.data
+        data, cuda = self.data, self.device.type == "cuda"
+        made = {"n": len(data.theta), "seed": data.seed, "sha256": data.sha256, "failures": data.failures}
+        parts = {part: len(radius) for part, (radius, _) in self.parts.items()}
         result = self.recipe.settings() | {
             "problem_id": self.recipe.problem.id,
             "epochs": len(self.history),
             "best_epoch": about["epoch"],
             "best_validation_loss": about["validation_loss"],
             "seconds": round(sum(entry["seconds"] for entry in self.history), 1),
-            "device": torch.cuda.get_device_name(self.device) if self.device.type == "cuda" else self.device.type,
+            "device": torch.cuda.get_device_name(self.device) if cuda else self.device.type,
             "parameters": sum(p.numel() for p in self.network.parameters()),
             "history": {key: [entry[key] for entry in self.history] for key in ("train", "validation")},
-            "data": {
-                "n": len(data.theta),
-                "seed": data.seed,
-                "sha256": data.sha256,
-                "failures": data.failures,
-                "made_by": data.made_by,
-                **{part: len(radius) for part, (radius, _) in self.parts.items()},
-            },
+            "data": made | {"made_by": data.made_by} | parts,
             "metrics": metrics(self.recipe.outputs, truth, predicted),
             "torch": torch.__version__,
         }

@@ -28,5 +28,5 @@ def evaluate(
         from cavirheo.physics.simulate import load_solver
 
         load_solver()
-    print(markdown(judge(path_of(model), data, out, robust=robustness, progress=True)))
+    print(markdown(judge(path_of(model), data, out, robust=robustness)))
     print(f"written to {out}", file=sys.stderr)
