@@ -50,8 +50,8 @@ def one(job: tuple[str, int, bool]) -> dict:
     return {
         "truth": truth,
         "seed": seed,
-        "log_evidence": {law: value and value.log for law, value in found.evidence.items()},
-        "error": {law: value and value.error for law, value in found.evidence.items()},
+        "log_evidence": found.log_evidence,
+        "error": found.error,
         "contenders": found.contenders,
         "chosen": found.chosen,
         "ess": {law: answer.diagnostics.effective_sample_size for law, answer in found.answers.items()},

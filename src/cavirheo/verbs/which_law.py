@@ -61,11 +61,11 @@ def _weighed(one: Ranking, curve: RadiusCurve | None = None) -> WeighedLaws:
     probability = one.probability
     laws = {
         law: WeighedLaw(
-            log_evidence=found.log if found else None,
-            standard_error=found.error if found else None,
+            log_evidence=value,
+            standard_error=one.error[law],
             probability=probability.get(law),
             answer=curve_record(curve, one.answers[law]) if curve else None,
         )
-        for law, found in one.evidence.items()
+        for law, value in one.log_evidence.items()
     }
     return WeighedLaws(name=one.name, shots=one.shots, chosen=one.chosen, contenders=one.contenders, laws=laws)

@@ -35,6 +35,16 @@ class Ranking:
     answers: dict[str, Posterior]
 
     @property
+    def log_evidence(self) -> dict[str, float | None]:
+        """By law."""
+        return {law: found.log if found else None for law, found in self.evidence.items()}
+
+    @property
+    def error(self) -> dict[str, float | None]:
+        """Standard error of the log evidence, by law."""
+        return {law: found.error if found else None for law, found in self.evidence.items()}
+
+    @property
     def probability(self) -> dict[str, float]:
         """Of the laws that have an evidence, all being equally likely before."""
         known = {law: found.log for law, found in self.evidence.items() if found}
