@@ -18,18 +18,7 @@ _PICTURES = ("png", "svg")
 
 
 def write_zip(session: Session) -> Path:
-    """cavirheo-result.zip in the visitor's folder.
-
-    | in it | what |
-    |---|---|
-    | result.json, result.csv, report.html, NAME.png, NAME.svg | as the command line writes them |
-    | processed/NAME.csv | the curve as it was used: times from the file, radii scaled, frames without a radius nan |
-    | simulated/NAME.csv | the simulation of the answer that was laid over it |
-    | least-squares/ | the same documents for the conventional fits that were made |
-
-    Raises:
-        InputError: there is no answer yet.
-    """
+    """cavirheo-result.zip in the visitor's folder (docs/how-to/app.md, step 5). Raises InputError: no answer yet."""
     if (answers := session.answers) is None:
         raise InputError("nothing to export: infer first (step 3)", "app.no_answer")
     with TemporaryDirectory(dir=session.folder) as name:

@@ -96,16 +96,9 @@ def checked(
 
 
 def lines(found: Checks, start: float = 0.0) -> dict[str, Any]:
-    """{x, y} of a simulation and of its residual: µm and % of R_max over µs after `start` (s); empty if it failed.
-
-    Five digits: finer than any screen.
-    """
-    simulated = found.reconstruction_time, found.reconstruction_radius, 1e6
-    residual = found.compared_time, found.residual_over_rmax, 100.0
-    x, y = [], []
-    for time, values, scale in (simulated, residual):
-        x.append([] if time is None else _short(1e6 * (time - start)))
-        y.append([] if values is None else _short(scale * values))
+    """{x, y} of a simulation and of its residual: µm and % of R_max over µs after `start` (s); empty if it failed."""
+    x = [_short(found.reconstruction_time, 1e6, start), _short(found.compared_time, 1e6, start)]
+    y = [_short(found.reconstruction_radius, 1e6), _short(found.residual_over_rmax, 100.0)]
     return {"x": x, "y": y}
 
 
@@ -142,8 +135,9 @@ def _figure(x: str, y: str) -> go.Figure:
     return figure
 
 
-def _short(values: Floats) -> list[float]:
-    return [float(f"{value:.5g}") for value in values]
+def _short(values: Floats | None, scale: float, start: float = 0.0) -> list[float]:
+    """Five digits: finer than any screen."""
+    return [] if values is None else [float(f"{value:.5g}") for value in scale * (values - start)]
 
 
 def _thin(x: Floats, y: Floats) -> tuple[Floats, Floats]:

@@ -43,19 +43,17 @@ def evaluate(model: Path, data_dir: Path, out_dir: Path | None = None, *, robust
     """Judge an exported model (.onnx with its card) on a set; tables and the paper's figures go into `out_dir`.
 
     On the set that it was trained on, or one of the same draws made anew, only the test part counts; on any other,
-    every usable curve. `robust` films the curves anew with noise, other frame rates and gaps: minutes of simulation.
+    every usable curve. `robust` films the curves anew (robustness.py): minutes of simulation.
 
     Returns:
-        {"model", "data", "part", "curves", "failures", "outputs", "metrics", "breakdown", "robustness", "figures"}, as
-        in `out_dir`/metrics.json; robustness is None unless asked for.
+        What `out_dir`/metrics.json holds; robustness is None unless asked for.
 
     Raises:
         InputError: the set has no truth for an output of the model, or another grid of times; it shares draws with
             the training set without being the whole of it; fewer than 2 curves; no matplotlib for the figures.
     """
     network, data = Network(model), load(data_dir)
-    _check_fits(network, data)
-    own = _same_bubbles(network, data)
+    own = _trained_on(network, data)
     chosen = data.split(network.card["training"]["seed"])["test"] if own else np.flatnonzero(data.ok)
     names, theta = network.outputs, data.theta[chosen]
     truth, predicted = data.truth(names)[chosen], network(data.radius[chosen])
@@ -79,23 +77,21 @@ def evaluate(model: Path, data_dir: Path, out_dir: Path | None = None, *, robust
     return result
 
 
-def _check_fits(network: Network, data: Dataset) -> None:
-    """Raises InputError: the set has no truth for an output, or its curves are not what the network reads."""
-    known = data.problem.prior.names
+def _trained_on(network: Network, data: Dataset) -> bool:
+    """Whether the set holds the draws of the model's training set, by whichever version of the solver.
+
+    Raises InputError: no truth for an output, curves that the network cannot read, or some of those draws only.
+    """
+    trained, known = network.card["data"], data.problem.prior.names
     missing = ", ".join(name for name in network.outputs if name not in known)
     require(not missing, f"the set has no {missing}, which the model answers; it has {', '.join(known)}")
     here, needed = data.problem.to_dict(), network.problem.to_dict()
     for part in ("camera", "reference_max_radius"):
         other = f"the model needs {part} {needed[part]}, the set was made with {here[part]}"
         require(here[part] == needed[part], other, "evaluate.grid")
-
-
-def _same_bubbles(network: Network, data: Dataset) -> bool:
-    """Whether the set holds the draws of the model's training set, by whichever version of the solver."""
-    trained = network.card["data"]
     if data.sha256 == trained["sha256"]:
         return True
-    if data.seed != trained["seed"] or data.problem.prior.to_dict() != network.problem.prior.to_dict():
+    if (data.seed, here["prior"]) != (trained["seed"], needed["prior"]):
         return False
     some = f"{len(data.theta)} curves with prior and seed ({data.seed}) of the model's training set of {trained['n']}"
     mend = "some of them were trained on; generate them with another --seed"

@@ -59,8 +59,10 @@ def export(recipe: Recipe, run_dir: str | Path, out_dir: str | Path, *, on: date
             deviation = largest_difference(model, temporary, np.load(run / "test.npz")["radius"])
             if not deviation <= TOLERANCE:
                 raise RuntimeError(f"exported and trained model differ by {deviation:.2g}, more than {TOLERANCE:g}")
-        content = card(target, recipe, result, deviation, on or datetime.now(UTC).date())
-        write_text(target.with_suffix(".json"), card_text(content))
+        text = json.dumps(card(target, recipe, result, deviation, on or datetime.now(UTC).date()), indent=2)
+        # a list of numbers on one line
+        text = re.sub(r"\[\s+([-+.\deE,\s]+?)\s+\]", lambda found: f"[{' '.join(found[1].split())}]", text)
+        write_text(target.with_suffix(".json"), text + "\n")
     return target
 
 
@@ -126,9 +128,3 @@ def card(path: Path, recipe: Recipe, result: Mapping[str, Any], deviation: float
         "license": "MIT",
         "date": on.isoformat(),
     }
-
-
-def card_text(content: Mapping[str, Any]) -> str:
-    """A card as JSON, a list of numbers on one line."""
-    text = json.dumps(content, indent=2)
-    return re.sub(r"\[\s+([-+.\deE,\s]+?)\s+\]", lambda m: f"[{' '.join(m[1].split())}]", text) + "\n"

@@ -1,8 +1,7 @@
 """What a worse recording costs: a model's metrics on simulated curves filmed with noise, at another frame rate, ...
 
-The camera films the true curve: radii at its own times come from the solver, not from the curves of the set. The
-recording then goes the way of every measurement (RadiusCurve, inference/amortised.py), its R_max and the time of it
-being fitted. A simulation knows no growth, so the recording begins at the frame nearest to R_max.
+Radii at the camera's own times come from the solver, not from the curves of the set. The recording then goes the way
+of every measurement, R_max and its time being fitted. Without growth it begins at the frame nearest to R_max.
 """
 
 from __future__ import annotations

@@ -1,16 +1,16 @@
 """Training: a recipe and a training set in, the weights of the best validation epoch out.
 
-All randomness of an epoch (order of the curves, dropout) follows from (seed, epoch), and last.safetensors holds the
-weights and the state of the optimiser: a run that was cut off ends at the weights it would have had.
+All randomness of an epoch (order of the curves, dropout) follows from (seed, epoch): a run that was cut off ends at
+the weights it would have had.
 
 Files in the run's folder (tensors with a JSON note, never pickle; each is written whole or not at all):
-    last.safetensors   the state after the last complete epoch, with the settings and the history
-    best.safetensors   the weights of the epoch with the lowest validation loss
-    history.jsonl      one line per epoch: loss on the training and the validation part, seconds
+    last.safetensors   weights and optimiser after the last complete epoch, settings, history
+    best.safetensors   weights of the epoch with the lowest validation loss
+    history.jsonl      one line per epoch: losses of the training and the validation part, seconds
     test.npz           curves, truth and predictions of the test part, which is looked at once, at the end
     result.json        what came out, and of what: becomes the card of the exported model
 
-This module needs numpy, h5py, pydantic, rich, safetensors and torch only, so it runs where nothing else is installed.
+Only numpy, scipy, h5py, pydantic, rich, safetensors and torch are needed here.
 """
 
 from __future__ import annotations
@@ -45,12 +45,9 @@ NOTE = "cavirheo"
 def train(
     recipe: Recipe, data_dir: str | Path, out_dir: str | Path, *, device: str | None = None, threads: int | None = None
 ) -> dict[str, Any]:
-    """Train the recipe's network, or go on with the run in `out_dir`; a finished run is only reported.
+    """Train the recipe's network, or go on with the run in `out_dir`; the content of its result.json.
 
     `device` is torch's name ("cpu", "cuda"; default: cuda if there is one).
-
-    Returns:
-        The content of result.json.
 
     Raises:
         InputError: the data were made for another problem, or the folder holds another run.
@@ -159,7 +156,7 @@ class _Training:
         write_text(self.folder / "history.jsonl", "".join(json.dumps(entry) + "\n" for entry in self.history))
 
     def resume(self) -> None:
-        """Take up the state of the folder, if there is one. Raises InputError: it is of another run."""
+        """Take up the state of the folder, if there is one."""
         path = self.folder / "last.safetensors"
         if not path.exists():
             done = (self.folder / "result.json").exists()
@@ -171,7 +168,7 @@ class _Training:
         require(not other, f"{self.folder} holds another run ({other}): {mend}", "training.another_run")
         self.history = about["history"]
         adam: dict[int, dict[str, Tensor]] = {}
-        for key in state.keys() - {f"network.{name}" for name in self.network.state_dict()}:
+        for key in [key for key in state if key.startswith("adam.")]:
             _, index, name = key.split(".")
             adam.setdefault(int(index), {})[name] = state.pop(key)
         self.network.load_state_dict({key.removeprefix("network."): tensor for key, tensor in state.items()})
