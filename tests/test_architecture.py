@@ -31,7 +31,7 @@ ROOMS = (  # from the ground up: a room imports those below it, and only those t
     ("training", "errors parallel parameters prior curve physics problem inference writing"),
     ("reporting", "errors parallel parameters posterior curve writing"),
     ("beside", "errors parallel parameters landmarks posterior curve reading physics inference reporting writing"),
-    ("app", "errors parallel parameters posterior curve reading physics inference reporting writing"),
+    ("app", "errors parallel parameters posterior curve reading physics problem inference reporting writing"),
     ("loading", "errors reporting training beside writing"),
 )
 MAY_USE = {room: {"arrays", *below.split()} - {room} for room, below in ROOMS}

@@ -612,6 +612,7 @@ def test_verify_from_the_command_line(run, tmp_path):
         ("infer", "gel.csv", "--verify", "maybe"),
         ("fit", "gel.csv", "--joint", "--verify", "full"),
         ("infer", "gel.csv", "--exposure-us", "0.3"),
+        ("infer", "gel.csv", "--exact-law"),
     ):
         status, _, err = run(*words)
         assert status == 2
