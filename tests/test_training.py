@@ -268,7 +268,6 @@ def test_figures(tmp_path, monkeypatch):
     truth, card = theta[:, :1], {"history": {"train": [2.0, 1.0], "validation": [1.5, 0.9]}}
     predicted = truth + 0.1 * np.random.default_rng(0).standard_normal(truth.shape)
     result = {
-        "outputs": names,
         "metrics": metrics(names, truth, predicted),
         "breakdown": breakdown(names, prior, theta, predicted - truth),
         "robustness": None,
@@ -277,7 +276,13 @@ def test_figures(tmp_path, monkeypatch):
     assert drawn == ["loss.png", "predicted.png", "error.png", "error_map.png", "error_share.png"]
     assert min((tmp_path / name).stat().st_size for name in drawn) > 10_000
     monkeypatch.setattr(figure, "savefig", lambda *_, **__: None)
-    assert figures.draw(tmp_path, {}, result, truth, predicted) == drawn[1:]  # a card without a history
+    unknown = {"recording": {"name": "blind"}, "network": {"metrics": None}, "answer": {"metrics": None}}
+    two = {  # outputs, and a card without a history
+        "metrics": metrics(prior.names, theta, theta + 0.1),
+        "breakdown": breakdown(prior.names, prior, theta, np.full(theta.shape, 0.1)),
+        "robustness": {"curves": 60, "answers": 0, "rows": [unknown]},
+    }
+    assert figures.draw(tmp_path, {}, two, theta, theta + 0.1) == [*drawn[1:], "robustness.png"]
     monkeypatch.setitem(sys.modules, "matplotlib", None)
     refused("figures.matplotlib", figures.draw, tmp_path, {}, result, truth, predicted)
 
