@@ -463,16 +463,18 @@ def test_picture_shows_measurement_answer_and_residual(pairs):
         assert part in " ".join(words(drawn))
 
 
-def test_the_answer_stays_inside_the_picture():
-    """Whatever its length."""
-    curve = bubble()
-    posterior = answer(curve, 123456.0, 0.01234, draws=400)
+@pytest.mark.parametrize(("G", "width"), [(123456.0, 0.3), (5800.0, 0.04), (5800.0, 0.4)])
+def test_the_answer_stays_inside_the_picture(G, width):
+    """Whatever its length, as it is drawn."""
+    curve = bubble(top=2.67e-4)
+    posterior = answer(curve, G, 0.0285, draws=400)
     posterior = replace(
         posterior, names=(*NAMES, "stretch"), units=("Pa", "Pa s", "1"),
-        theta=np.hstack([posterior.theta, np.random.default_rng(1).normal(8.0, 0.3, (400, 1))]),
+        theta=np.hstack([posterior.theta, np.random.default_rng(1).normal(8.735, width, (400, 1))]),
     )  # fmt: skip
     on = picture.CurvePicture()
     assert curve_picture(curve, posterior, on)
+    style.drawn(on.figure)
     box, answer_in_it = on.box.get_window_extent(), on.answer.get_window_extent()
     assert on.answer.get_text().count(" = ") == 4
     assert box.x0 < answer_in_it.x0 < answer_in_it.x1 < box.x1

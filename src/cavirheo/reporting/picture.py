@@ -37,6 +37,7 @@ class CurvePicture:
         from matplotlib.patches import Rectangle
 
         self.figure = figure = style.new_figure(4.5)
+        figure.set_dpi(style.DPI)  # words are measured as they will be drawn
         self.upper, self.lower = (style.new_axes(figure, place, " ", " ") for place in (_WHOLE, _LOWER))
         for axes, height in ((self.upper, _WHOLE[3]), (self.lower, _LOWER[3])):
             axes.xaxis.set_label_coords(0.5, -0.066 / height)
@@ -106,9 +107,10 @@ class CurvePicture:
         answer.append(f"µ = {digits.quantity(mu, unit='Pa s')}")
         answer += [] if stretch.median is None else [f"λ = {digits.quantity(stretch)}"]
         answer.append(f"{_RMAX} = {digits.micrometres(record.max_radius_m)} µm")
-        self.answer.set(text="\u2003\u2002".join(answer), fontsize=9.5)
-        taken = self.answer.get_window_extent().width / self.figure.bbox.width
-        self.answer.set_fontsize(9.5 * min(1.0, (_WIDTH - 0.02) / taken))  # within the box
+        for size in np.arange(9.5, 5.0, -0.25):  # within the box; glyphs have whole pixels, so no size can be computed
+            self.answer.set(text="\u2003\u2002".join(answer), fontsize=size)
+            if self.answer.get_window_extent().width < (_WIDTH - 0.04) * self.figure.bbox.width:
+                break
 
     def _show_lines(self, curve: RadiusCurve, checks: Checks) -> None:
         x, y = _scales(curve)
