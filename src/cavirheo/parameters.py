@@ -27,6 +27,9 @@ class Parameter(NamedTuple):
     started: tuple[float, float] | None = None
 
 
+STRETCH_RANGE = (1.2, 16.0)  # in which R_max/R_0 is looked for
+
+
 def _log10(low: float, high: float) -> tuple[float, float]:
     return float(np.log10(low)), float(np.log10(high))
 
@@ -53,7 +56,7 @@ PARAMETERS: dict[str, Parameter] = {
     "relaxation_time": Parameter("tau_1", "s", (-8.0, -3.0), (-7.0, -5.0)),
     "retardation_time": Parameter("tau_2", "s", (-9.0, -3.0), (-8.0, -6.0)),
     # of a shot
-    "stretch": Parameter("λ", "1", _log10(1.2, 16.0), _log10(3.0, 12.0)),
+    "stretch": Parameter("λ", "1", _log10(*STRETCH_RANGE), _log10(3.0, 12.0)),
     "time_origin": Parameter("t_0", "s"),
     "radius_scale": Parameter("scale", "1"),
     "max_radius_factor": Parameter("R_max factor", "1"),

@@ -11,12 +11,12 @@ from scipy.optimize import minimize_scalar
 from cavirheo.arrays import Floats
 from cavirheo.curve import RadiusCurve
 from cavirheo.errors import SolverError, require
+from cavirheo.parameters import STRETCH_RANGE
 from cavirheo.physics.materials import Material
 from cavirheo.physics.media import Medium
 from cavirheo.physics.simulate import simulate, simulate_many
 from cavirheo.posterior import Checks, Verdict
 
-STRETCH_RANGE = (1.2, 16.0)  # in which R_max/R_0 is looked for
 MISFIT = 0.06  # RMSE/R_max above which the model is said not to fit (docs/method/verdicts.md)
 _DRAWN = 800  # points of the drawn reconstruction
 

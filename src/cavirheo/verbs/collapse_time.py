@@ -5,19 +5,15 @@ from __future__ import annotations
 import sys
 from dataclasses import asdict
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
 from cavirheo.errors import require
-from cavirheo.verbs.options import FROM_OPTIONS, Out, with_surroundings
+from cavirheo.verbs.options import FROM_OPTIONS, Liquid, Out
 from cavirheo.verbs.run import Run
 
-if TYPE_CHECKING:
-    from cavirheo.physics.media import Medium
 
-
-@with_surroundings
 def collapse_time(
     files: Annotated[
         list[Path],
@@ -30,7 +26,7 @@ def collapse_time(
     stretch: Annotated[
         float | None, typer.Option(help="R_max/R_0 of curves (default: their late plateau) and of tables without it")
     ] = None,
-    liquid: Medium = FROM_OPTIONS,
+    liquid: Liquid = FROM_OPTIONS,
     out: Out = Path("cavirheo-collapse-time"),
 ) -> None:
     """G and µ from the times of the first collapse alone: one answer per table, or per file or folder of curves."""

@@ -27,10 +27,9 @@ def compare(
     """Published values of many sets beside ours, with relative errors: tables, a picture and a report per set."""
     from cavirheo.beside.published import compare as compare_sets
     from cavirheo.beside.published.comparison import print_table
-
-    run = Run()
     from cavirheo.physics.simulate import load_solver
 
+    run = Run()
     load_solver()
     with bar("inferring") as advance:
         result = compare_sets(

@@ -41,7 +41,7 @@ Named = Annotated[str, Option(help="named constants: water, bu2026, estrada2018,
 
 def with_surroundings(verb: Callable[..., None]) -> Callable[..., None]:
     """A verb whose argument `liquid` (a Medium), if it has one, is given by the options of the surroundings."""
-    takes = inspect.signature(verb, locals={"Medium": Any}, eval_str=True).parameters
+    takes = inspect.signature(verb, eval_str=True).parameters
     if "liquid" not in takes:
         return verb
 

@@ -13,7 +13,7 @@ from threadpoolctl import threadpool_limits
 from cavirheo.arrays import Floats
 from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError, SolverError, require
-from cavirheo.inference.experiment import FINE, FREE, Experiment, Options
+from cavirheo.inference.experiment import FINE, FREE, SCALE_BOUND, Experiment, Options
 from cavirheo.inference.fit.least_squares import LeastSquares
 from cavirheo.inference.fit.starts import Scan
 from cavirheo.inference.law import Family
@@ -36,15 +36,19 @@ _INSIDE = 1e-3  # of the probability, that a start keeps away from the bounds: i
 
 
 @dataclass(frozen=True)
-class Verification(Options):
-    """How an answer is verified: the options of its experiment, by default with free clock, scale and R_max, and
+class Verification:
+    """How an answer is verified. The window is the answer's own.
 
+    stretch, free, t0_bound, scale_bound: as in `fit_many`; clock, scale and R_max are free by default.
     level: "map" (maximum and Laplace's Gaussian) or "full" (weighted draws). discrepancy: allow for what no simulation
     follows (noise.py); without it the law is taken as exact. ranges: of the priors, {"shear_modulus": [low, high] in
     SI}; default those that a fit searches. draws: at most so many weighted ones. Raises InputError.
     """
 
+    stretch: float | str | None = None
     free: tuple[str, ...] = tuple(FREE)
+    t0_bound: float | None = None
+    scale_bound: float = SCALE_BOUND
     level: Literal["map", "full"] = "full"
     medium: Medium = WATER
     discrepancy: bool = True
@@ -56,7 +60,11 @@ class Verification(Options):
     def __post_init__(self) -> None:
         require(self.level in ("map", "full"), f"verify must be map or full, got {self.level!r}", "option.verify")
         require(self.draws >= 10, f"a posterior needs at least 10 draws, got {self.draws}", "option.draws")
-        super().__post_init__()
+        self.options(None, self.t0_bound)
+
+    def options(self, end: float | None, t0_bound: float | None) -> Options:
+        """Of the experiment on a window that ends at `end`, s. Raises InputError."""
+        return Options(None, end, self.stretch, tuple(self.free), t0_bound, self.scale_bound)
 
 
 def verify(curve: RadiusCurve, answer: Posterior, **settings: Any) -> Posterior:
@@ -104,7 +112,7 @@ class _Work:
         scale, frame = settings.medium.time_scale(curve.max_radius), float(np.median(np.diff(curve.time)))
         end = answer.checks.t_star_end
         clock = settings.t0_bound or max(0.5 * frame, _NARROWEST * scale)
-        options = replace(settings, end=None if end is None else end * scale * (1.0 + 1e-9), t0_bound=clock)
+        options = settings.options(None if end is None else end * scale * (1.0 + 1e-9), clock)
         exposure = float(curve.exposure or 0.0)
         self.shot = Experiment(curve, Family(answer.material), settings.medium, options, exposure=exposure)
         self.prior = self.shot.prior(settings.ranges)
