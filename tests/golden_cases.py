@@ -707,25 +707,6 @@ def cells(*arrays: Any) -> Any:
     return row
 
 
-def v73(path: str, variables: dict[str, Any]) -> None:
-    """MATLAB 7.3: HDF5 behind 512 bytes, arrays transposed, cells as references, empty ones flagged."""
-    with h5py.File(path, "w", userblock_size=512) as file:
-        store = file.create_group("#refs#")
-        for name, value in variables.items():
-            if not isinstance(value, np.ndarray) or value.dtype != object:
-                file[name] = np.atleast_2d(value).T
-                continue
-            references = []
-            for k, cell in enumerate(value.ravel()):
-                item = store.create_dataset(f"{name}{k}", data=cell.T if cell.size else np.array([0, 0], dtype="u8"))
-                if not cell.size:
-                    item.attrs["MATLAB_empty"] = np.uint8(1)
-                references.append(item.ref)
-            file.create_dataset(name, data=np.array(references, dtype=h5py.ref_dtype)[:, None])
-    content = Path(path).read_bytes()
-    Path(path).write_bytes(b"MATLAB 7.3 MAT-file, Platform: GLNXA64".ljust(124) + b"\x00\x02IM" + content[128:])
-
-
 def excel(path: str, t: Any, r: Any) -> None:
     """A workbook with times in column A and radii in column C."""
     pairs = enumerate(zip(t, r, strict=True), 2)
@@ -772,10 +753,10 @@ def readable() -> Iterator[tuple[str, dict[str, Any]]]:
         "R_nondim_All": cells([], r[:3], np.full(180, np.nan), r, r), "t_nondim_All": cells([], t[:3], t, t, t),
         "RmaxList": np.array([[0.0, 1e-4, 1e-4, 0.0, 2e-4]]),
     }  # fmt: skip
-    for kind, save in (("v5", savemat), ("v73", v73)):
-        save(f"usual_{kind}.mat", usual)
+    for kind, save in (("v5", savemat), ("v73", save_v73)):
+        save(Path(f"usual_{kind}.mat"), usual)
         yield f"usual_{kind}.mat", {"density": 1025.0}
-        save(f"spoilt_{kind}.mat", spoilt)
+        save(Path(f"spoilt_{kind}.mat"), spoilt)
         yield f"spoilt_{kind}.mat", {}
     savemat("no_maxima.mat", {key: value for key, value in usual.items() if key != "RmaxList"})
     yield "no_maxima.mat", {}

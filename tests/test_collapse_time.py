@@ -7,8 +7,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from files import write_xlsx
 from scipy.io import savemat
-from workbooks import write_xlsx
 
 from cavirheo.beside.collapse_times import column, read_groups, read_table
 from cavirheo.curve import RadiusCurve

@@ -6,8 +6,8 @@ import zlib
 import h5py
 import numpy as np
 import pytest
+from files import write_ods, write_xlsx
 from scipy.io import savemat
-from workbooks import write_ods, write_xlsx
 
 from cavirheo.errors import InputError
 from cavirheo.reading import limits, read_curves, workbook

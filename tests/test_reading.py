@@ -5,8 +5,8 @@ import zipfile
 import h5py
 import numpy as np
 import pytest
+from files import ods_row, save_v73, write_ods, write_xls, write_xlsx
 from scipy.io import savemat
-from workbooks import ods_row, write_ods, write_xls, write_xlsx
 
 from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError
@@ -45,25 +45,6 @@ def bdt_variables(radii=(R_STAR, R_STAR, R_STAR), times=(T_STAR, T_STAR, T_STAR)
         "lambda_max_mean": 6.5,
         "lambda_max_std": 0.4,
     }
-
-
-def save_v73(path, variables):
-    """As MATLAB does it: HDF5 behind 512 bytes, arrays transposed, cells as references, empty ones flagged."""
-    with h5py.File(path, "w", userblock_size=512) as file:
-        store = file.create_group("#refs#")
-        for name, value in variables.items():
-            if not isinstance(value, np.ndarray) or value.dtype != object:
-                file[name] = np.atleast_2d(value).T
-                continue
-            references = []
-            for k, cell in enumerate(value.ravel()):
-                item = store.create_dataset(f"{name}{k}", data=cell.T if cell.size else np.array([0, 0], dtype="u8"))
-                if not cell.size:
-                    item.attrs["MATLAB_empty"] = np.uint8(1)
-                references.append(item.ref)
-            file.create_dataset(name, data=np.array(references, dtype=h5py.ref_dtype)[:, None])
-    content = path.read_bytes()
-    path.write_bytes(b"MATLAB 7.3 MAT-file, Platform: GLNXA64".ljust(124) + b"\x00\x02IM" + content[128:])
 
 
 def text_table(path, header, *columns, separator=","):

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from workbooks import write_xlsx
+from files import write_xlsx
 
 from cavirheo.beside.rheometer import frequency_sweep, read_sweeps, strain_sweep
 from cavirheo.beside.rheometer.document import beside, rheometry

@@ -1,4 +1,4 @@
-"""Workbooks for tests (.xlsx and .ods), with the parts that every spreadsheet program writes."""
+"""Files for tests as other programs write them: workbooks (.xlsx, .ods, .xls) and MATLAB files of version 7.3."""
 
 from __future__ import annotations
 
@@ -8,6 +8,9 @@ from base64 import b64decode
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from xml.sax.saxutils import escape
+
+import h5py
+import numpy as np
 
 _MAIN = "http://schemas.openxmlformats.org/spreadsheetml/2006/main"
 _OFFICE = "http://schemas.openxmlformats.org/officeDocument/2006/relationships"
@@ -104,3 +107,22 @@ MeRjNC8/1dMCmJUQZwMAlA3f4fWmHxM/xl4AIzBcEkhAcKHUaoekY09XuBdjCC1UczgUiIejsmIYZt4I
 GFqAEdrWB/U7QL0BVmiPgh06rvMXiP+NDpMMWxDEkA+EJcCOqStDHpAuYqgkKf2IMbAywsxiJFIPbLwQBMKBthcxZDMkgd2RTXL6BfYIGZH9Q7
 RGAeplIVLt/0eKO2lsPwAqzLrh
 """
+
+
+def save_v73(path, variables):
+    """As MATLAB does it: HDF5 behind 512 bytes, arrays transposed, cells as references, empty ones flagged."""
+    with h5py.File(path, "w", userblock_size=512) as file:
+        store = file.create_group("#refs#")
+        for name, value in variables.items():
+            if not isinstance(value, np.ndarray) or value.dtype != object:
+                file[name] = np.atleast_2d(value).T
+                continue
+            references = []
+            for k, cell in enumerate(value.ravel()):
+                item = store.create_dataset(f"{name}{k}", data=cell.T if cell.size else np.array([0, 0], dtype="u8"))
+                if not cell.size:
+                    item.attrs["MATLAB_empty"] = np.uint8(1)
+                references.append(item.ref)
+            file.create_dataset(name, data=np.array(references, dtype=h5py.ref_dtype)[:, None])
+    content = path.read_bytes()
+    path.write_bytes(b"MATLAB 7.3 MAT-file, Platform: GLNXA64".ljust(124) + b"\x00\x02IM" + content[128:])
