@@ -30,6 +30,7 @@ from unittest import mock
 
 import h5py
 import numpy as np
+from files import save_v73
 from scipy.io import savemat
 
 import cavirheo
