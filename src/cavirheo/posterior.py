@@ -15,7 +15,7 @@ from cavirheo.errors import require
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-Verdict = Literal["ok", "model_does_not_fit", "outside_training_range", "failed"]
+Verdict = Literal["ok", "check_input", "model_does_not_fit", "outside_training_range", "failed"]
 
 
 @dataclass(frozen=True, eq=False, repr=False)

@@ -22,6 +22,7 @@ class Look:
 
 LOOKS = {
     "ok": Look("ok", "#00694d", "green"),
+    "check_input": Look("check input", "#7a5c00", "bright_yellow"),
     "model_does_not_fit": Look("does not fit", "#a34a00", "yellow"),
     "outside_training_range": Look("outside range", "#8a3068", "magenta"),
     "failed": Look("failed", "#b00020", "red"),

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from math import floor, log10
 from pathlib import Path
-from typing import Any
+from typing import Any, get_args
 
 import numpy as np
 
@@ -16,7 +16,7 @@ from cavirheo.writing import digits, terminal
 from cavirheo.writing.document import Document, Record, Spread, spread_of, write_rows
 
 TRUSTED, ALL = f"{OURS}, ok", f"{OURS}, all"  # how our two means are called where they differ
-_VERDICTS: tuple[Verdict, ...] = ("ok", "model_does_not_fit", "outside_training_range", "failed")
+_VERDICTS: tuple[Verdict, ...] = get_args(Verdict)
 
 
 class ComparedQuantity(Record):
