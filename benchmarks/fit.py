@@ -88,7 +88,7 @@ def sets_below(folder: Path) -> Iterator[tuple[str, list[RadiusCurve], list[str]
     for place in sorted(path for path in [folder, *folder.iterdir()] if path.is_dir()):
         files = sorted(path for path in place.iterdir() if path.suffix in (".mat", ".csv", ".txt"))
         if files:
-            yield place.name, *read_shots(files, density=WATER.density, pressure=WATER.pressure)
+            yield place.name, *read_shots(files, density=WATER.density, pressure=WATER.pressure)[:2]
 
 
 def real(folder: Path) -> None:

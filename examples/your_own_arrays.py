@@ -9,7 +9,8 @@ true = cavirheo.simulate(cavirheo.NeoHookeanKelvinVoigt(8e3, 0.05), max_radius=2
 radius = true.radius + 1e-6 * np.random.default_rng(1).standard_normal(time.size)  # m
 radius[40] = np.nan  # a frame without a measurement
 
-curve = cavirheo.RadiusCurve(time, radius, meta={"name": "mine"})
+# the first frame shows R_max; without the growth, or such a statement, the answer would be `check_input`
+curve = cavirheo.RadiusCurve(time, radius, meta={"name": "mine"}, stated_time_of_max=0.0)
 answer = cavirheo.infer(curve)
 print(f"G {answer.median('shear_modulus'):.0f} Pa (true 8000), mu {answer.median('viscosity'):.4f} Pa s (true 0.05)")
 print(f"strain rate up to the first collapse: {curve.strain_rate():.3g} 1/s")

@@ -256,7 +256,7 @@ class TestReading:
         rows = (f"{r * 1e3:.12g};{s:.12g};{t * 1e3:.12g}".replace(".", ",") for r, s, t in zip(*columns, strict=True))
         german.write_text("R_max (mm);lambda;t_1 (ms)\n" + "\n".join(rows) + "\n")
         savemat(tmp_path / "c.mat", {"pIMR_array": np.column_stack(columns)})
-        groups, problems = read_groups([plain, german, tmp_path / "c.mat"], WATER)
+        groups, problems, _ = read_groups([plain, german, tmp_path / "c.mat"], WATER)
         assert problems == []
         for group in groups:
             found = np.array([[s.max_radius_m, s.stretch, s.collapse_time_s] for s in group.usable])
@@ -269,7 +269,7 @@ class TestReading:
             file["pIMR_array"] = np.array([[R, 7.0, 1.8e-5], [2 * R, 7.0, 3.6e-5]]).T
         content = (tmp_path / "d.mat").read_bytes()
         (tmp_path / "d.mat").write_bytes(b"MATLAB 7.3 MAT-file".ljust(512, b" ") + content[512:])
-        groups, _ = read_groups([tmp_path / "d.mat"], WATER)
+        groups, _, _ = read_groups([tmp_path / "d.mat"], WATER)
         assert len(groups[0].usable) == 2
 
     def test_version_73_never_reads_another_file(self, tmp_path):
@@ -281,7 +281,7 @@ class TestReading:
             file["pIMR_array"] = h5py.ExternalLink("other.h5", "/pIMR_array")
         content = (tmp_path / "d.mat").read_bytes()
         (tmp_path / "d.mat").write_bytes(b"MATLAB 7.3 MAT-file".ljust(512, b" ") + content[512:])
-        groups, problems = read_groups([tmp_path / "d.mat"], WATER)
+        groups, problems, _ = read_groups([tmp_path / "d.mat"], WATER)
         assert groups == []
         assert problems[0].startswith(f"{tmp_path / 'd.mat'}: pIMR_array")
 
@@ -302,7 +302,7 @@ class TestReading:
         with pytest.raises(InputError) as caught:
             read_table(tmp_path / "a.csv")
         assert caught.value.code == code
-        groups, (problem,) = read_groups([tmp_path / "a.csv"], WATER)
+        groups, (problem,), _ = read_groups([tmp_path / "a.csv"], WATER)
         assert groups == []
         assert problem.startswith(f"{tmp_path / 'a.csv'}: ")
 
@@ -310,12 +310,12 @@ class TestReading:
         """Not the sheet that happens to lie in sheet1.xml; the other tab is not read."""
         rows = [["rmax_um", "stretch", "t1_us"], [200, 7, 18], [250, 7, 22]]
         path = write_xlsx(tmp_path / "a.xlsx", {"times": rows, "old": [rows[0], [100, 7, 9]]})
-        (group,), _ = read_groups([path], WATER)
+        (group,), _, _ = read_groups([path], WATER)
         assert [shot.max_radius_m for shot in group.shots] == pytest.approx([2e-4, 2.5e-4])
 
     def test_rows_that_cannot_be_used_are_kept_with_the_reason(self, tmp_path):
         (tmp_path / "a.csv").write_text("shot,rmax_um,stretch,t1_us\nA,200,7,18\nB,nan,7,18\nC,200,7,18000\n")
-        (group,), _ = read_groups([tmp_path / "a.csv"], WATER)
+        (group,), _, _ = read_groups([tmp_path / "a.csv"], WATER)
         assert [shot.name for shot in group.usable] == ["A"]
         assert group.shots[1].message.startswith("R_max")
         assert group.shots[2].message.startswith("t_1 = 1.8e+04 us")
@@ -403,7 +403,7 @@ class TestPublishedTables:
 
     @staticmethod
     def shots(real_data, name: str) -> Shots:
-        (group,), _ = read_groups([real_data / "collapse_times" / name], ZHU2025)
+        (group,), _, _ = read_groups([real_data / "collapse_times" / name], ZHU2025)
         return Shots(*np.array([[s.max_radius_m, s.stretch, s.collapse_time_s] for s in group.usable]).T)
 
     @pytest.mark.parametrize(

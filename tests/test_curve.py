@@ -288,7 +288,7 @@ def test_stretch_from_the_plateau_only_where_there_is_one():
 def test_scale_warning(factor, says):
     curve = measured()
     warning = RadiusCurve(curve.time, curve.radius * factor).scale_warning()
-    assert (warning is None) if says is None else (says in warning and "CHECK THE SCALE" in warning)
+    assert (warning is None) if says is None else (says in warning and "check the scale" in warning)
 
 
 @pytest.mark.parametrize(

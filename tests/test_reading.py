@@ -100,8 +100,8 @@ def test_density_of_the_file_is_told_from_a_round_frame_rate(tmp_path):
     per_radius = R_MAX * np.sqrt(1025.0 / 101325.0)
     t = np.arange(-10, 80) * 1e-6 / per_radius
     savemat(tmp_path / "gel.mat", bdt_variables([np.interp(t, T_STAR, R_STAR)], [t], [R_MAX]))
-    notes = read_curves(tmp_path / "gel.mat", density=998.0)[0].notes
-    assert any("made with density 1025 kg/m3" in note for note in notes)
+    assert "with 1025 kg/m3" in read_curves(tmp_path / "gel.mat", density=998.0)[0].doubts[0]
+    assert read_curves(tmp_path / "gel.mat", density=1025.0)[0].doubts == ()
 
 
 def test_pressure_stated_by_the_file_is_used(tmp_path):
@@ -198,13 +198,13 @@ def test_what_is_cleaned_is_counted(tmp_path):
         ("time_us,radius_um", 1.0 / R_MAX, "looks like R/R_max", False),
         ("time_us,radius_px", 1.0 / 2.76e-6, "in pixels", False),
         ("time_us,radius_um", 1e9, "no bubble of", False),
-        ("time_us,radius_um", 0.36e6, "CHECK THE SCALE", True),
-        ("time_us,radius_um", 2.1e6, "CHECK THE SCALE", True),
+        ("time_us,radius_um", 0.36e6, "check the scale", True),
+        ("time_us,radius_um", 2.1e6, "check the scale", True),
     ],
 )
 def test_wrong_units_are_recognised(tmp_path, header, factor, says, usable):
     (curve,) = read_curves(text_table(tmp_path / "a.csv", header, TIME * 1e6, RADIUS * factor))
-    assert any(says in note for note in curve.notes)
+    assert any(says in note for note in (*curve.notes, curve.scale_warning() or ""))
     if not usable:
         with pytest.raises(InputError) as error:
             _ = curve.max_radius

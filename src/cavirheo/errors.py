@@ -27,5 +27,11 @@ def require(fine: bool, message: str, code: str = "input") -> None:
         raise InputError(message, code)
 
 
+def reason(error: Exception) -> str:
+    """What is said of a curve, file or picture that an exception ended: nothing else may end with it."""
+    known = isinstance(error, (InputError, SolverError))
+    return str(error) if known else f"unexpected {type(error).__name__}: {error}".removesuffix(": ")
+
+
 class SolverError(RuntimeError):
     """A simulation did not reach its end time; the message is the status of the solve."""

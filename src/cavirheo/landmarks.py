@@ -25,7 +25,7 @@ from cavirheo.errors import InputError, require
 
 RAYLEIGH = sqrt(pi / 6) * gamma(5 / 6) / gamma(4 / 3)  # collapse time of an empty bubble over R_max sqrt(rho/p): 0.9147
 _NEAR_MAXIMUM = 0.9  # samples above this fraction of R_max enter its fit
-_AT_MAXIMUM = 0.97  # a recording whose first radius is above this shows no growth
+AT_MAXIMUM = 0.97  # a recording whose first radius is above this shows no growth
 
 
 def _median_of_three(values: Floats) -> Floats:
@@ -61,7 +61,7 @@ def fit_maximum(time: Floats, radius: Floats, stated: float | None) -> tuple[flo
     frame = float(np.median(np.diff(x)))
 
     n = len(x)
-    if first > 0 or smooth[: peak + 1].min() < _AT_MAXIMUM * smooth[peak]:
+    if first > 0 or smooth[: peak + 1].min() < AT_MAXIMUM * smooth[peak]:
         centre, top, cost = _fit_series(x, y)
         if min(np.count_nonzero(x < 0), np.count_nonzero(x > 0)) >= 4:
             skewed = _fit_series(x, y, skewed=True)

@@ -24,6 +24,7 @@ class Checks:
 
     verdict: Verdict
     message: str = ""
+    doubts: tuple[str, ...] = ()  # about the recording and its settings; `message` begins with them
     rmse_over_rmax: float | None = None
     mae_over_rmax: float | None = None
     max_difference_over_rmax: float | None = None

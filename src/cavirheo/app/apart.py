@@ -16,7 +16,7 @@ from typing import Any
 
 from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError, require
-from cavirheo.reading.shots import read_shots
+from cavirheo.reading.shots import Recordings, read_shots
 
 MEMORY = 4 << 30  # bytes of address space that reading may take
 
@@ -53,7 +53,7 @@ class Reader:
                 raise error if isinstance(error, InputError) else InputError(ended, "app.reader_ended") from None
         if isinstance(answer, InputError):
             raise answer
-        curves, problems = answer
+        curves, problems = answer.curves, answer.problems + answer.remarks
         folder = f"{files[0].parent}/" if files else ""
         return [_named(curve) for curve in curves], [problem.replace(folder, "") for problem in problems]
 
@@ -95,7 +95,7 @@ def _serve(pipe: Connection) -> None:
         while True:
             files, options = pipe.recv()
             try:
-                answer: Found | InputError = read_shots(files, **options)
+                answer: Recordings | InputError = read_shots(files, **options)
             except MemoryError:
                 answer = InputError("the file needs more memory than is allowed here", "app.out_of_memory")
             except Exception as error:

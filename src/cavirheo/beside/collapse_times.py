@@ -25,6 +25,7 @@ import numpy as np
 from cavirheo.beside.panels import headed, one_panel, two_panels
 from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError, SolverError, require
+from cavirheo.inference import doubts
 from cavirheo.inference.collapse_time import CollapseEstimate, CollapseValue, Shots, estimate, shot, unusable
 from cavirheo.physics.collapse import analytic_time, rayleigh_time
 from cavirheo.physics.media import Medium
@@ -76,6 +77,7 @@ class CollapseGroup(Record):
     n: int = 0
     unusable: int = 0
     notes: list[str] = []
+    doubts: list[str] = []  # about the recordings and their settings
     analytic: CollapseEstimate | None = None
     exact: CollapseEstimate | None = None
     shots: list[CollapseShot]
@@ -135,8 +137,8 @@ class CollapseTimes(Document):
 
 def read_groups(
     files: Sequence[str | Path], medium: Medium, stretch: float | None = None
-) -> tuple[list[CollapseGroup], list[str]]:
-    """(the groups of all files, the reason for each file that could not be read).
+) -> tuple[list[CollapseGroup], list[str], list[str]]:
+    """(the groups of all files, the reason for each file that could not be read, recordings that were given twice).
 
     `stretch` is for curves, and for tables without a column of it.
     """
@@ -151,16 +153,16 @@ def read_groups(
         else:
             groups += [table] if table else []
             curves += [] if table else [path]
-    found, unread = read_shots(curves, density=medium.density, pressure=medium.pressure)
+    found, unread, again = read_shots(curves, density=medium.density, pressure=medium.pressure)
     members: dict[tuple[str, str], list[RadiusCurve]] = {}
     for curve in found:
         members.setdefault((curve.group, curve.group_source), []).append(curve)
     for (name, source), mine in members.items():
         sha256 = mine[0].source_sha256 if source == mine[0].source else ""
-        notes = [f"{curve.name}: {note}" for curve in mine for note in curve.notes if "CHECK" in note]
+        doubtful = [f"{curve.name}: {doubt}" for curve in mine for doubt in doubts.plain(curve, medium)]
         shots = [_read_off(curve, stretch) for curve in mine]
-        groups.append(CollapseGroup(name=name, source=source, source_sha256=sha256 or "", notes=notes, shots=shots))
-    return groups, problems + unread
+        groups.append(CollapseGroup(name=name, source=source, source_sha256=sha256 or "", doubts=doubtful, shots=shots))
+    return groups, problems + unread, again
 
 
 def _shot(name: str, of: Sequence[float], origin: str, message: str = "") -> CollapseShot:
@@ -313,7 +315,7 @@ def _remarks(group: CollapseGroup, factor: float, unit: str) -> Iterator[tuple[s
         if one.message:
             who = one.name if one.name.startswith(group.name) else f"{group.name} {one.name}"
             yield who, f"left out: {one.message}"
-    for note in group.notes:
+    for note in (*group.doubts, *group.notes):
         yield group.name, note
     if origins := sorted({shot.stretch_from for shot in group.shots} - {"", "table"}):
         yield group.name, f"lambda: {', '.join(origins)}"

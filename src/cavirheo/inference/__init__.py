@@ -29,6 +29,7 @@ def infer(
     medium: Medium = WATER,
     stretch: float | None = None,
     window: int | None = None,
+    trust_input: bool = False,
 ) -> Posterior:
     """The material's parameters from one measured curve, with the checks that sign or refuse them.
 
@@ -38,13 +39,14 @@ def infer(
         stretch: R_max/R_0 if it is known; fitted otherwise.
         window: collapses over which answer and measurement are compared (and the stretch fitted); default: all that
             the network reads.
+        trust_input: doubts about the recording or its settings are said, but decide no verdict.
 
     A curve that cannot be answered gives a Posterior without draws whose checks.message says why.
 
     Raises:
         InputError: unknown model, or a setting out of its domain.
     """
-    return infer_many([curve], model=model, medium=medium, stretch=stretch, window=window)[0]
+    return infer_many([curve], model=model, medium=medium, stretch=stretch, window=window, trust_input=trust_input)[0]
 
 
 def infer_many(
@@ -54,9 +56,10 @@ def infer_many(
     medium: Medium = WATER,
     stretch: float | None = None,
     window: int | None = None,
+    trust_input: bool = False,
     workers: int | None = None,
     done: Callable[[], None] | None = None,
 ) -> list[Posterior]:
     """`infer` for many curves on all cores, in their order; `done` is called after each."""
-    estimator = Amortised(load(model), medium, stretch, window)
+    estimator = Amortised(load(model), medium, stretch, window, trust_input)
     return each(estimator.infer, curves, workers, done)

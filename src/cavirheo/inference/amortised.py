@@ -14,6 +14,7 @@ which removes the network's own bias as well. The stretch, which the network doe
 from __future__ import annotations
 
 import time
+from contextlib import suppress
 from dataclasses import asdict, dataclass
 from importlib.metadata import version
 from typing import Any
@@ -22,9 +23,10 @@ import numpy as np
 
 from cavirheo.arrays import Floats
 from cavirheo.curve import RadiusCurve
-from cavirheo.errors import InputError, SolverError, require
+from cavirheo.errors import InputError, reason, require
+from cavirheo.inference import doubts
 from cavirheo.inference.model import Network
-from cavirheo.inference.reconstruct import check_stretch, fit_stretch, reconstruct, window
+from cavirheo.inference.reconstruct import MISFIT, check_stretch, fit_stretch, reconstruct, window
 from cavirheo.parameters import LOG10, about, natural, natural_name, units
 from cavirheo.physics.materials import MATERIALS, Material
 from cavirheo.physics.media import WATER, Medium
@@ -39,18 +41,22 @@ PATIENCE = 4  # iterations without a nearer summary
 CONVERGED = 0.005  # largest difference of the two summaries, decades
 LARGEST_STEP = 0.5  # decades
 MARGIN = 0.3  # decades beyond the training range in which the answer is looked for
+MODULUS = "shear_modulus"
+LIQUID = "so soft a material may be a liquid: try --model bdt-viscous"
+ELASTIC = "the material may be elastic: try --model bdt-viscoelastic"
 SHORTEST = 0.6  # of the network's samples that must lie inside the recording
 
 
 @dataclass(frozen=True)
 class Amortised:
     """Estimator: a network and the settings of the shot. `stretch` None is fitted; `collapses` limits the window of
-    the check and of the stretch (the network always reads its own)."""
+    the check and of the stretch (the network always reads its own); with `trust_input` doubts decide no verdict."""
 
     model: Network
     medium: Medium = WATER
     stretch: float | None = None
     collapses: int | None = None
+    trust_input: bool = False
 
     def infer(self, curve: RadiusCurve) -> Posterior:
         """The answer for one curve; one that cannot be answered gives a failed Posterior with the reason.
@@ -64,8 +70,9 @@ class Amortised:
         found: dict[str, Any] = {}
         try:
             theta, checks, found = _Reading(self, curve).answer()
-        except (InputError, SolverError) as error:
-            theta, checks = np.empty((0, len(names))), Checks("failed", str(error))
+            checks = doubts.doubted(checks, self._doubts(curve), self.trust_input)
+        except Exception as error:  # of this curve alone
+            theta, checks = np.empty((0, len(names))), Checks("failed", reason(error))
         provenance = {
             "cavirheo": version("cavirheo"),
             "model": self.model.name,
@@ -77,6 +84,15 @@ class Amortised:
         } | found.pop("provenance", {})
         material, seconds = self.model.problem.material_name, time.perf_counter() - began
         return Posterior(names, units(names), theta, checks, material, "bdt", provenance, seconds=seconds, **found)
+
+    def _doubts(self, curve: RadiusCurve) -> list[str]:
+        said, names = doubts.plain(curve, self.medium), self.model.outputs
+        for difference, other in doubts.readings(curve):
+            with suppress(InputError):  # read so it is no curve: nothing to compare
+                change = self.network_alone(other) - self.network_alone(curve)
+                factors = {natural_name(name): 10.0**d for name, d in zip(names, change, strict=True)}
+                said += doubts.moved(difference, factors)
+        return said
 
     def network_alone(self, curve: RadiusCurve) -> Floats:
         """(outputs,) for the shot, in the prior's scale: what the network reads off the curve at equal Cauchy and
@@ -207,6 +223,8 @@ class _Reading:
             outside.append(f"stretch {stretch:.3g} (trained in {a:g} to {b:g})")
         verdict: Verdict = "outside_training_range" if outside else "ok"
         messages = ["outside the training range: " + ", ".join(outside)] if outside else []
+        softer = [a - value for n, value, a in zip(self.model.outputs, theta, self.low, strict=True) if MODULUS in n]
+        messages += [LIQUID] if any(by > 0.02 for by in softer) else []
         messages += self.messages
         if self.missing.any():
             messages.append(
@@ -214,4 +232,5 @@ class _Reading:
                 f"end and were taken from the simulation of the answer itself"
             )
         found = reconstruct(self.view, self._material(theta), self.medium, stretch)
+        messages += [ELASTIC] if found.rmse > MISFIT and not softer else []
         return found.checks(self.view, self.time_scale, verdict, messages)

@@ -30,8 +30,8 @@ _NO_GROWTH = (
 def read_curves(path: str | Path, *, density: float = 998.0, pressure: float = 101325.0) -> list[RadiusCurve]:
     """Every radius history of a file, in its order; times in s, radii in m.
 
-    `density` (kg/m3) and `pressure` (Pa) turn dimensionless times into seconds, t = t* R_max sqrt(rho/p), and serve the
-    plausibility check of the scale; files with times in seconds do not depend on them. A curve of a file that cannot be
+    `density` (kg/m3) and `pressure` (Pa) turn dimensionless times into seconds, t = t* R_max sqrt(rho/p); files
+    with times in seconds do not depend on them. A curve of a file that cannot be
     used (empty cell, three samples, all NaN) is returned with its reason; its `max_radius` raises it. What was
     recognised, converted or left out stands in each curve's `notes`.
 
@@ -51,7 +51,7 @@ def read_curves(path: str | Path, *, density: float = 998.0, pressure: float = 1
         for k, curve in enumerate(found):
             name = path.stem if len(found) == 1 else f"{path.stem}[{curve.meta.get('label', k + 1)}]"
             origin = {"name": name, "group": path.stem, "source": str(path), "source_sha256": digest}
-            found[k] = _noted(replace(curve, meta={**curve.meta, **origin}), density, pressure)
+            found[k] = _noted(replace(curve, meta={**curve.meta, **origin}))
         return found
     except InputError as error:
         raise error.within(str(path)) from None
@@ -75,7 +75,7 @@ def _read(head: bytes, path: Path, density: float, pressure: float) -> list[Radi
     return table.read(path, density, pressure)
 
 
-def _noted(curve: RadiusCurve, density: float, pressure: float) -> RadiusCurve:
+def _noted(curve: RadiusCurve) -> RadiusCurve:
     """The curve with the notes that need its maximum."""
     try:
         start, spikes = curve.time_of_max, curve.spikes()
@@ -85,5 +85,4 @@ def _noted(curve: RadiusCurve, density: float, pressure: float) -> RadiusCurve:
     notes = [f"{growth} measured frames before R_max (growth)" if growth else _NO_GROWTH]
     if spikes:
         notes.append(f"{len(spikes)} single frames stand out by more than 20 % of R_max; kept, but probably wrong")
-    warning = curve.scale_warning(density, pressure)
-    return curve.with_notes(*notes, *([warning] if warning else []))
+    return curve.with_notes(*notes)

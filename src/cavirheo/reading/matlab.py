@@ -124,21 +124,24 @@ def _bdt(variables: Variables, density: float, pressure: float) -> list[RadiusCu
             notes = (f"seconds from t* with {scale}", *shared)
             seconds, metres = time * (largest * per_radius), radius * largest
             curve = make_curve(seconds, metres, time_unit="s", radius_unit="m", notes=notes, **stated)
-            curve = curve.with_notes(*_density_hint(curve.frame_rate, density))
+            curve = replace(curve, doubts=(*curve.doubts, *_density_hint(curve.frame_rate, density)))
         made.append(replace(curve, stated_time_of_max=0.0))
     return made
 
 
 def _density_hint(rate: float | None, density: float) -> list[str]:
-    """Cameras run at round rates: a rate just off one says with which density the file was made dimensionless."""
+    """Cameras run at round rates: a rate just off one tells the density with which the file was made dimensionless."""
     if rate is None:
         return []
     rounds = np.array([1.0, 2.0, 5.0])[:, None] * 10.0 ** np.arange(4, 8)
     nearest = float(rounds.flat[np.argmin(np.abs(np.log(rounds / rate)))])
-    if not 5e-4 < abs(rate / nearest - 1.0) < 0.05:
+    if not 5e-3 < abs(rate / nearest - 1.0) < 0.035:
         return []
-    made = f"the file was made with density {density * (rate / nearest) ** 2:.5g} kg/m3"
-    return [f"frame rate {rate:.5g}/s with this density; if the camera ran at {nearest:.3g}/s, {made}"]
+    made = density * (rate / nearest) ** 2
+    odd = f"{density:.5g} kg/m3 makes the frame rate {rate:.5g}/s"
+    return [
+        f"check the density: {odd}, and a camera at {nearest:.3g}/s means that the file was made with {made:.5g} kg/m3"
+    ]
 
 
 def _imr(variables: Variables) -> list[RadiusCurve]:

@@ -1,44 +1,103 @@
-"""Several files -> the shots of one run, with the groups that files and folders make of them."""
+"""Several files -> the shots of one run: each counted once, named apart, in the groups that files and folders make."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from contextlib import suppress
+from dataclasses import replace
 from pathlib import Path
+from typing import Any, NamedTuple
 
 from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError, require
 from cavirheo.reading import read_curves
 
+GROUPINGS = ("auto", "file", "folder", "none")
+
+
+class Recordings(NamedTuple):
+    """The curves of all files in their order; why files could not be read; which recordings were given twice."""
+
+    curves: list[RadiusCurve]
+    problems: list[str]
+    remarks: list[str]
+
 
 def read_shots(
-    files: Sequence[str | Path], *, density: float, pressure: float, max_radius: float | None = None
-) -> tuple[list[RadiusCurve], list[str]]:
-    """(all curves of all files in their order, the reason for each file that could not be read).
+    files: Sequence[str | Path], *, max_radius: float | None = None, group: str = "auto", **reading: Any
+) -> Recordings:
+    """All curves of all files; `reading` are the options of `read_curves`.
 
-    `max_radius` (m) rescales every curve. Single-shot files of one folder are the shots of one material: one group.
+    A recording that is given again (the same samples, in whichever file) is left out with a remark. Names that several
+    curves share get their folders before them.
+
+    Args:
+        max_radius: m, the true R_max: rescales every curve.
+        group: whose shots are one material: "file" (of one file), "folder" (of all files of a folder), "none" (each by
+            itself), "auto" (of one file; single-shot files of one folder together).
 
     Raises:
-        InputError: `max_radius` is no radius of a bubble.
+        InputError: `max_radius` is no radius of a bubble, or `group` is none of these.
     """
+    require(group in GROUPINGS, f"group must be one of {', '.join(GROUPINGS)}, got {group!r}", "option.group")
     if max_radius is not None:
         why = f"the true R_max must be a radius in micrometres, up to 1e5, got {1e6 * max_radius:.6g}"
         require(0 < max_radius < 0.1, why, "curve.max_radius")
-    groups: list[list[RadiusCurve]] = []
+    found: list[RadiusCurve] = []
     problems: list[str] = []
     for path in files:
         try:
-            groups.append(read_curves(path, density=density, pressure=pressure))
+            found += read_curves(path, **reading)
         except InputError as error:
             problems.append(str(error))
-    folders = [Path(curves[0].source).resolve().parent for curves in groups]
-    shared = [folder for folder, curves in zip(folders, groups, strict=True) if len(curves) == 1]
-    for folder, curves in zip(folders, groups, strict=True):
-        if len(curves) == 1 and shared.count(folder) > 1:
-            curves[0] = curves[0].with_group(folder.name, str(folder))
-        if max_radius is not None:
-            curves[:] = (_scaled(curve, max_radius) for curve in curves)
-    return [curve for curves in groups for curve in curves], problems
+    curves, remarks = _once(found)
+    curves = _grouped(_named_apart(curves), group)
+    return Recordings([_scaled(curve, max_radius) for curve in curves] if max_radius else curves, problems, remarks)
+
+
+def _once(curves: list[RadiusCurve]) -> tuple[list[RadiusCurve], list[str]]:
+    """The curves without those whose samples were there before, and a remark on each of these."""
+    first: dict[Any, RadiusCurve] = {}
+    again: list[str] = []
+    for k, curve in enumerate(curves):
+        samples = (curve.time.tobytes(), curve.radius.tobytes()) if len(curve.time) else k
+        if first.setdefault(samples, curve) is not curve:
+            here, there = (f"{one.name} ({one.source})" for one in (curve, first[samples]))
+            again.append(f"{here} is the same recording as {there}: it is counted once")
+    return list(first.values()), again
+
+
+def _named_apart(curves: list[RadiusCurve]) -> list[RadiusCurve]:
+    """The curves with unlike names: those that several files share get the file's ending, or folders, or a number."""
+    sharing: dict[str, list[int]] = {}
+    for k, curve in enumerate(curves):
+        sharing.setdefault(curve.name, []).append(k)
+    for name, places in sharing.items():
+        if len(places) < 2:
+            continue
+        paths = [Path(curves[k].source).resolve() for k in places]
+        tails = (["/".join((*path.parts[-depth:-1], name)) for path in paths] for depth in range(2, 9))
+        endings = [name + path.suffix for path in paths]
+        numbers = [f"{name} ({k})" for k in range(1, len(places) + 1)]
+        apart = next((some for some in (*tails, endings) if len(set(some)) == len(places)), numbers)
+        for k, new in zip(places, apart, strict=True):
+            curves[k] = replace(curves[k], meta={**curves[k].meta, "name": new})
+    return curves
+
+
+def _grouped(curves: list[RadiusCurve], group: str) -> list[RadiusCurve]:
+    sources = [curve.source for curve in curves]
+    alone = [sources.count(source) == 1 for source in sources]
+    folders = [Path(source).resolve().parent for source in sources]
+    singles = [folder for folder, single in zip(folders, alone, strict=True) if single]
+    made = []
+    for curve, folder, single in zip(curves, folders, alone, strict=True):
+        if group == "none":
+            curve = curve.with_group(curve.name, curve.source)
+        elif group == "folder" or (group == "auto" and single and singles.count(folder) > 1):
+            curve = curve.with_group(folder.name, str(folder))
+        made.append(curve)
+    return made
 
 
 def _scaled(curve: RadiusCurve, max_radius: float) -> RadiusCurve:

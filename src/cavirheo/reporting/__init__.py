@@ -17,7 +17,13 @@ __all__ = ["file_names", "read_json", "result", "write_report"]
 
 
 def write_report(
-    directory: str | Path, pairs: Pairs, command: str, pictures: Sequence[str] = ("png",), *, date: str | None = None
+    directory: str | Path,
+    pairs: Pairs,
+    command: str,
+    pictures: Sequence[str] = ("png",),
+    *,
+    date: str | None = None,
+    notes: Sequence[str] = (),
 ) -> Result:
     """Write result.json, result.csv, report.html and a picture of each curve into `directory` (made if missing).
 
@@ -26,6 +32,7 @@ def write_report(
         command: what was run, as it stands in the documents.
         pictures: kinds of picture files, of "png" and "svg"; () for none. The report holds its pictures in itself.
         date: as it stands in the documents; now if not given.
+        notes: on the run as a whole (files that could not be read, ...).
 
     Without matplotlib there are no pictures, and the report and the result's notes say so.
 
@@ -38,7 +45,7 @@ def write_report(
     require(not unknown, f"pictures can be png or svg, got {unknown}", "reporting.picture_kind")
     date = date or datetime.now().astimezone().strftime("%Y-%m-%d %H:%M %Z")
     drawing = style.available()
-    document = result(pairs, command, date=date, notes=() if drawing else (style.NO_PICTURES,))
+    document = result(pairs, command, date=date, notes=(*notes, *(() if drawing else (style.NO_PICTURES,))))
     with into(directory) as folder:
         write_json(folder / "result.json", document)
         table.write_csv(folder / "result.csv", document)

@@ -50,7 +50,8 @@ def print_table(result: Result, console: Console | None = None) -> None:
     console.print(Text(key, "dim"))
     if (windows := windows_table(result)) is not None:
         console.print(windows)
-    terminal.print_remarks(console, terminal.once((r.name, r.message) for r in result.curves), result.notes)
+    notes = [note for note in result.notes if not note.startswith("not read: ")]  # said on stderr already
+    terminal.print_remarks(console, terminal.once((r.name, r.message) for r in result.curves), notes, most=2)
 
 
 def _cells(record: CurveRecord, factor: float, wide: bool) -> list[str]:

@@ -61,7 +61,8 @@ def robustness(network: Network, data: Dataset, chosen: Indices) -> dict[str, An
         "answer_ok"}, each of the last four {"curves", "failed", "metrics"} (None with fewer than 2 answers), the answer
         with "verdicts"; answer_ok are those whose verdict is ok.
     """
-    names, estimator, truth = network.outputs, Amortised(network, data.problem.medium), data.truth(network.outputs)
+    estimator = Amortised(network, data.problem.medium, trust_input=True)
+    names, truth = network.outputs, data.truth(network.outputs)
     nothing, R_max = np.full(len(names), np.nan), data.problem.reference_max_radius
     drawn = np.sort(np.random.default_rng(SEED).permutation(len(chosen))[:ANSWERS])
 

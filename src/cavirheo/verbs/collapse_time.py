@@ -37,15 +37,16 @@ def collapse_time(
     run = Run()
     fine = stretch is None or 1 < stretch < 1e3
     require(fine, f"--stretch must be R_max/R_0 above 1, got {stretch!r}", "collapse_time.stretch")
-    groups, problems = collapse_times.read_groups(files, liquid, stretch)
+    groups, problems, remarks = collapse_times.read_groups(files, liquid, stretch)
     run.refuse(problems)
+    run.notes += remarks
     require(bool(groups), "no collapse time could be read", "collapse_time.nothing")
     if exact:
         print("simulating (the solver is compiled once per machine, 10 to 30 s) ...", file=sys.stderr)
     for group in groups:
         group.answer(material, exact=exact, medium=liquid, shear_modulus=shear_modulus, viscosity=viscosity)
     document = collapse_times.CollapseTimes(
-        command=run.command, date=run.date, notes=[] if style.available() else [style.NO_PICTURES],
+        command=run.command, date=run.date, notes=run.notes + ([] if style.available() else [style.NO_PICTURES]),
         material=material, medium=asdict(liquid), groups=groups,
     )  # fmt: skip
     with into(out) as folder:
@@ -54,5 +55,7 @@ def collapse_time(
         if style.available():
             collapse_times.write_pictures(folder, document)
     collapse_times.print_table(document)
-    unanswered = any(group.unusable or group.best is None or not group.best.answered for group in groups)
+    unanswered = any(
+        group.unusable or group.doubts or group.best is None or not group.best.answered for group in groups
+    )
     run.end(f"written to {out}", unanswered or (exact and any(group.exact is None for group in groups)))

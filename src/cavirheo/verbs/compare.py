@@ -39,5 +39,5 @@ def compare(
     print_table(result)
     run.unreadable = sum(len(about.problems) for about in result.sets)
     shots = sum(about.n_shots for about in result.sets)
-    failed = any(about.n_answered < about.n_shots for about in result.sets)
+    failed = any(about.n_answered < about.n_shots or about.verdicts.get("check_input") for about in result.sets)
     run.end(f"{len(result.sets)} sets, {shots} shots in {{seconds}}; table: {out / 'comparison.md'}", failed)

@@ -22,17 +22,20 @@ if TYPE_CHECKING:
 
 
 class Run:
-    """Begins when it is made. `command` and `date` are as documents have them; `unreadable` counts files."""
+    """Begins when it is made. `command` and `date` are as documents have them; `unreadable` counts files, named in
+    `notes`."""
 
     def __init__(self) -> None:
         self.began = time.perf_counter()
         self.command = shlex.join(["cavirheo", *sys.argv[1:]])
         self.date = datetime.now().astimezone().strftime("%Y-%m-%d %H:%M %Z")
         self.unreadable = 0
+        self.notes: list[str] = []  # on the run as a whole
 
     def refuse(self, problems: list[str]) -> None:
         """Say on stderr which files cannot be read, and count them."""
         self.unreadable += len(problems)
+        self.notes += [f"not read: {problem}" for problem in problems]
         for problem in problems:
             print(f"error: {problem}", file=sys.stderr)
 
@@ -47,8 +50,10 @@ class Run:
         good = exposure_us is None or 0.0 < exposure < math.inf
         require(good, f"--exposure-us must be a positive time in us, got {exposure:g}")
         scale = None if rmax_um is None else rmax_um * 1e-6
-        curves, problems = read_shots(files, density=medium.density, pressure=medium.pressure, max_radius=scale)
-        self.refuse(problems)
+        shots = read_shots(files, density=medium.density, pressure=medium.pressure, max_radius=scale)
+        self.refuse(shots.problems)
+        self.notes += shots.remarks
+        curves = shots.curves
         require(len(curves) > 0, "no curve could be read")
         load_solver()
         return [curve.with_exposure(exposure * 1e-6) for curve in curves] if exposure else curves
@@ -66,9 +71,11 @@ class Run:
 
             with bar("verifying", len(curves)) as advance:
                 answers = verify_many(curves, answers, level=verify, done=advance, **settings)
-        result = write_report(out, list(zip(curves, answers, strict=True)), self.command, date=self.date)
+        result = write_report(
+            out, list(zip(curves, answers, strict=True)), self.command, date=self.date, notes=self.notes
+        )
         print_table(result)
-        failed = not all(record.answered for record in result.curves)
+        failed = any(record.verdict in ("failed", "check_input") for record in result.curves)
         self.end(f"{len(curves)} curves in {{seconds}}; report: {out / 'report.html'}", failed)
 
     def end(self, said: str, failed: bool = False) -> None:

@@ -47,11 +47,13 @@ def which_law(
             done=advance,
         )  # fmt: skip
     weighed = [_weighed(one, curve) for one, curve in zip(singles, curves, strict=True)]
-    found = Laws(command=run.command, curves=weighed, groups=[_weighed(one) for one in groups])
+    found = Laws(command=run.command, notes=run.notes, curves=weighed, groups=[_weighed(one) for one in groups])
     with document.into(out) as folder:
         document.write_json(folder / "laws.json", found)
     terminal.console().print(laws_table(found))
-    run.end(f"{len(curves)} curves in {{seconds}}; {out / 'laws.json'}", any(one.chosen is None for one in singles))
+    verdicts = {answer.checks.verdict for one in singles for answer in one.answers.values()}
+    failed = "check_input" in verdicts or any(one.chosen is None for one in singles)
+    run.end(f"{len(curves)} curves in {{seconds}}; {out / 'laws.json'}", failed)
 
 
 def _weighed(one: Ranking, curve: RadiusCurve | None = None) -> WeighedLaws:

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from typing import TYPE_CHECKING
+
+_NUMBER = re.compile(r"(?<![\w.])-?\d+(?:\.\d+)?(?:e[+-]?\d+)?")
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -51,12 +54,27 @@ def table(first: str, heads: Sequence[str], *, left: Sequence[str] = (), title: 
 
 
 def once(about: Iterable[tuple[str, str]]) -> dict[str, list[str]]:
-    """{message: names} of (name, message), each message once and in order; empty messages are left out."""
-    found: dict[str, list[str]] = {}
+    """{sentence: names} of (name, message), each sentence of a message ("; " between them) once and in order.
+
+    Sentences that differ in their numbers alone are one, with "6.5 to 12" for a number that is not the same in all.
+    """
+    found: dict[str, list[tuple[str, list[str]]]] = {}
     for name, message in about:
-        if message:
-            found.setdefault(message, []).append(name)
-    return found
+        for sentence in filter(None, message.split("; ")):
+            found.setdefault(_NUMBER.sub("{}", re.sub("[{}]", "", sentence)), []).append(
+                (name, _NUMBER.findall(sentence))
+            )
+    return {
+        form.format(*(_range(values) for values in zip(*(numbers for _, numbers in mine), strict=True))): [
+            name for name, _ in mine
+        ]
+        for form, mine in found.items()
+    }
+
+
+def _range(numbers: Sequence[str]) -> str:
+    low, high = min(numbers, key=float), max(numbers, key=float)
+    return low if float(low) == float(high) else f"{low} to {high}"
 
 
 def print_remarks(

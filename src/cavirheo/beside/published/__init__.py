@@ -150,5 +150,5 @@ def shots_of(
         return [], [], [f"no file matches {name!r} in {folder}"], notes
     scale = about.settings["rmax_um"] * 1e-6 if "rmax_um" in about.settings else None
     density, pressure = about.medium.density, about.medium.pressure
-    curves, problems = read_shots(files, density=density, pressure=pressure, max_radius=scale)
-    return curves, files, problems, notes
+    curves, problems, again = read_shots(files, density=density, pressure=pressure, max_radius=scale)
+    return curves, files, problems, notes + again

@@ -13,7 +13,8 @@ import numpy as np
 
 from cavirheo.arrays import Floats
 from cavirheo.curve import RadiusCurve
-from cavirheo.errors import InputError, SolverError
+from cavirheo.errors import reason
+from cavirheo.inference import doubts
 from cavirheo.inference.experiment import FINE, FREE, QUICK, SCALE_BOUND, Experiment, Options
 from cavirheo.inference.fit.covariance import Laplace, draws, laplace
 from cavirheo.inference.fit.least_squares import SEARCH, LeastSquares, Minimum
@@ -53,6 +54,7 @@ def fit_many(
     weights: str = "motion",
     windows: bool = True,
     joint: bool = False,
+    trust_input: bool = False,
     seed: int = 0,
     workers: int | None = None,
     done: Callable[[], None] | None = None,
@@ -72,6 +74,7 @@ def fit_many(
         weights: "motion" (frames count less where the wall moves fast) or "equal".
         windows: fit windows of 1, 2, 3 and all collapses too, for comparison: `Posterior.windows`.
         joint: curves of one group (meta "group") share the material; stretch and what is free are each shot's own.
+        trust_input: doubts about the recording or its settings are said, but decide no verdict.
         seed: of the draws, which are the Gaussian about the minimum (fit/covariance.py).
         done: called after each curve.
 
@@ -89,14 +92,17 @@ def fit_many(
         "cavirheo": version("cavirheo"), "medium": asdict(medium), "options": asdict(options), "ranges": ranges
     }  # fmt: skip
 
+    def doubted(answer: Posterior, alone: _Alone) -> Posterior:
+        return replace(answer, checks=doubts.doubted(answer.checks, alone.doubts(), trust_input))
+
     def one(curve: RadiusCurve) -> tuple[Posterior, _Alone | None]:
         began = time.perf_counter()
         try:
             alone = _Alone(Experiment(curve, family, medium, options), inner)
-            answer = _posterior(alone.fit, alone.found, alone.laplace, 0, alone, common, seed)
-        except (InputError, SolverError) as error:
+            answer = doubted(_posterior(alone.fit, alone.found, alone.laplace, 0, alone, common, seed), alone)
+        except Exception as error:  # of this curve alone
             names = tuple(LOG10 + name for name in family.parameters)
-            nothing, checks = np.empty((0, len(names))), Checks("failed", str(error))
+            nothing, checks = np.empty((0, len(names))), Checks("failed", reason(error))
             told, alone = common | {"source_sha256": curve.source_sha256}, None
             answer = Posterior(names, units(names), nothing, checks, family.name, "least_squares", told)
         return replace(answer, seconds=time.perf_counter() - began), alone
@@ -115,7 +121,8 @@ def fit_many(
             before, checks = answers[i], answers[i].checks
             by_itself = {"verdict": checks.verdict, "rmse_over_rmax": checks.rmse_over_rmax, "best": before.best}
             provenance = answer.provenance | {"alone": by_itself}
-            answers[i] = replace(answer, provenance=provenance, seconds=before.seconds + seconds)
+            answer = replace(answer, provenance=provenance, seconds=before.seconds + seconds)
+            answers[i] = doubted(answer, members[i])
     return answers
 
 
@@ -148,6 +155,22 @@ class _Alone:
         shot.set_window(*shot.cut)
         self.found, shot.sigma = found[shot.cut]
         self.laplace = laplace(self.fit, self.found.x)
+
+    def doubts(self) -> list[str]:
+        """About the curve, whether or not it was fitted with others."""
+        shot, x, said = self.shot, self.found.x, doubts.plain(self.shot.curve, self.shot.medium)
+        if shot.free.get("time_origin", (0.0, 0.0))[1] >= shot.frame:  # the interval holds such a clock already
+            return said
+        for difference, other in doubts.readings(shot.curve, spikes=False):  # spikes do not count in a fit
+            there = Experiment(other, shot.family, shot.medium, shot.options)
+            there.set_window(*shot.cut)
+            there.sigma = shot.sigma
+            # one Gauss-Newton step from the minimum to that of the same frames on the other clock
+            slope, here = self.fit.jacobian(x, FINE, central=False), shot.residual(shot.predict(x))
+            step = np.linalg.lstsq(slope[: len(here)], here - there.residual(there.predict(x)), rcond=None)[0]
+            factors = dict(zip(shot.family.parameters, (10.0**step).tolist(), strict=False))
+            said += doubts.moved(difference, factors)
+        return said
 
     def _better(self, minimum: Minimum, sigma: Floats, start: Floats) -> tuple[Minimum, Floats]:
         """The minimum with its weights, or the one found from `start` if it is lower (both with measured weights)."""

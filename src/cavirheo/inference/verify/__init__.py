@@ -12,7 +12,8 @@ from threadpoolctl import threadpool_limits
 
 from cavirheo.arrays import Floats
 from cavirheo.curve import RadiusCurve
-from cavirheo.errors import InputError, SolverError, require
+from cavirheo.errors import SolverError, reason, require
+from cavirheo.inference.doubts import doubted
 from cavirheo.inference.experiment import FINE, FREE, SCALE_BOUND, Experiment, Options
 from cavirheo.inference.fit.least_squares import LeastSquares
 from cavirheo.inference.fit.starts import Scan
@@ -94,8 +95,10 @@ def verify_many(
             return answer
         try:
             found = _Work(chosen, curve, answer).posterior()
-        except (InputError, SolverError, np.linalg.LinAlgError) as error:  # of this shot alone
-            message = "; ".join(filter(None, [answer.checks.message, f"not verified: {error}"]))
+            doubts, checked = list(answer.checks.doubts), answer.checks.verdict != "check_input"
+            found = replace(found, checks=doubted(found.checks, doubts, trust_input=checked))
+        except Exception as error:  # of this shot alone
+            message = "; ".join(filter(None, [answer.checks.message, f"not verified: {reason(error)}"]))
             found = replace(answer, checks=replace(answer.checks, message=message))
         return replace(found, seconds=answer.seconds + time.perf_counter() - began)
 

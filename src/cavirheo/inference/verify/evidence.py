@@ -72,6 +72,7 @@ def rank_laws(
     medium: Medium = WATER,
     window: int | str | None = None,
     stretch: float | str | None = None,
+    trust_input: bool = False,
     seed: int = 0,
     workers: int | None = None,
     done: Callable[[], None] | None = None,
@@ -88,7 +89,10 @@ def rank_laws(
     found: dict[str, list[Posterior]] = {}
     for law in laws:
         known = (*Family(law).parameters, "stretch")
-        fitted = fit_many(curves, law, medium=medium, window=window, stretch=stretch, seed=seed, workers=workers)
+        fitted = fit_many(
+            curves, law, medium=medium, window=window, stretch=stretch, trust_input=trust_input, seed=seed,
+            workers=workers,
+        )  # fmt: skip
         mine = {name: pair for name, pair in ranges.items() if name in known}
         found[law] = verify_many(
             curves, fitted, medium=medium, stretch=stretch, seed=seed, workers=workers, done=done, ranges=mine,
