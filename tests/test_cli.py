@@ -81,7 +81,7 @@ def test_single_shot_files_of_a_folder_are_one_group(run, tmp_path):
     for k in (0, 1):
         write_csv(tmp_path / "gel" / f"shot{k}.csv", curves[k])
     head, *rows = EXAMPLE.read_text().splitlines()
-    (tmp_path / "two.csv").write_text("\n".join([head, *(row for row in rows if row[0] in "12")]))
+    (tmp_path / "two.csv").write_text("\n".join([head, *(row for row in rows if row[0] in "34")]))
     _, groups, _ = infer(run, *sorted((tmp_path / "gel").glob("*.csv")), "two.csv")
     assert [(g["name"], g["n"]) for g in groups] == [("gel", 2), ("two", 2)]
 
@@ -139,10 +139,10 @@ def test_an_answer_that_is_no_number_is_a_failure(tmp_path, capsys):
 
 def test_a_radius_in_micrometres_that_are_pixels_is_warned_of(run, tmp_path):
     curve = read_curves(EXAMPLE)[0]
-    write_csv(tmp_path / "scaled.csv", curve.with_max_radius(2.7 * curve.max_radius))
+    write_csv(tmp_path / "scaled.csv", curve.with_max_radius(0.4 * curve.max_radius))
     run("infer", "scaled.csv", "-o", "r")
     (row,) = json.loads((tmp_path / "r" / "result.json").read_text())["curves"]
-    assert any("SCALE" in note for note in row["notes"])
+    assert (row["verdict"], "check the scale" in row["message"]) == ("check_input", True)
 
 
 @pytest.mark.parametrize(

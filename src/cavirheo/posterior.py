@@ -24,7 +24,6 @@ class Checks:
 
     verdict: Verdict
     message: str = ""
-    doubts: tuple[str, ...] = ()  # about the recording and its settings; `message` begins with them
     rmse_over_rmax: float | None = None
     mae_over_rmax: float | None = None
     max_difference_over_rmax: float | None = None
@@ -35,6 +34,7 @@ class Checks:
     reconstruction_time: Floats | None = None  # (k,) s on the measurement's clock, fine enough to draw
     reconstruction_radius: Floats | None = None  # (k,) m
     time_scale: float | None = None  # t_c = R_max sqrt(rho/p) of the shot in its medium, s
+    doubts: tuple[str, ...] = ()  # about the recording and its settings; `message` begins with them
 
     def __repr__(self) -> str:
         """'Checks(ok, RMSE 0.64 % of R_max over 87 frames, 4 collapses, t* <= 4.0)'."""

@@ -23,7 +23,7 @@ import numpy as np
 
 from cavirheo.arrays import Floats
 from cavirheo.curve import RadiusCurve
-from cavirheo.errors import InputError, reason, require
+from cavirheo.errors import InputError, require
 from cavirheo.inference import doubts
 from cavirheo.inference.model import Network
 from cavirheo.inference.reconstruct import MISFIT, check_stretch, fit_stretch, reconstruct, window
@@ -72,7 +72,7 @@ class Amortised:
             theta, checks, found = _Reading(self, curve).answer()
             checks = doubts.doubted(checks, self._doubts(curve), self.trust_input)
         except Exception as error:  # of this curve alone
-            theta, checks = np.empty((0, len(names))), Checks("failed", reason(error))
+            theta, checks = np.empty((0, len(names))), doubts.failed(error, curve, self.medium)
         provenance = {
             "cavirheo": version("cavirheo"),
             "model": self.model.name,

@@ -12,6 +12,7 @@ from dataclasses import replace
 import numpy as np
 
 from cavirheo.curve import RadiusCurve
+from cavirheo.errors import reason
 from cavirheo.physics.media import Medium
 from cavirheo.posterior import Checks, Verdict
 
@@ -44,6 +45,11 @@ def moved(difference: str, factors: Mapping[str, float]) -> list[str]:
     far = {name: factor for name, factor in factors.items() if not 1.0 / FACTOR <= factor <= FACTOR}
     words = " and ".join(f"{name.replace('_', ' ')} times {factor:.2g}" for name, factor in far.items())
     return [f"check the recording: {difference}, the answer would be {words}"] if far else []
+
+
+def failed(error: Exception, curve: RadiusCurve, medium: Medium) -> Checks:
+    """The checks of a curve whose answer an exception ended; a doubt about the input may be the cause."""
+    return doubted(Checks("failed", reason(error)), plain(curve, medium), trust_input=False)
 
 
 def doubted(checks: Checks, doubts: list[str], trust_input: bool) -> Checks:

@@ -17,7 +17,9 @@ from cavirheo.errors import InputError
 
 
 def finite(value: float | None) -> float | None:
-    """As JSON can hold it: NaN and infinity are null."""
+    """As JSON can hold it: NaN and infinity are null. Raises ValueError: no number."""
+    if isinstance(value, str | bytes | list | dict):
+        raise ValueError("no number")
     return float(value) if value is not None and isfinite(value) else None
 
 

@@ -54,16 +54,15 @@ def table(first: str, heads: Sequence[str], *, left: Sequence[str] = (), title: 
 
 
 def once(about: Iterable[tuple[str, str]]) -> dict[str, list[str]]:
-    """{sentence: names} of (name, message), each sentence of a message ("; " between them) once and in order.
+    """{message: names} of (name, message), each message once and in order; empty messages are left out.
 
-    Sentences that differ in their numbers alone are one, with "6.5 to 12" for a number that is not the same in all.
+    Messages that differ in their numbers alone are one, with "6.5 to 12" for a number that is not the same in all.
     """
     found: dict[str, list[tuple[str, list[str]]]] = {}
     for name, message in about:
-        for sentence in filter(None, message.split("; ")):
-            found.setdefault(_NUMBER.sub("{}", re.sub("[{}]", "", sentence)), []).append(
-                (name, _NUMBER.findall(sentence))
-            )
+        form = _NUMBER.sub("{}", re.sub("[{}]", "", message))
+        if message:
+            found.setdefault(form, []).append((name, _NUMBER.findall(message)))
     return {
         form.format(*(_range(values) for values in zip(*(numbers for _, numbers in mine), strict=True))): [
             name for name, _ in mine

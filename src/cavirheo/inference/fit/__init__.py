@@ -13,7 +13,6 @@ import numpy as np
 
 from cavirheo.arrays import Floats
 from cavirheo.curve import RadiusCurve
-from cavirheo.errors import reason
 from cavirheo.inference import doubts
 from cavirheo.inference.experiment import FINE, FREE, QUICK, SCALE_BOUND, Experiment, Options
 from cavirheo.inference.fit.covariance import Laplace, draws, laplace
@@ -102,7 +101,7 @@ def fit_many(
             answer = doubted(_posterior(alone.fit, alone.found, alone.laplace, 0, alone, common, seed), alone)
         except Exception as error:  # of this curve alone
             names = tuple(LOG10 + name for name in family.parameters)
-            nothing, checks = np.empty((0, len(names))), Checks("failed", reason(error))
+            nothing, checks = np.empty((0, len(names))), doubts.failed(error, curve, medium)
             told, alone = common | {"source_sha256": curve.source_sha256}, None
             answer = Posterior(names, units(names), nothing, checks, family.name, "least_squares", told)
         return replace(answer, seconds=time.perf_counter() - began), alone
@@ -164,12 +163,14 @@ class _Alone:
         for difference, other in doubts.readings(shot.curve, spikes=False):  # spikes do not count in a fit
             there = Experiment(other, shot.family, shot.medium, shot.options)
             there.set_window(*shot.cut)
-            there.sigma = shot.sigma
             # one Gauss-Newton step from the minimum to that of the same frames on the other clock
-            slope, here = self.fit.jacobian(x, FINE, central=False), shot.residual(shot.predict(x))
-            step = np.linalg.lstsq(slope[: len(here)], here - there.residual(there.predict(x)), rcond=None)[0]
-            factors = dict(zip(shot.family.parameters, (10.0**step).tolist(), strict=False))
-            said += doubts.moved(difference, factors)
+            slope, seen, moved = self.fit.jacobian(x, FINE, central=False), shot.predict(x), there.predict(x)
+            if seen and moved:
+                frames = len(seen.radius)
+                change = (moved.radius[-frames:] - seen.radius) / (shot.sigma * shot.noise_factor)
+                step = np.linalg.lstsq(slope[:frames], change, rcond=None)[0]
+                factors = dict(zip(shot.family.parameters, (10.0**step).tolist(), strict=False))
+                said += doubts.moved(difference, factors)
         return said
 
     def _better(self, minimum: Minimum, sigma: Floats, start: Floats) -> tuple[Minimum, Floats]:
