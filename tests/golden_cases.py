@@ -134,8 +134,9 @@ def lines(path: str) -> list[str]:
 
 
 def files(folder: str) -> list[str]:
-    """Names of all files in it."""
-    return sorted(path.relative_to(folder).as_posix() for path in Path(folder).rglob("*") if path.is_file())
+    """Names of all files in it that are to be seen."""
+    found = [path for path in Path(folder).rglob("*") if path.is_file() and path.name[0] != "."]
+    return sorted(path.relative_to(folder).as_posix() for path in found)
 
 
 def page(path: str) -> list[str]:

@@ -29,8 +29,12 @@ ROOMS = (  # from the ground up: a room imports those below it, and only those t
     ("problem", "errors parameters prior physics"),
     ("inference", "errors parallel parameters prior posterior curve landmarks physics problem writing"),
     ("training", "errors parallel parameters prior curve physics problem inference writing"),
+    ("unfinished", "errors posterior curve writing"),
     ("reporting", "errors parallel parameters posterior curve writing"),
-    ("beside", "errors parallel parameters landmarks posterior curve reading physics inference reporting writing"),
+    (
+        "beside",
+        "errors parallel parameters landmarks posterior curve reading physics inference reporting writing unfinished",
+    ),
     ("app", "errors parallel parameters posterior curve reading physics problem inference reporting writing"),
     ("loading", "errors reporting training beside writing"),
 )

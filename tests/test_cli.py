@@ -20,6 +20,7 @@ from cavirheo.physics.materials import Viscoelastic
 from cavirheo.physics.viscous import Cross
 from cavirheo.posterior import Checks, Posterior
 from cavirheo.reading import write_csv
+from cavirheo.unfinished import Step
 from cavirheo.verbs.run import Run
 
 ROOT = Path(__file__).parent.parent
@@ -133,7 +134,7 @@ def test_an_answer_that_is_no_number_is_a_failure(tmp_path, capsys):
     curve = read_curves(EXAMPLE)[0]
     nothing = Posterior(("log10_viscosity",), ("Pa s",), np.array([[np.nan]]), Checks("ok"), "newtonian", "bdt")
     with pytest.raises(typer.Exit) as stop:
-        Run().report([curve], [nothing], tmp_path)
+        Run().report([curve], Step("answering", lambda curves, done: [nothing], {}), tmp_path)
     assert stop.value.exit_code == 1
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import json
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -19,7 +20,7 @@ from cavirheo.posterior import Checks, Posterior
 from cavirheo.reading import write_csv
 from cavirheo.reporting import result
 from cavirheo.writing import style
-from cavirheo.writing.document import into, write_json
+from cavirheo.writing.document import Outputs, write_json
 
 ROOT = Path(__file__).parent.parent
 EXAMPLE = ROOT / "examples" / "soft_gel.csv"
@@ -72,18 +73,18 @@ def fake(monkeypatch):
     def infer_many(curves, *, model, done=None, **settings):
         calls.append({"model": model, **settings})
         material = "newtonian" if model == "bdt-viscous" else "nhkv"
-        for _ in curves if done else ():
-            done()
-        return [answered(curve, material) for curve in curves]
+        answers = [answered(curve, material) for curve in curves]
+        for k, answer in enumerate(answers):
+            done(k, answer)
+        return answers
 
-    def write_report(out, pairs, command):
-        with into(out) as folder:
-            write_json(folder / "result.json", written := result(pairs, command))
+    def write_report(out, pairs, command, *_, **how):
+        Outputs(out, "result.json").write("result.json", write_json, written := result(pairs, command))
         return written
 
     monkeypatch.setattr(published, "write_report", write_report)
     monkeypatch.setattr(published, "infer_many", infer_many)
-    monkeypatch.setattr(published, "load", lambda name: None)
+    monkeypatch.setattr(published, "load", lambda name: SimpleNamespace(sha256=""))
     return calls
 
 

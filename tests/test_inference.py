@@ -104,9 +104,9 @@ def fails_with(curve: RadiusCurve, *words: str) -> None:
 def test_others_are_answered_beside_a_failed_curve():
     bad = RadiusCurve(np.arange(3.0), np.array([1e-4, 2e-4, 1e-4]), meta={"name": "three"})
     seen = []
-    answers = infer_many([bad, shot()], done=lambda: seen.append(1))
+    answers = infer_many([bad, shot()], done=lambda index, answer: seen.append((index, answer)))
     assert [a.checks.verdict for a in answers] == ["failed", "ok"]
-    assert len(seen) == 2
+    assert sorted(seen, key=lambda pair: pair[0]) == list(enumerate(answers))
 
 
 def test_a_wrong_model_is_refused():

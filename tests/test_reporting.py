@@ -630,6 +630,7 @@ def test_write_report_names_files_safely_and_apart(tmp_path):
     files = {path.name for path in (tmp_path / "new" / "out").iterdir()}
     assert files == {
         "result.json", "result.csv", "report.html", "etc_x_1.png", "curve.png", "a_b.png", "A_b-2.png", "report-2.png",
+        ".cavirheo",
     }  # fmt: skip
     assert read_json(tmp_path / "new" / "out" / "result.json") == written
     assert list(tmp_path.iterdir()) == [tmp_path / "new"]
@@ -638,7 +639,7 @@ def test_write_report_names_files_safely_and_apart(tmp_path):
 def test_without_matplotlib_the_report_says_so(pairs, tmp_path, monkeypatch):
     monkeypatch.setattr(style, "available", lambda: False)
     written = write_report(tmp_path, pairs, COMMAND)
-    assert {path.name for path in tmp_path.iterdir()} == {"result.json", "result.csv", "report.html"}
+    assert {path.name for path in tmp_path.iterdir()} == {"result.json", "result.csv", "report.html", ".cavirheo"}
     assert 'pip install "cavirheo[plot]"' in written.notes[0]
     assert "cavirheo[plot]" in (tmp_path / "report.html").read_text(encoding="utf-8")
     assert "cavirheo[plot]" in printed(written, 100)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Iterable
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import ThreadPoolExecutor, as_completed
 from typing import TypeVar
 
 Job = TypeVar("Job")
@@ -17,19 +17,43 @@ def cores(workers: int | None = None) -> int:
 
 
 def each(
-    work: Callable[[Job], Done], jobs: Iterable[Job], workers: int | None = None, done: Callable[[], None] | None = None
+    work: Callable[[Job], Done],
+    jobs: Iterable[Job],
+    workers: int | None = None,
+    done: Callable[[int, Done], None] | None = None,
 ) -> list[Done]:
-    """work(job) of each job, in their order, on so many threads (all cores by default); `done` is called after each."""
+    """work(job) of each job, in their order, on so many threads (all cores by default).
 
-    def one(job: Job) -> Done:
-        found = work(job)
-        if done:
-            done()
-        return found
-
+    `done` is called in this thread with the index of each and what came of it, in the order in which they end. An
+    exception, Ctrl-C too, is not kept waiting: what has not begun is dropped, what has begun ends by itself.
+    """
     jobs = list(jobs)
+    found: dict[int, Done] = {}
+
+    def take(index: int, result: Done) -> None:
+        found[index] = result
+        if done:
+            done(index, result)
+
     threads = min(cores(workers), len(jobs))
     if threads < 2:
-        return [one(job) for job in jobs]
-    with ThreadPoolExecutor(threads) as pool:
-        return list(pool.map(one, jobs))
+        for index, job in enumerate(jobs):
+            take(index, work(job))
+        return list(found.values())
+    pool = ThreadPoolExecutor(threads)
+    try:
+        begun = {pool.submit(work, job): index for index, job in enumerate(jobs)}
+        for future in as_completed(begun):
+            take(begun[future], future.result())
+    finally:
+        pool.shutdown(wait=False, cancel_futures=True)
+    return [found[index] for index in range(len(jobs))]
+
+
+def aside(work: Callable[[], Done]) -> Done:
+    """work() in a thread of its own: this one only waits, so that Ctrl-C is obeyed during a long compilation, too."""
+    pool = ThreadPoolExecutor(1)
+    try:
+        return pool.submit(work).result()
+    finally:
+        pool.shutdown(wait=False, cancel_futures=True)

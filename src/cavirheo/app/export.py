@@ -13,6 +13,7 @@ from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError
 from cavirheo.reading import write_csv
 from cavirheo.reporting import file_names, write_report
+from cavirheo.writing.document import LIST
 
 _PICTURES = ("png", "svg")
 
@@ -27,6 +28,8 @@ def write_zip(session: Session) -> Path:
         document = write_report(folder, answers.pairs, command, _PICTURES)
         if fitted := [(curve, answers.fits[curve.name]) for curve, _ in answers.pairs if curve.name in answers.fits]:
             write_report(folder / "least-squares", fitted, f"{command}; then fit", _PICTURES)
+        for place in (folder, folder / "least-squares"):
+            (place / LIST).unlink(missing_ok=True)  # it tells one run from the next; a zip is of one
         for kind in ("processed", "simulated"):
             (folder / kind).mkdir()
         names = file_names([record.name for record in document.curves])

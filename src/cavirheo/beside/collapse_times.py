@@ -36,7 +36,7 @@ from cavirheo.reading.shots import read_shots
 from cavirheo.reading.tabular import Row, column_of, numbers, read_sheets, refuse_wider
 from cavirheo.reporting import file_names
 from cavirheo.writing import digits, terminal
-from cavirheo.writing.document import Document, Finite, Quantity, Record, write_rows
+from cavirheo.writing.document import Document, Finite, Outputs, Quantity, Record, write_rows
 from cavirheo.writing.style import BLUE, INK, VERMILLION, save_png, write
 
 if TYPE_CHECKING:
@@ -321,13 +321,16 @@ def _remarks(group: CollapseGroup, factor: float, unit: str) -> Iterator[tuple[s
         yield group.name, f"lambda: {', '.join(origins)}"
 
 
-def write_pictures(folder: Path, document: CollapseTimes) -> None:
-    """One PNG per group that has an answer."""
+def write_pictures(outputs: Outputs, document: CollapseTimes) -> list[str]:
+    """One PNG per group that has an answer; what is to be said of those that cannot be drawn."""
     names = file_names([group.name for group in document.groups])
     medium = Medium(**document.medium)
+    said: list[str] = []
     for group, name in zip(document.groups, names, strict=True):
         if group.best is not None:
-            save_png(folder / f"{name}.png", figure(group, group.best, medium, document.modulus_unit))
+            how = group, group.best, medium, document.modulus_unit
+            said += outputs.picture(f"{name}.png", save_png, figure, *how)
+    return said
 
 
 def figure(group: CollapseGroup, best: CollapseEstimate, medium: Medium, unit: tuple[float, str]) -> Figure:

@@ -58,8 +58,9 @@ def infer_many(
     window: int | None = None,
     trust_input: bool = False,
     workers: int | None = None,
-    done: Callable[[], None] | None = None,
+    done: Callable[[int, Posterior], None] | None = None,
 ) -> list[Posterior]:
-    """`infer` for many curves on all cores, in their order; `done` is called after each."""
+    """`infer` for many curves on all cores, in their order; `done` is called with the index and the answer of each as
+    it is found."""
     estimator = Amortised(load(model), medium, stretch, window, trust_input)
     return each(estimator.infer, curves, workers, done)

@@ -17,7 +17,7 @@ from cavirheo.training import figures
 from cavirheo.training.dataset import Dataset, load
 from cavirheo.training.metrics import breakdown, metrics
 from cavirheo.training.robustness import robustness
-from cavirheo.writing.document import into
+from cavirheo.writing.document import Outputs
 
 # heading and format of each column
 METRICS = {
@@ -52,6 +52,7 @@ def evaluate(model: Path, data_dir: Path, out_dir: Path | None = None, *, robust
         InputError: the set has no truth for an output of the model, or another grid of times; it shares draws with
             the training set without being the whole of it; fewer than 2 curves; no matplotlib for the figures.
     """
+    outputs = Outputs(out_dir, "metrics.json", "evaluation.md", *figures.NAMES) if out_dir is not None else None
     network, data = Network(model), load(data_dir)
     own = _trained_on(network, data)
     chosen = data.split(network.card["training"]["seed"])["test"] if own else np.flatnonzero(data.ok)
@@ -69,11 +70,11 @@ def evaluate(model: Path, data_dir: Path, out_dir: Path | None = None, *, robust
         "robustness": robustness(network, data, chosen) if robust else None,
         "figures": [],
     }
-    if out_dir is not None:
-        with into(out_dir) as folder:
-            result["figures"] = figures.draw(folder, network.card, result, truth, predicted)
-            (folder / "metrics.json").write_text(json.dumps(result, indent=2) + "\n", encoding="utf-8")
-            (folder / "evaluation.md").write_text(markdown(result), encoding="utf-8")
+    if outputs is not None:
+        result["figures"] = figures.draw(outputs, network.card, result, truth, predicted)
+        outputs.write("metrics.json", Path.write_text, json.dumps(result, indent=2) + "\n", encoding="utf-8")
+        outputs.write("evaluation.md", Path.write_text, markdown(result), encoding="utf-8")
+        outputs.finish()
     return result
 
 

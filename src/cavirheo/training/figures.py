@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from itertools import chain
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -12,6 +11,7 @@ import numpy as np
 from cavirheo.arrays import Floats
 from cavirheo.errors import require
 from cavirheo.parameters import LOG10, about, natural, natural_name
+from cavirheo.writing.document import Outputs
 from cavirheo.writing.style import BLUE, INK, VERMILLION, available
 
 if TYPE_CHECKING:
@@ -28,11 +28,12 @@ _STYLE: Any = {
     "ytick.labelsize": 9,
 }
 _DOTS: Any = {"marker": ".", "ls": "", "ms": 3.5, "mew": 0, "color": BLUE}
+NAMES = ("loss.png", "predicted.png", "error.png", "error_map.png", "error_share.png", "robustness.png")
 _LARGE_BIN = 10  # curves below which a running median is not drawn
 
 
 def draw(
-    folder: Path, card: Mapping[str, Any], result: Mapping[str, Any], truth: Floats, predicted: Floats
+    folder: Outputs, card: Mapping[str, Any], result: Mapping[str, Any], truth: Floats, predicted: Floats
 ) -> list[str]:
     """Draw an `evaluate` result into the folder; the names of the files drawn.
 
@@ -65,7 +66,7 @@ def draw(
             axes = figure.subplots(rows, columns, squeeze=False)
             for one, given in zip(axes.flat, chain(*panels), strict=True):
                 paint(one, *given)
-            figure.savefig(folder / file, dpi=160)
+            folder.write(file, lambda path, drawn: drawn.savefig(path, dpi=160), figure)
     return list(drawn)
 
 

@@ -87,7 +87,7 @@ def robustness(network: Network, data: Dataset, chosen: Indices) -> dict[str, An
                 filmed[key] = film(data.problem, data.theta, chosen, recording)
             curves = [degrade(*true, R_max, recording, i) for true, i in zip(filmed[key], chosen, strict=True)]
             read = [alone(curve) for curve in curves]
-            posteriors = each(estimator.infer, [curves[i] for i in drawn], done=advance)
+            posteriors = each(estimator.infer, [curves[i] for i in drawn], done=lambda *_: advance())
             answers = [posterior.theta[0] if len(posterior.theta) else nothing for posterior in posteriors]
             verdicts = [posterior.checks.verdict for posterior in posteriors]
             ok = [i for i, verdict in enumerate(verdicts) if verdict == "ok"]

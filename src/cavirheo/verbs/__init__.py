@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+import functools
 import os
+import signal
 import sys
+from collections.abc import Callable
+from contextlib import suppress
 from importlib import import_module
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
@@ -17,8 +21,24 @@ _FOUND = [getattr(import_module(f"cavirheo.verbs.{name}"), name) for name in _VE
 app = typer.Typer(
     no_args_is_help=True, add_completion=False, pretty_exceptions_enable=False, rich_markup_mode=None,
 )  # fmt: skip
+
+
+def _stoppable(verb: Callable[..., None]) -> Callable[..., None]:
+    """A verb that leaves with status 130 when it is interrupted where it has nothing to save."""
+
+    @functools.wraps(verb)
+    def run(*given: Any, **named: Any) -> None:
+        try:
+            verb(*given, **named)
+        except KeyboardInterrupt:
+            print("interrupted", file=sys.stderr)
+            raise typer.Exit(130) from None
+
+    return run
+
+
 for _verb in _FOUND:
-    app.command(_verb.__name__.replace("_", "-"))(with_surroundings(_verb))
+    app.command(_verb.__name__.replace("_", "-"))(_stoppable(with_surroundings(_verb)))
 
 
 def _show_version(wanted: bool) -> None:
@@ -42,18 +62,47 @@ def main() -> None:
     """The command line in this process: errors of the user become one line and exit status 2."""
     try:
         app()
-    except (InputError, SolverError) as error:
+    except (InputError, SolverError, OSError) as error:
         print(f"error: {error}", file=sys.stderr)
         sys.exit(2)
 
 
 def entry() -> None:
-    """`main` as a program: leaves at once, for tearing down the compiled libraries takes a third of a second."""
+    """`main` as a program: leaves at once, for tearing down the compiled libraries takes a third of a second, and
+    threads that still compute would be waited for."""
+    for number in _SIGNALS:
+        if signal.getsignal(number) != signal.SIG_IGN:
+            signal.signal(number, _stop)
     status = 0
     try:
         main()
+        sys.stdout.flush()
     except SystemExit as stop:
         status = stop.code if isinstance(stop.code, int) else int(stop.code is not None)
-    sys.stdout.flush()
-    sys.stderr.flush()
+    except KeyboardInterrupt:
+        status = 130
+    except BrokenPipeError:  # who reads has gone, as `head` does
+        status = 1
+    except OSError as error:
+        print(f"error: what was to be printed cannot be written: {error.strerror}", file=sys.stderr)
+        status = 2
+    with suppress(OSError):
+        sys.stdout.flush()
+        sys.stderr.flush()
     os._exit(status)
+
+
+_SIGNALS = (signal.SIGINT, signal.SIGTERM)
+
+
+def _stop(number: int, frame: object) -> None:
+    """The first Ctrl-C or SIGTERM ends the work, so that what was answered is written; the second ends the process."""
+    for each in _SIGNALS:
+        signal.signal(each, _leave)
+    raise KeyboardInterrupt
+
+
+def _leave(number: int, frame: object) -> None:
+    if sys.stderr.isatty():
+        os.write(2, b"\033[?25h")  # the cursor, which a bar hides
+    os._exit(130)

@@ -32,11 +32,12 @@ def collapse_time(
     """G and µ from the times of the first collapse alone: one answer per table, or per file or folder of curves."""
     from cavirheo.beside import collapse_times
     from cavirheo.writing import style
-    from cavirheo.writing.document import into, write_json
+    from cavirheo.writing.document import Outputs, write_json
 
     run = Run()
     fine = stretch is None or 1 < stretch < 1e3
     require(fine, f"--stretch must be R_max/R_0 above 1, got {stretch!r}", "collapse_time.stretch")
+    outputs = Outputs(out, "collapse-time.json", "shots.csv", inputs=files)
     groups, problems, remarks = collapse_times.read_groups(files, liquid, stretch)
     run.refuse(problems)
     run.notes += remarks
@@ -49,11 +50,11 @@ def collapse_time(
         command=run.command, date=run.date, notes=run.notes + ([] if style.available() else [style.NO_PICTURES]),
         material=material, medium=asdict(liquid), groups=groups,
     )  # fmt: skip
-    with into(out) as folder:
-        write_json(folder / "collapse-time.json", document)
-        collapse_times.write_csv(folder / "shots.csv", document)
-        if style.available():
-            collapse_times.write_pictures(folder, document)
+    outputs.write("shots.csv", collapse_times.write_csv, document)
+    if style.available():
+        document.notes += collapse_times.write_pictures(outputs, document)
+    outputs.write("collapse-time.json", write_json, document)
+    outputs.finish()
     collapse_times.print_table(document)
     unanswered = any(
         group.unusable or group.doubts or group.best is None or not group.best.answered for group in groups

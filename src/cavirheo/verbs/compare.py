@@ -9,7 +9,6 @@ import typer
 
 from cavirheo.verbs.options import ModelName, Out
 from cavirheo.verbs.run import Run
-from cavirheo.writing.terminal import bar
 
 
 def compare(
@@ -27,15 +26,14 @@ def compare(
     """Published values of many sets beside ours, with relative errors: tables, a picture and a report per set."""
     from cavirheo.beside.published import compare as compare_sets
     from cavirheo.beside.published.comparison import print_table
-    from cavirheo.physics.simulate import load_solver
 
     run = Run()
-    load_solver()
-    with bar("inferring") as advance:
-        result = compare_sets(
-            folder, references, out, model=model, fit=fit_law, reference_methods=reference_method or [],
-            command=run.command, done=lambda total: advance(total=total),
-        )  # fmt: skip
+    result = compare_sets(
+        folder, references, out, model=model, fit=fit_law, reference_methods=reference_method or [],
+        command=run.command, progress=True,
+    )  # fmt: skip
+    if result.notes and result.notes[0].startswith("interrupted"):
+        run.stop(result.notes[0], out / "comparison.md")
     print_table(result)
     run.unreadable = sum(len(about.problems) for about in result.sets)
     shots = sum(about.n_shots for about in result.sets)

@@ -36,23 +36,29 @@ def fit(
     out: options.Out = Path("cavirheo-fit"),
 ) -> None:
     """The field's conventional fit: least squares of simulated on measured radius histories, with intervals."""
+    from cavirheo.inference.experiment import Options
     from cavirheo.inference.fit import fit_many
-    from cavirheo.writing.terminal import bar
+    from cavirheo.inference.law import Family
+    from cavirheo.reporting import DOCUMENTS
+    from cavirheo.unfinished import Step
+    from cavirheo.writing.document import Outputs
 
     run = Run()
     options.check_verify(verify, exposure_us, exact_law)
     require(not joint or verify == "none", "--verify looks at each shot by itself: leave out --joint, or --verify")
     collapses, known = options.window_of(window), options.stretch_of(stretch)
-    curves = run.read(files, liquid, rmax_um, exposure_us)
+    Family(material)
     freed = tuple(name.strip() for name in free.split(",") if name.strip())
     camera: dict[str, Any] = {"free": freed, "scale_bound": scale_percent / 100}
     camera["t0_bound"] = None if t0_us is None else t0_us * 1e-6
+    end = None if window_us is None else window_us * 1e-6
+    cut: dict[str, Any] = {"window": collapses, "end": end, "weights": weights}
+    Options(stretch=known, **camera, **cut)
+    Outputs(out, *DOCUMENTS, inputs=files)
+    curves = run.read(files, liquid, rmax_um, exposure_us)
     shared: dict[str, Any] = {"medium": liquid, "stretch": known, "seed": seed}
-    with bar("fitting", len(curves)) as advance:
-        answers = fit_many(
-            curves, material, window=collapses, end=None if window_us is None else window_us * 1e-6, weights=weights,
-            joint=joint, done=advance, **shared, **camera,
-        )  # fmt: skip
+    settings = {"material": material, "joint": joint, **cut, **shared, **camera}
     if not freed:
         del camera["free"]
-    run.report(curves, answers, out, verify, discrepancy=not exact_law, **shared, **camera)
+    first = Step("fitting", fit_many, settings, apart=not joint)
+    run.report(curves, first, out, verify, discrepancy=not exact_law, **shared, **camera)

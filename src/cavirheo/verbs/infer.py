@@ -27,11 +27,18 @@ def infer(
 ) -> None:
     """Shear modulus and viscosity from measured radius histories, with pictures that show whether to believe them."""
     from cavirheo.inference import infer_many
-    from cavirheo.writing.terminal import bar
+    from cavirheo.inference.model import load
+    from cavirheo.inference.reconstruct import check_stretch
+    from cavirheo.reporting import DOCUMENTS
+    from cavirheo.unfinished import Step
+    from cavirheo.writing.document import Outputs
 
     run = Run()
     options.check_verify(verify, exposure_us, exact_law)
+    check_stretch(stretch)
+    network = load(model)
+    Outputs(out, *DOCUMENTS, inputs=files)
     curves = run.read(files, liquid, rmax_um, exposure_us)
-    with bar("inferring", len(curves)) as advance:
-        answers = infer_many(curves, model=model, medium=liquid, stretch=stretch, window=window, done=advance)
-    run.report(curves, answers, out, verify, medium=liquid, stretch=stretch, discrepancy=not exact_law)
+    settings = {"model": model, "medium": liquid, "stretch": stretch, "window": window}
+    first = Step("inferring", infer_many, settings, made_with=network.sha256)
+    run.report(curves, first, out, verify, medium=liquid, stretch=stretch, discrepancy=not exact_law)

@@ -27,11 +27,13 @@ def rheometer(
     from cavirheo.beside.rheometer import document, read, sweeps
     from cavirheo.reporting import read_json
     from cavirheo.writing import style
-    from cavirheo.writing.document import into, write_json
+    from cavirheo.writing.document import Outputs, write_json
 
     require(0 < at < float("inf"), f"--at must be an angular frequency in rad/s, got {at!r}")
     require(0 < tolerance < 50, f"--tolerance must be between 0 and 50 %, got {tolerance!r}")
     run = Run()
+    tables = ("rheometer.json", "rheometer.csv", "table.csv", "strain-sweep.png", "frequency-sweep.png")
+    outputs = Outputs(out, *tables, inputs=[*files, *([beside] if beside else [])])
     result = read_json(beside) if beside else None
     found: list[sweeps.Sweep] = []
     for path in files:
@@ -47,15 +49,15 @@ def rheometer(
         command=run.command, date=run.date, notes=[] if style.available() else [style.NO_PICTURES],
     )  # fmt: skip
     rows = document.beside(made, result) if result else []
-    with into(out) as folder:
-        write_json(folder / "rheometer.json", made)
-        document.write_csv(folder / "rheometer.csv", made)
-        if rows:
-            document.write_table(folder / "table.csv", rows)
-        if style.available():
-            from cavirheo.beside.rheometer.picture import write_pictures
+    outputs.write("rheometer.csv", document.write_csv, made)
+    if rows:
+        outputs.write("table.csv", document.write_table, rows)
+    if style.available():
+        from cavirheo.beside.rheometer.picture import write_pictures
 
-            write_pictures(folder, made)
+        made.notes += write_pictures(outputs, made)
+    outputs.write("rheometer.json", write_json, made)
+    outputs.finish()
     document.print_rheometry(made, rows)
     run.end(f"written to {out}", any(sweep.message for sweep in made.sweeps))
 

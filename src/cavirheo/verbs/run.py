@@ -8,17 +8,16 @@ import sys
 import time
 from datetime import datetime
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NoReturn
 
 import typer
 
 from cavirheo.errors import require
-from cavirheo.writing.terminal import bar
 
 if TYPE_CHECKING:
     from cavirheo.curve import RadiusCurve
     from cavirheo.physics.media import Medium
-    from cavirheo.posterior import Posterior
+    from cavirheo.unfinished import Step
 
 
 class Run:
@@ -43,6 +42,7 @@ class Run:
         self, files: list[Path], medium: Medium, rmax_um: float | None, exposure_us: float | None = None
     ) -> list[RadiusCurve]:
         """All curves of all files, and the solver loaded. Raises InputError: there is none."""
+        from cavirheo.parallel import aside
         from cavirheo.physics.simulate import load_solver
         from cavirheo.reading.shots import read_shots
 
@@ -55,28 +55,39 @@ class Run:
         self.notes += shots.remarks
         curves = shots.curves
         require(len(curves) > 0, "no curve could be read")
-        load_solver()
+        aside(load_solver)
         return [curve.with_exposure(exposure * 1e-6) for curve in curves] if exposure else curves
 
-    def report(
-        self, curves: list[RadiusCurve], answers: list[Posterior], out: Path, verify: str = "none", **settings: Any
-    ) -> None:
-        """The end of `infer` and `fit`: the answers verified (`settings` are those of `verify_many`), documents into
-        `out`, the table, the exit status."""
-        from cavirheo.reporting import write_report
+    def report(self, curves: list[RadiusCurve], first: Step, out: Path, verify: str = "none", **settings: Any) -> None:
+        """The end of `infer` and `fit`: the curves answered by the first step, the answers verified (`settings` are
+        those of `verify_many`), documents into `out`, the table, the exit status."""
+        from cavirheo.reporting import outputs, write_report
         from cavirheo.reporting.table import print_table
+        from cavirheo.unfinished import Step, Unfinished
 
+        outputs(out, curves)
+        steps, kept = [first], Unfinished(out)
         if verify != "none":
             from cavirheo.inference.verify import verify_many
 
-            with bar("verifying", len(curves)) as advance:
-                answers = verify_many(curves, answers, level=verify, done=advance, **settings)
-        result = write_report(
-            out, list(zip(curves, answers, strict=True)), self.command, date=self.date, notes=self.notes
-        )
+            steps.append(Step("verifying", verify_many, {"level": verify, **settings}))
+        found = kept.answers(curves, *steps)
+        pairs, note = [(curves[i], answer) for i, answer in found.items()], kept.note(len(found), len(curves))
+        if note:
+            if pairs:
+                notes = [note, *self.notes]
+                write_report(out, pairs, self.command, date=self.date, notes=notes, complete=False)
+            self.stop(note, out / "result.json" if pairs else None)
+        result = write_report(out, pairs, self.command, date=self.date, notes=self.notes)
+        kept.remove()
         print_table(result)
         failed = any(record.verdict in ("failed", "check_input") for record in result.curves)
         self.end(f"{len(curves)} curves in {{seconds}}; report: {out / 'report.html'}", failed)
+
+    def stop(self, said: str, written: Path | None) -> NoReturn:
+        """The last line of a run that was interrupted, and its exit status."""
+        print(f"{said}: {written}" if written else said, file=sys.stderr)
+        raise typer.Exit(130)
 
     def end(self, said: str, failed: bool = False) -> None:
         """The last line on stderr, `{seconds}` replaced by the time taken; status 2: unreadable files, 1: `failed`."""

@@ -60,6 +60,7 @@ def simulate(
     from cavirheo.physics import simulate as forward
     from cavirheo.physics.driving import Pulse, Trace
     from cavirheo.reading.trace import read_trace
+    from cavirheo.writing.document import Outputs
 
     both = "give either --pulse or --driving, not both; a file can hold any sum of pressures"
     require(not (pulse and driving), both, "simulate.two_drivings")
@@ -69,15 +70,18 @@ def simulate(
     require(possible, f"duration and frame rate must give 1 to a million frames, {got}", "simulate.frames")
     frames = int(duration_us * 1e-6 * frame_rate_hz * (1 + 1e-9)) + 1
     far_field = Trace(*read_trace(driving)) if driving else None
+    inputs = [driving] if driving else []
+    places = {out: (Outputs(out.parent, out.name, inputs=inputs), _write_frames)}
+    if fields:
+        places[fields] = Outputs(fields.parent, fields.name, inputs=inputs), _write_fields
     forward.load_solver()
     run = forward.simulate(
         law, max_radius=rmax_um * 1e-6, stretch=stretch, time=np.arange(frames) / frame_rate_hz, medium=liquid,
         driving=Pulse(pulse[0] * 1e3, pulse[1] * 1e6, pulse[2] * 1e-6) if pulse else far_field,
         motion=motion, polytropic=polytropic, relaxed=relaxed, fields=fields is not None, precise=precise,
     )  # fmt: skip
-    _write_frames(run, out)
-    if fields:
-        _write_fields(run, fields)
+    for path, (outputs, writer) in places.items():
+        outputs.write(path.name, writer, run)
     print(f"{frames} frames of {law} in {liquid.name}: {out}", file=sys.stderr)
 
 
@@ -101,11 +105,9 @@ def _material(text: str, **parameters: float | None) -> Material:
     return law
 
 
-def _write_frames(run: Simulation, path: Path) -> None:
+def _write_frames(path: Path, run: Simulation) -> None:
     """CSV, a row per frame."""
     import numpy as np
-
-    from cavirheo.writing.document import into
 
     columns = {
         "time_us": run.time * 1e6, "radius_um": run.radius * 1e6, "velocity_m_per_s": run.velocity,
@@ -113,18 +115,16 @@ def _write_frames(run: Simulation, path: Path) -> None:
         "strain_rate_per_s": run.strain_rate,
     }  # fmt: skip
     rows = np.stack(list(columns.values()), axis=1)
-    with into(path.parent), path.open("wb") as file:
+    with path.open("wb") as file:
         np.savetxt(file, rows, fmt="%.9g", delimiter=",", header=",".join(columns), comments="")
 
 
-def _write_fields(run: Simulation, path: Path) -> None:
+def _write_fields(path: Path, run: Simulation) -> None:
     """HDF5: time_s (n,), radius_m (n,), position (m,), temperature_K and vapour_mass_fraction (n, m)."""
     import h5py  # a quarter of a second that other uses need not wait for
 
-    from cavirheo.writing.document import into
-
     assert run.contents is not None
-    with into(path.parent), h5py.File(path, "w") as file:
+    with h5py.File(path, "w") as file:
         file["time_s"], file["radius_m"] = run.time, run.radius
         file["position"] = run.contents.position
         file["temperature_K"], file["vapour_mass_fraction"] = run.contents.temperature, run.contents.vapour

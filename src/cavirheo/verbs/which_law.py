@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 from typer import Option
 
@@ -33,24 +33,41 @@ def which_law(
     out: options.Out = Path("cavirheo-laws"),
 ) -> None:
     """Which of several laws do the curves speak for? Evidence by importance sampling, some 10 s a curve and law."""
-    from cavirheo.inference.verify.evidence import rank_laws
+    from cavirheo.inference.experiment import Options
+    from cavirheo.inference.fit import fit_many
+    from cavirheo.inference.verify import verify_many
+    from cavirheo.inference.verify.evidence import check_laws, ranked
     from cavirheo.reporting.laws import Laws, laws_table
+    from cavirheo.unfinished import Step, Unfinished
     from cavirheo.writing import document, terminal
 
     run = Run()
     names = [name.strip() for name in laws.split(",") if name.strip()]
     looked_at, known = options.window_of(window), options.stretch_of(stretch)
+    check_laws(names)
+    Options(window=looked_at, stretch=known)
+    outputs, kept = document.Outputs(out, "laws.json", inputs=files), Unfinished(out)
     curves = run.read(files, liquid, rmax_um, exposure_us)
-    with terminal.bar("weighing", len(curves) * len(names)) as advance:
-        singles, groups = rank_laws(
-            curves, names, medium=liquid, window=looked_at, stretch=known, seed=seed, discrepancy=not exact_law,
-            done=advance,
-        )  # fmt: skip
-    weighed = [_weighed(one, curve) for one, curve in zip(singles, curves, strict=True)]
-    found = Laws(command=run.command, notes=run.notes, curves=weighed, groups=[_weighed(one) for one in groups])
-    with document.into(out) as folder:
-        document.write_json(folder / "laws.json", found)
-    terminal.console().print(laws_table(found))
+    shared: dict[str, Any] = {"medium": liquid, "stretch": known, "seed": seed}
+    weighing = {"discrepancy": not exact_law, **shared}
+    found = {}
+    for law in names:
+        fitting = {"material": law, "window": looked_at, **shared}
+        steps = Step(f"fitting {law}", fit_many, fitting), Step(f"weighing {law}", verify_many, weighing)
+        found[law] = kept.answers(curves, *steps)
+    complete = [i for i in range(len(curves)) if all(i in answers for answers in found.values())]
+    answered, note = [curves[i] for i in complete], kept.note(len(complete), len(curves))
+    singles, groups = ranked(answered, {law: [answers[i] for i in complete] for law, answers in found.items()})
+    weighed = [_weighed(one, curve) for one, curve in zip(singles, answered, strict=True)]
+    notes = [*([note] if note else []), *run.notes]
+    made = Laws(command=run.command, notes=notes, curves=weighed, groups=[_weighed(one) for one in groups])
+    if answered:
+        outputs.write("laws.json", document.write_json, made)
+    if note:
+        run.stop(note, out / "laws.json" if answered else None)
+    outputs.finish()
+    kept.remove()
+    terminal.console().print(laws_table(made))
     verdicts = {answer.checks.verdict for one in singles for answer in one.answers.values()}
     failed = "check_input" in verdicts or any(one.chosen is None for one in singles)
     run.end(f"{len(curves)} curves in {{seconds}}; {out / 'laws.json'}", failed)

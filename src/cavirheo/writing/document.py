@@ -3,17 +3,23 @@
 from __future__ import annotations
 
 import csv
-from collections.abc import Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+import hashlib
+import json
+import os
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager, suppress
 from importlib.metadata import version
 from math import isfinite
 from pathlib import Path
+from tempfile import TemporaryFile
 from typing import Annotated, Any, Literal, TypeVar
 
 import numpy as np
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError
 
-from cavirheo.errors import InputError
+from cavirheo.errors import InputError, require
+
+LIST = ".cavirheo"  # in a folder that we wrote into: what we wrote there
 
 
 def finite(value: float | None) -> float | None:
@@ -73,22 +79,119 @@ def spread_of(values: list[float | None]) -> Spread:
 @contextmanager
 def into(folder: str | Path) -> Iterator[Path]:
     """A folder to write into, made if it is missing. Raises InputError for whatever cannot be written there."""
-    try:
+    with _told(folder):
         Path(folder).mkdir(parents=True, exist_ok=True)
         yield Path(folder)
+
+
+@contextmanager
+def _told(folder: str | Path) -> Iterator[None]:
+    try:
+        yield
     except OSError as error:
         raise InputError(f"cannot write into {folder}: {error.strerror or error}", "document.folder") from None
 
 
 @contextmanager
 def whole(path: Path) -> Iterator[Path]:
-    """A file to write beside `path`, which takes its place when it is complete and is gone if it never is."""
-    temporary = path.with_suffix(".tmp")
+    """A file to write beside `path`, which takes its place when it is complete and is gone if it never is.
+
+    Its name is hidden, ours alone, and keeps the ending, by which some choose what they write.
+    """
+    temporary = path.with_name(f".{path.name}.part{path.suffix}")
     try:
         yield temporary
         temporary.replace(path)
     finally:
         temporary.unlink(missing_ok=True)
+
+
+class Outputs:
+    """The files that one run writes into a folder: each whole or not at all, and no file of the user's is replaced.
+
+    `.cavirheo` in the folder has a line for every file that we wrote, with its SHA-256. The line is there before the
+    file has its name, so that a run which is killed leaves nothing that the next would not know. A file that is not
+    listed as it is now was written, or changed, by somebody else. The first of `names` tells one kind of run from
+    others, which may use the same folder.
+
+    Raises:
+        InputError: at once, and again before each file is written: the folder cannot be written, or one of `names` is
+            there and not ours, or is one of `inputs`.
+    """
+
+    def __init__(self, folder: str | Path, *names: str, inputs: Iterable[str | Path] = ()) -> None:
+        self.folder, self.kind = Path(folder), names[0]
+        self._inputs = {os.path.realpath(path) for path in inputs}
+        self._written: set[str] = set()
+        self._listed: dict[str, list[dict[str, str]]] = {}
+        new = [path for path in (self.folder, *self.folder.parents) if not os.path.exists(path)]
+        with into(self.folder):  # tried, without a trace
+            with TemporaryFile(dir=self.folder, buffering=0) as file:
+                file.write(bytes(4096))
+            self._read()
+            for path in new:
+                path.rmdir()
+        self.check(*names)
+
+    def check(self, *names: str) -> None:
+        """Raises InputError: one of these is there and must not be replaced."""
+        for name in names:
+            path, mend = self.folder / name, "give another place with -o, or move it away"
+            read = f"{path} is read by this command, and its results would replace it: {mend}"
+            require(os.path.realpath(path) not in self._inputs, read, "document.input")
+            foreign = f"{path} is there and is not as cavirheo wrote it, so it is not replaced: {mend}"
+            with _told(self.folder):
+                require(not os.path.lexists(path) or self._ours(name), foreign, "document.foreign")
+
+    def write(self, name: str, writer: Callable[..., object], *content: Any, **how: Any) -> None:
+        """`writer(path, *content, **how)` into the file of this name."""
+        with into(self.folder):
+            self.check(name)
+            with whole(self.folder / name) as temporary:
+                writer(temporary, *content, **how)
+                entry = {"kind": self.kind, "name": name, "sha256": _sha256(temporary)}
+                with (self.folder / LIST).open("a", encoding="utf-8") as file:
+                    file.write("\n" + json.dumps(entry))  # on a line of its own, even after one that was cut short
+                self._listed.setdefault(name, []).append(entry)
+        self._written.add(name)
+
+    def picture(self, name: str, save: Callable[..., object], draw: Callable[..., Any], *content: Any) -> list[str]:
+        """`save(path, draw(*content))`; what is to be said where it cannot be drawn, which costs nothing but itself."""
+        try:
+            drawn = draw(*content)
+        except Exception as error:
+            return [f"{name} could not be drawn: {type(error).__name__}: {error}"]
+        self.write(name, save, drawn)
+        return []
+
+    def finish(self) -> None:
+        """Remove what earlier runs of this kind wrote and this one did not: pictures of other curves."""
+        with into(self.folder):
+            for name in set(self._listed) - self._written:
+                path, kind = self.folder / name, self._listed[name][-1]["kind"]
+                if kind == self.kind and self._ours(name) and os.path.realpath(path) not in self._inputs:
+                    path.unlink()
+            there = [entries[-1] for name, entries in self._listed.items() if os.path.lexists(self.folder / name)]
+            with whole(self.folder / LIST) as temporary:
+                temporary.write_text("\n".join(map(json.dumps, there)), encoding="utf-8")
+
+    def _ours(self, name: str) -> bool:
+        path, known = self.folder / name, [entry["sha256"] for entry in self._listed.get(name, ())]
+        return bool(known) and path.is_file() and not path.is_symlink() and _sha256(path) in known
+
+    def _read(self) -> None:
+        """What is listed, by name; a line that is cut short is none, nor is one of a file elsewhere."""
+        path = self.folder / LIST
+        for line in path.read_text(encoding="utf-8", errors="replace").splitlines() if path.exists() else ():
+            with suppress(ValueError, TypeError, KeyError):
+                entry = {key: str(json.loads(line)[key]) for key in ("kind", "name", "sha256")}
+                if Path(entry["name"]).name == entry["name"]:
+                    self._listed.setdefault(entry["name"], []).append(entry)
+
+
+def _sha256(path: Path) -> str:
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
 
 
 def write_json(path: str | Path, document: Document) -> None:

@@ -5,7 +5,7 @@ Answers and reports, one per set in its own folder, are those of `cavirheo infer
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import asdict
 from datetime import datetime
 from pathlib import Path
@@ -19,11 +19,13 @@ from cavirheo.inference import infer_many
 from cavirheo.inference.law import Family
 from cavirheo.inference.model import DEFAULT, load
 from cavirheo.inference.reconstruct import check_stretch
-from cavirheo.posterior import Posterior
+from cavirheo.parallel import aside
+from cavirheo.physics.simulate import load_solver
 from cavirheo.reading.shots import read_shots
-from cavirheo.reporting import file_names, write_report
+from cavirheo.reporting import file_names, outputs, write_report
+from cavirheo.unfinished import Step, Unfinished
 from cavirheo.writing import style
-from cavirheo.writing.document import into, write_json
+from cavirheo.writing.document import Outputs, write_json
 
 REFERENCES = ("IMR", "rheometer")  # of relative errors, where the user names none
 _MEASUREMENTS = {".mat", ".csv", ".txt", ".h5", ".hdf5", ".xlsx"}  # what is taken of a subfolder
@@ -40,11 +42,12 @@ def compare(
     fit: str | None = None,
     reference_methods: Sequence[str] = (),
     command: str = "cavirheo compare",
-    done: Callable[[int], None] | None = None,
+    progress: bool = False,
 ) -> Comparison:
     """Infer or fit every set that `references` names; write the comparison and a report per set into `out`.
 
-    A set whose files are missing or unreadable keeps its row and says so in `problems`.
+    A set whose files are missing or unreadable keeps its row and says so in `problems`. Answers are kept as they are
+    found (unfinished.py); after Ctrl-C the comparison is of those, and its notes begin with "interrupted".
 
     Args:
         folder: what the files of the sets are relative to.
@@ -52,11 +55,11 @@ def compare(
         model: for sets that name none.
         fit: a law, such as "nhkv": least squares instead of networks; Newtonian where the model is.
         reference_methods: those to which errors are relative; default: of REFERENCES those in the file.
-        done: called after each shot with the number of all shots.
+        progress: show a bar on stderr.
 
     Raises:
         InputError: a mistake in `references` (line, column, what was expected), an unknown model or method,
-            or a folder that cannot be read or written.
+            a folder that cannot be read or written, or a file in `out` that is not ours.
     """
     if fit:
         Family(fit)
@@ -73,30 +76,41 @@ def compare(
     for about in sets:
         _check(about, model)
     found = [shots_of(about, folder, references) for about in sets]
-    total = sum(len(curves) for curves, *_ in found)
     names = file_names([*_OUTPUTS, *(about.name for about in sets)])[len(_OUTPUTS) :]
+    written, kept = Outputs(out, *_OUTPUTS, inputs=[references]), Unfinished(out, shown=progress)
+    for name, (curves, *_) in zip(names, found, strict=True):
+        outputs(out / name, curves)
+    aside(load_solver)
+    steps = [_step(about, model, fit) for about in sets]
+    answers = [kept.answers(curves, step) for (curves, *_), (_, step) in zip(found, steps, strict=True)]
+    note = kept.note(sum(map(len, answers)), sum(len(curves) for curves, *_ in found))
+    notes = [note] if note else []
     records: list[ComparedSet] = []
-    for about, name, (curves, files, problems, left_out) in zip(sets, names, found, strict=True):
-        which, answers = _answers(about, curves, model, fit, (lambda: done(total)) if done else None)
-        rows = write_report(out / name, list(zip(curves, answers, strict=True)), command).curves if curves else []
+    for about, name, (which, _), answered, (curves, files, problems, left_out) in zip(
+        sets, names, steps, answers, found, strict=True
+    ):
+        pairs = [(curves[i], answer) for i, answer in answered.items()]
+        rows = write_report(out / name, pairs, command, notes=notes, complete=not note).curves if pairs else []
         records.append(compared_set(
             about, rows, against, model=which, medium=asdict(about.medium), problems=problems, notes=left_out,
             files=[str(file.relative_to(folder) if file.is_relative_to(folder) else file) for file in files],
-            report=f"{name}/report.html" if curves else None,
+            report=f"{name}/report.html" if rows and not note else None,
         ))  # fmt: skip
     comparison = Comparison(
         command=command, date=datetime.now().astimezone().strftime("%Y-%m-%d %H:%M %Z"),
-        notes=([] if against else [none]) + ([] if style.available() else [_NO_PICTURE]),
+        notes=notes + ([] if against else [none]) + ([] if style.available() else [_NO_PICTURE]),
         methods=methods, reference_methods=against, sets=records,
     )  # fmt: skip
-    with into(out):
-        write_json(out / "comparison.json", comparison)
-        write_csv(out / "comparison.csv", comparison)
-        (out / "comparison.md").write_text(markdown(comparison), encoding="utf-8")
-        if style.available():
-            from cavirheo.beside.published.picture import figure
+    if style.available() and not note:
+        from cavirheo.beside.published.picture import figure
 
-            style.save_png(out / "comparison.png", figure(comparison))
+        comparison.notes += written.picture("comparison.png", style.save_png, figure, comparison)
+    written.write("comparison.csv", write_csv, comparison)
+    written.write("comparison.md", Path.write_text, markdown(comparison), encoding="utf-8")
+    written.write("comparison.json", write_json, comparison)
+    written.finish()
+    if not note:
+        kept.remove()
     return comparison
 
 
@@ -112,19 +126,19 @@ def _check(about: ReferenceSet, model: str) -> None:
         raise (error.within(f"{line}, column {column}") if line else error) from None
 
 
-def _answers(
-    about: ReferenceSet, curves: list[RadiusCurve], model: str, fit: str | None, done: Callable[[], None] | None
-) -> tuple[str, list[Posterior]]:
-    """(by what the set is answered, the answers)."""
+def _step(about: ReferenceSet, model: str, fit: str | None) -> tuple[str, Step]:
+    """(by what the set is answered, how)."""
     which = about.settings.get("model", model)
     options: dict[str, Any] = {name: about.settings.get(name) for name in ("stretch", "window")}
-    options |= {"medium": about.medium, "done": done}
+    options["medium"] = about.medium
+    network = load(which)
     if not fit:
-        return which, infer_many(curves, model=which, **options)
+        return which, Step(f"inferring {about.name}", infer_many, {"model": which, **options}, network.sha256)
     from cavirheo.inference.fit import fit_many
 
-    law = "newtonian" if load(which).card["material"] == "newtonian" else fit
-    return f"least squares, {law}", fit_many(curves, law, windows=False, **options)
+    law = "newtonian" if network.card["material"] == "newtonian" else fit
+    options |= {"material": law, "windows": False}
+    return f"least squares, {law}", Step(f"fitting {about.name}", fit_many, options)
 
 
 def shots_of(

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -12,7 +11,7 @@ from cavirheo.arrays import Floats
 from cavirheo.beside.panels import headed, plain_ticks, two_panels
 from cavirheo.beside.rheometer.document import Rheometry
 from cavirheo.writing import digits
-from cavirheo.writing.document import spread_of
+from cavirheo.writing.document import Outputs, spread_of
 from cavirheo.writing.style import BLUE, INK, VERMILLION, save_png, write
 
 if TYPE_CHECKING:
@@ -26,12 +25,15 @@ _LINE: Any = {"marker": "o", "ms": 3.2, "mew": 0, "lw": 0.7}
 _MARK: Any = {"ls": "none", "ms": 8, "mew": 1.4, "mec": INK, "mfc": "none", "zorder": 4, "clip_on": False}
 
 
-def write_pictures(folder: Path, document: Rheometry) -> None:
-    """strain-sweep.png and frequency-sweep.png: the sweeps of each kind laid over each other."""
+def write_pictures(outputs: Outputs, document: Rheometry) -> list[str]:
+    """strain-sweep.png and frequency-sweep.png: the sweeps of each kind laid over each other; what is to be said of one
+    that cannot be drawn."""
+    said: list[str] = []
     if document.strain_sweeps:
-        save_png(folder / "strain-sweep.png", strain_figure(document))
+        said += outputs.picture("strain-sweep.png", save_png, strain_figure, document)
     if document.frequency_sweeps:
-        save_png(folder / "frequency-sweep.png", frequency_figure(document))
+        said += outputs.picture("frequency-sweep.png", save_png, frequency_figure, document)
+    return said
 
 
 def strain_figure(document: Rheometry) -> Figure:

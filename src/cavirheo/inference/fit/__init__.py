@@ -56,7 +56,7 @@ def fit_many(
     trust_input: bool = False,
     seed: int = 0,
     workers: int | None = None,
-    done: Callable[[], None] | None = None,
+    done: Callable[[int, Posterior], None] | None = None,
 ) -> list[Posterior]:
     """Nonlinear least squares on the simulated radius, from many starts; one answer per curve, in their order.
 
@@ -75,7 +75,7 @@ def fit_many(
         joint: curves of one group (meta "group") share the material; stretch and what is free are each shot's own.
         trust_input: doubts about the recording or its settings are said, but decide no verdict.
         seed: of the draws, which are the Gaussian about the minimum (fit/covariance.py).
-        done: called after each curve.
+        done: called with the index of each curve and its answer (with `joint` that by itself) as it is found.
 
     A curve that cannot be fitted gives a Posterior without draws whose checks.message says why.
 
@@ -106,7 +106,7 @@ def fit_many(
             answer = Posterior(names, units(names), nothing, checks, family.name, "least_squares", told)
         return replace(answer, seconds=time.perf_counter() - began), alone
 
-    answered = each(one, curves, workers, done)
+    answered = each(one, curves, workers, done and (lambda index, found: done(index, found[0])))
     answers = [answer for answer, _ in answered]
     groups: dict[Any, dict[int, _Alone]] = {}
     for i, (curve, (_, single)) in enumerate(zip(curves, answered, strict=True)):

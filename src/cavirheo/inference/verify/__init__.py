@@ -78,13 +78,14 @@ def verify_many(
     answers: Sequence[Posterior],
     *,
     workers: int | None = None,
-    done: Callable[[], None] | None = None,
+    done: Callable[[int, Posterior], None] | None = None,
     **settings: Any,
 ) -> list[Posterior]:
     """Answers of any method brought to the maximum of the posterior and, with level "full", replaced by draws that the
     likelihood has weighted; on all cores, in their order. `settings` are those of `Verification`.
 
-    Law and window are the answer's. A failed answer stays as it is; one whose verification fails says so.
+    `done` is called with the index and the answer of each as it is found. Law and window are the answer's. A failed
+    answer stays as it is; one whose verification fails says so.
     """
     inner = max(cores(workers) // max(len(curves), 1), 1)
     chosen = Verification(workers=inner, **settings)

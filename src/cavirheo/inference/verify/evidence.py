@@ -75,16 +75,16 @@ def rank_laws(
     trust_input: bool = False,
     seed: int = 0,
     workers: int | None = None,
-    done: Callable[[], None] | None = None,
+    done: Callable[[int, Posterior], None] | None = None,
     **options: Any,
 ) -> tuple[list[Ranking], list[Ranking]]:
     """The laws of each curve, and of each group of more than one: the sum over shots each with its own parameters.
 
-    `options` are those of `Verification`; `ranges` may hold parameters of some of the laws only. `done` is called after
-    each law of each curve. Raises InputError: fewer than two laws, one unknown, or a setting out of its domain.
+    `options` are those of `Verification`; `ranges` may hold parameters of some of the laws only. `done` is called with
+    the index of the curve and the answer of each law as it is found. Raises InputError: fewer than two laws, one
+    unknown, or a setting out of its domain.
     """
-    told = f"give two or more different laws to choose from, got {', '.join(laws) or 'none'}"
-    require(len(laws) >= 2 and len(set(laws)) == len(laws), told, "option.laws")
+    check_laws(laws)
     ranges: Mapping[str, Sequence[float]] = options.pop("ranges", None) or {}
     found: dict[str, list[Posterior]] = {}
     for law in laws:
@@ -98,9 +98,24 @@ def rank_laws(
             curves, fitted, medium=medium, stretch=stretch, seed=seed, workers=workers, done=done, ranges=mine,
             **options,
         )  # fmt: skip
+    return ranked(curves, found)
+
+
+def check_laws(laws: Sequence[str]) -> None:
+    """Raises InputError: fewer than two laws, one twice, or one unknown."""
+    told = f"give two or more different laws to choose from, got {', '.join(laws) or 'none'}"
+    require(len(laws) >= 2 and len(set(laws)) == len(laws), told, "option.laws")
+    for law in laws:
+        Family(law)
+
+
+def ranked(
+    curves: Sequence[RadiusCurve], found: Mapping[str, Sequence[Posterior]]
+) -> tuple[list[Ranking], list[Ranking]]:
+    """As `rank_laws`, from the verified answers by law, in the order of the curves."""
     singles = []
     for i, curve in enumerate(curves):
-        answers = {law: found[law][i] for law in laws}
+        answers = {law: answers[i] for law, answers in found.items()}
         evidence = {law: _evidence(answer) for law, answer in answers.items()}
         singles.append(Ranking(curve.name, evidence, 1, answers))
     groups: dict[Any, list[Ranking]] = {}

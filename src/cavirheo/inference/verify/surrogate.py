@@ -59,11 +59,9 @@ class Surrogate:
             self.parts.append((root, axes.T @ (size[:, None] * form[:-1]), np.maximum(values, 0)))
 
     def __call__(self, u: Floats) -> Floats:
-        """(k,) at u (k, d), many of them shared by the target's threads."""
-        parts = min(self.target.workers, len(u) // 250)  # for fewer, threads cost more than they give
-        if parts < 2:
-            return self._expected(u)
-        return np.concatenate(each(self._expected, np.array_split(u, parts), parts))
+        """(k,) at u (k, d), in blocks that do not depend on the number of threads: last digits would."""
+        blocks = np.array_split(u, max(len(u) // 250, 1))  # smaller ones cost more than threads give
+        return np.concatenate(each(self._expected, blocks, self.target.workers))
 
     def _expected(self, u: Floats) -> Floats:
         z = self._whitened(u)

@@ -1,0 +1,155 @@
+"""Answers kept one by one while a run goes on: the same command takes them up after Ctrl-C, a kill or a full disk.
+
+`unfinished/` in the folder of the results holds a file for each, which is never seen half-written. Its name is a hash
+of all that the answer depends on: the curve, the settings, the model, our version.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import sys
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
+from dataclasses import dataclass, fields, is_dataclass
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from cavirheo.curve import RadiusCurve
+from cavirheo.errors import require
+from cavirheo.posterior import Checks, Diagnostics, Evidence, Posterior, WindowAnswer
+from cavirheo.writing.document import into, whole
+from cavirheo.writing.terminal import bar
+
+_KINDS = {kind.__name__: kind for kind in (Posterior, Checks, WindowAnswer, Evidence, Diagnostics)}
+_NAME = "[0-9a-f]" * 64 + ".npz"
+
+
+@dataclass(frozen=True)
+class Step:
+    """`verb(curves, done=..., **settings)`, or of a later step `verb(curves, answers, done=..., **settings)`.
+
+    doing: as the bar says it. made_with: what an answer depends on besides the settings: a model's SHA-256. apart: no
+    answer depends on other curves, so that each can be kept.
+    """
+
+    doing: str
+    verb: Callable[..., list[Posterior]]
+    settings: Mapping[str, Any]
+    made_with: str = ""
+    apart: bool = True
+
+
+class Unfinished:
+    """The answers of one run into the folder `out`. After Ctrl-C `interrupted` is set, and nothing more is begun."""
+
+    def __init__(self, out: str | Path, *, shown: bool = True) -> None:
+        self.folder, self.shown, self.interrupted = Path(out) / "unfinished", shown, False
+        way = f"{self.folder} must be a folder, for answers are kept there: give another place with -o"
+        require(self.folder.is_dir() or not self.folder.exists(), way, "document.folder")
+
+    def answers(self, curves: Sequence[RadiusCurve], *steps: Step) -> dict[int, Posterior]:
+        """The answers of the last step by the index of the curve, in order; not all of them if it is interrupted.
+
+        What is kept is taken, and the step before is asked only for the rest. A failed answer is not kept: another try
+        may have more memory.
+        """
+        *before, step = steps
+        places = [self.folder / f"{_key(curve, steps)}.npz" for curve in curves] if step.apart else []
+        found = {i: answer for i, place in enumerate(places) if (answer := read_answer(place))}
+        if found and self.shown:
+            said = f"{len(found)} of {len(curves)} answers are taken from {self.folder}"
+            print(f"{said}, where an unfinished run left them", file=sys.stderr)
+        left = [i for i in range(len(curves)) if i not in found]
+        mine = [curves[i] for i in left]
+        begun = self.answers(mine, *before) if before and left else {}
+        if not left or self.interrupted:
+            return found
+
+        def done(k: int, answer: Posterior) -> None:
+            if step.apart:
+                found[left[k]] = answer
+                if answer.checks.verdict != "failed":
+                    with into(self.folder):
+                        write_answer(places[left[k]], answer)
+            advance()
+
+        given = [list(begun.values())] if before else []
+        try:
+            with bar(step.doing, len(left), shown=self.shown) as advance:
+                found.update(zip(left, step.verb(mine, *given, done=done, **step.settings), strict=True))
+        except KeyboardInterrupt:
+            self.interrupted = True
+        return dict(sorted(found.items()))
+
+    def note(self, answered: int, asked: int) -> str:
+        """What is to be said of a run that was interrupted; nothing of another."""
+        said = f"interrupted: {answered} of {asked} answered; the same command again answers the rest"
+        return said if self.interrupted else ""
+
+    def remove(self) -> None:
+        """To be called when all documents are complete."""
+        for path in (*self.folder.glob(_NAME), *self.folder.glob(f".{_NAME}.part.npz")):
+            path.unlink(missing_ok=True)
+        with suppress(OSError):  # there is none, or something else is in it
+            self.folder.rmdir()
+
+
+def write_answer(path: Path, answer: Posterior) -> None:
+    """Arrays as such, all else as JSON: numbers come back to the last bit. Raises OSError."""
+    arrays: list[np.ndarray] = []
+    text = json.dumps(_packed(answer, arrays), default=str)
+    with whole(path) as temporary:
+        np.savez(temporary, np.frombuffer(text.encode(), np.uint8), *arrays)
+
+
+def read_answer(path: Path) -> Posterior | None:
+    """What `write_answer` wrote; None where there is nothing, or nothing that can be read."""
+    with suppress(Exception), np.load(path) as file:  # whatever is wrong with it, the answer is found anew
+        arrays = [file[name] for name in file.files]
+        answer = _unpacked(json.loads(arrays[0].tobytes()), arrays[1:])
+        return answer if isinstance(answer, Posterior) else None
+    return None
+
+
+def _packed(value: Any, arrays: list[np.ndarray]) -> Any:
+    """As JSON can hold it; whatever JSON does not know as {kind: content}."""
+    if isinstance(value, np.ndarray):
+        arrays.append(value)
+        return {"array": len(arrays) - 1}
+    if is_dataclass(value) and not isinstance(value, type):
+        inside = {field.name: _packed(getattr(value, field.name), arrays) for field in fields(value)}
+        return {type(value).__name__: inside}
+    if isinstance(value, Mapping):
+        return {"dict": [[_packed(key, arrays), _packed(item, arrays)] for key, item in value.items()]}
+    if isinstance(value, tuple | list):
+        return {"tuple" if isinstance(value, tuple) else "list": [_packed(item, arrays) for item in value]}
+    return value.item() if isinstance(value, np.generic) else value
+
+
+def _unpacked(value: Any, arrays: list[np.ndarray]) -> Any:
+    if not isinstance(value, dict):
+        return value
+    ((kind, inside),) = value.items()
+    if kind == "array":
+        return arrays[inside]
+    if kind in _KINDS:
+        return _KINDS[kind](**{name: _unpacked(item, arrays) for name, item in inside.items()})
+    if kind == "dict":
+        return {_unpacked(key, arrays): _unpacked(item, arrays) for key, item in inside}
+    return {"list": list, "tuple": tuple}[kind](_unpacked(item, arrays) for item in inside)
+
+
+def _key(curve: RadiusCurve, steps: Sequence[Step]) -> str:
+    """Of all samples and words of the curve, and of all that is done to it."""
+    settings = [[step.verb.__name__, step.made_with, sorted(step.settings.items())] for step in steps]
+    content = [[field.name, getattr(curve, field.name)] for field in fields(curve)]
+    arrays: list[np.ndarray] = []
+    text = json.dumps([version("cavirheo"), _packed(settings, arrays), _packed(content, arrays)], default=str)
+    digest = hashlib.sha256(text.encode())
+    for array in arrays:
+        digest.update(f"{array.dtype}{array.shape}".encode() + array.tobytes())
+    return digest.hexdigest()
