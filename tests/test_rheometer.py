@@ -440,7 +440,7 @@ def test_examples_give_back_the_truth(run, tmp_path, examples):
     assert strain["crossover_strain"] == pytest.approx(
         examples.HALF_STRAIN * np.sqrt((storage / loss - 1) / 4), rel=0.02
     )
-    names = {"rheometer.json", "rheometer.csv", "strain-sweep.png", "frequency-sweep.png"}
+    names = {"rheometer.json", "rheometer.csv", "strain-sweep.png", "frequency-sweep.png", ".cavirheo"}
     assert {path.name for path in (tmp_path / "r").iterdir()} == names
     rows = (tmp_path / "r" / "rheometer.csv").read_text().splitlines()
     assert [row.split(",")[0] for row in rows] == ["kind", "strain", "frequency"]
@@ -561,4 +561,4 @@ def test_without_matplotlib_it_says_so(run, tmp_path, monkeypatch):
     status, out, _ = run("rheometer", "a.csv", "-o", "r")
     assert status == 0
     assert "cavirheo[plot]" in out
-    assert {path.name for path in (tmp_path / "r").iterdir()} == {"rheometer.json", "rheometer.csv"}
+    assert {path.name for path in (tmp_path / "r").iterdir()} == {"rheometer.json", "rheometer.csv", ".cavirheo"}

@@ -23,6 +23,7 @@ from cavirheo.training import figures, robustness
 from cavirheo.training.dataset import generate, load
 from cavirheo.training.metrics import breakdown, metrics
 from cavirheo.training.recipe import Recipe, read_recipe
+from cavirheo.writing.document import Outputs
 
 scale_bias = load_benchmark("scale_bias")
 
@@ -272,19 +273,20 @@ def test_figures(tmp_path, monkeypatch):
         "breakdown": breakdown(names, prior, theta, predicted - truth),
         "robustness": None,
     }
-    drawn = figures.draw(tmp_path, card | {"training": {"best_epoch": 2}}, result, truth, predicted)
+    outputs = Outputs(tmp_path, "metrics.json")
+    drawn = figures.draw(outputs, card | {"training": {"best_epoch": 2}}, result, truth, predicted)
     assert drawn == ["loss.png", "predicted.png", "error.png", "error_map.png", "error_share.png"]
     assert min((tmp_path / name).stat().st_size for name in drawn) > 10_000
-    monkeypatch.setattr(figure, "savefig", lambda *_, **__: None)
+    monkeypatch.setattr(figure, "savefig", lambda _, path, **__: path.touch())
     unknown = {"recording": {"name": "blind"}, "network": {"metrics": None}, "answer": {"metrics": None}}
     two = {  # outputs, and a card without a history
         "metrics": metrics(prior.names, theta, theta + 0.1),
         "breakdown": breakdown(prior.names, prior, theta, np.full(theta.shape, 0.1)),
         "robustness": {"curves": 60, "answers": 0, "rows": [unknown]},
     }
-    assert figures.draw(tmp_path, {}, two, theta, theta + 0.1) == [*drawn[1:], "robustness.png"]
+    assert figures.draw(outputs, {}, two, theta, theta + 0.1) == [*drawn[1:], "robustness.png"]
     monkeypatch.setitem(sys.modules, "matplotlib", None)
-    refused("figures.matplotlib", figures.draw, tmp_path, {}, result, truth, predicted)
+    refused("figures.matplotlib", figures.draw, outputs, {}, result, truth, predicted)
 
 
 def test_scale_bias_of_a_liquid():
@@ -462,7 +464,7 @@ class TestTorch:
         drawn = []
         monkeypatch.setattr(figures, "draw", lambda *given: drawn.append(given) or ["loss.png"])  # in test_figures
         found = judge.evaluate(path, data, tmp_path / "figures")
-        assert drawn[0][:2] == (tmp_path / "figures", card)
+        assert (drawn[0][0].folder, drawn[0][1]) == (tmp_path / "figures", card)
         assert (found["part"], found["curves"]) == ("test", result["data"]["test"])
         for name, values in result["metrics"].items():
             assert found["metrics"][name] == pytest.approx(values, abs=1e-4)

@@ -89,7 +89,8 @@ def _told(folder: str | Path) -> Iterator[None]:
     try:
         yield
     except OSError as error:
-        raise InputError(f"cannot write into {folder}: {error.strerror or error}", "document.folder") from None
+        why = "it is not a folder" if isinstance(error, FileExistsError) else error.strerror or error
+        raise InputError(f"cannot write into {folder}: {why}", "document.folder") from None
 
 
 @contextmanager

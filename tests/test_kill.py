@@ -1,0 +1,92 @@
+"""Killed at random moments: what was answered is there, the same command completes it, and nothing is doubled."""
+
+from __future__ import annotations
+
+import json
+import random
+import subprocess
+import sys
+import time
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from cavirheo import read_curves
+from cavirheo.reading import write_csv
+from cavirheo.unfinished import read_answer
+from cavirheo.writing.document import LIST
+
+EXAMPLE = Path(__file__).parent.parent / "examples" / "soft_gel.csv"
+COMMANDS = {  # shots, kills, words
+    "infer": (50, 8, ["infer", "shots", "-o", "out"]),
+    "fit": (6, 4, ["fit", "shots", "--window", "2", "-o", "out"]),
+    "verify": (3, 5, ["infer", "shots", "--verify", "full", "-o", "out"]),
+    "compare": (12, 3, ["compare", ".", "--references", "references.csv", "-o", "out"]),
+}
+MASKED = ("seconds", "date")
+
+
+def call(words: list[str], folder: Path, seconds: float | None = None) -> int | None:
+    """The exit status; None if it was killed after so many seconds."""
+    files = sorted(path.name for path in folder.glob("shot*.csv"))
+    words = [part for word in words for part in (files if word == "shots" else [word])]
+    process = subprocess.Popen(
+        [sys.executable, "-m", "cavirheo", *words], cwd=folder, stdout=subprocess.PIPE, stderr=subprocess.PIPE
+    )
+    try:
+        process.communicate(timeout=seconds)
+    except subprocess.TimeoutExpired:
+        process.kill()
+        process.communicate()
+        return None
+    return process.returncode
+
+
+def masked(value: object) -> object:
+    if isinstance(value, dict):
+        return {key: "*" if key in MASKED else masked(item) for key, item in value.items()}
+    return [masked(item) for item in value] if isinstance(value, list) else value
+
+
+def documents(folder: Path) -> dict[str, object]:
+    """Every document of numbers, without times and dates; of the others that they are there."""
+    found: dict[str, object] = {}
+    for path in sorted(folder.rglob("*")):
+        if path.is_file() and path.name != LIST:
+            number = path.suffix == ".json"
+            found[str(path.relative_to(folder))] = masked(json.loads(path.read_text())) if number else path.suffix
+    return found
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", COMMANDS)
+def test_killed_at_random_moments(tmp_path, name):
+    shots, kills, words = COMMANDS[name]
+    (curve, *_) = read_curves(EXAMPLE)
+    for place in ("whole", "killed"):
+        (tmp_path / place).mkdir()
+        for k in range(shots):
+            other = replace(curve, radius=curve.radius * (1 + 1e-4 * k))
+            write_csv(tmp_path / place / f"shot{k:02d}.csv", other)
+        lines = "".join(f"set {s},shot{s}?.csv\n" for s in range((shots + 9) // 10))
+        (tmp_path / place / "references.csv").write_text(f"set,files\n{lines}")
+    began = time.monotonic()
+    assert call(words, tmp_path / "whole") in (0, 1)
+    longest, folder, chance = time.monotonic() - began, tmp_path / "killed", random.Random(0)
+    kept: set[str] = set()
+    for _ in range(kills):
+        if call(words, folder, chance.uniform(0.1, 0.9) * longest) is not None:
+            break  # it had been answered by the calls before
+        if kept and not (folder / "out" / "unfinished").exists():
+            break  # killed when all was written
+        here = {path.name for path in (folder / "out").glob("unfinished/*.npz")}
+        assert kept <= here  # what was answered is there
+        assert len(here) <= 2 * shots
+        assert all(read_answer(folder / "out" / "unfinished" / file) for file in here)
+        kept = here
+        for path in (folder / "out").rglob("*.json"):
+            json.loads(path.read_text())
+    assert kept
+    assert call(words, folder) in (0, 1)
+    assert documents(folder / "out") == documents(tmp_path / "whole" / "out")

@@ -1,0 +1,451 @@
+"""What is written: no file of the user's is replaced, no answer is lost, nothing is half-written."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+import resource
+import signal
+import subprocess
+import sys
+import threading
+import time
+from dataclasses import fields, is_dataclass, replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from cavirheo import fit, read_curves
+from cavirheo.errors import InputError
+from cavirheo.parallel import each
+from cavirheo.physics import simulate
+from cavirheo.posterior import Evidence, Posterior
+from cavirheo.reading import write_csv
+from cavirheo.reporting import picture, read_json, write_report
+from cavirheo.unfinished import Step, Unfinished, read_answer, write_answer
+from cavirheo.writing.document import LIST, Outputs
+
+EXAMPLES = Path(__file__).parent.parent / "examples"
+EXAMPLE = EXAMPLES / "soft_gel.csv"
+VERBS = {  # what each writes first, and a call that is complete but for -o
+    "result.csv": ["infer", "shot.csv"],
+    "result.json": ["fit", "shot.csv"],
+    "laws.json": ["which-law", "shot.csv"],
+    "comparison.md": ["compare", ".", "--references", "references.csv"],
+    "shots.csv": ["collapse-time", "shot.csv"],
+    "rheometer.csv": ["rheometer", EXAMPLES / "soft_gel_strain_sweep.csv"],
+}
+
+
+def contents(folder: Path) -> dict[str, bytes]:
+    return {str(path.relative_to(folder)): path.read_bytes() for path in folder.rglob("*") if path.is_file()}
+
+
+def put(path: Path, text: str) -> None:
+    path.write_text(text, encoding="utf-8")
+
+
+@pytest.fixture
+def inputs(tmp_path, monkeypatch):
+    """shot.csv and references.csv; nothing may be computed."""
+
+    def computed(*_: object, **__: object) -> None:
+        raise AssertionError("the outputs were not tried before")
+
+    write_csv(tmp_path / "shot.csv", read_curves(EXAMPLE)[1])
+    put(tmp_path / "references.csv", "set,files\ngel,shot.csv\n")
+    monkeypatch.setattr(simulate, "load_solver", computed)
+    return tmp_path
+
+
+# -------------------------------------------------------------------------------------------------- files of the user's
+
+
+@pytest.mark.parametrize("name", VERBS)
+def test_a_file_of_the_users_is_not_replaced(run, inputs, name):
+    (inputs / "out").mkdir()
+    put(inputs / "out" / name, "measured with care")
+    before = contents(inputs)
+    status, _, err = run(*VERBS[name], "-o", "out")
+    assert (status, err.count("\n")) == (2, 1)
+    assert f"out/{name}" in err
+    assert contents(inputs) == before
+
+
+def test_the_measurement_beside_is_not_replaced(run, inputs):
+    (inputs / "shot.csv").rename(inputs / "result.csv")
+    before = contents(inputs)
+    status, _, err = run("infer", "result.csv", "-o", ".")
+    assert (status, err.count("\n")) == (2, 1)
+    assert contents(inputs) == before
+
+
+@pytest.mark.parametrize("option", ["-o", "--fields"])
+def test_simulate_replaces_only_its_own(run, tmp_path, option):
+    words = ["simulate", "--material", "newtonian(0.1)", "--rmax-um", 100, "--stretch", 5, "--duration-us", 5]
+    words += ["-o", "a.csv"] if option == "--fields" else []
+    assert run(*words, option, "b.out")[0] == 0
+    assert run(*words, option, "b.out")[0] == 0
+    put(tmp_path / "b.out", "edited")
+    put(tmp_path / "a.part", "mine")
+    status, _, err = run(*words, option, "b.out")
+    assert (status, err.count("\n")) == (2, 1)
+    assert (tmp_path / "b.out").read_text() == "edited"
+    assert (tmp_path / "a.part").read_text() == "mine"
+
+
+def test_our_own_files_are_replaced_and_old_pictures_go(tmp_path):
+    curves = read_curves(EXAMPLE)
+    pairs = [(curve, fit(curve, window=1, windows=False)) for curve in curves[:2]]
+    write_report(tmp_path, pairs, "first")
+    first = {path.name for path in tmp_path.iterdir()}
+    put(tmp_path / "soft_gel_2.png", "painted over")
+    put(tmp_path / "mine.png", "a photograph")
+    Outputs(tmp_path, "other.json").write("other.json", Path.write_text, "of another verb")
+    written = write_report(tmp_path, pairs[:1], "second")
+    assert read_json(tmp_path / "result.json") == written
+    assert {path.name for path in tmp_path.iterdir()} == first | {"mine.png", "other.json"}
+    write_report(tmp_path, pairs[:1], "third", pictures=())
+    left = {path.name for path in tmp_path.iterdir()}
+    assert left == first - {"soft_gel_1.png"} | {"mine.png", "other.json"}
+    with pytest.raises(InputError) as refused:
+        write_report(tmp_path, pairs, "fourth")
+    assert refused.value.code == "document.foreign"
+    assert "soft_gel_2.png" in str(refused.value)
+
+
+def test_what_is_read_is_not_replaced_even_if_it_is_ours(tmp_path):
+    Outputs(tmp_path, "a.csv").write("a.csv", Path.write_text, "ours")
+    with pytest.raises(InputError) as refused:
+        Outputs(tmp_path, "a.csv", inputs=[tmp_path / "." / "a.csv"])
+    assert refused.value.code == "document.input"
+    later = Outputs(tmp_path, "a.csv", "b.csv")
+    later.write("b.csv", Path.write_text, "b")
+    assert (tmp_path / "a.csv").exists()
+    later.finish()
+    assert not (tmp_path / "a.csv").exists()
+
+
+@pytest.mark.parametrize("line", ["{", "[]", '{"kind": "r", "name": "../secret", "sha256": "%s"}', "\xff"])
+def test_a_strange_list_does_no_harm(tmp_path, line):
+    put(tmp_path / "secret", "x")
+    (tmp_path / "out").mkdir()
+    put(tmp_path / "out" / LIST, line.replace("%s", hashlib.sha256(b"x").hexdigest()) + '\n{"kind"')
+    outputs = Outputs(tmp_path / "out", "r")
+    outputs.write("r", Path.write_text, "new")
+    outputs.finish()
+    assert (tmp_path / "secret").read_text() == "x"
+    Outputs(tmp_path / "out", "r")
+
+
+def test_a_link_is_not_followed(tmp_path):
+    put(tmp_path / "target", "theirs")
+    (tmp_path / "out").mkdir()
+    (tmp_path / "out" / "r").symlink_to(tmp_path / "nowhere")
+    with pytest.raises(InputError) as refused:
+        Outputs(tmp_path / "out", "r")
+    assert refused.value.code == "document.foreign"
+
+
+# ------------------------------------------------------------------------------------------------ tried before the work
+
+
+@pytest.mark.parametrize("out", ["/dev/full", "/dev/full/x", "shot.csv", "shot.csv/y", "a" * 300, "/proc/x"])
+@pytest.mark.parametrize("name", VERBS)
+def test_a_place_that_cannot_be_written_is_refused_at_once(run, inputs, name, out):
+    before = contents(inputs)
+    status, _, err = run(*VERBS[name], "-o", out)
+    assert (status, err.count("\n")) == (2, 1)
+    assert out in err
+    assert contents(inputs) == before
+
+
+@pytest.mark.skipif(os.geteuid() == 0, reason="root may write everywhere")
+def test_a_folder_without_permission_is_refused_at_once(run, inputs):
+    (inputs / "out").mkdir(mode=0o500)
+    status, _, err = run("infer", "shot.csv", "-o", "out")
+    assert (status, err.count("\n")) == (2, 1)
+
+
+def test_trying_leaves_no_trace(run, inputs):
+    assert run("infer", "nowhere.csv", "-o", "new/deep")[0] == 2
+    assert not (inputs / "new").exists()
+
+
+@pytest.mark.parametrize(
+    ("words", "named"),
+    [
+        ("which-law --laws nhkv,foo", "foo"),
+        ("which-law --laws nhkv", "nhkv"),
+        ("which-law --stretch 0.5", "0.5"),
+        ("fit --material foo", "foo"),
+        ("fit --free foo", "foo"),
+        ("fit --scale-percent 90", "scale"),
+        ("fit --window-us -1", "end"),
+        ("infer --model foo", "foo"),
+        ("infer --stretch 0.5 --verify map", "0.5"),
+        ("infer --rmax-um -5", "-5"),
+        ("infer --verify map --exposure-us -5", "-5"),
+        ("compare --references nowhere.csv", "nowhere.csv"),
+    ],
+)
+def test_options_are_refused_before_files_are_read(run, inputs, words, named):
+    """The file is not there, and the option is what is spoken of."""
+    verb, *options = words.split()
+    status, _, err = run(verb, "." if verb == "compare" else "missing.csv", *options)
+    assert (status, err.count("\n")) == (2, 1)
+    assert named in err
+    assert "missing.csv" not in err
+
+
+# ------------------------------------------------------------------------------------------------- nothing half-written
+
+
+def test_a_picture_that_cannot_be_drawn_costs_nothing_else(tmp_path, monkeypatch):
+    curves = read_curves(EXAMPLE)[:2]
+    answer = fit(curves[0], window=1, windows=False)
+    show = picture.CurvePicture.show
+
+    def fails_once(self, curve, *rest):
+        if curve is curves[0]:
+            raise RuntimeError("no font")
+        return show(self, curve, *rest)
+
+    monkeypatch.setattr(picture.CurvePicture, "show", fails_once)
+    written = write_report(tmp_path, [(curve, answer) for curve in curves], "test")
+    assert [row.verdict for row in written.curves] == [answer.checks.verdict] * 2
+    (note,) = written.notes
+    assert "RuntimeError" in note
+    assert curves[0].name in note
+    assert read_json(tmp_path / "result.json") == written
+    page = (tmp_path / "report.html").read_text(encoding="utf-8")
+    assert page.endswith("</html>\n") or page.endswith("</html>")
+    assert note in page
+    assert {path.name for path in tmp_path.iterdir() if path.suffix == ".png"} == {"soft_gel_2.png"}
+
+
+def test_an_interruption_while_a_page_is_written_leaves_the_old_one(tmp_path, monkeypatch):
+    curve = read_curves(EXAMPLE)[0]
+    pairs = [(curve, fit(curve, window=1, windows=False))]
+    write_report(tmp_path, pairs, "first")
+    before = contents(tmp_path)
+
+    def stopped(*_: object) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(picture.CurvePicture, "show", stopped)
+    with pytest.raises(KeyboardInterrupt):
+        write_report(tmp_path, pairs, "second")
+    after = contents(tmp_path)
+    assert after["report.html"] == before["report.html"]
+    assert "second" in after["result.json"].decode()
+    assert set(after) == set(before)
+
+
+# --------------------------------------------------------------------------------------------------------- kept answers
+
+
+def same(one: object, other: object) -> bool:
+    """To the last bit, kinds included."""
+    if is_dataclass(one):
+        return type(one) is type(other) and all(same(getattr(one, f.name), getattr(other, f.name)) for f in fields(one))
+    if isinstance(one, np.ndarray):
+        return one.dtype == other.dtype and np.array_equal(one, other, equal_nan=one.dtype.kind == "f")
+    if isinstance(one, dict):
+        return list(one) == list(other) and all(same(one[key], other[key]) for key in one)
+    if isinstance(one, tuple | list):
+        return type(one) is type(other) and len(one) == len(other) and all(map(same, one, other))
+    return type(one) is type(other) and (one == other or one != one)
+
+
+def answered() -> Posterior:
+    found = fit(read_curves(EXAMPLE)[1], window=2)
+    more = {"nothing": None, "infinite": float("inf"), "pair": (1, 2.5), "list": [True, "µ"], 3: {"x": {}}}
+    weights = np.linspace(-3, 0, len(found.theta))
+    return replace(found, provenance=found.provenance | more, evidence=Evidence(1.25), log_weight=weights)
+
+
+def test_a_kept_answer_comes_back_to_the_last_bit(tmp_path):
+    answer = answered()
+    write_answer(tmp_path / "a.npz", answer)
+    assert same(answer, read_answer(tmp_path / "a.npz"))
+    content = (tmp_path / "a.npz").read_bytes()
+    for cut in (b"", b"PK", content[: len(content) // 2], bytes(len(content))):
+        (tmp_path / "a.npz").write_bytes(cut)
+        assert read_answer(tmp_path / "a.npz") is None
+    assert read_answer(tmp_path / "nothing.npz") is None
+
+
+def test_an_interrupted_run_goes_on_where_it_was(tmp_path):
+    curves, answer, asked, until = read_curves(EXAMPLE), answered(), [], 2
+
+    def of(curve):
+        return replace(answer, seconds=float(curve.name[-2]))
+
+    def first(curves, *, done):
+        asked.append(("first", len(curves)))
+        for k, curve in enumerate(curves):
+            done(k, of(curve))
+        return list(map(of, curves))
+
+    def second(curves, given, *, done, seed):
+        asked.append(("second", len(curves)))
+        for k, curve in enumerate(curves[:until]):
+            done(k, of(curve))
+        if until < len(curves):
+            raise KeyboardInterrupt
+        return list(map(of, curves))
+
+    def answers(curves, seed=0):
+        run = Unfinished(tmp_path)
+        return run, run.answers(curves, Step("first", first, {}), Step("second", second, {"seed": seed}))
+
+    run, found = answers(curves)
+    assert run.interrupted
+    assert list(found) == [0, 1]
+    until = 9
+    run, found = answers(curves[::-1])  # in any order
+    assert not run.interrupted
+    assert [one.seconds for one in found.values()] == [5.0, 4.0, 3.0, 2.0, 1.0]
+    assert asked == [("first", 5), ("second", 5), ("second", 3)]  # what the first step had answered was taken
+    answers(curves, seed=1)
+    assert asked[3:] == [("second", 5)]  # another setting
+    answers([replace(curves[0], radius=curves[0].radius * 1.001)])
+    assert asked[4:] == [("first", 1), ("second", 1)]  # another curve
+    put(tmp_path / "unfinished" / "notes.txt", "mine")
+    run.remove()
+    assert contents(tmp_path) == {"unfinished/notes.txt": b"mine"}
+    (tmp_path / "unfinished" / "notes.txt").unlink()
+    run.remove()
+    assert not list(tmp_path.iterdir())
+
+
+def test_answers_are_told_as_they_are_found():
+    seen, gate = [], threading.Event()
+
+    def work(job: int) -> int:
+        if job == 0:
+            gate.wait(5)
+        return 10 * job
+
+    def done(index: int, result: int) -> None:
+        seen.append((index, result, threading.current_thread() is threading.main_thread()))
+        if index == 3:
+            gate.set()
+
+    assert each(work, range(4), 2, done) == [0, 10, 20, 30]
+    assert seen[-1] == (0, 0, True)
+    assert sorted(seen) == [(k, 10 * k, True) for k in range(4)]
+
+
+def test_an_error_does_not_wait_for_other_threads():
+    gate, begun = threading.Event(), []
+
+    def work(job: int) -> None:
+        begun.append(job)
+        if job == 1:
+            raise InputError("no", "code")
+        gate.wait(20)
+
+    before = time.perf_counter()
+    with pytest.raises(InputError):
+        each(work, range(50), 2)
+    assert time.perf_counter() - before < 10
+    gate.set()
+    assert len(begun) < 10
+
+
+# --------------------------------------------------------------------------------------------------------- as a program
+
+
+def program(*words: object, cwd: Path, **how: object) -> subprocess.Popen:
+    """`cavirheo` in a process of its own, whose signals are those of a terminal."""
+    return subprocess.Popen(
+        [sys.executable, "-m", "cavirheo", *map(str, words)], cwd=cwd, text=True, stderr=subprocess.PIPE,
+        stdout=subprocess.PIPE, preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL), **how,
+    )  # fmt: skip
+
+
+@pytest.fixture
+def many(tmp_path) -> Path:
+    """Copies of one shot, all different."""
+    (curve,) = read_curves(EXAMPLE)[:1]
+    for k in range(40):
+        write_csv(tmp_path / f"shot{k:02d}.csv", replace(curve, radius=curve.radius * (1 + 1e-4 * k)))
+    return tmp_path
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_ctrl_c_writes_what_was_answered(many, number):
+    words = ["infer", *sorted(path.name for path in many.glob("*.csv")), "-o", "out"]
+    call = program(*words, cwd=many)
+    wait_for(lambda: len(list((many / "out").glob("unfinished/*.npz"))) >= 2, call)
+    call.send_signal(number)
+    before = time.perf_counter()
+    _, err = call.communicate(timeout=60)
+    assert call.returncode == 130, err
+    assert time.perf_counter() - before < 5  # 1 s where nothing else runs
+    assert "Traceback" not in err
+    written = json.loads((many / "out" / "result.json").read_text())
+    kept = len(list((many / "out").glob("unfinished/*.npz")))
+    assert 2 <= len(written["curves"]) <= kept < 40
+    assert f"{len(written['curves'])} of 40" in written["notes"][0]
+    assert f"{len(written['curves'])} of 40" in err
+    assert {path.name for path in (many / "out").iterdir()} == {"result.json", "result.csv", LIST, "unfinished"}
+
+
+def wait_for(fine, call: subprocess.Popen, seconds: float = 120.0) -> None:
+    end = time.monotonic() + seconds
+    while not fine():
+        assert call.poll() is None, call.communicate()
+        assert time.monotonic() < end
+        time.sleep(0.02)
+
+
+def test_a_full_disk_is_one_line(many):
+    """As far as a limit on the size of files tells: the documents fit, report.html does not."""
+
+    def limited() -> None:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (60_000, 60_000))
+
+    files = sorted(path.name for path in many.glob("*.csv"))[:3]
+    call = subprocess.run(
+        [sys.executable, "-m", "cavirheo", "infer", *files, "-o", "out"], cwd=many, capture_output=True, text=True,
+        check=False, preexec_fn=limited,
+    )  # fmt: skip
+    assert call.returncode == 2, call.stderr
+    said = [line for line in call.stderr.splitlines() if line.strip()]
+    assert [line for line in said if line.startswith("error: ")] == said[-1:]
+    assert "Traceback" not in call.stderr
+    assert len(list((many / "out" / "unfinished").glob("*.npz"))) == 3
+    assert not (many / "out" / "report.html").exists()
+    assert not [path for path in (many / "out").rglob("*") if ".part" in path.name]
+    assert json.loads((many / "out" / "result.json").read_text())["curves"]
+
+
+def test_a_reader_that_goes_is_no_traceback(tmp_path):
+    for words in ("laws", "models"):
+        reading, writing = os.pipe()
+        os.close(reading)
+        call = subprocess.run(
+            [sys.executable, "-m", "cavirheo", words], stdout=writing, stderr=subprocess.PIPE, text=True, check=False
+        )
+        os.close(writing)
+        assert call.stderr == ""
+        with open("/dev/full", "w") as full:
+            call = subprocess.run(
+                [sys.executable, "-m", "cavirheo", words], stdout=full, stderr=subprocess.PIPE, text=True, check=False
+            )
+        assert (call.returncode, call.stderr.count("\n")) == (2, 1)
+
+
+def test_an_interruption_elsewhere_is_130(run, monkeypatch):
+    def stopped(*_: object, **__: object) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("cavirheo.physics.simulate.simulate", stopped)
+    words = ["simulate", "--material", "newtonian(0.1)", "--rmax-um", 100, "--stretch", 5, "-o", "a.csv"]
+    status, _, err = run(*words)
+    assert (status, err) == (130, "interrupted\n")
