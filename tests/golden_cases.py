@@ -532,7 +532,7 @@ SIMULATED = {
     "memory": ("--stretch", 6, "--material", "neo-hookean(2e3) + newtonian(0.02) + maxwell(5e3, 1e-5)", "--relaxed"),
     "carreau": ("--stretch", 7, "--material", "yeoh(1e3, 20) + cross(0.5, 0.01, 1e-4)", "--motion", "gilmore"),
     "pulse": ("--stretch", 1, "--pulse", -800, 1, 5, "--shear-modulus", 1000, "--viscosity", 0.01),
-    "trace": ("--stretch", 1, "--driving", "trace.csv", "--shear-modulus", 1000, "--viscosity", 0.01),
+    "trace": ("--stretch", 1, "--driving", "pressure.csv", "--shear-modulus", 1000, "--viscosity", 0.01),
     "polytropic": ("--stretch", 7, "--shear-modulus", 6000, "--viscosity", 0.05, "--polytropic", 1.4,
                    "--motion", "rayleigh-plesset", "--precise"),
 }  # fmt: skip
@@ -541,7 +541,7 @@ SIMULATED = {
 @case(rtol=1e-3)
 def simulate() -> Any:
     """Every tenth row of the CSV, for laws, motions, gas and driving."""
-    Path("trace.csv").write_text("time_us,pressure_kPa\n0,0\n5,-500\n10,300\n15,0\n")
+    Path("pressure.csv").write_text("time_us,pressure_kPa\n0,0\n5,-500\n10,300\n15,0\n")
     found = {}
     for name, words in SIMULATED.items():
         radius = 5 if name in ("pulse", "trace") else 250
