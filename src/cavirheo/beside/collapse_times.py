@@ -324,7 +324,7 @@ def _remarks(group: CollapseGroup, factor: float, unit: str) -> Iterator[tuple[s
 def write_pictures(folder: Path, document: CollapseTimes) -> None:
     """One PNG per group that has an answer."""
     names = file_names([group.name for group in document.groups])
-    medium = Medium(**document.medium)
+    medium = Medium(**document.medium, unusual=True)
     for group, name in zip(document.groups, names, strict=True):
         if group.best is not None:
             save_png(folder / f"{name}.png", figure(group, group.best, medium, document.modulus_unit))
