@@ -102,7 +102,7 @@ def fails_with(curve: RadiusCurve, *words: str) -> None:
 
 
 def test_others_are_answered_beside_a_failed_curve():
-    bad = RadiusCurve(np.arange(3.0), np.array([1e-4, 2e-4, 1e-4]), meta={"name": "three"})
+    bad = RadiusCurve(np.arange(3) * 1e-6, np.array([1e-4, 2e-4, 1e-4]), meta={"name": "three"})
     seen = []
     answers = infer_many([bad, shot()], done=lambda: seen.append(1))
     assert [a.checks.verdict for a in answers] == ["failed", "ok"]

@@ -6,6 +6,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import KW_ONLY, dataclass, field, replace
 from functools import cached_property
 from math import log
+from numbers import Real
 from typing import TYPE_CHECKING, Any, Generic, Protocol, TypeVar
 
 import numpy as np
@@ -231,8 +232,8 @@ class RadiusCurve:
 
         Times stay, except where the file gives time only in units of R_max sqrt(rho/p) and no R_max.
         """
-        why = f"the maximum radius must be positive, got {max_radius!r} m"
-        require(0 < max_radius < np.inf, why, "curve.max_radius")
+        why = f"the maximum radius must be a positive number of metres, got {max_radius!r}"
+        require(isinstance(max_radius, Real) and 0 < max_radius < np.inf, why, "curve.max_radius")
         RADIUS.check("the maximum radius", max_radius, "curve.max_radius")
         start, top = self._maximum
         scale = max_radius / top

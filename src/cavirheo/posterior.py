@@ -24,6 +24,7 @@ class Checks:
     """What was found when the answer was simulated and laid over the measurement; None for what could not be.
 
     verdict: "ok", or what is wrong (docs/method/verdicts.md). message: why, and what else is to be known.
+    doubts: about the recording and its settings, with which `message` begins.
     rmse_over_rmax, mae_over_rmax, max_difference_over_rmax: root mean square, mean and largest absolute difference.
     collapses: complete ones in the compared window. t_star_end: its end, t/t_c after R_max.
     compared_time: (m,) s on the measurement's clock, the frames that were compared. residual_over_rmax: (m,) (measured

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from cavirheo.curve import RadiusCurve, several
-from cavirheo.errors import require
+from cavirheo.errors import expect_whole, require
 from cavirheo.inference.amortised import Amortised
 from cavirheo.inference.model import DEFAULT, load
 from cavirheo.parallel import each
@@ -77,6 +77,7 @@ def infer_many(
 ) -> list[Posterior]:
     """`infer` for many curves on all cores, in their order; `done` is called after each, verified if that is asked."""
     check_level(verify)
+    expect_whole(seed, "seed", 0, "option.seed")
     curves, liquid = several(curves), named(medium)
     estimator = Amortised(load(str(model)), liquid, stretch, window, trust_input)
     if verify == "none":

@@ -12,7 +12,6 @@ import numpy as np
 
 from cavirheo.arrays import Floats
 from cavirheo.errors import require
-from cavirheo.parameters import RADIUS
 from cavirheo.physics.driving import Driving
 from cavirheo.physics.law import POSITIVE, Material, domain, table_of, within
 from cavirheo.physics.media import Medium
@@ -72,7 +71,6 @@ def dimensionless(
     why = "Gilmore's equation needs a finite speed of sound: use motion='rayleigh-plesset'"
     require(motion != "gilmore" or medium.sound_speed < inf, why, "physics.sound_speed")
     within(POSITIVE, "max_radius", max_radius)
-    RADIUS.check("max_radius", max_radius, "physics.max_radius")
     within(STRETCH, "stretch = R_max/R_0", stretch)
     U_c, p, pv = medium.velocity_scale, medium.pressure, medium.vapour_pressure / medium.pressure
     K_inf = medium.conductivity_slope * medium.temperature + medium.conductivity_intercept

@@ -13,15 +13,15 @@ from numpy.typing import ArrayLike
 from cavirheo import parallel
 from cavirheo.arrays import Floats
 from cavirheo.errors import InputError, SolverError, brief, expect, expect_whole, require
-from cavirheo.parameters import DURATION
+from cavirheo.parameters import DURATION, RADIUS
 from cavirheo.physics import solver
 from cavirheo.physics.driving import Driving
 from cavirheo.physics.grid import NO_SHELLS, Grid, wall_clustered
-from cavirheo.physics.law import Material, domain, within
+from cavirheo.physics.law import POSITIVE, Material, domain, within
 from cavirheo.physics.media import WATER, Medium
 from cavirheo.physics.media import medium as named
 from cavirheo.physics.scales import MOTIONS, dimensionless
-from cavirheo.physics.simulation import Contents, Simulation
+from cavirheo.physics.simulation import INSIST, Contents, Simulation
 from cavirheo.physics.tableau import RODAS5P
 from cavirheo.physics.viscous import Newtonian
 
@@ -52,6 +52,7 @@ def simulate(
     rtol: float | None = None,
     cells: int | None = None,
     throw: bool = True,
+    unusual: bool = False,
 ) -> Simulation:
     """One bubble from rest at R_max (laser-induced cavitation), or from equilibrium, driven by ultrasound (stretch 1).
 
@@ -73,6 +74,7 @@ def simulate(
             the median and up to 2e-3 in the most violent collapses (benchmarks/solver.md).
         rtol, cells: relative error per step and shells across the bubble, instead of the default's.
         throw: raise on a failed solve; otherwise return it with its status.
+        unusual: accept bubbles smaller than 10 nm or larger than 5 cm, and more than a second.
 
     Raises:
         InputError: a parameter is out of its domain, or time is not as above.
@@ -82,6 +84,10 @@ def simulate(
     """
     expect(material, Material, f"a material such as {_EXAMPLE}")
     times, medium = _checked(time), named(medium)
+    within(POSITIVE, "max_radius", max_radius)
+    if not unusual:
+        RADIUS.check("max_radius", max_radius, "physics.max_radius", INSIST)
+        DURATION.check("the last time", float(times[-1]), "physics.times_unit", INSIST)
     usual = POLYTROPIC if polytropic is not None else PRECISE if precise else DEFAULT
     cells, rtol = usual[0] if cells is None else cells, usual[1] if rtol is None else rtol
     within(_RTOL, "rtol", rtol)
@@ -133,6 +139,7 @@ def simulate(
         status=status,
         stats={"steps": int(stats[0]), "rejected": int(stats[1]), "gas_drift": float(stats[2])},
         contents=_contents(shells, out, grid, medium) if fields else None,
+        unusual=True,  # looked at before
     )
 
 
@@ -201,5 +208,4 @@ def _checked(time: ArrayLike) -> Floats:
     got = f"got {times[0]:.4g} s first and a smallest increment of {min(smallest, 0):.4g} s"
     why = f"time must ascend from zero or later (seconds after R_max); {got}"
     require(times[0] >= 0 and smallest >= 0, why, "physics.times_descend")
-    DURATION.check("the last time", float(times[-1]), "physics.times_unit")
     return times

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import KW_ONLY, InitVar, dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -13,6 +13,9 @@ from cavirheo.parameters import DURATION, RADIUS
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
+
+
+INSIST = " (if it is meant: unusual=True)"
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,7 +44,7 @@ class Simulation:
     equilibrium_radius: R_0, m. status: "ok", or what went wrong and where.
     stats: steps, rejected, gas_drift (relative change of the gas in the bubble). contents: if asked for.
 
-    Raises InputError: times or radii that no bubble has in s and m.
+    unusual: accept times and radii that hardly a bubble has in s and m; otherwise InputError. It is not kept.
     """
 
     time: Floats
@@ -53,12 +56,14 @@ class Simulation:
     status: str
     stats: dict[str, float]
     contents: Contents | None = None
+    _: KW_ONLY
+    unusual: InitVar[bool] = False
 
-    def __post_init__(self) -> None:
+    def __post_init__(self, unusual: bool) -> None:
         solved = self.radius[np.isfinite(self.radius)]
-        if solved.size:
-            RADIUS.check("radius", float(np.median(solved)), "physics.radius_unit")
-        DURATION.check("the last time", float(np.max(self.time, initial=0.0)), "physics.times_unit")
+        if solved.size and not unusual:
+            RADIUS.check("radius", float(np.median(solved)), "physics.radius_unit", INSIST)
+            DURATION.check("the last time", float(np.max(self.time)), "physics.times_unit", INSIST)
 
     def __repr__(self) -> str:
         solved = np.isfinite(self.radius)

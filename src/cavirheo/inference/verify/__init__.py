@@ -12,7 +12,7 @@ from threadpoolctl import threadpool_limits
 
 from cavirheo.arrays import Floats
 from cavirheo.curve import RadiusCurve, several
-from cavirheo.errors import SolverError, expect_whole, reason, require
+from cavirheo.errors import SolverError, expect, expect_whole, reason, require
 from cavirheo.inference.doubts import doubted
 from cavirheo.inference.experiment import FINE, FREE, SCALE_BOUND, Experiment, Options
 from cavirheo.inference.fit.least_squares import LeastSquares
@@ -65,6 +65,7 @@ class Verification:
         object.__setattr__(self, "medium", named(self.medium))
         expect_whole(self.draws, "draws of a posterior", 10, "option.draws")
         expect_whole(self.seed, "seed", 0, "option.seed")
+        expect(self.ranges or {}, Mapping, 'ranges such as {"shear_modulus": [1e2, 1e5]}')
         self.options(None, self.t0_bound)
 
     def options(self, end: float | None, t0_bound: float | None) -> Options:
@@ -90,7 +91,9 @@ def verify_many(
 
     Law and window are the answer's. A failed answer stays as it is; one whose verification fails says so.
     """
-    curves = several(curves)
+    curves, answers = several(curves), list(answers)
+    for answer in answers:
+        expect(answer, Posterior, "a Posterior to be verified, of infer or fit, for each curve")
     inner = max(cores(workers) // max(len(curves), 1), 1)
     chosen = Verification(workers=inner, **settings)
 

@@ -83,6 +83,7 @@ def rank_laws(
     `options` are those of `Verification`; `ranges` may hold parameters of some of the laws only. `done` is called after
     each law of each curve. Raises InputError: fewer than two laws, one unknown, or a setting out of its domain.
     """
+    laws = [laws] if isinstance(laws, str) else laws
     told = f"give two or more different laws to choose from, got {', '.join(laws) or 'none'}"
     require(len(laws) >= 2 and len(set(laws)) == len(laws), told, "option.laws")
     ranges: Mapping[str, Sequence[float]] = options.pop("ranges", None) or {}
