@@ -79,7 +79,7 @@ def test_a_short_recording_is_completed_and_says_so():
     ("times", "radii", "says"),
     [
         (np.arange(3) * 1e-6, [1e-4, 2e-4, 1e-4], "3 of 3"),
-        (np.arange(50.0), np.full(50, np.nan), "0 of 50"),
+        (np.arange(50) * 1e-6, np.full(50, np.nan), "0 of 50"),
         (np.arange(50) * 1e-6, np.linspace(1e-4, 3e-4, 50), "R_max"),
     ],
     ids=["three", "nothing", "grows"],
