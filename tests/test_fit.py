@@ -63,7 +63,7 @@ def test_recovers_noise_free_shots(G, mu, stretch):
 def test_other_laws():
     answer = fit(shot(Newtonian(0.05)), "newtonian", windows=False)
     assert values(answer, "viscosity", "stretch") == pytest.approx([0.05, 7.0], rel=0.02)
-    assert answer.median("shear_modulus") is None
+    assert "shear_modulus" not in answer.parameters
     answer = fit(shot(QuadraticKelvinVoigt(3e3, 0.05, 0.3)), "qkv", windows=False, stretch=7.0)
     assert values(answer, "shear_modulus", "viscosity", "stiffening") == pytest.approx([3e3, 0.05, 0.3], rel=0.05)
     assert answer.names == ("log10_shear_modulus", "log10_viscosity", "log10_stiffening")
@@ -283,7 +283,7 @@ def test_starts_fill_the_box():
     ],
 )
 def test_bad_options_are_named(options, code):
-    curve = RadiusCurve(np.arange(3.0), np.array([1e-4, 2e-4, 1e-4]))
+    curve = RadiusCurve(np.arange(3) * 1e-6, np.array([1e-4, 2e-4, 1e-4]))
     with pytest.raises(InputError) as error:
         fit(curve, **options)
     assert error.value.code == code
@@ -299,7 +299,7 @@ def test_an_interval_as_wide_as_the_range_is_no_ok():
 
 
 def test_a_curve_that_cannot_be_fitted_is_a_failed_row():
-    bad = RadiusCurve(np.arange(3.0), np.array([1e-4, 2e-4, 1e-4]), meta={"name": "three"})
+    bad = RadiusCurve(np.arange(3) * 1e-6, np.array([1e-4, 2e-4, 1e-4]), meta={"name": "three"})
     seen = []
     answers = fit_many([bad, shot()], windows=False, joint=True, done=lambda index, _: seen.append(index))
     assert [a.checks.verdict for a in answers] == ["failed", "ok"]

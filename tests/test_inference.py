@@ -78,8 +78,8 @@ def test_a_short_recording_is_completed_and_says_so():
 @pytest.mark.parametrize(
     ("times", "radii", "says"),
     [
-        (np.arange(3.0), [1e-4, 2e-4, 1e-4], "3 of 3"),
-        (np.arange(50.0), np.full(50, np.nan), "0 of 50"),
+        (np.arange(3) * 1e-6, [1e-4, 2e-4, 1e-4], "3 of 3"),
+        (np.arange(50) * 1e-6, np.full(50, np.nan), "0 of 50"),
         (np.arange(50) * 1e-6, np.linspace(1e-4, 3e-4, 50), "R_max"),
     ],
     ids=["three", "nothing", "grows"],
@@ -102,7 +102,7 @@ def fails_with(curve: RadiusCurve, *words: str) -> None:
 
 
 def test_others_are_answered_beside_a_failed_curve():
-    bad = RadiusCurve(np.arange(3.0), np.array([1e-4, 2e-4, 1e-4]), meta={"name": "three"})
+    bad = RadiusCurve(np.arange(3) * 1e-6, np.array([1e-4, 2e-4, 1e-4]), meta={"name": "three"})
     seen = []
     answers = infer_many([bad, shot()], done=lambda index, answer: seen.append((index, answer)))
     assert [a.checks.verdict for a in answers] == ["failed", "ok"]

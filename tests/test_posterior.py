@@ -564,7 +564,7 @@ def test_evidence_of_a_group_is_the_sum_of_the_shots_that_all_laws_have(monkeypa
 
     monkeypatch.setattr(evidence, "fit_many", lambda curves, law, **options: law)
     monkeypatch.setattr(evidence, "verify_many", verified)
-    curves = [RadiusCurve(np.arange(3.0), np.ones(3), meta={"group": "gel", "name": name}) for name in "abc"]
+    curves = [RadiusCurve(np.arange(3) * 1e-6, np.full(3, 1e-4), meta={"group": "gel", "name": name}) for name in "abc"]
     singles, (group,) = rank_laws(curves, ["newtonian", "nhkv"])
     assert [one.chosen for one in singles] == ["nhkv", "nhkv", "newtonian"]
     assert singles[2].probability == {"newtonian": 1.0}

@@ -6,6 +6,7 @@ import importlib
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    __version__: str
     from cavirheo.curve import RadiusCurve as RadiusCurve
     from cavirheo.errors import InputError as InputError
     from cavirheo.errors import SolverError as SolverError
@@ -48,11 +49,15 @@ __all__ = sorted(_HOME)
 
 def __getattr__(name: str) -> Any:
     """Names are imported when first used: reading a file need not wait for the solver, nor --help for either."""
+    if name == "__version__":
+        from importlib.metadata import version
+
+        return version("cavirheo")
     if name not in _HOME:
         raise AttributeError(f"module 'cavirheo' has no attribute {name!r}")
     return getattr(importlib.import_module(f"cavirheo.{_HOME[name]}"), name)
 
 
 def __dir__() -> list[str]:
-    """The public names, also those that are not imported yet."""
-    return sorted({*globals(), *_HOME})
+    """The public names, imported or not, and none of the rooms that happen to be."""
+    return sorted([*__all__, "__version__", *(name for name in globals() if name.startswith("__"))])

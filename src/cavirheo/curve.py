@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import KW_ONLY, dataclass, field, replace
 from functools import cached_property
 from math import log
+from numbers import Real
 from typing import TYPE_CHECKING, Any, Generic, Protocol, TypeVar
 
 import numpy as np
 
 from cavirheo.arrays import Floats
-from cavirheo.errors import InputError, require
+from cavirheo.errors import InputError, brief, expect, require
 from cavirheo.landmarks import AT_MAXIMUM, RAYLEIGH, collapse_time, fit_maximum, spikes, turning_points
+from cavirheo.parameters import INTERVAL, RADIUS
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -40,6 +42,24 @@ class _Stated(Generic[T]):
         return self.default if curve is None else curve.meta.get(self.key, self.default)
 
 
+def _numbers(name: str, values: Any) -> Floats:
+    try:
+        return np.array(values, dtype=np.float64)
+    except (TypeError, ValueError):
+        told = f"{name} must be a list or an array of numbers, got {type(values).__name__} {brief(values)}"
+        raise InputError(told, f"curve.{name}") from None
+
+
+def several(curves: Iterable[RadiusCurve]) -> list[RadiusCurve]:
+    """Curves as a list. Raises InputError for what is none, with what makes one of it."""
+    mend = "read_curves(path) reads the curves of a file; infer and fit take one, infer_many and fit_many a list"
+    expect(curves, Iterable, f"a list of RadiusCurves ({mend})")
+    listed = [curves] if isinstance(curves, str) else list(curves)
+    for curve in listed:
+        expect(curve, RadiusCurve, f"a RadiusCurve ({mend})")
+    return listed
+
+
 @dataclass(frozen=True, eq=False, repr=False)
 class RadiusCurve:
     """A measured radius history.
@@ -59,7 +79,8 @@ class RadiusCurve:
     too, so that the others of its file can be answered: `max_radius` raises the reason.
 
     Raises:
-        InputError: arrays of different lengths, a time that is not finite or does not increase, a radius <= 0.
+        InputError: arrays of different lengths, a time that is not finite or does not increase, a radius <= 0, or
+            numbers that no bubble has in m and s.
     """
 
     time: Floats
@@ -85,7 +106,8 @@ class RadiusCurve:
     exposure = _Stated("exposure_s", 0.0)  # of a frame, s, centred on its time
 
     def __post_init__(self) -> None:
-        time, radius, std = (np.array(a, dtype=np.float64) for a in (self.time, self.radius, self.radius_std))
+        expect(self.meta, Mapping, 'a mapping as meta, {"name": "shot 1"}')
+        time, radius, std = (_numbers(name, getattr(self, name)) for name in ("time", "radius", "radius_std"))
         std = std if std.size else np.full(radius.shape, np.nan)
         shapes = f"{time.shape}, {radius.shape}, {std.shape}"
         fine = time.ndim == 1 and time.shape == radius.shape == std.shape
@@ -98,6 +120,11 @@ class RadiusCurve:
             raise InputError(f"time must increase; sample {at} ({time[at]:.6g} s) does not", "curve.time")
         good = not np.any((radius <= 0) | np.isinf(radius))
         require(good, "radius must be positive and finite; a frame without a measurement is NaN", "curve.radius")
+        measured = radius[np.isfinite(radius)]
+        if measured.size and not self.unscaled:
+            RADIUS.check("radius", float(np.median(measured)), "curve.radius_unit")
+        if len(time) > 1 and not self.time_unscaled:
+            INTERVAL.check("the time between frames", float(np.median(np.diff(time))), "curve.time_unit")
         for name, array in (("time", time), ("radius", radius), ("radius_std", std)):
             array.setflags(write=False)
             object.__setattr__(self, name, array)
@@ -205,8 +232,9 @@ class RadiusCurve:
 
         Times stay, except where the file gives time only in units of R_max sqrt(rho/p) and no R_max.
         """
-        why = f"the maximum radius must be positive, got {max_radius!r} m"
-        require(0 < max_radius < np.inf, why, "curve.max_radius")
+        why = f"the maximum radius must be a positive number of metres, got {max_radius!r}"
+        require(isinstance(max_radius, Real) and 0 < max_radius < np.inf, why, "curve.max_radius")
+        RADIUS.check("the maximum radius", max_radius, "curve.max_radius")
         start, top = self._maximum
         scale = max_radius / top
         time_factor = max_radius if self.time_unscaled else 1.0

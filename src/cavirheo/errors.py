@@ -2,6 +2,11 @@
 
 from __future__ import annotations
 
+from numbers import Integral
+from os import PathLike
+from pathlib import Path
+from reprlib import repr as brief
+
 
 class InputError(ValueError):
     """What the user gave cannot be used (a file, a curve, an option).
@@ -31,6 +36,24 @@ def reason(error: Exception) -> str:
     """What is said of a curve, file or picture that an exception ended: nothing else may end with it."""
     known = isinstance(error, (InputError, SolverError))
     return str(error) if known else f"unexpected {type(error).__name__}: {error}".removesuffix(": ")
+
+
+def expect(given: object, kind: type, what: str) -> None:
+    """Raise InputError unless `given` is of this kind; `what` says what was expected, and how to come by it."""
+    require(isinstance(given, kind), f"expected {what}; got {type(given).__name__} {brief(given)}", "input.type")
+
+
+def expect_whole(given: object, name: str, least: int, code: str = "input.whole") -> None:
+    """Raise InputError unless `given` is a whole number, `least` or more."""
+    fine = isinstance(given, Integral) and int(given) >= least
+    require(fine, f"{name} must be a whole number from {least} up, got {brief(given)}", code)
+
+
+def as_path(given: str | PathLike[str]) -> Path:
+    """The path of one file or folder. Raises InputError: it is none."""
+    told = f"expected the path of one file, as text; got {type(given).__name__} {brief(given)}"
+    require(isinstance(given, str | PathLike), told, "input.path")
+    return Path(given)
 
 
 class SolverError(RuntimeError):

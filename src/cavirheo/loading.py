@@ -7,7 +7,7 @@ from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from cavirheo.errors import InputError, require
+from cavirheo.errors import InputError, as_path, require
 from cavirheo.writing.document import Document, read_json
 
 if TYPE_CHECKING:
@@ -31,7 +31,7 @@ def load(path: str | Path) -> Document | Dataset:
     Raises:
         InputError: nothing there, or nothing that cavirheo wrote.
     """
-    path = Path(path)
+    path = as_path(path)
     if path.is_dir():
         if any(path.glob("shard-*.h5")):
             from cavirheo.training import dataset

@@ -7,12 +7,16 @@ from collections.abc import Callable, Iterable
 from concurrent.futures import ThreadPoolExecutor, as_completed
 from typing import TypeVar
 
+from cavirheo.errors import expect_whole
+
 Job = TypeVar("Job")
 Done = TypeVar("Done")
 
 
 def cores(workers: int | None = None) -> int:
     """`workers`, or as many as the machine has."""
+    if workers is not None:
+        expect_whole(workers, "workers", 1)
     return workers or os.cpu_count() or 1
 
 

@@ -1,4 +1,5 @@
-"""Every parameter of every law and shot, once: its symbol, its SI unit, and the range in which it is looked for.
+"""Every parameter of every law and shot, once: its symbol, its SI unit, and the range in which it is looked for; and
+the sizes and times that bubbles have, by which a wrong unit is told.
 
 A name in the scale of a prior or of draws may begin with log10_ (log10_viscosity), and a parameter that two laws of a
 sum have ends in the number of the later one (viscosity_2).
@@ -7,12 +8,15 @@ sum have ends in the number of the later one (viscosity_2).
 from __future__ import annotations
 
 import re
+from collections.abc import Mapping
+from math import inf
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from cavirheo.arrays import Floats
+from cavirheo.errors import require
 
 LOG10 = "log10_"
 
@@ -27,6 +31,32 @@ class Parameter(NamedTuple):
     started: tuple[float, float] | None = None
 
 
+class Plausible(NamedTuple):
+    """What a quantity is in experiments: from `low` to `high`, often near `usual`, in SI.
+
+    `taken`: other units in which it is often given by mistake, each with (factor, offset) to SI.
+    """
+
+    low: float
+    high: float
+    usual: float
+    unit: str
+    taken: Mapping[str, tuple[float, float]] = {}
+
+    def check(self, name: str, value: float, code: str, mend: str = "") -> None:
+        """Raises InputError for a finite value outside, with the unit that may be meant."""
+        found = {unit: value * factor + offset for unit, (factor, offset) in self.taken.items()}
+        inside = [unit for unit, meant in found.items() if self.low < meant < self.high]
+        nearest = min(inside, key=lambda unit: abs(np.log(found[unit] / self.usual)), default="")
+        meant = f": did you mean {found[nearest]:.6g} {self.unit} ({value:.6g} {nearest})?" if nearest else ""
+        told = f"{name} must be {self.low:g} to {self.high:g} {self.unit}, got {value:.6g}{meant}"
+        require(self.low <= value <= self.high or value == inf, told + mend, code)
+
+
+_SECONDS = {"us": (1e-6, 0.0), "ms": (1e-3, 0.0), "ns": (1e-9, 0.0)}
+RADIUS = Plausible(1e-8, 0.05, 2.5e-4, "m", {"um": (1e-6, 0.0), "mm": (1e-3, 0.0)})  # of a bubble
+INTERVAL = Plausible(1e-12, 2e-3, 1e-6, "s", _SECONDS)  # between frames
+DURATION = Plausible(0.0, 1.0, 1e-4, "s", _SECONDS)  # of a simulation
 STRETCH_RANGE = (1.2, 16.0)  # in which R_max/R_0 is looked for
 
 

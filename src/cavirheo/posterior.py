@@ -5,12 +5,13 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from importlib import import_module
+from numbers import Real
 from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
 from cavirheo.arrays import Floats
-from cavirheo.errors import require
+from cavirheo.errors import InputError, require
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -20,21 +21,30 @@ Verdict = Literal["ok", "check_input", "model_does_not_fit", "outside_training_r
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Checks:
-    """What was found when the answer was simulated and laid over the measurement."""
+    """What was found when the answer was simulated and laid over the measurement; None for what could not be.
+
+    verdict: "ok", or what is wrong (docs/method/verdicts.md). message: why, and what else is to be known.
+    doubts: about the recording and its settings, with which `message` begins.
+    rmse_over_rmax, mae_over_rmax, max_difference_over_rmax: root mean square, mean and largest absolute difference.
+    collapses: complete ones in the compared window. t_star_end: its end, t/t_c after R_max.
+    compared_time: (m,) s on the measurement's clock, the frames that were compared. residual_over_rmax: (m,) (measured
+    - simulated)/R_max there. reconstruction_time: (k,) s on that clock, fine enough to draw. reconstruction_radius:
+    (k,) m. time_scale: t_c = R_max sqrt(rho/p) of the shot in its medium, s.
+    """
 
     verdict: Verdict
     message: str = ""
     rmse_over_rmax: float | None = None
     mae_over_rmax: float | None = None
     max_difference_over_rmax: float | None = None
-    collapses: int | None = None  # complete collapses inside the compared window
-    t_star_end: float | None = None  # end of the compared window, t/t_c after R_max
-    compared_time: Floats | None = None  # (m,) s on the measurement's clock: the frames that were compared
-    residual_over_rmax: Floats | None = None  # (m,) (measured - simulated)/R_max at compared_time
-    reconstruction_time: Floats | None = None  # (k,) s on the measurement's clock, fine enough to draw
-    reconstruction_radius: Floats | None = None  # (k,) m
-    time_scale: float | None = None  # t_c = R_max sqrt(rho/p) of the shot in its medium, s
-    doubts: tuple[str, ...] = ()  # about the recording and its settings; `message` begins with them
+    collapses: int | None = None
+    t_star_end: float | None = None
+    compared_time: Floats | None = None
+    residual_over_rmax: Floats | None = None
+    reconstruction_time: Floats | None = None
+    reconstruction_radius: Floats | None = None
+    time_scale: float | None = None
+    doubts: tuple[str, ...] = ()
 
     def __repr__(self) -> str:
         """'Checks(ok, RMSE 0.64 % of R_max over 87 frames, 4 collapses, t* <= 4.0)'."""
@@ -51,12 +61,16 @@ class Checks:
 
 @dataclass(frozen=True)
 class WindowAnswer:
-    """What another window of the same curve answers."""
+    """What another window of the same curve answers.
 
-    best: Mapping[str, float]  # the law's parameters and the stretch, SI
+    best: the law's parameters and the stretch, SI. t_star_end, rmse_over_rmax: as those of Checks. at_bound: parameters
+    that ended at the end of the range searched.
+    """
+
+    best: Mapping[str, float]
     t_star_end: float
     rmse_over_rmax: float | None
-    at_bound: tuple[str, ...] = ()  # parameters that ended at the end of the range searched
+    at_bound: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -69,19 +83,27 @@ class Evidence:
 
 @dataclass(frozen=True)
 class Diagnostics:
-    """How an answer was found and what its interval is worth; None or empty where the method does not say."""
+    """How an answer was found and what its interval is worth; None or empty where the method does not say.
 
-    stretch_source: str = ""  # "given", "fitted", ...
-    free: Mapping[str, float] = field(default_factory=dict)  # clock, scale, R_max factor that were freed, at the best
-    one_sigma: Mapping[str, float] = field(default_factory=dict)  # log10 for parameters of the law and the stretch
-    correlations: Mapping[str, float] = field(default_factory=dict)  # by "name, name"
+    stretch_source: "given", "fitted", ... free: the clock (s), scale and R_max factor that were freed, at the best.
+    one_sigma: by name, in log10 for parameters of the law and the stretch. correlations: by "name, name".
+    frames: how many were compared. frames_per_independent_residual: how many count as one. at_bound: parameters that
+    ended at the end of the range searched. draws: how many were weighted. effective_sample_size: what they are worth.
+    tail_index: generalised Pareto shape of the largest weights. predictive: p_value; p and observed by statistic.
+    systematic_misfit_over_rmax: what no simulation follows. simulations, failed_simulations: how many were run.
+    """
+
+    stretch_source: str = ""
+    free: Mapping[str, float] = field(default_factory=dict)
+    one_sigma: Mapping[str, float] = field(default_factory=dict)
+    correlations: Mapping[str, float] = field(default_factory=dict)
     frames: int | None = None
     frames_per_independent_residual: float | None = None
     at_bound: tuple[str, ...] = ()
-    draws: int | None = None  # weighted ones
+    draws: int | None = None
     effective_sample_size: float | None = None
-    tail_index: float | None = None  # generalised Pareto shape of the largest weights
-    predictive: Mapping[str, Any] | None = None  # p_value; p and observed by statistic
+    tail_index: float | None = None
+    predictive: Mapping[str, Any] | None = None
     systematic_misfit_over_rmax: float | None = None
     simulations: int | None = None
     failed_simulations: int | None = None
@@ -91,25 +113,29 @@ class Diagnostics:
 class Posterior:
     """Draws of the parameters given one curve, and the best of them.
 
-    `theta` is (draws, parameters) in the prior's scale (log10 for G and mu); a point answer is one draw, and a
-    failed one none. `log_q` (draws,) is the proposal's log density, `log_weight` (draws,) importance weights.
-    `best` has every parameter by its natural name in SI, the stretch and what was held fixed included; `stretch` is
-    R_max/R_0 of the answer, whether it was inferred or given. `provenance` is a record for people: nothing reads it.
+    names: "log10_shear_modulus", "log10_viscosity", "stretch", ... units: of 10**theta for the log10 names: "Pa",
+    "Pa s", "1". theta: (draws, parameters) in the prior's scale (log10 for G and mu); a point answer is one draw, and a
+    failed one none. checks: what was found when the answer was simulated. material: "nhkv", "newtonian", ... method:
+    "bdt", "amortised", "verified", "laplace", "least_squares". provenance: model, settings, versions and hash of the
+    source, a record for people: nothing reads it. log_q: (draws,) the proposal's log density. log_weight: (draws,) of
+    importance weights. seconds: wall time. best: every parameter by its natural name in SI, the stretch and what was
+    held fixed included. stretch: R_max/R_0 of the answer, whether it was inferred or given. windows: what windows of
+    "1", "2", "3" and "all" collapses answer, if they were fitted. evidence: of the law. diagnostics: of the method.
     """
 
-    names: tuple[str, ...]  # "log10_shear_modulus", "log10_viscosity", "stretch", ...
-    units: tuple[str, ...]  # of 10**theta for the log10 names: "Pa", "Pa s", "1"
+    names: tuple[str, ...]
+    units: tuple[str, ...]
     theta: Floats
     checks: Checks
-    material: str  # "nhkv", "newtonian", ...
-    method: str  # "bdt", "amortised", "verified", "laplace", "least_squares"
-    provenance: dict[str, Any] = field(default_factory=dict)  # model, settings, versions, hash of the source
+    material: str
+    method: str
+    provenance: dict[str, Any] = field(default_factory=dict)
     log_q: Floats | None = None
     log_weight: Floats | None = None
-    seconds: float = 0.0  # wall time of this answer
+    seconds: float = 0.0
     best: Mapping[str, float] = field(default_factory=dict)
     stretch: float | None = None
-    windows: Mapping[str, WindowAnswer] = field(default_factory=dict)  # "1", "2", "3", "all" collapses, if fitted
+    windows: Mapping[str, WindowAnswer] = field(default_factory=dict)
     evidence: Evidence | None = None
     diagnostics: Diagnostics = Diagnostics()
 
@@ -138,29 +164,37 @@ class Posterior:
         weight = np.ones(len(self.theta)) if self.log_weight is None else _unscaled(self.log_weight)
         return np.asarray(weight / weight.sum())
 
-    def draws(self, name: str) -> Floats | None:
-        """(draws,) values of a parameter in natural units (10**theta for "log10_<name>"); None if not inferred.
+    def draws(self, name: str) -> Floats:
+        """(draws,) values of a parameter in natural units (10**theta for "log10_<name>"); none if the answer failed.
 
         `name` is without the log10_ prefix: "shear_modulus" (Pa), "viscosity" (Pa s), "stretch" (1).
+
+        Raises InputError: what was not inferred, with what was.
         """
         for given, values in zip(self.names, self.theta.T, strict=True):
             if given in (name, f"log10_{name}"):
                 return values if given == name else np.asarray(10.0**values)
-        return None
+        held = f" (`best` has {name})" if name in self.best else ""
+        told = f"the answer has no draws of {name!r}{held}; it has {', '.join(self.parameters)}"
+        raise InputError(told, "posterior.parameter")
 
     def interval(self, name: str, level: float = 0.9) -> tuple[float, float] | None:
-        """Central credible interval in natural units; None for a point or failed answer (no width is made up)."""
+        """Central credible interval of this probability, in natural units; None for a point or failed answer (no width
+        is made up). Raises InputError: as `draws`, or a level outside 0 to 1."""
+        percent = f": did you mean {level / 100:g}?" if isinstance(level, Real) and 1 < level < 100 else ""
+        told = f"the level of an interval must be between 0 and 1, got {level!r}{percent}"
+        require(isinstance(level, Real) and 0 < level < 1, told, "posterior.level")
         draws = self.draws(name)
-        if draws is None or len(draws) < 2:
+        if len(draws) < 2:
             return None
         tail = (1.0 - level) / 2.0
         low, high = weighted_quantile(draws, np.array([tail, 1.0 - tail]), self.log_weight)
         return float(low), float(high)
 
     def median(self, name: str) -> float | None:
-        """Posterior median in natural units; None if the parameter was not inferred or the answer failed."""
+        """Posterior median in natural units; None if the answer failed. Raises InputError: as `draws`."""
         draws = self.draws(name)
-        if draws is None or len(draws) == 0:
+        if len(draws) == 0:
             return None
         return float(weighted_quantile(draws, np.array([0.5]), self.log_weight)[0])
 
@@ -206,7 +240,7 @@ class Posterior:
         require(len(self.theta) > 1, f"the answer by {self.method} has no draws to plot", "posterior.no_draws")
         labels = {name + ("" if unit == "1" else f" ({unit})"): name for name, unit in self.parameters.items()}
         figure = new_figure(max(2.1 * len(labels), 4.2))
-        draws = np.column_stack([np.asarray(self.draws(name)) for name in labels.values()])
+        draws = np.column_stack([self.draws(name) for name in labels.values()])
         low, high = weighted_quantile(draws, np.array([0.001, 0.999]), self.log_weight)
         margin = np.maximum(0.02 * (high - low), 1e-9 * np.abs(high))  # some, where all draws are one
         _needed("corner").corner(

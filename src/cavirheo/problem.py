@@ -33,9 +33,9 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class FrameGrid:
-    """The times at which a network reads a curve: `frames` samples at equal steps, the first at R_max."""
+    """The times at which a network reads a curve: `frames` samples, `frame_interval` (s) apart, the first at R_max."""
 
-    frame_interval: float = 1e-6  # s
+    frame_interval: float = 1e-6
     frames: int = 100
 
     def __post_init__(self) -> None:
@@ -52,6 +52,9 @@ class FrameGrid:
 class TrainingProblem:
     """What the curves of a training set are drawn from and simulated with; a network's card and its data hold it.
 
+    material_name: "nhkv", ... prior: of its parameters and the stretch. medium: liquid and gas constants. grid: times.
+    reference_max_radius: R_max of all curves, m.
+
     Raises InputError: unknown material, or a prior whose names are not its parameters and the stretch.
     """
 
@@ -59,7 +62,7 @@ class TrainingProblem:
     prior: Prior
     medium: Medium = WATER
     grid: FrameGrid = FrameGrid()
-    reference_max_radius: float = 245e-6  # m
+    reference_max_radius: float = 245e-6
 
     def __post_init__(self) -> None:
         material, names = self.material_name, self.prior.names
@@ -83,7 +86,8 @@ class TrainingProblem:
     def from_dict(cls, data: Mapping[str, Any]) -> TrainingProblem:
         """The problem of a `to_dict`. Raises InputError if a part is missing or unknown."""
         try:
-            prior, medium, grid = Prior.uniform(data["prior"]), Medium(**data["medium"]), FrameGrid(**data["camera"])
+            medium = Medium(**data["medium"], unusual=True)  # whoever made the problem has insisted
+            prior, grid = Prior.uniform(data["prior"]), FrameGrid(**data["camera"])
             return cls(data["material"], prior, medium, grid, data["reference_max_radius"])
         except (KeyError, TypeError, IndexError) as error:
             told = f"not a problem written by this version of cavirheo: {error}"

@@ -155,7 +155,8 @@ def trial(session: Session, name: str, values: Sequence[float | None]) -> tuple[
         _, curve, posterior, _ = session.find(name)
         given = {key: v / SLIDERS[key][1] for key, v in zip(SLIDERS, values, strict=True) if v is not None}
         law = MATERIALS[posterior.material]
-        material = law(**{f.name: given.get(f.name, posterior.median(f.name)) for f in fields(law)})
+        answer = {name: posterior.median(name) for name in posterior.parameters}
+        material = law(**{f.name: (answer | given)[f.name] for f in fields(law)})
         frames, liquid = posterior.checks.compared_time, session.settings.liquid
         end = None if frames is None else float(frames[-1]) - curve.time_of_max
         view = window(curve, end=end) if end else seen(curve, session.settings)[0]

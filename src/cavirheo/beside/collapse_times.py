@@ -324,7 +324,7 @@ def _remarks(group: CollapseGroup, factor: float, unit: str) -> Iterator[tuple[s
 def write_pictures(outputs: Outputs, document: CollapseTimes) -> list[str]:
     """One PNG per group that has an answer; what is to be said of those that cannot be drawn."""
     names = file_names([group.name for group in document.groups])
-    medium = Medium(**document.medium)
+    medium = Medium(**document.medium, unusual=True)
     said: list[str] = []
     for group, name in zip(document.groups, names, strict=True):
         if group.best is not None:

@@ -23,7 +23,7 @@ import numpy as np
 
 from cavirheo.arrays import Floats
 from cavirheo.curve import RadiusCurve
-from cavirheo.errors import InputError, require
+from cavirheo.errors import InputError, expect_whole
 from cavirheo.inference import doubts
 from cavirheo.inference.model import Network
 from cavirheo.inference.reconstruct import MISFIT, check_stretch, fit_stretch, reconstruct, window
@@ -65,8 +65,8 @@ class Amortised:
         """
         began, names = time.perf_counter(), self.model.outputs
         check_stretch(self.stretch)
-        told = f"the window must hold at least 1 collapse, got {self.collapses}"
-        require(self.collapses is None or self.collapses >= 1, told, "option.window")
+        if self.collapses is not None:
+            expect_whole(self.collapses, "collapses in the window", 1, "option.window")
         found: dict[str, Any] = {}
         try:
             theta, checks, found = _Reading(self, curve).answer()

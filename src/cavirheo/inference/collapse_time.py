@@ -21,6 +21,7 @@ from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError, require
 from cavirheo.physics.collapse import analytic_time, inverse_square, rayleigh_time, simulated_time
 from cavirheo.physics.media import WATER, Medium
+from cavirheo.physics.media import medium as named
 from cavirheo.writing.document import Finite, Record
 
 MATERIALS = ("nhkv", "nh", "newtonian")  # neo-Hookean Kelvin-Voigt, neo-Hookean (mu = 0), Newtonian (G = 0)
@@ -45,12 +46,11 @@ _GOOD_RE, _GOOD_STRETCH = 10.0, 4.0  # above: the analytic model is within 1.5 %
 
 @dataclass(eq=False)
 class Shots:
-    """n bubbles in one material: R_max (n,) m, lambda = R_max/R_0 (n,), t_1 (n,) s from R_max to the first minimum.
+    """n bubbles in one material: max_radius (n,) m, stretch (n,) R_max/R_0, time (n,) s from it to the first minimum.
 
     `names` are those of the shots in messages; "1", "2", ... if none are given.
 
-    Raises:
-        InputError: arrays that are not (n,) of one length, or a value out of its domain (which).
+    Raises InputError: arrays that are not (n,) of one length, or a value out of its domain (which).
     """
 
     max_radius: Floats
@@ -163,7 +163,7 @@ def estimate(
     material: str = "nhkv",
     *,
     stretch: float | None = None,
-    medium: Medium = WATER,
+    medium: Medium | str = WATER,
     shear_modulus: float | None = None,
     viscosity: float | None = None,
     exact: bool = False,
@@ -183,7 +183,7 @@ def estimate(
         InputError: unknown material, a given value out of its domain, nothing to fit, a curve without a collapse.
         SolverError: a simulation of the exact fit failed.
     """
-    origin = ""
+    origin, medium = "", named(medium)
     if isinstance(shots, RadiusCurve):
         shots, origin = shot(shots, stretch, guess=USUAL_STRETCH)
     problem = _CollapseProblem(shots, medium, _given(material, shear_modulus, viscosity), False)

@@ -13,6 +13,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from numbers import Integral
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -49,8 +50,12 @@ def _positive(time: float | None) -> bool:
     return time is None or 0 < time < np.inf
 
 
+def _collapses(window: Any) -> bool:
+    return window in (None, "all") or (isinstance(window, Integral) and int(window) >= 1)
+
+
 _DOMAINS: dict[str, tuple[Callable[[Any], bool], str]] = {
-    "window": (lambda n: n in (None, "all") or (isinstance(n, int) and n >= 1), "collapses from 1 up, or 'all'"),
+    "window": (_collapses, "collapses from 1 up, or 'all'"),
     "end": (_positive, "a positive time in s"),
     "stretch": (lambda value: not isinstance(value, str) or value == "plateau", "R_max/R_0, 'plateau' or left out"),
     "free": (lambda names: sorted(names) == sorted({*names} & {*FREE}), f"some of {', '.join(FREE)}, each once"),
@@ -67,16 +72,23 @@ class Options:
     window: int | str | None = None
     end: float | None = None
     stretch: float | str | None = None
-    free: tuple[str, ...] = ()
+    free: Sequence[str] | str = ()  # one name may stand by itself, or several with commas; kept as a tuple
     t0_bound: float | None = None
     scale_bound: float = SCALE_BOUND
     weights: str = "motion"
     windows: bool = True
 
     def __post_init__(self) -> None:
-        for name, (fine, wanted) in _DOMAINS.items():
+        if isinstance(self.free, str):
+            object.__setattr__(self, "free", tuple(filter(None, (name.strip() for name in self.free.split(",")))))
+        for name, (holds, wanted) in _DOMAINS.items():
             given = getattr(self, name)
-            require(fine(given), f"{name} must be {wanted}; got {given!r}", f"option.{name}")
+            try:
+                fine = holds(given)
+            except (TypeError, ValueError):  # of no such kind
+                fine = False
+            require(fine, f"{name} must be {wanted}; got {given!r}", f"option.{name}")
+        object.__setattr__(self, "free", tuple(self.free))
         if not isinstance(self.stretch, str):
             check_stretch(self.stretch)
 

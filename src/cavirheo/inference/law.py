@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from cavirheo.arrays import Floats
-from cavirheo.errors import require
+from cavirheo.errors import expect, require
 from cavirheo.parameters import PARAMETERS
 from cavirheo.physics.laws import LAWS, combine
 from cavirheo.physics.materials import Material
@@ -42,6 +42,7 @@ class Family:
     _terms: list[tuple[str, list[str]]] = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
+        expect(self.name, str, "the name of a law, such as 'nhkv' or 'gent + newtonian'")
         terms, names = [], list[str]()
         for number, law in enumerate((part.strip() for part in self.name.split("+")), 1):
             hint = " without parameters (all of them are fitted)" if "(" in law else ""

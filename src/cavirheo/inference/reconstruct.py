@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from numbers import Real
 
 import numpy as np
 from scipy.optimize import minimize_scalar
@@ -141,4 +142,5 @@ def reconstruct(view: Window, material: Material, medium: Medium, stretch: float
 def check_stretch(stretch: float | None) -> None:
     """Raises InputError for a stretch that no bubble at its largest radius has."""
     told = f"stretch = R_max/R_0 must lie between 1 and 100, got {stretch!r}"
-    require(stretch is None or 1 < stretch < 100, told, "option.stretch")
+    number = stretch is None or isinstance(stretch, Real)
+    require(number and (stretch is None or 1 < stretch < 100), told, "option.stretch")

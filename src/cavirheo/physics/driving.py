@@ -27,11 +27,14 @@ class Driving(Protocol):
 @dataclass(frozen=True)
 class Pulse:
     """One cycle of focused ultrasound, p_A {[1 + cos(2 pi f (t - centre))]/2}^n within half a period of its centre.
-    Gaudron, Warnez and Johnsen 2015, doi:10.1017/jfm.2015.7."""
+    Gaudron, Warnez and Johnsen 2015, doi:10.1017/jfm.2015.7.
 
-    amplitude: float = field(metadata=FINITE)  # p_A, Pa; negative for tension
-    frequency: float = field(metadata=POSITIVE)  # Hz
-    centre: float = field(metadata=FINITE)  # s
+    amplitude: p_A, Pa; negative for tension. frequency: f, Hz. centre: s after the start. exponent: n.
+    """
+
+    amplitude: float = field(metadata=FINITE)
+    frequency: float = field(metadata=POSITIVE)
+    centre: float = field(metadata=FINITE)
     exponent: float = field(default=3.7, metadata=domain("at least 1", lambda x: 1 <= x < inf))
 
     def __post_init__(self) -> None:
@@ -58,12 +61,14 @@ class Pulse:
 class Trace:
     """A measured or computed pressure above ambient: monotone cubics (PCHIP) between its samples, held at both ends.
 
+    time: (n,) s after the start, ascending. pressure: (n,) Pa.
+
     Raises:
         InputError: fewer than two samples, not finite, not ascending, or not as many times as pressures.
     """
 
-    time: Floats  # (n,) s, ascending
-    pressure: Floats  # (n,) Pa
+    time: Floats
+    pressure: Floats
 
     def __post_init__(self) -> None:
         for name in ("time", "pressure"):

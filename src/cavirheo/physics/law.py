@@ -5,18 +5,20 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import fields
 from functools import lru_cache
+from inspect import cleandoc, get_annotations
 from math import inf
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from cavirheo.arrays import Floats
 from cavirheo.errors import InputError
+from cavirheo.parameters import PARAMETERS
 
 if TYPE_CHECKING:
     from cavirheo.physics.elastic import Elastic
     from cavirheo.physics.memory import Arm
     from cavirheo.physics.viscous import Viscous
 
-Domain = Mapping[str, tuple[str, Callable[[float], bool]]]
+Domain = dict[str, Any]
 
 
 def domain(words: str, holds: Callable[[float], bool]) -> Domain:
@@ -30,10 +32,14 @@ POSITIVE = domain("finite and positive", lambda x: 0 < x < inf)
 POSITIVE_OR_INFINITE = domain("positive", lambda x: x > 0)
 
 
-def within(allowed: Domain, name: str, value: float) -> None:
-    """Raises InputError for a number outside a domain; its code is `physics.` and the first word of the name."""
+def within(allowed: Mapping[str, Any], name: str, value: float) -> None:
+    """Raises InputError for what is no number of a domain; its code is `physics.` and the first word of the name."""
     words, holds = allowed["domain"]
-    if not holds(value):
+    try:
+        fine = holds(value)
+    except (TypeError, ValueError):  # text, or several numbers
+        fine, words = False, f"a number, {words}"
+    if not fine:
         raise InputError(f"{name} must be {words}, got {value!r}", f"physics.{name.split()[0]}")
 
 
@@ -42,6 +48,14 @@ def check(parameters: Any) -> None:
     for field in fields(parameters):
         if field.metadata:
             within(field.metadata, field.name, getattr(parameters, field.name))
+
+
+def check_plausible(parameters: Any, mend: str) -> None:
+    """Raises InputError for the first field of a dataclass outside the "plausible" range of its metadata."""
+    for field in fields(parameters):
+        if "plausible" in field.metadata:
+            value, code = getattr(parameters, field.name), f"physics.unusual_{field.name}"
+            field.metadata["plausible"].check(field.name, value, code, mend)
 
 
 class Parts(NamedTuple):
@@ -54,6 +68,14 @@ class Parts(NamedTuple):
 
 class Material:
     """A law, or a sum of laws: a new one defines `parts`. It is a frozen dataclass with SI parameters."""
+
+    def __init_subclass__(cls, **options: Any) -> None:
+        """help() of a law ends with its parameters, as parameters.py knows them."""
+        super().__init_subclass__(**options)
+        names = [name for base in reversed(cls.__mro__) for name in get_annotations(base) if name in PARAMETERS]
+        known = [f"{name} ({PARAMETERS[name].symbol}, {PARAMETERS[name].unit})" for name in dict.fromkeys(names)]
+        if known:
+            cls.__doc__ = f"{cleandoc(cls.__dict__.get('__doc__') or '')}\n\nParameters: {', '.join(known)}."
 
     def __post_init__(self) -> None:
         check(self)

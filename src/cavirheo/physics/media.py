@@ -6,39 +6,63 @@ otherwise.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import KW_ONLY, InitVar, dataclass, field, replace
 from math import exp, sqrt
 from typing import Any
 
-from cavirheo.errors import require
-from cavirheo.physics.law import NOT_NEGATIVE, POSITIVE, POSITIVE_OR_INFINITE, check
+from cavirheo.errors import expect, require
+from cavirheo.parameters import Plausible
+from cavirheo.physics.law import FINITE, NOT_NEGATIVE, POSITIVE, POSITIVE_OR_INFINITE, Domain, check, check_plausible
+
+_INSIST = " (if it is meant: Medium(..., unusual=True), --trust-input)"
+
+
+def _constant(
+    allowed: Domain, usual: float, low: float, high: float, unit: str, *, zero: float = 0.0, **taken: float
+) -> Any:
+    """A field: its domain, default, plausible range, unit, and other units that are taken for it with their size (and
+    their zero) in this one."""
+    others = {name: (size, zero) for name, size in taken.items()}
+    return field(default=usual, metadata=allowed | {"plausible": Plausible(low, high, usual, unit, others)})
 
 
 @dataclass(frozen=True)
 class Medium:
     """The surroundings of the bubble and what is in it. All SI.
 
+    density (kg/m3), sound_speed (m/s, may be infinite), surface_tension (N/m): of the liquid or gel.
+    pressure (Pa), temperature (K): far from the bubble; the bubble's wall has this temperature, too.
+    adiabatic_index: kappa of gas and vapour. gas_constant, vapour_constant: of the gas that does not condense (air) and
+    of the vapour, J/(kg K). diffusivity: of the vapour in the gas, m2/s. conductivity_slope (W/(m K2)),
+    conductivity_intercept (W/(m K)): of gas and vapour, K = slope T + intercept. vapour_reference_pressure (Pa),
+    vapour_reference_temperature (K): p_v = p_ref exp(-T_ref/T); without vapour p_ref is 0. name: as documents have it.
+    unusual: accept constants outside the ranges that liquids and gels have; it is not kept.
+
     Raises:
-        InputError: a constant that must be positive is not.
+        InputError: a constant that no medium has (a density of 0), or, unless `unusual`, hardly one (1.05 kg/m3).
     """
 
-    density: float = field(default=998.0, metadata=POSITIVE)  # kg/m3, of the liquid or gel
-    sound_speed: float = field(default=1484.0, metadata=POSITIVE_OR_INFINITE)  # m/s
-    surface_tension: float = field(default=0.072, metadata=NOT_NEGATIVE)  # N/m
-    pressure: float = field(default=101325.0, metadata=POSITIVE)  # Pa, far from the bubble
-    temperature: float = field(default=298.15, metadata=POSITIVE)  # K, far from the bubble and at the bubble wall
-    adiabatic_index: float = field(default=1.4, metadata=POSITIVE)  # kappa, gas and vapour alike
-    gas_constant: float = 287.0  # J/(kg K), non-condensable gas (air)
-    vapour_constant: float = 462.0  # J/(kg K), vapour (water)
-    diffusivity: float = field(default=24.2e-6, metadata=POSITIVE)  # m2/s, vapour in gas
-    conductivity_slope: float = 5.3e-5  # W/(m K2): K = slope T + intercept
-    conductivity_intercept: float = 1.17e-2  # W/(m K)
-    vapour_reference_pressure: float = 1.17e11  # Pa: p_v = p_ref exp(-T_ref/T)
-    vapour_reference_temperature: float = 5200.0  # K
+    density: float = _constant(POSITIVE, 998.0, 500, 3000, "kg/m3", **{"g/cm3": 1e3})
+    sound_speed: float = _constant(POSITIVE_OR_INFINITE, 1484.0, 300, 6000, "m/s", **{"km/s": 1e3})
+    surface_tension: float = _constant(NOT_NEGATIVE, 0.072, 0, 1, "N/m", **{"mN/m": 1e-3})
+    pressure: float = _constant(POSITIVE, 101325.0, 1e4, 1e8, "Pa", bar=1e5, kPa=1e3, mbar=100.0, MPa=1e6)
+    temperature: float = _constant(POSITIVE, 298.15, 240, 450, "K", zero=273.15, **{"degrees C": 1.0})
+    adiabatic_index: float = _constant(POSITIVE, 1.4, 1, 1.7, "(no unit)")
+    gas_constant: float = _constant(POSITIVE, 287.0, 20, 5000, "J/(kg K)", **{"J/(g K)": 1e3})
+    vapour_constant: float = _constant(POSITIVE, 462.0, 20, 5000, "J/(kg K)", **{"J/(g K)": 1e3})
+    diffusivity: float = _constant(POSITIVE, 24.2e-6, 1e-7, 1e-3, "m2/s", **{"cm2/s": 1e-4, "mm2/s": 1e-6})
+    conductivity_slope: float = _constant(NOT_NEGATIVE, 5.3e-5, 0, 1e-3, "W/(m K2)", **{"mW/(m K2)": 1e-3})
+    conductivity_intercept: float = _constant(FINITE, 1.17e-2, -0.1, 1, "W/(m K)", **{"mW/(m K)": 1e-3})
+    vapour_reference_pressure: float = _constant(NOT_NEGATIVE, 1.17e11, 0, 1e15, "Pa")
+    vapour_reference_temperature: float = _constant(POSITIVE, 5200.0, 1000, 20000, "K")
     name: str = "water"
+    _: KW_ONLY
+    unusual: InitVar[bool] = False
 
-    def __post_init__(self) -> None:
+    def __post_init__(self, unusual: bool) -> None:
         check(self)
+        if not unusual:
+            check_plausible(self, _INSIST)
         boils = f"the vapour pressure ({self.vapour_pressure:.4g} Pa at {self.temperature} K) must be below the "
         boils += f"ambient pressure ({self.pressure:.4g} Pa): the liquid would boil"
         require(self.vapour_pressure < self.pressure, boils, "physics.boiling")
@@ -67,12 +91,16 @@ YANG2020 = Medium(1064.0, 1484.0, 0.07, adiabatic_index=1.47, name="yang2020")  
 MEDIA: dict[str, Medium] = {m.name: m for m in (WATER, BU2026, ESTRADA2018, ZHU2025, YANG2020)}
 
 
-def medium(name: str, **constants: float | None) -> Medium:
-    """The named set, with the constants (fields of Medium) that are not None instead of its own.
+def medium(name: str | Medium, *, unusual: bool = False, **constants: float | None) -> Medium:
+    """The named set, with the constants (fields of Medium) that are not None instead of its own; `unusual` as there.
+
+    A Medium is itself such a set.
 
     Raises InputError: unknown name (with the known ones), or a constant out of its domain.
     """
-    require(name in MEDIA, f"unknown medium {name!r}; known: {', '.join(MEDIA)}", "physics.unknown_medium")
-    base = MEDIA[name]
+    if not isinstance(name, Medium):
+        expect(name, str, f"a Medium or the name of one ({', '.join(MEDIA)})")
+        require(name in MEDIA, f"unknown medium {name!r}; known: {', '.join(MEDIA)}", "physics.unknown_medium")
+        name = MEDIA[name]
     changes: Any = {key: value for key, value in constants.items() if value is not None}
-    return replace(base, **changes, name=f"{base.name}, changed") if changes else base
+    return replace(name, **changes, name=f"{name.name}, changed", unusual=unusual) if changes else name

@@ -12,14 +12,16 @@ from numpy.typing import ArrayLike
 
 from cavirheo import parallel
 from cavirheo.arrays import Floats
-from cavirheo.errors import InputError, SolverError, require
+from cavirheo.errors import InputError, SolverError, brief, expect, expect_whole, require
+from cavirheo.parameters import DURATION, RADIUS
 from cavirheo.physics import solver
 from cavirheo.physics.driving import Driving
 from cavirheo.physics.grid import NO_SHELLS, Grid, wall_clustered
-from cavirheo.physics.law import Material, domain, within
+from cavirheo.physics.law import POSITIVE, Material, domain, within
 from cavirheo.physics.media import WATER, Medium
+from cavirheo.physics.media import medium as named
 from cavirheo.physics.scales import MOTIONS, dimensionless
-from cavirheo.physics.simulation import Contents, Simulation
+from cavirheo.physics.simulation import INSIST, Contents, Simulation
 from cavirheo.physics.tableau import RODAS5P
 from cavirheo.physics.viscous import Newtonian
 
@@ -29,6 +31,7 @@ ROUGH: dict[str, Any] = {"cells": 64, "rtol": 3e-4}  # inside a search: 2 ms, go
 POLYTROPIC = (0, 1e-7)  # without fields a step costs next to nothing
 WALL_CELL = 1e-4  # thickness of the shell at the wall
 MAX_STEPS = 100_000
+_EXAMPLE = "NeoHookeanKelvinVoigt(shear_modulus=8e3, viscosity=0.05)"
 _RTOL = domain("between 1e-12 and 0.1", lambda x: 1e-12 < x < 0.1)
 _EXPONENT = domain("between 0 and 10 (1 is isothermal)", lambda x: 0 < x < 10)
 
@@ -39,7 +42,7 @@ def simulate(
     max_radius: float,
     stretch: float,
     time: ArrayLike,
-    medium: Medium = WATER,
+    medium: Medium | str = WATER,
     driving: Driving | None = None,
     motion: str = MOTIONS[0],
     polytropic: float | None = None,
@@ -49,6 +52,7 @@ def simulate(
     rtol: float | None = None,
     cells: int | None = None,
     throw: bool = True,
+    unusual: bool = False,
 ) -> Simulation:
     """One bubble from rest at R_max (laser-induced cavitation), or from equilibrium, driven by ultrasound (stretch 1).
 
@@ -57,7 +61,7 @@ def simulate(
         max_radius: R_max, m: the radius at the start.
         stretch: lambda = R_max/R_0, R_0 the stress-free equilibrium radius.
         time: (n,) s after the start, ascending, from zero or later.
-        medium: liquid and gas constants.
+        medium: liquid and gas constants, or the name of a set of them.
         driving: pressure far from the bubble above the ambient one (physics/driving.py).
         motion: "keller-miksis", "rayleigh-plesset" (incompressible) or "gilmore" (Tait's liquid).
         polytropic: exponent of the gas (1 isothermal, 1.4 adiabatic air) beside saturated vapour, instead of heat and
@@ -70,6 +74,7 @@ def simulate(
             the median and up to 2e-3 in the most violent collapses (benchmarks/solver.md).
         rtol, cells: relative error per step and shells across the bubble, instead of the default's.
         throw: raise on a failed solve; otherwise return it with its status.
+        unusual: accept bubbles smaller than 10 nm or larger than 5 cm, and more than a second.
 
     Raises:
         InputError: a parameter is out of its domain, or time is not as above.
@@ -77,13 +82,22 @@ def simulate(
 
     Source: docs/method/physics.md sections 1-4; Estrada et al. 2018, doi:10.1016/j.jmps.2017.12.006.
     """
-    times = _checked(time)
+    expect(material, Material, f"a material such as {_EXAMPLE}")
+    times, medium = _checked(time), named(medium)
+    within(POSITIVE, "max_radius", max_radius)
+    if not unusual:
+        RADIUS.check("max_radius", max_radius, "physics.max_radius", INSIST)
+        DURATION.check("the last time", float(times[-1]), "physics.times_unit", INSIST)
     usual = POLYTROPIC if polytropic is not None else PRECISE if precise else DEFAULT
     cells, rtol = usual[0] if cells is None else cells, usual[1] if rtol is None else rtol
     within(_RTOL, "rtol", rtol)
+    drives = driving is None or hasattr(driving, "table")
+    require(drives, f"driving must be a Pulse or a Trace, got {brief(driving)}", "physics.driving")
     if polytropic is not None:
         within(_EXPONENT, "polytropic", polytropic)
         require(not fields, "polytropic contents have no fields: leave out fields or polytropic", "physics.no_fields")
+    else:
+        expect_whole(cells, "cells", 8, "physics.cells")
     way: dict[str, Any] = {"driving": driving, "motion": motion, "polytropic": polytropic or 0.0}
     numbers = dimensionless(material, medium, max_radius, stretch, **way)
     grid = wall_clustered(cells, min(WALL_CELL, 0.5 / cells)) if polytropic is None else NO_SHELLS
@@ -125,6 +139,7 @@ def simulate(
         status=status,
         stats={"steps": int(stats[0]), "rejected": int(stats[1]), "gas_drift": float(stats[2])},
         contents=_contents(shells, out, grid, medium) if fields else None,
+        unusual=True,  # looked at before
     )
 
 
@@ -152,13 +167,14 @@ def simulate_many(
     max_radius and stretch are (m,) or scalars, time (n,) for all or (m, n); `options` are those of `simulate`. A failed
     solve does not raise: its status says what happened.
     """
+    expect(materials, Sequence, f"a list of materials such as [{_EXAMPLE}]")
     m = len(materials)
     try:
         radii, stretches = (np.broadcast_to(np.asarray(a, float), (m,)) for a in (max_radius, stretch))
         times = np.broadcast_to(np.asarray(time, float), (m, np.shape(time)[-1] if np.ndim(time) else 1))
-    except ValueError as error:
+    except (TypeError, ValueError) as error:
         shapes = f"{np.shape(max_radius)}, {np.shape(stretch)}, {np.shape(time)}"
-        expected = f"max_radius and stretch as scalars or ({m},), time as (n,) or ({m}, n)"
+        expected = f"numbers: max_radius and stretch as scalars or ({m},), time as (n,) or ({m}, n)"
         raise InputError(f"{m} materials need {expected}; got {shapes}", "physics.shapes") from error
 
     def one(i: int) -> Simulation:
@@ -181,7 +197,10 @@ def load_solver() -> None:
 
 
 def _checked(time: ArrayLike) -> Floats:
-    times = np.array(time, dtype=float, ndmin=1)
+    try:
+        times = np.array(time, dtype=float, ndmin=1)
+    except (TypeError, ValueError):
+        raise InputError(f"time must be a list of numbers in s, got {brief(time)}", "physics.times") from None
     fine = times.ndim == 1 and times.size > 0 and bool(np.all(np.isfinite(times)))
     why = f"time must be a non-empty list of finite seconds, got an array of shape {times.shape}"
     require(fine, why, "physics.times")

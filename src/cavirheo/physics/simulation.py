@@ -2,25 +2,33 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import KW_ONLY, InitVar, dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from cavirheo.arrays import Floats
 from cavirheo.landmarks import turning_points
+from cavirheo.parameters import DURATION, RADIUS
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 
+INSIST = " (if it is meant: unusual=True)"
+
+
 @dataclass(frozen=True, eq=False)
 class Contents:
-    """Fields in the bubble, from its centre to its wall."""
+    """Fields in the bubble, from its centre to its wall.
 
-    position: Floats  # (m,) r/R of the centroids of the shells and of the wall, ascending to 1
-    temperature: Floats  # (n, m) K
-    vapour: Floats  # (n, m) mass fraction of vapour
+    position: (m,) r/R of the centroids of the shells and of the wall, ascending to 1. temperature: (n, m) K.
+    vapour: (n, m) mass fraction of vapour.
+    """
+
+    position: Floats
+    temperature: Floats
+    vapour: Floats
 
     def __repr__(self) -> str:
         frames, places = self.temperature.shape
@@ -29,17 +37,33 @@ class Contents:
 
 @dataclass(frozen=True, eq=False)
 class Simulation:
-    """One solved (or failed) forward problem. Where a solve failed the arrays hold NaN from there on."""
+    """One solved (or failed) forward problem. Where a solve failed the arrays hold NaN from there on.
 
-    time: Floats  # (n,) s after the start
-    radius: Floats  # (n,) m
-    velocity: Floats  # (n,) m/s, of the wall
-    pressure: Floats  # (n,) Pa, in the bubble
-    stress: Floats  # (n,) Pa, stress integral of the material: positive where it pushes the wall outwards
-    equilibrium_radius: float  # R_0, m
-    status: str  # "ok", or what went wrong and where
-    stats: dict[str, float]  # steps, rejected, gas_drift (relative change of the gas in the bubble)
-    contents: Contents | None = None  # if asked for
+    time: (n,) s after the start. radius: (n,) m. velocity: (n,) m/s, of the wall. pressure: (n,) Pa, in the bubble.
+    stress: (n,) Pa, stress integral of the material: positive where it pushes the wall outwards.
+    equilibrium_radius: R_0, m. status: "ok", or what went wrong and where.
+    stats: steps, rejected, gas_drift (relative change of the gas in the bubble). contents: if asked for.
+
+    unusual: accept times and radii that hardly a bubble has in s and m; otherwise InputError. It is not kept.
+    """
+
+    time: Floats
+    radius: Floats
+    velocity: Floats
+    pressure: Floats
+    stress: Floats
+    equilibrium_radius: float
+    status: str
+    stats: dict[str, float]
+    contents: Contents | None = None
+    _: KW_ONLY
+    unusual: InitVar[bool] = False
+
+    def __post_init__(self, unusual: bool) -> None:
+        solved = self.radius[np.isfinite(self.radius)]
+        if solved.size and not unusual:
+            RADIUS.check("radius", float(np.median(solved)), "physics.radius_unit", INSIST)
+            DURATION.check("the last time", float(np.max(self.time)), "physics.times_unit", INSIST)
 
     def __repr__(self) -> str:
         solved = np.isfinite(self.radius)

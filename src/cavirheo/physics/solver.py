@@ -18,7 +18,7 @@ tables (physics/table.py) and rows of relaxing terms (physics/memory.py); the fa
 
 The Jacobian is analytic: a block-tridiagonal part (2x2 lower-triangular blocks) with a border of five unknowns R, U,
 P, p', z, so one linear solve costs O(cells); the memories are eliminated before. Every function that is compiled for
-the solver lives in this one file, because numba's cache is renewed only when the file of the entry point changes.
+the solver lives in this one file, because kept code is renewed only when the file of its function changes.
 """
 
 from __future__ import annotations
@@ -26,14 +26,13 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
+
+from cavirheo.physics.cache import compiled
 
 OK, TOO_MANY_STEPS, STEP_TOO_SMALL, OUTSIDE_LAW = 0, 1, 2, 3
-# No fastmath: it gains 7 % and makes the last bits depend on where in memory the arrays lie.
-_compiled = njit(cache=True, nogil=True, error_model="numpy")
 
 
-@_compiled
+@compiled
 def piece(table, x):
     """The row of a table (physics/table.py) that holds x."""
     low, count = 0, table.shape[0] - 1
@@ -44,7 +43,7 @@ def piece(table, x):
     return low
 
 
-@_compiled
+@compiled
 def look_up(table, x):
     """f(x), f'(x), f''(x) from the one quintic of a table that holds x; NaN outside the table."""
     if not table[0, 0] <= x <= table[-1, 0]:
@@ -56,7 +55,7 @@ def look_up(table, x):
     return f0, f1, 2 * c[3] + t * (6 * c[4] + t * (12 * c[5] + t * 20 * c[6]))
 
 
-@_compiled
+@compiled
 def stress(numbers, R, rate):
     """S at radius R and rate g = U/R, and its derivatives dS/dR, d2S/dR2, dS/dg, d2S/dg2."""
     lam = numbers.stretch
@@ -65,7 +64,7 @@ def stress(numbers, R, rate):
     return E + math.copysign(1.0, rate) * V, E1 * lam, E2 * lam * lam, V1, math.copysign(1.0, rate) * V2
 
 
-@_compiled
+@compiled
 def fault(numbers, R, P):
     """OK, or why a step to this state must be shorter: it is unphysical, or beyond the reach of the elastic law."""
     law = numbers.elastic
@@ -73,7 +72,7 @@ def fault(numbers, R, P):
     return STEP_TOO_SMALL if not (R > 0 and P > 0) else OK if inside else OUTSIDE_LAW
 
 
-@_compiled
+@compiled
 def accelerate(numbers, t, R, U, p, p_dot, memory):
     """U' with its derivatives by R, U, p, p' and t, and by the wall's excess pressure b and its rate; docs (2.1)-(2.4).
 
@@ -126,7 +125,7 @@ def accelerate(numbers, t, R, U, p, p_dot, memory):
     return value, by_R, by_U, by_t, by_b, by_v
 
 
-@_compiled
+@compiled
 def derivatives(t, y, numbers, grid, theta, gas, F, H, out):
     """Time derivative of the state into `out`; returns p' and z. theta, gas, F, H are work space."""
     M = grid.centre.size
@@ -176,7 +175,7 @@ def derivatives(t, y, numbers, grid, theta, gas, F, H, out):
     return p_dot, z
 
 
-@_compiled
+@compiled
 def eliminate(y, numbers, grid, p_dot, z, shift, cell, flux, blocks, border):
     """The shells of (shift - J), LU-factorised from the centre to the wall. There must be shells.
 
@@ -327,7 +326,7 @@ def eliminate(y, numbers, grid, p_dot, z, shift, cell, flux, blocks, border):
         c22[i] *= d22[i]
 
 
-@_compiled
+@compiled
 def factorise(t, y, numbers, grid, p_dot, z, shift, blocks, border, recall, schur, pivot):
     """LU factors of the border R, U, P, p', z of (shift - J), whose shells `eliminate` has done.
 
@@ -415,7 +414,7 @@ def factorise(t, y, numbers, grid, p_dot, z, shift, blocks, border, recall, schu
     return u_t, q_a, q_b, zN_a, zN_b, zG_a, zG_b, per_rate, z_N, z_G
 
 
-@_compiled
+@compiled
 def back_substitute(r, M, blocks, border, recall, schur, pivot, couplings, b):
     """Solve (shift - J) u = r in place with the factors; b (5,) is work space."""
     N, G = r[:M], r[M : 2 * M]
@@ -467,7 +466,7 @@ def back_substitute(r, M, blocks, border, recall, schur, pivot, couplings, b):
         N[i], G[i] = n, g
 
 
-@_compiled
+@compiled
 def add(x, weights, scale, u, count):
     """x += scale * the weighted sum of the first `count` rows of u, three rows at a time."""
     m = count % 3
@@ -487,13 +486,13 @@ def add(x, weights, scale, u, count):
         m += 3
 
 
-@_compiled
+@compiled
 def reach(table, t):
     """The longest step from t that passes over no piece of the table unseen: to the end of the next one."""
     return table[min(piece(table, t) + 2, table.shape[0] - 1), 0] - t
 
 
-@_compiled
+@compiled
 def report(k, x, h, M, numbers, y, slope, trial, next_slope, out, fields):
     """Row k of the results, a fraction x of the step h from y to trial."""
     # quintic Hermite in R, whose first two derivatives are known at both ends; cubic in all else
@@ -520,7 +519,7 @@ def report(k, x, h, M, numbers, y, slope, trial, next_slope, out, fields):
             fields[k, j] = trial[j]  # steps end at the frames then
 
 
-@_compiled
+@compiled
 def integrate(numbers, grid, method, start, time, rtol, max_steps, to_turn, out, fields, stats):
     """From the state `start` (3 + k,) R, U, p, m_k, contents at rest and ambient temperature, to time[-1].
 

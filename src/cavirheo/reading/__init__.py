@@ -10,7 +10,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from cavirheo.curve import RadiusCurve
-from cavirheo.errors import InputError, require
+from cavirheo.errors import InputError, as_path, require
 from cavirheo.reading.table import write_csv
 
 __all__ = ["read_curves", "write_csv"]
@@ -38,7 +38,7 @@ def read_curves(path: str | Path, *, density: float = 998.0, pressure: float = 1
     Raises:
         InputError: the file cannot be found or read, or holds no radius history; the message says what was found.
     """
-    path = Path(path)
+    path = as_path(path)
     require(not path.is_dir(), f"{path} is a directory; give the files in it, e.g. {path}/*.mat", "reading.folder")
     require(path.exists(), f"{path} does not exist", "reading.missing")
     require(path.suffix.lower() not in _VIDEO, f"{path} is a video or image; {_MEASURE}", "reading.video")

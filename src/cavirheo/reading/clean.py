@@ -32,12 +32,14 @@ def make_curve(
     time_unit: str | None = None,
     radius_unit: str | None = None,
     notes: tuple[str, ...] = (),
+    time_unscaled: bool = False,
     **meta: Any,
 ) -> RadiusCurve:
     """Clean one curve: (n,) times and radii (and their deviations) in the given units; None = tell from the size.
 
     Frames with NaN, infinite or absurd (1e9) radius are NaN; radii <= 0 become NaN; frames without a time are left
-    out; frames are sorted by time; frames of one time are averaged. Each is counted in the notes. `meta`: the curve's.
+    out; frames are sorted by time; frames of one time are averaged. Each is counted in the notes. `meta` and
+    `time_unscaled`: the curve's.
 
     Raises:
         InputError: no unit of time is given and it cannot be told.
@@ -80,7 +82,10 @@ def make_curve(
     if step and np.mean(np.abs(steps - step) < 0.01 * step) > 0.5:  # most frames are evenly spaced
         meta.setdefault("frame_rate_hz", 1.0 / step)
     said += [unscaled] if unscaled else []
-    return RadiusCurve(t, r, std, {**meta, "notes": tuple(said)}, unscaled=unscaled)
+    try:
+        return RadiusCurve(t, r, std, {**meta, "notes": tuple(said)}, unscaled=unscaled, time_unscaled=time_unscaled)
+    except InputError as error:  # of no bubble: the others of its file are answered
+        return unusable(str(error), **meta)
 
 
 def _averaged(values: Floats, first: NDArray[np.intp]) -> Floats:

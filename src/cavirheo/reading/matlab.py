@@ -114,9 +114,10 @@ def _bdt(variables: Variables, density: float, pressure: float) -> list[RadiusCu
             curve = unusable(f"{cell} is empty", **stated)
         elif not len(listed):  # time and radius both wait for the user's R_max
             reason = "the file has no RmaxList, so radii and times are only known in units of R_max"
-            curve = make_curve(time * per_radius, radius, time_unit="s", radius_unit="m", **stated)
+            units: dict[str, Any] = {"time_unit": "s", "radius_unit": "m", "time_unscaled": True}
+            curve = make_curve(time * per_radius, radius, **units, **stated)
             meta = {**curve.meta, "notes": (*shared, reason)}
-            curve = replace(curve, meta=meta, unscaled=reason, time_unscaled=True)
+            curve = replace(curve, meta=meta, unscaled=reason)
         elif not largest > 0:
             curve = unusable(f"{cell} has samples but RmaxList gives R_max = {largest:.4g} m", **stated)
         else:

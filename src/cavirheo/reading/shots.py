@@ -10,6 +10,7 @@ from typing import Any, NamedTuple
 
 from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError, require
+from cavirheo.parameters import RADIUS
 from cavirheo.reading import read_curves
 
 GROUPINGS = ("auto", "file", "folder", "none")
@@ -41,8 +42,9 @@ def read_shots(
     """
     require(group in GROUPINGS, f"group must be one of {', '.join(GROUPINGS)}, got {group!r}", "option.group")
     if max_radius is not None:
-        why = f"the true R_max must be a radius in micrometres, up to 1e5, got {1e6 * max_radius:.6g}"
-        require(0 < max_radius < 0.1, why, "curve.max_radius")
+        low, high = (1e6 * end for end in RADIUS[:2])
+        why = f"the true R_max must be a radius in micrometres, {low:g} to {high:g}, got {1e6 * max_radius:.6g}"
+        require(RADIUS.low <= max_radius <= RADIUS.high, why, "curve.max_radius")
     found: list[RadiusCurve] = []
     problems: list[str] = []
     for path in files:

@@ -156,8 +156,10 @@ def curve_record(curve: RadiusCurve, posterior: Posterior) -> CurveRecord:
     checks = posterior.checks if answered else Checks("failed")
 
     def quantity(name: str) -> Quantity:
-        low, high = (posterior.interval(name) if answered else None) or (None, None)
-        return Quantity(median=posterior.median(name) if answered else None, q05=low, q95=high)
+        if not answered or name not in posterior.parameters:
+            return Quantity()
+        low, high = posterior.interval(name) or (None, None)
+        return Quantity(median=posterior.median(name), q05=low, q95=high)
 
     values = {name: quantity(name) for name in ("shear_modulus", "viscosity", "stretch", *posterior.parameters)}
     G, mu, stretch = (values.pop(name) for name in ("shear_modulus", "viscosity", "stretch"))

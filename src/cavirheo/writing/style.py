@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import base64
 import io
+import logging
 from collections.abc import Sequence
 from functools import cache
 from importlib.util import find_spec
@@ -30,6 +31,9 @@ BOX = "#f4f1ea"  # behind an answer
 NO_PICTURES = 'pictures are left out: matplotlib is not installed; pip install "cavirheo[plot]"'
 DPI = 150  # of PNG files
 _settings = Lock()  # matplotlib reads its settings from a global while it draws
+# Where it can write no home it takes a temporary folder, of which no user need hear.
+_HOMELESS = ("mkdir -p failed for path", "%s is not a writable directory", "Matplotlib created a temporary")
+logging.getLogger("matplotlib").addFilter(lambda record: not str(record.msg).startswith(_HOMELESS))
 
 
 def available() -> bool:

@@ -12,8 +12,9 @@ from typing import Any
 import numpy as np
 
 from cavirheo.arrays import Floats
-from cavirheo.curve import RadiusCurve
-from cavirheo.inference import doubts
+from cavirheo.curve import RadiusCurve, several
+from cavirheo.errors import expect_whole, require
+from cavirheo.inference import check_level, doubts
 from cavirheo.inference.experiment import FINE, FREE, QUICK, SCALE_BOUND, Experiment, Options
 from cavirheo.inference.fit.covariance import Laplace, draws, laplace
 from cavirheo.inference.fit.least_squares import SEARCH, LeastSquares, Minimum
@@ -22,6 +23,7 @@ from cavirheo.inference.law import Family
 from cavirheo.parallel import cores, each
 from cavirheo.parameters import LOG10, units
 from cavirheo.physics.media import WATER, Medium
+from cavirheo.physics.media import medium as named
 from cavirheo.posterior import Checks, Diagnostics, Posterior, Verdict, WindowAnswer
 
 __all__ = ["fit", "fit_many"]
@@ -43,17 +45,19 @@ def fit_many(
     curves: Sequence[RadiusCurve],
     material: str = "nhkv",
     *,
-    medium: Medium = WATER,
+    medium: Medium | str = WATER,
     window: int | str | None = None,
     end: float | None = None,
     stretch: float | str | None = None,
-    free: Sequence[str] = (),
+    free: Sequence[str] | str = (),
     t0_bound: float | None = None,
     scale_bound: float = SCALE_BOUND,
     weights: str = "motion",
     windows: bool = True,
     joint: bool = False,
     trust_input: bool = False,
+    verify: str = "none",
+    discrepancy: bool = True,
     seed: int = 0,
     workers: int | None = None,
     done: Callable[[int, Posterior], None] | None = None,
@@ -62,7 +66,7 @@ def fit_many(
 
     Args:
         material: a law of `cavirheo laws` all of whose parameters are then fitted ("nhkv", "qkv", "zener", ...).
-        medium: constants of the liquid or gel.
+        medium: constants of the liquid or gel, or the name of a set.
         window: collapses that are fitted, up to the rebound's maximum after the last; "all" for the whole recording.
             Default: 3, or as many as there are, unless `end` is given.
         end: s after R_max at which the window ends at the latest.
@@ -74,6 +78,7 @@ def fit_many(
         windows: fit windows of 1, 2, 3 and all collapses too, for comparison: `Posterior.windows`.
         joint: curves of one group (meta "group") share the material; stretch and what is free are each shot's own.
         trust_input: doubts about the recording or its settings are said, but decide no verdict.
+        verify, discrepancy: as those of `infer`; not of a joint fit, for it looks at each shot by itself.
         seed: of the draws, which are the Gaussian about the minimum (fit/covariance.py).
         done: called with the index of each curve and its answer (with `joint` that by itself) as it is found.
 
@@ -82,8 +87,12 @@ def fit_many(
     Raises:
         InputError: unknown material or a setting out of its domain.
     """
-    family = Family(material)
-    options = Options(window, end, stretch, tuple(free), t0_bound, scale_bound, weights, windows)
+    check_level(verify)
+    told = "a verification looks at each shot by itself: leave out joint, or verify"
+    require(not joint or verify == "none", told, "option.joint")
+    expect_whole(seed, "seed", 0, "option.seed")
+    curves, medium, family = several(curves), named(medium), Family(material)
+    options = Options(window, end, stretch, free, t0_bound, scale_bound, weights, windows)
     threads = cores(workers)
     inner = max(threads // max(len(curves), 1), 1)
     ranges = dict(zip(family.parameters, (10.0 ** family.bounds()).tolist(), strict=True))
@@ -106,7 +115,8 @@ def fit_many(
             answer = Posterior(names, units(names), nothing, checks, family.name, "least_squares", told)
         return replace(answer, seconds=time.perf_counter() - began), alone
 
-    answered = each(one, curves, workers, done and (lambda index, found: done(index, found[0])))
+    said = (lambda index, found: done(index, found[0])) if done and verify == "none" else None
+    answered = each(one, curves, workers, said)
     answers = [answer for answer, _ in answered]
     groups: dict[Any, dict[int, _Alone]] = {}
     for i, (curve, (_, single)) in enumerate(zip(curves, answered, strict=True)):
@@ -122,7 +132,13 @@ def fit_many(
             provenance = answer.provenance | {"alone": by_itself}
             answer = replace(answer, provenance=provenance, seconds=before.seconds + seconds)
             answers[i] = doubted(answer, members[i])
-    return answers
+    if verify == "none":
+        return answers
+    from cavirheo.inference.verify import verify_many
+
+    camera: dict[str, Any] = {"t0_bound": t0_bound, "scale_bound": scale_bound} | ({"free": free} if free else {})
+    settings: dict[str, Any] = {"level": verify, "medium": medium, "stretch": stretch, "discrepancy": discrepancy}
+    return verify_many(curves, answers, seed=seed, workers=workers, done=done, **settings, **camera)
 
 
 class _Alone:

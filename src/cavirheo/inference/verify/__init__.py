@@ -11,8 +11,8 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from cavirheo.arrays import Floats
-from cavirheo.curve import RadiusCurve
-from cavirheo.errors import SolverError, reason, require
+from cavirheo.curve import RadiusCurve, several
+from cavirheo.errors import SolverError, expect, expect_whole, reason, require
 from cavirheo.inference.doubts import doubted
 from cavirheo.inference.experiment import FINE, FREE, SCALE_BOUND, Experiment, Options
 from cavirheo.inference.fit.least_squares import LeastSquares
@@ -26,6 +26,7 @@ from cavirheo.inference.verify.tuning import TUNING
 from cavirheo.parallel import cores, each
 from cavirheo.parameters import natural_name, units
 from cavirheo.physics.media import WATER, Medium
+from cavirheo.physics.media import medium as named
 from cavirheo.posterior import Diagnostics, Evidence, Posterior, Verdict
 from cavirheo.prior import log_normal
 
@@ -40,14 +41,15 @@ _INSIDE = 1e-3  # of the probability, that a start keeps away from the bounds: i
 class Verification:
     """How an answer is verified. The window is the answer's own.
 
-    stretch, free, t0_bound, scale_bound: as in `fit_many`; clock, scale and R_max are free by default.
+    stretch, free, t0_bound, scale_bound, medium: as in `fit_many`; clock, scale and R_max are free by default.
     level: "map" (maximum and Laplace's Gaussian) or "full" (weighted draws). discrepancy: allow for what no simulation
     follows (noise.py); without it the law is taken as exact. ranges: of the priors, {"shear_modulus": [low, high] in
-    SI}; default those that a fit searches. draws: at most so many weighted ones. Raises InputError.
+    SI}; default those that a fit searches. draws: at most so many weighted ones. seed: theirs. workers: threads for
+    one curve. Raises InputError.
     """
 
     stretch: float | str | None = None
-    free: tuple[str, ...] = tuple(FREE)
+    free: Sequence[str] | str = tuple(FREE)
     t0_bound: float | None = None
     scale_bound: float = SCALE_BOUND
     level: Literal["map", "full"] = "full"
@@ -60,12 +62,15 @@ class Verification:
 
     def __post_init__(self) -> None:
         require(self.level in ("map", "full"), f"verify must be map or full, got {self.level!r}", "option.verify")
-        require(self.draws >= 10, f"a posterior needs at least 10 draws, got {self.draws}", "option.draws")
+        object.__setattr__(self, "medium", named(self.medium))
+        expect_whole(self.draws, "draws of a posterior", 10, "option.draws")
+        expect_whole(self.seed, "seed", 0, "option.seed")
+        expect(self.ranges or {}, Mapping, 'ranges such as {"shear_modulus": [1e2, 1e5]}')
         self.options(None, self.t0_bound)
 
     def options(self, end: float | None, t0_bound: float | None) -> Options:
         """Of the experiment on a window that ends at `end`, s. Raises InputError."""
-        return Options(None, end, self.stretch, tuple(self.free), t0_bound, self.scale_bound)
+        return Options(None, end, self.stretch, self.free, t0_bound, self.scale_bound)
 
 
 def verify(curve: RadiusCurve, answer: Posterior, **settings: Any) -> Posterior:
@@ -87,6 +92,9 @@ def verify_many(
     `done` is called with the index and the answer of each as it is found. Law and window are the answer's. A failed
     answer stays as it is; one whose verification fails says so.
     """
+    curves, answers = several(curves), list(answers)
+    for answer in answers:
+        expect(answer, Posterior, "a Posterior to be verified, of infer or fit, for each curve")
     inner = max(cores(workers) // max(len(curves), 1), 1)
     chosen = Verification(workers=inner, **settings)
 

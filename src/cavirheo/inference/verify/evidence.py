@@ -84,6 +84,7 @@ def rank_laws(
     the index of the curve and the answer of each law as it is found. Raises InputError: fewer than two laws, one
     unknown, or a setting out of its domain.
     """
+    laws = [laws] if isinstance(laws, str) else laws
     check_laws(laws)
     ranges: Mapping[str, Sequence[float]] = options.pop("ranges", None) or {}
     found: dict[str, list[Posterior]] = {}

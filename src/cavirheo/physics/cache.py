@@ -1,0 +1,92 @@
+"""Compiled functions kept on disk, so that only the first start compiles: as numba's cache, but nothing stops it.
+
+numba's own loads whatever lies there (an empty or cut file stops every later call), needs a folder that it may write,
+and keeps an index that two processes at once can set against its files. Here every compiled function is one file: its
+name is that of all it depends on, and it begins with its own checksum. A file that is not whole is compiled anew, one
+in a folder that cannot be written is used, and where nothing can be written the code stays in memory.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import inspect
+import os
+import pickle
+import sys
+from collections.abc import Callable
+from contextlib import suppress
+from functools import cache
+from pathlib import Path
+from typing import Any
+from uuid import uuid4
+
+import numba
+from numba.core import caching, config
+from numba.core.compiler import CompileResult
+from numba.core.serialize import dumps
+
+_DIGEST = 32  # bytes of sha256
+
+
+def compiled(function: Callable[..., Any]) -> Any:
+    """`function` compiled by numba when it is first called; without fastmath, which gains 7 % and makes the last bits
+    depend on where in memory the arrays lie."""
+    dispatcher: Any = numba.njit(nogil=True, error_model="numpy")(function)
+    with suppress(OSError):  # a package without its source: nothing would tell one version's code from another's
+        dispatcher._cache = Kept(function)
+    return dispatcher
+
+
+class Kept(caching.NullCache):
+    """What numba asks for compiled code, and gives it to keep."""
+
+    def __init__(self, function: Callable[..., Any]) -> None:
+        file = inspect.getfile(function)
+        self.begin, self.source = f"{Path(file).stem}.{function.__name__}", _source(file)
+        named = [caching.UserProvidedCacheLocator] if getattr(config, "CACHE_DIR", "") else []
+        locators: list[Any] = [*named, caching.InTreeCacheLocator, caching.UserWideCacheLocator]
+        self.folders = [Path(locator(function, file).get_cache_path()) for locator in locators]
+
+    def load_overload(self, sig: Any, target_context: Any) -> Any:
+        target_context.refresh()
+        name = self._name(sig, target_context.codegen())
+        for folder in self.folders:
+            with suppress(OSError):
+                content = (folder / name).read_bytes()
+                if hashlib.sha256(content[_DIGEST:]).digest() == content[:_DIGEST]:
+                    return CompileResult._rebuild(target_context, *pickle.loads(content[_DIGEST:]))
+        return None
+
+    def save_overload(self, sig: Any, cres: Any) -> None:
+        content = dumps(cres._reduce())
+        name = self._name(sig, cres.library.codegen)
+        for folder in self.folders:
+            unfinished = folder / f"{name}.{uuid4().hex[:8]}"
+            try:
+                folder.mkdir(parents=True, exist_ok=True)
+                unfinished.write_bytes(hashlib.sha256(content).digest() + content)
+                os.replace(unfinished, folder / name)
+                for old in folder.glob(f"{self.begin}.*.nbc"):
+                    if not old.name.startswith(f"{self.begin}.{self.source}"):
+                        old.unlink(missing_ok=True)
+                return
+            except OSError:  # no such place, not ours, or full
+                with suppress(OSError):
+                    unfinished.unlink()
+        _say(", ".join(map(str, self.folders)))
+
+    def _name(self, sig: Any, codegen: Any) -> str:
+        depends = numba.__version__, sys.version, sig, codegen.magic_tuple()
+        return f"{self.begin}.{self.source}.{hashlib.sha256(repr(depends).encode()).hexdigest()[:16]}.nbc"
+
+
+@cache
+def _source(file: str) -> str:
+    """Of the whole file: a function is compiled together with those that it calls."""
+    return hashlib.sha256(Path(file).read_bytes()).hexdigest()[:16]
+
+
+@cache
+def _say(folders: str) -> None:
+    told = f"note: the compiled solver cannot be kept, for none of {folders} can be written: every start compiles it"
+    print(f"{told}; set NUMBA_CACHE_DIR to a folder that can be", file=sys.stderr)
