@@ -27,20 +27,28 @@ COMMANDS = {  # shots, kills, words
 MASKED = ("seconds", "date")
 
 
-def call(words: list[str], folder: Path, seconds: float | None = None) -> int | None:
-    """The exit status; None if it was killed after so many seconds."""
+def call(words: list[str], folder: Path, more: int = 0, wait: float | None = None) -> int | None:
+    """The exit status; None if it was killed: `wait` seconds after so many `more` answers were kept."""
     files = sorted(path.name for path in folder.glob("shot*.csv"))
     words = [part for word in words for part in (files if word == "shots" else [word])]
+    enough = len(kept(folder)) + more
     process = subprocess.Popen(
-        [sys.executable, "-m", "cavirheo", *words], cwd=folder, stdout=subprocess.PIPE, stderr=subprocess.PIPE
+        [sys.executable, "-m", "cavirheo", *words], cwd=folder, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
     )
+    if wait is None:
+        return process.wait()
+    while process.poll() is None and len(kept(folder)) < enough:
+        time.sleep(0.02)
     try:
-        process.communicate(timeout=seconds)
+        return process.wait(wait)
     except subprocess.TimeoutExpired:
         process.kill()
-        process.communicate()
+        process.wait()
         return None
-    return process.returncode
+
+
+def kept(folder: Path) -> set[str]:
+    return {path.name for path in (folder / "out").glob("unfinished/*.npz")}
 
 
 def masked(value: object) -> object:
@@ -73,22 +81,16 @@ def test_killed_at_random_moments(tmp_path, name):
             write_csv(place / f"shot{k:02d}.csv", other)
         lines = "".join(f"set {s},shot{s}?.csv\n" for s in range((shots + 9) // 10))
         (place / "references.csv").write_text(f"set,files\n{lines}")
-    began = time.monotonic()
     assert call(words, whole) in (0, 1)
-    longest, chance = time.monotonic() - began, random.Random(0)
-    kept: set[str] = set()
-    for _ in range(kills):
-        if call(words, folder, chance.uniform(0.1, 0.9) * longest) is not None:
-            break  # it had been answered by the calls before
-        if kept and not (folder / "out" / "unfinished").exists():
-            break  # killed when all was written
-        here = {path.name for path in (folder / "out").glob("unfinished/*.npz")}
-        assert kept <= here  # what was answered is there
-        assert len(here) <= 2 * shots
-        assert all(read_answer(folder / "out" / "unfinished" / file) for file in here)
-        kept = here
+    chance, before = random.Random(0), set[str]()
+    for k in range(kills):
+        more = chance.randint(0, 2 * shots // kills)
+        if call(words, folder, more, chance.uniform(0.0, 1.0)) is not None or (k and not kept(folder)):
+            break  # all was written
+        assert before <= (before := kept(folder))  # what was answered is there
+        assert all(read_answer(folder / "out" / "unfinished" / name) for name in before)
         for path in (folder / "out").rglob("*.json"):
             json.loads(path.read_text())
-    assert kept
+    assert before
     assert call(words, folder) in (0, 1)
     assert documents(folder / "out") == documents(whole / "out")
