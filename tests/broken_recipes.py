@@ -54,7 +54,7 @@ RECIPES: dict[str, tuple[bytes, str]] = {
     "a table of numbers": (b"time_us,radius_um\n0,100\n1,99\n", "TOML"),
     "an onnx file": (b"\x08\n\x12\x07pytorch" * 100, "TOML"),
     "nested deeply": (b"a = " + b"[" * 20_000, "TOML"),
-    "nested tables": (b"[" + b"a." * 5_000 + b"a]", "unknown"),
+    "nested tables": (b"[" + b"a." * 5_000 + b"a]", "problem"),
     "cut short": (RIGHT[:60].encode(), "TOML"),
     "no end of a string": (instead('"tiny"', '"tiny'), "TOML"),
     "duplicate key": (training("epochs = 4\nepochs = 5"), "TOML"),

@@ -61,8 +61,9 @@ class Network:
         """
         theta = self._run(features)
         with np.errstate(over="ignore"):
-            fine = all(np.isfinite(natural(name, theta[:, k])).all() for k, name in enumerate(self.outputs))
-        require(fine, f"the model {self.name} answers a curve with what is no number", "model.not_finite")
+            values = [natural(name, column) for name, column in zip(self.outputs, theta.T, strict=True)]
+        fine = np.isfinite(theta).all() and np.isfinite(values).all()
+        require(bool(fine), f"the model {self.name} answers a curve with what is no number", "model.not_finite")
         return theta
 
 
@@ -84,7 +85,7 @@ def card(path: Path) -> dict[str, Any]:
     try:
         ModelCard.model_validate(content)
     except ValidationError as error:
-        told = f"{beside} is not a card of `cavirheo train`: {explained(error, ModelCard)}"
+        told = f"{beside} is not a card of `cavirheo train`: {explained(error, ModelCard)}; export it anew"
         raise InputError(told, "model.card") from error
     return content
 

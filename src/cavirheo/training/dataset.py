@@ -139,11 +139,16 @@ def generate(
                 status = np.array([run.status for run in runs], dtype=object)
                 unsaid = ~np.isfinite(radius).all(axis=1) & (status == "ok")
                 status[unsaid] = "the simulation ended well but its radius is not finite"
-                with whole(path) as temporary, h5py.File(temporary, "w", track_order=False) as file:
+                # in memory: on a full disk HDF5 itself would end the process
+                with h5py.File(path.name, "w", driver="core", backing_store=False, track_order=False) as file:
                     file.attrs.update(head | {"start": block.start})
                     file.create_dataset("theta", data=theta, track_times=False)
                     file.create_dataset("radius", data=radius.astype(np.float32), track_times=False)
                     file.create_dataset("status", data=status, dtype=h5py.string_dtype(), track_times=False)
+                    file.flush()
+                    content = file.id.get_file_image()
+                with whole(path) as temporary:
+                    temporary.write_bytes(content)
         failures = Counter(status for path in blocks for status in _read(path)["status"].tolist() if status != "ok")
     curves, seconds = sum(map(len, blocks.values())), time.perf_counter() - began
     return Generated(curves, len(todo), len(blocks) - len(todo), dict(failures), seconds, simulated)
@@ -182,7 +187,7 @@ def difference(old: Mapping[str, Any], new: Mapping[str, Any]) -> str:
             if inner := difference(before, after):
                 return f"{key}.{inner}"
         elif before != after:
-            return f"{key} = {before!r}, where {after!r} is asked now"
+            return f"{key} = {short(before)}, where {short(after)} is asked now"
     return ""
 
 
@@ -224,7 +229,7 @@ def _read(path: Path, expected: Mapping[str, Any] | None = None) -> dict[str, An
     except InputError as error:
         mend = "" if error.code.startswith("dataset.another") else "; delete it and generate again"
         raise InputError(f"{path}: {error}{mend}", error.code) from error
-    except (OSError, LookupError, TypeError, ValueError, AttributeError, RuntimeError) as error:
+    except Exception as error:  # what a damaged file may raise is not foreseen
         told = f"{path} cannot be read as a training set ({error}); delete it and generate again"
         raise InputError(told, "dataset.unreadable") from error
     return found

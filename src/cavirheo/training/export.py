@@ -21,6 +21,7 @@ from typing import Any
 
 import numpy as np
 import onnx
+import onnxscript  # noqa: F401  torch exports with it: better missed now than after the training
 import torch
 
 from cavirheo.errors import require
