@@ -17,6 +17,7 @@ SOLVER = "physics/solver.py"  # all that is compiled must be one file
 ROOMS = (  # from the ground up: a room imports those below it, and only those that it may
     ("arrays", ""),
     ("errors", ""),
+    ("files", "errors"),
     ("parallel", "errors"),
     ("parameters", "errors"),
     ("landmarks", "errors"),
@@ -27,8 +28,8 @@ ROOMS = (  # from the ground up: a room imports those below it, and only those t
     ("reading", "errors parameters curve landmarks"),
     ("physics", "errors writing parameters parallel landmarks"),
     ("problem", "errors parameters prior physics"),
-    ("inference", "errors parallel parameters prior posterior curve landmarks physics problem writing"),
-    ("training", "errors parallel parameters prior curve physics problem inference writing"),
+    ("inference", "errors files parallel parameters prior posterior curve landmarks physics problem writing"),
+    ("training", "errors files parallel parameters prior curve reading physics problem inference writing"),
     ("unfinished", "errors posterior curve writing"),
     ("reporting", "errors parallel parameters posterior curve writing"),
     (
@@ -36,7 +37,7 @@ ROOMS = (  # from the ground up: a room imports those below it, and only those t
         "errors parallel parameters landmarks posterior curve reading physics inference reporting writing unfinished",
     ),
     ("app", "errors parallel parameters posterior curve reading physics problem inference reporting writing"),
-    ("loading", "errors reporting training beside writing"),
+    ("loading", "errors files reporting training beside writing"),
 )
 MAY_USE = {room: {"arrays", *below.split()} - {room} for room, below in ROOMS}
 FREE = ("verbs", "__main__", "__init__")  # the command line and the package's face see every room

@@ -150,7 +150,7 @@ def test_recipe_names_its_medium(tmp_path):
 
 
 def test_recipe_that_is_not_there(tmp_path):
-    refused("recipe.missing", read_recipe, tmp_path / "none.toml")
+    refused("files.unreadable", read_recipe, tmp_path / "none.toml")
 
 
 # metrics
@@ -488,7 +488,7 @@ class TestTorch:
         refused("evaluate.trained_on", judge.evaluate, path, tmp_path / "fewer")
         problem = recipe.problem
         generate(replace(problem, grid=FrameGrid(frames=21)), 10, tmp_path / "longer", progress=False)
-        refused("evaluate.grid", judge.evaluate, path, tmp_path / "longer")
+        refused("evaluate.problem", judge.evaluate, path, tmp_path / "longer")
 
     def test_export_refuses_a_model_that_differs(self, recipe, data, tmp_path, monkeypatch):
         pytest.importorskip("onnx")

@@ -2,10 +2,15 @@
 
 from __future__ import annotations
 
+from difflib import get_close_matches
 from numbers import Integral
 from os import PathLike
 from pathlib import Path
 from reprlib import repr as brief
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from pydantic import ValidationError
 
 
 class InputError(ValueError):
@@ -54,6 +59,26 @@ def as_path(given: str | PathLike[str]) -> Path:
     told = f"expected the path of one file, as text; got {type(given).__name__} {brief(given)}"
     require(isinstance(given, str | PathLike), told, "input.path")
     return Path(given)
+
+
+def explained(error: ValidationError, kind: Any) -> str:
+    """In one line, of the first entries that the pydantic model `kind` refuses: where, what is expected and given."""
+    said = []
+    for item in error.errors(include_url=False):
+        where, what = ".".join(map(str, item["loc"])), item["msg"].removeprefix("Value error, ")
+        if item["type"] == "extra_forbidden":
+            what, table = "unknown key", kind
+            for key in item["loc"][:-1]:
+                table = next(f.annotation for name, f in table.model_fields.items() if key in (name, f.alias))
+            known = [field.alias or name for name, field in table.model_fields.items()]
+            near = get_close_matches(str(item["loc"][-1]), known, 1)
+            what += f", did you mean {near[0]}?" if near else f"; known: {', '.join(known)}"
+        elif item["type"] == "missing":
+            what = "is missing"
+        elif where:
+            what += f", got {brief(item['input'])}"
+        said.append(f"{where}: {what}".removeprefix(": "))
+    return "; ".join(said[:3]) + (f"; and {len(said) - 3} more" if len(said) > 3 else "")
 
 
 class SolverError(RuntimeError):

@@ -2,17 +2,18 @@
 
 from __future__ import annotations
 
-import json
 from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from cavirheo.errors import InputError, as_path, require
+from cavirheo.files import read_object
 from cavirheo.writing.document import Document, read_json
 
 if TYPE_CHECKING:
     from cavirheo.training.dataset import Dataset
 
+LARGEST = 500_000_000  # bytes of a document
 _KINDS = {  # a key that no other document has, and the class of the document
     "sets": ("beside.published.comparison", "Comparison"),
     "strain_sweeps": ("beside.rheometer.document", "Rheometry"),
@@ -42,13 +43,13 @@ def load(path: str | Path) -> Document | Dataset:
         require(len(found) == 1, f"{path} holds {held}: name the file", "loading.folder")
         (path,) = found
     try:
-        content = json.loads(path.read_text(encoding="utf-8"))
-    except (OSError, UnicodeDecodeError) as error:
-        raise InputError(f"{path}: cannot be read ({error})", "document.unreadable") from None
-    except ValueError:
-        content = None
-    keys = set(content) if isinstance(content, dict) else set()
-    if "curves" in keys and isinstance(content["curves"], list):
+        content = read_object(path, LARGEST)
+    except InputError as error:
+        if error.code != "files.json":
+            raise
+        content = {}
+    keys = set(content)
+    if isinstance(content.get("curves"), list):
         keys |= {"laws"} & {key for row in content["curves"] if isinstance(row, dict) for key in row}
     for key, (module, kind) in _KINDS.items():
         if key in keys:

@@ -22,13 +22,16 @@ from numpy.typing import ArrayLike
 
 from cavirheo.arrays import Floats
 from cavirheo.errors import InputError, require
-from cavirheo.parameters import LOG10, natural_name
+from cavirheo.parameters import natural, natural_name
 from cavirheo.physics.materials import MATERIALS, Material
 from cavirheo.physics.media import WATER, Medium
 from cavirheo.prior import Prior
 
 if TYPE_CHECKING:
     from cavirheo.physics.simulation import Simulation
+
+MOST_FRAMES = 5_000  # of a network's grid; training sets of more would not fit a machine
+LONGEST = 1_000.0  # time of the grid in t_c
 
 
 @dataclass(frozen=True)
@@ -39,8 +42,9 @@ class FrameGrid:
     frames: int = 100
 
     def __post_init__(self) -> None:
-        told = f"a positive frame interval and at least 2 frames, got {self.frame_interval} s and {self.frames}"
-        require(self.frame_interval > 0 and self.frames >= 2, f"a grid needs {told}")
+        told = f"a grid needs a positive frame interval and 2 to {MOST_FRAMES} frames, got "
+        fine = isinstance(self.frames, int) and 2 <= self.frames <= MOST_FRAMES and 0 < self.frame_interval < np.inf
+        require(fine, f"{told}{self.frame_interval} s and {self.frames}", "problem.grid")
 
     @property
     def time(self) -> Floats:
@@ -72,7 +76,14 @@ class TrainingProblem:
         told = f"material {material!r} needs a prior for {', '.join(needed)} (each with or without log10_)"
         require(sorted(map(natural_name, names)) == needed, f"{told}, got {', '.join(names)}", "problem.prior")
         radius = self.reference_max_radius
-        require(radius > 0, f"reference_max_radius must be positive, got {radius} m")
+        require(0 < radius < np.inf, f"reference_max_radius must be positive, got {radius} m", "problem.max_radius")
+        long = self.grid.time[-1] / self.medium.time_scale(radius)
+        told = f"the grid ends {long:.3g} collapse times after R_max, more than the {LONGEST:g} that are simulated"
+        require(long <= LONGEST, f"{told}; is a unit wrong?", "problem.grid")
+        told = f"the stretch R_max/R_0 must be 1 or more and not of log10_, got the prior {self.prior.to_dict()}"
+        require("stretch" in names and self.prior.bounds("stretch")[0] >= 1, told, "problem.prior")
+        for ends in (self.prior.low, self.prior.high):
+            self.material(ends)  # refuses what the law does
 
     def to_dict(self) -> dict[str, Any]:
         """Plain data for JSON, from which `from_dict` makes the same problem again."""
@@ -89,7 +100,9 @@ class TrainingProblem:
             medium = Medium(**data["medium"], unusual=True)  # whoever made the problem has insisted
             prior, grid = Prior.uniform(data["prior"]), FrameGrid(**data["camera"])
             return cls(data["material"], prior, medium, grid, data["reference_max_radius"])
-        except (KeyError, TypeError, IndexError) as error:
+        except InputError:
+            raise
+        except (AttributeError, KeyError, TypeError, IndexError, ValueError, OverflowError) as error:
             told = f"not a problem written by this version of cavirheo: {error}"
             raise InputError(told, "problem.unreadable") from error
 
@@ -140,7 +153,5 @@ def natural_values(names: Sequence[str], theta: ArrayLike) -> dict[str, float]:
     theta = np.asarray(theta, dtype=float)
     told = f"theta must hold {', '.join(names)}, got shape {theta.shape}"
     require(theta.shape == (len(names),), told, "problem.theta")
-    return {
-        natural_name(name): float(10.0**value if name.startswith(LOG10) else value)
-        for name, value in zip(names, theta, strict=True)
-    }
+    with np.errstate(over="ignore"):
+        return {natural_name(name): float(natural(name, value)) for name, value in zip(names, theta, strict=True)}

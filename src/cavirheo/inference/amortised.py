@@ -58,6 +58,11 @@ class Amortised:
     collapses: int | None = None
     trust_input: bool = False
 
+    def __post_init__(self) -> None:
+        needed, given = set(self.model.problem.prior.names) - {"stretch"}, ", ".join(self.model.outputs)
+        told = f"the model {self.model.name} answers only {given}; its law needs {', '.join(sorted(needed))}"
+        require(needed == {*self.model.outputs}, told, "model.outputs")
+
     def infer(self, curve: RadiusCurve) -> Posterior:
         """The answer for one curve; one that cannot be answered gives a failed Posterior with the reason.
 

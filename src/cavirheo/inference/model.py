@@ -3,9 +3,6 @@
 from __future__ import annotations
 
 import hashlib
-import json
-import os
-from collections.abc import Callable
 from functools import lru_cache
 from importlib.resources import files
 from pathlib import Path
@@ -13,13 +10,19 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
+from pydantic import ValidationError
 
 from cavirheo.arrays import Floats
-from cavirheo.errors import InputError, require
+from cavirheo.errors import InputError, explained, require
+from cavirheo.files import read_bytes, read_object
+from cavirheo.inference.card import ModelCard
+from cavirheo.inference.graph import check_graph
+from cavirheo.inference.session import session, try_out
+from cavirheo.parameters import natural
 from cavirheo.problem import TrainingProblem
 
 DEFAULT = "bdt-viscoelastic"
-_BATCH = 512
+LARGEST, LARGEST_CARD = 100_000_000, 10_000_000  # bytes that are read
 
 
 class Network:
@@ -27,63 +30,64 @@ class Network:
 
     Attributes: name; card (dict); problem; outputs (names in the prior's scale); sha256 of the .onnx file.
 
+    A model that is not shipped is a stranger's. Its graph is looked at, then it is run once in a process of its own
+    with limits; what it takes depends on the number of curves alone (graph.py), so from then on it is run in this one.
+
     Raises:
-        InputError: the file or its card is missing, is not one of ours, or the file is not the one the card describes.
+        InputError: the file or its card is missing, damaged or not one of ours, it is not the file that its card
+            describes, or it is not run for what it holds ("graph...") or takes ("model.time", ...).
     """
 
     def __init__(self, path: Path) -> None:
         self.name, self.card = path.stem, card(path)
-        try:
-            self.problem = TrainingProblem.from_dict(self.card["problem"])
-            self.outputs = tuple(str(output["name"]) for output in self.card["outputs"])
-            expected = self.card["onnx"]["sha256"]
-        except (KeyError, TypeError) as error:
-            raise InputError(f"the card of {path} lacks what inference needs: {error}", "model.card") from error
-        content = path.read_bytes()
+        self.problem = TrainingProblem.from_dict(self.card["problem"])
+        self.outputs = tuple(str(output["name"]) for output in self.card["outputs"])
+        content = read_bytes(path, LARGEST)
         self.sha256 = hashlib.sha256(content).hexdigest()
         told = f"{path} is not the file that its card describes (sha256 {self.sha256[:12]}...)"
-        require(self.sha256 == expected, told, "model.changed")
-        self._run = _session(content)
+        require(self.sha256 == self.card["onnx"]["sha256"], told, "model.changed")
+        if path not in shipped().values():
+            try:
+                check_graph(content)
+                try_out(content, self.problem.grid.frames, len(self.outputs))
+            except InputError as error:
+                raise InputError(f"{path} is not run: {error}; export it with `cavirheo train`", error.code) from error
+        self._run = session(content)
 
     def __call__(self, features: ArrayLike) -> Floats:
-        """(curves, outputs) in the prior's scale from R/R_max (curves, frames), any number of curves."""
-        return self._run(features)
+        """(curves, outputs) in the prior's scale from R/R_max (curves, frames), any number of curves.
+
+        Raises InputError: it answers a curve with what is no number ("model.not_finite").
+        """
+        theta = self._run(features)
+        with np.errstate(over="ignore"):
+            values = [natural(name, column) for name, column in zip(self.outputs, theta.T, strict=True)]
+        fine = np.isfinite(theta).all() and np.isfinite(values).all()
+        require(bool(fine), f"the model {self.name} answers a curve with what is no number", "model.not_finite")
+        return theta
 
 
 def predict(path: str | Path, features: ArrayLike) -> Floats:
-    """What the network of an .onnx file answers, as `Network` does; no card is needed."""
-    return _session(Path(path).read_bytes())(features)
-
-
-def _session(content: bytes) -> Callable[[ArrayLike], Floats]:
-    """(curves, frames) -> (curves, outputs) of the content of an .onnx file."""
-    os.environ.setdefault("ORT_DISABLE_TELEMETRY", "1")  # read at import: its wheels come with telemetry
-    import onnxruntime  # half a second that listing models or reading curves need not pay
-
-    options = onnxruntime.SessionOptions()
-    options.intra_op_num_threads = 1  # one small curve at a time: threads cost more than they give
-    options.log_severity_level = 3
-    session = onnxruntime.InferenceSession(content, options, providers=["CPUExecutionProvider"])
-
-    def run(features: ArrayLike) -> Floats:
-        curves = np.asarray(features, dtype=np.float32)
-        blocks = [curves[i : i + _BATCH] for i in range(0, len(curves), _BATCH)]
-        return np.concatenate([session.run(["theta"], {"radius": block})[0] for block in blocks]).astype(float)
-
-    return run
+    """What the network of one's own .onnx file answers, as `Network` does; no card is needed."""
+    return session(read_bytes(path, LARGEST))(features)
 
 
 def card(path: Path) -> dict[str, Any]:
-    """The card beside an .onnx file. Raises InputError if either is missing or the card is not JSON."""
+    """The card beside an .onnx file. Raises InputError: one of the two is missing, or it is not a card of ours."""
     beside = path.with_suffix(".json")
-    told = f"a model is an .onnx file with its card beside it; expected {path} and {beside}"
-    require(path.is_file() and beside.is_file(), told, "model.missing")
     try:
-        content = json.loads(beside.read_text(encoding="utf-8"))
-        require(isinstance(content, dict), "it holds no object")
-    except (OSError, ValueError) as error:
-        raise InputError(f"{beside} is not a model card of cavirheo: {error}", "model.card") from error
-    return dict(content)
+        there = path.is_file() and beside.is_file()
+    except OSError:  # a name that is too long
+        there = False
+    told = f"a model is an .onnx file with its card beside it; expected {path} and {beside}"
+    require(there, told, "model.missing")
+    content = read_object(beside, LARGEST_CARD)
+    try:
+        ModelCard.model_validate(content)
+    except ValidationError as error:
+        told = f"{beside} is not a card of `cavirheo train`: {explained(error, ModelCard)}; export it anew"
+        raise InputError(told, "model.card") from error
+    return content
 
 
 def shipped() -> dict[str, Path]:

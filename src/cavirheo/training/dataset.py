@@ -9,13 +9,17 @@ from __future__ import annotations
 
 import hashlib
 import json
+import os
+import shutil
 import time
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from importlib.metadata import version
+from itertools import islice
 from pathlib import Path
+from reprlib import repr as short
 from typing import Any
 
 import h5py
@@ -26,6 +30,7 @@ from cavirheo.arrays import Bools, Floats
 from cavirheo.errors import InputError, require
 from cavirheo.prior import uniforms
 from cavirheo.problem import TrainingProblem
+from cavirheo.reading import limits
 from cavirheo.writing.document import into, whole
 from cavirheo.writing.terminal import bar
 
@@ -34,7 +39,7 @@ Indices = NDArray[np.int64]
 SHARD = 500  # curves in a file
 CHUNK = 50  # curves between two steps of the progress bar
 SPLIT_STREAM = 1  # apart from the draws of the prior, so that equal seeds do not sort the split by a parameter
-_HEAD = ("problem", "seed", "total", "made_by")  # attributes that all shards of a set share
+_HEAD = {"problem": str, "seed": int, "total": int, "made_by": str}  # attributes that all shards of a set share
 _COLUMNS = ("theta", "radius", "status")
 
 
@@ -117,6 +122,7 @@ def generate(
     head = {"problem": json.dumps(problem.to_dict()), "seed": seed, "total": n, "made_by": version("cavirheo")}
     began = time.perf_counter()
     with into(out_dir) as folder:
+        _afford(problem, n // parts, shutil.disk_usage(folder).free, f"on the disk of {folder}")
         for path in sorted(folder.glob("shard-*.h5")):
             _read(path, head)
         starts = range(0, n, SHARD)[part - 1 :: parts]
@@ -133,11 +139,16 @@ def generate(
                 status = np.array([run.status for run in runs], dtype=object)
                 unsaid = ~np.isfinite(radius).all(axis=1) & (status == "ok")
                 status[unsaid] = "the simulation ended well but its radius is not finite"
-                with whole(path) as temporary, h5py.File(temporary, "w", track_order=False) as file:
+                # in memory: on a full disk HDF5 itself would end the process
+                with h5py.File(path.name, "w", driver="core", backing_store=False, track_order=False) as file:
                     file.attrs.update(head | {"start": block.start})
                     file.create_dataset("theta", data=theta, track_times=False)
                     file.create_dataset("radius", data=radius.astype(np.float32), track_times=False)
                     file.create_dataset("status", data=status, dtype=h5py.string_dtype(), track_times=False)
+                    file.flush()
+                    content = file.id.get_file_image()
+                with whole(path) as temporary:
+                    temporary.write_bytes(content)
         failures = Counter(status for path in blocks for status in _read(path)["status"].tolist() if status != "ok")
     curves, seconds = sum(map(len, blocks.values())), time.perf_counter() - began
     return Generated(curves, len(todo), len(blocks) - len(todo), dict(failures), seconds, simulated)
@@ -147,34 +158,80 @@ def load(data_dir: str | Path) -> Dataset:
     """The training set in a folder.
 
     Raises:
-        InputError: no shards, a missing shard, or shards of different sets.
+        InputError: no shards, a missing or damaged shard, files of different sets, or more than fits into the memory.
     """
     paths = sorted(Path(data_dir).glob("shard-*.h5"))
     none = f"{data_dir} holds no training set (shard-*.h5); make one with `cavirheo generate`"
     require(bool(paths), none, "dataset.none")
-    first = _read(paths[0])
-    shards = [_read(path, {key: first[key] for key in _HEAD}) for path in paths]
-    wanted = {_name(start) for start in range(0, int(first["total"]), SHARD)}
-    missing = sorted(wanted - {path.name for path in paths})
-    lacking = f"{data_dir}: {len(missing)} of {len(wanted)} files are missing ({', '.join(missing[:3])}, ...)"
+    first, names = _read(paths[0]), {path.name for path in paths}
+    total, problem = first["total"], TrainingProblem.from_dict(json.loads(first["problem"]))
+    missing = list(islice((name for name in map(_name, range(0, total, SHARD)) if name not in names), 3))
+    count = -(-total // SHARD)
+    lacking = f"{data_dir}: {count - len(paths)} of {count} files are missing ({', '.join(missing)}, ...)"
     require(not missing, f"{lacking}; run the same `cavirheo generate` again to add them", "dataset.incomplete")
-    problem = TrainingProblem.from_dict(json.loads(first["problem"]))
+    foreign = sorted(names - {_name(start) for start in range(0, total, SHARD)})
+    require(not foreign, f"{data_dir}: {', '.join(foreign[:3])} is no part of this set; remove it", "dataset.foreign")
+    if hasattr(os, "sysconf"):  # all but Windows
+        memory = os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
+        _afford(problem, 3 * total, memory, "of memory")  # read, joined, and in the network's form
+    shards = [_read(path, {key: first[key] for key in _HEAD}) for path in paths]
     columns = (np.concatenate([shard[name] for shard in shards]) for name in _COLUMNS)
-    return Dataset(problem, int(first["seed"]), str(first["made_by"]), *columns)
+    return Dataset(problem, first["seed"], first["made_by"], *columns)
+
+
+def difference(old: Mapping[str, Any], new: Mapping[str, Any]) -> str:
+    """The first entry in which two nested settings differ, in words; empty if none does."""
+    for key in new:
+        before, after = old.get(key), new[key]
+        if isinstance(before, dict) and isinstance(after, dict):
+            if inner := difference(before, after):
+                return f"{key}.{inner}"
+        elif before != after:
+            return f"{key} = {short(before)}, where {short(after)} is asked now"
+    return ""
+
+
+def _afford(problem: TrainingProblem, n: int, there: int, where: str) -> None:
+    """Raises InputError: n curves need more bytes than there are."""
+    need, frames = n * (4 * problem.grid.frames + 8 * len(problem.prior.names) + 16), problem.grid.frames
+    told = f"the set (curves of {frames} frames) needs {need / 1e9:.3g} GB {where}, and there are {there / 1e9:.3g} GB"
+    require(need <= there, f"{told}: ask for fewer curves or frames, or for a part with --shard", "dataset.size")
 
 
 def _read(path: Path, expected: Mapping[str, Any] | None = None) -> dict[str, Any]:
-    """Attributes and columns of a shard. Raises InputError: not readable, or with other attributes than expected."""
+    """Attributes and columns of a shard.
+
+    Raises InputError: not readable, other attributes than expected, or columns that are not what these say.
+    """
     try:
+        require(path.is_file(), "it is no file", "dataset.unreadable")  # a pipe would be waited for
         with h5py.File(path, "r") as file:
-            found = {**file.attrs, "theta": file["theta"][:], "radius": file["radius"][:]}
-            found["status"] = np.array(file["status"].asstr()[:], dtype=str)
-    except (OSError, KeyError) as error:
-        message = f"{path} cannot be read as a training set ({error}); delete it and generate again"
-        raise InputError(message, "dataset.unreadable") from error
-    for key, value in (expected or {}).items():
-        other = f"{path} was made with another {key} ({str(found.get(key))[:400]}; here {str(value)[:400]})"
-        require(found.get(key) == value, f"{other}: use an empty folder or its settings", f"dataset.another_{key}")
+            found: dict[str, Any] = {key: np.asarray(file.attrs[key]).item() for key in (*_HEAD, "start")}
+            for key, kind in _HEAD.items():
+                require(type(found[key]) is kind, f"{key} is {short(found[key])}", "dataset.unreadable")
+            for key, value in (expected or {}).items():
+                if found[key] != value:
+                    both = [json.loads(one) if key == "problem" else {key: one} for one in (found[key], value)]
+                    told = f"made with another {key} ({difference(*both) or 'other keys'})"
+                    raise InputError(f"{told}; use an empty folder or its settings", f"dataset.another_{key}")
+            problem, start = TrainingProblem.from_dict(json.loads(found["problem"])), found["start"]
+            rows, columns = min(SHARD, found["total"] - start), len(problem.prior.names)
+            items = {name: limits.own(file, name) for name in _COLUMNS}
+            limits.arrays(items.values())
+            shapes = {name: item.shape for name, item in items.items()}
+            needed = {"theta": (rows, columns), "radius": (rows, problem.grid.frames), "status": (rows,)}
+            fine = shapes == needed and path.name == _name(start) and items["theta"].dtype == float
+            require(fine, f"it holds {shapes} from curve {start}, not {needed}", "dataset.shape")
+            found |= {"theta": items["theta"][:], "radius": items["radius"][:].astype(np.float32, casting="same_kind")}
+            found["status"] = np.array(items["status"].asstr()[:], dtype=str)
+        known = np.isfinite(found["radius"]).all(axis=1) & np.isfinite(found["theta"]).all(axis=1)
+        require(known[found["status"] == "ok"].all(), "values of its good curves are not finite", "dataset.values")
+    except InputError as error:
+        mend = "" if error.code.startswith("dataset.another") else "; delete it and generate again"
+        raise InputError(f"{path}: {error}{mend}", error.code) from error
+    except Exception as error:  # what a damaged file may raise is not foreseen
+        told = f"{path} cannot be read as a training set ({error}); delete it and generate again"
+        raise InputError(told, "dataset.unreadable") from error
     return found
 
 

@@ -10,14 +10,16 @@ from typing import Any
 
 import numpy as np
 
-from cavirheo.errors import require
+from cavirheo.arrays import Floats
+from cavirheo.errors import InputError, require
 from cavirheo.inference.model import Network
 from cavirheo.parameters import LOG10, about, natural_name
 from cavirheo.training import figures
-from cavirheo.training.dataset import Dataset, load
+from cavirheo.training.dataset import Dataset, difference, load
 from cavirheo.training.metrics import breakdown, metrics
 from cavirheo.training.robustness import robustness
 from cavirheo.writing.document import Outputs
+from cavirheo.writing.style import available
 
 # heading and format of each column
 METRICS = {
@@ -49,8 +51,9 @@ def evaluate(model: Path, data_dir: Path, out_dir: Path | None = None, *, robust
         What `out_dir`/metrics.json holds; robustness is None unless asked for.
 
     Raises:
-        InputError: the set has no truth for an output of the model, or another grid of times; it shares draws with
-            the training set without being the whole of it; fewer than 2 curves; no matplotlib for the figures.
+        InputError: the set is of another problem than the model (law, parameters, medium, grid of times, R_max), other
+            ranges of its prior apart; it shares draws with the training set without being the whole of it; fewer than
+            2 curves.
     """
     outputs = Outputs(out_dir, "metrics.json", "evaluation.md", *figures.NAMES) if out_dir is not None else None
     network, data = Network(model), load(data_dir)
@@ -69,27 +72,33 @@ def evaluate(model: Path, data_dir: Path, out_dir: Path | None = None, *, robust
         "breakdown": breakdown(names, data.problem.prior, theta, predicted - truth),
         "robustness": robustness(network, data, chosen) if robust else None,
         "figures": [],
+        "notes": _other_ranges(network, data, theta),
     }
     if outputs is not None:
-        result["figures"] = figures.draw(outputs, network.card, result, truth, predicted)
+        if available():
+            result["figures"] = figures.draw(outputs, network.card, result, truth, predicted)
+        else:
+            result["notes"].append("no figures, which need matplotlib: pip install 'cavirheo[plot]'")
         outputs.write("metrics.json", Path.write_text, json.dumps(result, indent=2) + "\n", encoding="utf-8")
         outputs.write("evaluation.md", Path.write_text, markdown(result), encoding="utf-8")
         outputs.finish()
     return result
 
 
+def _problem(whole: Mapping[str, Any]) -> dict[str, Any]:
+    """Of a problem what a model cannot do without: all but the ranges of the prior and the name of the medium."""
+    return dict(whole) | {"prior": sorted(whole["prior"]), "medium": whole["medium"] | {"name": ""}}
+
+
 def _trained_on(network: Network, data: Dataset) -> bool:
     """Whether the set holds the draws of the model's training set, by whichever version of the solver.
 
-    Raises InputError: no truth for an output, curves that the network cannot read, or some of those draws only.
+    Raises InputError: a set of another problem, or some of those draws only.
     """
-    trained, known = network.card["data"], data.problem.prior.names
-    missing = ", ".join(name for name in network.outputs if name not in known)
-    require(not missing, f"the set has no {missing}, which the model answers; it has {', '.join(known)}")
-    here, needed = data.problem.to_dict(), network.problem.to_dict()
-    for part in ("camera", "reference_max_radius"):
-        other = f"the model needs {part} {needed[part]}, the set was made with {here[part]}"
-        require(here[part] == needed[part], other, "evaluate.grid")
+    trained, here, needed = network.card["data"], data.problem.to_dict(), network.problem.to_dict()
+    if other := difference(_problem(here), _problem(needed)):
+        mend = "judge it on a set of its own recipe, or choose a model of this one"
+        raise InputError(f"the set is not of the problem of {network.name}: {other}; {mend}", "evaluate.problem")
     if data.sha256 == trained["sha256"]:
         return True
     if (data.seed, here["prior"]) != (trained["seed"], needed["prior"]):
@@ -100,11 +109,24 @@ def _trained_on(network: Network, data: Dataset) -> bool:
     return True
 
 
+def _other_ranges(network: Network, data: Dataset, theta: Floats) -> list[str]:
+    """What is to be said where the set is drawn from other ranges than those that the model was trained in."""
+    trained, prior = network.problem.prior, data.problem.prior
+    other, outside = [], np.zeros(len(theta), dtype=bool)
+    for name, values in zip(prior.names, theta.T, strict=True):
+        (low, high), (a, b) = trained.bounds(name), prior.bounds(name)
+        outside |= (values < low) | (values > high)
+        other += [f"{name} {a:g} to {b:g} (trained in {low:g} to {high:g})"] * ((a, b) != (low, high))
+    told = f"the set has other ranges than the model's: {', '.join(other)}; {outside.sum()} of {len(theta)} curves"
+    return [f"{told} lie outside, and R² depends on the range"] if other else []
+
+
 def markdown(result: Mapping[str, Any]) -> str:
     """Tables of an `evaluate` result: metrics, where the squared error sits, and robustness where it was asked for."""
     outputs, robust = {name: label(name) for name in result["outputs"]}, result["robustness"]
     which = "the test part of its own training set" if result["part"] == "test" else "a set it was not trained on"
     text = [f"# {result['model']} on {result['curves']} curves, {which}", ""]
+    text += [f"Note: {note}." for note in result["notes"]]
     text += ["Errors of log10 quantities are in decades.", ""]
     text += _table(
         ["output", *_heads(METRICS)], [[outputs[k], *_cells(result["metrics"][k], METRICS)] for k in outputs]

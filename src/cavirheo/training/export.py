@@ -21,15 +21,19 @@ from typing import Any
 
 import numpy as np
 import onnx
+import onnxscript  # noqa: F401  torch exports with it: better missed now than after the training
 import torch
 
-from cavirheo.errors import InputError, require
+from cavirheo.errors import require
+from cavirheo.inference.card import ModelCard
+from cavirheo.inference.graph import check_graph
 from cavirheo.inference.model import predict
 from cavirheo.parameters import LOG10, about
 from cavirheo.problem import TrainingProblem
+from cavirheo.training.dataset import difference
 from cavirheo.training.network import BubbleTransformer, Standardised
 from cavirheo.training.recipe import NetworkTable, Recipe
-from cavirheo.training.train import difference, read_tensors, scaling, write_text
+from cavirheo.training.train import of_run, read_result, read_tensors, scaling, write_text
 from cavirheo.writing.document import into, whole
 
 OPSET = 18
@@ -44,22 +48,25 @@ def export(recipe: Recipe, run_dir: str | Path, out_dir: str | Path, *, on: date
         RuntimeError: the exported model differs from the trained one by more than 1e-4.
     """
     run = Path(run_dir)
-    try:
-        result = json.loads((run / "result.json").read_text(encoding="utf-8"))
-    except (OSError, ValueError) as error:
-        message = f"{run} is not a finished run ({error}); finish it with `cavirheo train`"
-        raise InputError(message, "export.unfinished") from error
+    result = read_result(run)
     other = difference(result, recipe.settings())
     require(not other, f"{run} was not trained with this recipe: {other}", "export.another_recipe")
-    model = load_model(run / "best.safetensors")
+    with of_run(run / "best.safetensors"):
+        model = load_model(run / "best.safetensors")
+    with of_run(run / "test.npz"), np.load(run / "test.npz") as test:
+        radius = test["radius"]
     with into(out_dir) as folder:
         target = folder / f"{recipe.export.name}.onnx"
         with whole(target) as temporary:
             write_onnx(model, recipe.problem.grid.frames, temporary)
-            deviation = largest_difference(model, temporary, np.load(run / "test.npz")["radius"])
+            deviation = largest_difference(model, temporary, radius)
             if not deviation <= TOLERANCE:
                 raise RuntimeError(f"exported and trained model differ by {deviation:.2g}, more than {TOLERANCE:g}")
-        text = json.dumps(card(target, recipe, result, deviation, on or datetime.now(UTC).date()), indent=2)
+            check_graph(temporary.read_bytes())  # else nobody could use it
+        with of_run(run / "result.json"):
+            about = card(target, recipe, result, deviation, on or datetime.now(UTC).date())
+            ModelCard.model_validate(about)
+        text = json.dumps(about, indent=2)
         # a list of numbers on one line
         text = re.sub(r"\[\s+([-+.\deE,\s]+?)\s+\]", lambda found: f"[{' '.join(found[1].split())}]", text)
         write_text(target.with_suffix(".json"), text + "\n")

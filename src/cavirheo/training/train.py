@@ -18,7 +18,8 @@ from __future__ import annotations
 import json
 import math
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -30,8 +31,9 @@ from torch import Tensor
 from torch.nn.functional import mse_loss
 
 from cavirheo.errors import InputError, require
+from cavirheo.files import read_object
 from cavirheo.prior import Prior
-from cavirheo.training.dataset import load
+from cavirheo.training.dataset import difference, load
 from cavirheo.training.metrics import metrics
 from cavirheo.training.network import BubbleTransformer
 from cavirheo.training.recipe import Recipe, TrainingTable
@@ -40,6 +42,7 @@ from cavirheo.writing.terminal import bar
 
 EVALUATION_BATCH = 512
 NOTE = "cavirheo"
+LARGEST = 200_000_000  # bytes of a result.json
 
 
 def train(
@@ -54,15 +57,18 @@ def train(
     """
     if threads is not None:
         torch.set_num_threads(threads)
-    chosen = torch.device(device or ("cuda" if torch.cuda.is_available() else "cpu"))
+    cards = torch.cuda.device_count()
+    known = ["cpu", *["cuda"][:cards], *(f"cuda:{k}" for k in range(cards))]
+    told = f"there is no device {device!r} for torch {torch.__version__} here; there is {', '.join(known)}"
+    require(device is None or device in known, told, "training.device")
+    chosen = torch.device(device or ("cuda" if cards else "cpu"))
     with into(out_dir) as folder, torch.random.fork_rng(devices=[chosen] if chosen.type == "cuda" else []):
         training = _Training(recipe, Path(data_dir), folder, chosen)
         training.resume()
         if not (folder / "result.json").exists():
             training.fit()
             training.finish()
-        result: dict[str, Any] = json.loads((folder / "result.json").read_text(encoding="utf-8"))
-    return result
+        return read_result(folder)
 
 
 def scaling(prior: Prior, outputs: tuple[str, ...]) -> tuple[Tensor, Tensor]:
@@ -163,24 +169,28 @@ class _Training:
             require(not done, f"{self.folder} holds a result but not the run's {path.name}: use another folder")
             return
         state, about = read_tensors(path)
-        other = difference(about["identity"], self.identity)
+        with of_run(path):
+            other = difference(about["identity"], self.identity)
         mend = "use another folder, or the recipe and data that it was begun with"
         require(not other, f"{self.folder} holds another run ({other}): {mend}", "training.another_run")
-        self.history = about["history"]
         adam: dict[int, dict[str, Tensor]] = {}
-        for key in [key for key in state if key.startswith("adam.")]:
-            _, index, name = key.split(".")
-            adam.setdefault(int(index), {})[name] = state.pop(key)
-        self.network.load_state_dict({key.removeprefix("network."): tensor for key, tensor in state.items()})
-        self.optimiser.load_state_dict(self.optimiser.state_dict() | {"state": adam})
+        with of_run(path):
+            self.history = [line for line in about["history"] if line["validation"] + line["train"] + line["seconds"]]
+            for key in [key for key in state if key.startswith("adam.")]:
+                _, index, name = key.split(".")
+                adam.setdefault(int(index), {})[name] = state.pop(key)
+            self.network.load_state_dict({key.removeprefix("network."): tensor for key, tensor in state.items()})
+            self.optimiser.load_state_dict(self.optimiser.state_dict() | {"state": adam})
 
     def finish(self) -> None:
         """Look at the test part with the best weights and write the result."""
         weights, about = read_tensors(self.folder / "best.safetensors")
-        self.network.load_state_dict(weights)
+        with of_run(self.folder / "best.safetensors"):
+            self.network.load_state_dict(weights)
         radius, target = (tensor.cpu() for tensor in self.parts["test"])
         truth, predicted = ((t * self.std + self.mean).numpy() for t in (target, self._predict("test").cpu()))
-        np.savez(self.folder / "test.npz", radius=radius.numpy(), truth=truth, predicted=predicted)
+        with whole(self.folder / "test.npz") as temporary, temporary.open("wb") as file:
+            np.savez(file, radius=radius.numpy(), truth=truth, predicted=predicted)
         data, cuda = self.data, self.device.type == "cuda"
         made = {"n": len(data.theta), "seed": data.seed, "sha256": data.sha256, "failures": data.failures}
         parts = {part: len(radius) for part, (radius, _) in self.parts.items()}
@@ -204,32 +214,45 @@ def write_tensors(path: Path, tensors: Mapping[str, Tensor], note: Mapping[str, 
     """Put tensors and what is to be known about them into one file."""
     content = {name: tensor.detach().cpu().contiguous() for name, tensor in tensors.items()}
     with whole(path) as temporary:
-        save_file(content, temporary, metadata={NOTE: json.dumps(note)})
+        try:
+            save_file(content, temporary, metadata={NOTE: json.dumps(note)})
+        except SafetensorError as error:  # a full disk
+            raise OSError(str(error)) from error
 
 
 def read_tensors(path: Path) -> tuple[dict[str, Tensor], dict[str, Any]]:
     """The tensors and the note of `write_tensors`. Raises InputError if the file is not one of ours."""
-    try:
+    with of_run(path):
+        if not path.is_file():  # a pipe would be waited for
+            raise OSError("no file")
         with safe_open(path, framework="pt") as file:
             note: dict[str, Any] = json.loads(file.metadata()[NOTE])
             return {name: file.get_tensor(name) for name in list(file.keys())}, note
-    except (OSError, SafetensorError, KeyError, TypeError, ValueError) as error:
-        raise InputError(f"{path} is not a checkpoint of cavirheo: {error!r}", "training.checkpoint") from error
+
+
+@contextmanager
+def of_run(path: Path) -> Iterator[None]:
+    """Around the use of what was read from it. Raises InputError: it holds something else."""
+    try:
+        yield
+    except InputError:
+        raise
+    except Exception as error:  # what a damaged file may raise is not foreseen
+        said = str(error).partition("\n")[0]
+        told = f"{path} is damaged or not of this run ({said}); delete its folder, or use another, and train anew"
+        raise InputError(told, "training.checkpoint") from error
+
+
+def read_result(run: Path) -> dict[str, Any]:
+    """The result.json of a finished run. Raises InputError."""
+    try:
+        return read_object(run / "result.json", LARGEST)
+    except InputError as error:
+        mend = "finish the run with `cavirheo train`; if the file is damaged, delete it first"
+        raise InputError(f"{error}; {mend}", "export.unfinished") from error
 
 
 def write_text(path: Path, text: str) -> None:
     """Put text into a file that is never seen half-written."""
     with whole(path) as temporary:
         temporary.write_text(text, encoding="utf-8")
-
-
-def difference(old: Mapping[str, Any], new: Mapping[str, Any]) -> str:
-    """The first entry in which two nested settings differ, in words; empty if none does."""
-    for key in new:
-        before, after = old.get(key), new[key]
-        if isinstance(before, dict) and isinstance(after, dict):
-            if inner := difference(before, after):
-                return f"{key}.{inner}"
-        elif before != after:
-            return f"{key} = {before!r}, where {after!r} is asked now"
-    return ""

@@ -16,7 +16,7 @@ def train(
     recipe: Annotated[Path, Argument(help="TOML file, see recipes/")],
     data: Annotated[Path, Argument(help="folder written by `cavirheo generate`")],
     out: options.Out,
-    threads: Annotated[int | None, Option(help="of the processor; default: torch's choice", min=1)] = None,
+    threads: Annotated[int | None, Option(help="of the processor; default: torch's choice", min=1, max=1024)] = None,
     device: Annotated[str | None, Option(help="cpu or cuda; default: cuda if there is one")] = None,
 ) -> None:
     """Train a recipe's network (the same call resumes) and export it as NAME.onnx with its card NAME.json."""
@@ -28,8 +28,11 @@ def train(
     from cavirheo.training.recipe import read_recipe
 
     content = read_recipe(recipe)
-    result = run(content, data, out, device=device, threads=threads)
-    path = export.export(content, out, out)
+    try:
+        result = run(content, data, out, device=device, threads=threads)
+        path = export.export(content, out, out)
+    except RuntimeError as error:  # torch's: no memory left, ...
+        raise InputError(f"training stopped: {str(error).partition(chr(10))[0]}", "training.torch") from error
     for name, score in result["metrics"].items():
         print(f"{name}: R2 {score['r2']:.4f}, median error {score['median_absolute_error']:.3f} (test curves)")
     print(f"model: {path}; use it with: cavirheo infer --model {path} FILE", file=sys.stderr)

@@ -1,0 +1,46 @@
+"""Files are looked at before they are read: a pipe or a device would never end, and gigabytes would fill the memory."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from stat import S_ISREG
+from typing import Any
+
+from cavirheo.errors import InputError, require
+
+
+def read_bytes(path: str | Path, most: int) -> bytes:
+    """The content of a regular file of at most `most` bytes.
+
+    Raises InputError: "files.unreadable", "files.kind" (a folder, a pipe, a device), "files.size".
+    """
+    large = f"{path} is larger than the {most / 1e6:g} MB that are read; is it the right file?"
+    try:
+        about = Path(path).stat()
+        if not S_ISREG(about.st_mode):
+            raise InputError(f"{path} is a folder, a pipe or a device; name a file", "files.kind")
+        require(about.st_size <= most, large, "files.size")
+        with Path(path).open("rb") as file:
+            content = file.read(most + 1)  # the size of some is only known when they are read
+    except InputError:
+        raise
+    except (OSError, ValueError) as error:  # ValueError: a name that no file can have
+        reason = getattr(error, "strerror", None) or error
+        raise InputError(f"{str(path)[:200]!r} cannot be read: {reason}", "files.unreadable") from None
+    require(len(content) <= most, large, "files.size")
+    return content
+
+
+def read_object(path: str | Path, most: int) -> dict[str, Any]:
+    """The object in a JSON file. Raises InputError as `read_bytes`, and "files.json"."""
+    try:
+        found = json.loads(read_bytes(path, most).decode("utf-8-sig"))
+        if isinstance(found, dict):
+            return found
+        reason: object = "it holds no object"
+    except InputError:
+        raise
+    except (ValueError, RecursionError) as error:
+        reason = error
+    raise InputError(f"{path} is damaged or not JSON: {reason}", "files.json")

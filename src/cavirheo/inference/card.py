@@ -1,0 +1,78 @@
+"""The card of a model: what `cavirheo train` says of an .onnx file, in the .json beside it."""
+
+from __future__ import annotations
+
+from typing import Annotated, Any, Literal
+
+from pydantic import BaseModel, Field, NonNegativeInt, PositiveInt, model_validator
+
+from cavirheo.errors import require
+from cavirheo.parameters import LOG10, about
+from cavirheo.problem import TrainingProblem
+
+Digest = Annotated[str, Field(pattern="^[0-9a-f]{64}$")]
+
+
+class _Reads(BaseModel):
+    name: Literal["radius"]
+    shape: tuple[Literal["batch"], PositiveInt]
+    dtype: Literal["float32"]
+
+
+class _Answers(BaseModel):
+    name: str
+    unit: str
+    scale: Literal["log10", "linear"]
+
+
+class _Trained(BaseModel):
+    seed: NonNegativeInt
+    best_epoch: PositiveInt
+
+
+class _Data(BaseModel):
+    n: PositiveInt
+    seed: NonNegativeInt
+    sha256: Digest
+    train: PositiveInt
+    test: PositiveInt
+
+
+class _Score(BaseModel):
+    r2: float
+    median_absolute_error: float
+
+
+class _File(BaseModel):
+    sha256: Digest
+
+
+class ModelCard(BaseModel):
+    """What others rely on; a card says more, for people (training/export.py)."""
+
+    schema_version: Literal[1] = Field(alias="schema")
+    name: str = Field(pattern="^[a-z0-9][a-z0-9.-]*$")
+    kind: Literal["point"]
+    material: str
+    problem: dict[str, Any]
+    input: _Reads
+    outputs: list[_Answers] = Field(min_length=1)
+    training: _Trained
+    data: _Data
+    metrics: dict[str, _Score]
+    history: dict[Literal["train", "validation"], list[float]] = {}
+    onnx: _File
+
+    @model_validator(mode="after")
+    def _consistent(self) -> ModelCard:
+        problem, names = TrainingProblem.from_dict(self.problem), {output.name for output in self.outputs}
+        epochs = {len(losses) for losses in self.history.values()} or {self.training.best_epoch}
+        require(self.material == problem.material_name, "its material is not that of its problem")
+        require(self.input.shape[1] == problem.grid.frames, "its input has other frames than its problem")
+        require(len(names) == len(self.outputs) and names <= {*problem.prior.names}, "outputs are not of its prior")
+        require(names <= self.metrics.keys(), "metrics are not of its outputs")
+        require(len(epochs) == 1 and min(epochs) >= self.training.best_epoch, "history ends before its best epoch")
+        for output in self.outputs:
+            fine = output.unit == about(output.name).unit and (output.scale == "log10") == (LOG10 in output.name)
+            require(fine, f"{output.name} has another unit or scale than its name says")
+        return self

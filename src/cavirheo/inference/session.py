@@ -1,0 +1,76 @@
+"""The arithmetic of a network: onnxruntime on the content of an .onnx file.
+
+A stranger's file may take any time or memory, so its first run is in a process of its own, with limits. This file is
+also that process's program, and then knows no other module of the package.
+"""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from collections.abc import Callable
+from contextlib import suppress
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+if TYPE_CHECKING:
+    from cavirheo.arrays import Floats
+
+BATCH = 512  # curves at a time
+MEMORY, SECONDS = 2 << 30, 20.0  # bytes and time of the first run
+
+
+def session(content: bytes) -> Callable[[ArrayLike], Floats]:
+    """(curves, frames) -> (curves, outputs) of the content of an .onnx file."""
+    os.environ.setdefault("ORT_DISABLE_TELEMETRY", "1")  # read at import: its wheels come with telemetry
+    import onnxruntime  # half a second that listing models or reading curves need not pay
+
+    options = onnxruntime.SessionOptions()
+    options.intra_op_num_threads = 1  # one small curve at a time: threads cost more than they give
+    options.log_severity_level = 4  # what goes wrong is raised
+    made = onnxruntime.InferenceSession(content, options, providers=["CPUExecutionProvider"])
+
+    def run(features: ArrayLike) -> Floats:
+        curves = np.asarray(features, dtype=np.float32)
+        blocks = [curves[i : i + BATCH] for i in range(0, len(curves), BATCH)]
+        theta = [made.run(["theta"], {"radius": block})[0] for block in blocks]
+        return np.concatenate(theta, dtype=float, casting="same_kind")  # not from text
+
+    return run
+
+
+def try_out(content: bytes, frames: int, outputs: int) -> None:
+    """Raises InputError: on a plain curve it takes too much time or memory, fails, or gives no finite numbers."""
+    from cavirheo.errors import InputError, require
+
+    command = [sys.executable, "-P", __file__, str(MEMORY), str(frames), str(outputs)]
+    try:
+        child = subprocess.run(command, input=content, capture_output=True, timeout=SECONDS, check=False)
+    except subprocess.TimeoutExpired:
+        raise InputError(f"it takes more than {SECONDS:.0f} s", "model.time") from None
+    said = child.stderr.decode(errors="replace").strip().rpartition("\n")[2]
+    full = child.returncode < 0 or "alloc" in said or "MemoryError" in said  # killed, or it says so
+    require(not full, f"it takes more than {MEMORY / 1e9:.1f} GB of memory", "model.memory")
+    require(child.returncode == 0, said if len(said) < 200 else f"...{said[-200:]}", "model.fails")  # the end says why
+
+
+if __name__ == "__main__":  # session.py MEMORY FRAMES OUTPUTS < model.onnx
+    limit, frames, outputs = map(int, sys.argv[1:])
+    with suppress(ImportError, ValueError, OSError):  # no such limit on this system: the time limit stays
+        import resource
+
+        resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
+        resource.setrlimit(resource.RLIMIT_AS, (limit, limit))
+    curve = 0.2 + 0.8 * np.abs(np.cos(np.linspace(0.0, 6.0, frames)))
+    try:
+        answers = session(sys.stdin.buffer.read())
+        for count in (BATCH, 8, 5, 1):  # all that fit in a block, and what the correction asks for
+            theta = answers(np.tile(curve, (count, 1)))
+            told = f"{theta.shape} numbers for {count} curves, where its card says {outputs} for each"
+            assert theta.shape == (count, outputs), told
+            assert np.isfinite(theta).all(), "answers that are not finite; its weights may be damaged"
+    except Exception as error:
+        sys.exit(" ".join(str(error).split()) or type(error).__name__)
