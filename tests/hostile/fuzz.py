@@ -102,7 +102,7 @@ def pressure(path: Path) -> None:
     from cavirheo.reading.trace import read_trace
 
     trace = read_trace(path)
-    refusing(lambda: Trace(*trace))
+    refusing(lambda: Trace(*trace[:2]))
 
 
 def references(path: Path) -> None:
@@ -151,7 +151,8 @@ def network(path: Path) -> None:
 TABLES = (curves, collapse_times, sweeps, pressure, references)
 ROOMS: dict[str, tuple[Callable[[Path], None], ...]] = {
     "csv": TABLES, "txt": TABLES, "xlsx": TABLES, "ods": TABLES[:3], "xls": TABLES[:3],
-    "mat": (curves, collapse_times, sweeps), "h5": (curves, collapse_times), "toml": (recipe,), "json": (document,), "onnx": (network,),
+    "mat": (curves, collapse_times, sweeps), "h5": (curves, collapse_times), "toml": (recipe,), "json": (document,),
+    "onnx": (network,),
 }  # fmt: skip
 ORIGINALS: dict[str, bytes] = {}
 
@@ -280,7 +281,8 @@ class Fuzzing:
         print(self.table(time.monotonic() - began, len(self.todo)))
 
     def save(self) -> None:
-        following = next(k for k in range(self.first, self.first + len(self.done) + 2) if k not in self.done)
+        todo = [number for number in self.todo if number not in self.done]
+        following = min(todo, default=max(self.todo, default=self.first) + 1)
         counts = {"\t".join(key): n for key, n in self.counts.items()}
         self.state.write_text(json.dumps({"next": following, "counts": counts, "places": self.places}))
 
@@ -302,6 +304,7 @@ def main() -> None:
     asked.add_argument("--first", type=int, default=0)
     asked.add_argument("--workers", type=int, default=os.cpu_count())
     asked.add_argument("-o", "--out", type=Path, default=Path("build/fuzz"))
+    asked.add_argument("--kinds", default="", help="endings with commas; of others nothing is made")
     asked.add_argument("--only", help="one file: its number; what the rooms say of it")
     given = asked.parse_args()
     with tempfile.TemporaryDirectory() as folder:
@@ -315,6 +318,8 @@ def main() -> None:
             print(path, name, room.__name__, *judged(room, path), sep="\n")
         return
     fuzzing = Fuzzing(given.seed, given.out, given.first, given.n, given.workers)
+    kinds = tuple(given.kinds.split(","))
+    fuzzing.todo = [number for number in fuzzing.todo if named(number).endswith(kinds)]
     fuzzing.run()
     sys.exit(bool(fuzzing.places))
 

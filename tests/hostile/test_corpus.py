@@ -10,13 +10,13 @@ from mutate import mutated
 from rooms import FINE, prepared, rooms, table, through
 from valid import BINARIES, TEXTS, content, documents
 
-SAMPLE = """
+_SAMPLE = """
 name_not_utf8 name_newline_bad name_escape name_of_255_bytes fifo fifo_json socket device_zero folder_as_file
 link_to_itself unreadable missing empty_mat sparse csv_all_nan csv_huge h5_denormal mat_four_rows csv_nul
 csv_escape_labels csv_long_line csv_of_html sweep_markup times_too_fast mat_cells_as_a_number mat_number_as_cells
 mat_empty_cells mat_nested_deep mat_negative_shape h5_no_space h5_loops h5_labels cut_bdt.mat_middle cut_groups.h5_late
 json_deep toml_deep
-""".split()  # one of each kind, of those that took down a room
+"""  # one of each kind, of those that took down a room
 
 
 def wrong(found):
@@ -25,7 +25,7 @@ def wrong(found):
 
 
 def test_a_sample_through_rooms_without_a_solver(tmp_path):
-    files = make_all(tmp_path / "corpus", SAMPLE)
+    files = make_all(tmp_path / "corpus", _SAMPLE.split())
     given = prepared(tmp_path)
     found = through(files, given, ["collapse-time", "Python read_curves", "Python load"])
     assert not wrong(found), wrong(found)
