@@ -23,7 +23,7 @@ import numpy as np
 
 from cavirheo.arrays import Floats
 from cavirheo.curve import RadiusCurve
-from cavirheo.errors import InputError, expect_whole
+from cavirheo.errors import InputError, expect_whole, require
 from cavirheo.inference import doubts
 from cavirheo.inference.model import Network
 from cavirheo.inference.reconstruct import MISFIT, check_stretch, fit_stretch, reconstruct, window
