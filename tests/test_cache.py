@@ -153,6 +153,7 @@ def test_processes_that_compile_at_once_do_not_disturb_each_other(start, tmp_pat
 
 
 def test_matplotlib_without_a_home_is_silent(tmp_path):
+    pytest.importorskip("matplotlib")
     (tmp_path / "home").write_text("")
     code = "from cavirheo.writing.style import new_figure; new_figure(3.0)"
     nowhere = {"HOME": str(tmp_path / "home"), "XDG_CONFIG_HOME": "", "MPLCONFIGDIR": "", "XDG_CACHE_HOME": ""}

@@ -24,6 +24,7 @@ import numba
 from numba.core import caching, config
 from numba.core.compiler import CompileResult
 from numba.core.serialize import dumps
+from numba.misc.appdirs import AppDirs
 
 _DIGEST = 32  # bytes of sha256
 
@@ -41,11 +42,12 @@ class Kept(caching.NullCache):
     """What numba asks for compiled code, and gives it to keep."""
 
     def __init__(self, function: Callable[..., Any]) -> None:
-        file = inspect.getfile(function)
-        self.begin, self.source = f"{Path(file).stem}.{function.__name__}", _source(file)
-        named = [caching.UserProvidedCacheLocator] if getattr(config, "CACHE_DIR", "") else []
-        locators: list[Any] = [*named, caching.InTreeCacheLocator, caching.UserWideCacheLocator]
-        self.folders = [Path(locator(function, file).get_cache_path()) for locator in locators]
+        file = Path(inspect.getfile(function)).absolute()
+        self.begin, self.source = f"{file.stem}.{function.__name__}", _source(file)
+        named, of_user = getattr(config, "CACHE_DIR", ""), AppDirs("numba", appauthor=False).user_cache_dir
+        part = f"{file.parent.name}_{hashlib.sha256(str(file.parent).encode()).hexdigest()[:16]}"
+        self.folders = [Path(named, part)] if named else []
+        self.folders += [file.parent / "__pycache__", Path(of_user, part)]
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:
         target_context.refresh()
@@ -81,9 +83,9 @@ class Kept(caching.NullCache):
 
 
 @cache
-def _source(file: str) -> str:
+def _source(file: Path) -> str:
     """Of the whole file: a function is compiled together with those that it calls."""
-    return hashlib.sha256(Path(file).read_bytes()).hexdigest()[:16]
+    return hashlib.sha256(file.read_bytes()).hexdigest()[:16]
 
 
 @cache
