@@ -73,9 +73,8 @@ class RadiusCurve:
     unscaled: why the radii have no scale yet; `max_radius` raises it until `with_max_radius` gives the scale.
     time_unscaled: time is in units of R_max sqrt(rho/p) times (s/m) and needs that scale too.
     late: whether R_max may have been before the first frame, where the frames are not to tell it (`begins_late`).
-    doubts: what is doubtful about scale, rate or order of the frames, a sentence each; no answer from such a curve is
-    `ok` unless the user vouches for it. Those about the radius's scale begin with "the radius" and are gone once
-    `with_max_radius` gives the scale.
+    doubts: what is doubtful about scale, rate or order of the frames, a sentence each; no answer is `ok` then unless
+    the user vouches for it. Those that begin with "the radius" end when `with_max_radius` gives the scale.
     unusable: why there is nothing to be read off. Such a curve (three samples, all NaN, an empty cell) is a RadiusCurve
     too, so that the others of its file can be answered: `max_radius` raises the reason.
 
