@@ -11,8 +11,8 @@ from reprlib import repr as brief
 _UNSEEN = re.compile(
     "[\x00-\x1f\x7f-\x9f\u061c\u200b-\u200f\u2028-\u202e\u2060-\u206f\ufeff\ufff9-\ufffb\ud800-\udfff]"
 )
-
 _UNSEEN_IN_LINES = re.compile(rf"(?![\t\r\n]){_UNSEEN.pattern}")
+_LONGEST = 2000  # characters of a message
 
 
 def printable(text: str) -> str:
@@ -39,7 +39,8 @@ class InputError(ValueError):
     """
 
     def __init__(self, message: str, code: str = "input") -> None:
-        super().__init__(printable(re.sub(r"\s*[\r\n]\s*", " ", message)))
+        line = printable(re.sub(r"\s*[\r\n]\s*", " ", message))
+        super().__init__(line if len(line) <= _LONGEST else line[: _LONGEST - 1] + "…")
         self.code = code
 
     def __reduce__(self) -> tuple[type[InputError], tuple[str, str]]:

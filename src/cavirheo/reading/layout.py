@@ -51,7 +51,7 @@ def find_table(sheet: Sheet, is_header: IsHeader, column: Column) -> Table | Non
     if at is None:
         return None
     titles, rows = sheet.rows[at].cells, sheet.rows[at + 1 :]
-    above = [" ".join(row.cells) for row in sheet.rows[:at]]
+    above = [" ".join(row.cells) for row in sheet.rows[: min(at, 1000)]]
     notes = [*sheet.notes, *([f"{_lines(at)} above the titles left out"] if at else [])]
     if rows and (units := _units_below(titles, rows[0], column)):
         notes.append(f"units from the row below the titles: {', '.join(filter(None, rows[0].cells))}")

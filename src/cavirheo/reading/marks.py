@@ -1,6 +1,6 @@
 """Numbers as people write them: decimal commas, and points, commas, spaces or apostrophes between thousands.
 
-What a comma means is decided once for all cells of a sheet, by the one reading that all its numbers allow: `1,5` and
+What a comma means is decided once for all rows of numbers in a sheet, by the one reading that all its numbers allow: `1,5` and
 `0,123` have decimal commas, `1,234.5` and `1,234,567` have not. Where both readings are left (`1,234` alone), or
 numbers with a comma stand beside others with a point, the cells stay as they are and `number` refuses them.
 """
@@ -30,7 +30,8 @@ def with_points(rows: list[Cells]) -> tuple[list[Cells], list[str]]:
         return rows, []
     tidy = {cell: _SPACED.sub("", cell.replace("−", "-")) for cells in rows for cell in cells}
     tidy = {cell: text for cell, text in tidy.items() if _NUMBER.fullmatch(text)}
-    decimal = _decimal_mark(list(tidy.values()))
+    data = [cells for cells in rows if all(map(is_number, cells))] or rows  # what stands above a table says nothing
+    decimal = _decimal_mark([tidy[cell] for cells in data for cell in cells if cell in tidy])
     if decimal:
         other = "." if decimal == "," else ","
         tidy = {cell: text.replace(other, "").replace(",", ".") for cell, text in tidy.items()}
@@ -44,6 +45,7 @@ def with_points(rows: list[Cells]) -> tuple[list[Cells], list[str]]:
 
 def _decimal_mark(texts: list[str]) -> str:
     """The mark that is decimal in all of these numbers, or nothing where they do not say."""
+    texts = [text for text in set(texts) if any(reading.fullmatch(text) for reading in _READING.values())]
     possible = [mark for mark, reading in _READING.items() if all(map(reading.fullmatch, texts))]
     marks = [(text.count(","), text.count(".")) for text in texts]
     if not any(commas for commas, _ in marks):
