@@ -590,7 +590,7 @@ ONE_SHOT = {  # the text, what its notes must say (nothing: it is ordinary)
     "quotients": ("Zeit / µs;Radius / µm\n" + GERMAN, "360 decimal commas"),
     "German": ("Zeit (µs);Blasenradius (µm)\n" + GERMAN, "360 decimal commas"),
     "French": ("temps (µs);rayon de la bulle (µm)\n" + GERMAN, "decimal commas"),
-    "version above decimal commas": ("Software;1.2.3\nUhrzeit;14.30\nZeit_us;Radius_um\n" + GERMAN, "360 decimal commas"),
+    "points above commas": ("Software;1.2.3\nUhrzeit;14.30\nZeit_us;R_um\n" + GERMAN, "360 decimal commas"),
     "Spanish": ("Tiempo en µs;Radio en µm\n" + GERMAN, "decimal commas"),
     "Japanese": ("時間 (マイクロ秒),気泡半径 (µm)\n" + PLAIN, ""),
     "Chinese": ("时间(微秒),气泡半径(微米)\n" + PLAIN, ""),

@@ -1,7 +1,7 @@
 """Numbers as people write them: decimal commas, and points, commas, spaces or apostrophes between thousands.
 
-What a comma means is decided once for all rows of numbers in a sheet, by the one reading that all its numbers allow: `1,5` and
-`0,123` have decimal commas, `1,234.5` and `1,234,567` have not. Where both readings are left (`1,234` alone), or
+What a comma means is decided once for all rows of numbers in a sheet, by the one reading that all of them allow: `1,5`
+and `0,123` have decimal commas, `1,234.5` and `1,234,567` have not. Where both readings are left (`1,234` alone), or
 numbers with a comma stand beside others with a point, the cells stay as they are and `number` refuses them.
 """
 
