@@ -286,7 +286,7 @@ def test_other_dialects_of_the_file(tmp_path):
 
 def test_other_mistakes(fake, folder, tmp_path):
     for arguments, options, code in [
-        ((folder, tmp_path / "none.csv"), {}, "references.file"),
+        ((folder, tmp_path / "none.csv"), {}, "reading.missing"),
         ((folder / "bare.csv", folder / "published.csv"), {}, "compare.folder"),
         ((folder, folder / "published.csv"), {"reference_methods": ["imr"]}, "compare.method"),
     ]:

@@ -1,7 +1,11 @@
 """Files made to exhaust or to deceive a reader: each is refused with the reason before it takes time or memory."""
 
+import os
+import socket
 import struct
 import zlib
+from contextlib import suppress
+from pathlib import Path
 
 import h5py
 import numpy as np
@@ -9,8 +13,12 @@ import pytest
 from files import write_ods, write_xlsx
 from scipy.io import savemat
 
+from cavirheo.beside.collapse_times import read_table
+from cavirheo.beside.published.references import read_references
+from cavirheo.beside.rheometer.read import read_sweeps
 from cavirheo.errors import InputError
 from cavirheo.reading import limits, read_curves, workbook
+from cavirheo.reading.trace import read_trace
 
 HEAD = "time_us,radius_um\n"
 
@@ -155,6 +163,47 @@ def xlsx_of_entities(path):
     write_xlsx(path, {"a": f"{entities}<worksheet><sheetData>{cell}</sheetData></worksheet>"})
 
 
+def xlsx_of_a_million_rows(path):
+    """A hundred kilobytes."""
+    write_xlsx(
+        path,
+        {"a": f"<worksheet><sheetData>{'<row><c><v>1</v></c><c><v>1</v></c></row>' * 600_000}</sheetData></worksheet>"},
+    )
+
+
+def xlsx_of_one_text_named_often(path):
+    cells = f'<row><c t="str"><v>{"x" * 50_000}</v></c></row>' * 2_400
+    write_xlsx(path, {"a": f"<worksheet><sheetData>{cells}</sheetData></worksheet>"})
+
+
+def csv_of_a_terabyte(path):
+    with path.open("wb") as file:
+        file.truncate(10**12)
+
+
+def csv_of_a_title_of_spaces(path):
+    path.write_text("time" + " " * 90_000 + "us,radius_um\n1,2\n")
+
+
+def csv_of_many_cells(path):
+    path.write_bytes(b"time_us,radius_um\n" + (b"1," * 999 + b"1\n") * 5_100)
+
+
+def mat_of_cells_where_an_array_belongs(path):
+    cells = np.empty((1, 2), dtype=object)
+    cells[0, :] = [np.arange(5.0)] * 2
+    savemat(path, {"Rnew": cells, "t": np.arange(5.0)})
+
+
+def mat_of_complex_numbers(path):
+    savemat(path, {"Rnew": 1j * np.arange(5.0), "t": np.arange(5.0)})
+
+
+def hdf5_of_two_radii(path):
+    with h5py.File(path, "w") as file:
+        file["time"], file["R"], file["radius"] = (np.arange(1.0, 9.0),) * 3
+
+
 def ods_of_repeated_cells(path):
     cell = '<table:table-cell table:number-columns-repeated="9000" office:value-type="float" office:value="1"/>'
     write_ods(path, f'<table:table-row table:number-rows-repeated="9000">{cell}</table:table-row>')
@@ -177,7 +226,15 @@ FILES = {
     hdf5_that_links_to_another_file: ("h5", "limits.elsewhere"),
     hdf5_that_shows_another_file: ("h5", "limits.elsewhere"),
     mat73_of_one_array_named_often: ("mat", "limits.shape"),
+    csv_of_a_terabyte: ("csv", "limits.bytes"),
+    csv_of_a_title_of_spaces: ("csv", "table.columns"),
+    csv_of_many_cells: ("csv", "limits.cells"),
+    mat_of_cells_where_an_array_belongs: ("mat", "matlab.cells"),
+    mat_of_complex_numbers: ("mat", "matlab.variables"),
+    hdf5_of_two_radii: ("h5", "hdf5.twice"),
     xlsx_of_one_huge_cell: ("xlsx", "limits.memory"),
+    xlsx_of_a_million_rows: ("xlsx", "limits.cells"),
+    xlsx_of_one_text_named_often: ("xlsx", "limits.text"),
     xlsx_of_many_columns: ("xlsx", "limits.columns"),
     xlsx_of_a_huge_grid: ("xlsx", "limits.memory"),
     xlsx_of_entities: ("xlsx", "tabular.workbook"),
@@ -195,6 +252,57 @@ def test_refused_with_the_reason(tmp_path, monkeypatch, make):
     with pytest.raises(InputError) as error:
         read_curves(path)
     assert error.value.code == code, error.value
+
+
+ROOMS = [read_curves, read_sweeps, read_table, read_references, read_trace]
+
+
+@pytest.mark.parametrize("read", ROOMS, ids=lambda read: read.__name__)
+def test_what_is_no_file_is_refused_before_it_is_opened(tmp_path, monkeypatch, read):
+    """None of these may be waited for."""
+    monkeypatch.chdir(tmp_path)
+    os.mkfifo("pipe.csv")
+    with socket.socket(socket.AF_UNIX) as one:
+        one.bind("socket.csv")
+    Path("loop.csv").symlink_to("loop.csv")
+    Path("file.csv").touch()
+    refused = {
+        "pipe.csv": "special", "socket.csv": "special", "/dev/zero": "special", "loop.csv": "unreadable",
+        "n" * 300: "unreadable", ".": "folder", "file.csv/inside.csv": "missing", "a\0.csv": "missing",
+    }  # fmt: skip
+    for name, code in refused.items():
+        with pytest.raises(InputError) as error:
+            read(Path(name))
+        assert error.value.code == f"reading.{code}", name
+        assert str(error.value).isprintable()
+
+
+@pytest.mark.skipif(os.geteuid() == 0, reason="root may read everything")
+@pytest.mark.parametrize("read", ROOMS, ids=lambda read: read.__name__)
+def test_files_that_may_not_be_read(tmp_path, read):
+    for path, locked in ((tmp_path / "a.csv", tmp_path / "a.csv"), (tmp_path / "sub" / "a.csv", tmp_path / "sub")):
+        path.parent.mkdir(exist_ok=True)
+        path.write_text(HEAD)
+        locked.chmod(0)
+        with pytest.raises(InputError) as error:
+            read(path)
+        locked.chmod(0o700)
+        assert error.value.code == "reading.unreadable"
+
+
+@pytest.mark.parametrize("read", ROOMS, ids=lambda read: read.__name__)
+def test_damaged_files_are_refused_in_every_room(tmp_path, read):
+    savemat(tmp_path / "a.mat", {"pIMR_array": np.ones((40, 3)), "Rnew": np.ones(40), "t": np.arange(40.0)})
+    write_xlsx(tmp_path / "a.xlsx", {"a": [["time_us", "radius_um"], *((k, 100 + k) for k in range(40))]})
+    random = np.random.default_rng(2)
+    for trial in range(24):
+        source = tmp_path / ("a.mat", "a.xlsx", "a.xlsx")[trial % 3]
+        content = bytearray(source.read_bytes())
+        for place in random.integers(0, len(content), 6):
+            content[place] = random.integers(256)
+        (tmp_path / "b.csv").write_bytes(content[: random.integers(100, len(content))] if trial % 2 else content)
+        with suppress(InputError):
+            read(tmp_path / "b.csv")
 
 
 def test_a_large_recording_is_within_the_limits(tmp_path):

@@ -1,5 +1,6 @@
 """Files in, curves out: every format on a file written here, bad files refused in words, and the published files."""
 
+import io
 import zipfile
 
 import h5py
@@ -12,7 +13,10 @@ from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError
 from cavirheo.physics.driving import Trace
 from cavirheo.reading import read_curves, write_csv
-from cavirheo.reading.tabular import column_of, kind_of, plain_unit, read_sheets, text_rows
+from cavirheo.reading.files import expand, tidy
+from cavirheo.reading.layout import numbers
+from cavirheo.reading.tabular import kind_of, read_sheets, text_sheet
+from cavirheo.reading.titles import column_of, plain_unit
 from cavirheo.reading.trace import read_trace
 
 R_MAX = 200e-6
@@ -275,7 +279,8 @@ def test_an_open_document_whatever_its_ending(tmp_path):
 
 
 def test_an_old_workbook(tmp_path):
-    assert read_sheets(write_xls(tmp_path / "a.csv"), is_header) == [("one", [(1, ["a", "b"]), (2, ["1.5", "2"])])]
+    (sheet,) = read_sheets(write_xls(tmp_path / "a.csv"), is_header)
+    assert sheet[:2] == ("one", [(1, ["a", "b"]), (2, ["1.5", "2"])])
 
 
 @pytest.mark.parametrize("encoding", ["utf-8", "utf-8-sig", "utf-16", "utf-16-le", "utf-16-be", "latin-1"])
@@ -317,13 +322,13 @@ def is_header(cells):
 )
 def test_dialects_of_text(text, found):
     """Rows by number of line; cells are separated by one space here, or none where the row has a single cell."""
-    rows = text_rows(text, is_header)
+    rows = text_sheet(text, is_header).rows
     assert {row.number: " ".join(row.cells) for row in rows} == {k: v.replace("|", " ") for k, v in found.items()}
 
 
 def test_decimal_commas_and_points_in_one_row_are_refused():
     with pytest.raises(InputError) as error:
-        text_rows("a;b\n1.5;2,000\n", is_header)
+        numbers(text_sheet("a;b\n1.5;2,000\n", is_header).rows[1:], 1)
     assert error.value.code == "tabular.comma"
 
 
@@ -360,7 +365,7 @@ def test_neither_text_nor_workbook(tmp_path):
 def test_a_pressure_trace(tmp_path):
     for text in ("time_us, pressure_kPa\n0,0\n1,-250.5\n\n2,0\n", "p [Pa];t (ms)\n0;0\n-250500;0,001\n0;0,002\n"):
         (tmp_path / "p.csv").write_text(text)
-        trace = Trace(*read_trace(tmp_path / "p.csv"))
+        trace = Trace(*read_trace(tmp_path / "p.csv")[:2])
         assert trace.time == pytest.approx([0, 1e-6, 2e-6])
         assert trace.pressure == pytest.approx([0, -250500, 0])
 
@@ -373,7 +378,7 @@ def test_a_pressure_trace(tmp_path):
         (b"time_us,pressure_kPa\n0,1,2\n1,1,2\n", "tabular.width"),
         (b"time_us,pressure_kPa\n0,x\n", "tabular.number"),
         (b"\xff\xfe\x00", "tabular.encoding"),
-        (None, "trace.missing"),
+        (None, "reading.missing"),
     ],
 )
 def test_bad_traces(tmp_path, text, code):
@@ -388,7 +393,7 @@ def test_bad_traces(tmp_path, text, code):
 def test_traces_that_are_no_function_of_time(tmp_path, rows):
     (tmp_path / "p.csv").write_text("time_us,pressure_kPa\n" + rows)
     with pytest.raises(InputError):
-        Trace(*read_trace(tmp_path / "p.csv"))
+        Trace(*read_trace(tmp_path / "p.csv")[:2])
 
 
 def test_csv_round_trip(tmp_path):
@@ -568,3 +573,209 @@ def test_plateau_is_read_where_there_is_one(real_data):
     for k in (1, 4, 5, 7, 13, 14, 19):
         assert drifting[k].stretch_from_tail() is None
     assert sum(c.stretch_from_tail() is not None for c in drifting) >= 4
+
+
+def lines(separator, *columns, comma=False):
+    text = "\n".join(separator.join(f"{v:.6f}" for v in row) for row in zip(*columns, strict=True)) + "\n"
+    return text.replace(".", ",") if comma else text
+
+
+US, UM = TIME * 1e6, RADIUS * 1e6
+FRAMES = np.arange(1.0, 1.0 + len(TIME))
+PLAIN, GERMAN, TABS = lines(",", US, UM), lines(";", US, UM, comma=True), lines("\t", US, UM)
+META = "Camera: Phantom v2512\nOperator: A, B\n\n"
+ONE_SHOT = {  # the text, what its notes must say (nothing: it is ordinary)
+    "microns": ("Time (microseconds),Bubble radius (microns)\n" + PLAIN, ""),
+    "short titles": ("t_us,R_um\n" + PLAIN, ""),
+    "quotients": ("Zeit / µs;Radius / µm\n" + GERMAN, "360 decimal commas"),
+    "German": ("Zeit (µs);Blasenradius (µm)\n" + GERMAN, "360 decimal commas"),
+    "French": ("temps (µs);rayon de la bulle (µm)\n" + GERMAN, "decimal commas"),
+    "points above commas": ("Software;1.2.3\nUhrzeit;14.30\nZeit_us;R_um\n" + GERMAN, "360 decimal commas"),
+    "Spanish": ("Tiempo en µs;Radio en µm\n" + GERMAN, "decimal commas"),
+    "Japanese": ("時間 (マイクロ秒),気泡半径 (µm)\n" + PLAIN, ""),
+    "Chinese": ("时间(微秒),气泡半径(微米)\n" + PLAIN, ""),
+    "lines above": (META + "time_us,radius_um\n" + PLAIN, "2 lines above the titles"),
+    "comments above": ("# " + META.replace("\n", "\n# ") + "\ntime_us,radius_um\n" + PLAIN, ""),
+    "pairs above": ("Sample\tgel 5 %\nDate\t2024-01-05\nTime (us)\tRadius (um)\n" + TABS, "2 lines above"),
+    "unit row": ("Time,Radius\nus,um\n" + PLAIN, "units from the row below the titles: us, um"),
+    "unit row in brackets": ("Zeit;Radius\n(µs);(µm)\n" + GERMAN, "units from the row below"),
+    "empty last column": ("time_us,radius_um,\n" + PLAIN.replace("\n", ",\n"), ""),
+    "quoted": ('"time_us","radius_um"\n' + lines('","', US, UM).replace("\n", '"\n"').join('""')[:-1], ""),
+    "titles with spaces": ("Time (us)   Bubble radius (um)\n" + lines("   ", US, UM), ""),
+    "numbered without a title": (",time_us,radius_um\n" + lines(",", FRAMES, US, UM), ""),
+    "numbered beside the titles": ("".join(["time_us radius_um\n", *(f"{k} {row}\n" for k, row in enumerate(
+        lines(" ", US, UM).splitlines(), 1))]), "a first column without a title"),
+    "mean and deviation": ("n,time_us,radius_um\n" + lines(",", FRAMES, US, UM) + "Mean,9,9\nStd.,1,1\n", "Mean, Std."),
+    "Mittelwert": ("Zeit_us;Radius_um\n" + GERMAN + "Mittelwert;9,9\n", "1 line of Mittelwert"),
+    "thousands": ("time_ns;radius_um\n" + "".join(
+        f"{1e3 * t:,.3f};{r:,.6f}\n" for t, r in zip(US, UM, strict=True)), "marks between the thousands"),
+    "Swiss thousands": ("time_ns;radius_um\n" + "".join(
+        f"{1e3 * t:,.3f};{r:,.6f}\n".replace(",", "’") for t, r in zip(US, UM, strict=True)), "thousands"),
+    "frames": ("frame rate: 1,000,000 fps\nBild;Radius (µm)\n" + lines(";", US, UM), "as the file states"),
+    "frames in kHz": ("# Frame rate (kHz): 1000\nframe no.,R_um\n" + PLAIN, "1e+06 frames per second"),
+    "diameter": ("time_us,diameter_um\n" + lines(",", US, 2 * UM), "diameters halved"),
+    "Durchmesser": ("Zeit_us;Durchmesser (µm)\n" + lines(";", US, 2 * UM, comma=True), "diameters halved"),
+    "radius in pixels too": ("time_us,R_px,R_um\n" + lines(",", US, UM / 2.8, UM), "in pixels is not used"),
+    "another radius": ("time_us,R_um,R0_um\n" + lines(",", US, UM, UM / 9), ""),
+    "control characters": ("time_us,radius_um\n" + PLAIN.replace(",", "\x07,") + "\x1a", "181 control characters"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", ONE_SHOT)
+def test_a_table_as_laboratories_write_it(tmp_path, name):
+    text, said = ONE_SHOT[name]
+    (tmp_path / "a.csv").write_text(text, encoding="utf-8")
+    (curve,) = read_curves(tmp_path / "a.csv")
+    assert np.allclose(curve.time, TIME, atol=1e-12)
+    assert np.allclose(curve.radius, RADIUS, rtol=1e-6)
+    assert said in "\n".join(curve.notes)
+    assert said or len(curve.notes) == 1
+    assert curve.doubts == ()
+
+
+@pytest.mark.parametrize(
+    ("titles", "labels"),
+    [
+        ("t_us,R1_um,R2_um", ["R1_um", "R2_um"]),
+        ("Time (us),Radius 1 (um),Radius 2 (um)", ["Radius 1", "Radius 2"]),
+        ("Zeit_us,Schuss 1 [µm],Schuss 2 [µm]", ["Schuss 1", "Schuss 2"]),
+        ("time_us,gel_a_01 (um),gel_a_02 (um)", ["gel_a_01", "gel_a_02"]),
+        ("Time,shot 1,shot 2\nus,um,um", ["shot 1", "shot 2"]),
+    ],
+)
+def test_a_column_for_each_shot(tmp_path, titles, labels):
+    (tmp_path / "a.csv").write_text(titles + "\n" + lines(",", US, UM, 1.5 * UM), encoding="utf-8")
+    curves = read_curves(tmp_path / "a.csv")
+    assert [curve.name for curve in curves] == [f"a[{label}]" for label in labels]
+    assert np.allclose(curves[1].radius, 1.5 * RADIUS, rtol=1e-6)
+    assert all(any("2 columns of radii" in note for note in curve.notes) for curve in curves)
+
+
+@pytest.mark.parametrize(
+    ("text", "code", "names"),
+    [
+        ("t_us;R_um\n1,234;100\n2,345;120\n", "tabular.comma", ("1.234", "1234")),
+        ("t_us;R_um\n1.5;100\n2,25;120\n", "tabular.comma", ("2.25", "225")),
+        ("frame,R_um\n1,100\n2,110\n", "table.frame_rate", ("'frame'",)),
+        ("fps: 270000\nframe rate 500 kHz\nframe,R_um\n1,100\n", "table.frame_rate", ("270000", "500000")),
+        ("time_s,time_us,R_um\n1,1,1\n", "table.twice", ("time_s", "time_us")),
+        ("t1_us,R1_um,t2_us,R2_um\n1,1,1,1\n", "table.twice", ("t1_us", "t2_us")),
+        ("t_us,R_um,R2_um\n1,1,1\n", "table.twice", ("R_um", "R2_um")),
+        ("shot,t_us,R1_um,R2_um\n1,1,1,1\n", "table.twice", ("shot",)),
+        ("t_us,area_um2\n1,1\n", "table.area", ("area_um2",)),
+        ("t_us,R_um\ns,um\n1,1\n", "tabular.units", ("'us'", "'s'")),
+        ("Time (us) Bubble radius (um)\n1 2\n", "tabular.width", ()),
+        ("t_us,velocity\n1,1\n", "table.columns", ("R1_um",)),
+        ("time_us,radius_um\n1,100\nmean,3\nmean,4\n", "tabular.number", ("'mean'",)),
+        ("time_us,radius_um\n1_0,100\n", "tabular.number", ("1_0",)),
+        ("index,of,titles\ntime,radius\n0,0,200\n1,0,201\n", "tabular.width", ()),  # a decimal comma or a number?
+    ],
+)
+def test_two_readings_are_refused(tmp_path, text, code, names):
+    (tmp_path / "a.csv").write_text(text)
+    with pytest.raises(InputError) as error:
+        read_curves(tmp_path / "a.csv")
+    assert error.value.code == code
+    assert all(name in str(error.value) for name in names)
+
+
+def test_frame_rates_that_are_given(tmp_path):
+    (tmp_path / "a.csv").write_text("fps: 500000\nframe,R_um\n" + PLAIN)
+    (curve,) = read_curves(tmp_path / "a.csv", frame_rate_hz=1e6)
+    assert np.allclose(curve.time, TIME, atol=1e-12)
+    assert len(curve.doubts) == 1  # the file states another
+    with pytest.raises(InputError) as error:
+        read_curves(tmp_path / "a.csv", frame_rate_hz=-1.0)
+    assert error.value.code == "table.frame_rate"
+
+
+@pytest.mark.parametrize(
+    ("text", "doubts"),
+    [
+        ("time_us,radius_um\n" + PLAIN, 0),
+        ("t,R\n" + PLAIN, 0),  # no unit is no contradiction
+        ("time_us,radius_m\n" + PLAIN, 1),
+        ("time_us,radius_um\n" + lines(",", US[::-1], UM[::-1]), 1),
+    ],
+)
+def test_what_is_doubtful_stands_apart_from_the_notes(tmp_path, text, doubts):
+    (tmp_path / "a.csv").write_text(text)
+    (curve,) = read_curves(tmp_path / "a.csv")
+    assert len(curve.doubts) == doubts
+    assert set(curve.doubts) <= set(curve.notes)
+    about_scale = [doubt for doubt in curve.doubts if "radius" in doubt]
+    assert len(curve.with_max_radius(R_MAX).doubts) == doubts - len(about_scale)
+
+
+def test_a_sheet_with_a_heading_and_decimal_commas(tmp_path):
+    rows = [["Bubble data"], [None], ["Zeit", "Radius"], ["µs", "µm"], *(
+        (f"{t:.6f}".replace(".", ","), f"{r:.6f}".replace(".", ",")) for t, r in zip(US, UM, strict=True)
+    )]  # fmt: skip
+    (curve,) = read_curves(write_xlsx(tmp_path / "a.xlsx", {"Data": rows}))
+    assert np.allclose(curve.radius, RADIUS, rtol=1e-6)
+
+
+def test_other_tables_are_read_alike(tmp_path):
+    """A pressure trace, a table of collapse times and a sweep with heading, unit row, decimal commas and a mean."""
+    from cavirheo.beside.collapse_times import read_table
+    from cavirheo.beside.rheometer.read import read_sweeps
+
+    (tmp_path / "p.csv").write_text("Ultrasound\nZeit;Druck\nµs;kPa\n0,0;0,5\n1,5;-2,5\nMittelwert;-1,0\n")
+    time, pressure, notes = read_trace(tmp_path / "p.csv")
+    assert np.allclose((time, pressure), ([0, 1.5e-6], [500, -2500]))
+    assert len(notes) == 4
+    (tmp_path / "t.csv").write_text("My gel\n\nRmax;lambda;t1\nµm;;µs\n200,5;7,1;18,5\n210,5;7,2;19,5\nMean;7;19\n")
+    group = read_table(tmp_path / "t.csv")
+    assert [shot.max_radius_m for shot in group.shots] == pytest.approx([200.5e-6, 210.5e-6])
+    rows = "".join(f"{k},{w},{10 + w},{1 + w}\n" for k, w in enumerate((0.1, 1, 10, 100)))
+    (tmp_path / "s.csv").write_text("n,omega (rad/s),G' (Pa),G'' (Pa)\n" + rows + "Mean,27.8,37.8,28.8\n")
+    (sweep,) = read_sweeps(tmp_path / "s.csv")
+    assert sweep.points == 4
+    assert any("Mean" in note for note in sweep.notes)
+
+
+def test_names_that_a_terminal_would_obey(tmp_path):
+    shot = "time_us,radius_um\n" + PLAIN
+    path = tmp_path / "gel\udce9\x1b[31m.csv"
+    path.write_text(shot)
+    (curve,) = read_curves(path)
+    assert curve.name == "gel\\xe9\\x1b[31m"
+    assert (curve.name + curve.group + curve.source).isprintable()
+    with pytest.raises(InputError) as error:
+        read_curves(path.with_name("no\udcff\n.csv"))
+    assert str(error.value).isprintable()
+    with h5py.File(tmp_path / "a.h5", "w") as file:
+        file["\x1b[31m/time"], file["\x1b[31m/radius"] = TIME, RADIUS
+    assert read_curves(tmp_path / "a.h5")[0].name.isprintable()
+
+
+def test_what_the_words_of_a_command_stand_for(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    for name in ("b.csv", "a.mat", ".hidden.csv", "notes.md", "result.csv", "result.json", "shots.csv", "sub/c.h5"):
+        (tmp_path / name).parent.mkdir(exist_ok=True)
+        (tmp_path / name).touch()
+    said = []
+    assert [str(path) for path in expand(["."], said.append)] == ["a.mat", "b.csv", "shots.csv"]
+    assert said == [".: 3 files; 3 others left out"]
+    assert [str(path) for path in expand(["missing.csv", "*.csv", "b.csv", "**/*.h5"])] == [
+        "missing.csv", "b.csv", "result.csv", "shots.csv", "sub/c.h5",
+    ]  # fmt: skip
+    (tmp_path / "x[1].csv").touch()
+    assert [str(path) for path in expand(["x[1].csv", "n" * 300])] == ["x[1].csv", "n" * 300]
+    for word, code in (("*.xlsx", "files.no_match"), ("empty", "files.none_in_folder")):
+        (tmp_path / "empty").mkdir(exist_ok=True)
+        with pytest.raises(InputError) as error:
+            expand([word])
+        assert error.value.code == code
+
+
+def test_standard_input_is_a_file_for_as_long_as_the_program_runs(monkeypatch):
+    content = ("time_us,radius_um\n" + PLAIN).encode("utf-16")
+    monkeypatch.setattr("sys.stdin", io.TextIOWrapper(io.BytesIO(content)))
+    first, second = expand(["-"]), expand(["-"])
+    (curve,) = read_curves(*first)
+    assert first == second
+    assert np.allclose(curve.radius, RADIUS, rtol=1e-6)
+    assert (curve.name, curve.source) == ("standard input", "standard input")
+    tidy()
+    assert not first[0].parent.exists()

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, Generic, Protocol, TypeVar
 import numpy as np
 
 from cavirheo.arrays import Floats
-from cavirheo.errors import InputError, brief, expect, require
+from cavirheo.errors import InputError, brief, expect, printable, require
 from cavirheo.landmarks import AT_MAXIMUM, RAYLEIGH, collapse_time, fit_maximum, spikes, turning_points
 from cavirheo.parameters import INTERVAL, RADIUS
 
@@ -73,8 +73,8 @@ class RadiusCurve:
     unscaled: why the radii have no scale yet; `max_radius` raises it until `with_max_radius` gives the scale.
     time_unscaled: time is in units of R_max sqrt(rho/p) times (s/m) and needs that scale too.
     late: whether R_max may have been before the first frame, where the frames are not to tell it (`begins_late`).
-    doubts: what is doubtful about scale, rate or order of the frames, a sentence each; no answer from such a curve is
-    `ok` unless the user vouches for it.
+    doubts: what is doubtful about scale, rate or order of the frames, a sentence each; no answer is `ok` then unless
+    the user vouches for it. Those that begin with "the radius" end when `with_max_radius` gives the scale.
     unusable: why there is nothing to be read off. Such a curve (three samples, all NaN, an empty cell) is a RadiusCurve
     too, so that the others of its file can be answered: `max_radius` raises the reason.
 
@@ -128,8 +128,9 @@ class RadiusCurve:
         for name, array in (("time", time), ("radius", radius), ("radius_std", std)):
             array.setflags(write=False)
             object.__setattr__(self, name, array)
-        words = {"name": str(self.meta.get("name", "curve")), "notes": tuple(self.meta.get("notes", ()))}
-        object.__setattr__(self, "meta", {**words, **self.meta, **words})
+        meta = {key: printable(value) if isinstance(value, str) else value for key, value in self.meta.items()}
+        words = {"name": str(meta.get("name", "curve")), "notes": tuple(map(printable, meta.get("notes", ())))}
+        object.__setattr__(self, "meta", {**words, **meta, **words})
 
     def __repr__(self) -> str:
         rate = f" at {self.frame_rate:.4g}/s" if self.frame_rate else ""
@@ -243,6 +244,7 @@ class RadiusCurve:
             self, time=self.time * time_factor, radius=self.radius * scale, radius_std=self.radius_std * scale,
             meta={**self.meta, "notes": (*self.notes, said)}, maximum=(start * time_factor, float(max_radius)),
             stated_time_of_max=None, unscaled="", time_unscaled=False, late=self.begins_late,
+            doubts=tuple(doubt for doubt in self.doubts if not doubt.startswith("the radius")),
         )  # fmt: skip
 
     def normalised(self, medium: TimeScale) -> tuple[Floats, Floats]:

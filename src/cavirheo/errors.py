@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from difflib import get_close_matches
 from numbers import Integral
 from os import PathLike
@@ -12,15 +13,39 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from pydantic import ValidationError
 
+_UNSEEN = re.compile(
+    "[\x00-\x1f\x7f-\x9f\u061c\u200b-\u200f\u2028-\u202e\u2060-\u206f\ufeff\ufff9-\ufffb\ud800-\udfff]"
+)
+_UNSEEN_IN_LINES = re.compile(rf"(?![\t\r\n]){_UNSEEN.pattern}")
+_LONGEST = 2000  # characters of a message
+
+
+def printable(text: str) -> str:
+    """The text with what a terminal would obey and a document cannot hold written as an escape: control characters,
+    marks of direction, and the bytes of a file name that are no UTF-8 (`\\xe9`)."""
+    return _UNSEEN.sub(_escape, text)
+
+
+def without_unseen(text: str) -> tuple[str, int]:
+    """(the text without such characters but tabs and ends of lines, how many there were)."""
+    return _UNSEEN_IN_LINES.subn("", text)
+
+
+def _escape(found: re.Match[str]) -> str:
+    code = ord(found[0])
+    return f"\\x{code & 0xFF:02x}" if code < 0x100 or 0xDC80 <= code <= 0xDCFF else f"\\u{code:04x}"
+
 
 class InputError(ValueError):
     """What the user gave cannot be used (a file, a curve, an option).
 
     `code` names the mistake for programs and stays the same when the sentence is put better: "curve.no_maximum".
+    The message is one printable line, whatever names and cells it quotes.
     """
 
     def __init__(self, message: str, code: str = "input") -> None:
-        super().__init__(message)
+        line = printable(re.sub(r"\s*[\r\n]\s*", " ", message))
+        super().__init__(line if len(line) <= _LONGEST else line[: _LONGEST - 1] + "…")
         self.code = code
 
     def __reduce__(self) -> tuple[type[InputError], tuple[str, str]]:

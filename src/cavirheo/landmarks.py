@@ -148,10 +148,10 @@ def collapse_time(time: Floats, radius: Floats, i: int) -> float:
     """Time at which the two branches of R^(5/2) round the smallest sample i meet, kept between its neighbours."""
     if i < 2 or i > len(time) - 3:
         return float(time[i])
-    y = radius**2.5
-    falling = (y[i - 1] - y[i - 2]) / (time[i - 1] - time[i - 2])
-    rising = (y[i + 2] - y[i + 1]) / (time[i + 2] - time[i + 1])
+    t, y = time[i - 2 : i + 3], radius[i - 2 : i + 3] ** 2.5
+    falling = (y[1] - y[0]) / (t[1] - t[0])
+    rising = (y[4] - y[3]) / (t[4] - t[3])
     if not falling < 0 < rising:
-        return float(time[i])
-    crossing = (y[i + 1] - rising * time[i + 1] - y[i - 1] + falling * time[i - 1]) / (falling - rising)
-    return float(np.clip(crossing, time[i - 1], time[i + 1]))
+        return float(t[2])
+    crossing = (y[3] - rising * t[3] - y[1] + falling * t[1]) / (falling - rising)
+    return float(np.clip(crossing, t[1], t[3]))

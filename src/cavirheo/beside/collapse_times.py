@@ -15,7 +15,6 @@ Every number is SI and finite, or null where it was not found; `message` then sa
 
 from __future__ import annotations
 
-import hashlib
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -24,16 +23,19 @@ import numpy as np
 
 from cavirheo.beside.panels import headed, one_panel, two_panels
 from cavirheo.curve import RadiusCurve
-from cavirheo.errors import InputError, SolverError, require
+from cavirheo.errors import InputError, SolverError, printable, require
 from cavirheo.inference import doubts
 from cavirheo.inference.collapse_time import CollapseEstimate, CollapseValue, Shots, estimate, shot, unusable
 from cavirheo.physics.collapse import analytic_time, rayleigh_time
 from cavirheo.physics.media import Medium
-from cavirheo.reading.clean import TIME_UNITS
+from cavirheo.reading.clean import TIME_UNITS, UNIT_WORDS
+from cavirheo.reading.files import guarded, sha256, shown
+from cavirheo.reading.layout import Table, find_table, numbers
 from cavirheo.reading.matfile import read_matfile
 from cavirheo.reading.matlab import read_hdf5
 from cavirheo.reading.shots import read_shots
-from cavirheo.reading.tabular import Row, column_of, numbers, read_sheets, refuse_wider
+from cavirheo.reading.tabular import read_sheets
+from cavirheo.reading.titles import column_of
 from cavirheo.reporting import file_names
 from cavirheo.writing import digits, terminal
 from cavirheo.writing.document import Document, Finite, Outputs, Quantity, Record, write_rows
@@ -49,7 +51,11 @@ _TITLES = {
     **dict.fromkeys(("t1", "collapsetime", "tcollapse", "firstcollapse"), "t_1"),
     **dict.fromkeys(("shot", "curve", "name"), "name"),
 }
-_UNITS: dict[str, dict[str, float]] = {"R_max": {"m": 1.0, "mm": 1e-3, "um": 1e-6, "nm": 1e-9}, "t_1": TIME_UNITS}
+_LENGTHS = {"m": 1.0, "mm": 1e-3, "um": 1e-6, "nm": 1e-9}
+_UNITS: dict[str, dict[str, float]] = {
+    kind: units | {word: units[unit] for word, unit in UNIT_WORDS.items() if unit in units}
+    for kind, units in (("R_max", _LENGTHS), ("t_1", TIME_UNITS))
+}
 _MEASURED = {"R_max": "max_radius_m", "lambda": "stretch", "t_1": "collapse_time_s"}  # column: field of a shot
 _EXPECTED = "expected a header such as rmax_um,stretch,t1_us"
 
@@ -149,7 +155,7 @@ def read_groups(
         try:
             table = read_table(path, stretch)
         except InputError as error:
-            problems.append(str(error.within(str(path))))
+            problems.append(str(error))
         else:
             groups += [table] if table else []
             curves += [] if table else [path]
@@ -182,25 +188,28 @@ def read_table(path: Path, stretch: float | None = None) -> CollapseGroup | None
     """The table of collapse times in a file, or None where the file holds none and may hold curves.
 
     Raises:
-        InputError: a table without a unit, with a cell that is no number, or a damaged file.
+        InputError: a table without a unit, with a cell that is no number, or no file that can be read.
     """
-    if not path.is_file():
-        return None  # the reader of curves says what is wrong
     notes: list[str] = []
-    if (array := _variable(path)) is not None:
-        expected = f"{VARIABLE} must be (n, 3): R_max in m, lambda, t_1 in s"
-        fine = array.ndim == 2 and 3 in array.shape and array.size > 0
-        require(fine, f"{expected}; got the shape {array.shape}", "collapse_time.variable")
-        cells: dict[str, Any] = dict(zip(_MEASURED, array.T if array.shape[1] == 3 else array, strict=True))
-        notes.append(f"variable {VARIABLE}: R_max in m, lambda, t_1 in s")
-    else:
-        try:
-            sheets = read_sheets(path, _is_header, most=1)
-        except InputError:
-            return None
-        if not (sheets and sheets[0].rows and _is_header(sheets[0].rows[0].cells)):
-            return None
-        cells = _columns(sheets[0].rows, stretch is not None)
+    with guarded(path):
+        if (array := _variable(path)) is not None:
+            expected = f"{VARIABLE} must be an array (n, 3) of numbers: R_max in m, lambda, t_1 in s"
+            fine = array.ndim == 2 and 3 in array.shape and array.size > 0
+            require(fine, f"{expected}; got the shape {array.shape}", "collapse_time.variable")
+            cells: dict[str, Any] = dict(zip(_MEASURED, array.T if array.shape[1] == 3 else array, strict=True))
+            notes.append(f"variable {VARIABLE}: R_max in m, lambda, t_1 in s")
+        else:
+            try:
+                sheet = read_sheets(path, _is_header, most=1)[0]
+            except InputError as error:
+                require(not error.code.startswith("limits."), str(error), error.code)
+                return None  # the reader of curves knows more kinds of files, and says what is wrong
+            table = find_table(sheet, _is_header, column)
+            if table is None:
+                return None
+            cells = _columns(table, stretch is not None)
+            notes += table.notes
+        digest = sha256(path)
     origin = "table"
     if "lambda" not in cells:
         cells["lambda"], origin = np.full(len(cells["t_1"]), stretch), "given"
@@ -209,8 +218,7 @@ def read_table(path: Path, stretch: float | None = None) -> CollapseGroup | None
     rows = np.stack([cells[kind] for kind in _MEASURED], axis=1).astype(float).tolist()
     names = cells.get("name") or [str(k) for k in range(1, len(rows) + 1)]
     shots = [_shot(name, of, origin, unusable(*of)) for name, of in zip(names, rows, strict=True)]
-    sha256 = hashlib.sha256(path.read_bytes()).hexdigest()
-    return CollapseGroup(name=path.stem, source=str(path), source_sha256=sha256, notes=notes, shots=shots)
+    return CollapseGroup(name=printable(path.stem), source=shown(path), source_sha256=digest, notes=notes, shots=shots)
 
 
 def _variable(path: Path) -> np.ndarray | None:
@@ -220,13 +228,11 @@ def _variable(path: Path) -> np.ndarray | None:
     hdf5 = head.startswith(b"MATLAB 7.3")
     if not hdf5 and head[124:128] not in (b"\x00\x01IM", b"\x01\x00MI"):
         return None
-    try:
-        value = (read_hdf5 if hdf5 else read_matfile)(path, (VARIABLE,))[0].get(VARIABLE)
-    except InputError:
-        raise
-    except Exception:  # damaged: the reader of curves says how
-        return None
-    return value if isinstance(value, np.ndarray) else None
+    variables, names = (read_hdf5 if hdf5 else read_matfile)(path, (VARIABLE,))
+    value = variables.get(VARIABLE)
+    fine = isinstance(value, np.ndarray) or VARIABLE not in names
+    require(fine, f"{VARIABLE} must be an array (n, 3) of numbers, and is a cell array", "collapse_time.variable")
+    return value
 
 
 def column(title: str) -> tuple[str | None, str | None]:
@@ -238,9 +244,9 @@ def _is_header(cells: list[str]) -> bool:
     return {"R_max", "t_1"} <= {column(title)[0] for title in cells}
 
 
-def _columns(table: list[Row], known_stretch: bool) -> dict[str, Any]:
+def _columns(table: Table, known_stretch: bool) -> dict[str, Any]:
     """Columns in SI by name."""
-    (_, header), *rows = table
+    header, rows = table.titles, table.rows
     columns: dict[str, Any] = {}
     for at, title in enumerate(header):
         kind, unit = column(title)
@@ -249,7 +255,7 @@ def _columns(table: list[Row], known_stretch: bool) -> dict[str, Any]:
         require(kind not in columns, f"two columns for {kind} in the header {header}", "collapse_time.twice")
         units = _UNITS.get(kind, {unit or "": 1.0})
         trouble = "has no unit" if unit is None else f"has the unknown unit {unit!r}"
-        known = f"{title!r} {trouble} ({', '.join(units)}); {_EXPECTED}"
+        known = f"{title!r} {trouble} ({', '.join(list(units)[:4])}); {_EXPECTED}"
         require((unit or "") in units, known, "collapse_time.unit")
         if kind == "name":
             columns[kind] = [cells[at] if at < len(cells) else "" for _, cells in rows]
@@ -258,7 +264,6 @@ def _columns(table: list[Row], known_stretch: bool) -> dict[str, Any]:
     missing = f"no column for lambda = R_max/R_0; {_EXPECTED}, or give --stretch"
     require("lambda" in columns or known_stretch, missing, "collapse_time.no_stretch")
     require(bool(rows), "a header but no rows of data", "collapse_time.no_rows")
-    refuse_wider(rows, header)
     return columns
 
 

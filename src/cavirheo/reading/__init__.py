@@ -5,12 +5,12 @@ The content of a file decides, not its ending.
 
 from __future__ import annotations
 
-import hashlib
 from dataclasses import replace
 from pathlib import Path
 
 from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError, as_path, require
+from cavirheo.reading.files import guarded, sha256, shown
 from cavirheo.reading.table import write_csv
 
 __all__ = ["read_curves", "write_csv"]
@@ -27,40 +27,36 @@ _NO_GROWTH = (
 )
 
 
-def read_curves(path: str | Path, *, density: float = 998.0, pressure: float = 101325.0) -> list[RadiusCurve]:
+def read_curves(
+    path: str | Path, *, density: float = 998.0, pressure: float = 101325.0, frame_rate_hz: float | None = None
+) -> list[RadiusCurve]:
     """Every radius history of a file, in its order; times in s, radii in m.
 
-    `density` (kg/m3) and `pressure` (Pa) turn dimensionless times into seconds, t = t* R_max sqrt(rho/p); files
-    with times in seconds do not depend on them. A curve of a file that cannot be
-    used (empty cell, three samples, all NaN) is returned with its reason; its `max_radius` raises it. What was
-    recognised, converted or left out stands in each curve's `notes`.
+    `density` (kg/m3) and `pressure` (Pa) turn dimensionless times into seconds, t = t* R_max sqrt(rho/p); files with
+    times in seconds do not depend on them. `frame_rate_hz` makes times of the frame numbers of a table that has no
+    times. A curve of a file that cannot be used (empty cell, three samples, all NaN) is returned with its reason; its
+    `max_radius` raises it. What was recognised, converted or left out stands in each curve's `notes`, what makes the
+    recording doubtful in its `doubts` too.
 
     Raises:
         InputError: the file cannot be found or read, or holds no radius history; the message says what was found.
     """
     path = as_path(path)
-    require(not path.is_dir(), f"{path} is a directory; give the files in it, e.g. {path}/*.mat", "reading.folder")
-    require(path.exists(), f"{path} does not exist", "reading.missing")
     require(path.suffix.lower() not in _VIDEO, f"{path} is a video or image; {_MEASURE}", "reading.video")
-    try:
+    with guarded(path, _EXPECTED):
         with path.open("rb") as file:
-            head = file.peek(1024)[:1024]
-            digest = hashlib.file_digest(file, "sha256").hexdigest()
+            head = file.read(1024)
         require(len(head) > 0, f"the file is empty; {_EXPECTED}", "reading.empty")
-        found = _read(head, path, density, pressure)
+        found = _read(head, path, density, pressure, frame_rate_hz)
+        digest = sha256(path)
         for k, curve in enumerate(found):
             name = path.stem if len(found) == 1 else f"{path.stem}[{curve.meta.get('label', k + 1)}]"
-            origin = {"name": name, "group": path.stem, "source": str(path), "source_sha256": digest}
+            origin = {"name": name, "group": path.stem, "source": shown(path), "source_sha256": digest}
             found[k] = _noted(replace(curve, meta={**curve.meta, **origin}))
         return found
-    except InputError as error:
-        raise error.within(str(path)) from None
-    except Exception as error:  # damaged files make the parsers below raise nearly anything
-        why = f"it may be damaged ({type(error).__name__}: {error}); {_EXPECTED}"
-        raise InputError(f"{path} cannot be read, {why}", "reading.damaged") from error
 
 
-def _read(head: bytes, path: Path, density: float, pressure: float) -> list[RadiusCurve]:
+def _read(head: bytes, path: Path, density: float, pressure: float, frame_rate: float | None) -> list[RadiusCurve]:
     """The curves of a file that begins with `head`."""
     from cavirheo.reading import hdf5, matfile, matlab, table, tabular
 
@@ -72,7 +68,7 @@ def _read(head: bytes, path: Path, density: float, pressure: float) -> list[Radi
     if is_hdf5:
         return hdf5.read(path)
     require(tabular.kind_of(head) != "binary", f"binary data of no known format; {_EXPECTED}", "reading.binary")
-    return table.read(path, density, pressure)
+    return table.read(path, density, pressure, frame_rate)
 
 
 def _noted(curve: RadiusCurve) -> RadiusCurve:

@@ -13,6 +13,23 @@ from cavirheo.errors import InputError
 
 TIME_UNITS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
 RADIUS_UNITS = {"m": 1.0, "mm": 1e-3, "um": 1e-6, "px": 1e-6}  # px: a stand-in until R_max is given
+UNIT_WORDS = {  # as titles.plain_unit writes them
+    unit: unit for unit in (*TIME_UNITS, *RADIUS_UNITS)
+} | {
+    word: unit
+    for unit, words in {
+        "s": "sec second seconds sekunde sekunden seconde secondes segundo segundos 秒",
+        "ms": "msec millisecond milliseconds millisekunden millisecondes milisegundos ミリ秒 毫秒",
+        "us": "usec microsecond microseconds mikrosekunden microsecondes microsegundos マイクロ秒 微秒",
+        "ns": "nsec nanosecond nanoseconds nanosekunden nanosecondes nanosegundos ナノ秒 纳秒",
+        "m": "meter meters metre metres metros",
+        "mm": "millimeter millimeters millimetre millimetres milimetros ミリメートル 毫米",
+        "um": "micron microns micrometer micrometers micrometre micrometres mikrometer micrometros "
+        "マイクロメートル 微米",
+        "px": "pixel pixels pix pixeles ピクセル 像素",
+    }.items()
+    for word in words.split()
+}
 _PLAUSIBLE = (5e-6, 5e-3)  # m; the largest radius read as m, mm and um falls in here for one of them at most
 _ABSURD = 1e9  # in any unit; larger numbers are damage and would overflow later
 _SAME_TIME = 1e-15  # s; closer frames are one, told apart by rounding only
@@ -38,8 +55,8 @@ def make_curve(
     """Clean one curve: (n,) times and radii (and their deviations) in the given units; None = tell from the size.
 
     Frames with NaN, infinite or absurd (1e9) radius are NaN; radii <= 0 become NaN; frames without a time are left
-    out; frames are sorted by time; frames of one time are averaged. Each is counted in the notes. `meta` and
-    `time_unscaled`: the curve's.
+    out; frames are sorted by time; frames of one time are averaged. Each is counted in the notes; a unit that the size
+    contradicts, and times out of order, are among the curve's `doubts` too. `meta`, `time_unscaled`: the curve's.
 
     Raises:
         InputError: no unit of time is given and it cannot be told.
@@ -66,11 +83,13 @@ def make_curve(
     missing, empty = np.count_nonzero(np.isnan(r)), r < _NO_BUBBLE
     r[empty] = np.nan
     said += [note] if note else []
+    doubts = [note] if note and radius_unit else []
     said += [f"{missing} of {len(r)} frames without a radius (NaN)"] if missing else []
     said += [f"{empty.sum()} frames with radius <= 0 marked as not measured"] if empty.any() else []
 
     if backwards := np.count_nonzero(np.diff(t) < 0):
-        said.append(f"times not in order ({backwards} steps back): frames sorted")
+        doubts.append(f"times not in order ({backwards} steps back): frames sorted")
+        said.append(doubts[-1])
         order = np.argsort(t, kind="stable")
         t, r, std = t[order], r[order], std[order]
     first = np.flatnonzero(np.diff(t, prepend=-np.inf) > _SAME_TIME)
@@ -82,8 +101,9 @@ def make_curve(
     if step and np.mean(np.abs(steps - step) < 0.01 * step) > 0.5:  # most frames are evenly spaced
         meta.setdefault("frame_rate_hz", 1.0 / step)
     said += [unscaled] if unscaled else []
+    about: dict[str, Any] = {"unscaled": unscaled, "time_unscaled": time_unscaled, "doubts": tuple(doubts)}
     try:
-        return RadiusCurve(t, r, std, {**meta, "notes": tuple(said)}, unscaled=unscaled, time_unscaled=time_unscaled)
+        return RadiusCurve(t, r, std, {**meta, "notes": tuple(said)}, **about)
     except InputError as error:  # of no bubble: the others of its file are answered
         return unusable(str(error), **meta)
 

@@ -53,6 +53,8 @@ def _arrays(group: Any) -> dict[str, tuple[Any, str | None]]:
         if kind in ("time", "radius", "radius_std"):
             item = limits.own(group, name)
             if isinstance(item, h5py.Dataset) and item.dtype.kind in "fiu":
+                twice = f"{group.name} has two datasets for {kind}: {name} is one; keep the one that counts"
+                require(kind not in arrays, twice, "hdf5.twice")
                 arrays[kind] = item, unit
     return arrays
 
@@ -60,6 +62,9 @@ def _arrays(group: Any) -> dict[str, tuple[Any, str | None]]:
 def _curve(group: Any, arrays: dict[str, tuple[Any, str | None]]) -> RadiusCurve:
     meta: dict[str, Any] = {"label": group.name.strip("/")} if group.name != "/" else {}
     if "stretch" in group.attrs:
-        meta["stretch"] = float(group.attrs["stretch"])
+        stretch = np.asarray(group.attrs["stretch"])
+        number = stretch.size == 1 and stretch.dtype.kind in "fiu"
+        require(number, f"the attribute stretch of {group.name} is no number: {stretch}"[:200], "hdf5.stretch")
+        meta["stretch"] = float(stretch.item())
     samples: dict[str, Any] = {kind: np.asarray(item[()]) for kind, (item, _) in arrays.items()}
     return make_curve(**samples, time_unit=arrays["time"][1] or "s", radius_unit=arrays["radius"][1] or "m", **meta)

@@ -17,8 +17,11 @@ CURVES = 5_000
 ROWS = 1_000_000
 COLUMNS = 1_000
 LINE = 100_000  # characters
-TEXT = 200_000_000  # bytes of a text file
+FILE = 4_000_000_000  # bytes of any file
+TEXT = 100_000_000  # bytes of a text file
 SHEET = 60_000_000  # bytes of a workbook
+UNPACKED = 150_000_000  # bytes of all parts of a workbook
+CELLS = 1_000_000  # of the sheets of a workbook that are read, empty ones included
 INFLATED = 500_000_000  # bytes of all variables of a .mat, unpacked
 
 

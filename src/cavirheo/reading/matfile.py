@@ -24,6 +24,7 @@ _HEAD = 1024  # bytes that hold the header of an array, its name at the end
 _NUMBERS = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 9: "f8", 12: "i8", 13: "u8"}
 _MATRIX, _DEFLATED = 14, 15
 _CELL, _NUMERIC = 1, range(6, 16)  # array classes
+_COMPLEX = 0x800  # a flag
 _NOTHING = (0, b"")  # no element
 _DAMAGED, _CUT = "matfile.damaged", "matfile.cut"
 
@@ -86,12 +87,13 @@ def _header(data: bytes, order: str) -> tuple[int, tuple[int, ...], str, Iterato
     parts = _elements(data, order)
     flags, shape, name = (next(parts, _NOTHING)[1] for _ in range(3))
     require(len(flags) >= 4 and len(shape) % 4 == 0, "an array without flags or dimensions", _DAMAGED)
-    array_class = struct.unpack_from(order + "I", flags)[0] & 0xFF
+    bits = struct.unpack_from(order + "I", flags)[0]
+    array_class = 0 if bits & _COMPLEX else bits & 0xFF
     return array_class, struct.unpack(f"{order}{len(shape) // 4}i", shape), name.decode("latin-1"), parts
 
 
 def _array(data: bytes, order: str, wanted: Container[str] | None) -> tuple[str, Any]:
-    """(name, value) of one array; the value is None where it is not wanted, or neither numeric nor a cell array.
+    """(name, value) of one array; the value is None where it is not wanted, or neither real nor a cell array.
 
     `wanted` None: a cell, which has no name and is read if it holds numbers.
     """

@@ -64,6 +64,9 @@ def curves(variables: Variables, found: list[str], density: float, pressure: flo
     Raises:
         InputError: they make none.
     """
+    listed = [name for name, value in variables.items() if isinstance(value, list) and name not in _CELLS]
+    cells = f"{', '.join(listed)}: a cell array; expected an array of numbers, as cell2mat makes it"
+    require(not listed, cells, "matlab.cells")
     has = variables.keys().__contains__
     if all(map(has, _CELLS)):
         return _bdt(variables, density, pressure)

@@ -1,13 +1,19 @@
 """Tables of radius histories: with a header, or one of the two layouts without one that can be told apart.
 
-A header names its columns `time_us,radius_um`; s, ms, us, ns and m, mm, um, px are known, written `time_s`, `t [us]`,
-`R (mm)`, in any case. Optional: `radius_std_um`; a column `curve` or `shot` whose values tell several curves apart.
+A header names its columns `time_us,radius_um`, in any case and in several languages, with s, ms, us, ns and m, mm, um,
+px written `time_s`, `t [us]`, `R (microns)`, or in the row below. Numbers of frames with a frame rate may stand for
+the times, diameters for the radii. Several curves: a column `curve` or `shot`, or one column of radii for each
+(`R1_um,R2_um`, `Shot 1 (um)`). Optional: `radius_std_um`.
 """
 
 from __future__ import annotations
 
+import re
+from collections.abc import Iterable
+from dataclasses import replace
+from functools import lru_cache
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -15,75 +21,245 @@ from cavirheo.arrays import Floats
 from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError, require
 from cavirheo.reading import limits
-from cavirheo.reading.clean import RADIUS_UNITS, TIME_UNITS, make_curve
-from cavirheo.reading.tabular import Cells, Row, column_of, is_number, numbers, read_sheets, refuse_wider
+from cavirheo.reading.clean import RADIUS_UNITS, TIME_UNITS, UNIT_WORDS, make_curve
+from cavirheo.reading.layout import Table, find_table, numbers
+from cavirheo.reading.marks import Cells, is_number
+from cavirheo.reading.tabular import read_sheets
+from cavirheo.reading.titles import column_of, plain_title, plain_unit
 
-_UNITS = {unit: unit for unit in (*TIME_UNITS, *RADIUS_UNITS)} | {
-    "sec": "s", "second": "s", "seconds": "s", "microseconds": "us", "pixel": "px", "pixels": "px",
-}  # fmt: skip
 _KINDS = {
-    "t": "time", "time": "time", "r": "radius", "radius": "radius", "rnew": "radius", "curve": "curve", "shot": "curve",
-    "radiusstd": "radius_std", "rstd": "radius_std", "radiussd": "radius_std", "rsd": "radius_std",
-}  # fmt: skip
+    plain_title(word): kind
+    for kind, words in {
+        "time": "t time elapsedtime zeit temps tiempo tempo 時間 时间",
+        "frame": "frame frames frameno framenumber framenr frameindex framenum image imageno imagenumber bild bildnr "
+        "bildnummer fotograma cuadro numeroimage numerodimage フレーム フレーム番号 コマ 帧 帧号 帧数",
+        "radius": "r radius rt rnew bubbleradius radiusofbubble radiusofthebubble meanradius averageradius "
+        "equivalentradius blasenradius rayon rayonbulle rayondebulle rayondelabulle radio radioburbuja "
+        "radiodeburbuja radiodelaburbuja raggio raio 半径 半徑 気泡半径 气泡半径 氣泡半徑",
+        "radius_std": "radiusstd rstd radiussd rsd",
+        "diameter": "d diameter bubblediameter meandiameter equivalentdiameter durchmesser blasendurchmesser "
+        "diametre diametrebulle diametredebulle diametredelabulle diametro 直径 直徑 気泡直径 气泡直径",
+        "area": "a area bubblearea flache blasenflache aire surface superficie 面積 面积",
+        "curve": "curve shot",
+    }.items()
+    for word in words.split()
+}
+_UNITS = dict.fromkeys(_KINDS.values(), UNIT_WORDS) | {"area": dict.fromkeys(f"{u}2" for u in RADIUS_UNITS)}
+_SHOT = r"(?:shot|bubble|curve|run|exp|experiment|schuss|blase|kurve|tir|bulle|courbe|essai|disparo|burbuja|curva)"
+_NUMBER = re.compile(rf"(?:\b|_)?({_SHOT}?)[\s_#.\-]*(\d+)(?!.*\d)", re.I)  # the last one in a title
+_UNIT = re.compile(r"[\s_\[(/,]([^\W_]+)[\])]?$")
+_NO_RADIUS = re.compile(r"(x|y|z|pos|cent|dist|depth|height|width|length|wave|gap|lambda|std|sd|err)", re.I)
+_COUNT = r"(\d[\d.,' ]*(?:e\+?\d+)?)"
+_RATE = re.compile(
+    r"(?:frame.?rate|fps|frames.per.s|bildrate|bildfrequenz|aufnahmerate|cadence|フレームレート|帧率)\D{0,20}?"
+    rf"{_COUNT}|{_COUNT}\s*[kM]?(?:fps|frames)",
+    re.I,
+)
+_CAMERA = (1e3, 1e10)  # frames per second that may show the collapse of a bubble
+_DIGIT = re.compile(r"\d").search
 _SEPARATOR = -1000.0
 _ADVICE = "begin the file with a header line such as time_us,radius_um"
 
 
+class CurveColumn(NamedTuple):
+    """What a title says. kind "": not known; "shot": a length under the name of a shot. number: `2` of R2, else ""."""
+
+    title: str
+    kind: str
+    unit: str | None
+    number: str = ""
+    at: int = -1
+
+
 def column(title: str) -> tuple[str, str | None]:
-    """("time" | "radius" | "radius_std" | "curve" | "", unit or None) of a column title such as `R [um]`."""
-    kind, unit = column_of(title, _KINDS, dict.fromkeys(_KINDS.values(), _UNITS))
-    return kind or "", None if unit is None else _UNITS.get(unit, unit)
+    """(kind of `_KINDS` or "", unit or None) of a column title such as `R [um]`."""
+    kind, unit = column_of(title, _KINDS, _UNITS)
+    if unit is None and plain_title(title) in ("d", "a"):
+        return "", None
+    return kind or "", None if unit is None else UNIT_WORDS.get(unit, unit)
 
 
-def read(path: Path, density: float, pressure: float) -> list[RadiusCurve]:
-    """The curves of a text table, or of the first sheet of a workbook; density and pressure as `read_curves`.
+@lru_cache(4096)
+def _read_title(title: str) -> CurveColumn:
+    """As `column`, and titles of one curve among several: `R2_um`, `Radius shot 2 (um)`, `Shot 2`, `gel_02 [um]`."""
+    kind, unit = column(title)
+    found = _NUMBER.search(title[:200])
+    if kind or not found:
+        return CurveColumn(title, kind, unit)
+    shot, number = found.groups()
+    rest = (title[: found.start()] + " " + title[found.end() :]).strip()
+    kind, unit = column(rest)
+    if kind in ("time", "radius", "diameter"):
+        return CurveColumn(title, kind, unit, number)
+    written = _UNIT.search(title)
+    unit = UNIT_WORDS.get(plain_unit(written[1])) if written else None
+    bare = not rest or bool(written and rest.strip("_[]()/ ") == written[1])
+    named = unit in RADIUS_UNITS and not _NO_RADIUS.match(title)
+    return CurveColumn(title, "shot" if (shot and bare) or named else "", unit, number)
+
+
+def _column(title: str) -> tuple[str, str | None]:
+    return _read_title(title)[1:3]
+
+
+def _is_header(cells: Cells) -> bool:
+    kinds = {_read_title(title).kind for title in cells}
+    return bool(kinds & {"time", "frame"} and kinds & {"radius", "diameter", "area", "shot"})
+
+
+def read(path: Path, density: float, pressure: float, frame_rate: float | None = None) -> list[RadiusCurve]:
+    """The curves of a text table, or of the first sheet of a workbook; the options are those of `read_curves`.
 
     Raises:
         InputError: no header and no layout that can be told, a column missing, or a cell that is no number.
     """
-    sheet = read_sheets(path, lambda cells: {"time", "radius"} <= {column(title)[0] for title in cells}, most=1)[0]
+    sheet = read_sheets(path, _is_header, most=1)[0]
     require(len(sheet.rows) > 0, f"no rows of data; {_ADVICE}", "table.empty")
-    if all(map(is_number, sheet.rows[0].cells)):
+    table = find_table(sheet, _is_header, _column)
+    if table is not None:
+        curves = _with_header(table, frame_rate)
+    elif all(map(is_number, sheet.rows[0].cells)):
         width = max(len(row.cells) for row in sheet.rows)
-        table = np.column_stack([numbers(sheet.rows, k) for k in range(width)])
-        curves = _without_header(table, density, pressure)
+        columns = [numbers(sheet.rows, k) for k in range(width)]
+        while len(columns) > 2 and np.isnan(columns[-1]).all():  # each line ends with a separator
+            columns.pop()
+        found = _without_header(np.column_stack(columns), density, pressure)
+        curves = [curve.with_notes(*sheet.notes) for curve in found]
     else:
-        curves = _with_header(sheet.rows[0].cells, sheet.rows[1:])
+        data = (k for k, row in enumerate(sheet.rows) if all(map(is_number, row.cells)) and any(map(_DIGIT, row.cells)))
+        first = next(data, 1)
+        shown = ", ".join(repr(title[:30]) for title in sheet.rows[first - 1].cells[:8])
+        timed = any(column(title)[0] in ("time", "frame") for title in sheet.rows[first - 1].cells)
+        advice = "name the column radius_um, or those of several shots R1_um,R2_um" if timed else _ADVICE
+        raise InputError(f"no columns for time and radius among {shown}; {advice}", "table.columns")
     return [curve.with_notes("read from the first sheet of the workbook") for curve in curves] if sheet.name else curves
 
 
-def _with_header(header: Cells, rows: list[Row]) -> list[RadiusCurve]:
-    places: dict[str, int] = {}
-    units: dict[str, str | None] = {}
-    for k, title in enumerate(header):
-        kind, unit = column(title)
-        twice = f"two columns for {kind} in the header {header}; several curves need a column `shot`"
-        require(kind not in places, twice, "table.twice")
-        if kind:
-            places[kind], units[kind] = k, unit
-    shown = ", ".join(repr(title[:30]) for title in header[:8])
-    known = {"time", "radius"} <= places.keys()
-    require(known, f"no columns for time and radius among {shown}; {_ADVICE}", "table.columns")
-    seconds, metres = units["time"], units["radius"]
-    known = seconds in (None, *TIME_UNITS) and metres in (None, *RADIUS_UNITS)
-    require(known, f"the header {header} gives time in {seconds} and radius in {metres}", "table.units")
-    other = units.get("radius_std", metres)
-    why = f"radius is in {metres} but radius_std in {other}; give both in one unit"
-    require(other == metres, why, "table.units")
+def _with_header(table: Table, frame_rate: float | None) -> list[RadiusCurve]:
+    columns = [_read_title(title)._replace(at=k) for k, title in enumerate(table.titles)]
+    rows, notes = table.rows, list(table.notes)
     require(len(rows) > 0, "a header but no rows of data", "table.empty")
-    refuse_wider(rows, header)
-    at = places.pop("curve", None)
-    values = {kind: numbers(rows, place) for kind, place in places.items()}
+    shot, std = (_only(columns, kind) for kind in ("curve", "radius_std"))
+    radii, said = _radii(columns)
+    clock, time_unit, how, doubts = _clock(columns, rows, table.above, frame_rate)
+    units = {column.unit for column in radii}
+    known = time_unit in (None, *TIME_UNITS) and units <= {None, *RADIUS_UNITS}
+    given = " and ".join(str(column.unit) for column in radii[:2])
+    require(known, f"the header {table.titles} gives time in {time_unit} and radius in {given}", "table.units")
+    notes += said + how
+    deviation = None
+    if std and len(radii) > 1:
+        notes.append(f"{std.title!r} is not used: there are {len(radii)} columns of radii")
+    elif std:
+        other = std.unit or radii[0].unit
+        why = f"radius is in {radii[0].unit} but radius_std in {other}; give both in one unit"
+        require(other == radii[0].unit, why, "table.units")
+        deviation = numbers(rows, std.at)
+    both = f"a column {shot.title!r} and {len(radii)} columns of radii; expected one or the other" if shot else ""
+    require(not shot or len(radii) == 1, both, "table.twice")
     shots: dict[str, list[int]] = {}
     for k, (_, cells) in enumerate(rows):
-        shots.setdefault("" if at is None or at >= len(cells) else cells[at], []).append(k)
-    limits.few(len(shots), limits.CURVES, "curves")
-    curves = []
-    for label, mine in shots.items():
-        samples: dict[str, Any] = {kind: array[mine] for kind, array in values.items()}
-        meta: dict[str, Any] = {} if at is None else {"label": label}
-        curves.append(make_curve(**samples, time_unit=seconds, radius_unit=metres, **meta))
-    return curves
+        shots.setdefault(cells[shot.at] if shot and shot.at < len(cells) else "", []).append(k)
+    limits.few(len(shots) * len(radii), limits.CURVES, "curves")
+    made = []
+    for column in radii:
+        radius = numbers(rows, column.at) * (0.5 if column.kind == "diameter" else 1.0)
+        for label, mine in shots.items():
+            name = label if shot else re.sub(r"\s*[\[(].*", "", column.title) or column.title
+            about: dict[str, Any] = {"label": name} if shot or len(radii) > 1 else {}
+            about |= {} if deviation is None else {"radius_std": deviation[mine]}
+            about |= {"time_unit": time_unit, "radius_unit": column.unit}
+            curve = make_curve(clock[mine], radius[mine], notes=tuple(notes), **about)
+            made.append(replace(curve, doubts=(*doubts, *curve.doubts)) if doubts else curve)
+    return made
+
+
+def _only(columns: list[CurveColumn], kind: str) -> CurveColumn | None:
+    """The one column of a kind, if there is one. Raises InputError ("table.twice"): there are two."""
+    mine = [column for column in columns if column.kind == kind]
+    two = " and ".join(repr(column.title) for column in mine[:2])
+    mends = {
+        "time": "keep the one that counts",
+        "radius": "the shots of a file are R1_um, R2_um, or have a column `shot`",
+    }
+    require(len(mine) < 2, f"two columns for {kind}: {two}; {mends.get(kind, 'expected one')}", "table.twice")
+    return mine[0] if mine else None
+
+
+def _radii(columns: list[CurveColumn]) -> tuple[list[CurveColumn], list[str]]:
+    """(the columns of radii, one curve each; notes).
+
+    Raises:
+        InputError: there is none, or it is not clear which they are.
+    """
+    kinds = {kind: [c for c in columns if c.kind == kind] for kind in ("radius", "diameter", "area", "shot")}
+    area = kinds["area"][0].title if kinds["area"] else ""
+    kind = next(kind for kind, found in kinds.items() if found)
+    mend = f"{area!r} is an area: expected a radius; give a column of sqrt(area/pi), if the bubble is round"
+    require(kind != "area", mend, "table.area")
+    mine, notes = kinds[kind], []
+    if len({column.unit for column in mine} - {"px"}) == 1 and any(column.unit == "px" for column in mine):
+        notes.append("the column in pixels is not used: there is one in a unit of length")
+        mine = [column for column in mine if column.unit != "px"]
+    plain, counted = ([c for c in mine if bool(c.number) == has] for has in (False, True))
+    if plain and counted:
+        shown = " and ".join(repr(column.title) for column in (plain[0], counted[0]))
+        unclear = f"{shown}: two readings of one bubble, or two shots? keep one column, or number all of them"
+        require({c.number.lstrip("0") for c in counted} == {""}, unclear, "table.twice")  # R0 is another radius
+        counted = []
+    if not counted:
+        _only(plain, kind)
+    mine = counted or plain
+    require(len({c.title for c in mine}) == len(mine), f"two columns {mine[0].title!r}; number them", "table.twice")
+    if len(mine) > 1:
+        shown = ", ".join(column.title for column in mine[:6]) + (", ..." if len(mine) > 6 else "")
+        notes.append(f"{len(mine)} columns of {'diameters' if kind == 'diameter' else 'radii'}, a curve each: {shown}")
+    elif kind == "shot":
+        notes.append(f"the column {mine[0].title!r} taken as the radius")
+    return mine, notes + (["diameters halved"] if kind == "diameter" else [])
+
+
+def _clock(
+    columns: list[CurveColumn], rows: list[Any], above: list[str], frame_rate: float | None
+) -> tuple[Floats, str | None, list[str], list[str]]:
+    """((rows,) times, their unit, notes, doubts), of the times in the file, or its frame numbers and the frame rate.
+
+    Raises:
+        InputError: two columns of times, or no frame rate, or two.
+    """
+    time, frame = _only(columns, "time"), _only(columns, "frame")
+    if time:
+        idle = ["the frame rate that is given is not used: the file has times"] if frame_rate else []
+        return numbers(rows, time.at), time.unit, idle, []
+    assert frame is not None  # a header without times has frames
+    stated = _stated_rates(above)
+    rate = frame_rate or (stated[0] if len(stated) == 1 else None)
+    found = f"; the file states {' and '.join(f'{one:g}/s' for one in stated)}" if stated else ""
+    how = f"{frame.title!r} has numbers of frames and no times{found}: give the frame rate (--frame-rate-hz 1e6)"
+    require(rate is not None, how, "table.frame_rate")
+    assert rate is not None
+    why = f"the frame rate must be positive, frames per second, got {rate!r}"
+    require(0 < rate < np.inf, why, "table.frame_rate")
+    said = f"times of the numbers in {frame.title!r} at {rate:.6g} frames per second, as "
+    other = [one for one in stated if abs(one / rate - 1) > 0.01]
+    doubts = [f"the frame rate is given as {rate:.6g}/s, but the file states {other[0]:.6g}/s"] if other else []
+    return numbers(rows, frame.at) / rate, "s", [said + ("given" if frame_rate else "the file states"), *doubts], doubts
+
+
+def _stated_rates(lines: Iterable[str]) -> list[float]:
+    """The frame rates, 1/s, that stand above a table (`frame rate: 1,000,000 fps`, `270 kfps`)."""
+    found: dict[float, None] = {}
+    for line in lines:
+        for match in _RATE.finditer(line[:300]):
+            unit = 1e3 if re.search(r"\bk(fps|hz)|\dk(fps|hz)", line, re.I) else 1.0
+            unit = 1e6 if re.search(r"\bM(fps|hz)|\dM(fps|hz)", line, re.I) else unit
+            text = re.sub("[' ]", "", match[1] or match[2]).strip(".,")
+            readings = {text.replace(",", ""), text.replace(".", "").replace(",", ".")}
+            rates = {float(one) * unit for one in readings if is_number(one) and one.count(".") < 2}
+            possible = [rate for rate in rates if _CAMERA[0] <= rate <= _CAMERA[1]]
+            if len(possible) == 1:
+                found[possible[0]] = None
+    return list(found)
 
 
 def _without_header(table: Floats, density: float, pressure: float) -> list[RadiusCurve]:

@@ -5,36 +5,57 @@ from __future__ import annotations
 from pathlib import Path
 
 from cavirheo.arrays import Floats
-from cavirheo.errors import InputError, require
-from cavirheo.reading.clean import TIME_UNITS
-from cavirheo.reading.tabular import Cells, column_of, numbers, read_sheets, refuse_wider
+from cavirheo.errors import require
+from cavirheo.reading.clean import TIME_UNITS, UNIT_WORDS
+from cavirheo.reading.files import guarded
+from cavirheo.reading.layout import find_table, numbers
+from cavirheo.reading.marks import Cells
+from cavirheo.reading.tabular import read_sheets
+from cavirheo.reading.titles import column_of, plain_title
 
-_KINDS = {"time": "time", "t": "time", "pressure": "pressure", "p": "pressure"}
-_UNITS = {"time": TIME_UNITS, "pressure": {"Pa": 1.0, "kPa": 1e3, "MPa": 1e6}}
+_KINDS = {
+    plain_title(word): kind
+    for kind, words in {
+        "time": "t time zeit temps tiempo 時間 时间",
+        "pressure": "p pressure druck pression presion 圧力 压力 壓力",
+    }.items()
+    for word in words.split()
+}
+_PASCALS = {"Pa": 1.0, "kPa": 1e3, "MPa": 1e6}
+_UNITS = {
+    "time": {word: TIME_UNITS[unit] for word, unit in UNIT_WORDS.items() if unit in TIME_UNITS},
+    "pressure": _PASCALS,
+}
 
 
-def read_trace(path: Path) -> tuple[Floats, Floats]:
-    """(n,) times in s and (n,) pressures above the ambient one in Pa, from the columns time_us and pressure_kPa (or in
-    other units, which must be named).
+def read_trace(path: Path) -> tuple[Floats, Floats, list[str]]:
+    """(n,) times in s, (n,) pressures above the ambient one in Pa, and notes of what was recognised or left out, from
+    the columns time_us and pressure_kPa (or in other units, which must be named).
 
     Raises:
         InputError: the file cannot be read, has no such columns, or a cell that is no number.
     """
-    try:
-        rows = read_sheets(path, lambda cells: len(_columns(cells)) == 2, most=1)[0].rows
-        header, below = rows[0].cells if rows else [], rows[1:]
-        found, first = _columns(header), ",".join(header)
-        require(len(found) == 2, f"its first line must read time_us,pressure_kPa, got {first!r}", "trace.header")
-        refuse_wider(below, header)
-        (t, seconds), (p, pascals) = found["time"], found["pressure"]
-        return numbers(below, t) * seconds, numbers(below, p) * pascals
-    except OSError as error:
-        raise InputError(f"cannot read a pressure trace from {path}: {error}", "trace.missing") from error
-    except InputError as error:
-        raise error.within(f"cannot read a pressure trace from {path}") from None
+    with guarded(path):
+        sheet = read_sheets(path, _is_header, most=1)[0]
+        table = find_table(sheet, _is_header, _column)
+        first = ",".join(sheet.rows[0].cells)[:80] if sheet.rows else ""
+        expected = f"no pressure trace: its columns must be named time_us,pressure_kPa, got {first!r}"
+        require(table is not None, expected, "trace.header")
+        assert table is not None
+        columns = []
+        for kind in ("time", "pressure"):
+            (at, unit), *others = [
+                (k, _column(title)[1]) for k, title in enumerate(table.titles) if _column(title)[0] == kind
+            ]
+            require(not others, f"two columns for {kind} in {','.join(table.titles)!r}", "trace.twice")
+            require(unit in _UNITS[kind], f"{kind} in {unit}: {expected}", "trace.header")
+            columns.append(numbers(table.rows, at) * _UNITS[kind][unit or ""])
+        return columns[0], columns[1], table.notes
 
 
-def _columns(header: Cells) -> dict[str, tuple[int, float]]:
-    """By kind: where the column is, and its unit in SI."""
-    named = [column_of(title, _KINDS, _UNITS) for title in header]
-    return {kind: (k, _UNITS[kind][unit]) for k, (kind, unit) in enumerate(named) if kind and unit in _UNITS[kind]}
+def _column(title: str) -> tuple[str | None, str | None]:
+    return column_of(title, _KINDS, _UNITS)
+
+
+def _is_header(cells: Cells) -> bool:
+    return {"time", "pressure"} <= {_column(title)[0] for title in cells}

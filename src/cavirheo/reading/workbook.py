@@ -1,8 +1,9 @@
 """The sheets of a workbook (.xlsx, .xls, .xlsb, .ods) as rows of text, read by calamine in a process of its own.
 
 A workbook of a few kilobytes may unpack to gigabytes, or name a cell so far out that the grid up to it is larger than
-any memory, which ends the process that reads it. So a child reads it, with a limit on its memory and its time. This
-file is also the child's program, and then knows no other module of the package.
+any memory, which ends the process that reads it. So a child reads it, with a limit on its memory and its time; what the
+file declares is checked before it is unpacked, and rows are handed on one by one. This file is also the child's
+program, and then knows no other module of the package.
 """
 
 from __future__ import annotations
@@ -10,61 +11,87 @@ from __future__ import annotations
 import json
 import subprocess
 import sys
-from collections.abc import Iterator
 from contextlib import suppress
+from itertools import chain, islice
 from pathlib import Path
-from typing import TYPE_CHECKING
 
-if TYPE_CHECKING:
-    from cavirheo.reading.tabular import Sheet
-
-MEMORY = 1 << 30  # bytes
-_SECONDS = 60.0
+MEMORY = 400_000_000  # bytes
+_SECONDS = 30.0
+_TOO_MUCH = 3  # exit status of the child; what it then says begins with the code of the limit
 
 
-def read_workbook(path: Path, most: int | None = None) -> list[Sheet]:
-    """The first `most` visible sheets, in the order of their tabs.
+def read_workbook(path: Path, most: int | None = None) -> list[tuple[str, list[tuple[int, list[str]]]]]:
+    """(name, [(number of the row from 1, its cells)]) of the first `most` visible sheets, in the order of their tabs,
+    without their empty rows.
 
     Raises:
-        InputError: no workbook, damaged, or larger than is read ("limits.memory", "limits.time").
+        InputError: no workbook, damaged, or larger than is read ("limits.unpacked", "limits.cells", "limits.text",
+            "limits.memory", "limits.time").
     """
-    from cavirheo.errors import InputError, require
+    from cavirheo.errors import InputError, require, without_unseen
     from cavirheo.reading import limits
-    from cavirheo.reading.tabular import Row, Sheet
 
     limits.few(path.stat().st_size, limits.SHEET, "bytes of a workbook")
-    command = [sys.executable, "-P", __file__, str(path), str(most or 0), str(MEMORY)]
+    most_of = (most or 0, MEMORY, limits.UNPACKED, limits.CELLS, limits.TEXT)
+    command = [sys.executable, "-P", __file__, str(path), *map(str, most_of)]
     try:
         child = subprocess.run(command, capture_output=True, timeout=_SECONDS, check=False)
     except subprocess.TimeoutExpired:
         what = f"reading the workbook takes more than {_SECONDS:.0f} s; save it as CSV"
         raise InputError(what, "limits.time") from None
+    said = child.stderr.decode(errors="replace").strip().rpartition("\n")[2]
+    if child.returncode == _TOO_MUCH:
+        code, _, what = said.partition(" ")
+        raise InputError(f"the workbook {what} are not read; save the table alone as CSV", code)
     full = child.returncode < 0 or b"emory" in child.stderr  # killed, or "MemoryError", "memory allocation ... failed"
     require(not full, "the workbook takes more memory than is given to it; save it as CSV", "limits.memory")
-    said = child.stderr.decode(errors="replace").strip().rpartition("\n")[2]
-    damaged = f"the workbook cannot be read, it may be damaged ({said})"
+    damaged = f"the workbook cannot be read, it may be damaged ({said[:300]})"
     require(child.returncode == 0, damaged, "tabular.workbook")
-    sheets = [Sheet(name, [Row(*row) for row in rows]) for name, rows in json.loads(child.stdout)]
-    for sheet in sheets:
-        limits.few(len(sheet.rows), limits.ROWS, "rows")
+    sheets: list[tuple[str, list[tuple[int, list[str]]]]] = []
+    for number, cells in chain.from_iterable(map(json.loads, child.stdout.splitlines())):
+        cells = [cell if cell.isprintable() else without_unseen(cell)[0] for cell in cells]
+        if number:
+            sheets[-1][1].append((number, cells))
+        else:
+            sheets.append((cells[0], []))
     return sheets
 
 
-def _sheets(path: str, most: int) -> Iterator[tuple[str, list[tuple[int, list[str]]]]]:
-    """What the child says: (name, [(number of the row from 1, its cells)]) of each sheet, without its empty rows."""
+def _write_rows(path: str, most: int, unpacked: int, cells: int, text: int) -> None:
+    """What the child says: lines of JSON, each a list of (number of a row, its cells); (0, [name]) begins a sheet."""
+    import zipfile
+
     from python_calamine import CalamineWorkbook, SheetTypeEnum, SheetVisibleEnum
 
     with open(path, "rb") as file:  # not by its path: then the ending would decide
+        with suppress(zipfile.BadZipFile), zipfile.ZipFile(file) as archive:
+            declared = sum(part.file_size for part in archive.infolist())
+            _few(declared, unpacked, "limits.unpacked unpacks to", "bytes")
+        file.seek(0)
         book = CalamineWorkbook.from_filelike(file)
     sheets = [one for one in book.sheets_metadata if one.typ == SheetTypeEnum.WorkSheet]
     if not sheets:
         raise ValueError("no sheet of cells")
     seen = [one for one in sheets if one.visible == SheetVisibleEnum.Visible] or sheets
+    written = total = 0
     for about in seen[: most or None]:
         sheet = book.get_sheet_by_name(about.name)
-        first = (sheet.start or (0, 0))[0] + 1
-        rows = enumerate(([_text(cell) for cell in row] for row in sheet.iter_rows()), first)
-        yield about.name, [(number, cells) for number, cells in rows if any(cells)]
+        total += sheet.height * sheet.width
+        _few(total, cells, "limits.cells has", "cells")
+        rows = enumerate(([_text(cell) for cell in row] for row in sheet.iter_rows()), (sheet.start or (0, 0))[0] + 1)
+        some = [(0, [about.name])]
+        while some:
+            line = json.dumps([(number, filled) for number, filled in some if any(filled)])
+            written += len(line)
+            _few(written, text, "limits.text holds", "characters")
+            print(line)
+            some = list(islice(rows, 100))
+
+
+def _few(count: int, most: int, what: str, of: str) -> None:
+    if count > most:
+        print(f"{what} {count} {of}: more than {most}", file=sys.stderr)
+        sys.exit(_TOO_MUCH)
 
 
 def _text(cell: object) -> str:
@@ -73,9 +100,10 @@ def _text(cell: object) -> str:
 
 
 if __name__ == "__main__":
+    _most, _memory, *_limits = map(int, sys.argv[2:])
     with suppress(ImportError, ValueError, OSError):  # no such limit on this system: the time limit stays
         import resource
 
         resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
-        resource.setrlimit(resource.RLIMIT_AS, (int(sys.argv[3]),) * 2)
-    json.dump(list(_sheets(sys.argv[1], int(sys.argv[2]))), sys.stdout)
+        resource.setrlimit(resource.RLIMIT_AS, (_memory, _memory))
+    _write_rows(sys.argv[1], _most, *_limits)

@@ -86,6 +86,8 @@ def entry() -> None:
     except OSError as error:
         print(f"error: what was to be printed cannot be written: {error.strerror}", file=sys.stderr)
         status = 2
+    if files := sys.modules.get("cavirheo.reading.files"):
+        files.tidy()
     with suppress(OSError):
         sys.stdout.flush()
         sys.stderr.flush()

@@ -17,7 +17,10 @@ from cavirheo.verbs.run import Run
 def collapse_time(
     files: Annotated[
         list[Path],
-        typer.Argument(help="tables (rmax_um,stretch,t1_us as .csv or .xlsx; pIMR_array in a .mat) or measured R(t)"),
+        typer.Argument(
+            readable=False,
+            help="tables (rmax_um,stretch,t1_us as .csv or .xlsx; pIMR_array in a .mat) or measured R(t)",
+        ),
     ],
     material: Annotated[str, typer.Option(help="nhkv, nh (no viscosity) or newtonian (no elasticity)")] = "nhkv",
     exact: Annotated[bool, typer.Option("--exact", help="fit with simulated collapse times, too: seconds")] = False,

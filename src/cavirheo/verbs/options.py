@@ -17,7 +17,9 @@ if TYPE_CHECKING:
 else:
     Liquid = Any
 
-Curves = Annotated[list[Path], Argument(help="measured R(t): .mat, .csv, .h5, .xlsx; one or many curves each")]
+Curves = Annotated[
+    list[Path], Argument(readable=False, help="measured R(t): .mat, .csv, .h5, .xlsx; one or many curves each")
+]
 ModelName = Annotated[str, Option("--model", help="shipped model (see `cavirheo models`) or a path to an .onnx file")]
 Out = Annotated[Path, Option("-o", "--out", help="folder for the results")]
 TrueRadius = Annotated[float | None, Option(help="true R_max of the shots, um: rescales the radii")]

@@ -14,7 +14,10 @@ from cavirheo.verbs.run import Run
 
 
 def rheometer(
-    files: Annotated[list[Path], typer.Argument(help="strain and frequency sweeps of one material: .csv, .txt, .xlsx")],
+    files: Annotated[
+        list[Path],
+        typer.Argument(readable=False, help="strain and frequency sweeps of one material: .csv, .txt, .xlsx"),
+    ],
     at: Annotated[float, typer.Option(help="angular frequency of the viscosity G''/omega, rad/s")] = 1.0,
     tolerance: Annotated[float, typer.Option(help="by which G' may leave its plateau in the linear range, %")] = 5.0,
     beside: Annotated[

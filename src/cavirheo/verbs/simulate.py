@@ -69,7 +69,12 @@ def simulate(
     got = f"got {duration_us} us at {frame_rate_hz} Hz"
     require(possible, f"duration and frame rate must give 1 to a million frames, {got}", "simulate.frames")
     frames = int(duration_us * 1e-6 * frame_rate_hz * (1 + 1e-9)) + 1
-    far_field = Trace(*read_trace(driving)) if driving else None
+    far_field = None
+    if driving:
+        *columns, notes = read_trace(driving)
+        far_field = Trace(*columns)
+        for note in notes:
+            print(f"{driving}: {note}", file=sys.stderr)
     inputs = [driving] if driving else []
     places = {out: (Outputs(out.parent, out.name, inputs=inputs), _write_frames)}
     if fields:

@@ -21,6 +21,7 @@ from cavirheo.inference.model import DEFAULT, load
 from cavirheo.inference.reconstruct import check_stretch
 from cavirheo.parallel import aside
 from cavirheo.physics.simulate import load_solver
+from cavirheo.reading.files import MEASUREMENTS
 from cavirheo.reading.shots import read_shots
 from cavirheo.reporting import file_names, outputs, write_report
 from cavirheo.unfinished import Step, Unfinished
@@ -28,7 +29,6 @@ from cavirheo.writing import style
 from cavirheo.writing.document import Outputs, write_json
 
 REFERENCES = ("IMR", "rheometer")  # of relative errors, where the user names none
-_MEASUREMENTS = {".mat", ".csv", ".txt", ".h5", ".hdf5", ".xlsx"}  # what is taken of a subfolder
 _OUTPUTS = ("comparison.json", "comparison.csv", "comparison.md", "comparison.png")
 _NO_PICTURE = 'comparison.png is left out: matplotlib is not installed; pip install "cavirheo[plot]"'
 
@@ -156,7 +156,7 @@ def shots_of(
         for file in sorted(path.iterdir()) if path.is_dir() else [path]:
             if file.is_dir() or file.name.startswith(".") or file.resolve() == references.resolve():
                 continue
-            taken = file in matches or file.suffix.lower() in _MEASUREMENTS
+            taken = file in matches or file.suffix.lower() in MEASUREMENTS
             (files if taken else others).append(file)
     left_out = ", ".join(file.name for file in others)
     notes = [f"left out, for they do not look like measurements: {left_out}"] if others else []

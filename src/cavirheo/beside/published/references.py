@@ -21,9 +21,11 @@ from pydantic import BaseModel, ConfigDict, NonNegativeFloat, PositiveFloat, Pos
 
 from cavirheo.errors import InputError, require
 from cavirheo.physics.media import Medium, medium
+from cavirheo.reading.files import guarded
 from cavirheo.reading.tabular import Row, read_sheets
 from cavirheo.writing.document import Record
 
+_MOST = 500  # sets of one file
 OURS = "cavirheo"  # the method's name for our own answers
 G, MU = "shear_modulus_Pa", "viscosity_Pa_s"
 _UNITS = {
@@ -91,12 +93,8 @@ def read_references(path: str | Path) -> list[ReferenceSet]:
     Raises:
         InputError: the file cannot be read or has a mistake (line, column, what was expected).
     """
-    try:
+    with guarded(Path(path)):
         (sheet,) = read_sheets(Path(path), lambda cells: "set" in cells, most=1, marks="#")
-    except OSError as error:
-        raise InputError(f"{path}: cannot be read ({error.strerror or error})", "references.file") from None
-    except InputError as error:
-        raise error.within(str(path)) from None
     (first, head), *rows = sheet.rows or [Row(1, [])]
     found, expected = ", ".join(head) or "nothing", ",".join(_COLUMNS)
     no_set = f"{path}, line {first}: no column set; found: {found}; expected {expected}"
@@ -117,6 +115,8 @@ def read_references(path: str | Path) -> list[ReferenceSet]:
     example = "gel_1,IMR,G_kPa,6.44,1.64"
     none = f"{path}: no set; expected lines below the header, such as: {example}"
     require(bool(sets), none, "references.no_set")
+    many = f"{path}: {len(sets)} sets; more than {_MOST} are not compared in one picture; split the file"
+    require(len(sets) <= _MOST, many, "references.sets")
     for about in sets.values():
         constants = {name: about.settings[name] for name in _CONSTANTS if name in about.settings}
         try:

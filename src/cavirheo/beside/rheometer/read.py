@@ -8,7 +8,6 @@ errors.
 
 from __future__ import annotations
 
-import hashlib
 import math
 import re
 from collections.abc import Iterator
@@ -21,8 +20,12 @@ import numpy as np
 
 from cavirheo.arrays import Floats
 from cavirheo.beside.rheometer.sweeps import FrequencySweep, StrainSweep
-from cavirheo.errors import InputError, require
-from cavirheo.reading.tabular import Row, column_of, is_number, numbers, plain_unit, read_sheets, refuse_wider
+from cavirheo.errors import InputError, printable, require
+from cavirheo.reading.files import guarded, sha256, shown
+from cavirheo.reading.layout import numbers, refuse_wider, without_summary
+from cavirheo.reading.marks import is_number
+from cavirheo.reading.tabular import Row, Sheet, read_sheets
+from cavirheo.reading.titles import column_of, plain_unit
 
 # Titles as exported, without accents, spaces and capitals; in English, German and French, as the programs speak.
 _VOCABULARY = (  # column; 0, or 1 where another title of the column is more exact; a symbol that may be part of it
@@ -83,13 +86,11 @@ def read_sweeps(path: str | Path) -> list[StrainSweep | FrequencySweep]:
         InputError: the file cannot be read, holds no table of G' and G'', or leaves a unit open.
     """
     path = Path(path)
-    trouble = "is a directory; give the files in it" if path.is_dir() else "does not exist"
-    require(path.is_file(), f"{path} {trouble}", "rheometer.no_file")
     found: list[StrainSweep | FrequencySweep] = []
     others: list[str] = []
-    try:
+    with guarded(path):
         sheets = read_sheets(path, _is_header, marks="#")
-        tables = [table for sheet in sheets for table in _tables(sheet.rows)]
+        tables = [table for sheet in sheets for table in _tables(sheet)]
         if not tables:
             raise _nothing_found([row.cells for sheet in sheets for row in sheet.rows])
         for number, table in enumerate(tables, 1):
@@ -100,12 +101,11 @@ def read_sweeps(path: str | Path) -> list[StrainSweep | FrequencySweep]:
                     raise
                 others.append(str(error))
         require(bool(found), "; ".join(others), _NO_SWEEP)
-    except InputError as error:
-        raise error.within(str(path)) from None
-    sha256 = hashlib.sha256(path.read_bytes()).hexdigest()
+        digest = sha256(path)
     for sweep in found:
-        sweep.name = f"{path.stem}[{sweep.name}]" if len(found) > 1 and sweep.name else path.stem
-        sweep.source, sweep.source_sha256 = str(path), sha256
+        stem = printable(path.stem)
+        sweep.name = f"{stem}[{sweep.name}]" if len(found) > 1 and sweep.name else stem
+        sweep.source, sweep.source_sha256 = shown(path), digest
         sweep.notes += [f"left out of the file: {'; '.join(dict.fromkeys(others))}"] if others else []
     return found
 
@@ -152,22 +152,23 @@ def read_title(title: str) -> tuple[str, int, str | None]:
 
 @dataclass
 class _ModuliTable:
-    """`label`: what tells its rows from those of the others, where a column does."""
+    """`label`: what tells its rows from those of the others, where a column does. `notes`: what was recognised."""
 
     columns: dict[str, SweepColumn]
     header: list[str]
     rows: list[Row]
+    notes: list[str]
     label: str = ""
 
 
-def _tables(rows: list[Row]) -> Iterator[_ModuliTable]:
+def _tables(sheet: Sheet) -> Iterator[_ModuliTable]:
     """Each table of moduli; one with a column of intervals is as many tables."""
     table: _ModuliTable | None = None
     whole: list[_ModuliTable] = []
-    for row in rows:
+    for row in sheet.rows:
         filled = [cell for cell in row.cells if cell]
         if _is_header(row.cells):
-            table = _ModuliTable(_columns(row.cells), row.cells, [])
+            table = _ModuliTable(_columns(row.cells), row.cells, [], list(sheet.notes))
             whole.append(table)
         elif table is None:
             continue
@@ -180,6 +181,8 @@ def _tables(rows: list[Row]) -> Iterator[_ModuliTable]:
         else:
             table.rows.append(row)
     for table in whole:
+        table.rows, said = without_summary(table.rows)
+        table.notes += said
         interval = table.columns.pop("interval", None)
         labels = [_cell(row, interval) for row in table.rows]
         if len(set(labels)) == len(labels):  # a number for each row
@@ -252,7 +255,7 @@ def _sweeps(table: _ModuliTable, label: str) -> Iterator[StrainSweep | Frequency
         "without a number": int(np.sum(~known)),
         "with a modulus or setting that is not positive": int(np.sum(known & ~usable)),
     }
-    notes = [f"{_rows(count)} {why} left out" for why, count in dropped.items() if count]
+    notes = table.notes + [f"{_rows(count)} {why} left out" for why, count in dropped.items() if count]
     few = f"{np.sum(usable)} usable rows in a sweep, at least 3 are needed; {'; '.join(notes)}"
     require(bool(np.sum(usable) >= 3), few, _NO_SWEEP)
     notes += [note for column in wanted for note in column.notes()]
