@@ -1,10 +1,11 @@
 """How long the report takes beside the inference of the same curves, and how much memory: benchmarks/reporting.md.
 
-python benchmarks/reporting.py [curves ...]    (default: 10 100 1000), each count in a process of its own
+python benchmarks/reporting.py [curves ...]    (default: 10 100 400 1000), each count in a process of its own
 """
 
 from __future__ import annotations
 
+import os
 import resource
 import subprocess
 import sys
@@ -17,13 +18,14 @@ from tempfile import TemporaryDirectory
 from typing import Any
 
 from cavirheo import RadiusCurve, infer_many, read_curves
+from cavirheo.parallel import cores
 from cavirheo.physics.simulate import load_solver
 from cavirheo.reporting import write_report
 
 EXAMPLES = Path(__file__).resolve().parent.parent / "examples"
 HEADS = (
     "curves", "inference s", "report s", "ratio", "processor s of inference", "of the report", "report.html MB",
-    "largest memory MB",
+    "PNG files MB", "largest memory MB",
 )  # fmt: skip
 
 
@@ -43,18 +45,24 @@ def measure(n: int) -> list[str]:
     pairs = list(zip(curves, answers, strict=True))
     with TemporaryDirectory() as folder:
         write_report(folder, pairs[:1], "warm")
-        (report, worked), _ = timed(lambda: write_report(folder, pairs, "benchmark"))
+        (report, worked), _ = timed(lambda: write_report(folder, pairs, "benchmark", workers=cores()))
         size = Path(folder, "report.html").stat().st_size / 1e6
-    memory = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
+        pictures = sum(path.stat().st_size for path in Path(folder).glob("*.png")) / 1e6
     row = f"{n}", f"{inference:.2f}", f"{report:.2f}", f"{report / inference:.2f}", f"{thought:.2f}", f"{worked:.2f}"
-    return [*row, f"{size:.1f}", f"{memory:.0f}"]
+    memory = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
+    return [*row, f"{size:.1f}", f"{pictures:.1f}", f"{memory:.0f}"]
 
 
 def timed(work: Callable[[], Any]) -> tuple[tuple[float, float], Any]:
     """(wall, processor) seconds, and what it gave."""
-    began = time.perf_counter(), time.process_time()
+    began = time.perf_counter(), processor()
     done = work()
-    return (time.perf_counter() - began[0], time.process_time() - began[1]), done
+    return (time.perf_counter() - began[0], processor() - began[1]), done
+
+
+def processor() -> float:
+    """Seconds of this process and of those that it began and that have ended."""
+    return sum(os.times()[:4])
 
 
 def main(words: list[str]) -> None:
@@ -62,7 +70,7 @@ def main(words: list[str]) -> None:
         print("|", " | ".join(measure(int(words[1]))), "|")
         return
     print("|", " | ".join(HEADS), "|\n|" + "---|" * len(HEADS), flush=True)
-    for n in words or ["10", "100", "1000"]:
+    for n in words or ["10", "100", "400", "1000"]:
         subprocess.run([sys.executable, __file__, "--one", n], check=True)
 
 

@@ -22,8 +22,9 @@ PAGES = sorted([*ROOT.glob("*.md"), *ROOT.glob("docs/**/*.md"), *ROOT.glob("benc
 PAGES.remove(ROOT / "CHANGELOG.md")  # it tells of what was
 FOLDERS = "src|tests|docs|benchmarks|examples|recipes|space"
 COMMAND: Any = typer.main.get_command(verbs.app)  # type: ignore[attr-defined]
+HELP = {text for parameter in COMMAND.params for text in parameter.opts} | {"--help"}  # of every verb or of none
 OPTIONS = {
-    name: {text for parameter in verb.params for text in (*parameter.opts, *parameter.secondary_opts)} | {"--help"}
+    name: {text for parameter in verb.params for text in (*parameter.opts, *parameter.secondary_opts)} | HELP
     for name, verb in COMMAND.commands.items()
 }
 EXTRAS = set(tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))["project"]["optional-dependencies"])
@@ -85,7 +86,7 @@ def broken_command(line: str) -> Iterator[str]:
 def broken_code(code: str) -> Iterator[str]:
     """Inline code: a part of a command, a path, a name. Options are those of the verb that it names, or of any."""
     words = re.findall(r"[^\s,]+", code.removeprefix("cavirheo "))
-    if code.startswith("cavirheo ") and words[0] not in OPTIONS:
+    if code.startswith("cavirheo ") and words[0] not in {*OPTIONS, *HELP}:
         yield f"verb {words[0]}"
     if code.startswith(("make ", "pip ", "python ")):
         yield from broken_command(code)

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import hashlib
 import json
-import sys
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, fields, is_dataclass
@@ -22,7 +21,7 @@ from cavirheo.curve import RadiusCurve
 from cavirheo.errors import require
 from cavirheo.posterior import Checks, Diagnostics, Evidence, Posterior, WindowAnswer
 from cavirheo.writing.document import into, whole
-from cavirheo.writing.terminal import bar
+from cavirheo.writing.terminal import bar, say
 
 _KINDS = {kind.__name__: kind for kind in (Posterior, Checks, WindowAnswer, Evidence, Diagnostics)}
 _NAME = "[0-9a-f]" * 64 + ".npz"
@@ -62,7 +61,7 @@ class Unfinished:
         found = {i: answer for i, place in enumerate(places) if (answer := read_answer(place))}
         if found and self.shown:
             said = f"{len(found)} of {len(curves)} answers are taken from {self.folder}"
-            print(f"{said}, where an unfinished run left them", file=sys.stderr)
+            say(f"{said}, where an unfinished run left them")
         left = [i for i in range(len(curves)) if i not in found]
         mine = [curves[i] for i in left]
         begun = self.answers(mine, *before) if before and left else {}

@@ -142,11 +142,11 @@ class CollapseTimes(Document):
 
 
 def read_groups(
-    files: Sequence[str | Path], medium: Medium, stretch: float | None = None
+    files: Sequence[str | Path], medium: Medium, stretch: float | None = None, group: str = "auto"
 ) -> tuple[list[CollapseGroup], list[str], list[str]]:
     """(the groups of all files, the reason for each file that could not be read, recordings that were given twice).
 
-    `stretch` is for curves, and for tables without a column of it.
+    `stretch` is for curves, and for tables without a column of it; `group` as of `read_shots`.
     """
     groups: list[CollapseGroup] = []
     problems: list[str] = []
@@ -159,7 +159,7 @@ def read_groups(
         else:
             groups += [table] if table else []
             curves += [] if table else [path]
-    found, unread, again = read_shots(curves, density=medium.density, pressure=medium.pressure)
+    found, unread, again = read_shots(curves, density=medium.density, pressure=medium.pressure, group=group)
     members: dict[tuple[str, str], list[RadiusCurve]] = {}
     for curve in found:
         members.setdefault((curve.group, curve.group_source), []).append(curve)
@@ -287,9 +287,7 @@ def print_table(document: CollapseTimes) -> None:
     factor, unit = document.modulus_unit
     heads = ("n", "model", f"G [95 %]\n{unit}", "µ [95 %]\nPa s", "scatter\n% of t₁")
     table = terminal.table("material", heads, left=("model",))
-    table.columns[0].min_width = 10
-    for group in document.groups:
-        who = digits.elide(group.name, 30)
+    for who, group in zip(digits.shortened([group.name for group in document.groups]), document.groups, strict=True):
         n = f"{group.n}" if not group.unusable else f"{group.n - group.unusable}/{group.n}"
         for name, found in (group.estimates() or {digits.MISSING: CollapseEstimate()}).items():
             G, mu = _interval(found.shear_modulus_Pa, factor, joint="\n"), _interval(found.viscosity_Pa_s, joint="\n")

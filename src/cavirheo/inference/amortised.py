@@ -59,19 +59,17 @@ class Amortised:
     trust_input: bool = False
 
     def __post_init__(self) -> None:
+        """Raises InputError: a model that does not answer its law, or a setting out of its domain."""
         needed, given = set(self.model.problem.prior.names) - {"stretch"}, ", ".join(self.model.outputs)
         told = f"the model {self.model.name} answers only {given}; its law needs {', '.join(sorted(needed))}"
         require(needed == {*self.model.outputs}, told, "model.outputs")
-
-    def infer(self, curve: RadiusCurve) -> Posterior:
-        """The answer for one curve; one that cannot be answered gives a failed Posterior with the reason.
-
-        Raises InputError: a setting is out of its domain.
-        """
-        began, names = time.perf_counter(), self.model.outputs
         check_stretch(self.stretch)
         if self.collapses is not None:
             expect_whole(self.collapses, "collapses in the window", 1, "option.window")
+
+    def infer(self, curve: RadiusCurve) -> Posterior:
+        """The answer for one curve; one that cannot be answered gives a failed Posterior with the reason."""
+        began, names = time.perf_counter(), self.model.outputs
         found: dict[str, Any] = {}
         try:
             theta, checks, found = _Reading(self, curve).answer()

@@ -3,20 +3,16 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from datetime import datetime
 from itertools import chain, count
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from cavirheo.curve import RadiusCurve
 from cavirheo.errors import require
 from cavirheo.reporting.record import Pairs, Result, read_json, result
 from cavirheo.writing import style
 from cavirheo.writing.document import Outputs, write_json
-
-if TYPE_CHECKING:
-    from PIL.Image import Image
 
 __all__ = ["file_names", "outputs", "read_json", "result", "write_report"]
 
@@ -40,6 +36,9 @@ def write_report(
     date: str | None = None,
     notes: Sequence[str] = (),
     complete: bool = True,
+    draw: bool = True,
+    workers: int = 1,
+    done: Callable[[], None] | None = None,
 ) -> Result:
     """Write result.json, result.csv, report.html and a picture of each curve into `directory` (made if missing).
 
@@ -52,6 +51,9 @@ def write_report(
         date: as it stands in the documents; now if not given.
         notes: on the run as a whole (files that could not be read, ...).
         complete: False for a run that was stopped before all was answered: no report, no pictures.
+        draw: False: no pictures, not even in the report.
+        workers: processes that may draw; above 1, the main module of the program must be safe to import.
+        done: called after each picture.
 
     Without matplotlib there are no pictures, and the report and the result's notes say so; so they do of a picture
     that cannot be drawn.
@@ -61,15 +63,16 @@ def write_report(
     """
     from cavirheo.reporting import html, table
 
+    pictures = pictures if draw else ()
     folder = outputs(directory, [curve for curve, _ in pairs], pictures)
     date = date or datetime.now().astimezone().strftime("%Y-%m-%d %H:%M %Z")
-    drawing = complete and style.available()
-    said = [*notes, *([style.NO_PICTURES] if complete and not drawing else [])]
+    drawing = draw and complete and style.available()
+    said = [*notes, *([style.NO_PICTURES] if draw and complete and not drawing else [])]
     document = result(pairs, command, date=date, notes=said)
     folder.write("result.json", write_json, document)
     folder.write("result.csv", table.write_csv, document)
     if complete:
-        drawn = (_curves(folder, pairs, document, pictures), _groups(pairs, document)) if drawing else ()
+        drawn = _drawn(folder, pairs, document, pictures, workers, done) if drawing else ()
         folder.write("report.html", html.write, document, *drawn)
         if document.notes != said:  # of pictures
             folder.write("result.json", write_json, document)
@@ -77,41 +80,31 @@ def write_report(
     return document
 
 
-def _curves(folder: Outputs, pairs: Pairs, document: Result, kinds: Sequence[str]) -> Iterator[str]:
-    """Draws and saves the picture of one curve after the other; yields what the report shows of it."""
-    from cavirheo.reporting.picture import HEAD, CurvePicture
+def _drawn(
+    folder: Outputs, pairs: Pairs, document: Result, kinds: Sequence[str], workers: int, done: Callable[[], None] | None
+) -> tuple[Iterator[str], Iterator[str]]:
+    """What the report shows of its curves and of its groups, drawn when it is asked for; files are saved meanwhile."""
+    from cavirheo.reporting.drawing import Drawing, curve_pictures, group_pictures
 
-    picture, names = CurvePicture(), file_names([record.name for record in document.curves])
-    for (curve, posterior), record, name in zip(pairs, document.curves, names, strict=True):
-        try:
-            figure = picture.show(curve, posterior.checks, record, document.modulus_unit)
-            image = style.compact(style.drawn(figure))
-        except Exception as error:  # of this picture alone
-            document.notes.append(f"{record.name} could not be drawn: {type(error).__name__}: {error}")
-            picture = CurvePicture()
-            yield ""
-            continue
-        if "svg" in kinds:
-            folder.write(f"{name}.svg", style.save_svg, figure)
-        if "png" in kinds:
-            folder.write(f"{name}.png", _save, image)
-        yield style.address(image.crop((0, int(HEAD * image.height), *image.size)))
+    records, unit = document.curves, document.modulus_unit
+    names = file_names([record.name for record in records])
+    given = zip(pairs, records, strict=True)
+    jobs = [Drawing(curve, answer.checks, record, unit, kinds) for (curve, answer), record in given]
 
+    def noted(name: str, shown: str) -> str:
+        document.notes += [] if shown.startswith("data:") else [f"{name}: {shown}"]
+        return shown
 
-def _save(path: Path, image: Image) -> None:
-    image.save(path, dpi=(style.DPI, style.DPI), compress_level=3)
+    def of_curves() -> Iterator[str]:
+        for name, record, drawn in zip(names, records, curve_pictures(jobs, workers), strict=True):
+            for kind, content in drawn.files.items():
+                folder.write(f"{name}.{kind}", Path.write_bytes, content)
+            if done:
+                done()
+            yield noted(record.name, drawn.shown)
 
-
-def _groups(pairs: Pairs, document: Result) -> Iterator[str]:
-    from cavirheo.reporting.picture import group_picture
-
-    for group, members in document.members():
-        if group.n > 1:
-            mine = [pairs[i] for i in members], [document.curves[i] for i in members]
-            try:
-                yield style.address(style.drawn(group_picture(*mine, group, document.modulus_unit)).quantize(64))
-            except Exception as error:  # of this picture alone
-                document.notes.append(f"{group.name} could not be drawn: {type(error).__name__}: {error}")
+    groups = group_pictures(pairs, document.members(), records, unit)
+    return of_curves(), (noted(name, shown) for name, shown in groups)
 
 
 def file_names(names: Sequence[str]) -> list[str]:

@@ -9,6 +9,7 @@ from __future__ import annotations
 import json
 from collections.abc import Iterable, Sequence
 from functools import cache
+from html import escape
 from importlib.resources import files
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -51,15 +52,22 @@ def curves_table(
 
 
 def article(number: int, record: CurveRecord, factor: float, unit: str, picture: str) -> str:
-    """All that is known of one curve and its answer; `picture`: the address of an image or nothing."""
+    """All that is known of one curve and its answer; `picture`: the address of an image, why there is none, or ""."""
+    from markupsafe import Markup
+
     origin = {"source": record.source, **record.provenance, "seconds": round(record.seconds, 3)}
-    text = json.dumps(origin, indent=1, ensure_ascii=False)
-    return _part("article", number, record, factor, unit, picture, window_cells(record, factor), text)
+    text = escape(json.dumps(origin, indent=1, ensure_ascii=False), quote=False)  # quotes need six letters each
+    return _part("article", number, record, factor, unit, picture, window_cells(record, factor), Markup(text))
 
 
 def _part(name: str, *given: Any) -> str:
     """A macro of parts.html, filled; a template takes it as it stands."""
     return getattr(_templates().get_template("parts.html").module, name)(*given)
+
+
+def _printable(value: Any) -> Any:
+    """Without control characters, and as safe as it was."""
+    return type(value)(digits.printable(value)) if isinstance(value, str) else value
 
 
 @cache
@@ -68,7 +76,7 @@ def _templates() -> Environment:
 
     made = Environment(
         loader=PackageLoader("cavirheo.reporting", ""), autoescape=True, undefined=StrictUndefined,
-        keep_trailing_newline=True,
+        keep_trailing_newline=True, finalize=_printable,
     )  # fmt: skip
     made.globals.update(digits=digits, LOOKS=digits.LOOKS, FITS=FITS, Quantity=Quantity)
     return made

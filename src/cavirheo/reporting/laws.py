@@ -2,14 +2,10 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 from cavirheo.reporting.record import CurveRecord
+from cavirheo.reporting.table import doubts
 from cavirheo.writing import digits, terminal
 from cavirheo.writing.document import Document, Record
-
-if TYPE_CHECKING:
-    from rich.table import Table
 
 _TITLE = "log evidence below the best; *: cannot be told from it; →: the simplest of these"
 
@@ -40,20 +36,24 @@ class Laws(Document):
     groups: list[WeighedLaws]
 
 
-def laws_table(document: Laws) -> Table:
-    """A line per law of each curve, then of each group."""
+def print_table(document: Laws) -> None:
+    """A line per law of each curve, then of each group; then what is doubtful of the curves."""
     heads = ("law", "log evidence", "probability", "G Pa", "µ Pa s", "RMSE %", "verdict")
-    made = terminal.table("curve", heads, left=("law", "verdict"), title=_TITLE)
+    table = terminal.table("curve", heads, left=("law", "verdict"), title=_TITLE)
     rows = [(one, one.name, "") for one in document.curves]
     rows += [(one, f"{one.name}: {one.shots} shots", "bold") for one in document.groups]
-    for one, name, style in rows:
+    for (one, _, style), name in zip(rows, digits.shortened([name for _, name, _ in rows]), strict=True):
         best = max((law.log_evidence for law in one.laws.values() if law.log_evidence is not None), default=0.0)
         for law, about in one.laws.items():
             mark = ("→ " if law == one.chosen else "") + law + ("*" if law in one.contenders else "")
-            made.add_row(digits.elide(name, 24), mark, *_cells(about, best), style=style)
+            table.add_row(name, mark, *_cells(about, best), style=style)
             name = ""
-        made.add_section()
-    return made
+        table.add_section()
+    console = terminal.console()
+    console.print(table)
+    answers = (law.answer for one in document.curves for law in one.laws.values() if law.answer)
+    terminal.print_doubts(console, doubts(answers))
+    terminal.print_remarks(console, {}, document.notes)
 
 
 def _cells(law: WeighedLaw, best: float) -> list[str]:

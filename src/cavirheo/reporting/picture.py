@@ -22,11 +22,12 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 Unit = tuple[float, str]  # of G: factor from Pa, name
-_OUTSIDE, _GREY = "#b4b4b4", "#808080"
+OUTSIDE, _GREY = "#b4b4b4", "#808080"
 _LEFT, _WIDTH, _RIGHT = 0.085, 0.889, 0.974  # of the axes, in widths of the figure
 _UPPER, _LOWER = (_LEFT, 0.355, _WIDTH, 0.445), (_LEFT, 0.11, _WIDTH, 0.2)
 _WHOLE = (_LEFT, 0.111, _WIDTH, 0.6975)  # of a curve without an answer
 HEAD = 0.155  # of the height of a curve's picture: name, verdict and answer, which the report says itself
+DPI = 110  # of a curve's picture: sharp where a page shows it, and half the bytes of 150
 _RMAX = "Rₘₐₓ"
 
 
@@ -37,7 +38,7 @@ class CurvePicture:
         from matplotlib.patches import Rectangle
 
         self.figure = figure = style.new_figure(4.5)
-        figure.set_dpi(style.DPI)  # words are measured as they will be drawn
+        figure.set_dpi(DPI)  # words are measured as they will be drawn
         self.upper, self.lower = (style.new_axes(figure, place, " ", " ") for place in (_WHOLE, _LOWER))
         for axes, height in ((self.upper, _WHOLE[3]), (self.lower, _LOWER[3])):
             axes.xaxis.set_label_coords(0.5, -0.066 / height)
@@ -53,7 +54,7 @@ class CurvePicture:
         self.t_star = self._t_star_axis()
 
         dots: dict[str, Any] = {"ls": "", "marker": "o", "mew": 0}
-        looks = [("measured", {"color": BLACK, **dots}), ("measured, not compared", {"color": _OUTSIDE, **dots})]
+        looks = [("measured", {"color": BLACK, **dots}), ("measured, not compared", {"color": OUTSIDE, **dots})]
         looks.append(("simulation of the answer", {"color": VERMILLION, "lw": 1.5}))
         self.lines, self.key = [], []
         for row, (label, look) in enumerate(looks):
@@ -83,9 +84,9 @@ class CurvePicture:
         `record` is the row of the curve. Save the figure before the next.
         """
         answered, look = record.answered, digits.LOOKS[record.verdict]
-        self.name.set_text(digits.elide(record.name, 60))
+        self.name.set_text(digits.printable(digits.elide(record.name, 60)))
         self.verdict.set(text=look.words, color=look.colour)
-        reason = [] if answered else textwrap.wrap(record.message, 100, max_lines=3, placeholder=" …")
+        reason = [] if answered else textwrap.wrap(digits.printable(record.message), 100, max_lines=3, placeholder=" …")
         self.reason.set(text="\n".join(reason), color=look.colour)
         self.upper.set_position(_UPPER if answered else _WHOLE)
         self.upper.tick_params(labelbottom=not answered)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -27,22 +27,13 @@ def print_table(result: Result, console: Console | None = None) -> None:
     wide = console.width >= _WIDE
     factor, unit = result.modulus_unit
     heads = ["R_max\nµm", "λ", f"G\n{unit}", "µ\nPa s", "RMSE\n%", "collapses" if wide else "col-\nlapses", "verdict"]
-    rows = [_cells(record, factor, wide) for record in result.curves]
-    group_rows = [_group_cells(group, factor) for group in result.groups]
-    columns = zip(heads, *rows, *group_rows, strict=True)
-    taken = sum(max(len(line) for text in column for line in text.split("\n")) for column in columns)
-    room = max(console.width - taken - (1 + wide) * len(heads), 12)
-
     table = terminal.table("curve", heads, left=("verdict",), gap=int(wide))
-    names = [record.name for record in result.curves]
-    short = [digits.elide(name, room) for name in names]
-    if len(set(short)) == len(set(names)):  # no two look like one
-        names = short
-    for name, record, (*row, verdict) in zip(names, result.curves, rows, strict=True):
-        table.add_row(*map(Text, [name, *row]), Text(verdict, digits.LOOKS[record.verdict].terminal))
+    for name, record in zip(digits.shortened([record.name for record in result.curves]), result.curves, strict=True):
+        *row, verdict = _cells(record, factor, wide)
+        table.add_row(name, *row, Text(verdict, digits.LOOKS[record.verdict].terminal))
     table.add_section()
-    for group, row in zip(result.groups, group_rows, strict=True):
-        table.add_row(*map(Text, [digits.elide(group.name, room), *row]), style="bold")
+    for name, group in zip(digits.shortened([group.name for group in result.groups]), result.groups, strict=True):
+        table.add_row(name, *_group_cells(group, factor), style="bold")
     console.print(table)
     key = "RMSE: measured minus simulated, % of R_max"
     if any(record.viscosity_Pa_s.q05 is not None for record in result.curves):
@@ -50,8 +41,15 @@ def print_table(result: Result, console: Console | None = None) -> None:
     console.print(Text(key, "dim"))
     if (windows := windows_table(result)) is not None:
         console.print(windows)
+    terminal.print_doubts(console, doubts(result.curves))
+    others = terminal.once((one.name, one.message) for one in result.curves if one.verdict != "check_input")
     notes = [note for note in result.notes if not note.startswith("not read: ")]  # said on stderr already
-    terminal.print_remarks(console, terminal.once((r.name, r.message) for r in result.curves), notes, most=2)
+    terminal.print_remarks(console, others, notes, most=2)
+
+
+def doubts(records: Iterable[CurveRecord]) -> Iterator[tuple[str, str]]:
+    """(name, message) of those whose recording or settings are to be checked."""
+    return ((one.name, one.message) for one in records if one.verdict == "check_input")
 
 
 def _cells(record: CurveRecord, factor: float, wide: bool) -> list[str]:
@@ -66,7 +64,7 @@ def _cells(record: CurveRecord, factor: float, wide: bool) -> list[str]:
         digits.quantity(record.viscosity_Pa_s, joint=joint),
         digits.percent(record.rmse_over_rmax),
         window,
-        words if wide else words.replace(" range", "\nrange"),
+        words,
     ]
 
 
@@ -116,21 +114,18 @@ def _mean_cells(records: list[CurveRecord], factor: float) -> Iterator[str]:
 
 def windows_table(result: Result) -> Table | None:
     """For the terminal: G and mu of every curve and group for windows of 1, 2, 3 and all collapses."""
-    from rich.box import SIMPLE_HEAD
-    from rich.table import Table
-
     factor, unit = result.modulus_unit
-    rows = [(record.name, cells) for record in result.curves if (cells := window_cells(record, factor))]
+    rows: list[tuple[str, Iterable[str], str]] = [
+        (record.name, cells.values(), "") for record in result.curves if (cells := window_cells(record, factor))
+    ]
     if not rows:
         return None
-    table = Table("curve", *_WINDOWS.values(), box=SIMPLE_HEAD, pad_edge=False, show_edge=False, title_justify="left")
-    table.title = f"G ({unit}), µ (Pa s) by the window that is fitted; *: a parameter at its bound"
-    table.title_style = "dim"
-    for name, cells in rows:
-        table.add_row(digits.elide(name, 24), *cells.values())
-    table.add_section()
     for group, members in result.members():
         if len(members) > 1:
-            means = _mean_cells([result.curves[i] for i in members], factor)
-            table.add_row(digits.elide(group.name, 24), *means, style="bold")
+            rows.append((group.name, _mean_cells([result.curves[i] for i in members], factor), "bold"))
+    heads = [*_WINDOWS.values()]
+    title = f"G ({unit}), µ (Pa s) by the window that is fitted; *: a parameter at its bound"
+    table = terminal.table("curve", heads, left=heads, title=title)
+    for name, (_, row, style) in zip(digits.shortened([name for name, *_ in rows]), rows, strict=True):
+        table.add_row(name, *row, style=style)
     return table

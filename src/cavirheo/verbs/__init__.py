@@ -14,12 +14,16 @@ from typing import Annotated, Any
 import typer
 
 from cavirheo.errors import InputError, SolverError
-from cavirheo.verbs.options import with_surroundings
+from cavirheo.verbs.options import with_kinds
+from cavirheo.writing.digits import elide
+from cavirheo.writing.terminal import say
 
-_VERBS = "infer compare simulate laws generate train evaluate models fit which_law rheometer collapse_time app"
+_VERBS = "infer compare show simulate laws generate train evaluate models fit which_law rheometer collapse_time app"
 _FOUND = [getattr(import_module(f"cavirheo.verbs.{name}"), name) for name in _VERBS.split()]
+_Usage: Any = typer.BadParameter.__base__  # every mistake in the words of a call; typer has no public name for it
 app = typer.Typer(
-    no_args_is_help=True, add_completion=False, pretty_exceptions_enable=False, rich_markup_mode=None,
+    no_args_is_help=True, pretty_exceptions_enable=False, rich_markup_mode=None,
+    context_settings={"help_option_names": ["-h", "--help"]},
 )  # fmt: skip
 
 
@@ -38,7 +42,7 @@ def _stoppable(verb: Callable[..., None]) -> Callable[..., None]:
 
 
 for _verb in _FOUND:
-    app.command(_verb.__name__.replace("_", "-"))(_stoppable(with_surroundings(_verb)))
+    app.command(_verb.__name__.replace("_", "-"))(_stoppable(with_kinds(_verb)))
 
 
 def _show_version(wanted: bool) -> None:
@@ -61,9 +65,19 @@ def _options(
 def main() -> None:
     """The command line in this process: errors of the user become one line and exit status 2."""
     try:
-        app()
+        sys.exit(app(prog_name="cavirheo", standalone_mode=False))
+    except _Usage as error:
+        said = error.format_message()
+        if "\n" in said.strip():  # no words at all: the help
+            error.show()
+        else:
+            where = error.ctx.command_path if error.ctx else "cavirheo"
+            errors = getattr(error.__cause__, "errors", None)  # pydantic's, which tell what was given
+            given = f", got {elide(repr(errors()[0]['input']), 60)}" if errors else ""
+            say(f"error: {said.rstrip('.')}{given}; see {where} --help")
+        sys.exit(2)
     except (InputError, SolverError, OSError) as error:
-        print(f"error: {error}", file=sys.stderr)
+        say(f"error: {error}")
         sys.exit(2)
 
 

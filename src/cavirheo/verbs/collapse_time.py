@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 from dataclasses import asdict
 from pathlib import Path
 from typing import Annotated
@@ -10,7 +9,7 @@ from typing import Annotated
 import typer
 
 from cavirheo.errors import require
-from cavirheo.verbs.options import FROM_OPTIONS, Liquid, Out
+from cavirheo.verbs import options
 from cavirheo.verbs.run import Run
 
 
@@ -29,37 +28,38 @@ def collapse_time(
     stretch: Annotated[
         float | None, typer.Option(help="R_max/R_0 of curves (default: their late plateau) and of tables without it")
     ] = None,
-    liquid: Liquid = FROM_OPTIONS,
-    out: Out = Path("cavirheo-collapse-time"),
+    group: options.Group = "auto",
+    liquid: options.Liquid = options.FROM_OPTIONS,
+    out: options.Out = Path("cavirheo-collapse-time"),
+    pictures: options.Pictures = True,
+    run: Run = options.FROM_OPTIONS,
 ) -> None:
     """G and µ from the times of the first collapse alone: one answer per table, or per file or folder of curves."""
     from cavirheo.beside import collapse_times
     from cavirheo.writing import style
     from cavirheo.writing.document import Outputs, write_json
 
-    run = Run()
+    drawing = pictures and style.available()
     fine = stretch is None or 1 < stretch < 1e3
     require(fine, f"--stretch must be R_max/R_0 above 1, got {stretch!r}", "collapse_time.stretch")
     outputs = Outputs(out, "collapse-time.json", "shots.csv", inputs=files)
-    groups, problems, remarks = collapse_times.read_groups(files, liquid, stretch)
+    groups, problems, remarks = collapse_times.read_groups(files, liquid, stretch, group)
     run.refuse(problems)
     run.notes += remarks
-    require(bool(groups), "no collapse time could be read", "collapse_time.nothing")
+    run.need(groups, "collapse time")
     if exact:
-        print("simulating (the solver is compiled once per machine, 10 to 30 s) ...", file=sys.stderr)
-    for group in groups:
-        group.answer(material, exact=exact, medium=liquid, shear_modulus=shear_modulus, viscosity=viscosity)
+        run.say("simulating (the solver is compiled once per machine, 10 to 30 s) ...")
+    for one in groups:
+        one.answer(material, exact=exact, medium=liquid, shear_modulus=shear_modulus, viscosity=viscosity)
     document = collapse_times.CollapseTimes(
-        command=run.command, date=run.date, notes=run.notes + ([] if style.available() else [style.NO_PICTURES]),
-        material=material, medium=asdict(liquid), groups=groups,
+        command=run.command, date=run.date, material=material, medium=asdict(liquid), groups=groups,
+        notes=run.notes + ([] if drawing or not pictures else [style.NO_PICTURES]),
     )  # fmt: skip
     outputs.write("shots.csv", collapse_times.write_csv, document)
-    if style.available():
+    if drawing:
         document.notes += collapse_times.write_pictures(outputs, document)
     outputs.write("collapse-time.json", write_json, document)
     outputs.finish()
-    collapse_times.print_table(document)
-    unanswered = any(
-        group.unusable or group.doubts or group.best is None or not group.best.answered for group in groups
-    )
-    run.end(f"written to {out}", unanswered or (exact and any(group.exact is None for group in groups)))
+    run.show(document, collapse_times.print_table)
+    unanswered = any(one.unusable or one.doubts or one.best is None or not one.best.answered for one in groups)
+    run.end(f"written to {out}", unanswered or (exact and any(one.exact is None for one in groups)))

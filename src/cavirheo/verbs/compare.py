@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from cavirheo.verbs.options import ModelName, Out
+from cavirheo.verbs import options
 from cavirheo.verbs.run import Run
 
 
@@ -17,24 +17,26 @@ def compare(
     reference_method: Annotated[
         list[str] | None, typer.Option(help="errors are relative to it; may be repeated  [default: IMR, rheometer]")
     ] = None,
-    model: ModelName = "bdt-viscoelastic",
+    model: options.ModelName = "bdt-viscoelastic",
     fit_law: Annotated[
         str | None, typer.Option("--fit", help="least squares with this law (nhkv, ...) instead of networks")
     ] = None,
-    out: Out = Path("cavirheo-comparison"),
+    trust_input: options.TrustInput = False,
+    out: options.Out = Path("cavirheo-comparison"),
+    pictures: options.Pictures = True,
+    run: Run = options.FROM_OPTIONS,
 ) -> None:
     """Published values of many sets beside ours, with relative errors: tables, a picture and a report per set."""
     from cavirheo.beside.published import compare as compare_sets
     from cavirheo.beside.published.comparison import print_table
 
-    run = Run()
     result = compare_sets(
         folder, references, out, model=model, fit=fit_law, reference_methods=reference_method or [],
-        command=run.command, progress=True,
+        trust_input=trust_input, pictures=pictures, command=run.command, progress=not run.quiet,
     )  # fmt: skip
     if result.notes and result.notes[0].startswith("interrupted"):
         run.stop(result.notes[0], out / "comparison.md")
-    print_table(result)
+    run.show(result, print_table)
     run.unreadable = sum(len(about.problems) for about in result.sets)
     shots = sum(about.n_shots for about in result.sets)
     failed = any(about.n_answered < about.n_shots or about.verdicts.get("check_input") for about in result.sets)

@@ -9,7 +9,7 @@ from typer import Option
 
 from cavirheo.errors import require
 from cavirheo.verbs import options
-from cavirheo.verbs.run import Run
+from cavirheo.verbs.run import Reading, Run
 
 
 def fit(
@@ -29,11 +29,12 @@ def fit(
     joint: Annotated[bool, Option("--joint", help="the shots of a group share one material")] = False,
     verify: options.Verify = "none",
     exact_law: options.ExactLaw = False,
-    exposure_us: options.ExposureUs = None,
-    rmax_um: options.TrueRadius = None,
+    seed: options.Seed = 0,
+    reading: Reading = options.FROM_OPTIONS,
     liquid: options.Liquid = options.FROM_OPTIONS,
-    seed: Annotated[int, Option(help="of the draws behind the intervals", min=0)] = 0,
     out: options.Out = Path("cavirheo-fit"),
+    pictures: options.Pictures = True,
+    run: Run = options.FROM_OPTIONS,
 ) -> None:
     """The field's conventional fit: least squares of simulated on measured radius histories, with intervals."""
     from cavirheo.inference.experiment import Options
@@ -43,8 +44,7 @@ def fit(
     from cavirheo.unfinished import Step
     from cavirheo.writing.document import Outputs
 
-    run = Run()
-    options.check_verify(verify, exposure_us, exact_law)
+    options.check_verify(verify, reading.exposure_us, exact_law)
     require(not joint or verify == "none", "--verify looks at each shot by itself: leave out --joint, or --verify")
     collapses, known = options.window_of(window), options.stretch_of(stretch)
     Family(material)
@@ -55,10 +55,10 @@ def fit(
     cut: dict[str, Any] = {"window": collapses, "end": end, "weights": weights}
     Options(stretch=known, **camera, **cut)
     Outputs(out, *DOCUMENTS, inputs=files)
-    curves = run.read(files, liquid, rmax_um, exposure_us)
+    curves = run.read(files, liquid, reading)
     shared: dict[str, Any] = {"medium": liquid, "stretch": known, "seed": seed}
-    settings = {"material": material, "joint": joint, **cut, **shared, **camera}
+    settings = {"material": material, "joint": joint, "trust_input": reading.trust_input, **cut, **shared, **camera}
     if not freed:
         del camera["free"]
     first = Step("fitting", fit_many, settings, apart=not joint)
-    run.report(curves, first, out, verify, discrepancy=not exact_law, **shared, **camera)
+    run.report(curves, first, out, pictures=pictures, verify=verify, discrepancy=not exact_law, **shared, **camera)

@@ -3,27 +3,29 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 from typer import Option
 
 from cavirheo.verbs import options
-from cavirheo.verbs.run import Run
+from cavirheo.verbs.run import Reading, Run
 
 
 def infer(
     files: options.Curves,
     model: options.ModelName = "bdt-viscoelastic",
-    rmax_um: options.TrueRadius = None,
     stretch: Annotated[float | None, Option(help="R_max/R_0 if known; fitted otherwise")] = None,
     window: Annotated[int | None, Option(help="collapses over which answer and measurement are compared", min=1)] = (
         None
     ),
     verify: options.Verify = "none",
     exact_law: options.ExactLaw = False,
-    exposure_us: options.ExposureUs = None,
+    seed: options.Seed = 0,
+    reading: Reading = options.FROM_OPTIONS,
     liquid: options.Liquid = options.FROM_OPTIONS,
     out: options.Out = Path("cavirheo-result"),
+    pictures: options.Pictures = True,
+    run: Run = options.FROM_OPTIONS,
 ) -> None:
     """Shear modulus and viscosity from measured radius histories, with pictures that show whether to believe them."""
     from cavirheo.inference import infer_many
@@ -33,12 +35,13 @@ def infer(
     from cavirheo.unfinished import Step
     from cavirheo.writing.document import Outputs
 
-    run = Run()
-    options.check_verify(verify, exposure_us, exact_law)
+    options.check_verify(verify, reading.exposure_us, exact_law)
     check_stretch(stretch)
     network = load(model)
     Outputs(out, *DOCUMENTS, inputs=files)
-    curves = run.read(files, liquid, rmax_um, exposure_us)
-    settings = {"model": model, "medium": liquid, "stretch": stretch, "window": window}
+    curves = run.read(files, liquid, reading)
+    shared: dict[str, Any] = {"medium": liquid, "stretch": stretch}
+    settings = {"model": model, "window": window, "trust_input": reading.trust_input, **shared}
     first = Step("inferring", infer_many, settings, made_with=network.sha256)
-    run.report(curves, first, out, verify, medium=liquid, stretch=stretch, discrepancy=not exact_law)
+    checked = {"seed": seed, "discrepancy": not exact_law, **shared}
+    run.report(curves, first, out, pictures=pictures, verify=verify, **checked)

@@ -1,9 +1,10 @@
-"""The options that verbs share, each written once; those of the surroundings become one argument, the medium."""
+"""The options that verbs share, each written once; those of a kind become one argument: `liquid`, `reading`, `run`."""
 
 from __future__ import annotations
 
 import functools
 import inspect
+import math
 from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
@@ -11,6 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 from typer import Argument, Option
 
 from cavirheo.errors import InputError, require
+from cavirheo.verbs.run import Reading, Run
 
 if TYPE_CHECKING:
     from cavirheo.physics.media import Medium as Liquid
@@ -18,52 +20,84 @@ else:
     Liquid = Any
 
 Curves = Annotated[
-    list[Path], Argument(readable=False, help="measured R(t): .mat, .csv, .h5, .xlsx; one or many curves each")
+    list[Path],
+    Argument(
+        readable=False, help="measured R(t): .mat, .csv, .h5, .xlsx; one or many curves each; a folder, or - for stdin"
+    ),
 ]
 ModelName = Annotated[str, Option("--model", help="shipped model (see `cavirheo models`) or a path to an .onnx file")]
 Out = Annotated[Path, Option("-o", "--out", help="folder for the results")]
-TrueRadius = Annotated[float | None, Option(help="true R_max of the shots, um: rescales the radii")]
 Verify = Annotated[str, Option(help="map: the posterior's maximum; full: draws weighted by full simulations; none")]
-ExposureUs = Annotated[
-    float | None, Option(help="of a frame, us, centred on its time: --verify blurs the simulation as the camera")
-]
 ExactLaw = Annotated[
     bool, Option("--exact-law", help="--verify: no discrepancy between law and bubble, narrower intervals")
 ]
-FROM_OPTIONS: Any = None  # default of the argument `liquid` of a verb: it is made of the options below
-_CONSTANTS = {  # of the surroundings: None is the named medium's own
-    "density": "of the liquid or gel, kg/m3",
-    "sound_speed": "m/s",
-    "surface_tension": "N/m",
-    "pressure": "far from the bubble, Pa",
-    "temperature": "far from the bubble, K",
+Seed = Annotated[int, Option(help="of the draws behind the intervals", min=0, max=2**64 - 1)]
+Pictures = Annotated[bool, Option("--pictures/--no-pictures", help="draw the curves; without, it is faster")]
+Quiet = Annotated[bool, Option("--quiet", help="no table and no progress: errors alone")]
+_TRUST = "I have checked scale, frame rate and constants: doubts are said, the verdict stays"
+TrustInput = Annotated[bool, Option("--trust-input", help=_TRUST)]
+_BLUR = "of a frame, us, centred on its time: --verify blurs the simulation as the camera"
+_GROUP = "shots of one material: file, folder, none, or auto: a file, or a folder of single-shot files"
+Group = Annotated[str, Option(help=_GROUP)]
+FROM_OPTIONS: Any = None  # default of an argument of a verb that is made of the options of its kind
+_Number = float | None
+_KINDS: dict[str, dict[str, tuple[Any, Any]]] = {  # argument: its options, each with type and default
+    "liquid": {
+        "medium": (Annotated[str, Option(help="named constants: water, bu2026, estrada2018, ...")], "water"),
+        "density": (Annotated[_Number, Option(help="of the liquid or gel, kg/m3")], None),
+        "sound_speed": (Annotated[_Number, Option(help="m/s")], None),
+        "surface_tension": (Annotated[_Number, Option(help="N/m")], None),
+        "pressure": (Annotated[_Number, Option(help="far from the bubble, Pa")], None),
+        "temperature": (Annotated[_Number, Option(help="far from the bubble, K")], None),
+        "trust_input": (TrustInput, False),
+    },
+    "reading": {
+        "rmax_um": (Annotated[_Number, Option(help="true R_max of the shots, um: rescales the radii")], None),
+        "frame_rate_hz": (Annotated[_Number, Option(help="1/s, of files that number their frames")], None),
+        "exposure_us": (Annotated[_Number, Option(help=_BLUR)], None),
+        "group": (Group, "auto"),
+        "trust_input": (TrustInput, False),
+    },
+    "run": {
+        "json": (Annotated[bool, Option("--json", help="the document on stdout instead of the table")], False),
+        "quiet": (Quiet, False),
+    },
 }
-Named = Annotated[str, Option(help="named constants: water, bu2026, estrada2018, ...")]
 
 
-def with_surroundings(verb: Callable[..., None]) -> Callable[..., None]:
-    """A verb whose argument `liquid` (a Medium), if it has one, is given by the options of the surroundings."""
+def with_kinds(verb: Callable[..., None]) -> Callable[..., None]:
+    """A verb whose arguments `liquid` (a Medium), `reading` and `run`, if it has them, are given by their options.
+
+    Numbers that are not finite are refused for every verb alike.
+    """
     takes = inspect.signature(verb, eval_str=True).parameters
-    if "liquid" not in takes:
-        return verb
+    kinds = {kind: _KINDS[kind] for kind in takes if kind in _KINDS}
+    parameters: dict[str, inspect.Parameter] = {}
+    for parameter in takes.values():
+        for name, (annotation, default) in kinds.get(parameter.name, {}).items():
+            parameters[name] = parameter.replace(name=name, annotation=annotation, default=default)
+        if parameter.name not in kinds:
+            parameters[parameter.name] = parameter
 
     @functools.wraps(verb)
-    def run(medium: str, **given: Any) -> None:
-        from cavirheo.physics import media
+    def run(**given: Any) -> None:
+        for name, value in given.items():
+            fine = not isinstance(value, float) or math.isfinite(value)
+            require(fine, f"--{name.replace('_', '-')} must be a finite number, got {value}", "option.finite")
+        own = {name: value for name, value in given.items() if name in takes}
+        verb(**own, **{kind: _made(kind, {name: given[name] for name in names}) for kind, names in kinds.items()})
 
-        liquid = media.medium(medium, **{key: given.pop(key) for key in _CONSTANTS})
-        verb(**given, liquid=liquid)
-
-    parameters = list(takes.values())
-    at = parameters.index(takes["liquid"])
-    instead = [takes["liquid"].replace(name="medium", annotation=Named, default="water")]
-    for name, words in _CONSTANTS.items():
-        number = Annotated[float | None, Option(help=words)]
-        instead.append(instead[0].replace(name=name, annotation=number, default=None))
-    parameters[at : at + 1] = instead
-    run.__signature__ = inspect.Signature(parameters)  # type: ignore[attr-defined]
-    run.__annotations__ = {parameter.name: parameter.annotation for parameter in parameters}
+    run.__signature__ = inspect.Signature(list(parameters.values()))  # type: ignore[attr-defined]
+    run.__annotations__ = {name: parameter.annotation for name, parameter in parameters.items()}
     return run
+
+
+def _made(kind: str, of: dict[str, Any]) -> Any:
+    if kind == "liquid":
+        from cavirheo.physics.media import medium
+
+        return medium(of.pop("medium"), unusual=of.pop("trust_input"), **of)
+    return Run(**of) if kind == "run" else Reading(**of)
 
 
 def window_of(text: str | None) -> int | Literal["all"] | None:

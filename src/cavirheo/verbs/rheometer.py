@@ -10,6 +10,7 @@ from typing import Annotated
 import typer
 
 from cavirheo.errors import InputError, require
+from cavirheo.verbs import options
 from cavirheo.verbs.run import Run
 
 
@@ -24,7 +25,9 @@ def rheometer(
         Path | None, typer.Option(help="result.json of `cavirheo infer`: one table with its bubbles")
     ] = None,
     name: Annotated[str | None, typer.Option(help="of the material; default: what the file names share")] = None,
-    out: Annotated[Path, typer.Option("-o", "--out", help="folder for the results")] = Path("cavirheo-rheometer"),
+    out: options.Out = Path("cavirheo-rheometer"),
+    pictures: options.Pictures = True,
+    run: Run = options.FROM_OPTIONS,
 ) -> None:
     """Linear range, plateau modulus and viscosity from the oscillatory sweeps of a rheometer, beside bubbles."""
     from cavirheo.beside.rheometer import document, read, sweeps
@@ -32,9 +35,9 @@ def rheometer(
     from cavirheo.writing import style
     from cavirheo.writing.document import Outputs, write_json
 
-    require(0 < at < float("inf"), f"--at must be an angular frequency in rad/s, got {at!r}")
+    require(at > 0, f"--at must be an angular frequency in rad/s, got {at!r}")
     require(0 < tolerance < 50, f"--tolerance must be between 0 and 50 %, got {tolerance!r}")
-    run = Run()
+    drawing = pictures and style.available()
     tables = ("rheometer.json", "rheometer.csv", "table.csv", "strain-sweep.png", "frequency-sweep.png")
     outputs = Outputs(out, *tables, inputs=[*files, *([beside] if beside else [])])
     result = read_json(beside) if beside else None
@@ -44,24 +47,24 @@ def rheometer(
             found += read.read_sweeps(path)
         except InputError as error:
             run.refuse([str(error)])
-    require(bool(found), "no sweep could be read")
+    run.need(found, "sweep")
     made = document.rheometry(
         [sweeps.strain_sweep(one, tolerance / 100) for one in found if isinstance(one, sweeps.StrainSweep)],
         [sweeps.frequency_sweep(one, at) for one in found if isinstance(one, sweeps.FrequencySweep)],
         material=name or _shared_name(files), tolerance=tolerance / 100, at_rad_per_s=at,
-        command=run.command, date=run.date, notes=[] if style.available() else [style.NO_PICTURES],
+        command=run.command, date=run.date, notes=[] if drawing or not pictures else [style.NO_PICTURES],
     )  # fmt: skip
     rows = document.beside(made, result) if result else []
     outputs.write("rheometer.csv", document.write_csv, made)
     if rows:
         outputs.write("table.csv", document.write_table, rows)
-    if style.available():
+    if drawing:
         from cavirheo.beside.rheometer.picture import write_pictures
 
         made.notes += write_pictures(outputs, made)
     outputs.write("rheometer.json", write_json, made)
     outputs.finish()
-    document.print_rheometry(made, rows)
+    run.show(made, lambda made: document.print_rheometry(made, rows))
     run.end(f"written to {out}", any(sweep.message for sweep in made.sweeps))
 
 

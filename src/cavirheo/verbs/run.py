@@ -1,11 +1,13 @@
-"""One call of a verb: what it was, the files that it read, the time that it took, and its exit status."""
+"""One call of a verb: what it was, the files that it read, what it says, the time that it took, its exit status."""
 
 from __future__ import annotations
 
-import math
 import shlex
 import sys
 import time
+from collections.abc import Callable, Sequence
+from contextlib import AbstractContextManager
+from dataclasses import dataclass
 from datetime import datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NoReturn
@@ -13,60 +15,104 @@ from typing import TYPE_CHECKING, Any, NoReturn
 import typer
 
 from cavirheo.errors import require
+from cavirheo.writing import terminal
 
 if TYPE_CHECKING:
     from cavirheo.curve import RadiusCurve
     from cavirheo.physics.media import Medium
+    from cavirheo.reading.shots import Recordings
     from cavirheo.unfinished import Step
+    from cavirheo.writing.document import Document
+
+
+@dataclass(frozen=True)
+class Reading:
+    """What is known of measured files besides what they hold. Raises InputError for what cannot be."""
+
+    rmax_um: float | None = None
+    frame_rate_hz: float | None = None
+    exposure_us: float | None = None
+    group: str = "auto"
+    trust_input: bool = False
+
+    def __post_init__(self) -> None:
+        for name, what in (("exposure_us", "time in us"), ("frame_rate_hz", "number of frames per second")):
+            value, option = getattr(self, name), f"--{name.replace('_', '-')}"
+            require(value is None or value > 0, f"{option} must be a positive {what}, got {value}", f"option.{name}")
+
+    def shots(self, files: list[Path], medium: Medium) -> Recordings:
+        """`read_shots` with these settings."""
+        from cavirheo.reading.shots import read_shots
+
+        scale = None if self.rmax_um is None else self.rmax_um * 1e-6
+        about = {"density": medium.density, "pressure": medium.pressure}
+        found = read_shots(files, max_radius=scale, group=self.group, **about)
+        if self.exposure_us is None:
+            return found
+        return found._replace(curves=[curve.with_exposure(self.exposure_us * 1e-6) for curve in found.curves])
 
 
 class Run:
     """Begins when it is made. `command` and `date` are as documents have them; `unreadable` counts files, named in
     `notes`."""
 
-    def __init__(self) -> None:
+    def __init__(self, *, json: bool = False, quiet: bool = False) -> None:
         self.began = time.perf_counter()
         self.command = shlex.join(["cavirheo", *sys.argv[1:]])
         self.date = datetime.now().astimezone().strftime("%Y-%m-%d %H:%M %Z")
         self.unreadable = 0
         self.notes: list[str] = []  # on the run as a whole
+        self.json, self.quiet = json, quiet or json
+
+    def bar(self, what: str, total: int | None = None) -> AbstractContextManager[Callable[..., None]]:
+        """`terminal.bar`, if anything is to be seen."""
+        return terminal.bar(what, total, shown=not self.quiet)
 
     def refuse(self, problems: list[str]) -> None:
         """Say on stderr which files cannot be read, and count them."""
         self.unreadable += len(problems)
         self.notes += [f"not read: {problem}" for problem in problems]
         for problem in problems:
-            print(f"error: {problem}", file=sys.stderr)
+            terminal.say(f"error: {problem}")
 
-    def read(
-        self, files: list[Path], medium: Medium, rmax_um: float | None, exposure_us: float | None = None
-    ) -> list[RadiusCurve]:
+    def need(self, found: Sequence[Any], what: str) -> None:
+        """Ends the run where nothing could be read; why not is said already, if files were refused."""
+        require(bool(found) or self.unreadable > 0, f"no {what} could be read", "run.nothing")
+        if not found:
+            raise typer.Exit(2)
+
+    def read(self, files: list[Path], medium: Medium, reading: Reading) -> list[RadiusCurve]:
         """All curves of all files, and the solver loaded. Raises InputError: there is none."""
         from cavirheo.parallel import aside
         from cavirheo.physics.simulate import load_solver
-        from cavirheo.reading.shots import read_shots
 
-        exposure = exposure_us or 0.0
-        good = exposure_us is None or 0.0 < exposure < math.inf
-        require(good, f"--exposure-us must be a positive time in us, got {exposure:g}")
-        scale = None if rmax_um is None else rmax_um * 1e-6
-        shots = read_shots(files, density=medium.density, pressure=medium.pressure, max_radius=scale)
+        shots = reading.shots(files, medium)
         self.refuse(shots.problems)
         self.notes += shots.remarks
         curves = shots.curves
-        require(len(curves) > 0, "no curve could be read")
+        self.need(curves, "curve")
         aside(load_solver)
-        return [curve.with_exposure(exposure * 1e-6) for curve in curves] if exposure else curves
+        return curves
 
-    def report(self, curves: list[RadiusCurve], first: Step, out: Path, verify: str = "none", **settings: Any) -> None:
+    def report(
+        self,
+        curves: list[RadiusCurve],
+        first: Step,
+        out: Path,
+        *,
+        pictures: bool = True,
+        verify: str = "none",
+        **settings: Any,
+    ) -> None:
         """The end of `infer` and `fit`: the curves answered by the first step, the answers verified (`settings` are
         those of `verify_many`), documents into `out`, the table, the exit status."""
+        from cavirheo.parallel import cores
         from cavirheo.reporting import outputs, write_report
         from cavirheo.reporting.table import print_table
         from cavirheo.unfinished import Step, Unfinished
 
-        outputs(out, curves)
-        steps, kept = [first], Unfinished(out)
+        outputs(out, curves, ("png",) if pictures else ())
+        steps, kept = [first], Unfinished(out, shown=not self.quiet)
         if verify != "none":
             from cavirheo.inference.verify import verify_many
 
@@ -78,19 +124,35 @@ class Run:
                 notes = [note, *self.notes]
                 write_report(out, pairs, self.command, date=self.date, notes=notes, complete=False)
             self.stop(note, out / "result.json" if pairs else None)
-        result = write_report(out, pairs, self.command, date=self.date, notes=self.notes)
+        how: dict[str, Any] = {"date": self.date, "notes": self.notes, "draw": pictures, "workers": cores()}
+        with self.bar("drawing", len(curves) if pictures else 0) as advance:
+            result = write_report(out, pairs, self.command, done=advance, **how)
         kept.remove()
-        print_table(result)
+        self.show(result, print_table)
         failed = any(record.verdict in ("failed", "check_input") for record in result.curves)
         self.end(f"{len(curves)} curves in {{seconds}}; report: {out / 'report.html'}", failed)
 
+    def show(self, document: Document, table: Callable[[Any], None]) -> None:
+        """The result on stdout: as `table` prints it, or the document as it is in its file (--json)."""
+        if self.json:
+            from cavirheo.writing.document import as_json
+
+            sys.stdout.write(as_json(document))
+        elif not self.quiet:
+            table(document)
+
+    def say(self, text: str) -> None:
+        """One line on stderr, if it may."""
+        if not self.quiet:
+            terminal.say(text)
+
     def stop(self, said: str, written: Path | None) -> NoReturn:
         """The last line of a run that was interrupted, and its exit status."""
-        print(f"{said}: {written}" if written else said, file=sys.stderr)
+        terminal.say(f"{said}: {written}" if written else said)
         raise typer.Exit(130)
 
     def end(self, said: str, failed: bool = False) -> None:
         """The last line on stderr, `{seconds}` replaced by the time taken; status 2: unreadable files, 1: `failed`."""
-        print(said.replace("{seconds}", f"{time.perf_counter() - self.began:.1f} s"), file=sys.stderr)
+        self.say(said.replace("{seconds}", f"{time.perf_counter() - self.began:.1f} s"))
         if self.unreadable or failed:
             raise typer.Exit(2 if self.unreadable else 1)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -10,6 +9,7 @@ from typer import Option
 
 from cavirheo.errors import require
 from cavirheo.verbs import options
+from cavirheo.writing.terminal import say
 
 if TYPE_CHECKING:
     from cavirheo.physics.law import Material
@@ -49,6 +49,7 @@ def simulate(
         None
     ),
     liquid: options.Liquid = options.FROM_OPTIONS,
+    quiet: options.Quiet = False,
 ) -> None:
     """One bubble from rest at its largest radius, or at equilibrium (--stretch 1) under ultrasound.
 
@@ -87,7 +88,8 @@ def simulate(
     )  # fmt: skip
     for path, (outputs, writer) in places.items():
         outputs.write(path.name, writer, run)
-    print(f"{frames} frames of {law} in {liquid.name}: {out}", file=sys.stderr)
+    if not quiet:
+        say(f"{frames} frames of {law} in {liquid.name}: {out}")
 
 
 def _material(text: str, **parameters: float | None) -> Material:

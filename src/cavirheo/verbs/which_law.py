@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 from typer import Option
 
 from cavirheo.verbs import options
-from cavirheo.verbs.run import Run
+from cavirheo.verbs.run import Reading, Run
 
 if TYPE_CHECKING:
     from cavirheo.curve import RadiusCurve
@@ -26,33 +26,32 @@ def which_law(
         None
     ),
     exact_law: options.ExactLaw = False,
-    exposure_us: options.ExposureUs = None,
-    rmax_um: options.TrueRadius = None,
+    seed: options.Seed = 0,
+    reading: Reading = options.FROM_OPTIONS,
     liquid: options.Liquid = options.FROM_OPTIONS,
-    seed: Annotated[int, Option(help="of the draws", min=0)] = 0,
     out: options.Out = Path("cavirheo-laws"),
+    run: Run = options.FROM_OPTIONS,
 ) -> None:
     """Which of several laws do the curves speak for? Evidence by importance sampling, some 10 s a curve and law."""
     from cavirheo.inference.experiment import Options
     from cavirheo.inference.fit import fit_many
     from cavirheo.inference.verify import verify_many
     from cavirheo.inference.verify.evidence import check_laws, ranked
-    from cavirheo.reporting.laws import Laws, laws_table
+    from cavirheo.reporting.laws import Laws, print_table
     from cavirheo.unfinished import Step, Unfinished
-    from cavirheo.writing import document, terminal
+    from cavirheo.writing import document
 
-    run = Run()
     names = [name.strip() for name in laws.split(",") if name.strip()]
     looked_at, known = options.window_of(window), options.stretch_of(stretch)
     check_laws(names)
     Options(window=looked_at, stretch=known)
-    outputs, kept = document.Outputs(out, "laws.json", inputs=files), Unfinished(out)
-    curves = run.read(files, liquid, rmax_um, exposure_us)
+    outputs, kept = document.Outputs(out, "laws.json", inputs=files), Unfinished(out, shown=not run.quiet)
+    curves = run.read(files, liquid, reading)
     shared: dict[str, Any] = {"medium": liquid, "stretch": known, "seed": seed}
     weighing = {"discrepancy": not exact_law, **shared}
     found = {}
     for law in names:
-        fitting = {"material": law, "window": looked_at, **shared}
+        fitting = {"material": law, "window": looked_at, "trust_input": reading.trust_input, **shared}
         steps = Step(f"fitting {law}", fit_many, fitting), Step(f"weighing {law}", verify_many, weighing)
         found[law] = kept.answers(curves, *steps)
     complete = [i for i in range(len(curves)) if all(i in answers for answers in found.values())]
@@ -67,7 +66,7 @@ def which_law(
         run.stop(note, out / "laws.json" if answered else None)
     outputs.finish()
     kept.remove()
-    terminal.console().print(laws_table(made))
+    run.show(made, print_table)
     verdicts = {answer.checks.verdict for one in singles for answer in one.answers.values()}
     failed = "check_input" in verdicts or any(one.chosen is None for one in singles)
     run.end(f"{len(curves)} curves in {{seconds}}; {out / 'laws.json'}", failed)

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+import re
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from math import ceil, floor, isfinite, log10
 from typing import TYPE_CHECKING
@@ -41,6 +42,8 @@ METHODS = {
     "laplace": "maximum of the posterior, Gaussian about it (Laplace)",
 }
 MISSING = "–"
+# what a terminal obeys, what turns or hides the text around it, and what no encoder takes; not tab and newline
+_UNSEEN = re.compile("[\0-\x08\x0b-\x1f\x7f-\x9f\u200b-\u200f\u202a-\u202e\u2060-\u206f\ufeff\ud800-\udfff]")
 
 
 def modulus_unit(moduli: Iterable[float | None]) -> tuple[float, str]:
@@ -108,3 +111,14 @@ def elide(text: str, width: int) -> str:
         return text
     tail = (width - 1) * 3 // 5
     return text[: width - 1 - tail] + "…" + text[len(text) - tail :]
+
+
+def shortened(names: Sequence[str], width: int = 80) -> list[str]:
+    """Each elided; but all whole where two different ones would look alike."""
+    short = [elide(name, width) for name in names]
+    return short if len(set(short)) == len(set(names)) else list(names)
+
+
+def printable(text: str) -> str:
+    """A text from a file or a command line as it may be shown: each control character becomes a mark that is seen."""
+    return _UNSEEN.sub("\N{REPLACEMENT CHARACTER}", text)

@@ -16,8 +16,10 @@ from typing import Annotated, Any, Literal, TypeVar
 
 import numpy as np
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError
+from pydantic_core import to_json
 
 from cavirheo.errors import InputError, require
+from cavirheo.writing import digits
 
 LIST = ".cavirheo"  # in a folder that we wrote into: what we wrote there
 
@@ -195,9 +197,23 @@ def _sha256(path: Path) -> str:
         return hashlib.file_digest(file, "sha256").hexdigest()
 
 
+def as_json(document: Document) -> str:
+    """As it stands in a file; what is read back is equal to it, but for control characters."""
+    return to_json(_printable(document.model_dump(by_alias=True)), indent=1).decode() + "\n"
+
+
+def _printable(value: Any) -> Any:
+    """With every text in it as it may be shown."""
+    if isinstance(value, dict):
+        return {key: _printable(item) for key, item in value.items()}
+    if isinstance(value, list):
+        return [_printable(item) for item in value]
+    return digits.printable(value) if isinstance(value, str) else value
+
+
 def write_json(path: str | Path, document: Document) -> None:
-    """Write it as UTF-8 JSON; what is read back is equal to it."""
-    Path(path).write_text(document.model_dump_json(by_alias=True, indent=1) + "\n", encoding="utf-8")
+    """Write it as UTF-8 JSON."""
+    Path(path).write_text(as_json(document), encoding="utf-8")
 
 
 def read_json(path: str | Path, kind: type[Kind]) -> Kind:
@@ -216,6 +232,6 @@ def read_json(path: str | Path, kind: type[Kind]) -> Kind:
 def write_rows(path: str | Path, head: Sequence[str], rows: Iterable[Mapping[str, Any]]) -> None:
     """CSV: a line per row, of its entries those in `head`; empty where there is none."""
     with Path(path).open("w", newline="", encoding="utf-8") as file:
-        writer = csv.DictWriter(file, head, extrasaction="ignore", lineterminator="\n")
+        writer = csv.DictWriter(file, head, lineterminator="\n")
         writer.writeheader()
-        writer.writerows(rows)
+        writer.writerows({key: _printable(row.get(key)) for key in head} for row in rows)

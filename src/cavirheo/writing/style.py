@@ -8,18 +8,19 @@ from __future__ import annotations
 import base64
 import io
 import logging
+import warnings
 from collections.abc import Sequence
 from functools import cache
 from importlib.util import find_spec
 from pathlib import Path
 from threading import Lock
-from typing import TYPE_CHECKING, Any
+from typing import IO, TYPE_CHECKING, Any
 
 import numpy as np
 
 from cavirheo.arrays import Floats
 from cavirheo.errors import require
-from cavirheo.writing.digits import LOOKS
+from cavirheo.writing.digits import printable
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -67,18 +68,20 @@ def new_axes(figure: Figure, place: tuple[float, float, float, float], x_label: 
 def write(where: Any, x: float, y: float, text: str, *, size: float, color: str = "#111111", **how: Any) -> Any:
     """Text in fractions of a figure or of axes; never read as mathematics, whatever a file calls its curves."""
     place = {"transform": where.transAxes} if hasattr(where, "transAxes") else {}
-    return where.text(x, y, text, fontsize=size, color=color, parse_math=False, **place, **how)
+    return where.text(x, y, printable(text), fontsize=size, color=color, parse_math=False, **place, **how)
 
 
-def drawn(figure: Figure) -> Image:
+def drawn(figure: Figure, dpi: int = DPI) -> Image:
     """The figure as an image (RGB)."""
     import matplotlib
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from PIL import Image
 
-    figure.dpi = DPI
+    figure.dpi = dpi
     canvas: Any = figure.canvas if isinstance(figure.canvas, FigureCanvasAgg) else FigureCanvasAgg(figure)
-    with _settings, matplotlib.rc_context({"text.hinting": "none"}):  # a fifth faster, and nothing shows it
+    faster: Any = {"text.hinting": "none"}  # by a fifth, and nothing shows it
+    with _settings, matplotlib.rc_context(faster), warnings.catch_warnings():
+        warnings.simplefilter("ignore", UserWarning)  # letters that the font lacks: they are drawn as boxes
         canvas.draw()
     return Image.fromarray(np.asarray(canvas.buffer_rgba())).convert("RGB")
 
@@ -87,40 +90,42 @@ def save_png(path: str | Path, figure: Figure) -> None:
     drawn(figure).save(path, dpi=(DPI, DPI), compress_level=1)
 
 
-def save_svg(path: str | Path, figure: Figure) -> None:
+def save_svg(file: str | Path | IO[bytes], figure: Figure) -> None:
     """With text as text, and the same bytes each time."""
     import matplotlib
 
     with _settings, matplotlib.rc_context({"svg.fonttype": "none", "svg.hashsalt": "cavirheo"}):
-        figure.savefig(path, format="svg", metadata={"Date": None})
+        figure.savefig(file, format="svg", metadata={"Date": None})
 
 
-def compact(image: Image) -> Image:
-    """In the colours of a curve's picture alone: a third of the bytes."""
+def compact(image: Image, plain: tuple[str, ...], tones: tuple[str, ...], steps: tuple[float, ...]) -> Image:
+    """In these colours alone, `plain` ones and `tones` in steps from white: a third of the bytes."""
     from PIL.Image import Dither
 
-    return image.quantize(palette=_palette(), dither=Dither.NONE)
+    return image.quantize(palette=_palette(plain, tones, steps), dither=Dither.NONE)
 
 
 @cache
-def _palette() -> Image:
-    """Each colour in steps from white."""
+def _palette(plain: tuple[str, ...], tones: tuple[str, ...], steps: tuple[float, ...]) -> Image:
     from matplotlib.colors import to_rgba_array
     from PIL import Image
 
-    tones = to_rgba_array([BLUE, VERMILLION, BLACK, *(look.colour for look in LOOKS.values())])[:, :3]
-    steps = np.array([0.13, 0.4, 0.7, 1.0])[:, None, None]
-    colours = np.vstack([to_rgba_array(["white", BOX])[:, :3], (1.0 - steps * (1.0 - tones)).reshape(-1, 3)])
+    fractions = np.array(steps)[:, None, None]
+    faded = (1.0 - fractions * (1.0 - to_rgba_array(tones)[:, :3])).reshape(-1, 3)
+    colours = np.vstack([to_rgba_array(plain)[:, :3], faded])
     image = Image.new("P", (1, 1))
     image.putpalette((255 * colours).round().astype(int).ravel().tolist())
     return image
 
 
 def address(image: Image) -> str:
-    """The image itself, as an address that a page can show."""
-    file = io.BytesIO()
-    image.save(file, "png", compress_level=6)
-    return "data:image/png;base64," + base64.b64encode(file.getvalue()).decode()
+    """The image itself, as an address that a page can show: WebP is two thirds of PNG, where it is known."""
+    from PIL import features
+
+    file, kind = io.BytesIO(), "webp" if features.check("webp") else "png"
+    how = {"lossless": True, "quality": 50, "method": 2} if kind == "webp" else {"compress_level": 6}
+    image.convert("RGB" if kind == "webp" else image.mode).save(file, kind, **how)
+    return f"data:image/{kind};base64,{base64.b64encode(file.getvalue()).decode()}"
 
 
 def shades(fractions: Floats | Sequence[float]) -> np.ndarray:

@@ -3,22 +3,36 @@
 from __future__ import annotations
 
 import re
+import sys
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
+
+from cavirheo.writing.digits import LOOKS, printable
 
 _NUMBER = re.compile(r"(?<![\w.])-?\d+(?:\.\d+)?(?:e[+-]?\d+)?")
 
 if TYPE_CHECKING:
     from rich.console import Console
     from rich.table import Table
+    from rich.text import Text
 
 
-def console(*, stderr: bool = False) -> Console:
-    """Where results are printed (stdout), or what is only said meanwhile (stderr); text is printed as it is."""
+def console(**how: Any) -> Console:
+    """Where results are printed, or with `stderr` what is only said meanwhile; text is printed as it is, but without
+    control characters."""
     from rich.console import Console
 
-    return Console(stderr=stderr, markup=False, emoji=False, highlight=False)
+    class Plain(Console):
+        def render_str(self, text: str, **how: Any) -> Text:
+            return super().render_str(printable(text), **how)
+
+    return Plain(markup=False, emoji=False, highlight=False, **how)
+
+
+def say(text: str) -> None:
+    """One line on stderr."""
+    print(" ".join(printable(text).splitlines()), file=sys.stderr)
 
 
 @contextmanager
@@ -30,7 +44,8 @@ def bar(what: str, total: int | None = None, *, shown: bool = True) -> Iterator[
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
     columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
-    with Progress(*columns, console=console(stderr=True), transient=True, disable=not shown) as progress:
+    on = console(stderr=True)
+    with Progress(*columns, console=on, transient=True, disable=not (shown and on.is_terminal)) as progress:
         task = progress.add_task(what, total=total)
 
         def advance(count: int = 1, total: int | None = None, what: str | None = None) -> None:
@@ -40,16 +55,43 @@ def bar(what: str, total: int | None = None, *, shown: bool = True) -> Iterator[
 
 
 def table(first: str, heads: Sequence[str], *, left: Sequence[str] = (), title: str = "", gap: int = 1) -> Table:
-    """A table whose first column may fold; the others are right-aligned unless named in `left`."""
+    """A table of which nothing is cut off: where it is narrow, words fold, and numbers last.
+
+    The others are right-aligned unless named in `left`.
+    """
     from rich.box import SIMPLE_HEAD
+    from rich.console import ConsoleOptions
+    from rich.measure import Measurement
     from rich.table import Table
 
-    made = Table(box=SIMPLE_HEAD, pad_edge=False, padding=(0, gap, 0, 0), show_edge=False)
+    class Folding(Table):
+        def __rich_console__(self, console: Console, options: ConsoleOptions) -> Any:
+            columns = sorted(self.columns[::-1], key=lambda column: column.justify == "left")  # numbers come first
+            sizes = [Measurement.get(console, options, column.header) for column in columns]
+            heads, title_lines = [size.minimum for size in sizes], [size.maximum for size in sizes]
+            cells = [[Measurement.get(console, options, cell) for cell in column.cells] for column in columns]
+            words = [max((size.minimum for size in of), default=0) for of in cells]
+            lines = [max((size.maximum for size in of), default=0) for of in cells]
+            for floor in (11, 6):  # letters to which a word may be cut in pieces; numbers stay whole
+                widths = [
+                    min(max(head, word), floor) if column.justify == "left" else max(min(head, floor), word)
+                    for column, head, word in zip(columns, heads, words, strict=True)
+                ]
+                spare = options.max_width - sum(widths) - (gap + 1) * len(widths) + 1
+                if spare >= 0:
+                    break
+            for wanted in (lines, title_lines) if spare >= 0 else ():
+                for k, line in enumerate(wanted):
+                    more = min(max(line - widths[k], 0), spare)
+                    widths[k], spare = widths[k] + more, spare - more
+                    columns[k].width = widths[k]
+            return super().__rich_console__(console, options)
+
+    made = Folding(box=SIMPLE_HEAD, pad_edge=False, padding=(0, gap, 0, 0), show_edge=False)
     if title:
         made.title, made.title_justify, made.title_style = title, "left", "dim"
-    made.add_column(first, overflow="fold")
-    for head in heads:
-        made.add_column(head, justify="left" if head in left else "right", no_wrap=True)
+    for head in (first, *heads):
+        made.add_column(head, justify="left" if head in (first, *left) else "right", overflow="fold")
     return made
 
 
@@ -77,14 +119,28 @@ def _range(numbers: Sequence[str]) -> str:
 
 
 def print_remarks(
-    to: Console, remarks: Mapping[str, Sequence[str]], notes: Iterable[str] = (), *, most: int | None = None
+    to: Console,
+    remarks: Mapping[str, Sequence[str]],
+    notes: Iterable[str] = (),
+    *,
+    most: int | None = None,
+    mark: str = "•",
+    colour: str = "",
 ) -> None:
-    """A line for each message, after the names (at most `most`, if given) that it is about; then notes on the whole."""
+    """A line for each message, after a mark and the names (at most `most`, if given) that it is about; then notes on
+    the whole."""
     from rich.text import Text
 
     for message, names in remarks.items():
         shown = names[:most]
         who = ", ".join(shown) + (f" and {len(names) - len(shown)} more" if len(shown) < len(names) else "")
-        to.print(Text("• ").append(who, "bold").append(f": {message}"))
+        to.print(Text().append(f"{mark} ", colour).append(printable(who), "bold").append(f": {printable(message)}"))
     for note in notes:
-        to.print(Text(f"• {note}"))
+        to.print(Text(f"• {printable(note)}"))
+
+
+def print_doubts(to: Console, about: Iterable[tuple[str, str]]) -> None:
+    """What is to be checked of recordings and settings, of (name, sentence): each once, before all other remarks."""
+    look = LOOKS["check_input"]
+    names = {said: list(dict.fromkeys(of)) for said, of in once(about).items()}
+    print_remarks(to, names, most=2, mark=f"{look.words}:", colour=look.terminal)

@@ -41,6 +41,8 @@ def compare(
     model: str = DEFAULT,
     fit: str | None = None,
     reference_methods: Sequence[str] = (),
+    trust_input: bool = False,
+    pictures: bool = True,
     command: str = "cavirheo compare",
     progress: bool = False,
 ) -> Comparison:
@@ -56,6 +58,8 @@ def compare(
         fit: a law, such as "nhkv": least squares instead of networks; Newtonian where the model is.
         reference_methods: those to which errors are relative; default: of REFERENCES those in the file.
         progress: show a bar on stderr.
+        trust_input: doubts about recordings or constants are said, but decide no verdict.
+        pictures: False: none, neither of the sets nor of their shots.
 
     Raises:
         InputError: a mistake in `references` (line, column, what was expected), an unknown model or method,
@@ -81,7 +85,7 @@ def compare(
     for name, (curves, *_) in zip(names, found, strict=True):
         outputs(out / name, curves)
     aside(load_solver)
-    steps = [_step(about, model, fit) for about in sets]
+    steps = [_step(about, model, fit, trust_input) for about in sets]
     answers = [kept.answers(curves, step) for (curves, *_), (_, step) in zip(found, steps, strict=True)]
     note = kept.note(sum(map(len, answers)), sum(len(curves) for curves, *_ in found))
     notes = [note] if note else []
@@ -90,7 +94,8 @@ def compare(
         sets, names, steps, answers, found, strict=True
     ):
         pairs = [(curves[i], answer) for i, answer in answered.items()]
-        rows = write_report(out / name, pairs, command, notes=notes, complete=not note).curves if pairs else []
+        how: dict[str, Any] = {"notes": notes, "complete": not note, "draw": pictures}
+        rows = write_report(out / name, pairs, command, **how).curves if pairs else []
         records.append(compared_set(
             about, rows, against, model=which, medium=asdict(about.medium), problems=problems, notes=left_out,
             files=[str(file.relative_to(folder) if file.is_relative_to(folder) else file) for file in files],
@@ -98,10 +103,10 @@ def compare(
         ))  # fmt: skip
     comparison = Comparison(
         command=command, date=datetime.now().astimezone().strftime("%Y-%m-%d %H:%M %Z"),
-        notes=notes + ([] if against else [none]) + ([] if style.available() else [_NO_PICTURE]),
+        notes=notes + ([] if against else [none]) + ([_NO_PICTURE] if pictures and not style.available() else []),
         methods=methods, reference_methods=against, sets=records,
     )  # fmt: skip
-    if style.available() and not note:
+    if pictures and style.available() and not note:
         from cavirheo.beside.published.picture import figure
 
         comparison.notes += written.picture("comparison.png", style.save_png, figure, comparison)
@@ -126,11 +131,11 @@ def _check(about: ReferenceSet, model: str) -> None:
         raise (error.within(f"{line}, column {column}") if line else error) from None
 
 
-def _step(about: ReferenceSet, model: str, fit: str | None) -> tuple[str, Step]:
+def _step(about: ReferenceSet, model: str, fit: str | None, trust_input: bool) -> tuple[str, Step]:
     """(by what the set is answered, how)."""
     which = about.settings.get("model", model)
     options: dict[str, Any] = {name: about.settings.get(name) for name in ("stretch", "window")}
-    options["medium"] = about.medium
+    options |= {"medium": about.medium, "trust_input": trust_input}
     network = load(which)
     if not fit:
         return which, Step(f"inferring {about.name}", infer_many, {"model": which, **options}, network.sha256)

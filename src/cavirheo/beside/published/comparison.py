@@ -171,8 +171,6 @@ def print_table(comparison: Comparison) -> None:
     heads = ["", "method", "mean ± std", *(f"error to\n{reference}, %" for reference in comparison.reference_methods)]
     heads += ["shots", "ok", "RMSE\n% of R_max" if wide else "RMSE\n% of\nR_max"]
     table = terminal.table("set", heads, left=heads[:2], gap=int(wide))
-    for column in (table.columns[2], *table.columns[4:-3]):  # methods and errors may fold
-        column.no_wrap, column.overflow, column.min_width = False, "fold", 8
     before = None
     for about, row in comparison.rows():
         factor, label = in_units[row.quantity]

@@ -211,7 +211,7 @@ def print_rheometry(document: Rheometry, rows: Sequence[BesideRow] = ()) -> None
         console.print(_sweeps("frequency sweep", document.frequency_sweeps, columns))
         console.print(f"µ, tan δ and |η*| at {at}", style="dim")
         answer += f", µ = {_with_unit(document.viscosity_Pa_s, 1.0, 'Pa s')} at {at}"
-    console.print(Text.assemble((document.material, "bold"), answer))
+    console.print(Text.assemble((digits.printable(document.material), "bold"), answer))
     remarks = terminal.once((sweep.name, note) for sweep in document.sweeps for note in (sweep.message, *sweep.notes))
     terminal.print_remarks(console, remarks, document.notes)
     if rows:
@@ -246,12 +246,12 @@ def _beside(rows: Sequence[BesideRow]) -> Table:
     factor, unit = digits.modulus_unit([row.shear_modulus_Pa.mean for row in rows])
     heads = ["method", "n", f"G\n{unit}", "µ\nPa s", "ω or strain rate,\ndeformation"]
     table = terminal.table("material", heads, left=(heads[0], heads[-1]))
-    for row in rows:
+    for name, row in zip(digits.shortened([row.material for row in rows]), rows, strict=True):
         doubts = {"not ok": row.doubtful, "failed": row.failed}
         regime = _span([row.regime_from, row.regime_to], 2)
         unit = "" if row.regime_from is None else f" {row.regime_unit}"
         table.add_row(
-            digits.elide(row.material, 30),
+            name,
             row.method.replace(", ", "\n", 1),
             "\n".join([str(row.n), *(f"{count} {what}" for what, count in doubts.items() if count)]),
             digits.spread(row.shear_modulus_Pa, factor),

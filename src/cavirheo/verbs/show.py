@@ -1,0 +1,132 @@
+"""`cavirheo show`: what a file holds: a document, training set or model that cavirheo wrote, or measured curves."""
+
+from __future__ import annotations
+
+from collections import Counter
+from importlib import import_module
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+from typer import Argument
+
+from cavirheo.errors import InputError
+from cavirheo.writing.terminal import say
+
+if TYPE_CHECKING:
+    from cavirheo.training.dataset import Dataset
+    from cavirheo.writing.document import Document
+
+_TABLES = {  # by the class of a document: who prints its table
+    "Result": "reporting.table.print_table",
+    "Laws": "reporting.laws.print_table",
+    "Comparison": "beside.published.comparison.print_table",
+    "Rheometry": "beside.rheometer.document.print_rheometry",
+    "CollapseTimes": "beside.collapse_times.print_table",
+}
+
+
+def show(
+    file: Annotated[
+        Path, Argument(help="a document, a folder of results, a training set, an .onnx model; or a measurement")
+    ],
+) -> None:
+    """What a file is: when and by which command it was made, and its table; of measured curves, what would be read."""
+    from cavirheo.loading import load
+
+    card = file.suffix == ".json" and file.with_suffix(".onnx").is_file()
+    if card or file.suffix.lower() == ".onnx":
+        _show_model(file.with_suffix(".onnx"))
+    elif file.is_dir() or _is_json(file):
+        _show_written(load(file), file)
+    else:
+        try:
+            _show_curves(file)
+        except InputError:
+            try:
+                beside = load(file.parent) if file.is_file() else None
+            except InputError:
+                beside = None
+            if beside is None:
+                raise
+            say(f"{file} holds no measurement; {file.parent} holds:")
+            _show_written(beside, file.parent)
+
+
+def _is_json(path: Path) -> bool:
+    if not path.is_file():
+        return False
+    try:
+        with path.open("rb") as content:
+            return content.read(64).lstrip()[:1] == b"{"
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read ({error.strerror})", "show.unreadable") from None
+
+
+def _show_written(found: Document | Dataset, path: Path) -> None:
+    from cavirheo.writing.document import Document
+
+    if isinstance(found, Document):
+        _show_document(found, path)
+    else:
+        _show_training_set(found, path)
+
+
+def _show_document(document: Document, path: Path) -> None:
+    from cavirheo.writing.terminal import console
+
+    kind, made = type(document).__name__, f", {document.date}" if document.date else ""
+    console().print(f"{path}: {kind.lower()}, written by cavirheo {document.version}{made}\n{document.command}\n")
+    module, _, name = _TABLES[kind].rpartition(".")
+    getattr(import_module(f"cavirheo.{module}"), name)(document)
+
+
+def _show_training_set(found: Dataset, path: Path) -> None:
+    from cavirheo.writing.terminal import console
+
+    problem, prior = found.problem, found.problem.prior
+    frames, material = found.radius.shape[1], f"{problem.material_name} in {problem.medium.name}"
+    lines = [f"{path}: training set, written by cavirheo {found.made_by}, seed {found.seed}"]
+    lines.append(f"  {len(found.theta)} curves of {frames} frames: {material}")
+    lines += [
+        f"  {name}: {low:g} to {high:g}" for name, low, high in zip(prior.names, prior.low, prior.high, strict=True)
+    ]
+    lines += [f"  {count} {what}" for what, count in Counter(map(str, found.status)).most_common()]
+    console().print("\n".join(lines))
+
+
+def _show_model(path: Path) -> None:
+    from cavirheo.inference.model import card
+    from cavirheo.verbs.models import describe
+
+    about = card(path)
+    try:
+        describe(str(path), path, about)
+    except (KeyError, TypeError, ValueError) as error:
+        raise InputError(f"the card of {path} lacks what it should say: {error!r}", "model.card") from None
+
+
+def _show_curves(path: Path) -> None:
+    """What `infer` would read: a row per curve, then what was recognised and what is doubtful."""
+    from cavirheo.inference import doubts
+    from cavirheo.physics.media import WATER
+    from cavirheo.reading import read_curves
+    from cavirheo.writing import digits, terminal
+
+    curves, console = read_curves(path), terminal.console()
+    table = terminal.table("curve", ["frames", "frames\nper s", "from\nµs", "to\nµs", "R_max\nµm", "collapses"])
+    remarks = []
+    for curve in curves:
+        ends = [digits.significant(1e6 * end) for end in (curve.time[0], curve.time[-1])] if len(curve.time) else []
+        try:
+            top = [digits.micrometres(curve.max_radius), str(len(curve.collapse_times()))]
+        except InputError as error:
+            top = [digits.MISSING, digits.MISSING]
+            remarks.append((curve.name, str(error).removeprefix(f"{curve.name}: ")))
+        rate = f"{curve.frame_rate:.4g}" if curve.frame_rate else digits.MISSING
+        frames = f"{(curve.radius > 0).sum()} of {len(curve.time)}"
+        table.add_row(curve.name, frames, rate, *(ends or [digits.MISSING] * 2), *top)
+    console.print(f"{path}: {digits.counted(len(curves), 'measured curve')}\n")
+    console.print(table)
+    terminal.print_doubts(console, ((one.name, doubt) for one in curves for doubt in doubts.plain(one, WATER)))
+    terminal.print_remarks(console, terminal.once(remarks))
+    terminal.print_remarks(console, terminal.once((one.name, note) for one in curves for note in one.notes))

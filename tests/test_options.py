@@ -1,0 +1,228 @@
+"""Odd calls of the command line: whatever is given to whichever option, one line says how to mend it, with status 2."""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+import subprocess
+import sys
+from itertools import count
+from pathlib import Path
+
+import numpy as np
+import pytest
+import typer
+
+from cavirheo.posterior import Checks, Posterior
+from cavirheo.verbs import app
+
+ROOT = Path(__file__).parent.parent
+VERBS = {known.name: known.callback for known in app.registered_commands}
+COMMANDS = typer.main.get_command(app).commands
+GOOD = {  # a call that would compute, without the option that is tried
+    "infer": "shot.csv", "fit": "shot.csv", "which-law": "shot.csv", "compare": ". --references refs.csv",
+    "collapse-time": "times.csv", "rheometer": "sweep.csv", "generate": "recipe.toml -o d",
+    "simulate": "-o o.csv --rmax-um 100 --stretch 5 --shear-modulus 1e3 --viscosity 0.1", "evaluate": "bdt-viscous d",
+    "train": "recipe.toml d -o r", "app": "", "models": "", "laws": "", "show": "shot.csv",
+}  # fmt: skip
+FREE = {"--out", "--fields", "--name", "--host", "--device", "--reference-method"}  # any text is one
+NUMBERS = ["nan", "inf", "-1", "-inf", "1e400", "", "word", "\x1b[31mred", "ü 漢 \u202e", "a\0b", "9" * 5000]
+WORDS = ["word", "nan", "\x1b]0;title\x07", "漢" * 30, "-1"]
+
+
+def odd_values() -> list[tuple[str, str, str]]:
+    """(verb, option, value): three for every option that takes a value, in turn."""
+    found, turn = [], count()
+    for verb, command in COMMANDS.items():
+        for option in command.params:
+            if option.param_type_name == "option" and not option.is_flag and option.opts[-1] not in FREE:
+                number = re.search("float|int", str(VERBS[verb].__annotations__[option.name]))
+                values = NUMBERS if number else WORDS
+                found += [(verb, option.opts[-1], values[next(turn) % len(values)]) for _ in range(3)]
+    return found
+
+
+ODD = [
+    "nothing",
+    "infer",
+    "infer shot.csv --windo 3",
+    "infer shot.csv --window",
+    "infer --model",
+    "infer nowhere.csv",
+    "infer shot.csv --verify",
+    "infer shot.csv --exact-law",
+    "infer shot.csv --exposure-us 1",
+    "infer shot.csv --json=1",
+    "infer shot.csv -q",
+    "infer shot.csv --window 1 --window",
+    "fit shot.csv --joint --verify map",
+    "fit shot.csv --free t1",
+    "fit shot.csv --window 0",
+    "fit shot.csv --weights",
+    "fit shot.csv --scale-percent 200",
+    "which-law shot.csv --laws foo",
+    "which-law shot.csv --laws ,",
+    "compare .",
+    "compare nowhere --references refs.csv",
+    "compare . --references nowhere.csv",
+    "compare . --references refs.csv --fit foo",
+    "rheometer",
+    "rheometer shot.csv",
+    "rheometer sweep.csv --at 0",
+    "rheometer sweep.csv --tolerance 60",
+    "rheometer sweep.csv --beside shot.csv",
+    "collapse-time times.csv --material foo",
+    "collapse-time times.csv --stretch 1",
+    "collapse-time nowhere.csv",
+    "simulate",
+    "simulate -o o.csv",
+    "simulate -o o.csv --rmax-um 1 --stretch 1 --pulse 1 2",
+    "simulate -o o.csv --rmax-um 1 --stretch 1 --material gent(1",
+    "laws extra",
+    "models extra",
+    "models --json",
+    "show",
+    "show nowhere.json",
+    "show recipe.toml",
+    "generate",
+    "generate nowhere.toml -o d",
+    "generate recipe.toml",
+    "generate recipe.toml -o d --shard 3",
+    "generate recipe.toml -o d -n 0",
+    "train recipe.toml",
+    "evaluate nobody d",
+    "app --port 70000",
+    "app --max-files 0",
+    "--help-me",
+    "infer shot.csv --group shoe",
+    "infer shot.csv --seed -1",
+]
+
+
+@pytest.fixture
+def lab(run, tmp_path, monkeypatch):
+    """`run` in a folder with a file of each kind, and where nothing is computed: a test that wants to fails."""
+
+    def computes(*_: object, **__: object) -> None:
+        raise AssertionError("it computes")
+
+    monkeypatch.setattr("cavirheo.physics.simulate.load_solver", lambda *_: None)
+    for name in ("physics.simulate.simulate_many", "inference.each", "inference.fit.each", "inference.verify.each"):
+        monkeypatch.setattr(f"cavirheo.{name}", computes)
+    lines = (ROOT / "examples" / "soft_gel.csv").read_text(encoding="utf-8").splitlines()
+    (tmp_path / "shot.csv").write_text("\n".join(line for line in lines if line[:1] in "#s1") + "\n")
+    (tmp_path / "refs.csv").write_text("set,method,quantity,mean\nshot.csv,IMR,G_Pa,1000\n")
+    (tmp_path / "recipe.toml").write_text((ROOT / "recipes" / "laptop.toml").read_text())
+    (tmp_path / "times.csv").write_text("rmax_um,stretch,t1_us\n200,6,20\n210,6,21\n")
+    (tmp_path / "sweep.csv").write_text(
+        "strain (%),G' (Pa),G'' (Pa)\n0.1,100,10\n0.3,100,10\n1,100,10\n3,99,10\n10,80,10\n100,20,30\n"
+    )
+    return run
+
+
+def refused(called: tuple[int, str, str]) -> str:
+    status, out, err = called
+    assert (status, out) == (2, "")
+    assert err.startswith("error: ")
+    assert err.count("\n") == 1
+    assert len(err) < 500
+    assert not re.search(r"[\0-\x08\x0b-\x1f\x7f-\x9f\u202e]", err)
+    return err
+
+
+def test_every_verb_is_tried():
+    assert set(GOOD) == set(COMMANDS)
+    assert len(odd_values()) + len(ODD) >= 120
+
+
+@pytest.mark.parametrize(("verb", "option", "value"), odd_values())
+def test_an_odd_value_is_refused_in_one_line(lab, verb, option, value):
+    words = value.split() if COMMANDS[verb] is None else [value]
+    nargs = next(o.nargs for o in COMMANDS[verb].params if option in o.opts)
+    refused(lab(verb, *GOOD[verb].split(), option, *words * nargs))
+
+
+@pytest.mark.parametrize("call", ODD)
+def test_an_odd_call_is_refused_in_one_line(lab, call):
+    refused(lab(*call.split()))
+
+
+# --- options that every verb reads alike ------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("verb", ["", *COMMANDS])
+def test_h_is_help(lab, verb):
+    words = verb.split()
+    assert lab(*words, "-h") == lab(*words, "--help")
+    assert lab(*words, "-h")[0] == 0
+
+
+def test_json_is_the_document_and_nothing_else(lab, monkeypatch):
+    status, out, err = lab("collapse-time", "times.csv", "--json", "--no-pictures", "-o", "r")
+    assert (status, err) == (0, "")
+    assert out == Path("r", "collapse-time.json").read_text(encoding="utf-8")
+    status, out, err = lab("collapse-time", "times.csv", "nowhere.csv", "--json", "--no-pictures", "-o", "r")
+    assert status == 2
+    assert out == Path("r", "collapse-time.json").read_text(encoding="utf-8")
+    assert err.startswith("error: nowhere.csv")
+
+
+def test_quiet_says_errors_alone(lab):
+    assert lab("rheometer", "sweep.csv", "--quiet", "-o", "r") == (0, "", "")
+    assert Path("r", "rheometer.json").exists()
+    status, out, err = lab("rheometer", "sweep.csv", "nowhere.csv", "--quiet", "-o", "r")
+    assert (status, out, err.count("\n")) == (2, "", 1)
+
+
+def test_without_pictures_none_are_drawn(run, lab_answers, monkeypatch):
+    monkeypatch.setattr("cavirheo.writing.style.new_figure", lambda _: pytest.fail("it draws"))
+    status, out, _ = run("infer", "shot.csv", "--no-pictures", "-o", "r")
+    assert status == 0
+    assert "matplotlib" not in out
+    assert {path.name for path in Path("r").iterdir() if path.name[0] != "."} == {
+        "result.json", "result.csv", "report.html"
+    }  # fmt: skip
+    assert "<img" not in Path("r", "report.html").read_text(encoding="utf-8")
+
+
+def test_a_seed_reaches_the_draws(run, lab_answers, monkeypatch):
+    seeds = []
+    monkeypatch.setattr(
+        "cavirheo.inference.verify.verify_many", lambda _, answers, *, seed, **__: seeds.append(seed) or answers
+    )
+    for words in ([], ["--seed", 7]):
+        run("infer", "shot.csv", "--verify", "full", "--no-pictures", "--quiet", "-o", "r", *words)
+    assert seeds == [0, 7]
+
+
+def test_trust_input_and_group_reach_the_answers(run, lab_answers):
+    run("infer", "shot.csv", "--trust-input", "--group", "folder", "--no-pictures", "--json", "-o", "r")
+    assert lab_answers[-1]["trust_input"] is True
+    (group,) = json.loads(Path("r", "result.json").read_text())["groups"]
+    assert group["name"] == Path.cwd().name
+
+
+@pytest.mark.parametrize(("words", "completed"), [("cavirheo sh", "show"), ("cavirheo infer --trus", "--trust-input")])
+def test_the_shell_completes(words, completed):
+    code = "from cavirheo.verbs import entry; entry()"
+    asked = {"_CAVIRHEO_COMPLETE": "complete_bash", "COMP_WORDS": words, "COMP_CWORD": str(words.count(" "))}
+    done = subprocess.run(
+        [sys.executable, "-c", code], env=os.environ | asked, capture_output=True, text=True, check=False
+    )
+    assert done.stdout.split() == [completed]
+
+
+@pytest.fixture
+def lab_answers(lab, monkeypatch) -> list[dict]:
+    """Known answers instead of inference; returns the settings of each call."""
+    calls: list[dict] = []
+
+    def answered(curves, **settings):
+        calls.append(settings)
+        theta = np.log10([[6e3, 0.02]])
+        names, units = ("log10_shear_modulus", "log10_viscosity"), ("Pa", "Pa s")
+        return [Posterior(names, units, theta, Checks("ok"), "nhkv", "bdt") for _ in curves]
+
+    monkeypatch.setattr("cavirheo.inference.infer_many", answered)
+    return calls
