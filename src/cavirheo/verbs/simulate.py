@@ -75,7 +75,7 @@ def simulate(
         *columns, notes = read_trace(driving)
         far_field = Trace(*columns)
         for note in notes:
-            print(f"{driving}: {note}", file=sys.stderr)
+            say(f"{driving}: {note}")
     inputs = [driving] if driving else []
     places = {out: (Outputs(out.parent, out.name, inputs=inputs), _write_frames)}
     if fields:
