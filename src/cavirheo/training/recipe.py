@@ -1,7 +1,8 @@
 """Recipe: one TOML file that says how a shipped model is made, from the problem to the name of the export.
 
 Its sections are the fields of `Recipe`. [prior] holds one [low, high] for each parameter of the material and for the
-stretch; `medium` is a name, or a table whose values replace those of the `name` in it; [network] may be left out.
+stretch; `medium` is a name, or a table whose values replace those of the `name` in it (`unusual = true`
+accepts values that no liquid or gel has); [network] may be left out.
 """
 
 from __future__ import annotations
@@ -88,12 +89,13 @@ class Recipe(_Section):
         table = self.problem_table
         changed = {"name": table.medium} if isinstance(table.medium, str) else table.medium
         constants: dict[str, Any] = {"name": "water"} | changed
-        known = [field.name for field in fields(Medium)]
+        known = [*(field.name for field in fields(Medium)), "unusual"]
+        other = {"name": ((str,), "a name"), "unusual": ((bool,), "true or false")}
         for key, value in constants.items():
             near = get_close_matches(key, known, 1)
             meant = f"did you mean {near[0]}?" if near else f"known: {', '.join(known)}"
             require(key in known, f"[problem] medium: unknown constant {key!r}, {meant}", "recipe.medium")
-            kinds, words = ((str,), "a name") if key == "name" else ((int, float), "a number in SI units")
+            kinds, words = other.get(key, ((int, float), "a number in SI units"))
             told = f"[problem] medium: {key} must be {words}, got {short(value)}"
             require(type(value) in kinds, told, "recipe.medium")
         liquid = medium(**constants)
