@@ -69,8 +69,9 @@ if __name__ == "__main__":  # session.py MEMORY FRAMES OUTPUTS < model.onnx
         answers = session(sys.stdin.buffer.read())
         for count in (BATCH, 8, 5, 1):  # all that fit in a block, and what the correction asks for
             theta = answers(np.tile(curve, (count, 1)))
-            told = f"{theta.shape} numbers for {count} curves, where its card says {outputs} for each"
-            assert theta.shape == (count, outputs), told
-            assert np.isfinite(theta).all(), "answers that are not finite; its weights may be damaged"
+            if theta.shape != (count, outputs):
+                raise ValueError(f"it gives {theta.shape} numbers for {count} curves; its card says {outputs} for each")
+            if not np.isfinite(theta).all():
+                raise ValueError("its answers are not finite; its weights may be damaged")
     except Exception as error:
         sys.exit(" ".join(str(error).split()) or type(error).__name__)
