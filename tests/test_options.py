@@ -203,6 +203,24 @@ def test_trust_input_and_group_reach_the_answers(run, lab_answers):
     assert group["name"] == Path.cwd().name
 
 
+def test_folders_patterns_and_stdin_are_files(run, lab_answers, tmp_path, monkeypatch):
+    (tmp_path / "gel").mkdir()
+    shot = (tmp_path / "shot.csv").rename(tmp_path / "gel" / "shot.csv")
+    frames = [line.split(",") for line in shot.read_text().splitlines() if line[:1] == "1"]
+    (tmp_path / "frames.csv").write_text(
+        "frame,radius_um\n" + "".join(f"{k},{row[2]}\n" for k, row in enumerate(frames))
+    )
+    with shot.open(encoding="utf-8") as content:
+        monkeypatch.setattr(sys, "stdin", content)
+        for words in (["gel"], ["g*/*.csv"], ["frames.csv", "--frame-rate-hz", 1e6], ["-"]):
+            status, out, err = run("infer", *words, "--no-pictures", "--json", "-o", "r")
+            assert (status, err) == (0, ""), words
+            (row,) = json.loads(out)["curves"]
+            assert row["max_radius_m"] == pytest.approx(267e-6, rel=0.01)
+    assert refused(run("infer", "g*/*.mat"))
+    assert refused(run("infer", "frames.csv", "--no-pictures", "-o", "q"))
+
+
 @pytest.mark.parametrize(("words", "completed"), [("cavirheo sh", "show"), ("cavirheo infer --trus", "--trust-input")])
 def test_the_shell_completes(words, completed):
     code = "from cavirheo.verbs import entry; entry()"

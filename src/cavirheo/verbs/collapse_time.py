@@ -18,7 +18,7 @@ def collapse_time(
         list[Path],
         typer.Argument(
             readable=False,
-            help="tables (rmax_um,stretch,t1_us as .csv or .xlsx; pIMR_array in a .mat) or measured R(t)",
+            help="tables (rmax_um,stretch,t1_us as .csv or .xlsx; pIMR_array in a .mat) or R(t); a folder; - for stdin",
         ),
     ],
     material: Annotated[str, typer.Option(help="nhkv, nh (no viscosity) or newtonian (no elasticity)")] = "nhkv",
@@ -39,6 +39,7 @@ def collapse_time(
     from cavirheo.writing import style
     from cavirheo.writing.document import Outputs, write_json
 
+    files = run.files(files)
     drawing = pictures and style.available()
     fine = stretch is None or 1 < stretch < 1e3
     require(fine, f"--stretch must be R_max/R_0 above 1, got {stretch!r}", "collapse_time.stretch")

@@ -35,6 +35,7 @@ def infer(
     from cavirheo.unfinished import Step
     from cavirheo.writing.document import Outputs
 
+    files = run.files(files)
     options.check_verify(verify, reading.exposure_us, exact_law)
     check_stretch(stretch)
     network = load(model)

@@ -5,6 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
+from cavirheo.writing.digits import printable
+
 
 def models() -> None:
     """The shipped models: what they answer, for which materials and ranges, and how well."""
@@ -15,13 +17,14 @@ def models() -> None:
 
 
 def describe(name: str, path: Path, about: dict[str, Any]) -> None:
-    """Print what the card of a model says. Raises KeyError, TypeError: it lacks something."""
-    print(f"{name}: {about['material']}, one value each without an interval" if about["kind"] == "point" else name)
+    """Print what the card of a model says. Raises KeyError, TypeError, ValueError: it lacks something."""
+    lines = [f"{name}: {about['material']}, one value each without an interval" if about["kind"] == "point" else name]
     for output in about["outputs"]:
         low, high = about["problem"]["prior"][output["name"]]
         if output["scale"] == "log10":
             low, high = 10**low, 10**high
         score = about["metrics"][output["name"]]["r2"]
         what = f"{output['name'].removeprefix('log10_')} {low:g} to {high:g} {output['unit']}"
-        print(f"  {what:40s} R2 {score:.4f} ({output['scale']} scale, {about['data']['test']} test curves)")
-    print(f"  trained on {about['data']['train']} curves, {about['date']}; card: {path.with_suffix('.json')}")
+        lines.append(f"  {what:40s} R2 {score:.4f} ({output['scale']} scale, {about['data']['test']} test curves)")
+    lines.append(f"  trained on {about['data']['train']} curves, {about['date']}; card: {path.with_suffix('.json')}")
+    print(printable("\n".join(lines)))

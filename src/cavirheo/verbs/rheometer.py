@@ -17,7 +17,7 @@ from cavirheo.verbs.run import Run
 def rheometer(
     files: Annotated[
         list[Path],
-        typer.Argument(readable=False, help="strain and frequency sweeps of one material: .csv, .txt, .xlsx"),
+        typer.Argument(readable=False, help="sweeps of one material: .csv, .txt, .xlsx; a folder; - for stdin"),
     ],
     at: Annotated[float, typer.Option(help="angular frequency of the viscosity G''/omega, rad/s")] = 1.0,
     tolerance: Annotated[float, typer.Option(help="by which G' may leave its plateau in the linear range, %")] = 5.0,
@@ -37,6 +37,7 @@ def rheometer(
 
     require(at > 0, f"--at must be an angular frequency in rad/s, got {at!r}")
     require(0 < tolerance < 50, f"--tolerance must be between 0 and 50 %, got {tolerance!r}")
+    files = run.files(files)
     drawing = pictures and style.available()
     tables = ("rheometer.json", "rheometer.csv", "table.csv", "strain-sweep.png", "frequency-sweep.png")
     outputs = Outputs(out, *tables, inputs=[*files, *([beside] if beside else [])])

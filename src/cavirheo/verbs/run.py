@@ -45,7 +45,7 @@ class Reading:
         from cavirheo.reading.shots import read_shots
 
         scale = None if self.rmax_um is None else self.rmax_um * 1e-6
-        about = {"density": medium.density, "pressure": medium.pressure}
+        about = {"density": medium.density, "pressure": medium.pressure, "frame_rate_hz": self.frame_rate_hz}
         found = read_shots(files, max_radius=scale, group=self.group, **about)
         if self.exposure_us is None:
             return found
@@ -67,6 +67,12 @@ class Run:
     def bar(self, what: str, total: int | None = None) -> AbstractContextManager[Callable[..., None]]:
         """`terminal.bar`, if anything is to be seen."""
         return terminal.bar(what, total, shown=not self.quiet)
+
+    def files(self, given: list[Path]) -> list[Path]:
+        """Those that folders, patterns and `-` (standard input) stand for."""
+        from cavirheo.reading.files import expand
+
+        return expand(given, self.say)
 
     def refuse(self, problems: list[str]) -> None:
         """Say on stderr which files cannot be read, and count them."""

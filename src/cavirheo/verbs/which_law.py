@@ -41,6 +41,7 @@ def which_law(
     from cavirheo.unfinished import Step, Unfinished
     from cavirheo.writing import document
 
+    files = run.files(files)
     names = [name.strip() for name in laws.split(",") if name.strip()]
     looked_at, known = options.window_of(window), options.stretch_of(stretch)
     check_laws(names)

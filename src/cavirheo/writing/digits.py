@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from math import ceil, floor, isfinite, log10
 from typing import TYPE_CHECKING
+
+from cavirheo import errors
 
 if TYPE_CHECKING:
     from cavirheo.writing.document import Quantity, Spread
@@ -42,8 +43,6 @@ METHODS = {
     "laplace": "maximum of the posterior, Gaussian about it (Laplace)",
 }
 MISSING = "–"
-# what a terminal obeys, what turns or hides the text around it, and what no encoder takes; not tab and newline
-_UNSEEN = re.compile("[\0-\x08\x0b-\x1f\x7f-\x9f\u200b-\u200f\u202a-\u202e\u2060-\u206f\ufeff\ud800-\udfff]")
 
 
 def modulus_unit(moduli: Iterable[float | None]) -> tuple[float, str]:
@@ -120,5 +119,5 @@ def shortened(names: Sequence[str], width: int = 80) -> list[str]:
 
 
 def printable(text: str) -> str:
-    """A text from a file or a command line as it may be shown: each control character becomes a mark that is seen."""
-    return _UNSEEN.sub("\N{REPLACEMENT CHARACTER}", text)
+    """A text of several lines as it may be shown, without what a terminal would obey and a document cannot hold."""
+    return "\n".join(map(errors.printable, text.split("\n")))
