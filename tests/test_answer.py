@@ -159,8 +159,8 @@ def test_load_reads_a_training_set(tmp_path):
 @pytest.mark.parametrize(
     ("content", "code"),
     [
-        (None, "document.unreadable"),
-        (b"\xff\xfe\x00", "document.unreadable"),
+        (None, "files.unreadable"),
+        (b"\xff\xfe\x00", "document.other"),
         (b"time_us,radius_um\n", "document.other"),
         (b"[1, 2]", "document.other"),
         (b'{"a": 1}', "document.other"),

@@ -21,7 +21,7 @@ ROOMS = (  # from the ground up: a room imports those below it, and only those t
     ("parallel", "errors"),
     ("parameters", "errors"),
     ("landmarks", "errors"),
-    ("writing", "errors"),
+    ("writing", "errors files"),
     ("prior", "errors parameters"),
     ("posterior", "errors writing parameters"),
     ("curve", "errors parameters landmarks writing"),

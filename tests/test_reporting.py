@@ -309,7 +309,7 @@ def test_what_is_not_a_result_is_refused(text, tmp_path):
         path.write_text(text, encoding="utf-8")
     with pytest.raises(InputError) as refused:
         read_json(path)
-    assert refused.value.code == ("document.unreadable" if text is None else "document.other")
+    assert refused.value.code == ("files.unreadable" if text is None else "document.other")
     assert path.name in str(refused.value)
 
 

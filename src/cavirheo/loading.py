@@ -8,12 +8,11 @@ from typing import TYPE_CHECKING
 
 from cavirheo.errors import InputError, as_path, require
 from cavirheo.files import read_object
-from cavirheo.writing.document import Document, read_json
+from cavirheo.writing.document import LARGEST, Document, read_json
 
 if TYPE_CHECKING:
     from cavirheo.training.dataset import Dataset
 
-LARGEST = 500_000_000  # bytes of a document
 _KINDS = {  # a key that no other document has, and the class of the document
     "sets": ("beside.published.comparison", "Comparison"),
     "strain_sweeps": ("beside.rheometer.document", "Rheometry"),

@@ -71,7 +71,7 @@ def collapse_times(path: Path) -> None:
     from cavirheo.beside.collapse_times import read_groups
     from cavirheo.physics.media import WATER
 
-    groups, problems = read_groups([path], WATER)
+    groups, problems, *_ = read_groups([path], WATER)
     for group in groups:
         group.model_dump_json()
     said(path, problems)

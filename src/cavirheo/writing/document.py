@@ -19,8 +19,10 @@ from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationEr
 from pydantic_core import to_json
 
 from cavirheo.errors import InputError, require
+from cavirheo.files import read_bytes
 from cavirheo.writing import digits
 
+LARGEST = 500_000_000  # bytes of a document that is read
 LIST = ".cavirheo"  # in a folder that we wrote into: what we wrote there
 
 
@@ -219,9 +221,7 @@ def write_json(path: str | Path, document: Document) -> None:
 def read_json(path: str | Path, kind: type[Kind]) -> Kind:
     """A document as it was written. Raises InputError if there is none, or none of this kind."""
     try:
-        return kind.model_validate_json(Path(path).read_text(encoding="utf-8"))
-    except (OSError, UnicodeDecodeError) as error:
-        raise InputError(f"{path}: cannot be read ({error})", "document.unreadable") from None
+        return kind.model_validate_json(read_bytes(path, LARGEST))
     except ValidationError as error:
         first = error.errors(include_url=False)[0]
         where = ".".join(map(str, first["loc"])) or "the document"
