@@ -6,6 +6,7 @@ import re
 import sys
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from itertools import product
 from typing import TYPE_CHECKING, Any
 
 from cavirheo.writing.digits import LOOKS, printable
@@ -80,11 +81,14 @@ def table(first: str, heads: Sequence[str], *, left: Sequence[str] = (), title: 
                 spare = options.max_width - sum(widths) - (gap + 1) * len(widths) + 1
                 if spare >= 0:
                     break
-            for wanted in (lines, title_lines) if spare >= 0 else ():
-                for k, line in enumerate(wanted):
-                    more = min(max(line - widths[k], 0), spare)
-                    widths[k], spare = widths[k] + more, spare - more
-                    columns[k].width = widths[k]
+            numbers = sum(column.justify == "right" for column in columns)
+            places = range(numbers), range(numbers, len(columns))
+            for wanted, mine in product((lines, title_lines), places):
+                while short := [k for k in mine if widths[k] < wanted[k]][: max(spare, 0)]:
+                    for k in short:  # a letter each, so that no column takes all that is left
+                        widths[k], spare = widths[k] + 1, spare - 1
+            for column, width in zip(columns, widths, strict=True):
+                column.width = width if spare >= 0 else None
             return super().__rich_console__(console, options)
 
     made = Folding(box=SIMPLE_HEAD, pad_edge=False, padding=(0, gap, 0, 0), show_edge=False)

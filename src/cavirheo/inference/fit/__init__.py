@@ -178,7 +178,7 @@ class _Alone:
             return said
         for difference, other in doubts.readings(shot.curve, spikes=False):  # spikes do not count in a fit
             there = Experiment(other, shot.family, shot.medium, shot.options)
-            there.set_window(*shot.cut)
+            there.set_window(None, (shot.view.end + shot.frame) * (1.0 + 1e-9))  # to the same frame
             # one Gauss-Newton step from the minimum to that of the same frames on the other clock
             slope, seen, moved = self.fit.jacobian(x, FINE, central=False), shot.predict(x), there.predict(x)
             if seen and moved:
