@@ -104,7 +104,7 @@ def test_density_of_the_file_is_told_from_a_round_frame_rate(tmp_path):
     per_radius = R_MAX * np.sqrt(1025.0 / 101325.0)
     t = np.arange(-10, 80) * 1e-6 / per_radius
     savemat(tmp_path / "gel.mat", bdt_variables([np.interp(t, T_STAR, R_STAR)], [t], [R_MAX]))
-    assert "with 1025 kg/m3" in read_curves(tmp_path / "gel.mat", density=998.0)[0].doubts[0]
+    assert "--density 1025" in read_curves(tmp_path / "gel.mat", density=998.0)[0].doubts[0]
     assert read_curves(tmp_path / "gel.mat", density=1025.0)[0].doubts == ()
 
 

@@ -143,9 +143,7 @@ def _density_hint(rate: float | None, density: float) -> list[str]:
         return []
     made = density * (rate / nearest) ** 2
     odd = f"{density:.5g} kg/m3 makes the frame rate {rate:.5g}/s"
-    return [
-        f"check the density: {odd}, and a camera at {nearest:.3g}/s means that the file was made with {made:.5g} kg/m3"
-    ]
+    return [f"check the density: {odd}; a camera at {nearest:.3g}/s means --density {made:.5g}"]
 
 
 def _imr(variables: Variables) -> list[RadiusCurve]:
