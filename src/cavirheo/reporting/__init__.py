@@ -81,14 +81,15 @@ def _curves(folder: Outputs, pairs: Pairs, document: Result, kinds: Sequence[str
     """Draws and saves the picture of one curve after the other; yields what the report shows of it."""
     from cavirheo.reporting.picture import HEAD, CurvePicture
 
-    picture, names = CurvePicture(), file_names([record.name for record in document.curves])
+    picture, names = None, file_names([record.name for record in document.curves])
     for (curve, posterior), record, name in zip(pairs, document.curves, names, strict=True):
         try:
+            picture = picture or CurvePicture()
             figure = picture.show(curve, posterior.checks, record, document.modulus_unit)
             image = style.compact(style.drawn(figure))
         except Exception as error:  # of this picture alone
             document.notes.append(f"{record.name} could not be drawn: {type(error).__name__}: {error}")
-            picture = CurvePicture()
+            picture = None
             yield ""
             continue
         if "svg" in kinds:
