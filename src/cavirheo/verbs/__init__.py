@@ -81,9 +81,19 @@ def main() -> None:
         sys.exit(2)
 
 
+def _open_streams() -> None:
+    """Both can be written to: a closed one goes nowhere, and what its encoding does not have is escaped."""
+    for name in ("stdout", "stderr"):
+        if stream := getattr(sys, name):
+            stream.reconfigure(errors="backslashreplace")
+        else:
+            setattr(sys, name, open(os.devnull, "w"))  # noqa: SIM115  # until the end
+
+
 def entry() -> None:
     """`main` as a program: leaves at once, for tearing down the compiled libraries takes a third of a second, and
     threads that still compute would be waited for."""
+    _open_streams()
     for number in _SIGNALS:
         if signal.getsignal(number) != signal.SIG_IGN:
             signal.signal(number, _stop)
