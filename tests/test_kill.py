@@ -88,7 +88,9 @@ def test_killed_at_random_moments(tmp_path, name):
         more = chance.randint(0, 2 * shots // kills)
         if call(words, folder, more, chance.uniform(0.0, 1.0)) is not None or (before and not kept(folder)):
             break  # all was written
-        assert before <= (before := kept(folder))  # what was answered is there
+        now = kept(folder)
+        assert before <= now  # what was answered is there
+        before = now
         assert all(read_answer(folder / "out" / "unfinished" / name) for name in before)
         for path in (folder / "out").rglob("*.json"):
             json.loads(path.read_text())

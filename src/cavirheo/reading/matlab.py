@@ -45,7 +45,7 @@ def read_hdf5(path: Path, wanted: Iterable[str]) -> tuple[Variables, list[str]]:
             limits.arrays([item])
             if name in _CELLS and h5py.check_ref_dtype(item.dtype) is not None:
                 limits.few(item.size, limits.CURVES, "curves")
-                cells = [file[reference] for reference in item[()].ravel()]
+                cells = [file[reference] if reference else None for reference in item[()].ravel()]
                 limits.arrays(cells)
                 variables[name] = [_plain(cell).ravel(order="F") for cell in cells]
             elif item.dtype.kind in "fiub":
@@ -67,6 +67,14 @@ def curves(variables: Variables, found: list[str], density: float, pressure: flo
     listed = [name for name, value in variables.items() if isinstance(value, list) and name not in _CELLS]
     cells = f"{', '.join(listed)}: a cell array; expected an array of numbers, as cell2mat makes it"
     require(not listed, cells, "matlab.cells")
+    for name, value in variables.items():
+        told = f"{name} is a cell array where an array of numbers is expected"
+        require(name in _CELLS or isinstance(value, np.ndarray), told, "matlab.cells")
+    with np.errstate(over="ignore", invalid="ignore"):  # what overflows is left out and counted
+        return _curves(variables, found, density, pressure)
+
+
+def _curves(variables: Variables, found: list[str], density: float, pressure: float) -> list[RadiusCurve]:
     has = variables.keys().__contains__
     if all(map(has, _CELLS)):
         return _bdt(variables, density, pressure)
