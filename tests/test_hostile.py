@@ -10,7 +10,7 @@ from pathlib import Path
 import h5py
 import numpy as np
 import pytest
-from files import write_ods, write_xlsx
+from files import save_v73, write_ods, write_xlsx
 from scipy.io import savemat
 
 from cavirheo.beside.collapse_times import read_table
@@ -209,6 +209,25 @@ def ods_of_repeated_cells(path):
     write_ods(path, f'<table:table-row table:number-rows-repeated="9000">{cell}</table:table-row>')
 
 
+def hdf5_without_a_shape(path):
+    with h5py.File(path, "w") as file:
+        file["time"], file["radius"] = np.arange(9.0), h5py.Empty("f8")
+
+
+def mat73_of_a_cell_that_is_a_group(path):
+    cells = np.empty((1, 2), object)
+    cells[0, 0] = cells[0, 1] = np.ones((1, 9))
+    save_v73(path, {"R_nondim_All": cells, "t_nondim_All": cells})
+    with h5py.File(path, "r+") as file:
+        file["R_nondim_All"][0, 0] = file["#refs#"].ref
+
+
+def mat73_of_one_reference(path):
+    save_v73(path, {"t_nondim_All": np.ones((1, 9))})
+    with h5py.File(path, "r+") as file:
+        file.create_dataset("R_nondim_All", data=h5py.Reference(), dtype=h5py.ref_dtype)
+
+
 FILES = {
     csv_of_ten_million_lines: ("csv", "limits.lines"),
     csv_of_one_line: ("csv", "limits.characters"),
@@ -232,6 +251,9 @@ FILES = {
     mat_of_cells_where_an_array_belongs: ("mat", "matlab.cells"),
     mat_of_complex_numbers: ("mat", "matlab.variables"),
     hdf5_of_two_radii: ("h5", "hdf5.twice"),
+    hdf5_without_a_shape: ("h5", "limits.no_shape"),
+    mat73_of_a_cell_that_is_a_group: ("mat", "matlab.cells"),
+    mat73_of_one_reference: ("mat", "matlab.cells"),
     xlsx_of_one_huge_cell: ("xlsx", "limits.memory"),
     xlsx_of_a_million_rows: ("xlsx", "limits.cells"),
     xlsx_of_one_text_named_often: ("xlsx", "limits.text"),
@@ -322,3 +344,17 @@ def test_large_variables_that_are_not_read_do_not_count(tmp_path):
     shot = {"Rnew": 1e-4 * (0.2 + np.abs(np.cos(t / 2e-5))), "t": t}
     savemat(path, {"video": np.zeros((100, 256, 512), np.uint8), **shot}, do_compression=True)
     assert len(read_curves(path)) == 1
+
+
+@pytest.mark.parametrize("radius", [1e308, np.nan])
+def test_numbers_beyond_all_bounds_print_nothing(tmp_path, radius, recwarn):
+    """A warning of numpy would be a line that nobody asked for."""
+    path = tmp_path / "axes.txt"
+    np.savetxt(path, np.c_[np.arange(50.0), np.full(50, radius), np.full(50, -radius)])
+    with pytest.raises(InputError):
+        read_curves(path)
+    savemat(
+        path.with_suffix(".mat"), {"shift_normRnew": np.full((2, 50), 1e308), "Rmax": [1e308] * 2, "t": np.arange(50)}
+    )
+    read_curves(path.with_suffix(".mat"))
+    assert not recwarn.list

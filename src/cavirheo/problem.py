@@ -77,9 +77,11 @@ class TrainingProblem:
         require(sorted(map(natural_name, names)) == needed, f"{told}, got {', '.join(names)}", "problem.prior")
         radius = self.reference_max_radius
         require(0 < radius < np.inf, f"reference_max_radius must be positive, got {radius} m", "problem.max_radius")
-        long = self.grid.time[-1] / self.medium.time_scale(radius)
-        told = f"the grid ends {long:.3g} collapse times after R_max, more than the {LONGEST:g} that are simulated"
-        require(long <= LONGEST, f"{told}; is a unit wrong?", "problem.grid")
+        end, scale = (self.grid.frames - 1) * self.grid.frame_interval, self.medium.time_scale(radius)
+        told = (
+            f"the grid ends {end:.3g} s after R_max, more than the {LONGEST:g} collapse times of {scale:.3g} s that are"
+        )
+        require(end <= LONGEST * scale, f"{told} simulated; is a unit wrong?", "problem.grid")
         told = f"the stretch R_max/R_0 must be 1 or more and not of log10_, got the prior {self.prior.to_dict()}"
         require("stretch" in names and self.prior.bounds("stretch")[0] >= 1, told, "problem.prior")
         for ends in (self.prior.low, self.prior.high):

@@ -184,7 +184,7 @@ def judged(room: Callable[[Path], None], path: Path) -> tuple[str, str, str]:
             cause = error.__cause__ or error.__context__
             while isinstance(cause, InputError):
                 cause = cause.__cause__ or cause.__context__
-            if getattr(error, "code", "") == "reading.damaged" and isinstance(cause, OURS):
+            if getattr(error, "code", "") == "reading.damaged" and isinstance(cause, OURS) and made_here(cause):
                 outcome, where, why = "masked", place(cause), "".join(traceback.format_exception(cause))
             elif str(path) not in why and str(path.with_suffix("")) not in why:
                 outcome, where = "nameless", room.__name__ + " " + getattr(error, "code", "")
@@ -212,6 +212,11 @@ def processor() -> float:
 
 def memory() -> int:
     return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024
+
+
+def made_here(error: BaseException) -> bool:
+    """Whether our own line raised it, not a library that says so that the file is damaged."""
+    return "/cavirheo/" in traceback.extract_tb(error.__traceback__)[-1].filename
 
 
 def place(error: BaseException) -> str:

@@ -14,6 +14,8 @@ from contextlib import contextmanager
 from functools import cache
 from pathlib import Path
 
+import numpy as np
+
 from cavirheo.errors import InputError, printable, require
 from cavirheo.reading import limits
 
@@ -53,7 +55,8 @@ def guarded(path: Path, expected: str = "") -> Iterator[None]:
     except OSError as error:
         raise InputError(f"{name} cannot be read ({error.strerror})", "reading.unreadable") from None
     try:
-        yield
+        with np.errstate(all="ignore"):  # a damaged file may hold any number; what comes of it is checked
+            yield
     except InputError as error:
         raise error.within(name) from None
     except Exception as error:  # damaged files make the libraries below raise nearly anything

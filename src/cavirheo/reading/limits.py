@@ -35,15 +35,12 @@ def arrays(items: Iterable[Any]) -> None:
     """HDF5 datasets that are about to be read.
 
     Raises:
-        InputError: they declare more samples than are read ("limits.shape"), or chunks as large ("limits.chunks"),
-            are no arrays ("limits.nothing"), or take their numbers from other files ("limits.elsewhere").
+        InputError: they declare more samples than are read ("limits.shape"), chunks as large ("limits.chunks"), or no
+            shape at all ("limits.no_shape"), or take their numbers from other files ("limits.elsewhere").
     """
-    import h5py
-
     total = 0
     for item in items:
-        held = isinstance(item, h5py.Dataset) and item.shape is not None
-        require(held, f"{getattr(item, 'name', 'a reference')} holds no array", "limits.nothing")
+        require(item.shape is not None, f"{item.name} has no shape: it holds nothing", "limits.no_shape")
         _here(not (item.external or item.is_virtual), f"{item.name} takes its numbers from another file")
         total += prod(item.shape)
         for what, size in (("chunks", prod(item.chunks or (0,))), ("shape", total)):

@@ -45,7 +45,9 @@ def read_hdf5(path: Path, wanted: Iterable[str]) -> tuple[Variables, list[str]]:
             limits.arrays([item])
             if name in _CELLS and h5py.check_ref_dtype(item.dtype) is not None:
                 limits.few(item.size, limits.CURVES, "curves")
-                cells = [file[reference] if reference else None for reference in item[()].ravel()]
+                cells = [file[reference] if reference else None for reference in np.ravel(item[()])]
+                held = all(isinstance(cell, h5py.Dataset) for cell in cells)
+                require(held, f"a cell of {name} refers to no array", "matlab.cells")
                 limits.arrays(cells)
                 variables[name] = [_plain(cell).ravel(order="F") for cell in cells]
             elif item.dtype.kind in "fiub":

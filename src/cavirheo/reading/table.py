@@ -280,7 +280,8 @@ def _without_header(table: Floats, density: float, pressure: float) -> list[Radi
     if columns == 3:
         radius = table[:, 1:].mean(axis=1)
         apart = 100 * np.abs(table[:, 2] - table[:, 1]) / radius
-        middle, most = np.nanmedian(apart), np.nanmax(apart)
+        known = apart[np.isfinite(apart)]
+        middle, most = (np.median(known), np.max(known)) if known.size else (np.inf, np.inf)
         require(middle < 10, f"three columns, no header, and the last two are not two radii; {_ADVICE}", "table.header")
         note = "no header: columns taken as time and two radii of one bubble (semi-axes), which differ by "
         note += f"{middle:.2g} % (median) and {most:.2g} % (most): their mean is used"
