@@ -25,11 +25,11 @@ class Scan:
     def __init__(self, fit: LeastSquares, count: int = STARTS) -> None:
         (shot,) = fit.shots
         box = fit.family.bounds(started=True)
-        if shot.stretch is None:
-            near = shot.stretch_prior
-            around = np.log10([near[0] - near[1], near[0] + near[1]]) if near else PARAMETERS["stretch"].started
+        for name in shot.logs:
+            near = shot.stretch_prior if name == "stretch" else None
+            around = np.log10([near[0] - near[1], near[0] + near[1]]) if near else PARAMETERS[name].started
             box = np.concatenate([box, [around]])
-        self.points = np.zeros((count, len(fit.bounds)))  # nuisances start at nothing
+        self.points = shot.starts(np.zeros((count, len(fit.bounds))))
         self.points[:, : len(box)] = spread_starts(box, count)
         self.timed = np.zeros(count, dtype=bool)  # which get their shear modulus from the collapse time
         names, times = fit.family.parameters, shot.curve.collapse_times()
