@@ -3,9 +3,9 @@
     python benchmarks/real_bubbles.py FOLDER [--shots 5] [--sets WORD,WORD] [-o real_bubbles.md]
 
 FOLDER holds a folder for each set of SETS, which says the files, the law and the models of the bubble that are fitted.
-Fits are those of `cavirheo fit --free t0 --t0-us FRAME` over three collapses; the first so many shots are taken, none is
-left out. chi2 is the mean square of (measured - simulated)/sigma with the weights of the fit. Medians over shots; where
-a model has further parameters it must fit better, and by how much is a question for the evidence (`cavirheo which-law`).
+Fits are those of `cavirheo fit --free t0 --t0-us FRAME` over three collapses; the first so many shots are taken, none
+is left out. chi2 is the mean square of (measured - simulated)/sigma with the weights of the fit. Medians over shots.
+A model with further parameters must fit better; whether by enough tells the evidence (`cavirheo which-law`).
 """
 
 from __future__ import annotations
@@ -80,7 +80,7 @@ def rows(folder: Path, name: str, about: Set, shots: int) -> Iterator[list[str]]
         frame = max(float(np.median(np.diff(curve.time))) for curve in curves)
         options = {"free": ("t0",), "t0_bound": frame}
         began = time.process_time()
-        answers = fit_many(curves, about.material, trust_input=True, windows=False, **options, **model)
+        answers = fit_many(curves, about.material, trust_input=True, **options, **model)
         seconds = (time.process_time() - began) / len(curves)
         pairs = [(c, a) for c, a in zip(curves, answers, strict=True) if a.checks.verdict != "failed"]
         best = [answer.best for _, answer in pairs]
