@@ -10,7 +10,7 @@ import pytest
 from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError
 from cavirheo.inference.experiment import Experiment, Options
-from cavirheo.inference.fit import fit
+from cavirheo.inference.fit import fit, fit_many
 from cavirheo.inference.law import Family
 from cavirheo.inference.verify import verify
 from cavirheo.inference.verify.evidence import models, rank_laws
@@ -141,7 +141,13 @@ def test_bad_input(way, code):
     assert raised.value.code == code
 
 
-def test_a_wall_within_the_bubble_fails_its_curve():
-    answer = fit(shot(), wall_distance=200e-6, **QUICKLY)
-    assert answer.checks.verdict == "failed"
-    assert "wall_distance" in answer.checks.message
+def test_a_wall_within_the_bubble():
+    """It fails the curve; where it does so to all, nothing is begun."""
+    large = shot()
+    small = replace(large, radius=large.radius / 2, maximum=(0.0, 125e-6))
+    answers = fit_many([large, small], wall_distance=200e-6, **QUICKLY)
+    assert [answer.checks.verdict == "failed" for answer in answers] == [True, False]
+    assert "wall_distance" in answers[0].checks.message
+    with pytest.raises(InputError) as raised:
+        fit_many([large, large], wall_distance=200e-6)
+    assert raised.value.code == "physics.wall_too_near"

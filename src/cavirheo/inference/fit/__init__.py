@@ -24,6 +24,7 @@ from cavirheo.parallel import cores, each
 from cavirheo.parameters import LOG10, units
 from cavirheo.physics.media import WATER, Medium
 from cavirheo.physics.media import medium as named
+from cavirheo.physics.scales import inertia_of
 from cavirheo.posterior import BubbleModel, Checks, Diagnostics, Posterior, Verdict, WindowAnswer
 
 __all__ = ["fit", "fit_many"]
@@ -106,6 +107,10 @@ def fit_many(
     options = Options(window, end, stretch, free, t0_bound, scale_bound, weights, windows, bubble)
     solid = f"damage needs a law with an elastic part, {material} has none: leave out damage, or add a spring"
     require(damage == "none" or family.elastic, solid, "physics.damage_without_elasticity")
+    if wall_distance is not None:  # too near for every curve; for some, those fail
+        inertia_of(
+            wall_distance, min((float(np.max(c.radius, initial=0.0, where=c.radius > 0)) for c in curves), default=0)
+        )
     threads = cores(workers)
     inner = max(threads // max(len(curves), 1), 1)
     ranges = dict(zip(family.parameters, (10.0 ** family.bounds()).tolist(), strict=True))
