@@ -42,7 +42,7 @@ def arguments() -> dict[str, Any]:
     return dict(
         y=y, numbers=numbers, grid=grid, M=M, shift=1000.0, r=np.empty_like(y), out=np.empty_like(y),
         theta=np.empty(M), gas=np.empty(M), F=np.empty(M + 1), H=np.empty(M + 1),
-        cell=np.zeros((4, M)), flux=np.zeros((6, M + 1)), blocks=np.zeros((9, M)), border=np.zeros((6, M)),
+        cell=np.zeros((5, M)), flux=np.zeros((7, M + 1)), blocks=np.zeros((9, M)), border=np.zeros((6, M)),
         recall=np.zeros((0, 4)), schur=np.zeros((5, 5)), pivot=np.zeros(5, np.int64), b=np.zeros(5), t=0.0,
     )  # fmt: skip
 

@@ -227,9 +227,15 @@ def test_simulate_all_options(run, tmp_path):
         assert file["position"].shape == (385,)
 
 
-@pytest.mark.parametrize("way", ["--polytropic 1.4", "--motion rayleigh-plesset", "--relaxed", "--pulse -500 1 2"])
+@pytest.mark.parametrize(
+    "way",
+    [
+        "--polytropic 1.4", "--motion rayleigh-plesset", "--relaxed", "--pulse -500 1 2", "--contents kinetic",
+        "--damage 0.2 2", "--wall-inertia 0.1", "--wall-distance-um 500", "--vapour-excess 3000",
+    ],
+)  # fmt: skip
 def test_each_option_matters(run, tmp_path, way):
-    words = "simulate --material ucm(0.05,3e-6) --rmax-um 100 --stretch 5 --duration-us 30 -o {}.csv"
+    words = "simulate --material neo-hookean(2e3)+ucm(0.05,3e-6) --rmax-um 100 --stretch 5 --duration-us 30 -o {}.csv"
     for name, more in (("a", ""), ("b", way)):
         status, _, err = run(*words.format(name).split(), *more.split())
         assert status == 0, err
@@ -258,12 +264,20 @@ def test_laws_lists_every_law(run):
         ("--material newtonian(1) --rmax-um 9 --stretch 1 --driving p.csv", "p.csv"),
         ("--material newtonian(1) --rmax-um 9 --stretch 1 --polytropic 1 --fields f.h5", "fields"),
         ("--material newtonian(1) --rmax-um 9 --stretch 1 --motion gilmor", "gilmor"),
+        ("--material newtonian(1) --rmax-um 90 --stretch 5 --contents slow", "slow"),
+        ("--material newtonian(1) --rmax-um 90 --stretch 5 --accommodation 0.1", "--contents kinetic"),
+        ("--material newtonian(1) --rmax-um 90 --stretch 5 --contents kinetic --accommodation 0", "accommodation"),
+        ("--material newtonian(1) --rmax-um 90 --stretch 5 --contents kinetic --accommodation 12", "accommodation"),
+        ("--material newtonian(1) --rmax-um 90 --stretch 5 --wall-distance-um 80", "wall_distance"),
+        ("--material newtonian(1) --rmax-um 90 --stretch 5 --wall-inertia -2", "wall_inertia"),
+        ("--material newtonian(1) --rmax-um 90 --stretch 5 --damage 0.2 2", "damage"),
     ],
 )
 def test_simulate_refuses(run, words, named):
     status, _, err = run("simulate", *words.split(), "-o", "x.csv")
     assert status == 2
     assert named in err
+    assert err.count("\n") == 1
 
 
 def test_models_lists_what_is_shipped(run):

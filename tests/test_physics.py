@@ -52,9 +52,16 @@ GELS = [
     ARMS,
 ]
 WAYS = [dict(motion=m, driving=Pulse(-3e6, 1e5, 2e-6)) for m in MOTIONS] + [dict(polytropic=1.4)]
+KINETIC = [
+    dict(contents="kinetic", accommodation=0.07),
+    dict(contents="kinetic", accommodation=0.003, wall_inertia=0.4),
+    dict(contents="kinetic", driving=Pulse(-3e6, 1e5, 2e-6), motion="gilmore", wall_inertia=-0.2),
+]
 
 
-@pytest.mark.parametrize(("material", "way"), [(g, {}) for g in GELS] + [(ARMS, way) for way in WAYS], ids=str)
+@pytest.mark.parametrize(
+    ("material", "way"), [(g, {}) for g in GELS] + [(ARMS, way) for way in WAYS + KINETIC], ids=str
+)
 @pytest.mark.parametrize("velocity", [-1.3, 0.2])
 def test_analytic_jacobian(material, way, velocity):
     """The factors solve with the numerical derivative of the right-hand side, also by time."""
@@ -78,7 +85,7 @@ def test_analytic_jacobian(material, way, velocity):
         jacobian[:, j] = (f(y + step)[0] - f(y - step)[0]) / (2 * step[j])
     factors = np.zeros((9, M)), np.zeros((6, M)), np.zeros((memory.size, 4)), np.zeros((5, 5)), np.zeros(5, np.int64)
     if M > 0:
-        work = np.zeros((4, M)), np.zeros((6, M + 1))
+        work = np.zeros((5, M)), np.zeros((7, M + 1))
         solver.eliminate(y, numbers, grid, p_dot, z, 50.0, *work, *factors[:2])
     couplings = solver.factorise(t, y, numbers, grid, p_dot, z, 50.0, *factors)
     u = rng.normal(size=y.size)

@@ -60,6 +60,28 @@ class Checks:
 
 
 @dataclass(frozen=True)
+class BubbleModel:
+    """What is assumed of the bubble besides law and medium; "free" is inferred with the other parameters.
+
+    contents: "equilibrium" or "kinetic", with this accommodation. damage: "none" or "first-rebound", whose two factors
+    are inferred. wall_inertia: beta; or wall_distance, m, of one rigid wall. vapour_excess: Pa above saturation at
+    R_max. What they are: physics/simulate.py; what they may be: inference/experiment.py.
+    """
+
+    contents: str = "equilibrium"
+    accommodation: float | str = "free"
+    damage: str = "none"
+    wall_inertia: float | str = 0.0
+    wall_distance: float | None = None
+    vapour_excess: float | str = 0.0
+
+    @property
+    def name(self) -> str:
+        """'kinetic', 'equilibrium, damage'."""
+        return self.contents + (", damage" if self.damage != "none" else "")
+
+
+@dataclass(frozen=True)
 class WindowAnswer:
     """What another window of the same curve answers.
 
@@ -121,6 +143,7 @@ class Posterior:
     importance weights. seconds: wall time. best: every parameter by its natural name in SI, the stretch and what was
     held fixed included. stretch: R_max/R_0 of the answer, whether it was inferred or given. windows: what windows of
     "1", "2", "3" and "all" collapses answer, if they were fitted. evidence: of the law. diagnostics: of the method.
+    bubble: the model of the bubble itself.
     """
 
     names: tuple[str, ...]
@@ -138,6 +161,7 @@ class Posterior:
     windows: Mapping[str, WindowAnswer] = field(default_factory=dict)
     evidence: Evidence | None = None
     diagnostics: Diagnostics = Diagnostics()
+    bubble: BubbleModel = BubbleModel()
 
     def __repr__(self) -> str:
         """Material, method and verdict, then a line per parameter: median, 90 % interval, unit."""

@@ -12,8 +12,8 @@ factor as fractions of their half-widths, from -1 to 1.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
-from numbers import Integral
+from dataclasses import dataclass, field, replace
+from numbers import Integral, Real
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -25,9 +25,11 @@ from cavirheo.inference.law import Family
 from cavirheo.inference.noise import Noise
 from cavirheo.inference.reconstruct import Window, check_stretch, reconstruct, window
 from cavirheo.parameters import LOG10, PARAMETERS
+from cavirheo.physics.damage import Damage
 from cavirheo.physics.media import WATER, Medium
+from cavirheo.physics.scales import ACCOMMODATION, check_bubble, inertia_of
 from cavirheo.physics.simulate import ROUGH, simulate
-from cavirheo.posterior import Checks, Verdict, weighted_quantile
+from cavirheo.posterior import BubbleModel, Checks, Verdict, weighted_quantile
 from cavirheo.prior import Prior
 
 Accuracy = Mapping[str, Any]  # options of `simulate`
@@ -39,11 +41,16 @@ FLOOR = 0.007  # of R_max: two circle fits of one video differ by 1.0 % rms, so 
 TIMING = 1.0 / np.sqrt(12.0)  # frames: standard deviation of an instant within one
 SHARPEST = 1e-3  # of R_max: the solver's own error; less noise is not believed
 FREE = {"t0": "time_origin", "scale": "radius_scale", "rmax": "max_radius_factor"}  # option: name in the answer
+BETA, EXCESS = 0.3, 0.03  # of walls and of vapour (over p_inf): standard deviations of priors cut at 0 and at LARGEST
+LARGEST = 10.0 / 3.0  # of them
 SCALE_BOUND = 0.015  # radius calibration and R_max are known to 1-1.5 %
 SIGMAS = 3.0  # standard deviations of these within their bounds
 AT_END = 0.25  # of an interval's width: an end nearer to the range's is the range's
 _LN10 = float(np.log(10.0))
 _NODES, _SHARES = (part / 2.0 for part in np.polynomial.legendre.leggauss(9))  # of an exposure, over its length
+
+
+AT_ZERO = ("wall_inertia", "vapour_excess")  # free parameters whose prior is largest at 0, where x is -1
 
 
 def _positive(time: float | None) -> bool:
@@ -77,6 +84,7 @@ class Options:
     scale_bound: float = SCALE_BOUND
     weights: str = "motion"
     windows: bool = True
+    bubble: BubbleModel = field(default_factory=BubbleModel)
 
     def __post_init__(self) -> None:
         if isinstance(self.free, str):
@@ -91,6 +99,27 @@ class Options:
         object.__setattr__(self, "free", tuple(self.free))
         if not isinstance(self.stretch, str):
             check_stretch(self.stretch)
+        bubble, unknown = self.bubble, "{} must be a number or 'free', got {!r}"
+        given = {name: getattr(bubble, name) for name in ("accommodation", "wall_inertia", "vapour_excess")}
+        for name, value in given.items():
+            fine = value == "free" or isinstance(value, Real)
+            require(fine, unknown.format(name, value), f"physics.{name}")
+        known = {"accommodation": ACCOMMODATION, "wall_inertia": 0.0, "vapour_excess": 0.0}
+        check_bubble(bubble.contents, **{name: known[name] if x == "free" else x for name, x in given.items()})
+        told = f"damage must be none or first-rebound, got {bubble.damage!r}"
+        require(bubble.damage in ("none", "first-rebound"), told, "option.damage")
+        both = "give either wall_inertia or wall_distance, not both"
+        require(bubble.wall_distance is None or bubble.wall_inertia == 0, both, "physics.two_walls")
+        idle = "an accommodation changes nothing without kinetic contents: give those too"
+        require(bubble.accommodation == "free" or bubble.contents == "kinetic", idle, "option.idle")
+
+
+def fixed_bubble(bubble: BubbleModel, max_radius: float) -> dict[str, float]:
+    """The numbers of the model that are given and not their defaults, by name. Raises InputError: a wall too near."""
+    given = {name: getattr(bubble, name) for name in ("accommodation", *AT_ZERO)}
+    if bubble.wall_distance is not None:
+        given["wall_inertia"] = inertia_of(bubble.wall_distance, max_radius)
+    return {name: float(value) for name, value in given.items() if value not in ("free", 0.0)}
 
 
 class Prediction(NamedTuple):
@@ -111,7 +140,8 @@ class Experiment:
     R/R_max, assumed deviation over R_max. counted: (m,) frames that are no spikes.
 
     Raises:
-        InputError: the curve has no maximum, or not the window; an exposure longer than the frame interval.
+        InputError: the curve has no maximum, or not the window; an exposure longer than the frame interval; damage to a
+            law without elasticity; a wall nearer than R_max.
     """
 
     def __init__(
@@ -140,12 +170,27 @@ class Experiment:
         factor = (1.0, options.scale_bound, 1.0)
         # what is free of clock and scales: (middle, half-width, unit of the steps of finite differences)
         self.free = {FREE[name]: clock if name == "t0" else factor for name in options.free}
-        self.own = (*(() if self.stretch else ("stretch",)), *self.free)
+        bubble, p = options.bubble, medium.pressure
+        if bubble.wall_inertia == "free":  # these two have their prior's largest value at 0
+            self.free["wall_inertia"] = (0.5 * LARGEST * BETA, 0.5 * LARGEST * BETA, 1.0)
+        if bubble.vapour_excess == "free":
+            self.free["vapour_excess"] = (0.5 * LARGEST * EXCESS * p, 0.5 * LARGEST * EXCESS * p, p)
+        self.bubble = fixed_bubble(bubble, self.max_radius)
+        told = f"damage needs a law with an elastic part, {family.name} has none: leave out damage"
+        solid = bubble.damage == "none" or family.elastic
+        require(solid, told, "physics.damage_without_elasticity")
+        free_logs = {
+            "stretch": not self.stretch,
+            "accommodation": bubble.contents == "kinetic" and bubble.accommodation == "free",
+            "damage_modulus": bubble.damage != "none", "damage_radius": bubble.damage != "none",
+        }  # fmt: skip
+        self.logs = tuple(name for name, free in free_logs.items() if free)  # of the shot, log10 in x
+        self.own = (*self.logs, *self.free)
         self.law = len(family.parameters)  # how many of x are the law's
         self.names = (*family.parameters, *self.own)
         units = [unit / width for _, width, unit in self.free.values()]
         self.steps = np.array([1.0] * (len(self.names) - len(units)) + units)  # over the general one of differences
-        ranges = [PARAMETERS["stretch"].searched if name == "stretch" else (-1.0, 1.0) for name in self.own]
+        ranges = [PARAMETERS[name].searched if name in self.logs else (-1.0, 1.0) for name in self.own]
         self.bounds = np.concatenate([family.bounds(), np.array(ranges, dtype=float).reshape(-1, 2)])
         self.noise_factor = 1.0  # of sigma, found from the residuals in a joint fit
         wanted = options.window
@@ -175,10 +220,29 @@ class Experiment:
     def natural(self, x: Floats) -> dict[str, Any]:
         """stretch, time_origin (s), radius_scale and max_radius_factor from x (d,), or from (d, draws)."""
         values: dict[str, Any] = {"time_origin": 0.0, "radius_scale": 1.0, "max_radius_factor": 1.0}
-        values["stretch"] = self.stretch if self.stretch else 10.0 ** x[self.law]
+        values |= self.bubble
+        if self.stretch:
+            values["stretch"] = self.stretch
+        for name, value in zip(self.logs, x[self.law :], strict=False):
+            values[name] = 10.0**value
         for (name, (middle, width, _)), value in zip(self.free.items(), x[len(x) - len(self.free) :], strict=True):
             values[name] = value * width + middle
         return values
+
+    def simulated(self, natural: Mapping[str, Any]) -> dict[str, Any]:
+        """Options of `simulate` for the model of the bubble."""
+        way = {name: natural[name] for name in ("accommodation", *AT_ZERO) if name in natural}
+        if self.options.bubble.damage != "none":
+            way["damage"] = Damage(natural["damage_modulus"], natural["damage_radius"])
+        return way | {"contents": self.options.bubble.contents}
+
+    def starts(self, x: Floats) -> Floats:
+        """x (..., d) with what is free of clock, scales, walls and vapour where a search begins: at nothing."""
+        x = np.array(x)
+        for i, name in enumerate(self.names):
+            if name in self.free:
+                x[..., i] = -0.8 if name in AT_ZERO else 0.0
+        return x
 
     def best(self, x: Floats) -> dict[str, float]:
         """Every parameter by its natural name in SI, what was held fixed included."""
@@ -196,7 +260,8 @@ class Experiment:
 
         log10 of the law's parameters and of the stretch: uniform in the ranges that a fit searches, or in `ranges`
         ({"shear_modulus": [low, high] in SI}); the stretch normal where the plateau gives it. Time origin: uniform
-        within its bound. Radius scale and R_max: normal, a third of their bound wide. Raises InputError: a range of an
+        within its bound. Radius scale and R_max: normal, a third of their bound wide. Walls and vapour above
+        saturation: the half of a normal from 0 up. Raises InputError: a range of an
         unknown parameter, or one that is not positive and rising.
         """
         bounds, given = self.bounds.copy(), dict(ranges or {})
@@ -211,6 +276,8 @@ class Experiment:
                 mean[i], std[i] = self.plateau
             if name in ("radius_scale", "max_radius_factor"):
                 std[i] = 1.0 / SIGMAS
+            if name in AT_ZERO:
+                mean[i], std[i] = -1.0, 2.0 / LARGEST
         told = f"no prior range can be set for {', '.join(given)}; known: {', '.join(self.names)}"
         require(not given, told, "prior.name")
         return Prior(self.names, bounds[:, 0], bounds[:, 1], mean, std)
@@ -230,7 +297,8 @@ class Experiment:
             run = simulate(
                 self.family.material(x[: self.law]),
                 max_radius=self.max_radius * scale * natural["max_radius_factor"],
-                stretch=natural["stretch"], time=instants[order], medium=self.medium, throw=False, **accuracy,
+                stretch=natural["stretch"], time=instants[order], medium=self.medium, throw=False,
+                **self.simulated(natural), **accuracy,
             )  # fmt: skip
         except InputError:  # parameters that exclude each other: as a failed simulation
             return None
@@ -270,7 +338,8 @@ class Experiment:
         maximum = (cut.time_of_max + origin, self.max_radius * scale * natural["max_radius_factor"])
         moved = replace(cut, radius=cut.radius * scale, radius_std=cut.radius_std * scale, maximum=maximum)
         view = Window(moved, self.view.end - origin, self.view.collapses)
-        found = reconstruct(view, self.family.material(x[: self.law]), self.medium, natural["stretch"])
+        material, bubble = self.family.material(x[: self.law]), self.simulated(natural)
+        found = reconstruct(view, material, self.medium, natural["stretch"], **bubble)
         found = replace(found, drawn_radius=found.drawn_radius / scale)
         return found.checks(self.view, self.time_scale, verdict, messages)
 
@@ -279,7 +348,7 @@ class Experiment:
         high (d,): there the range decides, not the curve."""
         found: dict[str, str] = {}
         for name, values, a, b in zip(self.names, x.T, low, high, strict=True):
-            if name in self.free or len(x) < 2:
+            if name not in (*self.family.parameters, "stretch") or len(x) < 2:
                 continue
             bottom, top = weighted_quantile(values, np.array([0.05, 0.95]), log_weight)
             sides = {"below": bottom - a, "above": b - top}

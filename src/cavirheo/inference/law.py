@@ -61,6 +61,11 @@ class Family:
         values = iter(10.0**log10)
         return combine([LAWS[law](**{name: float(next(values)) for name in own}) for law, own in self._terms])
 
+    @property
+    def elastic(self) -> bool:
+        """Whether its materials have an elastic part."""
+        return self.material(np.mean(self.bounds(started=True), axis=1)).elastic is not None
+
     def bounds(self, *, started: bool = False) -> Floats:
         """(parameters, 2): the ranges searched, or the parts of them that searches start from."""
         names = [name for _, own in self._terms for name in own]

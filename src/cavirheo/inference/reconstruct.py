@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from numbers import Real
+from typing import Any
 
 import numpy as np
 from scipy.optimize import minimize_scalar
@@ -127,14 +128,15 @@ class Reconstruction:
         )
 
 
-def reconstruct(view: Window, material: Material, medium: Medium, stretch: float) -> Reconstruction:
+def reconstruct(view: Window, material: Material, medium: Medium, stretch: float, **bubble: Any) -> Reconstruction:
     """Simulate the answer and lay it over the window. Raises SolverError if it cannot be simulated.
 
-    Frames before R_max (where a fit has moved the clock) are compared with the mirrored fall after it.
+    Frames before R_max (where a fit has moved the clock) are compared with the mirrored fall after it. `bubble`:
+    further options of `simulate`.
     """
     curve, since = view.curve, np.abs(view.since_max)
     times = np.union1d(since, np.linspace(0.0, view.end, _DRAWN))
-    run = simulate(material, max_radius=curve.max_radius, stretch=stretch, time=times, medium=medium)
+    run = simulate(material, max_radius=curve.max_radius, stretch=stretch, time=times, medium=medium, **bubble)
     residual = view.normalised - run.radius[np.searchsorted(times, since)] / curve.max_radius
     return Reconstruction(residual, view.since_max + curve.time_of_max, times + curve.time_of_max, run.radius)
 

@@ -5,15 +5,16 @@ R_c = R_max, U_c = sqrt(p_inf/rho), t_c = R_c/U_c, pressures by p_inf, temperatu
 
 from __future__ import annotations
 
-from math import inf
+from math import inf, pi, sqrt
 from typing import NamedTuple
 
 import numpy as np
 
 from cavirheo.arrays import Floats
 from cavirheo.errors import require
+from cavirheo.physics.damage import Damage
 from cavirheo.physics.driving import Driving
-from cavirheo.physics.law import POSITIVE, Material, domain, table_of, within
+from cavirheo.physics.law import NOT_NEGATIVE, POSITIVE, Material, domain, table_of, within
 from cavirheo.physics.media import Medium
 from cavirheo.physics.table import scaled
 
@@ -31,24 +32,49 @@ class Numbers(NamedTuple):
     pv: float  # vapour pressure/p_inf
     kappa: float
     elastic: Floats  # (n, 7) table of S_el/p_inf over R/R_0 (physics/table.py)
+    damaged: Floats  # (n, 7) the same after the first rebound; (0, 7) where nothing changes
     viscous: Floats  # (m, 7) table of S_v/p_inf over t_c U/R, for U >= 0
     memory: Floats  # (k, 3) modulus C_k/p_inf, power n_k, t_c/tau of each relaxing term (physics/memory.py)
     driving: Floats  # (n, 7) table of the far-field pressure above ambient, over p_inf, over t/t_c
     polytropic: float  # exponent of the gas where the contents are polytropic
     tait: float  # exponent of the liquid in Gilmore's equation; 0: Keller-Miksis
+    vapour: float  # pressure of the vapour at the start/p_inf
+    rate: float  # of condensation, a of docs (3.11): accommodation sqrt(R_v T_inf/2 pi)/U_c; infinite: equilibrium
+    varying: bool  # D = Fo T^1.75/p instead of Fo
+    inertia: float  # beta of walls around, at R_max
     base: float  # p_b, which the state of the solver leaves out of the pressure (docs/method/physics.md, section 3.2)
 
     @property
     def pressure(self) -> float:
         """Contents at the start: the gas that R_0 in equilibrium holds, isothermally, and saturated vapour (3.9)."""
-        return self.pv + (1 + self.stretch / self.We - self.pv) / self.stretch**3
+        return self.vapour + (1 + self.stretch / self.We - self.pv) / self.stretch**3
 
 
 TAIT = 7.15  # exponent of water in Tait's equation of state: Gilmore 1952
 STRETCH = domain("at least 1 (the bubble starts at its largest radius)", lambda x: 1 <= x < inf)
+CONTENTS = ("equilibrium", "kinetic")
+ACCOMMODATION = 0.07  # of vapour at the wall: the median of real gels (docs/method/physics.md, section 3.5)
+_ACCOMMODATION = domain("above 0 and at most 10", lambda x: 0 < x <= 10)
+_INERTIA = domain("above -0.5 and at most 3", lambda x: -0.5 < x <= 3)
 MOTIONS = ("keller-miksis", "rayleigh-plesset", "gilmore")
 ABSENT = np.zeros((2, 7))  # no stress at all, at any stretch or rate, and no driving
 ABSENT[1, 0] = np.inf
+
+
+def check_bubble(contents: str, accommodation: float, wall_inertia: float, vapour_excess: float) -> None:
+    """Raises InputError for contents that are not known, or a number out of its domain."""
+    kinds = f"contents must be {' or '.join(CONTENTS)}; got {contents!r}"
+    require(contents in CONTENTS, kinds, "physics.contents")
+    within(_ACCOMMODATION, "accommodation", accommodation)
+    within(_INERTIA, "wall_inertia", wall_inertia)
+    within(NOT_NEGATIVE, "vapour_excess", vapour_excess)
+
+
+def inertia_of(wall_distance: float, max_radius: float) -> float:
+    """beta of one rigid wall so far (m) from the bubble's centre. Raises InputError: the bubble would touch it."""
+    near = f"wall_distance must be more than R_max ({max_radius:.4g} m), got {wall_distance!r} m"
+    require(max_radius < wall_distance, near, "physics.wall_too_near")
+    return 0.5 * max_radius / wall_distance
 
 
 def dimensionless(
@@ -60,16 +86,28 @@ def dimensionless(
     driving: Driving | None = None,
     motion: str = MOTIONS[0],
     polytropic: float = 0.0,
+    contents: str = CONTENTS[0],
+    accommodation: float = ACCOMMODATION,
+    wall_inertia: float = 0.0,
+    vapour_excess: float = 0.0,
+    damage: Damage | None = None,
 ) -> Numbers:
     """Numbers of a bubble of `max_radius` (m) and `stretch` (1) in a material (SI) and a medium.
 
     Raises:
         InputError: the radius is not positive, the stretch is below 1, the equation of motion is unknown, or it is
-            Gilmore's in an incompressible medium.
+            Gilmore's in an incompressible medium; accommodation, wall_inertia or vapour_excess are out of their
+            domains, the contents are unknown or two kinds, or there is damage without an elastic part.
     """
     require(motion in MOTIONS, f"motion must be one of {', '.join(MOTIONS)}; got {motion!r}", "physics.motion")
     why = "Gilmore's equation needs a finite speed of sound: use motion='rayleigh-plesset'"
     require(motion != "gilmore" or medium.sound_speed < inf, why, "physics.sound_speed")
+    check_bubble(contents, accommodation, wall_inertia, vapour_excess)
+    kinetic, usual = contents == "kinetic", contents == CONTENTS[0] and vapour_excess == 0
+    why = "polytropic contents have no condensation: leave out polytropic, or kinetic contents and vapour_excess"
+    require(usual or not polytropic, why, "physics.contents_twice")
+    why = f"damage needs a material with an elastic part, {material} has none: leave out damage or add a spring"
+    require(damage is None or material.elastic is not None, why, "physics.damage_without_elasticity")
     within(POSITIVE, "max_radius", max_radius)
     within(STRETCH, "stretch = R_max/R_0", stretch)
     U_c, p, pv = medium.velocity_scale, medium.pressure, medium.vapour_pressure / medium.pressure
@@ -87,13 +125,18 @@ def dimensionless(
         kappa=medium.adiabatic_index,
         polytropic=polytropic,
         tait=TAIT if motion == "gilmore" else 0.0,
-        base=pv if driving or stretch > 20 else 0.0,
+        vapour=pv + vapour_excess / p,
+        rate=accommodation * sqrt(medium.vapour_constant * medium.temperature / (2 * pi)) / U_c if kinetic else inf,
+        inertia=wall_inertia,
+        base=pv if (driving or stretch > 20) and not kinetic else 0.0,  # p may fall below p_v where it is kinetic
     )
     elastic, viscous = (table_of(part) if part else ABSENT for part in (material.elastic, material.viscous))
     arms = [arm.table() * [1 / p, 1.0, max_radius / U_c] for arm in material.memory]
     return Numbers(
         **{name: float(value) for name, value in fields.items()},  # ints would compile the solver anew
+        varying=kinetic,
         elastic=scaled(elastic, 1.0, 1 / p),
+        damaged=scaled(damage.table(elastic), 1.0, 1 / p) if damage else np.zeros((0, 7)),
         viscous=scaled(viscous, max_radius / U_c, 1 / p),
         memory=np.concatenate([np.zeros((0, 3)), *arms]),
         driving=scaled(driving.table() if driving else ABSENT, U_c / max_radius, 1 / p),

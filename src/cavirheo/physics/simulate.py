@@ -15,12 +15,13 @@ from cavirheo.arrays import Floats
 from cavirheo.errors import InputError, SolverError, brief, expect, expect_whole, require
 from cavirheo.parameters import DURATION, RADIUS
 from cavirheo.physics import solver
+from cavirheo.physics.damage import Damage
 from cavirheo.physics.driving import Driving
 from cavirheo.physics.grid import NO_SHELLS, Grid, wall_clustered
 from cavirheo.physics.law import POSITIVE, Material, domain, within
 from cavirheo.physics.media import WATER, Medium
 from cavirheo.physics.media import medium as named
-from cavirheo.physics.scales import MOTIONS, dimensionless
+from cavirheo.physics.scales import ACCOMMODATION, CONTENTS, MOTIONS, Numbers, dimensionless, inertia_of
 from cavirheo.physics.simulation import INSIST, Contents, Simulation
 from cavirheo.physics.tableau import RODAS5P
 from cavirheo.physics.viscous import Newtonian
@@ -29,6 +30,7 @@ DEFAULT = (152, 1e-4)  # shells across the bubble, relative error per step: what
 PRECISE = (384, 1e-5)
 ROUGH: dict[str, Any] = {"cells": 64, "rtol": 3e-4}  # inside a search: 2 ms, good to 1 % of R_max, most to 0.04 %
 POLYTROPIC = (0, 1e-7)  # without fields a step costs next to nothing
+KINETIC = 0.1  # of rtol: kinetic contents are less stiff, and the longer steps would be less accurate
 WALL_CELL = 1e-4  # thickness of the shell at the wall
 MAX_STEPS = 100_000
 _EXAMPLE = "NeoHookeanKelvinVoigt(shear_modulus=8e3, viscosity=0.05)"
@@ -46,6 +48,12 @@ def simulate(
     driving: Driving | None = None,
     motion: str = MOTIONS[0],
     polytropic: float | None = None,
+    contents: str = CONTENTS[0],
+    accommodation: float = ACCOMMODATION,
+    wall_inertia: float = 0.0,
+    wall_distance: float | None = None,
+    vapour_excess: float = 0.0,
+    damage: Damage | None = None,
     relaxed: bool = False,
     fields: bool = False,
     precise: bool = False,
@@ -67,12 +75,22 @@ def simulate(
         polytropic: exponent of the gas (1 isothermal, 1.4 adiabatic air) beside saturated vapour, instead of heat and
             vapour transport. The gas of R_0 is expanded to the start isothermally: with another exponent than 1 the
             bubble rests above R_0.
+        contents: "equilibrium" (vapour at the wall is saturated, the field's model) or "kinetic" (it condenses at a
+            finite rate, and its diffusivity depends on temperature and pressure).
+        accommodation: of kinetic contents, above 0 and at most 10: share of the vapour's molecules that stay where
+            they hit the wall, or what stands for any resistance there.
+        wall_inertia: beta = R_max sum(s_i/d_i) over the images of the bubble behind walls, d_i their distances,
+            s_i = 1 for a rigid wall and -1 for a free surface.
+        wall_distance: m, from the bubble's centre to one rigid wall, instead of wall_inertia (R_max/(2 distance)).
+        vapour_excess: Pa of vapour above saturation at the start.
+        damage: of the elastic part, at the first rebound (physics/damage.py).
         relaxed: laws with memory start unstressed; otherwise with what the growth from R_0 to R_max leaves
             (physics/growth.py).
         fields: keep temperature and vapour in the bubble, `Simulation.contents`.
         precise: ten times as accurate and five times as long as the default, whose error is 1e-4 of R_max in
             the median and up to 2e-3 in the most violent collapses (benchmarks/solver.md).
-        rtol, cells: relative error per step and shells across the bubble, instead of the default's.
+        rtol, cells: relative error per step (of kinetic contents a tenth of it) and shells across the bubble, instead
+            of the default's.
         throw: raise on a failed solve; otherwise return it with its status.
         unusual: accept bubbles smaller than 10 nm or larger than 5 cm, and more than a second.
 
@@ -98,7 +116,12 @@ def simulate(
         require(not fields, "polytropic contents have no fields: leave out fields or polytropic", "physics.no_fields")
     else:
         expect_whole(cells, "cells", 8, "physics.cells")
+    if wall_distance is not None:
+        require(not wall_inertia, "give either wall_inertia or wall_distance, not both", "physics.two_walls")
+        wall_inertia = inertia_of(wall_distance, max_radius)
     way: dict[str, Any] = {"driving": driving, "motion": motion, "polytropic": polytropic or 0.0}
+    way |= {"contents": contents, "accommodation": accommodation, "damage": damage}
+    way |= {"wall_inertia": wall_inertia, "vapour_excess": vapour_excess}
     numbers = dimensionless(material, medium, max_radius, stretch, **way)
     grid = wall_clustered(cells, min(WALL_CELL, 0.5 / cells)) if polytropic is None else NO_SHELLS
     most = MAX_STEPS + len(numbers.driving) - 2  # no step passes over more than one sample of a trace
@@ -114,7 +137,7 @@ def simulate(
 
             memory = remembered(numbers)
         start = np.concatenate([[1.0, 0.0, numbers.pressure], memory])
-        ways = (times / t_c, float(rtol), most, False)
+        ways = (times / t_c, float(rtol) * (KINETIC if numbers.rate < np.inf else 1.0), most, False)
         code = solver.integrate(numbers, grid, RODAS5P, start, *ways, out, shells, stats)
         if code != solver.OK:
             low, high = numbers.elastic[[0, -1], 0]
@@ -138,17 +161,22 @@ def simulate(
         equilibrium_radius=max_radius / stretch,
         status=status,
         stats={"steps": int(stats[0]), "rejected": int(stats[1]), "gas_drift": float(stats[2])},
-        contents=_contents(shells, out, grid, medium) if fields else None,
+        contents=_contents(shells, out, grid, medium, numbers) if fields else None,
         unusual=True,  # looked at before
     )
 
 
-def _contents(shells: Floats, out: Floats, grid: Grid, medium: Medium) -> Contents:
+def _contents(shells: Floats, out: Floats, grid: Grid, medium: Medium, numbers: Numbers) -> Contents:
     """Temperature and mass fraction of vapour from moles per shell volume (docs/method/physics.md, section 3.2)."""
     moles, gas = np.split(shells, 2, axis=1)
     R, p = out[:, :1], out[:, 2:3]
     temperature = np.hstack([p * R**3 / moles, np.ones_like(p)]) * medium.temperature
-    x = np.hstack([1 - gas / moles, medium.vapour_pressure / (p * medium.pressure)])
+    wall = medium.vapour_pressure / (p * medium.pressure)
+    if numbers.rate < np.inf:
+        outer = (gas / moles)[:, [-1, -2]] @ grid.wall[1:]
+        states = zip(R[:, 0], (p - numbers.base)[:, 0] * R[:, 0] ** 3, outer, strict=True)
+        wall = np.array([[1 - solver.gas_at_wall(numbers, a, b, grid.wall[0], c)[0]] for a, b, c in states])
+    x = np.hstack([1 - gas / moles, wall])
     vapour = x * medium.gas_constant / (x * medium.gas_constant + (1 - x) * medium.vapour_constant)
     return Contents(np.append(grid.centre, 1.0), temperature, vapour)
 

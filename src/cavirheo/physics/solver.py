@@ -13,8 +13,9 @@ velocity v the contents obey
     n_t + div(n v) = 0,  [n (1-x)]_t + div(n (1-x) v + Fo n grad x) = 0,
 
 v and p' from docs/method/physics.md (3.7) and (3.8): the system of Estrada et al. 2018 (doi:10.1016/j.jmps.2017.12.006)
-rewritten without approximation. A grid without shells means polytropic contents. The laws of the material are two
-tables (physics/table.py) and rows of relaxing terms (physics/memory.py); the far-field pressure is a table too.
+rewritten without approximation; or with a finite rate of condensation and D(T, p), section 3.5 there. A grid without
+shells means polytropic contents. The laws of the material are two tables (physics/table.py) and rows of relaxing terms
+(physics/memory.py); the far-field pressure is a table too.
 
 The Jacobian is analytic: a block-tridiagonal part (2x2 lower-triangular blocks) with a border of five unknowns R, U,
 P, p', z, so one linear solve costs O(cells); the memories are eliminated before. Every function that is compiled for
@@ -110,19 +111,40 @@ def accelerate(numbers, t, R, U, p, p_dot, memory):
         w, w_U, w_i = 1 - U * i, -i, -U
     J = -S_g
     h_t = h_b * v - g_t
-    bottom = (1 - U * i) * R + w * i * h_b * J
-    value = ((1 + U * i) * h + w * i * R * h_t - 1.5 * U * U + 0.5 * i * U * U * U) / bottom
+    walled = 2 * numbers.inertia * R  # the image bubbles behind the walls move liquid too
+    bottom = (1 - U * i + 0.5 * walled) * R + w * i * h_b * J
+    value = ((1 + U * i) * h + w * i * R * h_t - (1.5 + walled) * U * U + 0.5 * i * U * U * U) / bottom
     top_i = U * h + (w + i * w_i) * R * h_t + 0.5 * U * U * U
     bottom_i = (w + i * w_i) * h_b * J - U * R
     by_b = (1 + U * i) * h_b + w * i * R * h_bb * v + i_b * top_i
     by_b = (by_b - value * (w * i * h_bb * J + i_b * bottom_i)) / bottom
     by_v = w * i * R * h_b / bottom
     by_J = -value * w * i * h_b / bottom
-    by_R = (w * i * h_t - value * (1 - U * i)) / bottom + by_b * b_R + by_v * v_R + by_J * S_gg * rate / R
-    by_U = (i * h + w_U * i * R * h_t - 3 * U + 1.5 * i * U * U - value * (w_U * i * h_b * J - i * R)) / bottom
+    by_R = w * i * h_t - 2 * numbers.inertia * U * U - value * (1 - U * i + walled)
+    by_R = by_R / bottom + by_b * b_R + by_v * v_R + by_J * S_gg * rate / R
+    by_U = i * h + w_U * i * R * h_t - (3 + 2 * walled) * U + 1.5 * i * U * U
+    by_U = (by_U - value * (w_U * i * h_b * J - i * R)) / bottom
     by_U += by_b * S_g / R + by_v * v_U - by_J * S_gg / R
     by_t = -((1 + U * i) * g_t + w * i * R * g_tt) / bottom
     return value, by_R, by_U, by_t, by_b, by_v
+
+
+@compiled
+def gas_at_wall(numbers, R, P, w, B):
+    """Mole fraction g of gas at the wall, where z = w + B/g (w, B: one-sided difference); 1/(dz/dB); resistance m.
+
+    g = (p - p_v)/p - m z: what a finite rate of condensation holds back; m = 0 in equilibrium.
+    """
+    pressed = P + numbers.base * R * R * R  # p R^3
+    g = (P + (numbers.base - numbers.pv) * R * R * R) / pressed
+    if numbers.rate == math.inf:
+        return g, g, 0.0
+    m = numbers.Fo / (numbers.rate * R)
+    if numbers.varying:
+        m *= R * R * R / pressed
+    h = g - m * w
+    root = math.sqrt(h * h - 4 * m * B)
+    return (0.5 * (h + root) if h > 0 else -2 * m * B / (root - h)), root, m
 
 
 @compiled
@@ -136,16 +158,23 @@ def derivatives(t, y, numbers, grid, theta, gas, F, H, out):
     p = numbers.base + P / (R * R * R)
     pressed = P + numbers.base * R * R * R  # p R^3
     memory = y[2 * M + 3 :]
+    diffusion, carried = (Fo * R, 1.0) if numbers.varying else (Fo / (R * R), p)  # D/R^2, and n D/Fo at the wall
+    carrier = out[:M] if numbers.varying else y[:M]  # n D of each shell: T^0.75, for D = Fo T^1.75/p
     if M > 0:
         for i in range(M):
             r = 1 / y[i]
             T = pressed * r
             theta[i] = (0.5 * A * (T + 1) + B) * (T - 1)
             gas[i] = y[M + i] * r
-        gas_wall = (P + (numbers.base - numbers.pv) * R * R * R) / pressed
+        if numbers.varying:
+            for i in range(M):
+                T = pressed / y[i]
+                carrier[i] = math.sqrt(T * math.sqrt(T))
+        B_wall = wall[1] * gas[M - 1] + wall[2] * gas[M - 2]
+        gas_wall = gas_at_wall(numbers, R, P, wall[0], B_wall)[0]
         z = (wall[0] * gas_wall + wall[1] * gas[M - 1] + wall[2] * gas[M - 2]) / gas_wall
         heat = (kappa - 1) * numbers.chi * (wall[1] * theta[M - 1] + wall[2] * theta[M - 2]) / R
-        p_dot = 3 / R * (-kappa * p * U + heat - kappa * p * Fo * z / R)
+        p_dot = 3 / R * (-kappa * p * U + heat - kappa * carried * Fo * z / R)
     else:
         z, p_dot = 0.0, -3 * numbers.polytropic * (p - numbers.pv) * U / R
     out[2 * M] = U
@@ -158,16 +187,16 @@ def derivatives(t, y, numbers, grid, theta, gas, F, H, out):
 
     drift = (kappa - 1) * numbers.chi / (kappa * p * R)
     sweep = R * p_dot / (3 * kappa * p) + U
-    diffusion = Fo / (R * R)
     for i in range(M - 1):  # fluxes through the faces: F of all moles, H of gas
         w = (drift * (theta[i + 1] - theta[i]) * inverse_distance[i] - sweep * face[i]) * area[i] / R
         N_face = left[i] * y[i] + right[i] * y[i + 1]
         G_face = left[i] * y[M + i] + right[i] * y[M + i + 1]
         F[i + 1] = N_face * w
-        H[i + 1] = G_face * w - area[i] * N_face * diffusion * (gas[i + 1] - gas[i]) * inverse_distance[i]
+        D_face = left[i] * carrier[i] + right[i] * carrier[i + 1]
+        H[i + 1] = G_face * w - area[i] * D_face * diffusion * (gas[i + 1] - gas[i]) * inverse_distance[i]
     F[0] = 0.0
     H[0] = 0.0
-    F[M] = Fo * p * R * z  # vapour condenses at the wall
+    F[M] = Fo * carried * R * z  # vapour condenses at the wall
     H[M] = 0.0  # gas does not
     for i in range(M):
         out[i] = (F[i] - F[i + 1]) * inverse_volume[i]
@@ -181,7 +210,7 @@ def eliminate(y, numbers, grid, p_dot, z, shift, cell, flux, blocks, border):
 
     Most loops write one array, so that LLVM can rule out overlap and vectorise; only the elimination is sequential.
 
-    cell (4, M), flux (6, M + 1): work space. Column k of flux is the face between shells k-1 and k.
+    cell (5, M), flux (7, M + 1): work space. Column k of flux is the face between shells k-1 and k.
     blocks (9, M), each NN, GN, GG: inverse diagonal block; that times the block right of it; multipliers of the row
     above.
     border (6, M): inverse diagonal block times the columns of R, P and the sweep, N rows and G rows. U and p' enter the
@@ -196,10 +225,11 @@ def eliminate(y, numbers, grid, p_dot, z, shift, cell, flux, blocks, border):
     pressed = P + numbers.base * R * R * R  # p R^3
     drift = (kappa - 1) * numbers.chi / (kappa * p * R)
     swept = R * p_dot / (3 * kappa * p)
-    sweep, diffusion = swept + U, Fo / (R * R)
+    sweep = swept + U
+    diffusion, fick = (Fo * R, Fo * R * R) if numbers.varying else (Fo / (R * R), Fo / R)
 
     N, G = y[:M], y[M : 2 * M]
-    inverse, theta, KT, gas = cell[0], cell[1], cell[2], cell[3]
+    inverse, theta, KT, gas, by_N = cell[0], cell[1], cell[2], cell[3], cell[4]
     for i in range(M):
         inverse[i] = 1 / N[i]
     for i in range(M):
@@ -209,8 +239,19 @@ def eliminate(y, numbers, grid, p_dot, z, shift, cell, flux, blocks, border):
     for i in range(M):
         gas[i] = G[i] * inverse[i]
 
-    # on the faces: N and G times area/R, the velocities of conduction and of diffusion
+    for i in range(M):  # what diffuses, N or T^0.75, by N
+        by_N[i] = 1.0
+    # on the faces: N and G times area/R, the velocities of conduction and of diffusion, N or T^0.75 times area/R
     n, g, w, v = flux[0, 1:M], flux[1, 1:M], flux[2, 1:M], flux[3, 1:M]
+    q = flux[6, 1:M] if numbers.varying else n
+    if numbers.varying:
+        for i in range(M):
+            T = pressed * inverse[i]
+            by_N[i] = math.sqrt(T * math.sqrt(T))
+        for i in range(M - 1):
+            q[i] = area[i] / R * (by_N[i] + right[i] * (by_N[i + 1] - by_N[i]))
+        for i in range(M):
+            by_N[i] *= -0.75 * inverse[i]
     for i in range(M - 1):
         n[i] = area[i] / R * (N[i] + right[i] * (N[i + 1] - N[i]))
     for i in range(M - 1):
@@ -229,11 +270,11 @@ def eliminate(y, numbers, grid, p_dot, z, shift, cell, flux, blocks, border):
             for i in range(M - 1):
                 N_inner[i] = (drift * (KT[i + 1] - KT[i]) * inverse_distance[i] - w[i] + swept * face[i]) / p
         if k == 0:
-            by_p, N_wall = 1 / (R * R * R), Fo * R * z / (R * R * R)
+            by_p, N_wall = 1 / (R * R * R), 0.0 if numbers.varying else Fo * R * z / (R * R * R)
             for i in range(M - 1):
                 N_inner[i] *= by_p
         elif k == 1:
-            by_p, N_wall = 3 * numbers.base / R, Fo * z * (3 * numbers.base - 2 * p)
+            by_p, N_wall = 3 * numbers.base / R, Fo * z * (1.0 if numbers.varying else 3 * numbers.base - 2 * p)
             for i in range(M - 1):
                 N_inner[i] = by_p * N_inner[i] + (w[i] + (sweep - 4 * swept) * face[i]) / R
         else:
@@ -244,7 +285,10 @@ def eliminate(y, numbers, grid, p_dot, z, shift, cell, flux, blocks, border):
             G_inner[i] = g[i] * N_inner[i]
         for i in range(M - 1):
             N_inner[i] *= n[i]
-        if k == 1:
+        if numbers.varying and k < 2:
+            for i in range(M - 1):
+                G_inner[i] -= (0.75 * R * by_p / p + k) * q[i] * v[i]
+        elif k == 1:
             for i in range(M - 1):
                 G_inner[i] += 2 * n[i] * v[i]
         N_flux[M] = N_wall
@@ -263,25 +307,27 @@ def eliminate(y, numbers, grid, p_dot, z, shift, cell, flux, blocks, border):
         n[i] *= inverse_distance[i]
     for i in range(M - 1):
         g[i] *= inverse_distance[i]
+    if numbers.varying:
+        for i in range(M - 1):
+            q[i] *= inverse_distance[i]
     for i in range(M):
         KT[i] *= drift * inverse[i]
     for i in range(M):
         gas[i] *= inverse[i]
-    fick = Fo / R
     d11, d21, d22, c11, c21, c22 = blocks[0], blocks[1], blocks[2], blocks[3], blocks[4], blocks[5]
     a11, a21, a22 = blocks[6], blocks[7], blocks[8]
     for i in range(M - 1):
         a11[i + 1] = left[i] * w[i] + n[i] * KT[i]
     for i in range(M - 1):
-        a21[i + 1] = g[i] * KT[i] - left[i] * v[i] - fick * n[i] * gas[i]
+        a21[i + 1] = g[i] * KT[i] - left[i] * by_N[i] * v[i] - fick * q[i] * gas[i]
     for i in range(M - 1):
-        a22[i + 1] = left[i] * w[i] + fick * n[i] * inverse[i]
+        a22[i + 1] = left[i] * w[i] + fick * q[i] * inverse[i]
     for i in range(M - 1):
         c11[i] = right[i] * w[i] - n[i] * KT[i + 1]
     for i in range(M - 1):
-        c21[i] = fick * n[i] * gas[i + 1] - g[i] * KT[i + 1] - right[i] * v[i]
+        c21[i] = fick * q[i] * gas[i + 1] - g[i] * KT[i + 1] - right[i] * by_N[i + 1] * v[i]
     for i in range(M - 1):
-        c22[i] = right[i] * w[i] - fick * n[i] * inverse[i + 1]
+        c22[i] = right[i] * w[i] - fick * q[i] * inverse[i + 1]
     for k in range(3):  # and from them the rows of (shift - J)
         d, c, a = blocks[k], blocks[3 + k], blocks[6 + k]
         a[0] = c[M - 1] = 0.0
@@ -351,23 +397,27 @@ def factorise(t, y, numbers, grid, p_dot, z, shift, blocks, border, recall, schu
         theta_a = (0.5 * numbers.A * (Ta + 1) + numbers.B) * (Ta - 1)
         theta_b = (0.5 * numbers.A * (Tb + 1) + numbers.B) * (Tb - 1)
         KTa, KTb = (numbers.A * Ta + numbers.B) * Ta, (numbers.A * Tb + numbers.B) * Tb
-        gas_wall = (P + (numbers.base - numbers.pv) * R * R * R) / pressed
+        B_wall = wall[1] * (y[M + a] * ra) + wall[2] * (y[M + b] * rb)
+        _, slack, m = gas_at_wall(numbers, R, P, wall[0], B_wall)
+        carried, per_p = (1.0, 0.0) if numbers.varying else (p, 1.0)  # n D/Fo at the wall, by p
         heat = 3 * (kappa - 1) * numbers.chi / (R * R)
         theta_y, KT_y = wall[1] * theta_a + wall[2] * theta_b, wall[1] * KTa + wall[2] * KTb
         q_a, q_b = -heat * wall[1] * KTa * ra, -heat * wall[2] * KTb * rb
-        q_R = (3 * kappa * p * U / R + heat * (3 * KT_y - 2 * theta_y) + 6 * kappa * p * Fo * z / (R * R)) / R
+        q_R = (3 * kappa * p * U / R + heat * (3 * KT_y - 2 * theta_y) + 6 * kappa * carried * Fo * z / (R * R)) / R
         q_U = -3 * kappa * p / R
-        q_p = -3 * kappa * U / R + heat * KT_y / p - 3 * kappa * Fo * z / (R * R)
-        q_z = -3 * kappa * p * Fo / (R * R)
-        zG_a, zG_b = wall[1] * ra / gas_wall, wall[2] * rb / gas_wall
+        q_p = -3 * kappa * U / R + heat * KT_y / p - per_p * 3 * kappa * Fo * z / (R * R)
+        q_z = -3 * kappa * carried * Fo / (R * R)
+        zG_a, zG_b = wall[1] * ra / slack, wall[2] * rb / slack
         zN_a, zN_b = -zG_a * y[M + a] * ra, -zG_b * y[M + b] * rb
-        z_p = (wall[0] - z) / gas_wall * numbers.pv / (p * p)
-        z_N = grid.inverse_volume[a] * Fo * p * R * blocks[0, a]
-        z_G = grid.inverse_volume[a] * Fo * p * R * blocks[1, a]
+        z_p = (wall[0] - z) / slack * numbers.pv / (p * p)
+        z_R = (wall[0] - z) / slack * z * m / R
+        z_p += (1 - per_p) * z_R * R / p
+        z_N = grid.inverse_volume[a] * Fo * carried * R * blocks[0, a]
+        z_G = grid.inverse_volume[a] * Fo * carried * R * blocks[1, a]
     else:
         n = 3 * numbers.polytropic
         q_R, q_U, q_p, q_z, z_p = n * (p - numbers.pv) * U / (R * R), -n * (p - numbers.pv) / R, -n * U / R, 0.0, 0.0
-        q_a = q_b = zN_a = zN_b = zG_a = zG_b = z_N = z_G = 0.0
+        q_a = q_b = zN_a = zN_b = zG_a = zG_b = z_N = z_G = z_R = 0.0
 
     # row of U
     _, u_R, u_U, u_t, u_p, u_q = accelerate(numbers, t, R, U, p, p_dot, y[2 * M + 3 :])
@@ -387,7 +437,7 @@ def factorise(t, y, numbers, grid, p_dot, z, shift, blocks, border, recall, schu
     schur[2, 1], schur[2, 2], schur[2, 3] = -3 * P / R, shift - 3 * U / R, -R * R * R
     schur[3, 0], schur[3, 1], schur[3, 2] = -(q_R - by_R * q_p), -q_U, -q_p * by_P
     schur[3, 3], schur[3, 4] = 1.0, -q_z
-    schur[4, 0], schur[4, 2], schur[4, 4] = by_R * z_p, -z_p * by_P, 1.0
+    schur[4, 0], schur[4, 2], schur[4, 4] = by_R * z_p - z_R, -z_p * by_P, 1.0
     for j in range(5 if M > 0 else 0):
         if j == 4:
             Na, Ga, Nb, Gb = z_N, z_G, 0.0, 0.0
@@ -525,6 +575,7 @@ def integrate(numbers, grid, method, start, time, rtol, max_steps, to_turn, out,
 
     out (time, 4 + k): R, U, p, S, m_k; fields (time, 2 M) or empty: the contents. Rows from a failure on stay as they
     are, and so do those after the end of the first step on which the wall turns from growth to collapse if `to_turn`.
+    numbers.damaged, if there is any, overwrites numbers.elastic where the wall first turns from collapse to growth.
     stats (5,): steps, rejected steps, relative change of the gas in the bubble, time reached, radius there.
     Returns OK, TOO_MANY_STEPS, STEP_TOO_SMALL, or OUTSIDE_LAW if no step stays within the laws of the material.
     """
@@ -534,20 +585,21 @@ def integrate(numbers, grid, method, start, time, rtol, max_steps, to_turn, out,
     y, trial, slope, next_slope = np.empty(n), np.empty(n), np.empty(n), np.empty(n)
     u = np.empty((stages, n))
     theta, gas, F, H = np.empty(M), np.empty(M), np.empty(M + 1), np.empty(M + 1)
-    cell, flux, blocks, border = np.zeros((4, M)), np.zeros((6, M + 1)), np.zeros((9, M)), np.zeros((6, M))
+    cell, flux, blocks, border = np.zeros((5, M)), np.zeros((7, M + 1)), np.zeros((9, M)), np.zeros((6, M))
     recall = np.zeros((K, 4))
     schur, b, pivot = np.zeros((5, 5)), np.zeros(5), np.zeros(5, np.int64)
 
     R, p = start[0], start[2]
     for i in range(M):
-        y[i], y[M + i] = p * R**3, (p - numbers.pv) * R**3
+        y[i], y[M + i] = p * R**3, (p - numbers.vapour) * R**3
     y[2 * M :] = start
     y[2 * M + 2] = (p - numbers.base) * R**3
-    gas_at_start = (p - numbers.pv) * R**3
+    gas_at_start = (p - numbers.vapour) * R**3
     cause = fault(numbers, R, gas_at_start)
     t, h, after_rejection, status = 0.0, 1e-3 if cause == OK else 0.0, False, OK
     k = steps = rejected = 0
     last_error = last_h = 1.0
+    whole = numbers.damaged.size > 0
     p_dot, z = derivatives(t, y, numbers, grid, theta, gas, F, H, slope)
     while k < time.size and time[k] <= 0.0:
         report(k, 0.0, 1.0, M, numbers, y, slope, y, slope, out, fields)
@@ -611,6 +663,11 @@ def integrate(numbers, grid, method, start, time, rtol, max_steps, to_turn, out,
             after_rejection = True
             h *= max(0.2, 0.9 * error ** (-1 / order)) if usable else 0.2
             continue
+        rebounds = whole and y[2 * M + 1] < 0 < trial[2 * M + 1]
+        if rebounds and trial[2 * M + 1] > 1e-3:  # damage is then: end the step there
+            rejected += 1
+            h *= y[2 * M + 1] / (y[2 * M + 1] - trial[2 * M + 1])
+            continue
         p_dot, z = derivatives(t + h, trial, numbers, grid, theta, gas, F, H, next_slope)
         end = time[k] if fields.size > 0 and h == time[k] - t else t + h
         while k < time.size and time[k] <= end:
@@ -618,6 +675,9 @@ def integrate(numbers, grid, method, start, time, rtol, max_steps, to_turn, out,
             k += 1
         t = end
         steps += 1
+        if rebounds:
+            whole, numbers.elastic[:] = False, numbers.damaged
+            p_dot, z = derivatives(t, trial, numbers, grid, theta, gas, F, H, next_slope)
         y, trial = trial, y
         slope, next_slope = next_slope, slope
         growth = 0.9 * max(error, 1e-8) ** (-1 / order)

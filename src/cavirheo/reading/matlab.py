@@ -69,14 +69,6 @@ def curves(variables: Variables, found: list[str], density: float, pressure: flo
     listed = [name for name, value in variables.items() if isinstance(value, list) and name not in _CELLS]
     cells = f"{', '.join(listed)}: a cell array; expected an array of numbers, as cell2mat makes it"
     require(not listed, cells, "matlab.cells")
-    for name, value in variables.items():
-        told = f"{name} is a cell array where an array of numbers is expected"
-        require(name in _CELLS or isinstance(value, np.ndarray), told, "matlab.cells")
-    with np.errstate(over="ignore", invalid="ignore"):  # what overflows is left out and counted
-        return _curves(variables, found, density, pressure)
-
-
-def _curves(variables: Variables, found: list[str], density: float, pressure: float) -> list[RadiusCurve]:
     has = variables.keys().__contains__
     if all(map(has, _CELLS)):
         return _bdt(variables, density, pressure)

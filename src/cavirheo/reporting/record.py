@@ -55,6 +55,7 @@ class CurveRecord(Record):
     strain_rate_per_s: Finite
     stretch: Quantity
     material: str
+    contents: str = "equilibrium"
     method: str
     shear_modulus_Pa: Quantity
     viscosity_Pa_s: Quantity
@@ -170,6 +171,7 @@ def curve_record(curve: RadiusCurve, posterior: Posterior) -> CurveRecord:
         **{name: getattr(checks, name) for name in _DIFFERENCES},
         max_radius_m=_measured(curve, "max_radius"), time_of_max_s=_measured(curve, "time_of_max"),
         strain_rate_per_s=_measured(curve, "strain_rate"), material=posterior.material, method=posterior.method,
+        contents=posterior.bubble.contents,
         stretch=stretch, shear_modulus_Pa=G, viscosity_Pa_s=mu, other_parameters=values,
         window=Compared(collapses=checks.collapses, t_star_end=checks.t_star_end),
         verdict=verdict, message=message or ("" if answered else "no parameters were found"), notes=list(curve.notes),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import asdict
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -26,6 +27,7 @@ def fit(
         None
     ),
     weights: Annotated[str, Option(help="motion: frames beside collapses count less; or equal")] = "motion",
+    bubble: options.Bubble = options.FROM_OPTIONS,
     joint: Annotated[bool, Option("--joint", help="the shots of a group share one material")] = False,
     verify: options.Verify = "none",
     exact_law: options.ExactLaw = False,
@@ -48,17 +50,19 @@ def fit(
     options.check_verify(verify, reading.exposure_us, exact_law)
     require(not joint or verify == "none", "--verify looks at each shot by itself: leave out --joint, or --verify")
     collapses, known = options.window_of(window), options.stretch_of(stretch)
-    Family(material)
+    solid = f"--damage needs a law with an elastic part, {material} has none"
+    require(bubble.damage == "none" or Family(material).elastic, solid, "physics.damage_without_elasticity")
     freed = tuple(name.strip() for name in free.split(",") if name.strip())
     camera: dict[str, Any] = {"free": freed, "scale_bound": scale_percent / 100}
     camera["t0_bound"] = None if t0_us is None else t0_us * 1e-6
     end = None if window_us is None else window_us * 1e-6
     cut: dict[str, Any] = {"window": collapses, "end": end, "weights": weights}
-    Options(stretch=known, **camera, **cut)
+    Options(stretch=known, **camera, **cut, bubble=bubble)
     Outputs(out, *DOCUMENTS, inputs=files)
     curves = run.read(files, liquid, reading)
     shared: dict[str, Any] = {"medium": liquid, "stretch": known, "seed": seed}
     settings = {"material": material, "joint": joint, "trust_input": reading.trust_input, **cut, **shared, **camera}
+    settings |= asdict(bubble)
     if not freed:
         del camera["free"]
     first = Step("fitting", fit_many, settings, apart=not joint)

@@ -1,4 +1,4 @@
-"""The options that verbs share, each written once; those of a kind become one argument: `liquid`, `reading`, `run`."""
+"""The options that verbs share, each written once; those of a kind become one argument: `liquid`, `run`, ..."""
 
 from __future__ import annotations
 
@@ -16,8 +16,9 @@ from cavirheo.verbs.run import Reading, Run
 
 if TYPE_CHECKING:
     from cavirheo.physics.media import Medium as Liquid
+    from cavirheo.posterior import BubbleModel as Bubble
 else:
-    Liquid = Any
+    Liquid = Bubble = Any
 
 Curves = Annotated[
     list[Path],
@@ -39,6 +40,10 @@ TrustInput = Annotated[bool, Option("--trust-input", help=_TRUST)]
 _BLUR = "of a frame, us, centred on its time: --verify blurs the simulation as the camera"
 _GROUP = "shots of one material: file, folder, none, or auto: a file, or a folder of single-shot files"
 Group = Annotated[str, Option(help=_GROUP)]
+Contents = Annotated[
+    str, Option(help="of the bubble: equilibrium (the field's model), or kinetic (vapour condenses at a finite rate)")
+]
+WallDistanceUm = Annotated[float | None, Option(help="of one rigid wall, instead of --wall-inertia")]
 FROM_OPTIONS: Any = None  # default of an argument of a verb that is made of the options of its kind
 _Number = float | None
 _KINDS: dict[str, dict[str, tuple[Any, Any]]] = {  # argument: its options, each with type and default
@@ -58,6 +63,17 @@ _KINDS: dict[str, dict[str, tuple[Any, Any]]] = {  # argument: its options, each
         "group": (Group, "auto"),
         "trust_input": (TrustInput, False),
     },
+    "bubble": {
+        "contents": (Contents, "equilibrium"),
+        "accommodation": (Annotated[str | None, Option(help="of kinetic contents, up to 10  [default: free]")], None),
+        "damage": (
+            Annotated[str, Option(help="none, or first-rebound: another modulus and R_0 from there on")],
+            "none",
+        ),
+        "wall_inertia": (Annotated[str, Option(help="R_max sum(s/d) over image bubbles; or free")], "0"),
+        "wall_distance_um": (WallDistanceUm, None),
+        "vapour_excess": (Annotated[str, Option(help="vapour at R_max above saturation, Pa; or free")], "0"),
+    },
     "run": {
         "json": (Annotated[bool, Option("--json", help="the document on stdout instead of the table")], False),
         "quiet": (Quiet, False),
@@ -66,7 +82,7 @@ _KINDS: dict[str, dict[str, tuple[Any, Any]]] = {  # argument: its options, each
 
 
 def with_kinds(verb: Callable[..., None]) -> Callable[..., None]:
-    """A verb whose arguments `liquid` (a Medium), `reading` and `run`, if it has them, are given by their options.
+    """A verb whose arguments `liquid`, `reading`, `bubble` and `run`, if it has them, are given by their options.
 
     Numbers that are not finite are refused for every verb alike.
     """
@@ -97,6 +113,14 @@ def _made(kind: str, of: dict[str, Any]) -> Any:
         from cavirheo.physics.media import medium
 
         return medium(of.pop("medium"), unusual=of.pop("trust_input"), **of)
+    if kind == "bubble":
+        from cavirheo.posterior import BubbleModel
+
+        distance = of.pop("wall_distance_um")
+        of["accommodation"] = of["accommodation"] or "free"
+        for name in ("accommodation", "wall_inertia", "vapour_excess"):
+            of[name] = _number_or("free", f"--{name.replace('_', '-')}", of[name], float)
+        return BubbleModel(**of, wall_distance=None if distance is None else distance * 1e-6)
     return Run(**of) if kind == "run" else Reading(**of)
 
 

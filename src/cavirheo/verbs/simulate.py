@@ -43,6 +43,15 @@ def simulate(
     polytropic: Annotated[float | None, Option(help="exponent of the gas, instead of heat and vapour transport")] = (
         None
     ),
+    contents: options.Contents = "equilibrium",
+    accommodation: Annotated[float | None, Option(help="of kinetic contents, up to 10  [default: 0.07]")] = None,
+    damage: Annotated[
+        tuple[float, float] | None,
+        Option(help="from the first rebound on: factors of the modulus and of R_0", metavar="MODULUS RADIUS"),
+    ] = None,
+    wall_inertia: Annotated[float, Option(help="R_max sum(s/d) over image bubbles: R_max/2h for one wall at h")] = 0.0,
+    wall_distance_um: options.WallDistanceUm = None,
+    vapour_excess: Annotated[float, Option(help="vapour at R_max above saturation, Pa")] = 0.0,
     relaxed: Annotated[bool, Option("--relaxed", help="laws with memory start unstressed")] = False,
     precise: Annotated[bool, Option("--precise", help="ten times as accurate, five times as long")] = False,
     fields: Annotated[Path | None, Option(help="HDF5 file for temperature and vapour in the bubble at every frame")] = (
@@ -59,6 +68,7 @@ def simulate(
     import numpy as np
 
     from cavirheo.physics import simulate as forward
+    from cavirheo.physics.damage import Damage
     from cavirheo.physics.driving import Pulse, Trace
     from cavirheo.reading.trace import read_trace
     from cavirheo.writing.document import Outputs
@@ -70,6 +80,8 @@ def simulate(
     got = f"got {duration_us} us at {frame_rate_hz} Hz"
     require(possible, f"duration and frame rate must give 1 to a million frames, {got}", "simulate.frames")
     frames = int(duration_us * 1e-6 * frame_rate_hz * (1 + 1e-9)) + 1
+    idle = accommodation is not None and contents != "kinetic"
+    require(not idle, "--accommodation changes nothing without --contents kinetic: give that too", "simulate.idle")
     far_field = None
     if driving:
         *columns, notes = read_trace(driving)
@@ -84,6 +96,9 @@ def simulate(
     run = forward.simulate(
         law, max_radius=rmax_um * 1e-6, stretch=stretch, time=np.arange(frames) / frame_rate_hz, medium=liquid,
         driving=Pulse(pulse[0] * 1e3, pulse[1] * 1e6, pulse[2] * 1e-6) if pulse else far_field,
+        contents=contents, accommodation=forward.ACCOMMODATION if accommodation is None else accommodation,
+        damage=Damage(*damage) if damage else None, wall_inertia=wall_inertia,
+        wall_distance=None if wall_distance_um is None else wall_distance_um * 1e-6, vapour_excess=vapour_excess,
         motion=motion, polytropic=polytropic, relaxed=relaxed, fields=fields is not None, precise=precise,
     )  # fmt: skip
     for path, (outputs, writer) in places.items():

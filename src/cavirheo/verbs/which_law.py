@@ -19,6 +19,8 @@ if TYPE_CHECKING:
 def which_law(
     files: options.Curves,
     laws: Annotated[str, Option(help="two or more, with commas")] = "nhkv,newtonian,qkv,zener",
+    contents: Annotated[str, Option(help="of the bubble: equilibrium, kinetic or both, with a comma")] = "equilibrium",
+    damage: Annotated[str, Option(help="none, first-rebound or both, with a comma")] = "none",
     window: Annotated[
         str | None, Option(help="collapses that are looked at, or 'all'  [default: 3, or as many as there are]")
     ] = None,
@@ -36,23 +38,23 @@ def which_law(
     from cavirheo.inference.experiment import Options
     from cavirheo.inference.fit import fit_many
     from cavirheo.inference.verify import verify_many
-    from cavirheo.inference.verify.evidence import check_laws, ranked
+    from cavirheo.inference.verify.evidence import models, ranked
     from cavirheo.reporting.laws import Laws, print_table
     from cavirheo.unfinished import Step, Unfinished
     from cavirheo.writing import document
 
     files = run.files(files)
-    names = [name.strip() for name in laws.split(",") if name.strip()]
+    asked = ([name.strip() for name in text.split(",") if name.strip()] for text in (laws, contents, damage))
     looked_at, known = options.window_of(window), options.stretch_of(stretch)
-    check_laws(names)
+    chosen = models(*asked)
     Options(window=looked_at, stretch=known)
     outputs, kept = document.Outputs(out, "laws.json", inputs=files), Unfinished(out, shown=not run.quiet)
     curves = run.read(files, liquid, reading)
     shared: dict[str, Any] = {"medium": liquid, "stretch": known, "seed": seed}
     weighing = {"discrepancy": not exact_law, **shared}
     found = {}
-    for law in names:
-        fitting = {"material": law, "window": looked_at, "trust_input": reading.trust_input, **shared}
+    for law, way in chosen.items():
+        fitting = {**way, "window": looked_at, "trust_input": reading.trust_input, **shared}
         steps = Step(f"fitting {law}", fit_many, fitting), Step(f"weighing {law}", verify_many, weighing)
         found[law] = kept.answers(curves, *steps)
     complete = [i for i in range(len(curves)) if all(i in answers for answers in found.values())]

@@ -24,7 +24,8 @@ from cavirheo.parallel import cores, each
 from cavirheo.parameters import LOG10, units
 from cavirheo.physics.media import WATER, Medium
 from cavirheo.physics.media import medium as named
-from cavirheo.posterior import Checks, Diagnostics, Posterior, Verdict, WindowAnswer
+from cavirheo.physics.scales import inertia_of
+from cavirheo.posterior import BubbleModel, Checks, Diagnostics, Posterior, Verdict, WindowAnswer
 
 __all__ = ["fit", "fit_many"]
 
@@ -54,6 +55,12 @@ def fit_many(
     scale_bound: float = SCALE_BOUND,
     weights: str = "motion",
     windows: bool = True,
+    contents: str = "equilibrium",
+    accommodation: float | str = "free",
+    damage: str = "none",
+    wall_inertia: float | str = 0.0,
+    wall_distance: float | None = None,
+    vapour_excess: float | str = 0.0,
     joint: bool = False,
     trust_input: bool = False,
     verify: str = "none",
@@ -76,6 +83,10 @@ def fit_many(
         t0_bound: s, largest |t0|; default half a frame interval. scale_bound: largest deviation of the others from 1.
         weights: "motion" (frames count less where the wall moves fast) or "equal".
         windows: fit windows of 1, 2, 3 and all collapses too, for comparison: `Posterior.windows`.
+        contents: of the bubble, "equilibrium" (the field's model) or "kinetic" (vapour condenses at a finite rate).
+        accommodation: of kinetic contents, above 0 and at most 10, or "free", from 0.01 to 1.
+        damage: "none", or "first-rebound": from there on the law has another modulus and stress-free radius.
+        wall_inertia, wall_distance, vapour_excess: as in `simulate`; the first and the last may be "free".
         joint: curves of one group (meta "group") share the material; stretch and what is free are each shot's own.
         trust_input: doubts about the recording or its settings are said, but decide no verdict.
         verify, discrepancy: as those of `infer`; not of a joint fit, for it looks at each shot by itself.
@@ -92,7 +103,14 @@ def fit_many(
     require(not joint or verify == "none", told, "option.joint")
     expect_whole(seed, "seed", 0, "option.seed")
     curves, medium, family = several(curves), named(medium), Family(material)
-    options = Options(window, end, stretch, free, t0_bound, scale_bound, weights, windows)
+    bubble = BubbleModel(contents, accommodation, damage, wall_inertia, wall_distance, vapour_excess)
+    options = Options(window, end, stretch, free, t0_bound, scale_bound, weights, windows, bubble)
+    solid = f"damage needs a law with an elastic part, {material} has none: leave out damage, or add a spring"
+    require(damage == "none" or family.elastic, solid, "physics.damage_without_elasticity")
+    if wall_distance is not None:  # too near for every curve; for some, those fail
+        inertia_of(
+            wall_distance, min((float(np.max(c.radius, initial=0.0, where=c.radius > 0)) for c in curves), default=0)
+        )
     threads = cores(workers)
     inner = max(threads // max(len(curves), 1), 1)
     ranges = dict(zip(family.parameters, (10.0 ** family.bounds()).tolist(), strict=True))
@@ -112,7 +130,9 @@ def fit_many(
             names = tuple(LOG10 + name for name in family.parameters)
             nothing, checks = np.empty((0, len(names))), doubts.failed(error, curve, medium)
             told, alone = common | {"source_sha256": curve.source_sha256}, None
-            answer = Posterior(names, units(names), nothing, checks, family.name, "least_squares", told)
+            answer = Posterior(
+                names, units(names), nothing, checks, family.name, "least_squares", told, bubble=bubble
+            )  # fmt: skip
         return replace(answer, seconds=time.perf_counter() - began), alone
 
     said = (lambda index, found: done(index, found[0])) if done and verify == "none" else None
@@ -278,6 +298,7 @@ def _posterior(
     return Posterior(
         names, units(names), theta, _checks(fit, found, k, bound, drawn), fit.family.name, "least_squares", provenance,
         best=best, stretch=best["stretch"], windows=alone.windows, diagnostics=diagnostics,
+        bubble=shot.options.bubble,
     )  # fmt: skip
 
 
@@ -294,7 +315,7 @@ def _checks(fit: LeastSquares, found: Minimum, k: int, bound: dict[str, str], dr
     """The same check as that of `infer`: the answer simulated anew and laid over the window."""
     shot, columns = fit.shots[k], fit.columns[k]
     ends = shot.open_ends(drawn, *fit.bounds[columns].T)
-    outside = ends or set(bound) - set(shot.free)
+    outside = ends or set(bound) & {*shot.family.parameters, "stretch"}
     verdict: Verdict = "outside_training_range" if outside else "ok"
     messages = list(bound.values())
     if wide := [text for name, text in ends.items() if name not in bound]:

@@ -12,6 +12,7 @@ from cavirheo.parameters import PARAMETERS
 from cavirheo.physics.collapse import analytic_modulus
 
 STARTS = 48
+APART, VALLEYS = 0.07, 2  # decades of stretch between starts of a model with more parameters; how many more of them
 TIMED = 2  # every so many starts get their shear modulus from the collapse time
 
 
@@ -25,11 +26,11 @@ class Scan:
     def __init__(self, fit: LeastSquares, count: int = STARTS) -> None:
         (shot,) = fit.shots
         box = fit.family.bounds(started=True)
-        if shot.stretch is None:
-            near = shot.stretch_prior
-            around = np.log10([near[0] - near[1], near[0] + near[1]]) if near else PARAMETERS["stretch"].started
+        for name in shot.logs:
+            near = shot.stretch_prior if name == "stretch" else None
+            around = np.log10([near[0] - near[1], near[0] + near[1]]) if near else PARAMETERS[name].started
             box = np.concatenate([box, [around]])
-        self.points = np.zeros((count, len(fit.bounds)))  # nuisances start at nothing
+        self.points = shot.starts(np.zeros((count, len(fit.bounds))))
         self.points[:, : len(box)] = spread_starts(box, count)
         self.timed = np.zeros(count, dtype=bool)  # which get their shear modulus from the collapse time
         names, times = fit.family.parameters, shot.curve.collapse_times()
@@ -52,11 +53,22 @@ class Scan:
         return {"starts": len(self.points), "starts_from_collapse_time": int(np.sum(self.timed))}
 
     def best(self, shot: Experiment, count: int) -> list[Floats]:
-        """The points with the smallest cost in the present window of the shot."""
+        """The points with the smallest cost in the present window of the shot.
+
+        Where the model of the bubble has parameters, too, those of different stretch: its valleys have their own.
+        """
         m = len(shot.since)
         cut = [p and Prediction(p.radius[:m], p.speed[:m]) for p in self.found]
         costs = [np.sum(shot.residual(p) ** 2) for p in cut]
-        return [self.points[i] for i in np.argsort(costs)[:count]]
+        order = np.argsort(costs)
+        if len(shot.logs) < 2:
+            return [self.points[i] for i in order[:count]]
+        chosen: list[int] = []
+        column = shot.names.index(shot.logs[0])
+        for i in order:
+            if all(abs(self.points[i, column] - self.points[j, column]) > APART for j in chosen):
+                chosen.append(i)
+        return [self.points[i] for i in chosen[: count + VALLEYS]]
 
 
 def spread_starts(bounds: Floats, count: int) -> Floats:

@@ -27,7 +27,7 @@ from cavirheo.parallel import cores, each
 from cavirheo.parameters import natural_name, units
 from cavirheo.physics.media import WATER, Medium
 from cavirheo.physics.media import medium as named
-from cavirheo.posterior import Diagnostics, Evidence, Posterior, Verdict
+from cavirheo.posterior import BubbleModel, Diagnostics, Evidence, Posterior, Verdict
 from cavirheo.prior import log_normal
 
 __all__ = ["Verification", "verify", "verify_many"]
@@ -39,7 +39,7 @@ _INSIDE = 1e-3  # of the probability, that a start keeps away from the bounds: i
 
 @dataclass(frozen=True)
 class Verification:
-    """How an answer is verified. The window is the answer's own.
+    """How an answer is verified. The window and the model of the bubble are the answer's own.
 
     stretch, free, t0_bound, scale_bound, medium: as in `fit_many`; clock, scale and R_max are free by default.
     level: "map" (maximum and Laplace's Gaussian) or "full" (weighted draws). discrepancy: allow for what no simulation
@@ -68,9 +68,9 @@ class Verification:
         expect(self.ranges or {}, Mapping, 'ranges such as {"shear_modulus": [1e2, 1e5]}')
         self.options(None, self.t0_bound)
 
-    def options(self, end: float | None, t0_bound: float | None) -> Options:
+    def options(self, end: float | None, t0_bound: float | None, bubble: BubbleModel | None = None) -> Options:
         """Of the experiment on a window that ends at `end`, s. Raises InputError."""
-        return Options(None, end, self.stretch, self.free, t0_bound, self.scale_bound)
+        return Options(None, end, self.stretch, self.free, t0_bound, self.scale_bound, bubble=bubble or BubbleModel())
 
 
 def verify(curve: RadiusCurve, answer: Posterior, **settings: Any) -> Posterior:
@@ -124,7 +124,7 @@ class _Work:
         scale, frame = settings.medium.time_scale(curve.max_radius), float(np.median(np.diff(curve.time)))
         end = answer.checks.t_star_end
         clock = settings.t0_bound or max(0.5 * frame, _NARROWEST * scale)
-        options = settings.options(None if end is None else end * scale * (1.0 + 1e-9), clock)
+        options = settings.options(None if end is None else end * scale * (1.0 + 1e-9), clock, answer.bubble)
         exposure = float(curve.exposure or 0.0)
         self.shot = Experiment(curve, Family(answer.material), settings.medium, options, exposure=exposure)
         self.prior = self.shot.prior(settings.ranges)
@@ -160,7 +160,7 @@ class _Work:
         for given in (here, answer.best, *(window.best for window in answer.windows.values())):
             values = [1.0 if name in self.shot.free else given.get(name) or 0.0 for name in self.prior.names]
             if all(value > 0 for value in values):
-                u = self.prior.to_u(np.log10(values), _INSIDE)
+                u = self.prior.to_u(self.shot.starts(np.log10(values)), _INSIDE)
                 if all(np.max(np.abs(u - other)) > TUNING.same_start for other in found):
                     found.append(u)
         needed, there = (*self.shot.family.parameters, "stretch"), ", ".join(answer.parameters)
@@ -202,8 +202,8 @@ class _Work:
             log_weight = drawn.log_weight
             log_q = drawn.log_q + prior.log_density(x) - log_normal(u)
             log_q -= np.sum(np.log([width for _, width, _ in shot.free.values()]))
-            if "stretch" in shot.own:
-                log_q -= np.log(theta[:, shot.law] * np.log(10.0))
+            logs = theta[:, shot.law : shot.law + len(shot.logs)]  # not the logarithms, as in x
+            log_q -= np.sum(np.log(logs * np.log(10.0)), axis=1)
         predictive = predictive_check(best.residual, best.jacobian, noise.deviation, settings.seed)
         beyond = float(np.mean(best.residual**2)) - (shot.curve.noise / shot.max_radius) ** 2
         excess = float(np.sqrt(max(beyond, 0.0)))
@@ -226,7 +226,7 @@ class _Work:
         return Posterior(
             names, units(names), theta, checks, shot.family.name, "verified" if drawn else "laplace", provenance,
             log_q, log_weight, best=values, stretch=values["stretch"], windows=self.answer.windows,
-            evidence=evidence, diagnostics=Diagnostics(**told),
+            evidence=evidence, diagnostics=Diagnostics(**told), bubble=self.answer.bubble,
         )  # fmt: skip
 
     def _trusted(self, drawn: Sample) -> bool:

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import product
 from typing import Any
 
 import numpy as np
@@ -16,12 +17,13 @@ from scipy.special import softmax
 
 from cavirheo.curve import RadiusCurve
 from cavirheo.errors import require
+from cavirheo.inference.experiment import Options
 from cavirheo.inference.fit import fit_many
 from cavirheo.inference.law import Family
 from cavirheo.inference.verify import verify_many
 from cavirheo.inference.verify.tuning import TUNING
 from cavirheo.physics.media import WATER, Medium
-from cavirheo.posterior import Evidence, Posterior
+from cavirheo.posterior import BubbleModel, Evidence, Posterior
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,7 +59,7 @@ class Ranking:
         top, least = max(known.values(), key=lambda pair: pair[0], default=(0.0, 0.0))
         allowed = {law: TUNING.decisive + TUNING.scatter * np.hypot(least, pair[1]) for law, pair in known.items()}
         near = [law for law in known if top - known[law][0] <= allowed[law]]
-        return sorted(near, key=lambda law: (len(Family(law).parameters), -known[law][0]))
+        return sorted(near, key=lambda law: (_size(law), -known[law][0]))
 
     @property
     def chosen(self) -> str | None:
@@ -65,10 +67,40 @@ class Ranking:
         return self.contenders[0] if self.contenders else None
 
 
+def models(
+    laws: Sequence[str], contents: Sequence[str] = ("equilibrium",), damage: Sequence[str] = ("none",)
+) -> dict[str, dict[str, Any]]:
+    """Every law with all contents and damages, as `fit_many` takes them, by the name in a ranking: "nhkv", or
+    "nhkv, kinetic" where the contents are not the same in all, "nhkv, kinetic, damage".
+
+    A law without an elastic part goes without damage. Raises InputError: fewer than two models, one twice, a law that
+    is unknown.
+    """
+    told = f"give two or more different models to choose from, got {', '.join([*laws, *contents, *damage]) or 'none'}"
+    unlike = all(len(set(names)) == len(names) > 0 for names in (laws, contents, damage))
+    found: dict[str, dict[str, Any]] = {}
+    for law, content, hurt in product(laws, contents, damage) if unlike else ():
+        way = {"material": law, "contents": content, "damage": hurt}
+        Options(bubble=BubbleModel(contents=content, damage=hurt))
+        words = [law, *([content] if len(contents) > 1 else []), *(["damage"] if hurt != "none" else [])]
+        if Family(law).elastic or hurt == "none":
+            found[", ".join(words)] = way
+    require(len(found) >= 2, told, "option.laws")
+    return found
+
+
+def _size(model: str) -> int:
+    """How many parameters a model has, by its name."""
+    law, *more = model.split(", ")
+    return len(Family(law).parameters) + sum({"kinetic": 1, "damage": 2}.get(word, 0) for word in more)
+
+
 def rank_laws(
     curves: Sequence[RadiusCurve],
     laws: Sequence[str],
     *,
+    contents: Sequence[str] | str = ("equilibrium",),
+    damage: Sequence[str] | str = ("none",),
     medium: Medium = WATER,
     window: int | str | None = None,
     stretch: float | str | None = None,
@@ -79,19 +111,21 @@ def rank_laws(
     **options: Any,
 ) -> tuple[list[Ranking], list[Ranking]]:
     """The laws of each curve, and of each group of more than one: the sum over shots each with its own parameters.
+    With several `contents` or `damage` each law is taken with each of them (`models`).
 
     `options` are those of `Verification`; `ranges` may hold parameters of some of the laws only. `done` is called with
     the index of the curve and the answer of each law as it is found. Raises InputError: fewer than two laws, one
     unknown, or a setting out of its domain.
     """
     laws = [laws] if isinstance(laws, str) else laws
-    check_laws(laws)
+    contents, damage = ([one] if isinstance(one, str) else one for one in (contents, damage))
+    chosen = models(laws, contents, damage)
     ranges: Mapping[str, Sequence[float]] = options.pop("ranges", None) or {}
     found: dict[str, list[Posterior]] = {}
-    for law in laws:
-        known = (*Family(law).parameters, "stretch")
+    for law, way in chosen.items():
+        known = (*Family(way["material"]).parameters, "stretch")
         fitted = fit_many(
-            curves, law, medium=medium, window=window, stretch=stretch, trust_input=trust_input, seed=seed,
+            curves, **way, medium=medium, window=window, stretch=stretch, trust_input=trust_input, seed=seed,
             workers=workers,
         )  # fmt: skip
         mine = {name: pair for name, pair in ranges.items() if name in known}
@@ -100,14 +134,6 @@ def rank_laws(
             **options,
         )  # fmt: skip
     return ranked(curves, found)
-
-
-def check_laws(laws: Sequence[str]) -> None:
-    """Raises InputError: fewer than two laws, one twice, or one unknown."""
-    told = f"give two or more different laws to choose from, got {', '.join(laws) or 'none'}"
-    require(len(laws) >= 2 and len(set(laws)) == len(laws), told, "option.laws")
-    for law in laws:
-        Family(law)
 
 
 def ranked(

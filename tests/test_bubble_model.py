@@ -1,0 +1,153 @@
+"""Contents, damage, walls and vapour in the inference: what was simulated is found again, and says what it is."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from cavirheo.curve import RadiusCurve
+from cavirheo.errors import InputError
+from cavirheo.inference.experiment import Experiment, Options
+from cavirheo.inference.fit import fit, fit_many
+from cavirheo.inference.law import Family
+from cavirheo.inference.verify import verify
+from cavirheo.inference.verify.evidence import models, rank_laws
+from cavirheo.physics.damage import Damage
+from cavirheo.physics.materials import NeoHookeanKelvinVoigt
+from cavirheo.physics.simulate import simulate
+from cavirheo.posterior import BubbleModel
+from cavirheo.reporting.record import curve_record
+from cavirheo.unfinished import read_answer, write_answer
+
+TIME = np.arange(90) * 1e-6
+GEL, SHOT = NeoHookeanKelvinVoigt(5e3, 0.01), dict(max_radius=250e-6, stretch=6.0)
+QUICKLY = dict(windows=False, trust_input=True)
+ALL_FREE = BubbleModel("kinetic", "free", "first-rebound", "free", None, "free")
+
+
+def shot(seed=0, noise=1e-6, **way):
+    radius = simulate(GEL, time=TIME, **SHOT, **way).radius
+    radius = radius + noise * np.random.default_rng(seed).normal(size=radius.size)
+    return replace(RadiusCurve(time=TIME, radius=radius), maximum=(0.0, 250e-6))
+
+
+@pytest.mark.parametrize(
+    ("true", "fitted", "expected"),
+    [
+        (dict(contents="kinetic"), dict(contents="kinetic"), dict(accommodation=0.07)),
+        (dict(wall_inertia=0.2), dict(wall_inertia="free"), dict(wall_inertia=0.2)),
+        (dict(vapour_excess=3e3), dict(vapour_excess="free"), dict(vapour_excess=3e3)),
+        (
+            dict(damage=Damage(0.2, 2.0), contents="kinetic"),
+            dict(damage="first-rebound", contents="kinetic", accommodation=0.07),
+            dict(damage_modulus=0.2, damage_radius=2.0),
+        ),
+    ],
+    ids=str,
+)
+def test_a_fit_finds_what_was_simulated(true, fitted, expected):
+    answer = fit(shot(noise=0.1e-6, **true), **fitted, **QUICKLY)
+    assert answer.best["shear_modulus"] == pytest.approx(5e3, rel=0.1)
+    for name, value in expected.items():
+        assert answer.best[name] == pytest.approx(value, rel=0.15), answer
+        assert name in answer.parameters
+    assert answer.bubble.contents == true.get("contents", "equilibrium")
+
+
+def test_what_is_given_is_not_inferred():
+    answer = fit(shot(contents="kinetic"), contents="kinetic", accommodation=0.05, wall_distance=2e-3, **QUICKLY)
+    assert not {"accommodation", "wall_inertia"} & set(answer.parameters)
+    assert answer.best["accommodation"] == 0.05
+    assert answer.best["wall_inertia"] == pytest.approx(250e-6 / 4e-3)
+
+
+def test_the_answer_carries_its_model(tmp_path):
+    """Into verification, result.json and what an unfinished run keeps."""
+    curve = shot(contents="kinetic")
+    answer = fit(curve, contents="kinetic", **QUICKLY)
+    verified = verify(curve, answer, level="map")
+    assert verified.bubble == answer.bubble == BubbleModel("kinetic")
+    assert verified.best["accommodation"] == pytest.approx(0.07, rel=0.2)
+    low, high = verified.interval("accommodation")
+    assert low < 0.07 < high
+    assert curve_record(curve, verified).contents == "kinetic"
+    assert curve_record(curve, verified).other_parameters["accommodation"].median == pytest.approx(0.07, rel=0.2)
+    write_answer(tmp_path / "a.npz", verified)
+    assert read_answer(tmp_path / "a.npz").bubble == verified.bubble
+
+
+def test_every_free_parameter_has_a_proper_prior():
+    """Walls and vapour: half of a normal, from nothing up."""
+    experiment = Experiment(shot(), Family("nhkv"), options=Options(bubble=ALL_FREE))
+    prior = experiment.prior()
+    x = prior.to_x(np.random.default_rng(1).normal(size=(20_000, len(prior.names))))
+    natural = experiment.natural(x.T)
+    for name, deviation in (("wall_inertia", 0.3), ("vapour_excess", 0.03 * 101325.0)):
+        assert natural[name].min() >= 0
+        assert np.sqrt(np.mean(natural[name] ** 2)) == pytest.approx(deviation, rel=0.03)
+    assert natural["accommodation"].min() >= 0.01
+    assert natural["accommodation"].max() <= 1
+    assert np.median(natural["accommodation"]) == pytest.approx(0.1, rel=0.1)
+    assert natural["damage_modulus"].max() <= 1 <= natural["damage_radius"].min()
+    assert experiment.predict(x[0]) is not None
+
+
+def test_the_default_is_the_model_of_the_field():
+    experiment = Experiment(shot(), Family("nhkv"))
+    assert experiment.names == ("shear_modulus", "viscosity", "stretch")
+    assert experiment.simulated(experiment.natural(np.zeros(3))) == {"contents": "equilibrium"}
+
+
+@pytest.mark.slow
+def test_the_evidence_tells_the_contents_apart():
+    curve = shot(contents="kinetic", noise=2e-6)
+    (single,), _ = rank_laws([curve], ["nhkv"], contents=["equilibrium", "kinetic"], trust_input=True)
+    assert single.log_evidence["nhkv, kinetic"] > single.log_evidence["nhkv, equilibrium"]
+
+
+def test_models_of_a_ranking():
+    found = models(["nhkv", "newtonian"], ["equilibrium", "kinetic"], ["none", "first-rebound"])
+    assert list(found) == [
+        "nhkv, equilibrium", "nhkv, equilibrium, damage", "nhkv, kinetic", "nhkv, kinetic, damage",
+        "newtonian, equilibrium", "newtonian, kinetic",
+    ]  # fmt: skip
+    assert list(models(["nhkv", "newtonian"])) == ["nhkv", "newtonian"]
+    assert models(["nhkv"], ["equilibrium", "kinetic"])["nhkv, kinetic"]["contents"] == "kinetic"
+    for few in ((["nhkv"],), (["newtonian"], ["kinetic"], ["none", "first-rebound"]), (["nhkv", "nhkv"],)):
+        with pytest.raises(InputError):
+            models(*few)
+
+
+@pytest.mark.parametrize(
+    ("way", "code"),
+    [
+        (dict(contents="dry"), "physics.contents"),
+        (dict(accommodation=0.07), "option.idle"),
+        (dict(contents="kinetic", accommodation=11.0), "physics.accommodation"),
+        (dict(contents="kinetic", accommodation="some"), "physics.accommodation"),
+        (dict(wall_inertia=9.0), "physics.wall_inertia"),
+        (dict(wall_inertia="free", wall_distance=1e-3), "physics.two_walls"),
+        (dict(vapour_excess=-1.0), "physics.vapour_excess"),
+        (dict(damage="always"), "option.damage"),
+        (dict(material="newtonian", damage="first-rebound"), "physics.damage_without_elasticity"),
+    ],
+    ids=str,
+)
+def test_bad_input(way, code):
+    with pytest.raises(InputError) as raised:
+        fit(shot(), **way)
+    assert raised.value.code == code
+
+
+def test_a_wall_within_the_bubble():
+    """It fails the curve; where it does so to all, nothing is begun."""
+    large = shot()
+    small = replace(large, radius=large.radius / 2, maximum=(0.0, 125e-6))
+    answers = fit_many([large, small], wall_distance=200e-6, **QUICKLY)
+    assert [answer.checks.verdict == "failed" for answer in answers] == [True, False]
+    assert "wall_distance" in answers[0].checks.message
+    with pytest.raises(InputError) as raised:
+        fit_many([large, large], wall_distance=200e-6)
+    assert raised.value.code == "physics.wall_too_near"
