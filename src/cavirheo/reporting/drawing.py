@@ -6,12 +6,11 @@ import io
 import multiprocessing
 import os
 import signal
+import threading
 from collections.abc import Iterator, Sequence
-from concurrent.futures import ProcessPoolExecutor
-from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager, suppress
 from functools import cache
-from threading import Thread
+from multiprocessing.pool import Pool
 from typing import NamedTuple
 
 from cavirheo.curve import RadiusCurve
@@ -23,6 +22,7 @@ from cavirheo.writing.digits import LOOKS
 
 _MANY = 80  # curves; fewer are drawn before other processes have loaded what they need
 _MOST = 4  # processes, of 120 MB each
+_PATIENCE = 60.0  # s for one picture, before this process draws the rest
 _TONES = (style.BLUE, style.VERMILLION, style.BLACK)
 _FILE = ("white", style.BOX), (*_TONES, *(look.colour for look in LOOKS.values())), (0.13, 0.4, 0.7, 1.0)  # colours
 _PAGE = ("white", OUTSIDE), _TONES, (0.13, 0.5, 1.0)  # fewer: 400 pictures are to be a page of 5 MB
@@ -81,23 +81,26 @@ def curve_pictures(jobs: Sequence[Drawing], workers: int = 1) -> Iterator[Drawn]
     """The picture of each, in their order, drawn by so many processes where that is faster."""
     done = 0
     if workers > 1 and len(jobs) > _MANY:
-        with suppress(OSError, BrokenProcessPool), _pool(min(workers, _MOST)) as pool:
-            with _undisturbed():
-                found = pool.map(_draw, jobs, chunksize=4)
-            for shown in found:
-                yield shown
+        with suppress(OSError, multiprocessing.TimeoutError), _pool(min(workers, _MOST)) as pool:
+            found = pool.imap(_draw, jobs)
+            for _ in jobs:
+                yield found.next(_PATIENCE)
                 done += 1
     yield from map(_Artist().draw, jobs[done:])
 
 
 @contextmanager
-def _pool(workers: int) -> Iterator[ProcessPoolExecutor]:
-    """Whose work is dropped when the block is left early."""
-    pool = ProcessPoolExecutor(workers, multiprocessing.get_context("spawn"), initializer=_follow)
+def _pool(workers: int) -> Iterator[Pool]:
+    """Processes that leave Ctrl+C to this one, and end at once when the block is left."""
+    ours = threading.current_thread() is threading.main_thread()  # others may not change signals
+    before = signal.signal(signal.SIGINT, signal.SIG_IGN) if ours else None  # which is inherited
     try:
-        yield pool
+        pool = multiprocessing.get_context("spawn").Pool(workers, _follow)
     finally:
-        pool.shutdown(cancel_futures=True)
+        if ours:
+            signal.signal(signal.SIGINT, before)
+    with pool:
+        yield pool
 
 
 def _follow() -> None:
@@ -108,21 +111,7 @@ def _follow() -> None:
             asking.join()
         os._exit(1)
 
-    Thread(target=wait, daemon=True).start()
-
-
-@contextmanager
-def _undisturbed() -> Iterator[None]:
-    """Processes that begin here leave Ctrl+C to this one."""
-    try:
-        before = signal.signal(signal.SIGINT, signal.SIG_IGN)
-    except ValueError:  # not the main thread: nothing to inherit
-        yield
-        return
-    try:
-        yield
-    finally:
-        signal.signal(signal.SIGINT, before)
+    threading.Thread(target=wait, daemon=True).start()
 
 
 def group_pictures(
