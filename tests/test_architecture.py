@@ -168,5 +168,5 @@ def test_the_way_from_the_command_to_the_report_is_short(run, tmp_path):
         sys.setprofile(None)
     assert status == 0, err
     stations = [room for room in way if room != "verbs"]
-    # options are checked; read; the documents' places are tried; answered, the answer is verified; documents; table
-    assert stations == ["inference", "reading", "reporting", "inference", "reporting", "reporting"]
+    # files are found; options are checked; read; places tried; answered, the answer is verified; documents; table
+    assert stations == ["reading", "inference", "reading", "reporting", "inference", "reporting", "reporting"]
