@@ -278,7 +278,7 @@ def test_too_much_is_refused_and_nothing_of_it_kept(reader, tmp_path):
         with refused("app.too_many_frames", "5 shots"):
             session.add([SOFT], PageSettings(), copy=True)
         with refused("app.too_many_frames", "240 frames"):
-            session.add([single(tmp_path / "a.csv"), single(tmp_path / "b.csv")], PageSettings())
+            session.add([single(tmp_path / "a.csv"), single(tmp_path / "b.csv", 1.01)], PageSettings())
         assert session.curves == session.files == []
         assert [path for path in session.folder.rglob("*") if path.is_file()] == []
     finally:

@@ -207,6 +207,7 @@ def _mat_of_many(folder):
     content = {key: value for key, value in loadmat(examples()["stiff_gel.mat"]).items() if key[:2] != "__"}
     wide = {key: np.tile(value, MANY // 5) for key, value in content.items() if value.size == 5}
     assert {"R_nondim_All", "t_nondim_All", "RmaxList"} <= wide.keys()
+    wide["RmaxList"] = wide["RmaxList"] * np.linspace(1.0, 1.001, MANY)  # equal recordings count once
     savemat(folder / "many.mat", content | wide)
     return folder / "many.mat"
 

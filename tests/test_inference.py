@@ -186,7 +186,7 @@ def test_models_are_checked(tmp_path):
     (tmp_path / "other.onnx").write_bytes(copy.read_bytes() + b"x")
     shutil.copy(copy.with_suffix(".json"), tmp_path / "other.json")
     assert refused(tmp_path / "other.onnx") == "model.changed"
-    (tmp_path / "other.json").write_text("[]")
+    (tmp_path / "other.json").write_text("{}")
     assert refused(tmp_path / "other.onnx") == "model.card"
 
 

@@ -48,6 +48,7 @@ def read_curves(
             head = file.read(1024)
         require(len(head) > 0, f"the file is empty; {_EXPECTED}", "reading.empty")
         found = _read(head, path, density, pressure, frame_rate_hz)
+        require(len(found) > 0, f"no curve in it; {_EXPECTED}", "reading.none")
         digest = sha256(path)
         for k, curve in enumerate(found):
             name = path.stem if len(found) == 1 else f"{path.stem}[{curve.meta.get('label', k + 1)}]"
