@@ -229,7 +229,7 @@ def test_errors_are_told_and_mended(visit, tmp_path):
     page.wait_for_selector("#answers .badge.failed")
     assert "short" in page.inner_text("#answers [role=status]")
     page.click("#to-check")
-    page.wait_for_selector("#facts .failed-message")
+    page.wait_for_selector("#facts .message.failed")
     page.wait_for_selector("#check-plot .js-plotly-plot")
     assert "simulation of the answer" not in traces(page)
     page.get_by_role("tab", name="3 Infer").click()

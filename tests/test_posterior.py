@@ -562,7 +562,7 @@ def test_evidence_of_a_group_is_the_sum_of_the_shots_that_all_laws_have(monkeypa
         pairs = found[answers]
         return [replace(point, evidence=Evidence(*pair) if pair else None) for pair in pairs]
 
-    monkeypatch.setattr(evidence, "fit_many", lambda curves, law, **options: law)
+    monkeypatch.setattr(evidence, "fit_many", lambda curves, material, **options: material)
     monkeypatch.setattr(evidence, "verify_many", verified)
     curves = [RadiusCurve(np.arange(3) * 1e-6, np.full(3, 1e-4), meta={"group": "gel", "name": name}) for name in "abc"]
     singles, (group,) = rank_laws(curves, ["newtonian", "nhkv"])

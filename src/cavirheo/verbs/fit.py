@@ -50,8 +50,9 @@ def fit(
     options.check_verify(verify, reading.exposure_us, exact_law)
     require(not joint or verify == "none", "--verify looks at each shot by itself: leave out --joint, or --verify")
     collapses, known = options.window_of(window), options.stretch_of(stretch)
+    law = Family(material)
     solid = f"--damage needs a law with an elastic part, {material} has none"
-    require(bubble.damage == "none" or Family(material).elastic, solid, "physics.damage_without_elasticity")
+    require(bubble.damage == "none" or law.elastic, solid, "physics.damage_without_elasticity")
     freed = tuple(name.strip() for name in free.split(",") if name.strip())
     camera: dict[str, Any] = {"free": freed, "scale_bound": scale_percent / 100}
     camera["t0_bound"] = None if t0_us is None else t0_us * 1e-6
