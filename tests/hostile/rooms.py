@@ -190,7 +190,7 @@ def batch(room: str, paths: dict[str, str], given: dict[str, str]) -> dict[str, 
     about = BATCHES[room]
     with tempfile.TemporaryDirectory() as out:
         good = str(Path(given["here"]) / about.good)
-        said = call([*about.words, *paths.values(), good, "-o", f"{out}/out"])
+        said = call([*about.words, good, *paths.values(), "-o", f"{out}/out"])
         document = Path(out, "out", about.document)
         sources = _sources(json.loads(document.read_text())) if document.exists() else set()
         report = Path(out, "out", "report.html")

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any, NoReturn
 
 import typer
 
-from cavirheo.errors import require
+from cavirheo.errors import InputError, require
 from cavirheo.writing import terminal
 
 if TYPE_CHECKING:
@@ -69,10 +69,16 @@ class Run:
         return terminal.bar(what, total, shown=not self.quiet)
 
     def files(self, given: list[Path]) -> list[Path]:
-        """Those that folders, patterns and `-` (standard input) stand for."""
+        """Those that folders, patterns and `-` (standard input) stand for; an empty folder is refused by itself."""
         from cavirheo.reading.files import expand
 
-        return expand(given, self.say)
+        found: dict[Path, None] = {}
+        for one in given:
+            try:
+                found |= dict.fromkeys(expand([one], self.say))
+            except InputError as error:
+                self.refuse([str(error)])
+        return list(found)
 
     def refuse(self, problems: list[str]) -> None:
         """Say on stderr which files cannot be read, and count them."""

@@ -77,8 +77,8 @@ def spread_of(values: list[float | None]) -> Spread:
     if not known:
         return Spread()
     with np.errstate(over="ignore", invalid="ignore"):  # of numbers near the largest there is none
-        std = finite(np.std(known, ddof=1)) if len(known) > 1 else None
-        return Spread(mean=finite(np.mean(known)), std=std, median=finite(np.median(known)))
+        std = finite(float(np.std(known, ddof=1))) if len(known) > 1 else None
+        return Spread(mean=finite(float(np.mean(known))), std=std, median=finite(float(np.median(known))))
 
 
 @contextmanager
