@@ -307,3 +307,11 @@ def test_generate_and_train_from_the_command_line(run, tmp_path):
     assert (tmp_path / "eval" / "metrics.json").exists()
     status, out, _ = run("infer", EXAMPLE, "--model", "run/laptop.onnx", "-o", "r")
     assert status in (0, 1)
+
+
+def test_an_empty_folder_takes_no_other_file_with_it(run, tmp_path):
+    (tmp_path / "empty").mkdir()
+    status, out, err = run("rheometer", "empty", "*.xlsx", EXAMPLE.with_name("soft_gel_strain_sweep.csv"))
+    assert status == 2
+    assert [line.split(":")[1].strip() for line in err.splitlines() if line.startswith("error:")] == ["empty", "*.xlsx"]
+    assert "soft_gel_strain_sweep" in out

@@ -22,7 +22,7 @@ from numpy.typing import ArrayLike
 
 from cavirheo.arrays import Floats
 from cavirheo.errors import InputError, require
-from cavirheo.parameters import natural, natural_name
+from cavirheo.parameters import RADIUS, natural, natural_name
 from cavirheo.physics.materials import MATERIALS, Material
 from cavirheo.physics.media import WATER, Medium
 from cavirheo.prior import Prior
@@ -77,6 +77,7 @@ class TrainingProblem:
         require(sorted(map(natural_name, names)) == needed, f"{told}, got {', '.join(names)}", "problem.prior")
         radius = self.reference_max_radius
         require(0 < radius < np.inf, f"reference_max_radius must be positive, got {radius} m", "problem.max_radius")
+        RADIUS.check("reference_max_radius", radius, "problem.max_radius")
         end, scale = (self.grid.frames - 1) * self.grid.frame_interval, self.medium.time_scale(radius)
         told = (
             f"the grid ends {end:.3g} s after R_max, more than the {LONGEST:g} collapse times of {scale:.3g} s that are"

@@ -174,11 +174,12 @@ def single(room: str, path: str, given: dict[str, str]) -> tuple[str, str]:
     with tempfile.TemporaryDirectory() as out:
         words = SINGLES[room].split()
         said = call([word.format(file=path, out=f"{out}/out", **given) for word in words])
+        written = Path(out, "out").is_dir()
     wrong = trouble(said, refusals=1)
     text = f"status {said.status}\n{said.out[-1500:]}\n{said.err[-3000:]}\n{said.error}"
     if wrong:
         return wrong, text
-    if said.status < 2:
+    if said.status < 2 or (written and "error:" not in said.err):  # status 2 with a document: part was unreadable
         return "answered", text
     named = any(line.startswith("error:") and f"/{Path(path).parent.name}/" in line for line in said.err.splitlines())
     return "refused" if named else "does not name the file", text
@@ -189,7 +190,7 @@ def batch(room: str, paths: dict[str, str], given: dict[str, str]) -> dict[str, 
     about = BATCHES[room]
     with tempfile.TemporaryDirectory() as out:
         good = str(Path(given["here"]) / about.good)
-        said = call([*about.words, *paths.values(), good, "-o", f"{out}/out"])
+        said = call([*about.words, good, *paths.values(), "-o", f"{out}/out"])
         document = Path(out, "out", about.document)
         sources = _sources(json.loads(document.read_text())) if document.exists() else set()
         report = Path(out, "out", "report.html")
@@ -204,6 +205,7 @@ def batch(room: str, paths: dict[str, str], given: dict[str, str]) -> dict[str, 
     for key in paths:
         lines = [line for line in said.err.splitlines() if line.startswith("error:") and f"/{key}/" in line]
         answered = any(f"/{key}/" in source for source in sources)
+        answered |= any(f"/{key}/" in line and "same recording" in line for line in (said.out + said.err).splitlines())
         outcome = {(True, 0): "answered", (False, 1): "refused"}.get((answered, len(lines)), "")
         found[key] = (wrong or outcome or f"answered: {answered}, lines: {len(lines)}", text)
     return found

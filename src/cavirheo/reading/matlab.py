@@ -96,6 +96,7 @@ def _bdt(variables: Variables, density: float, pressure: float) -> list[RadiusCu
     radii, times = ([v] if isinstance(v, np.ndarray) else v for v in (variables[name] for name in _CELLS))
     count = len(radii)
     require(count == len(times), f"R_nondim_All has {count} cells but t_nondim_All {len(times)}")
+    require(count > 0, "R_nondim_All has no cells: no curve", "matlab.cells")
     shared: list[str] = []
     given = {"P_inf": (pressure, "Pa"), "rho": (density, "kg/m3")}
     for name, (_, unit) in given.items():

@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from pydantic import model_validator
 from pydantic_core import to_jsonable_python
 
 from cavirheo.curve import RadiusCurve
@@ -114,6 +115,12 @@ class Result(Document):
 
     curves: list[CurveRecord]
     groups: list[GroupRecord]
+
+    @model_validator(mode="after")
+    def _each_curve_in_a_group(self) -> Result:
+        if len(self.groups) != len(_members(self.curves)):
+            raise ValueError("its groups are not those of its curves")
+        return self
 
     @property
     def modulus_unit(self) -> tuple[float, str]:

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 from typer import Option
 
-from cavirheo.errors import require
+from cavirheo.errors import InputError, require
 from cavirheo.verbs import options
 from cavirheo.writing.terminal import say
 
@@ -85,7 +85,10 @@ def simulate(
     far_field = None
     if driving:
         *columns, notes = read_trace(driving)
-        far_field = Trace(*columns)
+        try:
+            far_field = Trace(*columns)
+        except InputError as error:
+            raise error.within(str(driving)) from None
         for note in notes:
             say(f"{driving}: {note}")
     inputs = [driving] if driving else []

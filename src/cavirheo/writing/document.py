@@ -76,8 +76,9 @@ def spread_of(values: list[float | None]) -> Spread:
     known = [value for value in values if value is not None]
     if not known:
         return Spread()
-    std = float(np.std(known, ddof=1)) if len(known) > 1 else None
-    return Spread(mean=float(np.mean(known)), std=std, median=float(np.median(known)))
+    with np.errstate(over="ignore", invalid="ignore"):  # of numbers near the largest there is none
+        std = finite(float(np.std(known, ddof=1))) if len(known) > 1 else None
+        return Spread(mean=finite(float(np.mean(known))), std=std, median=finite(float(np.median(known))))
 
 
 @contextmanager

@@ -9,8 +9,9 @@ from contextlib import contextmanager
 from itertools import product
 from typing import TYPE_CHECKING, Any
 
-from cavirheo.writing.digits import LOOKS, printable
+from cavirheo.writing.digits import LOOKS, elide, printable
 
+_LONGEST = 1000  # characters of one line
 _NUMBER = re.compile(r"(?<![\w.])-?\d+(?:\.\d+)?(?:e[+-]?\d+)?")
 
 if TYPE_CHECKING:
@@ -32,8 +33,8 @@ def console(**how: Any) -> Console:
 
 
 def say(text: str) -> None:
-    """One line on stderr."""
-    print(" ".join(printable(text).splitlines()), file=sys.stderr)
+    """One line on stderr, of a length that a screen can hold whatever a file put into it."""
+    print(elide(" ".join(printable(text).splitlines()), _LONGEST), file=sys.stderr)
 
 
 @contextmanager

@@ -15,9 +15,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
-from pydantic import BaseModel, ConfigDict, NonNegativeFloat, PositiveFloat, PositiveInt, ValidationError
+from pydantic import BaseModel, ConfigDict, Field, NonNegativeFloat, PositiveFloat, PositiveInt, ValidationError
 
 from cavirheo.errors import InputError, require
 from cavirheo.physics.media import Medium, medium
@@ -44,8 +44,8 @@ class _ReferenceLine(BaseModel):
     set: str
     method: str | None = None
     quantity: str | None = None
-    mean: PositiveFloat | None = None
-    std: NonNegativeFloat | None = None
+    mean: Annotated[float, Field(ge=1e-18, le=1e18)] | None = None  # beyond, ratios would overflow
+    std: Annotated[float, Field(ge=0, le=1e18)] | None = None
     files: str | None = None  # file, subfolder or glob in the folder; default: the name of the set
     model: str | None = None
     medium: str | None = None
