@@ -161,6 +161,7 @@ def test_five_steps_on_a_shipped_example(visit, tmp_path):
     assert page.locator(".toast-wrap :text('Not done')").count() == 0
 
 
+@pytest.mark.slow
 def test_many_shots_in_three_clicks_on_a_phone_and_a_stop(visit, tmp_path):
     """Drop, infer, look; then a run with intervals is stopped: those that are done stay, and the page goes on."""
     page = visit(PHONE)
@@ -239,6 +240,7 @@ def test_errors_are_told_and_mended(visit, tmp_path):
     page.wait_for_selector(".toast-body.error >> text=-5")
 
 
+@pytest.mark.slow
 def test_two_visitors_do_not_see_each_other_and_need_no_mouse(visit, tmp_path):
     pages, files = (visit(WIDE), visit(PHONE)), [_one_shot(tmp_path / f"{name}.csv") for name in ("mine", "yours")]
     for page, file in zip(pages, files, strict=True):

@@ -139,6 +139,7 @@ def test_the_folder_that_the_user_names_comes_first(start, tmp_path, monkeypatch
     assert not files(tmp_path / "__pycache__")
 
 
+@pytest.mark.slow
 def test_processes_that_compile_at_once_do_not_disturb_each_other(start, tmp_path):
     path = os.pathsep.join([str(tmp_path), *sys.path])
     words = [sys.executable, "-c", PROCESS]

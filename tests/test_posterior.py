@@ -636,6 +636,7 @@ def test_the_exposure_from_the_command_line(run, tmp_path):
     assert "positive time" in err
 
 
+@pytest.mark.slow
 def test_which_law_from_the_command_line(run, tmp_path, monkeypatch, light):
     """The true law is preferred to one that lacks a parameter."""
     monkeypatch.setattr(evidence, "verify_many", partial(verify_many, draws=60))

@@ -356,6 +356,7 @@ def one_line(status: int, out: str, err: str) -> str:
 
 
 @pytest.mark.train
+@pytest.mark.slow
 def test_wrong_words_and_places_of_generate_and_train(fake, small, run, tmp_path):
     pytest.importorskip("torch")
     assert run("generate", small, "-o", "data")[0] == 0
@@ -376,6 +377,7 @@ def test_wrong_words_and_places_of_generate_and_train(fake, small, run, tmp_path
 
 
 @pytest.mark.train
+@pytest.mark.slow
 def test_a_damaged_run_is_named(fake, small, run, tmp_path):
     pytest.importorskip("onnxscript")
     assert run("generate", small, "-o", "data")[0] == 0
