@@ -104,6 +104,22 @@ class Evidence:
 
 
 @dataclass(frozen=True)
+class OtherAnswer:
+    """What another model answers for the same frames, or another valley of the same model.
+
+    material, bubble: the model. best: every parameter by its natural name, SI. intervals: (5 %, 50 %, 95 %) of the
+    parameters by natural name. evidence: to be compared with that of the answer. rmse_over_rmax: as that of Checks.
+    """
+
+    material: str
+    bubble: BubbleModel
+    best: Mapping[str, float]
+    intervals: Mapping[str, tuple[float, float, float]]
+    evidence: Evidence | None
+    rmse_over_rmax: float | None
+
+
+@dataclass(frozen=True)
 class Diagnostics:
     """How an answer was found and what its interval is worth; None or empty where the method does not say.
 
@@ -143,7 +159,7 @@ class Posterior:
     importance weights. seconds: wall time. best: every parameter by its natural name in SI, the stretch and what was
     held fixed included. stretch: R_max/R_0 of the answer, whether it was inferred or given. windows: what windows of
     "1", "2", "3" and "all" collapses answer, if they were fitted. evidence: of the law. diagnostics: of the method.
-    bubble: the model of the bubble itself.
+    bubble: the model of the bubble itself. others: what other models and other valleys answer, if they were looked at.
     """
 
     names: tuple[str, ...]
@@ -162,6 +178,7 @@ class Posterior:
     evidence: Evidence | None = None
     diagnostics: Diagnostics = Diagnostics()
     bubble: BubbleModel = BubbleModel()
+    others: tuple[OtherAnswer, ...] = ()
 
     def __repr__(self) -> str:
         """Material, method and verdict, then a line per parameter: median, 90 % interval, unit."""
