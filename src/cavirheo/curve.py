@@ -13,7 +13,7 @@ import numpy as np
 
 from cavirheo.arrays import Floats
 from cavirheo.errors import InputError, brief, expect, printable, require
-from cavirheo.landmarks import AT_MAXIMUM, RAYLEIGH, collapse_time, fit_maximum, spikes, turning_points
+from cavirheo.landmarks import AT_MAXIMUM, RAYLEIGH, collapse_time, drift, fit_maximum, spikes, turning_points
 from cavirheo.parameters import INTERVAL, RADIUS
 
 if TYPE_CHECKING:
@@ -23,6 +23,7 @@ T = TypeVar("T")
 
 _FEWEST_FRAMES = 5  # below this no maximum is fitted
 _SMALLEST_REBOUND = 0.03  # of R_max, that makes a minimum a collapse
+_DRIFT = 0.05  # of R_max, that a late radius may rise
 _SPIKE = 0.2  # of R_max above both neighbours: no bubble moves like that (down it does, in a collapse)
 
 
@@ -289,8 +290,8 @@ class RadiusCurve:
         return np.array([collapse_time(time, radius, i) for i in self._turning_points[0]])
 
     def window(self, collapses: int | None = None, end: float | None = None) -> RadiusCurve:
-        """The part from R_max on: up to the rebound maximum after the given number of collapses, or up to `end` s after
-        R_max, whichever is earlier. R_max and its time stay those of the whole curve.
+        """The part from R_max on: up to the rebound maximum after the given number of collapses, at most a period after
+        the last, or up to `end` s after R_max, whichever is earlier. R_max and its time stay those of the whole curve.
 
         Raises:
             InputError: the curve shows fewer collapses, or fewer than two frames are left.
@@ -302,14 +303,24 @@ class RadiusCurve:
             minima, maxima = self._turning_points
             shown = f"a window of {collapses} collapses was asked; the curve shows {len(minima)}"
             self._require(1 <= collapses <= len(minima), shown, "collapses")
-            rebounds = [i for i in maxima if i > minima[collapses - 1]]
-            stop = min(stop, time[rebounds[0]] if rebounds else time[-1])
+            last = minima[collapses - 1]
+            before = time[minima[collapses - 2]] if collapses > 1 else 2.0 * start - time[last]
+            ends = [time[i] for i in maxima if i > last] + [2.0 * time[last] - before]
+            stop = min(stop, *ends)
         inside = (self.time >= start) & (self.time <= stop)
         left = np.count_nonzero(inside & np.isfinite(self.radius))
         few = f"fewer than two measured frames between R_max and {stop - start:.4g} s after it"
         self._require(bool(left > 1), few, "window")
         parts = {name: getattr(self, name)[inside] for name in ("time", "radius", "radius_std")}
         return replace(self, **parts, maximum=(start, top))
+
+    @cached_property
+    def drifts_from(self) -> float | None:
+        """Time, s, from which the radius drifts upwards (landmarks.drift), as that of no single bubble; None if not."""
+        time, radius = self._after_max
+        rise = max(_DRIFT * radius[0], 6.0 * self.noise)
+        first = drift(time, radius, *self._turning_points, rise)
+        return None if first is None else float(time[first])
 
     def strain_rate(self) -> float:
         """Mean strain rate at the bubble wall between R_max and the first violent collapse, 1/s.

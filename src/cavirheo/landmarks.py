@@ -155,3 +155,27 @@ def collapse_time(time: Floats, radius: Floats, i: int) -> float:
         return float(t[2])
     crossing = (y[3] - rising * t[3] - y[1] + falling * t[1]) / (falling - rising)
     return float(np.clip(crossing, t[1], t[3]))
+
+
+def drift(time: Floats, radius: Floats, minima: list[int], maxima: list[int], rise: float) -> int | None:
+    """Index from which a radius drifts upwards, by more than `rise`, as no oscillating bubble does; None: it does not.
+
+    Either a rebound goes higher than the one before, or, a period after the last collapse, the running median over a
+    period rises: the bubble breaks up, or others come before it.
+    """
+    if not minima:
+        return None
+    peaks = [i for i in maxima if i < minima[-1]]
+    if len(minima) > 1 and peaks and np.max(radius[minima[-1] :]) > radius[peaks[-1]] + rise:
+        return minima[-1]
+    period = time[minima[-1]] - time[minima[-2]] if len(minima) > 1 else 2.0 * (time[minima[0]] - time[0])
+    late = int(np.searchsorted(time, time[minima[-1]] + period))
+    width = max(int(np.searchsorted(time, time[minima[-1]] + period)) - minima[-1], 5)
+    if len(time) - late < width:
+        return None
+    smooth = np.median(np.lib.stride_tricks.sliding_window_view(radius[late:], width), axis=1)
+    lowest = np.minimum.accumulate(smooth)
+    risen = np.flatnonzero(smooth - lowest > rise)
+    if not len(risen):
+        return None
+    return late + int(np.argmin(smooth[: risen[0] + 1])) + width // 2

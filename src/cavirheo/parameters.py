@@ -65,7 +65,7 @@ def _log10(low: float, high: float) -> tuple[float, float]:
 
 
 PARAMETERS: dict[str, Parameter] = {
-    "shear_modulus": Parameter("G", "Pa", (1.0, 6.0), (2.7, 5.2)),
+    "shear_modulus": Parameter("G", "Pa", (1.0, 7.0), (2.7, 5.2)),
     "C1": Parameter("C_1", "Pa", (0.7, 5.7), (2.4, 4.9)),
     "C2": Parameter("C_2", "Pa", (-2.0, 5.7), (0.0, 4.0)),
     "C3": Parameter("C_3", "Pa", (-5.0, 3.0), (-3.0, 0.0)),

@@ -22,9 +22,9 @@ from cavirheo.arrays import Floats
 from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError, require
 from cavirheo.inference.law import Family
-from cavirheo.inference.noise import Noise
-from cavirheo.inference.reconstruct import Window, check_stretch, reconstruct, window
-from cavirheo.parameters import LOG10, PARAMETERS
+from cavirheo.inference.noise import Noise, correlation_time
+from cavirheo.inference.reconstruct import MISFIT, Window, check_stretch, reconstruct, window
+from cavirheo.parameters import LOG10, PARAMETERS, STRETCH_RANGE
 from cavirheo.physics.damage import Damage
 from cavirheo.physics.media import WATER, Medium
 from cavirheo.physics.scales import ACCOMMODATION, check_bubble, inertia_of
@@ -34,7 +34,7 @@ from cavirheo.prior import Prior
 
 Accuracy = Mapping[str, Any]  # options of `simulate`
 
-COARSE: Accuracy = {"cells": 32, "rtol": 1e-3}  # for the starts: 1.5 ms
+COARSE: Accuracy = {"cells": 24, "rtol": 3e-3}  # for the starts: 1 ms
 QUICK: Accuracy = ROUGH  # for the search: forward differences are right to 1 %
 FINE: Accuracy = {}  # the solver's default: central differences are right to 0.1 %
 FLOOR = 0.007  # of R_max: two circle fits of one video differ by 1.0 % rms, so each has 0.7 %
@@ -46,6 +46,12 @@ LARGEST = 10.0 / 3.0  # of them
 SCALE_BOUND = 0.015  # radius calibration and R_max are known to 1-1.5 %
 SIGMAS = 3.0  # standard deviations of these within their bounds
 AT_END = 0.25  # of an interval's width: an end nearer to the range's is the range's
+CLEAN = 1.5e-4  # of R_max: frame-to-frame noise of a curve that no camera took: a simulation must follow it,
+LEFT = 1e-3  # of R_max RMS: by so much or less
+NARROWEST = 0.02  # t_c: half-width of the clock where half a frame is less; R_max is hardly seen sooner
+READ = 0.75  # of the radius noise: the standard deviation of R_max as it is read off the curve
+STATED = 0.1  # of a stretch that the file states: its standard deviation, if none is stated
+TIMED = (0.0, 0.1, 0.2, 0.3, 0.5, 0.7, 1.0, 1.4, 2.0)  # motion within a frame that may be noise, over radius noise
 _LN10 = float(np.log(10.0))
 _NODES, _SHARES = (part / 2.0 for part in np.polynomial.legendre.leggauss(9))  # of an exposure, over its length
 
@@ -64,11 +70,14 @@ def _collapses(window: Any) -> bool:
 _DOMAINS: dict[str, tuple[Callable[[Any], bool], str]] = {
     "window": (_collapses, "collapses from 1 up, or 'all'"),
     "end": (_positive, "a positive time in s"),
-    "stretch": (lambda value: not isinstance(value, str) or value == "plateau", "R_max/R_0, 'plateau' or left out"),
+    "stretch": (
+        lambda value: not isinstance(value, str) or value in ("plateau", "free"),
+        "R_max/R_0, 'plateau', 'free' or left out",
+    ),
     "free": (lambda names: sorted(names) == sorted({*names} & {*FREE}), f"some of {', '.join(FREE)}, each once"),
     "t0_bound": (_positive, "a positive time in s"),
     "scale_bound": (lambda bound: 0 < bound < 0.2, "between 0 and 0.2"),
-    "weights": (lambda name: name in ("motion", "equal"), "'motion' or 'equal'"),
+    "weights": (lambda name: name in ("learnt", "motion", "equal"), "'learnt', 'motion' or 'equal'"),
 }
 
 
@@ -79,16 +88,17 @@ class Options:
     window: int | str | None = None
     end: float | None = None
     stretch: float | str | None = None
-    free: Sequence[str] | str = ()  # one name may stand by itself, or several with commas; kept as a tuple
+    free: Sequence[str] | str = ("t0", "rmax")  # or several with commas; kept as a tuple
     t0_bound: float | None = None
     scale_bound: float = SCALE_BOUND
-    weights: str = "motion"
+    weights: str = "learnt"
     windows: bool = True
     bubble: BubbleModel = field(default_factory=BubbleModel)
 
     def __post_init__(self) -> None:
         if isinstance(self.free, str):
-            object.__setattr__(self, "free", tuple(filter(None, (name.strip() for name in self.free.split(",")))))
+            names = (name.strip() for name in self.free.split(","))
+            object.__setattr__(self, "free", tuple(name for name in names if name not in ("", "none")))
         for name, (holds, wanted) in _DOMAINS.items():
             given = getattr(self, name)
             try:
@@ -122,6 +132,19 @@ def fixed_bubble(bubble: BubbleModel, max_radius: float) -> dict[str, float]:
     return {name: float(value) for name, value in given.items() if value not in ("free", 0.0)}
 
 
+def _known_stretch(curve: RadiusCurve, wanted: float | str | None) -> tuple[float, float] | None:
+    """(mean, standard deviation) of the stretch as the file states it, or as the late plateau shows it.
+
+    A stated one is often the mean of many shots: it is doubted by as much as it misses this shot's plateau.
+    """
+    plateau = curve.stretch_from_tail() if wanted in (None, "plateau") else None
+    stated = curve.stretch if wanted is None else None
+    if not stated or not STRETCH_RANGE[0] < stated < STRETCH_RANGE[1]:
+        return plateau if wanted == "plateau" else None
+    missed = abs(plateau[0] - stated) if plateau else 0.0
+    return stated, max(curve.stretch_std or 0.0, STATED * stated, missed)
+
+
 class Prediction(NamedTuple):
     """A simulation as the camera would have measured it; both (m,), over the measured R_max."""
 
@@ -132,12 +155,13 @@ class Prediction(NamedTuple):
 class Experiment:
     """One curve cut to a window, a law, a medium, the camera, and the prior of the parameters x.
 
-    A frame counts with sigma^2 = sigma_R^2 + (U dt/sqrt(12))^2: sigma_R is the radius noise (its own where the file
+    A frame counts with sigma^2 = sigma_R^2 + (j U dt/sqrt(12))^2: sigma_R is the radius noise (its own where the file
     states one, else that of the curve from frame to frame, at least 0.7 % of R_max), U the wall's speed and dt the
-    frame interval, within which its instant is not known. So frames beside a collapse decide little.
+    frame interval, within which its instant may not be known. j is 0 for weights "equal" and 1 for "motion": frames
+    beside a collapse then decide little. "learnt" finds j, and the size of both, from the residuals (`weigh`).
 
     names: (d,) of x. bounds: (d, 2). since, measured, sigma: (m,) of the measured frames in the window: s after R_max,
-    R/R_max, assumed deviation over R_max. counted: (m,) frames that are no spikes.
+    R/R_max, assumed deviation over R_max. counted: (m,) frames that neither stand out nor drift.
 
     Raises:
         InputError: the curve has no maximum, or not the window; an exposure longer than the frame interval; damage to a
@@ -158,18 +182,22 @@ class Experiment:
         longest = f"longer than the time between two frames ({self.frame * 1e6:.4g} us)"
         require(exposure <= self.frame * (1.0 + 1e-6), told + longest, "experiment.exposure")
         self.shown = len(curve.collapse_times())
-        tail = options.stretch == "plateau"
-        self.stretch = float(options.stretch) if options.stretch and not tail else None
-        # (mean, standard deviation) of the stretch, and of its log10, where the late plateau is to tell it
-        self.stretch_prior = curve.stretch_from_tail() if tail else None
+        self.stretch = None if isinstance(options.stretch, str) or not options.stretch else float(options.stretch)
+        # (mean, standard deviation) of the stretch, and of its log10, where the file or the late plateau tells it
+        self.stretch_prior = _known_stretch(curve, options.stretch)
         self.plateau: tuple[float, float] | None = None
         if self.stretch_prior:
             value, deviation = self.stretch_prior
             self.plateau = float(np.log10(value)), deviation / (value * _LN10)
-        clock = (0.0, options.t0_bound or 0.5 * self.frame, self.time_scale)
-        factor = (1.0, options.scale_bound, 1.0)
-        # what is free of clock and scales: (middle, half-width, unit of the steps of finite differences)
-        self.free = {FREE[name]: clock if name == "t0" else factor for name in options.free}
+        clock = options.t0_bound or max(0.5 * self.frame, NARROWEST * self.time_scale)
+        read = max(options.scale_bound, min(SIGMAS * READ * curve.noise / self.max_radius, 0.2))
+        # (middle, half-width, unit of the steps of finite differences) of clock and scales, and which are free
+        widths = {
+            "t0": (0.0, clock, self.time_scale),
+            "scale": (1.0, options.scale_bound, 1.0),
+            "rmax": (1.0, read, 1.0),
+        }
+        self.free = {FREE[name]: widths[name] for name in options.free}
         bubble, p = options.bubble, medium.pressure
         if bubble.wall_inertia == "free":  # these two have their prior's largest value at 0
             self.free["wall_inertia"] = (0.5 * LARGEST * BETA, 0.5 * LARGEST * BETA, 1.0)
@@ -192,7 +220,6 @@ class Experiment:
         self.steps = np.array([1.0] * (len(self.names) - len(units)) + units)  # over the general one of differences
         ranges = [PARAMETERS[name].searched if name in self.logs else (-1.0, 1.0) for name in self.own]
         self.bounds = np.concatenate([family.bounds(), np.array(ranges, dtype=float).reshape(-1, 2)])
-        self.noise_factor = 1.0  # of sigma, found from the residuals in a joint fit
         wanted = options.window
         if wanted is None and options.end is None and self.shown:
             wanted = min(3, self.shown)
@@ -210,12 +237,34 @@ class Experiment:
         self._radius_sigma = np.where(known, stated, max(noise, FLOOR))
         self._sharpest = np.maximum(np.where(known, stated, noise), SHARPEST)
         self.counted = ~np.isin(cut.time[finite], self.curve.time[self.curve.spikes()])
-        self.weigh(np.abs(np.gradient(self.measured, self.since)) if len(self.since) > 2 else 0.0)
+        if self.curve.drifts_from is not None:
+            self.counted &= cut.time[finite] < self.curve.drifts_from
+        seen = np.abs(np.gradient(self.measured, self.since)) if len(self.since) > 2 else np.zeros(len(self.since))
+        self.assumed = np.hypot(self._radius_sigma, seen * self.frame * TIMING)
+        self.noise_factor = 1.0
+        self.weigh(seen)
 
-    def weigh(self, speed: Floats | float) -> None:
-        """Set sigma of the frames from the wall's speed over R_max, 1/s."""
-        motion = speed * self.frame * TIMING if self.options.weights == "motion" else 0.0
-        self.sigma = np.where(self.counted, np.hypot(self._radius_sigma, motion), np.inf)
+    def weigh(self, speed: Floats | float, missed: Floats | None = None) -> None:
+        """Set sigma of the frames from the wall's speed over R_max, 1/s.
+
+        Learnt weights are equal until it is known by how much a simulation `missed` the frames, (m,): their size and
+        the share of the motion in them are then the most likely ones for these differences, of which neighbours that
+        are alike count as one (noise_factor).
+        """
+        noise, motion = self._radius_sigma, speed * self.frame * TIMING
+        if self.options.weights != "learnt":
+            motion = motion if self.options.weights == "motion" else 0.0
+        elif missed is None:
+            motion = 0.0
+        else:
+            squares = noise**2 + (np.array(TIMED)[:, None] * motion) ** 2
+            sizes = np.mean((missed**2 / squares)[:, self.counted], axis=1)
+            lost = np.log(np.maximum(sizes, 1e-12)) + np.mean(np.log(squares[:, self.counted]), axis=1)
+            best = int(np.argmin(lost))
+            noise, motion = np.sqrt(sizes[best]) * noise, np.sqrt(sizes[best]) * TIMED[best] * motion
+            noise = np.maximum(noise, SHARPEST)
+            self.noise_factor = float(np.sqrt(correlation_time(missed[self.counted])))
+        self.sigma = np.where(self.counted, np.hypot(noise, motion), np.inf)
 
     def natural(self, x: Floats) -> dict[str, Any]:
         """stretch, time_origin (s), radius_scale and max_radius_factor from x (d,), or from (d, draws)."""
@@ -243,6 +292,17 @@ class Experiment:
             if name in self.free:
                 x[..., i] = -0.8 if name in AT_ZERO else 0.0
         return x
+
+    def from_best(self, best: Mapping[str, float]) -> Floats:
+        """x (d,) from natural values by name; what they lack is where a search begins."""
+        x = self.starts(np.zeros(len(self.names)))
+        for i, name in enumerate(self.names):
+            if name in self.free and name in best:
+                middle, width, _ = self.free[name]
+                x[i] = (best[name] - middle) / width
+            elif name not in self.free:
+                x[i] = np.log10(best.get(name, ACCOMMODATION if name == "accommodation" else 1.0))
+        return np.clip(x, *self.bounds.T)
 
     def best(self, x: Floats) -> dict[str, float]:
         """Every parameter by its natural name in SI, what was held fixed included."""
@@ -322,13 +382,13 @@ class Experiment:
     def noise(self, discrepancy: bool) -> Noise:
         """The distribution of the frames that count about the simulation (noise.py).
 
-        The assumed deviations are with `discrepancy` the fit's, without it those of the file or of the frame-to-frame
-        noise. Raises InputError: fewer than three frames count.
+        The assumed deviations are with `discrepancy` those of weights "motion" and of the measured motion, without it
+        those of the file or of the frame-to-frame noise. Raises InputError: fewer than three frames count.
         """
         count = int(np.sum(self.counted))
         told = f"{self.curve.name}: {count} frames are too few for a posterior"
         require(count >= 3, told, "experiment.too_few_frames")
-        deviation = (self.sigma if discrepancy else self._sharpest)[self.counted]
+        deviation = (self.assumed if discrepancy else self._sharpest)[self.counted]
         return Noise(deviation, self.since[self.counted], self.time_scale, discrepancy)
 
     def checks(self, x: Floats, verdict: Verdict, messages: Sequence[str]) -> Checks:
@@ -340,8 +400,9 @@ class Experiment:
         view = Window(moved, self.view.end - origin, self.view.collapses)
         material, bubble = self.family.material(x[: self.law]), self.simulated(natural)
         found = reconstruct(view, material, self.medium, natural["stretch"], **bubble)
-        found = replace(found, drawn_radius=found.drawn_radius / scale)
-        return found.checks(self.view, self.time_scale, verdict, messages)
+        counted = replace(found, drawn_radius=found.drawn_radius / scale).of(self.counted)
+        clean = self.curve.noise < CLEAN * self.max_radius
+        return counted.checks(self.view, self.time_scale, verdict, messages, LEFT if clean else MISFIT)
 
     def open_ends(self, x: Floats, low: Floats, high: Floats, log_weight: Floats | None = None) -> dict[str, str]:
         """Parameters of the law and the stretch whose central 90 % of x (draws, d) reach an end of their range, low to
@@ -357,7 +418,13 @@ class Experiment:
         return found
 
     @property
-    def spikes(self) -> list[str]:
+    def left_out(self) -> list[str]:
         """What is said where frames do not count."""
-        count = np.count_nonzero(~self.counted)
-        return [f"{count} frames above both neighbours by 20 % of R_max do not count"] if count else []
+        time = self.since + self.curve.time_of_max
+        drifting = time >= (np.inf if self.curve.drifts_from is None else self.curve.drifts_from)
+        spikes, drift = np.count_nonzero(~self.counted & ~drifting), np.count_nonzero(drifting)
+        said = [f"{spikes} frames above both neighbours by 20 % of R_max do not count"] if spikes else []
+        first = self.since[drifting][0] * 1e6 if drift else 0.0
+        return said + (
+            [f"{drift} frames from {first:.4g} us on do not count: the radius drifts upwards"] if drift else []
+        )

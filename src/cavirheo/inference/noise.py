@@ -120,3 +120,21 @@ class Noise:
             "discrepancy_probability": float(1.0 - np.sum(share[0])),
             "discrepancy_over_rmax": sigma * float(np.sqrt(np.sum(share * variance * ratio**2))),
         }
+
+
+def correlation_time(residual: Floats) -> float:
+    """Frames per independent residual: 1 + 2 sum rho_k up to the first lag k whose autocorrelation is not positive.
+
+    The integrated autocorrelation time; the sum is cut where noise begins, as by Geyer 1992, doi:10.1214/ss/1177011137.
+    """
+    r = residual - np.mean(residual)
+    variance = float(r @ r)
+    if variance == 0.0 or len(r) < 4:
+        return 1.0
+    tau = 1.0
+    for lag in range(1, len(r) // 2):
+        rho = float(r[:-lag] @ r[lag:]) / variance
+        if rho <= 0:
+            break
+        tau += 2.0 * rho
+    return min(tau, len(r) / 2.0)

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from numbers import Real
 from typing import Any
 
 import numpy as np
 from scipy.optimize import minimize_scalar
 
-from cavirheo.arrays import Floats
+from cavirheo.arrays import Bools, Floats
 from cavirheo.curve import RadiusCurve
 from cavirheo.errors import SolverError, require
 from cavirheo.parameters import STRETCH_RANGE
@@ -19,7 +19,7 @@ from cavirheo.physics.media import Medium
 from cavirheo.physics.simulate import simulate, simulate_many
 from cavirheo.posterior import Checks, Verdict
 
-MISFIT = 0.06  # RMSE/R_max above which the model is said not to fit (docs/method/verdicts.md)
+MISFIT = 0.03  # RMSE/R_max above which the model is said not to fit (docs/method/verdicts.md)
 _DRAWN = 800  # points of the drawn reconstruction
 
 
@@ -106,11 +106,17 @@ class Reconstruction:
     def rmse(self) -> float:
         return float(np.sqrt(np.mean(self.residual**2)))
 
-    def checks(self, view: Window, time_scale: float, verdict: Verdict, messages: Sequence[str]) -> Checks:
+    def of(self, counted: Bools) -> Reconstruction:
+        """The same, compared in some of the frames (m,) only."""
+        return replace(self, residual=self.residual[counted], time=self.time[counted])
+
+    def checks(
+        self, view: Window, time_scale: float, verdict: Verdict, messages: Sequence[str], limit: float = MISFIT
+    ) -> Checks:
         """The Checks of an answer: this verdict, unless the simulation misses the measurement by more than the limit.
         time_scale is t_c in s."""
-        if self.rmse > MISFIT:
-            missed = f"by {self.rmse:.1%} of R_max RMS (limit {MISFIT:.0%})"
+        if self.rmse > limit:
+            missed = f"by {100 * self.rmse:.2g} % of R_max RMS (limit {100 * limit:g} %)"
             verdict, messages = "model_does_not_fit", [f"the simulation misses the measurement {missed}", *messages]
         return Checks(
             verdict,

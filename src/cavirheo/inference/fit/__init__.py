@@ -3,38 +3,36 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, replace
 from importlib.metadata import version
-from itertools import pairwise
+from itertools import product
 from typing import Any
 
 import numpy as np
 
-from cavirheo.arrays import Floats
 from cavirheo.curve import RadiusCurve, several
 from cavirheo.errors import expect_whole, require
 from cavirheo.inference import check_level, doubts
-from cavirheo.inference.experiment import FINE, FREE, QUICK, SCALE_BOUND, Experiment, Options
-from cavirheo.inference.fit.covariance import Laplace, draws, laplace
-from cavirheo.inference.fit.least_squares import SEARCH, LeastSquares, Minimum
-from cavirheo.inference.fit.starts import Scan
+from cavirheo.inference.experiment import QUICK, SCALE_BOUND, Experiment, Options
+from cavirheo.inference.fit.alone import Alone, posterior
+from cavirheo.inference.fit.covariance import laplace
+from cavirheo.inference.fit.least_squares import SEARCH, LeastSquares
 from cavirheo.inference.law import Family
 from cavirheo.parallel import cores, each
 from cavirheo.parameters import LOG10, units
 from cavirheo.physics.media import WATER, Medium
 from cavirheo.physics.media import medium as named
 from cavirheo.physics.scales import inertia_of
-from cavirheo.posterior import BubbleModel, Checks, Diagnostics, Posterior, Verdict, WindowAnswer
+from cavirheo.posterior import BubbleModel, Posterior
 
 __all__ = ["fit", "fit_many"]
 
-DRAWS = 4096
-WINDOWS = (1, 2, 3, None)  # collapses; None: all that was recorded
-BEST = 3  # rough simulations from which a search is started
-FOLLOWED = 1.0  # residual variance over the assumed one, at which one start is enough
-LOWER = 0.95  # of a minimum's cost, that another must reach to replace it
-AT_BOUND = 1e-3  # of a range: nearer to its end is "at the bound"
+AUTO = ("nhkv", "newtonian", "power-law", "fung + newtonian")  # laws of material="auto": gels and liquids
+CONTENTS = ("equilibrium", "kinetic")
+DECISIVE = 3.0  # difference of log evidence (a factor of 20), below which the simpler model is taken
+TOGETHER = {**SEARCH, "max_nfev": 40}  # limits of a joint fit: it has many parameters
+_TRIED = 6  # materials of single shots, at most, from which a joint fit is started
 
 
 def fit(curve: RadiusCurve, material: str = "nhkv", **options: Any) -> Posterior:
@@ -50,10 +48,10 @@ def fit_many(
     window: int | str | None = None,
     end: float | None = None,
     stretch: float | str | None = None,
-    free: Sequence[str] | str = (),
+    free: Sequence[str] | str = ("t0", "rmax"),
     t0_bound: float | None = None,
     scale_bound: float = SCALE_BOUND,
-    weights: str = "motion",
+    weights: str = "learnt",
     windows: bool = True,
     contents: str = "equilibrium",
     accommodation: float | str = "free",
@@ -61,6 +59,7 @@ def fit_many(
     wall_inertia: float | str = 0.0,
     wall_distance: float | None = None,
     vapour_excess: float | str = 0.0,
+    others: bool = True,
     joint: bool = False,
     trust_input: bool = False,
     verify: str = "none",
@@ -72,18 +71,22 @@ def fit_many(
     """Nonlinear least squares on the simulated radius, from many starts; one answer per curve, in their order.
 
     Args:
-        material: a law of `cavirheo laws` all of whose parameters are then fitted ("nhkv", "qkv", "zener", ...).
+        material: a law of `cavirheo laws` all of whose parameters are then fitted ("nhkv", "qkv", "zener", ...);
+            "auto": the simplest of AUTO whose evidence is within 3 of the best, the others being in `Posterior.others`.
         medium: constants of the liquid or gel, or the name of a set.
-        window: collapses that are fitted, up to the rebound's maximum after the last; "all" for the whole recording.
-            Default: 3, or as many as there are, unless `end` is given.
+        window: collapses that are fitted, up to the rebound's maximum after the last, at most a period; "all" for the
+            whole recording. Default: 3, or as many as there are, unless `end` is given.
         end: s after R_max at which the window ends at the latest.
-        stretch: R_max/R_0 where it is known; "plateau": free, with the late plateau as prior; default: free.
+        stretch: R_max/R_0 where it is known; "plateau": free, with the late plateau as prior; "free"; default: free,
+            with the stretch that the file states, if it does, as prior.
         free: of "t0" (the clock: true time of R_max minus fitted one), "scale" (radius calibration: true radius over
             measured one) and "rmax" (R_max of the motion over that read off the curve, the calibration being right).
         t0_bound: s, largest |t0|; default half a frame interval. scale_bound: largest deviation of the others from 1.
-        weights: "motion" (frames count less where the wall moves fast) or "equal".
+        weights: "equal", "motion" (frames count less where the wall moves fast) or "learnt" (the residuals tell).
         windows: fit windows of 1, 2, 3 and all collapses too, for comparison: `Posterior.windows`.
-        contents: of the bubble, "equilibrium" (the field's model) or "kinetic" (vapour condenses at a finite rate).
+        contents: of the bubble, "equilibrium" (the field's model), "kinetic" (vapour condenses at a finite rate), or
+            "auto": both, the evidence decides as for materials.
+        others: fit the other contents, too; what they and other valleys answer is in `Posterior.others`.
         accommodation: of kinetic contents, above 0 and at most 10, or "free", from 0.01 to 1.
         damage: "none", or "first-rebound": from there on the law has another modulus and stress-free radius.
         wall_inertia, wall_distance, vapour_excess: as in `simulate`; the first and the last may be "free".
@@ -102,34 +105,60 @@ def fit_many(
     told = "a verification looks at each shot by itself: leave out joint, or verify"
     require(not joint or verify == "none", told, "option.joint")
     expect_whole(seed, "seed", 0, "option.seed")
-    curves, medium, family = several(curves), named(medium), Family(material)
-    bubble = BubbleModel(contents, accommodation, damage, wall_inertia, wall_distance, vapour_excess)
-    options = Options(window, end, stretch, free, t0_bound, scale_bound, weights, windows, bubble)
+    curves, medium = several(curves), named(medium)
+    require(
+        contents in (*CONTENTS, "auto"),
+        f"contents must be {', '.join(CONTENTS)} or auto, got {contents!r}",
+        "option.contents",
+    )
+    told = "a joint fit is of one law and one model of the contents: leave out joint, or auto"
+    require(not joint or "auto" not in (material, contents), told, "option.joint_auto")
+    asked = CONTENTS if contents == "auto" else (contents,)
+
+    def options_of(way: str) -> Options:
+        rate = accommodation if way == "kinetic" or contents == way else "free"
+        bubble = BubbleModel(way, rate, damage, wall_inertia, wall_distance, vapour_excess)
+        return Options(window, end, stretch, free, t0_bound, scale_bound, weights, windows, bubble)
+
+    models = [
+        (Family(law), options_of(way)) for law, way in product(AUTO if material == "auto" else (material,), asked)
+    ]
+    if damage != "none":
+        models = [(family, options) for family, options in models if family.elastic]
     solid = f"damage needs a law with an elastic part, {material} has none: leave out damage, or add a spring"
-    require(damage == "none" or family.elastic, solid, "physics.damage_without_elasticity")
+    require(bool(models), solid, "physics.damage_without_elasticity")
     if wall_distance is not None:  # too near for every curve; for some, those fail
         inertia_of(
             wall_distance, min((float(np.max(c.radius, initial=0.0, where=c.radius > 0)) for c in curves), default=0)
         )
     threads = cores(workers)
     inner = max(threads // max(len(curves), 1), 1)
-    ranges = dict(zip(family.parameters, (10.0 ** family.bounds()).tolist(), strict=True))
-    common = {
-        "cavirheo": version("cavirheo"), "medium": asdict(medium), "options": asdict(options), "ranges": ranges
-    }  # fmt: skip
 
-    def doubted(answer: Posterior, alone: _Alone) -> Posterior:
+    def common(shot: Experiment) -> dict[str, Any]:
+        family = shot.family
+        ranges = dict(zip(family.parameters, (10.0 ** family.bounds()).tolist(), strict=True))
+        about = {"medium": asdict(medium), "options": asdict(shot.options), "ranges": ranges}
+        return {"cavirheo": version("cavirheo"), **about}
+
+    def doubted(answer: Posterior, alone: Alone) -> Posterior:
         return replace(answer, checks=doubts.doubted(answer.checks, alone.doubts(), trust_input))
 
-    def one(curve: RadiusCurve) -> tuple[Posterior, _Alone | None]:
+    def one(curve: RadiusCurve) -> tuple[Posterior, Alone | None]:
         began = time.perf_counter()
         try:
-            alone = _Alone(Experiment(curve, family, medium, options), inner)
-            answer = doubted(_posterior(alone.fit, alone.found, alone.laplace, 0, alone, common, seed), alone)
+            alone, rest = _simplest(_fitted(curve, models, medium, inner))
+            unasked = [way for way in CONTENTS if way not in asked] if others and alone.evidence else []
+            beside = [(alone.shot.family, replace(options_of(way), windows=False)) for way in unasked]
+            rest += _fitted(curve, beside, medium, inner, alone)
+            answer = posterior(alone.fit, alone.found, alone.laplace, 0, alone, common(alone.shot), seed)
+            answer = replace(answer, others=answer.others + tuple(single.as_other() for single in rest))
+            answer = doubted(answer, alone)
         except Exception as error:  # of this curve alone
+            family, options = models[0]
             names = tuple(LOG10 + name for name in family.parameters)
             nothing, checks = np.empty((0, len(names))), doubts.failed(error, curve, medium)
-            told, alone = common | {"source_sha256": curve.source_sha256}, None
+            told = {"medium": asdict(medium), "options": asdict(options), "source_sha256": curve.source_sha256}
+            alone, bubble = None, options.bubble
             answer = Posterior(
                 names, units(names), nothing, checks, family.name, "least_squares", told, bubble=bubble
             )  # fmt: skip
@@ -138,7 +167,7 @@ def fit_many(
     said = (lambda index, found: done(index, found[0])) if done and verify == "none" else None
     answered = each(one, curves, workers, said)
     answers = [answer for answer, _ in answered]
-    groups: dict[Any, dict[int, _Alone]] = {}
+    groups: dict[Any, dict[int, Alone]] = {}
     for i, (curve, (_, single)) in enumerate(zip(curves, answered, strict=True)):
         if joint and single:
             groups.setdefault((curve.group, curve.group_source), {})[i] = single
@@ -161,170 +190,55 @@ def fit_many(
     return verify_many(curves, answers, seed=seed, workers=workers, done=done, **settings, **camera)
 
 
-class _Alone:
-    """The fit of one curve by itself: every window from the starts of one scan and from the answer of the window
-    before it, for the first collapses leave fewer minima than the long window, where a rebound can slip by a period."""
-
-    def __init__(self, shot: Experiment, workers: int) -> None:
-        self.shot = shot
-        self.fit = LeastSquares([shot], workers)
-        cuts: list[Any] = [(n, None) for n in WINDOWS if n is None or n <= shot.shown] if shot.options.windows else []
-        shot.set_window(*(cuts[-1] if cuts else shot.cut))
-        scan = Scan(self.fit)
-        self.search = scan.counts
-        found: dict[Any, tuple[Minimum, Floats]] = {}  # minimum and sigma of each window
-        every = list(dict.fromkeys([*cuts, shot.cut]))
-        before: list[Floats] = []
-        for cut in every:
-            shot.set_window(*cut)
-            starts = [*before, *scan.best(shot, 2 if before else BEST)]
-            minimum = self.fit.settle(starts, enough=FOLLOWED if before else 0.0)
-            found[cut], before = (minimum, shot.sigma), [minimum.x]
-        for cut, longer in reversed(list(pairwise(every))):  # a few frames may have held a search in a side valley
-            shot.set_window(*cut)
-            found[cut] = self._better(*found[cut], found[longer][0].x)
-        self.windows: dict[str, WindowAnswer] = {}
-        for cut in cuts:
-            shot.set_window(*cut)
-            self.windows[str(cut[0] or "all")] = self._window_answer(found[cut][0].x)
-        shot.set_window(*shot.cut)
-        self.found, shot.sigma = found[shot.cut]
-        self.laplace = laplace(self.fit, self.found.x)
-
-    def doubts(self) -> list[str]:
-        """About the curve, whether or not it was fitted with others."""
-        shot, x, said = self.shot, self.found.x, doubts.plain(self.shot.curve, self.shot.medium)
-        if shot.free.get("time_origin", (0.0, 0.0))[1] >= shot.frame:  # the interval holds such a clock already
-            return said
-        for difference, other in doubts.readings(shot.curve, spikes=False):  # spikes do not count in a fit
-            there = Experiment(other, shot.family, shot.medium, shot.options)
-            there.set_window(None, (shot.view.end + shot.frame) * (1.0 + 1e-9))  # to the same frame
-            # one Gauss-Newton step from the minimum to that of the same frames on the other clock
-            slope, seen, moved = self.fit.jacobian(x, FINE, central=False), shot.predict(x), there.predict(x)
-            if seen and moved:
-                frames = len(seen.radius)
-                change = (moved.radius[-frames:] - seen.radius) / (shot.sigma * shot.noise_factor)
-                step = np.linalg.lstsq(slope[:frames], change, rcond=None)[0]
-                factors = dict(zip(shot.family.parameters, (10.0**step).tolist(), strict=False))
-                said += doubts.moved(difference, factors)
-        return said
-
-    def _better(self, minimum: Minimum, sigma: Floats, start: Floats) -> tuple[Minimum, Floats]:
-        """The minimum with its weights, or the one found from `start` if it is lower (both with measured weights)."""
-        fit, shot = self.fit, self.shot
-        here, there = (0.5 * float(np.sum(fit.residuals(x, QUICK) ** 2)) for x in (minimum.x, start))
-        if there < here or here > 0.5 * FOLLOWED * len(shot.measured):
-            other = fit.minimise(start, QUICK, SEARCH, [minimum.x])
-            if other.cost < LOWER * here:
-                return fit.settle([other.x]), shot.sigma
-        return minimum, sigma
-
-    def _window_answer(self, x: Floats) -> WindowAnswer:
-        shot = self.shot
-        (seen,) = self.fit.at(x, FINE)
-        rmse = None if seen is None else float(np.sqrt(np.mean((shot.measured - seen.radius) ** 2)))
-        best = {name: value for name, value in shot.best(x).items() if name not in FREE.values()}
-        return WindowAnswer(best, float(shot.view.end / shot.time_scale), rmse, tuple(_at_bound(self.fit, x, 0)))
+def _fitted(
+    curve: RadiusCurve,
+    models: Sequence[tuple[Family, Options]],
+    medium: Medium,
+    workers: int,
+    near: Alone | None = None,
+) -> list[Alone]:
+    """The fits of these models; one that fails is left out, unless all do. `near`: a fit of the same law."""
+    found: list[Alone] = []
+    for number, (family, options) in enumerate(models):
+        try:
+            shot = Experiment(curve, family, medium, options)
+            found.append(Alone(shot, workers, [] if near is None else [shot.from_best(near.shot.best(near.found.x))]))
+        except Exception:
+            if not found and near is None and number == len(models) - 1:
+                raise
+    return found
 
 
-def _joint(singles: list[_Alone], common: dict[str, Any], seed: int, workers: int) -> list[Posterior]:
-    """One material for all shots, each with the noise that its own fit left (variance times correlation time)."""
+def _simplest(fits: list[Alone]) -> tuple[Alone, list[Alone]]:
+    """The fit with the fewest parameters of those that the evidence cannot tell from the best, and the others."""
+    if len(fits) == 1:
+        return fits[0], []
+    heights = [single.evidence.log if single.evidence else -np.inf for single in fits]
+    near = [i for i, height in enumerate(heights) if height >= max(heights) - DECISIVE]
+    chosen = min(near, key=lambda i: (len(fits[i].shot.names), -heights[i]))
+    return fits[chosen], [single for i, single in enumerate(fits) if i != chosen]
+
+
+def _joint(
+    singles: list[Alone], common: Callable[[Experiment], Mapping[str, Any]], seed: int, workers: int
+) -> list[Posterior]:
+    """One material for all shots, each with the noise that a fit leaves in it."""
     law = singles[0].fit.common
-    for single in singles:
-        left = single.laplace.variance[0] * single.laplace.correlation[0]
-        single.shot.noise_factor = max(1.0, float(np.sqrt(left)))  # no shot is believed more than its frames
     fit = LeastSquares([single.shot for single in singles], workers)
     alone = np.array([single.found.x[:law] for single in singles])
     own = np.concatenate([single.found.x[law:] for single in singles])
-    starts = [np.concatenate([material, own]) for material in (np.median(alone, axis=0), np.mean(alone, axis=0))]
-    found = fit.settle(starts, enough=1.5)
+    materials = [np.median(alone, axis=0), np.mean(alone, axis=0), *alone[:: len(alone) // _TRIED + 1]]
+    starts = [np.concatenate([material, own]) for material in materials]
+    starts.sort(key=lambda x: float(np.sum(fit.residuals(x, QUICK) ** 2)))
+    found = min((fit.minimise(x, QUICK, TOGETHER) for x in starts[:2]), key=lambda minimum: minimum.cost)
+    found = fit.polish(found.x, TOGETHER)
     worth = laplace(fit, found.x)
     spread = {
         name: {"mean": float(np.mean(values)), "std": float(np.std(values, ddof=1)) if len(values) > 1 else None}
         for name, values in zip(fit.family.parameters, (10.0**alone).T, strict=True)
     }
-    together = common | {"joint": {"shots": len(singles), "alone": spread}}
-    return [_posterior(fit, found, worth, k, single, together, seed) for k, single in enumerate(singles)]
-
-
-def _at_bound(fit: LeastSquares, x: Floats, k: int) -> dict[str, str]:
-    """Of the parameters of shot k that ended at a bound: by name, which."""
-    found = {}
-    shot, x = fit.shots[k], x[fit.columns[k]]
-    low, high = fit.bounds[fit.columns[k]].T
-    for i, name in enumerate(shot.names):
-        for side, ends in (("lower", low), ("upper", high)):
-            if abs(x[i] - ends[i]) < AT_BOUND * (high[i] - low[i]):
-                found[name] = f"{name} at its {side} bound ({shot.best(ends)[name]:.4g})"
-    return found
-
-
-def _posterior(
-    fit: LeastSquares, found: Minimum, worth: Laplace, k: int, alone: _Alone, common: dict[str, Any], seed: int
-) -> Posterior:
-    """The answer for shot k at a minimum; the draws of the material are the same for all shots of a joint fit."""
-    shot, columns = fit.shots[k], fit.columns[k]
-    x, covariance = found.x[columns], worth.covariance[np.ix_(columns, columns)]
-    drawn = draws(found.x, worth.covariance, fit.bounds, DRAWS, seed, worth.freedom)[:, columns]
-    names, theta = shot.answer(drawn)
-    best, sigma = shot.best(x), np.sqrt(np.diag(covariance))
-    bound = _at_bound(fit, found.x, k)
-    one_sigma, correlations = {}, {}
-    for i, name in enumerate(shot.names):
-        free = name in shot.free
-        one_sigma[name if free else LOG10 + name] = float(np.std(theta[:, i]) if free else sigma[i])
-        for j, other in enumerate(shot.names[:i]):
-            correlations[f"{other}, {name}"] = float(covariance[i, j] / (sigma[i] * sigma[j]))
-    diagnostics = Diagnostics(
-        stretch_source=_stretch_source(shot),
-        free={name: best[name] for name in shot.free},
-        one_sigma=one_sigma,
-        correlations=correlations,
-        frames=len(shot.measured),
-        frames_per_independent_residual=worth.correlation[k],
-        at_bound=tuple(bound),
-        simulations=fit.runs,
-        failed_simulations=fit.failures,
-    )
-    windows = {key: {**one.best, **vars(one)} for key, one in alone.windows.items()}
-    for window in windows.values():
-        del window["best"]
-    told = {name: value for name, value in vars(diagnostics).items() if value is not None}
-    provenance = common | told | {
-        "source_sha256": shot.curve.source_sha256, "best": best, "stretch": best["stretch"],
-        "windows": windows, "search": alone.search, "draws_seed": seed,
-        "residual_variance_over_assumed": worth.variance[k],
-    }  # fmt: skip
-    return Posterior(
-        names, units(names), theta, _checks(fit, found, k, bound, drawn), fit.family.name, "least_squares", provenance,
-        best=best, stretch=best["stretch"], windows=alone.windows, diagnostics=diagnostics,
-        bubble=shot.options.bubble,
-    )  # fmt: skip
-
-
-def _stretch_source(shot: Experiment) -> str:
-    if shot.stretch:
-        return "given"
-    if shot.stretch_prior:
-        value, deviation = shot.stretch_prior
-        return f"fitted, with the late plateau ({value:.3g} ± {deviation:.2g}) as prior"
-    return "fitted"
-
-
-def _checks(fit: LeastSquares, found: Minimum, k: int, bound: dict[str, str], drawn: Floats) -> Checks:
-    """The same check as that of `infer`: the answer simulated anew and laid over the window."""
-    shot, columns = fit.shots[k], fit.columns[k]
-    ends = shot.open_ends(drawn, *fit.bounds[columns].T)
-    outside = ends or set(bound) & {*shot.family.parameters, "stretch"}
-    verdict: Verdict = "outside_training_range" if outside else "ok"
-    messages = list(bound.values())
-    if wide := [text for name, text in ends.items() if name not in bound]:
-        messages.append(f"the interval reaches the end of the range searched: {', '.join(wide)}")
-    if shot.options.stretch == "plateau" and not shot.stretch_prior:
-        messages.append("the curve has no late plateau: the stretch was fitted freely")
-    messages += shot.spikes
-    if not found.converged:
-        messages.append("the search stopped at its limit of iterations")
-    if len(fit.shots) > 1:
-        messages.append(f"joint fit of {len(fit.shots)} shots with one material")
-    return shot.checks(found.x[columns], verdict, messages)
+    joint = {"joint": {"shots": len(singles), "alone": spread}}
+    return [
+        posterior(fit, found, worth, k, single, {**common(single.shot), **joint}, seed)
+        for k, single in enumerate(singles)
+    ]

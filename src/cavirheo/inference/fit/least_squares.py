@@ -40,6 +40,11 @@ class LeastSquares:
         ends = np.cumsum([self.common, *map(len, owns)])
         law = range(self.common)
         self.columns = [np.array([*law, *range(a, b)]) for a, b in pairwise(ends)]  # of x that shot k depends on
+        self.priors: list[tuple[int, float, float]] = []  # column, mean, standard deviation of what has a normal prior
+        for shot, own in zip(self.shots, self.columns, strict=True):
+            prior = shot.prior()
+            known = [(int(i), *pair) for i, *pair in zip(own, prior.mean.tolist(), prior.std.tolist(), strict=True)]
+            self.priors += [one for one in known if np.isfinite(one[2])]
 
     @property
     def rows(self) -> list[slice]:
@@ -62,12 +67,6 @@ class LeastSquares:
         """(all frames + priors,) weighted residuals."""
         parts = [shot.residual(seen) for shot, seen in zip(self.shots, self.at(x, accuracy), strict=True)]
         return np.concatenate([*parts, [(x[column] - mean) / width for column, mean, width in self.priors]])
-
-    @property
-    def priors(self) -> list[tuple[int, float, float]]:
-        """(column, mean, standard deviation) of log10 stretch for each shot whose late plateau gives it."""
-        pairs = zip(self.columns, self.shots, strict=True)
-        return [(int(own[self.common]), *shot.plateau) for own, shot in pairs if shot.plateau]
 
     def jacobian(self, x: Floats, accuracy: Accuracy, *, central: bool, at: Floats | None = None) -> Floats:
         """(residuals, parameters) by finite differences, without a side whose simulation fails; `at`: those at x."""
@@ -142,31 +141,20 @@ class LeastSquares:
         return Minimum(found.x, float(found.cost), bool(found.status > 0))
 
     def reweigh(self, x: Floats, accuracy: Accuracy) -> None:
-        """The frames' weights from the simulated motion; fixed in a search, where otherwise fast motion would pay."""
+        """The frames' weights from a simulation; fixed in a search, where otherwise fast motion would pay."""
         for shot, seen in zip(self.shots, self.at(x, accuracy), strict=True):
             if seen is not None:
-                shot.weigh(seen.speed)
+                shot.weigh(seen.speed, shot.measured - seen.radius)
 
-    def settle(self, starts: Sequence[Floats], *, enough: float = 0.0) -> Minimum:
-        """The best minimum of a quick search from each start, then with the simulated motion's weights.
-
-        Further starts are left out once a minimum has less than `enough` times the variance that the weights assume.
-        """
-        best: Minimum | None = None
-        known: list[Floats] = []
-        for start in starts:
-            found = self.minimise(start, QUICK, SEARCH, known)
-            known.append(found.x)
-            best = found if best is None or found.cost < best.cost else best
-            if best.cost < 0.5 * enough * sum(len(shot.measured) for shot in self.shots):
+    def polish(self, start: Floats, limits: Mapping[str, Any] = SEARCH) -> Minimum:
+        """The minimum beside `start` of the default solver, with the weights of the simulation there."""
+        found = Minimum(start, np.inf, False)
+        for accuracy, how in ((QUICK, limits), (FINE, _POLISH), (FINE, _POLISH)):
+            self.reweigh(found.x, accuracy)
+            before, found = found.x, self.minimise(found.x, accuracy, how)
+            if accuracy is FINE and np.max(np.abs(found.x - before)) < 2e-2:
                 break
-        assert best is not None
-        for stage, limits in ((QUICK, SEARCH), (FINE, _POLISH), (FINE, _POLISH)):
-            self.reweigh(best.x, stage)
-            before, best = best.x, self.minimise(best.x, stage, limits)
-            if stage is FINE and np.max(np.abs(best.x - before)) < 2e-2:
-                break
-        return best
+        return found
 
 
 class KnownMinimumError(Exception):

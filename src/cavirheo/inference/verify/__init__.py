@@ -267,7 +267,7 @@ class _Work:
         for i, name in enumerate(self.prior.names):
             if name in self.shot.free and abs(u[i]) > TUNING.pulled:
                 self.messages.append(f"{name} is pulled to the end of its prior ({below[i]:.1%} below it)")
-        self.messages += self.shot.spikes
+        self.messages += self.shot.left_out
         return verdict
 
 

@@ -1,0 +1,269 @@
+"""The fit of one curve by itself: search, other windows, valleys and their evidence, the answer."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from cavirheo.arrays import Floats
+from cavirheo.inference import doubts
+from cavirheo.inference.experiment import FINE, FREE, QUICK, Experiment
+from cavirheo.inference.fit.covariance import Laplace, draws, laplace
+from cavirheo.inference.fit.least_squares import LeastSquares, Minimum
+from cavirheo.inference.fit.search import Search
+from cavirheo.inference.noise import Noise
+from cavirheo.inference.verify.mode import Mode, Target, climb, ridge, same
+from cavirheo.inference.verify.sampler import Mixture, Sample, sample
+from cavirheo.parameters import LOG10, units
+from cavirheo.posterior import (
+    Checks,
+    Diagnostics,
+    Evidence,
+    OtherAnswer,
+    Posterior,
+    Verdict,
+    WindowAnswer,
+    weighted_quantile,
+)  # fmt: skip
+
+DRAWS = 4096
+EACH, MOST, ENOUGH, FEWEST = 60, 300, 80.0, 15.0  # weighted draws: of a round, in all; effective ones: goal, least
+AS_NEAR = 1.5  # costs of minima, below which the evidence chooses between them
+AT_BOUND = 1e-3  # of a range: nearer to its end is "at the bound"
+_INSIDE = 1e-3  # of the probability, that a start keeps away from the bounds
+_LEVELS = np.array([0.05, 0.5, 0.95])
+
+
+class Alone:
+    """found: the minimum. laplace: what it is worth. evidence: of the model. valleys: other minima that follow the
+    frames nearly as well, as answers. windows: what other windows answer. `starts`: where minima may be."""
+
+    def __init__(self, shot: Experiment, workers: int, starts: Sequence[Floats] = ()) -> None:
+        self.shot, self.fit = shot, LeastSquares([shot], workers)
+        end = shot.cut[1]
+        shorter = [(n, end) for n in range(1, min(shot.view.collapses, 3) + 1) if (n, end) != shot.cut]
+        search = Search(self.fit, [*shorter, shot.cut], starts)
+        self.search, best = search.counts, search.minima[0].x
+        self.windows: dict[str, WindowAnswer] = {}
+        for cut, x in search.stages.items() if shot.options.windows else ():
+            shot.set_window(*cut)
+            lower = min((x, best), key=lambda one: float(np.sum(self.fit.residuals(one, QUICK) ** 2)))
+            self.windows[str(cut[0] or "all")] = self._window_answer(lower)
+        shot.set_window(*shot.cut)
+        weighed = self._weighed(search.minima)
+        chosen = max(
+            (one for one in weighed if one[0].cost < AS_NEAR * search.minima[0].cost),
+            key=lambda one: one[1].log_evidence, default=None,
+        )  # fmt: skip
+        self.evidence = Evidence(chosen[1].log_evidence) if chosen else None
+        self.valleys = [self._valley(mode) for _, mode in weighed if chosen and mode is not chosen[1]]
+        self.found = self.fit.polish(chosen[0].x if chosen else best)
+        self.laplace = laplace(self.fit, self.found.x)
+        self.sample = self._sampled()
+
+    def _weighed(self, minima: Sequence[Minimum]) -> list[tuple[Minimum, Mode]]:
+        """The minima, each with the maximum of the posterior beside it; those that share one are one."""
+        shot = self.shot
+        if np.sum(shot.counted) < 3:
+            return []
+        prior = shot.prior()
+        target = Target(shot, prior, shot.noise(discrepancy=True), self.fit.workers)
+        found: list[tuple[Minimum, Mode]] = []
+        for minimum in minima:
+            mode = climb(target, prior.to_u(minimum.x, _INSIDE), QUICK, known=[mode for _, mode in found])
+            if mode and not any(same(mode, other) for _, other in found):
+                found.append((minimum, mode))
+        self.fit.runs += target.runs
+        self.fit.failures += target.failures
+        return found
+
+    def _sampled(self) -> Sample | None:
+        """Draws weighted by the likelihood of rough simulations, of weights that are known now but for a factor.
+
+        A Gaussian would be too narrow: what a shift of the clock does to the frames beside a collapse is far from
+        linear, so posteriors are curved and have shelves. None: the weights are not worth an interval.
+        """
+        shot, prior = self.shot, self.shot.prior()
+        if np.sum(shot.counted) < 3:
+            return None
+        deviation = (shot.sigma * shot.noise_factor)[shot.counted]
+        noise = Noise(deviation, shot.since[shot.counted], shot.time_scale, discrepancy=False)
+        target = Target(shot, prior, noise, self.fit.workers)
+        mode = climb(target, prior.to_u(self.found.x, _INSIDE), QUICK)
+        if mode is None:
+            return None
+        places = [mode, *ridge(target, mode)]
+        heights = [place.log_evidence - mode.log_evidence for place in places]
+        first = Mixture.about([one.u for one in places], [one.covariance for one in places], heights)
+
+        def propose(rng: np.random.Generator, counted: Sample | None) -> Mixture:
+            if counted is None:
+                return first.widened(0.3)
+            return first.fitted(counted.u, counted.log_weight).beside(first, 0.3).widened()
+
+        def log_target(u: Floats) -> Floats:
+            return target.log_posterior(u, target.residuals(u, QUICK))
+
+        found = sample(log_target, propose, seed=0, each=EACH, most=MOST, enough=ENOUGH)
+        self.fit.runs += target.runs
+        self.fit.failures += target.failures
+        return found if found.ess >= FEWEST else None
+
+    def _valley(self, mode: Mode) -> OtherAnswer:
+        """An answer from the Gaussian about a maximum of the posterior."""
+        shot, prior = self.shot, self.shot.prior()
+        drawn = draws(mode.u, mode.covariance, np.tile([-8.0, 8.0], (len(mode.u), 1)), DRAWS // 4, 0, 1e6)
+        best, names_theta = shot.best(prior.to_x(mode.u)), shot.answer(prior.to_x(drawn))
+        rmse = float(np.sqrt(np.mean(mode.residual**2)))
+        return OtherAnswer(
+            shot.family.name, shot.options.bubble, best, intervals(*names_theta), Evidence(mode.log_evidence), rmse
+        )
+
+    def as_other(self) -> OtherAnswer:
+        """The answer, as one beside that of another model."""
+        shot, x = self.shot, self.found.x
+        drawn, weight = x[None], None
+        if self.sample:
+            drawn, weight = shot.prior().to_x(self.sample.u), self.sample.log_weight
+        missed = shot.difference(x)
+        rmse = float(np.sqrt(np.mean(missed**2)))
+        told = intervals(*shot.answer(drawn), weight)
+        return OtherAnswer(shot.family.name, shot.options.bubble, shot.best(x), told, self.evidence, rmse)
+
+    def doubts(self) -> list[str]:
+        """About the curve, whether or not it was fitted with others."""
+        shot, x, said = self.shot, self.found.x, doubts.plain(self.shot.curve, self.shot.medium)
+        if shot.free.get("time_origin", (0.0, 0.0))[1] >= shot.frame:  # the interval holds such a clock already
+            return said
+        for difference, other in doubts.readings(shot.curve, spikes=False):  # spikes do not count in a fit
+            there = Experiment(other, shot.family, shot.medium, shot.options)
+            there.set_window(None, (shot.view.end + shot.frame) * (1.0 + 1e-9))  # to the same frame
+            # one Gauss-Newton step from the minimum to that of the same frames on the other clock
+            slope, seen, moved = self.fit.jacobian(x, FINE, central=False), shot.predict(x), there.predict(x)
+            if seen and moved:
+                frames = len(seen.radius)
+                change = (moved.radius[-frames:] - seen.radius) / (shot.sigma * shot.noise_factor)
+                step = np.linalg.lstsq(slope[:frames], change, rcond=None)[0]
+                factors = dict(zip(shot.family.parameters, (10.0**step).tolist(), strict=False))
+                said += doubts.moved(difference, factors)
+        return said
+
+    def _window_answer(self, x: Floats) -> WindowAnswer:
+        shot = self.shot
+        (seen,) = self.fit.at(x, FINE)
+        rmse = None if seen is None else float(np.sqrt(np.mean((shot.measured - seen.radius) ** 2)))
+        best = {name: value for name, value in shot.best(x).items() if name not in FREE.values()}
+        return WindowAnswer(best, float(shot.view.end / shot.time_scale), rmse, tuple(at_bound(self.fit, x, 0)))
+
+
+def intervals(
+    names: Sequence[str], theta: Floats, log_weight: Floats | None = None
+) -> dict[str, tuple[float, float, float]]:
+    """(5 %, 50 %, 95 %) by natural name, SI, of draws (draws, parameters)."""
+    found = {}
+    for name, values in zip(names, weighted_quantile(theta, _LEVELS, log_weight).T.tolist(), strict=True):
+        low, middle, high = 10.0 ** np.array(values) if name.startswith(LOG10) else values
+        found[name.removeprefix(LOG10)] = (float(low), float(middle), float(high))
+    return found
+
+
+def at_bound(fit: LeastSquares, x: Floats, k: int) -> dict[str, str]:
+    """Of the parameters of shot k that ended at a bound: by name, which."""
+    found = {}
+    shot, x = fit.shots[k], x[fit.columns[k]]
+    low, high = fit.bounds[fit.columns[k]].T
+    for i, name in enumerate(shot.names):
+        for side, ends in (("lower", low), ("upper", high)):
+            if abs(x[i] - ends[i]) < AT_BOUND * (high[i] - low[i]):
+                found[name] = f"{name} at its {side} bound ({shot.best(ends)[name]:.4g})"
+    return found
+
+
+def posterior(
+    fit: LeastSquares, found: Minimum, worth: Laplace, k: int, alone: Alone, common: Mapping[str, Any], seed: int
+) -> Posterior:
+    """The answer for shot k at a minimum; the draws of the material are the same for all shots of a joint fit."""
+    shot, columns = fit.shots[k], fit.columns[k]
+    weighted = alone.sample if len(fit.shots) == 1 else None
+    x, covariance = found.x[columns], worth.covariance[np.ix_(columns, columns)]
+    log_weight = weighted.log_weight if weighted else None
+    lost = len(fit.shots) > 1 and not found.converged
+    drawn = draws(found.x, worth.covariance, fit.bounds, DRAWS, seed, worth.freedom)[:, columns]
+    drawn = x[None] if lost else drawn  # no interval about a point that is no minimum
+    if weighted:
+        drawn = shot.prior().to_x(weighted.u)
+        covariance = np.cov(drawn.T, aweights=np.exp(weighted.log_weight - np.max(weighted.log_weight)))
+    names, theta = shot.answer(drawn)
+    best, sigma = shot.best(x), np.sqrt(np.diag(covariance))
+    bound = at_bound(fit, found.x, k)
+    one_sigma, correlations = {}, {}
+    for i, name in enumerate(shot.names):
+        width = shot.free[name][1] if name in shot.free else 1.0
+        one_sigma[name if name in shot.free else LOG10 + name] = float(sigma[i]) * width
+        for j, other in enumerate(shot.names[:i]):
+            correlations[f"{other}, {name}"] = float(covariance[i, j] / (sigma[i] * sigma[j]))
+    diagnostics = Diagnostics(
+        stretch_source=_stretch_source(shot),
+        free={name: best[name] for name in shot.free},
+        one_sigma=one_sigma,
+        correlations=correlations,
+        frames=len(shot.measured),
+        frames_per_independent_residual=worth.correlation[k],
+        at_bound=tuple(bound),
+        simulations=fit.runs,
+        failed_simulations=fit.failures,
+    )
+    windows = {key: {**one.best, **vars(one)} for key, one in alone.windows.items()}
+    for window in windows.values():
+        del window["best"]
+    told = {name: value for name, value in vars(diagnostics).items() if value is not None}
+    provenance = dict(common) | told | {
+        "source_sha256": shot.curve.source_sha256, "best": best, "stretch": best["stretch"],
+        "windows": windows, "search": alone.search, "draws_seed": seed,
+        "residual_variance_over_assumed": worth.variance[k],
+    }  # fmt: skip
+    checks = _checks(fit, found, k, bound, drawn, log_weight)
+    return Posterior(
+        names, units(names), theta, checks, fit.family.name, "least_squares", provenance,
+        best=best, stretch=best["stretch"], windows=alone.windows, evidence=alone.evidence, diagnostics=diagnostics,
+        log_weight=log_weight,
+        bubble=shot.options.bubble, others=tuple(alone.valleys),
+    )  # fmt: skip
+
+
+def _stretch_source(shot: Experiment) -> str:
+    if shot.stretch:
+        return "given"
+    if shot.stretch_prior:
+        value, deviation = shot.stretch_prior
+        source = "late plateau" if shot.options.stretch else "stretch that the file states"
+        return f"fitted, with the {source} ({value:.3g} ± {deviation:.2g}) as prior"
+    return "fitted"
+
+
+def _checks(
+    fit: LeastSquares, found: Minimum, k: int, bound: dict[str, str], drawn: Floats, log_weight: Floats | None
+) -> Checks:
+    """The same check as that of `infer`: the answer simulated anew and laid over the window."""
+    shot, columns = fit.shots[k], fit.columns[k]
+    low, high = fit.bounds[columns].T
+    ends = shot.open_ends(drawn, low, high, log_weight)
+    outside = ends or set(bound) & {*shot.family.parameters, "stretch"}
+    verdict: Verdict = "outside_training_range" if outside else "ok"
+    messages = list(bound.values())
+    if wide := [text for name, text in ends.items() if name not in bound]:
+        messages.append(f"the interval reaches the end of the range searched: {', '.join(wide)}")
+    if "shear_modulus" in ends and "below" in ends["shear_modulus"]:
+        messages.append("the shear modulus may be nothing: for a liquid try newtonian or power_law")
+    if shot.options.stretch == "plateau" and not shot.stretch_prior:
+        messages.append("the curve has no late plateau: the stretch was fitted freely")
+    messages += shot.left_out
+    if not found.converged:
+        no_interval = ": no interval" if len(fit.shots) > 1 else ""
+        messages.append(f"the search stopped at its limit of iterations{no_interval}")
+        verdict = "model_does_not_fit" if no_interval else verdict
+    if len(fit.shots) > 1:
+        messages.append(f"joint fit of {len(fit.shots)} shots with one material")
+    return shot.checks(found.x[columns], verdict, messages)
