@@ -96,6 +96,10 @@ PARAMETERS: dict[str, Parameter] = {
     "wall_inertia": Parameter("β", "1"),
     "vapour_excess": Parameter("Δp_v", "Pa"),
 }
+CAMERA = ("time_origin", "radius_scale", "max_radius_factor")
+BUBBLE = ("accommodation", "damage_modulus", "damage_radius", "wall_inertia", "vapour_excess")
+AT_RATE, RATE = "viscosity_at_1e5_per_s", 1e5  # of a law whose viscosity is not one number; 1/s
+_AT_END = 0.25  # of an interval's width: an end nearer to the range's is the range's
 
 
 def natural_name(name: str) -> str:
@@ -105,7 +109,25 @@ def natural_name(name: str) -> str:
 
 def about(name: str) -> Parameter:
     """The entry of a parameter, by its name in any scale and of any law of a sum. Raises KeyError: an unknown one."""
+    if name == AT_RATE:
+        return Parameter("µ at 1e5/s", "Pa s")
     return PARAMETERS[re.sub(r"_\d+$", "", natural_name(name))]
+
+
+def of_the_law(name: str) -> bool:
+    """Whether a parameter is the material's, not one of the shot, its bubble and its camera."""
+    return natural_name(name) not in ("stretch", *CAMERA, *BUBBLE)
+
+
+def open_sides(name: str, low: float, high: float) -> tuple[bool, bool]:
+    """Whether an interval (natural, SI) reaches the lower and the upper end of the range that is searched: there the
+    range decides, not the curve."""
+    searched = about(name).searched
+    if searched is None or not 0 < low < high:
+        return False, False
+    a, b = np.log10([low, high])
+    room = _AT_END * (b - a)
+    return bool(a - searched[0] < room), bool(searched[1] - b < room)
 
 
 def units(names: tuple[str, ...]) -> tuple[str, ...]:

@@ -12,6 +12,7 @@ import numpy as np
 
 from cavirheo.arrays import Floats
 from cavirheo.errors import InputError, require
+from cavirheo.parameters import about, open_sides
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -77,8 +78,10 @@ class BubbleModel:
 
     @property
     def name(self) -> str:
-        """'kinetic', 'equilibrium, damage'."""
-        return self.contents + (", damage" if self.damage != "none" else "")
+        """'kinetic', 'equilibrium, damage, walls'."""
+        walls = self.wall_distance is not None or self.wall_inertia != 0
+        more = {"damage": self.damage != "none", "walls": walls, "vapour excess": self.vapour_excess != 0}
+        return ", ".join([self.contents, *(name for name, used in more.items() if used)])
 
 
 @dataclass(frozen=True)
@@ -293,6 +296,24 @@ class Posterior:
     @property
     def _about(self) -> dict[str, str]:
         return {"material": self.material, "method": self.method, "verdict": self.checks.verdict}
+
+
+def in_words(name: str, interval: tuple[float, float, float]) -> str:
+    """'µ 0.040 [0.031, 0.052] Pa s' of (5 %, 50 %, 95 %), SI; 'µ below 0.010 Pa s (95 %)' where the interval reaches
+    the lower end of the range that is searched."""
+    from cavirheo.writing import digits
+    from cavirheo.writing.document import Quantity
+
+    (low, median, high), known = interval, about(name)
+    factor, unit = digits.modulus_unit([median]) if known.unit == "Pa" else (1.0, known.unit.removeprefix("1"))
+    unit = f" {unit}" if unit else ""
+    below, above = open_sides(name, low, high)
+    if below and above:
+        return f"{known.symbol} undetermined"
+    if below or above:
+        end = digits.significant(factor * (high if below else low), 2)
+        return f"{known.symbol} {'below' if below else 'above'} {end}{unit} (95 %)"
+    return f"{known.symbol} {digits.quantity(Quantity(median=median, q05=low, q95=high), factor)}{unit}"
 
 
 def _needed(name: str) -> Any:

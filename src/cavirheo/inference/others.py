@@ -1,0 +1,88 @@
+"""What other models, and other valleys of the same model, mean for an answer: a sentence each, for its message."""
+
+from __future__ import annotations
+
+from cavirheo.parameters import of_the_law
+from cavirheo.posterior import OtherAnswer, Posterior, in_words
+from cavirheo.writing.digits import CONTENTS
+
+DECISIVE = 3.0  # of log evidence: a model so far above another is preferred, a valley so near cannot be ruled out
+
+
+def compared(answer: Posterior) -> list[str]:
+    """A sentence on another model if its evidence is larger by more than DECISIVE, or if other contents of the bubble
+    give a G or a viscosity whose 90 % interval does not meet the answer's; and one on each other valley of the same
+    model whose evidence is not smaller by more than DECISIVE.
+
+    Of several such models the one with the largest evidence is named, by its best valley.
+    """
+    here = _itself(answer)
+    valleys = [one for one in answer.others if _model(one) == _model(here)]
+    best: dict[object, OtherAnswer] = {}
+    for one in sorted(answer.others, key=_log):
+        best[_model(one)] = one
+    best.pop(_model(here), None)
+    rivals = [one for one in best.values() if _above(one, here) > DECISIVE or _other_contents_disagree(one, here)]
+    said = [_sides(here, max(rivals, key=_log))] if rivals else []
+    return said + [
+        f"two solutions of the same model: {_values(here, stretch=True)}, or {_values(one, stretch=True)}"
+        + _verdict(one, here)
+        for one in valleys
+        if _above(one, here) >= -DECISIVE
+    ]
+
+
+def _itself(answer: Posterior) -> OtherAnswer:
+    intervals = {}
+    for name in answer.parameters:
+        ends, median = answer.interval(name), answer.median(name)
+        if ends and median is not None:
+            intervals[name] = (ends[0], median, ends[1])
+    rmse = answer.checks.rmse_over_rmax
+    return OtherAnswer(answer.material, answer.bubble, answer.best, intervals, answer.evidence, rmse)
+
+
+def _model(one: OtherAnswer) -> object:
+    return one.material, one.bubble
+
+
+def _log(one: OtherAnswer) -> float:
+    return one.evidence.log if one.evidence else -float("inf")
+
+
+def _above(one: OtherAnswer, other: OtherAnswer) -> float:
+    """How far its log evidence lies above that of the other; NaN where one has none."""
+    return one.evidence.log - other.evidence.log if one.evidence and other.evidence else float("nan")
+
+
+def _other_contents_disagree(one: OtherAnswer, here: OtherAnswer) -> bool:
+    """Whether only the contents differ, and a parameter of the law beyond both intervals."""
+    if one.material != here.material or one.bubble.contents == here.bubble.contents:
+        return False
+    shared = [name for name in one.intervals if name in here.intervals and of_the_law(name)]
+    pairs = [(one.intervals[name], here.intervals[name]) for name in shared]
+    return any(a[2] < b[0] or b[2] < a[0] for a, b in pairs)
+
+
+def _sides(here: OtherAnswer, there: OtherAnswer) -> str:
+    """Each by what tells them apart, law or bubble, and its values."""
+    sides = []
+    for one in (here, there):
+        contents, name = one.bubble.contents, one.bubble.name
+        words = {one.material: here.material != there.material}
+        words[CONTENTS[contents] + name.removeprefix(contents)] = here.bubble.name != there.bubble.name
+        sides.append(f"{', '.join(word for word, tells in words.items() if tells)}: {_values(one)}")
+    return ", but ".join(sides) + _verdict(there, here)
+
+
+def _values(one: OtherAnswer, *, stretch: bool = False) -> str:
+    shown = {name: ends for name, ends in one.intervals.items() if of_the_law(name) or (stretch and name == "stretch")}
+    return ", ".join(in_words(name, ends) for name, ends in shown.items())
+
+
+def _verdict(there: OtherAnswer, here: OtherAnswer) -> str:
+    """'; evidence e^12 for the second'; nothing where one has no evidence."""
+    gain = _above(there, here)
+    if abs(gain) < 0.5:
+        return "; evidence equal"
+    return f"; evidence e^{abs(gain):.0f} for the {'second' if gain > 0 else 'first'}" if gain == gain else ""

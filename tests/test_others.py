@@ -1,0 +1,110 @@
+"""What is said where other models, or other valleys of the same model, answer otherwise."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from cavirheo.inference.others import compared
+from cavirheo.posterior import BubbleModel, Checks, Evidence, OtherAnswer, Posterior, in_words
+from cavirheo.unfinished import read_answer, write_answer
+
+FIELD, KINETIC = BubbleModel(), BubbleModel("kinetic")
+DRAWS = np.random.default_rng(0).standard_normal((2000, 2))
+
+
+def posterior(*others, G=5000.0, mu=0.04, evidence=-10.0, **fields) -> Posterior:
+    theta = np.column_stack([np.log10([G, mu]) + 0.05 * DRAWS, np.full(2000, 8.0)])
+    names, units = ("log10_shear_modulus", "log10_viscosity", "stretch"), ("Pa", "Pa s", "1")
+    about = {"evidence": None if evidence is None else Evidence(evidence), "others": others} | fields
+    return Posterior(names, units, theta, Checks("ok"), "nhkv", "least_squares", **about)
+
+
+def other(G=5000.0, mu=0.04, log=-10.0, *, bubble=KINETIC, material="nhkv", width=1.2, stretch=8.0) -> OtherAnswer:
+    values = {"shear_modulus": G, "viscosity": mu, "stretch": stretch}
+    values |= {"accommodation": 0.07} if bubble.contents == "kinetic" else {}
+    intervals = {name: (value / width, value, value * width) for name, value in values.items() if value}
+    return OtherAnswer(material, bubble, values, intervals, None if log is None else Evidence(log), 0.01)
+
+
+@pytest.mark.parametrize(
+    ("others", "sentences"),
+    [
+        ((), 0),
+        ((other(),), 0),  # agrees, and its evidence is the same
+        ((other(log=-8.0),), 0),
+        ((other(log=-6.0),), 1),  # preferred
+        ((other(mu=0.01),), 1),  # beyond both intervals
+        ((other(mu=0.01, log=-99.0),), 1),  # whatever the evidence
+        ((other(mu=0.01, log=None),), 1),
+        ((other(mu=0.01, width=6.0),), 0),  # its interval holds the answer's
+        ((other(G=1000.0),), 1),
+        ((other(mu=0.01, log=-30.0, bubble=FIELD, material="qkv"),), 0),  # another law, rejected
+        ((other(mu=0.01, log=-6.0, bubble=FIELD, material="qkv"),), 1),
+        ((other(mu=0.01, log=-6.0), other(mu=0.01, log=-5.0, material="zener")), 1),  # the better one alone
+        ((other(log=-10.0), other(mu=0.001, log=-15.0)), 0),  # a worse valley of the other model
+        ((other(G=20e3, stretch=5.0, bubble=FIELD),), 1),  # a valley of the same model
+        ((other(G=20e3, stretch=5.0, bubble=FIELD, log=-13.5),), 0),
+        ((other(G=20e3, stretch=5.0, bubble=FIELD), other(mu=0.01)), 2),
+    ],
+)  # fmt: skip
+def test_a_sentence_for_each_thing_that_matters(others, sentences):
+    said = compared(posterior(*others))
+    assert len(said) == sentences
+    assert len(set(said)) == len(said)
+
+
+def test_the_sentence_names_both_models_their_values_and_the_evidence():
+    (said,) = compared(posterior(other(mu=2e-3, log=2.0, width=30.0), evidence=-10.0))
+    field, kinetic = said.split(", but ")
+    assert "field's model" in field
+    assert "G 5.0" in field
+    assert "kPa" in field
+    assert "µ 0.040 [" in field
+    assert "finite-rate condensation" in kinetic
+    assert "µ below 0.060 Pa s (95 %)" in kinetic  # its interval begins at the lower end of the range
+    assert "e^12 for the second" in kinetic
+    (turned,) = compared(posterior(other(mu=0.04, log=-30.0, bubble=FIELD), mu=0.002, bubble=KINETIC))
+    assert turned.index("finite-rate condensation") < turned.index("field's model")
+    assert "e^20 for the first" in turned
+
+
+def test_both_valleys_are_said_with_their_stretch():
+    (said,) = compared(posterior(other(G=20e3, mu=0.02, log=-11.0, bubble=FIELD, stretch=5.0)))
+    for part in ("G 5.0", "G 20 [", "λ 8.0", "λ 5.0", "e^1 for the first"):
+        assert part in said
+
+
+def test_laws_without_a_viscosity_are_compared_by_what_they_have():
+    thin = other(bubble=FIELD, log=-2.0, material="power-law")
+    values = {"consistency": (5.0, 10.0, 20.0), "exponent": (0.4, 0.43, 0.46), "stretch": (5.0, 5.2, 5.4)}
+    (said,) = compared(posterior(replace(thin, intervals=values)))
+    assert "power-law: K 10 [5.0, 20] Pa s^n, n 0.430 [0.400, 0.460]" in said
+    assert compared(posterior(thin, evidence=None)) == []
+
+
+def test_an_answer_without_draws_has_nothing_to_compare():
+    failed = replace(posterior(evidence=None), theta=np.empty((0, 3)))
+    assert compared(failed) == []
+
+
+@pytest.mark.parametrize(
+    ("name", "interval", "words"),
+    [
+        ("viscosity", (0.031, 0.040, 0.052), "µ 0.040 [0.031, 0.052] Pa s"),
+        ("viscosity", (1.1e-4, 1e-3, 0.0098), "µ below 0.0098 Pa s (95 %)"),
+        ("viscosity", (1.1e-4, 1e-3, 9.0), "µ undetermined"),
+        ("accommodation", (0.05, 0.2, 0.99), "accommodation above 0.050 (95 %)"),
+        ("stretch", (7.9, 8.0, 8.1), "λ 8.00 [7.90, 8.10]"),
+    ],
+)
+def test_an_interval_that_the_range_ends_is_said_as_a_bound(name, interval, words):
+    assert in_words(name, interval) == words
+
+
+def test_other_answers_are_kept_with_an_unfinished_run(tmp_path):
+    answer = posterior(other(mu=0.01))
+    write_answer(tmp_path / "a.npz", answer)
+    kept = read_answer(tmp_path / "a.npz")
+    assert kept is not None
+    assert kept.others == answer.others
