@@ -18,7 +18,7 @@ from cavirheo.physics.damage import Damage
 from cavirheo.physics.materials import NeoHookeanKelvinVoigt
 from cavirheo.physics.simulate import simulate
 from cavirheo.posterior import BubbleModel
-from cavirheo.reporting.record import curve_record
+from cavirheo.reporting.answer import curve_record
 from cavirheo.unfinished import read_answer, write_answer
 
 TIME = np.arange(90) * 1e-6

@@ -19,7 +19,7 @@ from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError
 from cavirheo.posterior import Checks, Diagnostics, Evidence, Posterior, WindowAnswer
 from cavirheo.reporting import drawing, html, picture, read_json, result, table, write_report
-from cavirheo.reporting.record import curve_record
+from cavirheo.reporting.answer import curve_record
 from cavirheo.writing import digits, style, terminal
 from cavirheo.writing.document import Quantity, Spread, write_json
 

@@ -20,7 +20,8 @@ from cavirheo.inference import check_level
 from cavirheo.inference.model import DEFAULT, shipped
 from cavirheo.physics.media import Medium, medium
 from cavirheo.posterior import Posterior
-from cavirheo.reporting.record import CurveRecord, Result
+from cavirheo.reporting.answer import CurveRecord
+from cavirheo.reporting.record import Result
 
 YOURS = "your files"  # the folder of a visitor, which names the group of single-shot files
 

@@ -15,7 +15,7 @@ from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError
 from cavirheo.inference.model import card, shipped
 from cavirheo.reporting import html
-from cavirheo.reporting.record import curve_record
+from cavirheo.reporting.answer import curve_record
 from cavirheo.writing import digits
 from cavirheo.writing.terminal import once
 

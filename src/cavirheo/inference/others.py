@@ -18,7 +18,7 @@ def compared(answer: Posterior) -> list[str]:
     """
     here = _itself(answer)
     valleys = [one for one in answer.others if _model(one) == _model(here)]
-    best: dict[object, OtherAnswer] = {}
+    best: dict[tuple[str, str], OtherAnswer] = {}
     for one in sorted(answer.others, key=_log):
         best[_model(one)] = one
     best.pop(_model(here), None)
@@ -42,8 +42,8 @@ def _itself(answer: Posterior) -> OtherAnswer:
     return OtherAnswer(answer.material, answer.bubble, answer.best, intervals, answer.evidence, rmse)
 
 
-def _model(one: OtherAnswer) -> object:
-    return one.material, one.bubble
+def _model(one: OtherAnswer) -> tuple[str, str]:
+    return one.material, one.bubble.name
 
 
 def _log(one: OtherAnswer) -> float:

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import ast
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from difflib import get_close_matches
 from inspect import Parameter, cleandoc, signature
 from typing import Any
+
+import numpy as np
 
 from cavirheo.errors import InputError, require
 from cavirheo.parameters import PARAMETERS
@@ -87,6 +89,19 @@ def combine(terms: Sequence[Material]) -> Material:
         require(len(having) < 2, why, f"laws.{kind}_twice")
         parts[kind] = getattr(having[0], kind) if having else None
     return terms[0] if len(terms) == 1 else Viscoelastic(**parts, memory=sum((term.memory for term in terms), ()))
+
+
+def viscosity_at(material: str, rate: float, values: Mapping[str, float]) -> float | None:
+    """Pa s at a shear rate (1/s) of the law in a sum of laws whose viscosity depends on it; None where there is none.
+
+    `values`: its parameters by name, among others.
+    """
+    for name in material.split("+"):
+        law: Any = LAWS.get(name.strip())
+        takes = signature(law).parameters if law in KINDS["viscous"].values() else {"viscosity": None}
+        if "viscosity" not in takes:
+            return float(law(**{key: values[key] for key in takes if key in values}).apparent(np.array(rate)))
+    return None
 
 
 def _terms(node: ast.expr) -> list[ast.expr]:

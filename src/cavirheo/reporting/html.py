@@ -14,8 +14,10 @@ from importlib.resources import files
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from cavirheo.reporting.record import CurveRecord, GroupRecord, Result
-from cavirheo.reporting.table import FITS, window_cells
+from cavirheo.reporting.answer import CurveRecord, described
+from cavirheo.reporting.group import GroupRecord
+from cavirheo.reporting.record import Result
+from cavirheo.reporting.table import FITS, model_rows, window_cells
 from cavirheo.writing import digits
 from cavirheo.writing.document import Quantity
 
@@ -57,12 +59,19 @@ def article(number: int, record: CurveRecord, factor: float, unit: str, picture:
 
     origin = {"source": record.source, **record.provenance, "seconds": round(record.seconds, 3)}
     text = escape(json.dumps(origin, indent=1, ensure_ascii=False), quote=False)  # quotes need six letters each
-    return _part("article", number, record, factor, unit, picture, window_cells(record, factor), Markup(text))
+    more = window_cells(record, factor), model_rows(record, factor), Markup(text)
+    return _part("article", number, record, factor, unit, picture, *more)
 
 
 def _part(name: str, *given: Any) -> str:
     """A macro of parts.html, filled; a template takes it as it stands."""
     return getattr(_templates().get_template("parts.html").module, name)(*given)
+
+
+def _named(name: str) -> tuple[str, float, str]:
+    """A parameter's name in words, and factor and name of its unit."""
+    _, unit = described(name)
+    return name.replace("_", " "), *((1e6, "µs") if unit == "s" else (1.0, unit))
 
 
 def _printable(value: Any) -> Any:
@@ -78,5 +87,5 @@ def _templates() -> Environment:
         loader=PackageLoader("cavirheo.reporting", ""), autoescape=True, undefined=StrictUndefined,
         keep_trailing_newline=True, finalize=_printable,
     )  # fmt: skip
-    made.globals.update(digits=digits, LOOKS=digits.LOOKS, FITS=FITS, Quantity=Quantity)
+    made.globals.update(digits=digits, LOOKS=digits.LOOKS, FITS=FITS, Quantity=Quantity, named_parameter=_named)
     return made

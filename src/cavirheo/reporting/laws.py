@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from cavirheo.reporting.record import CurveRecord
+from cavirheo.reporting.answer import CurveRecord
 from cavirheo.reporting.table import doubts
 from cavirheo.writing import digits, terminal
 from cavirheo.writing.document import Document, Record

@@ -12,8 +12,11 @@ import numpy as np
 from cavirheo.arrays import Floats
 from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError
+from cavirheo.parameters import AT_RATE
 from cavirheo.posterior import Checks
-from cavirheo.reporting.record import CurveRecord, GroupRecord, Pairs
+from cavirheo.reporting.answer import CurveRecord, described, parameters_of
+from cavirheo.reporting.group import CONSTANTS, GroupRecord
+from cavirheo.reporting.record import Pairs
 from cavirheo.writing import digits, style
 from cavirheo.writing.document import Quantity
 from cavirheo.writing.style import BLACK, BLUE, BOX, INK, VERMILLION, write
@@ -50,6 +53,7 @@ class CurvePicture:
         self.reason = write(figure, _LEFT, 0.935, "", size=8.5, va="top")
         self.nothing = write(figure, 0.5, 0.46, "no measured radius", size=10, ha="center")
         self.rmse = write(figure, _RIGHT, 0.321, "", size=8, color=INK, ha="right")
+        self.model = write(figure, _LEFT, 0.025, "", size=8, color=_GREY)
         self.until = write(figure, _RIGHT, 0.025, "", size=8, color=_GREY, ha="right")
         self.t_star = self._t_star_axis()
 
@@ -91,7 +95,7 @@ class CurvePicture:
         self.upper.set_position(_UPPER if answered else _WHOLE)
         self.upper.tick_params(labelbottom=not answered)
         self.upper.xaxis.label.set_visible(not answered)
-        for part in (self.box, self.answer, self.lower, self.rmse, self.until):
+        for part in (self.box, self.answer, self.lower, self.rmse, self.until, self.model):
             part.set_visible(answered)
         if answered:
             self._write_answer(record, unit)
@@ -103,11 +107,13 @@ class CurvePicture:
         return self.figure
 
     def _write_answer(self, record: CurveRecord, unit: tuple[float, str]) -> None:
-        G, mu, stretch = record.shear_modulus_Pa, record.viscosity_Pa_s, record.stretch
-        answer = [] if G.median is None else [f"G = {digits.quantity(G, unit[0], unit=unit[1])}"]
-        answer.append(f"µ = {digits.quantity(mu, unit='Pa s')}")
-        answer += [] if stretch.median is None else [f"λ = {digits.quantity(stretch)}"]
+        answer = []
+        for name in (*parameters_of([record]), "stretch"):
+            symbol, factor, written = _axis(name, unit)
+            value = record.itself.quantity(name)
+            answer += [] if value.median is None else [f"{symbol} = {digits.quantity(value, factor, unit=written)}"]
         answer.append(f"{_RMAX} = {digits.micrometres(record.max_radius_m)} µm")
+        self.model.set_text(digits.elide(f"model: {record.material}, {record.itself.bubble}", 56))
         for size in np.arange(9.5, 5.0, -0.25):  # within the box; glyphs have whole pixels, so no size can be computed
             self.answer.set(text="\u2003\u2002".join(answer), fontsize=size)
             if self.answer.get_window_extent().width < (_WIDTH - 0.04) * self.figure.bbox.width:
@@ -146,24 +152,38 @@ def group_picture(pairs: Pairs, records: Sequence[CurveRecord], group: GroupReco
 
     `pairs` and `records` are the group's; failed ones are counted in the title, those not trusted drawn as rings.
     """
-    figure = style.new_figure(3.5)
-    write(figure, _LEFT, 0.945, f"{digits.elide(group.name, 56)}: {group.shots}", size=11, weight="bold")
-    write(figure, _LEFT, 0.9, group.basis, size=8.5, color=INK)
     shots = [(c, p.checks, r) for (c, p), r in zip(pairs, records, strict=True) if r.answered]
+    names = parameters_of([record for *_, record in shots])
+    upper = next((name for name in CONSTANTS if name in names), names[0])
+    beside = ["shear_modulus"] if "shear_modulus" in names and upper != "shear_modulus" else []
+    all_elastic = beside and all(record.shear_modulus_Pa.median is not None for *_, record in shots)
+    beside += [] if all_elastic and upper not in group.slopes else ["R_max"]
+    height = 3.5 + 1.7 * (len(beside) - 1)
+    bottom = 0.486 / height  # of all axes
+    figure = style.new_figure(height)
+    head = f"{digits.elide(group.name, 56)}: {group.shots}"
+    write(figure, _LEFT, 1.0 - 0.19 / height, head, size=11, weight="bold")
+    models = dict.fromkeys(f"{record.material}, {record.itself.bubble}" for *_, record in shots)
+    said = filter(None, [*models, group.basis])
+    write(figure, _LEFT, 1.0 - 0.35 / height, digits.elide("; ".join(said), 90), size=8.5, color=INK)
     radii = np.array([1e6 * curve.max_radius for curve, _, _ in shots])
     low, high = (radii.min(), radii.max()) if len(radii) else (0.0, 0.0)
     colours = [tuple(tone) for tone in style.shades((radii - low) / ((high - low) or 1.0))]
 
     end = max((record.window.t_star_end or 0.0 for *_, record in shots), default=0.0) or 1.0
-    axes = style.new_axes(figure, (_LEFT, 0.139, 0.459, 0.718), f"t* = t √(p/ρ) / {_RMAX}", f"R / {_RMAX}")
+    tall = 1.0 - bottom - 0.5 / height
+    axes = style.new_axes(figure, (_LEFT, bottom, 0.459, tall), f"t* = t √(p/ρ) / {_RMAX}", f"R / {_RMAX}")
     for (curve, checks, record), colour in zip(shots, colours, strict=True):
         if checks.time_scale:
             t_star = (curve.time - curve.time_of_max) / checks.time_scale
             axes.plot(t_star, curve.radius / curve.max_radius, color=colour, lw=1.0, alpha=0.85, label=record.name)
     axes.set(xlim=(-1.1, 1.1 * end), ylim=(0.0, 1.06))
-    _scatter(figure, [record for *_, record in shots], radii, colours, group, unit)
+    share = (tall - 0.72 / height * (len(beside) - 1)) / len(beside)
+    for k, across in enumerate(beside):
+        place = (0.656, 1.0 - 0.5 / height - share - k * (share + 0.72 / height), 0.245, share)
+        _scatter(figure, place, [record for *_, record in shots], colours, group, unit, upper, across)
     if high > low:  # the key to the colours
-        bar: Any = figure.add_axes((0.925, 0.139, 0.0155, 0.718), xticks=[], yticks=[low, high], frame_on=False)
+        bar: Any = figure.add_axes((0.925, bottom, 0.0155, tall), xticks=[], yticks=[low, high], frame_on=False)
         tones = style.shades(np.linspace(1.0, 0.0, 32))[:, None]
         bar.imshow(tones, aspect="auto", extent=(0.0, 1.0, low, high))
         bar.yaxis.set_major_formatter("{x:.0f}")
@@ -172,37 +192,62 @@ def group_picture(pairs: Pairs, records: Sequence[CurveRecord], group: GroupReco
     return figure
 
 
+def _axis(name: str, unit: Unit) -> tuple[str, float, str]:
+    """Symbol of a parameter, factor from SI and the unit in which it is written."""
+    symbol, written = described(name)
+    return symbol, *(unit if written == "Pa" else (1.0, written))
+
+
 def _scatter(
-    figure: Figure, records: Sequence[CurveRecord], radii: Floats, colours: list[Any], group: GroupRecord, unit: Unit
-) -> None:
-    """µ over G, or over R_max where there is no G, each with its interval."""
-    G, mu = group.shear_modulus_Pa, group.viscosity_Pa_s
-    elastic = any(record.shear_modulus_Pa.median is not None for record in records)
-    x = np.column_stack([radii] * 3)
-    if elastic:
-        x = _ends([record.shear_modulus_Pa for record in records], unit[0])
-    y = _ends([record.viscosity_Pa_s for record in records])
-    label = f"G ({unit[1]})" if elastic else f"{_RMAX} (µm)"
-    axes = style.new_axes(figure, (0.656, 0.139, 0.245, 0.718), label, "µ (Pa s)")
+    figure: Figure, place: tuple[float, float, float, float], records: Sequence[CurveRecord], colours: list[Any],
+    group: GroupRecord, unit: Unit, upper: str, across: str,
+) -> None:  # fmt: skip
+    """A parameter over another or over R_max, with intervals; over R_max with the power law of its slope."""
+    x, (mean_x, std_x), x_label = _along(across, records, group, unit)
+    y, (mean, std), y_label = _along(upper, records, group, unit)
+    axes = style.new_axes(figure, place, x_label, y_label)
     axes.hlines(y[:, 0], x[:, 1], x[:, 2], colors=colours, lw=1.0)
     axes.vlines(x[:, 0], y[:, 1], y[:, 2], colors=colours, lw=1.0)
     inside = [tone if record.trusted else "white" for tone, record in zip(colours, records, strict=True)]
     axes.scatter(x[:, 0], y[:, 0], s=25, c=inside, edgecolors=colours, zorder=2)
-    if mu.mean is not None and mu.std is not None:
-        if elastic:
-            mean, std = (unit[0] * (value or 0.0) for value in (G.mean, G.std))
-            axes.errorbar(mean, mu.mean, mu.std, std, "o", color="black", ms=4.5, lw=1.2, label="mean ± std")
+    over_size = across == "R_max"
+    if over_size and (slope := group.slopes.get(upper)):
+        line = np.linspace(x[:, 0].min(), x[:, 0].max(), 60)
+        known = np.array([record.trusted for record in records]) & (y[:, 0] > 0)
+        level = np.median(np.log(y[known, 0]) - (slope.median or 0.0) * np.log(x[known, 0]))
+        label = f"{_RMAX}^{slope.words}"
+        axes.plot(line, np.exp(level) * line ** (slope.median or 0.0), color="black", lw=1.0, label=label)
+    elif mean is not None and std is not None:
+        if over_size:
+            axes.axhspan(mean - std, mean + std, color=INK, alpha=0.12, lw=0)
+            axes.axhline(mean, color="black", lw=1.0, label="mean ± std")
         else:
-            axes.axhspan(mu.mean - mu.std, mu.mean + mu.std, color=INK, alpha=0.12, lw=0)
-            axes.axhline(mu.mean, color="black", lw=1.0, label="mean ± std")
+            axes.errorbar(
+                mean_x or 0.0, mean, std, std_x or 0.0, "o", color="black", ms=4.5, lw=1.2, label="mean ± std"
+            )
     if "white" in inside:
         axes.scatter([], [], s=25, color="white", edgecolor=INK, label="not trusted")
-    axes.update_datalim([(0.0, 0.0)], updatex=elastic)
+    axes.update_datalim([(0.0, 0.0)], updatex=not over_size)
     axes.margins(0.1)
-    axes.set(ylim=(0.0, None), xlim=(0.0 if elastic else None, None))
+    axes.set(ylim=(0.0, None), xlim=(None if over_size else 0.0, None))
     if axes.get_legend_handles_labels()[0]:
-        look = {"frameon": False, "fontsize": 8, "handletextpad": 0.3, "columnspacing": 1.0, "borderpad": 0.0}
-        axes.legend(loc="lower left", bbox_to_anchor=(-0.1, 1.01), ncols=2, **look)
+        key = {"frameon": False, "fontsize": 8, "handletextpad": 0.3, "columnspacing": 1.0, "borderpad": 0.0}
+        axes.legend(loc="lower left", bbox_to_anchor=(-0.1, 1.01), ncols=2, **key)
+
+
+def _along(
+    name: str, records: Sequence[CurveRecord], group: GroupRecord, unit: Unit
+) -> tuple[Floats, tuple[float | None, float | None], str]:
+    """(n, 3) medians and intervals of a parameter or of R_max, mean and deviation of the group, the axis's label."""
+    if name == "R_max":
+        radii = [1e6 * (record.max_radius_m or np.nan) for record in records]
+        return np.column_stack([radii] * 3), (None, None), f"{_RMAX} (µm)"
+    symbol, factor, written = _axis(name, unit)
+    spread = group.spread(name)
+    scaled = [None if value is None else factor * value for value in (spread.mean, spread.std)]
+    viscous = name in ("viscosity", AT_RATE)
+    values = _ends([one.viscosity if viscous else one.itself.quantity(name) for one in records], factor)
+    return values, (scaled[0], scaled[1]), f"{symbol} ({written})" if written else symbol
 
 
 class _Scale(NamedTuple):

@@ -6,7 +6,10 @@ from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from cavirheo.reporting.record import CurveRecord, GroupRecord, Result
+from cavirheo.parameters import AT_RATE, CAMERA
+from cavirheo.reporting.answer import CurveRecord, described
+from cavirheo.reporting.group import GroupRecord
+from cavirheo.reporting.record import Result
 from cavirheo.writing import digits, terminal
 from cavirheo.writing.document import spread_of, write_rows
 
@@ -24,32 +27,71 @@ def print_table(result: Result, console: Console | None = None) -> None:
     from rich.text import Text
 
     console = console or terminal.console()
-    wide = console.width >= _WIDE
+    wide, answers = console.width >= _WIDE, [record.itself for record in result.curves if record.answered]
+    mixed = [name for name in ("material", "bubble") if len({getattr(one, name) for one in answers}) > 1]
     factor, unit = result.modulus_unit
-    heads = ["R_max\nµm", "λ", f"G\n{unit}", "µ\nPa s", "RMSE\n%", "collapses" if wide else "col-\nlapses", "verdict"]
-    table = terminal.table("curve", heads, left=("verdict",), gap=int(wide))
+    heads = [*(["model"] if mixed else []), "R_max\nµm", "λ", f"G\n{unit}", "µ\nPa s", "RMSE\n%"]
+    heads += ["collapses" if wide else "col-\nlapses", "verdict"]
+    table = terminal.table("curve", heads, left=("model", "verdict"), gap=int(wide))
     for name, record in zip(digits.shortened([record.name for record in result.curves]), result.curves, strict=True):
         *row, verdict = _cells(record, factor, wide)
+        row[:0] = [", ".join(getattr(record.itself, part).replace(" contents", "") for part in mixed)] if mixed else []
         table.add_row(name, *row, Text(verdict, digits.LOOKS[record.verdict].terminal))
     table.add_section()
     for name, group in zip(digits.shortened([group.name for group in result.groups]), result.groups, strict=True):
-        table.add_row(name, *_group_cells(group, factor), style="bold")
+        table.add_row(name, *[""] * bool(mixed), *_group_cells(group, factor), style="bold")
     console.print(table)
     key = "RMSE: measured minus simulated, % of R_max"
-    if any(record.viscosity_Pa_s.q05 is not None for record in result.curves):
+    if any(record.viscosity.q05 is not None for record in result.curves):
         key += "; [ , ]: central 90 % interval"
-    console.print(Text(key, "dim"))
-    if (windows := windows_table(result)) is not None:
-        console.print(windows)
+    for line in (key, *result.model_key):
+        console.print(Text(line, "dim"))
+    for more in (parameters_table(result), windows_table(result)):
+        if more is not None:
+            console.print(more)
     terminal.print_doubts(console, doubts(result.curves))
-    others = terminal.once((one.name, one.message) for one in result.curves if one.verdict != "check_input")
+    others = terminal.once((one.name, one.remark) for one in result.curves)
+    trends = terminal.once((group.name, trend) for group in result.groups for trend in group.remarks)
     notes = [note for note in result.notes if not note.startswith("not read: ")]  # said on stderr already
-    terminal.print_remarks(console, others, notes, most=2)
+    terminal.print_remarks(console, others, most=2)
+    terminal.print_remarks(console, trends, notes)
+
+
+def print_all(result: Result) -> None:
+    """`print_table`, and what other models and valleys answer."""
+    console = terminal.console()
+    print_table(result, console)
+    for record in result.curves:
+        if record.other_models:
+            console.print(models_table(record, *result.modulus_unit))
 
 
 def doubts(records: Iterable[CurveRecord]) -> Iterator[tuple[str, str]]:
-    """(name, message) of those whose recording or settings are to be checked."""
-    return ((one.name, one.message) for one in records if one.verdict == "check_input")
+    """(name, sentence) of those whose recording or settings are to be checked."""
+    doubtful = (one for one in records if one.verdict == "check_input")
+    return ((one.name, doubt) for one in doubtful for doubt in one.doubts or [one.message])
+
+
+def model_rows(record: CurveRecord, factor: float) -> list[list[str]]:
+    """The answer and those of the other models: model, G, µ, λ, RMSE and log evidence above the answer's."""
+    rows, here = [], record.itself
+    for one in (here, *record.other_models):
+        known = None not in (one.log_evidence, here.log_evidence)
+        above = f"{(one.log_evidence or 0.0) - (here.log_evidence or 0.0):+.1f}" if known else digits.MISSING
+        viscosity = one.quantity("viscosity" if one.viscosity_Pa_s.median is not None else AT_RATE)
+        values = (one.shear_modulus_Pa, factor), (viscosity, 1.0), (one.stretch, 1.0)
+        cells = [digits.quantity(value, scale) for value, scale in values]
+        rows.append([one.model, *cells, digits.percent(one.rmse_over_rmax), above if one is not here else "0"])
+    return rows
+
+
+def models_table(record: CurveRecord, factor: float, unit: str) -> Table:
+    """For the terminal: the answers of all models of a curve."""
+    heads = [f"G\n{unit}", "µ\nPa s", "λ", "RMSE\n%", "log\nevidence"]
+    table = terminal.table("model", heads, title=f"{record.name}: the answer, then other models and solutions")
+    for row in model_rows(record, factor):
+        table.add_row(*(cell.replace(" [", "\n[") for cell in row))
+    return table
 
 
 def _cells(record: CurveRecord, factor: float, wide: bool) -> list[str]:
@@ -61,7 +103,7 @@ def _cells(record: CurveRecord, factor: float, wide: bool) -> list[str]:
         digits.micrometres(record.max_radius_m),
         digits.quantity(record.stretch) if wide else digits.quantity(record.stretch).split(" ")[0],
         digits.quantity(record.shear_modulus_Pa, factor, joint=joint),
-        digits.quantity(record.viscosity_Pa_s, joint=joint),
+        digits.quantity(record.viscosity, joint=joint),
         digits.percent(record.rmse_over_rmax),
         window,
         words,
@@ -71,23 +113,39 @@ def _cells(record: CurveRecord, factor: float, wide: bool) -> list[str]:
 def _group_cells(group: GroupRecord, factor: float) -> list[str]:
     counts = group.basis.replace(" trusted ", " trusted\n") or f"n = {group.n}"
     counts += f"\n{group.n_failed} failed" if group.n_failed else ""
-    G, mu = digits.spread(group.shear_modulus_Pa, factor), digits.spread(group.viscosity_Pa_s)
+    G, mu = digits.spread(group.shear_modulus_Pa, factor), digits.spread(group.viscosity)
     return ["", "", G, mu, "", "", counts]
 
 
 def write_csv(path: str | Path, result: Result) -> None:
     """One line per curve; SI units in the names of the columns; empty where there is no number."""
-    quantities = ("stretch", "shear_modulus_Pa", "viscosity_Pa_s")
-    plain = ("max_radius_m", *quantities, "rmse_over_rmax", "collapses", "t_star_end", "verdict", "message")
+    quantities = ["stretch", "shear_modulus_Pa", "viscosity_Pa_s"]
+    plain = ["max_radius_m", *quantities, "rmse_over_rmax", "collapses", "t_star_end", "verdict", "message", "contents"]
+    units = {name: described(name)[1].replace(" ", "_") for name in result.parameters}
+    others = {name: f"{name}_{unit}" if unit else name for name, unit in units.items()}
     ends = {"median": "", "q05": "_q05", "q95": "_q95"}
     head = ["name", "group", "source", "material", "method"]
-    for name in plain:
-        head += [name + end for end in ends.values()] if name in quantities else [name]
+    for name in (*plain, *others.values()):
+        head += [name + end for end in ends.values()] if name in (*quantities, *others.values()) else [name]
     rows = []
     for record in result.curves:
-        values = {n + end: getattr(getattr(record, n), part) for n in quantities for part, end in ends.items()}
+        known = {key: getattr(record, key) for key in quantities}
+        known |= {others[name]: value for name, value in record.other_parameters.items()}
+        values = {key + end: getattr(value, part) for key, value in known.items() for part, end in ends.items()}
         rows.append(vars(record) | vars(record.window) | values)
     write_rows(path, head, rows)
+
+
+def parameters_table(result: Result) -> Table | None:
+    """For the terminal: what was inferred or given besides G, µ and λ, without the camera's."""
+    names = [name for name in result.parameters if name not in (*CAMERA, AT_RATE)]
+    if not names:
+        return None
+    table = terminal.table("curve", ["\n".join(filter(None, described(name))) for name in names])
+    having = [record for record in result.curves if any(name in record.other_parameters for name in names)]
+    for name, record in zip(digits.shortened([record.name for record in having]), having, strict=True):
+        table.add_row(name, *(digits.quantity(record.itself.quantity(parameter)) for parameter in names))
+    return table
 
 
 def window_cells(record: CurveRecord, factor: float) -> dict[str, str]:

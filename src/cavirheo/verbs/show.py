@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from cavirheo.writing.document import Document
 
 _TABLES = {  # by the class of a document: who prints its table
-    "Result": "reporting.table.print_table",
+    "Result": "reporting.table.print_all",
     "Laws": "reporting.laws.print_table",
     "Comparison": "beside.published.comparison.print_table",
     "Rheometry": "beside.rheometer.document.print_rheometry",

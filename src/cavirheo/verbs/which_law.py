@@ -76,8 +76,8 @@ def which_law(
 
 
 def _weighed(one: Ranking, curve: RadiusCurve | None = None) -> WeighedLaws:
+    from cavirheo.reporting.answer import curve_record
     from cavirheo.reporting.laws import WeighedLaw, WeighedLaws
-    from cavirheo.reporting.record import curve_record
 
     probability = one.probability
     laws = {

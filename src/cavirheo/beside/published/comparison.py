@@ -11,7 +11,7 @@ import numpy as np
 
 from cavirheo.beside.published.references import MU, OURS, G, MethodValue, ReferenceSet
 from cavirheo.posterior import Verdict
-from cavirheo.reporting.record import CurveRecord
+from cavirheo.reporting.answer import CurveRecord
 from cavirheo.writing import digits, terminal
 from cavirheo.writing.document import Document, Record, Spread, spread_of, write_rows
 

@@ -20,7 +20,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from cavirheo.beside.rheometer.sweeps import FrequencySweep, StrainSweep, Sweep
-from cavirheo.reporting.record import CurveRecord, GroupRecord, Result
+from cavirheo.reporting.answer import CurveRecord
+from cavirheo.reporting.group import GroupRecord
+from cavirheo.reporting.record import Result
 from cavirheo.writing import digits, terminal
 from cavirheo.writing.document import Document, Record, Spread, spread_of, write_rows
 

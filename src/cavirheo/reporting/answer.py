@@ -1,0 +1,259 @@
+"""The row of one curve in result.json, with the answers of other models beside it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from contextlib import suppress
+from typing import Any
+
+import numpy as np
+from pydantic_core import to_jsonable_python
+
+from cavirheo.curve import RadiusCurve
+from cavirheo.errors import InputError
+from cavirheo.parameters import AT_RATE, BUBBLE, RATE, about, of_the_law
+from cavirheo.posterior import (
+    Checks,
+    Diagnostics,
+    Evidence,
+    OtherAnswer,
+    Posterior,
+    Verdict,
+    WindowAnswer,
+    weighted_quantile,
+)  # fmt: skip
+from cavirheo.writing import digits
+from cavirheo.writing.document import Finite, Quantity, Record, finite
+
+_DIFFERENCES = ("rmse_over_rmax", "mae_over_rmax", "max_difference_over_rmax")
+_KEYS = {"shear_modulus": "shear_modulus_Pa", "viscosity": "viscosity_Pa_s", "stretch": "stretch"}  # by parameter
+
+
+class Compared(Record):
+    """The window: from R_max to t_star_end (t/t_c), holding so many complete collapses."""
+
+    collapses: int | None = None
+    t_star_end: Finite = None
+
+    @property
+    def words(self) -> str:
+        """'3 collapses, t* ≤ 3.1'."""
+        words = [] if self.collapses is None else [digits.counted(self.collapses, "collapse")]
+        words += [] if self.t_star_end is None else [f"t* ≤ {digits.significant(self.t_star_end, 2)}"]
+        return ", ".join(words) or digits.MISSING
+
+
+class OtherModel(Record):
+    """What another model answers for the same frames; one of the answer's own material and bubble is another valley."""
+
+    material: str
+    contents: str
+    damage: str = "none"
+    log_evidence: Finite = None
+    evidence_error: Finite = None
+    rmse_over_rmax: Finite = None
+    shear_modulus_Pa: Quantity = Quantity()
+    viscosity_Pa_s: Quantity = Quantity()
+    stretch: Quantity = Quantity()
+    other_parameters: dict[str, Quantity] = {}
+
+    def quantity(self, name: str) -> Quantity:
+        """A parameter by its natural name; empty where the model has none."""
+        return getattr(self, _KEYS[name]) if name in _KEYS else self.other_parameters.get(name, Quantity())
+
+    @property
+    def bubble(self) -> str:
+        """What is assumed of the bubble: 'equilibrium contents', 'kinetic contents, damage, walls'."""
+        more = {"damage": self.damage != "none", "walls": "wall_inertia" in self.other_parameters}
+        more["vapour excess"] = "vapour_excess" in self.other_parameters
+        return ", ".join([f"{self.contents} contents", *(word for word, used in more.items() if used)])
+
+    @property
+    def model(self) -> str:
+        """'nhkv, kinetic, damage'."""
+        return f"{self.material}, {self.bubble.replace(' contents', '')}"
+
+
+class CurveRecord(Record):
+    """One row. `other_parameters` holds what was inferred besides G, mu and the stretch, or given of the bubble, in SI;
+    of a law whose viscosity is not one number also that at 1e5 1/s.
+
+    `windows`, `evidence` and `diagnostics` are those of the Posterior; `provenance` is for people alone.
+    """
+
+    name: str
+    source: str
+    group: str
+    group_source: str  # the file or folder whose shots form the group
+    max_radius_m: Finite
+    time_of_max_s: Finite
+    strain_rate_per_s: Finite
+    stretch: Quantity
+    material: str
+    contents: str = "equilibrium"
+    damage: str = "none"
+    method: str
+    shear_modulus_Pa: Quantity
+    viscosity_Pa_s: Quantity
+    other_parameters: dict[str, Quantity] = {}
+    rmse_over_rmax: Finite
+    mae_over_rmax: Finite
+    max_difference_over_rmax: Finite
+    window: Compared
+    verdict: Verdict
+    message: str
+    doubts: list[str] = []  # with which the message begins
+    notes: list[str]
+    seconds: float
+    windows: dict[str, WindowAnswer] = {}
+    evidence: Evidence | None = None
+    other_models: list[OtherModel] = []
+    diagnostics: Diagnostics = Diagnostics()
+    provenance: dict[str, Any]
+
+    @property
+    def answered(self) -> bool:
+        return self.verdict != "failed"
+
+    @property
+    def trusted(self) -> bool:
+        return self.verdict == "ok"
+
+    @property
+    def itself(self) -> OtherModel:
+        """The answer as an entry among those of other models."""
+        about = {name: getattr(self, name) for name in OtherModel.model_fields if name in CurveRecord.model_fields}
+        log, error = (self.evidence.log, self.evidence.error) if self.evidence else (None, None)
+        return OtherModel(**about, log_evidence=log, evidence_error=error)
+
+    @property
+    def model(self) -> str:
+        """'nhkv, kinetic, damage'."""
+        return self.itself.model
+
+    @property
+    def remark(self) -> str:
+        """The message without doubts that decide the verdict, which are said before all others."""
+        said = "; ".join(self.doubts) or self.message
+        return self.message.removeprefix(said).lstrip("; ") if self.verdict == "check_input" else self.message
+
+    @property
+    def viscosity(self) -> Quantity:
+        """Or that at 1e5 1/s, where it is not one number."""
+        at_rate = self.other_parameters.get(AT_RATE, Quantity())
+        return at_rate if self.viscosity_Pa_s.median is None else self.viscosity_Pa_s
+
+
+def curve_record(curve: RadiusCurve, posterior: Posterior) -> CurveRecord:
+    """The row of one curve."""
+    verdict, message = posterior.checks.verdict, posterior.checks.message.removeprefix(f"{curve.name}:").lstrip()
+    if verdict != "failed":  # an answer that is none must not pass for one, whatever the method says of itself
+        draws = zip(posterior.names, posterior.theta.T, strict=True)
+        broken = [name for name, values in draws if not np.all(np.isfinite(values))]
+        if broken:
+            said = f"the method's answer is not a finite number: {', '.join(broken)}"
+            message = f"{said}; {message}" if message else said
+        if broken or not posterior.theta.size:
+            verdict = "failed"
+    answered = verdict != "failed"
+    checks = posterior.checks if answered else Checks("failed")
+
+    def quantity(name: str) -> Quantity:
+        if not answered or name not in posterior.parameters:
+            return Quantity()
+        low, high = posterior.interval(name) or (None, None)
+        return Quantity(median=posterior.median(name), q05=low, q95=high)
+
+    values = {name: quantity(name) for name in ("shear_modulus", "viscosity", "stretch", *posterior.parameters)}
+    if answered:
+        values |= {name: Quantity(median=value) for name, value in _given(posterior).items()} | _at_rate(posterior)
+    G, mu, stretch = (values.pop(name) for name in _KEYS)
+    if answered and stretch.median is None:  # not the network's own, but fitted after it or given
+        stretch = Quantity(median=finite(posterior.stretch))
+    return CurveRecord(
+        **{name: getattr(curve, name) for name in ("name", "source", "group", "group_source")},
+        **{name: getattr(checks, name) for name in _DIFFERENCES},
+        max_radius_m=_measured(curve, "max_radius"), time_of_max_s=_measured(curve, "time_of_max"),
+        strain_rate_per_s=_measured(curve, "strain_rate"), material=posterior.material, method=posterior.method,
+        contents=posterior.bubble.contents, damage=posterior.bubble.damage,
+        stretch=stretch, shear_modulus_Pa=G, viscosity_Pa_s=mu, other_parameters=values,
+        window=Compared(collapses=checks.collapses, t_star_end=checks.t_star_end), doubts=list(posterior.checks.doubts),
+        verdict=verdict, message=message or ("" if answered else "no parameters were found"), notes=list(curve.notes),
+        seconds=finite(posterior.seconds) or 0.0, evidence=posterior.evidence,
+        other_models=[_other(one) for one in posterior.others],
+        windows={key: _known(window) for key, window in posterior.windows.items()},
+        diagnostics=_known(posterior.diagnostics), provenance=_plain(posterior.provenance),
+    )  # fmt: skip
+
+
+def _given(posterior: Posterior) -> dict[str, float]:
+    """What is assumed of the bubble and was not inferred, where it is anything."""
+    best = {name: posterior.best.get(name) for name in BUBBLE if name not in posterior.parameters}
+    return {name: value for name, value in best.items() if value}
+
+
+def _at_rate(posterior: Posterior) -> dict[str, Quantity]:
+    """The viscosity at 1e5 1/s of a law that has not one."""
+    from cavirheo.physics.laws import viscosity_at
+
+    draws = [posterior.draws(name) for name in posterior.parameters]
+    rows = [dict(zip(posterior.parameters, row, strict=True)) for row in zip(*draws, strict=True)]
+    if not rows or viscosity_at(posterior.material, RATE, rows[0]) is None:
+        return {}
+    found = np.array([viscosity_at(posterior.material, RATE, row) for row in rows])
+    q05, median, q95 = weighted_quantile(found, np.array([0.05, 0.5, 0.95]), posterior.log_weight)
+    ends = {"q05": float(q05), "q95": float(q95)} if len(found) > 1 else {}
+    return {AT_RATE: Quantity(median=float(median), **ends)}
+
+
+def _other(one: OtherAnswer) -> OtherModel:
+    from cavirheo.physics.laws import viscosity_at
+
+    names = dict.fromkeys((*one.intervals, *(name for name in BUBBLE if one.best.get(name))))
+    values = {name: Quantity(median=finite(one.best.get(name))) for name in names}
+    values |= {name: Quantity(q05=low, median=median, q95=high) for name, (low, median, high) in one.intervals.items()}
+    if (viscosity := viscosity_at(one.material, RATE, one.best)) is not None:
+        values[AT_RATE] = Quantity(median=viscosity)
+    known = {key: values.pop(name, Quantity()) for name, key in _KEYS.items()}
+    evidence = one.evidence or Evidence(np.nan)
+    return OtherModel(
+        material=one.material, contents=one.bubble.contents, damage=one.bubble.damage, log_evidence=evidence.log,
+        evidence_error=evidence.error, rmse_over_rmax=one.rmse_over_rmax, **known, other_parameters=values,
+    )  # fmt: skip
+
+
+def described(name: str) -> tuple[str, str]:
+    """Symbol and unit of a parameter; no unit for a plain number and for what is not known."""
+    try:
+        symbol, unit, *_ = about(name)
+    except KeyError:
+        return name, ""
+    return symbol, "" if unit == "1" else unit
+
+
+def parameters_of(records: Sequence[CurveRecord]) -> list[str]:
+    """The law's that some of these have, G and the viscosity first."""
+    names = dict.fromkeys(["shear_modulus", "viscosity", *(name for one in records for name in one.other_parameters)])
+    known = [name for name in names if any(one.itself.quantity(name).median is not None for one in records)]
+    return [name for name in known if of_the_law(name)]
+
+
+def _measured(curve: RadiusCurve, name: str) -> float | None:
+    """A number that the curve itself gives, null where it says that it cannot be determined."""
+    with suppress(InputError):
+        value = getattr(curve, name)
+        return value() if callable(value) else value
+    return None
+
+
+def _known(fields: Any) -> Any:
+    """A dataclass as JSON can hold it, without the entries of its mappings that are no numbers."""
+    return {
+        name: {key: item for key, item in value.items() if item is not None} if isinstance(value, dict) else value
+        for name, value in _plain(fields).items()
+    }
+
+
+def _plain(value: Any) -> Any:
+    """As JSON can hold it: arrays as lists, NaN as null, what is not data as its text."""
+    return to_jsonable_python(value, inf_nan_mode="null", fallback=lambda v: getattr(v, "tolist", v.__str__)())

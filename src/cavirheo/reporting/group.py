@@ -1,0 +1,168 @@
+"""The shots of one file or folder: their means, and whether a constant of the material changes with the bubble's size.
+
+The slope d ln(value)/d ln R_max is the median of the slopes of all pairs of shots, its 90 % interval that of Kendall's
+rank correlation (Sen 1968, doi:10.1080/01621459.1968.10480934): nothing is assumed of the scatter but that it is the
+same at all sizes, and a few shots in a false valley do not move it.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Sequence
+
+import numpy as np
+
+from cavirheo.parameters import AT_RATE, CAMERA, about
+from cavirheo.reporting.answer import CurveRecord, OtherModel
+from cavirheo.writing import digits
+from cavirheo.writing.document import Quantity, Record, Spread, spread_of
+
+FEWEST = 5  # shots that are asked for a slope
+CONSTANTS = ("viscosity", AT_RATE, "shear_modulus")
+_SAME = 1e-6  # of their mean: values that differ by less are one value, as those of a joint fit
+
+
+class Slope(Quantity):
+    """d ln(value)/d ln R_max over n shots."""
+
+    n: int
+
+    @property
+    def sign(self) -> int:
+        """1 or -1 where the interval excludes zero, else 0."""
+        low, high = self.q05 or 0.0, self.q95 or 0.0
+        return (low > 0) - (high < 0)
+
+    @property
+    def words(self) -> str:
+        """'2.4 [1.6, 3.1]'."""
+        median, low, high = (number or 0.0 for number in (self.median, self.q05, self.q95))
+        places = 1 if high - low > 0.3 else 2
+        return f"{median:.{places}f} [{low:.{places}f}, {high:.{places}f}]"
+
+
+class ModelSlopes(Record):
+    """Those of one model which all shots have."""
+
+    material: str
+    contents: str
+    damage: str
+    slopes: dict[str, Slope]
+
+
+class GroupRecord(Record):
+    """The shots of one file: n answered, n_failed not; `verdicts` counts the curves with each.
+
+    Means, models and slopes are over the n_trusted with verdict ok; null in documents of before, whose means are over
+    all n. `other_slopes`: of the models that all of these have besides their answer.
+    """
+
+    name: str
+    n: int
+    n_trusted: int | None = None
+    n_failed: int
+    shear_modulus_Pa: Spread
+    viscosity_Pa_s: Spread
+    other_parameters: dict[str, Spread] = {}
+    verdicts: dict[str, int]
+    models: dict[str, int] = {}
+    slopes: dict[str, Slope] = {}
+    other_slopes: list[ModelSlopes] = []
+
+    def spread(self, name: str) -> Spread:
+        """Of a parameter by its natural name."""
+        known = {"shear_modulus": self.shear_modulus_Pa, "viscosity": self.viscosity_Pa_s}
+        return (known | self.other_parameters).get(name, Spread())
+
+    @property
+    def viscosity(self) -> Spread:
+        """Or that at 1e5 1/s, where it is not one number."""
+        return self.spread("viscosity" if self.viscosity_Pa_s.mean is not None else AT_RATE)
+
+    @property
+    def remarks(self) -> list[str]:
+        """On the models that are mixed, on the slopes of the answers, and on those of each other model."""
+        models = ", ".join(f"{count} {model}" for model, count in self.models.items())
+        mixed = [f"the means are over answers of different models: {models}"] if len(self.models) > 1 else []
+        others = [f"with {one.material}, {one.contents}: {_in_words(one.slopes)}" for one in self.other_slopes]
+        return mixed + ([_in_words(self.slopes)] if self.slopes else []) + others
+
+    @property
+    def shots(self) -> str:
+        """'5 shots, 1 failed'."""
+        return digits.counted(self.n, "shot") + (f", {self.n_failed} failed" if self.n_failed else "")
+
+    @property
+    def basis(self) -> str:
+        """'mean of 3 trusted of 5 answered'; nothing where all that were answered are trusted."""
+        if self.n_trusted is None or self.n_trusted == self.n:
+            return ""
+        return f"{f'mean of {self.n_trusted}' if self.n_trusted else 'no mean: none'} trusted of {self.n} answered"
+
+
+def slope(radius: Sequence[float | None], values: Sequence[float | None]) -> Slope | None:
+    """Of the shots that have both; None for fewer than FEWEST, or where all are of one size or one value."""
+    known = [(r, v) for r, v in zip(radius, values, strict=True) if r and v and v > 0]
+    if len(known) < FEWEST:
+        return None
+    x, y = np.log(np.array(known)).T
+    if min(np.ptp(x), np.ptp(y)) < _SAME:
+        return None
+    from scipy.stats import theilslopes
+
+    median, _, low, high = theilslopes(y, x, 0.9)
+    return Slope(median=median, q05=low, q95=high, n=len(known))
+
+
+def _slopes(radius: Sequence[float | None], answers: Sequence[OtherModel]) -> dict[str, Slope]:
+    """By the name of what should be a constant."""
+    found = {name: slope(radius, [one.quantity(name).median for one in answers]) for name in CONSTANTS}
+    return {name: slope for name, slope in found.items() if slope}
+
+
+def _in_words(slopes: dict[str, Slope]) -> str:
+    """One line: what rises or falls with R_max, and what does not."""
+    said = []
+    for name, one in slopes.items():
+        way = {1: "rises as R_max^{}", -1: "falls as R_max^{}", 0: "has no trend with R_max (power {})"}[one.sign]
+        said.append(f"{about(name).symbol} {way.format(one.words)}")
+    shots = max(one.n for one in slopes.values())
+    wrong = ": a material constant does not, so the law or the contents model is wrong"
+    return f"{', '.join(said)} over {shots} shots" + wrong * any(one.sign for one in slopes.values())
+
+
+def group_of(name: str, members: list[CurveRecord]) -> GroupRecord:
+    """The mean over the trusted curves, their slopes, and how many have which verdict."""
+    trusted = [record for record in members if record.trusted]
+    n = sum(record.answered for record in members)
+    more = dict.fromkeys(key for record in trusted for key in record.other_parameters if key not in CAMERA)
+    radii = [record.max_radius_m for record in trusted]
+    return GroupRecord(
+        name=name, n=n, n_trusted=len(trusted), n_failed=len(members) - n,
+        shear_modulus_Pa=spread_of([record.shear_modulus_Pa.median for record in trusted]),
+        viscosity_Pa_s=spread_of([record.viscosity_Pa_s.median for record in trusted]),
+        other_parameters={key: spread_of([one.itself.quantity(key).median for one in trusted]) for key in more},
+        verdicts=dict(Counter(record.verdict for record in members)),
+        models=dict(Counter(record.model for record in trusted)),
+        slopes=_slopes(radii, [one.itself for one in trusted]), other_slopes=_other_slopes(radii, trusted),
+    )  # fmt: skip
+
+
+def _other_slopes(radii: list[float | None], trusted: list[CurveRecord]) -> list[ModelSlopes]:
+    """Of every model that all of these have; of each the valley with the largest evidence."""
+    answers: list[dict[str, OtherModel]] = []
+    for record in trusted:
+        others = {one.model: one for one in sorted(record.other_models, key=_evidence)}
+        answers.append(others | {record.model: record.itself})
+    one_model = len({record.model for record in trusted}) == 1
+    found = []
+    for model, first in (answers[0] if answers else {}).items():
+        if all(model in by_model for by_model in answers) and not (one_model and model == trusted[0].model):
+            slopes = _slopes(radii, [by_model[model] for by_model in answers])
+            known = {"material": first.material, "contents": first.contents, "damage": first.damage}
+            found += [ModelSlopes(**known, slopes=slopes)] if slopes else []
+    return found
+
+
+def _evidence(one: OtherModel) -> float:
+    return -np.inf if one.log_evidence is None else one.log_evidence

@@ -1,0 +1,273 @@
+"""Every answer names its model, other models stand beside it, and a constant that changes with the size is said."""
+
+import csv
+import io
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.stats import binom
+from test_reporting import COMMAND, KILOPASCAL, Page, answer, bubble, curve_picture, printed, words
+
+from cavirheo.posterior import BubbleModel, Evidence, OtherAnswer, Posterior
+from cavirheo.reporting import picture, read_json, result, table, write_report
+from cavirheo.reporting.group import slope
+from cavirheo.writing import terminal
+from cavirheo.writing.document import Quantity
+
+RADII = np.linspace(1.2e-4, 3.2e-4, 7)
+PLAIN_KINETIC = BubbleModel("kinetic")
+KINETIC = BubbleModel("kinetic", damage="first-rebound", wall_inertia="free")
+
+
+def shots(radii=RADII):
+    return [bubble(f"shot[{k}]", top=top) for k, top in enumerate(radii)]
+
+
+def with_parameters(posterior: Posterior, material="power-law", **values: float) -> Posterior:
+    """The answer of another law: 300 draws about these values, by their names in a posterior."""
+    centre = np.array([np.log10(v) if name.startswith("log10") else v for name, v in values.items()])
+    theta = centre + 0.01 * np.random.default_rng(1).standard_normal((300, len(centre)))
+    best = {name.removeprefix("log10_"): value for name, value in values.items()}
+    names = tuple(values)
+    return replace(
+        posterior, names=names, units=("1",) * len(names), theta=theta, material=material, best=best,
+        method="least_squares",
+    )  # fmt: skip
+
+
+def thinning(posterior: Posterior, **more: float) -> Posterior:
+    return with_parameters(posterior, log10_consistency=98.0, log10_exponent=0.43, **more)
+
+
+def beside(mu=0.003, log=-3.0, bubble=PLAIN_KINETIC, material="nhkv", G=5000.0) -> OtherAnswer:
+    best = {"shear_modulus": G, "viscosity": mu, "stretch": 8.0, "accommodation": 0.07}
+    intervals = {name: (0.8 * value, value, 1.2 * value) for name, value in best.items() if name != "accommodation"}
+    return OtherAnswer(material, bubble, best, intervals, Evidence(log), 0.004)
+
+
+# --- the model of an answer ------------------------------------------------------------------------------------------
+
+
+def test_the_model_stands_in_table_page_picture_and_csv(tmp_path):
+    curve = bubble()
+    posterior = with_parameters(
+        replace(answer(curve), bubble=KINETIC), "nhkv", log10_shear_modulus=5e3, log10_viscosity=0.01,
+        accommodation=0.07, damage_modulus=0.15, damage_radius=2.1, wall_inertia=0.2,
+    )  # fmt: skip
+    document = write_report(tmp_path, [(curve, posterior)], COMMAND, ())
+    row = json.loads((tmp_path / "result.json").read_text(encoding="utf-8"))["curves"][0]
+    assert (row["contents"], row["damage"]) == ("kinetic", "first-rebound")
+    assert row["other_parameters"]["accommodation"]["median"] == pytest.approx(0.07, abs=0.005)
+    model = "nhkv, kinetic contents, damage, walls"
+    assert model in printed(document, 80)
+    assert model in " ".join(words(curve_picture(curve, posterior)))
+    page = " ".join("".join(Page((tmp_path / "report.html").read_text(encoding="utf-8")).text).split())
+    assert model in page
+    assert "finite-rate condensation" in page
+    with (tmp_path / "result.csv").open(newline="", encoding="utf-8") as file:
+        (line,) = csv.DictReader(file)
+    assert line["contents"] == "kinetic"
+    for name in ("accommodation", "damage_modulus", "damage_radius", "wall_inertia"):
+        assert float(line[f"{name}_q05"]) < float(line[name]) < float(line[f"{name}_q95"])
+        assert float(line[name]) == row["other_parameters"][name]["median"]
+
+
+def test_what_is_given_of_the_bubble_is_recorded_without_an_interval(tmp_path):
+    curve = bubble()
+    given = replace(answer(curve), bubble=BubbleModel("kinetic", 0.5), best={"accommodation": 0.5, "wall_inertia": 0.0})
+    (row,) = result([(curve, given)], COMMAND).curves
+    assert row.other_parameters == {"accommodation": Quantity(median=0.5)}
+    (plain,) = result([(curve, answer(curve))], COMMAND).curves
+    assert plain.other_parameters == {}
+
+
+@pytest.mark.parametrize("width", [80, 100])
+def test_the_rows_name_what_a_run_mixes(width):
+    one, two = shots()[:2]
+    kinetic = replace(answer(two, draws=300), bubble=BubbleModel("kinetic"))
+    alike = printed(result([(one, answer(one)), (two, answer(two))], COMMAND), width).split("RMSE:")[0]
+    contents = printed(result([(one, answer(one)), (two, kinetic)], COMMAND), width)
+    laws = printed(result([(one, thinning(answer(one))), (two, answer(two, draws=300))], COMMAND), width)
+    assert "nhkv" not in alike
+    assert "kinetic" in contents.split("RMSE:")[0]
+    assert "nhkv" not in contents.split("RMSE:")[0]
+    assert "power-law" in laws.split("RMSE:")[0]
+    assert "equilibrium" not in laws.split("RMSE:")[0]
+    assert max(map(len, (contents + laws).splitlines())) <= width
+
+
+# --- other models beside it ------------------------------------------------------------------------------------------
+
+
+def test_all_answers_of_a_curve_stand_side_by_side(tmp_path):
+    curve = bubble()
+    valley = beside(0.02, -16.0, BubbleModel(), G=20e3)
+    others = beside(), beside(log=-30.0, material="qkv"), valley
+    posterior = replace(answer(curve, draws=300), evidence=Evidence(-15.0), others=others)
+    document = write_report(tmp_path, [(curve, posterior)], COMMAND, ())
+    assert read_json(tmp_path / "result.json") == document
+    row = json.loads((tmp_path / "result.json").read_text(encoding="utf-8"))["curves"][0]
+    assert row["evidence"] == {"log": -15.0, "error": None}
+    kinetic, _, second = row["other_models"]
+    assert (kinetic["material"], kinetic["contents"], kinetic["log_evidence"]) == ("nhkv", "kinetic", -3.0)
+    assert kinetic["viscosity_Pa_s"] == pytest.approx({"median": 0.003, "q05": 0.0024, "q95": 0.0036})
+    assert kinetic["other_parameters"]["accommodation"]["median"] == 0.07
+    assert (second["material"], second["contents"]) == (row["material"], row["contents"])
+    rows = table.model_rows(document.curves[0], 1e-3)
+    assert [cells[0] for cells in rows] == [
+        "nhkv, equilibrium", "nhkv, kinetic", "qkv, kinetic", "nhkv, equilibrium"
+    ]  # fmt: skip
+    assert [cells[-1] for cells in rows] == ["0", "+12.0", "-15.0", "-1.0"]
+    console = terminal.console(width=80, file=io.StringIO(), force_terminal=False)
+    console.print(table.models_table(document.curves[0], *KILOPASCAL))
+    page = "".join(Page((tmp_path / "report.html").read_text(encoding="utf-8")).text)
+    for shown in (console.file.getvalue(), page):
+        assert "0.0030" in shown
+        assert "+12.0" in shown
+
+
+def test_an_answer_without_evidence_and_a_law_without_moduli_can_stand_beside_others():
+    curve = bubble()
+    thin = OtherAnswer("power-law", BubbleModel(), {"consistency": 98.0, "exponent": 0.43}, {}, None, None)
+    (row,) = result([(curve, replace(answer(curve), others=(thin,)))], COMMAND).curves
+    (other,) = row.other_models
+    assert other.shear_modulus_Pa == other.viscosity_Pa_s == Quantity()
+    assert other.log_evidence is None
+    assert table.model_rows(row, 1e-3)[1][2] == "0.138"  # at 1e5 1/s
+
+
+# --- laws without a modulus or a viscosity ---------------------------------------------------------------------------
+
+
+def test_the_viscosity_of_a_law_that_thins_is_given_at_a_rate():
+    curve = bubble()
+    (row,) = result([(curve, thinning(answer(curve)))], COMMAND).curves
+    assert row.viscosity_Pa_s == Quantity()
+    assert row.viscosity.median == pytest.approx(98.0 * 1e5**-0.57, rel=0.1)
+    assert row.viscosity.q05 < row.viscosity.median < row.viscosity.q95
+    (other,) = result([(curve, answer(curve))], COMMAND).curves
+    assert other.other_parameters == {}
+
+
+@pytest.mark.parametrize(
+    ("material", "values"),
+    [
+        ("power-law", {"log10_consistency": 98.0, "log10_exponent": 0.43}),
+        ("powell-eyring", {"log10_zero_rate": 1.0, "log10_infinite_rate": 0.001, "log10_time": 1e-5}),
+        ("gent", {"log10_shear_modulus": 5e3, "log10_limit": 1e4}),
+        ("mooney-rivlin", {"log10_C1": 5e3, "log10_C2": 1e2}),
+        ("gent + power-law", {"log10_shear_modulus": 5e3, "log10_consistency": 98.0, "log10_exponent": 0.43}),
+    ],
+)  # fmt: skip
+def test_the_shots_of_any_law_have_a_picture(material, values):
+    pairs = [(curve, with_parameters(answer(curve), material, **values)) for curve in shots()[:2]]
+    document = result(pairs, COMMAND)
+    drawn = picture.group_picture(pairs, document.curves, document.groups[0], KILOPASCAL)
+    points = [axes.collections[2].get_offsets() for axes in drawn.axes[1:] if len(axes.collections) > 2]
+    assert points
+    assert all(np.isfinite(values).all() and len(values) == 2 for values in points)
+    assert max(map(len, printed(document, 80).splitlines())) <= 80
+
+
+def test_the_report_of_a_law_that_thins_is_whole(tmp_path):
+    pairs = [(curve, thinning(answer(curve))) for curve in shots()[:5]]
+    document = write_report(tmp_path, pairs, COMMAND, ())
+    assert document.notes == []  # of a picture that could not be drawn
+    assert {"consistency", "exponent", "viscosity_at_1e5_per_s"} <= document.groups[0].other_parameters.keys()
+    page = "".join(Page((tmp_path / "report.html").read_text(encoding="utf-8")).text)
+    assert "viscosity at 1e5 per s" in page
+
+
+def test_a_law_that_thins_and_one_that_does_not_are_drawn_together():
+    curves = shots()[:4]
+    made = [thinning(answer(c)) if k % 2 else answer(c, draws=300) for k, c in enumerate(curves)]
+    pairs = list(zip(curves, made, strict=True))
+    document = result(pairs, COMMAND)
+    assert document.groups[0].models == {"nhkv, equilibrium": 2, "power-law, equilibrium": 2}
+    *_, over_size, _ = picture.group_picture(pairs, document.curves, document.groups[0], KILOPASCAL).axes
+    assert np.isfinite(over_size.collections[2].get_offsets()).all()
+    assert "different models" in printed(document, 100)
+
+
+# --- constants that change with the size -----------------------------------------------------------------------------
+
+
+def group(power=0.0, *, count=7, verdict="ok", others=(), scatter=0.05):
+    rng = np.random.default_rng(4)
+    pairs = []
+    for curve in shots(np.linspace(1.2e-4, 3.2e-4, count)):
+        mu = 0.02 * (curve.max_radius / 2e-4) ** power * np.exp(scatter * rng.standard_normal())
+        made = answer(curve, 5e3 * np.exp(scatter * rng.standard_normal()), mu, draws=200, verdict=verdict)
+        pairs.append((curve, replace(made, others=tuple(replace(one) for one in others))))
+    return pairs
+
+
+def test_a_viscosity_that_grows_with_the_bubble_is_said():
+    pairs = group(2.4)
+    document = result(pairs, COMMAND)
+    (about,) = document.groups
+    found = about.slopes["viscosity"]
+    assert found.n == 7
+    assert 1.8 < found.q05 < 2.4 < found.q95 < 3.0
+    assert found.sign == 1
+    assert about.slopes["shear_modulus"].sign == 0
+    said = " ".join(printed(document, 80).split())
+    assert f"µ rises as R_max^{found.words}" in said
+    assert "is wrong" in said
+    steady = " ".join(printed(result(group(0.0), COMMAND), 80).split())
+    assert "no trend" in steady
+    assert "is wrong" not in steady
+    drawn = picture.group_picture(pairs, document.curves, about, KILOPASCAL)
+    over_size = drawn.axes[2]
+    assert found.words in over_size.lines[0].get_label()
+    x, y = over_size.lines[0].get_xydata().T
+    assert np.polyfit(np.log(x), np.log(y), 1)[0] == pytest.approx(found.median)
+
+
+@pytest.mark.parametrize("pairs", [group(2.4, count=4), group(2.4, verdict="model_does_not_fit"), group(2.4)[:4]])
+def test_few_or_doubtful_shots_have_no_slope(pairs):
+    (about,) = result(pairs, COMMAND).groups
+    assert about.slopes == {}
+    assert about.remarks == []
+
+
+def test_one_value_or_one_size_has_no_slope():
+    assert slope(RADII, [0.02] * 7) is None  # a joint fit
+    assert slope([2e-4] * 7, np.linspace(1.0, 2.0, 7)) is None
+    assert slope([*RADII, None], [None, 0.1, 0.2, 0.3, 0.1, None, None, 0.2]) is None
+
+
+def test_models_that_all_shots_have_get_their_slopes_too(tmp_path):
+    pairs = group(2.4, others=(beside(), beside(0.5, -40.0), beside(material="qkv")))
+    pairs[0] = pairs[0][0], replace(pairs[0][1], others=pairs[0][1].others[:2])  # without the law qkv
+    mu = iter(np.linspace(0.003, 0.004, len(pairs)))
+    for k, (curve, made) in enumerate(pairs):
+        first, *rest = made.others
+        low, _, high = first.intervals["viscosity"]
+        changed = replace(first, intervals=dict(first.intervals) | {"viscosity": (low, next(mu), high)})
+        pairs[k] = curve, replace(made, others=(changed, *rest))
+    document = write_report(tmp_path, pairs, COMMAND, ())
+    (about,) = document.groups
+    (other,) = about.other_slopes
+    assert (other.material, other.contents) == ("nhkv", "kinetic")
+    assert 0.1 < other.slopes["viscosity"].median < 0.5  # of the valley with the larger evidence
+    assert "with nhkv, kinetic" in " ".join(printed(document, 80).split())
+    assert "R_max^" in (tmp_path / "report.html").read_text(encoding="utf-8")
+    assert read_json(tmp_path / "result.json") == document
+
+
+@pytest.mark.parametrize("count", [5, 8, 20])
+def test_the_interval_of_a_slope_holds_what_it_says(count):
+    """Zero is inside in about 90 % of groups without a trend, be the scatter even, heavy-tailed or one-sided."""
+    rng, inside, groups = np.random.default_rng(2), 0, 360
+    for k in range(groups):
+        scatter = 0.2 * rng.standard_normal(count)
+        if k % 3 == 1:
+            scatter = 0.1 * rng.standard_t(2, count)
+        if k % 3 == 2:  # one in ten in a false valley
+            scatter -= 2.0 * (rng.random(count) < 0.1)
+        found = slope(rng.uniform(1.2e-4, 3.3e-4, count), 0.02 * np.exp(scatter))
+        inside += found.sign == 0
+    assert binom.ppf(1e-4, groups, 0.90) <= inside <= binom.ppf(1 - 1e-4, groups, 0.95)
