@@ -99,6 +99,7 @@ class RadiusCurve:
 
     name = _Stated("name", "curve")
     notes = _Stated[tuple[str, ...]]("notes", ())  # what was recognised, converted or left out
+    hints = _Stated[tuple[str, ...]]("hints", ())  # those of scale and constants, which concern all shots of a file
     source = _Stated("source", "")  # the file, as it was given
     source_sha256 = _Stated[str | None]("source_sha256", None)
     stretch = _Stated[float | None]("stretch", None)  # R_max/R_0 as the file states it
@@ -121,9 +122,8 @@ class RadiusCurve:
             raise InputError(f"time must increase; sample {at} ({time[at]:.6g} s) does not", "curve.time")
         good = not np.any((radius <= 0) | np.isinf(radius))
         require(good, "radius must be positive and finite; a frame without a measurement is NaN", "curve.radius")
-        measured = radius[np.isfinite(radius)]
-        if measured.size and not self.unscaled:
-            RADIUS.check("radius", float(np.median(measured)), "curve.radius_unit")
+        if np.isfinite(radius).any() and not self.unscaled:
+            RADIUS.check("radius", float(np.nanmedian(radius)), "curve.radius_unit")
         if len(time) > 1 and not self.time_unscaled:
             INTERVAL.check("the time between frames", float(np.median(np.diff(time))), "curve.time_unit")
         for name, array in (("time", time), ("radius", radius), ("radius_std", std)):

@@ -33,6 +33,7 @@ from cavirheo.reading.files import guarded, sha256, shown
 from cavirheo.reading.layout import Table, find_table, numbers
 from cavirheo.reading.matfile import read_matfile
 from cavirheo.reading.matlab import read_hdf5
+from cavirheo.reading.select import Chosen, selected
 from cavirheo.reading.shots import read_shots
 from cavirheo.reading.tabular import read_sheets
 from cavirheo.reading.titles import column_of
@@ -142,24 +143,30 @@ class CollapseTimes(Document):
 
 
 def read_groups(
-    files: Sequence[str | Path], medium: Medium, stretch: float | None = None, group: str = "auto"
+    files: Sequence[str | Path],
+    medium: Medium,
+    stretch: float | None = None,
+    group: str = "auto",
+    chosen: Chosen = None,
 ) -> tuple[list[CollapseGroup], list[str], list[str]]:
     """(the groups of all files, the reason for each file that could not be read, recordings that were given twice).
 
-    `stretch` is for curves, and for tables without a column of it; `group` as of `read_shots`.
+    `stretch` is for curves, and for tables without a column of it; `group` as of `read_shots`; `chosen`: these shots of
+    every file.
     """
     groups: list[CollapseGroup] = []
     problems: list[str] = []
     curves: list[Path] = []
+    constants: Any = {"density": medium.density, "pressure": medium.pressure}
     for path in map(Path, files):
         try:
-            table = read_table(path, stretch)
+            table = read_table(path, stretch, chosen)
         except InputError as error:
             problems.append(str(error))
         else:
             groups += [table] if table else []
             curves += [] if table else [path]
-    found, unread, again = read_shots(curves, density=medium.density, pressure=medium.pressure, group=group)
+    found, unread, again = read_shots(curves, group=group, shots=chosen, **constants)
     members: dict[tuple[str, str], list[RadiusCurve]] = {}
     for curve in found:
         members.setdefault((curve.group, curve.group_source), []).append(curve)
@@ -184,7 +191,7 @@ def _read_off(curve: RadiusCurve, stretch: float | None) -> CollapseShot:
     return _shot(curve.name, (found.max_radius[0], found.stretch[0], found.time[0]), origin)
 
 
-def read_table(path: Path, stretch: float | None = None) -> CollapseGroup | None:
+def read_table(path: Path, stretch: float | None = None, chosen: Chosen = None) -> CollapseGroup | None:
     """The table of collapse times in a file, or None where the file holds none and may hold curves.
 
     Raises:
@@ -218,6 +225,8 @@ def read_table(path: Path, stretch: float | None = None) -> CollapseGroup | None
     rows = np.stack([cells[kind] for kind in _MEASURED], axis=1).astype(float).tolist()
     names = cells.get("name") or [str(k) for k in range(1, len(rows) + 1)]
     shots = [_shot(name, of, origin, unusable(*of)) for name, of in zip(names, rows, strict=True)]
+    with guarded(path):
+        shots = selected(shots, chosen)
     return CollapseGroup(name=printable(path.stem), source=shown(path), source_sha256=digest, notes=notes, shots=shots)
 
 

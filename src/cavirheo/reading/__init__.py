@@ -11,6 +11,7 @@ from pathlib import Path
 from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError, as_path, require
 from cavirheo.reading.files import guarded, sha256, shown
+from cavirheo.reading.select import Chosen, selected
 from cavirheo.reading.table import write_csv
 
 __all__ = ["read_curves", "write_csv"]
@@ -28,18 +29,26 @@ _NO_GROWTH = (
 
 
 def read_curves(
-    path: str | Path, *, density: float = 998.0, pressure: float = 101325.0, frame_rate_hz: float | None = None
+    path: str | Path,
+    *,
+    density: float = 998.0,
+    pressure: float = 101325.0,
+    frame_rate_hz: float | None = None,
+    shots: Chosen = None,
 ) -> list[RadiusCurve]:
     """Every radius history of a file, in its order; times in s, radii in m.
 
     `density` (kg/m3) and `pressure` (Pa) turn dimensionless times into seconds, t = t* R_max sqrt(rho/p); files with
     times in seconds do not depend on them. `frame_rate_hz` makes times of the frame numbers of a table that has no
-    times. A curve of a file that cannot be used (empty cell, three samples, all NaN) is returned with its reason; its
-    `max_radius` raises it. What was recognised, converted or left out stands in each curve's `notes`, what makes the
+    times. `shots`: only these, "1,4-7" or [1, 4, 5, 6, 7], from 1 in the order of the file.
+
+    A curve that cannot be used (empty cell, three samples, all NaN) is returned with its reason; its `max_radius`
+    raises it. What was recognised, converted or left out stands in each curve's `notes`, what makes the
     recording doubtful in its `doubts` too.
 
     Raises:
-        InputError: the file cannot be found or read, or holds no radius history; the message says what was found.
+        InputError: the file cannot be found or read, or holds no radius history, or not so many; the message says what
+            was found.
     """
     path = as_path(path)
     require(path.suffix.lower() not in _VIDEO, f"{path} is a video or image; {_MEASURE}", "reading.video")
@@ -53,8 +62,8 @@ def read_curves(
         for k, curve in enumerate(found):
             name = path.stem if len(found) == 1 else f"{path.stem}[{curve.meta.get('label', k + 1)}]"
             origin = {"name": name, "group": path.stem, "source": shown(path), "source_sha256": digest}
-            found[k] = _noted(replace(curve, meta={**curve.meta, **origin}))
-        return found
+            found[k] = replace(curve, meta={**curve.meta, **origin})
+        return [_noted(curve) for curve in selected(found, shots)]
 
 
 def _read(head: bytes, path: Path, density: float, pressure: float, frame_rate: float | None) -> list[RadiusCurve]:

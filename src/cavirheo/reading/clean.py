@@ -65,7 +65,7 @@ def make_curve(
     std = np.full(r.shape, np.nan) if radius_std is None else np.asarray(radius_std, dtype=np.float64).ravel()
     if len(t) != len(r) or len(std) != len(r):
         return unusable(f"{len(t)} times but {len(r)} radii", **meta)
-    said = list(notes)
+    said, hints = list(notes), list(meta.pop("hints", ()))
 
     timed = np.abs(t) < _ABSURD
     if not timed.all():
@@ -73,7 +73,8 @@ def make_curve(
         t, r, std = t[timed], r[timed], std[timed]
     if time_unit is None:
         time_unit = _guess_time_unit(t)
-        said.append(f"no unit given for time: taken as {time_unit} from its span")
+        hints.append(f"no unit given for time: taken as {time_unit} from its span")
+        said.append(hints[-1])
     t = t * TIME_UNITS[time_unit]
 
     r = np.where(np.abs(r) < _ABSURD, r, np.nan)
@@ -84,6 +85,7 @@ def make_curve(
     r[empty] = np.nan
     said += [note] if note else []
     doubts = [note] if note and radius_unit else []
+    hints += [note] if note and not radius_unit else []
     said += [f"{missing} of {len(r)} frames without a radius (NaN)"] if missing else []
     said += [f"{empty.sum()} frames with radius <= 0 marked as not measured"] if empty.any() else []
 
@@ -101,6 +103,7 @@ def make_curve(
     if step and np.mean(np.abs(steps - step) < 0.01 * step) > 0.5:  # most frames are evenly spaced
         meta.setdefault("frame_rate_hz", 1.0 / step)
     said += [unscaled] if unscaled else []
+    meta |= {"hints": tuple(hints)} if hints else {}
     about: dict[str, Any] = {"unscaled": unscaled, "time_unscaled": time_unscaled, "doubts": tuple(doubts)}
     try:
         return RadiusCurve(t, r, std, {**meta, "notes": tuple(said)}, **about)

@@ -98,17 +98,22 @@ def _bdt(variables: Variables, density: float, pressure: float) -> list[RadiusCu
     require(count == len(times), f"R_nondim_All has {count} cells but t_nondim_All {len(times)}")
     require(count > 0, "R_nondim_All has no cells: no curve", "matlab.cells")
     shared: list[str] = []
-    given = {"P_inf": (pressure, "Pa"), "rho": (density, "kg/m3")}
-    for name, (_, unit) in given.items():
-        value = _scalar(variables, name)
+    hints: list[str] = []
+    used = {"pressure": pressure, "density": density}
+    for word, name, unit in (("pressure", "P_inf", "Pa"), ("density", "rho", "kg/m3")):
+        value, medium = _scalar(variables, name), used[word]
         if value is not None and value > 0:
             shared.append(f"{name} = {value:.6g} {unit} taken from the file")
-            given[name] = value, unit
-    pressure, density = (value for value, _ in given.values())
-    stated: dict[str, Any] = {}
+            used[word] = value
+            mend = f"the medium has {medium:.6g}: --{word} {value:.6g} simulates with it, too"
+            other = f"the file states a {word} of {value:.6g} {unit}, with which its times are made seconds, and {mend}"
+            hints += [other] if abs(value / medium - 1.0) > 1e-3 else []
+    pressure, density = used.values()
+    shared += hints
+    stated: dict[str, Any] = {"hints": tuple(hints)} if hints else {}
     stretch, spread = (_scalar(variables, name) for name in ("lambda_max_mean", "lambda_max_std"))
     if stretch is not None:
-        stated = {"stretch": stretch, "stretch_std": spread}
+        stated |= {"stretch": stretch, "stretch_std": spread}
         shared.append(f"the file states one stretch for all shots: {stretch:.4g} +- {spread or float('nan'):.2g}")
     listed = variables.get("RmaxList", np.empty(0)).ravel()
     per_radius = float(np.sqrt(density / pressure))  # s per m of R_max and unit of t*
@@ -152,9 +157,11 @@ def _density_hint(rate: float | None, density: float) -> list[str]:
 def _imr(variables: Variables) -> list[RadiusCurve]:
     radius = variables["Rnew"]
     notes: list[str] = []
+    hints: tuple[str, ...] = ()
     pixel, frame = _scalar(variables, "deltax"), _scalar(variables, "deltat")
     if pixel is not None and np.nanmax(radius, initial=0.0) > 1.0:
         notes.append(f"circle fit in pixels: scaled by deltax = {pixel * 1e6:.5g} um")
+        hints = (notes[-1],)
         radius = radius * pixel
     time = variables.get("t")
     if time is None:
@@ -162,7 +169,7 @@ def _imr(variables: Variables) -> list[RadiusCurve]:
         assert frame is not None
         notes.append(f"frame times from deltat = {frame * 1e6:.6g} us")
         time = frame * np.arange(radius.size)
-    return _rows(time, radius, radius_unit="m", notes=tuple(notes), time_unit="s")
+    return _rows(time, radius, radius_unit="m", notes=tuple(notes), hints=hints, time_unit="s")
 
 
 def _shifted(variables: Variables) -> list[RadiusCurve]:

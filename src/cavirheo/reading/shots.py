@@ -17,7 +17,8 @@ GROUPINGS = ("auto", "file", "folder", "none")
 
 
 class Recordings(NamedTuple):
-    """The curves of all files in their order; why files could not be read; which recordings were given twice."""
+    """The curves of all files in their order; why files could not be read; which recordings were given twice, and what
+    of their scales and constants should be known, a line for all groups that it concerns."""
 
     curves: list[RadiusCurve]
     problems: list[str]
@@ -54,6 +55,11 @@ def read_shots(
             problems.append(str(error))
     curves, remarks = _once(found)
     curves = _grouped(_named_apart(curves), group)
+    about: dict[str, dict[str, None]] = {}
+    for curve in curves:
+        for hint in curve.hints:
+            about.setdefault(hint, {})[curve.group] = None
+    remarks += [f"{', '.join(groups)}: {hint}" for hint, groups in about.items()]
     return Recordings([_scaled(curve, max_radius) for curve in curves] if max_radius else curves, problems, remarks)
 
 

@@ -29,6 +29,9 @@ _DIFFERENCES = ("rmse_over_rmax", "mae_over_rmax", "max_difference_over_rmax")
 _KEYS = {"shear_modulus": "shear_modulus_Pa", "viscosity": "viscosity_Pa_s", "stretch": "stretch"}  # by parameter
 
 
+Unit = tuple[float, str]  # of G: factor from Pa, name
+
+
 class Compared(Record):
     """The window: from R_max to t_star_end (t/t_c), holding so many complete collapses."""
 
@@ -229,6 +232,12 @@ def described(name: str) -> tuple[str, str]:
     except KeyError:
         return name, ""
     return symbol, "" if unit == "1" else unit
+
+
+def in_unit(name: str, unit: Unit) -> tuple[str, float, str]:
+    """Symbol of a parameter, factor from SI and the unit in which it is written; `unit`: that of moduli."""
+    symbol, written = described(name)
+    return symbol, *(unit if written == "Pa" else (1.0, written))
 
 
 def parameters_of(records: Sequence[CurveRecord]) -> list[str]:

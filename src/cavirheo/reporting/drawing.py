@@ -15,9 +15,9 @@ from typing import NamedTuple
 
 from cavirheo.curve import RadiusCurve
 from cavirheo.posterior import Checks
-from cavirheo.reporting.answer import CurveRecord
+from cavirheo.reporting.answer import CurveRecord, Unit
 from cavirheo.reporting.group import GroupRecord
-from cavirheo.reporting.picture import DPI, HEAD, OUTSIDE, CurvePicture, Unit, group_picture
+from cavirheo.reporting.picture import DPI, HEAD, OUTSIDE, CurvePicture, group_picture
 from cavirheo.reporting.record import Pairs
 from cavirheo.writing import style
 from cavirheo.writing.digits import LOOKS

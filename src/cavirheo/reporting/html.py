@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any
 from cavirheo.reporting.answer import CurveRecord, described
 from cavirheo.reporting.group import GroupRecord
 from cavirheo.reporting.record import Result
-from cavirheo.reporting.table import FITS, model_rows, window_cells
+from cavirheo.reporting.table import FITS, model_rows, window_cells, window_title
 from cavirheo.writing import digits
 from cavirheo.writing.document import Quantity
 
@@ -59,7 +59,8 @@ def article(number: int, record: CurveRecord, factor: float, unit: str, picture:
 
     origin = {"source": record.source, **record.provenance, "seconds": round(record.seconds, 3)}
     text = escape(json.dumps(origin, indent=1, ensure_ascii=False), quote=False)  # quotes need six letters each
-    more = window_cells(record, factor), model_rows(record, factor), Markup(text)
+    windows = window_title([record], (factor, unit)), window_cells(record, (factor, unit))
+    more = *windows, model_rows(record, factor), Markup(text)
     return _part("article", number, record, factor, unit, picture, *more)
 
 

@@ -14,7 +14,7 @@ from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError
 from cavirheo.parameters import AT_RATE
 from cavirheo.posterior import Checks
-from cavirheo.reporting.answer import CurveRecord, described, parameters_of
+from cavirheo.reporting.answer import CurveRecord, Unit, in_unit, parameters_of
 from cavirheo.reporting.group import CONSTANTS, GroupRecord
 from cavirheo.reporting.record import Pairs
 from cavirheo.writing import digits, style
@@ -24,7 +24,6 @@ from cavirheo.writing.style import BLACK, BLUE, BOX, INK, VERMILLION, write
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-Unit = tuple[float, str]  # of G: factor from Pa, name
 OUTSIDE, _GREY = "#b4b4b4", "#808080"
 _LEFT, _WIDTH, _RIGHT = 0.085, 0.889, 0.974  # of the axes, in widths of the figure
 _UPPER, _LOWER = (_LEFT, 0.355, _WIDTH, 0.445), (_LEFT, 0.11, _WIDTH, 0.2)
@@ -109,7 +108,7 @@ class CurvePicture:
     def _write_answer(self, record: CurveRecord, unit: tuple[float, str]) -> None:
         answer = []
         for name in (*parameters_of([record]), "stretch"):
-            symbol, factor, written = _axis(name, unit)
+            symbol, factor, written = in_unit(name, unit)
             value = record.itself.quantity(name)
             answer += [] if value.median is None else [f"{symbol} = {digits.quantity(value, factor, unit=written)}"]
         answer.append(f"{_RMAX} = {digits.micrometres(record.max_radius_m)} µm")
@@ -192,12 +191,6 @@ def group_picture(pairs: Pairs, records: Sequence[CurveRecord], group: GroupReco
     return figure
 
 
-def _axis(name: str, unit: Unit) -> tuple[str, float, str]:
-    """Symbol of a parameter, factor from SI and the unit in which it is written."""
-    symbol, written = described(name)
-    return symbol, *(unit if written == "Pa" else (1.0, written))
-
-
 def _scatter(
     figure: Figure, place: tuple[float, float, float, float], records: Sequence[CurveRecord], colours: list[Any],
     group: GroupRecord, unit: Unit, upper: str, across: str,
@@ -242,7 +235,7 @@ def _along(
     if name == "R_max":
         radii = [1e6 * (record.max_radius_m or np.nan) for record in records]
         return np.column_stack([radii] * 3), (None, None), f"{_RMAX} (µm)"
-    symbol, factor, written = _axis(name, unit)
+    symbol, factor, written = in_unit(name, unit)
     spread = group.spread(name)
     scaled = [None if value is None else factor * value for value in (spread.mean, spread.std)]
     viscous = name in ("viscosity", AT_RATE)

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from cavirheo.parameters import AT_RATE, CAMERA
-from cavirheo.reporting.answer import CurveRecord, described
+from cavirheo.reporting.answer import CurveRecord, Unit, described, in_unit, parameters_of
 from cavirheo.reporting.group import GroupRecord
 from cavirheo.reporting.record import Result
 from cavirheo.writing import digits, terminal
@@ -148,41 +148,54 @@ def parameters_table(result: Result) -> Table | None:
     return table
 
 
-def window_cells(record: CurveRecord, factor: float) -> dict[str, str]:
+def _windowed(record: CurveRecord) -> list[str]:
+    """The parameters by window: G and the viscosity, or what the law has instead."""
+    names = [name for name in parameters_of([record]) if name != AT_RATE]
+    return [name for name in names if name in ("shear_modulus", "viscosity")] or names
+
+
+def window_title(records: Sequence[CurveRecord], unit: Unit) -> str:
+    """'G (kPa), µ (Pa s)'."""
+    names = dict.fromkeys(name for record in records for name in _windowed(record))
+    parts = [in_unit(name, unit) for name in names]
+    return ", ".join(f"{symbol} ({written})" if written else symbol for symbol, _, written in parts)
+
+
+def window_cells(record: CurveRecord, unit: Unit) -> dict[str, str]:
     """'6.44, 0.0295' (G, mu) for windows of 1, 2, 3 and all collapses, if a fit answers; * where one is at a bound."""
     fitted = record.method in FITS and record.answered
     found = {key: window for key, window in record.windows.items() if fitted and key in _WINDOWS}
     cells = dict.fromkeys(_WINDOWS.values() if found else (), digits.MISSING)
     for key, window in found.items():
-        values = [(window.best.get("shear_modulus"), factor), (window.best.get("viscosity"), 1.0)]
+        values = [(window.best.get(name), in_unit(name, unit)[1]) for name in _windowed(record)]
         known = [digits.significant(value * scale) for value, scale in values if value is not None]
         cells[_WINDOWS[key]] = (", ".join(known) or digits.MISSING) + ("*" if window.at_bound else "")
     return cells
 
 
-def _mean_cells(records: list[CurveRecord], factor: float) -> Iterator[str]:
-    """Mean ± standard deviation of G and mu over the trusted curves that have the window, and how many they are."""
+def _mean_cells(records: list[CurveRecord], unit: Unit) -> Iterator[str]:
+    """Mean ± standard deviation over the trusted curves that have the window, and how many they are."""
+    trusted = [record for record in records if record.trusted and record.method in FITS]
+    names = dict.fromkeys(name for record in trusted for name in _windowed(record))
     for key in _WINDOWS:
-        trusted = [record for record in records if record.trusted and record.method in FITS]
         having = [record.windows[key].best for record in trusted if key in record.windows]
-        G, mu = (spread_of([best.get(name) for best in having]) for name in ("shear_modulus", "viscosity"))
-        known = [text for text in (digits.spread(G, factor), digits.spread(mu)) if text != digits.MISSING]
+        means = [digits.spread(spread_of([b.get(name) for b in having]), in_unit(name, unit)[1]) for name in names]
+        known = [text for text in means if text != digits.MISSING]
         yield f"{', '.join(known)} (n = {len(having)})" if known else digits.MISSING
 
 
 def windows_table(result: Result) -> Table | None:
     """For the terminal: G and mu of every curve and group for windows of 1, 2, 3 and all collapses."""
-    factor, unit = result.modulus_unit
-    rows: list[tuple[str, Iterable[str], str]] = [
-        (record.name, cells.values(), "") for record in result.curves if (cells := window_cells(record, factor))
-    ]
-    if not rows:
+    unit = result.modulus_unit
+    shown = [(record, cells) for record in result.curves if (cells := window_cells(record, unit))]
+    if not shown:
         return None
+    rows: list[tuple[str, Iterable[str], str]] = [(record.name, cells.values(), "") for record, cells in shown]
     for group, members in result.members():
         if len(members) > 1:
-            rows.append((group.name, _mean_cells([result.curves[i] for i in members], factor), "bold"))
+            rows.append((group.name, _mean_cells([result.curves[i] for i in members], unit), "bold"))
     heads = [*_WINDOWS.values()]
-    title = f"G ({unit}), µ (Pa s) by the window that is fitted; *: a parameter at its bound"
+    title = f"{window_title([one for one, _ in shown], unit)} by the window that is fitted; *: a parameter at its bound"
     table = terminal.table("curve", heads, left=heads, title=title)
     for name, (_, row, style) in zip(digits.shortened([name for name, *_ in rows]), rows, strict=True):
         table.add_row(name, *row, style=style)

@@ -10,7 +10,7 @@ import typer
 
 from cavirheo.errors import require
 from cavirheo.verbs import options
-from cavirheo.verbs.run import Run
+from cavirheo.verbs.run import Run, check_shots
 
 
 def collapse_time(
@@ -28,6 +28,7 @@ def collapse_time(
     stretch: Annotated[
         float | None, typer.Option(help="R_max/R_0 of curves (default: their late plateau) and of tables without it")
     ] = None,
+    shots: options.Shots = None,
     group: options.Group = "auto",
     liquid: options.Liquid = options.FROM_OPTIONS,
     out: options.Out = Path("cavirheo-collapse-time"),
@@ -39,12 +40,13 @@ def collapse_time(
     from cavirheo.writing import style
     from cavirheo.writing.document import Outputs, write_json
 
+    check_shots(shots)
     files = run.files(files)
     drawing = pictures and style.available()
     fine = stretch is None or 1 < stretch < 1e3
     require(fine, f"--stretch must be R_max/R_0 above 1, got {stretch!r}", "collapse_time.stretch")
     outputs = Outputs(out, "collapse-time.json", "shots.csv", inputs=files)
-    groups, problems, remarks = collapse_times.read_groups(files, liquid, stretch, group)
+    groups, problems, remarks = collapse_times.read_groups(files, liquid, stretch, group, shots)
     run.refuse(problems)
     run.notes += remarks
     run.need(groups, "collapse time")

@@ -44,6 +44,7 @@ Contents = Annotated[
     str, Option(help="of the bubble: equilibrium (the field's model), or kinetic (vapour condenses at a finite rate)")
 ]
 WallDistanceUm = Annotated[float | None, Option(help="of one rigid wall, instead of --wall-inertia")]
+Shots = Annotated[str | None, Option(help="of every file, '1,4-7': from 1 in its order  [default: all]")]
 FROM_OPTIONS: Any = None  # default of an argument of a verb that is made of the options of its kind
 _Number = float | None
 _KINDS: dict[str, dict[str, tuple[Any, Any]]] = {  # argument: its options, each with type and default
@@ -58,6 +59,7 @@ _KINDS: dict[str, dict[str, tuple[Any, Any]]] = {  # argument: its options, each
     },
     "reading": {
         "rmax_um": (Annotated[_Number, Option(help="true R_max of the shots, um: rescales the radii")], None),
+        "shots": (Shots, None),
         "frame_rate_hz": (Annotated[_Number, Option(help="1/s, of files that number their frames")], None),
         "exposure_us": (Annotated[_Number, Option(help=_BLUR)], None),
         "group": (Group, "auto"),

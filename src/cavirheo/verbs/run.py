@@ -30,6 +30,7 @@ class Reading:
     """What is known of measured files besides what they hold. Raises InputError for what cannot be."""
 
     rmax_um: float | None = None
+    shots: str | None = None
     frame_rate_hz: float | None = None
     exposure_us: float | None = None
     group: str = "auto"
@@ -39,17 +40,27 @@ class Reading:
         for name, what in (("exposure_us", "time in us"), ("frame_rate_hz", "number of frames per second")):
             value, option = getattr(self, name), f"--{name.replace('_', '-')}"
             require(value is None or value > 0, f"{option} must be a positive {what}, got {value}", f"option.{name}")
+        check_shots(self.shots)
 
-    def shots(self, files: list[Path], medium: Medium) -> Recordings:
+    def recordings(self, files: list[Path], medium: Medium) -> Recordings:
         """`read_shots` with these settings."""
         from cavirheo.reading.shots import read_shots
 
         scale = None if self.rmax_um is None else self.rmax_um * 1e-6
-        about = {"density": medium.density, "pressure": medium.pressure, "frame_rate_hz": self.frame_rate_hz}
+        about: dict[str, Any] = {"density": medium.density, "pressure": medium.pressure, "shots": self.shots}
+        about["frame_rate_hz"] = self.frame_rate_hz
         found = read_shots(files, max_radius=scale, group=self.group, **about)
         if self.exposure_us is None:
             return found
         return found._replace(curves=[curve.with_exposure(self.exposure_us * 1e-6) for curve in found.curves])
+
+
+def check_shots(shots: str | None) -> None:
+    """Raises InputError for what is no list of shots, before any file is read."""
+    if shots is not None:
+        from cavirheo.reading.select import shot_numbers
+
+        shot_numbers(shots)
 
 
 class Run:
@@ -99,10 +110,10 @@ class Run:
         from cavirheo.parallel import aside
         from cavirheo.physics.simulate import load_solver
 
-        shots = reading.shots(files, medium)
-        self.refuse(shots.problems)
-        self.notes += shots.remarks
-        curves = shots.curves
+        found = reading.recordings(files, medium)
+        self.refuse(found.problems)
+        self.notes += found.remarks
+        curves = found.curves
         self.need(curves, "curve")
         aside(load_solver)
         return curves

@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING, Annotated
 
 from typer import Argument
 
-from cavirheo.errors import InputError
+from cavirheo.errors import InputError, require
+from cavirheo.verbs import options
 from cavirheo.writing.terminal import say
 
 if TYPE_CHECKING:
@@ -29,18 +30,22 @@ def show(
     file: Annotated[
         Path, Argument(help="a document, a folder of results, a training set, an .onnx model; or a measurement")
     ],
+    shots: options.Shots = None,
 ) -> None:
     """What a file is: when and by which command it was made, and its table; of measured curves, what would be read."""
     from cavirheo.loading import load
 
+    told = f"--shots is for measurements, and {file} is none: leave it out"
     card = file.suffix == ".json" and file.with_suffix(".onnx").is_file()
+    if card or file.suffix.lower() == ".onnx" or file.is_dir() or _is_json(file):
+        require(shots is None, told, "show.shots")
     if card or file.suffix.lower() == ".onnx":
         _show_model(file.with_suffix(".onnx"))
     elif file.is_dir() or _is_json(file):
         _show_written(load(file), file)
     else:
         try:
-            _show_curves(file)
+            _show_curves(file, shots)
         except InputError:
             try:
                 beside = load(file.parent) if file.is_file() else None
@@ -105,14 +110,14 @@ def _show_model(path: Path) -> None:
         raise InputError(f"the card of {path} lacks what it should say: {error!r}", "model.card") from None
 
 
-def _show_curves(path: Path) -> None:
+def _show_curves(path: Path, shots: str | None) -> None:
     """What `infer` would read: a row per curve, then what was recognised and what is doubtful."""
     from cavirheo.inference import doubts
     from cavirheo.physics.media import WATER
     from cavirheo.reading import read_curves
     from cavirheo.writing import digits, terminal
 
-    curves, console = read_curves(path), terminal.console()
+    curves, console = read_curves(path, shots=shots), terminal.console()
     table = terminal.table("curve", ["frames", "frames\nper s", "from\nµs", "to\nµs", "R_max\nµm", "collapses"])
     remarks = []
     for curve in curves:

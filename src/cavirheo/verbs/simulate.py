@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 from typer import Option
 
-from cavirheo.errors import InputError, require
+from cavirheo.errors import InputError, SolverError, require
 from cavirheo.verbs import options
 from cavirheo.writing.terminal import say
 
@@ -96,18 +98,28 @@ def simulate(
     if fields:
         places[fields] = Outputs(fields.parent, fields.name, inputs=inputs), _write_fields
     forward.load_solver()
-    run = forward.simulate(
-        law, max_radius=rmax_um * 1e-6, stretch=stretch, time=np.arange(frames) / frame_rate_hz, medium=liquid,
-        driving=Pulse(pulse[0] * 1e3, pulse[1] * 1e6, pulse[2] * 1e-6) if pulse else far_field,
-        contents=contents, accommodation=forward.ACCOMMODATION if accommodation is None else accommodation,
-        damage=Damage(*damage) if damage else None, wall_inertia=wall_inertia,
-        wall_distance=None if wall_distance_um is None else wall_distance_um * 1e-6, vapour_excess=vapour_excess,
-        motion=motion, polytropic=polytropic, relaxed=relaxed, fields=fields is not None, precise=precise,
-    )  # fmt: skip
+    with _named(driving):
+        run = forward.simulate(
+            law, max_radius=rmax_um * 1e-6, stretch=stretch, time=np.arange(frames) / frame_rate_hz, medium=liquid,
+            driving=Pulse(pulse[0] * 1e3, pulse[1] * 1e6, pulse[2] * 1e-6) if pulse else far_field,
+            contents=contents, accommodation=forward.ACCOMMODATION if accommodation is None else accommodation,
+            damage=Damage(*damage) if damage else None, wall_inertia=wall_inertia,
+            wall_distance=None if wall_distance_um is None else wall_distance_um * 1e-6, vapour_excess=vapour_excess,
+            motion=motion, polytropic=polytropic, relaxed=relaxed, fields=fields is not None, precise=precise,
+        )  # fmt: skip
     for path, (outputs, writer) in places.items():
         outputs.write(path.name, writer, run)
     if not quiet:
         say(f"{frames} frames of {law} in {liquid.name}: {out}")
+
+
+@contextmanager
+def _named(driving: Path | None) -> Iterator[None]:
+    """A simulation that fails is that of the file that drives it, if one does."""
+    try:
+        yield
+    except SolverError as error:
+        raise SolverError(f"{driving}: {error}" if driving else str(error)) from None
 
 
 def _material(text: str, **parameters: float | None) -> Material:

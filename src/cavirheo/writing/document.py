@@ -163,11 +163,12 @@ class Outputs:
 
     def picture(self, name: str, save: Callable[..., object], draw: Callable[..., Any], *content: Any) -> list[str]:
         """`save(path, draw(*content))`; what is to be said where it cannot be drawn, which costs nothing but itself."""
-        try:
-            drawn = draw(*content)
-        except Exception as error:
-            return [f"{name} could not be drawn: {type(error).__name__}: {error}"]
-        self.write(name, save, drawn)
+        with np.errstate(all="ignore"):  # of numbers near the largest there is
+            try:
+                drawn = draw(*content)
+            except Exception as error:
+                return [f"{name} could not be drawn: {type(error).__name__}: {error}"]
+            self.write(name, save, drawn)
         return []
 
     def finish(self) -> None:

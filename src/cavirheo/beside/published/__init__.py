@@ -22,6 +22,7 @@ from cavirheo.inference.reconstruct import check_stretch
 from cavirheo.parallel import aside
 from cavirheo.physics.simulate import load_solver
 from cavirheo.reading.files import MEASUREMENTS
+from cavirheo.reading.select import shot_numbers
 from cavirheo.reading.shots import read_shots
 from cavirheo.reporting import file_names, outputs, write_report
 from cavirheo.unfinished import Step, Unfinished
@@ -126,6 +127,8 @@ def _check(about: ReferenceSet, model: str) -> None:
         load(about.settings.get("model", model))
         column = "stretch"
         check_stretch(about.settings.get("stretch"))
+        column = "shots"
+        shot_numbers(about.settings.get("shots"))
     except InputError as error:
         line = about.given.get(column)
         raise (error.within(f"{line}, column {column}") if line else error) from None
@@ -169,5 +172,6 @@ def shots_of(
         return [], [], [f"no file matches {name!r} in {folder}"], notes
     scale = about.settings["rmax_um"] * 1e-6 if "rmax_um" in about.settings else None
     density, pressure = about.medium.density, about.medium.pressure
-    curves, problems, again = read_shots(files, density=density, pressure=pressure, max_radius=scale)
+    how: Any = {"density": density, "pressure": pressure, "shots": about.settings.get("shots")}
+    curves, problems, again = read_shots(files, max_radius=scale, **how)
     return curves, files, problems, notes + again

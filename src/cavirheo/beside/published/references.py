@@ -47,6 +47,7 @@ class _ReferenceLine(BaseModel):
     mean: Annotated[float, Field(ge=1e-18, le=1e18)] | None = None  # beyond, ratios would overflow
     std: Annotated[float, Field(ge=0, le=1e18)] | None = None
     files: str | None = None  # file, subfolder or glob in the folder; default: the name of the set
+    shots: str | None = None  # of every file, "1,4-7"
     model: str | None = None
     medium: str | None = None
     window: PositiveInt | None = None

@@ -1,0 +1,123 @@
+"""--shots: some of the shots of a file, by every verb that reads curves."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.io import savemat
+from test_reading import RADIUS, TIME, bdt_variables
+
+from cavirheo.errors import InputError
+from cavirheo.reading import read_curves
+from cavirheo.reading.select import selected, shot_numbers
+from cavirheo.reading.shots import read_shots
+
+FILE = Path(__file__).parent.parent / "examples" / "stiff_gel.mat"
+
+
+@pytest.mark.parametrize(
+    ("given", "numbers"),
+    [("1,4-7", [1, 4, 5, 6, 7]), (" 3 ", [3]), ("7,2-2,7", [2, 7]), ([2, 1], [1, 2]), (np.arange(1, 3), [1, 2])],
+)
+def test_numbers_and_ranges_are_read(given, numbers):
+    assert shot_numbers(given) == numbers
+
+
+@pytest.mark.parametrize("given", ["", "0", "a", "1,,2", "3-2", "1-", "-1", "1.5", "1-2-3", [0], [], ["x"], "9999999"])
+def test_what_is_no_list_of_shots_is_refused(given):
+    with pytest.raises(InputError) as refused:
+        shot_numbers(given)
+    assert refused.value.code == "option.shots"
+
+
+def test_the_shots_of_a_file_keep_their_names_and_their_order():
+    every = read_curves(FILE)
+    some = read_curves(FILE, shots=[3, 1])
+    assert [curve.name for curve in some] == [every[0].name, every[2].name]
+    assert np.array_equal(some[1].radius, every[2].radius, equal_nan=True)
+    assert [curve.name for curve in read_curves(FILE, shots="2")] == [every[1].name]
+
+
+def test_a_number_beyond_the_file_is_refused_with_its_name():
+    count = len(read_curves(FILE))
+    with pytest.raises(InputError) as refused:
+        read_curves(FILE, shots=f"1,{count + 1}")
+    assert refused.value.code == "reading.shots"
+    assert FILE.name in str(refused.value)
+    assert selected("abc", None) == ["a", "b", "c"]
+
+
+def test_verbs_answer_the_chosen_shots_alone(run):
+    name = read_curves(FILE)[1].name
+    status, _, said = run("infer", FILE, "--shots", 2, "-o", "infer", "--no-pictures", "--quiet")
+    assert status in (0, 1), said
+    rows = json.loads(Path("infer/result.json").read_text(encoding="utf-8"))["curves"]
+    assert [row["name"] for row in rows] == [name]
+    assert name in run("show", FILE, "--shots", 2)[1]
+    _, out, _ = run("collapse-time", FILE, "--shots", 2, "-o", "times", "--no-pictures", "--json")
+    assert [shot["name"] for group in json.loads(out)["groups"] for shot in group["shots"]] == [name]
+
+
+@pytest.mark.parametrize("verb", ["infer", "fit", "which-law", "collapse-time", "show"])
+def test_a_shot_that_is_not_there_is_bad_usage(verb, run):
+    where = [] if verb == "show" else ["-o", "out"]
+    for shots in ("99", "x"):
+        status, _, said = run(verb, FILE, "--shots", shots, *where)
+        assert status == 2
+        assert shots in said
+        assert not Path("out").exists()
+
+
+def test_shots_of_what_is_no_measurement_are_refused(run):
+    Path("a.json").write_text("{}", encoding="utf-8")
+    assert run("show", "a.json", "--shots", "1")[0] == 2
+
+
+def test_the_rows_of_a_table_of_collapse_times_are_chosen_too(run):
+    rows = "200,8,18\n250,8,22\n300,8,27\n"
+    Path("times.csv").write_text("rmax_um,stretch,t1_us\n" + rows, encoding="utf-8")
+    _, out, _ = run("collapse-time", "times.csv", "--shots", "1,3", "-o", "out", "--no-pictures", "--json")
+    (group,) = json.loads(out)["groups"]
+    assert [shot["name"] for shot in group["shots"]] == ["1", "3"]
+
+
+def test_a_set_that_is_compared_may_name_its_shots(run):
+    command = ["compare", FILE.parent, "--references", "sets.csv", "-o", "out", "--no-pictures", "--json"]
+    Path("sets.csv").write_text(f'set,files,shots\ngel,{FILE.name},"2-3"\n', encoding="utf-8")
+    (about,) = json.loads(run(*command)[1])["sets"]
+    assert [shot["name"] for shot in about["shots"]] == [curve.name for curve in read_curves(FILE, shots="2-3")]
+    Path("sets.csv").write_text(f"set,files,shots\ngel,{FILE.name},2x\n", encoding="utf-8")
+    status, _, said = run(*command)
+    assert status == 2
+    assert "line 2" in said
+
+
+# --- what a file says of scale and constants -------------------------------------------------------------------------
+
+
+def test_what_a_file_says_of_its_density_is_said_once_for_its_group(run):
+    savemat("gel.mat", bdt_variables() | {"rho": 1060.0, "P_inf": 101325.0})
+    savemat("same.mat", bdt_variables() | {"rho": 998.0})
+    one, *_ = curves = read_curves("gel.mat")
+    assert len(curves) == 3
+    (hint,) = one.hints
+    assert hint in one.notes
+    assert "1060" in hint
+    assert "998" in hint
+    assert read_curves("same.mat")[0].hints == ()
+    assert read_curves("gel.mat", density=1060.0)[0].hints == ()
+    status, out, _ = run("infer", "gel.mat", "-o", "out", "--no-pictures")
+    assert status in (0, 1)
+    assert " ".join(out.split()).count("--density 1060") == 1
+    assert "--density 1060" in json.loads(Path("out/result.json").read_text(encoding="utf-8"))["notes"][0]
+
+
+def test_a_unit_that_is_told_by_its_size_is_said_once_for_its_group(run):
+    for k in range(2):
+        rows = "".join(f"{t:.8g},{r * (1.0 + 0.001 * k):.8g}\n" for t, r in zip(TIME * 1e6, RADIUS * 1e6, strict=True))
+        Path(f"shot{k}.csv").write_text("time,radius\n" + rows, encoding="utf-8")
+    found = read_shots(sorted(Path().glob("*.csv")))
+    assert len(found.curves) == 2
+    assert all("um" in remark or "us" in remark for remark in found.remarks)
+    assert len(found.remarks) == 2  # of time and of radius
