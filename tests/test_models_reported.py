@@ -4,18 +4,24 @@ import csv
 import io
 import json
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 from scipy.stats import binom
 from test_reporting import COMMAND, KILOPASCAL, Page, answer, bubble, curve_picture, printed, words
 
+from cavirheo.beside.published.comparison import Comparison, compared_set, markdown
+from cavirheo.beside.published.references import ReferenceSet
+from cavirheo.beside.rheometer.document import beside as rheometer_rows
+from cavirheo.beside.rheometer.document import rheometry
 from cavirheo.posterior import BubbleModel, Evidence, OtherAnswer, Posterior
 from cavirheo.reporting import picture, read_json, result, table, write_report
 from cavirheo.reporting.group import slope
 from cavirheo.writing import terminal
 from cavirheo.writing.document import Quantity
 
+EXAMPLES = Path(__file__).parent.parent / "examples"
 RADII = np.linspace(1.2e-4, 3.2e-4, 7)
 PLAIN_KINETIC = BubbleModel("kinetic")
 KINETIC = BubbleModel("kinetic", damage="first-rebound", wall_inertia="free")
@@ -271,3 +277,44 @@ def test_the_interval_of_a_slope_holds_what_it_says(count):
         found = slope(rng.uniform(1.2e-4, 3.3e-4, count), 0.02 * np.exp(scatter))
         inside += found.sign == 0
     assert binom.ppf(1e-4, groups, 0.90) <= inside <= binom.ppf(1 - 1e-4, groups, 0.95)
+
+
+# --- the command line and the other tables ---------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("words", [("--material", "auto"), ("--contents", "auto")])
+def test_fit_leaves_the_choice_of_a_model_to_the_fit(words, run, monkeypatch):
+    asked = {}
+
+    def fit_many(curves, done, **settings):
+        asked.update(settings)
+        return [replace(answer(curve), bubble=BubbleModel("kinetic")) for curve in curves]
+
+    monkeypatch.setattr("cavirheo.inference.fit.fit_many", fit_many)
+    status, _, said = run("fit", EXAMPLES / "soft_gel.csv", "--shots", 1, "--no-pictures", "-o", "out", *words)
+    assert status == 0, said
+    assert (asked["material"] == "auto") == ("--material" in words)
+    assert (asked["contents"] == "auto") == ("--contents" in words)
+
+
+def test_doubts_of_a_group_are_said_once_whatever_else_is_said_of_its_shots():
+    pairs = []
+    for k, curve in enumerate(shots()[:3]):
+        made = answer(curve, verdict="check_input", message=f"check the scale; {'abc'[k]} is at its bound")
+        pairs.append((curve, replace(made, checks=replace(made.checks, doubts=("check the scale",)))))
+    said = printed(result(pairs, COMMAND), 100)
+    assert said.count("check the scale") == 1
+    assert all(f"{word} is at its bound" in said for word in "abc")
+
+
+def test_tables_beside_the_answers_name_the_contents(tmp_path):
+    curve = bubble()
+    document = result([(curve, replace(answer(curve), bubble=BubbleModel("kinetic")))], COMMAND)
+    made = rheometry([], [], material="gel", tolerance=0.05, at_rad_per_s=1.0, command="", date="")
+    _, row = rheometer_rows(made, document)
+    assert "kinetic contents" in row.method
+    about = ReferenceSet("gel", "line 2")
+    other = {"files": [], "model": "m", "medium": {"density": 998.0}, "report": None, "problems": [], "notes": []}
+    compared = compared_set(about, document.curves, [], **other)
+    assert compared.contents == ["kinetic"]
+    assert "kinetic" in markdown(Comparison(command="", methods=[], reference_methods=[], sets=[compared]))

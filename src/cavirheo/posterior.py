@@ -80,8 +80,7 @@ class BubbleModel:
     def name(self) -> str:
         """'kinetic', 'equilibrium, damage, walls'."""
         walls = self.wall_distance is not None or self.wall_inertia != 0
-        more = {"damage": self.damage != "none", "walls": walls, "vapour excess": self.vapour_excess != 0}
-        return ", ".join([self.contents, *(name for name, used in more.items() if used)])
+        return bubble_name(self.contents, self.damage, walls=walls, excess=self.vapour_excess != 0)
 
 
 @dataclass(frozen=True)
@@ -296,6 +295,12 @@ class Posterior:
     @property
     def _about(self) -> dict[str, str]:
         return {"material": self.material, "method": self.method, "verdict": self.checks.verdict}
+
+
+def bubble_name(contents: str, damage: str, *, walls: bool, excess: bool) -> str:
+    """What is assumed of a bubble: 'kinetic', 'equilibrium, damage, walls'."""
+    hurt = {"none": "", "first-rebound": "damage"}.get(damage, f"damage by {damage}")
+    return ", ".join(filter(None, [contents, hurt, "walls" * walls, "vapour excess" * excess]))
 
 
 def in_words(name: str, interval: tuple[float, float, float]) -> str:

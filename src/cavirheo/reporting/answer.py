@@ -20,6 +20,7 @@ from cavirheo.posterior import (
     Posterior,
     Verdict,
     WindowAnswer,
+    bubble_name,
     weighted_quantile,
 )  # fmt: skip
 from cavirheo.writing import digits
@@ -29,6 +30,7 @@ _DIFFERENCES = ("rmse_over_rmax", "mae_over_rmax", "max_difference_over_rmax")
 _KEYS = {"shear_modulus": "shear_modulus_Pa", "viscosity": "viscosity_Pa_s", "stretch": "stretch"}  # by parameter
 
 
+_WALLS = {"walls": "wall_inertia", "excess": "vapour_excess"}
 Unit = tuple[float, str]  # of G: factor from Pa, name
 
 
@@ -66,15 +68,19 @@ class OtherModel(Record):
 
     @property
     def bubble(self) -> str:
-        """What is assumed of the bubble: 'equilibrium contents', 'kinetic contents, damage, walls'."""
-        more = {"damage": self.damage != "none", "walls": "wall_inertia" in self.other_parameters}
-        more["vapour excess"] = "vapour_excess" in self.other_parameters
-        return ", ".join([f"{self.contents} contents", *(word for word, used in more.items() if used)])
+        """What is assumed of it: 'kinetic, damage, walls'."""
+        more = {word: name in self.other_parameters for word, name in _WALLS.items()}
+        return bubble_name(self.contents, self.damage, **more)
 
     @property
     def model(self) -> str:
         """'nhkv, kinetic, damage'."""
-        return f"{self.material}, {self.bubble.replace(' contents', '')}"
+        return f"{self.material}, {self.bubble}"
+
+    @property
+    def in_words(self) -> str:
+        """'nhkv, kinetic contents, damage'."""
+        return self.model.replace(self.contents, f"{self.contents} contents", 1)
 
 
 class CurveRecord(Record):

@@ -39,7 +39,10 @@ class Laws(Document):
 def print_table(document: Laws) -> None:
     """A line per law of each curve, then of each group; then what is doubtful of the curves."""
     heads = ("law", "log evidence", "probability", "G Pa", "µ Pa s", "RMSE %", "verdict")
-    table = terminal.table("curve", heads, left=("law", "verdict"), title=_TITLE)
+    answers = [law.answer for one in document.curves for law in one.laws.values() if law.answer]
+    contents = ", ".join(dict.fromkeys(answer.contents for answer in answers))
+    title = f"{_TITLE}; contents: {contents}" if contents else _TITLE
+    table = terminal.table("curve", heads, left=("law", "verdict"), title=title)
     rows = [(one, one.name, "") for one in document.curves]
     rows += [(one, f"{one.name}: {one.shots} shots", "bold") for one in document.groups]
     for (one, _, style), name in zip(rows, digits.shortened([name for _, name, _ in rows]), strict=True):
@@ -51,7 +54,6 @@ def print_table(document: Laws) -> None:
         table.add_section()
     console = terminal.console()
     console.print(table)
-    answers = (law.answer for one in document.curves for law in one.laws.values() if law.answer)
     terminal.print_doubts(console, doubts(answers))
     terminal.print_remarks(console, {}, document.notes)
 
@@ -62,7 +64,7 @@ def _cells(law: WeighedLaw, best: float) -> list[str]:
         error = "" if law.standard_error is None else f" ± {law.standard_error:.1f}"
         cells = [f"{law.log_evidence - best:.1f}{error}", f"{law.probability or 0.0:.3f}"]
     if (answer := law.answer) is not None:
-        medians = (answer.shear_modulus_Pa.median, answer.viscosity_Pa_s.median)
+        medians = (answer.shear_modulus_Pa.median, answer.viscosity.median)
         cells += [digits.MISSING if value is None else digits.significant(value) for value in medians]
         cells += [digits.percent(answer.rmse_over_rmax), digits.LOOKS[answer.verdict].words]
     return cells

@@ -112,7 +112,7 @@ class CurvePicture:
             value = record.itself.quantity(name)
             answer += [] if value.median is None else [f"{symbol} = {digits.quantity(value, factor, unit=written)}"]
         answer.append(f"{_RMAX} = {digits.micrometres(record.max_radius_m)} µm")
-        self.model.set_text(digits.elide(f"model: {record.material}, {record.itself.bubble}", 56))
+        self.model.set_text(digits.elide(f"model: {record.itself.in_words}", 56))
         for size in np.arange(9.5, 5.0, -0.25):  # within the box; glyphs have whole pixels, so no size can be computed
             self.answer.set(text="\u2003\u2002".join(answer), fontsize=size)
             if self.answer.get_window_extent().width < (_WIDTH - 0.04) * self.figure.bbox.width:
@@ -162,7 +162,7 @@ def group_picture(pairs: Pairs, records: Sequence[CurveRecord], group: GroupReco
     figure = style.new_figure(height)
     head = f"{digits.elide(group.name, 56)}: {group.shots}"
     write(figure, _LEFT, 1.0 - 0.19 / height, head, size=11, weight="bold")
-    models = dict.fromkeys(f"{record.material}, {record.itself.bubble}" for *_, record in shots)
+    models = dict.fromkeys(record.itself.in_words for *_, record in shots)
     said = filter(None, [*models, group.basis])
     write(figure, _LEFT, 1.0 - 0.35 / height, digits.elide("; ".join(said), 90), size=8.5, color=INK)
     radii = np.array([1e6 * curve.max_radius for curve, _, _ in shots])

@@ -52,7 +52,7 @@ class Result(Document):
         said = [f"contents of the bubble: {', '.join(words.values())}"] if words else []
         if len(answered) == 1:
             (one,) = answered.values()
-            said = [f"model: {one.material}, {one.bubble} ({digits.CONTENTS.get(one.contents, '')})"]
+            said = [f"model: {one.in_words} ({digits.CONTENTS.get(one.contents, '')})"]
         return said + ["µ of a law that thins or yields: at a shear rate of 1e5 1/s"] * (AT_RATE in self.parameters)
 
     def members(self) -> list[tuple[GroupRecord, list[int]]]:

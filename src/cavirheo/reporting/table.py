@@ -35,7 +35,7 @@ def print_table(result: Result, console: Console | None = None) -> None:
     table = terminal.table("curve", heads, left=("model", "verdict"), gap=int(wide))
     for name, record in zip(digits.shortened([record.name for record in result.curves]), result.curves, strict=True):
         *row, verdict = _cells(record, factor, wide)
-        row[:0] = [", ".join(getattr(record.itself, part).replace(" contents", "") for part in mixed)] if mixed else []
+        row[:0] = [", ".join(getattr(record.itself, part) for part in mixed)] if mixed else []
         table.add_row(name, *row, Text(verdict, digits.LOOKS[record.verdict].terminal))
     table.add_section()
     for name, group in zip(digits.shortened([group.name for group in result.groups]), result.groups, strict=True):

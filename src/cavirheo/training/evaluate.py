@@ -41,7 +41,9 @@ _ROW = {
 }
 
 
-def evaluate(model: Path, data_dir: Path, out_dir: Path | None = None, *, robust: bool = False) -> dict[str, Any]:
+def evaluate(
+    model: Path, data_dir: Path, out_dir: Path | None = None, *, robust: bool = False, progress: bool = True
+) -> dict[str, Any]:
     """Judge an exported model (.onnx with its card) on a set; tables and the paper's figures go into `out_dir`.
 
     On the set that it was trained on, or one of the same draws made anew, only the test part counts; on any other,
@@ -70,7 +72,7 @@ def evaluate(model: Path, data_dir: Path, out_dir: Path | None = None, *, robust
         "outputs": list(names),
         "metrics": metrics(names, truth, predicted),
         "breakdown": breakdown(names, data.problem.prior, theta, predicted - truth),
-        "robustness": robustness(network, data, chosen) if robust else None,
+        "robustness": robustness(network, data, chosen, progress) if robust else None,
         "figures": [],
         "notes": _other_ranges(network, data, theta),
     }

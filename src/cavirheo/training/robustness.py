@@ -50,7 +50,7 @@ RECORDINGS = (
 )
 
 
-def robustness(network: Network, data: Dataset, chosen: Indices) -> dict[str, Any]:
+def robustness(network: Network, data: Dataset, chosen: Indices, progress: bool = True) -> dict[str, Any]:
     """Metrics of a network on the curves `chosen` of a set, filmed in every way.
 
     The network alone reads all of them; the whole answer (`cavirheo.infer`: the network and its correction at the true
@@ -80,7 +80,7 @@ def robustness(network: Network, data: Dataset, chosen: Indices) -> dict[str, An
 
     rows = []
     filmed: dict[tuple[float, float], list[tuple[Floats, Floats]]] = {}  # several ways film at the same times
-    with bar("filming, answering", len(RECORDINGS) * len(drawn)) as advance:
+    with bar("filming, answering", len(RECORDINGS) * len(drawn), shown=progress) as advance:
         for recording in RECORDINGS:
             key = recording.frame_rate, recording.offset
             if key not in filmed:

@@ -46,7 +46,13 @@ LARGEST = 200_000_000  # bytes of a result.json
 
 
 def train(
-    recipe: Recipe, data_dir: str | Path, out_dir: str | Path, *, device: str | None = None, threads: int | None = None
+    recipe: Recipe,
+    data_dir: str | Path,
+    out_dir: str | Path,
+    *,
+    device: str | None = None,
+    threads: int | None = None,
+    progress: bool = True,
 ) -> dict[str, Any]:
     """Train the recipe's network, or go on with the run in `out_dir`; the content of its result.json.
 
@@ -66,7 +72,7 @@ def train(
         training = _Training(recipe, Path(data_dir), folder, chosen)
         training.resume()
         if not (folder / "result.json").exists():
-            training.fit()
+            training.fit(progress)
             training.finish()
         return read_result(folder)
 
@@ -111,9 +117,9 @@ class _Training:
         # what must not change within a run
         self.identity = json.loads(json.dumps(recipe.settings() | {"data": self.data.sha256}))
 
-    def fit(self) -> None:
+    def fit(self, progress: bool) -> None:
         epochs, done = self.settings.epochs, len(self.history)
-        with bar("training", epochs * self.steps_per_epoch) as advance:
+        with bar("training", epochs * self.steps_per_epoch, shown=progress) as advance:
             advance(done * self.steps_per_epoch)
             for epoch in range(done, epochs):
                 best = min((line["validation"] for line in self.history), default=math.inf)

@@ -18,6 +18,7 @@ def evaluate(
     robustness: Annotated[
         bool, Option("--robustness", help="also with noise, other frame rates, a first frame off, gaps: minutes")
     ] = False,
+    quiet: options.Quiet = False,
 ) -> None:
     """How good a model is on simulated curves: metrics.json, tables (evaluation.md) and figures."""
     from cavirheo.inference.model import path_of
@@ -28,5 +29,7 @@ def evaluate(
         from cavirheo.physics.simulate import load_solver
 
         load_solver()
-    print(markdown(judge(path_of(model), data, out, robust=robustness)))
-    print(f"written to {out}", file=sys.stderr)
+    found = judge(path_of(model), data, out, robust=robustness, progress=not quiet)
+    if not quiet:
+        print(markdown(found))
+        print(f"written to {out}", file=sys.stderr)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -15,7 +15,7 @@ from cavirheo.verbs.run import Reading, Run
 
 def fit(
     files: options.Curves,
-    material: Annotated[str, Option(help="law: nhkv, newtonian, qkv, zener, ...; all its parameters")] = "nhkv",
+    material: Annotated[str, Option(help="law: nhkv, newtonian, power-law, ...; or auto: the best of some")] = "nhkv",
     window: Annotated[
         str | None, Option(help="collapses that are fitted, or 'all'  [default: 3, or as many as there are]")
     ] = None,
@@ -50,15 +50,16 @@ def fit(
     options.check_verify(verify, reading.exposure_us, exact_law)
     require(not joint or verify == "none", "--verify looks at each shot by itself: leave out --joint, or --verify")
     collapses, known = options.window_of(window), options.stretch_of(stretch)
-    law = Family(material)
+    law = None if material == "auto" else Family(material)
     solid = f"--damage needs a law with an elastic part, {material} has none"
-    require(bubble.damage == "none" or law.elastic, solid, "physics.damage_without_elasticity")
+    require(bubble.damage == "none" or law is None or law.elastic, solid, "physics.damage_without_elasticity")
     freed = tuple(name.strip() for name in free.split(",") if name.strip())
     camera: dict[str, Any] = {"free": freed, "scale_bound": scale_percent / 100}
     camera["t0_bound"] = None if t0_us is None else t0_us * 1e-6
     end = None if window_us is None else window_us * 1e-6
     cut: dict[str, Any] = {"window": collapses, "end": end, "weights": weights}
-    Options(stretch=known, **camera, **cut, bubble=bubble)
+    either = replace(bubble, contents="kinetic") if bubble.contents == "auto" else bubble
+    Options(stretch=known, **camera, **cut, bubble=either)
     Outputs(out, *DOCUMENTS, inputs=files)
     curves = run.read(files, liquid, reading)
     shared: dict[str, Any] = {"medium": liquid, "stretch": known, "seed": seed}

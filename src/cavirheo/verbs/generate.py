@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import sys
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 from typer import Argument, Option
 
@@ -19,6 +19,7 @@ def generate(
     seed: Annotated[int | None, Option(help="default: as in the recipe", min=0)] = None,
     workers: Annotated[int | None, Option(help="threads; default: all cores", min=1)] = None,
     shard: Annotated[str, Option(help="i/N: make the i-th of N parts only")] = "1/1",
+    quiet: options.Quiet = False,
 ) -> None:
     """A training set of simulated curves; resumable, and the same bytes for any number of workers."""
     from cavirheo.physics.simulate import load_solver
@@ -32,10 +33,12 @@ def generate(
         raise InputError(f"--shard must read i/N, e.g. 2/8; got {shard!r}", "option.shard") from None
     load_solver()
     n, seed = content.data.n if n is None else n, content.data.seed if seed is None else seed
-    made = dataset.generate(content.problem, n, out, seed=seed, workers=workers, shard=(part, parts))
+    how: dict[str, Any] = {"workers": workers, "shard": (part, parts), "progress": not quiet}
+    made = dataset.generate(content.problem, n, out, seed=seed, **how)
     said = [f"{made.curves} curves in {out}: {made.written} files written, {made.skipped} already there"]
     if made.simulated:
         rate = made.simulated / made.seconds
         said.append(f"{made.simulated} simulated in {made.seconds:.0f} s ({rate:.0f} per s)")
     said += [f"{count} failed and are kept with their status: {status}" for status, count in made.failures.items()]
-    print(*said, sep="\n", file=sys.stderr)
+    if not quiet:
+        print(*said, sep="\n", file=sys.stderr)

@@ -43,6 +43,9 @@ Group = Annotated[str, Option(help=_GROUP)]
 Contents = Annotated[
     str, Option(help="of the bubble: equilibrium (the field's model), or kinetic (vapour condenses at a finite rate)")
 ]
+EitherContents = Annotated[
+    str, Option(help="of the bubble: equilibrium (the field's model), kinetic, or auto: both, the evidence chooses")
+]
 WallDistanceUm = Annotated[float | None, Option(help="of one rigid wall, instead of --wall-inertia")]
 Shots = Annotated[str | None, Option(help="of every file, '1,4-7': from 1 in its order  [default: all]")]
 FROM_OPTIONS: Any = None  # default of an argument of a verb that is made of the options of its kind
@@ -66,7 +69,7 @@ _KINDS: dict[str, dict[str, tuple[Any, Any]]] = {  # argument: its options, each
         "trust_input": (TrustInput, False),
     },
     "bubble": {
-        "contents": (Contents, "equilibrium"),
+        "contents": (EitherContents, "equilibrium"),
         "accommodation": (Annotated[str | None, Option(help="of kinetic contents, up to 10  [default: free]")], None),
         "damage": (
             Annotated[str, Option(help="none, or first-rebound: another modulus and R_0 from there on")],

@@ -18,6 +18,7 @@ def train(
     out: options.Out,
     threads: Annotated[int | None, Option(help="of the processor; default: torch's choice", min=1, max=1024)] = None,
     device: Annotated[str | None, Option(help="cpu or cuda; default: cuda if there is one")] = None,
+    quiet: options.Quiet = False,
 ) -> None:
     """Train a recipe's network (the same call resumes) and export it as NAME.onnx with its card NAME.json."""
     try:
@@ -29,10 +30,12 @@ def train(
 
     content = read_recipe(recipe)
     try:
-        result = run(content, data, out, device=device, threads=threads)
+        result = run(content, data, out, device=device, threads=threads, progress=not quiet)
         path = export.export(content, out, out)
     except RuntimeError as error:  # torch's: no memory left, ...
         raise InputError(f"training stopped: {str(error).partition(chr(10))[0]}", "training.torch") from error
+    if quiet:
+        return
     for name, score in result["metrics"].items():
         print(f"{name}: R2 {score['r2']:.4f}, median error {score['median_absolute_error']:.3f} (test curves)")
     print(f"model: {path}; use it with: cavirheo infer --model {path} FILE", file=sys.stderr)

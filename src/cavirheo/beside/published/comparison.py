@@ -67,6 +67,7 @@ class ComparedSet(Record):
     name: str
     files: list[str]
     model: str
+    contents: list[str] = []  # of the bubble, by our answers
     settings: dict[str, Any]
     medium: dict[str, Any]
     report: str | None
@@ -101,6 +102,12 @@ class Comparison(Document):
         return ((about, row) for about in self.sets for row in about.quantities or [ComparedQuantity()])
 
     @property
+    def contents(self) -> str:
+        """Of the bubble, in our answers: 'equilibrium (field's model)'."""
+        used = dict.fromkeys(name for about in self.sets for name in about.contents)
+        return ", ".join(f"{name} ({digits.CONTENTS.get(name, '')})" for name in used)
+
+    @property
     def answers(self) -> list[str]:
         """What our means are called in the whole table."""
         return max((row.answers() for _, row in self.rows()), key=len, default=[OURS])
@@ -121,6 +128,7 @@ def compared_set(
     rows = [_quantity(quantity, about, curves, references) for quantity in (G, MU)]
     return ComparedSet(
         name=about.name,
+        contents=list(dict.fromkeys(curve.contents for curve in curves if curve.answered)),
         settings=about.settings,
         quantities=[row for row in rows if row.published or row.ours.mean is not None],  # a liquid has no G
         n_shots=len(curves),
@@ -272,7 +280,8 @@ def _key(comparison: Comparison) -> str:
         words += f"{ALL}: over all answered shots, doubtful ones included. "
     if comparison.reference_methods:
         words += f"Error to {' or '.join(comparison.reference_methods)}: |mean − its mean| / its mean, in %. "
-    return words + "RMSE: measured minus simulated, % of R_max, median (smallest–largest)."
+    words += "RMSE: measured minus simulated, % of R_max, median (smallest–largest)."
+    return words + (f" Contents of the bubble: {comparison.contents}." if comparison.contents else "")
 
 
 def _escaped(text: str) -> str:

@@ -129,12 +129,14 @@ def _bubbles(group: GroupRecord, curves: list[CurveRecord]) -> BesideRow:
     """The row of a group: its means, and the regime of the shots that they are over."""
     trusted = group.n_trusted  # None: a document from before means were over trusted answers alone
     counted = [c for c in curves if (c.answered if trusted is None else c.verdict == "ok")]
+    methods = dict.fromkeys(curve.method for curve in curves)
+    contents = dict.fromkeys(f"{curve.contents} contents" for curve in curves if curve.answered)
     stretches = _known(curve.stretch.median for curve in counted)
     return _row(
         group,
         [curve.strain_rate_per_s for curve in counted],
         material=group.name,
-        method=f"bubble, {', '.join(dict.fromkeys(curve.method for curve in curves))}",
+        method=f"bubble, {', '.join([*methods, *contents])}",
         n=group.n if trusted is None else trusted,
         doubtful=group.n - group.verdicts.get("ok", 0),
         failed=group.n_failed,
@@ -254,7 +256,7 @@ def _beside(rows: Sequence[BesideRow]) -> Table:
         unit = "" if row.regime_from is None else f" {row.regime_unit}"
         table.add_row(
             name,
-            row.method.replace(", ", "\n", 1),
+            row.method.replace(", ", "\n"),
             "\n".join([str(row.n), *(f"{count} {what}" for what, count in doubts.items() if count)]),
             digits.spread(row.shear_modulus_Pa, factor),
             digits.spread(row.viscosity_Pa_s),
