@@ -221,10 +221,10 @@ def test_a_viscosity_that_grows_with_the_bubble_is_said():
     assert about.slopes["shear_modulus"].sign == 0
     said = " ".join(printed(document, 80).split())
     assert f"µ rises as R_max^{found.words}" in said
-    assert "is wrong" in said
+    assert "doubt the law" in said
     steady = " ".join(printed(result(group(0.0), COMMAND), 80).split())
     assert "no trend" in steady
-    assert "is wrong" not in steady
+    assert "doubt the law" not in steady
     drawn = picture.group_picture(pairs, document.curves, about, KILOPASCAL)
     over_size = drawn.axes[2]
     assert found.words in over_size.lines[0].get_label()

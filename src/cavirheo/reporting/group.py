@@ -37,7 +37,7 @@ class Slope(Quantity):
     def words(self) -> str:
         """'2.4 [1.6, 3.1]'."""
         median, low, high = (number or 0.0 for number in (self.median, self.q05, self.q95))
-        places = 1 if high - low > 0.3 else 2
+        places = 1 if high - low > 1.0 else 2
         return f"{median:.{places}f} [{low:.{places}f}, {high:.{places}f}]"
 
 
@@ -127,7 +127,7 @@ def _in_words(slopes: dict[str, Slope]) -> str:
         way = {1: "rises as R_max^{}", -1: "falls as R_max^{}", 0: "has no trend with R_max (power {})"}[one.sign]
         said.append(f"{about(name).symbol} {way.format(one.words)}")
     shots = max(one.n for one in slopes.values())
-    wrong = ": a material constant does not, so the law or the contents model is wrong"
+    wrong = ": a constant of the material does not, so doubt the law or the contents model (1 group in 10 by chance)"
     return f"{', '.join(said)} over {shots} shots" + wrong * any(one.sign for one in slopes.values())
 
 
