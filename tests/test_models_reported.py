@@ -232,7 +232,23 @@ def test_a_viscosity_that_grows_with_the_bubble_is_said():
     assert np.polyfit(np.log(x), np.log(y), 1)[0] == pytest.approx(found.median)
 
 
-@pytest.mark.parametrize("pairs", [group(2.4, count=4), group(2.4, verdict="model_does_not_fit"), group(2.4)[:4]])
+def test_where_few_shots_are_trusted_the_slope_is_of_those_that_the_model_misses_too():
+    """For there it is looked for."""
+    pairs = group(2.4, verdict="model_does_not_fit")
+    pairs[0] = pairs[0][0], replace(pairs[0][1], checks=replace(pairs[0][1].checks, verdict="ok"))
+    (about,) = result(pairs, COMMAND).groups
+    assert (about.slopes["viscosity"].n, about.slopes["viscosity"].n_trusted) == (7, 1)
+    assert "1 of them trusted" in " ".join(about.remarks)
+    pairs[0] = pairs[1]  # none is trusted
+    document = result(pairs, COMMAND)
+    line = picture.group_picture(pairs, document.curves, document.groups[0], KILOPASCAL).axes[2].lines[0]
+    assert np.isfinite(line.get_xydata()).all()
+    assert 1.8 < about.slopes["viscosity"].median < 3.0
+    (trusted,) = result(group(2.4), COMMAND).groups
+    assert trusted.slopes["viscosity"].n_trusted == 7
+
+
+@pytest.mark.parametrize("pairs", [group(2.4, count=4), group(2.4, verdict="check_input"), group(2.4)[:4]])
 def test_few_or_doubtful_shots_have_no_slope(pairs):
     (about,) = result(pairs, COMMAND).groups
     assert about.slopes == {}

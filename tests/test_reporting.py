@@ -328,6 +328,7 @@ def test_quantity_shows_the_digits_that_the_interval_leaves():
     assert digits.quantity(Quantity(median=6100.0, q05=5400.0, q95=6900.0), 1e-3) == "6.1 [5.4, 6.9]"
     assert digits.quantity(Quantity(median=9.91, q05=9.60, q95=10.19)) == "9.91 [9.60, 10.19]"
     assert digits.quantity(Quantity(median=0.02, q05=0.0005, q95=0.3)) == "0.020 [0.00050, 0.300]"
+    assert digits.quantity(Quantity(median=1e-4, q05=1e-4, q95=27.81032)) == "0.00010 [0.00010, 28]"
     assert digits.quantity(Quantity(median=6440.0), 1e-3) == "6.44"
     assert digits.quantity(Quantity()) == digits.MISSING
 

@@ -23,9 +23,10 @@ _SAME = 1e-6  # of their mean: values that differ by less are one value, as thos
 
 
 class Slope(Quantity):
-    """d ln(value)/d ln R_max over n shots."""
+    """d ln(value)/d ln R_max over n shots, of which so many have the verdict ok."""
 
     n: int
+    n_trusted: int = 0
 
     @property
     def sign(self) -> int:
@@ -53,8 +54,9 @@ class ModelSlopes(Record):
 class GroupRecord(Record):
     """The shots of one file: n answered, n_failed not; `verdicts` counts the curves with each.
 
-    Means, models and slopes are over the n_trusted with verdict ok; null in documents of before, whose means are over
-    all n. `other_slopes`: of the models that all of these have besides their answer.
+    Means and models are over the n_trusted with verdict ok; null in documents of before, whose means are over
+    all n. Slopes are over these, too; where they are too few, over those that the model does not fit as well.
+    `other_slopes`: of the models that all of these shots have besides their answer.
     """
 
     name: str
@@ -100,7 +102,7 @@ class GroupRecord(Record):
         return f"{f'mean of {self.n_trusted}' if self.n_trusted else 'no mean: none'} trusted of {self.n} answered"
 
 
-def slope(radius: Sequence[float | None], values: Sequence[float | None]) -> Slope | None:
+def slope(radius: Sequence[float | None], values: Sequence[float | None], trusted: int = 0) -> Slope | None:
     """Of the shots that have both; None for fewer than FEWEST, or where all are of one size or one value."""
     known = [(r, v) for r, v in zip(radius, values, strict=True) if r and v and v > 0]
     if len(known) < FEWEST:
@@ -111,12 +113,13 @@ def slope(radius: Sequence[float | None], values: Sequence[float | None]) -> Slo
     from scipy.stats import theilslopes
 
     median, _, low, high = theilslopes(y, x, 0.9)
-    return Slope(median=median, q05=low, q95=high, n=len(known))
+    return Slope(median=median, q05=low, q95=high, n=len(known), n_trusted=min(trusted, len(known)))
 
 
-def _slopes(radius: Sequence[float | None], answers: Sequence[OtherModel]) -> dict[str, Slope]:
+def _slopes(shots: Sequence[CurveRecord], answers: Sequence[OtherModel]) -> dict[str, Slope]:
     """By the name of what should be a constant."""
-    found = {name: slope(radius, [one.quantity(name).median for one in answers]) for name in CONSTANTS}
+    radii, trusted = [record.max_radius_m for record in shots], sum(record.trusted for record in shots)
+    found = {name: slope(radii, [one.quantity(name).median for one in answers], trusted) for name in CONSTANTS}
     return {name: slope for name, slope in found.items() if slope}
 
 
@@ -126,9 +129,10 @@ def _in_words(slopes: dict[str, Slope]) -> str:
     for name, one in slopes.items():
         way = {1: "rises as R_max^{}", -1: "falls as R_max^{}", 0: "has no trend with R_max (power {})"}[one.sign]
         said.append(f"{about(name).symbol} {way.format(one.words)}")
-    shots = max(one.n for one in slopes.values())
+    most = max(slopes.values(), key=lambda one: one.n)
+    shots = f"{most.n} shots" + (f", {most.n_trusted} of them trusted" if most.n_trusted < most.n else "")
     wrong = ": a constant of the material does not, so doubt the law or the contents model (1 group in 10 by chance)"
-    return f"{', '.join(said)} over {shots} shots" + wrong * any(one.sign for one in slopes.values())
+    return f"{', '.join(said)} over {shots}" + wrong * any(one.sign for one in slopes.values())
 
 
 def group_of(name: str, members: list[CurveRecord]) -> GroupRecord:
@@ -136,7 +140,8 @@ def group_of(name: str, members: list[CurveRecord]) -> GroupRecord:
     trusted = [record for record in members if record.trusted]
     n = sum(record.answered for record in members)
     more = dict.fromkeys(key for record in trusted for key in record.other_parameters if key not in CAMERA)
-    radii = [record.max_radius_m for record in trusted]
+    followed = [record for record in members if record.verdict in ("ok", "model_does_not_fit")]
+    sloped = trusted if len(trusted) >= FEWEST else followed
     return GroupRecord(
         name=name, n=n, n_trusted=len(trusted), n_failed=len(members) - n,
         shear_modulus_Pa=spread_of([record.shear_modulus_Pa.median for record in trusted]),
@@ -144,21 +149,21 @@ def group_of(name: str, members: list[CurveRecord]) -> GroupRecord:
         other_parameters={key: spread_of([one.itself.quantity(key).median for one in trusted]) for key in more},
         verdicts=dict(Counter(record.verdict for record in members)),
         models=dict(Counter(record.model for record in trusted)),
-        slopes=_slopes(radii, [one.itself for one in trusted]), other_slopes=_other_slopes(radii, trusted),
+        slopes=_slopes(sloped, [one.itself for one in sloped]), other_slopes=_other_slopes(sloped),
     )  # fmt: skip
 
 
-def _other_slopes(radii: list[float | None], trusted: list[CurveRecord]) -> list[ModelSlopes]:
+def _other_slopes(shots: list[CurveRecord]) -> list[ModelSlopes]:
     """Of every model that all of these have; of each the valley with the largest evidence."""
     answers: list[dict[str, OtherModel]] = []
-    for record in trusted:
+    for record in shots:
         others = {one.model: one for one in sorted(record.other_models, key=_evidence)}
         answers.append(others | {record.model: record.itself})
-    one_model = len({record.model for record in trusted}) == 1
+    one_model = len({record.model for record in shots}) == 1
     found = []
     for model, first in (answers[0] if answers else {}).items():
-        if all(model in by_model for by_model in answers) and not (one_model and model == trusted[0].model):
-            slopes = _slopes(radii, [by_model[model] for by_model in answers])
+        if all(model in by_model for by_model in answers) and not (one_model and model == shots[0].model):
+            slopes = _slopes(shots, [by_model[model] for by_model in answers])
             known = {"material": first.material, "contents": first.contents, "damage": first.damage}
             found += [ModelSlopes(**known, slopes=slopes)] if slopes else []
     return found

@@ -206,7 +206,7 @@ def _scatter(
     over_size = across == "R_max"
     if over_size and (slope := group.slopes.get(upper)):
         line = np.linspace(x[:, 0].min(), x[:, 0].max(), 60)
-        known = np.array([record.trusted for record in records]) & (y[:, 0] > 0)
+        known = (y[:, 0] > 0) & [record.trusted or slope.n_trusted < slope.n for record in records]
         level = np.median(np.log(y[known, 0]) - (slope.median or 0.0) * np.log(x[known, 0]))
         label = f"{_RMAX}^{slope.words}"
         axes.plot(line, np.exp(level) * line ** (slope.median or 0.0), color="black", lw=1.0, label=label)

@@ -10,7 +10,7 @@ import typer
 
 from cavirheo.errors import require
 from cavirheo.verbs import options
-from cavirheo.verbs.run import Run, check_shots
+from cavirheo.verbs.run import Run
 
 
 def collapse_time(
@@ -37,10 +37,11 @@ def collapse_time(
 ) -> None:
     """G and µ from the times of the first collapse alone: one answer per table, or per file or folder of curves."""
     from cavirheo.beside import collapse_times
+    from cavirheo.reading.select import shot_numbers
     from cavirheo.writing import style
     from cavirheo.writing.document import Outputs, write_json
 
-    check_shots(shots)
+    shot_numbers(shots)
     files = run.files(files)
     drawing = pictures and style.available()
     fine = stretch is None or 1 < stretch < 1e3

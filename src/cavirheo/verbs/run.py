@@ -37,10 +37,12 @@ class Reading:
     trust_input: bool = False
 
     def __post_init__(self) -> None:
+        from cavirheo.reading.select import shot_numbers
+
         for name, what in (("exposure_us", "time in us"), ("frame_rate_hz", "number of frames per second")):
             value, option = getattr(self, name), f"--{name.replace('_', '-')}"
             require(value is None or value > 0, f"{option} must be a positive {what}, got {value}", f"option.{name}")
-        check_shots(self.shots)
+        shot_numbers(self.shots)
 
     def recordings(self, files: list[Path], medium: Medium) -> Recordings:
         """`read_shots` with these settings."""
@@ -53,14 +55,6 @@ class Reading:
         if self.exposure_us is None:
             return found
         return found._replace(curves=[curve.with_exposure(self.exposure_us * 1e-6) for curve in found.curves])
-
-
-def check_shots(shots: str | None) -> None:
-    """Raises InputError for what is no list of shots, before any file is read."""
-    if shots is not None:
-        from cavirheo.reading.select import shot_numbers
-
-        shot_numbers(shots)
 
 
 class Run:

@@ -64,7 +64,8 @@ def quantity(value: Quantity, factor: float = 1.0, *, unit: str = "", joint: str
     middle = significant(value.median * factor, count)
     high = value.q95 * factor
     places = len(middle.partition(".")[2])
-    above = significant(high, count) if "e" in middle else f"{high:.{places}f}"
+    wide = "e" in middle or high > 100.0 * abs(value.median * factor)
+    above = significant(high, count) if wide else f"{high:.{places}f}"
     return f"{middle}{unit}{joint}[{significant(value.q05 * factor, count)}, {above}]"
 
 
