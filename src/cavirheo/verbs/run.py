@@ -37,12 +37,13 @@ class Reading:
     trust_input: bool = False
 
     def __post_init__(self) -> None:
-        from cavirheo.reading.select import shot_numbers
-
         for name, what in (("exposure_us", "time in us"), ("frame_rate_hz", "number of frames per second")):
             value, option = getattr(self, name), f"--{name.replace('_', '-')}"
             require(value is None or value > 0, f"{option} must be a positive {what}, got {value}", f"option.{name}")
-        shot_numbers(self.shots)
+        if self.shots is not None:
+            from cavirheo.reading.select import shot_numbers
+
+            shot_numbers(self.shots)
 
     def recordings(self, files: list[Path], medium: Medium) -> Recordings:
         """`read_shots` with these settings."""
