@@ -52,11 +52,11 @@ def values(answer, *names):
 
 @pytest.mark.parametrize(("G", "mu", "stretch"), [(8e3, 0.05, 7.0), (2e3, 0.02, 9.0), (4e4, 0.15, 5.0)])
 def test_recovers_noise_free_shots(G, mu, stretch):
-    answer = fit(shot(NeoHookeanKelvinVoigt(G, mu), stretch))
+    answer = fit(shot(NeoHookeanKelvinVoigt(G, mu), stretch), others=False)
     assert answer.checks.verdict == "ok"
-    assert values(answer, "shear_modulus") == pytest.approx([G], rel=0.01)
-    assert values(answer, "viscosity") == pytest.approx([mu], rel=0.03)
-    assert values(answer, "stretch") == pytest.approx([stretch], rel=0.01)
+    assert answer.best["shear_modulus"] == pytest.approx(G, rel=0.01)
+    assert answer.best["viscosity"] == pytest.approx(mu, rel=0.03)
+    assert answer.best["stretch"] == pytest.approx(stretch, rel=0.01)
     assert answer.checks.rmse_over_rmax < 1e-3
 
 
@@ -66,7 +66,8 @@ def test_other_laws():
     assert "shear_modulus" not in answer.parameters
     answer = fit(shot(QuadraticKelvinVoigt(3e3, 0.05, 0.3)), "qkv", windows=False, stretch=7.0)
     assert values(answer, "shear_modulus", "viscosity", "stiffening") == pytest.approx([3e3, 0.05, 0.3], rel=0.05)
-    assert answer.names == ("log10_shear_modulus", "log10_viscosity", "log10_stiffening")
+    own = ("log10_shear_modulus", "log10_viscosity", "log10_stiffening")
+    assert answer.names == (*own, "time_origin", "max_radius_factor")
     assert "retardation_time" in Family("oldroyd-b").parameters
 
 
@@ -106,7 +107,7 @@ def test_starts_come_from_the_collapse_time():
     curve, family = shot(), Family("nhkv")
     scan = Scan(LeastSquares([Experiment(curve, family, options=Options(stretch=7.0))]))
     assert scan.timed.sum() > 10
-    G, mu = 10.0 ** scan.points[scan.timed].T
+    G, mu = 10.0 ** scan.points[scan.timed][:, :2].T
     t1 = curve.collapse_times()[0] - curve.time_of_max
     assert analytic_time(R_MAX, 7.0, G, mu) == pytest.approx(np.full(len(G), t1))
     assert fit(curve, windows=False).provenance["search"]["starts_from_collapse_time"] > 10
@@ -157,13 +158,14 @@ def test_joint_fit_shares_the_material():
 def test_intervals_hold_the_truth_and_are_seeded():
     curve = shot(noise=0.01)
     answer, again, other = (fit(curve, windows=False, seed=seed) for seed in (1, 1, 2))
-    assert answer.theta.shape == (4096, 3)
+    assert answer.theta.shape[1] == 5
+    assert len(answer.theta) == len(answer.log_weight) >= 180
     assert np.array_equal(answer.theta, again.theta)
     assert not np.array_equal(answer.theta, other.theta)
     for name, truth in (("shear_modulus", 8e3), ("viscosity", 0.05), ("stretch", 7.0)):
         low, high = answer.interval(name, 0.99)
         assert low < truth < high
-        assert answer.median(name) == pytest.approx(answer.best[name], rel=1e-3)
+        assert low < answer.best[name] < high
     assert answer.diagnostics.one_sigma["log10_viscosity"] < 0.1
     assert -1 < answer.diagnostics.correlations["viscosity, stretch"] < -0.5
 
@@ -203,7 +205,7 @@ def test_failed_simulations_are_counted_and_survived(monkeypatch):
     monkeypatch.setattr(experiment, "simulate", lambda m, **o: replace(solve(m, **o), status="broken"))
     nothing = fit(shot(), windows=False)
     assert nothing.checks.verdict == "failed"
-    assert "all 48 simulations of nhkv failed" in nothing.checks.message
+    assert "all 64 simulations of nhkv failed" in nothing.checks.message
 
 
 def test_windows():
@@ -212,10 +214,10 @@ def test_windows():
     answer = fit(curve)
     assert collapses > 3
     assert answer.checks.collapses == 3
-    assert list(answer.windows) == ["1", "2", "3", "all"]
+    assert list(answer.windows) == ["1", "2", "3"]
     ends = [window.t_star_end for window in answer.windows.values()]
     assert ends == sorted(ends)
-    assert [window.best["viscosity"] for window in answer.windows.values()] == pytest.approx([0.05] * 4, rel=0.03)
+    assert [window.best["viscosity"] for window in answer.windows.values()] == pytest.approx([0.05] * 3, rel=0.03)
     assert fit(curve, window=1, windows=False).checks.collapses == 1
     assert fit(curve, window="all", windows=False).checks.collapses == collapses
     timed = fit(curve, end=40e-6, windows=False)
@@ -238,8 +240,8 @@ def test_the_plateau_as_prior_of_the_stretch():
 
 def test_frames_beside_a_collapse_count_less():
     curve, family = shot(), Family("nhkv")
-    x = np.array([np.log10(8e3), np.log10(0.05), np.log10(7.0)])
-    there = Experiment(curve, family)
+    x = np.array([np.log10(8e3), np.log10(0.05), np.log10(7.0), 0.0, 0.0])
+    there = Experiment(curve, family, options=Options(weights="motion"))
     LeastSquares([there]).reweigh(x, FINE)
     lowest = np.argmin(np.abs(there.since - (curve.collapse_times()[0] - 1e-6)))
     assert there.sigma[0] == pytest.approx(FLOOR)
@@ -250,10 +252,10 @@ def test_frames_beside_a_collapse_count_less():
 
 def test_finite_differences_are_above_the_solvers_noise():
     fit = LeastSquares([Experiment(shot(), Family("nhkv"))])
-    x = np.array([np.log10(8e3), np.log10(0.05), np.log10(7.0)])
+    x = np.array([np.log10(8e3), np.log10(0.05), np.log10(7.0), 0.0, 0.0])
     used = fit.jacobian(x, FINE, central=True)
     exact = fit.jacobian(x, {"rtol": 1e-8}, central=True)
-    assert np.linalg.norm(used - exact, axis=0) == pytest.approx(0.0, abs=5e-3 * np.linalg.norm(exact, axis=0).min())
+    assert np.all(np.linalg.norm(used - exact, axis=0) < 5e-3 * np.linalg.norm(exact, axis=0))
 
 
 def test_starts_fill_the_box():
@@ -329,7 +331,7 @@ def test_command_line(run, tmp_path):
 def test_published_alginate_shots(real_data):
     """PAAm 12 % - alginate 0.3 %: published 6.44 +- 1.64 kPa, 0.020 +- 0.009 Pa s; the window decides mu."""
     (file,) = (real_data / "paam_alginate_0p3").glob("*.mat")
-    answers = fit_many(read_curves(file)[:2], window="all")
+    answers = fit_many(read_curves(file)[:2], window="all", free="none", weights="motion", others=False)
     assert [a.checks.verdict for a in answers] == ["ok", "ok"]
     assert np.mean([a.median("shear_modulus") for a in answers]) == pytest.approx(6440, abs=2 * 1640)
     for answer in answers:

@@ -19,6 +19,7 @@ from cavirheo.inference.fit.alone import Alone, posterior
 from cavirheo.inference.fit.covariance import laplace
 from cavirheo.inference.fit.least_squares import SEARCH, LeastSquares
 from cavirheo.inference.law import Family
+from cavirheo.inference.others import DECISIVE, compared
 from cavirheo.parallel import cores, each
 from cavirheo.parameters import LOG10, units
 from cavirheo.physics.media import WATER, Medium
@@ -30,7 +31,6 @@ __all__ = ["fit", "fit_many"]
 
 AUTO = ("nhkv", "newtonian", "power-law", "fung + newtonian")  # laws of material="auto": gels and liquids
 CONTENTS = ("equilibrium", "kinetic")
-DECISIVE = 3.0  # difference of log evidence (a factor of 20), below which the simpler model is taken
 TOGETHER = {**SEARCH, "max_nfev": 40}  # limits of a joint fit: it has many parameters
 _TRIED = 6  # materials of single shots, at most, from which a joint fit is started
 
@@ -146,21 +146,22 @@ def fit_many(
     def one(curve: RadiusCurve) -> tuple[Posterior, Alone | None]:
         began = time.perf_counter()
         try:
-            alone, rest = _simplest(_fitted(curve, models, medium, inner))
+            alone, rest = _simplest(_fitted(curve, models, medium, inner, seed))
             unasked = [way for way in CONTENTS if way not in asked] if others and alone.evidence else []
             beside = [(alone.shot.family, replace(options_of(way), windows=False)) for way in unasked]
-            rest += _fitted(curve, beside, medium, inner, alone)
+            rest += _fitted(curve, beside, medium, inner, seed, alone)
             answer = posterior(alone.fit, alone.found, alone.laplace, 0, alone, common(alone.shot), seed)
             answer = replace(answer, others=answer.others + tuple(single.as_other() for single in rest))
-            answer = doubted(answer, alone)
+            told = "; ".join(filter(None, [answer.checks.message, *compared(answer)]))
+            answer = doubted(replace(answer, checks=replace(answer.checks, message=told)), alone)
         except Exception as error:  # of this curve alone
             family, options = models[0]
             names = tuple(LOG10 + name for name in family.parameters)
             nothing, checks = np.empty((0, len(names))), doubts.failed(error, curve, medium)
-            told = {"medium": asdict(medium), "options": asdict(options), "source_sha256": curve.source_sha256}
+            about = {"medium": asdict(medium), "options": asdict(options), "source_sha256": curve.source_sha256}
             alone, bubble = None, options.bubble
             answer = Posterior(
-                names, units(names), nothing, checks, family.name, "least_squares", told, bubble=bubble
+                names, units(names), nothing, checks, family.name, "least_squares", about, bubble=bubble
             )  # fmt: skip
         return replace(answer, seconds=time.perf_counter() - began), alone
 
@@ -195,6 +196,7 @@ def _fitted(
     models: Sequence[tuple[Family, Options]],
     medium: Medium,
     workers: int,
+    seed: int,
     near: Alone | None = None,
 ) -> list[Alone]:
     """The fits of these models; one that fails is left out, unless all do. `near`: a fit of the same law."""
@@ -202,7 +204,8 @@ def _fitted(
     for number, (family, options) in enumerate(models):
         try:
             shot = Experiment(curve, family, medium, options)
-            found.append(Alone(shot, workers, [] if near is None else [shot.from_best(near.shot.best(near.found.x))]))
+            starts = [] if near is None else [shot.from_best(near.shot.best(near.found.x))]
+            found.append(Alone(shot, workers, starts, seed))
         except Exception:
             if not found and near is None and number == len(models) - 1:
                 raise

@@ -40,7 +40,7 @@ class Alone:
     """found: the minimum. laplace: what it is worth. evidence: of the model. valleys: other minima that follow the
     frames nearly as well, as answers. windows: what other windows answer. `starts`: where minima may be."""
 
-    def __init__(self, shot: Experiment, workers: int, starts: Sequence[Floats] = ()) -> None:
+    def __init__(self, shot: Experiment, workers: int, starts: Sequence[Floats] = (), seed: int = 0) -> None:
         self.shot, self.fit = shot, LeastSquares([shot], workers)
         end = shot.cut[1]
         shorter = [(n, end) for n in range(1, min(shot.view.collapses, 3) + 1) if (n, end) != shot.cut]
@@ -61,7 +61,7 @@ class Alone:
         self.valleys = [self._valley(mode) for _, mode in weighed if chosen and mode is not chosen[1]]
         self.found = self.fit.polish(chosen[0].x if chosen else best)
         self.laplace = laplace(self.fit, self.found.x)
-        self.sample = self._sampled()
+        self.sample = self._sampled(seed)
 
     def _weighed(self, minima: Sequence[Minimum]) -> list[tuple[Minimum, Mode]]:
         """The minima, each with the maximum of the posterior beside it; those that share one are one."""
@@ -79,7 +79,7 @@ class Alone:
         self.fit.failures += target.failures
         return found
 
-    def _sampled(self) -> Sample | None:
+    def _sampled(self, seed: int) -> Sample | None:
         """Draws weighted by the likelihood of rough simulations, of weights that are known now but for a factor.
 
         A Gaussian would be too narrow: what a shift of the clock does to the frames beside a collapse is far from
@@ -106,7 +106,7 @@ class Alone:
         def log_target(u: Floats) -> Floats:
             return target.log_posterior(u, target.residuals(u, QUICK))
 
-        found = sample(log_target, propose, seed=0, each=EACH, most=MOST, enough=ENOUGH)
+        found = sample(log_target, propose, seed=seed, each=EACH, most=MOST, enough=ENOUGH)
         self.fit.runs += target.runs
         self.fit.failures += target.failures
         return found if found.ess >= FEWEST else None

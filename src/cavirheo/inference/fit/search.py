@@ -54,7 +54,7 @@ class Search:
     def _enough(self, rounds: int) -> bool:
         """Whether to stop: nothing but noise is left, or two rounds found what a law may leave of a real bubble."""
         shot, (best, *_) = self.shot, self.minima
-        left = (self.fit.residuals(best.x, QUICK)[: len(shot.sigma)] * shot.sigma)[shot.counted]
+        left = self.fit.residuals(best.x, QUICK)[: len(shot.sigma)][shot.counted] * shot.sigma[shot.counted]
         rmse, noise = np.sqrt(np.mean(left**2)), self.shot.curve.noise / self.shot.max_radius
         if noise < CLEAN:
             return bool(rmse < max(ABOVE * noise, FOLLOWED))
