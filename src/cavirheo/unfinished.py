@@ -19,11 +19,12 @@ import numpy as np
 
 from cavirheo.curve import RadiusCurve
 from cavirheo.errors import require
-from cavirheo.posterior import BubbleModel, Checks, Diagnostics, Evidence, Posterior, WindowAnswer
+from cavirheo.posterior import BubbleModel, Checks, Diagnostics, Evidence, OtherAnswer, Posterior, WindowAnswer
 from cavirheo.writing.document import into, whole
 from cavirheo.writing.terminal import bar, say
 
-_KINDS = {kind.__name__: kind for kind in (Posterior, Checks, WindowAnswer, Evidence, Diagnostics, BubbleModel)}
+_KINDS = {kind.__name__: kind for kind in (
+    Posterior, Checks, WindowAnswer, Evidence, Diagnostics, BubbleModel, OtherAnswer)}  # fmt: skip
 _NAME = "[0-9a-f]" * 64 + ".npz"
 
 

@@ -90,7 +90,12 @@ def tabulate(slope: Callable[[Floats], Floats], nodes: Floats, origin: float) ->
             parts = np.clip(np.nan_to_num(1.2 * error[left] ** 0.2, nan=MOST_PARTS, posinf=MOST_PARTS), 2, MOST_PARTS)
         parts = np.ceil(parts).astype(int)
         which = np.arange(parts.sum()) - np.repeat(np.cumsum(parts) - parts, parts)
-        ends = [np.repeat(a[left], parts), np.repeat(h[left], parts), np.repeat(parts, parts), np.repeat(b[left], parts)]
+        ends = [
+            np.repeat(a[left], parts),
+            np.repeat(h[left], parts),
+            np.repeat(parts, parts),
+            np.repeat(b[left], parts),
+        ]
         a = ends[0] + ends[1] * (which / ends[2])
         b = np.where(which + 1 == ends[2], ends[3], ends[0] + ends[1] * ((which + 1) / ends[2]))
     rows = np.concatenate(done)

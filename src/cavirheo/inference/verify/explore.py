@@ -73,12 +73,14 @@ class Explorer:
         self.modes, self.climbed = list(modes), 0
         self.places: list[Mode] = []
         for mode in modes:
-            self._settle(mode)
+            self._settle(mode)  # best first
         self.mixture = self.start
 
     def _settle(self, mode: Mode) -> None:
         """A mode and the ridge through it become places to draw about, each known a standard deviation around."""
-        for place in (mode, *ridge(self.target, mode)):
+        heights = np.array([place.log_evidence for place in (mode, *self.places)])
+        along = ridge(self.target, mode) if heights[0] > np.max(heights) - TUNING.ridge_worth else []
+        for place in (mode, *along):
             if not any(same(place, other) for other in self.places):
                 self.places.append(place)
                 axes = np.linalg.cholesky(place.covariance).T
