@@ -65,9 +65,8 @@ def which_law(
         steps[law] = fit, Step(f"climbing {law}", verify_many, climb), Step(f"weighing {law}", verify_many, weighing)
         found[law] = kept.answers(curves, *steps[law][:2])
     whole = all(len(answers) == len(curves) for answers in found.values())
-    for law, near in contending(
-        {law: list(answers.values()) for law, answers in found.items()} if whole else {}
-    ).items():
+    climbed = {law: list(answers.values()) for law, answers in found.items()} if whole else {}
+    for law, near in contending(climbed).items():
         full = kept.answers([curves[i] for i in near], *steps[law])
         rest = {i: answer for i, answer in found[law].items() if i not in near}
         found[law] = rest | {near[k]: answer for k, answer in full.items()}
@@ -91,7 +90,7 @@ def which_law(
 
 
 def _weighed(one: Ranking, curve: RadiusCurve | None = None) -> WeighedLaws:
-    from cavirheo.reporting.laws import WeighedLaw, WeighedLaws
+    from cavirheo.reporting.laws import ComparedLaws, WeighedLaw, WeighedLaws
     from cavirheo.reporting.record import curve_record
 
     probability = one.probability
@@ -104,4 +103,7 @@ def _weighed(one: Ranking, curve: RadiusCurve | None = None) -> WeighedLaws:
         )
         for law, value in one.log_evidence.items()
     }
-    return WeighedLaws(name=one.name, shots=one.shots, chosen=one.chosen, contenders=one.contenders, laws=laws)
+    pairs = [ComparedLaws(**vars(pair)) for pair in one.pairs]
+    return WeighedLaws(
+        name=one.name, shots=one.shots, chosen=one.chosen, contenders=one.contenders, laws=laws, pairs=pairs
+    )
