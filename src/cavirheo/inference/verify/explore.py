@@ -65,8 +65,8 @@ def _log_mean(log_value: Floats) -> float:
 class Explorer:
     """Proposals for the posterior of a shot that learn from every simulation, from its modes on."""
 
-    def __init__(self, target: Target, modes: Sequence[Mode]) -> None:
-        self.target = target
+    def __init__(self, target: Target, modes: Sequence[Mode], rounds: int = TUNING.learning_rounds) -> None:
+        self.target, self.rounds = target, rounds
         self.u = np.empty((0, len(target.prior.names)))
         self.residual = np.empty((0, target.noise.size))
         self.value = np.empty(0)
@@ -103,7 +103,7 @@ class Explorer:
         """The next proposal; before the first, rounds of rough simulations where the posterior and its tails seem to
         be, and one more for each other valley found there."""
         rounds = 0
-        while counted is None and rounds < TUNING.learning_rounds + self.climbed:
+        while counted is None and rounds < self.rounds + self.climbed:
             known = self._learnt(rng, None)
             draw = known.teachers if isinstance(known, Blend) else known.draw
             self(draw(TUNING.learnt_per_round, rng), QUICK)

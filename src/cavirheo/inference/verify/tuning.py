@@ -23,7 +23,7 @@ class Tuning:
     same_start: float = 0.005  # starts nearer to each other are one
 
     # climbing to a mode, damped Gauss-Newton
-    climb_gain: float = 0.01  # expected gain of height at which it ends
+    climb_gain: float = 0.03  # expected gain of height at which it ends
     climb_hopeless: float = 3.0  # times the depth of the lowest mode: expected height below the best at which it ends
     same_mode: float = 1.0  # Mahalanobis distance below which modes are one
     lowest_mode: float = 10.0  # height below the best at which one is dropped
@@ -82,11 +82,14 @@ class Tuning:
     rejected: float = 0.01  # probability of its rejection where the law is right
 
     # evidence of laws
-    law_draws: int = 400  # most simulations of a law whose weights count, where laws are compared
+    law_draws: int = 400  # most simulations of a law whose weights count, where laws are compared; after
+    law_rounds: int = 2  # rounds they must be on the way to
+    law_least: float = 60.0  # effective draws, and before them so many
+    law_learning: int = 1  # rounds of rough simulations are learnt from
     hopeless: float = 25.0  # Laplace's log evidence below the best of the curve, from which no draws are spent on it
     laplace: float = 4.0  # its standard error against that of draws (benchmarks/evidence.md)
     decisive: float = 3.0  # log evidence (a factor of 20) below which laws are alike
-    unsure: float = 3.0  # standard error where weights are not to be trusted
+    unsure: float = 1.5  # standard error where weights are not to be trusted
     scatter: float = 3.0  # standard errors that are added to it
 
 
