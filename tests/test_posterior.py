@@ -21,7 +21,7 @@ from cavirheo.inference.experiment import FINE, FREE, QUICK, Experiment, Options
 from cavirheo.inference.law import Family
 from cavirheo.inference.noise import SHAPE, Noise
 from cavirheo.inference.verify import Verification, evidence, explore, predictive, verify_many
-from cavirheo.inference.verify.evidence import rank_laws
+from cavirheo.inference.verify.evidence import rank_laws, ranked
 from cavirheo.inference.verify.explore import Blend, Explorer
 from cavirheo.inference.verify.mode import Target, climb, modes, same
 from cavirheo.inference.verify.predictive import predictive_check
@@ -105,11 +105,13 @@ def test_the_discrepancy_is_summed_over_its_grid():
     """Against dense matrices, at irregular times."""
     rng = np.random.default_rng(1)
     time, deviation, residual = np.sort(rng.uniform(0, 4, 15)), rng.uniform(0.5, 2, 15), rng.standard_normal(15)
-    noise = Noise(deviation, time, 1.0, discrepancy=True)
+    velocity = rng.standard_normal(15)
+    noise = Noise(deviation, time, 2.0, discrepancy=True, velocity=velocity)
     total = 0.0
-    for (ratio, tau), log_prior in zip(noise.grid, noise.log_prior, strict=True):
+    for (ratio, clock, tau), log_prior in zip(noise.grid, noise.log_prior, strict=True):
         kernel = np.exp(-np.abs(time[:, None] - time) / tau)
-        C = np.diag(deviation**2) + (ratio * np.median(deviation)) ** 2 * kernel
+        late = 2.0 * clock * velocity
+        C = np.diag(deviation**2) + np.median(deviation) ** 2 * kernel * (ratio**2 + np.outer(late, late))
         total += np.exp(log_prior) * quad(
             lambda v, C=C: invgamma.pdf(v, SHAPE, scale=SHAPE) * multivariate_normal.pdf(residual, cov=v * C),
             0.0, np.inf, epsabs=0.0,
@@ -554,24 +556,43 @@ def test_the_highest_valley_is_found_without_the_answer(fitted):
 # laws
 
 
-def test_evidence_of_a_group_is_the_sum_of_the_shots_that_all_laws_have(monkeypatch):
-    found = {"newtonian": [(-90.0, 0.3), (-80.0, 0.1), (-10.0, 0.1)], "nhkv": [(-40.0, 0.4), (-42.0, 0.1), None]}
-    point = Posterior((), (), np.zeros((1, 0)), Checks("ok"), "", "verified", log_weight=np.zeros(1))
+def test_draws_are_spent_on_laws_that_can_win_alone(monkeypatch):
+    """A law far behind keeps Laplace's evidence, with an error that says what that is worth."""
+    logs, full = {"newtonian": -90.0, "nhkv": -40.0, "qkv": -42.0}, []
+    point = Posterior((), (), np.zeros((1, 0)), Checks("ok"), "", "laplace")
 
-    def verified(curves, answers, **settings):
-        pairs = found[answers]
-        return [replace(point, evidence=Evidence(*pair) if pair else None) for pair in pairs]
+    def verified(curves, answers, *, level="full", **settings):
+        if level == "map":
+            return [replace(point, material=answers, evidence=Evidence(logs[answers]))]
+        full.append(answers[0].material)
+        return [replace(one, evidence=Evidence(one.evidence.log, 0.1), log_weight=np.zeros(1)) for one in answers]
 
     monkeypatch.setattr(evidence, "fit_many", lambda curves, material, **options: material)
     monkeypatch.setattr(evidence, "verify_many", verified)
+    ((found,), _) = rank_laws([shot()], list(logs))
+    assert full == ["nhkv", "qkv"]
+    assert found.error == {"newtonian": TUNING.laplace, "nhkv": 0.1, "qkv": 0.1}
+    assert found.chosen == "nhkv"
+
+
+def test_evidence_of_a_group_is_the_sum_of_the_shots_that_all_laws_have():
+    found = {"newtonian": [(-90.0, 0.3), (-80.0, 0.1), (-10.0, 0.1)], "nhkv": [(-40.0, 0.4), (-42.0, 0.1), None]}
+    point = Posterior((), (), np.zeros((1, 0)), Checks("ok"), "", "verified", log_weight=np.zeros(1))
+
+    def verified(law):
+        return [replace(point, evidence=Evidence(*pair) if pair else None) for pair in found[law]]
+
     curves = [RadiusCurve(np.arange(3) * 1e-6, np.full(3, 1e-4), meta={"group": "gel", "name": name}) for name in "abc"]
-    singles, (group,) = rank_laws(curves, ["newtonian", "nhkv"])
+    singles, (group,) = ranked(curves, {law: verified(law) for law in found})
     assert [one.chosen for one in singles] == ["nhkv", "nhkv", "newtonian"]
     assert singles[2].probability == {"newtonian": 1.0}
     assert (group.shots, group.evidence["newtonian"].log, group.evidence["nhkv"].log) == (2, -170.0, -82.0)
     assert group.evidence["nhkv"].error == pytest.approx(np.hypot(0.4, 0.1))
+    (pair,) = group.pairs
+    assert (pair.first, pair.second, pair.difference, pair.shots) == ("nhkv", "newtonian", 88.0, (2, 0))
+    assert pair.error == pytest.approx(2**0.5 * np.std([50.0, 38.0], ddof=1))
     found["nhkv"][:] = [(-90.5, 3.0), (-83.0, 0.1), (-9.0, 0.1)]  # a parameter more, and no better than by chance
-    assert rank_laws(curves, ["newtonian", "nhkv"])[1][0].contenders == ["newtonian", "nhkv"]
+    assert ranked(curves, {law: verified(law) for law in found})[1][0].contenders == ["newtonian", "nhkv"]
     with pytest.raises(InputError) as error:
         rank_laws(curves, ["nhkv"])
     assert error.value.code == "option.laws"

@@ -240,7 +240,6 @@ class Experiment:
         if self.curve.drifts_from is not None:
             self.counted &= cut.time[finite] < self.curve.drifts_from
         seen = np.abs(np.gradient(self.measured, self.since)) if len(self.since) > 2 else np.zeros(len(self.since))
-        self.assumed = np.hypot(self._radius_sigma, seen * self.frame * TIMING)
         self.noise_factor = 1.0
         self.weigh(seen)
 
@@ -382,14 +381,19 @@ class Experiment:
     def noise(self, discrepancy: bool) -> Noise:
         """The distribution of the frames that count about the simulation (noise.py).
 
-        The assumed deviations are with `discrepancy` those of weights "motion" and of the measured motion, without it
-        those of the file or of the frame-to-frame noise. Raises InputError: fewer than three frames count.
+        The assumed deviations are those of the file or of the frame-to-frame noise. With `discrepancy` they are at
+        least 0.7 % of R_max, and more where the wall turns: by what half a frame of delay changes there. Raises
+        InputError: fewer than three frames count.
         """
         count = int(np.sum(self.counted))
         told = f"{self.curve.name}: {count} frames are too few for a posterior"
         require(count >= 3, told, "experiment.too_few_frames")
-        deviation = (self.assumed if discrepancy else self._sharpest)[self.counted]
-        return Noise(deviation, self.since[self.counted], self.time_scale, discrepancy)
+        velocity, turn = np.gradient(self.measured, self.since), np.zeros(len(self.measured))
+        turn[1:-1] = np.diff(self.measured, 2) / 8.0
+        deviation = np.hypot(self._radius_sigma, turn) if discrepancy else self._sharpest
+        frames = (values[self.counted] for values in (deviation, self.since, velocity))
+        deviation, since, velocity = frames
+        return Noise(deviation, since, self.time_scale, discrepancy, velocity)
 
     def checks(self, x: Floats, verdict: Verdict, messages: Sequence[str]) -> Checks:
         """`Reconstruction.checks` on the clock and scale of x; what is drawn is on those of the measurement."""

@@ -1,19 +1,23 @@
 """How the measured frames scatter about the simulation: noise of unknown size, and a discrepancy.
 
-The residuals e of an experiment (experiment.py) are e ~ N(0, k^2 C) with C = D + r^2 K.
+The residuals e of an experiment (experiment.py) are e ~ N(0, k^2 C) with C = D + L K L + M K M.
 
 D = diag(d_i^2) the frames' assumed variances, k^2 an unknown factor on all of them (inverse gamma, shape A, scale A:
-between 0.4 and 5.6 in 90 %), and K_ij = d^2 exp(-|t_i - t_j|/tau), an Ornstein-Uhlenbeck process: the discrepancy
-between any simulation and a real bubble, alike in neighbouring frames. k^2 is integrated out exactly,
+between 0.4 and 5.6 in 90 %). K_ij = exp(-|t_i - t_j|/tau) is an Ornstein-Uhlenbeck process, and two of them are the
+discrepancy between any simulation and a real bubble, alike in neighbouring frames: the radius is off by r d, L = r d,
+and the simulated bubble is early or late by s d t_c/R_max, which moves a frame by the wall's velocity, M = s d t_c U_i;
+d is the median of d_i. k^2 is integrated out exactly,
 
-    p(e | r, tau) = Gamma(A + n/2)/Gamma(A) (2 pi A)^(-n/2) |C|^(-1/2) (1 + e' C^-1 e/(2 A))^-(A + n/2),
+    p(e | r, s, tau) = Gamma(A + n/2)/Gamma(A) (2 pi A)^(-n/2) |C|^(-1/2) (1 + e' C^-1 e/(2 A))^-(A + n/2),
 
-Student's t, and (r, tau) are summed over a grid: neither costs a simulation. K has a tridiagonal inverse T, so that
-e' C^-1 e = e' D^-1 e - e' D^-1 (D^-1 + T/r^2)^-1 D^-1 e takes O(n) (Woodbury). Kennedy and O'Hagan 2001,
-doi:10.1111/1467-9868.00294, on the discrepancy.
+Student's t, and (r, s, tau) are summed over a grid: neither costs a simulation. K has a tridiagonal inverse, so that
+e' C^-1 e = e' D^-1 e - e' D^-1 H (P + H' D^-1 H)^-1 H' D^-1 e takes O(n) (Woodbury), H = [L M] and P the inverse of K
+for each of them, frame by frame. Kennedy and O'Hagan 2001, doi:10.1111/1467-9868.00294, on the discrepancy.
 """
 
 from __future__ import annotations
+
+from copy import copy
 
 import numpy as np
 from scipy.linalg import cho_solve_banded, cholesky_banded
@@ -22,54 +26,74 @@ from scipy.special import gammaln, logsumexp
 from cavirheo.arrays import Floats
 
 SHAPE = 2.0  # A: the frame-to-frame noise is a good guess of the noise, but no more
-RATIOS = (1.0, 2.0, 4.0, 8.0, 16.0)  # r: discrepancy over noise
-TIMES = (0.03, 0.12, 0.5)  # tau/t_c: a collapse, a quarter of the first fall, half of it
-ABSENT = 1.0 / (1 + len(RATIOS))  # prior probability that there is no discrepancy
+RATIOS = (1.0, 3.0, 10.0)  # r: discrepancy of the radius over noise
+CLOCKS = (0.0, 1.0, 4.0)  # s/r
+TIMES = (0.1, 0.5, 2.0)  # tau/t_c: a collapse, half of the first fall, the whole window
+ABSENT = 1.0 / 6.0  # prior probability that there is no discrepancy
 
 
 class _Covariance:
-    """C = D + r^2 K for one grid point; r = 0 is white noise."""
+    """C = D + sum of (h K h') over the columns h of `moved` (n, m) for one grid point; without columns, white noise."""
 
-    def __init__(self, deviation: Floats, time: Floats, ratio: float, tau: float) -> None:
-        self.weight = 1.0 / deviation**2
+    def __init__(self, deviation: Floats, time: Floats, tau: float, moved: Floats) -> None:
+        self.weight, self.moved = 1.0 / deviation**2, moved
         self.log_det = 2.0 * float(np.sum(np.log(deviation)))
         self.factor: Floats | None = None
-        if ratio > 0.0:
+        if count := moved.shape[1]:
             rho = np.exp(-np.diff(time) / tau)
             gain = -np.expm1(-2.0 * np.diff(time) / tau)  # 1 - rho^2
-            variance = (ratio * float(np.median(deviation))) ** 2
-            band = np.zeros((2, len(time)))
-            band[1] = 1.0
-            band[1, 1:] += rho**2 / gain
-            band[1, :-1] += rho**2 / gain
-            band[0, 1:] = -rho / gain
-            band /= variance
-            band[1] += self.weight
+            band = np.zeros((count + 1, moved.size))
+            inverse = np.ones(len(time))
+            inverse[1:] += rho**2 / gain
+            inverse[:-1] += rho**2 / gain
+            for i in range(count):
+                band[-1, i::count] = inverse + self.weight * moved[:, i] ** 2
+                band[0, count + i :: count] = -rho / gain
+            if count == 2:
+                band[1, 1::2] = self.weight * moved[:, 0] * moved[:, 1]
             self.factor = cholesky_banded(band)
-            self.log_det += len(time) * np.log(variance) + float(np.sum(np.log(gain)))
-            self.log_det += 2.0 * float(np.sum(np.log(self.factor[1])))
+            self.log_det += count * float(np.sum(np.log(gain))) + 2.0 * float(np.sum(np.log(self.factor[-1])))
 
     def solve(self, columns: Floats) -> Floats:
         """C^-1 columns, (n, k)."""
         weighted = columns * self.weight[:, None]
         if self.factor is None:
             return weighted
-        return np.asarray(weighted - self.weight[:, None] * cho_solve_banded((self.factor, False), weighted))
+        along = (self.moved[:, :, None] * weighted[:, None]).reshape(self.moved.size, -1)
+        off = cho_solve_banded((self.factor, False), along, overwrite_b=True).reshape(*self.moved.shape, -1)
+        return np.asarray(weighted - self.weight[:, None] * np.sum(self.moved[:, :, None] * off, axis=1))
 
 
 class Noise:
-    """The distribution of (n,) residuals at (n,) times, s, with assumed deviations (n,); tau in units of `scale`, s."""
+    """The distribution of (n,) residuals at (n,) times, s, with assumed deviations (n,) and, with a discrepancy, the
+    wall's velocities (n,), 1/s; tau and the clock in units of `scale`, s."""
 
-    def __init__(self, deviation: Floats, time: Floats, scale: float, discrepancy: bool) -> None:
+    def __init__(
+        self, deviation: Floats, time: Floats, scale: float, discrepancy: bool, velocity: Floats | float = 0.0
+    ) -> None:
         self.deviation, self.size = deviation, len(deviation)
-        grid = [(r, tau * scale) for r in RATIOS for tau in TIMES] if discrepancy else []
-        self.grid = [(0.0, 1.0), *grid]
-        self.parts = [_Covariance(deviation, time, *point) for point in self.grid]
-        share = [ABSENT] + [(1.0 - ABSENT) / len(grid)] * len(grid) if grid else [1.0]
+        some = [(r, r * s, tau * scale) for r in RATIOS for s in CLOCKS for tau in TIMES] if discrepancy else []
+        self.grid = [(0.0, 0.0, 1.0), *some]
+        sigma = float(np.median(deviation))
+        shapes = sigma * np.stack([np.ones(self.size), np.broadcast_to(velocity * scale, self.size)], axis=1)
+        self.parts = [_Covariance(deviation, time, tau, self._moved(shapes, r, s)) for r, s, tau in self.grid]
+        share = [ABSENT] + [(1.0 - ABSENT) / len(some)] * len(some) if some else [1.0]
         self.log_prior = np.log(share)
         self.power = SHAPE + 0.5 * self.size
         constant = gammaln(self.power) - gammaln(SHAPE) - 0.5 * self.size * np.log(2.0 * np.pi * SHAPE)
         self.constants = constant - 0.5 * np.array([part.log_det for part in self.parts]) + self.log_prior
+
+    @staticmethod
+    def _moved(shapes: Floats, *sizes: float) -> Floats:
+        return (shapes * sizes)[:, np.array(sizes) > 0]
+
+    def only(self, residuals: Floats, least: float) -> Noise:
+        """With the grid points alone that have a share of `least` in the density of any of residuals (k, n)."""
+        share = np.max(self._weighed(residuals.T)[1], axis=1)
+        found = copy(self)
+        found.parts = [part for part, most in zip(self.parts, share, strict=True) if most > least]
+        found.constants = self.constants[share > least]
+        return found
 
     def solved(self, columns: Floats) -> list[Floats]:
         """C^-1 columns, (n, k), for each grid point."""
@@ -113,12 +137,11 @@ class Noise:
         """The noise over that assumed, the probability of a discrepancy, and its standard deviation, of a (n,)."""
         _, share, squares = self._weighed(residual[:, None])
         variance = (SHAPE + 0.5 * squares) / (self.power - 1.0)
-        ratio = np.array([r for r, _ in self.grid])[:, None]
-        sigma = float(np.median(self.deviation))
+        moved = np.array([np.sum(part.moved**2) for part in self.parts])[:, None] / self.size
         return {
             "noise_over_assumed": float(np.sqrt(np.sum(share * variance))),
             "discrepancy_probability": float(1.0 - np.sum(share[0])),
-            "discrepancy_over_rmax": sigma * float(np.sqrt(np.sum(share * variance * ratio**2))),
+            "discrepancy_over_rmax": float(np.sqrt(np.sum(share * variance * moved))),
         }
 
 

@@ -13,8 +13,8 @@ from cavirheo.physics.grid import NO_SHELLS
 from cavirheo.physics.scales import ABSENT, Numbers
 from cavirheo.physics.tableau import RODAS5P
 
-_TIME = np.linspace(0.0, 4.0, 8001)  # in t_c: an impulse turns within about one
-_RTOL = 1e-8
+_TIME = np.linspace(0.0, 4.0, 2001)  # in t_c: an impulse turns within about one
+_RTOL = 1e-7
 
 
 def remembered(numbers: Numbers) -> Floats:
@@ -31,16 +31,17 @@ def remembered(numbers: Numbers) -> Floats:
     quiet = numbers._replace(C=np.inf, tait=0.0, polytropic=1.0, driving=ABSENT, vapour=numbers.pv)
     state = np.zeros(len(numbers.memory))
 
-    def overshoot(velocity: float) -> float:
-        radius, state[:] = _turn(quiet, velocity)
-        return radius - 1
+    def overshoot(impulse: float) -> float:
+        """Of R^3, which is nearly linear in the impulse v^2, the kinetic energy."""
+        radius, state[:] = _turn(quiet, float(np.sqrt(impulse)))
+        return radius**3 - 1
 
-    high = np.sqrt(2 / 3 * numbers.stretch**3)  # all the work against the ambient pressure, from kinetic energy
+    high = 2 / 3 * numbers.stretch**3  # all the work against the ambient pressure, from kinetic energy
     for _ in range(40):
         if overshoot(high) > 0:
             break
-        high *= 1.5
-    if abs(overshoot(brentq(overshoot, 0.0, high, xtol=1e-10, rtol=1e-10))) > 1e-6:
+        high *= 2
+    if abs(overshoot(brentq(overshoot, 0.0, high, xtol=1e-7 * high, rtol=1e-7))) > 1e-4:
         raise SolverError("no impulse at R_0 makes the bubble grow to R_max in this material; start it relaxed")
     return state
 
@@ -59,7 +60,9 @@ def _turn(numbers: Numbers, velocity: float) -> tuple[float, Floats]:
     if falling.size == 0:
         return 2.0, out[0, 4:]
     i = np.array([falling[0] - 1, falling[0]])
-    R, U, m = out[i, 0], out[i, 1], out[i, 4:]
-    x = U[0] / (U[0] - U[1])
-    when = _TIME[i[0]] + x * (_TIME[i[1]] - _TIME[i[0]])
-    return float(CubicHermiteSpline(_TIME[i], R, U)(when)), m[0] + x * (m[1] - m[0])
+    R, U, m = out[i, :1], out[i, 1:2], out[i, 4:]
+    fading = -m * numbers.memory[:, 2] - numbers.memory[:, 1] * (1 + m) * U / R
+    through = CubicHermiteSpline(_TIME[i], np.hstack([R, m]), np.hstack([U, fading]))
+    x = U[0, 0] / (U[0, 0] - U[1, 0])
+    radius, *memories = through(_TIME[i[0]] + x * (_TIME[i[1]] - _TIME[i[0]]))
+    return float(radius), np.array(memories)

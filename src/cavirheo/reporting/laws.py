@@ -19,14 +19,26 @@ class WeighedLaw(Record):
     answer: CurveRecord | None = None
 
 
+class ComparedLaws(Record):
+    """Two laws of a group: the sum over the shots of the differences of log evidence, its standard error from their
+    scatter, and how many shots speak for each."""
+
+    first: str
+    second: str
+    difference: float
+    error: float
+    shots: tuple[int, int]
+
+
 class WeighedLaws(Record):
-    """The laws of one curve, or of a group whose evidence is the sum over so many shots."""
+    """The laws of one curve, or of a group whose evidence is the sum over so many shots; `pairs` of a group."""
 
     name: str
     shots: int
     chosen: str | None
     contenders: list[str]
     laws: dict[str, WeighedLaw]
+    pairs: list[ComparedLaws] = []
 
 
 class Laws(Document):
@@ -55,7 +67,14 @@ def print_table(document: Laws) -> None:
     console = terminal.console()
     console.print(table)
     terminal.print_doubts(console, doubts(answers))
-    terminal.print_remarks(console, {}, document.notes)
+    told = [f"{one.name}: {_firmly(pair)}" for one in document.groups for pair in one.pairs[: len(one.laws) - 1]]
+    terminal.print_remarks(console, {}, [*told, *document.notes])
+
+
+def _firmly(pair: ComparedLaws) -> str:
+    """A pair in words; those with the best law come first."""
+    by = f"{pair.difference:.1f} ± {pair.error:.1f} in log evidence (scatter over the shots)"
+    return f"{pair.first} before {pair.second} by {by}; {pair.shots[0]} shots for, {pair.shots[1]} against"
 
 
 def _cells(law: WeighedLaw, best: float) -> list[str]:

@@ -129,6 +129,11 @@ def _made(kind: str, of: dict[str, Any]) -> Any:
     return Run(**of) if kind == "run" else Reading(**of)
 
 
+def wall_inertia_of(text: str) -> float | str:
+    """Of the bubble's surroundings, or that it is to be found. Raises InputError."""
+    return _number_or("free", "--wall-inertia", text, float) or 0.0
+
+
 def window_of(text: str | None) -> int | Literal["all"] | None:
     """A number of collapses, or all of them. Raises InputError."""
     return _number_or("all", "--window", text, int)

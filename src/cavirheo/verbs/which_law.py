@@ -18,9 +18,12 @@ if TYPE_CHECKING:
 
 def which_law(
     files: options.Curves,
-    laws: Annotated[str, Option(help="two or more, with commas")] = "nhkv,newtonian,qkv,zener",
+    laws: Annotated[str, Option(help="two or more, with commas")] = (
+        "nhkv,newtonian,power-law,qkv,fung + newtonian,zener"
+    ),
     contents: Annotated[str, Option(help="of the bubble: equilibrium, kinetic or both, with a comma")] = "equilibrium",
     damage: Annotated[str, Option(help="none, first-rebound or both, with a comma")] = "none",
+    wall_inertia: Annotated[str, Option(help="of all models: R_max sum(s/d) over image bubbles; or free")] = "0",
     window: Annotated[
         str | None, Option(help="collapses that are looked at, or 'all'  [default: 3, or as many as there are]")
     ] = None,
@@ -34,11 +37,13 @@ def which_law(
     out: options.Out = Path("cavirheo-laws"),
     run: Run = options.FROM_OPTIONS,
 ) -> None:
-    """Which of several laws do the curves speak for? Evidence by importance sampling, some 10 s a curve and law."""
+    """Which of several laws do the curves speak for? Evidence by importance sampling, some 5 s a curve and law."""
     from cavirheo.inference.experiment import Options
     from cavirheo.inference.fit import fit_many
     from cavirheo.inference.verify import verify_many
-    from cavirheo.inference.verify.evidence import models, ranked
+    from cavirheo.inference.verify.evidence import contending, models, ranked
+    from cavirheo.inference.verify.tuning import TUNING
+    from cavirheo.posterior import BubbleModel
     from cavirheo.reporting.laws import Laws, print_table
     from cavirheo.unfinished import Step, Unfinished
     from cavirheo.writing import document
@@ -47,16 +52,25 @@ def which_law(
     asked = ([name.strip() for name in text.split(",") if name.strip()] for text in (laws, contents, damage))
     looked_at, known = options.window_of(window), options.stretch_of(stretch)
     chosen = models(*asked)
-    Options(window=looked_at, stretch=known)
+    walls = options.wall_inertia_of(wall_inertia)
+    Options(window=looked_at, stretch=known, bubble=BubbleModel(wall_inertia=walls))
     outputs, kept = document.Outputs(out, "laws.json", inputs=files), Unfinished(out, shown=not run.quiet)
     curves = run.read(files, liquid, reading)
     shared: dict[str, Any] = {"medium": liquid, "stretch": known, "seed": seed}
-    weighing = {"discrepancy": not exact_law, **shared}
-    found = {}
+    weighing = {"discrepancy": not exact_law, "draws": TUNING.law_draws, **shared}
+    found, steps = {}, {}
     for law, way in chosen.items():
-        fitting = {**way, "window": looked_at, "trust_input": reading.trust_input, **shared}
-        steps = Step(f"fitting {law}", fit_many, fitting), Step(f"weighing {law}", verify_many, weighing)
-        found[law] = kept.answers(curves, *steps)
+        fitting = {**way, "window": looked_at, "wall_inertia": walls, "trust_input": reading.trust_input, **shared}
+        fit, climb = Step(f"fitting {law}", fit_many, fitting), {"level": "map", **weighing}
+        steps[law] = fit, Step(f"climbing {law}", verify_many, climb), Step(f"weighing {law}", verify_many, weighing)
+        found[law] = kept.answers(curves, *steps[law][:2])
+    whole = all(len(answers) == len(curves) for answers in found.values())
+    climbed = {law: list(answers.values()) for law, answers in found.items()} if whole else {}
+    for law, near in contending(climbed).items():
+        full = kept.answers([curves[i] for i in near], *steps[law])
+        rest = {i: answer for i, answer in found[law].items() if i not in near}
+        found[law] = rest | {near[k]: answer for k, answer in full.items()}
+    found = found if whole else {law: {} for law in found}
     complete = [i for i in range(len(curves)) if all(i in answers for answers in found.values())]
     answered, note = [curves[i] for i in complete], kept.note(len(complete), len(curves))
     singles, groups = ranked(answered, {law: [answers[i] for i in complete] for law, answers in found.items()})
@@ -77,7 +91,7 @@ def which_law(
 
 def _weighed(one: Ranking, curve: RadiusCurve | None = None) -> WeighedLaws:
     from cavirheo.reporting.answer import curve_record
-    from cavirheo.reporting.laws import WeighedLaw, WeighedLaws
+    from cavirheo.reporting.laws import ComparedLaws, WeighedLaw, WeighedLaws
 
     probability = one.probability
     laws = {
@@ -89,4 +103,7 @@ def _weighed(one: Ranking, curve: RadiusCurve | None = None) -> WeighedLaws:
         )
         for law, value in one.log_evidence.items()
     }
-    return WeighedLaws(name=one.name, shots=one.shots, chosen=one.chosen, contenders=one.contenders, laws=laws)
+    pairs = [ComparedLaws(**vars(pair)) for pair in one.pairs]
+    return WeighedLaws(
+        name=one.name, shots=one.shots, chosen=one.chosen, contenders=one.contenders, laws=laws, pairs=pairs
+    )

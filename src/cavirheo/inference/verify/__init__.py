@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 from typing import Any, Literal
 
 import numpy as np
+from scipy.special import logsumexp
 from threadpoolctl import threadpool_limits
 
 from cavirheo.arrays import Floats
@@ -27,7 +28,7 @@ from cavirheo.parallel import cores, each
 from cavirheo.parameters import natural_name, units
 from cavirheo.physics.media import WATER, Medium
 from cavirheo.physics.media import medium as named
-from cavirheo.posterior import BubbleModel, Diagnostics, Evidence, Posterior, Verdict
+from cavirheo.posterior import BubbleModel, Diagnostics, Evidence, OtherAnswer, Posterior, Verdict
 from cavirheo.prior import log_normal
 
 __all__ = ["Verification", "verify", "verify_many"]
@@ -120,28 +121,37 @@ class _Work:
     """The work on one curve."""
 
     def __init__(self, settings: Verification, curve: RadiusCurve, answer: Posterior) -> None:
-        self.settings, self.answer = settings, answer
+        self.settings = settings
         scale, frame = settings.medium.time_scale(curve.max_radius), float(np.median(np.diff(curve.time)))
         end = answer.checks.t_star_end
         clock = settings.t0_bound or max(0.5 * frame, _NARROWEST * scale)
         options = settings.options(None if end is None else end * scale * (1.0 + 1e-9), clock, answer.bubble)
         exposure = float(curve.exposure or 0.0)
         self.shot = Experiment(curve, Family(answer.material), settings.medium, options, exposure=exposure)
+        self.answer = answer
         self.prior = self.shot.prior(settings.ranges)
         noise = self.shot.noise(settings.discrepancy)
         self.target = Target(self.shot, self.prior, noise, cores(settings.workers))
         self.messages: list[str] = []
 
     def posterior(self) -> Posterior:
-        found, most, seed = modes(self.target, self.starts(), self.scanned()), self.settings.draws, self.settings.seed
+        climbed = self.answer.method == "laplace"  # its modes are those that a scan finds
+        further = [] if climbed else self.scanned()
+        found, most, seed = modes(self.target, self.starts(), further), self.settings.draws, self.settings.seed
         if not found:
             raise SolverError(f"no start of {self.shot.family.name} could be simulated")
         if self.settings.level == "map":
             best, about = self._best(found), {"modes": len(found)}
-            u = _gaussian(best, most, seed)
-            return self._answer(u, None, best, Evidence(best.log_evidence), about)
-        explorer, few = Explorer(self.target, found), min(TUNING.draws_per_round, most)
-        drawn = sample(explorer, explorer.propose, seed=seed, each=few, most=most, enough=TUNING.effective_enough)
+            u = _gaussian(best, TUNING.draws, seed)
+            evidence = Evidence(float(logsumexp([mode.log_evidence for mode in found])))
+            return replace(self._answer(u, None, best, evidence, about), others=self._valleys(found))
+        few, enough = min(TUNING.draws_per_round, max(most // 4, 10)), min(TUNING.effective_enough, most / 4)
+        ending: dict[str, Any] = {}
+        rounds = TUNING.learning_rounds
+        if most <= TUNING.law_draws:  # an evidence is wanted, soon
+            ending, rounds = {"fewest": TUNING.law_rounds, "least": TUNING.law_least}, TUNING.law_learning
+        explorer = Explorer(self.target, found, rounds)
+        drawn = sample(explorer, explorer.propose, seed=seed, each=few, most=most, enough=enough, **ending)
         best, about = self._best(explorer.modes), {"modes": len(explorer.modes)}
         u = drawn.u if self._trusted(drawn) else best.u[None]
         return self._answer(u, drawn, best, Evidence(*drawn.log_evidence), about)
@@ -153,14 +163,30 @@ class _Work:
                 return mode
         raise SolverError(f"no mode of {self.shot.family.name} could be simulated")
 
+    def _valleys(self, found: Sequence[Mode]) -> tuple[OtherAnswer, ...]:
+        """Modes but the highest as other answers."""
+        bests = [self.shot.best(self.prior.to_x(mode.u)) for mode in found]
+        errors = [float(np.sqrt(np.mean(mode.residual**2))) for mode in found]
+        return tuple(
+            OtherAnswer(self.answer.material, self.answer.bubble, best, {}, Evidence(mode.log_evidence), error)
+            for best, mode, error in zip(bests[1:], found[1:], errors[1:], strict=True)
+        )
+
     def starts(self) -> list[Floats]:
-        """u of the answer and of its other windows, which may be other valleys; nuisances at their middle."""
-        answer, found = self.answer, list[Floats]()
+        """u of the answer, of its other windows and of other valleys of its model; nuisances that it does not give are
+        at their middle."""
+        answer, found, free = self.answer, list[Floats](), self.shot.free
         here = {"stretch": answer.stretch} | {name: answer.median(name) for name in answer.parameters}
-        for given in (here, answer.best, *(window.best for window in answer.windows.values())):
-            values = [1.0 if name in self.shot.free else given.get(name) or 0.0 for name in self.prior.names]
+        bests = [here, answer.best, *(window.best for window in answer.windows.values())]
+        bests += [x.best for x in answer.others if (x.material, x.bubble) == (answer.material, answer.bubble)]
+        for given in bests:
+            values = [1.0 if name in free else given.get(name) or 0.0 for name in self.prior.names]
             if all(value > 0 for value in values):
-                u = self.prior.to_u(self.shot.starts(np.log10(values)), _INSIDE)
+                x = self.shot.starts(np.log10(values))
+                for i, name in enumerate(self.prior.names):
+                    if answer.method == "laplace" and name in free:
+                        x[i] = ((given.get(name) or 0.0) - free[name][0]) / free[name][1]
+                u = self.prior.to_u(x, _INSIDE)
                 if all(np.max(np.abs(u - other)) > TUNING.same_start for other in found):
                     found.append(u)
         needed, there = (*self.shot.family.parameters, "stretch"), ", ".join(answer.parameters)

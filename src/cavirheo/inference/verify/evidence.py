@@ -1,4 +1,4 @@
-"""Which of several laws? Evidence of each from the draws of its verified posterior.
+"""Which of several laws? Evidence of each from the draws of its verified posterior, or Laplace's of one far behind.
 
 log p(frames | law) is the log of the mean importance weight. A parameter that is not needed costs log(prior width/
 posterior width): laws that nest are compared fairly only as far as the prior ranges are meant
@@ -9,12 +9,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from itertools import product
+from itertools import combinations, product
 from typing import Any
 
 import numpy as np
 from scipy.special import softmax
 
+from cavirheo.arrays import Floats
 from cavirheo.curve import RadiusCurve
 from cavirheo.errors import require
 from cavirheo.inference.experiment import Options
@@ -26,15 +27,28 @@ from cavirheo.physics.media import WATER, Medium
 from cavirheo.posterior import BubbleModel, Evidence, Posterior
 
 
+@dataclass(frozen=True)
+class Pair:
+    """How firmly a group prefers one law to another: the sum of the differences of log evidence, its standard error
+    from the scatter over the shots, and how many shots speak for the first and for the second."""
+
+    first: str
+    second: str
+    difference: float
+    error: float
+    shots: tuple[int, int]
+
+
 @dataclass(frozen=True, eq=False)
 class Ranking:
     """The laws of one curve or group. evidence: by law; None where a law gave none. shots: how many curves are summed.
-    answers: by law, of a curve; empty for a group."""
+    answers: by law, of a curve; empty for a group. pairs: of a group, every law and each worse one."""
 
     name: str
     evidence: dict[str, Evidence | None]
     shots: int
     answers: dict[str, Posterior]
+    pairs: tuple[Pair, ...] = ()
 
     @property
     def log_evidence(self) -> dict[str, float | None]:
@@ -101,6 +115,7 @@ def rank_laws(
     *,
     contents: Sequence[str] | str = ("equilibrium",),
     damage: Sequence[str] | str = ("none",),
+    wall_inertia: float | str = 0.0,
     medium: Medium = WATER,
     window: int | str | None = None,
     stretch: float | str | None = None,
@@ -111,7 +126,8 @@ def rank_laws(
     **options: Any,
 ) -> tuple[list[Ranking], list[Ranking]]:
     """The laws of each curve, and of each group of more than one: the sum over shots each with its own parameters.
-    With several `contents` or `damage` each law is taken with each of them (`models`).
+    With several `contents` or `damage` each law is taken with each of them (`models`). A law whose Laplace evidence is
+    far below the best of its curve keeps that (TUNING.hopeless).
 
     `options` are those of `Verification`; `ranges` may hold parameters of some of the laws only. `done` is called with
     the index of the curve and the answer of each law as it is found. Raises InputError: fewer than two laws, one
@@ -121,19 +137,41 @@ def rank_laws(
     contents, damage = ([one] if isinstance(one, str) else one for one in (contents, damage))
     chosen = models(laws, contents, damage)
     ranges: Mapping[str, Sequence[float]] = options.pop("ranges", None) or {}
+    options.setdefault("draws", TUNING.law_draws)
     found: dict[str, list[Posterior]] = {}
+    shared: dict[str, dict[str, Any]] = {}
     for law, way in chosen.items():
         known = (*Family(way["material"]).parameters, "stretch")
         fitted = fit_many(
             curves, **way, medium=medium, window=window, stretch=stretch, trust_input=trust_input, seed=seed,
-            workers=workers,
+            wall_inertia=wall_inertia, workers=workers,
         )  # fmt: skip
         mine = {name: pair for name, pair in ranges.items() if name in known}
-        found[law] = verify_many(
-            curves, fitted, medium=medium, stretch=stretch, seed=seed, workers=workers, done=done, ranges=mine,
+        shared[law] = {
+            "medium": medium,
+            "stretch": stretch,
+            "seed": seed,
+            "workers": workers,
+            "ranges": mine,
             **options,
-        )  # fmt: skip
+        }
+        found[law] = verify_many(curves, fitted, **{**shared[law], "level": "map"})
+    for law, near in contending(found).items():
+        full = verify_many([curves[i] for i in near], [found[law][i] for i in near], **shared[law]) if near else []
+        for i, answer in zip(near, full, strict=True):
+            found[law][i] = answer
+        for i, answer in enumerate(found[law]):
+            if done:
+                done(i, answer)
     return ranked(curves, found)
+
+
+def contending(found: Mapping[str, Sequence[Posterior]]) -> dict[str, list[int]]:
+    """By law, the curves for which its Laplace evidence is not far below the best; one that has none is among them."""
+    logs = np.array([[one.evidence.log if one.evidence else np.inf for one in answers] for answers in found.values()])
+    top = np.max(logs, axis=0, where=np.isfinite(logs), initial=-np.inf)
+    near = logs > top - TUNING.hopeless
+    return {law: np.flatnonzero(row).tolist() for law, row in zip(found, near, strict=True)}
 
 
 def ranked(
@@ -152,10 +190,12 @@ def ranked(
 
 
 def _evidence(answer: Posterior) -> Evidence | None:
-    """With a larger standard error where the weights cannot be trusted; None where there is no posterior."""
+    """With a larger standard error where there are no weights, or none to be trusted; None without a posterior."""
     found = answer.evidence
-    if found is None or found.error is None or not np.isfinite(found.log):
+    if found is None or not np.isfinite(found.log):
         return None
+    if found.error is None:
+        return Evidence(found.log, TUNING.laplace)
     return found if answer.log_weight is not None else Evidence(found.log, max(found.error, TUNING.unsure))
 
 
@@ -167,4 +207,14 @@ def _together(name: str, members: list[Ranking]) -> Ranking:
         each = [found for one in complete if (found := one[law])]
         error = np.sqrt(sum((found.error or 0.0) ** 2 for found in each))
         evidence[law] = Evidence(float(sum(found.log for found in each)), float(error))
-    return Ranking(name, evidence, len(complete), {})
+    logs = {law: np.array([one[law].log for one in complete]) for law in evidence}  # type: ignore[union-attr]
+    order = sorted(logs, key=lambda law: -float(np.sum(logs[law])))
+    pairs = [_pair(a, b, logs[a] - logs[b]) for a, b in combinations(order, 2) if len(complete) > 1]
+    return Ranking(name, evidence, len(complete), {}, tuple(pairs))
+
+
+def _pair(first: str, second: str, differences: Floats) -> Pair:
+    count = len(differences)
+    speak = int(np.sum(differences > 0)), int(np.sum(differences < 0))
+    error = np.std(differences, ddof=1) * np.sqrt(count)
+    return Pair(first, second, float(np.sum(differences)), float(error), speak)

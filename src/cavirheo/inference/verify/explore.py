@@ -65,20 +65,22 @@ def _log_mean(log_value: Floats) -> float:
 class Explorer:
     """Proposals for the posterior of a shot that learn from every simulation, from its modes on."""
 
-    def __init__(self, target: Target, modes: Sequence[Mode]) -> None:
-        self.target = target
+    def __init__(self, target: Target, modes: Sequence[Mode], rounds: int = TUNING.learning_rounds) -> None:
+        self.target, self.rounds = target, rounds
         self.u = np.empty((0, len(target.prior.names)))
         self.residual = np.empty((0, target.noise.size))
         self.value = np.empty(0)
         self.modes, self.climbed = list(modes), 0
         self.places: list[Mode] = []
         for mode in modes:
-            self._settle(mode)
+            self._settle(mode)  # best first
         self.mixture = self.start
 
     def _settle(self, mode: Mode) -> None:
         """A mode and the ridge through it become places to draw about, each known a standard deviation around."""
-        for place in (mode, *ridge(self.target, mode)):
+        heights = np.array([place.log_evidence for place in (mode, *self.places)])
+        along = ridge(self.target, mode) if heights[0] > np.max(heights) - TUNING.ridge_worth else []
+        for place in (mode, *along):
             if not any(same(place, other) for other in self.places):
                 self.places.append(place)
                 axes = np.linalg.cholesky(place.covariance).T
@@ -101,7 +103,7 @@ class Explorer:
         """The next proposal; before the first, rounds of rough simulations where the posterior and its tails seem to
         be, and one more for each other valley found there."""
         rounds = 0
-        while counted is None and rounds < TUNING.learning_rounds + self.climbed:
+        while counted is None and rounds < self.rounds + self.climbed:
             known = self._learnt(rng, None)
             draw = known.teachers if isinstance(known, Blend) else known.draw
             self(draw(TUNING.learnt_per_round, rng), QUICK)

@@ -74,7 +74,8 @@ def climb(
     known: Sequence[Mode] = (),
 ) -> Mode | None:
     """The maximum reached from u (d,) by damped Gauss-Newton; None if the start cannot be simulated, or if the way
-    comes to a `known` mode. `held` (d,) is a direction along which u stays near its start."""
+    comes to a `known` mode or promises to end far below the best of them. `held` (d,) is a direction along which u
+    stays near its start."""
     u, noise = start, target.noise
     rope = np.zeros(len(u)) if held is None else held
 
@@ -86,6 +87,8 @@ def climb(
     if not np.isfinite(value):
         return None
     damping = 1e-3
+    lowest = max((mode.log_posterior for mode in known), default=-np.inf)
+    lowest -= TUNING.climb_hopeless * TUNING.lowest_mode
     for turn in range(most + 1):
         if any((u - mode.u) @ np.linalg.solve(mode.covariance, u - mode.u) < TUNING.same_mode**2 for mode in known):
             return None
@@ -93,7 +96,10 @@ def climb(
         gradient, curvature = noise.newton(residual, jacobian)
         free = curvature + np.eye(len(u))
         gradient, curvature = gradient + u + rope * (rope @ (u - start)), free + np.outer(rope, rope)
-        if turn == most or gradient @ np.linalg.solve(curvature, gradient) < 2.0 * TUNING.climb_gain:
+        hoped = 0.5 * float(gradient @ np.linalg.solve(curvature, gradient))
+        if turn > 2 and value + hoped < lowest:
+            return None
+        if turn == most or hoped < TUNING.climb_gain:
             break
         for _ in range(5):
             step = -np.linalg.solve(curvature + damping * np.diag(np.diag(curvature)), gradient)
@@ -143,11 +149,11 @@ def same(mode: Mode, other: Mode) -> bool:
 def modes(target: Target, starts: Sequence[Floats], further: Sequence[Floats] = ()) -> list[Mode]:
     """Distinct maxima from the starts (d,) in u, and from `further` ones where they lead elsewhere; best first, without
     those far below."""
-    first = each(lambda start: climb(target, start, QUICK), starts, target.workers)
-    known = [mode for mode in first if mode]
-    later = each(lambda start: climb(target, start, QUICK, known=known), further, target.workers)
     found: list[Mode] = []
-    for mode in filter(None, (*first, *later)):
+    for start in (*starts, *further):
+        mode = climb(target, start, QUICK, known=found)
+        if mode is None:
+            continue
         twin = next((i for i, other in enumerate(found) if same(mode, other)), None)
         if twin is None:
             found.append(mode)

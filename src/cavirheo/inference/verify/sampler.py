@@ -164,10 +164,12 @@ Propose = Callable[[np.random.Generator, "Sample | None"], Proposal]
 
 
 def sample(
-    target: Callable[[Floats], Floats], propose: Propose, *, seed: int, each: int, most: int, enough: float
-) -> Sample:
-    """Rounds of `each` draws of a log density, until their effective size is `enough` (and their tail index in order)
-    or there are `most`; they depend on seed, target and proposals alone.
+    target: Callable[[Floats], Floats], propose: Propose, *, seed: int, each: int, most: int, enough: float,
+    fewest: int = TUNING.fewest_rounds, least: float = 0.0,
+) -> Sample:  # fmt: skip
+    """Rounds of `each` draws of a log density, `fewest` at least, until their effective size is `enough` (and their
+    tail index in order), there are `most`, or so many are not likely to be worth `least`; they depend on seed, target
+    and proposals alone.
 
     A good proposal stays: one that is made from the draws that it then weighs loses a few per cent of the tails.
     """
@@ -189,8 +191,8 @@ def sample(
             u, value = np.concatenate([found.u, u]), np.concatenate([found.log_target, value])
         log_share = np.log(np.array(counts) / len(u))[:, None]
         found = Sample(u, value, np.asarray(logsumexp(log_share + densities, axis=0)))
-        many = len(u) >= TUNING.fewest_rounds * each and found.ess >= enough and found.reliable
-        if many or len(u) >= most:
+        good = found.ess >= enough and found.reliable
+        if len(u) >= most or (len(u) >= fewest * each and (good or found.ess * most < least * len(u))):
             return found
 
 

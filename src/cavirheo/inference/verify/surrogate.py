@@ -25,8 +25,9 @@ class Surrogate:
     posterior value (m,), all finite and more than 2 (d + 1)."""
 
     def __init__(self, target: Target, u: Floats, residual: Floats, value: Floats) -> None:
-        self.target, self.noise = target, target.noise
         kept = np.argsort(-value, kind="stable")[: TUNING.surrogate_simulations]
+        likely = kept[value[kept] > value[kept[0]] - TUNING.flat_height]
+        self.target, self.noise = target, target.noise.only(residual[likely], TUNING.grid_share)
         v, residual, below = target.linear(u[kept]), residual[kept], value[kept[0]] - value[kept]
         weight = np.exp(-below / TUNING.flat_height)
         self.centre = weight @ v / np.sum(weight)

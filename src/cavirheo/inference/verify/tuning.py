@@ -23,13 +23,15 @@ class Tuning:
     same_start: float = 0.005  # starts nearer to each other are one
 
     # climbing to a mode, damped Gauss-Newton
-    climb_gain: float = 0.01  # expected gain of height at which it ends
+    climb_gain: float = 0.03  # expected gain of height at which it ends
+    climb_hopeless: float = 3.0  # times the depth of the lowest mode: expected height below the best at which it ends
     same_mode: float = 1.0  # Mahalanobis distance below which modes are one
     lowest_mode: float = 10.0  # height below the best at which one is dropped
 
     # following the ridge through a mode, for posteriors are curved
     ridge_stride: float = 1.5  # standard deviations
     ridge_depth: float = 4.0  # fall of the height at which it ends
+    ridge_worth: float = 5.0  # log evidence below the best place, from which the ridge of a mode is not followed
     ridge_held: float = 5.0  # how firmly a place stays; 1: as the posterior itself holds it
 
     # mixtures of Student's t
@@ -48,11 +50,11 @@ class Tuning:
     learning_rounds: int = 3  # before any draw counts
     learnt_per_round: int = 80
     mixture_fits: int = 5  # at most, of the mixture to the surrogate after each round
-    pool: int = 2000  # free draws for each of these
+    pool: int = 1000  # free draws for each of these
     fit_well: float = 0.3  # effective draws over the pool, from which the mixture fits
     flatter: float = 0.5  # power of the surrogate that teaches, for what it misses
     taught_share: float = 0.8  # of the rough simulations from that power, the others from the mixture
-    norm_draws: int = 8000  # more free draws for the norm of a surrogate
+    norm_draws: int = 4000  # more free draws for the norm of a surrogate
     norm_met: float = 50.0  # effective draws of these, below which the mixture is drawn from
     surrogate_cut: float = 50.0  # times its mean, at which surrogate over mixture is cut
     mixture_share: float = 0.3  # of the draws from the mixture, the others from the surrogate
@@ -68,7 +70,8 @@ class Tuning:
     nugget_most: float = 300.0  # up to this factor
     hope: float = 0.5  # x of log(<p^x>)/x over the process; 1 trusts the unknown
     direction_share: float = 0.03  # of the noise, below which a direction is left out
-    surrogate_simulations: int = 600  # at most, the most likely: time grows with their square
+    grid_share: float = 1e-3  # of a grid point of the noise in a likely simulation, below which it is left out
+    surrogate_simulations: int = 300  # at most, the most likely: time grows with their square
     surrogate_reach: float = 1.5  # distance over the farthest simulation's, to which it claims
 
     # what is said of an answer
@@ -79,8 +82,14 @@ class Tuning:
     rejected: float = 0.01  # probability of its rejection where the law is right
 
     # evidence of laws
+    law_draws: int = 400  # most simulations of a law whose weights count, where laws are compared; after
+    law_rounds: int = 2  # rounds they must be on the way to
+    law_least: float = 60.0  # effective draws, and before them so many
+    law_learning: int = 1  # rounds of rough simulations are learnt from
+    hopeless: float = 25.0  # Laplace's log evidence below the best of the curve, from which no draws are spent on it
+    laplace: float = 4.0  # its standard error against that of draws (benchmarks/evidence.md)
     decisive: float = 3.0  # log evidence (a factor of 20) below which laws are alike
-    unsure: float = 3.0  # standard error where weights are not to be trusted
+    unsure: float = 1.5  # standard error where weights are not to be trusted
     scatter: float = 3.0  # standard errors that are added to it
 
 
