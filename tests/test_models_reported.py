@@ -123,9 +123,9 @@ def test_all_answers_of_a_curve_stand_side_by_side(tmp_path):
     assert (second["material"], second["contents"]) == (row["material"], row["contents"])
     rows = table.model_rows(document.curves[0], 1e-3)
     assert [cells[0] for cells in rows] == [
-        "nhkv, equilibrium", "nhkv, kinetic", "qkv, kinetic", "nhkv, equilibrium"
+        "nhkv, equilibrium", "nhkv, kinetic", "nhkv, equilibrium", "qkv, kinetic"
     ]  # fmt: skip
-    assert [cells[-1] for cells in rows] == ["0", "+12.0", "-15.0", "-1.0"]
+    assert [cells[-1] for cells in rows] == ["0", "+12.0", "-1.0", "-15.0"]
     console = terminal.console(width=80, file=io.StringIO(), force_terminal=False)
     console.print(table.models_table(document.curves[0], *KILOPASCAL))
     page = "".join(Page((tmp_path / "report.html").read_text(encoding="utf-8")).text)

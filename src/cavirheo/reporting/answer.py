@@ -246,6 +246,11 @@ def in_unit(name: str, unit: Unit) -> tuple[str, float, str]:
     return symbol, *(unit if written == "Pa" else (1.0, written))
 
 
+def evidence(one: OtherModel) -> float:
+    """Its log, to sort by."""
+    return -np.inf if one.log_evidence is None else one.log_evidence
+
+
 def parameters_of(records: Sequence[CurveRecord]) -> list[str]:
     """The law's that some of these have, G and the viscosity first."""
     names = dict.fromkeys(["shear_modulus", "viscosity", *(name for one in records for name in one.other_parameters)])

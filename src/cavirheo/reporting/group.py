@@ -13,7 +13,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from cavirheo.parameters import AT_RATE, CAMERA, about
-from cavirheo.reporting.answer import CurveRecord, OtherModel
+from cavirheo.reporting.answer import CurveRecord, OtherModel, evidence
 from cavirheo.writing import digits
 from cavirheo.writing.document import Quantity, Record, Spread, spread_of
 
@@ -157,7 +157,7 @@ def _other_slopes(shots: list[CurveRecord]) -> list[ModelSlopes]:
     """Of every model that all of these have; of each the valley with the largest evidence."""
     answers: list[dict[str, OtherModel]] = []
     for record in shots:
-        others = {one.model: one for one in sorted(record.other_models, key=_evidence)}
+        others = {one.model: one for one in sorted(record.other_models, key=evidence)}
         answers.append(others | {record.model: record.itself})
     one_model = len({record.model for record in shots}) == 1
     found = []
@@ -167,7 +167,3 @@ def _other_slopes(shots: list[CurveRecord]) -> list[ModelSlopes]:
             known = {"material": first.material, "contents": first.contents, "damage": first.damage}
             found += [ModelSlopes(**known, slopes=slopes)] if slopes else []
     return found
-
-
-def _evidence(one: OtherModel) -> float:
-    return -np.inf if one.log_evidence is None else one.log_evidence

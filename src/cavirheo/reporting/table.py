@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from cavirheo.parameters import AT_RATE, CAMERA
-from cavirheo.reporting.answer import CurveRecord, Unit, described, in_unit, parameters_of
+from cavirheo.reporting.answer import CurveRecord, Unit, described, evidence, in_unit, parameters_of
 from cavirheo.reporting.group import GroupRecord
 from cavirheo.reporting.record import Result
 from cavirheo.writing import digits, terminal
@@ -73,9 +73,9 @@ def doubts(records: Iterable[CurveRecord]) -> Iterator[tuple[str, str]]:
 
 
 def model_rows(record: CurveRecord, factor: float) -> list[list[str]]:
-    """The answer and those of the other models: model, G, µ, λ, RMSE and log evidence above the answer's."""
+    """The answer, then those of the others by evidence: model, G, µ, λ, RMSE and log evidence above the answer's."""
     rows, here = [], record.itself
-    for one in (here, *record.other_models):
+    for one in (here, *sorted(record.other_models, key=evidence, reverse=True)):
         known = None not in (one.log_evidence, here.log_evidence)
         above = f"{(one.log_evidence or 0.0) - (here.log_evidence or 0.0):+.1f}" if known else digits.MISSING
         viscosity = one.quantity("viscosity" if one.viscosity_Pa_s.median is not None else AT_RATE)
