@@ -92,7 +92,7 @@ PARAMETERS: dict[str, Parameter] = {
     "max_radius_factor": Parameter("R_max factor", "1"),
     "accommodation": Parameter("accommodation", "1", (-2.0, 0.0), (-1.7, -0.5)),
     "damage_modulus": Parameter("damage", "1", (-2.0, 0.0), (-1.2, -0.1)),
-    "damage_radius": Parameter("R_0'/R_0", "1", (0.0, 0.8), (0.02, 0.5)),
+    "damage_radius": Parameter("R_0'/R_0", "1", (0.0, 1.0), (0.02, 0.7)),
     "wall_inertia": Parameter("β", "1"),
     "vapour_excess": Parameter("Δp_v", "Pa"),
 }

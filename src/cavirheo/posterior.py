@@ -64,9 +64,9 @@ class Checks:
 class BubbleModel:
     """What is assumed of the bubble besides law and medium; "free" is inferred with the other parameters.
 
-    contents: "equilibrium" or "kinetic", with this accommodation. damage: "none" or "first-rebound", whose two factors
-    are inferred. wall_inertia: beta; or wall_distance, m, of one rigid wall. vapour_excess: Pa above saturation at
-    R_max. What they are: physics/simulate.py; what they may be: inference/experiment.py.
+    contents: "equilibrium" or "kinetic", with this accommodation. damage: "none", "first-rebound" or "strain", whose
+    two factors are inferred. wall_inertia: beta; or wall_distance, m, of one rigid wall. vapour_excess: Pa above
+    saturation at R_max. What they are: physics/simulate.py; what they may be: inference/experiment.py.
     """
 
     contents: str = "equilibrium"

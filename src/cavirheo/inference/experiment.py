@@ -25,7 +25,7 @@ from cavirheo.inference.law import Family
 from cavirheo.inference.noise import Noise, correlation_time
 from cavirheo.inference.reconstruct import MISFIT, Window, check_stretch, reconstruct, window
 from cavirheo.parameters import LOG10, PARAMETERS, STRETCH_RANGE
-from cavirheo.physics.damage import Damage
+from cavirheo.physics.damage import DAMAGES, Damage
 from cavirheo.physics.media import WATER, Medium
 from cavirheo.physics.scales import ACCOMMODATION, check_bubble, inertia_of
 from cavirheo.physics.simulate import ROUGH, simulate
@@ -116,8 +116,8 @@ class Options:
             require(fine, unknown.format(name, value), f"physics.{name}")
         known = {"accommodation": ACCOMMODATION, "wall_inertia": 0.0, "vapour_excess": 0.0}
         check_bubble(bubble.contents, **{name: known[name] if x == "free" else x for name, x in given.items()})
-        told = f"damage must be none or first-rebound, got {bubble.damage!r}"
-        require(bubble.damage in ("none", "first-rebound"), told, "option.damage")
+        told = f"damage must be none, {' or '.join(DAMAGES)}, got {bubble.damage!r}"
+        require(bubble.damage in ("none", *DAMAGES), told, "option.damage")
         both = "give either wall_inertia or wall_distance, not both"
         require(bubble.wall_distance is None or bubble.wall_inertia == 0, both, "physics.two_walls")
         idle = "an accommodation changes nothing without kinetic contents: give those too"
@@ -282,7 +282,7 @@ class Experiment:
         """Options of `simulate` for the model of the bubble."""
         way = {name: natural[name] for name in ("accommodation", *AT_ZERO) if name in natural}
         if self.options.bubble.damage != "none":
-            way["damage"] = Damage(natural["damage_modulus"], natural["damage_radius"])
+            way["damage"] = Damage(natural["damage_modulus"], natural["damage_radius"], self.options.bubble.damage)
         return way | {"contents": self.options.bubble.contents}
 
     def starts(self, x: Floats) -> Floats:

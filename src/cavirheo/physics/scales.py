@@ -32,7 +32,8 @@ class Numbers(NamedTuple):
     pv: float  # vapour pressure/p_inf
     kappa: float
     elastic: Floats  # (n, 7) table of S_el/p_inf over R/R_0 (physics/table.py)
-    damaged: Floats  # (n, 7) the same after the first rebound; (0, 7) where nothing changes
+    whole: Floats  # (n, 7) the same below the smallest radius so far, before damage; (0, 7) without damage
+    damage: Floats  # (3,) both factors of a tenfold contraction; the smallest R/R_max so far (physics/damage.py), or 0
     viscous: Floats  # (m, 7) table of S_v/p_inf over t_c U/R, for U >= 0
     memory: Floats  # (k, 3) modulus C_k/p_inf, power n_k, t_c/tau of each relaxing term (physics/memory.py)
     driving: Floats  # (n, 7) table of the far-field pressure above ambient, over p_inf, over t/t_c
@@ -131,12 +132,14 @@ def dimensionless(
         base=pv if (driving or stretch > 20) and not kinetic else 0.0,  # p may fall below p_v where it is kinetic
     )
     elastic, viscous = (table_of(part) if part else ABSENT for part in (material.elastic, material.viscous))
+    elastic, whole, hurt = damage.tables(elastic, stretch) if damage else (elastic, np.zeros((0, 7)), np.zeros(3))
     arms = [arm.table() * [1 / p, 1.0, max_radius / U_c] for arm in material.memory]
     return Numbers(
         **{name: float(value) for name, value in fields.items()},  # ints would compile the solver anew
         varying=kinetic,
         elastic=scaled(elastic, 1.0, 1 / p),
-        damaged=scaled(damage.table(elastic), 1.0, 1 / p) if damage else np.zeros((0, 7)),
+        whole=scaled(whole, 1.0, 1 / p),
+        damage=hurt,
         viscous=scaled(viscous, max_radius / U_c, 1 / p),
         memory=np.concatenate([np.zeros((0, 3)), *arms]),
         driving=scaled(driving.table() if driving else ABSENT, U_c / max_radius, 1 / p),

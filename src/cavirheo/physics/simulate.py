@@ -83,7 +83,7 @@ def simulate(
             s_i = 1 for a rigid wall and -1 for a free surface.
         wall_distance: m, from the bubble's centre to one rigid wall, instead of wall_inertia (R_max/(2 distance)).
         vapour_excess: Pa of vapour above saturation at the start.
-        damage: of the elastic part, at the first rebound (physics/damage.py).
+        damage: of the elastic part, at the first rebound or by strain (physics/damage.py).
         relaxed: laws with memory start unstressed; otherwise with what the growth from R_0 to R_max leaves
             (physics/growth.py).
         fields: keep temperature and vapour in the bubble, `Simulation.contents`.

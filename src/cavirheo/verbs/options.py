@@ -72,7 +72,7 @@ _KINDS: dict[str, dict[str, tuple[Any, Any]]] = {  # argument: its options, each
         "contents": (EitherContents, "equilibrium"),
         "accommodation": (Annotated[str | None, Option(help="of kinetic contents, up to 10  [default: free]")], None),
         "damage": (
-            Annotated[str, Option(help="none, or first-rebound: another modulus and R_0 from there on")],
+            Annotated[str, Option(help="none, first-rebound or strain: what gives the law another modulus and R_0")],
             "none",
         ),
         "wall_inertia": (Annotated[str, Option(help="R_max sum(s/d) over image bubbles; or free")], "0"),

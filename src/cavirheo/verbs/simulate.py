@@ -49,8 +49,11 @@ def simulate(
     accommodation: Annotated[float | None, Option(help="of kinetic contents, up to 10  [default: 0.07]")] = None,
     damage: Annotated[
         tuple[float, float] | None,
-        Option(help="from the first rebound on: factors of the modulus and of R_0", metavar="MODULUS RADIUS"),
+        Option(help="factors of the modulus and of R_0", metavar="MODULUS RADIUS"),
     ] = None,
+    damage_by: Annotated[str, Option(help="first-rebound, or strain: factors of a tenfold contraction")] = (
+        "first-rebound"
+    ),
     wall_inertia: Annotated[float, Option(help="R_max sum(s/d) over image bubbles: R_max/2h for one wall at h")] = 0.0,
     wall_distance_um: options.WallDistanceUm = None,
     vapour_excess: Annotated[float, Option(help="vapour at R_max above saturation, Pa")] = 0.0,
@@ -103,7 +106,7 @@ def simulate(
             law, max_radius=rmax_um * 1e-6, stretch=stretch, time=np.arange(frames) / frame_rate_hz, medium=liquid,
             driving=Pulse(pulse[0] * 1e3, pulse[1] * 1e6, pulse[2] * 1e-6) if pulse else far_field,
             contents=contents, accommodation=forward.ACCOMMODATION if accommodation is None else accommodation,
-            damage=Damage(*damage) if damage else None, wall_inertia=wall_inertia,
+            damage=Damage(*damage, damage_by) if damage else None, wall_inertia=wall_inertia,
             wall_distance=None if wall_distance_um is None else wall_distance_um * 1e-6, vapour_excess=vapour_excess,
             motion=motion, polytropic=polytropic, relaxed=relaxed, fields=fields is not None, precise=precise,
         )  # fmt: skip
