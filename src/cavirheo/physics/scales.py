@@ -43,6 +43,7 @@ class Numbers(NamedTuple):
     rate: float  # of condensation, a of docs (3.11): accommodation sqrt(R_v T_inf/2 pi)/U_c; infinite: equilibrium
     varying: bool  # D = Fo T^1.75/p instead of Fo
     inertia: float  # beta of walls around, at R_max
+    radiation: float  # zeta of a tube around, at R_max
     base: float  # p_b, which the state of the solver leaves out of the pressure (docs/method/physics.md, section 3.2)
 
     @property
@@ -62,13 +63,16 @@ ABSENT = np.zeros((2, 7))  # no stress at all, at any stretch or rate, and no dr
 ABSENT[1, 0] = np.inf
 
 
-def check_bubble(contents: str, accommodation: float, wall_inertia: float, vapour_excess: float) -> None:
+def check_bubble(
+    contents: str, accommodation: float, wall_inertia: float, vapour_excess: float, wall_radiation: float = 0.0
+) -> None:
     """Raises InputError for contents that are not known, or a number out of its domain."""
     kinds = f"contents must be {' or '.join(CONTENTS)}; got {contents!r}"
     require(contents in CONTENTS, kinds, "physics.contents")
     within(_ACCOMMODATION, "accommodation", accommodation)
     within(_INERTIA, "wall_inertia", wall_inertia)
     within(NOT_NEGATIVE, "vapour_excess", vapour_excess)
+    within(NOT_NEGATIVE, "wall_radiation", wall_radiation)
 
 
 def inertia_of(wall_distance: float, max_radius: float) -> float:
@@ -90,6 +94,7 @@ def dimensionless(
     contents: str = CONTENTS[0],
     accommodation: float = ACCOMMODATION,
     wall_inertia: float = 0.0,
+    wall_radiation: float = 0.0,
     vapour_excess: float = 0.0,
     damage: Damage | None = None,
 ) -> Numbers:
@@ -103,7 +108,7 @@ def dimensionless(
     require(motion in MOTIONS, f"motion must be one of {', '.join(MOTIONS)}; got {motion!r}", "physics.motion")
     why = "Gilmore's equation needs a finite speed of sound: use motion='rayleigh-plesset'"
     require(motion != "gilmore" or medium.sound_speed < inf, why, "physics.sound_speed")
-    check_bubble(contents, accommodation, wall_inertia, vapour_excess)
+    check_bubble(contents, accommodation, wall_inertia, vapour_excess, wall_radiation)
     kinetic, usual = contents == "kinetic", contents == CONTENTS[0] and vapour_excess == 0
     why = "polytropic contents have no condensation: leave out polytropic, or kinetic contents and vapour_excess"
     require(usual or not polytropic, why, "physics.contents_twice")
@@ -129,6 +134,7 @@ def dimensionless(
         vapour=pv + vapour_excess / p,
         rate=accommodation * sqrt(medium.vapour_constant * medium.temperature / (2 * pi)) / U_c if kinetic else inf,
         inertia=wall_inertia,
+        radiation=wall_radiation,
         base=pv if (driving or stretch > 20) and not kinetic else 0.0,  # p may fall below p_v where it is kinetic
     )
     elastic, viscous = (table_of(part) if part else ABSENT for part in (material.elastic, material.viscous))

@@ -95,11 +95,12 @@ def accelerate(numbers, t, R, U, p, p_dot, memory):
     rate = U / R
     S, S_R, S_RR, S_g, S_gg = stress(numbers, R, rate)
     bend = S_gg * rate * rate + 2 * S_g * rate
-    b = p - 1 / (We * R) + S - 1
-    b_R = 1 / (We * R * R) + S_R - S_g * rate / R
-    v = p_dot + U / (We * R * R) + S_R * U - S_g * rate * rate  # the rate of b without its R'' part
-    v_R = -2 * U / (We * R * R * R) + S_RR * U + bend * rate / R
-    v_U = 1 / (We * R * R) + S_R - bend / R
+    loss = numbers.radiation * R * R  # sound along a tube: its pressure is loss U
+    b = p - 1 / (We * R) + S - 1 - loss * U
+    b_R = 1 / (We * R * R) + S_R - S_g * rate / R - 2 * loss * rate
+    v = p_dot + U / (We * R * R) + S_R * U - (S_g * rate + 2 * loss * U) * rate  # the rate of b without its R'' part
+    v_R = -2 * U / (We * R * R * R) + S_RR * U + bend * rate / R - 2 * loss * rate * rate
+    v_U = 1 / (We * R * R) + S_R - bend / R - 4 * loss * rate
     for k in range(memory.size):
         modulus, power, fading = numbers.memory[k]
         s = power * modulus * (1 + memory[k]) / R
@@ -121,7 +122,7 @@ def accelerate(numbers, t, R, U, p, p_dot, memory):
         i = 1 / (C * math.sqrt(x * x_n))
         i_b = -(n - 1) * i / (2 * x * stiff)
         w, w_U, w_i = 1 - U * i, -i, -U
-    J = -S_g
+    J = loss * R - S_g
     h_t = h_b * v - g_t
     walled = 2 * numbers.inertia * R  # the image bubbles behind the walls move liquid too
     bottom = (1 - U * i + 0.5 * walled) * R + w * i * h_b * J
@@ -133,10 +134,10 @@ def accelerate(numbers, t, R, U, p, p_dot, memory):
     by_v = w * i * R * h_b / bottom
     by_J = -value * w * i * h_b / bottom
     by_R = w * i * h_t - 2 * numbers.inertia * U * U - value * (1 - U * i + walled)
-    by_R = by_R / bottom + by_b * b_R + by_v * v_R + by_J * S_gg * rate / R
+    by_R = by_R / bottom + by_b * b_R + by_v * v_R + by_J * S_gg * rate / R + 3 * by_J * loss
     by_U = i * h + w_U * i * R * h_t - (3 + 2 * walled) * U + 1.5 * i * U * U
     by_U = (by_U - value * (w_U * i * h_b * J - i * R)) / bottom
-    by_U += by_b * S_g / R + by_v * v_U - by_J * S_gg / R
+    by_U += by_b * S_g / R - by_b * loss + by_v * v_U - by_J * S_gg / R
     by_t = -((1 + U * i) * g_t + w * i * R * g_tt) / bottom
     return value, by_R, by_U, by_t, by_b, by_v
 
@@ -427,7 +428,6 @@ def factorise(t, y, numbers, grid, p_dot, z, shift, blocks, border, recall, schu
         n = 3 * numbers.polytropic
         q_R, q_U, q_p, q_z, z_p = n * (p - numbers.pv) * U / (R * R), -n * (p - numbers.pv) / R, -n * U / R, 0.0, 0.0
         q_a = q_b = zN_a = zN_b = zG_a = zG_b = z_N = z_G = z_R = 0.0
-
     # row of U
     _, u_R, u_U, u_t, u_p, u_q = accelerate(numbers, t, R, U, p, p_dot, y[2 * M + 3 :])
     for k in range(recall.shape[0]):
