@@ -224,6 +224,32 @@ def test_vapour_above_saturation_is_extra_gas_that_condenses():
         within(1e-11, gas=abs(rich.stats["gas_drift"]))
 
 
+def test_sound_along_a_tube_takes_its_work():
+    """Without viscosity, heat and sound elsewhere the liquid's energy is the work of the pressures."""
+    time = np.linspace(0, 6e-5, 20001)
+    way = dict(max_radius=2e-4, stretch=5.0, motion="rayleigh-plesset", polytropic=1.4, rtol=1e-9)
+    run = simulate(Newtonian(0.0), time=time, wall_radiation=0.5, **way)
+    R, U, p = run.radius / 2e-4, run.velocity / WATER.velocity_scale, run.pressure / WATER.pressure
+    surface = 2 * WATER.surface_tension / (WATER.pressure * 2e-4 * R)
+    power = (p - 1 - surface - 0.5 * R**2 * U) * R**2 * U
+    work = cumulative_simpson(power, x=time / WATER.time_scale(2e-4), initial=0.0)
+    within(1e-5, gap=largest(0.5 * R**3 * U**2 - work))
+    coarse, fine = (simulate(GEL, time=TIME, wall_radiation=0.5, precise=p, **COLLAPSE) for p in (False, True))
+    within(1e-3, error=largest(coarse.radius - fine.radius) / 150e-6)
+
+
+def test_sound_along_a_tube_lengthens_the_fall_as_viscosity_near_the_largest_radius():
+    """4/Re = zeta: the same start of the fall, to the order at which they differ."""
+    zeta, way = 0.2, dict(max_radius=150e-6, stretch=8.0, time=np.linspace(0, 4e-6, 9))
+    viscosity = zeta * 150e-6 * WATER.pressure / WATER.velocity_scale / 4
+    plain, tube, viscous = (
+        simulate(Newtonian(v), wall_radiation=z, **way).radius / 150e-6
+        for v, z in ((0.0, 0.0), (0.0, zeta), (viscosity, 0.0))
+    )
+    assert tube - plain == pytest.approx(viscous - plain, rel=0.15, abs=1e-6)
+    assert largest(tube - plain) > 1e-4
+
+
 # --- damage
 
 
@@ -313,6 +339,7 @@ def test_memory_does_not_feel_damage_before_the_bubble_is_largest():
         (dict(wall_distance=100e-6), "physics.wall_too_near"),
         (dict(wall_distance=1e-3, wall_inertia=0.1), "physics.two_walls"),
         (dict(vapour_excess=-1.0), "physics.vapour_excess"),
+        (dict(wall_radiation=-0.1), "physics.wall_radiation"),
         (dict(damage=Damage(0.5), material=Newtonian(0.1)), "physics.damage_without_elasticity"),
     ],
     ids=str,

@@ -94,6 +94,7 @@ PARAMETERS: dict[str, Parameter] = {
     "damage_modulus": Parameter("damage", "1", (-2.0, 0.0), (-1.2, -0.1)),
     "damage_radius": Parameter("R_0'/R_0", "1", (0.0, 1.0), (0.02, 0.7)),
     "wall_inertia": Parameter("β", "1"),
+    "wall_radiation": Parameter("ζ", "1"),
     "vapour_excess": Parameter("Δp_v", "Pa"),
 }
 CAMERA = ("time_origin", "radius_scale", "max_radius_factor")

@@ -66,7 +66,8 @@ class BubbleModel:
 
     contents: "equilibrium" or "kinetic", with this accommodation. damage: "none", "first-rebound" or "strain", whose
     two factors are inferred. wall_inertia: beta; or wall_distance, m, of one rigid wall. vapour_excess: Pa above
-    saturation at R_max. What they are: physics/simulate.py; what they may be: inference/experiment.py.
+    saturation at R_max. wall_radiation: zeta. What they are: physics/simulate.py; what they may be:
+    inference/experiment.py.
     """
 
     contents: str = "equilibrium"
@@ -75,6 +76,7 @@ class BubbleModel:
     wall_inertia: float | str = 0.0
     wall_distance: float | None = None
     vapour_excess: float | str = 0.0
+    wall_radiation: float | str = 0.0
 
     @property
     def name(self) -> str:
