@@ -98,7 +98,7 @@ PARAMETERS: dict[str, Parameter] = {
     "vapour_excess": Parameter("Δp_v", "Pa"),
 }
 CAMERA = ("time_origin", "radius_scale", "max_radius_factor")
-BUBBLE = ("accommodation", "damage_modulus", "damage_radius", "wall_inertia", "vapour_excess")
+BUBBLE = ("accommodation", "damage_modulus", "damage_radius", "wall_inertia", "wall_radiation", "vapour_excess")
 AT_RATE, RATE = "viscosity_at_1e5_per_s", 1e5  # of a law whose viscosity is not one number; 1/s
 _AT_END = 0.25  # of an interval's width: an end nearer to the range's is the range's
 

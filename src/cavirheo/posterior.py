@@ -82,7 +82,9 @@ class BubbleModel:
     def name(self) -> str:
         """'kinetic', 'equilibrium, damage, walls'."""
         walls = self.wall_distance is not None or self.wall_inertia != 0
-        return bubble_name(self.contents, self.damage, walls=walls, excess=self.vapour_excess != 0)
+        return bubble_name(
+            self.contents, self.damage, walls=walls, sound=self.wall_radiation != 0, excess=self.vapour_excess != 0
+        )
 
 
 @dataclass(frozen=True)
@@ -299,10 +301,10 @@ class Posterior:
         return {"material": self.material, "method": self.method, "verdict": self.checks.verdict}
 
 
-def bubble_name(contents: str, damage: str, *, walls: bool, excess: bool) -> str:
+def bubble_name(contents: str, damage: str, *, walls: bool, sound: bool, excess: bool) -> str:
     """What is assumed of a bubble: 'kinetic', 'equilibrium, damage, walls'."""
     hurt = {"none": "", "first-rebound": "damage"}.get(damage, f"damage by {damage}")
-    return ", ".join(filter(None, [contents, hurt, "walls" * walls, "vapour excess" * excess]))
+    return ", ".join(filter(None, [contents, hurt, "walls" * walls, "sound" * sound, "vapour excess" * excess]))
 
 
 def in_words(name: str, interval: tuple[float, float, float]) -> str:
