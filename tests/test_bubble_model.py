@@ -24,7 +24,7 @@ from cavirheo.unfinished import read_answer, write_answer
 TIME = np.arange(90) * 1e-6
 GEL, SHOT = NeoHookeanKelvinVoigt(5e3, 0.01), dict(max_radius=250e-6, stretch=6.0)
 QUICKLY = dict(windows=False, trust_input=True)
-ALL_FREE = BubbleModel("kinetic", "free", "first-rebound", "free", None, "free")
+ALL_FREE = BubbleModel("kinetic", "free", "first-rebound", "free", None, "free", "free")
 
 
 def shot(seed=0, noise=1e-6, **way):
@@ -38,11 +38,17 @@ def shot(seed=0, noise=1e-6, **way):
     [
         (dict(contents="kinetic"), dict(contents="kinetic"), dict(accommodation=0.07)),
         (dict(wall_inertia=0.2), dict(wall_inertia="free"), dict(wall_inertia=0.2)),
+        (dict(wall_radiation=0.3), dict(wall_radiation="free"), dict(wall_radiation=0.3)),
         (dict(vapour_excess=3e3), dict(vapour_excess="free"), dict(vapour_excess=3e3)),
         (
             dict(damage=Damage(0.2, 2.0), contents="kinetic"),
             dict(damage="first-rebound", contents="kinetic", accommodation=0.07),
             dict(damage_modulus=0.2, damage_radius=2.0),
+        ),
+        (
+            dict(damage=Damage(0.4, 1.5, "strain")),
+            dict(damage="strain"),
+            dict(damage_modulus=0.4, damage_radius=1.5),
         ),
     ],
     ids=str,
@@ -84,7 +90,7 @@ def test_every_free_parameter_has_a_proper_prior():
     prior = experiment.prior()
     x = prior.to_x(np.random.default_rng(1).normal(size=(20_000, len(prior.names))))
     natural = experiment.natural(x.T)
-    for name, deviation in (("wall_inertia", 0.3), ("vapour_excess", 0.03 * 101325.0)):
+    for name, deviation in (("wall_inertia", 0.3), ("wall_radiation", 0.3), ("vapour_excess", 3039.75)):
         assert natural[name].min() >= 0
         assert np.sqrt(np.mean(natural[name] ** 2)) == pytest.approx(deviation, rel=0.03)
     assert natural["accommodation"].min() >= 0.01

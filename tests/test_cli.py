@@ -231,7 +231,8 @@ def test_simulate_all_options(run, tmp_path):
     "way",
     [
         "--polytropic 1.4", "--motion rayleigh-plesset", "--relaxed", "--pulse -500 1 2", "--contents kinetic",
-        "--damage 0.2 2", "--wall-inertia 0.1", "--wall-distance-um 500", "--vapour-excess 3000",
+        "--damage 0.2 2", "--damage 0.2 2 --damage-by strain",
+        "--wall-radiation 0.2", "--wall-inertia 0.1", "--wall-distance-um 500", "--vapour-excess 3000",
     ],
 )  # fmt: skip
 def test_each_option_matters(run, tmp_path, way):

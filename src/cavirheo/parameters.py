@@ -92,12 +92,13 @@ PARAMETERS: dict[str, Parameter] = {
     "max_radius_factor": Parameter("R_max factor", "1"),
     "accommodation": Parameter("accommodation", "1", (-2.0, 0.0), (-1.7, -0.5)),
     "damage_modulus": Parameter("damage", "1", (-2.0, 0.0), (-1.2, -0.1)),
-    "damage_radius": Parameter("R_0'/R_0", "1", (0.0, 0.8), (0.02, 0.5)),
+    "damage_radius": Parameter("R_0'/R_0", "1", (0.0, 1.0), (0.02, 0.7)),
     "wall_inertia": Parameter("β", "1"),
+    "wall_radiation": Parameter("ζ", "1"),
     "vapour_excess": Parameter("Δp_v", "Pa"),
 }
 CAMERA = ("time_origin", "radius_scale", "max_radius_factor")
-BUBBLE = ("accommodation", "damage_modulus", "damage_radius", "wall_inertia", "vapour_excess")
+BUBBLE = ("accommodation", "damage_modulus", "damage_radius", "wall_inertia", "wall_radiation", "vapour_excess")
 AT_RATE, RATE = "viscosity_at_1e5_per_s", 1e5  # of a law whose viscosity is not one number; 1/s
 _AT_END = 0.25  # of an interval's width: an end nearer to the range's is the range's
 

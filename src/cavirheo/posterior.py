@@ -64,9 +64,10 @@ class Checks:
 class BubbleModel:
     """What is assumed of the bubble besides law and medium; "free" is inferred with the other parameters.
 
-    contents: "equilibrium" or "kinetic", with this accommodation. damage: "none" or "first-rebound", whose two factors
-    are inferred. wall_inertia: beta; or wall_distance, m, of one rigid wall. vapour_excess: Pa above saturation at
-    R_max. What they are: physics/simulate.py; what they may be: inference/experiment.py.
+    contents: "equilibrium" or "kinetic", with this accommodation. damage: "none", "first-rebound" or "strain", whose
+    two factors are inferred. wall_inertia: beta; or wall_distance, m, of one rigid wall. vapour_excess: Pa above
+    saturation at R_max. wall_radiation: zeta. What they are: physics/simulate.py; what they may be:
+    inference/experiment.py.
     """
 
     contents: str = "equilibrium"
@@ -75,12 +76,15 @@ class BubbleModel:
     wall_inertia: float | str = 0.0
     wall_distance: float | None = None
     vapour_excess: float | str = 0.0
+    wall_radiation: float | str = 0.0
 
     @property
     def name(self) -> str:
         """'kinetic', 'equilibrium, damage, walls'."""
         walls = self.wall_distance is not None or self.wall_inertia != 0
-        return bubble_name(self.contents, self.damage, walls=walls, excess=self.vapour_excess != 0)
+        return bubble_name(
+            self.contents, self.damage, walls=walls, sound=self.wall_radiation != 0, excess=self.vapour_excess != 0
+        )
 
 
 @dataclass(frozen=True)
@@ -297,10 +301,10 @@ class Posterior:
         return {"material": self.material, "method": self.method, "verdict": self.checks.verdict}
 
 
-def bubble_name(contents: str, damage: str, *, walls: bool, excess: bool) -> str:
+def bubble_name(contents: str, damage: str, *, walls: bool, sound: bool, excess: bool) -> str:
     """What is assumed of a bubble: 'kinetic', 'equilibrium, damage, walls'."""
     hurt = {"none": "", "first-rebound": "damage"}.get(damage, f"damage by {damage}")
-    return ", ".join(filter(None, [contents, hurt, "walls" * walls, "vapour excess" * excess]))
+    return ", ".join(filter(None, [contents, hurt, "walls" * walls, "sound" * sound, "vapour excess" * excess]))
 
 
 def in_words(name: str, interval: tuple[float, float, float]) -> str:

@@ -25,7 +25,7 @@ from cavirheo.inference.law import Family
 from cavirheo.inference.noise import Noise, correlation_time
 from cavirheo.inference.reconstruct import MISFIT, Window, check_stretch, reconstruct, window
 from cavirheo.parameters import LOG10, PARAMETERS, STRETCH_RANGE
-from cavirheo.physics.damage import Damage
+from cavirheo.physics.damage import DAMAGES, Damage
 from cavirheo.physics.media import WATER, Medium
 from cavirheo.physics.scales import ACCOMMODATION, check_bubble, inertia_of
 from cavirheo.physics.simulate import ROUGH, simulate
@@ -41,7 +41,8 @@ FLOOR = 0.007  # of R_max: two circle fits of one video differ by 1.0 % rms, so 
 TIMING = 1.0 / np.sqrt(12.0)  # frames: standard deviation of an instant within one
 SHARPEST = 1e-3  # of R_max: the solver's own error; less noise is not believed
 FREE = {"t0": "time_origin", "scale": "radius_scale", "rmax": "max_radius_factor"}  # option: name in the answer
-BETA, EXCESS = 0.3, 0.03  # of walls and of vapour (over p_inf): standard deviations of priors cut at 0 and at LARGEST
+# of walls (inertia, sound) and of vapour (over p_inf): standard deviations of priors cut at 0 and at LARGEST
+BETA, ZETA, EXCESS = 0.3, 0.3, 0.03
 LARGEST = 10.0 / 3.0  # of them
 SCALE_BOUND = 0.015  # radius calibration and R_max are known to 1-1.5 %
 SIGMAS = 3.0  # standard deviations of these within their bounds
@@ -56,7 +57,8 @@ _LN10 = float(np.log(10.0))
 _NODES, _SHARES = (part / 2.0 for part in np.polynomial.legendre.leggauss(9))  # of an exposure, over its length
 
 
-AT_ZERO = ("wall_inertia", "vapour_excess")  # free parameters whose prior is largest at 0, where x is -1
+# free parameters whose prior is largest at 0, where x is -1
+AT_ZERO = ("wall_inertia", "wall_radiation", "vapour_excess")
 
 
 def _positive(time: float | None) -> bool:
@@ -110,14 +112,14 @@ class Options:
         if not isinstance(self.stretch, str):
             check_stretch(self.stretch)
         bubble, unknown = self.bubble, "{} must be a number or 'free', got {!r}"
-        given = {name: getattr(bubble, name) for name in ("accommodation", "wall_inertia", "vapour_excess")}
+        given = {name: getattr(bubble, name) for name in ("accommodation", *AT_ZERO)}
         for name, value in given.items():
             fine = value == "free" or isinstance(value, Real)
             require(fine, unknown.format(name, value), f"physics.{name}")
-        known = {"accommodation": ACCOMMODATION, "wall_inertia": 0.0, "vapour_excess": 0.0}
-        check_bubble(bubble.contents, **{name: known[name] if x == "free" else x for name, x in given.items()})
-        told = f"damage must be none or first-rebound, got {bubble.damage!r}"
-        require(bubble.damage in ("none", "first-rebound"), told, "option.damage")
+        known = {"accommodation": ACCOMMODATION}
+        check_bubble(bubble.contents, **{name: known.get(name, 0.0) if x == "free" else x for name, x in given.items()})
+        told = f"damage must be none, {' or '.join(DAMAGES)}, got {bubble.damage!r}"
+        require(bubble.damage in ("none", *DAMAGES), told, "option.damage")
         both = "give either wall_inertia or wall_distance, not both"
         require(bubble.wall_distance is None or bubble.wall_inertia == 0, both, "physics.two_walls")
         idle = "an accommodation changes nothing without kinetic contents: give those too"
@@ -199,10 +201,9 @@ class Experiment:
         }
         self.free = {FREE[name]: widths[name] for name in options.free}
         bubble, p = options.bubble, medium.pressure
-        if bubble.wall_inertia == "free":  # these two have their prior's largest value at 0
-            self.free["wall_inertia"] = (0.5 * LARGEST * BETA, 0.5 * LARGEST * BETA, 1.0)
-        if bubble.vapour_excess == "free":
-            self.free["vapour_excess"] = (0.5 * LARGEST * EXCESS * p, 0.5 * LARGEST * EXCESS * p, p)
+        for name, width, unit in zip(AT_ZERO, (BETA, ZETA, EXCESS * p), (1.0, 1.0, p), strict=True):
+            if getattr(bubble, name) == "free":
+                self.free[name] = (0.5 * LARGEST * width, 0.5 * LARGEST * width, unit)
         self.bubble = fixed_bubble(bubble, self.max_radius)
         told = f"damage needs a law with an elastic part, {family.name} has none: leave out damage"
         solid = bubble.damage == "none" or family.elastic
@@ -281,7 +282,7 @@ class Experiment:
         """Options of `simulate` for the model of the bubble."""
         way = {name: natural[name] for name in ("accommodation", *AT_ZERO) if name in natural}
         if self.options.bubble.damage != "none":
-            way["damage"] = Damage(natural["damage_modulus"], natural["damage_radius"])
+            way["damage"] = Damage(natural["damage_modulus"], natural["damage_radius"], self.options.bubble.damage)
         return way | {"contents": self.options.bubble.contents}
 
     def starts(self, x: Floats) -> Floats:

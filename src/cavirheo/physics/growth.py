@@ -29,6 +29,7 @@ def remembered(numbers: Numbers) -> Floats:
     if numbers.stretch == 1:
         return np.zeros(len(numbers.memory))
     quiet = numbers._replace(C=np.inf, tait=0.0, polytropic=1.0, driving=ABSENT, vapour=numbers.pv)
+    quiet = quiet._replace(damage=numbers.damage * [1, 1, 1 / numbers.stretch])  # growth from R_0 does none
     state = np.zeros(len(numbers.memory))
 
     def overshoot(impulse: float) -> float:

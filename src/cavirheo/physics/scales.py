@@ -32,7 +32,8 @@ class Numbers(NamedTuple):
     pv: float  # vapour pressure/p_inf
     kappa: float
     elastic: Floats  # (n, 7) table of S_el/p_inf over R/R_0 (physics/table.py)
-    damaged: Floats  # (n, 7) the same after the first rebound; (0, 7) where nothing changes
+    whole: Floats  # (n, 7) the same below the smallest radius so far, before damage; (0, 7) without damage
+    damage: Floats  # (3,) both factors of a tenfold contraction; the smallest R/R_max so far (physics/damage.py), or 0
     viscous: Floats  # (m, 7) table of S_v/p_inf over t_c U/R, for U >= 0
     memory: Floats  # (k, 3) modulus C_k/p_inf, power n_k, t_c/tau of each relaxing term (physics/memory.py)
     driving: Floats  # (n, 7) table of the far-field pressure above ambient, over p_inf, over t/t_c
@@ -42,6 +43,7 @@ class Numbers(NamedTuple):
     rate: float  # of condensation, a of docs (3.11): accommodation sqrt(R_v T_inf/2 pi)/U_c; infinite: equilibrium
     varying: bool  # D = Fo T^1.75/p instead of Fo
     inertia: float  # beta of walls around, at R_max
+    radiation: float  # zeta of a tube around, at R_max
     base: float  # p_b, which the state of the solver leaves out of the pressure (docs/method/physics.md, section 3.2)
 
     @property
@@ -61,13 +63,16 @@ ABSENT = np.zeros((2, 7))  # no stress at all, at any stretch or rate, and no dr
 ABSENT[1, 0] = np.inf
 
 
-def check_bubble(contents: str, accommodation: float, wall_inertia: float, vapour_excess: float) -> None:
+def check_bubble(
+    contents: str, accommodation: float, wall_inertia: float, vapour_excess: float, wall_radiation: float = 0.0
+) -> None:
     """Raises InputError for contents that are not known, or a number out of its domain."""
     kinds = f"contents must be {' or '.join(CONTENTS)}; got {contents!r}"
     require(contents in CONTENTS, kinds, "physics.contents")
     within(_ACCOMMODATION, "accommodation", accommodation)
     within(_INERTIA, "wall_inertia", wall_inertia)
     within(NOT_NEGATIVE, "vapour_excess", vapour_excess)
+    within(NOT_NEGATIVE, "wall_radiation", wall_radiation)
 
 
 def inertia_of(wall_distance: float, max_radius: float) -> float:
@@ -89,6 +94,7 @@ def dimensionless(
     contents: str = CONTENTS[0],
     accommodation: float = ACCOMMODATION,
     wall_inertia: float = 0.0,
+    wall_radiation: float = 0.0,
     vapour_excess: float = 0.0,
     damage: Damage | None = None,
 ) -> Numbers:
@@ -102,7 +108,7 @@ def dimensionless(
     require(motion in MOTIONS, f"motion must be one of {', '.join(MOTIONS)}; got {motion!r}", "physics.motion")
     why = "Gilmore's equation needs a finite speed of sound: use motion='rayleigh-plesset'"
     require(motion != "gilmore" or medium.sound_speed < inf, why, "physics.sound_speed")
-    check_bubble(contents, accommodation, wall_inertia, vapour_excess)
+    check_bubble(contents, accommodation, wall_inertia, vapour_excess, wall_radiation)
     kinetic, usual = contents == "kinetic", contents == CONTENTS[0] and vapour_excess == 0
     why = "polytropic contents have no condensation: leave out polytropic, or kinetic contents and vapour_excess"
     require(usual or not polytropic, why, "physics.contents_twice")
@@ -128,15 +134,18 @@ def dimensionless(
         vapour=pv + vapour_excess / p,
         rate=accommodation * sqrt(medium.vapour_constant * medium.temperature / (2 * pi)) / U_c if kinetic else inf,
         inertia=wall_inertia,
+        radiation=wall_radiation,
         base=pv if (driving or stretch > 20) and not kinetic else 0.0,  # p may fall below p_v where it is kinetic
     )
     elastic, viscous = (table_of(part) if part else ABSENT for part in (material.elastic, material.viscous))
+    elastic, whole, hurt = damage.tables(elastic, stretch) if damage else (elastic, np.zeros((0, 7)), np.zeros(3))
     arms = [arm.table() * [1 / p, 1.0, max_radius / U_c] for arm in material.memory]
     return Numbers(
         **{name: float(value) for name, value in fields.items()},  # ints would compile the solver anew
         varying=kinetic,
         elastic=scaled(elastic, 1.0, 1 / p),
-        damaged=scaled(damage.table(elastic), 1.0, 1 / p) if damage else np.zeros((0, 7)),
+        whole=scaled(whole, 1.0, 1 / p),
+        damage=hurt,
         viscous=scaled(viscous, max_radius / U_c, 1 / p),
         memory=np.concatenate([np.zeros((0, 3)), *arms]),
         driving=scaled(driving.table() if driving else ABSENT, U_c / max_radius, 1 / p),

@@ -52,6 +52,7 @@ def simulate(
     accommodation: float = ACCOMMODATION,
     wall_inertia: float = 0.0,
     wall_distance: float | None = None,
+    wall_radiation: float = 0.0,
     vapour_excess: float = 0.0,
     damage: Damage | None = None,
     relaxed: bool = False,
@@ -82,8 +83,10 @@ def simulate(
         wall_inertia: beta = R_max sum(s_i/d_i) over the images of the bubble behind walls, d_i their distances,
             s_i = 1 for a rigid wall and -1 for a free surface.
         wall_distance: m, from the bubble's centre to one rigid wall, instead of wall_inertia (R_max/(2 distance)).
+        wall_radiation: zeta = 2 pi (R_max^2/A) c/U_c of a tube of cross-section A around the bubble, along which its
+            sound leaves as plane waves: it resists V' of the bubble's volume, as rho c V'/(2 A).
         vapour_excess: Pa of vapour above saturation at the start.
-        damage: of the elastic part, at the first rebound (physics/damage.py).
+        damage: of the elastic part, at the first rebound or by strain (physics/damage.py).
         relaxed: laws with memory start unstressed; otherwise with what the growth from R_0 to R_max leaves
             (physics/growth.py).
         fields: keep temperature and vapour in the bubble, `Simulation.contents`.
@@ -121,7 +124,7 @@ def simulate(
         wall_inertia = inertia_of(wall_distance, max_radius)
     way: dict[str, Any] = {"driving": driving, "motion": motion, "polytropic": polytropic or 0.0}
     way |= {"contents": contents, "accommodation": accommodation, "damage": damage}
-    way |= {"wall_inertia": wall_inertia, "vapour_excess": vapour_excess}
+    way |= {"wall_inertia": wall_inertia, "wall_radiation": wall_radiation, "vapour_excess": vapour_excess}
     numbers = dimensionless(material, medium, max_radius, stretch, **way)
     grid = wall_clustered(cells, min(WALL_CELL, 0.5 / cells)) if polytropic is None else NO_SHELLS
     most = MAX_STEPS + len(numbers.driving) - 2  # no step passes over more than one sample of a trace

@@ -57,10 +57,22 @@ def look_up(table, x):
 
 
 @compiled
+def soften(numbers, R):
+    """Damage (physics/damage.py) where the wall turns at R, its smallest radius so far."""
+    decades = math.log10(numbers.damage[2] / R)
+    softer, wider = numbers.damage[0] ** decades, numbers.damage[1] ** decades
+    numbers.damage[2] = R if decades < math.inf else 0.0
+    for row in numbers.elastic:
+        row[0] *= wider
+        for k in range(6):
+            row[k + 1] *= softer / wider**k
+
+
+@compiled
 def stress(numbers, R, rate):
     """S at radius R and rate g = U/R, and its derivatives dS/dR, d2S/dR2, dS/dg, d2S/dg2."""
     lam = numbers.stretch
-    E, E1, E2 = look_up(numbers.elastic, R * lam)
+    E, E1, E2 = look_up(numbers.whole if numbers.damage[2] > R else numbers.elastic, R * lam)
     V, V1, V2 = look_up(numbers.viscous, abs(rate))  # odd in the rate
     return E + math.copysign(1.0, rate) * V, E1 * lam, E2 * lam * lam, V1, math.copysign(1.0, rate) * V2
 
@@ -68,7 +80,7 @@ def stress(numbers, R, rate):
 @compiled
 def fault(numbers, R, P):
     """OK, or why a step to this state must be shorter: it is unphysical, or beyond the reach of the elastic law."""
-    law = numbers.elastic
+    law = numbers.whole if numbers.damage[2] > R else numbers.elastic
     inside = law[0, 0] <= R * numbers.stretch <= law[-1, 0]
     return STEP_TOO_SMALL if not (R > 0 and P > 0) else OK if inside else OUTSIDE_LAW
 
@@ -83,11 +95,12 @@ def accelerate(numbers, t, R, U, p, p_dot, memory):
     rate = U / R
     S, S_R, S_RR, S_g, S_gg = stress(numbers, R, rate)
     bend = S_gg * rate * rate + 2 * S_g * rate
-    b = p - 1 / (We * R) + S - 1
-    b_R = 1 / (We * R * R) + S_R - S_g * rate / R
-    v = p_dot + U / (We * R * R) + S_R * U - S_g * rate * rate  # the rate of b without its R'' part
-    v_R = -2 * U / (We * R * R * R) + S_RR * U + bend * rate / R
-    v_U = 1 / (We * R * R) + S_R - bend / R
+    loss = numbers.radiation * R * R  # sound along a tube: its pressure is loss U
+    b = p - 1 / (We * R) + S - 1 - loss * U
+    b_R = 1 / (We * R * R) + S_R - S_g * rate / R - 2 * loss * rate
+    v = p_dot + U / (We * R * R) + S_R * U - (S_g * rate + 2 * loss * U) * rate  # the rate of b without its R'' part
+    v_R = -2 * U / (We * R * R * R) + S_RR * U + bend * rate / R - 2 * loss * rate * rate
+    v_U = 1 / (We * R * R) + S_R - bend / R - 4 * loss * rate
     for k in range(memory.size):
         modulus, power, fading = numbers.memory[k]
         s = power * modulus * (1 + memory[k]) / R
@@ -109,7 +122,7 @@ def accelerate(numbers, t, R, U, p, p_dot, memory):
         i = 1 / (C * math.sqrt(x * x_n))
         i_b = -(n - 1) * i / (2 * x * stiff)
         w, w_U, w_i = 1 - U * i, -i, -U
-    J = -S_g
+    J = loss * R - S_g
     h_t = h_b * v - g_t
     walled = 2 * numbers.inertia * R  # the image bubbles behind the walls move liquid too
     bottom = (1 - U * i + 0.5 * walled) * R + w * i * h_b * J
@@ -121,10 +134,10 @@ def accelerate(numbers, t, R, U, p, p_dot, memory):
     by_v = w * i * R * h_b / bottom
     by_J = -value * w * i * h_b / bottom
     by_R = w * i * h_t - 2 * numbers.inertia * U * U - value * (1 - U * i + walled)
-    by_R = by_R / bottom + by_b * b_R + by_v * v_R + by_J * S_gg * rate / R
+    by_R = by_R / bottom + by_b * b_R + by_v * v_R + by_J * S_gg * rate / R + 3 * by_J * loss
     by_U = i * h + w_U * i * R * h_t - (3 + 2 * walled) * U + 1.5 * i * U * U
     by_U = (by_U - value * (w_U * i * h_b * J - i * R)) / bottom
-    by_U += by_b * S_g / R + by_v * v_U - by_J * S_gg / R
+    by_U += by_b * S_g / R - by_b * loss + by_v * v_U - by_J * S_gg / R
     by_t = -((1 + U * i) * g_t + w * i * R * g_tt) / bottom
     return value, by_R, by_U, by_t, by_b, by_v
 
@@ -184,7 +197,6 @@ def derivatives(t, y, numbers, grid, theta, gas, F, H, out):
         out[2 * M + 3 + k] = -memory[k] * numbers.memory[k, 2] - numbers.memory[k, 1] * (1 + memory[k]) * U / R
     if M == 0:
         return p_dot, z
-
     drift = (kappa - 1) * numbers.chi / (kappa * p * R)
     sweep = R * p_dot / (3 * kappa * p) + U
     for i in range(M - 1):  # fluxes through the faces: F of all moles, H of gas
@@ -227,7 +239,6 @@ def eliminate(y, numbers, grid, p_dot, z, shift, cell, flux, blocks, border):
     swept = R * p_dot / (3 * kappa * p)
     sweep = swept + U
     diffusion, fick = (Fo * R, Fo * R * R) if numbers.varying else (Fo / (R * R), Fo / R)
-
     N, G = y[:M], y[M : 2 * M]
     inverse, theta, KT, gas, by_N = cell[0], cell[1], cell[2], cell[3], cell[4]
     for i in range(M):
@@ -239,8 +250,7 @@ def eliminate(y, numbers, grid, p_dot, z, shift, cell, flux, blocks, border):
     for i in range(M):
         gas[i] = G[i] * inverse[i]
 
-    for i in range(M):  # what diffuses, N or T^0.75, by N
-        by_N[i] = 1.0
+    by_N[:] = 1.0  # what diffuses, N or T^0.75, by N
     # on the faces: N and G times area/R, the velocities of conduction and of diffusion, N or T^0.75 times area/R
     n, g, w, v = flux[0, 1:M], flux[1, 1:M], flux[2, 1:M], flux[3, 1:M]
     q = flux[6, 1:M] if numbers.varying else n
@@ -418,7 +428,6 @@ def factorise(t, y, numbers, grid, p_dot, z, shift, blocks, border, recall, schu
         n = 3 * numbers.polytropic
         q_R, q_U, q_p, q_z, z_p = n * (p - numbers.pv) * U / (R * R), -n * (p - numbers.pv) / R, -n * U / R, 0.0, 0.0
         q_a = q_b = zN_a = zN_b = zG_a = zG_b = z_N = z_G = z_R = 0.0
-
     # row of U
     _, u_R, u_U, u_t, u_p, u_q = accelerate(numbers, t, R, U, p, p_dot, y[2 * M + 3 :])
     for k in range(recall.shape[0]):
@@ -429,7 +438,6 @@ def factorise(t, y, numbers, grid, p_dot, z, shift, blocks, border, recall, schu
         recall[k, 3] = modulus * (u_p - u_q * (fading + power * U / R))
         u_R += recall[k, 0] * recall[k, 1] * recall[k, 3]
         u_U += recall[k, 0] * recall[k, 2] * recall[k, 3]
-
     schur[:, :] = 0.0
     schur[0, 0], schur[0, 1] = shift, -1.0
     schur[1, 0], schur[1, 1], schur[1, 2], schur[1, 3] = -(u_R - by_R * u_p), shift - u_U, -u_p * by_P, -u_q
@@ -565,8 +573,7 @@ def report(k, x, h, M, numbers, y, slope, trial, next_slope, out, fields):
         out[k, 4 + m] = y[j] + i * (trial[j] - y[j]) + s0 * slope[j] + s1 * next_slope[j]
         out[k, 3] += numbers.memory[m, 0] * out[k, 4 + m]
     if fields.size > 0:
-        for j in range(2 * M):
-            fields[k, j] = trial[j]  # steps end at the frames then
+        fields[k] = trial[: 2 * M]  # steps end at the frames then
 
 
 @compiled
@@ -575,7 +582,6 @@ def integrate(numbers, grid, method, start, time, rtol, max_steps, to_turn, out,
 
     out (time, 4 + k): R, U, p, S, m_k; fields (time, 2 M) or empty: the contents. Rows from a failure on stay as they
     are, and so do those after the end of the first step on which the wall turns from growth to collapse if `to_turn`.
-    numbers.damaged, if there is any, overwrites numbers.elastic where the wall first turns from collapse to growth.
     stats (5,): steps, rejected steps, relative change of the gas in the bubble, time reached, radius there.
     Returns OK, TOO_MANY_STEPS, STEP_TOO_SMALL, or OUTSIDE_LAW if no step stays within the laws of the material.
     """
@@ -588,10 +594,8 @@ def integrate(numbers, grid, method, start, time, rtol, max_steps, to_turn, out,
     cell, flux, blocks, border = np.zeros((5, M)), np.zeros((7, M + 1)), np.zeros((9, M)), np.zeros((6, M))
     recall = np.zeros((K, 4))
     schur, b, pivot = np.zeros((5, 5)), np.zeros(5), np.zeros(5, np.int64)
-
     R, p = start[0], start[2]
-    for i in range(M):
-        y[i], y[M + i] = p * R**3, (p - numbers.vapour) * R**3
+    y[:M], y[M : 2 * M] = p * R**3, (p - numbers.vapour) * R**3
     y[2 * M :] = start
     y[2 * M + 2] = (p - numbers.base) * R**3
     gas_at_start = (p - numbers.vapour) * R**3
@@ -599,7 +603,6 @@ def integrate(numbers, grid, method, start, time, rtol, max_steps, to_turn, out,
     t, h, after_rejection, status = 0.0, 1e-3 if cause == OK else 0.0, False, OK
     k = steps = rejected = 0
     last_error = last_h = 1.0
-    whole = numbers.damaged.size > 0
     p_dot, z = derivatives(t, y, numbers, grid, theta, gas, F, H, slope)
     while k < time.size and time[k] <= 0.0:
         report(k, 0.0, 1.0, M, numbers, y, slope, y, slope, out, fields)
@@ -659,11 +662,10 @@ def integrate(numbers, grid, method, start, time, rtol, max_steps, to_turn, out,
             cause = fault(numbers, trial[2 * M], trial[2 * M + 2])
             usable = usable and error < 1e10 and cause == OK
         if not usable or error > 1:
-            rejected += 1
-            after_rejection = True
+            rejected, after_rejection = rejected + 1, True
             h *= max(0.2, 0.9 * error ** (-1 / order)) if usable else 0.2
             continue
-        rebounds = whole and y[2 * M + 1] < 0 < trial[2 * M + 1]
+        rebounds = y[2 * M + 1] < 0 < trial[2 * M + 1] and trial[2 * M] < numbers.damage[2]
         if rebounds and trial[2 * M + 1] > 1e-3:  # damage is then: end the step there
             rejected += 1
             h *= y[2 * M + 1] / (y[2 * M + 1] - trial[2 * M + 1])
@@ -673,10 +675,9 @@ def integrate(numbers, grid, method, start, time, rtol, max_steps, to_turn, out,
         while k < time.size and time[k] <= end:
             report(k, (time[k] - t) / h, h, M, numbers, y, slope, trial, next_slope, out, fields)
             k += 1
-        t = end
-        steps += 1
+        t, steps = end, steps + 1
         if rebounds:
-            whole, numbers.elastic[:] = False, numbers.damaged
+            soften(numbers, trial[2 * M])
             p_dot, z = derivatives(t, trial, numbers, grid, theta, gas, F, H, next_slope)
         y, trial = trial, y
         slope, next_slope = next_slope, slope

@@ -72,12 +72,13 @@ _KINDS: dict[str, dict[str, tuple[Any, Any]]] = {  # argument: its options, each
         "contents": (EitherContents, "equilibrium"),
         "accommodation": (Annotated[str | None, Option(help="of kinetic contents, up to 10  [default: free]")], None),
         "damage": (
-            Annotated[str, Option(help="none, or first-rebound: another modulus and R_0 from there on")],
+            Annotated[str, Option(help="none, first-rebound or strain: what gives the law another modulus and R_0")],
             "none",
         ),
         "wall_inertia": (Annotated[str, Option(help="R_max sum(s/d) over image bubbles; or free")], "0"),
         "wall_distance_um": (WallDistanceUm, None),
         "vapour_excess": (Annotated[str, Option(help="vapour at R_max above saturation, Pa; or free")], "0"),
+        "wall_radiation": (Annotated[str, Option(help="2 pi (R_max^2/A) c/U_c of a tube around; or free")], "0"),
     },
     "run": {
         "json": (Annotated[bool, Option("--json", help="the document on stdout instead of the table")], False),
@@ -123,7 +124,7 @@ def _made(kind: str, of: dict[str, Any]) -> Any:
 
         distance = of.pop("wall_distance_um")
         of["accommodation"] = of["accommodation"] or "free"
-        for name in ("accommodation", "wall_inertia", "vapour_excess"):
+        for name in ("accommodation", "wall_inertia", "vapour_excess", "wall_radiation"):
             of[name] = _number_or("free", f"--{name.replace('_', '-')}", of[name], float)
         return BubbleModel(**of, wall_distance=None if distance is None else distance * 1e-6)
     return Run(**of) if kind == "run" else Reading(**of)

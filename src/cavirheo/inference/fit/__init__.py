@@ -59,6 +59,7 @@ def fit_many(
     wall_inertia: float | str = 0.0,
     wall_distance: float | None = None,
     vapour_excess: float | str = 0.0,
+    wall_radiation: float | str = 0.0,
     others: bool = True,
     joint: bool = False,
     trust_input: bool = False,
@@ -88,8 +89,10 @@ def fit_many(
             "auto": both, the evidence decides as for materials.
         others: fit the other contents, too; what they and other valleys answer is in `Posterior.others`.
         accommodation: of kinetic contents, above 0 and at most 10, or "free", from 0.01 to 1.
-        damage: "none", or "first-rebound": from there on the law has another modulus and stress-free radius.
-        wall_inertia, wall_distance, vapour_excess: as in `simulate`; the first and the last may be "free".
+        damage: "none"; "first-rebound": from there on the law has another modulus and stress-free radius; or "strain":
+            both follow the largest contraction so far.
+        wall_inertia, wall_distance, vapour_excess, wall_radiation: as in `simulate`; all but the distance may be
+            "free".
         joint: curves of one group (meta "group") share the material; stretch and what is free are each shot's own.
         trust_input: doubts about the recording or its settings are said, but decide no verdict.
         verify, discrepancy: as those of `infer`; not of a joint fit, for it looks at each shot by itself.
@@ -117,7 +120,7 @@ def fit_many(
 
     def options_of(way: str) -> Options:
         rate = accommodation if way == "kinetic" or contents == way else "free"
-        bubble = BubbleModel(way, rate, damage, wall_inertia, wall_distance, vapour_excess)
+        bubble = BubbleModel(way, rate, damage, wall_inertia, wall_distance, vapour_excess, wall_radiation)
         return Options(window, end, stretch, free, t0_bound, scale_bound, weights, windows, bubble)
 
     models = [
