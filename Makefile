@@ -6,7 +6,7 @@ BIN = $(VENV)/bin
 .PHONY: demo test test-slow test-hostile fuzz test-lowest lint space clean
 
 demo: $(VENV)/demo.done
-	$(BIN)/cavirheo infer examples/soft_gel.csv examples/stiff_gel.mat -o demo-result
+	$(BIN)/cavirheo infer examples/soft_gel.csv examples/stiff_gel.mat examples/bubble.mp4 --frame-rate-hz 500000 --um-per-px 4 -o demo-result
 
 test: $(VENV)/test.done lint
 	$(BIN)/python -m pytest -m "not slow and not hostile"
@@ -45,13 +45,13 @@ space: $(VENV)/demo.done
 
 $(VENV)/demo.done: pyproject.toml
 	$(PYTHON) -m venv $(VENV)
-	$(BIN)/pip install --quiet --disable-pip-version-check -e ".[plot]"
+	$(BIN)/pip install --quiet --disable-pip-version-check -e ".[plot,video]"
 	touch $@
 
 # constraints.txt keeps torch on the version whose plain build needs no GPU libraries
 $(VENV)/test.done: pyproject.toml constraints.txt
 	$(PYTHON) -m venv $(VENV)
-	$(BIN)/pip install --quiet --disable-pip-version-check -c constraints.txt -e ".[train,app,dev]"
+	$(BIN)/pip install --quiet --disable-pip-version-check -c constraints.txt -e ".[train,app,video,dev]"
 	touch $@
 
 clean:

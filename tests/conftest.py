@@ -10,6 +10,8 @@ import pytest
 
 from cavirheo import verbs
 
+collect_ignore_glob = [] if importlib.util.find_spec("av") else ["test_video*"]  # without the extra [video]
+
 
 def load_benchmark(name: str) -> ModuleType:
     """A file of benchmarks/ as a module, whose name (`app`, `fit`) hides no other's."""

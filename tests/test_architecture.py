@@ -25,7 +25,8 @@ ROOMS = (  # from the ground up: a room imports those below it, and only those t
     ("prior", "errors parameters"),
     ("posterior", "errors writing parameters"),
     ("curve", "errors parameters landmarks writing"),
-    ("reading", "errors parameters curve landmarks"),
+    ("video", "errors files curve landmarks writing"),
+    ("reading", "errors parameters curve landmarks video"),
     ("physics", "errors writing parameters parallel landmarks"),
     ("problem", "errors parameters prior physics"),
     ("inference", "errors files parallel parameters prior posterior curve landmarks physics problem writing"),
@@ -37,7 +38,7 @@ ROOMS = (  # from the ground up: a room imports those below it, and only those t
         "errors parallel parameters landmarks posterior curve reading physics inference reporting writing unfinished",
     ),
     ("app", "errors parallel parameters posterior curve reading physics problem inference reporting writing"),
-    ("loading", "errors files reporting training beside writing"),
+    ("loading", "errors files reporting training beside video writing"),
 )
 MAY_USE = {room: {"arrays", *below.split()} - {room} for room, below in ROOMS}
 FREE = ("verbs", "__main__", "__init__")  # the command line and the package's face see every room
@@ -127,7 +128,7 @@ def test_only_training_names_torch():
     ] == []
 
 
-@pytest.mark.parametrize("missing", [("torch", "matplotlib", "gradio")])
+@pytest.mark.parametrize("missing", [("torch", "matplotlib", "gradio", "av", "tifffile")])
 def test_inference_needs_no_extra(missing):
     code = (
         f"import sys; sys.modules.update(dict.fromkeys({missing!r})); "

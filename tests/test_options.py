@@ -13,6 +13,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import typer
+from recordings import write_mraw
 
 from cavirheo.posterior import Checks, Posterior
 from cavirheo.verbs import app
@@ -21,6 +22,7 @@ ROOT = Path(__file__).parent.parent
 VERBS = {known.name: known.callback for known in app.registered_commands}
 COMMANDS = typer.main.get_command(app).commands
 GOOD = {  # a call that would compute, without the option that is tried
+    "measure": "film.mraw",
     "infer": "shot.csv", "fit": "shot.csv", "which-law": "shot.csv", "compare": ". --references refs.csv",
     "collapse-time": "times.csv", "rheometer": "sweep.csv", "generate": "recipe.toml -o d",
     "simulate": "-o o.csv --rmax-um 100 --stretch 5 --shear-modulus 1e3 --viscosity 0.1", "evaluate": "bdt-viscous d",
@@ -97,6 +99,14 @@ ODD = [
     "--help-me",
     "infer shot.csv --group shoe",
     "infer shot.csv --seed -1",
+    "measure",
+    "measure nowhere.mp4",
+    "measure shot.csv --fps 1e5",
+    "measure film.mraw",
+    "measure film.mraw --frames 3",
+    "measure film.mraw --frames 3:1",
+    "measure film.mraw --roi 1,2,3",
+    "measure film.mraw --roi 0,0,99,99",
 ]
 
 
@@ -112,6 +122,7 @@ def lab(run, tmp_path, monkeypatch):
         monkeypatch.setattr(f"cavirheo.{name}", computes)
     lines = (ROOT / "examples" / "soft_gel.csv").read_text(encoding="utf-8").splitlines()
     (tmp_path / "shot.csv").write_text("\n".join(line for line in lines if line[:1] in "#s1") + "\n")
+    write_mraw(tmp_path / "film.mraw", np.zeros((3, 16, 16)), 8)
     (tmp_path / "refs.csv").write_text("set,method,quantity,mean\nshot.csv,IMR,G_Pa,1000\n")
     (tmp_path / "recipe.toml").write_text((ROOT / "recipes" / "laptop.toml").read_text())
     (tmp_path / "times.csv").write_text("rmax_um,stretch,t1_us\n200,6,20\n210,6,21\n")

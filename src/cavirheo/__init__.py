@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     from cavirheo.physics.simulation import Simulation as Simulation
     from cavirheo.posterior import Posterior as Posterior
     from cavirheo.reading import read_curves as read_curves
+    from cavirheo.reading.recordings import measure as measure
 
 _HOME = {
     "RadiusCurve": "curve",
@@ -42,6 +43,7 @@ _HOME = {
     "simulate": "physics.simulate",
     "simulate_many": "physics.simulate",
     "Posterior": "posterior",
+    "measure": "reading.recordings",
     "read_curves": "reading",
 }
 __all__ = sorted(_HOME)

@@ -14,17 +14,18 @@ if TYPE_CHECKING:
     from cavirheo.training.dataset import Dataset
 
 _KINDS = {  # a key that no other document has, and the class of the document
+    "measured_with": ("video.document", "Measured"),
     "sets": ("beside.published.comparison", "Comparison"),
     "strain_sweeps": ("beside.rheometer.document", "Rheometry"),
     "medium": ("beside.collapse_times", "CollapseTimes"),
     "laws": ("reporting.laws", "Laws"),
     "curves": ("reporting.record", "Result"),
 }
-_NAMES = ("result.json", "laws.json", "comparison.json", "rheometer.json", "collapse-time.json")
+_NAMES = ("result.json", "laws.json", "comparison.json", "rheometer.json", "collapse-time.json", "measure.json")
 
 
 def load(path: str | Path) -> Document | Dataset:
-    """A document (`Result`, `Laws`, `Comparison`, `Rheometry`, `CollapseTimes`) or a training set (`Dataset`).
+    """A document (`Result`, `Laws`, `Measured`, `Comparison`, `Rheometry`, `CollapseTimes`) or a training set.
 
     `path`: a file of any name, a folder with one, or a folder of `cavirheo generate`. Numbers are SI, as in the file.
 

@@ -13,11 +13,10 @@ from cavirheo.errors import InputError, as_path, require
 from cavirheo.reading.files import guarded, sha256, shown
 from cavirheo.reading.select import Chosen, selected
 from cavirheo.reading.table import write_csv
+from cavirheo.video.frames import is_recording
 
 __all__ = ["read_curves", "write_csv"]
 
-_VIDEO = {".mp4", ".avi", ".mov", ".mkv", ".cine", ".tif", ".tiff", ".gif"}
-_MEASURE = "measure R(t) in it with another program and give its table, a CSV with the columns time_us,radius_um"
 _EXPECTED = (
     "expected .mat (R_nondim_All + t_nondim_All + RmaxList, or Rnew + t), .csv or .txt (columns time_us,radius_um), "
     ".h5 (groups with time and radius), .xlsx, .xls or .ods"
@@ -35,12 +34,15 @@ def read_curves(
     pressure: float = 101325.0,
     frame_rate_hz: float | None = None,
     shots: Chosen = None,
+    um_per_px: float | None = None,
+    exposure: float | None = None,
 ) -> list[RadiusCurve]:
     """Every radius history of a file, in its order; times in s, radii in m.
 
     `density` (kg/m3) and `pressure` (Pa) turn dimensionless times into seconds, t = t* R_max sqrt(rho/p); files with
     times in seconds do not depend on them. `frame_rate_hz` makes times of the frame numbers of a table that has no
-    times. `shots`: only these, "1,4-7" or [1, 4, 5, 6, 7], from 1 in the order of the file.
+    times, and of a recording; that is measured (`cavirheo.measure`) with `um_per_px` and `exposure` (s). `shots`: only
+    these, "1,4-7" or [1, 4, 5, 6, 7], from 1 in the order of the file.
 
     A curve that cannot be used (empty cell, three samples, all NaN) is returned with its reason; its `max_radius`
     raises it. What was recognised, converted or left out stands in each curve's `notes`, what makes the
@@ -51,7 +53,11 @@ def read_curves(
             was found.
     """
     path = as_path(path)
-    require(path.suffix.lower() not in _VIDEO, f"{path} is a video or image; {_MEASURE}", "reading.video")
+    if is_recording(path):
+        from cavirheo.reading.recordings import examine
+
+        options = {"frame_rate": frame_rate_hz, "um_per_px": um_per_px, "exposure": exposure}
+        return [_noted(curve) for curve in selected([examine(path, sheet=True, **options)[1]], shots)]
     with guarded(path, _EXPECTED):
         with path.open("rb") as file:
             head = file.read(1024)

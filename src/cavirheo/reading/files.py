@@ -18,11 +18,13 @@ import numpy as np
 
 from cavirheo.errors import InputError, printable, require
 from cavirheo.reading import limits
+from cavirheo.video.frames import ENDINGS, STACKS, is_recording
 
-MEASUREMENTS = {".mat", ".csv", ".txt", ".tsv", ".dat", ".h5", ".hdf5", ".xlsx", ".xls", ".xlsb", ".ods"}
-_OURS = {  # tables that cavirheo writes: the document that then stands beside them
+MEASUREMENTS = {".mat", ".csv", ".txt", ".tsv", ".dat", ".h5", ".hdf5", ".xlsx", ".xls", ".xlsb", ".ods", *ENDINGS}
+_OURS = {  # tables and films that cavirheo writes: the document that then stands beside them
     "result.csv": "result.json", "shots.csv": "collapse-time.json", "comparison.csv": "comparison.json",
     "rheometer.csv": "rheometer.json", "table.csv": "rheometer.json",
+    "overlay.mp4": "measure.json",
 }  # fmt: skip
 _SPECIAL = {
     stat.S_ISFIFO: "a pipe", stat.S_ISCHR: "a device", stat.S_ISBLK: "a device", stat.S_ISSOCK: "a socket"
@@ -42,8 +44,8 @@ def sha256(path: Path) -> str:
 
 
 @contextmanager
-def guarded(path: Path, expected: str = "") -> Iterator[None]:
-    """Around the reading of a file: whatever goes wrong becomes an InputError that names it.
+def guarded(path: Path, expected: str = "", *, folder: bool = False) -> Iterator[None]:
+    """Around the reading of a file, or a folder if it may be one: what goes wrong becomes an InputError that names it.
 
     Raises:
         InputError: no regular file, found before it is opened ("reading.missing", "reading.folder", "reading.special");
@@ -51,7 +53,8 @@ def guarded(path: Path, expected: str = "") -> Iterator[None]:
     """
     name = shown(path)
     try:
-        _check(path, name)
+        if not (folder and path.is_dir()):
+            _check(path, name)
     except OSError as error:
         raise InputError(f"{name} cannot be read ({error.strerror})", "reading.unreadable") from None
     try:
@@ -123,6 +126,8 @@ def _of_folder(folder: Path, say: Callable[[str], None]) -> list[Path]:
         return [folder]  # may not be listed: the reader says so
     ours = {path for path in names if folder / _OURS.get(path.name, "") in names}
     taken = [path for path in names if path.suffix.lower() in MEASUREMENTS and path not in ours]
+    if is_recording(folder) and {path.suffix.lower() for path in taken} <= {*STACKS}:
+        return [folder]  # its images are the frames of one
     kinds = ", ".join(sorted(MEASUREMENTS))
     require(bool(taken), f"{folder}: no measurement in this folder; expected files {kinds}", "files.none_in_folder")
     left = len(names) - len(taken)

@@ -73,7 +73,8 @@ def write_report(
     folder.write("result.csv", table.write_csv, document)
     if complete:
         drawn = _drawn(folder, pairs, document, pictures, workers, done) if drawing else ()
-        folder.write("report.html", html.write, document, *drawn)
+        sheets = [str(curve.meta.get("contact_sheet", "")) for curve, _ in pairs] if draw else []
+        folder.write("report.html", html.write, document, *drawn, sheets=sheets)
         if document.notes != said:  # of pictures
             folder.write("result.json", write_json, document)
     folder.finish()

@@ -25,10 +25,16 @@ if TYPE_CHECKING:
     from jinja2 import Environment
 
 
-def write(path: str | Path, result: Result, pictures: Iterable[str] = (), group_pictures: Iterable[str] = ()) -> None:
+def write(
+    path: str | Path,
+    result: Result,
+    pictures: Iterable[str] = (),
+    group_pictures: Iterable[str] = (),
+    sheets: Sequence[str] = (),
+) -> None:
     """The page of a result, curve by curve; `pictures`, an image's address for each or none, may be drawn meanwhile.
 
-    `group_pictures`: those that stand before the curves.
+    `group_pictures`: those that stand before the curves. `sheets`: of each curve all frames of its recording, or "".
     """
     unit, drawn = result.modulus_unit, iter(pictures)
     page = _templates().get_template("report.html")
@@ -37,7 +43,10 @@ def write(path: str | Path, result: Result, pictures: Iterable[str] = (), group_
         style=files("cavirheo.reporting").joinpath("report.css").read_text(encoding="utf-8"),
         unit=unit,
         group_pictures=group_pictures,
-        articles=(article(k, record, *unit, next(drawn, "")) for k, record in enumerate(result.curves)),
+        articles=(
+            article(k, record, *unit, next(drawn, "")) + _part("frames", sheets[k] if sheets else "")
+            for k, record in enumerate(result.curves)
+        ),
     ).dump(str(path))
 
 

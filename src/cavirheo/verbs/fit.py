@@ -47,7 +47,7 @@ def fit(
     from cavirheo.writing.document import Outputs
 
     files = run.files(files)
-    options.check_verify(verify, reading.exposure_us, exact_law)
+    options.check_verify(verify, reading.exposure_us, exact_law, files)
     require(not joint or verify == "none", "--verify looks at each shot by itself: leave out --joint, or --verify")
     collapses, known = options.window_of(window), options.stretch_of(stretch)
     law = None if material == "auto" else Family(material)

@@ -36,7 +36,7 @@ def infer(
     from cavirheo.writing.document import Outputs
 
     files = run.files(files)
-    options.check_verify(verify, reading.exposure_us, exact_law)
+    options.check_verify(verify, reading.exposure_us, exact_law, files)
     check_stretch(stretch)
     network = load(model)
     Outputs(out, *DOCUMENTS, inputs=files)

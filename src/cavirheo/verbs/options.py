@@ -5,7 +5,7 @@ from __future__ import annotations
 import functools
 import inspect
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
@@ -23,7 +23,8 @@ else:
 Curves = Annotated[
     list[Path],
     Argument(
-        readable=False, help="measured R(t): .mat, .csv, .h5, .xlsx; one or many curves each; a folder, or - for stdin"
+        readable=False,
+        help="measured R(t): .mat, .csv, .h5, .xlsx; or recordings: .mp4, .tif, .cine, ...; a folder, or - for stdin",
     ),
 ]
 ModelName = Annotated[str, Option("--model", help="shipped model (see `cavirheo models`) or a path to an .onnx file")]
@@ -37,6 +38,7 @@ Pictures = Annotated[bool, Option("--pictures/--no-pictures", help="draw the cur
 Quiet = Annotated[bool, Option("--quiet", help="no table and no progress: errors alone")]
 _TRUST = "I have checked scale, frame rate and constants: doubts are said, the verdict stays"
 TrustInput = Annotated[bool, Option("--trust-input", help=_TRUST)]
+UmPerPx = Annotated[float | None, Option(help="micrometres per pixel of a recording")]
 _BLUR = "of a frame, us, centred on its time: --verify blurs the simulation as the camera"
 _GROUP = "shots of one material: file, folder, none, or auto: a file, or a folder of single-shot files"
 Group = Annotated[str, Option(help=_GROUP)]
@@ -63,7 +65,11 @@ _KINDS: dict[str, dict[str, tuple[Any, Any]]] = {  # argument: its options, each
     "reading": {
         "rmax_um": (Annotated[_Number, Option(help="true R_max of the shots, um: rescales the radii")], None),
         "shots": (Shots, None),
-        "frame_rate_hz": (Annotated[_Number, Option(help="1/s, of files that number their frames")], None),
+        "frame_rate_hz": (
+            Annotated[_Number, Option(help="1/s, of recordings and of files that number their frames")],
+            None,
+        ),
+        "um_per_px": (UmPerPx, None),
         "exposure_us": (Annotated[_Number, Option(help=_BLUR)], None),
         "group": (Group, "auto"),
         "trust_input": (TrustInput, False),
@@ -152,14 +158,18 @@ def _number_or(word: str, option: str, text: str | None, kind: type) -> Any:
         raise InputError(f"{option} must be a number or {word!r}, got {text!r}") from None
 
 
-def check_verify(level: str, exposure_us: float | None, exact_law: bool) -> None:
-    """Raises InputError for an unknown level, or for an option that only --verify would use, before hours are spent."""
+def check_verify(level: str, exposure_us: float | None, exact_law: bool, files: Iterable[Path] = ()) -> None:
+    """Raises InputError for an unknown level, or for an option that only --verify would use, before hours are spent.
+
+    Recordings among the files use the exposure, too."""
     from cavirheo.inference import check_level
+    from cavirheo.reading.recordings import is_recording
 
     try:
         check_level(level)
     except InputError as error:
         raise InputError(f"--{error}", error.code) from None
-    given = ["--exposure-us"] * (exposure_us is not None) + ["--exact-law"] * exact_law
+    exposed = exposure_us is not None and not any(map(is_recording, files))
+    given = ["--exposure-us"] * exposed + ["--exact-law"] * exact_law
     idle = level == "none" and given
     require(not idle, f"{' and '.join(given)} would change nothing without --verify map or full: give that too")

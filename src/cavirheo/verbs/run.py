@@ -33,11 +33,16 @@ class Reading:
     shots: str | None = None
     frame_rate_hz: float | None = None
     exposure_us: float | None = None
+    um_per_px: float | None = None
     group: str = "auto"
     trust_input: bool = False
 
     def __post_init__(self) -> None:
-        for name, what in (("exposure_us", "time in us"), ("frame_rate_hz", "number of frames per second")):
+        for name, what in (
+            ("exposure_us", "time in us"),
+            ("frame_rate_hz", "number of frames per second"),
+            ("um_per_px", "number of micrometres"),
+        ):
             value, option = getattr(self, name), f"--{name.replace('_', '-')}"
             require(value is None or value > 0, f"{option} must be a positive {what}, got {value}", f"option.{name}")
         if self.shots is not None:
@@ -52,6 +57,7 @@ class Reading:
         scale = None if self.rmax_um is None else self.rmax_um * 1e-6
         about: dict[str, Any] = {"density": medium.density, "pressure": medium.pressure, "shots": self.shots}
         about["frame_rate_hz"] = self.frame_rate_hz
+        about |= {"um_per_px": self.um_per_px, "exposure": self.exposure_us and self.exposure_us * 1e-6}
         found = read_shots(files, max_radius=scale, group=self.group, **about)
         if self.exposure_us is None:
             return found

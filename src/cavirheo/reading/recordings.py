@@ -1,0 +1,44 @@
+"""Recordings -> RadiusCurves, guarded as other files are."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+from cavirheo.curve import RadiusCurve
+from cavirheo.errors import as_path
+from cavirheo.reading.files import guarded, sha256, shown
+from cavirheo.video.frames import is_recording
+from cavirheo.video.measurement import Measurement
+from cavirheo.video.measurement import measure as measure_frames
+
+__all__ = ["examine", "is_recording", "measure"]
+
+
+def measure(path: str | Path, **options: Any) -> RadiusCurve:
+    """R(t) of the bubble in a recording: .mp4, .avi, .mkv, .mov, .tif, .cine, .mraw + .cihx, or a folder of images.
+
+    Options: `frame_rate` (1/s; needed where no camera says it), `um_per_px` (without it the curve has no scale), and
+    `exposure` (s), `polarity` ("auto", "dark", "bright"), `roi` (x, y, width, height in px), `reference_frame`, `span`
+    (first, last frame), counted from 1.
+
+    Frames that cannot be measured are NaN; `curve.meta["flags"]` says of each frame why.
+
+    Raises:
+        InputError: not readable, no frame rate, no bubble.
+    """
+    return examine(path, **options)[1]
+
+
+def examine(path: str | Path, *, sheet: bool = False, **options: Any) -> tuple[Measurement, RadiusCurve]:
+    """The measurement and its curve, as `measure`; with `sheet` the curve carries the contact sheet for a report."""
+    path = as_path(path)
+    with guarded(path, "expected a recording of a bubble", folder=True):
+        found = measure_frames(path, **options)
+        digest = None if path.is_dir() else sha256(path)
+        origin = {"name": path.stem, "group": path.stem, "source": shown(path), "source_sha256": digest}
+        if sheet:
+            from cavirheo.video.picture import sheet_address
+
+            origin["contact_sheet"] = sheet_address(found)
+        return found, found.curve(**origin)

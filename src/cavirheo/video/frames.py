@@ -1,0 +1,350 @@
+"""Recordings -> frames in memory, with what the file itself knows of time and scale.
+
+A container's frame rate is that of playing, never of recording, and is not read. Pixels keep their bits.
+"""
+
+from __future__ import annotations
+
+import re
+import struct
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass, field, replace
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Any
+from xml.etree import ElementTree
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cavirheo.arrays import Bools, Floats
+from cavirheo.errors import require
+from cavirheo.files import read_bytes
+
+Pixels = NDArray[Any]  # unsigned integers of 8 or 16 bits
+
+MOVIES = (".mp4", ".avi", ".mkv", ".mov", ".gif", ".webm")
+STACKS = (".tif", ".tiff")
+IMAGES = (".png", ".bmp", ".jpg", ".jpeg", ".pgm")  # a folder of them is a recording
+CAMERAS = (".cine", ".mraw", ".cihx")
+ENDINGS = frozenset((*MOVIES, *STACKS, *CAMERAS))
+LARGEST = 2_500_000_000  # bytes of all frames in memory
+_HEADER = 50_000_000  # bytes of a camera's header
+_STEADY = 0.1  # of a frame: stamps that are so close to even ones are even
+_COLOURED = 12  # levels of 255 between the channels of a grey picture after compression
+_FFMPEG = {  # no playlist, that would open other files
+    "format_whitelist": "mov,mp4,m4a,3gp,3g2,mj2,matroska,webm,avi,gif,cine", "protocol_whitelist": "file",
+}  # fmt: skip
+_LENGTHS = {"micron": 1.0, "um": 1.0, "µm": 1.0, "\\u00B5m": 1.0, "mm": 1e3, "cm": 1e4, "nm": 1e-3}  # in um
+
+
+@dataclass(frozen=True, eq=False)
+class Footage:
+    """frames: (n, height, width). time: (n,) s, the camera's stamps from the first frame on. frame_rate: 1/s and
+    exposure: s, of a camera's header. damaged: (n,) frames that came in pieces. All but the frames may be missing.
+
+    `notes` tell what was found, `doubts` what is wrong with the file.
+    """
+
+    frames: Pixels
+    time: Floats | None = None
+    frame_rate: float | None = None
+    exposure: float | None = None
+    um_per_px: float | None = None
+    damaged: Bools = field(default_factory=lambda: np.empty(0, bool))
+    notes: tuple[str, ...] = ()
+    doubts: tuple[str, ...] = ()
+
+    def part(self, first: int, last: int) -> Footage:
+        """Frames `first` to `last`, counted from 1. Raises InputError: there are none."""
+        count = len(self.frames)
+        given = f"frames {first}:{last} were asked for; the recording has 1:{count}, and two are needed"
+        require(1 <= first < last <= count, given, "video.frames")
+        some = slice(first - 1, last)
+        cut = {
+            name: getattr(self, name)[some] for name in ("frames", "time", "damaged") if getattr(self, name) is not None
+        }
+        return replace(self, **cut)
+
+
+def is_recording(path: Path) -> bool:
+    """Whether the name is that of a recording: a video, or a folder with images."""
+    if not path.is_dir():
+        return path.suffix.lower() in ENDINGS
+    return bool(_images(path))
+
+
+def read(path: Path) -> Footage:
+    """The frames of a file or a folder of images.
+
+    Raises InputError, or whatever the libraries raise of a damaged file.
+    """
+    reader: Callable[[Path], Footage]
+    if path.is_dir():
+        reader = _folder
+    else:
+        with path.open("rb") as file:
+            head = file.read(4)
+        ending = path.suffix.lower()
+        if head[:2] == b"CI" and ending == ".cine":
+            reader = _cine
+        elif ending in (".mraw", ".cihx"):
+            reader = _mraw
+        else:
+            reader = _stack if head in (b"II*\0", b"MM\0*", b"II+\0", b"MM\0+") else _movie
+    found = reader(path)
+    shape = found.frames.shape
+    require(len(shape) == 3 and len(found.frames) > 0, f"no frame in it (shape {shape})", "video.no_frames")
+    small = f"frames of {shape[2]} x {shape[1]} pixels; at least 16 x 16 are needed"
+    require(min(shape[1:]) >= 16, small, "video.small")
+    fine = len(found.frames) > 1
+    require(fine, "one frame is no recording: a bubble must be seen to grow and collapse", "video.one_frame")
+    damaged = found.damaged if len(found.damaged) else np.zeros(len(found.frames), bool)
+    return replace(found, damaged=damaged)
+
+
+def need(library: str) -> None:
+    """Raises InputError where it is not installed."""
+    why = f'recordings need {library}: pip install "cavirheo[video]"'
+    require(find_spec(library) is not None, why, "video.not_installed")
+
+
+def _movie(path: Path) -> Footage:
+    need("av")
+    import av
+
+    av.logging.set_level(av.logging.PANIC)
+    frames, notes, doubts, stated = _Growing(), [], [], 0.0
+    damaged: list[bool] = []
+    try:
+        with av.open(str(path), options=_FFMPEG) as container:
+            require(bool(container.streams.video), "no video in it", "video.no_frames")
+            stream = container.streams.video[0]
+            deep = max((part.bits for part in stream.format.components), default=8) > 8 if stream.format else False
+            lasts = (container.duration or 0) / av.time_base * float(stream.average_rate or 0)
+            stated = stream.frames or 0.98 * lasts - 1.0
+            for frame in container.decode(stream):
+                if not damaged and _coloured(frame.to_ndarray(format="rgb24")):
+                    notes.append("a colour recording: its brightness is measured")
+                frames.add(frame.to_ndarray(format="gray16le" if deep else "gray"))
+                damaged.append(bool(frame.is_corrupt))
+    except av.error.FFmpegError as error:
+        require(bool(damaged), f"no frame of a video can be decoded ({error.strerror})", "video.undecodable")
+        doubts.append(f"the file is damaged after frame {len(damaged)} ({error.strerror})")
+    if not doubts and len(damaged) < stated:
+        doubts.append(f"the file is cut short: it states about {stated:.0f} frames, {len(damaged)} are there")
+    bad = np.array(damaged, bool)
+    notes += [f"{bad.sum()} damaged frames are left out"] if bad.any() else []
+    return Footage(frames.whole(), damaged=bad, notes=tuple(notes), doubts=tuple(doubts))
+
+
+class _Growing:
+    """Frames that come one by one, held once. Raises InputError for more than LARGEST, or another size."""
+
+    def __init__(self) -> None:
+        self.held, self.like = bytearray(), np.empty((0, 0))
+
+    def add(self, frame: Pixels) -> None:
+        if not self.held:
+            self.like = frame
+        same = frame.shape == self.like.shape and frame.dtype == self.like.dtype
+        sizes = f"{frame.shape[::-1]} after {self.like.shape[::-1]}"
+        require(same, f"the frames are of several sizes or kinds: {sizes}", "video.sizes")
+        _fits(len(self.held) + frame.nbytes)
+        self.held += frame.tobytes()
+
+    def whole(self) -> Pixels:
+        return np.frombuffer(self.held, self.like.dtype).reshape(-1, *self.like.shape)
+
+
+def _fits(size: float) -> None:
+    why = f"its frames are more than {LARGEST / 1e9:g} GB; cut the recording to the bubble and save that"
+    require(size <= LARGEST, why, "video.too_large")
+
+
+def _coloured(rgb: Pixels) -> bool:
+    return bool(np.percentile(np.ptp(rgb[::2, ::2].astype(np.int16), axis=2), 90) > _COLOURED)
+
+
+def _grey(image: Pixels) -> Pixels:
+    """(height, width) of the brightness, in as many bits; an alpha channel is left out."""
+    if image.ndim == 2:
+        return image
+    if image.shape[0] in (3, 4) and image.shape[-1] > 4:  # a plane for each colour
+        image = np.moveaxis(image, 0, -1)
+    colours = image[..., :3] if image.shape[-1] >= 3 else image[..., :1]
+    weights = np.array([0.299, 0.587, 0.114]) if colours.shape[-1] == 3 else np.ones(1)
+    return np.rint(colours @ weights).astype(image.dtype)
+
+
+def _stack(path: Path) -> Footage:
+    need("tifffile")
+    from tifffile import TiffFile
+
+    with TiffFile(path) as file:
+        pages, first = len(file.pages), file.pages[0]
+        _fits(pages * float(np.prod(first.shape)) * first.dtype.itemsize)  # type: ignore[union-attr]
+        about = file.imagej_metadata or {}
+        scale, notes = _tiff_scale(first, about)
+        try:
+            images = file.asarray() if about.get("images", 1) > pages else _each(file.pages)
+        except (ValueError, ImportError):  # a compression that needs another library
+            images = _each(_pillow_pages(path))
+    images = images.reshape(-1, *images.shape[-2:])
+    return Footage(_unsigned(images), um_per_px=scale, notes=notes)
+
+
+def _each(pages: Iterable[Any]) -> Pixels:
+    held = _Growing()
+    for page in pages:
+        held.add(_grey(page if isinstance(page, np.ndarray) else page.asarray()))
+    return held.whole()
+
+
+def _pillow_pages(path: Path) -> Iterator[Pixels]:
+    from PIL import Image, ImageSequence
+
+    with Image.open(path) as image:
+        for page in ImageSequence.Iterator(image):
+            yield np.asarray(page)
+
+
+def _tiff_scale(page: Any, about: dict[str, Any]) -> tuple[float | None, tuple[str, ...]]:
+    """(um per pixel, notes) where ImageJ states a length per pixel; the resolution of others is that of printing."""
+    per = _LENGTHS.get(str(about.get("unit", "")))
+    tag = page.tags.get("XResolution")
+    if not per or not tag or not tag.value[0]:
+        return None, ()
+    scale = per * tag.value[1] / tag.value[0]
+    return scale, (f"{scale:.4g} um per pixel, as ImageJ stored it",)
+
+
+def _unsigned(images: Pixels) -> Pixels:
+    """Integers of 8 or 16 bits, as the camera gave them; what was computed since is brought to 16 bits."""
+    if images.dtype in (np.uint8, np.uint16):
+        return images
+    if images.dtype == bool:
+        return images.astype(np.uint8)
+    wide = np.nan_to_num(images.astype(np.float64))
+    low, high = float(wide.min()), float(wide.max())
+    return np.rint((wide - low) * (60000.0 / max(high - low, 1e-12))).astype(np.uint16)
+
+
+def _folder(path: Path) -> Footage:
+    need("PIL")
+    from PIL import Image
+
+    held, names = _Growing(), _images(path)
+    for name in names:
+        with Image.open(name) as image:
+            flat = image.convert("RGB") if image.mode in ("P", "CMYK", "YCbCr") else image
+            held.add(_grey(np.asarray(flat)))
+    said = f"{len(names)} images of a folder in natural order, {names[0].name} to {names[-1].name}"
+    return Footage(_unsigned(held.whole()), notes=(said,))
+
+
+def _images(folder: Path) -> list[Path]:
+    """The images in it that most of them are like, in natural order: frame 2 before frame 10."""
+    try:
+        found = [path for path in folder.iterdir() if path.name[0] != "." and path.suffix.lower() in IMAGES + STACKS]
+    except OSError:
+        return []
+    endings = [path.suffix.lower() for path in found]
+    most = max(set(endings), key=endings.count, default="")
+    chosen = [path for path in found if path.suffix.lower() == most and path.is_file()]
+    return (
+        sorted(chosen, key=lambda path: [(int(d or 0), t) for t, d in re.findall(r"(\D*)(\d*)", path.name)])
+        if _single(chosen)
+        else []
+    )
+
+
+def _single(images: list[Path]) -> bool:
+    """Whether each is one frame: several, and no stacks of frames."""
+    if len(images) < 3 or images[0].suffix.lower() not in STACKS or not find_spec("tifffile"):
+        return len(images) > 2
+    from tifffile import TiffFile
+
+    try:
+        with TiffFile(images[0]) as file:
+            return len(file.pages) == 1
+    except Exception:
+        return False
+
+
+def _cine(path: Path) -> Footage:
+    """Phantom: pixels by FFmpeg; rate, exposure and a stamp of every frame from the header.
+
+    Layout: Vision Research, Cine File Format (2011). The stamps are what the camera did, the rate what it was told.
+    """
+    movie = _movie(path)
+    with path.open("rb") as file:
+        head = file.read(44)
+        count, _, setup, images = struct.unpack_from("<4I", head, 20)
+        fits = 44 <= setup < images <= _HEADER
+        require(fits, "the header of the .cine file is damaged", "video.cine")
+        head += file.read(images - 44)
+    rate = float(struct.unpack_from("<I", head, setup + 768)[0])
+    at, blocks = setup + struct.unpack_from("<H", head, setup + 142)[0], {}
+    while at + 8 <= images:
+        size, kind = struct.unpack_from("<IH", head, at)
+        if size < 8:
+            break
+        blocks[kind] = head[at + 8 : at + size]
+        at += size
+    n, notes, doubts = len(movie.frames), [*movie.notes], [*movie.doubts]
+    if n < count:
+        doubts.append(f"the file is cut short: {n} of {count} frames are there")
+    time = exposure = None
+    if len(blocks.get(1002, b"")) >= 8 * n and n > 1:
+        stamps = np.frombuffer(blocks[1002], "<u4")[: 2 * n].reshape(-1, 2).astype(np.float64)
+        time = (stamps[:, 1] - stamps[0, 1]) + (stamps[:, 0] - stamps[0, 0]) / 2**32
+        told, increases = (n - 1) / max(float(time[-1]), 1e-12), bool(np.all(np.diff(time) > 0))
+        if increases and np.all(np.abs(time * told - np.arange(n)) < _STEADY):  # stamps are rounded, often to 1 us
+            time = np.arange(n) / told
+        if increases:
+            notes.append(f"{told:.6g} frames per second by the time stamps of the .cine file")
+        else:
+            time = None
+            doubts.append("the time stamps of the .cine file do not increase and are not used")
+        if increases and rate and abs(told / rate - 1.0) > 0.01:
+            doubts.append(f"the camera's header says {rate:.6g} frames per second, its time stamps {told:.6g}")
+    if len(blocks.get(1003, b"")) >= 4 * n:
+        exposure = float(np.median(np.frombuffer(blocks[1003], "<u4")[:n])) / 2**32 or None
+    about: dict[str, Any] = {"time": time, "frame_rate": rate or None, "exposure": exposure}
+    return replace(movie, notes=tuple(notes), doubts=tuple(doubts), **about)
+
+
+def _mraw(path: Path) -> Footage:
+    """Photron: raw pixels, described by a .cihx file (XML) of the same name."""
+    header, raw = path.with_suffix(".cihx"), path.with_suffix(".mraw")
+    for each in (header, raw):
+        require(each.is_file(), f"{each.name} is missing beside it: pixels and header are two files", "video.mraw_pair")
+    text = read_bytes(header, _HEADER)
+    require(b"<cih>" in text, f"{header.name} is no Photron header", "video.cihx")
+    tree = ElementTree.fromstring(text[text.index(b"<cih>") : text.rindex(b"</cih>") + 6])
+
+    def number(place: str) -> int:
+        found = tree.findtext(place)
+        require(bool(found) and str(found).isdigit(), f"{header.name} lacks {place}", "video.cihx")
+        return int(found or 0)
+
+    width, height = (number(f"imageDataInfo/resolution/{side}") for side in ("width", "height"))
+    bits, stated = number("imageDataInfo/colorInfo/bit"), number("frameInfo/totalFrame")
+    kind = tree.findtext("imageDataInfo/colorInfo/type") or ""
+    known = bits in (8, 12, 16) and kind in ("Mono", "Raw", "")
+    require(known, f"{bits} bits of kind {kind!r}; expected grey pixels of 8, 12 or 16 bits", "video.mraw_bits")
+    size = width * height
+    _fits(float(stated) * size * (2 if bits > 8 else 1))
+    require(size > 0 and size * bits % 8 == 0, f"frames of {width} x {height} pixels", "video.mraw_bits")
+    content = np.fromfile(raw, np.uint8, count=stated * size * bits // 8)
+    n = len(content) * 8 // (size * bits)
+    content = content[: n * size * bits // 8]
+    if bits == 12:  # three bytes hold two pixels
+        a, b, c = content.reshape(-1, 3).astype(np.uint16).T
+        content = np.stack([a << 4 | b >> 4, (b & 15) << 8 | c], axis=1)
+    frames = (content.view("<u2") if bits == 16 else content).reshape(-1, height, width)
+    short = (f"the file is cut short: {n} of {stated} frames are there",) if n < stated else ()
+    rate, shutter = number("recordInfo/recordRate"), number("recordInfo/shutterSpeedNsec")
+    notes = (f"{rate} frames per second and an exposure of {shutter / 1e3:g} us by the camera's header",)
+    return Footage(frames, None, float(rate) or None, shutter * 1e-9 or None, notes=notes, doubts=short)

@@ -1,0 +1,189 @@
+"""A recording measured: the bubble's history in seconds and metres, and where every number came from."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from math import isfinite
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from cavirheo.arrays import Floats
+from cavirheo.curve import RadiusCurve
+from cavirheo.errors import require
+from cavirheo.video import frames
+from cavirheo.video.frames import Footage
+from cavirheo.video.stage import Stage, set_stage
+from cavirheo.video.track import FLAGS, USED, Track, follow
+
+_PIXEL = 1e-6  # m, that stands in for a pixel until there is a scale
+_DIFFERS = 0.01  # of the rate or the exposure: the camera and the user mean different ones
+_TWINS = 0.2  # of the measured frames
+_BURNT = 0.3  # of the background, at the brightest value
+_HOW = "give it: --fps of measure, --frame-rate-hz of infer, fit and which-law, frame_rate= in Python"
+_NO_RATE = f"how fast it was recorded is not known, for a video file states how fast it is played; {_HOW}"
+
+
+@dataclass(frozen=True)
+class Stated:
+    """A number, in SI but for um per pixel, and who says so; None where nobody does."""
+
+    value: float | None = None
+    origin: str = "not known"
+
+
+@dataclass(frozen=True, eq=False)
+class Measurement:
+    """One recording. `track` is in pixels of the region that was looked at; `corner` is its (x, y) in the recording.
+
+    time: (n,) s from the recording's first frame on. first: number of the first frame here, from 1.
+    """
+
+    track: Track
+    recording: Footage
+    time: Floats
+    frame_rate: Stated
+    um_per_px: Stated
+    exposure: Stated
+    options: dict[str, Any]
+    notes: tuple[str, ...]
+    doubts: tuple[str, ...]
+    first: int = 1
+    corner: tuple[int, int] = (0, 0)
+
+    @property
+    def counts(self) -> dict[str, int]:
+        """Frames by flag, in the order of `FLAGS`."""
+        found = Counter(self.track.flags.tolist())
+        return {flag: found[flag] for flag in FLAGS if found[flag]}
+
+    def curve(self, **meta: Any) -> RadiusCurve:
+        """The history; frames that are not used are NaN. Its meta has `flags` (n,). Raises InputError."""
+        pixel = (self.um_per_px.value or 1.0) * _PIXEL
+        about = {"notes": self.notes, "flags": tuple(self.track.flags.tolist()), "video": True, **meta}
+        if self.frame_rate.value:
+            about["frame_rate_hz"] = self.frame_rate.value
+        if self.exposure.value:
+            about["exposure_s"] = self.exposure.value
+        largest = float(np.nanmax(self.track.radius))
+        why = f"the radius is in pixels (largest {largest:.4g}) without um per pixel; give --um-per-px"
+        unscaled = "" if self.um_per_px.value else why
+        radius, sigma = self.track.radius * pixel, self.track.sigma * pixel
+        return RadiusCurve(self.time, radius, sigma, about, unscaled=unscaled, doubts=self.doubts)
+
+
+def measure(
+    path: Path,
+    *,
+    frame_rate: float | None = None,
+    um_per_px: float | None = None,
+    exposure: float | None = None,
+    polarity: str = "auto",
+    roi: tuple[int, int, int, int] | None = None,
+    reference_frame: int | None = None,
+    span: tuple[int, int] | None = None,
+    begin: Callable[[int], Callable[[], None]] = lambda count: lambda: None,
+) -> Measurement:
+    """Measure a recording.
+
+    Args:
+        frame_rate: 1/s; a camera's own stamps or header count where it is not given.
+        um_per_px: where it is missing radii stay in pixels. exposure: s.
+        polarity: whether the bubble is "dark" or "bright"; "auto" finds it.
+        roi: (x, y, width, height) px: the part that is looked at.
+        reference_frame: number of a frame without the bubble, from 1; span: (first, last) frame that is looked at.
+        begin: told the number of frames, it gives what is called after each.
+
+    Raises InputError, and what libraries raise of damaged files.
+    """
+    for name, value in (("frame_rate", frame_rate), ("um_per_px", um_per_px), ("exposure", exposure)):
+        fine = value is None or (isinstance(value, int | float) and 0 < value < float("inf"))
+        require(fine, f"{name} must be a positive number, got {value!r}", f"video.{name}")
+    whole = frames.read(path)
+    count = len(whole.frames)
+    rate, doubts = _agreed("frames per second", frame_rate, _camera_rate(whole))
+    require(rate.value is not None or whole.time is not None, _NO_RATE, "video.frame_rate")
+    shutter, more = _agreed("seconds of exposure", exposure, (whole.exposure, "the camera's header"))
+    scale, again = _agreed("um per pixel", um_per_px, (whole.um_per_px, "the resolution stored by ImageJ"))
+    stamped = whole.time is not None and frame_rate is None
+    time = whole.time if stamped and whole.time is not None else np.arange(count) / (rate.value or 1.0)
+    first, last = span or (1, count)
+    seen = whole.part(first, last) if span else whole
+    corner = (0, 0)
+    if roi:
+        corner, seen = roi[:2], replace(seen, frames=_region(seen.frames, roi))
+    if reference_frame is not None:
+        fine = first <= reference_frame <= last
+        require(fine, f"reference frame {reference_frame} is not within {first}:{last}", "video.reference_frame")
+        reference_frame -= first - 1
+    between = float(np.median(np.diff(time)))
+    long = (
+        f"an exposure of {1e6 * (shutter.value or 0):.4g} us is longer than the {1e6 * between:.4g} us between frames"
+    )
+    require(not shutter.value or shutter.value <= 1.001 * between, long, "video.exposure")
+    stage = set_stage(seen, polarity, reference_frame)
+    track = follow(stage, shutter.value / between if shutter.value else None, begin(len(seen.frames)))
+    options = {
+        "polarity": "dark" if stage.depth > 0 else "bright", "roi": roi, "frames": f"{first}:{last}",
+        "reference_frame": reference_frame and reference_frame + first - 1,
+        "frames_without_bubble": stage.empty,
+    }  # fmt: skip
+    found = Measurement(
+        track, seen, time[first - 1 : last], rate, scale, shutter, options, whole.notes,
+        (*whole.doubts, *doubts, *more, *again, *_doubts(track, stage)), first, corner,
+    )  # fmt: skip
+    return replace(found, notes=(*found.notes, *_counted(found)))
+
+
+def _camera_rate(recording: Footage) -> tuple[float | None, str]:
+    if recording.time is None:
+        return recording.frame_rate, "the camera's header"
+    return float(1.0 / np.median(np.diff(recording.time))), "the camera's time stamps"
+
+
+def _agreed(what: str, given: float | None, camera: tuple[float | None, str]) -> tuple[Stated, tuple[str, ...]]:
+    """The number that counts, the user's before the camera's; a sentence where they differ."""
+    value, origin = camera
+    if given is None:
+        return (Stated(value, origin) if value else Stated()), ()
+    if not value or abs(given / value - 1.0) <= _DIFFERS:
+        return Stated(float(given), "the user"), ()
+    return Stated(float(given), "the user"), (f"{given:.6g} {what} were given; {origin} has {value:.6g}",)
+
+
+def _region(images: frames.Pixels, roi: tuple[int, int, int, int]) -> frames.Pixels:
+    (x, y, width, height), (high, wide) = roi, images.shape[1:]
+    inside = min(x, y) >= 0 and min(width, height) >= 16 and x + width <= wide and y + height <= high
+    given = f"region {x},{y},{width},{height} of frames of {wide} x {high} pixels"
+    require(inside, f"{given}; give x,y,width,height within them, at least 16 x 16", "video.roi")
+    return images[:, y : y + height, x : x + width]
+
+
+def _doubts(track: Track, stage: Stage) -> tuple[str, ...]:
+    measured = int(np.isfinite(track.radius).sum())
+    said = []
+    if track.twins >= _TWINS * measured:
+        what = f"a second bubble nearly as large is in {track.twins} of {measured} frames (the mirror image in a wall?)"
+        said.append(f"{what}: choose one with --roi x,y,width,height")
+    if stage.depth > 0 and np.mean(stage.reference >= 0.995 * stage.frames.max()) > _BURNT:
+        said.append("the background is overexposed: the radius is too small by some tenths of a pixel")
+    return tuple(said)
+
+
+def _counted(found: Measurement) -> list[str]:
+    track, counts = found.track, found.counts
+    used = sum(counts.get(flag, 0) for flag in USED)
+    said = [f"{used} of {len(track.flags)} frames measured"]
+    said += [f"{n} {flag} ({FLAGS[flag]})" for flag, n in counts.items() if flag not in ("ok", "before")]
+    top = int(np.nanargmax(track.radius))
+    if track.arc[top] < 0.9:
+        said.append(f"at R_max {100 * track.arc[top]:.0f} % of the outline is within the frame")
+    hint = track.exposure_hint
+    if found.exposure.value is None and hint and isfinite(hint):
+        said.append(
+            f"exposure not known; the blur of fast frames suggests {min(hint, 1.0):.2g} of the time between frames"
+        )
+    return said

@@ -1,0 +1,272 @@
+"""The bubble's outline in one frame: found roughly as a dark patch, then measured on rays to a hundredth of a pixel.
+
+On each ray the wall is where coverage falls through half: at constant wall speed that is the radius in the middle of
+the exposure, however long it was (Sieber et al. 2023, doi:10.1007/s00348-023-03732-6).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import label, map_coordinates, uniform_filter
+
+from cavirheo.arrays import Bools, Floats
+from cavirheo.video.stage import Image, Stage
+
+_RAYS = (48, 300)
+_STEP = 0.5  # px along a ray
+_TUKEY = 4.0  # deviations beyond which a point counts nothing
+WHOLE = 0.9  # of the circle: an outline that is seen so far determines its own centre and shape
+_BINNED = 30_000  # pixels of a frame from which on the rough search takes four as one
+QUARTERS = 1.349  # between the 25 % and 75 % of a Gaussian edge, over its sigma
+
+
+@dataclass(frozen=True, eq=False)
+class Patch:
+    """A region that the bubble may be: area in px, circle (x, y, R), median coverage of its outer part."""
+
+    area: float
+    x: float
+    y: float
+    radius: float
+    inside: float = 1.0
+
+
+@dataclass(frozen=True)
+class Edge:
+    """What the profile across the wall tells, in px. width: from a quarter to three quarters of it. lag: by how much
+    the mean of the wall over the exposure is beyond its half level. light: radius of a disc that takes as much light,
+    NaN for large bubbles. contrast: over the usual. arc: part of the circle that is seen.
+    """
+
+    width: float
+    lag: float
+    light: float
+    contrast: float
+    arc: float
+
+
+@dataclass(frozen=True, eq=False)
+class Outline:
+    """points: (k, 2) on the wall. radius, x, y: px. sigma: of the fit alone. mode: amplitude of the second mode, NaN
+    where the circle is not seen whole. good: part of the points that lie on it."""
+
+    points: Floats
+    radius: float
+    x: float
+    y: float
+    sigma: float
+    mode: float
+    good: float
+    edge: Edge
+
+
+def patches(stage: Stage, i: int) -> list[Patch]:
+    """What may be the bubble in frame i, the largest first, at most four."""
+    step = 2 if stage.reference.size >= _BINNED else 1
+    covered = np.nan_to_num(stage.covered(i, step=step))
+    smooth = covered if step > 1 and stage.noise < 0.05 else uniform_filter(covered, 3)
+    mask = smooth > 0.5
+    marks, count = label(mask)
+    if not count:
+        return []
+    areas = np.bincount(marks.ravel())[1:] * float(step * step)
+    order = np.argsort(areas)[::-1][:4]
+    order = order[areas[order] >= 4 + 4 * (step - 1)]
+    if not len(order):
+        return []
+    spans = [marks == k + 1 for k in order]
+    through = [bool(span[0].any() and span[-1].any()) or bool(span[:, 0].any() and span[:, -1].any()) for span in spans]
+    if through[0] and any(through[1:]):  # a bubble larger than the frame shows its sides alone
+        spans[0] = np.any([span for span, whole in zip(spans, through, strict=True) if whole], axis=0)
+        spans = [spans[0], *(span for span, whole in zip(spans[1:], through[1:], strict=True) if not whole)]
+    return [_patch(span, covered, step) for span in spans]
+
+
+def _patch(mask: Bools, covered: Image, step: int) -> Patch:
+    """Its circle through the first and last pixel of each row and column: a bright centre does not matter."""
+    height, width = mask.shape
+    rows, columns = np.flatnonzero(mask.any(1)), np.flatnonzero(mask.any(0))
+    left, right = mask[rows].argmax(1), width - 1 - mask[rows, ::-1].argmax(1)
+    top, bottom = mask[:, columns].argmax(0), height - 1 - mask[::-1, columns].argmax(0)
+    x = np.concatenate([left - 0.5, right + 0.5, columns, columns])
+    y = np.concatenate([rows, rows, top - 0.5, bottom + 0.5])
+    inner = (x > 0) & (x < width - 1) & (y > 0) & (y < height - 1)
+    area = float(mask.sum())
+    radius = np.sqrt(area / np.pi)
+    circle = (float(columns.mean()), float(rows.mean()), float(radius))
+    if area > 30 and inner.sum() > 8:
+        circle = _rough_circle(x[inner], y[inner]) or circle
+    x0, y0, radius = circle
+    v, u = np.nonzero(mask)
+    away = np.hypot(u - x0, v - y0)
+    ring = (away > 0.55 * radius) & (away < 0.85 * radius)
+    inside = float(np.median(covered[v[ring], u[ring]])) if ring.sum() > 20 else np.nan
+    shift = (step - 1) / 2
+    return Patch(area * step * step, x0 * step + shift, y0 * step + shift, radius * step, inside)
+
+
+def _rough_circle(x: Floats, y: Floats) -> tuple[float, float, float] | None:
+    """Kasa's circle, reweighted."""
+    weight = np.ones(len(x))
+    for _ in range(6):
+        root = np.sqrt(weight)
+        rows = np.stack([2 * x, 2 * y, np.ones_like(x)], axis=1) * root[:, None]
+        a, b, c = np.linalg.lstsq(rows, (x * x + y * y) * root, rcond=None)[0]
+        square = c + a * a + b * b
+        if square <= 0:
+            return None
+        off = np.hypot(x - a, y - b) - np.sqrt(square)
+        weight = _tukey(off, max(1.4826 * float(np.median(np.abs(off))), 0.7))
+    return float(a), float(b), float(np.sqrt(square))
+
+
+def _tukey(off: Floats, scale: float) -> Floats:
+    return np.asarray(np.clip(1.0 - (off / (_TUKEY * scale)) ** 2, 0.0, None) ** 2)
+
+
+def measure(stage: Stage, i: int, rough: Patch) -> Outline | None:
+    """The outline near a rough circle in frame i; None where no wall is found."""
+    x0, y0, radius, width = rough.x, rough.y, rough.radius, 2.0
+    found = None
+    for _ in range(3):  # again where the edge is wider, or elsewhere, than was looked for
+        half = float(np.clip(0.25 * radius + 2.0 * width, 6.0, 60.0))
+        found = _on_rays(stage, i, x0, y0, radius, half, width)
+        if found is None:
+            return None
+        moved = np.hypot(found.x - x0, found.y - y0) + abs(found.radius - radius)
+        settled = moved < 0.25 * half and found.edge.width < 0.4 * half
+        x0, y0, radius, width = found.x, found.y, max(found.radius, 1.0), max(0.5, found.edge.width)
+        if settled:
+            break
+    return found
+
+
+def _on_rays(stage: Stage, i: int, x0: float, y0: float, radius: float, half: float, width: float) -> Outline | None:
+    count = int(np.clip(2 * np.pi * radius / 1.5, *_RAYS))
+    angles = np.arange(count) * (2 * np.pi / count)
+    away = np.arange(max(radius - half, 0.25), radius + half, _STEP)
+    reach = radius + half + 2
+    top, left = max(int(y0 - reach), 0), max(int(x0 - reach), 0)
+    part = (slice(top, max(int(y0 + reach) + 2, 0)), slice(left, max(int(x0 + reach) + 2, 0)))
+    if 0 in stage.reference[part].shape:
+        return None
+    covered = stage.covered(i, part)
+    x = x0 - left + np.cos(angles)[:, None] * away
+    y = y0 - top + np.sin(angles)[:, None] * away
+    along = map_coordinates(covered, [y, x], order=1, mode="constant", cval=np.nan)
+    seen = np.isfinite(along)
+    if seen.mean() < 0.02:
+        return None
+    outer, inner = away > radius + 1.5 * width + 1.5, (away < radius - 1.5 * width - 1.0) & (away > 0.55 * radius)
+    beside = _level(along[:, outer], 0.0)
+    inside = _level(along[:, inner], 1.0) if radius > 8 and inner.sum() > 2 else 1.0
+    contrast = inside - beside
+    if contrast < 0.15:
+        return None
+    smooth = along if radius < 12 else (along + np.roll(along, 1, 0) + np.roll(along, -1, 0)) / 3
+    wall, outside, within = (_crossings(smooth, away, beside + part * contrast) for part in (0.5, 0.25, 0.75))
+    on = np.isfinite(wall)
+    if on.sum() < 8:
+        return None
+    points = np.stack([x0 + wall[on] * np.cos(angles[on]), y0 + wall[on] * np.sin(angles[on])], axis=1)
+    width = _median(outside - within, np.nan)
+    lag = _lag(smooth, away, wall, beside, contrast, 1.2 * _median(outside - within, 2.0) + 1.5)[on]
+    light = np.nan
+    if radius < 20 and seen.mean() > 0.99:
+        light = _light(covered, x0 - left, y0 - top, radius + 3 * width + 2.0, beside, 1.0)
+    edge = Edge(width, _median(lag, 0.0), light, contrast, float(on.mean()))
+    return fitted(points, (x0, y0), edge)
+
+
+def _median(values: NDArray[np.floating], otherwise: float) -> float:
+    known = values[np.isfinite(values)]
+    return float(np.median(known)) if known.size else otherwise
+
+
+def _level(values: NDArray[np.floating], otherwise: float) -> float:
+    """Their mean without stray ones: the median alone would be a whole grey value."""
+    known = values[np.isfinite(values)]
+    if not known.size:
+        return otherwise
+    middle = np.median(known)
+    near = np.abs(known - middle)
+    return float(np.mean(known[near <= 4.0 * np.median(near) + 0.02]))
+
+
+def _crossings(along: NDArray[np.floating], away: Floats, level: float) -> Floats:
+    """(rays,) where each falls through the level last; NaN where it does not."""
+    above = along >= level
+    falls = above[:, :-1] & (along[:, 1:] < level)
+    last = falls.shape[1] - 1 - falls[:, ::-1].argmax(1)
+    ray = np.arange(len(along))
+    before, after = along[ray, last], along[ray, last + 1]
+    with np.errstate(invalid="ignore", divide="ignore"):
+        found = away[last] + (away[1] - away[0]) * (before - level) / (before - after)
+    return np.where(falls.any(1), found, np.nan)
+
+
+def _lag(
+    along: NDArray[np.floating], away: Floats, wall: Floats, beside: float, contrast: float, reach: float
+) -> Floats:
+    """(rays,) by how much the mean of the wall over the exposure is beyond its half level: all that the profile covers
+    within `reach` of it, which motion and optics do not change."""
+    near = np.abs(away - wall[:, None]) <= reach
+    begin = away[near.argmax(1)] - _STEP / 2
+    covered = np.where(near, (along - beside) / contrast, 0.0).sum(1) * _STEP
+    return np.asarray(begin + covered - wall)
+
+
+def _light(covered: Image, x: float, y: float, reach: float, beside: float, full: float) -> float:
+    """Radius of the disc that takes as much light."""
+    v, u = np.ogrid[: covered.shape[0], : covered.shape[1]]
+    near = (u - x) ** 2 + (v - y) ** 2 < reach**2
+    missing = float(np.nansum(covered[near] - beside)) / full
+    return float(np.sqrt(max(missing, 0.0) / np.pi))
+
+
+def fitted(
+    points: Floats, centre: tuple[float, float], edge: Edge, prior: tuple[float, float, float] | None = None
+) -> Outline | None:
+    """The circle through points, by distance from the wall; with its shape where it is seen nearly whole.
+
+    prior: (x, y, sigma) of the centre, for an outline of which parts alone are seen.
+    """
+    x, y = centre if prior is None else prior[:2]
+    whole = edge.arc > WHOLE
+    weight = np.ones(len(points))
+    for turn in range(8):
+        away = np.hypot(points[:, 0] - x, points[:, 1] - y)
+        angle = np.arctan2(points[:, 1] - y, points[:, 0] - x)
+        last = turn > 1 and whole
+        most = (8 if np.median(away) >= 15 else 4 if np.median(away) >= 6 else 2) if last else 1
+        orders = np.arange(1, most + 1)
+        rows = np.hstack([np.ones((len(away), 1)), np.cos(angle[:, None] * orders), np.sin(angle[:, None] * orders)])
+        target, root = away, np.sqrt(weight)
+        scaled, aims = rows * root[:, None], target * root
+        if prior is not None:
+            spread = max(1.4826 * float(np.median(np.abs(away - np.median(away)))), 0.1) / prior[2]
+            pull = np.zeros((2, rows.shape[1]))
+            pull[0, 1] = pull[1, 1 + most] = spread
+            scaled, aims = np.vstack([scaled, pull]), np.append(aims, spread * np.array([prior[0] - x, prior[1] - y]))
+        solution = np.linalg.lstsq(scaled, aims, rcond=None)[0]
+        off = away - rows @ solution
+        scale = max(1.4826 * float(np.median(np.abs(off))), 0.02)
+        weight = _tukey(off, scale)
+        if weight.sum() < 6:
+            return None
+        step = solution[1], solution[1 + most]
+        x, y = x + float(step[0]), y + float(step[1])
+        if turn > 3 and np.hypot(*step) < 1e-3:
+            break
+    kept = off[weight > 0]
+    rho = float(np.clip(np.corrcoef(kept[:-1], kept[1:])[0, 1], 0.0, 0.95)) if len(kept) > 4 and np.ptp(kept) else 0.0
+    worth = max(len(kept) * (1 - rho) / (1 + rho) - rows.shape[1], 2.0)
+    radius = float(solution[0])
+    if not 0.3 < radius < 1e4:
+        return None
+    mode = float(np.hypot(solution[2], solution[2 + most])) if most > 1 else np.nan
+    sigma = float(np.sqrt(np.mean(kept**2) / worth))
+    return Outline(points, radius, x, y, sigma, mode, float(len(kept) / len(off)), edge)

@@ -1,0 +1,208 @@
+"""What a recording shows besides the bubble: spoilt frames, the background, and how dark the bubble is."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import binary_fill_holes, binary_opening
+
+from cavirheo.arrays import Bools, Floats
+from cavirheo.errors import require
+from cavirheo.video.frames import Footage, Pixels
+
+POLARITIES = ("auto", "dark", "bright")
+_SAMPLED = 4000  # pixels of a frame, by which frames are told apart
+_AT_ONCE = 20_000_000  # such pixels of all frames
+_FLASH = 1.25  # times the usual brightness, of the darkest quarter of a frame
+_SATURATED = 0.3  # of the pixels
+_DARK = 0.5  # of the usual brightness at the border
+_OPAQUE = 0.3  # of the usual brightness: such pixels of the background tell nothing (a wall, dust)
+_SHALLOW = 4.0  # noises, that a bubble must differ from the background
+_LOOKED_AT = 32  # frames, for the first background
+
+Image = NDArray[np.float32]
+
+
+@dataclass(frozen=True, eq=False)
+class Stage:
+    """frames: (n, height, width). kinds: (n,) "", "flash", "dark" or "lost". reference: (height, width), the background
+    as a frame of usual brightness shows it. blind: its pixels that tell nothing.
+
+    depth: what the bubble takes of the light, over the background where it is dark; where it is bright, what it adds
+    (negative). noise: of `covered`, per pixel. empty: leading frames without a bubble. gains: (n,) brightness of the
+    frames over that of the background.
+    """
+
+    frames: Pixels
+    kinds: NDArray[np.str_]
+    reference: Image
+    depth: float
+    blind: Bools
+    noise: float = 0.0
+    empty: int = 0
+    gains: Floats = field(default_factory=lambda: np.ones(1))
+
+    def covered(self, i: int, part: tuple[slice, slice] | None = None, step: int = 1) -> Image:
+        """How much of each pixel the bubble covers, 0 to 1, of a part of frame i; NaN where blind. step: of binning."""
+        part = part or (slice(None), slice(None))
+        light, behind = (_binned(image[part], step) for image in (self.frames[i], self.reference))
+        behind *= np.float32(self.gains[i])
+        found = (behind - light) / (np.float32(self.depth) * behind if self.depth > 0 else np.float32(self.depth))
+        found[self.blind[part][::step, ::step][: found.shape[0], : found.shape[1]]] = np.nan
+        return found
+
+
+def _binned(image: Pixels, step: int) -> Image:
+    """Means of step x step pixels."""
+    if step == 1:
+        return image.astype(np.float32)
+    height, width = (size // step * step for size in image.shape)
+    parts = [image[k:height:step, j:width:step].astype(np.float32) for k in range(step) for j in range(step)]
+    return np.asarray(sum(parts) / np.float32(len(parts)))
+
+
+def set_stage(recording: Footage, polarity: str = "auto", reference_frame: int | None = None) -> Stage:
+    """Frames told apart, and a first background.
+
+    Raises InputError: nothing moves in the recording, or an option is wrong.
+    """
+    require(
+        polarity in POLARITIES, f"polarity must be one of {', '.join(POLARITIES)}, got {polarity!r}", "video.polarity"
+    )
+    frames = recording.frames
+    step = max(int(np.sqrt(frames[0].size / _SAMPLED)), int(np.sqrt(frames.size / _AT_ONCE)), 1)
+    small = frames[:, ::step, ::step].astype(np.float32)
+    kinds, level = _kinds(small, recording)
+    normal = np.flatnonzero(kinds == "")
+    require(len(normal) > 1, "every frame is dark, overexposed or damaged", "video.no_frames")
+    usual = float(np.median(level[normal]))
+    small = small[normal] * (usual / np.maximum(level[normal], 1e-3))[:, None, None].astype(np.float32)
+    low, high, middle = small.min(0), small.max(0), np.median(small, 0)
+    noise = 1.4826 / np.sqrt(2) * float(np.median(np.abs(np.diff(small, axis=0)))) + 0.3
+    moving = binary_opening(high - low > 0.5 * np.percentile(high - low, 99.5))
+    moving = moving if moving.any() else high - low >= np.max(high - low)
+    down, up = float(np.median((usual - low)[moving])), float(np.median((high - usual)[moving]))
+    sign = {"auto": 1 if down >= up else -1, "dark": 1, "bright": -1}[polarity]
+    swing = down if sign > 0 else up
+    still = "nothing moves in the recording: no bubble that is darker or brighter than the background"
+    require(swing > _SHALLOW * noise and swing > 0.03 * usual, still, "video.no_bubble")
+    # Of a bubble that is never gone, the middle of where things move is always covered.
+    within = binary_fill_holes(moving)
+    covered_most = sign * (usual - middle) > 0.3 * swing
+    deficit = sign * (np.where(within & covered_most, usual, middle) - small) > 0.5 * swing
+    seen = np.flatnonzero((deficit & within).sum((1, 2)) > 0)
+    empty = normal[: int(seen[0])] if len(seen) else normal[:0]
+    empty = empty[:-1] if len(empty) > 2 else empty
+    reference = _first_background(frames, normal, level / usual, empty, sign, swing, usual)
+    if reference_frame is not None:
+        given = f"the reference frame must be 1 to {len(frames)}, got {reference_frame}"
+        require(1 <= reference_frame <= len(frames), given, "video.reference_frame")
+        reference = frames[reference_frame - 1].astype(np.float32)
+    depth = swing / usual if sign > 0 else -swing
+    blind = reference < (_OPAQUE * usual if sign > 0 else -1.0)
+    reference = np.maximum(reference, np.float32(1e-3 * usual))
+    gains = np.array(
+        [
+            1.0 if kinds[i] else _gain(frames[i], reference, ~blind, depth / (1 if sign > 0 else usual))
+            for i in range(len(frames))
+        ]
+    )
+    first = int(empty[-1]) + 1 if len(empty) else 0
+    return Stage(frames, kinds, reference, depth, blind, noise / swing, first, gains)
+
+
+def _gain(frame: Pixels, reference: Image, seen: Bools, depth: float | None = None) -> float:
+    """Brightness of a frame over that of the background, by the middle of the pixels that are seen; of these that the
+    bubble may cover only those that are nearer to light than to dark."""
+    some = seen[::3, ::3]
+    ratio = frame[::3, ::3][some] / reference[::3, ::3][some]
+    if depth is not None and ratio.size:
+        bulk = np.percentile(ratio, 90 if depth > 0 else 10)
+        ratio = ratio[np.sign(depth) * (ratio / bulk - 1.0) > -abs(depth) / 2]
+    return float(np.median(ratio)) if ratio.size else 1.0
+
+
+def _kinds(small: Image, recording: Footage) -> tuple[NDArray[np.str_], Floats]:
+    """(the kind of each frame, its brightness at the border)."""
+    border = np.concatenate([small[:, 0], small[:, -1], small[:, :, 0], small[:, :, -1]], axis=1)
+    level = np.percentile(border, 60, axis=1)
+    quarter, most = (np.percentile(small, q, axis=(1, 2)) for q in (25, 95))
+    usual, top = float(np.median(most)), float(small.max())
+    burnt = (np.mean(small >= 0.98 * top, axis=(1, 2)) > _SATURATED) & (top > _FLASH * usual)
+    kinds = np.full(len(small), "", dtype="U12")
+    kinds[level < _DARK * np.median(level)] = "dark"
+    kinds[(quarter > _FLASH * usual) | burnt] = "flash"
+    kinds[recording.damaged] = "lost"
+    return kinds, level
+
+
+def _first_background(
+    frames: Pixels,
+    normal: NDArray[np.intp],
+    gain: Floats,
+    empty: NDArray[np.intp],
+    sign: int,
+    swing: float,
+    usual: float,
+) -> Image:
+    """The mean of the frames without a bubble; without them the bright side of each pixel, and where the bubble never
+    goes away a smooth surface."""
+    if len(empty) > 2:
+        return np.asarray(np.mean([frames[i] / np.float32(gain[i]) for i in empty[:_LOOKED_AT]], axis=0), np.float32)
+    chosen = normal[np.unique(np.linspace(0, len(normal) - 1, _LOOKED_AT).astype(int))]
+    stack = np.stack([frames[i] / np.float32(gain[i]) for i in chosen])
+    found = np.asarray(np.percentile(stack, 80 if sign > 0 else 20, axis=0), np.float32)
+    moving = np.ptp(stack, axis=0) > 0.5 * swing
+    hole = binary_fill_holes(binary_opening(moving, iterations=2)) & (sign * (usual - found) > 0.3 * swing)
+    if len(empty):
+        found[hole] = np.mean([frames[i] / np.float32(gain[i]) for i in empty], axis=0)[hole]
+    elif hole.any():
+        found[hole] = smooth_surface(found, ~hole)[hole]
+    return found
+
+
+def smooth_surface(image: Image, known: Bools) -> Image:
+    """(height, width): a quadratic surface through the known pixels, robust against dust."""
+    y, x = np.mgrid[: image.shape[0], : image.shape[1]] / max(image.shape)
+    terms = np.stack([np.ones_like(x), x, y, x * x, x * y, y * y], axis=-1)
+    rows, values = terms[known][::7], image[known][::7].astype(np.float64)
+    weight = np.ones(len(values))
+    for _ in range(6):
+        root = np.sqrt(weight)
+        solution = np.linalg.lstsq(rows * root[:, None], values * root, rcond=None)[0]
+        off = values - rows @ solution
+        weight = 1.0 / (1.0 + (off / max(1.4826 * float(np.median(np.abs(off))), 1e-6)) ** 2) ** 2
+    return np.asarray(terms @ solution, np.float32)
+
+
+def refined(stage: Stage, circles: dict[int, tuple[float, float, float]]) -> Stage:
+    """The stage with the mean background over all frames where a pixel is well outside the bubble.
+
+    circles: by frame, (x, y, R) in px.
+    """
+    total, count = np.zeros(stage.reference.shape), np.zeros(stage.reference.shape)
+    y, x = (np.arange(size, dtype=np.float32) for size in stage.reference.shape)
+    gains = stage.gains.copy()
+    for i in [*range(stage.empty), *circles] if stage.empty else circles:
+        if stage.kinds[i]:
+            continue
+        outside = np.ones(stage.reference.shape, bool)
+        if i in circles:
+            centre_x, centre_y, _ = circles[i]
+            radius = max(circles[k][2] for k in (i - 1, i, i + 1) if k in circles)  # it may move far within a frame
+            outside = ((x - centre_x) ** 2)[None, :] + ((y - centre_y) ** 2)[:, None] > (1.25 * radius + 5.0) ** 2
+        gains[i] = _gain(stage.frames[i], stage.reference, outside & ~stage.blind)
+        total += np.where(outside, stage.frames[i] / np.float32(gains[i]), 0.0)
+        count += outside
+    seen = count > 0
+    if seen.mean() < 0.05:
+        return stage
+    reference = stage.reference.copy()
+    reference[seen] = (total[seen] / count[seen]).astype(np.float32)
+    if not stage.empty and not seen.all():
+        reference[~seen] = smooth_surface(reference, seen)[~seen]
+    usual = float(np.median(reference))
+    blind = reference < _OPAQUE * usual if stage.depth > 0 else stage.blind
+    return replace(stage, reference=np.maximum(reference, np.float32(1e-3 * usual)), blind=blind, gains=gains)

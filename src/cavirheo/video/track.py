@@ -1,0 +1,267 @@
+"""Outlines of all frames -> the bubble's history: one bubble followed, each radius with its deviation and a flag."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import astuple, dataclass, fields, replace
+from math import hypot
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cavirheo.arrays import Floats
+from cavirheo.errors import require
+from cavirheo.landmarks import collapse_time, spikes
+from cavirheo.video import outline
+from cavirheo.video.outline import QUARTERS, WHOLE, Outline, Patch
+from cavirheo.video.stage import Stage, refined
+
+FLAGS = {  # of a frame: what it means
+    "ok": "measured",
+    "small": "measured by the light that is missing: too small for an outline",
+    "arc": "measured on a short arc, with the centre of other frames",
+    "reversal": "the wall turns within the exposure: an uncertain mean of what it blurs",
+    "faint": "less contrast than in other frames",
+    "poor": "the outline is no circle, or too little of it fits",
+    "elsewhere": "something dark, but not where the bubble was",
+    "lost": "no bubble is found, or the frame is damaged",
+    "spike": "far larger than before and after",
+    "flash": "overexposed",
+    "dark": "hardly any light",
+    "before": "before the bubble",
+}
+USED = ("ok", "small", "arc", "reversal")  # frames whose radius counts
+
+
+@dataclass(frozen=True)
+class Rules:
+    """Every number that decides here. Lengths are in px unless said."""
+
+    small: float = 4.0  # radius below which light is measured instead
+    calibrated: tuple[float, float] = (5.0, 15.0)  # radii at which both are
+    short_arc: float = 0.25  # of the circle
+    faint: float = 0.5  # of the usual contrast
+    fits: float = 0.5  # of the points that must be near the circle
+    jump: float = 12.0  # of the centre, beside half the radius
+    near: int = 15  # outlines seen whole, that give their centre to others
+    gap: int = 1  # frames without a bubble that the way back to its beginning may cross
+    spike: float = 0.1  # of the largest radius
+    swing: float = 0.2  # change of the radius within an exposure that a reversal must make
+    close: float = 0.25  # of a frame: uncertainty of the time of a reversal
+    interpolated: float = 0.065  # of the edge's variance, px^2: between pixels, which moves no level
+    scatter: float = 1.6  # of the deviation that the fit states: neighbouring rays share their noise
+    per_width: float = 0.0005  # deviation, of the edge's width
+    per_lag: float = 0.1  # of the correction for the motion within the exposure
+    blurred: tuple[float, float] = (1.1, 1.4)  # width over that at rest, from and up to which it is made
+    per_bend: float = 1.5  # of what the next order of the correction for a curved edge may be
+    per_reversal: float = 0.15  # of the edge's width
+    floor: float = 0.0025
+    small_share: float = 0.02  # deviation of a small bubble's radius, of itself
+    systematic_width: float = 0.02
+
+
+RULES = Rules()
+
+
+@dataclass(frozen=True, eq=False)
+class Track:
+    """Arrays (n,) in px, NaN where there is nothing: radius, its deviation `sigma`, what moves all frames alike
+    `systematic`, x, y, asphericity (second mode over the radius), width of the edge, arc seen. flags: of `FLAGS`.
+
+    exposure_hint: in frames, from the blur of fast frames; None where none is fast. twins: frames with a second bubble
+    as large. optics: sigma of the blur at rest.
+    """
+
+    radius: Floats
+    sigma: Floats
+    systematic: Floats
+    x: Floats
+    y: Floats
+    asphericity: Floats
+    width: Floats
+    arc: Floats
+    flags: NDArray[np.str_]
+    optics: float
+    exposure_hint: float | None = None
+    twins: int = 0
+
+
+def follow(stage: Stage, exposure: float | None = None, done: Callable[[], None] = lambda: None) -> Track:
+    """The bubble through all frames. exposure: in frames; None is unknown.
+
+    Raises InputError: no bubble.
+    """
+    n = len(stage.frames)
+    seen = {i: outline.patches(stage, i) for i in map(int, np.flatnonzero(stage.kinds == ""))}
+    chosen, strays = _one_bubble(seen, n)
+    levels = [patch.inside for patch in chosen.values() if patch.radius > 10 and np.isfinite(patch.inside)]
+    stage = refined(stage, {i: (patch.x, patch.y, patch.radius) for i, patch in chosen.items()})
+    if levels:
+        stage = replace(stage, depth=stage.depth * float(np.median(levels)))
+    for i in seen:
+        if not seen[i]:
+            seen[i] = outline.patches(stage, i)
+    chosen, strays = _one_bubble(seen, n)
+    twins = sum(_is_twin(seen[i], patch) for i, patch in chosen.items())
+    found: dict[int, Outline] = {}
+    for i, patch in chosen.items():
+        if measured := outline.measure(stage, i, patch):
+            found[i] = measured
+        done()
+    require(bool(found), _NOTHING, "video.no_bubble")
+    return _judged(stage, _centred(found), strays, exposure, twins)
+
+
+_NOTHING = "no bubble is found in any frame; name its place with --roi x,y,w,h, or --polarity dark or bright"
+
+
+def _one_bubble(seen: dict[int, list[Patch]], n: int) -> tuple[dict[int, Patch], set[int]]:
+    """(the patch of the bubble by frame, frames that show something elsewhere): from the largest patch on both ways."""
+    largest = max(seen, key=lambda i: max((patch.area for patch in seen[i]), default=0.0))
+    require(bool(seen[largest]), _NOTHING, "video.no_bubble")
+    peak, chosen, strays = seen[largest][0], {}, set()
+    for way in (range(largest, n), range(largest - 1, -1, -1)):
+        last, gone = peak, 0
+        for i in way:
+            near = [patch for patch in seen.get(i, ()) if _distance(patch, last) < _reach(patch, last)]
+            if near:
+                last, gone = max(near, key=lambda one: one.area / (1.0 + (_distance(one, last) / 10.0) ** 2)), 0
+                chosen[i] = last
+            elif i in seen:
+                gone += 1
+                if seen[i]:
+                    strays.add(i)
+                if way.step < 0 and gone > RULES.gap:
+                    break
+    return dict(sorted(chosen.items())), strays
+
+
+def _distance(one: Patch, other: Patch) -> float:
+    return hypot(one.x - other.x, one.y - other.y)
+
+
+def _reach(one: Patch, other: Patch) -> float:
+    return RULES.jump + 0.5 * max(one.radius, other.radius)
+
+
+def _is_twin(patches: list[Patch], bubble: Patch) -> bool:
+    return any(other is not bubble and other.area > 0.5 * bubble.area > 25.0 for other in patches)
+
+
+def _centred(found: dict[int, Outline]) -> dict[int, Outline]:
+    """Outlines that are not seen whole get the centre that others near them have."""
+    whole = [i for i, one in found.items() if one.edge.arc > WHOLE]
+    whole = whole or sorted(found, key=lambda i: -found[i].edge.arc)[:5]
+
+    def centred(i: int, one: Outline) -> Outline:
+        if one.edge.arc > WHOLE:
+            return one
+        near = [found[k] for k in sorted(whole, key=lambda k: abs(k - i))[: RULES.near]]
+        weight = np.array([1.0 / max(other.sigma, 0.02) for other in near])
+        x, y = (_weighted_median(np.array([getattr(other, axis) for other in near]), weight) for axis in "xy")
+        spread = 1.4826 * float(np.median([hypot(other.x - x, other.y - y) for other in near])) + 0.3
+        return outline.fitted(one.points, (one.x, one.y), one.edge, (x, y, spread)) or one
+
+    return {i: centred(i, one) for i, one in found.items()}
+
+
+def _weighted_median(values: Floats, weights: Floats) -> float:
+    order = np.argsort(values)
+    total = np.cumsum(weights[order])
+    return float(values[order][np.searchsorted(total, total[-1] / 2)])
+
+
+def _judged(stage: Stage, found: dict[int, Outline], strays: set[int], exposure: float | None, twins: int) -> Track:
+    """The radii of the outlines, corrected for blur, with deviations and flags."""
+    n, index = len(stage.frames), list(found)
+    values = np.full((11, n), np.nan)
+    values[:, index] = np.transpose(
+        [(one.radius, one.sigma, one.x, one.y, one.mode, one.good, *astuple(one.edge)) for one in found.values()]
+    )
+    radius, sigma, x, y, mode, good, width, lag, light, contrast, arc = values
+    sharp = (arc > 0.5) & (radius > 8.0) & (width > 0.0)
+    optics = float(np.percentile(width[sharp], 20)) / QUARTERS if sharp.any() else 1.0
+    blurred = np.interp(width / (QUARTERS * optics), RULES.blurred, (0.0, 1.0))
+    still = lag[blurred == 0.0]
+    moved = np.nan_to_num((lag - (np.median(still) if len(still) > 2 else 0.0)) * blurred)
+    # A point of a blurred disc is at half level where half of Rice's distribution is within R.
+    bent = np.minimum(optics**2 - RULES.interpolated, 0.1 * radius**2)
+    radius = np.sqrt(radius**2 + bent) + moved
+    both = (radius > RULES.calibrated[0]) & (radius < RULES.calibrated[1]) & (light > 0.0)
+    share = float(np.median(radius[both] / light[both])) if both.sum() > 4 else 1.0
+    small = (radius < RULES.small) & (light > 0.0)
+    radius = np.where(small, share * light, radius)
+    radius[~(radius > 0.0)] = np.nan
+    parts = (
+        RULES.scatter * sigma, RULES.per_width * width, RULES.per_lag * moved, RULES.small_share * radius * small,
+        RULES.per_bend * optics**4 / np.maximum(radius, optics) ** 3 * ~small,
+    )  # fmt: skip
+    sigma = np.sqrt(RULES.floor**2 + sum(part**2 for part in parts))
+    flags = stage.kinds.astype("U12")
+    flags[flags == ""] = "lost"
+    flags[[i for i in strays if i not in found]] = "elsewhere"
+    flags[index] = "ok"
+    flags[small] = "small"
+    flags[arc < RULES.short_arc] = "arc"
+    flags[(good < RULES.fits) | (sigma > np.maximum(0.05 * radius, 0.3))] = "poor"
+    flags[contrast < RULES.faint * float(np.nanmedian(contrast))] = "faint"
+    measured = np.flatnonzero(np.isfinite(radius) & np.isin(flags, USED))
+    require(len(measured) > 0, _NOTHING, "video.no_bubble")
+    high = spikes(radius[measured], RULES.spike * float(np.max(radius[measured])))
+    flags[measured[high]] = "spike"
+    hint = _exposure_hint(radius, width, flags, optics)
+    open_for = exposure if exposure is not None else min(hint or 1.0, 1.0)
+    turned = _reversals(np.where(np.isin(flags, USED), radius, np.nan), open_for)
+    flags[turned] = "reversal"
+    sigma[turned] = np.hypot(sigma[turned], RULES.per_reversal * width[turned])
+    require(bool(np.any(flags == "ok")), _NOTHING, "video.no_bubble")
+    early = np.arange(n) < int(np.argmax(flags == "ok"))
+    flags[early & ~np.isin(flags, ("flash", "dark"))] = "before"
+    used = np.isin(flags, USED)
+    systematic = np.hypot(RULES.systematic_width * width, np.nan_to_num(mode) / 6.0)
+    columns = np.where(used, (radius, sigma, systematic, x, y, mode / radius, width, arc), np.nan)
+    named = dict(zip((each.name for each in fields(Track)), columns, strict=False))
+    return Track(**named, flags=flags, optics=optics, exposure_hint=hint, twins=twins)
+
+
+def _exposure_hint(radius: Floats, width: Floats, flags: NDArray[np.str_], optics: float) -> float | None:
+    """Exposure over the time between frames, from the width that motion adds to the edge."""
+    speed = np.full(len(radius), np.nan)
+    speed[1:-1] = (radius[2:] - radius[:-2]) / 2
+    steady = np.abs(radius[2:] - 2 * radius[1:-1] + radius[:-2]) < 0.5 * np.abs(speed[1:-1])
+    fast = (np.abs(speed) > 2.0) & (flags == "ok") & np.concatenate([[False], steady, [False]])
+    if fast.sum() < 2:
+        return None
+    added = np.clip(width[fast] ** 2 - (QUARTERS * optics) ** 2, 0.0, None)
+    return float(np.median(2.0 * np.sqrt(added) / np.abs(speed[fast])))
+
+
+def _reversals(radius: Floats, exposure: float) -> list[int]:
+    """Frames in whose exposure the wall turns fast enough to matter."""
+    turned = []
+    known = [int(i) for i in np.flatnonzero(np.isfinite(radius))]
+    for k in range(1, len(known) - 1):
+        before, i, after = known[k - 1], known[k], known[k + 1]
+        if radius[i] > min(radius[before], radius[after]) or after - before > 4:
+            continue
+        speed = max((radius[before] - radius[i]) / (i - before), (radius[after] - radius[i]) / (after - i))
+        turn = _turn(radius, known, k)
+        late = [abs(j - turn) < exposure / 2 + RULES.close for j in (before, i, after)]
+        if speed * exposure / 2 > RULES.swing:
+            turned += [j for j, within in zip((before, i, after), late, strict=True) if within]
+    return turned
+
+
+def _turn(radius: Floats, known: list[int], k: int) -> float:
+    """When the wall turns near the smallest radius known[k], in frames.
+
+    Between the lowest point of the parabola through three frames, which a gentle turn has, and where the branches of
+    R^(5/2) meet, which in a collapse are straight.
+    """
+    before, i, after = known[k - 1 : k + 2]
+    falls, rises = (radius[before] - radius[i]) / (i - before), (radius[after] - radius[i]) / (after - i)
+    lowest = i + 0.5 * (falls - rises) / max(falls + rises, 1e-9)
+    near = known[k - 2 : k + 3]
+    if k < 2 or len(near) < 5:
+        return lowest
+    return (lowest + collapse_time(np.array(near, float), radius[near], 2)) / 2

@@ -1,0 +1,150 @@
+"""Radii from rendered recordings, where R(t) is known."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from recordings import FRAMES, film, history
+
+from cavirheo import InputError
+from cavirheo.video import Film, Scene, render
+from cavirheo.video.frames import Footage
+from cavirheo.video.stage import set_stage
+from cavirheo.video.track import USED, Track, follow
+
+SCENES = {
+    "clean": {},
+    "no_frame_without_the_bubble": {"empty": 0},
+    "taller_than_the_frame": {"height": 42, "exposure": 0.8, "flash": 1, "dark_frames": 1, "empty": 1},
+    "noisy_10_bits": {"bits": 10, "noise": 0.0165, "row_noise": 0.008},
+    "ellipse_and_drift": {"modes": ((2, 0.05, 0.3), (3, 0.01, 1.0)), "drift": (0.1, 0.05)},
+    "wall_dust_shock_satellites_flicker": {
+        "gradient": 0.4, "wall": 66.0, "dust": 5, "shock": True, "satellites": 2, "flicker": 0.05,
+    },
+    "bright": {"lit": 0.12, "dark": 6.0},
+    "low_contrast_16_bits": {"bits": 16, "dark": 0.8},
+    "bright_centre_long_exposure": {"bright_centre": 0.6, "exposure": 0.6},
+}  # fmt: skip
+MORE = ("noisy_10_bits", "bright", "bright_centre_long_exposure")
+
+
+def track(made: Film, exposure: float | None = None, **how: object) -> Track:
+    footage = Footage(made.frames, damaged=np.zeros(len(made.frames), bool))
+    return follow(set_stage(footage, **how), exposure)
+
+
+@pytest.mark.parametrize("name", [pytest.param(name, marks=[pytest.mark.slow] * (name in MORE)) for name in SCENES])
+def test_radii_are_true(name):
+    made = film(**SCENES[name])
+    found = track(made, SCENES[name].get("exposure", 0.3))
+    ok = (found.flags == "ok") & (made.radius > 3)
+    error = found.radius[ok] - made.radius[ok]
+    assert ok.sum() >= 0.6 * np.isfinite(made.radius).sum()
+    assert abs(error.mean()) < 0.03
+    assert np.sqrt(np.mean(error**2)) < 0.05
+    assert np.mean(np.abs(error) < 2 * found.sigma[ok]) > 0.75
+    assert np.abs(error).max() < 0.4
+    assert not np.any(np.isfinite(found.radius) & np.isnan(made.radius))
+    assert not np.any(made.reversal & (found.flags == "ok"))
+
+
+def test_spoilt_frames_are_told_apart():
+    found = track(film(empty=2, flash=1, dark_frames=1))
+    assert found.flags[:4].tolist() == ["before", "before", "flash", "dark"]
+
+
+def test_small_bubbles_are_measured_by_their_light():
+    made = film(top=9.0, width=64, height=64)
+    found = track(made, 0.3)
+    small = found.flags == "small"
+    assert small.sum() > 5
+    assert np.sqrt(np.mean((found.radius[small] - made.radius[small]) ** 2)) < 0.1
+    assert made.radius[small].max() < 4.5
+
+
+def test_exposure_shows_in_the_blur():
+    assert track(film(exposure=0.8)).exposure_hint == pytest.approx(0.8, abs=0.2)
+
+
+def test_centre_and_shape():
+    made = film(modes=((2, 0.06, 0.0),), drift=(0.2, 0.0))
+    found = track(made, 0.3)
+    ok = found.flags == "ok"
+    assert np.abs(found.x - made.centre[:, 0])[ok].max() < 0.1
+    assert np.nanmedian(found.asphericity) == pytest.approx(0.06, abs=0.005)
+
+
+def test_nothing_is_invented_without_a_bubble():
+    empty = render([0, 1], [0.01, 0.01], frames=FRAMES, scene=Scene(width=96, height=80, flicker=0.02))
+    with pytest.raises(InputError) as raised:
+        track(empty)
+    assert raised.value.code == "video.no_bubble"
+
+
+def test_a_bubble_outside_the_frame_all_the_time():
+    with pytest.raises(InputError) as raised:
+        track(film(centre=(-80.0, -80.0)))
+    assert raised.value.code == "video.no_bubble"
+
+
+def test_a_bubble_that_covers_the_frame_has_no_radius_then():
+    made = film(width=42, height=36, top=30.0)
+    found = track(made)
+    assert not np.any(np.isfinite(found.radius) & (made.radius > 28))
+
+
+def test_a_mirror_image_is_named():
+    found = track(film(centre=(43.0, 23.0), top=16.0, wall=41.0, mirror=True))
+    assert found.twins > 5
+
+
+def test_polarity_and_reference_frame_are_obeyed():
+    made = film()
+    with pytest.raises(InputError):
+        track(made, polarity="bright")
+    with pytest.raises(InputError):
+        track(made, polarity="grey")
+    free = track(made)
+    told = track(made, reference_frame=1)
+    both = (free.flags == "ok") & (told.flags == "ok")
+    assert np.abs(free.radius - told.radius)[both].max() < 0.2
+
+
+def test_a_damaged_frame_is_lost():
+    made = film()
+    damaged = np.zeros(FRAMES, bool)
+    damaged[12] = True
+    footage = Footage(made.frames, damaged=damaged)
+    found = follow(set_stage(footage))
+    assert found.flags[12] == "lost"
+    assert np.isnan(found.radius[12])
+
+
+def test_a_frame_with_something_else_is_not_measured():
+    made = film()
+    frames = made.frames.copy()
+    frames[20] = frames[0]
+    frames[20, 5:15, 5:15] = 5
+    found = track(replace(made, frames=frames))
+    assert found.flags[20] == "elsewhere"
+
+
+def test_rendering_refuses_what_it_cannot():
+    time, radius = history()
+    for wrong in ({"time": time[::-1], "frames": 9}, {"time": time, "frames": 2}):
+        with pytest.raises(InputError):
+            render(wrong["time"], radius, frames=wrong["frames"])
+
+
+def test_the_same_seed_gives_the_same_film():
+    assert np.array_equal(film(seed=5, frames=8).frames, film(seed=5, frames=8).frames)
+    assert not np.array_equal(film(seed=5, frames=8).frames, film(seed=6, frames=8).frames)
+
+
+def test_flags_say_what_is_used():
+    found = track(film())
+    used = np.isin(found.flags, USED)
+    assert np.array_equal(np.isfinite(found.radius), used)
+    assert np.all(found.sigma[used] > 0)
