@@ -21,11 +21,12 @@ from pathlib import Path
 import numpy as np
 
 from cavirheo import NeoHookeanKelvinVoigt, Posterior, RadiusCurve, simulate
-from cavirheo.inference.experiment import FINE, Experiment, Options
+from cavirheo.inference.experiment import FINE, Experiment
 from cavirheo.inference.fit import fit, fit_many
 from cavirheo.inference.fit.least_squares import LeastSquares
 from cavirheo.inference.fit.starts import spread_starts
 from cavirheo.inference.law import Family
+from cavirheo.inference.options import Options
 from cavirheo.physics.media import WATER
 from cavirheo.reading.shots import read_shots
 

@@ -25,10 +25,11 @@ import numpy as np
 
 from cavirheo.arrays import Floats
 from cavirheo.curve import RadiusCurve
-from cavirheo.inference.experiment import Experiment, Options
+from cavirheo.inference.experiment import Experiment
 from cavirheo.inference.fit import fit_many
 from cavirheo.inference.law import Family
 from cavirheo.inference.noise import Noise
+from cavirheo.inference.options import Options
 from cavirheo.physics.materials import NeoHookeanKelvinVoigt
 from cavirheo.physics.media import WATER
 from cavirheo.physics.simulate import simulate

@@ -9,9 +9,10 @@ import pytest
 
 from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError
-from cavirheo.inference.experiment import Experiment, Options
+from cavirheo.inference.experiment import Experiment
 from cavirheo.inference.fit import fit, fit_many
 from cavirheo.inference.law import Family
+from cavirheo.inference.options import Options
 from cavirheo.inference.verify import verify
 from cavirheo.inference.verify.evidence import models, rank_laws
 from cavirheo.physics.damage import Damage

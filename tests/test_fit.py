@@ -19,11 +19,12 @@ from cavirheo import (
     simulate,
 )
 from cavirheo.inference import experiment
-from cavirheo.inference.experiment import FINE, FLOOR, Experiment, Options
+from cavirheo.inference.experiment import FINE, FLOOR, Experiment
 from cavirheo.inference.fit.covariance import correlation_time, draws
 from cavirheo.inference.fit.least_squares import LeastSquares
 from cavirheo.inference.fit.starts import Scan, spread_starts
 from cavirheo.inference.law import ABLE, Family
+from cavirheo.inference.options import Options
 from cavirheo.parameters import units
 from cavirheo.physics.collapse import analytic_time
 from cavirheo.physics.laws import LAWS, parse

@@ -17,9 +17,10 @@ from scipy.stats import invgamma, multivariate_normal, norm
 
 from cavirheo import InputError, NeoHookeanKelvinVoigt, RadiusCurve, fit, simulate
 from cavirheo.inference import experiment, verify
-from cavirheo.inference.experiment import FINE, FREE, QUICK, Experiment, Options
+from cavirheo.inference.experiment import FINE, QUICK, Experiment
 from cavirheo.inference.law import Family
 from cavirheo.inference.noise import SHAPE, Noise
+from cavirheo.inference.options import FREE, Options
 from cavirheo.inference.verify import Verification, evidence, explore, predictive, verify_many
 from cavirheo.inference.verify.evidence import rank_laws, ranked
 from cavirheo.inference.verify.explore import Blend, Explorer

@@ -13,7 +13,7 @@ import numpy as np
 
 from cavirheo.arrays import Floats
 from cavirheo.errors import InputError, brief, expect, printable, require
-from cavirheo.landmarks import AT_MAXIMUM, RAYLEIGH, collapse_time, drift, fit_maximum, spikes, turning_points
+from cavirheo.landmarks import AT_MAXIMUM, RAYLEIGH, collapse_time, drift, fit_maximum, plateau, spikes, turning_points
 from cavirheo.parameters import INTERVAL, RADIUS
 
 if TYPE_CHECKING:
@@ -344,22 +344,8 @@ class RadiusCurve:
         periods after R_max (if there are collapses), scatter by less than 5 % (residual oscillation included), and
         drift by less than 5 % in itself and against the sixth of the time before it: the deviation is that of both.
         """
-        time, radius = self._after_max
-        duration = time[-1] - time[0]
-        late = time > time[-1] - duration / 3.0
-        before = (time > time[-1] - duration / 2.0) & ~late
         collapses = self.collapse_times()
-        early = len(collapses) > 0 and 2.0 * (collapses[0] - time[0]) > duration * 2.0 / 3.0
-        if early or np.count_nonzero(late) < 8 or np.count_nonzero(before) < 3:
-            return None
-        level = float(np.mean(radius[late]))
-        slope = float(np.polyfit(time[late] - time[-1], radius[late], 1)[0])
-        drift = max(abs(slope) * duration / 3.0, abs(level - float(np.median(radius[before])))) / level
-        scatter = float(np.std(radius[late], ddof=1)) / level
-        if scatter > 0.05 or drift > 0.05:
-            return None
-        stretch = self.max_radius / level
-        return stretch, stretch * float(np.hypot(scatter, drift / 2.0))
+        return plateau(*self._after_max, collapses[0] if len(collapses) else None)
 
     @property
     def begins_late(self) -> bool:

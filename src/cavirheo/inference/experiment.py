@@ -11,9 +11,8 @@ factor as fractions of their half-widths, from -1 to 1.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
-from numbers import Integral, Real
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -23,13 +22,14 @@ from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError, require
 from cavirheo.inference.law import Family
 from cavirheo.inference.noise import Noise, correlation_time
-from cavirheo.inference.reconstruct import MISFIT, Window, check_stretch, reconstruct, window
+from cavirheo.inference.options import AT_ZERO, FREE, Options, fixed_bubble
+from cavirheo.inference.reconstruct import MISFIT, Window, reconstruct, window
 from cavirheo.parameters import LOG10, PARAMETERS, STRETCH_RANGE
-from cavirheo.physics.damage import DAMAGES, Damage
+from cavirheo.physics.damage import Damage
 from cavirheo.physics.media import WATER, Medium
-from cavirheo.physics.scales import ACCOMMODATION, check_bubble, inertia_of
+from cavirheo.physics.scales import ACCOMMODATION
 from cavirheo.physics.simulate import ROUGH, simulate
-from cavirheo.posterior import BubbleModel, Checks, Verdict, weighted_quantile
+from cavirheo.posterior import Checks, Verdict, weighted_quantile
 from cavirheo.prior import Prior
 
 Accuracy = Mapping[str, Any]  # options of `simulate`
@@ -40,11 +40,9 @@ FINE: Accuracy = {}  # the solver's default: central differences are right to 0.
 FLOOR = 0.007  # of R_max: two circle fits of one video differ by 1.0 % rms, so each has 0.7 %
 TIMING = 1.0 / np.sqrt(12.0)  # frames: standard deviation of an instant within one
 SHARPEST = 1e-3  # of R_max: the solver's own error; less noise is not believed
-FREE = {"t0": "time_origin", "scale": "radius_scale", "rmax": "max_radius_factor"}  # option: name in the answer
 # of walls (inertia, sound) and of vapour (over p_inf): standard deviations of priors cut at 0 and at LARGEST
 BETA, ZETA, EXCESS = 0.3, 0.3, 0.03
 LARGEST = 10.0 / 3.0  # of them
-SCALE_BOUND = 0.015  # radius calibration and R_max are known to 1-1.5 %
 SIGMAS = 3.0  # standard deviations of these within their bounds
 AT_END = 0.25  # of an interval's width: an end nearer to the range's is the range's
 CLEAN = 1.5e-4  # of R_max: frame-to-frame noise of a curve that no camera took: a simulation must follow it,
@@ -58,80 +56,6 @@ _NODES, _SHARES = (part / 2.0 for part in np.polynomial.legendre.leggauss(9))  #
 
 
 # free parameters whose prior is largest at 0, where x is -1
-AT_ZERO = ("wall_inertia", "wall_radiation", "vapour_excess")
-
-
-def _positive(time: float | None) -> bool:
-    return time is None or 0 < time < np.inf
-
-
-def _collapses(window: Any) -> bool:
-    return window in (None, "all") or (isinstance(window, Integral) and int(window) >= 1)
-
-
-_DOMAINS: dict[str, tuple[Callable[[Any], bool], str]] = {
-    "window": (_collapses, "collapses from 1 up, or 'all'"),
-    "end": (_positive, "a positive time in s"),
-    "stretch": (
-        lambda value: not isinstance(value, str) or value in ("plateau", "free"),
-        "R_max/R_0, 'plateau', 'free' or left out",
-    ),
-    "free": (lambda names: sorted(names) == sorted({*names} & {*FREE}), f"some of {', '.join(FREE)}, each once"),
-    "t0_bound": (_positive, "a positive time in s"),
-    "scale_bound": (lambda bound: 0 < bound < 0.2, "between 0 and 0.2"),
-    "weights": (lambda name: name in ("learnt", "motion", "equal"), "'learnt', 'motion' or 'equal'"),
-}
-
-
-@dataclass(frozen=True)
-class Options:
-    """Of an experiment: arguments of `fit_many` (inference/fit), which says what they are. Raises InputError."""
-
-    window: int | str | None = None
-    end: float | None = None
-    stretch: float | str | None = None
-    free: Sequence[str] | str = ("t0", "rmax")  # or several with commas; kept as a tuple
-    t0_bound: float | None = None
-    scale_bound: float = SCALE_BOUND
-    weights: str = "learnt"
-    windows: bool = True
-    bubble: BubbleModel = field(default_factory=BubbleModel)
-
-    def __post_init__(self) -> None:
-        if isinstance(self.free, str):
-            names = (name.strip() for name in self.free.split(","))
-            object.__setattr__(self, "free", tuple(name for name in names if name not in ("", "none")))
-        for name, (holds, wanted) in _DOMAINS.items():
-            given = getattr(self, name)
-            try:
-                fine = holds(given)
-            except (TypeError, ValueError):  # of no such kind
-                fine = False
-            require(fine, f"{name} must be {wanted}; got {given!r}", f"option.{name}")
-        object.__setattr__(self, "free", tuple(self.free))
-        if not isinstance(self.stretch, str):
-            check_stretch(self.stretch)
-        bubble, unknown = self.bubble, "{} must be a number or 'free', got {!r}"
-        given = {name: getattr(bubble, name) for name in ("accommodation", *AT_ZERO)}
-        for name, value in given.items():
-            fine = value == "free" or isinstance(value, Real)
-            require(fine, unknown.format(name, value), f"physics.{name}")
-        known = {"accommodation": ACCOMMODATION}
-        check_bubble(bubble.contents, **{name: known.get(name, 0.0) if x == "free" else x for name, x in given.items()})
-        told = f"damage must be none, {' or '.join(DAMAGES)}, got {bubble.damage!r}"
-        require(bubble.damage in ("none", *DAMAGES), told, "option.damage")
-        both = "give either wall_inertia or wall_distance, not both"
-        require(bubble.wall_distance is None or bubble.wall_inertia == 0, both, "physics.two_walls")
-        idle = "an accommodation changes nothing without kinetic contents: give those too"
-        require(bubble.accommodation == "free" or bubble.contents == "kinetic", idle, "option.idle")
-
-
-def fixed_bubble(bubble: BubbleModel, max_radius: float) -> dict[str, float]:
-    """The numbers of the model that are given and not their defaults, by name. Raises InputError: a wall too near."""
-    given = {name: getattr(bubble, name) for name in ("accommodation", *AT_ZERO)}
-    if bubble.wall_distance is not None:
-        given["wall_inertia"] = inertia_of(bubble.wall_distance, max_radius)
-    return {name: float(value) for name, value in given.items() if value not in ("free", 0.0)}
 
 
 def _known_stretch(curve: RadiusCurve, wanted: float | str | None) -> tuple[float, float] | None:
@@ -171,9 +95,10 @@ class Experiment:
     """
 
     def __init__(
-        self, curve: RadiusCurve, family: Family, medium: Medium = WATER, options: Options = Options(), *,
+        self, curve: RadiusCurve, family: Family, medium: Medium = WATER, options: Options | None = None, *,
         exposure: float = 0.0,
     ) -> None:  # fmt: skip
+        options = options or Options()
         self.curve, self.family, self.medium, self.options = curve, family, medium, options
         self.max_radius = curve.max_radius
         self.time_scale = medium.time_scale(self.max_radius)

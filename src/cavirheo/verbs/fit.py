@@ -39,9 +39,9 @@ def fit(
     run: Run = options.FROM_OPTIONS,
 ) -> None:
     """The field's conventional fit: least squares of simulated on measured radius histories, with intervals."""
-    from cavirheo.inference.experiment import Options
     from cavirheo.inference.fit import fit_many
     from cavirheo.inference.law import Family
+    from cavirheo.inference.options import Options
     from cavirheo.reporting import DOCUMENTS
     from cavirheo.unfinished import Step
     from cavirheo.writing.document import Outputs

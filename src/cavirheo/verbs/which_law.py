@@ -38,8 +38,8 @@ def which_law(
     run: Run = options.FROM_OPTIONS,
 ) -> None:
     """Which of several laws do the curves speak for? Evidence by importance sampling, some 5 s a curve and law."""
-    from cavirheo.inference.experiment import Options
     from cavirheo.inference.fit import fit_many
+    from cavirheo.inference.options import Options
     from cavirheo.inference.verify import verify_many
     from cavirheo.inference.verify.evidence import contending, models, ranked
     from cavirheo.inference.verify.tuning import TUNING

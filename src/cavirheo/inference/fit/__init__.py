@@ -14,11 +14,12 @@ import numpy as np
 from cavirheo.curve import RadiusCurve, several
 from cavirheo.errors import expect_whole, require
 from cavirheo.inference import check_level, doubts
-from cavirheo.inference.experiment import QUICK, SCALE_BOUND, Experiment, Options
+from cavirheo.inference.experiment import QUICK, Experiment
 from cavirheo.inference.fit.alone import Alone, posterior
 from cavirheo.inference.fit.covariance import laplace
 from cavirheo.inference.fit.least_squares import SEARCH, LeastSquares
 from cavirheo.inference.law import Family
+from cavirheo.inference.options import SCALE_BOUND, Options
 from cavirheo.inference.others import DECISIVE, compared
 from cavirheo.parallel import cores, each
 from cavirheo.parameters import LOG10, units

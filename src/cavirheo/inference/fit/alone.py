@@ -9,11 +9,12 @@ import numpy as np
 
 from cavirheo.arrays import Floats
 from cavirheo.inference import doubts
-from cavirheo.inference.experiment import FINE, FREE, QUICK, Experiment
+from cavirheo.inference.experiment import FINE, QUICK, Experiment
 from cavirheo.inference.fit.covariance import Laplace, draws, laplace
 from cavirheo.inference.fit.least_squares import LeastSquares, Minimum
 from cavirheo.inference.fit.search import Search
 from cavirheo.inference.noise import Noise
+from cavirheo.inference.options import FREE
 from cavirheo.inference.verify.mode import Mode, Target, climb, ridge, same
 from cavirheo.inference.verify.sampler import Mixture, Sample, sample
 from cavirheo.parameters import LOG10, units

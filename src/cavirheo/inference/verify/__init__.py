@@ -15,10 +15,11 @@ from cavirheo.arrays import Floats
 from cavirheo.curve import RadiusCurve, several
 from cavirheo.errors import SolverError, expect, expect_whole, reason, require
 from cavirheo.inference.doubts import doubted
-from cavirheo.inference.experiment import FINE, FREE, SCALE_BOUND, Experiment, Options
+from cavirheo.inference.experiment import FINE, Experiment
 from cavirheo.inference.fit.least_squares import LeastSquares
 from cavirheo.inference.fit.starts import Scan
 from cavirheo.inference.law import Family
+from cavirheo.inference.options import FREE, SCALE_BOUND, Options
 from cavirheo.inference.verify.explore import Explorer
 from cavirheo.inference.verify.mode import Mode, Target, climb, modes
 from cavirheo.inference.verify.predictive import predictive_check

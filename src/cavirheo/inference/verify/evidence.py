@@ -18,9 +18,9 @@ from scipy.special import softmax
 from cavirheo.arrays import Floats
 from cavirheo.curve import RadiusCurve
 from cavirheo.errors import require
-from cavirheo.inference.experiment import Options
 from cavirheo.inference.fit import fit_many
 from cavirheo.inference.law import Family
+from cavirheo.inference.options import Options
 from cavirheo.inference.verify import verify_many
 from cavirheo.inference.verify.tuning import TUNING
 from cavirheo.physics.media import WATER, Medium

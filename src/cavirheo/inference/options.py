@@ -1,0 +1,93 @@
+"""Options of an experiment: what is fitted of a curve, and how. Arguments of `fit_many`, checked once."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from numbers import Integral, Real
+from typing import Any
+
+import numpy as np
+
+from cavirheo.errors import require
+from cavirheo.inference.reconstruct import check_stretch
+from cavirheo.physics.damage import DAMAGES
+from cavirheo.physics.scales import ACCOMMODATION, check_bubble, inertia_of
+from cavirheo.posterior import BubbleModel
+
+FREE = {"t0": "time_origin", "scale": "radius_scale", "rmax": "max_radius_factor"}  # option: name in the answer
+SCALE_BOUND = 0.015  # radius calibration and R_max are known to 1-1.5 %
+AT_ZERO = ("wall_inertia", "wall_radiation", "vapour_excess")
+
+
+def _positive(time: float | None) -> bool:
+    return time is None or 0 < time < np.inf
+
+
+def _collapses(window: Any) -> bool:
+    return window in (None, "all") or (isinstance(window, Integral) and int(window) >= 1)
+
+
+_DOMAINS: dict[str, tuple[Callable[[Any], bool], str]] = {
+    "window": (_collapses, "collapses from 1 up, or 'all'"),
+    "end": (_positive, "a positive time in s"),
+    "stretch": (
+        lambda value: not isinstance(value, str) or value in ("plateau", "free"),
+        "R_max/R_0, 'plateau', 'free' or left out",
+    ),
+    "free": (lambda names: sorted(names) == sorted({*names} & {*FREE}), f"some of {', '.join(FREE)}, each once"),
+    "t0_bound": (_positive, "a positive time in s"),
+    "scale_bound": (lambda bound: 0 < bound < 0.2, "between 0 and 0.2"),
+    "weights": (lambda name: name in ("learnt", "motion", "equal"), "'learnt', 'motion' or 'equal'"),
+}
+
+
+@dataclass(frozen=True)
+class Options:
+    """Of an experiment: arguments of `fit_many` (inference/fit), which says what they are. Raises InputError."""
+
+    window: int | str | None = None
+    end: float | None = None
+    stretch: float | str | None = None
+    free: Sequence[str] | str = ("t0", "rmax")  # or several with commas; kept as a tuple
+    t0_bound: float | None = None
+    scale_bound: float = SCALE_BOUND
+    weights: str = "learnt"
+    windows: bool = True
+    bubble: BubbleModel = field(default_factory=BubbleModel)
+
+    def __post_init__(self) -> None:
+        if isinstance(self.free, str):
+            names = (name.strip() for name in self.free.split(","))
+            object.__setattr__(self, "free", tuple(name for name in names if name not in ("", "none")))
+        for name, (holds, wanted) in _DOMAINS.items():
+            given = getattr(self, name)
+            try:
+                fine = holds(given)
+            except (TypeError, ValueError):  # of no such kind
+                fine = False
+            require(fine, f"{name} must be {wanted}; got {given!r}", f"option.{name}")
+        object.__setattr__(self, "free", tuple(self.free))
+        if not isinstance(self.stretch, str):
+            check_stretch(self.stretch)
+        bubble, unknown = self.bubble, "{} must be a number or 'free', got {!r}"
+        given = {name: getattr(bubble, name) for name in ("accommodation", *AT_ZERO)}
+        for name, value in given.items():
+            fine = value == "free" or isinstance(value, Real)
+            require(fine, unknown.format(name, value), f"physics.{name}")
+        known = {"accommodation": ACCOMMODATION}
+        check_bubble(bubble.contents, **{name: known.get(name, 0.0) if x == "free" else x for name, x in given.items()})
+        told = f"damage must be none, {' or '.join(DAMAGES)}, got {bubble.damage!r}"
+        require(bubble.damage in ("none", *DAMAGES), told, "option.damage")
+        both = "give either wall_inertia or wall_distance, not both"
+        require(bubble.wall_distance is None or bubble.wall_inertia == 0, both, "physics.two_walls")
+        idle = "an accommodation changes nothing without kinetic contents: give those too"
+        require(bubble.accommodation == "free" or bubble.contents == "kinetic", idle, "option.idle")
+
+
+def fixed_bubble(bubble: BubbleModel, max_radius: float) -> dict[str, float]:
+    """The numbers of the model that are given and not their defaults, by name. Raises InputError: a wall too near."""
+    given = {name: getattr(bubble, name) for name in ("accommodation", *AT_ZERO)}
+    if bubble.wall_distance is not None:
+        given["wall_inertia"] = inertia_of(bubble.wall_distance, max_radius)
+    return {name: float(value) for name, value in given.items() if value not in ("free", 0.0)}
