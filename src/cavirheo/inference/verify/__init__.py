@@ -146,13 +146,13 @@ class _Work:
             u = _gaussian(best, TUNING.draws, seed)
             evidence = Evidence(float(logsumexp([mode.log_evidence for mode in found])))
             return replace(self._answer(u, None, best, evidence, about), others=self._valleys(found))
-        few, enough = min(TUNING.draws_per_round, max(most // 4, 10)), min(TUNING.effective_enough, most / 4)
-        ending: dict[str, Any] = {}
-        rounds = TUNING.learning_rounds
+        few, rounds, ending = TUNING.draws_per_round, TUNING.learning_rounds, dict[str, Any]()
         if most <= TUNING.law_draws:  # an evidence is wanted, soon
-            ending, rounds = {"fewest": TUNING.law_rounds, "least": TUNING.law_least}, TUNING.law_learning
+            few, rounds = few // 2, TUNING.law_learning
+            ending = {"fewest": TUNING.law_rounds, "least": TUNING.law_least}
+        enough = min(TUNING.effective_enough, max(most / 4, TUNING.effective_fewest))
         explorer = Explorer(self.target, found, rounds)
-        drawn = sample(explorer, explorer.propose, seed=seed, each=few, most=most, enough=enough, **ending)
+        drawn = sample(explorer, explorer.propose, seed=seed, each=min(few, most), most=most, enough=enough, **ending)
         best, about = self._best(explorer.modes), {"modes": len(explorer.modes)}
         u = drawn.u if self._trusted(drawn) else best.u[None]
         return self._answer(u, drawn, best, Evidence(*drawn.log_evidence), about)

@@ -79,7 +79,7 @@ class Explorer:
     def _settle(self, mode: Mode) -> None:
         """A mode and the ridge through it become places to draw about, each known a standard deviation around."""
         heights = np.array([place.log_evidence for place in (mode, *self.places)])
-        along = ridge(self.target, mode) if heights[0] > np.max(heights) - TUNING.ridge_worth else []
+        along = ridge(self.target, mode) if heights[0] >= np.max(heights) - TUNING.ridge_worth else []
         for place in (mode, *along):
             if not any(same(place, other) for other in self.places):
                 self.places.append(place)

@@ -31,7 +31,7 @@ class Tuning:
     # following the ridge through a mode, for posteriors are curved
     ridge_stride: float = 1.5  # standard deviations
     ridge_depth: float = 4.0  # fall of the height at which it ends
-    ridge_worth: float = 5.0  # log evidence below the best place, from which the ridge of a mode is not followed
+    ridge_worth: float = 0.5  # log evidence below the best place, from which the ridge of a mode is not followed
     ridge_held: float = 5.0  # how firmly a place stays; 1: as the posterior itself holds it
 
     # mixtures of Student's t
@@ -89,7 +89,7 @@ class Tuning:
     hopeless: float = 25.0  # Laplace's log evidence below the best of the curve, from which no draws are spent on it
     laplace: float = 4.0  # its standard error against that of draws (benchmarks/evidence.md)
     decisive: float = 3.0  # log evidence (a factor of 20) below which laws are alike
-    unsure: float = 1.5  # standard error where weights are not to be trusted
+    unsure: float = 1.0  # standard error where weights are not to be trusted
     scatter: float = 3.0  # standard errors that are added to it
 
 
