@@ -72,7 +72,7 @@ def test_what_is_given_is_not_inferred():
 
 def test_the_answer_carries_its_model(tmp_path):
     """Into verification, result.json and what an unfinished run keeps."""
-    curve = shot(contents="kinetic")
+    curve = shot(seed=1, contents="kinetic")
     answer = fit(curve, contents="kinetic", **QUICKLY)
     verified = verify(curve, answer, level="map")
     assert verified.bubble == answer.bubble == BubbleModel("kinetic")

@@ -121,6 +121,18 @@ def test_the_discrepancy_is_summed_over_its_grid():
     assert noise.log_density(residual[None])[0] == pytest.approx(np.log(total), abs=1e-6)
 
 
+def test_a_late_collapse_is_likelier_than_the_same_misfit_elsewhere():
+    """The residual of a bubble that is late by a constant, against the same residuals in another order of the frames'
+    velocities."""
+    time = np.linspace(0.0, 2.0, 80)
+    velocity = -2.0 * np.sin(np.pi * time) ** 5
+    noise = Noise(np.full(80, 0.007), time, 1.0, True, velocity)
+    late = 0.03 * velocity
+    rough = 0.002 * np.random.default_rng(3).standard_normal(80)
+    there, elsewhere = noise.log_density(np.array([late + rough, np.roll(late, 25) + rough]))
+    assert there > elsewhere + 10.0
+
+
 @pytest.mark.parametrize("discrepancy", [False, True])
 def test_newton_is_the_derivative_of_the_density(discrepancy):
     rng = np.random.default_rng(2)

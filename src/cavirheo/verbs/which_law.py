@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 def which_law(
     files: options.Curves,
     laws: Annotated[str, Option(help="two or more, with commas")] = (
-        "nhkv,newtonian,power-law,qkv,fung + newtonian,zener"
+        "nhkv,newtonian,power-law,carreau-yasuda,qkv,fung + newtonian,zener"
     ),
     contents: Annotated[str, Option(help="of the bubble: equilibrium, kinetic or both, with a comma")] = "equilibrium",
     damage: Annotated[str, Option(help="none, first-rebound or both, with a comma")] = "none",
