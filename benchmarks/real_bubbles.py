@@ -65,6 +65,7 @@ DAMAGE: dict[str, Model] = {"first-rebound": {"damage": "first-rebound"}, "strai
 LIQUID: dict[str, Model] = {
     **GEL, "kinetic, walls": {**KINETIC, **WALLS}, "sound": SOUND, "kinetic, sound": {**KINETIC, **SOUND},
     "kinetic, walls, sound": {**KINETIC, **WALLS, **SOUND}, "power-law": THIN, "power-law, sound": {**THIN, **SOUND},
+    "power-law, free sound": {**THIN, "wall_radiation": "free"},
 }  # fmt: skip
 SETS = {
     "stiff PA": Set("pa_stiff/*[!E].mat", "nhkv", GEL),  # not the file in a wrong scale
