@@ -29,8 +29,8 @@ fuzz: $(VENV)/test.done
 # what is frozen in tests/golden is what today's versions write
 test-lowest:
 	$(PYTHON) -m venv build/lowest
-	$(PYTHON) tests/lowest.py plot > build/lowest.txt
-	build/lowest/bin/pip install --quiet --disable-pip-version-check -c build/lowest.txt -e ".[plot]" pytest
+	$(PYTHON) tests/lowest.py plot video > build/lowest.txt
+	build/lowest/bin/pip install --quiet --disable-pip-version-check -c build/lowest.txt -e ".[plot,video]" pytest
 	build/lowest/bin/python -m pytest -m "not slow and not hostile and not train" --ignore-glob="*test_app*" --ignore=tests/test_golden.py
 
 lint: $(VENV)/test.done

@@ -252,11 +252,11 @@ def _images(folder: Path) -> list[Path]:
     endings = [path.suffix.lower() for path in found]
     most = max(set(endings), key=endings.count, default="")
     chosen = [path for path in found if path.suffix.lower() == most and path.is_file()]
-    return (
-        sorted(chosen, key=lambda path: [(int(d or 0), t) for t, d in re.findall(r"(\D*)(\d*)", path.name)])
-        if _single(chosen)
-        else []
-    )
+    return sorted(chosen, key=_natural) if _single(chosen) else []
+
+
+def _natural(path: Path) -> list[tuple[str, int]]:
+    return [(text, int(digits or 0)) for text, digits in re.findall(r"(\D*)(\d{0,18})", path.name)]
 
 
 def _single(images: list[Path]) -> bool:

@@ -68,9 +68,8 @@ def set_stage(recording: Footage, polarity: str = "auto", reference_frame: int |
 
     Raises InputError: nothing moves in the recording, or an option is wrong.
     """
-    require(
-        polarity in POLARITIES, f"polarity must be one of {', '.join(POLARITIES)}, got {polarity!r}", "video.polarity"
-    )
+    known = f"polarity must be one of {', '.join(POLARITIES)}, got {polarity!r}"
+    require(polarity in POLARITIES, known, "video.polarity")
     frames = recording.frames
     step = max(int(np.sqrt(frames[0].size / _SAMPLED)), int(np.sqrt(frames.size / _AT_ONCE)), 1)
     small = frames[:, ::step, ::step].astype(np.float32)
@@ -90,9 +89,8 @@ def set_stage(recording: Footage, polarity: str = "auto", reference_frame: int |
     require(swing > _SHALLOW * noise and swing > 0.03 * usual, still, "video.no_bubble")
     # Of a bubble that is never gone, the middle of where things move is always covered.
     within = binary_fill_holes(moving)
-    covered_most = sign * (usual - middle) > 0.3 * swing
-    deficit = sign * (np.where(within & covered_most, usual, middle) - small) > 0.5 * swing
-    seen = np.flatnonzero((deficit & within).sum((1, 2)) > 0)
+    bare = np.where(within & (sign * (usual - middle) > 0.3 * swing), usual, middle)
+    seen = np.flatnonzero(((sign * (bare - small) > 0.5 * swing) & within).any((1, 2)))
     empty = normal[: int(seen[0])] if len(seen) else normal[:0]
     empty = empty[:-1] if len(empty) > 2 else empty
     reference = _first_background(frames, normal, level / usual, empty, sign, swing, usual)
@@ -103,12 +101,9 @@ def set_stage(recording: Footage, polarity: str = "auto", reference_frame: int |
     depth = swing / usual if sign > 0 else -swing
     blind = reference < (_OPAQUE * usual if sign > 0 else -1.0)
     reference = np.maximum(reference, np.float32(1e-3 * usual))
-    gains = np.array(
-        [
-            1.0 if kinds[i] else _gain(frames[i], reference, ~blind, depth / (1 if sign > 0 else usual))
-            for i in range(len(frames))
-        ]
-    )
+    gains, relative = np.ones(len(frames)), sign * swing / usual
+    for i in normal:
+        gains[i] = _gain(frames[i], reference, ~blind, relative)
     first = int(empty[-1]) + 1 if len(empty) else 0
     return Stage(frames, kinds, reference, depth, blind, noise / swing, first, gains)
 
