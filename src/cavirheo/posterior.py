@@ -17,6 +17,7 @@ from cavirheo.parameters import about, open_sides
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
+CONTENTS = ("equilibrium", "kinetic")  # models of what is in the bubble
 Verdict = Literal["ok", "check_input", "model_does_not_fit", "outside_training_range", "failed"]
 
 

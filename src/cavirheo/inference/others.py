@@ -16,7 +16,7 @@ def compared(answer: Posterior) -> list[str]:
 
     Of several such models the one with the largest evidence is named, by its best valley.
     """
-    here = _itself(answer)
+    here = itself(answer)
     valleys = [one for one in answer.others if _model(one) == _model(here)]
     best: dict[tuple[str, str], OtherAnswer] = {}
     for one in sorted(answer.others, key=_log):
@@ -32,7 +32,7 @@ def compared(answer: Posterior) -> list[str]:
     ]
 
 
-def _itself(answer: Posterior) -> OtherAnswer:
+def itself(answer: Posterior) -> OtherAnswer:
     intervals = {}
     for name in answer.parameters:
         ends, median = answer.interval(name), answer.median(name)

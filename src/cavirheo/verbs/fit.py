@@ -20,14 +20,22 @@ def fit(
         str | None, Option(help="collapses that are fitted, or 'all'  [default: 3, or as many as there are]")
     ] = None,
     window_us: Annotated[float | None, Option(help="end of the window, us after R_max")] = None,
-    free: Annotated[str, Option(help="of t0 (clock), scale (radius calibration), rmax: several with commas")] = "",
+    free: Annotated[
+        str | None, Option(help="of t0 (clock), scale (radius calibration), rmax; or none  [default: t0,rmax]")
+    ] = None,
     t0_us: Annotated[float | None, Option(help="largest |t0|, us  [default: half a frame]")] = None,
     scale_percent: Annotated[float, Option(help="largest change of scale and rmax, %")] = 1.5,
-    stretch: Annotated[str | None, Option(help="R_max/R_0, or 'plateau': late radius as prior; fitted otherwise")] = (
-        None
-    ),
-    weights: Annotated[str, Option(help="motion: frames beside collapses count less; or equal")] = "motion",
+    stretch: Annotated[
+        str | None,
+        Option(help="R_max/R_0, 'plateau' (late radius as prior) or 'free'; else a stated one is prior"),
+    ] = None,
+    weights: Annotated[
+        str, Option(help="equal, motion (frames beside collapses count less), or learnt from the residuals")
+    ] = "learnt",
     bubble: options.Bubble = options.FROM_OPTIONS,
+    others: Annotated[
+        bool, Option("--others/--no-others", help="fit the other contents, too, and say where they disagree")
+    ] = True,
     joint: Annotated[bool, Option("--joint", help="the shots of a group share one material")] = False,
     verify: options.Verify = "none",
     exact_law: options.ExactLaw = False,
@@ -53,8 +61,8 @@ def fit(
     law = None if material == "auto" else Family(material)
     solid = f"--damage needs a law with an elastic part, {material} has none"
     require(bubble.damage == "none" or law is None or law.elastic, solid, "physics.damage_without_elasticity")
-    freed = tuple(name.strip() for name in free.split(",") if name.strip())
-    camera: dict[str, Any] = {"free": freed, "scale_bound": scale_percent / 100}
+    camera: dict[str, Any] = {} if free is None else {"free": free}
+    camera["scale_bound"] = scale_percent / 100
     camera["t0_bound"] = None if t0_us is None else t0_us * 1e-6
     end = None if window_us is None else window_us * 1e-6
     cut: dict[str, Any] = {"window": collapses, "end": end, "weights": weights}
@@ -63,9 +71,7 @@ def fit(
     Outputs(out, *DOCUMENTS, inputs=files)
     curves = run.read(files, liquid, reading)
     shared: dict[str, Any] = {"medium": liquid, "stretch": known, "seed": seed}
-    settings = {"material": material, "joint": joint, "trust_input": reading.trust_input, **cut, **shared, **camera}
-    settings |= asdict(bubble)
-    if not freed:
-        del camera["free"]
+    settings = {"material": material, "others": others, "joint": joint, "trust_input": reading.trust_input}
+    settings |= {**cut, **shared, **camera, **asdict(bubble)}
     first = Step("fitting", fit_many, settings, apart=not joint)
     run.report(curves, first, out, pictures=pictures, verify=verify, discrepancy=not exact_law, **shared, **camera)

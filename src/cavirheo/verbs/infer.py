@@ -18,6 +18,7 @@ def infer(
     window: Annotated[int | None, Option(help="collapses over which answer and measurement are compared", min=1)] = (
         None
     ),
+    contents: options.EitherContents = "equilibrium",
     verify: options.Verify = "none",
     exact_law: options.ExactLaw = False,
     seed: options.Seed = 0,
@@ -28,7 +29,7 @@ def infer(
     run: Run = options.FROM_OPTIONS,
 ) -> None:
     """Shear modulus and viscosity from measured radius histories, with pictures that show whether to believe them."""
-    from cavirheo.inference import infer_many
+    from cavirheo.inference import check_contents, infer_many
     from cavirheo.inference.model import load
     from cavirheo.inference.reconstruct import check_stretch
     from cavirheo.reporting import DOCUMENTS
@@ -38,11 +39,12 @@ def infer(
     files = run.files(files)
     options.check_verify(verify, reading.exposure_us, exact_law, files)
     check_stretch(stretch)
+    check_contents(contents, verify)
     network = load(model)
     Outputs(out, *DOCUMENTS, inputs=files)
     curves = run.read(files, liquid, reading)
     shared: dict[str, Any] = {"medium": liquid, "stretch": stretch}
     settings = {"model": model, "window": window, "trust_input": reading.trust_input, **shared}
     first = Step("inferring", infer_many, settings, made_with=network.sha256)
-    checked = {"seed": seed, "discrepancy": not exact_law, **shared}
+    checked = {"seed": seed, "discrepancy": not exact_law, "contents": contents, **shared}
     run.report(curves, first, out, pictures=pictures, verify=verify, **checked)

@@ -146,9 +146,9 @@ def window_of(text: str | None) -> int | Literal["all"] | None:
     return _number_or("all", "--window", text, int)
 
 
-def stretch_of(text: str | None) -> float | Literal["plateau"] | None:
-    """R_max/R_0, or what the late radius says. Raises InputError."""
-    return _number_or("plateau", "--stretch", text, float)
+def stretch_of(text: str | None) -> float | Literal["plateau", "free"] | None:
+    """R_max/R_0, what the late radius says, or nothing. Raises InputError."""
+    return "free" if text == "free" else _number_or("plateau", "--stretch", text, float)
 
 
 def _number_or(word: str, option: str, text: str | None, kind: type) -> Any:

@@ -26,12 +26,11 @@ from cavirheo.parameters import LOG10, units
 from cavirheo.physics.media import WATER, Medium
 from cavirheo.physics.media import medium as named
 from cavirheo.physics.scales import inertia_of
-from cavirheo.posterior import BubbleModel, Posterior
+from cavirheo.posterior import CONTENTS, BubbleModel, Posterior
 
 __all__ = ["fit", "fit_many"]
 
 AUTO = ("nhkv", "newtonian", "power-law", "fung + newtonian")  # laws of material="auto": gels and liquids
-CONTENTS = ("equilibrium", "kinetic")
 TOGETHER = {**SEARCH, "max_nfev": 40}  # limits of a joint fit: it has many parameters
 _TRIED = 6  # materials of single shots, at most, from which a joint fit is started
 

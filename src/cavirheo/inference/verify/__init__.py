@@ -20,6 +20,7 @@ from cavirheo.inference.fit.least_squares import LeastSquares
 from cavirheo.inference.fit.starts import Scan
 from cavirheo.inference.law import Family
 from cavirheo.inference.options import FREE, SCALE_BOUND, Options
+from cavirheo.inference.others import DECISIVE, compared, itself
 from cavirheo.inference.verify.explore import Explorer
 from cavirheo.inference.verify.mode import Mode, Target, climb, modes
 from cavirheo.inference.verify.predictive import predictive_check
@@ -29,7 +30,7 @@ from cavirheo.parallel import cores, each
 from cavirheo.parameters import natural_name, units
 from cavirheo.physics.media import WATER, Medium
 from cavirheo.physics.media import medium as named
-from cavirheo.posterior import BubbleModel, Diagnostics, Evidence, OtherAnswer, Posterior, Verdict
+from cavirheo.posterior import CONTENTS, BubbleModel, Diagnostics, Evidence, OtherAnswer, Posterior, Verdict
 from cavirheo.prior import log_normal
 
 __all__ = ["Verification", "verify", "verify_many"]
@@ -84,6 +85,7 @@ def verify_many(
     curves: Sequence[RadiusCurve],
     answers: Sequence[Posterior],
     *,
+    contents: str | None = None,
     workers: int | None = None,
     done: Callable[[int, Posterior], None] | None = None,
     **settings: Any,
@@ -92,7 +94,8 @@ def verify_many(
     likelihood has weighted; on all cores, in their order. `settings` are those of `Verification`.
 
     `done` is called with the index and the answer of each as it is found. Law and window are the answer's. A failed
-    answer stays as it is; one whose verification fails says so.
+    answer stays as it is; one whose verification fails says so. contents: of the bubble, instead of the answer's; with
+    "auto" both are verified, and kinetic ones need an evidence larger by 3.
     """
     curves, answers = several(curves), list(answers)
     for answer in answers:
@@ -105,7 +108,9 @@ def verify_many(
         if answer.checks.verdict == "failed":
             return answer
         try:
-            found = _Work(chosen, curve, answer).posterior()
+            ways = CONTENTS if contents == "auto" else (contents or answer.bubble.contents,)
+            models = [replace(answer, bubble=replace(answer.bubble, contents=way)) for way in ways]
+            found = _likelier([_Work(chosen, curve, model).posterior() for model in models])
             doubts, checked = list(answer.checks.doubts), answer.checks.verdict != "check_input"
             found = replace(found, checks=doubted(found.checks, doubts, trust_input=checked))
         except Exception as error:  # of this shot alone
@@ -116,6 +121,18 @@ def verify_many(
     # BLAS' own threads would only wait for each other beside these
     with threadpool_limits(1, "blas"):
         return each(one, zip(curves, answers, strict=True), workers, done)
+
+
+def _likelier(found: Sequence[Posterior]) -> Posterior:
+    """The first, or the second if its evidence is larger by DECISIVE; with what the other answers."""
+    if len(found) == 1:
+        return found[0]
+    first, second = found
+    rise = (second.evidence.log if second.evidence else -np.inf) - (first.evidence.log if first.evidence else -np.inf)
+    best, other = (second, first) if rise > DECISIVE else (first, second)
+    best = replace(best, others=(*best.others, itself(other)))
+    told = "; ".join(filter(None, [best.checks.message, *compared(best)]))
+    return replace(best, checks=replace(best.checks, message=told))
 
 
 class _Work:
@@ -254,6 +271,7 @@ class _Work:
             names, units(names), theta, checks, shot.family.name, "verified" if drawn else "laplace", provenance,
             log_q, log_weight, best=values, stretch=values["stretch"], windows=self.answer.windows,
             evidence=evidence, diagnostics=Diagnostics(**told), bubble=self.answer.bubble,
+            others=self.answer.others,
         )  # fmt: skip
 
     def _trusted(self, drawn: Sample) -> bool:
