@@ -40,7 +40,11 @@ def contact_sheet(found: Measurement) -> Image.Image:
 
 
 def save_sheet(path: Path, sheet: Image.Image) -> None:
-    sheet.quantize(128).save(path, "png", optimize=True)
+    """In greys and the colours of the flags alone."""
+    flags = [int(colour[k : k + 2], 16) for colour in {*COLOURS.values(), _GREY} for k in (1, 3, 5)]
+    palette = Image.new("P", (1, 1))
+    palette.putpalette([level for grey in range(0, 256, 2) for level in (grey, grey, grey)] + flags)
+    sheet.quantize(palette=palette, dither=Image.Dither.NONE).save(path, "png", optimize=True)
 
 
 def sheet_address(found: Measurement) -> str:
