@@ -16,6 +16,7 @@ from cavirheo.physics.scales import ACCOMMODATION, check_bubble, inertia_of
 from cavirheo.posterior import BubbleModel
 
 FREE = {"t0": "time_origin", "scale": "radius_scale", "rmax": "max_radius_factor"}  # option: name in the answer
+FREED = ("t0", "rmax")  # by default
 SCALE_BOUND = 0.015  # radius calibration and R_max are known to 1-1.5 %
 AT_ZERO = ("wall_inertia", "wall_radiation", "vapour_excess")
 
@@ -49,7 +50,7 @@ class Options:
     window: int | str | None = None
     end: float | None = None
     stretch: float | str | None = None
-    free: Sequence[str] | str = ("t0", "rmax")  # or several with commas; kept as a tuple
+    free: Sequence[str] | str = FREED  # or several with commas; kept as a tuple
     t0_bound: float | None = None
     scale_bound: float = SCALE_BOUND
     weights: str = "learnt"

@@ -19,7 +19,7 @@ from cavirheo.inference.fit.alone import Alone, posterior
 from cavirheo.inference.fit.covariance import laplace
 from cavirheo.inference.fit.least_squares import SEARCH, LeastSquares
 from cavirheo.inference.law import Family
-from cavirheo.inference.options import SCALE_BOUND, Options
+from cavirheo.inference.options import FREED, SCALE_BOUND, Options
 from cavirheo.inference.others import DECISIVE, compared
 from cavirheo.parallel import cores, each
 from cavirheo.parameters import LOG10, units
@@ -48,7 +48,7 @@ def fit_many(
     window: int | str | None = None,
     end: float | None = None,
     stretch: float | str | None = None,
-    free: Sequence[str] | str = ("t0", "rmax"),
+    free: Sequence[str] | str | None = None,
     t0_bound: float | None = None,
     scale_bound: float = SCALE_BOUND,
     weights: str = "learnt",
@@ -81,7 +81,8 @@ def fit_many(
         stretch: R_max/R_0 where it is known; "plateau": free, with the late plateau as prior; "free"; default: free,
             with the stretch that the file states, if it does, as prior.
         free: of "t0" (the clock: true time of R_max minus fitted one), "scale" (radius calibration: true radius over
-            measured one) and "rmax" (R_max of the motion over that read off the curve, the calibration being right).
+            measured one) and "rmax" (R_max of the motion over that read off the curve, the calibration being right);
+            default: "t0,rmax", and all three in a verification.
         t0_bound: s, largest |t0|; default half a frame interval. scale_bound: largest deviation of the others from 1.
         weights: "equal", "motion" (frames count less where the wall moves fast) or "learnt" (the residuals tell).
         windows: fit windows of 1, 2, 3 and all collapses too, for comparison: `Posterior.windows`.
@@ -121,7 +122,9 @@ def fit_many(
     def options_of(way: str) -> Options:
         rate = accommodation if way == "kinetic" or contents == way else "free"
         bubble = BubbleModel(way, rate, damage, wall_inertia, wall_distance, vapour_excess, wall_radiation)
-        return Options(window, end, stretch, free, t0_bound, scale_bound, weights, windows, bubble)
+        return Options(
+            window, end, stretch, FREED if free is None else free, t0_bound, scale_bound, weights, windows, bubble
+        )
 
     models = [
         (Family(law), options_of(way)) for law, way in product(AUTO if material == "auto" else (material,), asked)
@@ -189,7 +192,9 @@ def fit_many(
         return answers
     from cavirheo.inference.verify import verify_many
 
-    camera: dict[str, Any] = {"t0_bound": t0_bound, "scale_bound": scale_bound} | ({"free": free} if free else {})
+    camera: dict[str, Any] = {"t0_bound": t0_bound, "scale_bound": scale_bound} | (
+        {} if free is None else {"free": free}
+    )
     settings: dict[str, Any] = {"level": verify, "medium": medium, "stretch": stretch, "discrepancy": discrepancy}
     return verify_many(curves, answers, seed=seed, workers=workers, done=done, **settings, **camera)
 
