@@ -50,12 +50,13 @@ SPEED = WATER.sound_speed / WATER.velocity_scale
 
 
 class Set(NamedTuple):
-    """A set of recordings: its files, the law, what is fitted, and whether shots that rise late are left out."""
+    """A set of recordings: files, law, what is fitted; are late risers left out, is the clock free by a frame."""
 
     files: str
     material: str
     models: dict[str, Model]
     late: bool = False
+    clock: bool = False
 
 
 GEL: dict[str, Model] = {"equilibrium": {}, "kinetic": KINETIC}
@@ -68,8 +69,8 @@ LIQUID: dict[str, Model] = {
     "power-law, free sound": {**THIN, "wall_radiation": "free"},
 }  # fmt: skip
 SETS = {
-    "stiff PA": Set("pa_stiff/*[!E].mat", "nhkv", GEL),  # not the file in a wrong scale
-    "alginate": Set("paam_alginate_0p3/*.mat", "nhkv", GEL),
+    "stiff PA": Set("pa_stiff/*[!E].mat", "nhkv", GEL, clock=True),  # not the file in a wrong scale
+    "alginate": Set("paam_alginate_0p3/*.mat", "nhkv", GEL, clock=True),
     "agarose 0.5 %": Set("agarose_0p5/2E*.mat", "nhkv", {**GEL, **DAMAGE, "kinetic, strain": HURT}),
     "agarose 2.5 %": Set("agarose_2p5/2E*.mat", "nhkv", {"equilibrium": {}, "fung": FUNG, **DAMAGE}),
     "PEG 40 w/v %": Set("peg8000_40wv/*.mat", "newtonian", LIQUID),
@@ -145,7 +146,8 @@ def fitted(curve: RadiusCurve, law: str, area: float = np.inf, **model: Any) -> 
 
 def laid(curve: RadiusCurve, answer: Posterior, **window: Any) -> tuple[Experiment, Floats]:
     """The experiment with the weights "motion" of the simulated motion, and measured minus simulated over R_max."""
-    options = Options(stretch="free", weights="motion", bubble=answer.bubble, **window)
+    wide = 2 * float(np.median(np.diff(curve.time)))  # so that no clock is clipped
+    options = Options(stretch="free", weights="motion", t0_bound=wide, scale_bound=0.19, bubble=answer.bubble, **window)
     shot = Experiment(curve, Family(answer.material), options=options)
     seen = shot.predict(shot.from_best(answer.best))
     if seen is None:
@@ -211,6 +213,11 @@ def one(curve: RadiusCurve, material: str, area: float, model: Model) -> dict[st
     return record(curve, fitted(curve, material, area, **model))
 
 
+def freed(curve: RadiusCurve, model: Model) -> Model:
+    """The model with the clock free by a frame."""
+    return {**model, "t0_bound": float(np.median(np.diff(curve.time)))}
+
+
 def run_fits(kept: Kept, sets: Sets) -> None:
     """Every model of a set in every shot that does not rise late; after `run_growth`, of PEG 10 at least."""
     name = "PEG 10 w/v %"
@@ -219,7 +226,8 @@ def run_fits(kept: Kept, sets: Sets) -> None:
         for i, curve in enumerate(sets.get(name, [])):
             if not kept(f"late/{name}/{i}", lambda c, rule: rule and rises_late(c), curve, about.late):
                 for model, options in about.models.items():
-                    kept(f"fit/{name}/{model}/{i}", one, curve, about.material, area, options)
+                    way = freed(curve, options) if about.clock else options
+                    kept(f"fit/{name}/{model}/{i}", one, curve, about.material, area, way)
 
 
 def verified(curve: RadiusCurve, model: Model) -> dict[str, Any]:
@@ -238,8 +246,8 @@ def ahead(curve: RadiusCurve, accommodation: float) -> dict[str, Any]:
     first rebound's maximum predicted from those before."""
     found: dict[str, Any] = {}
     for name, model in (("equilibrium", {}), ("kinetic", {**KINETIC, "accommodation": accommodation})):
-        found[name] = record(curve, fitted(curve, "nhkv", **model))
-        early = fitted(curve, "nhkv", window=1, **model)
+        found[name] = record(curve, fitted(curve, "nhkv", **freed(curve, model)))
+        early = fitted(curve, "nhkv", window=1, **freed(curve, model))
         shot, missed = laid(curve, early)
         later = shot.counted & (shot.since > laid(curve, early, window=1)[0].view.end)
         found[name]["ahead"] = 100 * rms(missed[later])

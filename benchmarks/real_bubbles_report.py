@@ -157,9 +157,9 @@ def control_rows(kept: Mapping[str, Any]) -> Iterable[list[Any]]:
 
 def water_rows(kept: Mapping[str, Any]) -> Iterable[list[Any]]:
     for model in WATER_MODELS:
-        answers = [r for n, r in kept.items() if n.startswith(f"water/{model}/") and r.get("interval")]
+        answers = [r for n, r in kept.items() if n.startswith(f"water/{model}/") and "best" in r]
         if answers:
-            low, high = np.array([r["interval"] for r in answers]).T
+            low, high = np.array([r["interval"] or (np.nan, np.nan) for r in answers]).T  # no draws: not held
             held = np.count_nonzero((low <= RHEOMETER["water"]) & (high >= RHEOMETER["water"]))
             yield [model, f"{held} of {len(answers)}", spread(high), spread(of(answers, "rmse"))]
 
