@@ -61,6 +61,7 @@ def which_law(
     found, steps = {}, {}
     for law, way in chosen.items():
         fitting = {**way, "window": looked_at, "wall_inertia": walls, "trust_input": reading.trust_input, **shared}
+        fitting |= {"windows": False, "others": False}
         fit, climb = Step(f"fitting {law}", fit_many, fitting), {"level": "map", **weighing}
         steps[law] = fit, Step(f"climbing {law}", verify_many, climb), Step(f"weighing {law}", verify_many, weighing)
         found[law] = kept.answers(curves, *steps[law][:2])

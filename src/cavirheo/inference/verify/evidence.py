@@ -144,7 +144,7 @@ def rank_laws(
         known = (*Family(way["material"]).parameters, "stretch")
         fitted = fit_many(
             curves, **way, medium=medium, window=window, stretch=stretch, trust_input=trust_input, seed=seed,
-            wall_inertia=wall_inertia, workers=workers,
+            wall_inertia=wall_inertia, workers=workers, windows=False, others=False,
         )  # fmt: skip
         mine = {name: pair for name, pair in ranges.items() if name in known}
         shared[law] = {
