@@ -9,6 +9,7 @@ from scipy.integrate import cumulative_trapezoid, quad, solve_ivp
 from scipy.optimize import brentq
 
 from cavirheo.errors import InputError, SolverError
+from cavirheo.physics import growth
 from cavirheo.physics.elastic import Gent, Linear, NeoHookean
 from cavirheo.physics.growth import remembered
 from cavirheo.physics.materials import NeoHookeanKelvinVoigt, OldroydB, StandardLinearSolid, Viscoelastic, Zener
@@ -234,3 +235,12 @@ def test_bad_laws(make, code):
     with pytest.raises(InputError) as error:
         make()
     assert error.value.code == f"physics.{code}"
+
+
+def test_growth_does_not_depend_on_where_its_instants_fall(monkeypatch):
+    """The solver stops at the turn, which may lie before the next instant that is asked for."""
+    found = []
+    for instants in (4001, 4003, 4007):
+        monkeypatch.setattr(growth, "_TIME", np.linspace(0.0, 4.0, instants))
+        found.append(remembered(dimensionless(Zener(5e4, 0.5, 2e-5), WATER, 250e-6, 3.0)))
+    assert found[1:] == [pytest.approx(found[0], rel=1e-4)] * 2

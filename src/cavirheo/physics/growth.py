@@ -13,7 +13,7 @@ from cavirheo.physics.grid import NO_SHELLS
 from cavirheo.physics.scales import ABSENT, Numbers
 from cavirheo.physics.tableau import RODAS5P
 
-_TIME = np.linspace(0.0, 4.0, 2001)  # in t_c: an impulse turns within about one
+_TIME = np.linspace(0.0, 4.0, 4001)  # in t_c: an impulse turns within about one
 _RTOL = 1e-7
 
 
@@ -54,13 +54,19 @@ def _turn(numbers: Numbers, velocity: float) -> tuple[float, Floats]:
     small = 1 / numbers.stretch
     gas = (numbers.pressure - numbers.pv) * numbers.stretch**3
     start = np.concatenate([[small, velocity, numbers.pv + gas], np.zeros(k)])
-    solver.integrate(numbers, NO_SHELLS, RODAS5P, start, _TIME, _RTOL, 20_000, True, out, np.zeros((0, 0)), np.zeros(5))
+    ways = (_TIME, _RTOL, 20_000, True)
+    code = solver.integrate(numbers, NO_SHELLS, RODAS5P, start, *ways, out, np.zeros((0, 0)), np.zeros(5))
     falling = np.flatnonzero(out[:, 1] <= 0)
     if velocity == 0:
         return small, out[0, 4:]
-    if falling.size == 0:
+    reached = np.count_nonzero(np.isfinite(out[:, 1]))
+    if falling.size:
+        after = falling[0]
+    elif code == solver.OK and reached < len(_TIME):  # the solver stops at the turn, here before the next instant
+        after = reached - 1
+    else:
         return 2.0, out[0, 4:]
-    i = np.array([falling[0] - 1, falling[0]])
+    i = np.array([after - 1, after])
     R, U, m = out[i, :1], out[i, 1:2], out[i, 4:]
     fading = -m * numbers.memory[:, 2] - numbers.memory[:, 1] * (1 + m) * U / R
     through = CubicHermiteSpline(_TIME[i], np.hstack([R, m]), np.hstack([U, fading]))
