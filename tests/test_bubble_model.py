@@ -6,11 +6,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from fits import fit, fit_many
 
 from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError
 from cavirheo.inference.experiment import Experiment
-from cavirheo.inference.fit import fit, fit_many
 from cavirheo.inference.law import Family
 from cavirheo.inference.options import Options
 from cavirheo.inference.verify import verify
@@ -103,7 +103,7 @@ def test_every_free_parameter_has_a_proper_prior():
 
 def test_the_default_is_the_model_of_the_field():
     experiment = Experiment(shot(), Family("nhkv"))
-    assert experiment.names == ("shear_modulus", "viscosity", "stretch")
+    assert experiment.names == ("shear_modulus", "viscosity", "stretch", "time_origin", "max_radius_factor")
     assert experiment.simulated(experiment.natural(np.zeros(3))) == {"contents": "equilibrium"}
 
 
@@ -130,7 +130,7 @@ def test_models_of_a_ranking():
 @pytest.mark.parametrize(
     ("way", "code"),
     [
-        (dict(contents="dry"), "physics.contents"),
+        (dict(contents="dry"), "option.contents"),
         (dict(accommodation=0.07), "option.idle"),
         (dict(contents="kinetic", accommodation=11.0), "physics.accommodation"),
         (dict(contents="kinetic", accommodation="some"), "physics.accommodation"),

@@ -7,8 +7,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from fits import fit
 
-from cavirheo import NeoHookeanKelvinVoigt, Newtonian, RadiusCurve, fit, infer, infer_many, read_curves, simulate
+from cavirheo import NeoHookeanKelvinVoigt, Newtonian, RadiusCurve, infer, infer_many, read_curves, simulate
 from cavirheo.inference import amortised, doubts
 from cavirheo.inference.verify import verify
 from cavirheo.landmarks import RAYLEIGH

@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from fits import fit, fit_many
 
 from cavirheo import (
     InputError,
@@ -13,8 +14,6 @@ from cavirheo import (
     Newtonian,
     QuadraticKelvinVoigt,
     RadiusCurve,
-    fit,
-    fit_many,
     read_curves,
     simulate,
 )
@@ -329,6 +328,7 @@ def test_command_line(run, tmp_path):
     assert (status, err) == (2, "error: --window must be a number or 'all', got 'x'\n")
 
 
+@pytest.mark.slow
 def test_published_alginate_shots(real_data):
     """PAAm 12 % - alginate 0.3 %: published 6.44 +- 1.64 kPa, 0.020 +- 0.009 Pa s; the window decides mu."""
     (file,) = (real_data / "paam_alginate_0p3").glob("*.mat")

@@ -16,8 +16,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from fits import fit
 
-from cavirheo import fit, read_curves
+from cavirheo import read_curves
 from cavirheo.errors import InputError
 from cavirheo.parallel import each
 from cavirheo.physics import simulate

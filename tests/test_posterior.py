@@ -12,10 +12,11 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from conftest import load_benchmark
+from fits import fit
 from scipy.integrate import quad
 from scipy.stats import invgamma, multivariate_normal, norm
 
-from cavirheo import InputError, NeoHookeanKelvinVoigt, RadiusCurve, fit, simulate
+from cavirheo import InputError, NeoHookeanKelvinVoigt, RadiusCurve, simulate
 from cavirheo.inference import experiment, verify
 from cavirheo.inference.experiment import FINE, QUICK, Experiment
 from cavirheo.inference.law import Family
@@ -189,7 +190,7 @@ def test_spikes_do_not_count():
     radius[12] = 1.5 * R_MAX
     wrong = replace(curve, radius=radius)
     there = target_of(wrong).experiment
-    assert there.spikes[0].startswith("1 frame")
+    assert there.left_out[0].startswith("1 frame")
     assert len(there.difference(truth_of(target_of(curve)))) == len(there.measured) - 1
 
 
@@ -401,8 +402,8 @@ def test_verified_posterior_of_a_shot(fitted, full):
     for name, value in TRUTH.items():
         low, high = found.interval(name, 0.99)
         assert low < value < high
-        # the camera is not known exactly
-        assert np.diff(found.interval(name)) > 0.95 * np.diff(answer.interval(name))
+        # alike, although one allows for a discrepancy and the other does not
+        assert 0.5 < np.diff(found.interval(name)) / np.diff(answer.interval(name)) < 2.0
     wider = verify_many([curve], [answer], draws=300)[0]
     assert np.diff(wider.interval("viscosity")) > 0.8 * np.diff(found.interval("viscosity"))
 
@@ -637,7 +638,7 @@ def test_full_verification_from_the_command_line(run, tmp_path):
 
 def test_verify_from_the_command_line(run, tmp_path):
     write_gel(tmp_path)
-    status, _, err = run("fit", "gel.csv", "--verify", "map", "--exact-law", "--free", "t0", "-o", "f")
+    status, _, err = run("fit", "gel.csv", "--verify", "map", "--exact-law", "--free", "t0", "--trust-input", "-o", "f")
     assert status == 0, err
     (row,) = read_json(tmp_path / "f" / "result.json").curves
     assert set(row.other_parameters) == {"time_origin"}

@@ -69,9 +69,11 @@ class Footage:
 
 def is_recording(path: Path) -> bool:
     """Whether the name is that of a recording: a video, or a folder with images."""
-    if not path.is_dir():
-        return path.suffix.lower() in ENDINGS
-    return bool(_images(path))
+    try:
+        folder = path.is_dir()
+    except OSError:  # a name that is too long: whoever opens it says so
+        return False
+    return bool(_images(path)) if folder else path.suffix.lower() in ENDINGS
 
 
 def read(path: Path) -> Footage:
