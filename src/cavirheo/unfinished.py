@@ -48,6 +48,7 @@ class Unfinished:
 
     def __init__(self, out: str | Path, *, shown: bool = True) -> None:
         self.folder, self.shown, self.interrupted = Path(out) / "unfinished", shown, False
+        self._own: set[Path] = set()  # written by this run
         way = f"{self.folder} must be a folder, for answers are kept there: give another place with -o"
         require(self.folder.is_dir() or not self.folder.exists(), way, "document.folder")
 
@@ -60,8 +61,9 @@ class Unfinished:
         *before, step = steps
         places = [self.folder / f"{_key(curve, steps)}.npz" for curve in curves] if step.apart else []
         found = {i: answer for i, place in enumerate(places) if (answer := read_answer(place))}
-        if found and self.shown:
-            said = f"{len(found)} of {len(curves)} answers are taken from {self.folder}"
+        taken = sum(places[i] not in self._own for i in found)
+        if taken and self.shown:
+            said = f"{taken} of {len(curves)} answers are taken from {self.folder}"
             say(f"{said}, where an unfinished run left them")
         left = [i for i in range(len(curves)) if i not in found]
         mine = [curves[i] for i in left]
@@ -75,6 +77,7 @@ class Unfinished:
                 if answer.checks.verdict != "failed":
                     with into(self.folder):
                         write_answer(places[left[k]], answer)
+                    self._own.add(places[left[k]])
             advance()
 
         given = [list(begun.values())] if before else []

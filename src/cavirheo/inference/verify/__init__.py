@@ -202,8 +202,8 @@ class _Work:
             if all(value > 0 for value in values):
                 x = self.shot.starts(np.log10(values))
                 for i, name in enumerate(self.prior.names):
-                    if answer.method == "laplace" and name in free:
-                        x[i] = ((given.get(name) or 0.0) - free[name][0]) / free[name][1]
+                    if name in free and (known := given.get(name)) is not None:
+                        x[i] = np.clip((known - free[name][0]) / free[name][1], -0.8, 0.8)  # its bounds may be others
                 u = self.prior.to_u(x, _INSIDE)
                 if all(np.max(np.abs(u - other)) > TUNING.same_start for other in found):
                     found.append(u)
