@@ -32,6 +32,7 @@ __all__ = ["fit", "fit_many"]
 
 AUTO = ("nhkv", "newtonian", "power-law", "fung + newtonian")  # laws of material="auto": gels and liquids
 TOGETHER = {**SEARCH, "max_nfev": 40}  # limits of a joint fit: it has many parameters
+LAPLACE = 5.0  # by which the log evidence of a maximum is wrong (rms against that of draws, benchmarks/evidence.md)
 _TRIED = 6  # materials of single shots, at most, from which a joint fit is started
 
 
@@ -73,7 +74,7 @@ def fit_many(
 
     Args:
         material: a law of `cavirheo laws` all of whose parameters are then fitted ("nhkv", "qkv", "zener", ...);
-            "auto": the simplest of AUTO whose evidence is within 3 of the best, the others being in `Posterior.others`.
+            "auto": the simplest of AUTO that the evidence does not reject, the others being in `Posterior.others`.
         medium: constants of the liquid or gel, or the name of a set.
         window: collapses that are fitted, up to the rebound's maximum after the last, at most a period; "all" for the
             whole recording. Default: 3, or as many as there are, unless `end` is given.
@@ -225,7 +226,7 @@ def _simplest(fits: list[Alone]) -> tuple[Alone, list[Alone]]:
     if len(fits) == 1:
         return fits[0], []
     heights = [single.evidence.log if single.evidence else -np.inf for single in fits]
-    near = [i for i, height in enumerate(heights) if height >= max(heights) - DECISIVE]
+    near = [i for i, height in enumerate(heights) if height >= max(heights) - DECISIVE - LAPLACE]
     chosen = min(near, key=lambda i: (len(fits[i].shot.names), -heights[i]))
     return fits[chosen], [single for i, single in enumerate(fits) if i != chosen]
 
