@@ -15,7 +15,7 @@ from cavirheo.inference.fit.least_squares import LeastSquares, Minimum
 from cavirheo.inference.fit.search import Search
 from cavirheo.inference.noise import Noise
 from cavirheo.inference.options import FREE
-from cavirheo.inference.verify.mode import Mode, Target, climb, ridge, same
+from cavirheo.inference.verify.mode import Mode, Target, climb, modes, ridge, same
 from cavirheo.inference.verify.sampler import Mixture, Sample, sample
 from cavirheo.parameters import LOG10, units
 from cavirheo.posterior import (
@@ -30,7 +30,7 @@ from cavirheo.posterior import (
 )  # fmt: skip
 
 DRAWS = 4096
-EACH, MOST, ENOUGH, FEWEST = 60, 300, 80.0, 15.0  # weighted draws: of a round, in all; effective ones: goal, least
+EACH, MOST, ENOUGH, FEWEST = 60, 480, 80.0, 15.0  # weighted draws: of a round, in all; effective ones: goal, least
 AS_NEAR = 1.5  # costs of minima, below which the evidence chooses between them
 AT_BOUND = 1e-3  # of a range: nearer to its end is "at the bound"
 _INSIDE = 1e-3  # of the probability, that a start keeps away from the bounds
@@ -62,7 +62,7 @@ class Alone:
         self.valleys = [self._valley(mode) for _, mode in weighed if chosen and mode is not chosen[1]]
         self.found = self.fit.polish(chosen[0].x if chosen else best)
         self.laplace = laplace(self.fit, self.found.x)
-        self.sample = self._sampled(seed)
+        self.sample = self._sampled(seed, [minimum.x for minimum in search.minima])
 
     def _weighed(self, minima: Sequence[Minimum]) -> list[tuple[Minimum, Mode]]:
         """The minima, each with the maximum of the posterior beside it; those that share one are one."""
@@ -80,7 +80,7 @@ class Alone:
         self.fit.failures += target.failures
         return found
 
-    def _sampled(self, seed: int) -> Sample | None:
+    def _sampled(self, seed: int, beside: Sequence[Floats]) -> Sample | None:
         """Draws weighted by the likelihood of rough simulations, of weights that are known now but for a factor.
 
         A Gaussian would be too narrow: what a shift of the clock does to the frames beside a collapse is far from
@@ -92,16 +92,17 @@ class Alone:
         deviation = (shot.sigma * shot.noise_factor)[shot.counted]
         noise = Noise(deviation, shot.since[shot.counted], shot.time_scale, discrepancy=False)
         target = Target(shot, prior, noise, self.fit.workers)
-        mode = climb(target, prior.to_u(self.found.x, _INSIDE), QUICK)
-        if mode is None:
+        there = [prior.to_u(x, _INSIDE) for x in (self.found.x, *beside)]
+        maxima = modes(target, there[:1], there[1:])
+        if not maxima:
             return None
-        places = [mode, *ridge(target, mode)]
-        heights = [place.log_evidence - mode.log_evidence for place in places]
+        places = [place for mode in maxima for place in (mode, *ridge(target, mode))]
+        heights = [place.log_evidence - maxima[0].log_evidence for place in places]
         first = Mixture.about([one.u for one in places], [one.covariance for one in places], heights)
 
         def propose(rng: np.random.Generator, counted: Sample | None) -> Mixture:
             if counted is None:
-                return first.widened(0.3)
+                return first.widened(0.3, 3.0)
             return first.fitted(counted.u, counted.log_weight).beside(first, 0.3).widened()
 
         def log_target(u: Floats) -> Floats:
