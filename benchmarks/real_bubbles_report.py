@@ -31,12 +31,12 @@ PARAMETERS = {
 COLUMNS = {
     "growth": "set | shots | even | γ | ζ | A, mm² | d ln ζ/d ln R_max",
     "fits": "set | model | shots | RMSE, % | chi2/frame | RMSE of cycles 1, 2, 3 | G, kPa | µ, Pa s | others | log evidence over equilibrium",  # noqa: E501
+    "seen": "set | shots | ζ of the fit | ζ of growth and collapse | ratio | correlation",
     "peg": "set | model | µ, Pa s | over rheometer | scatter, decades | d ln µ/d ln R_max | RMSE < 2 %",
     "ahead": "set | shots | chi2: equilibrium, kinetic | better | log density | better | RMS ahead, % | better",
     "controls": "simulated | fitted | G over truth | µ over truth | interval of µ holds | accommodation | chi2/frame",
     "water": "free besides µ, λ, clock, R_max | interval of µ holds 0.001 | its upper end, Pa s | RMSE, %",
 }
-Records = list[dict[str, Any]]
 Found = dict[str, dict[str, dict[int, dict[str, Any]]]]  # set, model, shot
 
 
@@ -128,8 +128,19 @@ def peg_rows(found: Found) -> Iterable[list[Any]]:
             yield [group, model, spread(mu), f"{ratio:.2g}", f"{scatter:.2f}", slope(R, mu), below]
 
 
+def seen_rows(kept: Mapping[str, Any], found: Found) -> Iterable[list[Any]]:
+    """zeta that a fit finds after R_max, beside that of growth and collapse of the same shot."""
+    for group, models in found.items():
+        answers, shots = models.get("power-law, free sound", {}), kept[f"growth/{group}"]
+        ours = of(answers.values(), "wall_radiation")
+        theirs = np.array([resistance(1e-6 * shots[i][0], shots[i][2], RHEOMETER[group]) for i in answers])
+        if len(ours) > 3:
+            ratio, alike = spread(ours / theirs), np.corrcoef(ours, theirs)[0, 1]
+            yield [group, len(ours), spread(ours), spread(theirs), ratio, f"{alike:.2f}"]
+
+
 def ahead_rows(kept: Mapping[str, Any]) -> Iterable[list[Any]]:
-    groups: dict[str, Records] = defaultdict(list)
+    groups: dict[str, list[dict[str, Any]]] = defaultdict(list)
     for name, record in kept.items():
         if name.startswith("ahead/") and all("best" in record[model] for model in record):
             groups[name.removeprefix("ahead/").rsplit("/", 1)[0]].append(record)
@@ -169,12 +180,12 @@ def water_rows(kept: Mapping[str, Any]) -> Iterable[list[Any]]:
 
 def axes_of(places: int, height: float, labels: list[tuple[str, str]]) -> tuple[Any, list[Any]]:
     figure, width = style.new_figure(height), 0.92 / places
-    drawn = [(0.07 + width * k, 0.42 / height, width - 0.07, 1 - 0.72 / height) for k in range(places)]
+    drawn = [(0.08 + width * k, 0.46 / height, width - 0.09, 1 - 0.76 / height) for k in range(places)]
     return figure, [style.new_axes(figure, place, *label) for place, label in zip(drawn, labels, strict=True)]
 
 
 def draw_growth(kept: Mapping[str, Any]) -> Any:
-    labels = [("R_max (µm)", "time between equal radii\nover that of a collapse"), ("R_max (µm)", "resistance ζ")]
+    labels = [("R_max (µm)", "even part"), ("R_max (µm)", "resistance ζ")]
     figure, (left, right) = axes_of(2, 3.0, labels)
     marks = {"PEG 10 w/v %": (style.BLUE, "o"), "PEG 40 w/v %": (style.VERMILLION, "s"), "alginate": ("#009e73", "^"),
              "water": (style.INK, "x")}  # fmt: skip
@@ -228,11 +239,13 @@ def draw_peg(found: Found) -> Any:
     for group, axes in zip(groups, panels, strict=True):
         for model, (colour, mark) in shown.items():
             records = list(found[group].get(model, {}).values())
-            axes.plot(
-                of(records, "rmax_um"), of(records, "viscosity"), ls="", color=colour, marker=mark, ms=4, label=model
-            )
+            points = of(records, "rmax_um"), of(records, "viscosity")
+            axes.plot(*points, ls="", color=colour, marker=mark, ms=4, label=model)
         axes.axhline(RHEOMETER[group], color=style.INK, lw=1)
         axes.set_yscale("log")
+        ticks = [0.05, 0.1, 0.2, 0.4] if RHEOMETER[group] > 0.05 else [1e-4, 1e-3, 0.01, 0.1]
+        axes.set_yticks(ticks, [f"{tick:g}" for tick in ticks])
+        axes.yaxis.set_minor_formatter("")
         axes.set_title(f"{group}; line: rheometer", fontsize=8)
     panels[0].legend(fontsize=7, frameon=False)
     return figure
@@ -265,8 +278,8 @@ def main() -> None:
     kept = json.loads(given.results.read_text("utf-8"))
     found = fits(kept)
     rows = {
-        "growth": growth_rows(kept), "fits": fit_rows(found), "peg": peg_rows(found), "ahead": ahead_rows(kept),
-        "controls": control_rows(kept), "water": water_rows(kept),
+        "growth": growth_rows(kept), "seen": seen_rows(kept, found), "fits": fit_rows(found), "peg": peg_rows(found),
+        "ahead": ahead_rows(kept), "controls": control_rows(kept), "water": water_rows(kept),
     }  # fmt: skip
     page = given.page.read_text("utf-8")
     for name, cells in rows.items():
@@ -274,14 +287,11 @@ def main() -> None:
         head, _, rest = page.partition(before)
         page = head + before + table(COLUMNS[name], cells) + "\n" + after + rest.partition(after)[2]
     given.page.write_text(page, encoding="utf-8")
-    folder = given.page.with_suffix("")
-    folder.mkdir(exist_ok=True)
+    (folder := given.page.with_suffix("")).mkdir(exist_ok=True)
     pictures = {
-        "growth": draw_growth(kept),
-        "cycles": draw_cycles(found),
-        "peg": draw_peg(found),
+        "growth": draw_growth(kept), "cycles": draw_cycles(found), "peg": draw_peg(found),
         "evidence": draw_evidence(found),
-    }
+    }  # fmt: skip
     for name, figure in pictures.items():
         style.drawn(figure, 110).save(folder / f"{name}.png", optimize=True)
 

@@ -121,6 +121,7 @@ def test_models_of_a_ranking():
         "newtonian, equilibrium", "newtonian, kinetic",
     ]  # fmt: skip
     assert list(models(["nhkv", "newtonian"])) == ["nhkv", "newtonian"]
+    assert len(models(["nhkv"], damage=["none", "first-rebound", "strain"])) == 3
     assert models(["nhkv"], ["equilibrium", "kinetic"])["nhkv, kinetic"]["contents"] == "kinetic"
     for few in ((["nhkv"],), (["newtonian"], ["kinetic"], ["none", "first-rebound"]), (["nhkv", "nhkv"],)):
         with pytest.raises(InputError):

@@ -22,7 +22,7 @@ def which_law(
         "nhkv,newtonian,power-law,carreau-yasuda,qkv,fung + newtonian,zener"
     ),
     contents: Annotated[str, Option(help="of the bubble: equilibrium, kinetic or both, with a comma")] = "equilibrium",
-    damage: Annotated[str, Option(help="none, first-rebound or both, with a comma")] = "none",
+    damage: Annotated[str, Option(help="of none, first-rebound and strain, with commas")] = "none",
     wall_inertia: Annotated[str, Option(help="of all models: R_max sum(s/d) over image bubbles; or free")] = "0",
     window: Annotated[
         str | None, Option(help="collapses that are looked at, or 'all'  [default: 3, or as many as there are]")

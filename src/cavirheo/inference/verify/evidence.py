@@ -81,6 +81,10 @@ class Ranking:
         return self.contenders[0] if self.contenders else None
 
 
+_HURT = {"none": [], "first-rebound": ["damage"]}  # words of a model's name
+_MORE = {"kinetic": 1, "damage": 2, "damage by strain": 2}  # parameters by word
+
+
 def models(
     laws: Sequence[str], contents: Sequence[str] = ("equilibrium",), damage: Sequence[str] = ("none",)
 ) -> dict[str, dict[str, Any]]:
@@ -96,7 +100,7 @@ def models(
     for law, content, hurt in product(laws, contents, damage) if unlike else ():
         way = {"material": law, "contents": content, "damage": hurt}
         Options(bubble=BubbleModel(contents=content, damage=hurt))
-        words = [law, *([content] if len(contents) > 1 else []), *(["damage"] if hurt != "none" else [])]
+        words = [law, *([content] if len(contents) > 1 else []), *_HURT.get(hurt, [f"damage by {hurt}"])]
         if Family(law).elastic or hurt == "none":
             found[", ".join(words)] = way
     require(len(found) >= 2, told, "option.laws")
@@ -106,7 +110,7 @@ def models(
 def _size(model: str) -> int:
     """How many parameters a model has, by its name."""
     law, *more = model.split(", ")
-    return len(Family(law).parameters) + sum({"kinetic": 1, "damage": 2}.get(word, 0) for word in more)
+    return len(Family(law).parameters) + sum(_MORE.get(word, 0) for word in more)
 
 
 def rank_laws(
