@@ -40,11 +40,14 @@ def shot(seed=0, noise=1e-6, **way):
         (dict(contents="kinetic"), dict(contents="kinetic"), dict(accommodation=0.07)),
         (dict(wall_inertia=0.2), dict(wall_inertia="free"), dict(wall_inertia=0.2)),
         (dict(wall_radiation=0.3), dict(wall_radiation="free"), dict(wall_radiation=0.3)),
-        (dict(vapour_excess=3e3), dict(vapour_excess="free"), dict(vapour_excess=3e3)),
-        (
+        pytest.param(
+            dict(vapour_excess=3e3), dict(vapour_excess="free"), dict(vapour_excess=3e3), marks=pytest.mark.slow
+        ),
+        pytest.param(
             dict(damage=Damage(0.2, 2.0), contents="kinetic"),
             dict(damage="first-rebound", contents="kinetic", accommodation=0.07),
             dict(damage_modulus=0.2, damage_radius=2.0),
+            marks=pytest.mark.slow,
         ),
         (
             dict(damage=Damage(0.4, 1.5, "strain")),

@@ -345,6 +345,7 @@ def test_published_sets_are_found(fake, real_data, tmp_path, monkeypatch):
     assert not any(about.problems for about in result.sets)
 
 
+@pytest.mark.slow
 def test_sets_can_be_fitted_in_the_place_of_networks(tmp_path, monkeypatch):
     monkeypatch.setattr(style, "available", lambda: False)
     write_csv(tmp_path / "gel.csv", read_curves(EXAMPLE)[2])

@@ -75,7 +75,12 @@ def test_other_laws():
     ("name", "law", "expected"),
     [
         ("linear + newtonian", "linear(8e3) + newtonian(0.05)", {"shear_modulus": 8e3, "viscosity": 0.05}),
-        ("mooney-rivlin + newtonian", "mooney-rivlin(2e3, 300) + newtonian(0.05)", {"viscosity": 0.05}),
+        pytest.param(
+            "mooney-rivlin + newtonian",
+            "mooney-rivlin(2e3, 300) + newtonian(0.05)",
+            {"viscosity": 0.05},
+            marks=pytest.mark.slow,
+        ),
         pytest.param(
             "gent + newtonian", "gent(2e3, 1000) + newtonian(0.05)", {"viscosity": 0.05}, marks=pytest.mark.slow
         ),
@@ -84,7 +89,9 @@ def test_other_laws():
         ),
         ("power-law", "power-law(3, 0.7)", {"consistency": 3.0, "exponent": 0.7}),
         ("cross", "cross(0.3, 0.02, 1e-5)", {}),
-        ("zener", "zener(8e3, 0.05, 1e-6)", {"shear_modulus": 8e3, "viscosity": 0.05}),
+        pytest.param(
+            "zener", "zener(8e3, 0.05, 1e-6)", {"shear_modulus": 8e3, "viscosity": 0.05}, marks=pytest.mark.slow
+        ),
     ],
 )
 def test_a_law_of_each_family_is_recovered(name, law, expected):

@@ -638,7 +638,9 @@ def test_full_verification_from_the_command_line(run, tmp_path):
 
 def test_verify_from_the_command_line(run, tmp_path):
     write_gel(tmp_path)
-    status, _, err = run("fit", "gel.csv", "--verify", "map", "--exact-law", "--free", "t0", "--trust-input", "-o", "f")
+    status, _, err = run(
+        "fit", "gel.csv", "--no-others", "--verify", "map", "--exact-law", "--free", "t0", "--trust-input", "-o", "f"
+    )
     assert status == 0, err
     (row,) = read_json(tmp_path / "f" / "result.json").curves
     assert set(row.other_parameters) == {"time_origin"}
@@ -656,7 +658,7 @@ def test_verify_from_the_command_line(run, tmp_path):
 
 def test_the_exposure_from_the_command_line(run, tmp_path):
     write_gel(tmp_path)
-    shared = ("fit", "gel.csv", "--verify", "map", "-o", "f", "--trust-input", "--exposure-us")
+    shared = ("fit", "gel.csv", "--no-others", "--verify", "map", "-o", "f", "--trust-input", "--exposure-us")
     status, _, err = run(*shared, "0.4")
     assert status == 0, err
     (row,) = read_json(tmp_path / "f" / "result.json").curves
