@@ -223,9 +223,9 @@ def draw_cycles(found: Found) -> Any:
                 axes.plot([x, x], [min(values), max(values)], color=colour, lw=1.2)
                 axes.plot([x], [np.median(values)], "o", color=colour, ms=4.5)
                 axes.text(x - aside, 0.02, "123"[cycle], fontsize=6.5, ha="center", color=style.INK)
-    axes.set_xticks(range(len(labels)), labels, fontsize=7)
+    axes.set_xticks(range(len(labels)), labels, fontsize=6)
     axes.set_ylim(0, None)
-    axes.set_title("grey: the field's model; red: the model that the evidence prefers; by cycle, all shots", fontsize=8)
+    axes.set_title("grey: the field's model; red: the model that the evidence prefers; cycles 1, 2, 3", fontsize=8)
     return figure
 
 
