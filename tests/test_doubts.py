@@ -81,6 +81,7 @@ def test_a_stiff_gel_hardly_depends_on_one_frame():
     assert infer(shot(NeoHookeanKelvinVoigt(4e4, 0.15))).checks.verdict == "ok"
 
 
+@pytest.mark.slow
 def test_a_fit_says_what_one_frame_would_change():
     answer = fit(shot(), windows=False)
     assert answer.checks.verdict == "check_input"

@@ -97,6 +97,7 @@ def test_simulate_replaces_only_its_own(run, tmp_path, option):
     assert (tmp_path / "a.part").read_text() == "mine"
 
 
+@pytest.mark.slow
 def test_our_own_files_are_replaced_and_old_pictures_go(tmp_path):
     curves = read_curves(EXAMPLE)
     pairs = [(curve, fit(curve, window=1, windows=False)) for curve in curves[:2]]

@@ -656,6 +656,7 @@ def test_verify_from_the_command_line(run, tmp_path):
         assert "--verify" in err
 
 
+@pytest.mark.slow
 def test_the_exposure_from_the_command_line(run, tmp_path):
     write_gel(tmp_path)
     shared = ("fit", "gel.csv", "--no-others", "--verify", "map", "-o", "f", "--trust-input", "--exposure-us")
