@@ -179,8 +179,8 @@ def water_rows(kept: Mapping[str, Any]) -> Iterable[list[Any]]:
 
 
 def axes_of(places: int, height: float, labels: list[tuple[str, str]]) -> tuple[Any, list[Any]]:
-    figure, width = style.new_figure(height), 0.92 / places
-    drawn = [(0.08 + width * k, 0.46 / height, width - 0.09, 1 - 0.76 / height) for k in range(places)]
+    figure, width = style.new_figure(height), 1 / places
+    drawn = [(0.085 + width * k, 0.46 / height, width - 0.1, 1 - 0.76 / height) for k in range(places)]
     return figure, [style.new_axes(figure, place, *label) for place, label in zip(drawn, labels, strict=True)]
 
 
@@ -243,8 +243,8 @@ def draw_peg(found: Found) -> Any:
             axes.plot(*points, ls="", color=colour, marker=mark, ms=4, label=model)
         axes.axhline(RHEOMETER[group], color=style.INK, lw=1)
         axes.set_yscale("log")
-        ticks = [0.05, 0.1, 0.2, 0.4] if RHEOMETER[group] > 0.05 else [1e-4, 1e-3, 0.01, 0.1]
-        axes.set_yticks(ticks, [f"{tick:g}" for tick in ticks])
+        if RHEOMETER[group] > 0.05:
+            axes.set_yticks([0.05, 0.1, 0.2, 0.4], ["0.05", "0.1", "0.2", "0.4"])
         axes.yaxis.set_minor_formatter("")
         axes.set_title(f"{group}; line: rheometer", fontsize=8)
     panels[0].legend(fontsize=7, frameon=False)

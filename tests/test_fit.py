@@ -19,6 +19,7 @@ from cavirheo import (
 )
 from cavirheo.inference import experiment
 from cavirheo.inference.experiment import FINE, FLOOR, Experiment
+from cavirheo.inference.fit.alone import LIQUIDS
 from cavirheo.inference.fit.covariance import correlation_time, draws
 from cavirheo.inference.fit.least_squares import LeastSquares
 from cavirheo.inference.fit.starts import Scan, spread_starts
@@ -157,6 +158,7 @@ def test_joint_fit_shares_the_material():
     assert joint[0].median("viscosity") == pytest.approx(0.05, rel=0.1)
     assert joint[0].provenance["joint"]["shots"] == 3
     assert "joint fit of 3 shots" in joint[0].checks.message
+    assert joint[0].evidence is None  # those are of one shot by itself
     widths = [np.diff(a.interval("viscosity"))[0] for a in (joint[0], alone)]
     assert widths[0] < widths[1]
     assert answers[3].median("shear_modulus") == pytest.approx(2e4, rel=0.02)
@@ -305,6 +307,8 @@ def test_an_interval_as_wide_as_the_range_is_no_ok():
     assert low < 15 < 100 < answer.best["shear_modulus"] < high
     assert answer.checks.verdict == "outside_training_range"
     assert "shear_modulus from below" in answer.checks.message
+    assert " or ".join(LIQUIDS) in answer.checks.message
+    assert not any(Family(name).elastic for name in LIQUIDS)
 
 
 def test_a_curve_that_cannot_be_fitted_is_a_failed_row():

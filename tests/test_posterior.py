@@ -31,7 +31,7 @@ from cavirheo.inference.verify.sampler import Mixture, Sample, effective_size, s
 from cavirheo.inference.verify.surrogate import Surrogate
 from cavirheo.inference.verify.tuning import TUNING
 from cavirheo.physics.materials import Zener
-from cavirheo.posterior import Checks, Evidence, Posterior
+from cavirheo.posterior import BubbleModel, Checks, Evidence, OtherAnswer, Posterior
 from cavirheo.prior import Prior, log_normal
 from cavirheo.reporting import read_json
 
@@ -181,7 +181,7 @@ def test_a_failed_simulation_has_no_likelihood_and_is_counted(monkeypatch):
     value = value_of(target, u)
     assert np.isfinite(value[0])
     assert value[1] == -np.inf
-    assert (target.runs, target.failures) == (2, 1)
+    assert (target.experiment.runs, target.experiment.failures) == (2, 1)
 
 
 def test_spikes_do_not_count():
@@ -430,9 +430,12 @@ def test_weights_are_posterior_over_proposal_in_the_answers_parameters(fitted):
 
 def test_map_is_the_maximum_with_laplaces_interval(fitted, full):
     curve, answer = fitted
-    (peak,) = verify_many([curve], [answer], level="map", discrepancy=False)
+    rival = OtherAnswer("nhkv", BubbleModel("kinetic"), answer.best, {}, Evidence(999.0), 0.01)
+    (peak,) = verify_many([curve], [replace(answer, others=(rival,))], level="map", discrepancy=False)
     assert peak.method == "laplace"
     assert peak.log_weight is None
+    assert peak.others == (rival,)
+    assert "e^" in peak.checks.message
     for name in TRUTH:
         width = np.diff(full.interval(name))[0]
         assert peak.median(name) == pytest.approx(full.median(name), abs=0.15 * width)

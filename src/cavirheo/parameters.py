@@ -100,7 +100,7 @@ PARAMETERS: dict[str, Parameter] = {
 CAMERA = ("time_origin", "radius_scale", "max_radius_factor")
 BUBBLE = ("accommodation", "damage_modulus", "damage_radius", "wall_inertia", "wall_radiation", "vapour_excess")
 AT_RATE, RATE = "viscosity_at_1e5_per_s", 1e5  # of a law whose viscosity is not one number; 1/s
-_AT_END = 0.25  # of an interval's width: an end nearer to the range's is the range's
+AT_END = 0.25  # of an interval's width: an end nearer to the range's is the range's
 
 
 def natural_name(name: str) -> str:
@@ -120,15 +120,18 @@ def of_the_law(name: str) -> bool:
     return natural_name(name) not in ("stretch", *CAMERA, *BUBBLE)
 
 
+def reaches(low: float, high: float, ends: tuple[float, float]) -> tuple[bool, bool]:
+    """Whether an interval reaches the lower and the upper end of a range: there the range decides, not the curve."""
+    room = AT_END * (high - low)
+    return bool(low - ends[0] < room), bool(ends[1] - high < room)
+
+
 def open_sides(name: str, low: float, high: float) -> tuple[bool, bool]:
-    """Whether an interval (natural, SI) reaches the lower and the upper end of the range that is searched: there the
-    range decides, not the curve."""
+    """`reaches` of an interval in natural values, SI, and the range that is searched."""
     searched = about(name).searched
     if searched is None or not 0 < low < high:
         return False, False
-    a, b = np.log10([low, high])
-    room = _AT_END * (b - a)
-    return bool(a - searched[0] < room), bool(searched[1] - b < room)
+    return reaches(float(np.log10(low)), float(np.log10(high)), searched)
 
 
 def units(names: tuple[str, ...]) -> tuple[str, ...]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from importlib import import_module
 from numbers import Real
@@ -12,7 +12,7 @@ import numpy as np
 
 from cavirheo.arrays import Floats
 from cavirheo.errors import InputError, require
-from cavirheo.parameters import about, open_sides
+from cavirheo.parameters import about, natural, natural_name, open_sides
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -324,6 +324,17 @@ def in_words(name: str, interval: tuple[float, float, float]) -> str:
         end = digits.significant(factor * (high if below else low), 2)
         return f"{known.symbol} {'below' if below else 'above'} {end}{unit} (95 %)"
     return f"{known.symbol} {digits.quantity(Quantity(median=median, q05=low, q95=high), factor)}{unit}"
+
+
+def intervals(
+    names: Sequence[str], theta: Floats, log_weight: Floats | None = None
+) -> dict[str, tuple[float, float, float]]:
+    """(5 %, 50 %, 95 %) by natural name, SI, of draws (draws, parameters); none of a single one."""
+    found: dict[str, tuple[float, float, float]] = {}
+    for name, values in zip(names, theta.T, strict=True) if len(theta) > 1 else ():
+        low, middle, high = weighted_quantile(natural(name, values), np.array([0.05, 0.5, 0.95]), log_weight).tolist()
+        found[natural_name(name)] = low, middle, high
+    return found
 
 
 def _needed(name: str) -> Any:

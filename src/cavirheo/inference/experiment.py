@@ -13,6 +13,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from threading import Lock
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -24,7 +25,7 @@ from cavirheo.inference.law import Family
 from cavirheo.inference.noise import Noise, correlation_time
 from cavirheo.inference.options import AT_ZERO, FREE, Options, fixed_bubble
 from cavirheo.inference.reconstruct import MISFIT, Window, reconstruct, window
-from cavirheo.parameters import LOG10, PARAMETERS, STRETCH_RANGE
+from cavirheo.parameters import LOG10, PARAMETERS, STRETCH_RANGE, reaches
 from cavirheo.physics.damage import Damage
 from cavirheo.physics.media import WATER, Medium
 from cavirheo.physics.scales import ACCOMMODATION
@@ -44,7 +45,6 @@ SHARPEST = 1e-3  # of R_max: the solver's own error; less noise is not believed
 BETA, ZETA, EXCESS = 0.3, 0.3, 0.03
 LARGEST = 10.0 / 3.0  # of them
 SIGMAS = 3.0  # standard deviations of these within their bounds
-AT_END = 0.25  # of an interval's width: an end nearer to the range's is the range's
 CLEAN = 1.5e-4  # of R_max: frame-to-frame noise of a curve that no camera took: a simulation must follow it,
 LEFT = 1e-3  # of R_max RMS: by so much or less
 NARROWEST = 0.02  # t_c: half-width of the clock where half a frame is less; R_max is hardly seen sooner
@@ -53,9 +53,6 @@ STATED = 0.1  # of a stretch that the file states: its standard deviation, if no
 TIMED = (0.0, 0.1, 0.2, 0.3, 0.5, 0.7, 1.0, 1.4, 2.0)  # motion within a frame that may be noise, over radius noise
 _LN10 = float(np.log(10.0))
 _NODES, _SHARES = (part / 2.0 for part in np.polynomial.legendre.leggauss(9))  # of an exposure, over its length
-
-
-# free parameters whose prior is largest at 0, where x is -1
 
 
 def _known_stretch(curve: RadiusCurve, wanted: float | str | None) -> tuple[float, float] | None:
@@ -87,7 +84,8 @@ class Experiment:
     beside a collapse then decide little. "learnt" finds j, and the size of both, from the residuals (`weigh`).
 
     names: (d,) of x. bounds: (d, 2). since, measured, sigma: (m,) of the measured frames in the window: s after R_max,
-    R/R_max, assumed deviation over R_max. counted: (m,) frames that neither stand out nor drift.
+    R/R_max, assumed deviation over R_max. counted: (m,) frames that neither stand out nor drift. runs, failures:
+    simulations.
 
     Raises:
         InputError: the curve has no maximum, or not the window; an exposure longer than the frame interval; damage to a
@@ -108,6 +106,7 @@ class Experiment:
         require(0.0 <= exposure < np.inf, told + "no time", "experiment.exposure")
         longest = f"longer than the time between two frames ({self.frame * 1e6:.4g} us)"
         require(exposure <= self.frame * (1.0 + 1e-6), told + longest, "experiment.exposure")
+        self.runs, self.failures, self._counting = 0, 0, Lock()
         self.shown = len(curve.collapse_times())
         self.stretch = None if isinstance(options.stretch, str) or not options.stretch else float(options.stretch)
         # (mean, standard deviation) of the stretch, and of its log10, where the file or the late plateau tells it
@@ -272,6 +271,13 @@ class Experiment:
 
         The bubble starts from rest at t_max + t_0; instants before are mirrored (R is even to third order there).
         """
+        seen = self._seen(x, accuracy, counted)
+        with self._counting:
+            self.runs += 1
+            self.failures += seen is None
+        return seen
+
+    def _seen(self, x: Floats, accuracy: Accuracy, counted: bool) -> Prediction | None:
         natural = self.natural(x)
         nodes, shares = (_NODES, _SHARES) if self.exposure else (np.zeros(1), np.ones(1))
         since = self.since[self.counted] if counted else self.since
@@ -342,8 +348,8 @@ class Experiment:
             if name not in (*self.family.parameters, "stretch") or len(x) < 2:
                 continue
             bottom, top = weighted_quantile(values, np.array([0.05, 0.95]), log_weight)
-            sides = {"below": bottom - a, "above": b - top}
-            if ends := [f"{name} from {side}" for side, room in sides.items() if room < AT_END * (top - bottom)]:
+            sides = zip(("below", "above"), reaches(bottom, top, (a, b)), strict=True)
+            if ends := [f"{name} from {side}" for side, reached in sides if reached]:
                 found[name] = ", ".join(ends)
         return found
 

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from cavirheo.parameters import of_the_law
-from cavirheo.posterior import OtherAnswer, Posterior, in_words
+from cavirheo.posterior import OtherAnswer, Posterior, in_words, intervals
 from cavirheo.writing.digits import CONTENTS
 
-DECISIVE = 3.0  # of log evidence: a model so far above another is preferred, a valley so near cannot be ruled out
+DECISIVE = 3.0  # of log evidence (a factor of 20): a model so far above another is preferred, a nearer one possible
 
 
 def compared(answer: Posterior) -> list[str]:
@@ -17,11 +17,11 @@ def compared(answer: Posterior) -> list[str]:
     Of several such models the one with the largest evidence is named, by its best valley.
     """
     here = itself(answer)
-    valleys = [one for one in answer.others if _model(one) == _model(here)]
+    valleys = [one for one in answer.others if model_of(one) == model_of(here)]
     best: dict[tuple[str, str], OtherAnswer] = {}
     for one in sorted(answer.others, key=_log):
-        best[_model(one)] = one
-    best.pop(_model(here), None)
+        best[model_of(one)] = one
+    best.pop(model_of(here), None)
     rivals = [one for one in best.values() if _above(one, here) > DECISIVE or _other_contents_disagree(one, here)]
     said = [_sides(here, max(rivals, key=_log))] if rivals else []
     return said + [
@@ -33,16 +33,14 @@ def compared(answer: Posterior) -> list[str]:
 
 
 def itself(answer: Posterior) -> OtherAnswer:
-    intervals = {}
-    for name in answer.parameters:
-        ends, median = answer.interval(name), answer.median(name)
-        if ends and median is not None:
-            intervals[name] = (ends[0], median, ends[1])
+    """An answer as one beside that of another model."""
+    told = intervals(answer.names, answer.theta, answer.log_weight)
     rmse = answer.checks.rmse_over_rmax
-    return OtherAnswer(answer.material, answer.bubble, answer.best, intervals, answer.evidence, rmse)
+    return OtherAnswer(answer.material, answer.bubble, answer.best, told, answer.evidence, rmse)
 
 
-def _model(one: OtherAnswer) -> tuple[str, str]:
+def model_of(one: OtherAnswer | Posterior) -> tuple[str, str]:
+    """Law and model of the bubble, by which answers are of one model."""
     return one.material, one.bubble.name
 
 

@@ -21,8 +21,8 @@ from cavirheo.posterior import (
     Verdict,
     WindowAnswer,
     bubble_name,
-    weighted_quantile,
-)  # fmt: skip
+    intervals,
+)
 from cavirheo.writing import digits
 from cavirheo.writing.document import Finite, Quantity, Record, finite
 
@@ -209,10 +209,9 @@ def _at_rate(posterior: Posterior) -> dict[str, Quantity]:
     rows = [dict(zip(posterior.parameters, row, strict=True)) for row in zip(*draws, strict=True)]
     if not rows or viscosity_at(posterior.material, RATE, rows[0]) is None:
         return {}
-    found = np.array([viscosity_at(posterior.material, RATE, row) for row in rows])
-    q05, median, q95 = weighted_quantile(found, np.array([0.05, 0.5, 0.95]), posterior.log_weight)
-    ends = {"q05": float(q05), "q95": float(q95)} if len(found) > 1 else {}
-    return {AT_RATE: Quantity(median=float(median), **ends)}
+    found = np.array([viscosity_at(posterior.material, RATE, row) for row in rows], dtype=float)
+    low, median, high = intervals((AT_RATE,), found[:, None], posterior.log_weight).get(AT_RATE, (None, found[0], None))
+    return {AT_RATE: Quantity(median=float(median), q05=low, q95=high)}
 
 
 def _other(one: OtherAnswer) -> OtherModel:

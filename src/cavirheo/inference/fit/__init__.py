@@ -20,7 +20,8 @@ from cavirheo.inference.fit.covariance import laplace
 from cavirheo.inference.fit.least_squares import SEARCH, LeastSquares
 from cavirheo.inference.law import Family
 from cavirheo.inference.options import FREED, SCALE_BOUND, Options
-from cavirheo.inference.others import DECISIVE, compared
+from cavirheo.inference.others import DECISIVE, compared, itself, model_of
+from cavirheo.inference.verify.tuning import TUNING
 from cavirheo.parallel import cores, each
 from cavirheo.parameters import LOG10, units
 from cavirheo.physics.media import WATER, Medium
@@ -32,7 +33,6 @@ __all__ = ["fit", "fit_many"]
 
 AUTO = ("nhkv", "newtonian", "power-law", "fung + newtonian")  # laws of material="auto": gels and liquids
 TOGETHER = {**SEARCH, "max_nfev": 40}  # limits of a joint fit: it has many parameters
-LAPLACE = 5.0  # by which the log evidence of a maximum is wrong (rms against that of draws, benchmarks/evidence.md)
 _TRIED = 6  # materials of single shots, at most, from which a joint fit is started
 
 
@@ -155,10 +155,11 @@ def fit_many(
         try:
             alone, rest = _simplest(_fitted(curve, models, medium, inner, seed))
             unasked = [way for way in CONTENTS if way not in asked] if others and alone.evidence else []
-            beside = [(alone.shot.family, replace(options_of(way), windows=False)) for way in unasked]
-            rest += _fitted(curve, beside, medium, inner, seed, alone)
+            more = [(alone.shot.family, replace(options_of(way), windows=False)) for way in unasked]
+            rest += _fitted(curve, more, medium, inner, seed, alone)
             answer = posterior(alone.fit, alone.found, alone.laplace, 0, alone, common(alone.shot), seed)
-            answer = replace(answer, others=answer.others + tuple(single.as_other() for single in rest))
+            beside = [posterior(one.fit, one.found, one.laplace, 0, one, {}, seed) for one in rest]
+            answer = replace(answer, others=(*answer.others, *map(itself, beside)))
             told = "; ".join(filter(None, [answer.checks.message, *compared(answer)]))
             answer = doubted(replace(answer, checks=replace(answer.checks, message=told)), alone)
         except Exception as error:  # of this curve alone
@@ -187,8 +188,11 @@ def fit_many(
             before, checks = answers[i], answers[i].checks
             by_itself = {"verdict": checks.verdict, "rmse_over_rmax": checks.rmse_over_rmax, "best": before.best}
             provenance = answer.provenance | {"alone": by_itself}
-            answer = replace(answer, provenance=provenance, seconds=before.seconds + seconds)
-            answers[i] = doubted(answer, members[i])
+            rivals = tuple(one for one in before.others if model_of(one) != model_of(before))
+            told = "; ".join(f"by itself: {said}" for said in compared(replace(before, others=rivals)))
+            checks = replace(answer.checks, message="; ".join(filter(None, [answer.checks.message, told])))
+            about: Any = {"checks": checks, "others": (*answer.others, *rivals), "provenance": provenance}
+            answers[i] = doubted(replace(answer, seconds=before.seconds + seconds, **about), members[i])
     if verify == "none":
         return answers
     from cavirheo.inference.verify import verify_many
@@ -226,7 +230,7 @@ def _simplest(fits: list[Alone]) -> tuple[Alone, list[Alone]]:
     if len(fits) == 1:
         return fits[0], []
     heights = [single.evidence.log if single.evidence else -np.inf for single in fits]
-    near = [i for i, height in enumerate(heights) if height >= max(heights) - DECISIVE - LAPLACE]
+    near = [i for i, height in enumerate(heights) if height >= max(heights) - DECISIVE - TUNING.laplace]
     chosen = min(near, key=lambda i: (len(fits[i].shot.names), -heights[i]))
     return fits[chosen], [single for i, single in enumerate(fits) if i != chosen]
 

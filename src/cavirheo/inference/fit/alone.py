@@ -15,26 +15,16 @@ from cavirheo.inference.fit.least_squares import LeastSquares, Minimum
 from cavirheo.inference.fit.search import Search
 from cavirheo.inference.noise import Noise
 from cavirheo.inference.options import FREE
-from cavirheo.inference.verify.mode import Mode, Target, climb, modes, ridge, same
+from cavirheo.inference.verify.mode import Mode, Target, climb, modes, ridge, same, valley
 from cavirheo.inference.verify.sampler import Mixture, Sample, sample
 from cavirheo.parameters import LOG10, units
-from cavirheo.posterior import (
-    Checks,
-    Diagnostics,
-    Evidence,
-    OtherAnswer,
-    Posterior,
-    Verdict,
-    WindowAnswer,
-    weighted_quantile,
-)  # fmt: skip
+from cavirheo.posterior import Checks, Diagnostics, Evidence, Posterior, Verdict, WindowAnswer
 
+LIQUIDS = ("newtonian", "power-law")  # laws to try where there may be no shear modulus
 DRAWS = 4096
 EACH, MOST, ENOUGH, FEWEST = 60, 480, 80.0, 15.0  # weighted draws: of a round, in all; effective ones: goal, least
 AS_NEAR = 1.5  # costs of minima, below which the evidence chooses between them
 AT_BOUND = 1e-3  # of a range: nearer to its end is "at the bound"
-_INSIDE = 1e-3  # of the probability, that a start keeps away from the bounds
-_LEVELS = np.array([0.05, 0.5, 0.95])
 
 
 class Alone:
@@ -53,31 +43,27 @@ class Alone:
             lower = min((x, best), key=lambda one: float(np.sum(self.fit.residuals(one, QUICK) ** 2)))
             self.windows[str(cut[0] or "all")] = self._window_answer(lower)
         shot.set_window(*shot.cut)
-        weighed = self._weighed(search.minima)
+        enough = np.count_nonzero(shot.counted) >= 3
+        target = Target(shot, shot.prior(), shot.noise(discrepancy=True), workers) if enough else None
+        weighed = self._weighed(target, search.minima) if target else []
         chosen = max(
             (one for one in weighed if one[0].cost < AS_NEAR * search.minima[0].cost),
             key=lambda one: one[1].log_evidence, default=None,
         )  # fmt: skip
         self.evidence = Evidence(chosen[1].log_evidence) if chosen else None
-        self.valleys = [self._valley(mode) for _, mode in weighed if chosen and mode is not chosen[1]]
+        others = [mode for _, mode in weighed if chosen and mode is not chosen[1]]
+        self.valleys = [valley(target, mode) for mode in others] if target else []
         self.found = self.fit.polish(chosen[0].x if chosen else best)
         self.laplace = laplace(self.fit, self.found.x)
-        self.sample = self._sampled(seed, [minimum.x for minimum in search.minima])
+        self.sample = self._sampled(seed, [minimum.x for minimum in search.minima]) if enough else None
 
-    def _weighed(self, minima: Sequence[Minimum]) -> list[tuple[Minimum, Mode]]:
+    def _weighed(self, target: Target, minima: Sequence[Minimum]) -> list[tuple[Minimum, Mode]]:
         """The minima, each with the maximum of the posterior beside it; those that share one are one."""
-        shot = self.shot
-        if np.sum(shot.counted) < 3:
-            return []
-        prior = shot.prior()
-        target = Target(shot, prior, shot.noise(discrepancy=True), self.fit.workers)
         found: list[tuple[Minimum, Mode]] = []
         for minimum in minima:
-            mode = climb(target, prior.to_u(minimum.x, _INSIDE), QUICK, known=[mode for _, mode in found])
+            mode = climb(target, target.start(minimum.x), QUICK, known=[mode for _, mode in found])
             if mode and not any(same(mode, other) for _, other in found):
                 found.append((minimum, mode))
-        self.fit.runs += target.runs
-        self.fit.failures += target.failures
         return found
 
     def _sampled(self, seed: int, beside: Sequence[Floats]) -> Sample | None:
@@ -86,13 +72,11 @@ class Alone:
         A Gaussian would be too narrow: what a shift of the clock does to the frames beside a collapse is far from
         linear, so posteriors are curved and have shelves. None: the weights are not worth an interval.
         """
-        shot, prior = self.shot, self.shot.prior()
-        if np.sum(shot.counted) < 3:
-            return None
+        shot = self.shot
         deviation = (shot.sigma * shot.noise_factor)[shot.counted]
         noise = Noise(deviation, shot.since[shot.counted], shot.time_scale, discrepancy=False)
-        target = Target(shot, prior, noise, self.fit.workers)
-        there = [prior.to_u(x, _INSIDE) for x in (self.found.x, *beside)]
+        target = Target(shot, shot.prior(), noise, self.fit.workers)
+        there = [target.start(x) for x in (self.found.x, *beside)]
         maxima = modes(target, there[:1], there[1:])
         if not maxima:
             return None
@@ -109,30 +93,7 @@ class Alone:
             return target.log_posterior(u, target.residuals(u, QUICK))
 
         found = sample(log_target, propose, seed=seed, each=EACH, most=MOST, enough=ENOUGH)
-        self.fit.runs += target.runs
-        self.fit.failures += target.failures
         return found if found.ess >= FEWEST else None
-
-    def _valley(self, mode: Mode) -> OtherAnswer:
-        """An answer from the Gaussian about a maximum of the posterior."""
-        shot, prior = self.shot, self.shot.prior()
-        drawn = draws(mode.u, mode.covariance, np.tile([-8.0, 8.0], (len(mode.u), 1)), DRAWS // 4, 0, 1e6)
-        best, names_theta = shot.best(prior.to_x(mode.u)), shot.answer(prior.to_x(drawn))
-        rmse = float(np.sqrt(np.mean(mode.residual**2)))
-        return OtherAnswer(
-            shot.family.name, shot.options.bubble, best, intervals(*names_theta), Evidence(mode.log_evidence), rmse
-        )
-
-    def as_other(self) -> OtherAnswer:
-        """The answer, as one beside that of another model."""
-        shot, x = self.shot, self.found.x
-        drawn, weight = x[None], None
-        if self.sample:
-            drawn, weight = shot.prior().to_x(self.sample.u), self.sample.log_weight
-        missed = shot.difference(x)
-        rmse = float(np.sqrt(np.mean(missed**2)))
-        told = intervals(*shot.answer(drawn), weight)
-        return OtherAnswer(shot.family.name, shot.options.bubble, shot.best(x), told, self.evidence, rmse)
 
     def doubts(self) -> list[str]:
         """About the curve, whether or not it was fitted with others."""
@@ -160,17 +121,6 @@ class Alone:
         return WindowAnswer(best, float(shot.view.end / shot.time_scale), rmse, tuple(at_bound(self.fit, x, 0)))
 
 
-def intervals(
-    names: Sequence[str], theta: Floats, log_weight: Floats | None = None
-) -> dict[str, tuple[float, float, float]]:
-    """(5 %, 50 %, 95 %) by natural name, SI, of draws (draws, parameters)."""
-    found = {}
-    for name, values in zip(names, weighted_quantile(theta, _LEVELS, log_weight).T.tolist(), strict=True):
-        low, middle, high = 10.0 ** np.array(values) if name.startswith(LOG10) else values
-        found[name.removeprefix(LOG10)] = (float(low), float(middle), float(high))
-    return found
-
-
 def at_bound(fit: LeastSquares, x: Floats, k: int) -> dict[str, str]:
     """Of the parameters of shot k that ended at a bound: by name, which."""
     found = {}
@@ -186,17 +136,19 @@ def at_bound(fit: LeastSquares, x: Floats, k: int) -> dict[str, str]:
 def posterior(
     fit: LeastSquares, found: Minimum, worth: Laplace, k: int, alone: Alone, common: Mapping[str, Any], seed: int
 ) -> Posterior:
-    """The answer for shot k at a minimum; the draws of the material are the same for all shots of a joint fit."""
-    shot, columns = fit.shots[k], fit.columns[k]
-    weighted = alone.sample if len(fit.shots) == 1 else None
+    """The answer for shot k at a minimum. The draws of the material are the same for all shots of a joint fit, which
+    has no evidence and no valleys: those of `alone` are of a shot with a material of its own."""
+    shot, columns, joint = fit.shots[k], fit.columns[k], len(fit.shots) > 1
+    weighted = None if joint else alone.sample
     x, covariance = found.x[columns], worth.covariance[np.ix_(columns, columns)]
     log_weight = weighted.log_weight if weighted else None
-    lost = len(fit.shots) > 1 and not found.converged
-    drawn = draws(found.x, worth.covariance, fit.bounds, DRAWS, seed, worth.freedom)[:, columns]
-    drawn = x[None] if lost else drawn  # no interval about a point that is no minimum
     if weighted:
         drawn = shot.prior().to_x(weighted.u)
         covariance = np.cov(drawn.T, aweights=np.exp(weighted.log_weight - np.max(weighted.log_weight)))
+    elif joint and not found.converged:
+        drawn = x[None]  # no interval about a point that is no minimum
+    else:
+        drawn = draws(found.x, worth.covariance, fit.bounds, DRAWS, seed, worth.freedom)[:, columns]
     names, theta = shot.answer(drawn)
     best, sigma = shot.best(x), np.sqrt(np.diag(covariance))
     bound = at_bound(fit, found.x, k)
@@ -214,8 +166,8 @@ def posterior(
         frames=len(shot.measured),
         frames_per_independent_residual=worth.correlation[k],
         at_bound=tuple(bound),
-        simulations=fit.runs,
-        failed_simulations=fit.failures,
+        simulations=shot.runs,
+        failed_simulations=shot.failures,
     )
     windows = {key: {**one.best, **vars(one)} for key, one in alone.windows.items()}
     for window in windows.values():
@@ -229,9 +181,9 @@ def posterior(
     checks = _checks(fit, found, k, bound, drawn, log_weight)
     return Posterior(
         names, units(names), theta, checks, fit.family.name, "least_squares", provenance,
-        best=best, stretch=best["stretch"], windows=alone.windows, evidence=alone.evidence, diagnostics=diagnostics,
-        log_weight=log_weight,
-        bubble=shot.options.bubble, others=tuple(alone.valleys),
+        best=best, stretch=best["stretch"], windows=alone.windows, diagnostics=diagnostics, log_weight=log_weight,
+        bubble=shot.options.bubble, evidence=None if joint else alone.evidence,
+        others=() if joint else tuple(alone.valleys),
     )  # fmt: skip
 
 
@@ -258,7 +210,7 @@ def _checks(
     if wide := [text for name, text in ends.items() if name not in bound]:
         messages.append(f"the interval reaches the end of the range searched: {', '.join(wide)}")
     if "shear_modulus" in ends and "below" in ends["shear_modulus"]:
-        messages.append("the shear modulus may be nothing: for a liquid try newtonian or power_law")
+        messages.append("the shear modulus may be nothing: for a liquid try " + " or ".join(LIQUIDS))
     if shot.options.stretch == "plateau" and not shot.stretch_prior:
         messages.append("the curve has no late plateau: the stretch was fitted freely")
     messages += shot.left_out

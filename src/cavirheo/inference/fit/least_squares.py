@@ -28,13 +28,12 @@ class Minimum(NamedTuple):
 
 
 class LeastSquares:
-    """Experiments with one material: x holds its parameters, then those of each shot. runs, failures: simulations."""
+    """Experiments with one material: x holds its parameters, then those of each shot."""
 
     def __init__(self, experiments: Sequence[Experiment], workers: int = 1) -> None:
         self.shots, self.workers = list(experiments), workers
         self.family: Family = self.shots[0].family
         self.common = self.shots[0].law
-        self.runs = self.failures = 0
         owns = [shot.bounds[self.common :] for shot in self.shots]
         self.bounds = np.concatenate([self.family.bounds(), *owns])
         ends = np.cumsum([self.common, *map(len, owns)])
@@ -54,10 +53,7 @@ class LeastSquares:
 
     def predictions(self, jobs: list[tuple[Experiment, Floats]], accuracy: Accuracy) -> list[Prediction | None]:
         """One simulation a job, on so many threads."""
-        found = each(lambda job: job[0].predict(job[1], accuracy), jobs, self.workers)
-        self.runs += len(found)
-        self.failures += sum(prediction is None for prediction in found)
-        return found
+        return each(lambda job: job[0].predict(job[1], accuracy), jobs, self.workers)
 
     def at(self, x: Floats, accuracy: Accuracy) -> list[Prediction | None]:
         """The simulation of every shot."""

@@ -20,9 +20,9 @@ from cavirheo.inference.fit.least_squares import LeastSquares
 from cavirheo.inference.fit.starts import Scan
 from cavirheo.inference.law import Family
 from cavirheo.inference.options import FREE, SCALE_BOUND, Options
-from cavirheo.inference.others import DECISIVE, compared, itself
+from cavirheo.inference.others import DECISIVE, compared, itself, model_of
 from cavirheo.inference.verify.explore import Explorer
-from cavirheo.inference.verify.mode import Mode, Target, climb, modes
+from cavirheo.inference.verify.mode import Mode, Target, climb, modes, same, valley
 from cavirheo.inference.verify.predictive import predictive_check
 from cavirheo.inference.verify.sampler import Sample, sample
 from cavirheo.inference.verify.tuning import TUNING
@@ -36,8 +36,6 @@ from cavirheo.prior import log_normal
 __all__ = ["Verification", "verify", "verify_many"]
 
 _CARRIED = ("cavirheo", "medium", "model", "model_sha256", "problem_id", "source_sha256", "windows", "options")
-_NARROWEST = 0.02  # t_c: half-width of the clock where half a frame is less; R_max is hardly seen sooner
-_INSIDE = 1e-3  # of the probability, that a start keeps away from the bounds: it must have somewhere to go
 
 
 @dataclass(frozen=True)
@@ -69,11 +67,11 @@ class Verification:
         expect_whole(self.draws, "draws of a posterior", 10, "option.draws")
         expect_whole(self.seed, "seed", 0, "option.seed")
         expect(self.ranges or {}, Mapping, 'ranges such as {"shear_modulus": [1e2, 1e5]}')
-        self.options(None, self.t0_bound)
+        self.options(None, BubbleModel())
 
-    def options(self, end: float | None, t0_bound: float | None, bubble: BubbleModel | None = None) -> Options:
+    def options(self, end: float | None, bubble: BubbleModel) -> Options:
         """Of the experiment on a window that ends at `end`, s. Raises InputError."""
-        return Options(None, end, self.stretch, self.free, t0_bound, self.scale_bound, bubble=bubble or BubbleModel())
+        return Options(None, end, self.stretch, self.free, self.t0_bound, self.scale_bound, bubble=bubble)
 
 
 def verify(curve: RadiusCurve, answer: Posterior, **settings: Any) -> Posterior:
@@ -111,8 +109,9 @@ def verify_many(
             ways = CONTENTS if contents == "auto" else (contents or answer.bubble.contents,)
             models = [replace(answer, bubble=replace(answer.bubble, contents=way)) for way in ways]
             found = _likelier([_Work(chosen, curve, model).posterior() for model in models])
+            told = "; ".join(filter(None, [found.checks.message, *compared(found)]))
             doubts, checked = list(answer.checks.doubts), answer.checks.verdict != "check_input"
-            found = replace(found, checks=doubted(found.checks, doubts, trust_input=checked))
+            found = replace(found, checks=doubted(replace(found.checks, message=told), doubts, trust_input=checked))
         except Exception as error:  # of this shot alone
             message = "; ".join(filter(None, [answer.checks.message, f"not verified: {reason(error)}"]))
             found = replace(answer, checks=replace(answer.checks, message=message))
@@ -130,9 +129,8 @@ def _likelier(found: Sequence[Posterior]) -> Posterior:
     first, second = found
     rise = (second.evidence.log if second.evidence else -np.inf) - (first.evidence.log if first.evidence else -np.inf)
     best, other = (second, first) if rise > DECISIVE else (first, second)
-    best = replace(best, others=(*best.others, itself(other)))
-    told = "; ".join(filter(None, [best.checks.message, *compared(best)]))
-    return replace(best, checks=replace(best.checks, message=told))
+    others = (one for one in best.others if model_of(one) != model_of(other))
+    return replace(best, others=(*others, itself(other)))
 
 
 class _Work:
@@ -140,10 +138,8 @@ class _Work:
 
     def __init__(self, settings: Verification, curve: RadiusCurve, answer: Posterior) -> None:
         self.settings = settings
-        scale, frame = settings.medium.time_scale(curve.max_radius), float(np.median(np.diff(curve.time)))
-        end = answer.checks.t_star_end
-        clock = settings.t0_bound or max(0.5 * frame, _NARROWEST * scale)
-        options = settings.options(None if end is None else end * scale * (1.0 + 1e-9), clock, answer.bubble)
+        scale, end = settings.medium.time_scale(curve.max_radius), answer.checks.t_star_end
+        options = settings.options(None if end is None else end * scale * (1.0 + 1e-9), answer.bubble)
         exposure = float(curve.exposure or 0.0)
         self.shot = Experiment(curve, Family(answer.material), settings.medium, options, exposure=exposure)
         self.answer = answer
@@ -159,10 +155,10 @@ class _Work:
         if not found:
             raise SolverError(f"no start of {self.shot.family.name} could be simulated")
         if self.settings.level == "map":
-            best, about = self._best(found), {"modes": len(found)}
-            u = _gaussian(best, TUNING.draws, seed)
+            best = self._best(found)
+            u = best.draws(TUNING.draws, seed)
             evidence = Evidence(float(logsumexp([mode.log_evidence for mode in found])))
-            return replace(self._answer(u, None, best, evidence, about), others=self._valleys(found))
+            return self._answer(u, None, best, evidence, found)
         few, rounds, ending = TUNING.draws_per_round, TUNING.learning_rounds, dict[str, Any]()
         if most <= TUNING.law_draws:  # an evidence is wanted, soon
             few, rounds = few // 2, TUNING.law_learning
@@ -170,9 +166,9 @@ class _Work:
         enough = min(TUNING.effective_enough, max(most / 4, TUNING.effective_fewest))
         explorer = Explorer(self.target, found, rounds)
         drawn = sample(explorer, explorer.propose, seed=seed, each=min(few, most), most=most, enough=enough, **ending)
-        best, about = self._best(explorer.modes), {"modes": len(explorer.modes)}
+        best = self._best(explorer.modes)
         u = drawn.u if self._trusted(drawn) else best.u[None]
-        return self._answer(u, drawn, best, Evidence(*drawn.log_evidence), about)
+        return self._answer(u, drawn, best, Evidence(*drawn.log_evidence), explorer.modes)
 
     def _best(self, found: Sequence[Mode]) -> Mode:
         """The highest of rough modes that the default solver can simulate, at its maximum."""
@@ -181,14 +177,10 @@ class _Work:
                 return mode
         raise SolverError(f"no mode of {self.shot.family.name} could be simulated")
 
-    def _valleys(self, found: Sequence[Mode]) -> tuple[OtherAnswer, ...]:
-        """Modes but the highest as other answers."""
-        bests = [self.shot.best(self.prior.to_x(mode.u)) for mode in found]
-        errors = [float(np.sqrt(np.mean(mode.residual**2))) for mode in found]
-        return tuple(
-            OtherAnswer(self.answer.material, self.answer.bubble, best, {}, Evidence(mode.log_evidence), error)
-            for best, mode, error in zip(bests[1:], found[1:], errors[1:], strict=True)
-        )
+    def _others(self, best: Mode, found: Sequence[Mode]) -> tuple[OtherAnswer, ...]:
+        """What other models answer, as far as that is known, and the modes but the best."""
+        models = [one for one in self.answer.others if model_of(one) != model_of(self.answer)]
+        return *models, *(valley(self.target, mode) for mode in found if not same(mode, best))
 
     def starts(self) -> list[Floats]:
         """u of the answer, of its other windows and of other valleys of its model; nuisances that it does not give are
@@ -204,7 +196,7 @@ class _Work:
                 for i, name in enumerate(self.prior.names):
                     if name in free and (known := given.get(name)) is not None:
                         x[i] = np.clip((known - free[name][0]) / free[name][1], -0.8, 0.8)  # its bounds may be others
-                u = self.prior.to_u(x, _INSIDE)
+                u = self.target.start(x)
                 if all(np.max(np.abs(u - other)) > TUNING.same_start for other in found):
                     found.append(u)
         needed, there = (*self.shot.family.parameters, "stretch"), ", ".join(answer.parameters)
@@ -218,25 +210,23 @@ class _Work:
             scan = Scan(fit, TUNING.scanned)
         except SolverError:
             return []
-        self.target.runs += fit.runs
-        self.target.failures += fit.failures
         counted = self.shot.counted
         measured = self.shot.measured[counted]
         missed = np.full(len(measured), np.nan)
         frames = [missed if p is None else p.radius[counted] for p in scan.found]
-        u = self.prior.to_u(scan.points, _INSIDE)
+        u = self.target.start(scan.points)
         value = self.target.log_posterior(u, measured - np.array(frames))
         return [u[i] for i in np.argsort(-value)[: TUNING.scanned_climbed] if np.isfinite(value[i])]
 
     def _answer(
-        self, u: Floats, drawn: Sample | None, best: Mode, evidence: Evidence, about: dict[str, Any]
+        self, u: Floats, drawn: Sample | None, best: Mode, evidence: Evidence, found: Sequence[Mode]
     ) -> Posterior:
         """The Posterior of u (k, d): weighted draws, the maximum where they are not to be trusted, or a Gaussian."""
         shot, prior, noise, settings = self.shot, self.prior, self.target.noise, self.settings
         x = prior.to_x(u)
         names, theta = shot.answer(x)
         log_q = log_weight = None
-        worth: dict[str, Any] = {}
+        about, worth = dict[str, Any]({"modes": len(found)}), dict[str, Any]()
         if drawn is None:
             about["log_evidence_laplace"] = evidence.log
         else:
@@ -256,7 +246,7 @@ class _Work:
         told = {
             "stretch_source": "given" if shot.stretch else "inferred with the other parameters",
             "systematic_misfit_over_rmax": excess,
-            "simulations": self.target.runs, "failed_simulations": self.target.failures, **worth,
+            "simulations": shot.runs, "failed_simulations": shot.failures, **worth,
         }  # fmt: skip
         told |= {"predictive": predictive} if predictive else {}
         provenance = {key: value for key, value in self.answer.provenance.items() if key in _CARRIED}
@@ -271,7 +261,7 @@ class _Work:
             names, units(names), theta, checks, shot.family.name, "verified" if drawn else "laplace", provenance,
             log_q, log_weight, best=values, stretch=values["stretch"], windows=self.answer.windows,
             evidence=evidence, diagnostics=Diagnostics(**told), bubble=self.answer.bubble,
-            others=self.answer.others,
+            others=self._others(best, found),
         )  # fmt: skip
 
     def _trusted(self, drawn: Sample) -> bool:
@@ -314,10 +304,3 @@ class _Work:
                 self.messages.append(f"{name} is pulled to the end of its prior ({below[i]:.1%} below it)")
         self.messages += self.shot.left_out
         return verdict
-
-
-def _gaussian(mode: Mode, count: int, seed: int) -> Floats:
-    """(count, d) draws of Laplace's Gaussian, in pairs opposite to each other."""
-    rng = np.random.Generator(np.random.Philox(seed))
-    half = rng.standard_normal((count // 2, len(mode.u))) @ np.linalg.cholesky(mode.covariance).T
-    return np.asarray(mode.u + np.concatenate([half, -half]))

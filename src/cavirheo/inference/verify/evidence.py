@@ -21,6 +21,7 @@ from cavirheo.errors import require
 from cavirheo.inference.fit import fit_many
 from cavirheo.inference.law import Family
 from cavirheo.inference.options import Options
+from cavirheo.inference.others import DECISIVE
 from cavirheo.inference.verify import verify_many
 from cavirheo.inference.verify.tuning import TUNING
 from cavirheo.physics.media import WATER, Medium
@@ -71,7 +72,7 @@ class Ranking:
         """The laws that cannot be told from the best: log evidence within 3 and the standard errors, simplest first."""
         known = {law: (found.log, found.error or 0.0) for law, found in self.evidence.items() if found}
         top, least = max(known.values(), key=lambda pair: pair[0], default=(0.0, 0.0))
-        allowed = {law: TUNING.decisive + TUNING.scatter * np.hypot(least, pair[1]) for law, pair in known.items()}
+        allowed = {law: DECISIVE + TUNING.scatter * np.hypot(least, pair[1]) for law, pair in known.items()}
         near = [law for law in known if top - known[law][0] <= allowed[law]]
         return sorted(near, key=lambda law: (_size(law), -known[law][0]))
 

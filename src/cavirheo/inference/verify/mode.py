@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from threading import Lock
 
 import numpy as np
 
@@ -14,24 +13,25 @@ from cavirheo.inference.fit.least_squares import FORWARD
 from cavirheo.inference.noise import Noise
 from cavirheo.inference.verify.tuning import TUNING
 from cavirheo.parallel import each
+from cavirheo.posterior import Evidence, OtherAnswer, intervals
 from cavirheo.prior import Prior, log_normal
+
+INSIDE = 1e-3  # of the probability, that a start keeps away from the bounds: it must have somewhere to go
 
 
 class Target:
-    """log p(frames | x(u)) + log p(u) of one experiment. Failed simulations have -inf and are counted."""
+    """log p(frames | x(u)) + log p(u) of one experiment; -inf where the simulation failed."""
 
     def __init__(self, experiment: Experiment, prior: Prior, noise: Noise, workers: int = 1) -> None:
         self.experiment, self.prior, self.noise, self.workers = experiment, prior, noise, workers
-        self.runs = self.failures = 0
-        self._counting = Lock()
+
+    def start(self, x: Floats) -> Floats:
+        """(..., d) u of x (..., d), where a climb can begin."""
+        return self.prior.to_u(x, INSIDE)
 
     def residuals(self, u: Floats, accuracy: Accuracy) -> Floats:
         """(k, n) measured minus simulated, over R_max, at u (k, d); NaN where the simulation failed."""
-        found = each(lambda x: self.experiment.difference(x, accuracy), self.prior.to_x(u), self.workers)
-        with self._counting:
-            self.runs += len(found)
-            self.failures += sum(bool(np.isnan(one).any()) for one in found)
-        return np.array(found)
+        return np.array(each(lambda x: self.experiment.difference(x, accuracy), self.prior.to_x(u), self.workers))
 
     def log_posterior(self, u: Floats, residual: Floats) -> Floats:
         """(k,) of u (k, d), where the residuals are (k, n); -inf where one is not finite."""
@@ -63,6 +63,20 @@ class Mode:
     def log_evidence(self) -> float:
         """Laplace's integral of likelihood times prior."""
         return self.log_posterior + 0.5 * float(np.linalg.slogdet(2.0 * np.pi * self.covariance)[1])
+
+    def draws(self, count: int, seed: int) -> Floats:
+        """(count, d) of the Gaussian, in pairs opposite to each other."""
+        rng = np.random.Generator(np.random.Philox(seed))
+        half = rng.standard_normal((count // 2, len(self.u))) @ np.linalg.cholesky(self.covariance).T
+        return np.asarray(self.u + np.concatenate([half, -half]))
+
+
+def valley(target: Target, mode: Mode) -> OtherAnswer:
+    """What the Gaussian about a mode answers, beside another one's."""
+    shot, to_x = target.experiment, target.prior.to_x
+    told = intervals(*shot.answer(to_x(mode.draws(TUNING.draws, 0))))
+    best, rmse = shot.best(to_x(mode.u)), float(np.sqrt(np.mean(mode.residual**2)))
+    return OtherAnswer(shot.family.name, shot.options.bubble, best, told, Evidence(mode.log_evidence), rmse)
 
 
 def climb(

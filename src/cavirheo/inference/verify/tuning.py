@@ -88,7 +88,6 @@ class Tuning:
     law_learning: int = 1  # rounds of rough simulations are learnt from
     hopeless: float = 25.0  # Laplace's log evidence below the best of the curve, from which no draws are spent on it
     laplace: float = 5.0  # its standard error against that of draws (benchmarks/evidence.md)
-    decisive: float = 3.0  # log evidence (a factor of 20) below which laws are alike
     unsure: float = 1.0  # standard error where weights are not to be trusted
     scatter: float = 3.0  # standard errors that are added to it
 
