@@ -10,6 +10,8 @@ import pytest
 
 from cavirheo import verbs
 
+BDT = ("--model", "bdt-viscoelastic")  # a quick answer without an interval, where another is not looked at
+
 collect_ignore_glob = [] if importlib.util.find_spec("av") else ["test_video*"]  # without the extra [video]
 
 

@@ -30,6 +30,7 @@ from unittest import mock
 
 import h5py
 import numpy as np
+from conftest import BDT
 from files import save_v73
 from scipy.io import savemat
 
@@ -306,7 +307,7 @@ def _alike(old: str, new: str, about: Case) -> bool:
 def infer_all() -> Any:
     """Two files of several curves: the documents, the table and the page."""
     bring("soft_gel.csv", "stiff_gel.mat")
-    return answered("infer", "soft_gel.csv", "stiff_gel.mat", text=True)
+    return answered("infer", *BDT, "soft_gel.csv", "stiff_gel.mat", text=True)
 
 
 @case(rtol=1e-2)
@@ -314,7 +315,7 @@ def infer_options() -> Any:
     """One option at a time, and all at once."""
     (name,) = shots("soft_gel.csv", 3)
     return [
-        answered("infer", name, *more)
+        answered("infer", *BDT, name, *more)
         for more in (
             ("--stretch", 7), ("--window", 2), ("--rmax-um", 250), ("--density", 1060), ("--medium", "bu2026"),
             ("--stretch", 6.8, "--window", 1, "--rmax-um", 280, "--sound-speed", 1500, "--pressure", 99000,
@@ -336,13 +337,13 @@ def infer_refused() -> Any:
     Path("three.csv").write_text("time_us,radius_um\n0,100\n1,90\n2,80\n")
     head, *rows = lines("plateau.csv")
     Path("short.csv").write_text("\n".join([head, *rows[:30]]) + "\n")
-    return answered("infer", "three.csv", "short.csv", "liquid.csv", "plateau.csv", "missing.csv")
+    return answered("infer", *BDT, "three.csv", "short.csv", "liquid.csv", "plateau.csv", "missing.csv")
 
 
 @case(rtol=1e-2, share=0.05, shift=0.3)
 def infer_verify_map() -> Any:
     (name,) = shots("soft_gel.csv", 3)
-    return answered("infer", name, "--verify", "map", "--exposure-us", 0.3)
+    return answered("infer", *BDT, name, "--verify", "map", "--exposure-us", 0.3)
 
 
 @case(rtol=1e-2, share=0.05)
@@ -439,8 +440,11 @@ def python_answers() -> Any:
     medium = dataclasses.replace(cavirheo.Medium(), density=1010.0)
     fitted = cavirheo.fit_many([curve, other], seed=5, window=2, free=("t0",), windows=False, medium=medium)
     return {
-        "infer": about(cavirheo.infer(curve)),
-        "infer_many": [about(answer) for answer in cavirheo.infer_many([curve, other], window=1, stretch=7.0)],
+        "infer": about(cavirheo.infer(curve, model="bdt-viscoelastic")),
+        "infer_many": [
+            about(answer)
+            for answer in cavirheo.infer_many([curve, other], model="bdt-viscoelastic", window=1, stretch=7.0)
+        ],
         "fit": about(cavirheo.fit(other, "qkv", seed=3, window=1, windows=False)),
         "fit_many": [about(answer) for answer in fitted],
     }
@@ -450,7 +454,7 @@ def python_answers() -> Any:
 def python_verified() -> Any:
     """Draws that the physics has weighted."""
     (curve,) = cavirheo.read_curves(EXAMPLES / "soft_gel.csv")[2:3]
-    answer = cavirheo.infer(curve, window=1)
+    answer = cavirheo.infer(curve, window=1, model="bdt-viscoelastic")
     (found,) = at_home("verify_many")([curve], [answer], level="full", seed=2, draws=600, free=("t0",))
     return about(found)
 
@@ -490,7 +494,7 @@ def compare() -> Any:
 def rheometer() -> Any:
     """The examples beside bubbles, and an export with another layout."""
     bring("soft_gel_strain_sweep.csv", "soft_gel_frequency_sweep.csv")
-    run("infer", *shots("soft_gel.csv", 3, 5), "-o", "bubbles")
+    run("infer", *BDT, *shots("soft_gel.csv", 3, 5), "-o", "bubbles")
     omega = np.logspace(-1, 2, 16)
     rows = [f"{w:.6g};{5000 + w:.6g};{0.3 * w + 20:.6g}".replace(".", ",") for w in omega]
     Path("german.csv").write_text("\n".join(["Kreisfrequenz [rad/s];Speichermodul [Pa];Verlustmodul [Pa]", *rows]))
@@ -618,7 +622,8 @@ def refusals() -> Any:
     (name,) = shots("soft_gel.csv", 3)
     wrong: list[tuple[object, ...]] = [
         ("infer", "missing.csv"), ("infer", name, "--model", "nobody"), ("infer", name, "--verify", "some"),
-        ("infer", name, "--stretch", 0.5), ("infer", name, "--medium", "honey"), ("infer", name, "--exposure-us", 1),
+        ("infer", name, "--stretch", 0.5), ("infer", name, "--medium", "honey"),
+        ("infer", name, "--exposure-us", 1, "--verify", "none"),
         ("infer", name, "--temperature", 400), ("infer", name, "--rmax-um", -1), ("infer", name, "-o", name),
         ("infer",), ("infer", name, "--nothing"), ("nothing",), ("fit", name, "--material", "honey"),
         ("fit", name, "--window", "x"), ("fit", name, "--free", "x"), ("fit", name, "--weights", "x"),

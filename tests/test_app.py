@@ -112,7 +112,20 @@ def test_examples_are_shipped():
 
 def test_the_endpoint_answers_as_the_command_line(client, run, tmp_path):
     path = single(tmp_path / "one.csv")
-    status, _, _ = run("infer", path, "-o", tmp_path, "--density", 1050, "--window", 2, "--verify", "map")
+    status, _, _ = run(
+        "infer",
+        path,
+        "-o",
+        tmp_path,
+        "--density",
+        1050,
+        "--window",
+        2,
+        "--verify",
+        "map",
+        "--model",
+        "bdt-viscoelastic",
+    )
     ours = json.loads((tmp_path / "result.json").read_text())
     theirs = ask(client, path, density=1050, window=2, verify="map")
     assert status == 0

@@ -9,6 +9,7 @@ import h5py
 import numpy as np
 import pytest
 import typer
+from conftest import BDT
 from scipy.io import savemat
 
 from cavirheo import NeoHookeanKelvinVoigt, read_curves, simulate
@@ -29,7 +30,7 @@ EXAMPLE = ROOT / "examples" / "soft_gel.csv"
 
 def infer(run, *words: object, status: int = 0) -> tuple[list[dict], list[dict], str]:
     """Rows of curves and groups, and what was said on stderr."""
-    found, _, err = run("infer", *words, "-o", "r")
+    found, _, err = run("infer", *words, *BDT, "-o", "r")
     assert found == status, err
     assert "Traceback" not in err
     document = json.loads(Path("r", "result.json").read_text())
@@ -44,7 +45,7 @@ def shot(tmp_path) -> Path:
 
 
 def test_the_main_job(run, tmp_path):
-    status, out, err = run("infer", EXAMPLE, "-o", "result")
+    status, out, err = run("infer", EXAMPLE, *BDT, "-o", "result")
     assert status == 0, err
     assert "n = 5" in out
     result = json.loads((tmp_path / "result" / "result.json").read_text())
@@ -141,7 +142,7 @@ def test_an_answer_that_is_no_number_is_a_failure(tmp_path, capsys):
 def test_a_radius_in_micrometres_that_are_pixels_is_warned_of(run, tmp_path):
     curve = read_curves(EXAMPLE)[0]
     write_csv(tmp_path / "scaled.csv", curve.with_max_radius(0.4 * curve.max_radius))
-    run("infer", "scaled.csv", "-o", "r")
+    run("infer", "scaled.csv", *BDT, "-o", "r")
     (row,) = json.loads((tmp_path / "r" / "result.json").read_text())["curves"]
     assert (row["verdict"], "check the scale" in row["message"]) == ("check_input", True)
 

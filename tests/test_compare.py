@@ -94,7 +94,20 @@ def test_the_command_answers_as_infer_does(run, folder, tmp_path):
     assert status == 0, err
     assert max(map(len, out.splitlines())) <= 120
     assert "6.44 ± 1.64" in out
-    assert run("infer", "data/gel_a/shot0.csv", "data/gel_a/shot1.csv", "--density", 1003, "-o", "i")[0] == 0
+    assert (
+        run(
+            "infer",
+            "--model",
+            "bdt-viscoelastic",
+            "data/gel_a/shot0.csv",
+            "data/gel_a/shot1.csv",
+            "--density",
+            1003,
+            "-o",
+            "i",
+        )[0]
+        == 0
+    )
     here, there = (json.loads((tmp_path / name / "result.json").read_text()) for name in ("c/gel", "i"))
     assert [c["shear_modulus_Pa"] for c in here["curves"]] == [c["shear_modulus_Pa"] for c in there["curves"]]
     (about,) = read(tmp_path / "c").sets

@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 import pytest
+from conftest import BDT
 from fits import fit
 
-from cavirheo import NeoHookeanKelvinVoigt, Newtonian, RadiusCurve, infer, infer_many, read_curves, simulate
+import cavirheo
+from cavirheo import NeoHookeanKelvinVoigt, Newtonian, RadiusCurve, read_curves, simulate
 from cavirheo.inference import amortised, doubts
 from cavirheo.inference.verify import verify
 from cavirheo.landmarks import RAYLEIGH
@@ -18,6 +21,9 @@ from cavirheo.reading.shots import read_shots
 from cavirheo.reading.table import write_csv
 from cavirheo.reporting import read_json
 from cavirheo.writing.terminal import once
+
+infer = partial(cavirheo.infer, model="bdt-viscoelastic")
+infer_many = partial(cavirheo.infer_many, model="bdt-viscoelastic")
 
 SOFT = Path(__file__).parent.parent / "examples" / "soft_gel.csv"
 FRAME = 1e-6
@@ -38,7 +44,7 @@ def test_a_wrong_scale_or_rate_is_no_ok(run, tmp_path, radius, time):
     curve = read_curves(SOFT)[0]
     wrong = replace(curve, time=curve.time * time, radius=curve.radius * radius)
     write_csv(tmp_path / "wrong.csv", wrong)
-    status, said, _ = run("infer", tmp_path / "wrong.csv", "-o", "out")
+    status, said, _ = run("infer", *BDT, tmp_path / "wrong.csv", "-o", "out")
     (record,) = read_json("out/result.json").curves
     assert record.verdict == ("failed" if time < 1 else "check_input")  # no network reads a thousandth of its time
     assert status == 1
@@ -132,7 +138,7 @@ def test_a_liquid_read_as_a_gel_is_told_in_one_line(run, tmp_path):
         ).radius[np.argsort(np.argsort(np.abs(time), kind="stable"))]
         write_csv(tmp_path / f"shot{k}.csv", RadiusCurve(time, radius))
     files = [tmp_path / f"shot{k}.csv" for k in range(6)]
-    _, said, _ = run("infer", *files, "-o", "out")
+    _, said, _ = run("infer", *BDT, *files, "-o", "out")
     assert said.count("bdt-viscous") == 1
     assert said.count("• ") <= 4
 
@@ -147,7 +153,7 @@ def test_the_same_recording_counts_once(run, tmp_path):
     for place in ("one/s1.csv", "two/s1.csv"):
         (tmp_path / place).parent.mkdir()
         write_csv(tmp_path / place, curve)
-    status, said, _ = run("infer", "one/s1.csv", "two/s1.csv", "-o", "out")
+    status, said, _ = run("infer", *BDT, "one/s1.csv", "two/s1.csv", "-o", "out")
     result = read_json("out/result.json")
     assert [group.n for group in result.groups] == [1]
     assert status == 0
@@ -170,6 +176,6 @@ def test_names_are_told_apart_by_folder(tmp_path):
 
 def test_a_file_that_cannot_be_read_stands_in_the_documents(run, tmp_path):
     (tmp_path / "bad.csv").write_text("no numbers\n")
-    assert run("infer", SOFT, "bad.csv", "-o", "out")[0] == 2
+    assert run("infer", *BDT, SOFT, "bad.csv", "-o", "out")[0] == 2
     assert any("bad.csv" in note for note in read_json("out/result.json").notes)
     assert "bad.csv" in Path("out/report.html").read_text()

@@ -6,17 +6,22 @@ import csv
 import json
 import shutil
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 import pytest
 from conftest import load_benchmark
 
-from cavirheo import InputError, Medium, NeoHookeanKelvinVoigt, RadiusCurve, infer, infer_many, read_curves, simulate
+import cavirheo
+from cavirheo import InputError, Medium, NeoHookeanKelvinVoigt, RadiusCurve, read_curves, simulate
 from cavirheo.inference.amortised import Amortised
 from cavirheo.inference.model import load, path_of, shipped
 from cavirheo.inference.reconstruct import fit_stretch, reconstruct, window
 from cavirheo.physics.media import WATER
+
+infer = partial(cavirheo.infer, model="bdt-viscoelastic")
+infer_many = partial(cavirheo.infer_many, model="bdt-viscoelastic")
 
 scale_bias = load_benchmark("scale_bias")
 

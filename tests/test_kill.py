@@ -19,9 +19,9 @@ from cavirheo.writing.document import LIST
 
 EXAMPLE = Path(__file__).parent.parent / "examples" / "soft_gel.csv"
 COMMANDS = {  # shots, kills, words
-    "infer": (50, 8, ["infer", "shots", "-o", "out"]),
+    "infer": (50, 8, ["infer", "shots", "--verify", "none", "-o", "out"]),
     "fit": (12, 4, ["fit", "shots", "--window", "2", "-o", "out"]),
-    "verify": (3, 5, ["infer", "shots", "--verify", "full", "-o", "out"]),
+    "verify": (3, 5, ["infer", "shots", "--model", "bdt-viscoelastic", "--verify", "full", "-o", "out"]),
     "compare": (12, 3, ["compare", ".", "--references", "references.csv", "-o", "out"]),
 }
 MASKED = ("seconds", "date")

@@ -13,6 +13,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import typer
+from conftest import BDT
 from recordings import write_mraw
 
 from cavirheo.posterior import Checks, Posterior
@@ -53,8 +54,8 @@ ODD = [
     "infer --model",
     "infer nowhere.csv",
     "infer shot.csv --verify",
-    "infer shot.csv --exact-law",
-    "infer shot.csv --exposure-us 1",
+    "infer shot.csv --verify none --exact-law",
+    "infer shot.csv --verify none --exposure-us 1",
     "infer shot.csv --json=1",
     "infer shot.csv -q",
     "infer shot.csv --window 1 --window",
@@ -188,7 +189,7 @@ def test_quiet_says_errors_alone(lab):
 
 def test_without_pictures_none_are_drawn(run, lab_answers, monkeypatch):
     monkeypatch.setattr("cavirheo.writing.style.new_figure", lambda _: pytest.fail("it draws"))
-    status, out, _ = run("infer", "shot.csv", "--no-pictures", "-o", "r")
+    status, out, _ = run("infer", "shot.csv", *BDT, "--no-pictures", "-o", "r")
     assert status == 0
     assert "matplotlib" not in out
     assert {path.name for path in Path("r").iterdir() if path.name[0] != "."} == {
@@ -203,12 +204,36 @@ def test_a_seed_reaches_the_draws(run, lab_answers, monkeypatch):
         "cavirheo.inference.verify.verify_many", lambda _, answers, *, seed, **__: seeds.append(seed) or answers
     )
     for words in ([], ["--seed", 7]):
-        run("infer", "shot.csv", "--verify", "full", "--no-pictures", "--quiet", "-o", "r", *words)
+        run(
+            "infer",
+            "shot.csv",
+            "--model",
+            "bdt-viscoelastic",
+            "--verify",
+            "full",
+            "--no-pictures",
+            "--quiet",
+            "-o",
+            "r",
+            *words,
+        )
     assert seeds == [0, 7]
 
 
 def test_trust_input_and_group_reach_the_answers(run, lab_answers):
-    run("infer", "shot.csv", "--trust-input", "--group", "folder", "--no-pictures", "--json", "-o", "r")
+    run(
+        "infer",
+        "shot.csv",
+        "--model",
+        "bdt-viscoelastic",
+        "--trust-input",
+        "--group",
+        "folder",
+        "--no-pictures",
+        "--json",
+        "-o",
+        "r",
+    )
     assert lab_answers[-1]["trust_input"] is True
     (group,) = json.loads(Path("r", "result.json").read_text())["groups"]
     assert group["name"] == Path.cwd().name
@@ -224,7 +249,7 @@ def test_folders_patterns_and_stdin_are_files(run, lab_answers, tmp_path, monkey
     with shot.open(encoding="utf-8") as content:
         monkeypatch.setattr(sys, "stdin", content)
         for words in (["gel"], ["g*/*.csv"], ["frames.csv", "--frame-rate-hz", 1e6], ["-"]):
-            status, out, err = run("infer", *words, "--no-pictures", "--json", "-o", "r")
+            status, out, err = run("infer", *words, *BDT, "--no-pictures", "--json", "-o", "r")
             assert (status, err) == (0, ""), words
             (row,) = json.loads(out)["curves"]
             assert row["max_radius_m"] == pytest.approx(267e-6, rel=0.01)

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 CONTENTS = ("equilibrium", "kinetic")  # models of what is in the bubble
-Verdict = Literal["ok", "check_input", "model_does_not_fit", "outside_training_range", "failed"]
+Verdict = Literal["ok", "check_input", "model_does_not_fit", "outside_training_range", "no_interval", "failed"]
 
 
 @dataclass(frozen=True, eq=False, repr=False)

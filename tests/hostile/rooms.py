@@ -99,7 +99,7 @@ class Batch:
 
 
 BATCHES = {
-    "infer": Batch(("infer",), "result.json"),
+    "infer": Batch(("infer", "--model", "bdt-viscoelastic"), "result.json"),
     "fit": Batch(("fit", "--window", "1"), "result.json"),
     "which-law": Batch(("which-law", "--laws", "nhkv,newtonian"), "laws.json"),
     "collapse-time": Batch(("collapse-time",), "collapse-time.json"),

@@ -3,53 +3,68 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from itertools import product
 from pathlib import Path
 from typing import Any
 
 from cavirheo.curve import RadiusCurve, several
 from cavirheo.errors import expect_whole, require
 from cavirheo.inference.amortised import Amortised
-from cavirheo.inference.model import DEFAULT, load
+from cavirheo.inference.model import card, load, path_of
 from cavirheo.parallel import each
 from cavirheo.physics.media import WATER, Medium
 from cavirheo.physics.media import medium as named
 from cavirheo.posterior import CONTENTS, Posterior
 
-__all__ = ["check_contents", "check_level", "infer", "infer_many"]
+__all__ = ["check_level", "check_models", "infer", "infer_many"]
 
-LEVELS = ("none", "map", "full")  # of verification (inference/verify)
+DEFAULT = "posterior"  # model
+AUTO = ("nhkv", "newtonian", "power-law", "fung + newtonian")  # laws of material="auto": gels and liquids
+LEVELS = ("auto", "none", "map", "full")  # of verification (inference/verify)
 
 
 def check_level(level: str) -> None:
     """Raises InputError for a level of verification that does not exist."""
-    require(level in LEVELS, f"verify must be none, map or full, got {level!r}", "option.verify")
+    require(level in LEVELS, f"verify must be auto, none, map or full, got {level!r}", "option.verify")
 
 
-def check_contents(contents: str, verify: str) -> None:
-    """Raises InputError for unknown contents of the bubble, or for some that no network was trained on."""
+def check_models(model: str | Path, material: str | None, contents: str, verify: str) -> None:
+    """Raises InputError for a law or contents that this network cannot answer at this level of verification."""
     told = f"contents must be {', '.join(CONTENTS)} or auto, got {contents!r}"
     require(contents in (*CONTENTS, "auto"), told, "option.contents")
-    known = contents == "equilibrium" or verify != "none"
-    require(known, "the networks know equilibrium contents: give verify map or full as well", "option.contents")
+    about = card(path_of(str(model)))
+    if about["kind"] == "point":
+        known = contents == "equilibrium" or verify not in ("auto", "none")
+        told = "this network knows equilibrium contents: give verify map or full as well, or leave out the model"
+        require(known, told, "option.contents")
+        told = f"the model {model} answers {about['material']}: leave out material {material!r}, or the model"
+        require(material in (None, about["material"]), told, "option.material")
+        return
+    told = "auto compares models by their evidence, which a verification finds: leave out --verify none"
+    require(verify != "none" or "auto" not in (material, contents), told, "option.auto")
 
 
 def infer(
     curve: RadiusCurve,
     *,
     model: str | Path = DEFAULT,
+    material: str | None = None,
     medium: Medium | str = WATER,
     stretch: float | None = None,
     window: int | None = None,
     trust_input: bool = False,
     contents: str = "equilibrium",
-    verify: str = "none",
+    verify: str = "auto",
     discrepancy: bool = True,
     seed: int = 0,
 ) -> Posterior:
     """The material's parameters from one measured curve, with the checks that sign or refuse them.
 
     Args:
-        model: a shipped model (`cavirheo models`) or the path of an .onnx file with its card.
+        model: a shipped model (`cavirheo models`) or the path of an .onnx file with its card. "posterior" gives draws
+            and needs no other; "bdt-viscoelastic" and "bdt-viscous" are the paper's networks, which give one value.
+        material: a law of `cavirheo laws`, default "nhkv"; "auto": the simplest of nhkv, newtonian, power-law and
+            fung + newtonian that the evidence does not reject.
         medium: constants of the liquid or gel, or the name of a set; its density sets G of soft gels as much as
             anything.
         stretch: R_max/R_0 if it is known; fitted otherwise.
@@ -57,9 +72,11 @@ def infer(
             the network reads.
         trust_input: doubts about the recording or its settings are said, but decide no verdict.
         contents: of the bubble, "equilibrium" (the field's model), "kinetic" (vapour condenses at a finite rate) or
-            "auto": both, and the evidence chooses; the last two need a verification.
-        verify: "map" (the posterior's maximum and the Gaussian about it) or "full" (draws weighted by full
-            simulations); "none" leaves the network's answer.
+            "auto": both, and the evidence chooses.
+        verify: "auto" (the default): the network's draws lead to a few hundred simulations that weigh draws by the
+            likelihood, and to as many as "full" has where these cannot be trusted; "none": the network's own draws;
+            "map": the posterior's maximum and the Gaussian about it; "full": more weighted draws, from starts all over
+            the ranges. For a network that gives one value, "auto" is "none".
         discrepancy, seed: of the verification (inference/verify): whether it allows for what no simulation follows,
             and of its draws.
 
@@ -69,7 +86,7 @@ def infer(
         InputError: unknown model, or a setting out of its domain.
     """
     settings: Any = {"trust_input": trust_input, "verify": verify, "discrepancy": discrepancy, "seed": seed}
-    settings["contents"] = contents
+    settings |= {"contents": contents, "material": material}
     return infer_many([curve], model=model, medium=medium, stretch=stretch, window=window, **settings)[0]
 
 
@@ -77,12 +94,13 @@ def infer_many(
     curves: Sequence[RadiusCurve],
     *,
     model: str | Path = DEFAULT,
+    material: str | None = None,
     medium: Medium | str = WATER,
     stretch: float | None = None,
     window: int | None = None,
     trust_input: bool = False,
     contents: str = "equilibrium",
-    verify: str = "none",
+    verify: str = "auto",
     discrepancy: bool = True,
     seed: int = 0,
     workers: int | None = None,
@@ -91,15 +109,29 @@ def infer_many(
     """`infer` for many curves on all cores, in their order; `done` is called with the index and the answer of each as
     it is found, verified if that is asked."""
     check_level(verify)
-    check_contents(contents, verify)
+    check_models(model, material, contents, verify)
     expect_whole(seed, "seed", 0, "option.seed")
     curves, liquid = several(curves), named(medium)
-    estimator = Amortised(load(str(model)), liquid, stretch, window, trust_input)
+    settings: Any = {"medium": liquid, "stretch": stretch, "discrepancy": discrepancy, "seed": seed}
+    if card(path_of(str(model)))["kind"] == "point":
+        estimator = Amortised(load(str(model)), liquid, stretch, window, trust_input)
+        if verify in ("auto", "none"):
+            return each(estimator.infer, curves, workers, done)
+        from cavirheo.inference.verify import verify_many
+
+        answers = each(estimator.infer, curves, workers)
+        return verify_many(curves, answers, level=verify, contents=contents, workers=workers, done=done, **settings)
+    from cavirheo.inference.networked import Networked
+    from cavirheo.inference.posterior_model import load_posterior
+
+    laws = AUTO if material == "auto" else (material or "nhkv",)
+    ways = CONTENTS if contents == "auto" else (contents,)
+    alone: Any = settings | {"window": window, "trust_input": trust_input, "checked": verify == "none"}
+    network = load_posterior(str(model))
+    estimators = [Networked(network, law, way, **alone) for law, way in product(laws, ways)]
     if verify == "none":
-        return each(estimator.infer, curves, workers, done)
+        return each(estimators[0].infer, curves, workers, done)
     from cavirheo.inference.verify import verify_many
 
-    settings: Any = {"medium": liquid, "stretch": stretch, "discrepancy": discrepancy, "seed": seed}
-    settings["contents"] = contents
-    answers = each(estimator.infer, curves, workers)
-    return verify_many(curves, answers, level=verify, workers=workers, done=done, **settings)
+    candidates = each(lambda curve: [one.infer(curve) for one in estimators], curves, workers)
+    return verify_many(curves, candidates, level=verify, network=network, workers=workers, done=done, **settings)

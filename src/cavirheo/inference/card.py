@@ -76,3 +76,26 @@ class ModelCard(BaseModel):
             fine = output.unit == about(output.name).unit and (output.scale == "log10") == (LOG10 in output.name)
             require(fine, f"{output.name} has another unit or scale than its name says")
         return self
+
+
+class _Scores(BaseModel):
+    samples: PositiveInt
+    seconds: float
+    loss: float
+
+
+class PosteriorCard(BaseModel):
+    """What others rely on of the card of a posterior network (training/posterior/export.py).
+
+    kinds: (law, contents) in the order in which the network knows them. trained: ranges of R_max (um), frame interval
+    (us), frames, noise over R_max, and of the medium's density and pressure.
+    """
+
+    schema_version: Literal[1] = Field(alias="schema")
+    name: str = Field(pattern="^[a-z0-9][a-z0-9.-]*$")
+    kind: Literal["posterior"]
+    kinds: list[tuple[str, str]] = Field(min_length=1)
+    trained: dict[str, tuple[float, float]]
+    training: _Scores
+    coverage: dict[str, Any] = {}
+    onnx: _File

@@ -239,6 +239,12 @@ class Experiment:
         names = (*(LOG10 + name for name in self.family.parameters), *self.own)
         return names, np.column_stack([x[:, : self.law], *(own[name] for name in self.own)])
 
+    def log_stretched(self, theta: Floats) -> Floats:
+        """(draws,) log |dtheta/dx| of theta (draws, d) as of `answer`: a density over x is one over theta times it."""
+        logs = theta[:, self.law : self.law + len(self.logs)]  # not the logarithms, as in x
+        widths = np.sum(np.log([width for _, width, _ in self.free.values()]))
+        return np.asarray(widths + np.sum(np.log(logs * _LN10), axis=1))
+
     def prior(self, ranges: Mapping[str, Sequence[float]] | None = None) -> Prior:
         """The proper prior of x.
 

@@ -35,10 +35,10 @@ Value = int | memoryview
 Fields = Mapping[int, Sequence[Value]]  # all values of a field, by its number
 
 
-def check_graph(content: bytes) -> None:
-    """Raises InputError ("graph." and a word) unless the file is made of the allowed parts alone."""
+def check_graph(content: bytes, inputs: Sequence[str] = ("radius",)) -> None:
+    """Raises InputError ("graph." and a word) unless the file is made of the allowed parts alone and reads `inputs`."""
     try:
-        _Graph(content).check()
+        _Graph(content).check(inputs)
     except (LookupError, TypeError, UnicodeDecodeError) as error:  # it ends early; a number is where text belongs
         raise InputError("the file is damaged or not an ONNX model", "graph.damaged") from error
 
@@ -73,9 +73,10 @@ class _Graph:
                 raise IndexError("the message ends too early")
         return found
 
-    def check(self) -> None:
+    def check(self, inputs_of_model: Sequence[str]) -> None:
         constants = {self.checked(tensor) for tensor in self.tensors}
-        known, of_curve = {"", "radius"} | constants, {"radius"}
+        of_curve = {*inputs_of_model}
+        known = {""} | of_curve | constants
         for node in map(self.fields, self.nodes):
             kind, domain = _text(node[4]), _text(node[7])
             inputs, results = [_text([name]) for name in node[1]], [_text([name]) for name in node[2]]

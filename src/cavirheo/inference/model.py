@@ -15,7 +15,7 @@ from pydantic import ValidationError
 from cavirheo.arrays import Floats
 from cavirheo.errors import InputError, explained, require
 from cavirheo.files import read_bytes, read_object
-from cavirheo.inference.card import ModelCard
+from cavirheo.inference.card import ModelCard, PosteriorCard
 from cavirheo.inference.graph import check_graph
 from cavirheo.inference.session import session, try_out
 from cavirheo.parameters import natural
@@ -40,6 +40,8 @@ class Network:
 
     def __init__(self, path: Path) -> None:
         self.name, self.card = path.stem, card(path)
+        told = f"{path.stem} gives draws: the paper's networks, which give one value, are needed here"
+        require(self.card["kind"] == "point", told, "model.kind")
         self.problem = TrainingProblem.from_dict(self.card["problem"])
         self.outputs = tuple(str(output["name"]) for output in self.card["outputs"])
         content = read_bytes(path, LARGEST)
@@ -82,10 +84,11 @@ def card(path: Path) -> dict[str, Any]:
     told = f"a model is an .onnx file with its card beside it; expected {path} and {beside}"
     require(there, told, "model.missing")
     content = read_object(beside, LARGEST_CARD)
+    kind = PosteriorCard if content.get("kind") == "posterior" else ModelCard
     try:
-        ModelCard.model_validate(content)
+        kind.model_validate(content)
     except ValidationError as error:
-        told = f"{beside} is not a card of `cavirheo train`: {explained(error, ModelCard)}; export it anew"
+        told = f"{beside} is not a card of `cavirheo train`: {explained(error, kind)}; export it anew"
         raise InputError(told, "model.card") from error
     return content
 

@@ -11,7 +11,7 @@ import subprocess
 import sys
 from collections.abc import Callable
 from contextlib import suppress
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -20,18 +20,13 @@ if TYPE_CHECKING:
     from cavirheo.arrays import Floats
 
 BATCH = 512  # curves at a time
+DRAWS = 1000  # of a posterior network
 MEMORY, SECONDS = 2 << 30, 20.0  # bytes and time of the first run
 
 
 def session(content: bytes) -> Callable[[ArrayLike], Floats]:
     """(curves, frames) -> (curves, outputs) of the content of an .onnx file."""
-    os.environ.setdefault("ORT_DISABLE_TELEMETRY", "1")  # read at import: its wheels come with telemetry
-    import onnxruntime  # half a second that listing models or reading curves need not pay
-
-    options = onnxruntime.SessionOptions()
-    options.intra_op_num_threads = 1  # one small curve at a time: threads cost more than they give
-    options.log_severity_level = 4  # what goes wrong is raised
-    made = onnxruntime.InferenceSession(content, options, providers=["CPUExecutionProvider"])
+    made = started(content)
 
     def run(features: ArrayLike) -> Floats:
         curves = np.asarray(features, dtype=np.float32)
@@ -42,8 +37,29 @@ def session(content: bytes) -> Callable[[ArrayLike], Floats]:
     return run
 
 
+def started(content: bytes) -> Any:
+    """onnxruntime's session of the content of an .onnx file."""
+    os.environ.setdefault("ORT_DISABLE_TELEMETRY", "1")  # read at import: its wheels come with telemetry
+    import onnxruntime  # half a second that listing models or reading curves need not pay
+
+    options = onnxruntime.SessionOptions()
+    options.intra_op_num_threads = 1  # one small curve at a time: threads cost more than they give
+    options.log_severity_level = 4  # what goes wrong is raised
+    return onnxruntime.InferenceSession(content, options, providers=["CPUExecutionProvider"])
+
+
+def draws_of_nothing(content: bytes) -> bool:
+    """Whether a posterior network (flow.py) answers zeros with finite draws: what is tried out of a stranger's."""
+    made = started(content)
+    shapes = {given.name: [n if isinstance(n, int) else DRAWS for n in given.shape] for given in made.get_inputs()}
+    found = made.run(None, {name: np.zeros(shape, np.float32) for name, shape in shapes.items()})
+    return all(bool(np.isfinite(values).all()) for values in found)
+
+
 def try_out(content: bytes, frames: int, outputs: int) -> None:
-    """Raises InputError: on a plain curve it takes too much time or memory, fails, or gives no finite numbers."""
+    """Raises InputError: on a plain curve it takes too much time or memory, fails, or gives no finite numbers.
+
+    A posterior network has no `frames` (0)."""
     from cavirheo.errors import InputError, require
 
     command = [sys.executable, "-P", __file__, str(MEMORY), str(frames), str(outputs)]
@@ -66,7 +82,10 @@ if __name__ == "__main__":  # session.py MEMORY FRAMES OUTPUTS < model.onnx
         resource.setrlimit(resource.RLIMIT_AS, (limit, limit))
     curve = 0.2 + 0.8 * np.abs(np.cos(np.linspace(0.0, 6.0, frames)))
     try:
-        answers = session(sys.stdin.buffer.read())
+        content = sys.stdin.buffer.read()
+        if not frames:
+            sys.exit(None if draws_of_nothing(content) else "its draws are not finite; its weights may be damaged")
+        answers = session(content)
         for count in (BATCH, 8, 5, 1):  # all that fit in a block, and what the correction asks for
             theta = answers(np.tile(curve, (count, 1)))
             if theta.shape != (count, outputs):

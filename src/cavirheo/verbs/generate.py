@@ -24,9 +24,11 @@ def generate(
     """A training set of simulated curves; resumable, and the same bytes for any number of workers."""
     from cavirheo.physics.simulate import load_solver
     from cavirheo.training import dataset
-    from cavirheo.training.recipe import read_recipe
+    from cavirheo.training.posterior import store
+    from cavirheo.training.posterior.recipe import posterior_recipe
+    from cavirheo.training.recipe import Recipe, read_recipe
 
-    content = read_recipe(recipe)
+    content = posterior_recipe(recipe) or read_recipe(recipe)
     try:
         part, parts = (int(number) for number in shard.split("/"))
     except ValueError:
@@ -34,7 +36,10 @@ def generate(
     load_solver()
     n, seed = content.data.n if n is None else n, content.data.seed if seed is None else seed
     how: dict[str, Any] = {"workers": workers, "shard": (part, parts), "progress": not quiet}
-    made = dataset.generate(content.problem, n, out, seed=seed, **how)
+    if isinstance(content, Recipe):
+        made = dataset.generate(content.problem, n, out, seed=seed, **how)
+    else:
+        made = store.generate(content, n, out, seed=seed, **how)
     said = [f"{made.curves} curves in {out}: {made.written} files written, {made.skipped} already there"]
     if made.simulated:
         rate = made.simulated / made.seconds

@@ -13,13 +13,12 @@ from cavirheo.verbs.run import Reading, Run
 
 def infer(
     files: options.Curves,
-    model: options.ModelName = "bdt-viscoelastic",
-    stretch: Annotated[float | None, Option(help="R_max/R_0 if known; fitted otherwise")] = None,
-    window: Annotated[int | None, Option(help="collapses over which answer and measurement are compared", min=1)] = (
-        None
-    ),
+    model: options.ModelName = "posterior",
+    material: Annotated[str | None, Option(help="a law of `cavirheo laws`, or auto  [default: nhkv]")] = None,
+    stretch: Annotated[float | None, Option(help="R_max/R_0 if known; inferred otherwise")] = None,
+    window: Annotated[int | None, Option(help="collapses that are read and compared  [default: 3]", min=1)] = None,
     contents: options.EitherContents = "equilibrium",
-    verify: options.Verify = "none",
+    verify: options.VerifyAuto = "auto",
     exact_law: options.ExactLaw = False,
     seed: options.Seed = 0,
     reading: Reading = options.FROM_OPTIONS,
@@ -28,9 +27,11 @@ def infer(
     pictures: options.Pictures = True,
     run: Run = options.FROM_OPTIONS,
 ) -> None:
-    """Shear modulus and viscosity from measured radius histories, with pictures that show whether to believe them."""
-    from cavirheo.inference import check_contents, infer_many
-    from cavirheo.inference.model import load
+    """Shear modulus and viscosity from measured radius histories, with intervals and pictures that show whether to
+    believe them."""
+    from cavirheo.inference import check_models, infer_many
+    from cavirheo.inference.model import card, load, path_of
+    from cavirheo.inference.posterior_model import load_posterior
     from cavirheo.inference.reconstruct import check_stretch
     from cavirheo.reporting import DOCUMENTS
     from cavirheo.unfinished import Step
@@ -39,12 +40,16 @@ def infer(
     files = run.files(files)
     options.check_verify(verify, reading.exposure_us, exact_law, files)
     check_stretch(stretch)
-    check_contents(contents, verify)
-    network = load(model)
+    check_models(model, material, contents, verify)
+    single = card(path_of(model))["kind"] == "point"
+    network = load(model) if single else load_posterior(model)
     Outputs(out, *DOCUMENTS, inputs=files)
     curves = run.read(files, liquid, reading)
     shared: dict[str, Any] = {"medium": liquid, "stretch": stretch}
     settings = {"model": model, "window": window, "trust_input": reading.trust_input, **shared}
+    checked: dict[str, Any] = {"seed": seed, "discrepancy": not exact_law, "contents": contents}
+    if not single:
+        settings |= {"material": material, "verify": verify, **checked}
     first = Step("inferring", infer_many, settings, made_with=network.sha256)
-    checked = {"seed": seed, "discrepancy": not exact_law, "contents": contents, **shared}
-    run.report(curves, first, out, pictures=pictures, verify=verify, **checked)
+    after = verify if single and verify != "auto" else "none"
+    run.report(curves, first, out, pictures=pictures, verify=after, **checked, **shared)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
+from cavirheo.inference.card import PosteriorCard
 from cavirheo.writing.digits import printable
 
 
@@ -18,7 +19,13 @@ def models() -> None:
 
 def describe(name: str, path: Path, about: dict[str, Any]) -> None:
     """Print what the card of a model says. Raises KeyError, TypeError, ValueError: it lacks something."""
-    lines = [f"{name}: {about['material']}, one value each without an interval" if about["kind"] == "point" else name]
+    if about["kind"] == "posterior":
+        from cavirheo.inference.posterior_model import describe as known
+
+        lines = known(PosteriorCard.model_validate(about))
+        print(printable("\n".join([f"{name}: draws of the parameters, for any camera", *lines])))
+        return
+    lines = [f"{name}: {about['material']}, one value each without an interval"]
     for output in about["outputs"]:
         low, high = about["problem"]["prior"][output["name"]]
         if output["scale"] == "log10":

@@ -30,6 +30,10 @@ Curves = Annotated[
 ModelName = Annotated[str, Option("--model", help="shipped model (see `cavirheo models`) or a path to an .onnx file")]
 Out = Annotated[Path, Option("-o", "--out", help="folder for the results")]
 Verify = Annotated[str, Option(help="map: the posterior's maximum; full: draws weighted by full simulations; none")]
+_AUTO = (
+    "auto: draws weighted by simulations, as few as can be trusted; full: by more; map: the posterior's maximum; none"
+)
+VerifyAuto = Annotated[str, Option(help=_AUTO)]
 ExactLaw = Annotated[
     bool, Option("--exact-law", help="--verify: no discrepancy between law and bubble, narrower intervals")
 ]

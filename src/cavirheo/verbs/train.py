@@ -4,12 +4,15 @@ from __future__ import annotations
 
 import sys
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 from typer import Argument, Option
 
-from cavirheo.errors import InputError
+from cavirheo.errors import InputError, require
 from cavirheo.verbs import options
+
+if TYPE_CHECKING:
+    from cavirheo.training.posterior.recipe import PosteriorRecipe
 
 
 def train(
@@ -26,8 +29,12 @@ def train(
         from cavirheo.training.train import train as run
     except ModuleNotFoundError as error:
         raise InputError(f"training needs {error.name}: install cavirheo with the extra [train]") from error
+    from cavirheo.training.posterior.recipe import posterior_recipe
     from cavirheo.training.recipe import read_recipe
 
+    if wanted := posterior_recipe(recipe):
+        _train_posterior(wanted, data, out, threads, device, quiet)
+        return
     content = read_recipe(recipe)
     try:
         result = run(content, data, out, device=device, threads=threads, progress=not quiet)
@@ -39,3 +46,26 @@ def train(
     for name, score in result["metrics"].items():
         print(f"{name}: R2 {score['r2']:.4f}, median error {score['median_absolute_error']:.3f} (test curves)")
     print(f"model: {path}; use it with: cavirheo infer --model {path} FILE", file=sys.stderr)
+
+
+def _train_posterior(
+    recipe: PosteriorRecipe, data: Path, out: Path, threads: int | None, device: str | None, quiet: bool
+) -> None:
+    import torch
+
+    from cavirheo.training.posterior import store
+    from cavirheo.training.posterior.export import export
+    from cavirheo.training.posterior.train import PosteriorTraining
+    from cavirheo.writing.document import into
+
+    told = f"a posterior network is trained on the processor: leave out --device {device}"
+    require(device in (None, "cpu"), told, "training.device")
+    if threads is not None:
+        torch.set_num_threads(threads)
+    with into(out) as folder:
+        training = PosteriorTraining(recipe, store.load(recipe, data), folder)
+        training.fit(progress=not quiet)
+        path = export(training, recipe, folder)
+    if not quiet:
+        print(f"loss {training.history[-1]['validation']:.3f} on curves that were never shown")
+        print(f"model: {path}; use it with: cavirheo infer --model {path} FILE", file=sys.stderr)

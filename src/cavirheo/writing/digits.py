@@ -27,6 +27,7 @@ LOOKS = {
     "check_input": Look("check input", "#7a5c00", "bright_yellow"),
     "model_does_not_fit": Look("does not fit", "#a34a00", "yellow"),
     "outside_training_range": Look("outside range", "#8a3068", "magenta"),
+    "no_interval": Look("no interval", "#5f4bb6", "bright_magenta"),
     "failed": Look("failed", "#b00020", "red"),
 }
 VERDICTS = {verdict: look.words for verdict, look in LOOKS.items()}

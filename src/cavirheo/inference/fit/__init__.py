@@ -13,7 +13,7 @@ import numpy as np
 
 from cavirheo.curve import RadiusCurve, several
 from cavirheo.errors import expect_whole, require
-from cavirheo.inference import check_level, doubts
+from cavirheo.inference import AUTO, check_level, doubts
 from cavirheo.inference.experiment import QUICK, Experiment
 from cavirheo.inference.fit.alone import Alone, posterior
 from cavirheo.inference.fit.covariance import laplace
@@ -31,7 +31,6 @@ from cavirheo.posterior import CONTENTS, BubbleModel, Posterior
 
 __all__ = ["fit", "fit_many"]
 
-AUTO = ("nhkv", "newtonian", "power-law", "fung + newtonian")  # laws of material="auto": gels and liquids
 TOGETHER = {**SEARCH, "max_nfev": 40}  # limits of a joint fit: it has many parameters
 _TRIED = 6  # materials of single shots, at most, from which a joint fit is started
 

@@ -21,10 +21,12 @@ from cavirheo.inference.fit.starts import Scan
 from cavirheo.inference.law import Family
 from cavirheo.inference.options import FREE, SCALE_BOUND, Options
 from cavirheo.inference.others import DECISIVE, compared, itself, model_of
+from cavirheo.inference.posterior_model import PosteriorModel
 from cavirheo.inference.verify.explore import Explorer
 from cavirheo.inference.verify.mode import Mode, Target, climb, modes, same, valley
 from cavirheo.inference.verify.predictive import predictive_check
 from cavirheo.inference.verify.sampler import Sample, sample
+from cavirheo.inference.verify.soon import weighed
 from cavirheo.inference.verify.tuning import TUNING
 from cavirheo.parallel import cores, each
 from cavirheo.parameters import natural_name, units
@@ -45,7 +47,8 @@ class Verification:
     stretch, free, t0_bound, scale_bound, medium: as in `fit_many`; clock, scale and R_max are free by default.
     level: "map" (maximum and Laplace's Gaussian) or "full" (weighted draws). discrepancy: allow for what no simulation
     follows (noise.py); without it the law is taken as exact. ranges: of the priors, {"shear_modulus": [low, high] in
-    SI}; default those that a fit searches. draws: at most so many weighted ones. seed: theirs. workers: threads for
+    SI}; default those that a fit searches. draws: at most so many weighted ones. seed: theirs. network: of level
+    "auto", whose draws show the way where it can read the curve. workers: threads for
     one curve. Raises InputError.
     """
 
@@ -53,16 +56,18 @@ class Verification:
     free: Sequence[str] | str = tuple(FREE)
     t0_bound: float | None = None
     scale_bound: float = SCALE_BOUND
-    level: Literal["map", "full"] = "full"
+    level: Literal["auto", "map", "full"] = "full"
     medium: Medium = WATER
     discrepancy: bool = True
     ranges: Mapping[str, Sequence[float]] | None = None
     draws: int = TUNING.draws
     seed: int = 0
+    network: PosteriorModel | None = None
     workers: int | None = None
 
     def __post_init__(self) -> None:
-        require(self.level in ("map", "full"), f"verify must be map or full, got {self.level!r}", "option.verify")
+        fine = self.level in ("auto", "map", "full")
+        require(fine, f"verify must be auto, map or full, got {self.level!r}", "option.verify")
         object.__setattr__(self, "medium", named(self.medium))
         expect_whole(self.draws, "draws of a posterior", 10, "option.draws")
         expect_whole(self.seed, "seed", 0, "option.seed")
@@ -81,7 +86,7 @@ def verify(curve: RadiusCurve, answer: Posterior, **settings: Any) -> Posterior:
 
 def verify_many(
     curves: Sequence[RadiusCurve],
-    answers: Sequence[Posterior],
+    answers: Sequence[Posterior | Sequence[Posterior]],
     *,
     contents: str | None = None,
     workers: int | None = None,
@@ -93,44 +98,54 @@ def verify_many(
 
     `done` is called with the index and the answer of each as it is found. Law and window are the answer's. A failed
     answer stays as it is; one whose verification fails says so. contents: of the bubble, instead of the answer's; with
-    "auto" both are verified, and kinetic ones need an evidence larger by 3.
+    "auto" both are verified. Of several answers for a curve, or both contents, the simplest is given whose evidence is
+    not smaller than the largest by more than 3.
     """
-    curves, answers = several(curves), list(answers)
-    for answer in answers:
+    curves = several(curves)
+    candidates: list[Any] = [list(one) if isinstance(one, list | tuple) else [one] for one in answers]
+    for answer in (one for ones in candidates for one in ones):
         expect(answer, Posterior, "a Posterior to be verified, of infer or fit, for each curve")
     inner = max(cores(workers) // max(len(curves), 1), 1)
     chosen = Verification(workers=inner, **settings)
 
-    def one(pair: tuple[RadiusCurve, Posterior]) -> Posterior:
-        (curve, answer), began = pair, time.perf_counter()
-        if answer.checks.verdict == "failed":
-            return answer
-        try:
-            ways = CONTENTS if contents == "auto" else (contents or answer.bubble.contents,)
-            models = [replace(answer, bubble=replace(answer.bubble, contents=way)) for way in ways]
-            found = _likelier([_Work(chosen, curve, model).posterior() for model in models])
-            told = "; ".join(filter(None, [found.checks.message, *compared(found)]))
-            doubts, checked = list(answer.checks.doubts), answer.checks.verdict != "check_input"
-            found = replace(found, checks=doubted(replace(found.checks, message=told), doubts, trust_input=checked))
-        except Exception as error:  # of this shot alone
-            message = "; ".join(filter(None, [answer.checks.message, f"not verified: {reason(error)}"]))
-            found = replace(answer, checks=replace(answer.checks, message=message))
-        return replace(found, seconds=answer.seconds + time.perf_counter() - began)
+    def one(pair: tuple[RadiusCurve, list[Posterior]]) -> Posterior:
+        (curve, given), began = pair, time.perf_counter()
+        ways = CONTENTS if contents == "auto" else (contents,) if contents else ()
+        models = [replace(a, bubble=replace(a.bubble, contents=way)) for a in given for way in ways] or given
+        found, problems = list[Posterior](), list[Posterior]()
+        for model in models:
+            if model.checks.verdict == "failed":
+                problems.append(model)
+                continue
+            try:
+                found.append(_Work(chosen, curve, model).posterior())
+            except Exception as error:  # of this shot alone
+                message = "; ".join(filter(None, [model.checks.message, f"not verified: {reason(error)}"]))
+                verdict: Verdict = "failed" if chosen.level == "auto" else model.checks.verdict
+                problems.append(replace(model, checks=replace(model.checks, verdict=verdict, message=message)))
+        if not found:
+            return replace(problems[0], seconds=problems[0].seconds + time.perf_counter() - began)
+        best = _simplest(found)
+        told = "; ".join(filter(None, [best.checks.message, *compared(best)]))
+        doubts, checked = list(given[0].checks.doubts), given[0].checks.verdict != "check_input"
+        checks = doubted(replace(best.checks, message=told), doubts, trust_input=checked)
+        before = sum(answer.seconds for answer in given)
+        return replace(best, checks=checks, seconds=before + time.perf_counter() - began)
 
     # BLAS' own threads would only wait for each other beside these
     with threadpool_limits(1, "blas"):
-        return each(one, zip(curves, answers, strict=True), workers, done)
+        return each(one, zip(curves, candidates, strict=True), workers, done)
 
 
-def _likelier(found: Sequence[Posterior]) -> Posterior:
-    """The first, or the second if its evidence is larger by DECISIVE; with what the other answers."""
-    if len(found) == 1:
-        return found[0]
-    first, second = found
-    rise = (second.evidence.log if second.evidence else -np.inf) - (first.evidence.log if first.evidence else -np.inf)
-    best, other = (second, first) if rise > DECISIVE else (first, second)
-    others = (one for one in best.others if model_of(one) != model_of(other))
-    return replace(best, others=(*others, itself(other)))
+def _simplest(found: Sequence[Posterior]) -> Posterior:
+    """The one with the fewest parameters of those whose evidence is not smaller than the largest by more than DECISIVE;
+    with what the others answer."""
+    heights = [one.evidence.log if one.evidence else -np.inf for one in found]
+    near = [i for i, height in enumerate(heights) if height >= max(heights) - DECISIVE]
+    chosen = min(near, key=lambda i: (len(found[i].names), -heights[i]))
+    best, rest = found[chosen], [one for i, one in enumerate(found) if i != chosen]
+    others = [one for one in best.others if model_of(one) not in {model_of(other) for other in rest}]
+    return replace(best, others=(*others, *map(itself, rest)))
 
 
 class _Work:
@@ -146,9 +161,19 @@ class _Work:
         self.prior = self.shot.prior(settings.ranges)
         noise = self.shot.noise(settings.discrepancy)
         self.target = Target(self.shot, self.prior, noise, cores(settings.workers))
-        self.messages: list[str] = []
+        self.messages = [answer.checks.message] if answer.method == "amortised" and answer.checks.message else []
 
     def posterior(self) -> Posterior:
+        if self.settings.level == "auto":
+            how, network = self.settings, None
+            if how.network and not how.network.beyond(self.shot):
+                network = how.network.proposal(self.shot, self.prior, how.discrepancy)
+            sizes = {"draws": how.draws, "seed": how.seed}
+            drawn, found, soon, apart = weighed(self.target, network, self.starts, self.scanned, **sizes)
+            about: dict[str, Any] = {"few_simulations": soon, "evidences_apart_in_standard_errors": apart}
+            best = self._best(found)
+            u = drawn.u if self._trusted(drawn) else best.u[None]
+            return self._answer(u, drawn, best, Evidence(*drawn.log_evidence), found, about)
         climbed = self.answer.method == "laplace"  # its modes are those that a scan finds
         further = [] if climbed else self.scanned()
         found, most, seed = modes(self.target, self.starts(), further), self.settings.draws, self.settings.seed
@@ -219,14 +244,16 @@ class _Work:
         return [u[i] for i in np.argsort(-value)[: TUNING.scanned_climbed] if np.isfinite(value[i])]
 
     def _answer(
-        self, u: Floats, drawn: Sample | None, best: Mode, evidence: Evidence, found: Sequence[Mode]
-    ) -> Posterior:
+        self, u: Floats, drawn: Sample | None, best: Mode, evidence: Evidence, found: Sequence[Mode],
+        more: Mapping[str, Any] | None = None,
+    ) -> Posterior:  # fmt: skip
         """The Posterior of u (k, d): weighted draws, the maximum where they are not to be trusted, or a Gaussian."""
         shot, prior, noise, settings = self.shot, self.prior, self.target.noise, self.settings
         x = prior.to_x(u)
         names, theta = shot.answer(x)
         log_q = log_weight = None
-        about, worth = dict[str, Any]({"modes": len(found)}), dict[str, Any]()
+        about: dict[str, Any] = {"modes": len(found), **(more or {})}
+        worth: dict[str, Any] = {}
         if drawn is None:
             about["log_evidence_laplace"] = evidence.log
         else:
@@ -234,10 +261,7 @@ class _Work:
             worth = {"draws": len(drawn.u), "effective_sample_size": drawn.ess, "tail_index": drawn.tail[0]}
         if drawn and len(u) > 1:  # from u to the answer's parameters
             log_weight = drawn.log_weight
-            log_q = drawn.log_q + prior.log_density(x) - log_normal(u)
-            log_q -= np.sum(np.log([width for _, width, _ in shot.free.values()]))
-            logs = theta[:, shot.law : shot.law + len(shot.logs)]  # not the logarithms, as in x
-            log_q -= np.sum(np.log(logs * np.log(10.0)), axis=1)
+            log_q = drawn.log_q + prior.log_density(x) - log_normal(u) - shot.log_stretched(theta)
         predictive = predictive_check(best.residual, best.jacobian, noise.deviation, settings.seed)
         beyond = float(np.mean(best.residual**2)) - (shot.curve.noise / shot.max_radius) ** 2
         excess = float(np.sqrt(max(beyond, 0.0)))
@@ -256,7 +280,9 @@ class _Work:
             "before": {name: self.answer.median(natural_name(name)) for name in self.answer.names},
             "seed": settings.seed,
         }  # fmt: skip
-        checks = shot.checks(at, self._verdict(at, predictive, excess, x, log_weight), self.messages)
+        verdict = self._verdict(at, predictive, excess, x, log_weight)
+        verdict = "no_interval" if drawn and len(u) == 1 and verdict == "ok" else verdict
+        checks = shot.checks(at, verdict, self.messages)
         return Posterior(
             names, units(names), theta, checks, shot.family.name, "verified" if drawn else "laplace", provenance,
             log_q, log_weight, best=values, stretch=values["stretch"], windows=self.answer.windows,

@@ -93,11 +93,22 @@ class Explorer:
         """(k,) log posterior of u (k, d), which the next proposal knows; -inf where the simulation failed."""
         residual = self.target.residuals(u, accuracy)
         value = self.target.log_posterior(u, residual)
+        self.learn(u, residual, value)
+        return value
+
+    def learn(self, u: Floats, residual: Floats, value: Floats) -> None:
+        """Know simulations at u (k, d) with residuals (k, n) and log posterior (k,)."""
         good = np.isfinite(value)
         self.u = np.concatenate([self.u, u[good]])
         self.residual = np.concatenate([self.residual, residual[good]])
         self.value = np.concatenate([self.value, value[good]])
-        return value
+
+    def also(self, modes: Sequence[Mode]) -> None:
+        """Take up further modes that are not known yet."""
+        for mode in modes:
+            if not any(same(mode, other) for other in self.modes):
+                self.modes.append(mode)
+                self._settle(mode)
 
     def propose(self, rng: np.random.Generator, counted: Sample | None) -> Blend | Mixture:
         """The next proposal; before the first, rounds of rough simulations where the posterior and its tails seem to

@@ -165,25 +165,31 @@ Propose = Callable[[np.random.Generator, "Sample | None"], Proposal]
 
 def sample(
     target: Callable[[Floats], Floats], propose: Propose, *, seed: int, each: int, most: int, enough: float,
-    fewest: int = TUNING.fewest_rounds, least: float = 0.0,
+    fewest: int = TUNING.fewest_rounds, least: float = 0.0, first: tuple[Proposal, Sample] | None = None,
 ) -> Sample:  # fmt: skip
     """Rounds of `each` draws of a log density, `fewest` at least, until their effective size is `enough` (and their
     tail index in order), there are `most`, or so many are not likely to be worth `least`; they depend on seed, target
     and proposals alone.
 
-    A good proposal stays: one that is made from the draws that it then weighs loses a few per cent of the tails.
+    `first` is a proposal whose draws count already, and no more are taken from it: it guards against what the others
+    never meet. A good proposal stays: one that is made from the draws that it then weighs loses a few per cent of the
+    tails.
     """
     rng = np.random.Generator(np.random.Philox(seed))
     proposals: list[Proposal] = []
     counts: list[int] = []  # draws from each
     densities: list[Floats] = []  # of each, log, at all draws so far
     found: Sample | None = None
+    if first:
+        proposals, counts, densities, found = [first[0]], [len(first[1].u)], [first[1].log_q], first[1]
+    before = sum(counts)
     while True:
-        if found is None or found.ess < TUNING.good_proposal * len(found.u) or not found.reliable:
-            proposals.append(propose(rng, found))
+        new = len(proposals) == bool(first)
+        if found is None or new or found.ess < TUNING.good_proposal * len(found.u) or not found.reliable:
+            proposals.append(propose(rng, None if new else found))
             counts.append(0)
             densities.append(proposals[-1].log_density(found.u) if found else np.empty(0))
-        u = proposals[-1].draw(min(each, most - sum(counts)), rng)
+        u = proposals[-1].draw(min(each, most - sum(counts) + before), rng)
         counts[-1] += len(u)
         densities = [np.concatenate([q, p.log_density(u)]) for q, p in zip(densities, proposals, strict=True)]
         value = target(u)
@@ -192,7 +198,8 @@ def sample(
         log_share = np.log(np.array(counts) / len(u))[:, None]
         found = Sample(u, value, np.asarray(logsumexp(log_share + densities, axis=0)))
         good = found.ess >= enough and found.reliable
-        if len(u) >= most or (len(u) >= fewest * each and (good or found.ess * most < least * len(u))):
+        drawn = len(u) - before
+        if drawn >= most or (drawn >= fewest * each and (good or found.ess * most < least * drawn)):
             return found
 
 

@@ -17,6 +17,17 @@ class Tuning:
     effective_enough: float = 400.0  # effective draws at which sampling ends
     effective_fewest: float = 100.0  # below which no interval is given
 
+    # level "auto": as few simulations as a good start allows, else those of "full"
+    own_draws: int = 60  # of a network's draws that are simulated: where to climb from, and an evidence by themselves
+    own_starts: int = 3  # of them, climbed from
+    own_apart: float = 3.0  # Mahalanobis distance in the network's draws, from which a start is another
+    own_worth: float = 5.0  # effective size of them, from which their evidence says something
+    auto_draws: int = 360  # most further simulations whose weights count,
+    auto_per_round: int = 90
+    auto_learning: int = 0  # after so many rounds of rough ones
+    auto_enough: float = 110.0  # effective draws at which it ends
+    agree: float = 3.0  # standard errors, within which two evidences are one
+
     # where searches start
     scanned: int = 96  # coarse simulations all over the ranges
     scanned_climbed: int = 3  # how many of them are climbed from

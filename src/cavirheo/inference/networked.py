@@ -1,0 +1,127 @@
+"""A posterior network's answer for any recording that is within what it was trained on; else where to start a search.
+
+The draws of the network (flow.py) are an answer by themselves, in milliseconds, and its interval is as good as its
+training. Weighed by simulations (inference/verify, level "auto") they are the answer that `infer` gives.
+"""
+
+from __future__ import annotations
+
+import time
+from contextlib import suppress
+from dataclasses import asdict, dataclass, replace
+from importlib.metadata import version
+
+import numpy as np
+
+from cavirheo.arrays import Floats
+from cavirheo.curve import RadiusCurve
+from cavirheo.errors import InputError
+from cavirheo.inference import doubts
+from cavirheo.inference.experiment import QUICK, Experiment
+from cavirheo.inference.law import Family
+from cavirheo.inference.options import FREE, Options
+from cavirheo.inference.posterior_model import PosteriorModel
+from cavirheo.parameters import LOG10, natural_name, units
+from cavirheo.physics.media import WATER, Medium
+from cavirheo.posterior import BubbleModel, Checks, Diagnostics, Posterior
+from cavirheo.prior import log_normal
+
+DRAWS = 1000
+TRIED = 8  # of the draws, those that the network takes for the likeliest, simulated to check the answer
+UNVERIFIED = "the interval is the network's own: it is not verified by simulations"
+
+
+@dataclass(frozen=True)
+class Networked:
+    """Estimator: a posterior network, a law and the contents of the bubble.
+
+    model: the network. stretch, window: as in `fit_many`. checked: simulate the likeliest draws; without it the answer
+    is for a verification to start from. discrepancy: whether more than white noise may lie between frames and law.
+    """
+
+    model: PosteriorModel
+    material: str = "nhkv"
+    contents: str = "equilibrium"
+    medium: Medium = WATER
+    stretch: float | None = None
+    window: int | None = None
+    trust_input: bool = False
+    discrepancy: bool = True
+    checked: bool = True
+    seed: int = 0
+
+    def __post_init__(self) -> None:
+        """Raises InputError: an unknown law, or a setting out of its domain."""
+        self._options(), Family(self.material)
+
+    def infer(self, curve: RadiusCurve) -> Posterior:
+        """The answer for one curve; one that cannot be answered gives a failed Posterior with the reason."""
+        began, bubble = time.perf_counter(), self._options().bubble
+        provenance = {
+            "cavirheo": version("cavirheo"), "model": self.model.name, "model_sha256": self.model.sha256,
+            "medium": asdict(self.medium), "source_sha256": curve.source_sha256,
+        }  # fmt: skip
+        names: tuple[str, ...] = (*(f"log10_{name}" for name in Family(self.material).parameters), "stretch")
+        try:
+            found = self._answer(self._experiment(curve))
+            checks = doubts.doubted(found.checks, self._doubts(curve, found), self.trust_input)
+            found = replace(found, checks=checks)
+        except Exception as error:  # of this curve alone
+            checks = doubts.failed(error, curve, self.medium)
+            found = Posterior(names, units(names), np.empty((0, len(names))), checks, self.material, "amortised")
+        seconds = time.perf_counter() - began
+        return replace(found, bubble=bubble, provenance=provenance | found.provenance, seconds=seconds)
+
+    def _options(self) -> Options:
+        bubble = BubbleModel(contents=self.contents)
+        return Options(self.window, None, self.stretch, tuple(FREE), bubble=bubble)
+
+    def _experiment(self, curve: RadiusCurve) -> Experiment:
+        exposure = float(curve.exposure or 0.0)
+        return Experiment(curve, Family(self.material), self.medium, self._options(), exposure=exposure)
+
+    def _drawn(self, shot: Experiment) -> tuple[Floats, Floats, Floats]:
+        """x and theta (draws, d) of the network, and the log density of u. Raises InputError: it cannot read it."""
+        prior = shot.prior()
+        proposal = self.model.proposal(shot, prior, self.discrepancy)
+        u = proposal.draw(DRAWS, np.random.Generator(np.random.Philox(self.seed)))
+        x = prior.to_x(u)
+        return x, shot.answer(x)[1], proposal.log_density(u) - log_normal(u) + prior.log_density(x)
+
+    def _answer(self, shot: Experiment) -> Posterior:
+        about = Diagnostics(stretch_source="given" if shot.stretch else "inferred with the other parameters")
+        law, t_star = shot.family.name, shot.view.end / shot.time_scale
+        try:
+            x, theta, log_q = self._drawn(shot)
+        except InputError as error:
+            if self.checked or not error.code.startswith("network"):
+                raise
+            middle = shot.starts(np.zeros((1, len(shot.names))))
+            middle[:, : shot.law] = np.mean(shot.family.bounds(started=True), axis=1)
+            names, theta = shot.answer(middle)
+            checks = Checks("ok", f"{error}; the search began all over the ranges", t_star_end=t_star)
+            return Posterior(names, units(names), theta, checks, law, "amortised", diagnostics=about)
+        names, likeliest = shot.answer(x[:1])[0], np.argsort(-log_q)[:TRIED]
+        best, checks = x[likeliest[0]], Checks("ok", t_star_end=t_star)
+        if self.checked:
+            missed = [float(np.mean(shot.difference(x[i], QUICK) ** 2)) for i in likeliest]
+            best = x[likeliest[int(np.argmin(np.nan_to_num(missed, nan=np.inf)))]]
+            checks = shot.checks(best, "ok", [UNVERIFIED])
+        values, log_q = shot.best(best), log_q - shot.log_stretched(theta)
+        return Posterior(
+            names, units(names), theta, checks, law, "amortised", {}, log_q, best=values, stretch=values["stretch"],
+            diagnostics=about,
+        )  # fmt: skip
+
+    def _doubts(self, curve: RadiusCurve, found: Posterior) -> list[str]:
+        """What the curve shows by itself, and readings of it that would move the network's answer."""
+        said = doubts.plain(curve, self.medium)
+        if found.log_q is None:
+            return said
+        for difference, other in doubts.readings(curve):
+            with suppress(InputError):  # read so it is no curve: nothing to compare
+                theta = self._drawn(self._experiment(other))[1]
+                change = np.median(theta, axis=0) - np.median(found.theta, axis=0)
+                logs = [(name, 10.0**d) for name, d in zip(found.names, change, strict=True) if LOG10 in name]
+                said += doubts.moved(difference, {natural_name(name): factor for name, factor in logs})
+        return said

@@ -1,0 +1,99 @@
+"""A posterior network that ships with the package or that a user trained: an .onnx file and the card beside it."""
+
+from __future__ import annotations
+
+import hashlib
+from functools import lru_cache
+from pathlib import Path
+from typing import Any
+
+from cavirheo.errors import InputError, require
+from cavirheo.files import read_bytes
+from cavirheo.inference.card import PosteriorCard
+from cavirheo.inference.experiment import Experiment
+from cavirheo.inference.flow import INPUTS, Flow, NetworkProposal, plain
+from cavirheo.inference.graph import check_graph
+from cavirheo.inference.model import LARGEST, card, path_of, shipped
+from cavirheo.inference.session import try_out
+from cavirheo.prior import Prior
+
+DEFAULT = "posterior"
+
+
+class PosteriorModel:
+    """name, card, sha256 of the .onnx file; flow: its densities.
+
+    Raises:
+        InputError: the file or its card is missing, damaged or of another kind, or it is not the file of its card.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.name, about = path.stem, card(path)
+        told = f"{path} is a network of another kind ({about['kind']}): a posterior network is needed"
+        require(about["kind"] == "posterior", told, "model.kind")
+        self.card: PosteriorCard = PosteriorCard.model_validate(about)
+        content = read_bytes(path, LARGEST)
+        self.sha256 = hashlib.sha256(content).hexdigest()
+        told = f"{path} is not the file that its card describes (sha256 {self.sha256[:12]}...)"
+        require(self.sha256 == self.card.onnx.sha256, told, "model.changed")
+        if path not in shipped().values():
+            try:
+                check_graph(content, INPUTS)
+                try_out(content, 0, 0)
+            except InputError as error:
+                raise InputError(f"{path} is not run: {error}; export it with `cavirheo train`", error.code) from error
+        self.flow = Flow(content, [(law, contents) for law, contents in self.card.kinds])
+
+    def knows(self, material: str, contents: str) -> bool:
+        """Whether it was trained on this law and these contents."""
+        return (plain(material), contents) in {(plain(law), known) for law, known in self.flow.kinds}
+
+    def proposal(self, shot: Experiment, prior: Prior, discrepancy: bool) -> NetworkProposal:
+        """Raises InputError: the experiment is outside the training."""
+        outside = self.beyond(shot)
+        require(not outside, f"the network cannot read it: {outside}", "network.outside")
+        return NetworkProposal(self.flow, shot, prior, discrepancy=discrepancy)
+
+    def beyond(self, shot: Experiment) -> str:
+        """What of an experiment is outside its training, in words; empty if all is inside."""
+        contents, trained = shot.options.bubble.contents, self.card.trained
+        if not self.knows(shot.family.name, contents):
+            return f"it was not trained on {shot.family.name} with {contents} contents"
+        if shot.options.bubble.damage != "none" or set(shot.own) - set(_KNOWN):
+            return "it knows no damage, walls or excess of vapour"
+        frames = int((shot.counted & (shot.since >= 0)).sum())
+        here: dict[str, tuple[float, str]] = {
+            "max_radius_um": (shot.max_radius * 1e6, "R_max of {:.4g} um"),
+            "frame_interval_us": (shot.frame * 1e6, "{:.4g} us between frames"),
+            "frames": (frames, "{:.0f} frames in the window"),
+            "noise_over_rmax": (shot.curve.noise / shot.max_radius, "noise of {:.2g} of R_max"),
+            "density": (shot.medium.density, "a density of {:.4g} kg/m3"),
+            "pressure": (shot.medium.pressure, "a pressure of {:.4g} Pa"),
+        }
+        for name, (value, words) in here.items():
+            low, high = trained[name]
+            if not low <= value <= high:
+                return f"{words.format(value)} is outside its training ({low:g} to {high:g})"
+        return ""
+
+
+_KNOWN = ("stretch", "accommodation", "time_origin", "radius_scale", "max_radius_factor")
+
+
+@lru_cache(maxsize=4)
+def load_posterior(name: str = DEFAULT) -> PosteriorModel:
+    """The shipped posterior network of this name, or the one in a file whose name ends in .onnx. Raises InputError."""
+    return PosteriorModel(path_of(name))
+
+
+def describe(card: PosteriorCard) -> list[str]:
+    """Lines of what the network knows, for `cavirheo models`."""
+    laws: dict[str, list[str]] = {}
+    for law, contents in card.kinds:
+        laws.setdefault(law, []).append(contents)
+    lines = [f"  {law}, contents {' or '.join(contents)}" for law, contents in laws.items()]
+    words: Any = {name: f"{low:g} to {high:g}" for name, (low, high) in card.trained.items()}
+    inside = card.coverage.get("by_slot", {})
+    shown = ", ".join(f"{name.replace('_', ' ')} {share['90']:.0%}" for name, share in inside.items())
+    lines += [f"  truth within its 90 % interval, without simulations: {shown}"] if shown else []
+    return [*lines, f"  R_max {words['max_radius_um']} um, {words['frames']} frames of {words['frame_interval_us']} us"]

@@ -1,0 +1,106 @@
+"""Recipe of a posterior network: one TOML file with the section [posterior], from laws to export."""
+
+from __future__ import annotations
+
+import tomllib
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Annotated, Any
+
+from pydantic import BaseModel, ConfigDict, Field, PositiveFloat, PositiveInt, ValidationError
+
+from cavirheo.errors import InputError, explained, require
+from cavirheo.files import read_bytes
+from cavirheo.inference.law import Family
+from cavirheo.inference.slots import SLOTS, used
+from cavirheo.posterior import CONTENTS
+from cavirheo.training.recipe import LARGEST, DataTable, ExportTable, Seed
+
+
+class _Section(BaseModel):
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
+
+
+class PosteriorTable(_Section):
+    """laws: share of the curves by name. contents: of the bubble, equally often. max_radius_um: ends of its range."""
+
+    laws: dict[str, PositiveFloat] = Field(min_length=1)
+    contents: tuple[str, ...] = Field(CONTENTS, min_length=1)
+    max_radius_um: tuple[PositiveFloat, PositiveFloat] = (25.0, 650.0)
+
+    @property
+    def kinds(self) -> list[tuple[str, str, float]]:
+        """(law, contents, share) in the network's order."""
+        return [(law, way, share / len(self.contents)) for law, share in self.laws.items() for way in self.contents]
+
+
+class Sizes(_Section):
+    width: Annotated[int, Field(ge=8, le=4096)] = 384
+    depth: Annotated[int, Field(ge=1, le=100)] = 5
+    hidden: Annotated[int, Field(ge=4, le=1024)] = 64
+    parts: Annotated[int, Field(ge=1, le=100)] = 8
+
+
+class Schedule(_Section):
+    """samples: recordings that are shown in all, `batch` at a step. rate: of AdamW, after `warm_up` steps; it falls to
+    nearly nothing in the last part `falling` of them."""
+
+    samples: PositiveInt
+    batch: PositiveInt = 256
+    rate: PositiveFloat = 7e-4
+    warm_up: PositiveInt = 600
+    falling: Annotated[float, Field(gt=0, le=1)] = 0.2
+    decay: Annotated[float, Field(ge=0)] = 0.01
+    seed: Seed = 1
+
+    @property
+    def steps(self) -> int:
+        return max(self.samples // self.batch, 1)
+
+    def rate_at(self, step: int) -> float:
+        left = (self.steps - step) / max(self.falling * self.steps, 1.0)
+        return self.rate * min(1.0, (step + 1) / self.warm_up) * min(1.0, max(left, 0.0) + 0.003)
+
+
+class PosteriorRecipe(_Section):
+    posterior: PosteriorTable
+    data: DataTable
+    network: Sizes = Sizes()
+    training: Schedule
+    export: ExportTable
+
+    def settings(self) -> dict[str, Any]:
+        """All that decides the curves, as plain data."""
+        return self.posterior.model_dump(mode="json")
+
+
+def posterior_recipe(path: str | Path) -> PosteriorRecipe | None:
+    """The recipe in a TOML file, None if it is one of another kind (without [posterior]).
+
+    Raises:
+        InputError: an unknown key, a value missing or refused, or a law that the network's slots cannot hold.
+    """
+    try:
+        content: Mapping[str, Any] = tomllib.loads(read_bytes(path, LARGEST).decode())
+    except (ValueError, RecursionError):
+        return None  # the reader of the other kind says what is wrong
+    if "posterior" not in content:
+        return None
+    try:
+        recipe = PosteriorRecipe.model_validate(content)
+        low, high = recipe.posterior.max_radius_um
+        require(low < high, f"max_radius_um must be [low, high] with low < high, got {low:g}, {high:g}", "recipe.value")
+        for law, contents, _ in recipe.posterior.kinds:
+            require(contents in CONTENTS, f"contents must be {' or '.join(CONTENTS)}, got {contents!r}", "recipe.value")
+            try:
+                own = [*Family(law).parameters, "stretch", *(["accommodation"] if contents == "kinetic" else [])]
+                fits = len(used(law, contents)) == len(own) + len(SLOTS) - 5
+            except ValueError:
+                fits = False
+            told = f"the law {law!r} has parameters that share a slot or have none (slots: {', '.join(SLOTS)})"
+            require(fits, told, "recipe.value")
+    except ValidationError as error:
+        raise InputError(f"{path} cannot be used: {explained(error, PosteriorRecipe)}", "recipe.value") from error
+    except InputError as error:
+        raise error.within(f"{path} cannot be used") from error
+    return recipe
