@@ -95,6 +95,17 @@ def numbered(given: str | Iterable[int], what: str, code: str, first: int = 1, l
     return sorted(found)
 
 
+def number_of(text: str | None, what: str) -> float | None:
+    """What was typed; None where nothing was. Raises InputError: no number, or one that can be read in two ways."""
+    given = (text or "").strip()
+    two = f"{what} {given} can be read in two ways: type it without the comma, or with a point"
+    require(not re.fullmatch(r"[+-]?[1-9]\d{0,2}(,\d{3})+", given), two, "input.which_number")
+    try:
+        return float(given.replace(",", ".")) if given else None
+    except ValueError:
+        raise InputError(f"{what} must be a number, got {given!r}", "input.not_a_number") from None
+
+
 def as_path(given: str | PathLike[str]) -> Path:
     """The path of one file or folder. Raises InputError: it is none."""
     told = f"expected the path of one file, as text; got {type(given).__name__} {brief(given)}"

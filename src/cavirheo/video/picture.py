@@ -22,6 +22,7 @@ GREY = "#999999"
 _SHEET = 1600  # px across
 _CELL = (190, 150)  # px of a frame in it, at most
 _MOST = 400  # frames in it
+_LARGEST = 4.0  # times, that a single frame is enlarged
 _FILM = 640  # px across, at least
 
 
@@ -49,8 +50,18 @@ def save_sheet(path: Path, sheet: Image.Image) -> None:
 
 def sheet_address(found: Measurement) -> str:
     """The sheet itself, as an address that a page can show."""
+    return _address(contact_sheet(found), 60)
+
+
+def frame_address(found: Measurement, i: int, across: int) -> str:
+    """Frame i with its circle, about so many px across, as such an address."""
+    scale = min(across / found.recording.frames.shape[2], _LARGEST)
+    return _address(frame_picture(found, i, scale, shown_levels(found)), 80)
+
+
+def _address(picture: Image.Image, quality: int) -> str:
     file = io.BytesIO()
-    contact_sheet(found).save(file, "jpeg", quality=60)
+    picture.save(file, "jpeg", quality=quality)
     return f"data:image/jpeg;base64,{b64encode(file.getvalue()).decode()}"
 
 
