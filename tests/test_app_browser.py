@@ -241,6 +241,21 @@ def test_errors_are_told_and_mended(visit, tmp_path):
 
 
 @pytest.mark.slow
+def test_stop_goes_when_a_run_raises(visit):
+    page = visit(WIDE)
+    page.get_by_role("button", name="soft_gel.csv").click()
+    page.wait_for_selector("#overview .js-plotly-plot")
+    page.click("#to-prepare")
+    page.wait_for_selector("#prepared .js-plotly-plot")
+    for k in range(1, 6):
+        page.get_by_label(f"soft_gel[{k}]").uncheck()
+    page.click("#to-infer")
+    page.click("#infer")
+    page.wait_for_selector(".toast-body.error >> text=no shots")
+    page.wait_for_selector("#stop", state="hidden")
+
+
+@pytest.mark.slow
 @pytest.mark.skipif(find_spec("av") is None, reason="the video extra is not installed")
 @pytest.mark.parametrize("size", [WIDE, PHONE], ids=["wide", "phone"])
 def test_a_recording_is_measured_looked_at_and_confirmed(visit, tmp_path, size):

@@ -200,13 +200,12 @@ class Page:
         self._on(self.film.input, self._pick, [self.film], parts)
         measure = partial(gr.on, [self.measure.click, *(one.submit for one in self.film_typed)])
         wrong = self._checked(lambda one, *texts: film.typed(one, texts)[1])
-        checked = {"validator": wrong, "show_progress_on": [self.film_told]}
-        checked |= {"concurrency_limit": 1, "api_visibility": "private"}
-        measure(self._working(self._measure), self.film_typed, parts, **checked)
+        checked = {"validator": wrong, "show_progress_on": [self.film_told], "api_visibility": "private"}
+        measure(self._working(self._measure), self.film_typed, parts, concurrency_limit=1, **checked)
         self._on(self.film_number.input, self._turn, [self.film_number], look[1:], queue=False, **_LATEST)
         self._on(self.film_toggle.click, self._toggle, [], [self.film_excluded, *look], **_AT_ONCE)
-        listed = {"validator": self._checked(film.unlisted), **_LATEST}
-        self._on(self.film_excluded.change, self._look, [self.film_excluded], look, **listed)
+        checked = {"validator": self._checked(film.unlisted), **_LATEST}
+        self._on(self.film_excluded.change, self._look, [self.film_excluded], look, **checked)
         return parts
 
     def _on(self, event: Callable[..., Any], handler: Callable[..., Any], *given: Any, **options: Any) -> Any:
@@ -232,7 +231,8 @@ class Page:
 
         begun = self._on(button.click, begin, [], [self.steps, stop], **_AT_ONCE)
         run = begun.then(self._working(handler), *given, concurrency_limit=2, api_visibility="private", **options)
-        self._on(run.then, lambda session: gr.Button(visible=session.busy.locked()), [], [stop], **_AT_ONCE)
+        for ended in (run.success, run.failure):  # `then` does not follow a failure
+            self._on(ended, lambda session: gr.Button(visible=session.busy.locked()), [], [stop], **_AT_ONCE)
         return run
 
     def _working(self, handler: Callable[..., Any]) -> Callable[..., Any]:
