@@ -23,7 +23,6 @@ if find_spec("gradio") is None:
 from test_hostile import FILES
 
 from cavirheo.app import steps
-from cavirheo.app.apart import Reader
 from cavirheo.app.export import write_zip
 from cavirheo.app.session import PageSettings, Session, VisitorLimits, Visitors
 from cavirheo.app.steps import examples, fit, infer, sliders, trial
@@ -31,6 +30,7 @@ from cavirheo.app.words import answers
 from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError
 from cavirheo.reading import read_curves, write_csv
+from cavirheo.reading.apart import Reader
 
 SOFT = examples()["soft_gel.csv"]
 
@@ -106,7 +106,7 @@ def single(path, scale=1.0, frames=120):
 
 
 def test_examples_are_shipped():
-    assert list(examples()) == ["soft_gel.csv", "stiff_gel.mat"]
+    assert list(examples()) == ["soft_gel.csv", "stiff_gel.mat", "bubble.mp4"]
     assert [path.name for path in examples().values()] == list(examples())
 
 

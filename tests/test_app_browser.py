@@ -241,6 +241,62 @@ def test_errors_are_told_and_mended(visit, tmp_path):
 
 
 @pytest.mark.slow
+def test_stop_goes_when_a_run_raises(visit):
+    page = visit(WIDE)
+    page.get_by_role("button", name="soft_gel.csv").click()
+    page.wait_for_selector("#overview .js-plotly-plot")
+    page.click("#to-prepare")
+    page.wait_for_selector("#prepared .js-plotly-plot")
+    for k in range(1, 6):
+        page.get_by_label(f"soft_gel[{k}]").uncheck()
+    page.click("#to-infer")
+    page.click("#infer")
+    page.wait_for_selector(".toast-body.error >> text=no shots")
+    page.wait_for_selector("#stop", state="hidden")
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(find_spec("av") is None, reason="the video extra is not installed")
+@pytest.mark.parametrize("size", [WIDE, PHONE], ids=["wide", "phone"])
+def test_a_recording_is_measured_looked_at_and_confirmed(visit, tmp_path, size):
+    page = visit(size)
+    page.set_input_files("#upload input[type=file]", str(examples()["bubble.mp4"]))
+    page.wait_for_selector("#measure")
+    page.click("#measure")
+    for field in ("film-rate", "film-scale"):
+        page.wait_for_selector(f"#{field} :text('missing')")
+    assert page.locator(".toast-body").count() == 0
+    page.fill("#film-rate input", "500000")
+    page.fill("#film-scale input", "4")
+    page.press("#film-scale input", "Enter")
+    page.wait_for_selector("#film-frame img")
+    page.wait_for_selector("#film-plot .js-plotly-plot")
+    page.locator("#film-number input[type=range]").evaluate(
+        "one => { one.value = 40; one.dispatchEvent(new Event('input', {bubbles: true})); }"
+    )
+    page.wait_for_selector("#film-frame :text('Frame 40 of 80')")
+    page.click("#film-toggle")
+    page.wait_for_selector("#film-frame .excluded")
+    page.wait_for_selector("#film-toggle:has-text('Bring')")
+    assert page.input_value("#film-excluded input") == "40"
+    page.fill("#film-excluded input", "40, 99")
+    page.wait_for_selector("#film-excluded :text('1 to 80')")
+    page.fill("#film-excluded input", "40-45")
+    page.wait_for_selector("#film-told :text('70 of 80')")
+    assert fits_the_screen(page)
+    page.fill("#film-scale input", "5")
+    page.click("#confirm")
+    page.wait_for_selector("#film-scale :text('measure again')")
+    page.fill("#film-scale input", "4")
+    page.click("#confirm")
+    page.wait_for_selector("#found tbody tr")
+    page.click("#infer-now")
+    page.wait_for_selector("#answers .curves")
+    (record,) = json.loads((take(page, tmp_path) / "result.json").read_text())["curves"]
+    assert "excluded by hand: frames 40-45" in record["notes"]
+
+
+@pytest.mark.slow
 def test_two_visitors_do_not_see_each_other_and_need_no_mouse(visit, tmp_path):
     pages, files = (visit(WIDE), visit(PHONE)), [_one_shot(tmp_path / f"{name}.csv") for name in ("mine", "yours")]
     for page, file in zip(pages, files, strict=True):

@@ -19,6 +19,7 @@ from cavirheo import InputError
 from cavirheo.reading.files import expand
 from cavirheo.reading.recordings import examine, measure
 from cavirheo.video.frames import is_recording, read
+from cavirheo.video.picture import contact_sheet
 
 HOW = {"frame_rate": RATE, "um_per_px": SCALE}
 
@@ -137,12 +138,45 @@ def test_parts_of_a_recording(folder, shot):
     assert np.abs(found.track.x + 8 - whole.track.x[2:25])[both].max() < 0.2
 
 
+@pytest.mark.parametrize("listed", ["6, 12-14", [13, 6, 12, 14]])
+def test_frames_can_be_excluded_by_hand(folder, listed):
+    whole, _ = examine(folder / "shot.tif", **HOW)
+    found, curve = examine(folder / "shot.tif", **HOW, exclude=listed)
+    left = np.isin(np.arange(1, FRAMES + 1), [6, 12, 13, 14])
+    assert np.isnan(curve.radius[left]).all()
+    assert [flag for flag, out in zip(curve.meta["flags"], left, strict=True) if out] == ["excluded"] * 4
+    assert np.array_equal(found.track.radius[~left], whole.track.radius[~left], equal_nan=True)
+    assert "excluded by hand: frames 6, 12-14" in curve.notes
+    assert found.options["exclude"] == "6, 12-14"
+    assert found.without([13, 20]).options["exclude"] == "6, 12-14, 20"
+    assert contact_sheet(found).size == contact_sheet(whole).size
+
+
+def test_excluded_frames_are_numbered_as_in_the_recording(folder):
+    curve = measure(folder / "shot.tif", **HOW, span=(3, 25), exclude="5")
+    assert curve.meta["flags"][2] == "excluded"
+
+
+def test_the_command_line_excludes_as_python_does(run, folder):
+    words = ["--um-per-px", SCALE, "--exclude", "6,12-14", "-o", "out"]
+    assert run("measure", folder / "shot.tif", "--fps", RATE, *words)[0] == 0
+    with open("out/measured.csv", encoding="utf-8") as file:
+        flags = [row["flag"] for row in csv.DictReader(file)]
+    assert flags == list(measure(folder / "shot.tif", **HOW, exclude="6,12-14").meta["flags"])
+    assert json.loads(Path("out/measure.json").read_text(encoding="utf-8"))["measured_with"]["exclude"] == "6, 12-14"
+    (curve,) = cavirheo.read_curves(folder / "shot.tif", frame_rate_hz=RATE, um_per_px=SCALE, exclude="6,12-14")
+    assert list(curve.meta["flags"]) == flags
+    for files, said in ((["shot.tif", "shot.mkv"], "2 files"), (["out/measured.csv"], "of recordings")):
+        status, _, err = run("infer", *(folder / name if "out" not in name else name for name in files), *words)
+        assert (status, said in err) == (2, True)
+
+
 def test_a_colour_recording_is_measured_by_its_brightness(tmp_path, shot):
     coloured = np.stack([shot.frames, shot.frames // 2, shot.frames // 3], axis=-1)
     tifffile.imwrite(tmp_path / "a.tif", coloured, photometric="rgb")
-    assert np.nanmax(measure(tmp_path / "a.tif", **HOW).radius) == pytest.approx(
-        np.nanmax(shot.radius) * SCALE * 1e-6, rel=2e-3
-    )
+    curve = measure(tmp_path / "a.tif", **HOW)
+    assert np.nanmax(curve.radius) == pytest.approx(np.nanmax(shot.radius) * SCALE * 1e-6, rel=2e-3)
+    assert "a colour recording: its brightness is measured" in curve.notes
 
 
 def test_a_recording_that_is_cut_short_is_doubtful(tmp_path, folder):
@@ -186,6 +220,9 @@ def test_what_is_no_recording_is_refused(tmp_path, shot, make, code):
         ({"span": (5, 500)}, "video.frames"),
         ({"reference_frame": 99}, "video.reference_frame"),
         ({"polarity": "grey"}, "video.polarity"),
+        ({"exclude": "4-"}, "video.exclude"),
+        ({"exclude": [99]}, "video.exclude"),
+        ({"exclude": "1-34"}, "video.exclude"),
         ({"um_per_px": 1e6}, "curve.radius_unit"),
         ({"frame_rate": 1.0}, "curve.time_unit"),
     ],

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Iterable
 from difflib import get_close_matches
 from numbers import Integral
 from os import PathLike
@@ -77,6 +78,32 @@ def expect_whole(given: object, name: str, least: int, code: str = "input.whole"
     """Raise InputError unless `given` is a whole number, `least` or more."""
     fine = isinstance(given, Integral) and int(given) >= least
     require(fine, f"{name} must be a whole number from {least} up, got {brief(given)}", code)
+
+
+def numbered(given: str | Iterable[int], what: str, code: str, first: int = 1, last: int | None = None) -> list[int]:
+    """Sorted, each once: "1,4-7" or [1, 4, 5, 6, 7]. Raises InputError: no such list, or numbers beyond these ends."""
+    ends = f"{first} up" if last is None else f"{first} to {last}"
+    like = f"{first},{first + 3}-{first + 6}"
+    told = f'{what} must be numbers from {ends} and ranges of them, such as "{like}", got {given!r}'
+    found: set[int] = set()
+    for part in given.split(",") if isinstance(given, str) else map(str, given):
+        match = re.fullmatch(r"\s*(\d{1,6})\s*(?:[-–]\s*(\d{1,6})\s*)?", part)
+        low, high = (int(match[1]), int(match[2] or match[1])) if match else (0, -1)
+        require(first <= low <= high <= (last or high), told, code)
+        found.update(range(low, high + 1))
+    require(bool(found), told, code)
+    return sorted(found)
+
+
+def number_of(text: str | None, what: str) -> float | None:
+    """What was typed; None where nothing was. Raises InputError: no number, or one that can be read in two ways."""
+    given = (text or "").strip()
+    two = f"{what} {given} can be read in two ways: type it without the comma, or with a point"
+    require(not re.fullmatch(r"[+-]?[1-9]\d{0,2}(,\d{3})+", given), two, "input.which_number")
+    try:
+        return float(given.replace(",", ".")) if given else None
+    except ValueError:
+        raise InputError(f"{what} must be a number, got {given!r}", "input.not_a_number") from None
 
 
 def as_path(given: str | PathLike[str]) -> Path:

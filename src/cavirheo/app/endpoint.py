@@ -13,7 +13,7 @@ from gradio.utils import get_upload_folder
 
 from cavirheo.app import steps, words
 from cavirheo.app.session import PageSettings, Session, Visitors
-from cavirheo.errors import InputError, SolverError
+from cavirheo.errors import InputError, SolverError, require
 from cavirheo.inference.model import DEFAULT
 
 
@@ -63,6 +63,7 @@ def public(visitors: Visitors) -> Callable[..., Any]:
         session = Session(visitors.limits, visitors.reader)
         with closing(session), uploaded([str(dict(file)["path"]) for file in files]) as paths:
             session.add(paths, PageSettings(medium, density, model=model, **options))
+            require(not session.waiting, f"{session.waiting}: send measured.csv of `cavirheo measure`", "app.film")
             if not session.curves:
                 raise InputError("; ".join(session.problems) or "no curve could be read", "app.no_curve")
             document = steps.infer(session, [curve.name for curve in session.curves], lambda *_: None).document

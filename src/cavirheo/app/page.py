@@ -14,10 +14,10 @@ from typing import Any
 
 import gradio as gr
 
-from cavirheo.app import export, plots, steps, words
+from cavirheo.app import export, film, plots, steps, words
 from cavirheo.app.endpoint import public, told, uploaded
-from cavirheo.app.session import PageSettings, Session, Visitors
-from cavirheo.errors import InputError
+from cavirheo.app.session import Camera, PageSettings, Session, Visitors
+from cavirheo.errors import InputError, number_of
 from cavirheo.inference.model import DEFAULT
 from cavirheo.physics.media import MEDIA
 
@@ -32,9 +32,11 @@ _NUMBERS = {  # settings that need not be given: label, what an empty field mean
     "pressure": ("Pressure (Pa)", "as the medium"),
     "temperature": ("Temperature (K)", "as the medium"),
 }
+_CAMERA = {"Frames per second": "as the camera was set", "µm per pixel": "4.0", "Exposure of a frame (µs)": "if known"}
 _REDRAW = Path(__file__).with_name("redraw.js").read_text(encoding="utf-8")
 _AT_ONCE: dict[str, Any] = {"queue": False, "show_progress": "hidden"}
 _LATEST: dict[str, Any] = {"trigger_mode": "always_last", "show_progress": "hidden"}
+_line = partial(gr.Textbox, max_lines=1)
 _button = partial(gr.Button, variant="primary")
 _small = partial(gr.Button, size="sm", min_width=120)
 _stop = partial(gr.Button, "Stop", variant="stop", visible=False)
@@ -66,7 +68,8 @@ class Page:
     # what stands where
 
     def _data(self) -> None:
-        label = f"Measured R(t): .mat, .csv, .txt, .h5, .xlsx; to {self.visitors.limits.file_mb:g} MB"
+        kinds = ".mat, .csv, .txt, .h5, .xlsx; or recordings: .mp4, .avi, .mkv, .tif, .cine, .mraw with .cihx"
+        label = f"Measured R(t): {kinds}; to {self.visitors.limits.file_mb:g} MB"
         with gr.Row():
             with gr.Column(scale=3, min_width=300):
                 self.upload = gr.File(label=label, file_count="multiple", height=160)
@@ -77,9 +80,32 @@ class Page:
                 with gr.Row():
                     self.clear, self.to_prepare = _small("Start over"), _small("Prepare first")
                 self.infer_now = _button("Infer all shots", interactive=False)
+        self._film()
         with gr.Row(visible=False) as self.loaded:
             self.overview, self.overview_normalised = _plot(), _plot()
         self.found = _html(words.found([], []))
+
+    def _film(self) -> None:
+        with gr.Column(visible=False) as self.film_step:
+            self.film = gr.Dropdown(label="Recording")
+            with gr.Row():
+                boxes = [_line(label=label, placeholder=hint, min_width=160) for label, hint in _CAMERA.items()]
+                self.film_rate, self.film_scale, self.film_exposure = self.film_typed = boxes
+                self.measure = _button("Measure the bubble", min_width=160)
+            self.film_told = _html(min_height=60)
+            with gr.Column(visible=False) as self.film_seen:
+                with gr.Row():
+                    with gr.Column(min_width=300):
+                        self.film_frame = _html()
+                    self.film_plot = _plot(min_width=300)
+                with gr.Row():
+                    self.film_number = gr.Slider(label="Frame shown", step=1, buttons=[], scale=3, min_width=220)
+                    self.film_toggle = gr.Button("Exclude this frame", scale=1, min_width=140)
+                with gr.Row():
+                    self.film_excluded = _line(
+                        label="Frames to exclude", placeholder="12, 40-45", scale=3, min_width=220
+                    )
+                    self.confirm = _button("Confirm this curve", scale=1, min_width=140)
 
     def _prepare(self) -> None:
         with gr.Row():
@@ -105,7 +131,7 @@ class Page:
     def _numbers(self, *names: str) -> None:  # in fields for text: an empty gr.Number stalls the page
         for name in names:
             label, empty = _NUMBERS[name]
-            self.fields[name] = gr.Textbox(label=label, placeholder=empty, max_lines=1, min_width=120)
+            self.fields[name] = _line(label=label, placeholder=empty, min_width=120)
 
     def _infer(self) -> None:
         self.fields["model"] = gr.Radio(words.models(), value=DEFAULT, label="Material and model")
@@ -138,8 +164,10 @@ class Page:
     def _wire(self, settings: list[Any]) -> None:
         shown = [
             self.found, self.overview, self.overview_normalised, self.chosen, self.shown, self.upload, self.infer_now,
-            self.answers, self.to_check, self.loaded,
+            self.answers, self.to_check, self.loaded, *self._wire_film(),
         ]  # fmt: skip
+        checked = {"validator": self._checked(film.unready), "show_progress_on": [self.film_told]}
+        self._on(self.confirm.click, self._confirm, [*self.film_typed, self.film_excluded], shown, **checked)
         check = [self.check_plot, self.facts, self.trial, *self.sliders]
         self._on(self.upload.upload, self._load, [self.upload, *settings], shown, show_progress_on=[self.found])
         for name, button in self.examples.items():
@@ -164,6 +192,22 @@ class Page:
         made.success(None, js="() => document.querySelector('#download').click()", api_visibility="private")
         self.blocks.unload(self._leave)
 
+    def _wire_film(self) -> list[Any]:
+        """What shows the film that is looked at."""
+        look = [self.film_told, self.film_frame, self.film_plot, self.film_toggle]
+        measured = [self.film_seen, self.film_number, self.film_excluded]
+        parts = [self.film_step, self.film, *self.film_typed, *measured, *look]
+        self._on(self.film.input, self._pick, [self.film], parts)
+        measure = partial(gr.on, [self.measure.click, *(one.submit for one in self.film_typed)])
+        wrong = self._checked(lambda one, *texts: film.typed(one, texts)[1])
+        checked = {"validator": wrong, "show_progress_on": [self.film_told], "api_visibility": "private"}
+        measure(self._working(self._measure), self.film_typed, parts, concurrency_limit=1, **checked)
+        self._on(self.film_number.input, self._turn, [self.film_number], look[1:], queue=False, **_LATEST)
+        self._on(self.film_toggle.click, self._toggle, [], [self.film_excluded, *look], **_AT_ONCE)
+        checked = {"validator": self._checked(film.unlisted), **_LATEST}
+        self._on(self.film_excluded.change, self._look, [self.film_excluded], look, **checked)
+        return parts
+
     def _on(self, event: Callable[..., Any], handler: Callable[..., Any], *given: Any, **options: Any) -> Any:
         """The event calls the handler with the session of who asks, which is locked, and the values of components."""
 
@@ -185,14 +229,31 @@ class Page:
                 session.stopped.clear()
             return [gr.Tabs(selected=step), gr.Button(visible=True)]
 
+        begun = self._on(button.click, begin, [], [self.steps, stop], **_AT_ONCE)
+        run = begun.then(self._working(handler), *given, concurrency_limit=2, api_visibility="private", **options)
+        for ended in (run.success, run.failure):  # `then` does not follow a failure
+            self._on(ended, lambda session: gr.Button(visible=session.busy.locked()), [], [stop], **_AT_ONCE)
+        return run
+
+    def _working(self, handler: Callable[..., Any]) -> Callable[..., Any]:
+        """The handler as an event calls it that shows a bar; the session is not locked meanwhile."""
+
         @told
         def work(request: gr.Request, progress: gr.Progress = gr.Progress(), *values: Any) -> Any:  # noqa: B008
             return handler(self.visitors.of(request.session_hash or ""), *values, progress=progress)
 
-        begun = self._on(button.click, begin, [], [self.steps, stop], **_AT_ONCE)
-        run = begun.then(work, *given, concurrency_limit=2, api_visibility="private", **options)
-        self._on(run.then, lambda session: gr.Button(visible=session.busy.locked()), [], [stop], **_AT_ONCE)
-        return run
+        return work
+
+    def _checked(self, wrong: Callable[..., list[str]]) -> Callable[..., Any]:
+        """Shows at each field what is `wrong` with its value for the film, and stops the event then."""
+
+        def one(request: gr.Request, *values: Any) -> Any:
+            session = self.visitors.of(request.session_hash or "")
+            with session.lock:
+                told = [gr.validate(not why, why) for why in wrong(session.current, *values)]
+            return told if len(told) > 1 else told[0]  # as gradio takes the answer of several fields, and of one
+
+        return one
 
     # the handlers
 
@@ -206,6 +267,8 @@ class Page:
 
     def _example(self, name: str, session: Session, *settings: Any) -> list[Any]:
         session.add([steps.examples()[name]], _settings(settings), copy=True)
+        if name in session.films:
+            session.film, session.films[name].camera = name, Camera(500_000.0, 4.0, 0.4)
         return self._loaded(session)
 
     def _clear(self, session: Session) -> list[Any]:
@@ -216,10 +279,55 @@ class Page:
         names = [curve.name for curve in session.curves]
         figures = plots.overview(session.curves, session.settings.liquid) if names else (None, None)
         return [
-            words.found(session.curves, session.problems), *figures, gr.CheckboxGroup(choices=names, value=names),
-            gr.Dropdown(choices=names, value=next(iter(names), None)), None, gr.Button(interactive=bool(names)),
-            words.answers(session.answers), gr.Button(interactive=False), gr.Row(visible=bool(names)),
+            words.found(session.curves, session.problems, session.waiting), *figures,
+            gr.CheckboxGroup(choices=names, value=names), gr.Dropdown(choices=names, value=next(iter(names), None)),
+            None, gr.Button(interactive=bool(names)), words.answers(session.answers), gr.Button(interactive=False),
+            gr.Row(visible=bool(names)),
+            *self._filmed(session),
         ]  # fmt: skip
+
+    def _filmed(self, session: Session, error: InputError | None = None) -> list[Any]:
+        one = session.current
+        names = [(f"{name}: {'not ' * (name in session.waiting)}confirmed", name) for name in session.recordings]
+        camera = ["" if value is None else f"{value:.10g}" for value in one.camera]
+        first, last = (one.found.first, one.found.first + len(one.found.time) - 1) if one.found else (1, 2)
+        return [
+            gr.Column(visible=bool(names)), gr.Dropdown(names, value=session.film or None, visible=len(names) > 1),
+            *(camera if any(camera) else [gr.skip()] * 3), gr.Column(visible=one.found is not None),
+            gr.Slider(first, last, one.shown), one.exclude, *self._look(session, "", error),
+        ]  # fmt: skip
+
+    def _look(self, session: Session, _: str = "", error: InputError | None = None) -> list[Any]:
+        one = session.current
+        if one.found is None:
+            return [words.film(one, error), gr.skip(), gr.skip(), gr.skip()]
+        out = film.left_out(one)
+        label = "Bring this frame back" if out[one.shown - one.found.first] else "Exclude this frame"
+        return [words.film(one, error), words.frame(one), plots.filmed(one.found, out, one.shown), label]
+
+    def _pick(self, session: Session, name: str) -> list[Any]:
+        session.film = name
+        return self._filmed(session)
+
+    def _measure(self, session: Session, *texts: str, progress: gr.Progress) -> list[Any]:
+        try:
+            film.measure(session, film.typed(session.current, texts)[0], progress)
+        except InputError as error:
+            return self._filmed(session, error)
+        return self._filmed(session)
+
+    def _turn(self, session: Session, number: int) -> list[Any]:
+        session.current.shown = number
+        return self._look(session)[1:]
+
+    def _toggle(self, session: Session) -> list[Any]:
+        film.toggle(session.current)
+        return [session.current.exclude, *self._look(session)]
+
+    def _confirm(self, session: Session, *_: str) -> list[Any]:
+        film.confirm(session)
+        session.film = next(iter(session.waiting), session.film)
+        return self._loaded(session)
 
     def _view(self, session: Session, name: str | None, *settings: Any) -> list[Any]:
         session.prepare(_settings(settings))
@@ -267,10 +375,5 @@ def _settings(values: Sequence[Any]) -> PageSettings:
     """From the components, in the order of the fields of PageSettings. Raises InputError: no number."""
     given = dict(zip((field.name for field in fields(PageSettings)), values, strict=True))
     for name in _NUMBERS:
-        text = str(given[name] or "").strip().replace(",", ".")
-        try:
-            given[name] = float(text) if text else None
-        except ValueError:
-            label = name.replace("_", " ")
-            raise InputError(f"{label} must be a number, got {given[name]!r}", "app.not_a_number") from None
+        given[name] = number_of(given[name], name.replace("_", " "))
     return PageSettings(**given | {"window": given["window"] or None})

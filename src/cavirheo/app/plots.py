@@ -18,6 +18,8 @@ from cavirheo.errors import InputError
 from cavirheo.inference.reconstruct import Window
 from cavirheo.physics.media import Medium
 from cavirheo.posterior import Checks
+from cavirheo.video.measurement import Measurement
+from cavirheo.video.picture import COLOURS, GREY
 from cavirheo.writing.style import BLUE, INK, VERMILLION, shades
 
 GREEN, MEASURED, PALE = "#00875f", "#222222", "#b4b4b4"
@@ -46,6 +48,23 @@ def overview(curves: Sequence[RadiusCurve], medium: Medium) -> tuple[go.Figure, 
     for figure in (plain, scaled):
         figure.update_layout(showlegend=False, hovermode="closest")
     return plain, scaled
+
+
+def filmed(found: Measurement, out: Bools, shown: int) -> go.Figure:
+    """Radii of a recording by the flags of their frames, those left out (`out`) as crosses; the shown frame marked."""
+    unit, scale = ("µm", found.um_per_px.value) if found.um_per_px.value else ("px", 1.0)
+    time, radius = 1e6 * found.time, scale * np.nan_to_num(found.track.radius)
+    flags, number = np.where(out, "excluded", found.track.flags), found.first + np.arange(len(time))
+    figure, cross = _figure("time (µs)", f"R ({unit})"), {"size": 8, "symbol": "x-thin-open", "line": {"width": 2}}
+    for flag in dict.fromkeys(flags.tolist()):
+        some = flags == flag
+        marker = {"color": COLOURS.get(flag, GREY), **(cross if flag == "excluded" else {"size": 5})}
+        figure.add_scatter(
+            x=time[some], y=radius[some], customdata=number[some], mode="markers", marker=marker, name=flag,
+            hovertemplate="frame %{customdata}: %{y:.4g} " + unit,
+        )  # fmt: skip
+    figure.add_vline(x=time[shown - found.first], line={"color": MEASURED, "width": 1.5})
+    return figure
 
 
 def prepared(curve: RadiusCurve, seen: Window, step: float, grid: Floats) -> go.Figure:

@@ -11,17 +11,19 @@ from itertools import count
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from threading import Event, Lock, RLock, Timer
-from typing import Any
+from typing import Any, NamedTuple
 
-from cavirheo.app.apart import Reader
 from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError, require
 from cavirheo.inference import check_level
 from cavirheo.inference.model import DEFAULT, shipped
 from cavirheo.physics.media import Medium, medium
 from cavirheo.posterior import Posterior
+from cavirheo.reading.apart import Found, Reader
+from cavirheo.reading.recordings import is_recording
 from cavirheo.reporting.answer import CurveRecord
 from cavirheo.reporting.record import Result
+from cavirheo.video.measurement import Measurement
 
 YOURS = "your files"  # the folder of a visitor, which names the group of single-shot files
 
@@ -36,6 +38,8 @@ class VisitorLimits:
     frames: int = 400_000
     full: int = 100  # shots in one run with full uncertainty
     seconds: float = 20.0  # to read the files
+    film_seconds: float = 120.0  # to measure a recording
+    film_mb: float = 500.0  # of its frames
     visitors: int = 100
     absent: float = 600.0  # s after which one who closed the page is forgotten
 
@@ -88,6 +92,34 @@ class PageSettings:
         return shlex.join(words)
 
 
+class Camera(NamedTuple):
+    """What is said of a recording: frames per s, um per pixel, exposure in us; None: not given."""
+
+    frame_rate: float | None = None
+    um_per_px: float | None = None
+    exposure_us: float | None = None
+
+
+@dataclass(eq=False)
+class Clip:
+    """A recording. `found`: its measurement, as `camera` says; `kept`: that without the frames that are left out;
+    `shown`: number of the frame that is looked at. Once it is confirmed: its `curve`, and the `command` line's options.
+    """
+
+    path: Path
+    camera: Camera = field(default_factory=Camera)
+    found: Measurement | None = None
+    kept: Measurement | None = None
+    shown: int = 1
+    curve: RadiusCurve | None = None
+    command: str = ""
+
+    @property
+    def exclude(self) -> str:
+        """The frames that are left out: "12, 40-45"."""
+        return str(self.kept.options.get("exclude", "")) if self.kept else ""
+
+
 @dataclass(frozen=True, eq=False)
 class Answers:
     """What one run has answered."""
@@ -101,8 +133,11 @@ class Answers:
 class Session:
     """One visitor. The files lie in a folder that goes with the session."""
 
-    def __init__(self, limits: VisitorLimits, reader: Reader) -> None:
+    def __init__(self, limits: VisitorLimits, reader: Reader, measurer: Reader | None = None) -> None:
         self.limits, self.reader, self.settings = limits, reader, PageSettings()
+        self.measurer = measurer or reader  # its own, so that nobody's table waits for a film
+        self.films: dict[str, Clip] = {}  # recordings by the names of their files
+        self.film = ""  # the name of that which is looked at
         self.files: list[Path] = []
         self.curves: list[RadiusCurve] = []  # of all files, as the settings have them read
         self.problems: list[str] = []  # files that could not be read
@@ -116,39 +151,75 @@ class Session:
         (self.folder / YOURS).mkdir()
 
     def add(self, files: Sequence[Path], settings: PageSettings, *, copy: bool = False) -> None:
-        """Take the files over (or copy them) and read them; those that cannot be read are not kept.
+        """Take the files over (or copy them) and read them; unreadable ones are not kept, recordings wait in `films`.
 
         Raises:
             InputError: too many files, curves or frames, or a setting out of its domain.
         """
-        limits, number = self.limits, len(self.files) + len(files)
-        many = f"{number} files; at most {limits.files} are read at once"
+        number = len({*self.files, *(film.path for film in self.films.values())}) + len(files)
+        many = f"{number} files; at most {self.limits.files} are read at once"
         mend = "start over with fewer, or put the shots of one material into one file"
-        require(number <= limits.files, f"{many}: {mend}", "app.too_many_files")
-        mine, read = [], set()
+        require(number <= self.limits.files, f"{many}: {mend}", "app.too_many_files")
+        mine, kept = list[Path](), set[Path]()
         for path in files:
             mine.append(self._free(path.name))
             (shutil.copyfile if copy else shutil.move)(path, mine[-1])
+        films = {path.name: Clip(path) for path in mine if is_recording(path)}
         try:
-            curves, problems = self.reader.read([*self.files, *mine], **settings.reading)
-            frames = sum(len(curve.time) for curve in curves)
-            many = f"{len(curves)} shots with {frames} frames in all; at most {limits.curves} and {limits.frames}"
-            mend = "load fewer, or use the command line (cavirheo infer)"
-            fine = len(curves) <= limits.curves and frames <= limits.frames
-            require(fine, f"{many} at once: {mend}", "app.too_many_frames")
-            read = {curve.source for curve in curves}
+            tables = [path for path in mine if path.name not in films]
+            if tables or not films:
+                self.take([*self.files, *tables], settings)
+            kept = {*self.files, *(film.path for film in films.values())}
         finally:
             for path in mine:
-                if path.name not in read:
+                if path not in kept:
                     path.unlink()
-        self.files += [path for path in mine if path.name in read]
+        self.films |= films
+        if self.film not in self.recordings:
+            self.film = next(iter(self.recordings), "")
+
+    @property
+    def recordings(self) -> list[str]:
+        """Names of the films that can be measured; the header of a .mraw beside it is none."""
+        return [name for name in self.films if f"{name.removesuffix('.cihx')}.mraw" not in self.films]
+
+    @property
+    def current(self) -> Clip:
+        """The film that is looked at; an empty one if there is none."""
+        return self.films.get(self.film) or Clip(Path())
+
+    @property
+    def waiting(self) -> list[str]:
+        """Those that are not confirmed."""
+        return [name for name in self.recordings if self.films[name].curve is None]
+
+    def take(self, files: Sequence[Path], settings: PageSettings) -> None:
+        """Read these instead of what was read; those that cannot be read are left out. Raises InputError: too much."""
+        curves, problems = self._read(files, settings)
+        limits, frames = self.limits, sum(len(curve.time) for curve in curves)
+        many = f"{len(curves)} shots with {frames} frames in all; at most {limits.curves} and {limits.frames}"
+        mend = "load fewer, or use the command line (cavirheo infer)"
+        fine = len(curves) <= limits.curves and frames <= limits.frames
+        require(fine, f"{many} at once: {mend}", "app.too_many_frames")
+        read = {curve.source for curve in curves}
+        self.files = [path for path in files if path.name in read or path in self.files]
         self.problems += [problem for problem in problems if problem not in self.problems]
         self.settings, self.curves, self.answers = settings, curves, None
+
+    def _read(self, files: Sequence[Path], settings: PageSettings) -> Found:
+        confirmed = {film.path: film.curve for film in self.films.values()}
+        return self.reader.read([confirmed.get(path) or path for path in files], **settings.reading)
+
+    def command(self) -> str:
+        """The command line that means the same; of several files the recordings have their options after it."""
+        films = [film for film in self.films.values() if film.path in self.files]
+        said = [film.command if len(self.files) == 1 else f" ({film.path.name}:{film.command})" for film in films]
+        return self.settings.command(self.files) + "".join(said)
 
     def prepare(self, settings: PageSettings) -> None:
         """Read the files again if these settings change what they mean. Raises InputError."""
         if self.files and settings.reading != self.settings.reading:
-            self.curves, _ = self.reader.read(self.files, **settings.reading)
+            self.curves, _ = self._read(self.files, settings)
         if settings != self.settings:
             self.settings, self.answers = settings, None
 
@@ -162,9 +233,9 @@ class Session:
 
     def clear(self) -> None:
         """As if just come."""
-        for path in self.files:
+        for path in {*self.files, *(film.path for film in self.films.values())}:
             path.unlink(missing_ok=True)
-        self.files, self.curves, self.problems, self.answers = [], [], [], None
+        self.files, self.curves, self.problems, self.answers, self.films, self.film = [], [], [], None, {}, ""
 
     def close(self) -> None:
         self.stopped.set()
@@ -183,6 +254,7 @@ class Visitors:
 
     def __init__(self, limits: VisitorLimits) -> None:
         self.limits, self.reader = limits, Reader(limits.seconds)
+        self.measurer = Reader(limits.film_seconds, at_once=False)
         self._lock = RLock()
         self._sessions: dict[str, Session] = {}  # in the order of use
 
@@ -190,7 +262,7 @@ class Visitors:
         """The session of this name, new if there is none; the one unused for longest makes room. Raises InputError."""
         require(bool(name), "no session: reload the page")
         with self._lock:
-            session = self._sessions.pop(name, None) or Session(self.limits, self.reader)
+            session = self._sessions.pop(name, None) or Session(self.limits, self.reader, self.measurer)
             self._sessions[name] = session
             session.calls += 1
             while len(self._sessions) > self.limits.visitors:
@@ -216,3 +288,4 @@ class Visitors:
             while self._sessions:
                 self._sessions.popitem()[1].close()
         self.reader.close()
+        self.measurer.close()

@@ -22,6 +22,7 @@ from cavirheo.inference.verify import verify_many
 from cavirheo.physics.materials import MATERIALS
 from cavirheo.posterior import Checks, Posterior
 from cavirheo.problem import natural_values
+from cavirheo.reading.apart import Report
 from cavirheo.reporting import result
 
 SLIDERS = {  # label, factor from SI
@@ -31,12 +32,11 @@ SLIDERS = {  # label, factor from SI
 }
 _CHANGED = "files or settings were changed while it ran: its answers are dropped; run it again"
 
-Report = Callable[[float, str], Any]
-
 
 def examples() -> dict[str, Path]:
     """The shipped measurements by their names."""
-    return {path.name: path for path in sorted((Path(__file__).parent / "examples").glob("*gel.*"))}
+    folder = Path(__file__).parent / "examples"
+    return {path.name: path for kind in ("*gel.*", "*.mp4") for path in sorted(folder.glob(kind))}
 
 
 def seen(curve: RadiusCurve, settings: PageSettings) -> tuple[Window, float, Floats]:
@@ -58,7 +58,7 @@ def infer(session: Session, names: Sequence[str], progress: Report) -> Answers:
             other files or settings than when it began.
     """
     with session.lock:
-        settings, curves, command = session.settings, session.curves, session.settings.command(session.files)
+        settings, curves, command = session.settings, session.curves, session.command()
     chosen = [curve for curve in curves if curve.name in names]
     require(bool(chosen), "no shots: load a file in step 1, and choose shots in step 2", "app.no_shots")
     many = f"full uncertainty for {len(chosen)} shots; at most {session.limits.full} at once"

@@ -10,12 +10,15 @@ from typing import Any
 import numpy as np
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
 
-from cavirheo.app.session import Answers, Session
+from cavirheo.app import film as film_step
+from cavirheo.app.session import Answers, Clip, Session
 from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError
 from cavirheo.inference.model import card, shipped
 from cavirheo.reporting import html
 from cavirheo.reporting.answer import curve_record
+from cavirheo.video.picture import COLOURS, GREY, frame_address
+from cavirheo.video.track import FLAGS
 from cavirheo.writing import digits
 from cavirheo.writing.terminal import once
 
@@ -42,7 +45,8 @@ def style() -> str:
 
 def told(error: Exception) -> str:
     """The message, with the field of the page instead of the option of the command line."""
-    return str(error).replace("--rmax-um", "R_max in step 2")
+    said = str(error).replace("--rmax-um", "R_max in step 2").replace("--roi", "cavirheo measure --roi")
+    return said.replace("; give --um-per-px", ": type it")
 
 
 def models() -> list[tuple[str, str]]:
@@ -51,10 +55,32 @@ def models() -> list[tuple[str, str]]:
     return [(f"{digits.MATERIALS.get(law, law).partition(' (')[0]} · {name}", name) for name, law in laws.items()]
 
 
-def found(curves: Sequence[RadiusCurve], problems: Sequence[str]) -> str:
+def found(curves: Sequence[RadiusCurve], problems: Sequence[str], waiting: Sequence[str] = ()) -> str:
     """What was found in the files: a row per shot, the warnings in full, and the files that could not be read."""
     rows = [(curve.name, digits.elide(curve.name, 36), _cells(curve)) for curve in curves]
-    return part("found", problems, rows, _warnings(curves), _notes(curves))
+    return part("found", problems, rows, _warnings(curves), _notes(curves), waiting)
+
+
+def film(one: Clip, error: InputError | None = None) -> str:
+    """What to do with a recording, or why it cannot be measured; what is doubtful and what was found."""
+    if error or one.found is None:
+        return part("film", told(error) if error else "", (), {}, {}, "")
+    curve = film_step.curve(one)
+    doubts = once((one.path.name, told(InputError(doubt))) for doubt in curve.doubts)
+    state = "" if one.curve is None else "confirmed" if one.command == film_step.options(one) else "changed"
+    return part("film", "", _cells(curve), _warnings([curve]) | doubts, _notes([curve]), state)
+
+
+def frame(one: Clip) -> str:
+    """The shown frame of a recording with its circle, what it is, and how many there are of each kind."""
+    found, out = film_step.measured(one), film_step.left_out(one)
+    track, i, scale = found.track, one.shown - found.first, found.um_per_px.value
+    size = [f"{float(x[i]) * (scale or 1.0):.{n}g}" for x, n in ((track.radius, 4), (track.sigma, 1))]
+    seen = f"R = {size[0]} ± {size[1]} {'µm' if scale else 'px'}" if np.isfinite(track.radius[i]) else ""
+    where = f"Frame {one.shown} of {found.first + len(out) - 1}, {1e6 * found.time[i]:.4g} µs"
+    flag = str(track.flags[i])
+    look = flag, COLOURS.get(flag, GREY), FLAGS[flag], bool(out[i])
+    return part("frame", frame_address(found, i, 560), where, seen, *look)
 
 
 def _cells(curve: RadiusCurve) -> tuple[str, ...]:

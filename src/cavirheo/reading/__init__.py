@@ -5,6 +5,7 @@ The content of a file decides, not its ending.
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import replace
 from pathlib import Path
 
@@ -36,13 +37,14 @@ def read_curves(
     shots: Chosen = None,
     um_per_px: float | None = None,
     exposure: float | None = None,
+    exclude: str | Iterable[int] | None = None,
 ) -> list[RadiusCurve]:
     """Every radius history of a file, in its order; times in s, radii in m.
 
     `density` (kg/m3) and `pressure` (Pa) turn dimensionless times into seconds, t = t* R_max sqrt(rho/p); files with
     times in seconds do not depend on them. `frame_rate_hz` makes times of the frame numbers of a table that has no
-    times, and of a recording; that is measured (`cavirheo.measure`) with `um_per_px` and `exposure` (s). `shots`: only
-    these, "1,4-7" or [1, 4, 5, 6, 7], from 1 in the order of the file.
+    times, and of a recording; that is measured (`cavirheo.measure`) with `um_per_px` and `exposure` (s), without the
+    frames `exclude`. `shots`: only these, "1,4-7" or [1, 4, 5, 6, 7], from 1 in the order of the file.
 
     A curve that cannot be used (empty cell, three samples, all NaN) is returned with its reason; its `max_radius`
     raises it. What was recognised, converted or left out stands in each curve's `notes`, what makes the
@@ -56,8 +58,10 @@ def read_curves(
     if is_recording(path):
         from cavirheo.reading.recordings import examine
 
-        options = {"frame_rate": frame_rate_hz, "um_per_px": um_per_px, "exposure": exposure}
-        return [_noted(curve) for curve in selected([examine(path, sheet=True, **options)[1]], shots)]
+        options = {"frame_rate": frame_rate_hz, "um_per_px": um_per_px, "exposure": exposure, "exclude": exclude}
+        return [noted(curve) for curve in selected([examine(path, sheet=True, **options)[1]], shots)]
+    told = f"{shown(path)}: frames are excluded of recordings; of a table empty their radius"
+    require(exclude is None, told, "reading.exclude")
     with guarded(path, _EXPECTED):
         with path.open("rb") as file:
             head = file.read(1024)
@@ -69,7 +73,7 @@ def read_curves(
             name = path.stem if len(found) == 1 else f"{path.stem}[{curve.meta.get('label', k + 1)}]"
             origin = {"name": name, "group": path.stem, "source": shown(path), "source_sha256": digest}
             found[k] = replace(curve, meta={**curve.meta, **origin})
-        return [_noted(curve) for curve in selected(found, shots)]
+        return [noted(curve) for curve in selected(found, shots)]
 
 
 def _read(head: bytes, path: Path, density: float, pressure: float, frame_rate: float | None) -> list[RadiusCurve]:
@@ -87,7 +91,7 @@ def _read(head: bytes, path: Path, density: float, pressure: float, frame_rate: 
     return table.read(path, density, pressure, frame_rate)
 
 
-def _noted(curve: RadiusCurve) -> RadiusCurve:
+def noted(curve: RadiusCurve) -> RadiusCurve:
     """The curve with the notes that need its maximum."""
     try:
         start, spikes = curve.time_of_max, curve.spikes()

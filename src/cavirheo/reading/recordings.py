@@ -12,7 +12,7 @@ from cavirheo.video.frames import is_recording
 from cavirheo.video.measurement import Measurement
 from cavirheo.video.measurement import measure as measure_frames
 
-__all__ = ["examine", "is_recording", "measure"]
+__all__ = ["examine", "history", "is_recording", "measure"]
 
 
 def measure(path: str | Path, **options: Any) -> RadiusCurve:
@@ -20,7 +20,7 @@ def measure(path: str | Path, **options: Any) -> RadiusCurve:
 
     Options: `frame_rate` (1/s; needed where no camera says it), `um_per_px` (without it the curve has no scale), and
     `exposure` (s), `polarity` ("auto", "dark", "bright"), `roi` (x, y, width, height in px), `reference_frame`, `span`
-    (first, last frame), counted from 1.
+    (first, last frame), `exclude` (frames to leave out, "12,40-45" or a list), counted from 1.
 
     Frames that cannot be measured are NaN; `curve.meta["flags"]` says of each frame why.
 
@@ -35,10 +35,15 @@ def examine(path: str | Path, *, sheet: bool = False, **options: Any) -> tuple[M
     path = as_path(path)
     with guarded(path, "expected a recording of a bubble", folder=True):
         found = measure_frames(path, **options)
-        digest = None if path.is_dir() else sha256(path)
-        origin = {"name": path.stem, "group": path.stem, "source": shown(path), "source_sha256": digest}
-        if sheet:
-            from cavirheo.video.picture import sheet_address
+        return found, history(found, path, sheet=sheet)
 
-            origin["contact_sheet"] = sheet_address(found)
-        return found, found.curve(**origin)
+
+def history(found: Measurement, path: Path, *, sheet: bool = False) -> RadiusCurve:
+    """The curve of a measurement, with what the file says of it. Raises InputError."""
+    digest = None if path.is_dir() else sha256(path)
+    origin = {"name": path.stem, "group": path.stem, "source": shown(path), "source_sha256": digest}
+    if sheet:
+        from cavirheo.video.picture import sheet_address
+
+        origin["contact_sheet"] = sheet_address(found)
+    return found.curve(**origin)

@@ -26,9 +26,9 @@ class Recordings(NamedTuple):
 
 
 def read_shots(
-    files: Sequence[str | Path], *, max_radius: float | None = None, group: str = "auto", **reading: Any
+    files: Sequence[str | Path | RadiusCurve], *, max_radius: float | None = None, group: str = "auto", **reading: Any
 ) -> Recordings:
-    """All curves of all files; `reading` are the options of `read_curves`.
+    """All curves of all files; `reading` are the options of `read_curves`. A curve stands for a file that was read.
 
     A recording that is given again (the same samples, in whichever file) is left out with a remark. Names that several
     curves share get their folders before them.
@@ -50,7 +50,7 @@ def read_shots(
     problems: list[str] = []
     for path in files:
         try:
-            found += read_curves(path, **reading)
+            found += [path] if isinstance(path, RadiusCurve) else read_curves(path, **reading)
         except InputError as error:
             problems.append(str(error))
     curves, remarks = _once(found)

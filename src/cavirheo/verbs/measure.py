@@ -30,6 +30,7 @@ def measure(
     roi: Annotated[_Numbers, Option(help="the part that is looked at, px", metavar="X,Y,W,H")] = None,
     reference_frame: Annotated[int | None, Option(help="number of a frame without the bubble, from 1")] = None,
     frames: Annotated[_Numbers, Option(help="first and last frame that are looked at", metavar="A:B")] = None,
+    exclude: options.Exclude = None,
     overlay: Annotated[bool, Option("--overlay", help="overlay.mp4, too: the recording with its circles")] = False,
     out: options.Out = Path("cavirheo-measure"),
     run: Run = options.FROM_OPTIONS,
@@ -43,7 +44,7 @@ def measure(
 
     settings: dict[str, Any] = {"frame_rate": fps, "um_per_px": um_per_px, "polarity": polarity}
     settings |= {"exposure": None if exposure_us is None else exposure_us * 1e-6, "reference_frame": reference_frame}
-    settings |= {"roi": _numbers("--roi", roi, 4), "span": _numbers("--frames", frames, 2)}
+    settings |= {"exclude": exclude, "roi": _numbers("--roi", roi, 4), "span": _numbers("--frames", frames, 2)}
     (path,) = (Path(video),) if video.is_dir() else run.files([video])
     names = ["measure.json", "measured.csv", "contact.png", *(["overlay.mp4"] if overlay else [])]
     outputs = Outputs(out, *names, inputs=[path])

@@ -42,6 +42,7 @@ Pictures = Annotated[bool, Option("--pictures/--no-pictures", help="draw the cur
 Quiet = Annotated[bool, Option("--quiet", help="no table and no progress: errors alone")]
 _TRUST = "I have checked scale, frame rate and constants: doubts are said, the verdict stays"
 TrustInput = Annotated[bool, Option("--trust-input", help=_TRUST)]
+Exclude = Annotated[str | None, Option(help="frames of a recording to leave out, '12,40-45': from 1")]
 UmPerPx = Annotated[float | None, Option(help="micrometres per pixel of a recording")]
 _BLUR = "of a frame, us, centred on its time: --verify blurs the simulation as the camera"
 _GROUP = "shots of one material: file, folder, none, or auto: a file, or a folder of single-shot files"
@@ -74,6 +75,7 @@ _KINDS: dict[str, dict[str, tuple[Any, Any]]] = {  # argument: its options, each
             None,
         ),
         "um_per_px": (UmPerPx, None),
+        "exclude": (Exclude, None),
         "exposure_us": (Annotated[_Number, Option(help=_BLUR)], None),
         "group": (Group, "auto"),
         "trust_input": (TrustInput, False),

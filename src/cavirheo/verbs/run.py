@@ -34,6 +34,7 @@ class Reading:
     frame_rate_hz: float | None = None
     exposure_us: float | None = None
     um_per_px: float | None = None
+    exclude: str | None = None
     group: str = "auto"
     trust_input: bool = False
 
@@ -54,9 +55,11 @@ class Reading:
         """`read_shots` with these settings."""
         from cavirheo.reading.shots import read_shots
 
+        told = f"--exclude is of one recording, {len(files)} files were given: `cavirheo measure` each with its own"
+        require(self.exclude is None or len(files) == 1, told, "option.exclude")
         scale = None if self.rmax_um is None else self.rmax_um * 1e-6
         about: dict[str, Any] = {"density": medium.density, "pressure": medium.pressure, "shots": self.shots}
-        about["frame_rate_hz"] = self.frame_rate_hz
+        about |= {"frame_rate_hz": self.frame_rate_hz, "exclude": self.exclude}
         about |= {"um_per_px": self.um_per_px, "exposure": self.exposure_us and self.exposure_us * 1e-6}
         found = read_shots(files, max_radius=scale, group=self.group, **about)
         if self.exposure_us is None:

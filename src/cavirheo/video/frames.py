@@ -32,6 +32,7 @@ LARGEST = 2_500_000_000  # bytes of all frames in memory
 _HEADER = 50_000_000  # bytes of a camera's header
 _STEADY = 0.1  # of a frame: stamps that are so close to even ones are even
 _COLOURED = 12  # levels of 255 between the channels of a grey picture after compression
+_IN_COLOUR = "a colour recording: its brightness is measured"
 _FFMPEG = {  # no playlist, that would open other files
     "format_whitelist": "mov,mp4,m4a,3gp,3g2,mj2,matroska,webm,avi,gif,cine", "protocol_whitelist": "file",
 }  # fmt: skip
@@ -127,7 +128,7 @@ def _movie(path: Path) -> Footage:
             stated = stream.frames or 0.98 * lasts - 1.0
             for frame in container.decode(stream):
                 if not damaged and _coloured(frame.to_ndarray(format="rgb24")):
-                    notes.append("a colour recording: its brightness is measured")
+                    notes.append(_IN_COLOUR)
                 frames.add(frame.to_ndarray(format="gray16le" if deep else "gray"))
                 damaged.append(bool(frame.is_corrupt))
     except av.error.FFmpegError as error:
@@ -188,6 +189,7 @@ def _stack(path: Path) -> Footage:
         _fits(pages * float(np.prod(first.shape)) * first.dtype.itemsize)  # type: ignore[union-attr]
         about = file.imagej_metadata or {}
         scale, notes = _tiff_scale(first, about)
+        notes += (_IN_COLOUR,) if getattr(first, "samplesperpixel", 1) > 2 else ()
         try:
             images = file.asarray() if about.get("images", 1) > pages else _each(file.pages)
         except (ValueError, ImportError):  # a compression that needs another library

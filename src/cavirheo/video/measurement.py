@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 from math import isfinite
 from pathlib import Path
@@ -13,11 +13,12 @@ import numpy as np
 
 from cavirheo.arrays import Floats
 from cavirheo.curve import RadiusCurve
-from cavirheo.errors import require
+from cavirheo.errors import numbered, require
 from cavirheo.video import frames
 from cavirheo.video.frames import Footage
 from cavirheo.video.stage import Stage, set_stage
 from cavirheo.video.track import FLAGS, USED, Track, follow
+from cavirheo.writing import digits
 
 _PIXEL = 1e-6  # m, that stands in for a pixel until there is a scale
 _DIFFERS = 0.01  # of the rate or the exposure: the camera and the user mean different ones
@@ -49,7 +50,7 @@ class Measurement:
     um_per_px: Stated
     exposure: Stated
     options: dict[str, Any]
-    notes: tuple[str, ...]
+    told: tuple[str, ...]  # by the recording
     doubts: tuple[str, ...]
     first: int = 1
     corner: tuple[int, int] = (0, 0)
@@ -59,6 +60,24 @@ class Measurement:
         """Frames by flag, in the order of `FLAGS`."""
         found = Counter(self.track.flags.tolist())
         return {flag: found[flag] for flag in FLAGS if found[flag]}
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """What the recording tells, and what became of its frames."""
+        return (*self.told, *_counted(self))
+
+    def without(self, frames: str | Iterable[int]) -> Measurement:
+        """The same with these frames left out: "12,40-45" or numbers, from 1 in the recording. The others stay as they
+        are. Raises InputError: there are no such frames, or no measured one is left."""
+        last = self.first + len(self.time) - 1
+        listed = numbered(frames, "frames to exclude", "video.exclude", self.first, last)
+        left = np.isin(np.arange(self.first, last + 1), listed)
+        arrays = {name: one for name, one in vars(self.track).items() if isinstance(one, np.ndarray)}
+        kept: dict[str, Any] = {name: np.where(left, np.nan, one) for name, one in arrays.items() if name != "flags"}
+        track = replace(self.track, **kept, flags=np.where(left, "excluded", self.track.flags))
+        require(bool(np.isfinite(track.radius).any()), "all measured frames are excluded", "video.exclude")
+        listed = (np.flatnonzero(track.flags == "excluded") + self.first).tolist()
+        return replace(self, track=track, options={**self.options, "exclude": digits.ranges(listed)})
 
     def curve(self, **meta: Any) -> RadiusCurve:
         """The history; frames that are not used are NaN. Its meta has `flags` (n,). Raises InputError."""
@@ -85,6 +104,7 @@ def measure(
     roi: tuple[int, int, int, int] | None = None,
     reference_frame: int | None = None,
     span: tuple[int, int] | None = None,
+    exclude: str | Iterable[int] | None = None,
     begin: Callable[[int], Callable[[], None]] = lambda count: lambda: None,
 ) -> Measurement:
     """Measure a recording.
@@ -95,6 +115,7 @@ def measure(
         polarity: whether the bubble is "dark" or "bright"; "auto" finds it.
         roi: (x, y, width, height) px: the part that is looked at.
         reference_frame: number of a frame without the bubble, from 1; span: (first, last) frame that is looked at.
+        exclude: frames that are left out after that, as `Measurement.without`.
         begin: told the number of frames, it gives what is called after each.
 
     Raises InputError, and what libraries raise of damaged files.
@@ -131,11 +152,11 @@ def measure(
         "reference_frame": reference_frame and reference_frame + first - 1,
         "frames_without_bubble": stage.empty,
     }  # fmt: skip
-    found = Measurement(
+    made = Measurement(
         track, seen, time[first - 1 : last], rate, scale, shutter, options, whole.notes,
         (*whole.doubts, *doubts, *more, *again, *_doubts(track, stage)), first, corner,
     )  # fmt: skip
-    return replace(found, notes=(*found.notes, *_counted(found)))
+    return made if exclude is None else made.without(exclude)
 
 
 def _camera_rate(recording: Footage) -> tuple[float | None, str]:
@@ -177,7 +198,9 @@ def _counted(found: Measurement) -> list[str]:
     track, counts = found.track, found.counts
     used = sum(counts.get(flag, 0) for flag in USED)
     said = [f"{used} of {len(track.flags)} frames measured"]
-    said += [f"{n} {flag} ({FLAGS[flag]})" for flag, n in counts.items() if flag not in ("ok", "before")]
+    said += [f"{n} {flag} ({FLAGS[flag]})" for flag, n in counts.items() if flag not in ("ok", "before", "excluded")]
+    if listed := found.options.get("exclude"):
+        said.append(f"excluded by hand: frames {listed}")
     top = int(np.nanargmax(track.radius))
     if track.arc[top] < 0.9:
         said.append(f"at R_max {100 * track.arc[top]:.0f} % of the outline is within the frame")

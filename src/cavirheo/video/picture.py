@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 from base64 import b64encode
 from collections.abc import Iterator
+from math import floor
 from pathlib import Path
 
 import numpy as np
@@ -12,16 +13,16 @@ from PIL import Image, ImageDraw
 
 from cavirheo.video.film import write_movie
 from cavirheo.video.measurement import Measurement
-from cavirheo.video.track import USED
 
 COLOURS = {  # Okabe and Ito's; what is not named is grey
     "ok": "#56b4e9", "small": "#009e73", "arc": "#f0e442", "reversal": "#d55e00", "spike": "#cc79a7",
     "poor": "#e69f00", "faint": "#e69f00", "elsewhere": "#e69f00", "lost": "#e69f00",
 }  # fmt: skip
-_GREY = "#999999"
+GREY = "#999999"
 _SHEET = 1600  # px across
 _CELL = (190, 150)  # px of a frame in it, at most
 _MOST = 400  # frames in it
+_LARGEST = 4.0  # times, that a single frame is enlarged
 _FILM = 640  # px across, at least
 
 
@@ -41,7 +42,7 @@ def contact_sheet(found: Measurement) -> Image.Image:
 
 def save_sheet(path: Path, sheet: Image.Image) -> None:
     """In greys and the colours of the flags alone."""
-    flags = [int(colour[k : k + 2], 16) for colour in {*COLOURS.values(), _GREY} for k in (1, 3, 5)]
+    flags = [int(colour[k : k + 2], 16) for colour in {*COLOURS.values(), GREY} for k in (1, 3, 5)]
     palette = Image.new("P", (1, 1))
     palette.putpalette([level for grey in range(0, 256, 2) for level in (grey, grey, grey)] + flags)
     sheet.quantize(palette=palette, dither=Image.Dither.NONE).save(path, "png", optimize=True)
@@ -49,8 +50,18 @@ def save_sheet(path: Path, sheet: Image.Image) -> None:
 
 def sheet_address(found: Measurement) -> str:
     """The sheet itself, as an address that a page can show."""
+    return _address(contact_sheet(found), 60)
+
+
+def frame_address(found: Measurement, i: int, across: int) -> str:
+    """Frame i with its circle, about so many px across, as such an address."""
+    scale = min(across / found.recording.frames.shape[2], _LARGEST)
+    return _address(frame_picture(found, i, scale, shown_levels(found)), 80)
+
+
+def _address(picture: Image.Image, quality: int) -> str:
     file = io.BytesIO()
-    contact_sheet(found).save(file, "jpeg", quality=60)
+    picture.save(file, "jpeg", quality=quality)
     return f"data:image/jpeg;base64,{b64encode(file.getvalue()).decode()}"
 
 
@@ -62,25 +73,37 @@ def write_overlay(path: Path, found: Measurement) -> None:
 
 
 def _pictures(found: Measurement, scale: float, chosen: np.ndarray) -> Iterator[Image.Image]:
-    track, images = found.track, found.recording.frames
-    normal = images[np.isin(track.flags, ("flash", "dark"), invert=True)][:: max(len(images) // 40, 1), ::3, ::3]
-    low, high = np.percentile(normal if normal.size else images, (0.5, 99.5))
+    levels = shown_levels(found)
     for i in chosen:
-        grey = np.clip((images[i].astype(np.float32) - low) * (235.0 / max(high - low, 1.0)), 0, 255).astype(np.uint8)
-        size = int(grey.shape[1] * scale), int(grey.shape[0] * scale)
-        frame = Image.new("RGB", (size[0], size[1] + 13), "#222222")
-        frame.paste(Image.fromarray(grey).resize(size, Image.Resampling.BILINEAR), (0, 13))
-        flag, colour = str(track.flags[i]), COLOURS.get(str(track.flags[i]), _GREY)
-        draw = ImageDraw.Draw(frame)
-        radius = track.radius[i] if flag in USED else np.nan
+        picture = frame_picture(found, int(i), scale, levels)
+        flag, radius = str(found.track.flags[i]), found.track.radius[i]
         words = f"{found.first + i} {flag}" + (f" {radius:.1f}" if np.isfinite(radius) else "")
-        draw.text((2, 0), words, fill=colour)
-        if np.isfinite(radius):
-            x, y = scale * (track.x[i] + 0.5), 13 + scale * (track.y[i] + 0.5)
-            r = scale * radius
-            draw.ellipse((x - r, y - r, x + r, y + r), outline=colour, width=max(round(scale), 1))
-            draw.rectangle((0, 0, size[0], 12), fill="#222222")
-            draw.text((2, 0), words, fill=colour)
-        elif flag not in USED:
-            draw.rectangle((0, 13, size[0] - 1, size[1] + 12), outline=colour)
-        yield frame
+        labelled = Image.new("RGB", (picture.width, picture.height + 13), "#222222")
+        labelled.paste(picture, (0, 13))
+        ImageDraw.Draw(labelled).text((2, 0), words, fill=COLOURS.get(flag, GREY))
+        yield labelled
+
+
+def shown_levels(found: Measurement) -> tuple[float, float]:
+    """The pixel values that are shown as black and nearly white."""
+    images = found.recording.frames
+    usual = np.flatnonzero(np.isin(found.track.flags, ("flash", "dark"), invert=True))
+    some = images[usual[:: max(len(images) // 40, 1)], ::3, ::3] if len(usual) else images
+    low, high = np.percentile(some, (0.5, 99.5))
+    return float(low), max(float(high), float(low) + 1.0)
+
+
+def frame_picture(found: Measurement, i: int, scale: float, levels: tuple[float, float]) -> Image.Image:
+    """Frame i with its circle, in the colour of its flag; with a border of it where there is no radius."""
+    image, (low, high) = found.recording.frames[i].astype(np.float32), levels
+    grey = Image.fromarray(np.clip((image - low) * (235.0 / (high - low)), 0, 255).astype(np.uint8))
+    size = int(grey.width * scale), int(grey.height * scale)
+    picture = grey.resize(size, Image.Resampling.BILINEAR).convert("RGB")
+    draw, colour = ImageDraw.Draw(picture), COLOURS.get(str(found.track.flags[i]), GREY)
+    x, y, r = (scale * float(one[i]) for one in (found.track.x + 0.5, found.track.y + 0.5, found.track.radius))
+    if np.isfinite(r):
+        box = [floor(end) for end in (x - r, y - r, x + r, y + r)]
+        draw.ellipse(box, outline=colour, width=max(round(scale), 1))
+    else:
+        draw.rectangle((0, 0, size[0] - 1, size[1] - 1), outline=colour)
+    return picture

@@ -29,6 +29,7 @@ FLAGS = {  # of a frame: what it means
     "flash": "overexposed",
     "dark": "hardly any light",
     "before": "before the bubble",
+    "excluded": "left out by hand",
 }
 USED = ("ok", "small", "arc", "reversal")  # frames whose radius counts
 

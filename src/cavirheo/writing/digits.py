@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 from math import ceil, floor, isfinite, log10
 from typing import TYPE_CHECKING
 
@@ -97,6 +98,13 @@ def significant(value: float, count: int = 3) -> str:
 def counted(count: int, what: str) -> str:
     """'1 shot', '2 shots'."""
     return f"{count} {what}" + ("" if count == 1 else "s")
+
+
+def ranges(numbers: Sequence[int]) -> str:
+    """Sorted whole numbers in short: "12, 40-45"."""
+    ends = [k for k, n in enumerate(numbers) if k == 0 or n > numbers[k - 1] + 1] + [len(numbers)]
+    runs = [(numbers[low], numbers[high - 1]) for low, high in pairwise(ends)]
+    return ", ".join(str(low) if low == high else f"{low}-{high}" for low, high in runs)
 
 
 def percent(value: float | None) -> str:
