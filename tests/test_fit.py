@@ -291,6 +291,7 @@ def test_starts_fill_the_box():
         ({"weights": "heavy"}, "option.weights"),
         ({"t0_bound": 0.0}, "option.t0_bound"),
         ({"scale_bound": 0.5}, "option.scale_bound"),
+        ({"draws": False, "contents": "auto"}, "option.draws"),
     ],
 )
 def test_bad_options_are_named(options, code):

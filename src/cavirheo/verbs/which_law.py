@@ -58,12 +58,13 @@ def which_law(
     curves = run.read(files, liquid, reading)
     shared: dict[str, Any] = {"medium": liquid, "stretch": known, "seed": seed}
     weighing = {"discrepancy": not exact_law, "draws": TUNING.law_draws, **shared}
+    climbing = {**weighing, "level": "map", "scanned": TUNING.law_scanned}
     found, steps = {}, {}
     for law, way in chosen.items():
         fitting = {**way, "window": looked_at, "wall_inertia": walls, "trust_input": reading.trust_input, **shared}
-        fitting |= {"windows": False, "others": False}
-        fit, climb = Step(f"fitting {law}", fit_many, fitting), {"level": "map", **weighing}
-        steps[law] = fit, Step(f"climbing {law}", verify_many, climb), Step(f"weighing {law}", verify_many, weighing)
+        fitting |= {"windows": False, "others": False, "draws": False}
+        fit, climb = Step(f"fitting {law}", fit_many, fitting), Step(f"climbing {law}", verify_many, climbing)
+        steps[law] = fit, climb, Step(f"weighing {law}", verify_many, weighing)
         found[law] = kept.answers(curves, *steps[law][:2])
     whole = all(len(answers) == len(curves) for answers in found.values())
     climbed = {law: list(answers.values()) for law, answers in found.items()} if whole else {}

@@ -61,6 +61,7 @@ def fit_many(
     vapour_excess: float | str = 0.0,
     wall_radiation: float | str = 0.0,
     others: bool = True,
+    draws: bool = True,
     joint: bool = False,
     trust_input: bool = False,
     verify: str = "none",
@@ -89,6 +90,7 @@ def fit_many(
         contents: of the bubble, "equilibrium" (the field's model), "kinetic" (vapour condenses at a finite rate), or
             "auto": both, the evidence decides as for materials.
         others: fit the other contents, too; what they and other valleys answer is in `Posterior.others`.
+        draws: without them a point alone, from one round of the search: where a verification can begin.
         accommodation: of kinetic contents, above 0 and at most 10, or "free", from 0.01 to 1.
         damage: "none"; "first-rebound": from there on the law has another modulus and stress-free radius; or "strain":
             both follow the largest contraction so far.
@@ -117,6 +119,8 @@ def fit_many(
     )
     told = "a joint fit is of one law and one model of the contents: leave out joint, or auto"
     require(not joint or "auto" not in (material, contents), told, "option.joint_auto")
+    told = "without draws there is no evidence to choose by: leave out draws=False, or joint and auto"
+    require(draws or not (joint or "auto" in (material, contents)), told, "option.draws")
     asked = CONTENTS if contents == "auto" else (contents,)
 
     def options_of(way: str) -> Options:
@@ -152,7 +156,7 @@ def fit_many(
     def one(curve: RadiusCurve) -> tuple[Posterior, Alone | None]:
         began = time.perf_counter()
         try:
-            alone, rest = _simplest(_fitted(curve, models, medium, inner, seed))
+            alone, rest = _simplest(_fitted(curve, models, medium, inner, seed, draws=draws))
             unasked = [way for way in CONTENTS if way not in asked] if others and alone.evidence else []
             more = [(alone.shot.family, replace(options_of(way), windows=False)) for way in unasked]
             rest += _fitted(curve, more, medium, inner, seed, alone)
@@ -210,6 +214,7 @@ def _fitted(
     workers: int,
     seed: int,
     near: Alone | None = None,
+    draws: bool = True,
 ) -> list[Alone]:
     """The fits of these models; one that fails is left out, unless all do. `near`: a fit of the same law."""
     found: list[Alone] = []
@@ -217,7 +222,7 @@ def _fitted(
         try:
             shot = Experiment(curve, family, medium, options)
             starts = [] if near is None else [shot.from_best(near.shot.best(near.found.x))]
-            found.append(Alone(shot, workers, starts, seed))
+            found.append(Alone(shot, workers, starts, seed, draws))
         except Exception:
             if not found and near is None and number == len(models) - 1:
                 raise

@@ -18,7 +18,7 @@ from cavirheo.inference.options import FREE
 from cavirheo.inference.verify.mode import Mode, Target, climb, modes, ridge, same, valley
 from cavirheo.inference.verify.sampler import Mixture, Sample, sample
 from cavirheo.parameters import LOG10, units
-from cavirheo.posterior import Checks, Diagnostics, Evidence, Posterior, Verdict, WindowAnswer
+from cavirheo.posterior import Checks, Diagnostics, Evidence, OtherAnswer, Posterior, Verdict, WindowAnswer
 
 LIQUIDS = ("newtonian", "power-law")  # laws to try where there may be no shear modulus
 DRAWS = 4096
@@ -29,13 +29,20 @@ AT_BOUND = 1e-3  # of a range: nearer to its end is "at the bound"
 
 class Alone:
     """found: the minimum. laplace: what it is worth. evidence: of the model. valleys: other minima that follow the
-    frames nearly as well, as answers. windows: what other windows answer. `starts`: where minima may be."""
+    frames nearly as well, as answers. windows: what other windows answer. `starts`: where minima may be. Without
+    `draws` only found and valleys, both rough: a verification goes on from there."""
 
-    def __init__(self, shot: Experiment, workers: int, starts: Sequence[Floats] = (), seed: int = 0) -> None:
+    laplace: Laplace | None = None
+    sample: Sample | None = None
+    evidence: Evidence | None = None
+
+    def __init__(
+        self, shot: Experiment, workers: int, starts: Sequence[Floats] = (), seed: int = 0, draws: bool = True
+    ) -> None:
         self.shot, self.fit = shot, LeastSquares([shot], workers)
         end = shot.cut[1]
         shorter = [(n, end) for n in range(1, min(shot.view.collapses, 3) + 1) if (n, end) != shot.cut]
-        search = Search(self.fit, [*shorter, shot.cut], starts)
+        search = Search(self.fit, [*shorter, shot.cut], starts, once=not draws)
         self.search, best = search.counts, search.minima[0].x
         self.windows: dict[str, WindowAnswer] = {}
         for cut, x in search.stages.items() if shot.options.windows else ():
@@ -43,6 +50,11 @@ class Alone:
             lower = min((x, best), key=lambda one: float(np.sum(self.fit.residuals(one, QUICK) ** 2)))
             self.windows[str(cut[0] or "all")] = self._window_answer(lower)
         shot.set_window(*shot.cut)
+        if not draws:
+            self.found = search.minima[0]
+            known = shot.family.name, shot.options.bubble
+            self.valleys = [OtherAnswer(*known, shot.best(one.x), {}, None, None) for one in search.minima[1:]]
+            return
         enough = np.count_nonzero(shot.counted) >= 3
         target = Target(shot, shot.prior(), shot.noise(discrepancy=True), workers) if enough else None
         weighed = self._weighed(target, search.minima) if target else []
@@ -50,12 +62,14 @@ class Alone:
             (one for one in weighed if one[0].cost < AS_NEAR * search.minima[0].cost),
             key=lambda one: one[1].log_evidence, default=None,
         )  # fmt: skip
-        self.evidence = Evidence(chosen[1].log_evidence) if chosen else None
+        if chosen:
+            self.evidence = Evidence(chosen[1].log_evidence)
         others = [mode for _, mode in weighed if chosen and mode is not chosen[1]]
         self.valleys = [valley(target, mode) for mode in others] if target else []
         self.found = self.fit.polish(chosen[0].x if chosen else best)
         self.laplace = laplace(self.fit, self.found.x)
-        self.sample = self._sampled(seed, [minimum.x for minimum in search.minima]) if enough else None
+        if enough:
+            self.sample = self._sampled(seed, [minimum.x for minimum in search.minima])
 
     def _weighed(self, target: Target, minima: Sequence[Minimum]) -> list[tuple[Minimum, Mode]]:
         """The minima, each with the maximum of the posterior beside it; those that share one are one."""
@@ -134,37 +148,30 @@ def at_bound(fit: LeastSquares, x: Floats, k: int) -> dict[str, str]:
 
 
 def posterior(
-    fit: LeastSquares, found: Minimum, worth: Laplace, k: int, alone: Alone, common: Mapping[str, Any], seed: int
+    fit: LeastSquares, found: Minimum, worth: Laplace | None, k: int, alone: Alone, common: Mapping[str, Any], seed: int
 ) -> Posterior:
-    """The answer for shot k at a minimum. The draws of the material are the same for all shots of a joint fit, which
-    has no evidence and no valleys: those of `alone` are of a shot with a material of its own."""
+    """The answer for shot k at a minimum; a point, where it is not known what that is worth. The draws of the material
+    are the same for all shots of a joint fit, which has no evidence and no valleys: those of `alone` are of a shot with
+    a material of its own."""
     shot, columns, joint = fit.shots[k], fit.columns[k], len(fit.shots) > 1
     weighted = None if joint else alone.sample
-    x, covariance = found.x[columns], worth.covariance[np.ix_(columns, columns)]
-    log_weight = weighted.log_weight if weighted else None
+    x, log_weight = found.x[columns], weighted.log_weight if weighted else None
+    covariance = worth.covariance[np.ix_(columns, columns)] if worth else None
     if weighted:
         drawn = shot.prior().to_x(weighted.u)
         covariance = np.cov(drawn.T, aweights=np.exp(weighted.log_weight - np.max(weighted.log_weight)))
-    elif joint and not found.converged:
+    elif worth is None or (joint and not found.converged):
         drawn = x[None]  # no interval about a point that is no minimum
     else:
         drawn = draws(found.x, worth.covariance, fit.bounds, DRAWS, seed, worth.freedom)[:, columns]
     names, theta = shot.answer(drawn)
-    best, sigma = shot.best(x), np.sqrt(np.diag(covariance))
-    bound = at_bound(fit, found.x, k)
-    one_sigma, correlations = {}, {}
-    for i, name in enumerate(shot.names):
-        width = shot.free[name][1] if name in shot.free else 1.0
-        one_sigma[name if name in shot.free else LOG10 + name] = float(sigma[i]) * width
-        for j, other in enumerate(shot.names[:i]):
-            correlations[f"{other}, {name}"] = float(covariance[i, j] / (sigma[i] * sigma[j]))
+    best, bound = shot.best(x), at_bound(fit, found.x, k)
     diagnostics = Diagnostics(
         stretch_source=_stretch_source(shot),
         free={name: best[name] for name in shot.free},
-        one_sigma=one_sigma,
-        correlations=correlations,
+        **_widths(shot, covariance),
         frames=len(shot.measured),
-        frames_per_independent_residual=worth.correlation[k],
+        frames_per_independent_residual=worth.correlation[k] if worth else None,
         at_bound=tuple(bound),
         simulations=shot.runs,
         failed_simulations=shot.failures,
@@ -176,7 +183,7 @@ def posterior(
     provenance = dict(common) | told | {
         "source_sha256": shot.curve.source_sha256, "best": best, "stretch": best["stretch"],
         "windows": windows, "search": alone.search, "draws_seed": seed,
-        "residual_variance_over_assumed": worth.variance[k],
+        "residual_variance_over_assumed": worth.variance[k] if worth else None,
     }  # fmt: skip
     checks = _checks(fit, found, k, bound, drawn, log_weight)
     return Posterior(
@@ -185,6 +192,21 @@ def posterior(
         bubble=shot.options.bubble, evidence=None if joint else alone.evidence,
         others=() if joint else tuple(alone.valleys),
     )  # fmt: skip
+
+
+def _widths(shot: Experiment, covariance: Floats | None) -> dict[str, Any]:
+    """one_sigma and correlations as in Diagnostics, as far as they are known."""
+    if covariance is None:
+        return {}
+    sigma = np.sqrt(np.diag(covariance))
+    shown = {name: (name, shot.free[name][1]) if name in shot.free else (LOG10 + name, 1.0) for name in shot.names}
+    one_sigma = {key: float(one) * width for one, (key, width) in zip(sigma, shown.values(), strict=True)}
+    correlations = {
+        f"{other}, {name}": float(covariance[i, j] / (sigma[i] * sigma[j]))
+        for i, name in enumerate(shot.names)
+        for j, other in enumerate(shot.names[:i])
+    }
+    return {"one_sigma": one_sigma, "correlations": correlations}
 
 
 def _stretch_source(shot: Experiment) -> str:

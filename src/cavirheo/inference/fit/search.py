@@ -28,9 +28,12 @@ _GLANCE = {"ftol": 1e-2, "xtol": 3e-3, "gtol": 1e-8, "max_nfev": 8}  # on all wi
 
 
 class Search:
-    """minima: of the last of the windows `cuts`, best first. stages: the best of each window. counts: of starts."""
+    """minima: of the last of the windows `cuts`, best first. stages: the best of each window. counts: of starts.
+    `once`: in one round."""
 
-    def __init__(self, fit: LeastSquares, cuts: Sequence[Any], starts: Sequence[Floats] = ()) -> None:
+    def __init__(
+        self, fit: LeastSquares, cuts: Sequence[Any], starts: Sequence[Floats] = (), *, once: bool = False
+    ) -> None:
         self.fit, self.cuts = fit, cuts
         (self.shot,) = fit.shots
         self.stages: dict[Any, Floats] = {}
@@ -48,7 +51,7 @@ class Search:
                 self.stages.setdefault(cut, kept[0])
             self.minima = self._best(cuts[-1], scan, kept, 2 * number, self.minima)
             self.stages[cuts[-1]] = self.minima[0].x
-            if self._enough(number):
+            if once or self._enough(number):
                 break
 
     def _enough(self, rounds: int) -> bool:

@@ -15,9 +15,9 @@ from cavirheo.arrays import Floats
 from cavirheo.curve import RadiusCurve, several
 from cavirheo.errors import SolverError, expect, expect_whole, reason, require
 from cavirheo.inference.doubts import doubted
-from cavirheo.inference.experiment import FINE, Experiment
+from cavirheo.inference.experiment import FINE, QUICK, Experiment
 from cavirheo.inference.fit.least_squares import LeastSquares
-from cavirheo.inference.fit.starts import Scan
+from cavirheo.inference.fit.starts import STARTS, Scan
 from cavirheo.inference.law import Family
 from cavirheo.inference.options import FREE, SCALE_BOUND, Options
 from cavirheo.inference.others import DECISIVE, compared, itself, model_of
@@ -47,9 +47,9 @@ class Verification:
     stretch, free, t0_bound, scale_bound, medium: as in `fit_many`; clock, scale and R_max are free by default.
     level: "map" (maximum and Laplace's Gaussian) or "full" (weighted draws). discrepancy: allow for what no simulation
     follows (noise.py); without it the law is taken as exact. ranges: of the priors, {"shear_modulus": [low, high] in
-    SI}; default those that a fit searches. draws: at most so many weighted ones. seed: theirs. network: of level
-    "auto", whose draws show the way where it can read the curve. workers: threads for
-    one curve. Raises InputError.
+    SI}; default those that a fit searches. draws: at most so many weighted ones. seed: theirs. scanned: coarse
+    simulations that look for other valleys. network: of level "auto", whose draws show the way where it can read the
+    curve. workers: threads for one curve. Raises InputError.
     """
 
     stretch: float | str | None = None
@@ -63,6 +63,7 @@ class Verification:
     draws: int = TUNING.draws
     seed: int = 0
     network: PosteriorModel | None = None
+    scanned: int = TUNING.scanned
     workers: int | None = None
 
     def __post_init__(self) -> None:
@@ -185,15 +186,20 @@ class _Work:
             evidence = Evidence(float(logsumexp([mode.log_evidence for mode in found])))
             return self._answer(u, None, best, evidence, found)
         few, rounds, ending = TUNING.draws_per_round, TUNING.learning_rounds, dict[str, Any]()
-        if most <= TUNING.law_draws:  # an evidence is wanted, soon
+        soon = most <= TUNING.law_draws  # an evidence is wanted
+        if soon:
             few, rounds = few // 2, TUNING.law_learning
             ending = {"fewest": TUNING.law_rounds, "least": TUNING.law_least}
         enough = min(TUNING.effective_enough, max(most / 4, TUNING.effective_fewest))
-        explorer = Explorer(self.target, found, rounds)
+        rough = soon and self.settings.discrepancy  # which is wider than what the solver misses by
+        explorer = Explorer(self.target, found, rounds, QUICK if rough else FINE)
         drawn = sample(explorer, explorer.propose, seed=seed, each=min(few, most), most=most, enough=enough, **ending)
-        best = self._best(explorer.modes)
+        best, (log, error) = self._best(explorer.modes), drawn.log_evidence
+        if rough:  # the solver is wrong by nearly as much as at the maximum
+            (there,) = self.target.log_posterior(best.u[None], self.target.residuals(best.u[None], QUICK))
+            log += best.log_posterior - float(there) if np.isfinite(there) else 0.0
         u = drawn.u if self._trusted(drawn) else best.u[None]
-        return self._answer(u, drawn, best, Evidence(*drawn.log_evidence), explorer.modes)
+        return self._answer(u, drawn, best, Evidence(log, error), explorer.modes)
 
     def _best(self, found: Sequence[Mode]) -> Mode:
         """The highest of rough modes that the default solver can simulate, at its maximum."""
@@ -203,8 +209,13 @@ class _Work:
         raise SolverError(f"no mode of {self.shot.family.name} could be simulated")
 
     def _others(self, best: Mode, found: Sequence[Mode]) -> tuple[OtherAnswer, ...]:
-        """What other models answer, as far as that is known, and the modes but the best."""
+        """What other models answer, as far as that is known, and the modes but the best.
+
+        The evidence of those models allows for what no simulation follows: it is not that of an exact law.
+        """
         models = [one for one in self.answer.others if model_of(one) != model_of(self.answer)]
+        if not self.settings.discrepancy:
+            models = [replace(one, evidence=None) for one in models]
         return *models, *(valley(self.target, mode) for mode in found if not same(mode, best))
 
     def starts(self) -> list[Floats]:
@@ -232,7 +243,7 @@ class _Work:
         """u where coarse simulations all over the ranges are most likely: the answer need not be the highest valley."""
         fit = LeastSquares([self.shot], self.target.workers)
         try:
-            scan = Scan(fit, TUNING.scanned)
+            scan = Scan(fit, self.settings.scanned, STARTS)  # other points than those of a fit
         except SolverError:
             return []
         counted = self.shot.counted
@@ -241,7 +252,8 @@ class _Work:
         frames = [missed if p is None else p.radius[counted] for p in scan.found]
         u = self.target.start(scan.points)
         value = self.target.log_posterior(u, measured - np.array(frames))
-        return [u[i] for i in np.argsort(-value)[: TUNING.scanned_climbed] if np.isfinite(value[i])]
+        climbed = int(TUNING.scanned_climbed * len(value))
+        return [u[i] for i in np.argsort(-value)[:climbed] if np.isfinite(value[i])]
 
     def _answer(
         self, u: Floats, drawn: Sample | None, best: Mode, evidence: Evidence, found: Sequence[Mode],

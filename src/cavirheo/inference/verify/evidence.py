@@ -149,7 +149,7 @@ def rank_laws(
         known = (*Family(way["material"]).parameters, "stretch")
         fitted = fit_many(
             curves, **way, medium=medium, window=window, stretch=stretch, trust_input=trust_input, seed=seed,
-            wall_inertia=wall_inertia, workers=workers, windows=False, others=False,
+            wall_inertia=wall_inertia, workers=workers, windows=False, others=False, draws=False,
         )  # fmt: skip
         mine = {name: pair for name, pair in ranges.items() if name in known}
         shared[law] = {
@@ -160,7 +160,7 @@ def rank_laws(
             "ranges": mine,
             **options,
         }
-        found[law] = verify_many(curves, fitted, **{**shared[law], "level": "map"})
+        found[law] = verify_many(curves, fitted, **{**shared[law], "level": "map", "scanned": TUNING.law_scanned})
     for law, near in contending(found).items():
         full = verify_many([curves[i] for i in near], [found[law][i] for i in near], **shared[law]) if near else []
         for i, answer in zip(near, full, strict=True):

@@ -63,10 +63,13 @@ def _log_mean(log_value: Floats) -> float:
 
 
 class Explorer:
-    """Proposals for the posterior of a shot that learn from every simulation, from its modes on."""
+    """Proposals for the posterior of a shot that learn from every simulation, from its modes on. accuracy: of those
+    that count."""
 
-    def __init__(self, target: Target, modes: Sequence[Mode], rounds: int = TUNING.learning_rounds) -> None:
-        self.target, self.rounds = target, rounds
+    def __init__(
+        self, target: Target, modes: Sequence[Mode], rounds: int = TUNING.learning_rounds, accuracy: Accuracy = FINE
+    ) -> None:
+        self.target, self.rounds, self.accuracy = target, rounds, accuracy
         self.u = np.empty((0, len(target.prior.names)))
         self.residual = np.empty((0, target.noise.size))
         self.value = np.empty(0)
@@ -89,9 +92,9 @@ class Explorer:
         means, covariances = [place.u for place in self.places], [place.covariance for place in self.places]
         self.start = Mixture.about(means, covariances, heights - np.max(heights))
 
-    def __call__(self, u: Floats, accuracy: Accuracy = FINE) -> Floats:
+    def __call__(self, u: Floats, accuracy: Accuracy | None = None) -> Floats:
         """(k,) log posterior of u (k, d), which the next proposal knows; -inf where the simulation failed."""
-        residual = self.target.residuals(u, accuracy)
+        residual = self.target.residuals(u, self.accuracy if accuracy is None else accuracy)
         value = self.target.log_posterior(u, residual)
         self.learn(u, residual, value)
         return value

@@ -30,7 +30,7 @@ class Tuning:
 
     # where searches start
     scanned: int = 96  # coarse simulations all over the ranges
-    scanned_climbed: int = 3  # how many of them are climbed from
+    scanned_climbed: float = 1.0 / 32.0  # how many of them are climbed from
     same_start: float = 0.005  # starts nearer to each other are one
 
     # climbing to a mode, damped Gauss-Newton
@@ -93,6 +93,7 @@ class Tuning:
     rejected: float = 0.01  # probability of its rejection where the law is right
 
     # evidence of laws
+    law_scanned: int = 192  # coarse simulations where laws are compared: the search before has one round,
     law_draws: int = 400  # most simulations of a law whose weights count, where laws are compared; after
     law_rounds: int = 2  # rounds they must be on the way to
     law_least: float = 60.0  # effective draws, and before them so many
