@@ -67,7 +67,7 @@ class PageSettings:
 
     def __post_init__(self) -> None:
         check_level(self.verify)
-        known = shipped()
+        known = shipped("point")
         unknown = f"unknown model {self.model!r}; known here: {', '.join(known)}"
         require(self.model in known, unknown, "app.unknown_model")
 

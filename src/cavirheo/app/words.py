@@ -51,7 +51,7 @@ def told(error: Exception) -> str:
 
 def models() -> list[tuple[str, str]]:
     """(label, name) of every shipped model."""
-    laws = {name: card(path)["material"] for name, path in shipped().items()}
+    laws = {name: card(path)["material"] for name, path in shipped("point").items()}
     return [(f"{digits.MATERIALS.get(law, law).partition(' (')[0]} · {name}", name) for name, law in laws.items()]
 
 

@@ -93,10 +93,11 @@ def card(path: Path) -> dict[str, Any]:
     return content
 
 
-def shipped() -> dict[str, Path]:
-    """Names of the models that come with the package, and their files."""
+def shipped(kind: str | None = None) -> dict[str, Path]:
+    """Names of the models that come with the package, or of those of a kind ("point", "posterior"), and their files."""
     folder = Path(str(files("cavirheo") / "models"))
-    return {path.stem: path for path in sorted(folder.glob("*.onnx"))}
+    found = {path.stem: path for path in sorted(folder.glob("*.onnx"))}
+    return {name: path for name, path in found.items() if kind is None or card(path)["kind"] == kind}
 
 
 def path_of(name: str) -> Path:
