@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 import logging
+import re
 import warnings
 from datetime import UTC, date, datetime
 from importlib.metadata import version
@@ -97,8 +98,12 @@ def export(
             "made_with": {package: version(package) for package in ("cavirheo", "numpy", "torch")},
             "license": "MIT", "date": (on or datetime.now(UTC).date()).isoformat(),
         }  # fmt: skip
+        about["trained"] = {name: [float(f"{end:.3g}") for end in ends] for name, ends in about["trained"].items()}
         PosteriorCard.model_validate(about)
-        write_text(target.with_suffix(".json"), json.dumps(about, indent=2) + "\n")
+        text = re.sub(
+            r"\[\s+([^][{}]+?)\s+\]", lambda found: f"[{' '.join(found[1].split())}]", json.dumps(about, indent=2)
+        )
+        write_text(target.with_suffix(".json"), text + "\n")
     return target
 
 
@@ -121,7 +126,10 @@ def coverage(
         for k in used(*kinds[kind]):
             inside[SLOTS[k]].append(float(below[k]))
     shares = {name: np.abs(2.0 * np.array(values) - 1.0) for name, values in inside.items() if values}
-    found = {name: {"50": float(np.mean(off < 0.5)), "90": float(np.mean(off < 0.9))} for name, off in shares.items()}
+    found = {
+        name: {str(level): round(float(np.mean(off < level / 100)), 4) for level in (50, 90)}
+        for name, off in shares.items()
+    }
     return {"recordings": len(check.kind), "by_slot": found}
 
 
