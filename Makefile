@@ -8,8 +8,9 @@ BIN = $(VENV)/bin
 demo: $(VENV)/demo.done
 	$(BIN)/cavirheo infer examples/soft_gel.csv examples/stiff_gel.mat examples/bubble.mp4 --frame-rate-hz 500000 --um-per-px 4 -o demo-result
 
+# on two processes, a file of tests on one of them
 test: $(VENV)/test.done lint
-	$(BIN)/python -m pytest -m "not slow and not hostile"
+	$(BIN)/python -m pytest -m "not slow and not hostile" -n 2 --dist loadfile
 
 test-slow: $(VENV)/test.done
 	$(BIN)/python -m pytest -m slow

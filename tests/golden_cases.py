@@ -359,13 +359,13 @@ def stiff() -> list[str]:
     return ["stiff.csv"]
 
 
-@case(rtol=1e-2, share=0.05)
+@case(rtol=1e-2, share=0.05, slow=True)
 def fit_free() -> Any:
     (name,) = shots("soft_gel.csv", 3)
     return answered("fit", name, "--free", "t0,scale,rmax", "--window", 3)
 
 
-@case(rtol=1e-2, share=0.05)
+@case(rtol=1e-2, share=0.05, slow=True)
 def fit_joint() -> Any:
     head, *rows = (EXAMPLES / "soft_gel.csv").read_text().splitlines()
     Path("gel.csv").write_text("\n".join([head, *(row for row in rows if row[0] in "35")]) + "\n")
@@ -390,7 +390,7 @@ def fit_verify_map() -> Any:
     return answered("fit", name, "--verify", "map", "--exact-law", "--window", 2, "--stretch", 6.85)
 
 
-@case(rtol=0.15, share=0.3, shift=0.7)
+@case(rtol=0.15, share=0.3, shift=0.7, slow=True)
 def fit_verify_full() -> Any:
     (name,) = shots("soft_gel.csv", 3)
     return answered("fit", name, "--verify", "full", "--window", 2)

@@ -22,6 +22,7 @@ from cavirheo.training import evaluate as judge
 from cavirheo.training import figures, robustness
 from cavirheo.training.dataset import generate, load
 from cavirheo.training.metrics import breakdown, metrics
+from cavirheo.training.posterior.recipe import posterior_recipe
 from cavirheo.training.recipe import Recipe, read_recipe
 from cavirheo.writing.document import Outputs
 
@@ -29,6 +30,7 @@ scale_bias = load_benchmark("scale_bias")
 
 CPU = {"device": "cpu", "threads": 1}
 RECIPES = sorted((Path(__file__).parent.parent / "recipes").glob("*.toml"))
+RECIPES = [path for path in RECIPES if path.stem != "posterior"]  # one of another kind
 TINY = """
 [problem]
 material = "nhkv"
@@ -105,6 +107,15 @@ def test_shipped_recipes(path):
     assert recipe.problem.reference_max_radius == 245e-6
     assert (recipe.training.batch, recipe.training.lr) == (32, 1e-3)
     assert recipe.training.dropout_epochs < recipe.training.epochs  # else the answers are off scale by some per cent
+
+
+def test_the_recipe_of_the_posterior_network():
+    recipe = posterior_recipe(RECIPES[0].with_name("posterior.toml"))
+    assert recipe.export.name == "posterior"
+    assert [list(kind[:2]) for kind in recipe.posterior.kinds] == [
+        list(kind) for kind in json.loads(path_of("posterior").with_suffix(".json").read_text("utf-8"))["kinds"]
+    ]
+    assert posterior_recipe(RECIPES[0]) is None
 
 
 def test_the_paper_protocol():

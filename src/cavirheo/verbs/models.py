@@ -5,7 +5,6 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from cavirheo.inference.card import PosteriorCard
 from cavirheo.writing.digits import printable
 
 
@@ -20,6 +19,7 @@ def models() -> None:
 def describe(name: str, path: Path, about: dict[str, Any]) -> None:
     """Print what the card of a model says. Raises KeyError, TypeError, ValueError: it lacks something."""
     if about["kind"] == "posterior":
+        from cavirheo.inference.card import PosteriorCard
         from cavirheo.inference.posterior_model import describe as known
 
         lines = known(PosteriorCard.model_validate(about))

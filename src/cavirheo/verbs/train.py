@@ -51,21 +51,11 @@ def train(
 def _train_posterior(
     recipe: PosteriorRecipe, data: Path, out: Path, threads: int | None, device: str | None, quiet: bool
 ) -> None:
-    import torch
-
-    from cavirheo.training.posterior import store
-    from cavirheo.training.posterior.export import export
-    from cavirheo.training.posterior.train import PosteriorTraining
-    from cavirheo.writing.document import into
+    from cavirheo.training.posterior.export import made
 
     told = f"a posterior network is trained on the processor: leave out --device {device}"
     require(device in (None, "cpu"), told, "training.device")
-    if threads is not None:
-        torch.set_num_threads(threads)
-    with into(out) as folder:
-        training = PosteriorTraining(recipe, store.load(recipe, data), folder)
-        training.fit(progress=not quiet)
-        path = export(training, recipe, folder)
+    path, loss = made(recipe, data, out, threads=threads, progress=not quiet)
     if not quiet:
-        print(f"loss {training.history[-1]['validation']:.3f} on curves that were never shown")
+        print(f"loss {loss:.3f} on curves that were never shown")
         print(f"model: {path}; use it with: cavirheo infer --model {path} FILE", file=sys.stderr)

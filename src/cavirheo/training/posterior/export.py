@@ -28,6 +28,7 @@ from cavirheo.physics.media import WATER
 from cavirheo.training.posterior.camera import FASTEST, FEWEST, MOST, SLOWEST, Filmed
 from cavirheo.training.posterior.network import LOG_2PI, PosteriorNetwork
 from cavirheo.training.posterior.recipe import PosteriorRecipe
+from cavirheo.training.posterior.store import load
 from cavirheo.training.posterior.train import PosteriorTraining
 from cavirheo.training.train import write_text
 from cavirheo.writing.document import into, whole
@@ -66,6 +67,23 @@ class Answering(nn.Module):
             log_density = log_density + has[k] * torch.logsumexp(terms, dim=1)
             found.append(has[k] * z)
         return torch.stack(found, dim=1), log_density, torch.log_softmax(guess, dim=-1)
+
+
+def made(
+    recipe: PosteriorRecipe, data_dir: str | Path, out_dir: str | Path, *, threads: int | None = None,
+    progress: bool = True,
+) -> tuple[Path, float]:  # fmt: skip
+    """Train the recipe's network in `out_dir`, or go on there, and export it; the .onnx file and the last loss.
+
+    Raises:
+        InputError: the curves are of another recipe or incomplete, or the folder holds another run.
+    """
+    if threads is not None:
+        torch.set_num_threads(threads)
+    with into(out_dir) as folder:
+        training = PosteriorTraining(recipe, load(recipe, data_dir), folder)
+        training.fit(progress=progress)
+        return export(training, recipe, folder), float(training.history[-1]["validation"])
 
 
 def export(

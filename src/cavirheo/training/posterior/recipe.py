@@ -13,15 +13,15 @@ from cavirheo.errors import InputError, explained, require
 from cavirheo.files import read_bytes
 from cavirheo.inference.law import Family
 from cavirheo.inference.slots import SLOTS, used
-from cavirheo.posterior import CONTENTS
+from cavirheo.physics.scales import CONTENTS
 from cavirheo.training.recipe import LARGEST, DataTable, ExportTable, Seed
 
 
-class _Section(BaseModel):
+class _Table(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
 
 
-class PosteriorTable(_Section):
+class PosteriorTable(_Table):
     """laws: share of the curves by name. contents: of the bubble, equally often. max_radius_um: ends of its range."""
 
     laws: dict[str, PositiveFloat] = Field(min_length=1)
@@ -34,14 +34,14 @@ class PosteriorTable(_Section):
         return [(law, way, share / len(self.contents)) for law, share in self.laws.items() for way in self.contents]
 
 
-class Sizes(_Section):
+class Sizes(_Table):
     width: Annotated[int, Field(ge=8, le=4096)] = 384
     depth: Annotated[int, Field(ge=1, le=100)] = 5
     hidden: Annotated[int, Field(ge=4, le=1024)] = 64
     parts: Annotated[int, Field(ge=1, le=100)] = 8
 
 
-class Schedule(_Section):
+class Schedule(_Table):
     """samples: recordings that are shown in all, `batch` at a step. rate: of AdamW, after `warm_up` steps; it falls to
     nearly nothing in the last part `falling` of them."""
 
@@ -62,7 +62,7 @@ class Schedule(_Section):
         return self.rate * min(1.0, (step + 1) / self.warm_up) * min(1.0, max(left, 0.0) + 0.003)
 
 
-class PosteriorRecipe(_Section):
+class PosteriorRecipe(_Table):
     posterior: PosteriorTable
     data: DataTable
     network: Sizes = Sizes()
