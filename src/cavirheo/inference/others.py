@@ -28,7 +28,7 @@ def compared(answer: Posterior) -> list[str]:
         f"two solutions of the same model: {_values(here, stretch=True)}, or {_values(one, stretch=True)}"
         + _verdict(one, here)
         for one in valleys
-        if _above(one, here) >= -DECISIVE
+        if _above(one, here) >= -DECISIVE and _elsewhere(one, here)
     ]
 
 
@@ -60,6 +60,12 @@ def _other_contents_disagree(one: OtherAnswer, here: OtherAnswer) -> bool:
     shared = [name for name in one.intervals if name in here.intervals and of_the_law(name)]
     pairs = [(one.intervals[name], here.intervals[name]) for name in shared]
     return any(a[2] < b[0] or b[2] < a[0] for a, b in pairs)
+
+
+def _elsewhere(one: OtherAnswer, here: OtherAnswer) -> bool:
+    """Whether a valley is another solution for its reader: an interval beyond the answer's, or none to compare."""
+    shared = [(one.intervals[name], here.intervals[name]) for name in one.intervals if name in here.intervals]
+    return not shared or any(a[2] < b[0] or b[2] < a[0] for a, b in shared)
 
 
 def _sides(here: OtherAnswer, there: OtherAnswer) -> str:
