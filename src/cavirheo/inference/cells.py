@@ -17,6 +17,7 @@ CHANNELS = 7
 SCALARS = 8
 SIZE = CELLS * CHANNELS + SCALARS  # of the input
 CLOCK, WIDTH = 0.02, 0.015  # half-widths of the priors of clock (t_c) and R_max where frame and noise are smaller
+SCALE = 0.005  # standard deviation of the radius scale
 
 
 def half_widths(frame: Floats, noise: Floats) -> tuple[Floats, Floats]:

@@ -17,7 +17,7 @@ import numpy as np
 
 from cavirheo.arrays import Floats
 from cavirheo.errors import require
-from cavirheo.inference.cells import cells, half_widths
+from cavirheo.inference.cells import SCALE, cells, half_widths
 from cavirheo.inference.experiment import Experiment
 from cavirheo.inference.session import started
 from cavirheo.inference.slots import SLOTS, from_slots, slot, to_slots, used
@@ -26,7 +26,6 @@ from cavirheo.prior import Prior, log_normal
 
 _POOL, _LEAST = 1000, 0.01  # draws by which the share within the bounds is found, and the smallest share
 INPUTS = ("cells", "kind", "has", "choice", "normal", "given", "take")
-_SCALE = 0.005  # standard deviation of the radius scale in training
 _PRESSURE = ("shear_modulus",)  # what scales with p, and what with p t_c
 _PRESSURE_TIME = ("viscosity", "consistency")
 
@@ -36,7 +35,7 @@ class Flow:
 
     def __init__(self, content: bytes, kinds: list[tuple[str, str]]) -> None:
         self.session = started(content)
-        self.kinds = kinds
+        self.kinds = [(plain(law), contents) for law, contents in kinds]
         self.parts = next(int(given.shape[2]) for given in self.session.get_inputs() if given.name == "choice")
 
     def sample(self, inputs: Any, kind: int, count: int, rng: np.random.Generator) -> tuple[Floats, Floats]:
@@ -65,14 +64,14 @@ class NetworkProposal:
     def __init__(self, flow: Flow, shot: Experiment, prior: Prior, *, discrepancy: bool) -> None:
         self.flow, self.shot, self.prior = flow, shot, prior
         wanted = plain(shot.family.name), shot.options.bubble.contents
-        self.kind = [(plain(law), contents) for law, contents in flow.kinds].index(wanted)
+        self.kind = flow.kinds.index(wanted)
         self.names = (*shot.family.parameters, *shot.logs)
         frame, noise = shot.frame / shot.time_scale, shot.curve.noise / shot.max_radius
         self.inputs = read(shot, discrepancy)
         width_t, width_r = half_widths(np.array(frame), np.array(noise))
         camera = {
             "max_radius_factor": (1.0, float(width_r) / 3.0), "time_origin": (0.0, float(width_t) * shot.time_scale),
-            "radius_scale": (1.0, _SCALE),
+            "radius_scale": (1.0, SCALE),
         }  # fmt: skip
         # column of x, slot, and (middle, width) of x over z, of each that is free
         self.camera: list[tuple[int, int, float, float]] = []

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+
 from cavirheo.parameters import of_the_law
 from cavirheo.posterior import OtherAnswer, Posterior, in_words, intervals
 from cavirheo.writing.digits import CONTENTS
 
+_Interval = tuple[float, float, float]  # 5 %, 50 %, 95 %
 DECISIVE = 3.0  # of log evidence (a factor of 20): a model so far above another is preferred, a nearer one possible
 
 
@@ -59,13 +62,18 @@ def _other_contents_disagree(one: OtherAnswer, here: OtherAnswer) -> bool:
         return False
     shared = [name for name in one.intervals if name in here.intervals and of_the_law(name)]
     pairs = [(one.intervals[name], here.intervals[name]) for name in shared]
+    return _apart(pairs)
+
+
+def _apart(pairs: Iterable[tuple[_Interval, _Interval]]) -> bool:
+    """Whether two intervals of a pair do not meet."""
     return any(a[2] < b[0] or b[2] < a[0] for a, b in pairs)
 
 
 def _elsewhere(one: OtherAnswer, here: OtherAnswer) -> bool:
     """Whether a valley is another solution for its reader: an interval beyond the answer's, or none to compare."""
     shared = [(one.intervals[name], here.intervals[name]) for name in one.intervals if name in here.intervals]
-    return not shared or any(a[2] < b[0] or b[2] < a[0] for a, b in shared)
+    return not shared or _apart(shared)
 
 
 def _sides(here: OtherAnswer, there: OtherAnswer) -> str:

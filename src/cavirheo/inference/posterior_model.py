@@ -9,6 +9,7 @@ from typing import Any
 
 from cavirheo.errors import InputError, require
 from cavirheo.files import read_bytes
+from cavirheo.inference import DEFAULT
 from cavirheo.inference.card import PosteriorCard
 from cavirheo.inference.experiment import Experiment
 from cavirheo.inference.flow import INPUTS, Flow, NetworkProposal, plain
@@ -16,8 +17,6 @@ from cavirheo.inference.graph import check_graph
 from cavirheo.inference.model import LARGEST, card, path_of, shipped
 from cavirheo.inference.session import try_out
 from cavirheo.prior import Prior
-
-DEFAULT = "posterior"
 
 
 class PosteriorModel:
@@ -46,7 +45,7 @@ class PosteriorModel:
 
     def knows(self, material: str, contents: str) -> bool:
         """Whether it was trained on this law and these contents."""
-        return (plain(material), contents) in {(plain(law), known) for law, known in self.flow.kinds}
+        return (plain(material), contents) in self.flow.kinds
 
     def proposal(self, shot: Experiment, prior: Prior, discrepancy: bool) -> NetworkProposal:
         """Raises InputError: the experiment is outside the training."""

@@ -93,11 +93,16 @@ def write_onnx(model: Standardised, frames: int, path: Path) -> None:
             dynamic_shapes=free, opset_version=OPSET, dynamo=True, verbose=False,
         )  # fmt: skip
     assert program is not None  # it is None only where a file is asked for
-    content = program.model_proto
+    content = without_notes(program.model_proto)
+    onnx.save_model(content, path)
+
+
+def without_notes(content: onnx.ModelProto) -> onnx.ModelProto:
+    """A model without the exporter's notes of where our code lies."""
     for item in (*content.graph.node, *content.graph.value_info, *content.functions, content.graph, content):
         item.ClearField("doc_string")
         item.ClearField("metadata_props")
-    onnx.save_model(content, path)
+    return content
 
 
 @torch.inference_mode()

@@ -162,8 +162,7 @@ class _Training:
             about = self.recipe.settings() | {"epoch": line["epoch"], "validation_loss": line["validation"]}
             write_tensors(self.folder / "best.safetensors", weights, about)
         state = {f"network.{name}": tensor for name, tensor in weights.items()}
-        for index, values in self.optimiser.state_dict()["state"].items():
-            state |= {f"adam.{index}.{name}": tensor for name, tensor in values.items()}
+        state |= adam_tensors(self.optimiser)
         write_tensors(self.folder / "last.safetensors", state, {"identity": self.identity, "history": self.history})
         write_text(self.folder / "history.jsonl", "".join(json.dumps(entry) + "\n" for entry in self.history))
 
@@ -179,14 +178,10 @@ class _Training:
             other = difference(about["identity"], self.identity)
         mend = "use another folder, or the recipe and data that it was begun with"
         require(not other, f"{self.folder} holds another run ({other}): {mend}", "training.another_run")
-        adam: dict[int, dict[str, Tensor]] = {}
         with of_run(path):
             self.history = [line for line in about["history"] if line["validation"] + line["train"] + line["seconds"]]
-            for key in [key for key in state if key.startswith("adam.")]:
-                _, index, name = key.split(".")
-                adam.setdefault(int(index), {})[name] = state.pop(key)
+            load_adam(self.optimiser, state)
             self.network.load_state_dict({key.removeprefix("network."): tensor for key, tensor in state.items()})
-            self.optimiser.load_state_dict(self.optimiser.state_dict() | {"state": adam})
 
     def finish(self) -> None:
         """Look at the test part with the best weights and write the result."""
@@ -214,6 +209,21 @@ class _Training:
             "torch": torch.__version__,
         }
         write_text(self.folder / "result.json", json.dumps(result, indent=2) + "\n")
+
+
+def adam_tensors(optimiser: torch.optim.Optimizer) -> dict[str, Tensor]:
+    """The optimiser's state by names that begin with "adam."."""
+    states = optimiser.state_dict()["state"].items()
+    return {f"adam.{index}.{name}": tensor for index, values in states for name, tensor in values.items()}
+
+
+def load_adam(optimiser: torch.optim.Optimizer, state: dict[str, Tensor]) -> None:
+    """Take what `adam_tensors` gave out of `state` and into the optimiser."""
+    adam: dict[int, dict[str, Tensor]] = {}
+    for key in [key for key in state if key.startswith("adam.")]:
+        _, index, name = key.split(".")
+        adam.setdefault(int(index), {})[name] = state.pop(key)
+    optimiser.load_state_dict(optimiser.state_dict() | {"state": adam})
 
 
 def write_tensors(path: Path, tensors: Mapping[str, Tensor], note: Mapping[str, Any]) -> None:

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cavirheo.arrays import Floats
-from cavirheo.inference.cells import END, cells, half_widths
+from cavirheo.inference.cells import END, SCALE, cells, half_widths
 from cavirheo.inference.slots import SLOTS
 from cavirheo.physics.cache import compiled
 from cavirheo.physics.media import WATER
@@ -25,7 +25,6 @@ from cavirheo.training.posterior.store import STEPS, TOP, CurveStore
 
 FEWEST, MOST = 20, 400  # frames
 FASTEST, SLOWEST = 1e-7, 1e-5  # s between them
-_SCALE = 0.005  # standard deviation of the radius scale
 _ROOM = 3 * MOST
 
 
@@ -63,7 +62,7 @@ def film(shots: CurveStore, index: NDArray[np.int64], seed: int) -> Filmed:
     z = shots.z[index][good].copy()
     z[:, SLOTS.index("max_radius_factor")] = 3.0 * more[good]
     z[:, SLOTS.index("time_origin")] = late[good]
-    z[:, SLOTS.index("radius_scale")] = (scale - 1.0) / _SCALE
+    z[:, SLOTS.index("radius_scale")] = (scale - 1.0) / SCALE
     kind = shots.kind[index][good].astype(np.int64)
     return Filmed(inputs, z, kind, discrepancy.astype(np.float32), true_noise)
 
@@ -202,8 +201,8 @@ def _film(nodes: Any, values: Any, t_c: Any, seed: int, out_time: Any, out_radiu
         if np.random.random() < 0.3:
             exposure = frame * np.random.random()
         scale = 2.0
-        while abs(scale - 1.0) > 3.0 * _SCALE:
-            scale = 1.0 + _SCALE * np.random.standard_normal()
+        while abs(scale - 1.0) > 3.0 * SCALE:
+            scale = 1.0 + SCALE * np.random.standard_normal()
         white = np.exp(np.log(1e-3) + np.log(50.0) * np.random.random())
         if np.random.random() < 0.12:
             white = 1e-4

@@ -14,7 +14,6 @@ from typing import Any
 
 import numpy as np
 import onnx
-import onnxscript  # noqa: F401  torch exports with it
 import torch
 from onnx import TensorProto, helper, numpy_helper
 from torch import Tensor, nn
@@ -25,6 +24,7 @@ from cavirheo.inference.flow import INPUTS
 from cavirheo.inference.graph import check_graph
 from cavirheo.inference.slots import SLOTS, used
 from cavirheo.physics.media import WATER
+from cavirheo.training.export import OPSET, without_notes
 from cavirheo.training.posterior.camera import FASTEST, FEWEST, MOST, SLOWEST, Filmed
 from cavirheo.training.posterior.network import LOG_2PI, PosteriorNetwork
 from cavirheo.training.posterior.recipe import PosteriorRecipe
@@ -33,7 +33,6 @@ from cavirheo.training.posterior.train import PosteriorTraining
 from cavirheo.training.train import write_text
 from cavirheo.writing.document import into, whole
 
-OPSET = 18
 _HALVED = 1000  # numbers in an array, from which it is kept at half precision
 
 
@@ -168,10 +167,7 @@ def write_onnx(network: PosteriorNetwork, path: Path) -> None:
             dynamic_shapes=(None, None, None, {0: draws}, {0: draws}, {0: draws}, None),
         )  # fmt: skip
     assert program is not None
-    content = program.model_proto
-    for item in (*content.graph.node, *content.graph.value_info, *content.functions, content.graph, content):
-        item.ClearField("doc_string")
-        item.ClearField("metadata_props")
+    content = without_notes(program.model_proto)
     _halve(content.graph)
     onnx.checker.check_model(content)
     onnx.save_model(content, path)

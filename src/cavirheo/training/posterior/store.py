@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 from cavirheo.arrays import Floats
 from cavirheo.errors import InputError, require
+from cavirheo.inference.cells import END
 from cavirheo.inference.law import Family
 from cavirheo.inference.slots import SLOTS, to_slots
 from cavirheo.parallel import each
@@ -35,7 +36,6 @@ from cavirheo.writing.terminal import bar
 SHARD = 1000  # curves in a file
 NODES = 512
 STEPS = 2400  # regular times
-END = 6.0  # t* of the last
 TOP = 1.1  # R/R_max of the largest number that is kept
 
 

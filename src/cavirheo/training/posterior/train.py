@@ -24,7 +24,7 @@ from cavirheo.training.posterior.camera import Filmed, film
 from cavirheo.training.posterior.network import PosteriorNetwork
 from cavirheo.training.posterior.recipe import PosteriorRecipe
 from cavirheo.training.posterior.store import CurveStore
-from cavirheo.training.train import read_tensors, write_tensors
+from cavirheo.training.train import adam_tensors, load_adam, read_tensors, write_tensors
 from cavirheo.writing.terminal import bar
 
 VALIDATION = 0.03  # of the curves, which no step sees
@@ -132,9 +132,7 @@ class PosteriorTraining:
     def _state(self) -> dict[str, Tensor]:
         state = {f"network.{name}": values for name, values in self.network.state_dict().items()}
         state |= {f"mean.{name}": values for name, values in self.mean.state_dict().items()}
-        for index, values in self.optimiser.state_dict()["state"].items():
-            state |= {f"adam.{index}.{name}": tensor for name, tensor in values.items()}
-        return state
+        return state | adam_tensors(self.optimiser)
 
     def _save(self) -> None:
         note = {"step": self.step, "history": self.history, "seconds": self.seconds, "identity": self.identity}
@@ -148,11 +146,7 @@ class PosteriorTraining:
         other = difference(note["identity"], json.loads(json.dumps(self.identity)))
         mend = "use another folder, or the recipe and data that it was begun with"
         require(not other, f"{self.folder} holds another run ({other}): {mend}", "training.another_run")
-        adam: dict[int, dict[str, Tensor]] = {}
-        for key in [key for key in state if key.startswith("adam.")]:
-            _, index, name = key.split(".")
-            adam.setdefault(int(index), {})[name] = state.pop(key)
+        load_adam(self.optimiser, state)
         for part, network in (("network.", self.network), ("mean.", self.mean)):
             network.load_state_dict({k.removeprefix(part): v for k, v in state.items() if k.startswith(part)})
-        self.optimiser.load_state_dict(self.optimiser.state_dict() | {"state": adam})
         self.step, self.history, self.seconds = note["step"], note["history"], note["seconds"]
