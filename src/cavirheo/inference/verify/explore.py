@@ -9,7 +9,7 @@ from scipy.special import logsumexp
 
 from cavirheo.arrays import Floats
 from cavirheo.inference.experiment import FINE, QUICK, Accuracy
-from cavirheo.inference.verify.mode import Mode, Target, climb, ridge, same
+from cavirheo.inference.verify.mode import Mode, Target, climb, modes, ridge, same
 from cavirheo.inference.verify.sampler import Mixture, Sample, effective_size
 from cavirheo.inference.verify.surrogate import Surrogate
 from cavirheo.inference.verify.tuning import TUNING
@@ -64,12 +64,13 @@ def _log_mean(log_value: Floats) -> float:
 
 class Explorer:
     """Proposals for the posterior of a shot that learn from every simulation, from its modes on. accuracy: of those
-    that count."""
+    that count. follow: simulate around the modes and along their ridges before."""
 
     def __init__(
-        self, target: Target, modes: Sequence[Mode], rounds: int = TUNING.learning_rounds, accuracy: Accuracy = FINE
-    ) -> None:
-        self.target, self.rounds, self.accuracy = target, rounds, accuracy
+        self, target: Target, modes: Sequence[Mode], rounds: int = TUNING.learning_rounds, accuracy: Accuracy = FINE,
+        *, follow: bool = True,
+    ) -> None:  # fmt: skip
+        self.target, self.rounds, self.accuracy, self.follow = target, rounds, accuracy, follow
         self.u = np.empty((0, len(target.prior.names)))
         self.residual = np.empty((0, target.noise.size))
         self.value = np.empty(0)
@@ -82,12 +83,13 @@ class Explorer:
     def _settle(self, mode: Mode) -> None:
         """A mode and the ridge through it become places to draw about, each known a standard deviation around."""
         heights = np.array([place.log_evidence for place in (mode, *self.places)])
-        along = ridge(self.target, mode) if heights[0] >= np.max(heights) - TUNING.ridge_worth else []
-        for place in (mode, *along):
+        worth = self.follow and heights[0] >= np.max(heights) - TUNING.ridge_worth
+        for place in (mode, *(ridge(self.target, mode) if worth else [])):
             if not any(same(place, other) for other in self.places):
                 self.places.append(place)
                 axes = np.linalg.cholesky(place.covariance).T
-                self(place.u + np.concatenate([axes, -axes]), QUICK)
+                if self.follow:
+                    self(place.u + np.concatenate([axes, -axes]), QUICK)
         heights = np.array([place.log_evidence for place in self.places])
         means, covariances = [place.u for place in self.places], [place.covariance for place in self.places]
         self.start = Mixture.about(means, covariances, heights - np.max(heights))
@@ -106,6 +108,16 @@ class Explorer:
         self.residual = np.concatenate([self.residual, residual[good]])
         self.value = np.concatenate([self.value, value[good]])
 
+    def thorough(self, rounds: int = 0) -> None:
+        """From now on follow ridges, that of the highest simulation first, and learn from so many rough rounds."""
+        self.rounds = rounds
+        if not self.follow:
+            self.follow, self.places = True, []
+            found = modes(self.target, [self.u[np.argmax(self.value)], *(mode.u for mode in self.modes)])
+            self.modes = found or self.modes
+            for mode in self.modes:
+                self._settle(mode)
+
     def also(self, modes: Sequence[Mode]) -> None:
         """Take up further modes that are not known yet."""
         for mode in modes:
@@ -117,6 +129,8 @@ class Explorer:
         """The next proposal; before the first, rounds of rough simulations where the posterior and its tails seem to
         be, and one more for each other valley found there."""
         rounds = 0
+        if counted and len(counted.u) > TUNING.lost_after and counted.ess < TUNING.lost * len(counted.u):
+            self.thorough()
         while counted is None and rounds < self.rounds + self.climbed:
             known = self._learnt(rng, None)
             draw = known.teachers if isinstance(known, Blend) else known.draw

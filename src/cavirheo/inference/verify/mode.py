@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
 from cavirheo.arrays import Floats
-from cavirheo.inference.experiment import QUICK, Accuracy, Experiment
+from cavirheo.inference.experiment import FINE, QUICK, Accuracy, Experiment
 from cavirheo.inference.fit.least_squares import FORWARD
 from cavirheo.inference.noise import Noise
 from cavirheo.inference.verify.tuning import TUNING
@@ -131,6 +132,49 @@ def climb(
             break
     value += 0.5 * float(rope @ (u - start)) ** 2
     return Mode(u, value, np.asarray(np.linalg.inv(free), dtype=float), residual, jacobian)
+
+
+class Simulated(NamedTuple):
+    """Simulations: u (k, d), residuals (k, n), log posterior (k,)."""
+
+    u: Floats
+    residual: Floats
+    value: Floats
+
+    def and_at(self, target: Target, u: Floats, accuracy: Accuracy = FINE) -> Simulated:
+        """These and the ones at u (m, d)."""
+        residual = target.residuals(u, accuracy)
+        more = u, residual, target.log_posterior(u, residual)
+        return Simulated(*(np.concatenate(pair) for pair in zip(self, more, strict=True)))
+
+
+def secant(target: Target, known: Simulated) -> tuple[Mode, Simulated]:
+    """The maximum among `known` simulations, more of them than parameters, and near them; with those of the steps.
+
+    Gauss-Newton steps whose jacobian is the slope of a plane through the residuals of the likeliest: a step costs two
+    simulations, where one with finite differences costs one a parameter. (Ralston and Jennrich 1978,
+    doi:10.1080/00401706.1978.10489610)
+    """
+    for left in reversed(range(TUNING.secant_steps + 1)):
+        top = int(np.argmax(known.value))
+        u, residual, value = (values[np.isfinite(known.value)] for values in known)
+        trust = 1.0 / (1.0 + (known.value[top] - value) / TUNING.nugget_height)
+        off = trust[:, None] * np.column_stack([np.ones(len(u)), u - known.u[top]])
+        size = np.append(0.0, np.sqrt(np.sum(off[:, 1:] ** 2, axis=0)))
+        missed = trust[:, None] * (residual - known.residual[top])
+        plane = np.linalg.solve(off.T @ off + np.diag((TUNING.secant_firm * size) ** 2), off.T @ missed)
+        jacobian = -plane[1:].T
+        gradient, curvature = target.noise.newton(known.residual[top], jacobian)
+        gradient, curvature = gradient + known.u[top], curvature + np.eye(len(gradient))
+        step = -np.linalg.solve(curvature, gradient)
+        if not left or -0.5 * float(gradient @ step) < TUNING.climb_gain:
+            break
+        known = known.and_at(target, np.clip(known.u[top] + np.outer((1.0, 0.4), step), -5.0, 5.0))
+        if np.max(known.value) - known.value[top] < TUNING.climb_gain:
+            break
+    top = int(np.argmax(known.value))
+    covariance = np.asarray(np.linalg.inv(curvature), dtype=float)
+    return Mode(known.u[top], float(known.value[top]), covariance, known.residual[top], jacobian), known
 
 
 def ridge(target: Target, mode: Mode) -> list[Mode]:

@@ -1,8 +1,9 @@
 """Level "auto": weighted draws from a few hundred simulations where a network's draws show the way.
 
-The network's own draws are simulated first. From the likeliest of them the climb begins, and their weights give an
-evidence by themselves. The draws that count come from what the simulations teach (explore.py). They are trusted if they
-are worth enough and if both evidences agree: an effective size alone does not show what a proposal never met.
+The network's own draws are simulated first. They lead to the maximum and to what is around it, and their weights give
+an evidence by themselves. The draws that count come from what the simulations teach (explore.py). They are trusted if
+they are worth enough and if the network's own evidence is not larger than theirs: an effective size alone does not show
+what a proposal never met. (That it is smaller only says that the network misses what they have.)
 """
 
 from __future__ import annotations
@@ -16,14 +17,14 @@ from cavirheo.arrays import Floats
 from cavirheo.errors import SolverError
 from cavirheo.inference.experiment import FINE
 from cavirheo.inference.verify.explore import Explorer
-from cavirheo.inference.verify.mode import Mode, Target, modes
+from cavirheo.inference.verify.mode import Mode, Simulated, Target, modes, secant
 from cavirheo.inference.verify.sampler import Proposal, Sample, sample
 from cavirheo.inference.verify.tuning import TUNING
 
 
 class Weighed(NamedTuple):
     """drawn: the weighted draws. modes: all that were found. few: whether few simulations were enough. apart: how many
-    standard errors the network's own evidence is from that of the others; None where its draws are worth too little."""
+    standard errors the network's own evidence is above that of the others; None if its draws are worth too little."""
 
     drawn: Sample
     modes: list[Mode]
@@ -40,20 +41,23 @@ def weighed(
     starts: where to climb from without a network; scanned: the same from all over the ranges. draws: at most so many
     with weights. Raises SolverError: no start could be simulated.
     """
-    found, own, residual = list[Mode](), None, np.empty((0, target.noise.size))
+    own, known, found = None, None, list[Mode]()
     if network:
         u = network.draw(TUNING.own_draws, np.random.Generator(np.random.Philox(seed).jumped()))
         residual = target.residuals(u, FINE)
-        own = Sample(u, target.log_posterior(u, residual), network.log_density(u))
-        first, *others = _apart(own) or [u[0]]
-        found = modes(target, [first], others)
-    if not found:
+        known = Simulated(u, residual, target.log_posterior(u, residual))
+        own = Sample(u, known.value, network.log_density(u))
+    if known and np.count_nonzero(np.isfinite(known.value)) > 2 * (known.u.shape[1] + 1):
+        mode, known = secant(target, known)
+        found = [mode, *modes(target, _beyond(mode, known))]
+    searched = not found
+    if searched:
         found = modes(target, starts(), scanned())
     if not found:
         raise SolverError(f"no start of {target.experiment.family.name} could be simulated")
-    explorer = Explorer(target, found, TUNING.auto_learning)
-    if own is not None:
-        explorer.learn(own.u, residual, own.log_target)
+    explorer = Explorer(target, found, TUNING.auto_learning, follow=searched)
+    if known:
+        explorer.learn(*known)
     guard = (network, own) if network and own is not None else None
     sizes: dict[str, Any] = {"each": TUNING.auto_per_round, "most": min(TUNING.auto_draws, draws)}
     enough = min(TUNING.auto_enough, draws / 2)
@@ -64,28 +68,27 @@ def weighed(
         apart = _standard_errors(own, rest)
     if drawn.ess >= enough and drawn.reliable and (apart is None or apart <= TUNING.agree):
         return Weighed(drawn, explorer.modes, True, apart)
+    explorer.thorough(TUNING.learning_rounds)
     explorer.also(modes(target, [], scanned()))
-    explorer.rounds = TUNING.learning_rounds
     enough = max(min(TUNING.effective_enough, draws / 4), TUNING.effective_fewest)
     sizes = {"each": TUNING.draws_per_round, "most": draws, "enough": enough}
     drawn = sample(explorer, explorer.propose, seed=seed + 1, first=guard, **sizes)
     return Weighed(drawn, explorer.modes, False, apart)
 
 
-def _apart(own: Sample) -> list[Floats]:
-    """The likeliest draws, each away from those before it."""
-    inverse = np.linalg.pinv(np.cov(own.u.T))
-    found: list[Floats] = []
-    for i in np.argsort(-own.log_target, kind="stable"):
-        off = [own.u[i] - other for other in found]
-        if np.isfinite(own.log_target[i]) and all(one @ inverse @ one > TUNING.own_apart**2 for one in off):
-            found.append(own.u[i])
-        if len(found) == TUNING.own_starts:
-            break
-    return found
+def _beyond(mode: Mode, known: Simulated) -> list[Floats]:
+    """The likeliest simulation that the Gaussian about the mode does not expect there, if there is one: on the way to
+    another valley."""
+    off = known.u - mode.u
+    expected = mode.log_posterior - 0.5 * np.einsum("ki,ij,kj->k", off, np.linalg.inv(mode.covariance), off)
+    unexpected = known.value - expected > TUNING.own_unexpected
+    likely = np.where(unexpected & (known.value > mode.log_posterior - TUNING.lowest_mode), known.value, -np.inf)
+    best = int(np.argmax(likely))
+    return [known.u[best]] if np.isfinite(likely[best]) else []
 
 
-def _standard_errors(one: Sample, other: Sample) -> float:
-    """How far two evidences are apart."""
-    (a, of_a), (b, of_b) = one.log_evidence, other.log_evidence
-    return abs(a - b) / float(np.hypot(of_a, of_b) + 1e-9)
+def _standard_errors(own: Sample, rest: Sample) -> float:
+    """By how much the network's evidence is larger than that of the others, which then miss a part of the posterior.
+    A smaller one says that the network misses a part: they have it."""
+    (a, of_a), (b, of_b) = own.log_evidence, rest.log_evidence
+    return (a - b) / float(np.hypot(of_a, of_b) + 1e-9)

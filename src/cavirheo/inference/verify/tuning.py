@@ -18,15 +18,18 @@ class Tuning:
     effective_fewest: float = 100.0  # below which no interval is given
 
     # level "auto": as few simulations as a good start allows, else those of "full"
-    own_draws: int = 60  # of a network's draws that are simulated: where to climb from, and an evidence by themselves
-    own_starts: int = 3  # of them, climbed from
-    own_apart: float = 3.0  # Mahalanobis distance in the network's draws, from which a start is another
+    own_draws: int = 48  # of a network's draws that are simulated: the way to the maximum, and an evidence
+    own_unexpected: float = 6.0  # height of one over the Gaussian about the maximum, from which it is on another hill
     own_worth: float = 5.0  # effective size of them, from which their evidence says something
-    auto_draws: int = 360  # most further simulations whose weights count,
-    auto_per_round: int = 90
+    secant_steps: int = 4  # to the maximum, at most
+    secant_firm: float = 0.03  # how firmly a direction that the draws do not tell stays
+    auto_draws: int = 420  # most further simulations whose weights count,
+    auto_per_round: int = 40
     auto_learning: int = 0  # after so many rounds of rough ones
-    auto_enough: float = 110.0  # effective draws at which it ends
-    agree: float = 3.0  # standard errors, within which two evidences are one
+    auto_enough: float = 102.0  # effective draws at which it ends
+    lost: float = 0.06  # effective draws over draws, below which the search
+    lost_after: int = 120  # of them begins anew, along ridges
+    agree: float = 3.0  # standard errors, by which the network's evidence may be the larger one
 
     # where searches start
     scanned: int = 96  # coarse simulations all over the ranges
