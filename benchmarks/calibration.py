@@ -1,16 +1,17 @@
 """Do the intervals of `--verify full` hold the truth as often as they say? Simulated shots drawn from the prior.
 
     python benchmarks/calibration.py OUT.jsonl [-n 300] [--as-read] [--discrepancy] [--workers 2]
-    python benchmarks/calibration.py OUT.jsonl [-n 200] --kinetic    # those of `fit --contents kinetic`
+    python benchmarks/calibration.py OUT.jsonl [-n 300] --default [--kinetic] [...]    # of `infer`, as it is
     python benchmarks/calibration.py OUT.jsonl -n 0          # the table of what is there
 
 Truth: NHKV, log10 G (500 Pa to 50 kPa), log10 mu (5 mPa s to 0.5 Pa s) and log10 stretch (4 to 11) uniform, R_max
 100 to 400 um; 100 frames over 4.07 t_c, each the mean of 15 instants within 0.3 of a frame; clock off by up to half
 a frame, radii by a scale and R_max by a factor with 0.5 % standard deviation (cut at 1.5 %); 1 % of R_max noise.
 Simulated with `precise`. --as-read takes R_max and its time off the noisy frames, as for a file, instead of as
-drawn; --discrepancy leaves the default discrepancy on, which these shots do not have. --kinetic: vapour condenses at a
-finite rate, log10 of the accommodation (0.01 to 1) uniform; shots are not blurred, and answered by the fit with kinetic
-contents, whose other prior ranges are wider. One line a shot is added to OUT.jsonl; a later call goes on.
+drawn; --discrepancy leaves the default discrepancy on, which these shots do not have. --default is the answer of
+`infer` within the same ranges: a truth from a narrower range than the prior's is no test of the interval where the
+curve says little. --kinetic: vapour condenses at a finite rate, log10 of the accommodation (0.01 to 1) uniform and
+free; shots are not blurred. One line a shot is added to OUT.jsonl; a later call goes on.
 """
 
 from __future__ import annotations
@@ -27,8 +28,9 @@ import numpy as np
 from scipy.stats import chi2, kstest, truncnorm
 
 from cavirheo import NeoHookeanKelvinVoigt, RadiusCurve, fit, simulate
+from cavirheo.inference.networked import Networked
+from cavirheo.inference.posterior_model import load_posterior
 from cavirheo.inference.verify import verify
-from cavirheo.inference.verify.sampler import effective_size
 from cavirheo.physics.materials import Material
 from cavirheo.physics.media import WATER
 from cavirheo.posterior import Posterior
@@ -106,40 +108,28 @@ def calibrated(ranks: np.ndarray) -> tuple[bool, float, float]:
     return min(p_bins, p_ks) >= ALARM, p_bins, p_ks
 
 
-def one(job: tuple[int, bool, bool]) -> dict:
-    seed, as_read, discrepancy = job
-    truth, curve = shot(seed, as_read=as_read)
+def one(job: tuple[int, bool, bool, bool, bool]) -> dict:
+    seed, as_read, discrepancy, default, kinetic = job
+    truth, curve = shot(seed, as_read=as_read, kinetic=kinetic)
+    ranges = CONDENSING if kinetic else RANGES
     # as drawn, the clock is known to half a frame; read off the frames it is not, and the default range is wider
     bound = None if as_read else 0.5 * float(np.median(np.diff(curve.time)))
+    how: dict[str, Any] = {"ranges": ranges, "discrepancy": discrepancy, "t0_bound": bound, "workers": 1, "seed": seed}
     began = time.process_time()
-    answer = verify(
-        curve, fit(curve, window="all", workers=1),
-        ranges=RANGES, discrepancy=discrepancy, t0_bound=bound, scale_bound=BOUND, workers=1, seed=seed,
-    )  # fmt: skip
+    if default:
+        network = load_posterior()
+        start = Networked(network, contents="kinetic" if kinetic else "equilibrium", trust_input=True, checked=False)
+        answer = verify(curve, start.infer(curve), level="auto", network=network, **how)
+    else:
+        answer = verify(curve, fit(curve, window="all", workers=1), scale_bound=BOUND, **how)
     about = answer.diagnostics
     row = {"seed": seed, "truth": truth, "verdict": answer.checks.verdict, "message": answer.checks.message}
-    row |= {
-        "seconds": time.process_time() - began,
-        "ess": about.effective_sample_size,
-        "tail": about.tail_index,
-    }
+    row |= {"seconds": time.process_time() - began, "ess": about.effective_sample_size, "tail": about.tail_index}
     row |= {"p_value": (about.predictive or {}).get("p_value"), "simulations": about.simulations}
-    row["ranks"] = {n: rank(answer, n, truth[n]) for n in truth} if answer.log_weight is not None else None
-    row["median"] = {name: answer.median(name) for name in RANGES}
-    return row
-
-
-def one_fit(seed: int) -> dict:
-    """Of the fit with kinetic contents, the accommodation free."""
-    truth, curve = shot(seed, kinetic=True)
-    began, bound = time.process_time(), 0.5 * float(np.median(np.diff(curve.time)))
-    how: dict[str, Any] = {"others": False, "windows": False, "t0_bound": bound, "workers": 1, "seed": seed}
-    answer = fit(curve, contents="kinetic", **how)
-    row = {"seed": seed, "truth": truth, "verdict": answer.checks.verdict, "message": answer.checks.message}
-    row |= {"seconds": time.process_time() - began, "simulations": answer.diagnostics.simulations, "p_value": None}
-    row["ess"] = None if answer.log_weight is None else effective_size(answer.log_weight)
-    row["ranks"] = {n: rank(answer, n, truth[n]) for n in CONDENSING} if len(answer.theta) > 1 else None
-    row["median"] = {name: answer.median(name) for name in CONDENSING} if len(answer.theta) else None
+    row["few"] = answer.provenance.get("few_simulations")
+    told = answer.log_weight is not None
+    row["ranks"] = {n: rank(answer, n, truth[n]) for n in truth if n in answer.parameters} if told else None
+    row["median"] = {name: answer.median(name) for name in ranges}
     return row
 
 
@@ -161,6 +151,8 @@ def table(rows: list[dict]) -> str:
         f"CPU seconds a shot, fit included: median {np.median(seconds):.1f}, 95 % {np.quantile(seconds, 0.95):.1f}"
     ]
     lines += [f"simulations: median {np.median([r['simulations'] for r in rows if r['simulations']]):.0f}"]
+    few = [bool(row["few"]) for row in rows if row["few"] is not None]
+    lines += [f"few simulations were enough: {np.mean(few):.1%}"] if few else []
     lines += [f"predictive check below 1 %: {np.mean(p < 0.01):.1%}"] if len(p) else []
     lines += [f"verdicts: { {v: sum(r['verdict'] == v for r in rows) for v in sorted({r['verdict'] for r in rows})} }"]
     return "\n".join(lines)
@@ -184,13 +176,13 @@ def main() -> None:
     parser.add_argument("-n", type=int, default=300)
     parser.add_argument("--as-read", action="store_true")
     parser.add_argument("--discrepancy", action="store_true")
+    parser.add_argument("--default", action="store_true")
     parser.add_argument("--kinetic", action="store_true")
     parser.add_argument("--workers", type=int, default=1)
     given = parser.parse_args()
-    jobs: dict[tuple, Any] = {(seed,): (seed, given.as_read, given.discrepancy) for seed in range(given.n)}
-    if given.kinetic:
-        jobs = {(seed,): seed for seed in range(given.n)}
-    rows = resumed(given.out, jobs, ("seed",), one_fit if given.kinetic else one, given.workers)
+    how = (given.as_read, given.discrepancy, given.default, given.kinetic)
+    jobs: dict[tuple, Any] = {(seed,): (seed, *how) for seed in range(given.n)}
+    rows = resumed(given.out, jobs, ("seed",), one, given.workers)
     print(table(rows))
 
 

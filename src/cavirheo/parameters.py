@@ -143,3 +143,8 @@ def natural(name: str, values: ArrayLike) -> Floats:
     """Natural values in SI of a parameter from those in the prior's scale (log10 for a name that begins so)."""
     values = np.asarray(values, dtype=float)
     return np.asarray(10.0**values if name.startswith(LOG10) else values)
+
+
+def scaled(name: str, value: float | None) -> float:
+    """A natural value in SI in the prior's scale (its log10 for a name that begins so); NaN for None."""
+    return np.nan if value is None else float(np.log10(value)) if name.startswith(LOG10) else value

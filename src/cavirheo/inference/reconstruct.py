@@ -51,11 +51,10 @@ def window(curve: RadiusCurve, *, collapses: int | None = None, end: float | Non
     return Window(cut, float(last - curve.time_of_max), int(np.count_nonzero(seen <= last)))
 
 
-def fit_stretch(view: Window, material: Material, medium: Medium, near: float | None = None) -> float:
+def fit_stretch(view: Window, material: Material, medium: Medium) -> float:
     """The stretch R_max/R_0 with the smallest RMSE, the material being given. Raises SolverError: none succeeded.
 
-    The error has several minima (a rebound may slip by a period), so the whole range is looked over first; from a
-    stretch `near` it, one parabola step in log stretch is taken instead.
+    The error has several minima (a rebound may slip by a period), so the whole range is looked over first.
     """
     top, measured = view.curve.max_radius, view.normalised
 
@@ -67,30 +66,17 @@ def fit_stretch(view: Window, material: Material, medium: Medium, near: float | 
         )  # fmt: skip
         return np.array([np.sqrt(np.mean((run.radius / top - measured) ** 2)) if run.ok else np.inf for run in runs])
 
-    lowest, highest = STRETCH_RANGE
-    if near is None:
-        grid = np.geomspace(lowest, highest, 18)
-        errors = misfit(grid)
-        best = int(np.argmin(errors))
-        if not np.isfinite(errors[best]):
-            raise SolverError(f"no simulation with {material} succeeded at any stretch in {STRETCH_RANGE}")
-        around = grid[max(best - 1, 0)], grid[min(best + 1, len(grid) - 1)]
-        found = minimize_scalar(
-            lambda stretch: float(misfit(np.array([stretch]))[0]),
-            bounds=around, method="bounded", options={"xatol": 0.01},
-        )  # fmt: skip
-        return float(found.x)
-    step = 0.03
-    logs = np.log(np.clip(near, lowest * 1.04, highest / 1.04)) + np.array([-step, 0.0, step])
-    low, middle, high = misfit(np.exp(logs)) ** 2
-    curvature = low - 2 * middle + high
-    if not np.isfinite(curvature):
-        return near
-    if curvature <= 0:
-        move = -2 * step * np.sign(high - low)
-    else:
-        move = np.clip(step * (low - high) / (2 * curvature), -2 * step, 2 * step)
-    return float(np.clip(np.exp(logs[1] + move), lowest, highest))
+    grid = np.geomspace(*STRETCH_RANGE, 18)
+    errors = misfit(grid)
+    best = int(np.argmin(errors))
+    if not np.isfinite(errors[best]):
+        raise SolverError(f"no simulation with {material} succeeded at any stretch in {STRETCH_RANGE}")
+    around = grid[max(best - 1, 0)], grid[min(best + 1, len(grid) - 1)]
+    found = minimize_scalar(
+        lambda stretch: float(misfit(np.array([stretch]))[0]),
+        bounds=around, method="bounded", options={"xatol": 0.01},
+    )  # fmt: skip
+    return float(found.x)
 
 
 @dataclass(frozen=True, eq=False)

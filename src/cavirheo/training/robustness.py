@@ -15,15 +15,16 @@ import numpy as np
 from cavirheo.arrays import Floats
 from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError
+from cavirheo.inference import infer_many
 from cavirheo.inference.amortised import Amortised
 from cavirheo.inference.model import Network
-from cavirheo.parallel import each
+from cavirheo.parameters import natural_name, scaled
 from cavirheo.problem import TrainingProblem
 from cavirheo.training.dataset import Dataset, Indices
 from cavirheo.training.metrics import metrics
 from cavirheo.writing.terminal import bar
 
-ANSWERS = 200  # curves that are also given the whole answer, a few tenths of a second each
+ANSWERS = 60  # curves that are also given the default answer, seconds each
 SEED = 0
 LONGER = 1.05  # the recording outlasts the network's grid by this: a fitted R_max that is too large needs later frames
 
@@ -53,8 +54,8 @@ RECORDINGS = (
 def robustness(network: Network, data: Dataset, chosen: Indices, progress: bool = True) -> dict[str, Any]:
     """Metrics of a network on the curves `chosen` of a set, filmed in every way.
 
-    The network alone reads all of them; the whole answer (`cavirheo.infer`: the network and its correction at the true
-    scale) is found for ANSWERS of them, drawn at random. What a curve suffers depends on (SEED, its index) alone.
+    The network reads all of them; the default answer of `infer`, of the same law, is found for ANSWERS of them, drawn
+    at random. What a curve suffers depends on (SEED, its index) alone.
 
     Returns:
         {"seed", "curves", "answers", "rows"}; a row is {"recording", "network", "network_same_curves", "answer",
@@ -62,6 +63,7 @@ def robustness(network: Network, data: Dataset, chosen: Indices, progress: bool 
         with "verdicts"; answer_ok are those whose verdict is ok.
     """
     estimator = Amortised(network, data.problem.medium, trust_input=True)
+    default: Any = {"material": data.problem.material_name, "medium": data.problem.medium, "trust_input": True}
     names, truth = network.outputs, data.truth(network.outputs)
     nothing, R_max = np.full(len(names), np.nan), data.problem.reference_max_radius
     drawn = np.sort(np.random.default_rng(SEED).permutation(len(chosen))[:ANSWERS])
@@ -87,8 +89,8 @@ def robustness(network: Network, data: Dataset, chosen: Indices, progress: bool 
                 filmed[key] = film(data.problem, data.theta, chosen, recording)
             curves = [degrade(*true, R_max, recording, i) for true, i in zip(filmed[key], chosen, strict=True)]
             read = [alone(curve) for curve in curves]
-            posteriors = each(estimator.infer, [curves[i] for i in drawn], done=lambda *_: advance())
-            answers = [posterior.theta[0] if len(posterior.theta) else nothing for posterior in posteriors]
+            posteriors = infer_many([curves[i] for i in drawn], done=lambda *_: advance(), **default)
+            answers = [np.array([scaled(n, one.median(natural_name(n))) for n in names]) for one in posteriors]
             verdicts = [posterior.checks.verdict for posterior in posteriors]
             ok = [i for i, verdict in enumerate(verdicts) if verdict == "ok"]
             rows.append(
