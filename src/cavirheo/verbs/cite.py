@@ -1,0 +1,37 @@
+"""`cavirheo cite`: the paragraph of a paper's methods section for a result, and the references as BibTeX."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+from typer import Argument, Option
+
+from cavirheo.errors import require
+
+
+def cite(
+    result: Annotated[Path, Argument(help="a result.json, or the folder that holds one")],
+    out: Annotated[Path | None, Option("-o", "--out", help="write here instead of to the terminal")] = None,
+) -> None:
+    """What a paper must say about a result: models, window, priors, method, versions; and whom to cite, as BibTeX."""
+    from cavirheo.loading import load
+    from cavirheo.reporting.citing import methods
+    from cavirheo.reporting.record import Result
+    from cavirheo.writing.document import whole
+
+    found = load(result)
+    kind = type(found).__name__.lower()
+    if not isinstance(found, Result):
+        require(
+            False, f"{result} is a document of another kind ({kind}): give the result.json of infer or fit", "cite.kind"
+        )
+        return
+    paragraph, sources = methods(found)
+    text = "\n\n".join([paragraph, *(source.bibtex for source in sources)]) + "\n"
+    if out is None:
+        print(text, end="")
+        return
+    require(not out.exists(), f"{out} exists already: give another name", "cite.exists")
+    with whole(out) as temporary:
+        temporary.write_text(text, encoding="utf-8")
