@@ -2,6 +2,8 @@
 compares with `full`, and how many simulations it takes. No curve of the training is used.
 
 python benchmarks/default_answer.py OUT [-n 40] [--kind calibration|prior|early|liquid] [--full]
+python benchmarks/default_answer.py OUT --real FOLDER [-n 5]     # real sets, n shots of each, beside `full`
+python benchmarks/default_answer.py OUT --time [-n 20]           # seconds of one shot and of n, and of the command
 
 OUT.jsonl keeps a line per recording: the same call goes on where it stopped. OUT.md is the table.
 """
@@ -10,12 +12,17 @@ from __future__ import annotations
 
 import argparse
 import json
+import os
+import subprocess
+import sys
 import time
+from contextlib import suppress
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
 import numpy as np
 
-from cavirheo import RadiusCurve
+from cavirheo import RadiusCurve, read_curves
 from cavirheo.inference import infer_many
 from cavirheo.inference.law import Family
 from cavirheo.physics.simulate import simulate
@@ -89,6 +96,77 @@ def measure(kind: str, number: int, full: bool) -> dict | None:
     return line
 
 
+REAL = {  # folder, law
+    "paam_alginate_0p3": "nhkv", "pa_stiff": "nhkv", "agarose_0p5": "nhkv", "agarose_2p5": "fung + newtonian",
+    "peg8000_10wv": "newtonian", "peg8000_40wv": "power-law", "water_laser": "newtonian",
+}  # fmt: skip
+
+
+def real(folder: Path, n: int) -> list[str]:
+    """How many shots of real sets have an interval, and how far medians are from those of `full`, in its standard
+    deviations."""
+    rows = ["| set, law | shots | few simulations enough | interval | medians within 0.3 | largest | median s |"]
+    rows.append("|---" * 7 + "|")
+    for name, law in REAL.items():
+        curves = []
+        for file in sorted((folder / name).iterdir()):
+            with suppress(Exception):  # a figure, a table of something else
+                curves += read_curves(file)
+        curves = curves[:: max(len(curves) // n, 1)][:n]
+        few, held, off, seconds = 0, 0, list[float](), list[float]()
+        for curve in curves:
+            began = time.perf_counter()
+            soon = infer_many([curve], material=law, trust_input=True)[0]
+            seconds.append(time.perf_counter() - began)
+            few += bool(soon.provenance.get("few_simulations"))
+            held += soon.log_weight is not None
+            full = infer_many([curve], material=law, verify="full", trust_input=True)[0]
+            for parameter in Family(law).parameters:
+                both = [one.interval(parameter) for one in (soon, full)]
+                if None not in both:
+                    deviation = np.log(both[1][1] / both[1][0]) / 3.29
+                    off.append(abs(np.log(soon.median(parameter) / full.median(parameter))) / deviation)
+        if off:
+            within, largest = f"{np.mean(np.array(off) < 0.3):.0%}", f"{max(off):.2f}"
+            rows.append(
+                f"| {name}, {law} | {len(curves)} | {few} | {held} | {within} | {largest} | {np.median(seconds):.1f} |"
+            )
+            print(rows[-1], flush=True)
+    return rows
+
+
+def timed(n: int) -> list[str]:
+    """Seconds on all cores, after a first run of each that is not counted."""
+    made = [one for i in range(2 * n) if (one := recording("calibration", i))][:n]
+    infer_many([made[0][0]])
+    alone = []
+    for curve, _, _ in made:
+        began = time.perf_counter()
+        infer_many([curve], trust_input=True)
+        alone.append(time.perf_counter() - began)
+    began = time.perf_counter()
+    infer_many([curve for curve, _, _ in made], trust_input=True)
+    together = time.perf_counter() - began
+    with TemporaryDirectory() as folder:
+        curve = made[0][0]
+        path = Path(folder) / "shot.csv"
+        path.write_text(
+            "time_us,radius_um\n"
+            + "".join(f"{1e6 * t},{1e6 * r}\n" for t, r in zip(curve.time, curve.radius, strict=True))
+        )
+        call = [sys.executable, "-m", "cavirheo", "infer", str(path), "--no-pictures", "-o"]
+        spent = []
+        for k in range(3):
+            began = time.perf_counter()
+            subprocess.run([*call, str(Path(folder) / f"out{k}")], check=False, capture_output=True)
+            spent.append(time.perf_counter() - began)
+    return [
+        f"One shot: median {np.median(alone):.2f} s, 95 % {np.quantile(alone, 0.95):.2f} s; {n} shots in one call: "
+        f"{together:.1f} s; the command with one shot, third run: {spent[-1]:.2f} s. {os.cpu_count()} cores, load "
+        f"{os.getloadavg()[0]:.1f}."
+    ]
+
+
 def table(lines: list[dict]) -> str:
     rows = ["| recordings | n | few simulations enough | interval | 50 % | 90 % | median simulations | processor s |"]
     rows.append("|---" * 8 + "|")
@@ -137,7 +215,13 @@ if __name__ == "__main__":
     parser.add_argument("-n", type=int, default=40)
     parser.add_argument("--kind", choices=KINDS, action="append")
     parser.add_argument("--full", action="store_true")
+    parser.add_argument("--real", type=Path)
+    parser.add_argument("--time", action="store_true")
     given = parser.parse_args()
+    if given.real or given.time:
+        text = "\n".join(real(given.real, given.n) if given.real else timed(given.n)) + "\n"
+        given.out.with_suffix(".md").write_text(text)
+        sys.exit(print(text))
     kept = given.out.with_suffix(".jsonl")
     lines = [json.loads(line) for line in kept.read_text().splitlines()] if kept.exists() else []
     for kind in given.kind or KINDS:

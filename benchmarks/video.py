@@ -151,11 +151,11 @@ def row(kind: str, all_of: dict[str, np.ndarray]) -> str:
 
 
 def inferred(kind: str, curve: cavirheo.RadiusCurve, shot: Shot) -> tuple[str, np.ndarray]:
-    """A row, and (fit: G, mu, lambda relative errors; whether 90 % intervals of --verify map hold G and mu)."""
+    """A row, and (fit: G, mu, lambda relative errors; whether the 90 % intervals of `infer` hold G and mu)."""
     answer = cavirheo.fit(curve)
     truth = {"shear_modulus": shot.G, "viscosity": shot.mu, "stretch": shot.stretch}
     errors = [answer.median(name) / true - 1.0 for name, true in truth.items()]
-    checked = cavirheo.infer(curve, verify="map")
+    checked = cavirheo.infer(curve)
     held = []
     for name in ("shear_modulus", "viscosity"):
         low, high = checked.interval(name) or (np.nan, np.nan)
@@ -235,7 +235,7 @@ def main() -> None:
         held = np.array(answers)
         lines += [
             "", "## From the recording to G and µ",
-            "One recording of each kind, measured and fitted (`fit` with its defaults), and `infer --verify map`:",
+            "One recording of each kind, measured and fitted (`fit` with its defaults), and `infer` with its defaults:",
             "whether the 90 % interval holds the truth.", "",
             "| scene | G, kPa | µ, Pa s | error of G, % | of µ, % | of λ, % | verdict of fit | G held | µ held |",
             "|---|---|---|---|---|---|---|---|---|", *fits, "",

@@ -14,7 +14,7 @@ from gradio.utils import get_upload_folder
 from cavirheo.app import steps, words
 from cavirheo.app.session import PageSettings, Session, Visitors
 from cavirheo.errors import InputError, SolverError, require
-from cavirheo.inference.model import DEFAULT
+from cavirheo.inference import DEFAULT
 
 
 def told(handler: Callable[..., Any]) -> Callable[..., Any]:
@@ -56,16 +56,18 @@ def public(visitors: Visitors) -> Callable[..., Any]:
         rmax_um: float | None = None,
         stretch: float | None = None,
         window: int | None = None,
-        verify: str = "none",
+        verify: str = "auto",
+        material: str = "nhkv",
     ) -> dict:
         """Measured radius histories in, the content of result.json out; options as those of `cavirheo infer`."""
-        options: dict[str, Any] = {"rmax_um": rmax_um, "stretch": stretch, "window": window, "verify": verify}
+        options: dict[str, Any] = {"rmax_um": rmax_um, "stretch": stretch, "window": window}
+        options |= {"model": model, "material": material, "verify": verify}
         session = Session(visitors.limits, visitors.reader)
         with closing(session), uploaded([str(dict(file)["path"]) for file in files]) as paths:
-            session.add(paths, PageSettings(medium, density, model=model, **options))
+            session.add(paths, PageSettings(medium, density, **options))
             require(not session.waiting, f"{session.waiting}: send measured.csv of `cavirheo measure`", "app.film")
-            if not session.curves:
-                raise InputError("; ".join(session.problems) or "no curve could be read", "app.no_curve")
+            told = "; ".join(session.problems) or "no curve could be read"
+            require(bool(session.curves), told, "app.no_curve")
             document = steps.infer(session, [curve.name for curve in session.curves], lambda *_: None).document
             document.notes.extend(session.problems)
             return document.model_dump(by_alias=True, mode="json")

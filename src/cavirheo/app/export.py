@@ -23,8 +23,7 @@ def write_zip(session: Session) -> Path:
     if (answers := session.answers) is None:
         raise InputError("nothing to export: infer first (step 3)", "app.no_answer")
     with TemporaryDirectory(dir=session.folder) as name:
-        folder = Path(name) / "cavirheo-result"
-        command = answers.document.command
+        folder, command = Path(name) / "cavirheo-result", answers.document.command
         document = write_report(folder, answers.pairs, command, _PICTURES)
         if fitted := [(curve, answers.fits[curve.name]) for curve, _ in answers.pairs if curve.name in answers.fits]:
             write_report(folder / "least-squares", fitted, f"{command}; then fit", _PICTURES)

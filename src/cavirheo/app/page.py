@@ -18,11 +18,11 @@ from cavirheo.app import export, film, plots, steps, words
 from cavirheo.app.endpoint import public, told, uploaded
 from cavirheo.app.session import Camera, PageSettings, Session, Visitors
 from cavirheo.errors import InputError, number_of
-from cavirheo.inference.model import DEFAULT
+from cavirheo.inference import DEFAULT
 from cavirheo.physics.media import MEDIA
 
-_LEVELS = {"none (fastest)": "none", "quick (Gaussian)": "map", "full (weighted draws, several seconds a shot)": "full"}
-_WINDOWS = {"all that the model reads": 0, "1 collapse": 1, "2 collapses": 2, "3 collapses": 3}
+_LEVELS = {"weighed by simulations": "auto", "not verified (fastest)": "none", "Gaussian": "map", "full (slow)": "full"}
+_WINDOWS = {"the usual one": 0, "1 collapse": 1, "2 collapses": 2, "3 collapses": 3}
 _NUMBERS = {  # settings that need not be given: label, what an empty field means
     "density": ("Density (kg/m³)", "as the medium"),
     "rmax_um": ("True R_max (µm)", "as measured"),
@@ -134,8 +134,10 @@ class Page:
             self.fields[name] = _line(label=label, placeholder=empty, min_width=120)
 
     def _infer(self) -> None:
-        self.fields["model"] = gr.Radio(words.models(), value=DEFAULT, label="Material and model")
-        self.fields["verify"] = gr.Radio(list(_LEVELS.items()), value="none", label="Uncertainty")
+        self.fields["material"] = gr.Radio(words.materials(), value="nhkv", label="Material")
+        with gr.Accordion("More about the method", open=False):
+            self.fields["model"] = gr.Radio(words.models(), value=DEFAULT, label="Model")
+            self.fields["verify"] = gr.Radio(list(_LEVELS.items()), value="auto", label="Uncertainty")
         with gr.Row():
             self.infer, self.stop = _button("Infer all chosen shots"), _stop()
         self.answers = _html(words.answers(None), min_height=120)
@@ -335,7 +337,7 @@ class Page:
         if curve is None:
             return [None, ""]
         try:
-            figure = plots.prepared(curve, *steps.seen(curve, session.settings))
+            figure = plots.prepared(curve, steps.seen(curve, session.settings))
         except InputError as error:
             return [None, words.prepared(curve, error)]
         return [figure, words.prepared(curve)]

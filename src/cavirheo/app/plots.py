@@ -67,23 +67,16 @@ def filmed(found: Measurement, out: Bools, shown: int) -> go.Figure:
     return figure
 
 
-def prepared(curve: RadiusCurve, seen: Window, step: float, grid: Floats) -> go.Figure:
-    """The frames of a curve, those that are compared (`seen`), and the grid that the network reads, every `step` s."""
+def prepared(curve: RadiusCurve, seen: Window) -> go.Figure:
+    """The frames of a curve, and those that are compared (`seen`)."""
     figure = _figure(_TIME, "R (µm)")
     view = seen.curve
     _measured(figure, curve, (curve.time >= view.time[0]) & (curve.time <= view.time[-1]))
     spikes = np.isin(np.arange(len(curve.time)), curve.spikes())
     _dots(figure, curve, spikes, "stands out, kept", VERMILLION, 11, symbol="circle-open", line={"width": 2})
     _dots(figure, curve, np.isnan(curve.radius), "no radius", VERMILLION, 8, symbol="line-ns-open")
-    read = np.isfinite(grid)
-    line: Any = {"color": BLUE, "width": 1.6}
-    figure.add_scatter(
-        x=1e6 * step * np.flatnonzero(read), y=1e6 * grid[read], mode="lines+markers", line=line,
-        marker={"size": 3}, name="read by the network",
-    )  # fmt: skip
-    start = curve.time_of_max
-    end = 1e6 * max(step * len(grid), view.time[-1] - start)
-    figure.update_xaxes(range=[max(1e6 * (curve.time[0] - start), -0.5 * end), 1.25 * end])
+    begin, end = 1e6 * (curve.time[0] - curve.time_of_max), 1e6 * (view.time[-1] - curve.time_of_max)
+    figure.update_xaxes(range=[max(begin, -0.5 * end), 1.25 * end])
     return figure
 
 

@@ -15,8 +15,8 @@ from typing import Any, NamedTuple
 
 from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError, require
-from cavirheo.inference import check_level
-from cavirheo.inference.model import DEFAULT, shipped
+from cavirheo.inference import DEFAULT, check_level, check_models
+from cavirheo.inference.model import shipped
 from cavirheo.physics.media import Medium, medium
 from cavirheo.posterior import Posterior
 from cavirheo.reading.apart import Found, Reader
@@ -44,13 +44,16 @@ class VisitorLimits:
     absent: float = 600.0  # s after which one who closed the page is forgotten
 
 
+ANSWERED = ("model", "material", "verify")  # of PageSettings: how an answer is found
+
+
 @dataclass(frozen=True)
 class PageSettings:
     """What the page asks for, as the options of `cavirheo infer`; None: not given.
 
     Raises:
-        InputError: an unknown level of `verify`, or a model that is not shipped: no file of this machine is opened
-            for a visitor.
+        InputError: an unknown level of `verify`, a model that is not shipped (no file of this machine is opened for a
+            visitor), or a law that it does not answer.
     """
 
     medium: str = "water"
@@ -63,13 +66,16 @@ class PageSettings:
     stretch: float | None = None
     window: int | None = None
     model: str = DEFAULT
-    verify: str = "none"
+    material: str | None = "nhkv"  # None for a network that knows one law
+    verify: str = "auto"
 
     def __post_init__(self) -> None:
         check_level(self.verify)
-        known = shipped("point")
-        unknown = f"unknown model {self.model!r}; known here: {', '.join(known)}"
-        require(self.model in known, unknown, "app.unknown_model")
+        unknown = f"unknown model {self.model!r}; known here: {', '.join(shipped())}"
+        require(self.model in shipped(), unknown, "app.unknown_model")
+        if self.model in shipped("point"):
+            object.__setattr__(self, "material", None)
+        check_models(self.model, self.material, "equilibrium", self.verify)
 
     @property
     def liquid(self) -> Medium:
@@ -87,7 +93,7 @@ class PageSettings:
         """The command line that means the same for these files."""
         words = ["cavirheo", "infer", *(path.name for path in files)]
         for name, value in vars(self).items():
-            if value != getattr(PageSettings, name):
+            if value not in (None, getattr(PageSettings, name)):
                 words += [f"--{name.replace('_', '-')}", str(value)]
         return shlex.join(words)
 

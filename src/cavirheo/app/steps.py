@@ -5,23 +5,24 @@ from __future__ import annotations
 import os
 from collections.abc import Callable, Sequence
 from concurrent.futures import FIRST_COMPLETED, ThreadPoolExecutor, wait
-from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from cavirheo.app import plots
-from cavirheo.app.session import Answers, PageSettings, Session
-from cavirheo.arrays import Floats
+from cavirheo.app.session import ANSWERED, Answers, PageSettings, Session
 from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError, SolverError, require
 from cavirheo.inference import infer_many
+from cavirheo.inference.experiment import Experiment
 from cavirheo.inference.fit import fit_many
+from cavirheo.inference.law import Family
 from cavirheo.inference.model import load
-from cavirheo.inference.reconstruct import Window, reconstruct, window
-from cavirheo.inference.verify import verify_many
-from cavirheo.physics.materials import MATERIALS
+from cavirheo.inference.options import FREE, Options
+from cavirheo.inference.reconstruct import Window, check_stretch, window
+from cavirheo.parameters import PARAMETERS
 from cavirheo.posterior import Checks, Posterior
-from cavirheo.problem import natural_values
 from cavirheo.reading.apart import Report
 from cavirheo.reporting import result
 
@@ -39,15 +40,13 @@ def examples() -> dict[str, Path]:
     return {path.name: path for kind in ("*gel.*", "*.mp4") for path in sorted(folder.glob(kind))}
 
 
-def seen(curve: RadiusCurve, settings: PageSettings) -> tuple[Window, float, Floats]:
-    """What is compared with the answer, and what the model reads: every step (s) a radius (m), NaN after the end.
-
-    Raises InputError.
-    """
-    problem = load(settings.model).problem
-    step = problem.grid_step(curve.max_radius, settings.liquid)
-    grid = curve.resampled(step, problem.grid.frames, allow_short=True)
-    return window(curve, collapses=settings.window, end=step * (len(grid) - 1)), step, grid
+def seen(curve: RadiusCurve, settings: PageSettings) -> Window:
+    """What is compared with the answer. Raises InputError."""
+    if settings.material is not None:
+        return window(curve, collapses=settings.window or min(3, len(curve.collapse_times())) or None)
+    problem = load(settings.model).problem  # of a network that reads its own window
+    end = problem.grid_step(curve.max_radius, settings.liquid) * (problem.grid.frames - 1)
+    return window(curve, collapses=settings.window, end=end)
 
 
 def infer(session: Session, names: Sequence[str], progress: Report) -> Answers:
@@ -61,20 +60,13 @@ def infer(session: Session, names: Sequence[str], progress: Report) -> Answers:
         settings, curves, command = session.settings, session.curves, session.command()
     chosen = [curve for curve in curves if curve.name in names]
     require(bool(chosen), "no shots: load a file in step 1, and choose shots in step 2", "app.no_shots")
-    many = f"full uncertainty for {len(chosen)} shots; at most {session.limits.full} at once"
-    mend = "choose fewer in step 2, or use the command line (cavirheo infer --verify full)"
+    many = f"full uncertainty for {len(chosen)} shots; at most {session.limits.full} at once: choose fewer in step 2, "
     fine = settings.verify != "full" or len(chosen) <= session.limits.full
-    require(fine, f"{many}: {mend}", "app.too_many_full")
-    options: dict[str, Any] = {"medium": settings.liquid, "stretch": settings.stretch}
-    cores = max((os.cpu_count() or 1) // len(chosen), 1)
-
-    def one(curve: RadiusCurve) -> Posterior:
-        found = infer_many([curve], model=settings.model, window=settings.window, workers=1, **options)
-        if settings.verify != "none":
-            found = verify_many([curve], found, level=settings.verify, workers=cores, **options)
-        return found[0]
-
-    answers = list(zip(chosen, each(session, one, chosen, progress), strict=True))
+    require(fine, f"{many}or use the command line (cavirheo infer --verify full)", "app.too_many_full")
+    options: dict[str, Any] = {name: getattr(settings, name) for name in ("stretch", "window", *ANSWERED)}
+    options |= {"medium": settings.liquid, "workers": max((os.cpu_count() or 1) // len(chosen), 1)}
+    found = each(session, lambda curve: infer_many([curve], **options)[0], chosen, progress)
+    answers = list(zip(chosen, found, strict=True))
     pairs = [(curve, answer) for curve, answer in answers if answer]
     left = [curve.name for curve, answer in answers if not answer]
     if len(pairs) < len(curves):
@@ -126,15 +118,15 @@ def each(
 def sliders(session: Session, name: str) -> dict[str, dict[str, float] | None]:
     """Where the sliders start and end, in kPa, Pa s and 1; None for a parameter that the law does not have.
 
-    They start at the answer, or where there is none in the middle of the trained range.
+    They start at the answer, or where there is none in the middle of the range that searches start from.
     """
-    *_, record = session.find(name)
-    prior = load(session.settings.model).problem.prior
-    start = natural_values(prior.names, (prior.low + prior.high) / 2)
+    _, _, posterior, record = session.find(name)
+    known = (*Family(posterior.material).parameters, "stretch")
+    start = {key: 10.0 ** float(np.mean(PARAMETERS[key].started)) for key in SLIDERS}  # type: ignore[arg-type]
     answers = zip(SLIDERS, (record.shear_modulus_Pa, record.viscosity_Pa_s, record.stretch), strict=True)
     start |= {key: answer.median for key, answer in answers if answer.median is not None}
-    scaled = {key: start[key] * factor for key, (_, factor) in SLIDERS.items() if key in start}
-    return {key: _ends(key, float(f"{scaled[key]:.4g}")) if key in scaled else None for key in SLIDERS}
+    scaled = {key: float(f"{start[key] * factor:.4g}") for key, (_, factor) in SLIDERS.items()}
+    return {key: _ends(key, scaled[key]) if key in known else None for key in SLIDERS}
 
 
 def _ends(key: str, value: float) -> dict[str, float]:
@@ -154,15 +146,14 @@ def trial(session: Session, name: str, values: Sequence[float | None]) -> tuple[
     try:
         _, curve, posterior, _ = session.find(name)
         given = {key: v / SLIDERS[key][1] for key, v in zip(SLIDERS, values, strict=True) if v is not None}
-        law = MATERIALS[posterior.material]
-        answer = {name: posterior.median(name) for name in posterior.parameters}
-        material = law(**{f.name: (answer | given)[f.name] for f in fields(law)})
+        check_stretch(given["stretch"])
         frames, liquid = posterior.checks.compared_time, session.settings.liquid
-        end = None if frames is None else float(frames[-1]) - curve.time_of_max
-        view = window(curve, end=end) if end else seen(curve, session.settings)[0]
-        simulated = reconstruct(view, material, liquid, given["stretch"])
+        view = seen(curve, session.settings) if frames is None else window(curve, end=frames[-1] - curve.time_of_max)
+        options = Options(None, view.end * (1.0 + 1e-9), None, tuple(FREE), bubble=posterior.bubble)
+        family, exposure = Family(posterior.material), float(curve.exposure or 0.0)
+        shot = Experiment(curve, family, liquid, options, exposure=exposure)
+        found = shot.checks(shot.from_best({**posterior.best, **given}), "ok", [])
     except (InputError, SolverError) as error:
         failed = Checks("failed", str(error))
         return failed, plots.lines(failed)
-    found = simulated.checks(view, liquid.time_scale(curve.max_radius), "ok", [])
     return found, plots.lines(found, curve.time_of_max)

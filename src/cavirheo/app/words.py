@@ -14,6 +14,7 @@ from cavirheo.app import film as film_step
 from cavirheo.app.session import Answers, Clip, Session
 from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError
+from cavirheo.inference import AUTO, DEFAULT
 from cavirheo.inference.model import card, shipped
 from cavirheo.reporting import html
 from cavirheo.reporting.answer import curve_record
@@ -50,9 +51,15 @@ def told(error: Exception) -> str:
 
 
 def models() -> list[tuple[str, str]]:
-    """(label, name) of every shipped model."""
-    laws = {name: card(path)["material"] for name, path in shipped("point").items()}
-    return [(f"{digits.MATERIALS.get(law, law).partition(' (')[0]} · {name}", name) for name, law in laws.items()]
+    """(label, name) of every shipped model, the default first."""
+    laws = ((name, card(path)["material"]) for name, path in shipped("point").items())
+    return [("any recording, with interval", DEFAULT), *((f"the paper's: {law} · {name}", name) for name, law in laws)]
+
+
+def materials() -> list[tuple[str, str]]:
+    """(label, name) of the laws that the default answers."""
+    words = {law: digits.MATERIALS.get(law, law).partition(" (")[0] for law in AUTO}
+    return [(word, law) for law, word in words.items()] + [("whichever the evidence prefers (slower)", "auto")]
 
 
 def found(curves: Sequence[RadiusCurve], problems: Sequence[str], waiting: Sequence[str] = ()) -> str:
