@@ -273,7 +273,7 @@ def test_generate_and_train_a_small_network(tmp_path, run):
     pytest.importorskip("torch")
     text = Path(__file__).parent.parent / "recipes/posterior.toml"
     small = text.read_text("utf-8")
-    for old, new in (("n = 120000", "n = 120"), ("16384000", "512"), ("width = 384", "width = 16"),
+    for old, new in (("n = 120000", "n = 120"), ("36352000", "512"), ("width = 384", "width = 16"),
                      ("depth = 5", "depth = 1"), ("hidden = 64", "hidden = 8"), ("batch = 256", "batch = 64"),
                      ('name = "posterior"', 'name = "small"')):  # fmt: skip
         assert old in small

@@ -317,6 +317,8 @@ def in_words(name: str, interval: tuple[float, float, float]) -> str:
     (low, median, high), known = interval, about(name)
     factor, unit = digits.modulus_unit([median]) if known.unit == "Pa" else (1.0, known.unit.removeprefix("1"))
     unit = f" {unit}" if unit else ""
+    if low == high:  # a value without an interval
+        return f"{known.symbol} {digits.quantity(Quantity(median=median), factor)}{unit}"
     below, above = open_sides(name, low, high)
     if below and above:
         return f"{known.symbol} undetermined"

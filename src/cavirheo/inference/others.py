@@ -88,8 +88,10 @@ def _sides(here: OtherAnswer, there: OtherAnswer) -> str:
 
 
 def _values(one: OtherAnswer, *, stretch: bool = False) -> str:
-    shown = {name: ends for name, ends in one.intervals.items() if of_the_law(name) or (stretch and name == "stretch")}
-    return ", ".join(in_words(name, ends) for name, ends in shown.items())
+    told = one.intervals or {name: (value, value, value) for name, value in one.best.items()}
+    shown = {name: ends for name, ends in told.items() if of_the_law(name) or (stretch and name == "stretch")}
+    words = ", ".join(in_words(name, ends) for name, ends in shown.items())
+    return words if one.intervals else f"{words} (no interval)"
 
 
 def _verdict(there: OtherAnswer, here: OtherAnswer) -> str:
