@@ -1,18 +1,21 @@
 """Is the material of many shots right? Coverage, strays, pairs, time and memory of `cavirheo.population`.
 
     python benchmarks/population.py coverage [--groups 200] [--seed 1]
-    python benchmarks/population.py strays | pairs | width | none | time | network | real [FOLDER]
+    python benchmarks/population.py strays | pairs | width | none | timing | network | real
 
 Shots of known truth are made without simulating bubbles: a likelihood that is Gaussian in log10 G and log10 mu, or in G
 and mu themselves (skewed in the logarithm), sampled with importance weights against the shot's prior. `network` uses
-simulated bubbles and the network's answers, `real` the recordings of a folder (see benchmarks/population.md).
+simulated bubbles and the network's answers, `real` the open sets in the folder
+CAVIRHEO_REAL_DATA (benchmarks/population.md).
 """
 
 from __future__ import annotations
 
 import argparse
+import os
 import resource
 import time
+from pathlib import Path
 
 import numpy as np
 
@@ -199,8 +202,70 @@ def timing(groups: int, seed: int) -> None:
         print(f"{n} shots ({draws} draws): {took:.2f} s, the process at most {memory:.2f} GB")
 
 
+def network(groups: int, seed: int) -> None:
+    """Simulated bubbles of one material each, answered by the posterior network without verification."""
+    from calibration import film
+
+    from cavirheo import NeoHookeanKelvinVoigt, infer_many
+
+    hits: dict[str, list[bool]] = {}
+    for i in range(groups):
+        rng = np.random.default_rng([seed, 7, i])
+        n, spread = int(rng.integers(5, 9)), rng.uniform(0.0, 0.2, 2)
+        centre = rng.uniform([3.5, -1.7], [4.5, -1.0])
+        truths = centre + spread * rng.standard_normal((n, 2))
+        curves = []
+        for k, (log_G, log_mu) in enumerate(truths):
+            law = NeoHookeanKelvinVoigt(10.0**log_G, 10.0**log_mu)
+            top, stretch = rng.uniform(150e-6, 350e-6), rng.uniform(5.0, 9.0)
+            curves.append(film(law, top, stretch, 0.005, rng, f"shot {k + 1}")[1])
+        answers = infer_many(curves, verify="none", workers=1)
+        found = population(answers, only_trusted=False)
+        print(i, n, centre.round(3), spread.round(3), found, flush=True)
+        for k, name in enumerate((G, MU)):
+            for level in LEVELS:
+                ends, wide = found.interval(name, level), found.scatter(name, level)
+                hits.setdefault(f"centre {level:.0%}", []).append(ends[0] <= 10.0 ** centre[k] <= ends[2])
+                hits.setdefault(f"spread {level:.0%}", []).append(wide[0] <= spread[k] <= wide[2])
+    for name, values in sorted(hits.items()):
+        print(f"{name:<28}{100 * np.mean(values):6.1f} %  ({len(values)})")
+
+
+SETS = (  # file, law, medium
+    ("paam_alginate_0p3/Rt_nondim_exp_PAAm_Alginite_0p3perc_v2.mat", "nhkv", {"density": 998.0}),
+    ("peg8000_40wv/Rt_nondim_exp_PEG8K_80.mat", "newtonian", {"density": 998.0}),
+    ("agarose_0p5/Rt_nondim_exp.mat", "nhkv", {"density": 1003.0}),
+    ("pa_stiff/RofT_shifted_20_shots.mat", "nhkv", {"name": "estrada2018"}),
+)
+
+
+def real(groups: int, seed: int) -> None:
+    """Shots of the open sets in CAVIRHEO_REAL_DATA, answered as `cavirheo infer` does, or with --verify $VERIFY."""
+    from dataclasses import replace
+
+    from cavirheo import infer_many, read_curves
+    from cavirheo.physics.media import medium
+
+    verify, count = os.environ.get("VERIFY", "auto"), groups if groups < 200 else 5
+    for file, law, about in SETS:
+        liquid = medium(about["name"]) if "name" in about else replace(medium("water"), **about)
+        path = Path(os.environ["CAVIRHEO_REAL_DATA"]) / file
+        curves = read_curves(path, density=liquid.density, pressure=liquid.pressure)[:count]
+        began = time.perf_counter()
+        answers = infer_many(curves, material=law, medium=liquid, verify=verify, seed=seed, workers=1)
+        took = time.perf_counter() - began
+        for curve, answer in zip(curves, answers, strict=True):
+            worth = answer.diagnostics.effective_sample_size
+            print(
+                curve.name, answer.checks.verdict, worth, {n: answer.interval(n) for n in answer.parameters}, flush=True
+            )
+        for only in (True, False):
+            found = population(answers, names=[curve.name for curve in curves], only_trusted=only)
+            print(file, "trusted" if only else "all", found, found.to_dict(), f"{took:.0f} s", flush=True)
+
+
 def main() -> None:
-    verbs = {verb.__name__: verb for verb in (coverage, strays, pairs, width, none, timing)}
+    verbs = {verb.__name__: verb for verb in (coverage, strays, pairs, width, none, timing, network, real)}
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("what", choices=verbs)
     parser.add_argument("--groups", type=int, default=200)

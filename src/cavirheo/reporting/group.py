@@ -75,6 +75,7 @@ class GroupRecord(Record):
     other_slopes: list[ModelSlopes] = []
     population: PopulationRecord | None = None
     published: dict[str, dict[str, Spread]] = {}
+    _if_any = ("population", "published")
 
     def spread(self, name: str) -> Spread:
         """Of a parameter by its natural name."""

@@ -20,6 +20,7 @@ class WeighedLaw(Record):
     probability: float | None
     answer: CurveRecord | None = None
     population: PopulationRecord | None = None
+    _if_any = ("population",)
 
 
 class ComparedLaws(Record):

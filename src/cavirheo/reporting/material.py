@@ -45,6 +45,16 @@ class PopulationRecord(Record):
     log_evidence_error: Finite = None
     log_evidence_of_scatter: Finite = None
 
+    @property
+    def found(self) -> bool:
+        """Whether there is a material; if not, the line says why."""
+        return bool(self.spreads_decades)
+
+    @property
+    def below(self) -> list[str]:
+        """What is said after the numbers."""
+        return self.remarks if self.found else [self.line, *self.remarks]
+
     def centre(self, name: str) -> Quantity:
         """Of a parameter by its natural name; empty where the law has none, or there is no material."""
         known = {"shear_modulus": self.shear_modulus_Pa, "viscosity": self.viscosity_Pa_s}

@@ -30,6 +30,7 @@ class Result(Document):
     curves: list[CurveRecord]
     groups: list[GroupRecord]
     differences: list[GroupDifference] = []
+    _if_any = ("differences",)
 
     @model_validator(mode="after")
     def _each_curve_in_a_group(self) -> Result:

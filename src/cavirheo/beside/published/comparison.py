@@ -81,6 +81,7 @@ class ComparedSet(Record):
     problems: list[str]
     notes: list[str]
     material: list[str] = []
+    _if_any = ("material",)
 
     def remarks(self) -> list[str]:
         """What is to be known besides: doubtful and failed shots, problems, files left out."""

@@ -72,7 +72,7 @@ def population(
         "shots": tuple(shots[i] for i in kept), "left_out": left_out,
     }  # fmt: skip
     if len(kept) < FEWEST:
-        doubt = f"{len(kept)} of {len(answers)} shots count, and a population needs {FEWEST}"
+        doubt = f"{len(kept)} of {len(answers)} shots count; a material and its scatter need {FEWEST}"
         return Population(**made, doubts=(doubt,))
     rough = [f"{shots[i]}: {one.effective:.0f}" for i, one in zip(kept, found, strict=True) if one.effective < FEW]
     doubts = [f"fewer than {FEW:.0f} effective draws, so that intervals are rough: {', '.join(rough)}"] * bool(rough)
