@@ -240,17 +240,17 @@ SETS = (  # file, law, medium
 
 
 def real(groups: int, seed: int) -> None:
-    """Shots of the open sets in CAVIRHEO_REAL_DATA, answered as `cavirheo infer` does, or with --verify $VERIFY."""
+    """Shots of the open sets in CAVIRHEO_REAL_DATA as `infer` answers them (--verify $VERIFY); --groups: of each."""
     from dataclasses import replace
 
     from cavirheo import infer_many, read_curves
     from cavirheo.physics.media import medium
 
-    verify, count = os.environ.get("VERIFY", "auto"), groups if groups < 200 else 5
+    verify = os.environ.get("VERIFY", "auto")
     for file, law, about in SETS:
         liquid = medium(about["name"]) if "name" in about else replace(medium("water"), **about)
         path = Path(os.environ["CAVIRHEO_REAL_DATA"]) / file
-        curves = read_curves(path, density=liquid.density, pressure=liquid.pressure)[:count]
+        curves = read_curves(path, density=liquid.density, pressure=liquid.pressure)[:groups]
         began = time.perf_counter()
         answers = infer_many(curves, material=law, medium=liquid, verify=verify, seed=seed, workers=1)
         took = time.perf_counter() - began
