@@ -33,7 +33,7 @@ ROOMS = (  # from the ground up: a room imports those below it, and only those t
     ("inference", "errors files parallel parameters prior posterior curve landmarks physics problem writing"),
     ("training", "errors files parallel parameters prior curve reading physics problem inference writing"),
     ("unfinished", "errors posterior curve writing"),
-    ("reporting", "errors physics parallel parameters posterior curve writing"),
+    ("reporting", "errors physics parallel parameters posterior curve inference writing"),
     (
         "beside",
         "errors parallel parameters landmarks posterior curve reading physics inference reporting writing unfinished",

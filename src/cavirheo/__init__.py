@@ -14,6 +14,8 @@ if TYPE_CHECKING:
     from cavirheo.inference import infer_many as infer_many
     from cavirheo.inference.fit import fit as fit
     from cavirheo.inference.fit import fit_many as fit_many
+    from cavirheo.inference.population import Population as Population
+    from cavirheo.inference.population import population as population
     from cavirheo.loading import load as load
     from cavirheo.physics.materials import NeoHookeanKelvinVoigt as NeoHookeanKelvinVoigt
     from cavirheo.physics.materials import Newtonian as Newtonian
@@ -34,6 +36,8 @@ _HOME = {
     "infer_many": "inference",
     "fit": "inference.fit",
     "fit_many": "inference.fit",
+    "Population": "inference.population",
+    "population": "inference.population",
     "load": "loading",
     "NeoHookeanKelvinVoigt": "physics.materials",
     "Newtonian": "physics.materials",

@@ -167,6 +167,8 @@ class Posterior:
     held fixed included. stretch: R_max/R_0 of the answer, whether it was inferred or given. windows: what windows of
     "1", "2", "3" and "all" collapses answer, if they were fitted. evidence: of the law. diagnostics: of the method.
     bubble: the model of the bubble itself. others: what other models and other valleys answer, if they were looked at.
+    prior: of the law's parameters, by name as in `names`: (low, high), flat between, or (low, high, mean, standard
+    deviation) of a normal; without those for which it is not known.
     """
 
     names: tuple[str, ...]
@@ -186,6 +188,7 @@ class Posterior:
     diagnostics: Diagnostics = Diagnostics()
     bubble: BubbleModel = BubbleModel()
     others: tuple[OtherAnswer, ...] = ()
+    prior: Mapping[str, tuple[float, ...]] = field(default_factory=dict)
 
     def __repr__(self) -> str:
         """Material, method and verdict, then a line per parameter: median, 90 % interval, unit."""

@@ -272,6 +272,11 @@ class Experiment:
         require(not given, told, "prior.name")
         return Prior(self.names, bounds[:, 0], bounds[:, 1], mean, std)
 
+    def of_law(self, prior: Prior) -> dict[str, tuple[float, ...]]:
+        """What a Posterior says of its prior: the part of the law's parameters, by their names in theta."""
+        rows = prior.to_dict()
+        return {LOG10 + name: tuple(rows[name]) for name in self.family.parameters}
+
     def predict(self, x: Floats, accuracy: Accuracy = FINE, *, counted: bool = False) -> Prediction | None:
         """What the camera would have measured at x (d,), in the frames that count or in all; None if that failed.
 

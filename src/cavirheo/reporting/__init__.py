@@ -10,7 +10,7 @@ from pathlib import Path
 
 from cavirheo.curve import RadiusCurve
 from cavirheo.errors import require
-from cavirheo.reporting.record import Pairs, Result, read_json, result
+from cavirheo.reporting.record import Pairs, Published, Result, read_json, result
 from cavirheo.writing import style
 from cavirheo.writing.document import Outputs, write_json
 
@@ -39,6 +39,7 @@ def write_report(
     draw: bool = True,
     workers: int = 1,
     done: Callable[[], None] | None = None,
+    published: Published | None = None,
 ) -> Result:
     """Write result.json, result.csv, report.html and a picture of each curve into `directory` (made if missing).
 
@@ -54,6 +55,7 @@ def write_report(
         draw: False: no pictures, not even in the report.
         workers: processes that may draw; above 1, the main module of the program must be safe to import.
         done: called after each picture.
+        published: values of other methods for these shots, by method and parameter, which stand beside the groups.
 
     Without matplotlib there are no pictures, and the report and the result's notes say so; so they do of a picture
     that cannot be drawn.
@@ -68,7 +70,7 @@ def write_report(
     date = date or datetime.now().astimezone().strftime("%Y-%m-%d %H:%M %Z")
     drawing = draw and complete and style.available()
     said = [*notes, *([style.NO_PICTURES] if draw and complete and not drawing else [])]
-    document = result(pairs, command, date=date, notes=said)
+    document = result(pairs, command, date=date, notes=said, published=published)
     folder.write("result.json", write_json, document)
     folder.write("result.csv", table.write_csv, document)
     if complete:

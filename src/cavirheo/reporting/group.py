@@ -14,6 +14,7 @@ import numpy as np
 
 from cavirheo.parameters import AT_RATE, CAMERA, about
 from cavirheo.reporting.answer import CurveRecord, OtherModel, evidence
+from cavirheo.reporting.material import PopulationRecord
 from cavirheo.writing import digits
 from cavirheo.writing.document import Quantity, Record, Spread, spread_of
 
@@ -56,7 +57,9 @@ class GroupRecord(Record):
 
     Means and models are over the n_trusted with verdict ok; null in documents of before, whose means are over
     all n. Slopes are over these, too; where they are too few, over those that the model does not fit as well.
-    `other_slopes`: of the models that all of these shots have besides their answer.
+    `other_slopes`: of the models that all of these shots have besides their answer. `population`: the material behind
+    the shots, from their intervals; null for a single shot, or where none has an interval. `published`: by method and
+    parameter, where `compare` was given it.
     """
 
     name: str
@@ -70,6 +73,9 @@ class GroupRecord(Record):
     models: dict[str, int] = {}
     slopes: dict[str, Slope] = {}
     other_slopes: list[ModelSlopes] = []
+    population: PopulationRecord | None = None
+    published: dict[str, dict[str, Spread]] = {}
+    _if_any = ("population", "published")
 
     def spread(self, name: str) -> Spread:
         """Of a parameter by its natural name."""
@@ -135,8 +141,8 @@ def _in_words(slopes: dict[str, Slope]) -> str:
     return f"{', '.join(said)} over {shots}" + wrong * any(one.sign for one in slopes.values())
 
 
-def group_of(name: str, members: list[CurveRecord]) -> GroupRecord:
-    """The mean over the trusted curves, their slopes, and how many have which verdict."""
+def group_of(name: str, members: list[CurveRecord], population: PopulationRecord | None = None) -> GroupRecord:
+    """The material, the mean over the trusted curves, their slopes, and how many have which verdict."""
     trusted = [record for record in members if record.trusted]
     n = sum(record.answered for record in members)
     more = dict.fromkeys(key for record in trusted for key in record.other_parameters if key not in CAMERA)
@@ -150,6 +156,7 @@ def group_of(name: str, members: list[CurveRecord]) -> GroupRecord:
         verdicts=dict(Counter(record.verdict for record in members)),
         models=dict(Counter(record.model for record in trusted)),
         slopes=_slopes(sloped, [one.itself for one in sloped]), other_slopes=_other_slopes(sloped),
+        population=population,
     )  # fmt: skip
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from cavirheo.reporting.answer import CurveRecord
+from cavirheo.reporting.material import PopulationRecord
 from cavirheo.reporting.table import doubts
 from cavirheo.writing import digits, terminal
 from cavirheo.writing.document import Document, Record
@@ -11,12 +12,15 @@ _TITLE = "log evidence below the best; *: cannot be told from it; →: the simpl
 
 
 class WeighedLaw(Record):
-    """One law: null where there is no evidence; `answer`: the row that result.json would have, for a curve alone."""
+    """One law: null where there is no evidence; `answer`: the row that result.json would have, for a curve alone;
+    `population`: for a group, one material with its scatter, and the evidence of the law so."""
 
     log_evidence: float | None
     standard_error: float | None
     probability: float | None
     answer: CurveRecord | None = None
+    population: PopulationRecord | None = None
+    _if_any = ("population",)
 
 
 class ComparedLaws(Record):
@@ -68,6 +72,8 @@ def print_table(document: Laws) -> None:
     console.print(table)
     terminal.print_doubts(console, doubts(answers))
     told = [f"{one.name}: {_firmly(pair)}" for one in document.groups for pair in one.pairs[: len(one.laws) - 1]]
+    for group in document.groups:
+        told += [f"{group.name}, one material, {law}: {said}" for law, said in _materials(group)]
     terminal.print_remarks(console, {}, [*told, *document.notes])
 
 
@@ -75,6 +81,20 @@ def _firmly(pair: ComparedLaws) -> str:
     """A pair in words; those with the best law come first."""
     by = f"{pair.difference:.1f} ± {pair.error:.1f} in log evidence (scatter over the shots)"
     return f"{pair.first} before {pair.second} by {by}; {pair.shots[0]} shots for, {pair.shots[1]} against"
+
+
+def _materials(group: WeighedLaws) -> list[tuple[str, str]]:
+    """(law, its log evidence with one material below the best, and the line of that material), the best first."""
+    found = {law: one.population for law, one in group.laws.items() if one.population}
+    whole = {law: one for law, one in found.items() if not one.left_out}  # the same shots for all
+    known = {law: one.log_evidence for law, one in whole.items() if one.log_evidence is not None}
+    top, said = max(known.values(), default=0.0), []
+    for law in sorted(found, key=lambda law: -known.get(law, float("-inf"))):
+        about = found[law]
+        error = "" if about.log_evidence_error is None else f" ± {about.log_evidence_error:.1f}"
+        height = f"log evidence {known[law] - top:.1f}{error}; " if law in known else ""
+        said.append((law, height + about.line))
+    return said
 
 
 def _cells(law: WeighedLaw, best: float) -> list[str]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import textwrap
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -18,7 +18,7 @@ from cavirheo.reporting.answer import CurveRecord, Unit, in_unit, parameters_of
 from cavirheo.reporting.group import CONSTANTS, GroupRecord
 from cavirheo.reporting.record import Pairs
 from cavirheo.writing import digits, style
-from cavirheo.writing.document import Quantity
+from cavirheo.writing.document import Quantity, Spread
 from cavirheo.writing.style import BLACK, BLUE, BOX, INK, VERMILLION, write
 
 if TYPE_CHECKING:
@@ -31,6 +31,7 @@ _WHOLE = (_LEFT, 0.111, _WIDTH, 0.6975)  # of a curve without an answer
 HEAD = 0.155  # of the height of a curve's picture: name, verdict and answer, which the report says itself
 DPI = 110  # of a curve's picture: sharp where a page shows it, and half the bytes of 150
 _RMAX = "Rₘₐₓ"
+_MARKS = ("s", "^", "D", "v")  # of published values
 
 
 class CurvePicture:
@@ -147,7 +148,8 @@ class CurvePicture:
 
 
 def group_picture(pairs: Pairs, records: Sequence[CurveRecord], group: GroupRecord, unit: Unit) -> Figure:
-    """The shots of a group laid over each other, R/R_max over t*, beside their answers and the mean ± std of these.
+    """The shots of a group laid over each other, R/R_max over t*, beside their answers, and what these say of the
+    material: its centre and 90 % of its shots, or the mean ± std; and published values.
 
     `pairs` and `records` are the group's; failed ones are counted in the title, those not trusted drawn as rings.
     """
@@ -210,6 +212,8 @@ def _scatter(
         level = np.median(np.log(y[known, 0]) - (slope.median or 0.0) * np.log(x[known, 0]))
         label = f"{_RMAX}^{slope.words}"
         axes.plot(line, np.exp(level) * line ** (slope.median or 0.0), color="black", lw=1.0, label=label)
+    elif not over_size and _material(axes, group, unit, across, upper):
+        pass
     elif mean is not None and std is not None:
         if over_size:
             axes.axhspan(mean - std, mean + std, color=INK, alpha=0.12, lw=0)
@@ -218,6 +222,9 @@ def _scatter(
             axes.errorbar(
                 mean_x or 0.0, mean, std, std_x or 0.0, "o", color="black", ms=4.5, lw=1.2, label="mean ± std"
             )
+    shown = {} if over_size and group.shear_modulus_Pa.mean is not None else group.published  # once
+    for k, (method, values) in enumerate(shown.items()):
+        _published(axes, method, values, unit, across, upper, _MARKS[k % len(_MARKS)])
     if "white" in inside:
         axes.scatter([], [], s=25, color="white", edgecolor=INK, label="not trusted")
     axes.update_datalim([(0.0, 0.0)], updatex=not over_size)
@@ -225,7 +232,33 @@ def _scatter(
     axes.set(ylim=(0.0, None), xlim=(None if over_size else 0.0, None))
     if axes.get_legend_handles_labels()[0]:
         key = {"frameon": False, "fontsize": 8, "handletextpad": 0.3, "columnspacing": 1.0, "borderpad": 0.0}
-        axes.legend(loc="lower left", bbox_to_anchor=(-0.1, 1.01), ncols=2, **key)
+        axes.legend(loc="lower left", bbox_to_anchor=(-0.2 if group.published else -0.1, 1.01), ncols=2, **key)
+
+
+def _material(axes: Any, group: GroupRecord, unit: Unit, across: str, upper: str) -> bool:
+    """The centre with its interval, and the contour of the shots; whether there is one."""
+    contour = group.population.contour() if group.population else None
+    if group.population is None or contour is None or (across, upper) != ("shear_modulus", "viscosity"):
+        return False
+    factor = in_unit(across, unit)[1]
+    axes.plot(factor * contour[:, 1], contour[:, 0], color="black", lw=1.0, ls="--", label="90 % of shots")
+    x, y = (_ends([group.population.centre(name)], by)[0] for name, by in ((across, factor), (upper, 1.0)))
+    ends = [[[one[0] - one[1]], [one[2] - one[0]]] for one in (x, y)]
+    axes.errorbar(x[0], y[0], ends[1], ends[0], "o", color="black", ms=4.5, lw=1.2, label="material")
+    return True
+
+
+def _published(axes: Any, method: str, values: Mapping[str, Spread], unit: Unit, x: str, y: str, mark: str) -> None:
+    """Mean ± std of a method, where it has what the axes show."""
+    known = [(values.get(name, Spread()), in_unit(name, unit)[1]) for name in (x, y) if name != "R_max"]
+    if any(value.mean is None for value, _ in known):
+        return
+    at = [(factor * (value.mean or 0.0), factor * (value.std or 0.0)) for value, factor in known]
+    look: Any = {"color": VERMILLION, "lw": 1.0, "label": digits.elide(method, 14)}
+    if len(at) == 2:
+        axes.errorbar(at[0][0], at[1][0], at[1][1], at[0][1], mark, ms=5.0, **look)
+    else:
+        axes.axhline(at[0][0], ls=":", **look)
 
 
 def _along(

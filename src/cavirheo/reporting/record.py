@@ -6,7 +6,7 @@ has null everywhere and says why in `message`. Means of a group are over its tru
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from pydantic import model_validator
@@ -16,10 +16,12 @@ from cavirheo.parameters import AT_RATE
 from cavirheo.posterior import Posterior
 from cavirheo.reporting.answer import CurveRecord, curve_record
 from cavirheo.reporting.group import GroupRecord, group_of
+from cavirheo.reporting.material import GroupDifference, differences, material_of, population_record
 from cavirheo.writing import digits, document
-from cavirheo.writing.document import Document
+from cavirheo.writing.document import Document, Spread
 
 Pairs = Sequence[tuple[RadiusCurve, Posterior]]
+Published = Mapping[str, Mapping[str, Spread]]  # by method and parameter, SI
 
 
 class Result(Document):
@@ -27,6 +29,8 @@ class Result(Document):
 
     curves: list[CurveRecord]
     groups: list[GroupRecord]
+    differences: list[GroupDifference] = []
+    _if_any = ("differences",)
 
     @model_validator(mode="after")
     def _each_curve_in_a_group(self) -> Result:
@@ -60,16 +64,30 @@ class Result(Document):
         return list(zip(self.groups, _members(self.curves).values(), strict=True))
 
 
-def result(pairs: Pairs, command: str, *, date: str | None = None, notes: Sequence[str] = ()) -> Result:
+def result(
+    pairs: Pairs,
+    command: str,
+    *,
+    date: str | None = None,
+    notes: Sequence[str] = (),
+    published: Published | None = None,
+) -> Result:
     """The record of all curves and of their groups (the files they came from), in the order given."""
     curves = [curve_record(curve, posterior) for curve, posterior in pairs]
     members = _members(curves)
     stems = [group for group, _ in members]
+    names = [group if stems.count(group) == 1 or not source else source for group, source in members]
+    places = [[pairs[i] for i in indices] for indices in members.values()]
+    found = [material_of([answer for _, answer in place], [curve.name for curve, _ in place]) for place in places]
     groups = [
-        group_of(group if stems.count(group) == 1 or not source else source, [curves[i] for i in indices])
-        for (group, source), indices in members.items()
+        group_of(name, [curves[i] for i in indices], population_record(one))
+        for name, indices, one in zip(names, members.values(), found, strict=True)
     ]
-    return Result(command=command, date=date, notes=list(notes), curves=curves, groups=groups)
+    for group in groups:
+        group.published = {method: dict(values) for method, values in (published or {}).items()}
+    apart = differences(dict(zip(names, found, strict=True)))
+    said = list(notes)
+    return Result(command=command, date=date, notes=said, curves=curves, groups=groups, differences=apart)
 
 
 def read_json(path: str | Path) -> Result:

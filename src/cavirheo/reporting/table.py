@@ -37,6 +37,9 @@ def print_table(result: Result, console: Console | None = None) -> None:
         *row, verdict = _cells(record, factor, wide)
         row[:0] = [", ".join(getattr(record.itself, part) for part in mixed)] if mixed else []
         table.add_row(name, *row, Text(verdict, digits.LOOKS[record.verdict].terminal))
+    for group in result.groups:
+        if group.population and group.population.found:
+            console.print(Text(f"{group.name}: {group.population.line}", "bold"), soft_wrap=False)
     table.add_section()
     for name, group in zip(digits.shortened([group.name for group in result.groups]), result.groups, strict=True):
         table.add_row(name, *[""] * bool(mixed), *_group_cells(group, factor), style="bold")
@@ -54,7 +57,8 @@ def print_table(result: Result, console: Console | None = None) -> None:
     trends = terminal.once((group.name, trend) for group in result.groups for trend in group.remarks)
     notes = [note for note in result.notes if not note.startswith("not read: ")]  # said on stderr already
     terminal.print_remarks(console, others, most=2)
-    terminal.print_remarks(console, trends, notes)
+    materials = [f"{one.name}: {said}" for one in result.groups if one.population for said in one.population.below]
+    terminal.print_remarks(console, trends, [*materials, *(one.words for one in result.differences), *notes])
 
 
 def print_all(result: Result) -> None:

@@ -94,6 +94,7 @@ def which_law(
 def _weighed(one: Ranking, curve: RadiusCurve | None = None) -> WeighedLaws:
     from cavirheo.reporting.answer import curve_record
     from cavirheo.reporting.laws import ComparedLaws, WeighedLaw, WeighedLaws
+    from cavirheo.reporting.material import population_record
 
     probability = one.probability
     laws = {
@@ -102,6 +103,7 @@ def _weighed(one: Ranking, curve: RadiusCurve | None = None) -> WeighedLaws:
             standard_error=one.error[law],
             probability=probability.get(law),
             answer=curve_record(curve, one.answers[law]) if curve else None,
+            population=population_record(one.populations.get(law)),
         )
         for law, value in one.log_evidence.items()
     }

@@ -12,10 +12,18 @@ from importlib.metadata import version
 from math import isfinite
 from pathlib import Path
 from tempfile import TemporaryFile
-from typing import Annotated, Any, Literal, TypeVar
+from typing import Annotated, Any, ClassVar, Literal, TypeVar
 
 import numpy as np
-from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError
+from pydantic import (
+    BaseModel,
+    BeforeValidator,
+    ConfigDict,
+    Field,
+    SerializerFunctionWrapHandler,
+    ValidationError,
+    model_serializer,
+)
 from pydantic_core import to_json
 
 from cavirheo.errors import InputError, require
@@ -37,9 +45,14 @@ Finite = Annotated[float | None, BeforeValidator(finite)]
 
 
 class Record(BaseModel):
-    """Numbers are finite or null; a later version may add fields."""
+    """Numbers are finite or null; a later version may add fields. `_if_any`: fields that are left out where empty."""
 
     model_config = ConfigDict(extra="allow", allow_inf_nan=False, populate_by_name=True)
+    _if_any: ClassVar[tuple[str, ...]] = ()
+
+    @model_serializer(mode="wrap")
+    def _without_empty(self, whole: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        return {key: value for key, value in whole(self).items() if value or key not in self._if_any}
 
 
 class Document(Record):

@@ -96,9 +96,12 @@ def compare(
     ):
         pairs = [(curves[i], answer) for i, answer in answered.items()]
         how: dict[str, Any] = {"notes": notes, "complete": not note, "draw": pictures}
-        rows = write_report(out / name, pairs, command, **how).curves if pairs else []
+        document = write_report(out / name, pairs, command, published=about.published(), **how) if pairs else None
+        rows, groups = (document.curves, document.groups) if document else ([], [])
+        material = [one.line for group in groups if (one := group.population) and one.found]
         records.append(compared_set(
-            about, rows, against, model=which, medium=asdict(about.medium), problems=problems, notes=left_out,
+            about, rows, against, material=material, model=which, medium=asdict(about.medium),
+            problems=problems, notes=left_out,
             files=[str(file.relative_to(folder) if file.is_relative_to(folder) else file) for file in files],
             report=f"{name}/report.html" if rows and not note else None,
         ))  # fmt: skip

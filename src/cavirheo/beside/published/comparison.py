@@ -62,7 +62,8 @@ class ComparedRange(Record):
 
 
 class ComparedSet(Record):
-    """One set. `problems`: files missing or unreadable; `notes`: what was left out on purpose."""
+    """One set. `problems`: files missing or unreadable; `notes`: what was left out on purpose. `material`: a line of
+    each group in its result.json, where its shots have intervals."""
 
     name: str
     files: list[str]
@@ -79,10 +80,12 @@ class ComparedSet(Record):
     shots: list[ComparedShot]
     problems: list[str]
     notes: list[str]
+    material: list[str] = []
+    _if_any = ("material",)
 
     def remarks(self) -> list[str]:
         """What is to be known besides: doubtful and failed shots, problems, files left out."""
-        found = []
+        found = [*self.material]
         if counts := [f"{digits.VERDICTS[v]} {n}" for v in _VERDICTS[1:] if (n := self.verdicts.get(v))]:
             found.append(f"of {self.n_shots} shots: {', '.join(counts)}")
         reasons = terminal.once((shot.name, shot.message) for shot in self.shots if shot.verdict == "failed")

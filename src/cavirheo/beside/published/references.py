@@ -23,7 +23,7 @@ from cavirheo.errors import InputError, require
 from cavirheo.physics.media import Medium, medium
 from cavirheo.reading.files import guarded
 from cavirheo.reading.tabular import Row, read_sheets
-from cavirheo.writing.document import Record
+from cavirheo.writing.document import Record, Spread
 
 _MOST = 500  # sets of one file
 OURS = "cavirheo"  # the method's name for our own answers
@@ -86,6 +86,14 @@ class ReferenceSet:
     given: dict[str, str] = field(default_factory=dict)
     values: dict[tuple[str, str], MethodValue] = field(default_factory=dict)
     medium: Medium = field(default_factory=Medium)
+
+    def published(self) -> dict[str, dict[str, Spread]]:
+        """The values by method and parameter."""
+        found: dict[str, dict[str, Spread]] = {}
+        for (method, quantity), value in self.values.items():
+            name = {G: "shear_modulus", MU: "viscosity"}[quantity]
+            found.setdefault(method, {})[name] = Spread(mean=value.mean, std=value.std)
+        return found
 
 
 def read_references(path: str | Path) -> list[ReferenceSet]:

@@ -190,7 +190,7 @@ def posterior(
         names, units(names), theta, checks, fit.family.name, "least_squares", provenance,
         best=best, stretch=best["stretch"], windows=alone.windows, diagnostics=diagnostics, log_weight=log_weight,
         bubble=shot.options.bubble, evidence=None if joint else alone.evidence,
-        others=() if joint else tuple(alone.valleys),
+        others=() if joint else tuple(alone.valleys), prior=shot.of_law(shot.prior()),
     )  # fmt: skip
 
 

@@ -303,7 +303,7 @@ class _Work:
             names, units(names), theta, checks, shot.family.name, "verified" if drawn else "laplace", provenance,
             log_q, log_weight, best=values, stretch=values["stretch"], windows=self.answer.windows,
             evidence=evidence, diagnostics=Diagnostics(**told), bubble=self.answer.bubble,
-            others=self._others(best, found),
+            others=self._others(best, found), prior=shot.of_law(prior),
         )  # fmt: skip
 
     def _trusted(self, drawn: Sample) -> bool:

@@ -8,7 +8,7 @@ posterior width): laws that nest are compared fairly only as far as the prior ra
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from itertools import combinations, product
 from typing import Any
 
@@ -22,6 +22,7 @@ from cavirheo.inference.fit import fit_many
 from cavirheo.inference.law import Family
 from cavirheo.inference.options import Options
 from cavirheo.inference.others import DECISIVE
+from cavirheo.inference.population import Population, population
 from cavirheo.inference.verify import verify_many
 from cavirheo.inference.verify.tuning import TUNING
 from cavirheo.physics.media import WATER, Medium
@@ -43,13 +44,15 @@ class Pair:
 @dataclass(frozen=True, eq=False)
 class Ranking:
     """The laws of one curve or group. evidence: by law; None where a law gave none. shots: how many curves are summed.
-    answers: by law, of a curve; empty for a group. pairs: of a group, every law and each worse one."""
+    answers: by law, of a curve; empty for a group. pairs: of a group, every law and each worse one. populations:
+    by law, of a group: one material with its scatter; its `evidence` is that of the law for the group as a whole."""
 
     name: str
     evidence: dict[str, Evidence | None]
     shots: int
     answers: dict[str, Posterior]
     pairs: tuple[Pair, ...] = ()
+    populations: Mapping[str, Population] = field(default_factory=dict)
 
     @property
     def log_evidence(self) -> dict[str, float | None]:
@@ -205,8 +208,9 @@ def _evidence(answer: Posterior) -> Evidence | None:
 
 
 def _together(name: str, members: list[Ranking]) -> Ranking:
-    """The sum over the shots for which every law has an evidence."""
-    complete = [one.evidence for one in members if all(one.evidence.values())]
+    """The sum over the shots for which every law has an evidence; and each law with one material for these."""
+    whole = [one for one in members if all(one.evidence.values())]
+    complete = [one.evidence for one in whole]
     evidence: dict[str, Evidence | None] = dict.fromkeys(members[0].evidence)
     for law in evidence if complete else ():
         each = [found for one in complete if (found := one[law])]
@@ -215,7 +219,11 @@ def _together(name: str, members: list[Ranking]) -> Ranking:
     logs = {law: np.array([one[law].log for one in complete]) for law in evidence}  # type: ignore[union-attr]
     order = sorted(logs, key=lambda law: -float(np.sum(logs[law])))
     pairs = [_pair(a, b, logs[a] - logs[b]) for a, b in combinations(order, 2) if len(complete) > 1]
-    return Ranking(name, evidence, len(complete), {}, tuple(pairs))
+    materials = {
+        law: population([one.answers[law] for one in whole], names=[one.name for one in whole], only_trusted=False)
+        for law in (evidence if complete else ())
+    }
+    return Ranking(name, evidence, len(complete), {}, tuple(pairs), materials)
 
 
 def _pair(first: str, second: str, differences: Floats) -> Pair:

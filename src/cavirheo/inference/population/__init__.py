@@ -1,0 +1,171 @@
+"""Posteriors of many shots -> the material: its centre, the scatter from shot to shot, and the shots that do not belong
+(docs/method/population.md)."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from cavirheo.arrays import Floats
+from cavirheo.errors import expect, expect_whole, require
+from cavirheo.inference.population.likelihood import FEW, Likelihood, Likelihoods, likelihood
+from cavirheo.inference.population.material import Population
+from cavirheo.inference.population.scatter import Scatter
+from cavirheo.inference.verify.sampler import Sample
+from cavirheo.parameters import LOG10, about, of_the_law
+from cavirheo.posterior import Evidence, Posterior
+from cavirheo.prior import Prior
+
+__all__ = ["Population", "population"]
+
+FEWEST = 3  # shots of a population
+_USED = ("ok", "outside_training_range")  # verdicts: a shot that only bounds the material says that much of it
+_DRAWS = 4000  # of a population
+_WORTH = 200.0  # effective draws of a population, below which that is said
+
+
+def population(
+    answers: Sequence[Posterior],
+    *,
+    names: Sequence[str] | None = None,
+    along: ArrayLike | None = None,
+    only_trusted: bool = True,
+    seed: int = 0,
+) -> Population:
+    """The material of many shots, from the draws of their posteriors and no further simulation.
+
+    Args:
+        answers: of shots of one material, as `infer_many`, `fit_many` or `verify_many` give them. Their weighted draws
+            are divided by the prior that they were made with (`Posterior.prior`; flat in the logarithm where that is
+            not known). Those without an interval, of another model than most, or whose verdict says that they are no
+            property of the material, are left out and counted; so is a copy of another's draws (a joint fit is one).
+        names: of the shots; default "shot 1", ...
+        along: (n,) a column by which the centre may change, such as log10 of R_max or a concentration: the population
+            then has a slope, in decades of each parameter per unit of the column.
+        only_trusted: False: take answers of any verdict, as the evidence of a law needs it.
+        seed: of the draws.
+
+    Fewer than 3 shots that count give a Population without draws, whose `doubts` say why.
+
+    Raises:
+        InputError: no answers, or names or a column of another length.
+    """
+    answers = list(answers)
+    for answer in answers:
+        expect(answer, Posterior, "a Posterior of infer or fit for each shot")
+    expect_whole(seed, "seed", 0, "option.seed")
+    require(bool(answers), "a population needs answers of shots, got none", "population.none")
+    shots = [f"shot {i + 1}" for i in range(len(answers))] if names is None else list(names)
+    column = None if along is None else np.asarray(along, dtype=float)
+    for what, given in (("names", shots), ("along", column)):
+        told = f"{what} must have one entry for each of the {len(answers)} answers"
+        require(given is None or np.shape(given) == (len(answers),), told, f"population.{what}")
+    kept, left_out, found = _sorted_out(answers, column, only_trusted)
+    first = answers[kept[0]] if kept else answers[0]
+    law = tuple(name for name in first.names if of_the_law(name))
+    made: dict[str, Any] = {
+        "names": tuple(name.removeprefix(LOG10) for name in law), "material": first.material, "bubble": first.bubble,
+        "shots": tuple(shots[i] for i in kept), "left_out": left_out,
+    }  # fmt: skip
+    if len(kept) < FEWEST:
+        doubt = f"{len(kept)} of {len(answers)} shots count; a material and its scatter need {FEWEST}"
+        return Population(**made, doubts=(doubt,))
+    rough = [f"{shots[i]}: {one.effective:.0f}" for i, one in zip(kept, found, strict=True) if one.effective < FEW]
+    doubts = [f"fewer than {FEW:.0f} effective draws, so that intervals are rough: {', '.join(rough)}"] * bool(rough)
+    ends = np.array([_ends(answers[i], law) for i in kept])
+    low, high = np.min(ends[:, 0], axis=0), np.max(ends[:, 1], axis=0)
+    like, x, unit = Likelihoods.of(found), None, 1.0
+    if column is not None:
+        unit = float(np.std(column[kept]))
+        require(unit > 0, "along must not be one value for all shots", "population.along")
+        x = (column[kept] - np.mean(column[kept])) / unit
+    several = Scatter(like, low, high, column=x)
+    one = Scatter(like, low, high, column=x, spread=False)
+    drawn, drawn_one = several.sample(seed), one.sample(seed)
+    if drawn.ess < _WORTH or not drawn.reliable:
+        doubts.append(f"the population's own draws are worth {drawn.ess:.0f} alone: take its intervals for rough")
+    u = _resampled(drawn, seed)
+    centre, spread, correlation, slope = several.parts(u)
+    return Population(
+        **made, doubts=tuple(doubts), centre=centre, spread=spread, correlation=correlation,
+        slope=None if x is None else slope / unit, common=one.parts(_resampled(drawn_one, seed))[0],
+        stray=several.strays(u[:: max(_DRAWS // 1000, 1)]), gain=_evidence(drawn, like.log_size),
+        gain_of_one=_evidence(drawn_one, like.log_size), shot_evidence=tuple(answers[i].evidence for i in kept),
+    )  # fmt: skip
+
+
+def _sorted_out(
+    answers: Sequence[Posterior], column: Floats | None, only_trusted: bool
+) -> tuple[list[int], dict[str, int], list[Likelihood]]:
+    """(which count, how many are left out by reason, the likelihoods of those that count)."""
+    why: dict[int, str] = {}
+    for i, answer in enumerate(answers):
+        if len(answer.theta) < 2:
+            why[i] = "failed" if answer.checks.verdict == "failed" else "without an interval"
+        elif only_trusted and answer.checks.verdict not in _USED:
+            why[i] = "not trusted"
+        elif column is not None and not np.isfinite(column[i]):
+            why[i] = "without a value along the column"
+    models = [(answer.material, answer.bubble.name) for answer in answers]
+    counts = Counter(model for i, model in enumerate(models) if i not in why)
+    most = max(counts, key=lambda model: counts[model], default=None)
+    seen: set[bytes] = set()
+    kept: list[int] = []
+    found: list[Likelihood] = []
+    for i, answer in enumerate(answers):
+        if i in why:
+            continue
+        law = [k for k, name in enumerate(answer.names) if of_the_law(name)]
+        theta = answer.theta[:, law]
+        draws = theta.tobytes()
+        if models[i] != most:
+            why[i] = "of another model"
+        elif draws in seen:
+            why[i] = "a copy of another"
+        elif one := likelihood(theta, _log_weight(answer), _log_prior(answer, law)):
+            kept, found = [*kept, i], [*found, one]
+            seen.add(draws)
+        else:
+            why[i] = "without an interval"
+    return kept, dict(Counter(why.values())), found
+
+
+def _log_weight(answer: Posterior) -> Floats:
+    return np.zeros(len(answer.theta)) if answer.log_weight is None else answer.log_weight
+
+
+def _log_prior(answer: Posterior, law: Sequence[int]) -> Floats:
+    """(k,) log density of the shot's prior of the law's parameters; the range that is searched where it is not said."""
+    names = tuple(answer.names[k] for k in law)
+    rows = [(*answer.prior[name], 0.0, np.inf)[:4] for name in names if name in answer.prior]
+    if len(rows) < len(names):
+        return np.full(len(answer.theta), -float(np.sum(np.log(np.diff(_ends(answer, names), axis=0)))))
+    return Prior(names, *np.array(rows, dtype=float).T).log_density(answer.theta[:, law])
+
+
+def _ends(answer: Posterior, law: Sequence[str]) -> Floats:
+    """(2, d) low and high of the prior, in the scale of theta."""
+    found = []
+    for name in law:
+        values = answer.theta[:, answer.names.index(name)]
+        searched = about(name).searched or (float(np.min(values)) - 1.0, float(np.max(values)) + 1.0)
+        found.append(tuple(answer.prior.get(name, searched))[:2])
+    return np.array(found, dtype=float).T
+
+
+def _resampled(drawn: Sample, seed: int) -> Floats:
+    """(_DRAWS, m) equally likely draws, in random order."""
+    rng = np.random.Generator(np.random.Philox(seed).jumped())
+    weight = np.exp(drawn.log_weight - np.max(drawn.log_weight))
+    places = (np.arange(_DRAWS) + rng.uniform()) / _DRAWS
+    chosen = np.searchsorted(np.cumsum(weight) / np.sum(weight), places)
+    return drawn.u[rng.permutation(np.minimum(chosen, len(weight) - 1))]
+
+
+def _evidence(drawn: Sample, log_size: float) -> Evidence:
+    log, error = drawn.log_evidence
+    return Evidence(log + log_size, error)

@@ -1,0 +1,197 @@
+"""Population: what many shots say of one material, and what two such say of each other."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any, NamedTuple
+
+import numpy as np
+from scipy.special import expit
+
+from cavirheo.arrays import Floats
+from cavirheo.errors import require
+from cavirheo.parameters import about, open_sides
+from cavirheo.posterior import BubbleModel, Evidence, in_words
+from cavirheo.writing import digits
+from cavirheo.writing.document import Quantity
+
+_NONE = np.empty((0, 0))
+_LN10 = float(np.log(10.0))
+UNLIKE = 0.3  # decades: how far two materials are apart that are compared, before they are seen (standard deviation)
+
+
+class Difference(NamedTuple):
+    """Of a parameter of two materials. ratio: (5 %, 50 %, 95 %) of this one's over the other's. probability_higher:
+    that this one's is larger. probability_differs: of two materials against one, both equally likely before, and two
+    materials a factor of about 2 apart (UNLIKE decades)."""
+
+    ratio: tuple[float, float, float]
+    probability_higher: float
+    probability_differs: float
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Population:
+    """The material of n shots; a failed one has no draws, and `doubts` say why.
+
+    names: the law's parameters, "shear_modulus", ... material, bubble: the model. shots: those that count. left_out:
+    how many do not, by reason. centre: (draws, d) log10 of the material's parameters, SI. spread: (draws, d) standard
+    deviation of the shots about it, decades. correlation: (draws, d, d) of that scatter. slope: (draws, d) decades per
+    unit of the column, or None. common: (draws, d) as centre, if all shots that belong had one material exactly. stray:
+    (n,) probability that a shot does not belong. gain, gain_of_one: log evidence of the population, with and without
+    spread, above that of shots which have nothing in common. shot_evidence: of each shot by itself. doubts: what is to
+    be known before it is used.
+    """
+
+    names: tuple[str, ...]
+    material: str
+    bubble: BubbleModel
+    shots: tuple[str, ...]
+    left_out: Mapping[str, int] = field(default_factory=dict)
+    doubts: tuple[str, ...] = ()
+    centre: Floats = field(default_factory=lambda: _NONE)
+    spread: Floats = field(default_factory=lambda: _NONE)
+    correlation: Floats = field(default_factory=lambda: _NONE)
+    slope: Floats | None = None
+    common: Floats = field(default_factory=lambda: _NONE)
+    stray: Floats = field(default_factory=lambda: np.empty(0))
+    gain: Evidence | None = None
+    gain_of_one: Evidence | None = None
+    shot_evidence: tuple[Evidence | None, ...] = ()
+
+    def __repr__(self) -> str:
+        """The line for a paper, then what is to be known besides."""
+        return "\n  ".join([f"Population({self.material}, {self.bubble.name}): {self.line}", *self.remarks])
+
+    def _column(self, name: str) -> int:
+        known = f"the population has {', '.join(self.names)}, got {name!r}"
+        require(name in self.names, known, "population.parameter")
+        require(len(self.centre) > 0, f"the population has no draws: {'; '.join(self.doubts)}", "population.no_draws")
+        return self.names.index(name)
+
+    def interval(self, name: str, level: float = 0.9) -> tuple[float, float, float]:
+        """(low, median, high) of the material's parameter, SI. Raises InputError: no such parameter, or no draws."""
+        low, middle, high = (10.0 ** _quantiles(self.centre[:, self._column(name)], level)).tolist()
+        return low, middle, high
+
+    def scatter(self, name: str, level: float = 0.9) -> tuple[float, float, float]:
+        """(low, median, high) of the standard deviation of the shots about the material, decades; as `interval`."""
+        low, middle, high = _quantiles(self.spread[:, self._column(name)], level).tolist()
+        return low, middle, high
+
+    def trend(self, name: str, level: float = 0.9) -> tuple[float, float, float]:
+        """(low, median, high) of the slope along the column, decades per unit; as `interval`."""
+        k = self._column(name)
+        require(self.slope is not None, "the population was made without a column (along)", "population.along")
+        low, middle, high = _quantiles(np.asarray(self.slope)[:, k], level).tolist()
+        return low, middle, high
+
+    @property
+    def strays(self) -> dict[str, float]:
+        """Shots that do not belong more probably than not, and their probability."""
+        return {name: float(p) for name, p in zip(self.shots, self.stray, strict=False) if p > 0.5}
+
+    @property
+    def scattered(self) -> Evidence | None:
+        """Log evidence that shots differ by more than their own intervals, against one material for all that belong."""
+        if self.gain is None or self.gain_of_one is None:
+            return None
+        error = float(np.hypot(self.gain.error or 0.0, self.gain_of_one.error or 0.0))
+        return Evidence(self.gain.log - self.gain_of_one.log, error)
+
+    @property
+    def evidence(self) -> Evidence | None:
+        """Log evidence of the law with one material and its scatter; None where one of the shots has none."""
+        known = [one for one in self.shot_evidence if one is not None]
+        if self.gain is None or len(known) < len(self.shots):
+            return None
+        error = np.sqrt((self.gain.error or 0.0) ** 2 + sum((one.error or 0.0) ** 2 for one in known))
+        return Evidence(self.gain.log + sum(one.log for one in known), float(error))
+
+    @property
+    def line(self) -> str:
+        """'G = 5.8 kPa [90 %: 5.1, 6.6], shots scatter by 12 % in G; 7 of 8 shots belong'."""
+        if not len(self.centre):
+            return "no material: " + "; ".join(self.doubts)
+        values = ", ".join(map(self._value, self.names))
+        belong = f"{len(self.shots) - len(self.strays)} of {len(self.shots)} shots belong"
+        return f"{values}; {self._scatter_in_words()}; {belong}"
+
+    @property
+    def remarks(self) -> list[str]:
+        """Sentences below the line: who does not belong, what was left out, doubts."""
+        away = [f"{name} ({'> 99' if p > 0.99 else f'{100 * p:.0f}'} %)" for name, p in self.strays.items()]
+        said = [f"does not belong (probability): {', '.join(away)}"] * bool(away)
+        left = ", ".join(f"{count} {why}" for why, count in self.left_out.items())
+        return said + [f"left out of the material: {left}"] * bool(left) + list(self.doubts) * bool(len(self.centre))
+
+    def _value(self, name: str) -> str:
+        low, middle, high = self.interval(name)
+        if any(open_sides(name, low, high)):
+            return in_words(name, (low, middle, high))
+        known = about(name)
+        factor, unit = digits.modulus_unit([middle]) if known.unit == "Pa" else (1.0, known.unit.removeprefix("1"))
+        text = digits.quantity(Quantity(median=middle, q05=low, q95=high), factor, unit=unit)
+        return f"{known.symbol} = {text.replace('[', '[90 %: ')}"
+
+    def _scatter_in_words(self) -> str:
+        symbols = [about(name).symbol for name in self.names]
+        scattered = self.scattered
+        if scattered and scattered.log < 0.0:
+            most = [digits.significant(100 * _relative(self.scatter(name)[2]), 2) for name in self.names]
+            below = ", ".join(f"{symbol} {one} %" for symbol, one in zip(symbols, most, strict=True))
+            return f"no scatter of the shots beyond their intervals is seen (below {below})"
+        middle = [digits.significant(100 * _relative(self.scatter(name)[1]), 2) for name in self.names]
+        if len(middle) == 1:
+            return f"shots scatter by {middle[0]} %"
+        return "shots scatter by " + ", ".join(f"{one} % in {s}" for s, one in zip(symbols, middle, strict=True))
+
+    def against(self, other: Population) -> dict[str, Difference]:
+        """This material over the other, by parameter that both have. Raises InputError: one has no draws.
+
+        Both must rest on one law and contents, and an error that they share (the radius scale) is in neither."""
+        found = {}
+        for name in (name for name in self.names if name in other.names):
+            mine, its = self.centre[:, self._column(name)], other.centre[:, other._column(name)]
+            count = min(len(mine), len(its))
+            apart = mine[:count] - its[:count]
+            low, middle, high = (10.0 ** _quantiles(apart, 0.9)).tolist()
+            square, mean = float(np.var(apart)), float(np.mean(apart))
+            wide = square + UNLIKE**2
+            log_odds = 0.5 * np.log(square / wide) + 0.5 * mean**2 * (1.0 / square - 1.0 / wide)
+            higher = float(np.mean(apart > 0))
+            found[name] = Difference((low, middle, high), higher, float(expit(log_odds)))
+        return found
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain data for JSON; intervals as (5 %, 50 %, 95 %)."""
+        made = len(self.centre) > 0
+        return {
+            "material": self.material, "bubble": self.bubble.name, "line": self.line, "remarks": self.remarks,
+            "shots": list(self.shots), "left_out": dict(self.left_out), "strays": self.strays,
+            "centre": {name: self.interval(name) for name in self.names if made},
+            "spread_decades": {name: self.scatter(name) for name in self.names if made},
+            "correlation": self.correlations(),
+            "slope": {name: self.trend(name) for name in self.names if self.slope is not None},
+            "log_evidence_of_scatter": self.scattered.log if self.scattered else None,
+            "log_evidence": self.evidence.log if self.evidence else None,
+        }  # fmt: skip
+
+    def correlations(self) -> dict[str, tuple[float, float, float]]:
+        """(5 %, 50 %, 95 %) of the scatter's correlations, by "name, name"."""
+        found = {}
+        for i, name in enumerate(self.names):
+            for j in range(i if len(self.centre) else 0):
+                low, middle, high = _quantiles(self.correlation[:, i, j], 0.9).tolist()
+                found[f"{self.names[j]}, {name}"] = low, middle, high
+        return found
+
+
+def _quantiles(values: Floats, level: float) -> Floats:
+    return np.asarray(np.quantile(values, [(1.0 - level) / 2.0, 0.5, (1.0 + level) / 2.0]))
+
+
+def _relative(decades: float) -> float:
+    """Standard deviation over the mean of a lognormal distribution."""
+    return float(np.sqrt(np.expm1((decades * _LN10) ** 2)))

@@ -1,0 +1,156 @@
+"""The material of a group's shots as result.json and laws.json hold it: one line for a paper, then the numbers."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from itertools import combinations
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from cavirheo.arrays import Floats
+from cavirheo.posterior import Posterior
+from cavirheo.writing import digits
+from cavirheo.writing.document import Finite, Quantity, Record
+
+if TYPE_CHECKING:
+    from cavirheo.inference.population import Population
+
+_KEYS = {"shear_modulus": "shear_modulus_Pa", "viscosity": "viscosity_Pa_s"}  # of the centre, by parameter
+_MOST = 6  # groups that are compared, each with each
+
+
+class PopulationRecord(Record):
+    """The material behind n shots. G, mu and `other_parameters`: its centre. spread_decades: standard deviation of the
+    shots about it, root of the mean square over the law's parameters, each of which has its own in `spreads_decades`;
+    correlation: of this scatter. strays: probability of shots that do not belong; left_out: counts by reason.
+
+    log_evidence: of the law with one material and its scatter, null where a shot has none. log_evidence_of_scatter:
+    above that of one material without scatter; below 0 the shots differ by no more than their intervals.
+    """
+
+    line: str
+    remarks: list[str] = []
+    model: str
+    n: int
+    shear_modulus_Pa: Quantity = Quantity()
+    viscosity_Pa_s: Quantity = Quantity()
+    other_parameters: dict[str, Quantity] = {}
+    spread_decades: Quantity = Quantity()
+    spreads_decades: dict[str, Quantity] = {}
+    correlation: dict[str, Quantity] = {}
+    strays: dict[str, float] = {}
+    left_out: dict[str, int] = {}
+    log_evidence: Finite = None
+    log_evidence_error: Finite = None
+    log_evidence_of_scatter: Finite = None
+
+    @property
+    def found(self) -> bool:
+        """Whether there is a material; if not, the line says why."""
+        return bool(self.spreads_decades)
+
+    @property
+    def below(self) -> list[str]:
+        """What is said after the numbers."""
+        return self.remarks if self.found else [self.line, *self.remarks]
+
+    def centre(self, name: str) -> Quantity:
+        """Of a parameter by its natural name; empty where the law has none, or there is no material."""
+        known = {"shear_modulus": self.shear_modulus_Pa, "viscosity": self.viscosity_Pa_s}
+        return (known | self.other_parameters).get(name, Quantity())
+
+    def contour(self, level: float = 0.9) -> Floats | None:
+        """(n, 2) mu and G, SI, around this part of all shots that belong, at the medians of centre, spread and
+        correlation; None unless the law has both."""
+        pair = [
+            (self.centre(name), self.spreads_decades.get(name, Quantity())) for name in ("viscosity", "shear_modulus")
+        ]
+        if any(centre.median is None or spread.median is None for centre, spread in pair):
+            return None
+        (mu, of_mu), (modulus, of_modulus) = ((centre.median, spread.median) for centre, spread in pair)
+        rho = next(iter(self.correlation.values()), Quantity()).median or 0.0
+        turn, reach = np.linspace(0.0, 2.0 * np.pi, 121), np.sqrt(-2.0 * np.log(1.0 - level))
+        x, y = reach * np.cos(turn), reach * (rho * np.cos(turn) + np.sqrt(1.0 - rho**2) * np.sin(turn))
+        return np.column_stack([mu * 10.0 ** (of_mu * x), modulus * 10.0 ** (of_modulus * y)])
+
+
+class Apart(Record):
+    """A parameter of the first group's material over that of the second; what it says: `Difference` in
+    inference/population."""
+
+    ratio: Quantity
+    probability_higher: float
+    probability_differs: float
+
+
+class GroupDifference(Record):
+    """Two groups with one model, by the parameters of their materials."""
+
+    first: str
+    second: str
+    parameters: dict[str, Apart]
+
+    @property
+    def words(self) -> str:
+        """'gel B over gel A: G 1.32 [1.05, 1.65], larger with probability 0.98; ...'."""
+        from cavirheo.reporting.answer import described
+
+        said = []
+        for name, apart in self.parameters.items():
+            higher = apart.probability_higher
+            way, sure = ("larger", higher) if higher >= 0.5 else ("smaller", 1.0 - higher)
+            probable = "> 0.99" if sure > 0.99 else f"{sure:.2f}"
+            said.append(f"{described(name)[0]} {digits.quantity(apart.ratio)}, {way} with probability {probable}")
+        return f"{self.first} over {self.second}: {'; '.join(said)}"
+
+
+def material_of(answers: Sequence[Posterior], names: Sequence[str]) -> Population | None:
+    """The population of a group; None for a single shot, or where no answer has an interval."""
+    if len(answers) < 2 or all(len(answer.theta) < 2 for answer in answers):
+        return None
+    from cavirheo.inference.population import population
+
+    return population(answers, names=names)
+
+
+def population_record(found: Population | None) -> PopulationRecord | None:
+    """As documents hold it."""
+    if found is None:
+        return None
+    about: dict[str, Any] = {
+        "line": found.line, "remarks": found.remarks, "model": f"{found.material}, {found.bubble.name}",
+        "n": len(found.shots), "strays": found.strays, "left_out": dict(found.left_out),
+    }  # fmt: skip
+    if not len(found.centre):
+        return PopulationRecord(**about)
+    values = {name: _quantity(found.interval(name)) for name in found.names}
+    known: dict[str, Any] = {key: values.pop(name) for name, key in _KEYS.items() if name in values}
+    low, middle, high = np.quantile(np.sqrt(np.mean(found.spread**2, axis=1)), [0.05, 0.5, 0.95]).tolist()
+    evidence, scattered = found.evidence, found.scattered
+    return PopulationRecord(
+        **about, **known, other_parameters=values, spread_decades=_quantity((low, middle, high)),
+        spreads_decades={name: _quantity(found.scatter(name)) for name in found.names},
+        correlation={pair: _quantity(one) for pair, one in found.correlations().items()},
+        log_evidence=evidence.log if evidence else None, log_evidence_error=evidence.error if evidence else None,
+        log_evidence_of_scatter=scattered.log if scattered else None,
+    )  # fmt: skip
+
+
+def differences(found: Mapping[str, Population | None]) -> list[GroupDifference]:
+    """Of each two of the first groups whose materials rest on one model."""
+    known = [(name, one) for name, one in found.items() if one is not None and len(one.centre)][:_MOST]
+    return [
+        GroupDifference(first=b, second=a, parameters={
+            name: Apart(ratio=_quantity(apart.ratio), probability_higher=apart.probability_higher,
+                        probability_differs=apart.probability_differs)
+            for name, apart in its.against(one).items()
+        })
+        for (a, one), (b, its) in combinations(known, 2)
+        if (one.material, one.bubble) == (its.material, its.bubble)
+    ]  # fmt: skip
+
+
+def _quantity(interval: tuple[float, float, float]) -> Quantity:
+    low, middle, high = interval
+    return Quantity(median=middle, q05=low, q95=high)

@@ -1,0 +1,305 @@
+"""The material of many shots: against closed forms and grids, with planted strays, copies and wrong priors."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.stats import norm
+from test_reporting import answer, bubble
+
+from cavirheo import InputError, population
+from cavirheo.inference.population.likelihood import likelihood
+from cavirheo.inference.population.scatter import SPREAD, STRAY, WIDE
+from cavirheo.posterior import Checks, Evidence, Posterior
+from cavirheo.reporting import html, picture, result, table
+from cavirheo.writing.document import Spread
+
+NAMES = ("log10_shear_modulus", "log10_viscosity")
+CENTRE = np.array([3.8, -1.4])  # 6.3 kPa, 0.04 Pa s
+IMR = {"IMR": {"shear_modulus": Spread(mean=6e3, std=1e3), "viscosity": Spread(mean=0.04)}}
+FLAT = {NAMES[0]: (1.0, 7.0), NAMES[1]: (-4.0, 1.0)}
+
+
+def seen(mean, width, draws=600, *, seed=0, names=NAMES, bend=None, **more) -> Posterior:
+    """Draws of a Gaussian posterior with exactly this mean (d,) and standard deviation; `bend`: log weights."""
+    rng = np.random.default_rng(seed)
+    z = rng.standard_normal((draws, len(names)))
+    z = (z - z.mean(axis=0)) @ np.linalg.inv(np.linalg.cholesky(np.cov(z.T, bias=True).reshape(len(names), -1))).T
+    theta = np.asarray(mean) + z * width
+    about = {"prior": {name: FLAT[name] for name in names}, "log_weight": None if bend is None else bend(theta), **more}
+    law = "nhkv" if len(names) == 2 else "newtonian"
+    return Posterior(names, ("Pa", "Pa s")[-len(names) :], theta, Checks("ok"), law, "verified", **about)
+
+
+def shots(n, spread=0.05, width=0.05, *, seed=1, centre=CENTRE, away=()) -> list[Posterior]:
+    """Shots about a material, each seen with its own error; those in `away` half a decade off."""
+    rng = np.random.default_rng(seed)
+    truths = centre + spread * rng.standard_normal((n, 2))
+    truths[list(away)] = np.asarray(centre) + 0.5
+    return [seen(truth + width * rng.standard_normal(2), width, seed=i) for i, truth in enumerate(truths)]
+
+
+def on_a_grid(means, width):
+    """(5 %, 50 %, 95 %) of centre and spread of one parameter, and log evidence with spread and without."""
+    c, s = np.linspace(-2.2, -0.6, 801)[:, None, None], np.linspace(0.0, 1.2, 481)[None, :, None]
+
+    def log_p(spread):
+        inside = norm.pdf(means, c, np.hypot(width, spread))
+        outside = norm.pdf(means, c, np.sqrt(width**2 + spread**2 + WIDE**2))
+        return np.sum(np.log((1.0 - STRAY) * inside + STRAY * outside), axis=-1)
+
+    height = log_p(s) + norm.logpdf(s[..., 0], 0.0, SPREAD) + np.log(2.0)
+    step_c, step_s, range_c = 1.6 / 800, 1.2 / 480, 5.0
+    p = np.exp(height - height.max())
+    p[:, 0] *= 0.5  # trapezia
+    found = []
+    for axis, values in ((1, c.ravel()), (0, s.ravel())):
+        share = np.cumsum(p.sum(axis=axis))
+        half = 0.5 * (values[1] - values[0])
+        found.append(np.interp([0.05, 0.5, 0.95], share / share[-1], values + half))
+    log_several = np.log(p.sum() * step_c * step_s / range_c) + height.max()
+    one = log_p(np.zeros((1, 1, 1)))
+    log_one = np.log(np.exp(one - one.max()).sum() * step_c / range_c) + one.max()
+    return *found, log_several, log_one
+
+
+@pytest.mark.parametrize("scatter", [0.02, 0.15])
+def test_one_parameter_is_as_on_a_grid(scatter):
+    width = 0.04
+    means = -1.4 + scatter * np.array([-1.2, -0.8, 0.1, 0.3, 0.6, 1.4, -0.2])
+    found = population([seen([m], width, names=NAMES[1:], seed=k) for k, m in enumerate(means)])
+    centre, spread, several, one = on_a_grid(means, width)
+    size = 7 * np.log(5.0)  # likelihoods over flat priors: each posterior is divided by 1/range
+    for level, (got, expected) in enumerate(zip(np.log10(found.interval("viscosity")), centre, strict=True)):
+        assert abs(got - expected) < 0.05 * (centre[2] - centre[0]), level
+    assert np.allclose(found.scatter("viscosity"), spread, atol=0.06 * spread[2])
+    assert found.gain.log == pytest.approx(several + size, abs=0.1)
+    assert found.gain_of_one.log == pytest.approx(one + size, abs=0.1)
+    assert found.scattered.log == pytest.approx(several - one, abs=0.1)
+
+
+def test_without_scatter_shots_count_by_their_precision():
+    widths = np.array([0.02, 0.05, 0.1, 0.05, 0.03])
+    means = CENTRE + widths[:, None] * np.array([[0.5, -0.3], [-0.6, 0.4], [0.2, 0.1], [0.3, -0.2], [-0.4, 0.1]])
+    found = population([seen(m, w, seed=k) for k, (m, w) in enumerate(zip(means, widths, strict=True))])
+    weight = 1.0 / widths**2
+    assert np.allclose(found.common.mean(axis=0), weight @ means / weight.sum(), atol=0.002)
+    assert np.allclose(found.common.std(axis=0), weight.sum() ** -0.5, rtol=0.08)
+    assert found.scattered.log < 0.0
+    assert "no scatter" in found.line
+
+
+def test_a_stray_is_named_and_moves_little():
+    clean, spoilt = population(shots(8)), population(shots(8, away=[2]), names=list("abcdefgh"))
+    assert list(spoilt.strays) == ["c"]
+    assert "7 of 8 shots belong" in spoilt.line
+    assert any("does not belong" in said and "c (" in said for said in spoilt.remarks)
+    assert clean.strays == {}
+    for name in ("shear_modulus", "viscosity"):
+        assert abs(np.log10(spoilt.interval(name)[1] / clean.interval(name)[1])) < 0.04
+
+
+def test_scatter_of_shots_is_found_with_its_correlation():
+    rng = np.random.default_rng(0)
+    z = rng.standard_normal(40)
+    means = CENTRE + 0.15 * np.column_stack([z, 0.9 * z + np.sqrt(0.19) * rng.standard_normal(40)])
+    found = population([seen(m, 0.03, 300, seed=k) for k, m in enumerate(means)])
+    assert found.scatter("shear_modulus")[1] == pytest.approx(np.std(means[:, 0]), rel=0.1)
+    low, _, high = found.correlations()["shear_modulus, viscosity"]
+    assert low < np.corrcoef(means.T)[0, 1] < high
+    assert low > 0.6
+    assert found.scattered.log > 10.0
+
+
+def test_a_prior_that_is_not_divided_out_is_seen():
+    """A prior of the shots that pulls each towards 1 kPa: all of them together must not be pulled."""
+    made = {NAMES[0]: (1.0, 7.0, 3.0, 0.2), NAMES[1]: FLAT[NAMES[1]]}
+    width, pull = 0.2, 0.5  # as wide as the prior: posteriors are half way, and narrower by sqrt 2
+    rng = np.random.default_rng(2)
+    measured = CENTRE + width * rng.standard_normal((12, 2))
+    posteriors = []
+    for k, at in enumerate(measured):
+        mean = np.array([pull * 3.0 + (1.0 - pull) * at[0], at[1]])
+        posteriors.append(seen(mean, [width * np.sqrt(0.5), width], 2000, seed=k, prior=made))
+    low, middle, high = population(posteriors).interval("shear_modulus")
+    assert low < 10.0 ** CENTRE[0] < high
+    forgotten = population([replace(one, prior={}) for one in posteriors])
+    assert forgotten.interval("shear_modulus")[2] < low
+    assert middle / forgotten.interval("shear_modulus")[1] > 2.0
+
+
+def test_a_likelihood_keeps_mean_and_covariance_and_has_two_valleys_where_there_are():
+    rng = np.random.default_rng(1)
+    theta = np.concatenate([rng.normal(0.0, 0.1, (400, 2)), rng.normal([1.0, 0.5], 0.05, (200, 2))])
+    weight = rng.exponential(size=600)
+    found = likelihood(theta, np.log(weight), np.zeros(600))
+    assert len(found.share) == 2
+    assert np.allclose(np.sort(found.mean[:, 0]), [0.0, 1.0], atol=0.03)
+    mean, covariance = np.average(theta, axis=0, weights=weight), np.cov(theta.T, aweights=weight, bias=True)
+    off = found.mean - found.share @ found.mean
+    whole = np.einsum("k,kij->ij", found.share, found.covariance) + (off.T * found.share) @ off
+    assert np.allclose(found.share @ found.mean, mean, atol=1e-3)
+    assert np.allclose(whole, covariance, rtol=0.01)
+    assert len(likelihood(theta[:400], np.zeros(400), np.zeros(400)).share) == 1
+
+
+def test_few_draws_are_said_and_widened():
+    few = [seen(CENTRE, 0.05, 20, seed=k) if k == 1 else one for k, one in enumerate(shots(4))]
+    assert any("shot 2: 20" in doubt for doubt in population(few).doubts)
+    assert likelihood(few[1].theta, np.zeros(20), np.zeros(20)).covariance[0, 0, 0] > 1.1 * 0.05**2
+    assert likelihood(few[1].theta[:4], np.zeros(4), np.zeros(4)) is None
+
+
+def test_what_does_not_count_is_counted():
+    good = shots(4)
+    point = seen(CENTRE, 0.05, 600)
+    others = [
+        replace(point, theta=point.theta[:1]),
+        replace(point, theta=point.theta[:0], checks=Checks("failed")),
+        replace(point, checks=Checks("model_does_not_fit")),
+        seen(CENTRE[1:], 0.05, names=NAMES[1:]),
+        good[0],
+    ]
+    found = population([*good, *others])
+    assert found.shots == ("shot 1", "shot 2", "shot 3", "shot 4")
+    reasons = ("without an interval", "failed", "not trusted", "of another model", "a copy of another")
+    assert found.left_out == dict.fromkeys(reasons, 1)
+    assert "5" not in found.line.split("; ")[-1]
+    assert len(population(good + others[2:3], only_trusted=False).shots) == 5
+
+
+@pytest.mark.parametrize("count", [1, 2])
+def test_fewer_than_three_shots_are_no_population(count):
+    found = population(shots(count))
+    assert found.centre.size == 0
+    assert str(count) in found.doubts[0]
+    assert "no material" in repr(found)
+    assert found.to_dict()["centre"] == {}
+    with pytest.raises(InputError, match="no draws"):
+        found.interval("shear_modulus")
+
+
+def test_a_joint_fit_is_one_answer():
+    one = seen(CENTRE, 0.05)
+    assert population([one] * 5).left_out == {"a copy of another": 4}
+
+
+def test_two_materials_are_told_apart_and_one_is_not():
+    soft, same = population(shots(10, seed=1)), population(shots(10, seed=5), seed=1)
+    stiff = population(shots(10, seed=3, centre=CENTRE + np.array([0.3, 0.0])), seed=2)
+    apart = stiff.against(soft)
+    low, middle, high = apart["shear_modulus"].ratio
+    assert low < 2.0 < high
+    assert apart["shear_modulus"].probability_higher > 0.99
+    assert apart["shear_modulus"].probability_differs > 0.99
+    assert soft.against(stiff)["shear_modulus"].ratio[1] == pytest.approx(1.0 / middle)
+    assert same.against(soft)["shear_modulus"].probability_differs < 0.5
+    low, _, high = same.against(soft)["viscosity"].ratio
+    assert low < 1.0 < high
+
+
+def test_a_column_has_a_slope():
+    column = np.linspace(1.0, 3.0, 12)
+    made = [
+        seen(one.theta.mean(axis=0) + np.array([0.3 * (x - 2.0), 0.0]), 0.05, seed=k)
+        for k, (one, x) in enumerate(zip(shots(12), column, strict=True))
+    ]
+    found = population(made, along=column)
+    low, _, high = found.trend("shear_modulus")
+    assert low < 0.3 < high
+    assert low > 0.1
+    low, _, high = found.trend("viscosity")
+    assert low < 0.0 < high
+    assert found.scatter("shear_modulus")[1] < 0.1
+    assert population(made).scatter("shear_modulus")[1] > 0.13
+    with pytest.raises(InputError, match="without a column"):
+        population(made).trend("viscosity")
+
+
+def test_a_bound_is_no_value():
+    """Shots that only say that mu is below a value: the material's interval is said so."""
+    rng = np.random.default_rng(0)
+    answers = []
+    for k in range(6):
+        theta = np.column_stack([3.8 + 0.05 * rng.standard_normal(600), rng.uniform(-4.0, -2.5, 600)])
+        answers.append(replace(seen(CENTRE, 0.05, seed=k), theta=theta, checks=Checks("outside_training_range")))
+    found = population(answers)
+    assert len(found.shots) == 6
+    assert "µ below" in found.line
+
+
+def test_the_seed_decides_all():
+    answers = shots(5)
+    one, again, other = (population(answers, seed=seed) for seed in (3, 3, 4))
+    assert np.array_equal(one.centre, again.centre)
+    assert not np.array_equal(one.centre, other.centre)
+    assert np.allclose(one.interval("viscosity"), other.interval("viscosity"), rtol=0.06)
+
+
+@pytest.mark.parametrize(
+    ("answers", "how", "code"),
+    [
+        ([], {}, "population.none"),
+        (shots(3), {"names": ["a"]}, "population.names"),
+        (shots(3), {"along": [1.0, 2.0]}, "population.along"),
+        (shots(3), {"along": [1.0, 1.0, 1.0]}, "population.along"),
+    ],
+)
+def test_what_cannot_be_is_refused(answers, how, code):
+    with pytest.raises(InputError) as told:
+        population(answers, **how)
+    assert told.value.code == code
+
+
+@pytest.fixture(scope="module")
+def reported():
+    """Two gels of six shots with intervals, and published values of them."""
+    pairs = []
+    for name, centre, seed in (("soft", CENTRE, 1), ("stiff", CENTRE + np.array([0.4, 0.0]), 2)):
+        for k, one in enumerate(shots(6, seed=seed, centre=centre)):
+            curve = bubble(f"{name}[{k + 1}]", name, f"{name}.mat", top=2.2e-4 + 2e-5 * k)
+            made = answer(curve)
+            pairs.append((curve, replace(one, checks=made.checks, stretch=8.0, evidence=Evidence(10.0, 0.1))))
+    return pairs, result(pairs, "cavirheo infer", published=IMR)
+
+
+def test_a_group_says_its_material(reported):
+    pairs, document = reported
+    soft = document.groups[0].population
+    found = population([one for _, one in pairs[:6]], names=[curve.name for curve, _ in pairs[:6]])
+    assert soft.line == found.line
+    assert soft.shear_modulus_Pa.q05 == pytest.approx(found.interval("shear_modulus")[0])
+    assert soft.spreads_decades["viscosity"].median == pytest.approx(found.scatter("viscosity")[1])
+    assert soft.spread_decades.q05 < soft.spread_decades.median < soft.spread_decades.q95
+    assert soft.log_evidence == pytest.approx(60.0 + found.gain.log)
+    assert document.groups[0].shear_modulus_Pa.mean is not None
+    (apart,) = document.differences
+    assert (apart.first, apart.second) == ("stiff", "soft")
+    assert apart.parameters["shear_modulus"].probability_higher > 0.99
+    assert "stiff over soft" in apart.words
+
+
+def test_the_material_is_the_first_that_is_seen(reported, capsys):
+    _, document = reported
+    table.print_table(document)
+    out = capsys.readouterr().out
+    assert " ".join(out.split()).startswith(f"soft: {document.groups[0].population.line}")
+    page = html.groups_table(document.groups, *document.modulus_unit)
+    assert page.index("shots belong") < page.index("<table")
+
+
+def test_the_picture_has_the_materials_contour(reported):
+    pairs, document = reported
+    contour = document.groups[0].population.contour(0.5)
+    inside = np.log10(contour).mean(axis=0)
+    assert np.allclose(inside, CENTRE[::-1], atol=0.1)
+    drawn = picture.group_picture(pairs[:6], document.curves[:6], document.groups[0], document.modulus_unit)
+    labels = {text for axes in drawn.axes for text in axes.get_legend_handles_labels()[1]}
+    assert {"material", "90 % of shots", "IMR"} <= labels
+
+
+def test_points_and_single_shots_have_no_material():
+    curve = bubble()
+    assert result([(curve, answer(curve, draws=300))], "x").groups[0].population is None
+    two = bubble("shot[2]")
+    assert result([(curve, answer(curve)), (two, answer(two))], "x").groups[0].population is None
