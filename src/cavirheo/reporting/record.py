@@ -62,14 +62,20 @@ class Result(Document):
 
 def result(pairs: Pairs, command: str, *, date: str | None = None, notes: Sequence[str] = ()) -> Result:
     """The record of all curves and of their groups (the files they came from), in the order given."""
-    curves = [curve_record(curve, posterior) for curve, posterior in pairs]
+    return result_of([curve_record(curve, posterior) for curve, posterior in pairs], command, date=date, notes=notes)
+
+
+def result_of(
+    curves: Sequence[CurveRecord], command: str, *, date: str | None = None, notes: Sequence[str] = ()
+) -> Result:
+    """The record of rows that are made already, and of their groups."""
     members = _members(curves)
     stems = [group for group, _ in members]
     groups = [
         group_of(group if stems.count(group) == 1 or not source else source, [curves[i] for i in indices])
         for (group, source), indices in members.items()
     ]
-    return Result(command=command, date=date, notes=list(notes), curves=curves, groups=groups)
+    return Result(command=command, date=date, notes=list(notes), curves=list(curves), groups=groups)
 
 
 def read_json(path: str | Path) -> Result:
