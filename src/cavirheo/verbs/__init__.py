@@ -19,7 +19,7 @@ from cavirheo.writing.digits import elide
 from cavirheo.writing.terminal import say
 
 _VERBS = (
-    "infer watch measure compare show simulate laws generate train evaluate models fit which_law rheometer "
+    "infer watch design measure compare show simulate laws generate train evaluate models fit which_law rheometer "
     "collapse_time app"
 )
 _FOUND = [getattr(import_module(f"cavirheo.verbs.{name}"), name) for name in _VERBS.split()]
