@@ -179,3 +179,11 @@ def test_the_interval_is_about_the_one_that_infer_gives(good):
     answer = cavirheo.infer(curve)
     ends = np.log10([answer.interval(name) for name in NHKV.parameters])
     assert good.half_width == pytest.approx(0.5 * np.diff(ends)[:, 0], rel=0.6)
+
+
+def test_a_parameter_that_is_hardly_seen_has_no_lower_end_but_the_priors():
+    low, high = design.interval(3.5, 0.01, 0.0, 7.0)
+    assert high - low == pytest.approx(2 * NORMAL_90 * 0.01, rel=0.01)
+    low, high = design.interval(3.5, 1.0, 0.0, 7.0)
+    assert low < 0.5  # the range of the prior begins there
+    assert 3.5 < high < 4.2

@@ -48,8 +48,8 @@ class DesignedSetting(Record):
     """What a shot at one setting would tell, over the draws of what is known.
 
     readable: the share of recordings that can be read. half_width_percent: by parameter, half of the 90 % interval of
-    one shot over the median (geometric mean). shots: how many bring all parameters to what is wanted; null: more than
-    10,000. gain_nats: expected information gain of one shot about the law's parameters.
+    one shot over the median, that of the middle draw. shots: how many bring all parameters to what is wanted; null:
+    more than 10,000. gain_nats: expected information gain of one shot about the law's parameters.
     """
 
     max_radius_m: float
@@ -168,15 +168,13 @@ def _row(
     share = len(read) / len(found)
     told = [shared(one.information, scatter) for one in read]
     counts = [shots_wanted(share * one, known, half) for one in told]
-    middle = sorted(np.inf if count is None else count for count in counts)[len(counts) // 2] if counts else np.inf
+    middle = np.sort([np.inf if n is None else n for n in counts] or [np.inf])[len(counts) // 2]
     half_widths = [one.half_width for one in read] or [np.full(len(known), np.nan)]
-    widths = np.median(half_widths, axis=0)
+    percent = 100.0 * (10.0 ** np.median(half_widths, axis=0) - 1.0)
     return DesignedSetting(
         max_radius_m=setting.max_radius, frame_rate_hz=setting.frame_rate, frames=setting.frames,
         noise_m=setting.sigma, readable=share,
-        half_width_percent={
-            name: None if width is None else 100.0 * width for name, width in zip(family.parameters, widths, strict=True)
-        },
+        half_width_percent=dict(zip(family.parameters, percent, strict=True)),
         shots=int(middle) if np.isfinite(middle) else None,
         gain_nats=sum(gain(one, known) for one in told) / len(found),
     )  # fmt: skip

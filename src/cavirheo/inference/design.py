@@ -39,6 +39,8 @@ from cavirheo.prior import log_normal
 
 ROUNDS = 4  # of the weight of the frames and the maximum
 TURNS = 4  # of the way from the truth to the maximum
+GRID = 8001  # points of a marginal density
+LN10 = float(np.log(10.0))
 GROWTH = 0.8  # t_c before R_max, from which a recording begins
 NORMAL_90 = 1.6448536  # standard deviations of a normal from its median to the ends of its 90 % interval
 _NODES = np.linspace(-0.5, 0.5, 9)  # of an exposure
@@ -99,7 +101,7 @@ class Setting:
 @dataclass(frozen=True, eq=False)
 class Expected:
     """What one shot tells, for one draw of what is known: information: (l, l), of the likelihood about log10 of the
-    law's parameters. half_width: (l,) decades, half of the 90 % interval that the shot alone leaves."""
+    law's parameters at the truth. half_width: (l,) decades, half of the 90 % interval that the shot alone leaves."""
 
     information: Floats
     half_width: Floats
@@ -117,14 +119,28 @@ def expected(
     if mode is None:
         raise SolverError(f"{curve.name}: the simulation failed")
     size, (u, covariance) = shot.law, linearised(target.noise, mode.u, mode.residual, mode.jacobian)
-    covariance = covariance[:size, :size]
-    deviation, slope = np.sqrt(np.diag(covariance)), prior.slope(u)[:size]
-    ends = np.tile(u, (2, 1))
-    ends[:, :size] += NORMAL_90 * deviation * np.array([[-1.0], [1.0]])
-    low, high = prior.to_x(ends)[:, :size]
+    covariance, slope, middle = covariance[:size, :size], prior.slope(u)[:size], prior.to_x(u)[:size]
     information = (np.linalg.inv(covariance) - np.eye(size)) / np.outer(slope, slope)
-    values, vectors = np.linalg.eigh(information)
-    return Expected(vectors @ np.diag(np.maximum(values, 0.0)) @ vectors.T, 0.5 * (high - low))
+    moved = np.diag(10.0 ** (np.log10([truth[name] for name in family.parameters]) - middle))
+    values, vectors = np.linalg.eigh(moved @ information @ moved)  # frames are linear in G and mu, not in their logs
+    alone = np.maximum(1.0 / np.diag(covariance) - 1.0, 1e-12) / slope**2
+    ends = [
+        interval(*about)
+        for about in zip(middle, 1.0 / np.sqrt(alone), prior.low[:size], prior.high[:size], strict=True)
+    ]
+    half_width = 0.5 * np.ptp(np.array(ends), axis=1)
+    return Expected(vectors @ np.diag(np.maximum(values, 0.0)) @ vectors.T, half_width)
+
+
+def interval(middle: float, deviation: float, low: float, high: float) -> tuple[float, float]:
+    """Ends of the 90 % interval of log10 of a parameter whose likelihood is a Gaussian of the parameter itself, of this
+    deviation in decades at its middle; the prior is even in log10 from low to high. A modulus that is hardly seen has
+    no lower end but the prior's."""
+    x = np.linspace(low, high, GRID)
+    density = np.exp(-0.5 * (np.expm1(LN10 * (x - middle)) / (LN10 * deviation)) ** 2)
+    below = np.cumsum(density) / np.sum(density)
+    first, last = np.interp([0.05, 0.95], below, x)
+    return float(first), float(last)
 
 
 def linearised(noise: Noise, u: Floats, residual: Floats, jacobian: Floats) -> tuple[Floats, Floats]:
