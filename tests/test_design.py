@@ -145,6 +145,11 @@ def test_what_is_known_comes_from_the_trusted_answers(quick, tmp_path):
     assert half == pytest.approx(0.1 / np.sqrt(2), rel=0.15)
     scattered = cavirheo.design(result_of([row(4e3, 0.05, 0.02), row(8e3, 0.05, 0.02)], "x"))
     assert scattered.spread_decades == pytest.approx(np.log10(2) / np.sqrt(2), rel=0.1)
+    other = rows[0].model_copy(update={"group": "y", "shear_modulus_Pa": rows[2].shear_modulus_Pa})
+    with pytest.raises(InputError) as error:
+        cavirheo.design(result_of([*rows, other], "x"))
+    assert error.value.code == "design.groups"
+    assert cavirheo.design(result_of([*rows, other], "x"), group="y").shots_before == 1
     with pytest.raises(InputError) as error:
         cavirheo.design(result_of(rows[2:], "x"))
     assert error.value.code == "design.no_answer"

@@ -90,6 +90,7 @@ class Design(Document):
 def design(
     known: Result | str | Path | None = None,
     *,
+    group: str | None = None,
     ranges: Mapping[str, Sequence[float]] | None = None,
     material: str = "nhkv",
     medium: Medium | str = WATER,
@@ -114,6 +115,7 @@ def design(
     Args:
         known: a result.json (or its folder's file, or the Result): its trusted answers of this law say where the
             material is. Without it `ranges` do.
+        group: whose shots are the material, if the result has several groups.
         ranges: {"shear_modulus": [low, high], "viscosity": ..., "stretch": ...} in SI; a parameter without a range has
             that in which searches start. They go before what `known` says of the stretch.
         max_radius: (low, high) in m; `sizes` radii between them are looked at.
@@ -138,7 +140,7 @@ def design(
     noises = np.atleast_1d(np.asarray(noise, dtype=float))
     told = f"noise is one number, or one for each of the {len(frame_rate)} frame rates; got {noises.size}"
     require(noises.size in (1, len(frame_rate)), told, "design.noise")
-    mean, covariance, stretch, scatter, before = _known(known, family, dict(ranges or {}), spread)
+    mean, covariance, stretch, scatter, before = _known(known, group, family, dict(ranges or {}), spread)
     law, stretches = _drawn(mean, covariance, stretch, draws, seed)
     smallest, largest = max_radius
     radii = np.geomspace(smallest, largest, sizes if largest > smallest else 1)
@@ -181,7 +183,11 @@ def _row(
 
 
 def _known(
-    known: Result | str | Path | None, family: Family, ranges: dict[str, Sequence[float]], spread: float | None
+    known: Result | str | Path | None,
+    group: str | None,
+    family: Family,
+    ranges: dict[str, Sequence[float]],
+    spread: float | None,
 ) -> tuple[Floats, Floats, tuple[float, float, bool], float, int]:
     """Mean (l,) and covariance (l, l) of log10 of the law's parameters; log10 of the stretch as (low, high, False) or
     (mean, deviation, True); the scatter from shot to shot, decades; how many answers say so."""
@@ -200,7 +206,13 @@ def _known(
         return logs.mean(axis=1), np.diag(np.ptp(logs, axis=1) ** 2 / 12.0), (low, high, False), spread or 0.0, 0
     result = known if isinstance(known, Result) else read_json(_file(known))
     rows = [row for row in result.curves if row.trusted and row.material == family.name and _has(row, family)]
+    groups = list(dict.fromkeys(row.group for row in rows))
+    if group is None:
+        told = f"the result has several materials ({', '.join(groups)}): name the group of one"
+        require(len(groups) < 2, told, "design.groups")
+    rows = [row for row in rows if group in (None, row.group)]
     told = f"no trusted answer of {family.name} with an interval among the {len(result.curves)} of the result"
+    told += f" in the group {group!r} (groups: {', '.join(groups)})" if group else ""
     require(bool(rows), told + ": give ranges instead", "design.no_answer")
     mean, covariance, scatter = _material(rows, family, spread)
     if "stretch" not in ranges:

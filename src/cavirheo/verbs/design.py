@@ -16,6 +16,7 @@ _Range = tuple[float, float] | None
 
 def design(
     known: Annotated[Path | None, Argument(readable=False, help="a result.json: its answers say what is known")] = None,
+    group: Annotated[str | None, Option(help="whose shots are the material, if there are several groups")] = None,
     shear_modulus: Annotated[_Range, Option(help="Pa, if nothing was measured", metavar="LOW HIGH")] = None,
     viscosity: Annotated[_Range, Option(help="Pa s", metavar="LOW HIGH")] = None,
     stretch: Annotated[_Range, Option(help="R_max/R_0  [default: 4 10]", metavar="LOW HIGH")] = None,
@@ -52,7 +53,8 @@ def design(
     aside(load_solver)
     with run.bar("simulating", sizes * len(rates) * draws) as advance:
         made = designed(
-            known, ranges={name: pair for name, pair in given.items() if pair}, material=material, medium=liquid,
+            known, group=group,
+            ranges={name: pair for name, pair in given.items() if pair}, material=material, medium=liquid,
             max_radius=[1e-6 * end for end in rmax_um], frame_rate=rates, frames=frames,
             noise=noise, relative_noise=0.01 * noise_percent,
             exposure=1e-6 * exposure_us, wanted=0.01 * wanted_percent, spread=spread, sizes=sizes, draws=draws,
