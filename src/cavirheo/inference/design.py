@@ -39,7 +39,6 @@ from cavirheo.prior import log_normal
 
 ROUNDS = 4  # of the weight of the frames and the maximum
 TURNS = 4  # of the way from the truth to the maximum
-WIDER = 1.15  # than its linear approximation is the posterior: measured, benchmarks/design.md
 GRID = 8001  # points of a marginal density
 LN10 = float(np.log(10.0))
 GROWTH = 0.8  # t_c before R_max, from which a recording begins
@@ -121,10 +120,10 @@ def expected(
         raise SolverError(f"{curve.name}: the simulation failed")
     size, (u, covariance) = shot.law, linearised(target.noise, mode.u, mode.residual, mode.jacobian)
     covariance, slope, middle = covariance[:size, :size], prior.slope(u)[:size], prior.to_x(u)[:size]
-    information = (np.linalg.inv(covariance) - np.eye(size)) / np.outer(slope, slope) / WIDER**2
+    information = (np.linalg.inv(covariance) - np.eye(size)) / np.outer(slope, slope)
     moved = np.diag(10.0 ** (np.log10([truth[name] for name in family.parameters]) - middle))
     values, vectors = np.linalg.eigh(moved @ information @ moved)  # frames are linear in G and mu, not in their logs
-    alone = np.maximum(1.0 / np.diag(covariance) - 1.0, 1e-12) / (WIDER * slope) ** 2
+    alone = np.maximum(1.0 / np.diag(covariance) - 1.0, 1e-12) / slope**2
     ends = [
         interval(*about)
         for about in zip(middle, 1.0 / np.sqrt(alone), prior.low[:size], prior.high[:size], strict=True)
