@@ -602,8 +602,8 @@ def generate() -> Any:
 
 # --------------------------------------------------------------------------------------------------- words and names
 
-VERBS = ("infer", "compare", "simulate", "laws", "generate", "train", "evaluate", "models", "fit", "which-law",
-         "rheometer", "collapse-time", "app")  # fmt: skip
+VERBS = ("infer", "watch", "design", "compare", "simulate", "laws", "generate", "train", "evaluate", "models", "fit",
+         "which-law", "rheometer", "collapse-time", "app")  # fmt: skip
 
 
 @case()

@@ -34,6 +34,7 @@ ROOMS = (  # from the ground up: a room imports those below it, and only those t
     ("training", "errors files parallel parameters prior curve reading physics problem inference writing"),
     ("unfinished", "errors posterior curve writing"),
     ("reporting", "errors physics parallel parameters posterior curve inference writing"),
+    ("watching", "errors parallel posterior curve reading reporting unfinished writing"),
     (
         "beside",
         "errors parallel parameters landmarks posterior curve reading physics inference reporting writing unfinished",

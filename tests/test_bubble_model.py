@@ -18,9 +18,9 @@ from cavirheo.inference.verify.evidence import models, rank_laws
 from cavirheo.physics.damage import Damage
 from cavirheo.physics.materials import NeoHookeanKelvinVoigt
 from cavirheo.physics.simulate import simulate
-from cavirheo.posterior import BubbleModel
+from cavirheo.posterior import BubbleModel, Posterior
 from cavirheo.reporting.answer import curve_record
-from cavirheo.unfinished import read_answer, write_answer
+from cavirheo.unfinished import keep, read_kept
 
 TIME = np.arange(90) * 1e-6
 GEL, SHOT = NeoHookeanKelvinVoigt(5e3, 0.01), dict(max_radius=250e-6, stretch=6.0)
@@ -84,8 +84,8 @@ def test_the_answer_carries_its_model(tmp_path):
     assert low < 0.07 < high
     assert curve_record(curve, verified).contents == "kinetic"
     assert curve_record(curve, verified).other_parameters["accommodation"].median == pytest.approx(0.07, rel=0.2)
-    write_answer(tmp_path / "a.npz", verified)
-    assert read_answer(tmp_path / "a.npz").bubble == verified.bubble
+    keep(tmp_path / "a.npz", verified)
+    assert read_kept(tmp_path / "a.npz", Posterior).bubble == verified.bubble
 
 
 def test_every_free_parameter_has_a_proper_prior():

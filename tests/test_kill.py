@@ -13,8 +13,9 @@ from pathlib import Path
 import pytest
 
 from cavirheo import read_curves
+from cavirheo.posterior import Posterior
 from cavirheo.reading import write_csv
-from cavirheo.unfinished import read_answer
+from cavirheo.unfinished import read_kept
 from cavirheo.writing.document import LIST
 
 EXAMPLE = Path(__file__).parent.parent / "examples" / "soft_gel.csv"
@@ -91,7 +92,7 @@ def test_killed_at_random_moments(tmp_path, name):
         now = kept(folder)
         assert before <= now  # what was answered is there
         before = now
-        assert all(read_answer(folder / "out" / "unfinished" / name) for name in before)
+        assert all(read_kept(folder / "out" / "unfinished" / name, Posterior) for name in before)
         for path in (folder / "out").rglob("*.json"):
             json.loads(path.read_text())
     assert before

@@ -7,7 +7,7 @@ import pytest
 
 from cavirheo.inference.others import compared
 from cavirheo.posterior import BubbleModel, Checks, Evidence, OtherAnswer, Posterior, in_words
-from cavirheo.unfinished import read_answer, write_answer
+from cavirheo.unfinished import keep, read_kept
 
 FIELD, KINETIC = BubbleModel(), BubbleModel("kinetic")
 DRAWS = np.random.default_rng(0).standard_normal((2000, 2))
@@ -104,7 +104,7 @@ def test_an_interval_that_the_range_ends_is_said_as_a_bound(name, interval, word
 
 def test_other_answers_are_kept_with_an_unfinished_run(tmp_path):
     answer = posterior(other(mu=0.01))
-    write_answer(tmp_path / "a.npz", answer)
-    kept = read_answer(tmp_path / "a.npz")
+    keep(tmp_path / "a.npz", answer)
+    kept = read_kept(tmp_path / "a.npz", Posterior)
     assert kept is not None
     assert kept.others == answer.others

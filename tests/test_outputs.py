@@ -25,7 +25,7 @@ from cavirheo.physics import simulate
 from cavirheo.posterior import Evidence, Posterior
 from cavirheo.reading import write_csv
 from cavirheo.reporting import picture, read_json, write_report
-from cavirheo.unfinished import Step, Unfinished, read_answer, write_answer
+from cavirheo.unfinished import Step, Unfinished, keep, read_kept
 from cavirheo.writing.document import LIST, Outputs
 
 EXAMPLES = Path(__file__).parent.parent / "examples"
@@ -271,13 +271,13 @@ def answered() -> Posterior:
 
 def test_a_kept_answer_comes_back_to_the_last_bit(tmp_path):
     answer = answered()
-    write_answer(tmp_path / "a.npz", answer)
-    assert same(answer, read_answer(tmp_path / "a.npz"))
+    keep(tmp_path / "a.npz", answer)
+    assert same(answer, read_kept(tmp_path / "a.npz", Posterior))
     content = (tmp_path / "a.npz").read_bytes()
     for cut in (b"", b"PK", content[: len(content) // 2], bytes(len(content))):
         (tmp_path / "a.npz").write_bytes(cut)
-        assert read_answer(tmp_path / "a.npz") is None
-    assert read_answer(tmp_path / "nothing.npz") is None
+        assert read_kept(tmp_path / "a.npz", Posterior) is None
+    assert read_kept(tmp_path / "nothing.npz", Posterior) is None
 
 
 def test_an_interrupted_run_goes_on_where_it_was(tmp_path):

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     __version__: str
+    from cavirheo.beside.design import design as design
     from cavirheo.curve import RadiusCurve as RadiusCurve
     from cavirheo.errors import InputError as InputError
     from cavirheo.errors import SolverError as SolverError
@@ -29,6 +30,7 @@ if TYPE_CHECKING:
     from cavirheo.reading.recordings import measure as measure
 
 _HOME = {
+    "design": "beside.design",
     "RadiusCurve": "curve",
     "InputError": "errors",
     "SolverError": "errors",

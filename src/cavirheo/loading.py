@@ -17,11 +17,20 @@ _KINDS = {  # a key that no other document has, and the class of the document
     "measured_with": ("video.document", "Measured"),
     "sets": ("beside.published.comparison", "Comparison"),
     "strain_sweeps": ("beside.rheometer.document", "Rheometry"),
+    "wanted_percent": ("beside.design", "Design"),
     "medium": ("beside.collapse_times", "CollapseTimes"),
     "laws": ("reporting.laws", "Laws"),
     "curves": ("reporting.record", "Result"),
 }
-_NAMES = ("result.json", "laws.json", "comparison.json", "rheometer.json", "collapse-time.json", "measure.json")
+_NAMES = (
+    "result.json",
+    "laws.json",
+    "comparison.json",
+    "rheometer.json",
+    "collapse-time.json",
+    "measure.json",
+    "design.json",
+)
 
 
 def load(path: str | Path) -> Document | Dataset:

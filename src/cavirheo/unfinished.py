@@ -13,7 +13,7 @@ from contextlib import suppress
 from dataclasses import dataclass, fields, is_dataclass
 from importlib.metadata import version
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -23,8 +23,9 @@ from cavirheo.posterior import BubbleModel, Checks, Diagnostics, Evidence, Other
 from cavirheo.writing.document import into, whole
 from cavirheo.writing.terminal import bar, say
 
-_TYPES = (Posterior, Checks, WindowAnswer, Evidence, Diagnostics, BubbleModel, OtherAnswer)
+_TYPES = (Posterior, Checks, WindowAnswer, Evidence, Diagnostics, BubbleModel, OtherAnswer, RadiusCurve)
 _KINDS: dict[str, Any] = {kind.__name__: kind for kind in _TYPES}
+_Kept = TypeVar("_Kept")
 _NAME = "[0-9a-f]" * 64 + ".npz"
 
 
@@ -41,6 +42,11 @@ class Step:
     settings: Mapping[str, Any]
     made_with: str = ""
     apart: bool = True
+
+    @property
+    def identity(self) -> list[Any]:
+        """What its answers depend on besides the curves."""
+        return [version("cavirheo"), self.verb.__name__, self.made_with, sorted(self.settings.items())]
 
 
 class Unfinished:
@@ -60,7 +66,7 @@ class Unfinished:
         """
         *before, step = steps
         places = [self.folder / f"{_key(curve, steps)}.npz" for curve in curves] if step.apart else []
-        found = {i: answer for i, place in enumerate(places) if (answer := read_answer(place))}
+        found = {i: answer for i, place in enumerate(places) if (answer := read_kept(place, Posterior))}
         taken = sum(places[i] not in self._own for i in found)
         if taken and self.shown:
             said = f"{taken} of {len(curves)} answers are taken from {self.folder}"
@@ -76,7 +82,7 @@ class Unfinished:
                 found[left[k]] = answer
                 if answer.checks.verdict != "failed":
                     with into(self.folder):
-                        write_answer(places[left[k]], answer)
+                        keep(places[left[k]], answer)
                     self._own.add(places[left[k]])
             advance()
 
@@ -101,20 +107,21 @@ class Unfinished:
             self.folder.rmdir()
 
 
-def write_answer(path: Path, answer: Posterior) -> None:
-    """Arrays as such, all else as JSON: numbers come back to the last bit. Raises OSError."""
+def keep(path: Path, value: Any) -> None:
+    """An answer, a curve, or several of them in a tuple or a dict: arrays as such, all else as JSON. Numbers come back
+    to the last bit. Raises OSError."""
     arrays: list[np.ndarray] = []
-    text = json.dumps(_packed(answer, arrays), default=str)
+    text = json.dumps(_packed(value, arrays), default=str)
     with whole(path) as temporary:
         np.savez(temporary, np.frombuffer(text.encode(), np.uint8), *arrays)
 
 
-def read_answer(path: Path) -> Posterior | None:
-    """What `write_answer` wrote; None where there is nothing, or nothing that can be read."""
+def read_kept(path: Path, kind: type[_Kept]) -> _Kept | None:
+    """What `keep` wrote; None where there is nothing, or nothing of this kind that can be read."""
     with suppress(Exception), np.load(path) as file:  # whatever is wrong with it, the answer is found anew
         arrays = [file[name] for name in file.files]
-        answer = _unpacked(json.loads(arrays[0].tobytes()), arrays[1:])
-        return answer if isinstance(answer, Posterior) else None
+        value = _unpacked(json.loads(arrays[0].tobytes()), arrays[1:])
+        return value if isinstance(value, kind) else None
     return None
 
 
@@ -148,10 +155,14 @@ def _unpacked(value: Any, arrays: list[np.ndarray]) -> Any:
 
 def _key(curve: RadiusCurve, steps: Sequence[Step]) -> str:
     """Of all samples and words of the curve, and of all that is done to it."""
-    settings = [[step.verb.__name__, step.made_with, sorted(step.settings.items())] for step in steps]
     content = [[field.name, getattr(curve, field.name)] for field in fields(curve)]
+    return key_of([[step.identity for step in steps], content])
+
+
+def key_of(content: Any) -> str:
+    """SHA-256 of whatever `keep` can keep."""
     arrays: list[np.ndarray] = []
-    text = json.dumps([version("cavirheo"), _packed(settings, arrays), _packed(content, arrays)], default=str)
+    text = json.dumps(_packed(content, arrays), default=str)
     digest = hashlib.sha256(text.encode())
     for array in arrays:
         digest.update(f"{array.dtype}{array.shape}".encode() + array.tobytes())

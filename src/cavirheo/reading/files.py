@@ -119,18 +119,25 @@ def _is(test: Callable[[], bool]) -> bool:
         return False
 
 
+def measurements(folder: Path) -> tuple[list[Path], int]:
+    """The measurement files in a folder, sorted, without hidden ones and what cavirheo wrote; how many others are
+    there. Raises OSError: the folder may not be listed."""
+    names = sorted(path for path in folder.iterdir() if path.name[0] != "." and not _is(path.is_dir))
+    there = {path.name for path in names}
+    foreign = [path for path in names if _OURS.get(path.name) not in there]
+    taken = [path for path in foreign if path.suffix.lower() in MEASUREMENTS]
+    return taken, len(names) - len(taken)
+
+
 def _of_folder(folder: Path, say: Callable[[str], None]) -> list[Path]:
     try:
-        names = sorted(path for path in folder.iterdir() if path.name[0] != "." and not _is(path.is_dir))
+        taken, left = measurements(folder)
     except OSError:
         return [folder]  # may not be listed: the reader says so
-    ours = {path for path in names if folder / _OURS.get(path.name, "") in names}
-    taken = [path for path in names if path.suffix.lower() in MEASUREMENTS and path not in ours]
     if is_recording(folder) and {path.suffix.lower() for path in taken} <= {*STACKS}:
         return [folder]  # its images are the frames of one
     kinds = ", ".join(sorted(MEASUREMENTS))
     require(bool(taken), f"{folder}: no measurement in this folder; expected files {kinds}", "files.none_in_folder")
-    left = len(names) - len(taken)
     say(f"{folder}: {len(taken)} files" + (f"; {left} others left out" if left else ""))
     return taken
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import replace
@@ -94,15 +95,15 @@ def _named_apart(curves: list[RadiusCurve]) -> list[RadiusCurve]:
 
 
 def _grouped(curves: list[RadiusCurve], group: str) -> list[RadiusCurve]:
-    sources = [curve.source for curve in curves]
-    alone = [sources.count(source) == 1 for source in sources]
-    folders = [Path(source).resolve().parent for source in sources]
-    singles = [folder for folder, single in zip(folders, alone, strict=True) if single]
+    sources = Counter(curve.source for curve in curves)
+    alone = [sources[curve.source] == 1 for curve in curves]
+    folders = [Path(curve.source).resolve().parent for curve in curves]
+    singles = Counter(folder for folder, single in zip(folders, alone, strict=True) if single)
     made = []
     for curve, folder, single in zip(curves, folders, alone, strict=True):
         if group == "none":
             curve = curve.with_group(curve.name, curve.source)
-        elif group == "folder" or (group == "auto" and single and singles.count(folder) > 1):
+        elif group == "folder" or (group == "auto" and single and singles[folder] > 1):
             curve = curve.with_group(folder.name, str(folder))
         made.append(curve)
     return made

@@ -22,7 +22,7 @@ from cavirheo.writing import digits
 from cavirheo.writing.document import Quantity
 
 if TYPE_CHECKING:
-    from jinja2 import Environment
+    from jinja2 import Environment, Template
 
 
 def write(
@@ -37,7 +37,7 @@ def write(
     `group_pictures`: those that stand before the curves. `sheets`: of each curve all frames of its recording, or "".
     """
     unit, drawn = result.modulus_unit, iter(pictures)
-    page = _templates().get_template("report.html")
+    page = template("report.html")
     page.stream(
         result=result,
         style=files("cavirheo.reporting").joinpath("report.css").read_text(encoding="utf-8"),
@@ -73,9 +73,14 @@ def article(number: int, record: CurveRecord, factor: float, unit: str, picture:
     return _part("article", number, record, factor, unit, picture, *more)
 
 
+def template(name: str) -> Template:
+    """One of the templates beside this module."""
+    return _templates().get_template(name)
+
+
 def _part(name: str, *given: Any) -> str:
     """A macro of parts.html, filled; a template takes it as it stands."""
-    return getattr(_templates().get_template("parts.html").module, name)(*given)
+    return getattr(template("parts.html").module, name)(*given)
 
 
 def _named(name: str) -> tuple[str, float, str]:

@@ -73,21 +73,32 @@ def result(
     published: Published | None = None,
 ) -> Result:
     """The record of all curves and of their groups (the files they came from), in the order given."""
-    curves = [curve_record(curve, posterior) for curve, posterior in pairs]
+    rows = [curve_record(curve, posterior) for curve, posterior in pairs]
+    answers = [answer for _, answer in pairs]
+    return result_of(rows, command, answers, date=date, notes=notes, published=published)
+
+
+def result_of(
+    curves: Sequence[CurveRecord], command: str, answers: Sequence[Posterior] = (), *, date: str | None = None,
+    notes: Sequence[str] = (), published: Published | None = None,
+) -> Result:  # fmt: skip
+    """The record of rows that are made already, and of their groups; without the answers, these have no material."""
     members = _members(curves)
     stems = [group for group, _ in members]
     names = [group if stems.count(group) == 1 or not source else source for group, source in members]
-    places = [[pairs[i] for i in indices] for indices in members.values()]
-    found = [material_of([answer for _, answer in place], [curve.name for curve, _ in place]) for place in places]
+    found = [
+        material_of([answers[i] for i in indices], [curves[i].name for i in indices]) if answers else None
+        for indices in members.values()
+    ]
     groups = [
         group_of(name, [curves[i] for i in indices], population_record(one))
         for name, indices, one in zip(names, members.values(), found, strict=True)
     ]
     for group in groups:
         group.published = {method: dict(values) for method, values in (published or {}).items()}
-    apart = differences(dict(zip(names, found, strict=True)))
+    apart = differences({name: one for name, one in zip(names, found, strict=True) if one})
     said = list(notes)
-    return Result(command=command, date=date, notes=said, curves=curves, groups=groups, differences=apart)
+    return Result(command=command, date=date, notes=said, curves=list(curves), groups=groups, differences=apart)
 
 
 def read_json(path: str | Path) -> Result:

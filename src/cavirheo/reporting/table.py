@@ -61,6 +61,27 @@ def print_table(result: Result, console: Console | None = None) -> None:
     terminal.print_remarks(console, trends, [*materials, *(one.words for one in result.differences), *notes])
 
 
+def line(record: CurveRecord) -> str:
+    """'gel_07: G 6.4 kPa [5.9, 7.0], µ 0.029 Pa s [0.026, 0.033], λ 6.1 [5.9, 6.3], R_max 152 µm, RMSE 1.2 %'."""
+    if not record.answered:
+        return f"{record.name}: {record.message}"
+    factor, unit = digits.modulus_unit([record.shear_modulus_Pa.median])
+    size = f"R_max {digits.micrometres(record.max_radius_m)} µm, RMSE {digits.percent(record.rmse_over_rmax)} %"
+    values = (record.shear_modulus_Pa, factor, unit), (record.viscosity, 1.0, "Pa s"), (record.stretch, 1.0, "")
+    said = []
+    for symbol, (value, scale, name) in zip("Gµλ", values, strict=True):
+        said += [] if value.median is None else [f"{symbol} {digits.quantity(value, scale, unit=name)}"]
+    return f"{record.name}: {', '.join([*said, size])}"
+
+
+def print_line(record: CurveRecord) -> None:
+    """A row as soon as it is found: its verdict, then its numbers."""
+    from rich.text import Text
+
+    look = digits.LOOKS[record.verdict]
+    terminal.console().print(Text(f"{look.words}  ", look.terminal).append(digits.printable(line(record)), "default"))
+
+
 def print_all(result: Result) -> None:
     """`print_table`, and what other models and valleys answer."""
     console = terminal.console()

@@ -19,8 +19,8 @@ from cavirheo.writing.digits import elide
 from cavirheo.writing.terminal import say
 
 _VERBS = (
-    "infer measure compare show cite simulate laws generate train evaluate models fit which_law rheometer "
-    "collapse_time app"
+    "infer watch design measure compare show cite simulate laws generate train evaluate models fit which_law "
+    "rheometer collapse_time app"
 )
 _FOUND = [getattr(import_module(f"cavirheo.verbs.{name}"), name) for name in _VERBS.split()]
 _Usage: Any = typer.BadParameter.__base__  # every mistake in the words of a call; typer has no public name for it

@@ -1,0 +1,167 @@
+"""`cavirheo design` against experiments: intervals that were predicted, and those that `infer` then gives.
+
+python benchmarks/design.py [folder] [experiments]    goes on where it was stopped; writes benchmarks/design.md
+
+"""
+
+from __future__ import annotations
+
+import json
+import sys
+from contextlib import suppress
+from functools import cache
+from itertools import product
+from pathlib import Path
+
+import numpy as np
+
+from cavirheo import InputError, SolverError, infer_many
+from cavirheo.inference.design import NORMAL_90, Setting, expectations, expected, shots_wanted
+from cavirheo.inference.law import Family
+from cavirheo.prior import Prior
+
+HERE = Path(__file__).resolve().parent
+KNOWN = {"log10_shear_modulus": np.log10([3e3, 1.2e4]), "log10_viscosity": np.log10([0.03, 0.1]), "stretch": [5.0, 8.0]}
+RADII, RATES, FRAMES = (100e-6, 150e-6, 250e-6, 400e-6), (250e3, 500e3, 1e6), 128
+DEFAULT = (150e-6, 250e3)
+SET, APART = 1000, 2000  # seeds of the experiments
+TITLES = {SET: "All settings", APART: "Four settings again, other noise"}
+AGAIN = ((400e-6, 500e3), (250e-6, 1e6), (250e-6, 500e3), (150e-6, 1e6))
+WANTED = np.log10(1.1)  # decades
+DRAWS = 12  # of the prediction
+FAMILY = Family("nhkv")
+NAMES = ("shear_modulus", "viscosity")
+
+
+def drawn(count: int, seed: int) -> tuple[np.ndarray, np.ndarray]:
+    """(count, 2) log10 of the law's parameters and (count,) stretches of what is known."""
+    x = Prior.uniform(KNOWN).sample(count, seed)
+    return x[:, :2], x[:, 2]
+
+
+def recordings(setting: Setting, count: int, seed: int) -> dict[int, tuple]:
+    """Of simulated experiments, with the truth about each; none where no R_max can be read off."""
+    law, stretch = drawn(DRAWS, 0)
+    made = {}
+    for k in range(count):
+        with suppress(InputError):
+            made[k] = setting.film(FAMILY, law[k], float(stretch[k]), seed=seed + k)
+    return made
+
+
+def predicted(setting: Setting, count: int, seed: int) -> np.ndarray:
+    """(count, 2) half-widths in decades of these recordings; NaN where one cannot be read."""
+    widths = np.full((count, 2), np.nan)
+    for k, pair in recordings(setting, count, seed).items():
+        with suppress(InputError, SolverError):
+            widths[k] = expected(*pair, FAMILY).half_width
+    return widths
+
+
+def reached(setting: Setting, count: int, seed: int) -> tuple[np.ndarray, list[str]]:
+    """(count, 2) half-widths of the default `infer`, NaN where it gives no interval; and its verdicts."""
+    widths, verdicts, made = np.full((count, 2), np.nan), ["failed"] * count, recordings(setting, count, seed)
+    for k, answer in zip(made, infer_many([curve for curve, _ in made.values()]), strict=True):
+        verdicts[k] = answer.checks.verdict
+        for i, name in enumerate(NAMES):
+            if ends := answer.interval(name) if answer.theta.size else None:
+                widths[k, i] = 0.5 * np.log10(ends[1] / ends[0])
+    return widths, verdicts
+
+
+@cache
+def expected_shots(setting: Setting) -> float:
+    """That `design` names, from recordings of its own."""
+    (found,) = expectations([setting], FAMILY, *drawn(DRAWS, 0))
+    read, known = [one.information for one in found if one], 1e6 * np.eye(2)
+    counts = [shots_wanted(len(read) / DRAWS * one, known, WANTED) or np.inf for one in read]
+    return float(np.sort(counts or [np.inf])[len(counts) // 2])
+
+
+def reached_shots(widths: np.ndarray) -> float:
+    """How many of these bring both to WANTED, if information adds: no interval is none."""
+    information = np.mean(np.nan_to_num((NORMAL_90 / widths) ** 2), axis=0)
+    return float(np.max((NORMAL_90 / WANTED) ** 2 / np.maximum(information, 1e-9)))
+
+
+def middle(widths: np.ndarray) -> np.ndarray:
+    """(2,) geometric mean."""
+    return np.exp(np.mean(np.log(widths), axis=0)) if len(widths) else np.full(2, np.nan)
+
+
+def percent(decades: float) -> str:
+    return f"{100 * (10**decades - 1):.3g}"
+
+
+HEAD = f"""# Predicted intervals and reached ones
+`python benchmarks/design.py`: nhkv, G 3 to 12 kPa, µ 0.03 to 0.1 Pa s, stretch 5 to 8 (free), 128 frames, noise 1 % of
+R_max, clock and scale off as those of a camera; recordings are simulated.
+Told: half of the 90 % interval over the median that `inference/design.py` expects (± %). Reached: that of the default
+`infer` on the same recordings. Both are geometric means over the recordings that have both; a half-width above 300 %
+is hardly more than the prior. Shots: that bring G and µ both to ± 10 %; told: by `design`, from {DRAWS} recordings of
+its own; reached: if the information of the intervals that `infer` gave adds up.
+"""
+
+COLUMNS = """| R_max, µm | kfps | G told | reached | ratio | µ told | reached | ratio | shots told | reached | n | ok |
+|---|---|---|---|---|---|---|---|---|---|---|---|
+"""
+
+
+def report(found: dict[str, dict]) -> str:
+    text = HEAD
+    for seed, title in TITLES.items():
+        mine = {key: one for key, one in found.items() if key.startswith(f"{seed} ")}
+        text += f"\n## {title}\n{COLUMNS}{table(mine)}" if mine else ""
+    return text
+
+
+def table(found: dict[str, dict]) -> str:
+    text, ratios, single, needed = "", [], [], {}
+    for key, one in found.items():
+        seed, radius, rate = map(float, key.split())
+        setting, got = Setting(radius, rate, frames=FRAMES), np.array(one["reached"], float)
+        told = predicted(setting, len(got), int(seed))
+        both = np.isfinite(told).all(axis=1) & np.isfinite(got).all(axis=1)
+        a, b = middle(told[both]), middle(got[both])
+        ratios.append(a / b)
+        single.append(told[both] / got[both])
+        needed[radius, rate] = expected_shots(setting), reached_shots(got)
+        cells = [
+            f"{percent(a[i])} | {percent(b[i])} | {a[i] / b[i]:.2f}" if both.any() else "– | – | –" for i in (0, 1)
+        ]
+        counts = [f"{count:.0f}" if count < 1e4 else "> 10,000" for count in needed[radius, rate]]
+        about = [f"{1e6 * radius:.0f}", f"{1e-3 * rate:.0f}", *cells, *counts, f"{len(got)}"]
+        text += f"| {' | '.join(about)} | {one['verdicts'].count('ok')} |\n"
+    off = np.array([ratio for ratio in ratios if np.all(np.isfinite(ratio))])
+    apart = np.concatenate(single)
+    within, spread = np.sum(np.abs(np.log(off)) < np.log(1.2), axis=0), np.exp(np.std(np.log(apart), axis=0))
+    text += f"\nTold over reached: median {np.median(off[:, 0]):.2f} (G) and {np.median(off[:, 1]):.2f} (µ); "
+    text += f"within 20 % (0.83 to 1.2) at {within[0]} (G) and {within[1]} (µ) of {len(off)} settings. "
+    text += f"Of {len(apart)} single recordings: median {np.median(apart[:, 0]):.2f} and {np.median(apart[:, 1]):.2f}, "
+    text += f"scatter by a factor of {spread[0]:.2f} and {spread[1]:.2f}.\n"
+    chosen = min(needed, key=lambda setting: needed[setting][0])
+    if DEFAULT in needed:
+        share = needed[chosen][1] / needed[DEFAULT][1]
+        where = f"R_max {1e6 * chosen[0]:.0f} µm at {1e-3 * chosen[1]:.0f} kfps"
+        text += f"\nFollowing it: the fewest shots are told for {where}; ± 10 % is reached there with "
+        text += f"{needed[chosen][1]:.0f} shots, and with {needed[DEFAULT][1]:.0f} at the default setting (150 µm at "
+        text += f"250 kfps): {100 * share:.2g} % of them.\n"
+    return text
+
+
+def main(folder: str = "build/design", count: str = "4") -> None:
+    place = Path(folder) / "design.json"
+    place.parent.mkdir(parents=True, exist_ok=True)
+    found = json.loads(place.read_text()) if place.exists() else {}
+    for seed, (radius, rate) in [*product([SET], product(RADII, RATES)), *product([APART], AGAIN)]:
+        key = f"{seed} {radius} {rate}"
+        if key not in found:
+            widths, verdicts = reached(Setting(radius, rate, frames=FRAMES), int(count), seed)
+            found[key] = {"reached": widths.tolist(), "verdicts": verdicts}
+            place.write_text(json.dumps(found))
+            print(key, middle(widths), flush=True)
+    (HERE / "design.md").write_text(report(found), encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main(*sys.argv[1:])

@@ -1,0 +1,346 @@
+"""Which shot to take next, and how many: what is known of a material and what a rig can do -> design.json.
+
+What is known are ranges, or the answers of a result.json. inference/design.py says what one shot at each setting would
+tell; here these are averaged, counted, tabulated and drawn.
+
+```
+schema 1, version, command, date, notes      as in result.json
+material, wanted_percent, spread_decades     the law; the interval that is wanted; scatter from shot to shot
+known                                        median, q05 and q95 of the parameters and of the stretch, SI
+shots_before                                 answers of the result.json that this rests on
+settings                                     one per R_max and frame rate (DesignedSetting)
+best, fewest                                 the settings with the largest gain, and with the fewest shots
+```
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from scipy.special import ndtri
+
+from cavirheo.arrays import Floats
+from cavirheo.errors import require
+from cavirheo.inference.design import NORMAL_90, Expected, Setting, expectations, gain, shared, shots_wanted
+from cavirheo.inference.law import Family
+from cavirheo.parameters import STRETCH_RANGE
+from cavirheo.physics.media import WATER, Medium
+from cavirheo.physics.media import medium as named
+from cavirheo.reporting.answer import CurveRecord, described
+from cavirheo.reporting.record import Result, read_json
+from cavirheo.writing import digits, terminal
+from cavirheo.writing.document import Document, Finite, Quantity, Record
+from cavirheo.writing.style import INK, new_axes, new_figure, shades, write
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+STRETCHES = (4.0, 10.0)  # where nothing is known of it
+RADII, RATES = (50e-6, 400e-6), (1e5, 2.5e5, 5e5, 1e6)
+SHOWN = 100.0  # of the smallest: what is above is of no use
+NARROWEST = 0.01  # decades, to which a stretch is known from shot to shot
+
+
+class DesignedSetting(Record):
+    """What a shot at one setting would tell, over the draws of what is known.
+
+    readable: the share of recordings that can be read. half_width_percent: by parameter, half of the 90 % interval of
+    one shot over the median, that of the middle draw. shots: how many bring all parameters to what is wanted; null:
+    more than 10,000. gain_nats: expected information gain of one shot about the law's parameters.
+    """
+
+    max_radius_m: float
+    frame_rate_hz: float
+    frames: int
+    noise_m: float
+    readable: float
+    half_width_percent: dict[str, Finite]
+    shots: int | None
+    gain_nats: float
+
+
+class Design(Document):
+    """The document."""
+
+    material: str
+    wanted_percent: float
+    spread_decades: float
+    known: dict[str, Quantity]
+    shots_before: int = 0
+    settings: list[DesignedSetting]
+    best: int
+    fewest: int | None
+
+    @property
+    def said(self) -> list[str]:
+        """The next setting, and how many shots."""
+        best = self.settings[self.best]
+        lines = [f"next: {_words(best)}; one shot adds {best.gain_nats:.2f} nats about {', '.join(_law(best))}"]
+        if self.fewest is None:
+            return [*lines, f"no setting reaches ± {self.wanted_percent:g} % with 10,000 shots"]
+        few = self.settings[self.fewest]
+        count = digits.counted(few.shots or 0, "shot")
+        more = " more" * bool(self.shots_before)
+        return [*lines, f"fewest: {count}{more} at {_words(few)} for ± {self.wanted_percent:g} % (90 %)"]
+
+
+def design(
+    known: Result | str | Path | None = None,
+    *,
+    group: str | None = None,
+    ranges: Mapping[str, Sequence[float]] | None = None,
+    material: str = "nhkv",
+    medium: Medium | str = WATER,
+    max_radius: Sequence[float] = RADII,
+    frame_rate: Sequence[float] = RATES,
+    frames: int = 128,
+    noise: float | Sequence[float] = 0.0,
+    relative_noise: float = 0.01,
+    exposure: float = 0.0,
+    wanted: float = 0.1,
+    spread: float | None = None,
+    sizes: int = 5,
+    draws: int = 12,
+    seed: int = 0,
+    workers: int | None = None,
+    command: str = "cavirheo.design",
+    date: str | None = None,
+    done: Callable[[], None] | None = None,
+) -> Design:
+    """Expected intervals of shots that a rig could take, how many reach a wanted one, and which to take next.
+
+    Args:
+        known: a result.json (or its folder's file, or the Result): its trusted answers of this law say where the
+            material is. Without it `ranges` do.
+        group: whose shots are the material, if the result has several groups.
+        ranges: {"shear_modulus": [low, high], "viscosity": ..., "stretch": ...} in SI; a parameter without a range has
+            that in which searches start. They go before what `known` says of the stretch.
+        max_radius: (low, high) in m; `sizes` radii between them are looked at.
+        frame_rate: 1/s, each that the rig has. frames: how many it records.
+        noise: m, standard deviation of the radius of a frame, one or one for each frame rate. relative_noise: the same
+            over R_max; both add in quadrature. exposure: s, cut to the time between frames.
+        wanted: half of the 90 % interval over the value, for each of the law's parameters.
+        spread: decades by which shots of one material scatter; default 0, or what the answers of `known` show.
+        draws: of what is known, at each setting.
+
+    Raises:
+        InputError: no trusted answer of this law, or a number out of its domain.
+    """
+    family, liquid = Family(material), named(medium)
+    require(0 < wanted < 1, f"wanted must be between 0 and 1, got {wanted:g}", "design.wanted")
+    require(spread is None or 0 <= spread < 2, f"a spread is 0 to 2 decades, got {spread}", "design.spread")
+    require(draws >= 2 and sizes >= 1, "two draws and one R_max are the least", "design.draws")
+    told = f"R_max must be (low, high) in m with 0 < low <= high, got {tuple(max_radius)}"
+    require(len(max_radius) == 2 and 0 < max_radius[0] <= max_radius[1], told, "design.max_radius")
+    told = f"frame rates must be positive, got {tuple(frame_rate)}"
+    require(len(frame_rate) > 0 and all(rate > 0 for rate in frame_rate), told, "design.frame_rate")
+    noises = np.atleast_1d(np.asarray(noise, dtype=float))
+    told = f"noise is one number, or one for each of the {len(frame_rate)} frame rates; got {noises.size}"
+    require(noises.size in (1, len(frame_rate)), told, "design.noise")
+    mean, covariance, stretch, scatter, before = _known(known, group, family, dict(ranges or {}), spread)
+    law, stretches = _drawn(mean, covariance, stretch, draws, seed)
+    smallest, largest = max_radius
+    radii = np.geomspace(smallest, largest, sizes if largest > smallest else 1)
+    settings = [
+        Setting(float(radius), float(rate), float(off), relative_noise, frames, min(exposure, 1.0 / rate))
+        for rate, off in zip(frame_rate, np.broadcast_to(noises, len(frame_rate)), strict=True) for radius in radii
+    ]  # fmt: skip
+    found = expectations(settings, family, law, stretches, liquid, seed=seed, workers=workers, done=done)
+    half = float(np.log10(1.0 + wanted))
+    rows = [_row(*pair, family, covariance, scatter, half) for pair in zip(settings, found, strict=True)]
+    require(any(row.readable for row in rows), "no recording of these settings can be read", "design.unreadable")
+    counted = {i: row.shots for i, row in enumerate(rows) if row.shots is not None}
+    least = min(counted.values(), default=0)
+    about = {name: law[:, i] for i, name in enumerate(family.parameters)} | {"stretch": np.log10(stretches)}
+    return Design(
+        command=command, date=date, material=material, wanted_percent=100.0 * wanted, spread_decades=scatter,
+        known={name: _quantity(values) for name, values in about.items()}, shots_before=before, settings=rows,
+        best=max(range(len(rows)), key=lambda i: rows[i].gain_nats),
+        fewest=max((i for i in counted if counted[i] == least), key=lambda i: rows[i].gain_nats, default=None),
+    )  # fmt: skip
+
+
+def _row(
+    setting: Setting, found: Sequence[Expected | None], family: Family, known: Floats, scatter: float, half: float
+) -> DesignedSetting:
+    read = [one for one in found if one is not None]
+    share = len(read) / len(found)
+    told = [shared(one.information, scatter) for one in read]
+    counts = [shots_wanted(share * one, known, half) for one in told]
+    middle = np.sort([np.inf if n is None else n for n in counts] or [np.inf])[len(counts) // 2]
+    half_widths = [one.half_width for one in read] or [np.full(len(known), np.nan)]
+    percent = 100.0 * (10.0 ** np.median(half_widths, axis=0) - 1.0)
+    return DesignedSetting(
+        max_radius_m=setting.max_radius, frame_rate_hz=setting.frame_rate, frames=setting.frames,
+        noise_m=setting.sigma, readable=share,
+        half_width_percent=dict(zip(family.parameters, percent, strict=True)),
+        shots=int(middle) if np.isfinite(middle) else None,
+        gain_nats=sum(gain(one, known) for one in told) / len(found),
+    )  # fmt: skip
+
+
+def _known(
+    known: Result | str | Path | None,
+    group: str | None,
+    family: Family,
+    ranges: dict[str, Sequence[float]],
+    spread: float | None,
+) -> tuple[Floats, Floats, tuple[float, float, bool], float, int]:
+    """Mean (l,) and covariance (l, l) of log10 of the law's parameters; log10 of the stretch as (low, high, False) or
+    (mean, deviation, True); the scatter from shot to shot, decades; how many answers say so."""
+    unknown = ", ".join(set(ranges) - {*family.parameters, "stretch"})
+    has = ", ".join((*family.parameters, "stretch"))
+    require(not unknown, f"{family.name} has no {unknown}; known: {has}", "design.range")
+    for name, pair in ranges.items():
+        told = f"the range of {name} must be [low, high] with 0 < low < high, got {list(pair)}"
+        require(len(pair) == 2 and 0 < pair[0] < pair[1] < np.inf, told, "design.range")
+        ends = STRETCH_RANGE if name == "stretch" else (0.0, np.inf)
+        require(ends[0] < pair[0] and pair[1] < ends[1], f"a stretch is {ends[0]:g} to {ends[1]:g}", "design.range")
+    low, high = np.log10(ranges.get("stretch", STRETCHES))
+    if known is None:
+        started = dict(zip(family.parameters, family.bounds(started=True), strict=True))
+        logs = np.array([np.log10(ranges[name]) if name in ranges else started[name] for name in family.parameters])
+        return logs.mean(axis=1), np.diag(np.ptp(logs, axis=1) ** 2 / 12.0), (low, high, False), spread or 0.0, 0
+    result = known if isinstance(known, Result) else read_json(_file(known))
+    rows = [row for row in result.curves if row.trusted and row.material == family.name and _has(row, family)]
+    groups = list(dict.fromkeys(row.group for row in rows))
+    if group is None:
+        told = f"the result has several materials ({', '.join(groups)}): name the group of one"
+        require(len(groups) < 2, told, "design.groups")
+    rows = [row for row in rows if group in (None, row.group)]
+    told = f"no trusted answer of {family.name} with an interval among the {len(result.curves)} of the result"
+    told += f" in the group {group!r} (groups: {', '.join(groups)})" if group else ""
+    require(bool(rows), told + ": give ranges instead", "design.no_answer")
+    mean, covariance, scatter = _material(rows, family, spread)
+    if "stretch" not in ranges:
+        logs = np.log10([row.stretch.median or np.nan for row in rows])
+        return mean, covariance, (float(np.mean(logs)), max(float(np.std(logs)), NARROWEST), True), scatter, len(rows)
+    return mean, covariance, (low, high, False), scatter, len(rows)
+
+
+def _material(rows: Sequence[CurveRecord], family: Family, spread: float | None) -> tuple[Floats, Floats, float]:
+    """Mean (l,) and covariance (l, l) of the material's log10 parameters, and the scatter from shot to shot: that of
+    the parameter that scatters most, beyond what intervals explain (DerSimonian and Laird 1986,
+    doi:10.1016/0197-2456(86)90046-2). Where groups[] give a population, it should be read here instead."""
+    ends = np.array([[_ends(row, name) for name in family.parameters] for row in rows])  # (shots, l, 3)
+    middle, variance = ends[:, :, 1], (np.diff(ends[:, :, ::2], axis=2)[:, :, 0] / (2 * NORMAL_90)) ** 2
+    if spread is None:
+        weight = 1.0 / variance
+        total, mean = weight.sum(axis=0), np.average(middle, axis=0, weights=weight)
+        beyond = (weight * (middle - mean) ** 2).sum(axis=0) - (len(rows) - 1)
+        room = total - (weight**2).sum(axis=0) / total
+        spread = float(np.sqrt(np.max(np.divide(beyond, room, out=np.zeros_like(room), where=room > 0).clip(0.0))))
+    weight = 1.0 / (variance + spread**2)
+    return (
+        np.average(middle, axis=0, weights=weight),
+        np.diag(1.0 / weight.sum(axis=0)),
+        spread,
+    )
+
+
+def _drawn(
+    mean: Floats, covariance: Floats, stretch: tuple[float, float, bool], draws: int, seed: int
+) -> tuple[Floats, Floats]:
+    """(draws, l) log10 of the law's and (draws,) stretches: normal points of a Halton sequence, so that few of them
+    cover what is known; ranges are drawn evenly."""
+    from scipy.stats.qmc import Halton
+
+    cube = Halton(len(mean) + 1, seed=seed).random(draws)
+    first, second, normal = stretch
+    deviation = np.sqrt(np.diag(covariance))
+    law = mean + deviation * (ndtri(cube[:, :-1]) if normal else np.sqrt(12.0) * (cube[:, :-1] - 0.5))
+    logs = first + second * ndtri(cube[:, -1]) if normal else first + (second - first) * cube[:, -1]
+    return law, np.clip(10.0**logs, STRETCH_RANGE[0] * 1.001, STRETCH_RANGE[1] * 0.999)
+
+
+def _ends(row: CurveRecord, name: str) -> list[float]:
+    value = row.itself.quantity(name)
+    return [float(np.log10(x)) if x else np.nan for x in (value.q05, value.median, value.q95)]
+
+
+def _has(row: CurveRecord, family: Family) -> bool:
+    return bool(np.all(np.isfinite([_ends(row, name) for name in family.parameters])))
+
+
+def _file(path: str | Path) -> Path:
+    return Path(path) / "result.json" if Path(path).is_dir() else Path(path)
+
+
+def _quantity(logs: Floats) -> Quantity:
+    low, middle, high = 10.0 ** np.quantile(logs, (0.05, 0.5, 0.95))
+    return Quantity(q05=low, median=middle, q95=high)
+
+
+def _law(setting: DesignedSetting) -> list[str]:
+    return [described(name)[0] for name in setting.half_width_percent]
+
+
+def _words(setting: DesignedSetting) -> str:
+    """'R_max 250 µm at 500,000 frames/s'."""
+    return f"R_max {digits.micrometres(setting.max_radius_m)} µm at {setting.frame_rate_hz:,.0f} frames/s"
+
+
+def print_table(document: Design) -> None:
+    """A line per setting, then the next one and the number of shots."""
+    from rich.text import Text
+
+    console = terminal.console()
+    names = list(document.settings[0].half_width_percent)
+    heads = ["frames/s", *(f"{described(name)[0]}\n± %" for name in names), "readable\n%", "shots", "gain\nnats"]
+    title = f"{document.material}: expected 90 % interval of one shot, and shots for ± {document.wanted_percent:g} %"
+    table = terminal.table("R_max\nµm", heads, title=title)
+    for k, one in enumerate(document.settings):
+        widths = [_width(one.half_width_percent[name]) for name in names]
+        shots = digits.MISSING if one.shots is None else str(one.shots)
+        cells = [f"{one.frame_rate_hz:,.0f}", *widths, f"{100 * one.readable:.0f}", shots, f"{one.gain_nats:.2f}"]
+        style = "bold" if k in (document.best, document.fewest) else ""
+        table.add_row(digits.micrometres(one.max_radius_m), *cells, style=style)
+    console.print(table)
+    for line in document.said:
+        console.print(Text(line, "bold"))
+
+
+def _width(percent: float | None) -> str:
+    return digits.MISSING if percent is None else "> 300" if percent > 300 else digits.significant(percent, 2)
+
+
+def picture(document: Design) -> Figure:
+    """The shots that are wanted, and the half-width of each parameter, over R_max and frame rate; the next
+    setting is ringed."""
+    from matplotlib.ticker import LogLocator, NullLocator
+
+    names = list(document.settings[0].half_width_percent)
+    rates = sorted({one.frame_rate_hz for one in document.settings})
+    panels: list[tuple[str, list[Any]]] = [
+        (f"{described(name)[0]}: ± % of one shot", [one.half_width_percent[name] for one in document.settings])
+        for name in names
+    ]
+    panels.append((f"shots for ± {document.wanted_percent:g} %", [one.shots for one in document.settings]))
+    figure = new_figure(3.0)
+    write(figure, 0.07, 0.93, f"{document.material}: which shot next", size=11, weight="bold")
+    write(figure, 0.07, 0.865, digits.elide(document.said[0], 110), size=8.5, color=INK)
+    tones = shades(np.linspace(0.0, 1.0, len(rates)))
+    wide = 0.86 / len(panels)
+    for k, (title, values) in enumerate(panels):
+        axes = new_axes(figure, (0.07 + k * wide, 0.16, wide - 0.06, 0.58), "R_max (µm)", "")
+        axes.set_title(title, fontsize=9, color=INK, loc="left")
+        seen = [value for value in values if value]
+        for rate, tone in zip(rates, tones, strict=True):
+            at = [i for i, one in enumerate(document.settings) if one.frame_rate_hz == rate and values[i]]
+            x, y = [1e6 * document.settings[i].max_radius_m for i in at], [values[i] for i in at]
+            axes.plot(x, y, "o-", color=tone, ms=4, lw=1.3, label=f"{1e-3 * rate:g} kfps")
+            if document.best in at:
+                place = at.index(document.best)
+                axes.plot(x[place], y[place], "o", ms=10, mfc="none", mec="black")
+        axes.set(xscale="log", yscale="log")
+        if seen:
+            axes.set_ylim(0.7 * min(seen), min(1.4 * max(seen), SHOWN * min(seen)))
+        for axis in (axes.xaxis, axes.yaxis):
+            axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+            axis.set_major_formatter("{x:g}")
+            axis.set_minor_locator(NullLocator())
+    axes.legend(frameon=False, fontsize=7.5, loc="upper left", bbox_to_anchor=(1.0, 1.0), handlelength=1.2)
+    return figure

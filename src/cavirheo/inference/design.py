@@ -1,0 +1,226 @@
+"""What a shot would tell before it is taken: the expected posterior of a recording that a rig could make.
+
+A recording is simulated as the rig would film it, for materials drawn from what is known, and read like a measured
+one: the same R_max, window, prior, noise and discrepancy (experiment.py, noise.py). At the maximum of its posterior,
+reached from the truth, which is known here, the Fisher information is the Gauss-Newton curvature of -log p,
+
+    F = J' W J,    J = d(frames)/du, one simulation for each parameter,
+
+u the coordinates in which the prior is standard normal. Clock, radius scale, R_max and stretch are free, as in a
+posterior, so the law's parameters have the information that is left when these are integrated out,
+
+    P = (F + 1)_ll - (F + 1)_ln (F + 1)_nn^-1 (F + 1)_nl - 1_ll,
+
+l the law's, n all others. Chaloner and Verdinelli 1995, doi:10.1214/ss/1177009939, on the Gaussian approximation.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.special import logsumexp
+from threadpoolctl import threadpool_limits
+
+from cavirheo.arrays import Floats
+from cavirheo.curve import RadiusCurve
+from cavirheo.errors import InputError, SolverError, expect_whole, require
+from cavirheo.inference.experiment import QUICK, SIGMAS, Experiment
+from cavirheo.inference.law import Family
+from cavirheo.inference.noise import SHAPE, Noise
+from cavirheo.inference.options import FREE, SCALE_BOUND, Options
+from cavirheo.inference.verify.mode import INSIDE, Target, climb
+from cavirheo.parallel import each
+from cavirheo.parameters import INTERVAL, RADIUS
+from cavirheo.physics.media import WATER, Medium
+from cavirheo.physics.simulate import simulate
+from cavirheo.prior import log_normal
+
+ROUNDS = 4  # of the weight of the frames and the maximum
+TURNS = 4  # of the way from the truth to the maximum
+GRID = 8001  # points of a marginal density
+LN10 = float(np.log(10.0))
+GROWTH = 0.8  # t_c before R_max, from which a recording begins
+NORMAL_90 = 1.6448536  # standard deviations of a normal from its median to the ends of its 90 % interval
+_NODES = np.linspace(-0.5, 0.5, 9)  # of an exposure
+
+
+@dataclass(frozen=True)
+class Setting:
+    """What is chosen for a shot. max_radius: m, the rig's aim. frame_rate: 1/s. noise: m, of the radius of a frame;
+    relative_noise: over R_max, added in quadrature. frames: how many are recorded. exposure: s. Raises InputError."""
+
+    max_radius: float
+    frame_rate: float
+    noise: float = 0.0
+    relative_noise: float = 0.01
+    frames: int = 128
+    exposure: float = 0.0
+
+    def __post_init__(self) -> None:
+        RADIUS.check("the R_max of a setting", self.max_radius, "design.max_radius")
+        require(self.frame_rate > 0, f"a frame rate must be positive, got {self.frame_rate}", "design.frame_rate")
+        INTERVAL.check("the time between two frames", 1.0 / self.frame_rate, "design.frame_rate")
+        expect_whole(self.frames, "frames", 10, "design.frames")
+        told = f"the noise must be positive, got {self.noise:g} m and {self.relative_noise:g} of R_max"
+        fine = self.noise >= 0 and 0 <= self.relative_noise < 0.5 and self.sigma > 0
+        require(fine, told, "design.noise")
+        longest = f"an exposure of {self.exposure:g} s does not fit between frames of {1.0 / self.frame_rate:g} s"
+        require(0 <= self.exposure <= 1.0 / self.frame_rate * (1 + 1e-6), longest, "design.exposure")
+
+    @property
+    def sigma(self) -> float:
+        """Of the radius of a frame, m."""
+        return float(np.hypot(self.noise, self.relative_noise * self.max_radius))
+
+    def film(
+        self, family: Family, law: Floats, stretch: float, medium: Medium = WATER, seed: int = 0
+    ) -> tuple[RadiusCurve, dict[str, float]]:
+        """The recording of one bubble in the material of (parameters,) log10 `law`, and the truth about it by natural
+        name: clock and scale are off as those of a camera are. Raises InputError or SolverError: no such bubble."""
+        rng = np.random.Generator(np.random.Philox(seed))
+        late, off = rng.uniform(), rng.normal()
+        frame = 1.0 / self.frame_rate
+        time = frame * (late + np.arange(self.frames)) - GROWTH * medium.time_scale(self.max_radius)
+        instants = np.abs(time[:, None] + self.exposure * (_NODES if self.exposure else np.zeros(1))).ravel()
+        order = np.argsort(instants, kind="stable")
+        about = {"max_radius": self.max_radius, "stretch": stretch, "medium": medium}
+        run = simulate(family.material(law), time=instants[order], **about)  # type: ignore[arg-type]
+        seen = np.empty(len(instants))
+        seen[order] = run.radius
+        scale = 1.0 + off * SCALE_BOUND / SIGMAS
+        radius = seen.reshape(self.frames, -1).mean(axis=1) / scale + self.sigma * rng.standard_normal(self.frames)
+        meta = {"name": "designed", "frame_rate_hz": self.frame_rate, "exposure_s": self.exposure}
+        curve = RadiusCurve(np.asarray(time, dtype=np.float64), np.maximum(radius, 1e-3 * self.max_radius), meta=meta)
+        truth = dict(zip(family.parameters, (10.0**law).tolist(), strict=True)) | {"stretch": stretch}
+        truth |= {"time_origin": -curve.time_of_max, "radius_scale": scale}
+        return curve, truth | {"max_radius_factor": self.max_radius / (scale * curve.max_radius)}
+
+
+@dataclass(frozen=True, eq=False)
+class Expected:
+    """What one shot tells, for one draw of what is known: information: (l, l), of the likelihood about log10 of the
+    law's parameters at the truth. half_width: (l,) decades, half of the 90 % interval that the shot alone leaves."""
+
+    information: Floats
+    half_width: Floats
+
+
+def expected(
+    curve: RadiusCurve, truth: dict[str, float], family: Family, medium: Medium = WATER, *, discrepancy: bool = True
+) -> Expected:
+    """Of a recording whose truth is known. Raises InputError: it cannot be read."""
+    options = Options(free=tuple(FREE))
+    shot = Experiment(curve, family, medium, options, exposure=float(curve.exposure or 0.0))
+    prior = shot.prior()
+    target = Target(shot, prior, shot.noise(discrepancy))
+    mode = climb(target, prior.to_u(shot.from_best(truth), INSIDE), QUICK, most=TURNS)
+    if mode is None:
+        raise SolverError(f"{curve.name}: the simulation failed")
+    size, (u, covariance) = shot.law, linearised(target.noise, mode.u, mode.residual, mode.jacobian)
+    covariance, slope, middle = covariance[:size, :size], prior.slope(u)[:size], prior.to_x(u)[:size]
+    information = (np.linalg.inv(covariance) - np.eye(size)) / np.outer(slope, slope)
+    moved = np.diag(10.0 ** (np.log10([truth[name] for name in family.parameters]) - middle))
+    values, vectors = np.linalg.eigh(moved @ information @ moved)  # frames are linear in G and mu, not in their logs
+    alone = np.maximum(1.0 / np.diag(covariance) - 1.0, 1e-12) / slope**2
+    ends = [
+        interval(*about)
+        for about in zip(middle, 1.0 / np.sqrt(alone), prior.low[:size], prior.high[:size], strict=True)
+    ]
+    half_width = 0.5 * np.ptp(np.array(ends), axis=1)
+    return Expected(vectors @ np.diag(np.maximum(values, 0.0)) @ vectors.T, half_width)
+
+
+def interval(middle: float, deviation: float, low: float, high: float) -> tuple[float, float]:
+    """Ends of the 90 % interval of log10 of a parameter whose likelihood is a Gaussian of the parameter itself, of this
+    deviation in decades at its middle; the prior is even in log10 from low to high. A modulus that is hardly seen has
+    no lower end but the prior's."""
+    x = np.linspace(low, high, GRID)
+    density = np.exp(-0.5 * (np.expm1(LN10 * (x - middle)) / (LN10 * deviation)) ** 2)
+    below = np.cumsum(density) / np.sum(density)
+    first, last = np.interp([0.05, 0.95], below, x)
+    return float(first), float(last)
+
+
+def linearised(noise: Noise, u: Floats, residual: Floats, jacobian: Floats) -> tuple[Floats, Floats]:
+    """Mean (d,) and covariance (d, d) of the posterior in u, if the frames are linear in it: residual (n,) and jacobian
+    (n, d) at u (d,).
+
+    One Gaussian for each size of the discrepancy (noise.py), about its own maximum, weighed by its evidence: where the
+    frames do not tell how large the discrepancy is, the wide ones count, too.
+    """
+    size, both = len(u), np.column_stack([jacobian, residual])
+    middles, spreads, heights = [], [], []
+    for solved, constant in zip(noise.solved(both), noise.constants, strict=True):
+        product = both.T @ solved
+        curved, slope, square = product[:size, :size], product[:size, -1], float(product[-1, -1])
+        for _ in range(ROUNDS):  # the frames' own size decides their weight (Student's t)
+            weight = noise.power / (SHAPE + 0.5 * square)
+            covariance = np.linalg.inv(weight * curved + np.eye(size))
+            step = covariance @ (weight * slope - u)
+            square = float(product[-1, -1] - 2.0 * step @ slope + step @ curved @ step)
+        middles.append(u + step)
+        spreads.append(covariance)
+        height = constant - noise.power * np.log1p(square / (2.0 * SHAPE)) + 0.5 * np.linalg.slogdet(covariance)[1]
+        heights.append(height + log_normal(middles[-1]))
+    share = np.exp(np.array(heights) - logsumexp(heights))
+    mean = share @ np.array(middles)
+    off = np.array(middles) - mean
+    return mean, np.einsum("g,gij->ij", share, np.array(spreads)) + np.einsum("g,gi,gj->ij", share, off, off)
+
+
+def expectations(
+    settings: Sequence[Setting],
+    family: Family,
+    law: Floats,
+    stretch: Floats,
+    medium: Medium = WATER,
+    *,
+    seed: int = 0,
+    workers: int | None = None,
+    done: Callable[[], None] | None = None,
+) -> list[list[Expected | None]]:
+    """Of each setting with each draw: law (draws, l) log10, stretch (draws,). None: a recording that cannot be read,
+    such as one that ends before the collapse. The noise of a draw is the same at all settings."""
+
+    def one(job: tuple[Setting, int]) -> Expected | None:
+        setting, k = job
+        try:
+            return expected(*setting.film(family, law[k], float(stretch[k]), medium, seed + k), family, medium)
+        except (InputError, SolverError, np.linalg.LinAlgError):
+            return None
+
+    jobs = [(setting, k) for setting in settings for k in range(len(law))]
+    with threadpool_limits(1, "blas"):
+        found = each(one, jobs, workers, (lambda *_: done()) if done else None)
+    return [found[i : i + len(law)] for i in range(0, len(found), len(law))]
+
+
+def gain(information: Floats, known: Floats) -> float:
+    """Nats that a shot adds to what is known of a material: half log det(1 + known information), both (l, l)."""
+    return 0.5 * float(np.linalg.slogdet(np.eye(len(known)) + known @ information)[1])
+
+
+def shared(information: Floats, spread: float) -> Floats:
+    """(l, l) of one shot about the material, whose shots scatter by `spread` decades."""
+    size = len(information)
+    return np.asarray(np.linalg.solve(np.eye(size) + spread**2 * information, information))
+
+
+def shots_wanted(information: Floats, known: Floats, half_width: float, most: int = 10_000) -> int | None:
+    """How many such shots bring each parameter's 90 % interval to `half_width` decades about the median; None: more
+    than `most`. information: (l, l) of one about the material. known: (l, l), the covariance of what is known."""
+    before = np.linalg.inv(known)
+
+    def enough(count: int) -> bool:
+        left = np.linalg.inv(before + count * information)
+        return bool(np.max(NORMAL_90 * np.sqrt(np.diag(left))) <= half_width)
+
+    if not enough(most):
+        return None
+    low, high = -1, most
+    while high - low > 1:
+        middle = (low + high) // 2
+        low, high = (low, middle) if enough(middle) else (middle, high)
+    return high

@@ -1,0 +1,77 @@
+"""`cavirheo design`: what is known and what a rig can do in; a table, design.json and a picture out."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+from typer import Argument, Option
+
+from cavirheo.errors import InputError
+from cavirheo.verbs import options
+from cavirheo.verbs.run import Run
+
+_Range = tuple[float, float] | None
+
+
+def design(
+    known: Annotated[Path | None, Argument(readable=False, help="a result.json: its answers say what is known")] = None,
+    group: Annotated[str | None, Option(help="whose shots are the material, if there are several groups")] = None,
+    shear_modulus: Annotated[_Range, Option(help="Pa, if nothing was measured", metavar="LOW HIGH")] = None,
+    viscosity: Annotated[_Range, Option(help="Pa s", metavar="LOW HIGH")] = None,
+    stretch: Annotated[_Range, Option(help="R_max/R_0  [default: 4 10]", metavar="LOW HIGH")] = None,
+    material: Annotated[str, Option(help="a law of `cavirheo laws`")] = "nhkv",
+    rmax_um: Annotated[tuple[float, float], Option(help="that the rig can make, um", metavar="LOW HIGH")] = (50, 400),
+    frame_rates_khz: Annotated[str, Option(help="that the camera has, with commas")] = "100,250,500,1000",
+    frames: Annotated[int, Option(help="of a recording", min=10)] = 128,
+    noise_percent: Annotated[float, Option(help="of the radius of a frame, of R_max")] = 1.0,
+    noise_um: Annotated[str, Option(help="added to it, um; or one for each frame rate, with commas")] = "0",
+    exposure_us: Annotated[float, Option(help="of a frame, us", min=0.0)] = 0.0,
+    wanted_percent: Annotated[float, Option(help="half of the 90 % interval that is wanted, of the value")] = 10.0,
+    spread: Annotated[float | None, Option(help="decades from shot to shot  [default: what the answers show]")] = None,
+    sizes: Annotated[int, Option(help="how many R_max are looked at", min=1)] = 5,
+    draws: Annotated[int, Option(help="simulated recordings for each setting", min=2)] = 12,
+    seed: options.Seed = 0,
+    liquid: options.Liquid = options.FROM_OPTIONS,
+    out: options.Out = Path("cavirheo-design"),
+    pictures: options.Pictures = True,
+    run: Run = options.FROM_OPTIONS,
+) -> None:
+    """Which shot to take next, and how many: expected intervals over R_max and frame rate."""
+    from cavirheo.beside.design import design as designed
+    from cavirheo.beside.design import picture, print_table
+    from cavirheo.parallel import aside
+    from cavirheo.physics.simulate import load_solver
+    from cavirheo.writing import style
+    from cavirheo.writing.document import Outputs, write_json
+
+    rates = [1e3 * rate for rate in _numbers("--frame-rates-khz", frame_rates_khz)]
+    noise = [1e-6 * one for one in _numbers("--noise-um", noise_um)]
+    given = {"shear_modulus": shear_modulus, "viscosity": viscosity, "stretch": stretch}
+    drawing = pictures and style.available()
+    outputs = Outputs(out, "design.json", *(["design.png"] if drawing else []), inputs=[known] if known else [])
+    aside(load_solver)
+    with run.bar("simulating", sizes * len(rates) * draws) as advance:
+        made = designed(
+            known, group=group,
+            ranges={name: pair for name, pair in given.items() if pair}, material=material, medium=liquid,
+            max_radius=[1e-6 * end for end in rmax_um], frame_rate=rates, frames=frames,
+            noise=noise, relative_noise=0.01 * noise_percent,
+            exposure=1e-6 * exposure_us, wanted=0.01 * wanted_percent, spread=spread, sizes=sizes, draws=draws,
+            seed=seed, command=run.command, date=run.date, done=advance,
+        )  # fmt: skip
+    if drawing:
+        made.notes += outputs.picture("design.png", style.save_png, picture, made)
+    elif pictures:
+        made.notes.append(style.NO_PICTURES)
+    outputs.write("design.json", write_json, made)
+    outputs.finish()
+    run.show(made, print_table)
+    run.end(f"written to {out} in {{seconds}}")
+
+
+def _numbers(option: str, text: str) -> list[float]:
+    try:
+        return [float(part) for part in text.split(",")]
+    except ValueError:
+        raise InputError(f"{option} must be numbers with commas, got {text!r}", "option.numbers") from None

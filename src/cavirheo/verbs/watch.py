@@ -1,0 +1,77 @@
+"""`cavirheo watch`: a folder in, each recording answered as it arrives; result.json and a page for the wall out."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Any
+
+from typer import Argument, Option
+
+from cavirheo.errors import require
+from cavirheo.verbs import options
+from cavirheo.verbs.run import Reading, Run
+
+
+def watch(
+    folder: Annotated[Path, Argument(readable=False, help="where the recordings arrive: R(t) files or videos")],
+    model: options.ModelName = "posterior",
+    material: Annotated[str | None, Option(help="a law of `cavirheo laws`, or auto  [default: nhkv]")] = None,
+    stretch: Annotated[float | None, Option(help="R_max/R_0 if known; inferred otherwise")] = None,
+    window: Annotated[int | None, Option(help="collapses that are read and compared  [default: 3]", min=1)] = None,
+    contents: options.EitherContents = "equilibrium",
+    verify: options.VerifyAuto = "auto",
+    exact_law: options.ExactLaw = False,
+    seed: options.Seed = 0,
+    once: Annotated[bool, Option("--once", help="answer what is there, write the report, and stop")] = False,
+    patience: Annotated[float, Option(help="s, for which a file that cannot be read is tried again", min=0.0)] = 10.0,
+    reading: Reading = options.FROM_OPTIONS,
+    liquid: options.Liquid = options.FROM_OPTIONS,
+    out: options.Out = Path("cavirheo-result"),
+    pictures: options.Pictures = True,
+    run: Run = options.FROM_OPTIONS,
+) -> None:
+    """Every recording that arrives in a folder, answered as `infer` does, until Ctrl-C."""
+    from dataclasses import asdict
+
+    from cavirheo.inference import check_models, infer_many
+    from cavirheo.inference.model import card, load, path_of
+    from cavirheo.inference.posterior_model import load_posterior
+    from cavirheo.inference.reconstruct import check_stretch
+    from cavirheo.parallel import aside, cores
+    from cavirheo.physics.simulate import load_solver
+    from cavirheo.reporting import live, write_report
+    from cavirheo.reporting.table import print_line, print_table
+    from cavirheo.unfinished import Step
+    from cavirheo.watching import Watch
+
+    require(folder.is_dir(), f"{folder} is no folder: give the one where recordings arrive", "watch.folder")
+    options.check_verify(verify, reading.exposure_us, exact_law, [folder])
+    check_stretch(stretch)
+    check_models(model, material, contents, verify)
+    network = load(model) if card(path_of(model))["kind"] == "point" else load_posterior(model)
+    settings: dict[str, Any] = {"model": model, "material": material, "window": window, "stretch": stretch}
+    settings |= {"medium": liquid, "contents": contents, "verify": verify, "discrepancy": not exact_law, "seed": seed}
+    step = Step("inferring", infer_many, settings | {"trust_input": reading.trust_input}, made_with=network.sha256)
+    watching = Watch(
+        folder, out, step, lambda path: reading.recordings([path], liquid), asdict(reading), group=reading.group,
+        command=run.command, date=run.date, say=run.say, patience=patience,
+        show=print_line if not run.quiet else lambda _: None,
+    )  # fmt: skip
+    aside(load_solver)
+    result = watching.write()
+    page = f"{out / live.PAGE} shows the latest" + ("" if once else "; Ctrl-C ends")
+    run.say(f"watching {folder}: {len(result.curves)} answered before; {page}")
+    try:
+        while watching.once() or watching.pause() or not once:
+            pass
+    except KeyboardInterrupt:
+        result = watching.write()
+        run.stop(f"interrupted: {len(result.curves)} answered; the same command again goes on", out / "result.json")
+    pairs, notes = watching.answered()
+    how: dict[str, Any] = {"date": run.date, "notes": notes, "draw": pictures, "workers": cores()}
+    with run.bar("drawing", len(pairs) if pictures else 0) as advance:
+        result = write_report(out, pairs, run.command, done=advance, **how)
+    run.show(result, print_table)
+    run.unreadable = watching.unreadable
+    failed = any(record.verdict in ("failed", "check_input") for record in result.curves)
+    run.end(f"{len(pairs)} curves in {{seconds}}; report: {out / 'report.html'}", failed)

@@ -1,0 +1,194 @@
+"""`cavirheo design`: expected intervals of shots that were not taken, and how many are wanted."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+
+import cavirheo
+from cavirheo import InputError
+from cavirheo.beside import design as beside
+from cavirheo.inference import design
+from cavirheo.inference.design import NORMAL_90, Setting, expected, gain, linearised, shared, shots_wanted
+from cavirheo.inference.law import Family
+from cavirheo.inference.noise import SHAPE, Noise
+from cavirheo.reporting.answer import CurveRecord
+from cavirheo.reporting.record import result_of
+
+NHKV = Family("nhkv")
+LAW = np.log10([6e3, 0.05])
+GOOD = Setting(250e-6, 1e6, frames=120)
+
+
+def told(setting: Setting, seed: int = 0, law=LAW, stretch: float = 6.0):
+    return expected(*setting.film(NHKV, law, stretch, seed=seed), NHKV)
+
+
+@pytest.fixture(scope="module")
+def good():
+    return told(GOOD)
+
+
+def test_a_film_shows_the_bubble_that_is_asked_for():
+    curve, truth = GOOD.film(NHKV, LAW, 6.0, seed=3)
+    assert len(curve.time) == 120
+    assert curve.max_radius == pytest.approx(250e-6, rel=0.03)
+    assert truth["radius_scale"] * truth["max_radius_factor"] * curve.max_radius == pytest.approx(250e-6)
+    assert abs(truth["time_origin"]) < 2e-6
+    again, _ = GOOD.film(NHKV, LAW, 6.0, seed=3)
+    assert np.array_equal(curve.radius, again.radius)
+
+
+def test_less_noise_and_more_frames_tell_more(good):
+    quiet = told(Setting(250e-6, 1e6, frames=120, relative_noise=0.007))
+    slow = told(Setting(250e-6, 2.5e5, frames=120))
+    loud = told(Setting(250e-6, 1e6, frames=120, relative_noise=0.03))
+    assert np.all(quiet.half_width < loud.half_width)
+    assert np.all(good.half_width < slow.half_width)
+    assert np.linalg.det(good.information) > np.linalg.det(loud.information)
+
+
+def test_a_linear_model_with_white_noise_has_the_textbook_posterior():
+    rng = np.random.default_rng(0)
+    count, deviation = 400, 0.01
+    jacobian, u = rng.normal(size=(count, 3)), np.array([0.3, -0.2, 0.1])
+    residual = deviation * rng.standard_normal(count)
+    noise = Noise(np.full(count, deviation), np.linspace(0, 1, count), 1.0, False)
+    mean, covariance = linearised(noise, u, residual, jacobian)
+    weight = noise.power / (SHAPE + 0.5 * float(residual @ residual) / deviation**2)
+    exact = np.linalg.inv(weight * jacobian.T @ jacobian / deviation**2 + np.eye(3))
+    assert covariance == pytest.approx(exact, rel=0.02)
+    assert np.all(np.abs(mean - u) < 5 * np.sqrt(np.diag(exact)))
+
+
+def test_shots_add_information():
+    one, known = np.diag([1.0 / 0.1**2, 1.0 / 0.05**2]), np.diag([1e6, 1e6])
+    half = NORMAL_90 * 0.1 / np.sqrt(25)  # what 25 shots reach, the first parameter being the worse
+    assert shots_wanted(one, known, half * 1.0001) == 25
+    assert shots_wanted(one, known, half * 0.9999) == 26
+    assert shots_wanted(one, np.diag([1e-8, 1e-8]), half) == 0  # known already
+    assert shots_wanted(np.zeros((2, 2)), known, half) is None
+
+
+def test_scatter_from_shot_to_shot_adds_to_the_variance_of_one():
+    one = np.array([[200.0, -90.0], [-90.0, 600.0]])
+    exact = np.linalg.inv(np.linalg.inv(one) + 0.1**2 * np.eye(2))
+    assert shared(one, 0.1) == pytest.approx(exact)
+    assert shared(one, 0.0) == pytest.approx(one)
+
+
+def test_gain_is_that_of_gaussians():
+    known = np.array([[0.2, 0.05], [0.05, 0.1]])
+    one = np.array([[30.0, 4.0], [4.0, 50.0]])
+    after = np.linalg.inv(np.linalg.inv(known) + one)
+    exact = 0.5 * np.log(np.linalg.det(known) / np.linalg.det(after))
+    assert gain(one, known) == pytest.approx(exact)
+
+
+def test_a_recording_that_ends_too_soon_tells_nothing():
+    (found,) = design.expectations([Setting(400e-6, 1e6, frames=12)], NHKV, LAW[None], np.array([6.0]))
+    assert found == [None]
+
+
+@pytest.fixture
+def quick(monkeypatch):
+    """Settings whose information grows with R_max and frame rate, without a simulation."""
+
+    def expectations(settings, family, law, stretch, medium, *, seed, workers, done):
+        def one(setting):
+            size = (setting.max_radius / 1e-4) ** 2 * setting.frame_rate / 1e6
+            return design.Expected(np.diag([100.0, 400.0]) * size, NORMAL_90 / np.sqrt([100.0 * size, 400.0 * size]))
+
+        readable = [setting.frame_rate > 1.5e5 for setting in settings]
+        return [[one(s)] * len(law) if fine else [None] * len(law) for s, fine in zip(settings, readable, strict=True)]
+
+    monkeypatch.setattr(beside, "expectations", expectations)
+
+
+RANGES = {"shear_modulus": (2e3, 2e4), "viscosity": (0.02, 0.2), "stretch": (5, 8)}
+
+
+def test_the_best_setting_and_its_shots(quick):
+    made = cavirheo.design(ranges=RANGES, max_radius=(1e-4, 4e-4), sizes=3, frame_rate=(1e5, 1e6))
+    best = made.settings[made.best]
+    assert (best.max_radius_m, best.frame_rate_hz) == (pytest.approx(4e-4), 1e6)
+    assert made.fewest == made.best
+    sigma = np.log10(1.1) / NORMAL_90
+    prior = 12.0 / 1.0**2  # of a decade, drawn evenly
+    assert best.shots == int(np.ceil((1 / sigma**2 - prior) / (100.0 * 16)))
+    assert [one.readable for one in made.settings] == [0, 0, 0, 1, 1, 1]
+    assert made.settings[0].shots is None
+    assert made.known["shear_modulus"].median == pytest.approx(6.3e3, rel=0.3)
+
+
+def row(G: float, mu: float, width: float, verdict: str = "ok") -> CurveRecord:
+    def quantity(value):
+        return {"median": value, "q05": value / 10**width, "q95": value * 10**width}
+
+    about = dict.fromkeys(("name", "source", "group", "group_source", "method", "message"), "x")
+    about |= dict.fromkeys(("max_radius_m", "time_of_max_s", "strain_rate_per_s"), 1e-4)
+    about |= dict.fromkeys(("rmse_over_rmax", "mae_over_rmax", "max_difference_over_rmax"), 0.01)
+    about |= {"stretch": quantity(6.0), "material": "nhkv", "shear_modulus_Pa": quantity(G), "window": {}}
+    about |= {"viscosity_Pa_s": quantity(mu), "verdict": verdict, "notes": [], "seconds": 1.0, "provenance": {}}
+    return CurveRecord(**about)
+
+
+def test_what_is_known_comes_from_the_trusted_answers(quick, tmp_path):
+    rows = [row(5e3, 0.05, 0.1), row(5e3, 0.05, 0.1), row(9e5, 0.9, 0.1, "model_does_not_fit")]
+    made = cavirheo.design(result_of(rows, "x"), draws=40)
+    assert made.shots_before == 2
+    assert made.spread_decades == 0.0
+    assert made.known["shear_modulus"].median == pytest.approx(5e3, rel=0.02)
+    half = np.log10(made.known["shear_modulus"].q95 / 5e3)
+    assert half == pytest.approx(0.1 / np.sqrt(2), rel=0.15)
+    scattered = cavirheo.design(result_of([row(4e3, 0.05, 0.02), row(8e3, 0.05, 0.02)], "x"))
+    assert scattered.spread_decades == pytest.approx(np.log10(2) / np.sqrt(2), rel=0.1)
+    other = rows[0].model_copy(update={"group": "y", "shear_modulus_Pa": rows[2].shear_modulus_Pa})
+    with pytest.raises(InputError) as error:
+        cavirheo.design(result_of([*rows, other], "x"))
+    assert error.value.code == "design.groups"
+    assert cavirheo.design(result_of([*rows, other], "x"), group="y").shots_before == 1
+    with pytest.raises(InputError) as error:
+        cavirheo.design(result_of(rows[2:], "x"))
+    assert error.value.code == "design.no_answer"
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [
+        {"ranges": {"shear_modulus": (2e3, 1e3)}}, {"ranges": {"nothing": (1, 2)}}, {"wanted": 0.0}, {"spread": -1.0},
+        {"max_radius": (4e-4, 1e-4)}, {"frame_rate": (0.0,)}, {"frames": 3}, {"relative_noise": 0.0}, {"draws": 1},
+    ],
+)  # fmt: skip
+def test_what_cannot_be_is_refused(quick, wrong):
+    with pytest.raises(InputError):
+        cavirheo.design(**wrong)
+
+
+def test_the_command_writes_a_document_that_can_be_loaded(quick, run, tmp_path):
+    status, out, err = run("design", "--shear-modulus", 2e3, 2e4, "--frame-rates-khz", "250,1000", "-o", "plan")
+    assert status == 0, err
+    document = cavirheo.load(tmp_path / "plan")
+    assert document.known["shear_modulus"].median
+    assert document.said[0] in out.replace("\n", " ")
+    assert json.loads((tmp_path / "plan" / "design.json").read_text())["wanted_percent"] == 10
+    assert run("design", "--frame-rates-khz", "fast", "-o", "plan")[0] == 2
+    assert run("design", "--noise-um", "1,2", "--frame-rates-khz", "250,500,1000", "-o", "plan")[0] == 2
+
+
+@pytest.mark.slow
+def test_the_interval_is_about_the_one_that_infer_gives(good):
+    curve, _ = GOOD.film(NHKV, LAW, 6.0, seed=5)
+    answer = cavirheo.infer(curve)
+    ends = np.log10([answer.interval(name) for name in NHKV.parameters])
+    assert good.half_width == pytest.approx(0.5 * np.diff(ends)[:, 0], rel=0.6)
+
+
+def test_a_parameter_that_is_hardly_seen_has_no_lower_end_but_the_priors():
+    low, high = design.interval(3.5, 0.01, 0.0, 7.0)
+    assert high - low == pytest.approx(2 * NORMAL_90 * 0.01, rel=0.01)
+    low, high = design.interval(3.5, 1.0, 0.0, 7.0)
+    assert low < 0.5  # the range of the prior begins there
+    assert 3.5 < high < 4.2
