@@ -84,7 +84,7 @@ def fake(monkeypatch):
 
     monkeypatch.setattr(published, "write_report", write_report)
     monkeypatch.setattr(published, "infer_many", infer_many)
-    monkeypatch.setattr(published, "load", lambda name: SimpleNamespace(sha256=""))
+    monkeypatch.setattr(published, "load", lambda name: SimpleNamespace(sha256="", card={"material": "nhkv"}))
     return calls
 
 
@@ -373,3 +373,13 @@ def test_sets_can_be_fitted_in_the_place_of_networks(tmp_path, monkeypatch):
     assert (record["method"], record["window"]["collapses"]) == ("least_squares", 1)
     with pytest.raises(InputError, match="jelly"):
         compare(tmp_path, tmp_path / "refs.csv", tmp_path / "c", fit="jelly")
+
+
+def test_the_posterior_network_takes_the_law_from_what_is_published():
+    sets = {
+        name: published.ReferenceSet(name, name, settings={"model": "posterior"}, values={("IMR", quantity): None})
+        for name, quantity in (("gel", "shear_modulus_Pa"), ("liquid", "viscosity_Pa_s"))
+    }
+    made = {name: published._step(one, "posterior", None, False)[1] for name, one in sets.items()}
+    assert {name: step.settings["material"] for name, step in made.items()} == {"gel": "nhkv", "liquid": "newtonian"}
+    assert published._step(sets["liquid"], "x", "nhkv", False)[1].settings["material"] == "newtonian"

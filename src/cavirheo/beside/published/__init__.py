@@ -12,12 +12,13 @@ from pathlib import Path
 from typing import Any
 
 from cavirheo.beside.published.comparison import ComparedSet, Comparison, compared_set, markdown, write_csv
-from cavirheo.beside.published.references import ReferenceSet, read_references
+from cavirheo.beside.published.references import G, ReferenceSet, read_references
 from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError, require
 from cavirheo.inference import infer_many
 from cavirheo.inference.law import Family
-from cavirheo.inference.model import DEFAULT, load
+from cavirheo.inference.model import DEFAULT, Network, load, shipped
+from cavirheo.inference.posterior_model import PosteriorModel, load_posterior
 from cavirheo.inference.reconstruct import check_stretch
 from cavirheo.parallel import aside
 from cavirheo.physics.simulate import load_solver
@@ -55,7 +56,8 @@ def compare(
     Args:
         folder: what the files of the sets are relative to.
         references: the CSV file (references.py).
-        model: for sets that name none.
+        model: for sets that name none; "posterior" gives intervals, the paper's networks one value at R_max near that
+            of their training.
         fit: a law, such as "nhkv": least squares instead of networks; Newtonian where the model is.
         reference_methods: those to which errors are relative; default: of REFERENCES those in the file.
         progress: show a bar on stderr.
@@ -127,7 +129,7 @@ def _check(about: ReferenceSet, model: str) -> None:
     """What only inference can judge, before the first shot costs time."""
     column = "model"
     try:
-        load(about.settings.get("model", model))
+        _network(about, model)
         column = "stretch"
         check_stretch(about.settings.get("stretch"))
         column = "shots"
@@ -137,17 +139,29 @@ def _check(about: ReferenceSet, model: str) -> None:
         raise (error.within(f"{line}, column {column}") if line else error) from None
 
 
+def _network(about: ReferenceSet, model: str) -> tuple[Network | PosteriorModel, str]:
+    """The network of a set and the law that it answers: its own; of the posterior network, Newtonian for a set without
+    a published modulus. Raises InputError."""
+    which = about.settings.get("model", model)
+    if which in shipped("posterior"):
+        solid = not about.values or any(quantity == G for _, quantity in about.values)
+        return load_posterior(which), "nhkv" if solid else "newtonian"
+    network = load(which)
+    return network, network.card["material"]
+
+
 def _step(about: ReferenceSet, model: str, fit: str | None, trust_input: bool) -> tuple[str, Step]:
     """(by what the set is answered, how)."""
     which = about.settings.get("model", model)
     options: dict[str, Any] = {name: about.settings.get(name) for name in ("stretch", "window")}
     options |= {"medium": about.medium, "trust_input": trust_input}
-    network = load(which)
+    network, material = _network(about, model)
     if not fit:
-        return which, Step(f"inferring {about.name}", infer_many, {"model": which, **options}, network.sha256)
+        how = {"model": which, **options} | ({"material": material} if isinstance(network, PosteriorModel) else {})
+        return which, Step(f"inferring {about.name}", infer_many, how, network.sha256)
     from cavirheo.inference.fit import fit_many
 
-    law = "newtonian" if network.card["material"] == "newtonian" else fit
+    law = "newtonian" if material == "newtonian" else fit
     options |= {"material": law, "windows": False}
     return f"least squares, {law}", Step(f"fitting {about.name}", fit_many, options)
 
