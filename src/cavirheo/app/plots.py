@@ -126,7 +126,10 @@ def _dots(
 ) -> None:
     """Frames of a curve, those without a radius at zero."""
     if which.any():
-        time, radius = _thin(curve.time[which] - curve.time_of_max, np.nan_to_num(curve.radius[which]))
+        start = curve.time[0]
+        with suppress(InputError):  # a curve without R_max is drawn from its beginning
+            start = curve.time_of_max
+        time, radius = _thin(curve.time[which] - start, np.nan_to_num(curve.radius[which]))
         marker = {"color": colour, "size": size, **look}
         figure.add_scatter(x=1e6 * time, y=1e6 * radius, mode="markers", marker=marker, name=name)
 

@@ -118,13 +118,12 @@ def each(
 def sliders(session: Session, name: str) -> dict[str, dict[str, float] | None]:
     """Where the sliders start and end, in kPa, Pa s and 1; None for a parameter that the law does not have.
 
-    They start at the answer, or where there is none in the middle of the range that searches start from.
+    They start at the answer that is drawn, or where there is none in the middle of the range where searches start.
     """
-    _, _, posterior, record = session.find(name)
+    posterior = session.find(name)[2]
     known = (*Family(posterior.material).parameters, "stretch")
     start = {key: 10.0 ** float(np.mean(PARAMETERS[key].started)) for key in SLIDERS}  # type: ignore[arg-type]
-    answers = zip(SLIDERS, (record.shear_modulus_Pa, record.viscosity_Pa_s, record.stretch), strict=True)
-    start |= {key: answer.median for key, answer in answers if answer.median is not None}
+    start |= {key: value for key, value in posterior.best.items() if key in SLIDERS}
     scaled = {key: float(f"{start[key] * factor:.4g}") for key, (_, factor) in SLIDERS.items()}
     return {key: _ends(key, scaled[key]) if key in known else None for key in SLIDERS}
 

@@ -7,7 +7,7 @@ from typing import Annotated
 
 from typer import Argument, Option
 
-from cavirheo.errors import InputError
+from cavirheo.errors import InputError, require
 from cavirheo.verbs import options
 from cavirheo.verbs.run import Run
 
@@ -45,6 +45,8 @@ def design(
     from cavirheo.writing import style
     from cavirheo.writing.document import Outputs, write_json
 
+    told = "--group names a group of a result.json: give the file, or leave out --group"
+    require(known is not None or group is None, told, "design.group")
     rates = [1e3 * rate for rate in _numbers("--frame-rates-khz", frame_rates_khz)]
     noise = [1e-6 * one for one in _numbers("--noise-um", noise_um)]
     given = {"shear_modulus": shear_modulus, "viscosity": viscosity, "stretch": stretch}

@@ -34,6 +34,7 @@ def watch(
     from dataclasses import asdict
 
     from cavirheo.inference import check_models, infer_many
+    from cavirheo.inference.law import Family
     from cavirheo.inference.model import card, load, path_of
     from cavirheo.inference.posterior_model import load_posterior
     from cavirheo.inference.reconstruct import check_stretch
@@ -48,6 +49,10 @@ def watch(
     options.check_verify(verify, reading.exposure_us, exact_law, [folder])
     check_stretch(stretch)
     check_models(model, material, contents, verify)
+    if material not in (None, "auto"):
+        Family(material)
+    told = "--exclude is of one recording: leave the frames out with `cavirheo measure`, and watch for what it writes"
+    require(reading.exclude is None, told, "option.exclude")
     network = load(model) if card(path_of(model))["kind"] == "point" else load_posterior(model)
     settings: dict[str, Any] = {"model": model, "material": material, "window": window, "stretch": stretch}
     settings |= {"medium": liquid, "contents": contents, "verify": verify, "discrepancy": not exact_law, "seed": seed}
