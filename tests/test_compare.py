@@ -84,7 +84,7 @@ def fake(monkeypatch):
 
     monkeypatch.setattr(published, "write_report", write_report)
     monkeypatch.setattr(published, "infer_many", infer_many)
-    monkeypatch.setattr(published, "load", lambda name: SimpleNamespace(sha256="", card={"material": "nhkv"}))
+    monkeypatch.setattr(published, "network_of", lambda name: SimpleNamespace(sha256="", card={"material": "nhkv"}))
     return calls
 
 

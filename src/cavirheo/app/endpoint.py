@@ -66,8 +66,8 @@ def public(visitors: Visitors) -> Callable[..., Any]:
         with closing(session), uploaded([str(dict(file)["path"]) for file in files]) as paths:
             session.add(paths, PageSettings(medium, density, **options))
             require(not session.waiting, f"{session.waiting}: send measured.csv of `cavirheo measure`", "app.film")
-            told = "; ".join(session.problems) or "no curve could be read"
-            require(bool(session.curves), told, "app.no_curve")
+            problem = "; ".join(session.problems) or "no curve could be read"
+            require(bool(session.curves), problem, "app.no_curve")
             document = steps.infer(session, [curve.name for curve in session.curves], lambda *_: None).document
             document.notes.extend(session.problems)
             return document.model_dump(by_alias=True, mode="json")

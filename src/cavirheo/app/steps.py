@@ -43,7 +43,7 @@ def examples() -> dict[str, Path]:
 def seen(curve: RadiusCurve, settings: PageSettings) -> Window:
     """What is compared with the answer. Raises InputError."""
     if settings.material is not None:
-        return window(curve, collapses=settings.window or min(3, len(curve.collapse_times())) or None)
+        return Experiment(curve, Family("newtonian"), settings.liquid, Options(settings.window)).view  # of any law
     problem = load(settings.model).problem  # of a network that reads its own window
     end = problem.grid_step(curve.max_radius, settings.liquid) * (problem.grid.frames - 1)
     return window(curve, collapses=settings.window, end=end)

@@ -10,7 +10,7 @@ from typing import Any
 from cavirheo.curve import RadiusCurve, several
 from cavirheo.errors import expect_whole, require
 from cavirheo.inference.amortised import Amortised
-from cavirheo.inference.model import card, load, path_of
+from cavirheo.inference.model import Network, card, path_of
 from cavirheo.parallel import each
 from cavirheo.physics.media import WATER, Medium
 from cavirheo.physics.media import medium as named
@@ -113,8 +113,11 @@ def infer_many(
     expect_whole(seed, "seed", 0, "option.seed")
     curves, liquid = several(curves), named(medium)
     settings: Any = {"medium": liquid, "stretch": stretch, "discrepancy": discrepancy, "seed": seed}
-    if card(path_of(str(model)))["kind"] == "point":
-        estimator = Amortised(load(str(model)), liquid, stretch, window, trust_input)
+    from cavirheo.inference.posterior_model import network_of
+
+    network = network_of(str(model))
+    if isinstance(network, Network):
+        estimator = Amortised(network, liquid, stretch, window, trust_input)
         if verify in ("auto", "none"):
             return each(estimator.infer, curves, workers, done)
         from cavirheo.inference.verify import verify_many
@@ -122,12 +125,10 @@ def infer_many(
         answers = each(estimator.infer, curves, workers)
         return verify_many(curves, answers, level=verify, contents=contents, workers=workers, done=done, **settings)
     from cavirheo.inference.networked import Networked
-    from cavirheo.inference.posterior_model import load_posterior
 
     laws = AUTO if material == "auto" else (material or "nhkv",)
     ways = CONTENTS if contents == "auto" else (contents,)
     alone: Any = settings | {"window": window, "trust_input": trust_input, "checked": verify == "none"}
-    network = load_posterior(str(model))
     estimators = [Networked(network, law, way, **alone) for law, way in product(laws, ways)]
     if verify == "none":
         return each(estimators[0].infer, curves, workers, done)

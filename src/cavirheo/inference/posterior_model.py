@@ -14,7 +14,7 @@ from cavirheo.inference.card import PosteriorCard
 from cavirheo.inference.experiment import Experiment
 from cavirheo.inference.flow import INPUTS, Flow, NetworkProposal, plain
 from cavirheo.inference.graph import check_graph
-from cavirheo.inference.model import LARGEST, card, path_of, shipped
+from cavirheo.inference.model import LARGEST, Network, card, load, path_of, shipped
 from cavirheo.inference.session import try_out
 from cavirheo.prior import Prior
 
@@ -83,6 +83,12 @@ _KNOWN = ("stretch", "accommodation", "time_origin", "radius_scale", "max_radius
 def load_posterior(name: str = DEFAULT) -> PosteriorModel:
     """The shipped posterior network of this name, or the one in a file whose name ends in .onnx. Raises InputError."""
     return PosteriorModel(path_of(name))
+
+
+def network_of(name: str) -> Network | PosteriorModel:
+    """The shipped model of this name, or the one in a file whose name ends in .onnx, of either kind. Raises
+    InputError."""
+    return load(name) if card(path_of(name))["kind"] == "point" else load_posterior(name)
 
 
 def describe(card: PosteriorCard) -> list[str]:

@@ -67,8 +67,8 @@ _DISCREPANCY = Source(
 _HOW = {  # by method, what was done and whose method it is
     "verified": (
         "The posterior of the parameters was sampled: draws of a trained proposal were weighed by the likelihood of "
-        "the full simulation (adaptive multiple importance sampling [{Cornuet2012}]), with noise of unknown size and a "
-        "discrepancy between law and bubble that was inferred along with them [{Kennedy2001}].",
+        "the full simulation (adaptive multiple importance sampling [Cornuet2012]), with noise of unknown size and a "
+        "discrepancy between law and bubble that was inferred along with them [Kennedy2001].",
         (_SAMPLING, _DISCREPANCY),
     ),
     "laplace": ("The maximum of the posterior and the Gaussian about it were found by Gauss-Newton steps.", ()),
@@ -77,7 +77,7 @@ _HOW = {  # by method, what was done and whose method it is
         "by the likelihood.", (),
     ),
     "amortised": ("The answer is that of a trained posterior network, not verified by simulations.", ()),
-    "bdt": ("A Bubble Dynamics Transformer [{Bu2025}] gave the values, at equal Cauchy and Reynolds numbers.", (_BDT,)),
+    "bdt": ("A Bubble Dynamics Transformer [Bu2025] gave the values, at equal Cauchy and Reynolds numbers.", (_BDT,)),
 }  # fmt: skip
 
 
@@ -92,7 +92,7 @@ def methods(result: Result) -> tuple[str, list[Source]]:
     for method in dict.fromkeys(curve.method for curve in answered):
         words, sources = _HOW[method]
         cited += sources
-        said.append(re.sub(r"\{(\w+)\}", r"\1", words))
+        said.append(words)
     said += _prior(answered)
     said.append("Values are medians with central 90 % intervals." if _intervals(answered) else "")
     said += [_group(group, result) for group in result.groups]

@@ -97,8 +97,9 @@ def result_of(
     for group in groups:
         group.published = {method: dict(values) for method, values in (published or {}).items()}
     apart = differences({name: one for name, one in zip(names, found, strict=True) if one})
-    said = list(notes)
-    return Result(command=command, date=date, notes=said, curves=list(curves), groups=groups, differences=apart)
+    return Result(
+        command=command, date=date, notes=list(notes), curves=list(curves), groups=groups, differences=apart
+    )  # fmt: skip
 
 
 def read_json(path: str | Path) -> Result:

@@ -7,7 +7,7 @@ from typing import Annotated
 
 from typer import Argument, Option
 
-from cavirheo.errors import require
+from cavirheo.errors import InputError, require
 
 
 def cite(
@@ -21,12 +21,10 @@ def cite(
     from cavirheo.writing.document import whole
 
     found = load(result)
-    kind = type(found).__name__.lower()
     if not isinstance(found, Result):
-        require(
-            False, f"{result} is a document of another kind ({kind}): give the result.json of infer or fit", "cite.kind"
-        )
-        return
+        kind = type(found).__name__.lower()
+        told = f"{result} is a document of another kind ({kind}): give the result.json of infer or fit"
+        raise InputError(told, "cite.kind")
     paragraph, sources = methods(found)
     text = "\n\n".join([paragraph, *(source.bibtex for source in sources)]) + "\n"
     if out is None:

@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Any
-
-from typer import Option
+from typing import Any
 
 from cavirheo.verbs import options
 from cavirheo.verbs.run import Reading, Run
@@ -14,9 +12,9 @@ from cavirheo.verbs.run import Reading, Run
 def infer(
     files: options.Curves,
     model: options.ModelName = "posterior",
-    material: Annotated[str | None, Option(help="a law of `cavirheo laws`, or auto  [default: nhkv]")] = None,
-    stretch: Annotated[float | None, Option(help="R_max/R_0 if known; inferred otherwise")] = None,
-    window: Annotated[int | None, Option(help="collapses that are read and compared  [default: 3]", min=1)] = None,
+    material: options.Material = None,
+    stretch: options.KnownStretch = None,
+    window: options.ReadWindow = None,
     contents: options.EitherContents = "equilibrium",
     verify: options.VerifyAuto = "auto",
     exact_law: options.ExactLaw = False,
@@ -30,8 +28,8 @@ def infer(
     """Shear modulus and viscosity from measured radius histories, with intervals and pictures that show whether to
     believe them."""
     from cavirheo.inference import check_models, infer_many
-    from cavirheo.inference.model import card, load, path_of
-    from cavirheo.inference.posterior_model import load_posterior
+    from cavirheo.inference.model import Network
+    from cavirheo.inference.posterior_model import network_of
     from cavirheo.inference.reconstruct import check_stretch
     from cavirheo.reporting import DOCUMENTS
     from cavirheo.unfinished import Step
@@ -41,8 +39,8 @@ def infer(
     options.check_verify(verify, reading.exposure_us, exact_law, files)
     check_stretch(stretch)
     check_models(model, material, contents, verify)
-    single = card(path_of(model))["kind"] == "point"
-    network = load(model) if single else load_posterior(model)
+    network = network_of(model)
+    single = isinstance(network, Network)
     Outputs(out, *DOCUMENTS, inputs=files)
     curves = run.read(files, liquid, reading)
     shared: dict[str, Any] = {"medium": liquid, "stretch": stretch}

@@ -50,6 +50,9 @@ Group = Annotated[str, Option(help=_GROUP)]
 Contents = Annotated[
     str, Option(help="of the bubble: equilibrium (the field's model), or kinetic (vapour condenses at a finite rate)")
 ]
+Material = Annotated[str | None, Option(help="a law of `cavirheo laws`, or auto  [default: nhkv]")]
+KnownStretch = Annotated[float | None, Option(help="R_max/R_0 if known; inferred otherwise")]
+ReadWindow = Annotated[int | None, Option(help="collapses that are read and compared  [default: 3]", min=1)]
 EitherContents = Annotated[
     str, Option(help="of the bubble: equilibrium (the field's model), kinetic, or auto: both, the evidence chooses")
 ]

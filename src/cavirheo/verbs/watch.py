@@ -15,9 +15,9 @@ from cavirheo.verbs.run import Reading, Run
 def watch(
     folder: Annotated[Path, Argument(readable=False, help="where the recordings arrive: R(t) files or videos")],
     model: options.ModelName = "posterior",
-    material: Annotated[str | None, Option(help="a law of `cavirheo laws`, or auto  [default: nhkv]")] = None,
-    stretch: Annotated[float | None, Option(help="R_max/R_0 if known; inferred otherwise")] = None,
-    window: Annotated[int | None, Option(help="collapses that are read and compared  [default: 3]", min=1)] = None,
+    material: options.Material = None,
+    stretch: options.KnownStretch = None,
+    window: options.ReadWindow = None,
     contents: options.EitherContents = "equilibrium",
     verify: options.VerifyAuto = "auto",
     exact_law: options.ExactLaw = False,
@@ -35,8 +35,7 @@ def watch(
 
     from cavirheo.inference import check_models, infer_many
     from cavirheo.inference.law import Family
-    from cavirheo.inference.model import card, load, path_of
-    from cavirheo.inference.posterior_model import load_posterior
+    from cavirheo.inference.posterior_model import network_of
     from cavirheo.inference.reconstruct import check_stretch
     from cavirheo.parallel import aside, cores
     from cavirheo.physics.simulate import load_solver
@@ -53,10 +52,11 @@ def watch(
         Family(material)
     told = "--exclude is of one recording: leave the frames out with `cavirheo measure`, and watch for what it writes"
     require(reading.exclude is None, told, "option.exclude")
-    network = load(model) if card(path_of(model))["kind"] == "point" else load_posterior(model)
     settings: dict[str, Any] = {"model": model, "material": material, "window": window, "stretch": stretch}
     settings |= {"medium": liquid, "contents": contents, "verify": verify, "discrepancy": not exact_law, "seed": seed}
-    step = Step("inferring", infer_many, settings | {"trust_input": reading.trust_input}, made_with=network.sha256)
+    step = Step(
+        "inferring", infer_many, settings | {"trust_input": reading.trust_input}, made_with=network_of(model).sha256
+    )
     watching = Watch(
         folder, out, step, lambda path: reading.recordings([path], liquid), asdict(reading), group=reading.group,
         command=run.command, date=run.date, say=run.say, patience=patience,

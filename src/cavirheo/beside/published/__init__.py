@@ -17,8 +17,8 @@ from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError, require
 from cavirheo.inference import infer_many
 from cavirheo.inference.law import Family
-from cavirheo.inference.model import DEFAULT, Network, load, shipped
-from cavirheo.inference.posterior_model import PosteriorModel, load_posterior
+from cavirheo.inference.model import DEFAULT, Network
+from cavirheo.inference.posterior_model import PosteriorModel, network_of
 from cavirheo.inference.reconstruct import check_stretch
 from cavirheo.parallel import aside
 from cavirheo.physics.simulate import load_solver
@@ -143,10 +143,10 @@ def _network(about: ReferenceSet, model: str) -> tuple[Network | PosteriorModel,
     """The network of a set and the law that it answers: its own; of the posterior network, Newtonian for a set without
     a published modulus. Raises InputError."""
     which = about.settings.get("model", model)
-    if which in shipped("posterior"):
+    network = network_of(which)
+    if isinstance(network, PosteriorModel):
         solid = not about.values or any(quantity == G for _, quantity in about.values)
-        return load_posterior(which), "nhkv" if solid else "newtonian"
-    network = load(which)
+        return network, "nhkv" if solid else "newtonian"
     return network, network.card["material"]
 
 

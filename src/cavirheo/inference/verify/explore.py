@@ -9,7 +9,7 @@ from scipy.special import logsumexp
 
 from cavirheo.arrays import Floats
 from cavirheo.inference.experiment import FINE, QUICK, Accuracy
-from cavirheo.inference.verify.mode import Mode, Target, climb, modes, ridge, same
+from cavirheo.inference.verify.mode import Mode, Simulated, Target, climb, modes, ridge, same
 from cavirheo.inference.verify.sampler import Mixture, Sample, effective_size
 from cavirheo.inference.verify.surrogate import Surrogate
 from cavirheo.inference.verify.tuning import TUNING
@@ -96,10 +96,9 @@ class Explorer:
 
     def __call__(self, u: Floats, accuracy: Accuracy | None = None) -> Floats:
         """(k,) log posterior of u (k, d), which the next proposal knows; -inf where the simulation failed."""
-        residual = self.target.residuals(u, self.accuracy if accuracy is None else accuracy)
-        value = self.target.log_posterior(u, residual)
-        self.learn(u, residual, value)
-        return value
+        found = Simulated.at(self.target, u, self.accuracy if accuracy is None else accuracy)
+        self.learn(*found)
+        return found.value
 
     def learn(self, u: Floats, residual: Floats, value: Floats) -> None:
         """Know simulations at u (k, d) with residuals (k, n) and log posterior (k,)."""

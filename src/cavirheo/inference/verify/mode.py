@@ -141,11 +141,11 @@ class Simulated(NamedTuple):
     residual: Floats
     value: Floats
 
-    def and_at(self, target: Target, u: Floats, accuracy: Accuracy = FINE) -> Simulated:
-        """These and the ones at u (m, d)."""
+    @classmethod
+    def at(cls, target: Target, u: Floats, accuracy: Accuracy = FINE) -> Simulated:
+        """Those at u (k, d)."""
         residual = target.residuals(u, accuracy)
-        more = u, residual, target.log_posterior(u, residual)
-        return Simulated(*(np.concatenate(pair) for pair in zip(self, more, strict=True)))
+        return cls(u, residual, target.log_posterior(u, residual))
 
 
 def secant(target: Target, known: Simulated) -> tuple[Mode, Simulated]:
@@ -169,7 +169,8 @@ def secant(target: Target, known: Simulated) -> tuple[Mode, Simulated]:
         step = -np.linalg.solve(curvature, gradient)
         if not left or -0.5 * float(gradient @ step) < TUNING.climb_gain:
             break
-        known = known.and_at(target, np.clip(known.u[top] + np.outer((1.0, 0.4), step), -5.0, 5.0))
+        tried = Simulated.at(target, np.clip(known.u[top] + np.outer((1.0, 0.4), step), -5.0, 5.0))
+        known = Simulated(*(np.concatenate(pair) for pair in zip(known, tried, strict=True)))
         if np.max(known.value) - known.value[top] < TUNING.climb_gain:
             break
     top = int(np.argmax(known.value))

@@ -15,7 +15,6 @@ import numpy as np
 
 from cavirheo.arrays import Floats
 from cavirheo.errors import SolverError
-from cavirheo.inference.experiment import FINE
 from cavirheo.inference.verify.explore import Explorer
 from cavirheo.inference.verify.mode import Mode, Simulated, Target, modes, secant
 from cavirheo.inference.verify.sampler import Proposal, Sample, sample
@@ -44,8 +43,7 @@ def weighed(
     own, known, found = None, None, list[Mode]()
     if network:
         u = network.draw(TUNING.own_draws, np.random.Generator(np.random.Philox(seed).jumped()))
-        residual = target.residuals(u, FINE)
-        known = Simulated(u, residual, target.log_posterior(u, residual))
+        known = Simulated.at(target, u)
         own = Sample(u, known.value, network.log_density(u))
     if known and np.count_nonzero(np.isfinite(known.value)) > 2 * (known.u.shape[1] + 1):
         mode, known = secant(target, known)
