@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
+from functools import lru_cache
 from itertools import combinations
 from typing import TYPE_CHECKING, Any
 
@@ -105,8 +106,10 @@ class GroupDifference(Record):
         return f"{self.first} over {self.second}: {'; '.join(said)}"
 
 
-def material_of(answers: Sequence[Posterior], names: Sequence[str]) -> Population | None:
-    """The population of a group; None for a single shot, or where no answer has an interval."""
+@lru_cache(maxsize=8)
+def material_of(answers: tuple[Posterior, ...], names: tuple[str, ...]) -> Population | None:
+    """The population of a group; None for a single shot, or where no answer has an interval. Kept for the last groups:
+    at the bench every new shot writes all of them anew."""
     if len(answers) < 2 or all(len(answer.theta) < 2 for answer in answers):
         return None
     from cavirheo.inference.population import population

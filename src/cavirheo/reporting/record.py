@@ -87,7 +87,7 @@ def result_of(
     stems = [group for group, _ in members]
     names = [group if stems.count(group) == 1 or not source else source for group, source in members]
     found = [
-        material_of([answers[i] for i in indices], [curves[i].name for i in indices]) if answers else None
+        material_of(tuple(answers[i] for i in indices), tuple(curves[i].name for i in indices)) if answers else None
         for indices in members.values()
     ]
     groups = [
