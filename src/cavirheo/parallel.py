@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 import os
+from collections import deque
 from collections.abc import Callable, Iterable
-from concurrent.futures import ThreadPoolExecutor, as_completed
-from typing import TypeVar
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import suppress
+from queue import SimpleQueue
+from typing import Any, TypeVar
 
 from cavirheo.errors import expect_whole
 
@@ -44,13 +47,28 @@ def each(
         for index, job in enumerate(jobs):
             take(index, work(job))
         return list(found.values())
-    pool = ThreadPoolExecutor(threads)
+    pool, waiting, ended = ThreadPoolExecutor(threads), deque(enumerate(jobs)), SimpleQueue[Any]()
+
+    def labour() -> None:  # a future for each job would cost a tenth of a simulation
+        with suppress(IndexError):
+            while True:
+                index, job = waiting.popleft()
+                try:
+                    ended.put((index, work(job), None))
+                except BaseException as error:  # raised again in the thread that waits
+                    ended.put((index, None, error))
+
     try:
-        begun = {pool.submit(work, job): index for index, job in enumerate(jobs)}
-        for future in as_completed(begun):
-            take(begun[future], future.result())
+        for _ in range(threads):
+            pool.submit(labour)
+        for _ in jobs:
+            index, result, error = ended.get()
+            if error:
+                raise error
+            take(index, result)
     finally:
-        pool.shutdown(wait=False, cancel_futures=True)
+        waiting.clear()
+        pool.shutdown(wait=False)
     return [found[index] for index in range(len(jobs))]
 
 

@@ -45,12 +45,14 @@ class Plausible(NamedTuple):
 
     def check(self, name: str, value: float, code: str, mend: str = "") -> None:
         """Raises InputError for a finite value outside, with the unit that may be meant."""
+        if self.low <= value <= self.high:
+            return
         found = {unit: value * factor + offset for unit, (factor, offset) in self.taken.items()}
         inside = [unit for unit, meant in found.items() if self.low < meant < self.high]
         nearest = min(inside, key=lambda unit: abs(np.log(found[unit] / self.usual)), default="")
         meant = f": did you mean {found[nearest]:.6g} {self.unit} ({value:.6g} {nearest})?" if nearest else ""
         told = f"{name} must be {self.low:g} to {self.high:g} {self.unit}, got {value:.6g}{meant}"
-        require(self.low <= value <= self.high or value == inf, told + mend, code)
+        require(value == inf, told + mend, code)
 
 
 _SECONDS = {"us": (1e-6, 0.0), "ms": (1e-3, 0.0), "ns": (1e-9, 0.0)}

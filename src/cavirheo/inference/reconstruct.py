@@ -8,7 +8,6 @@ from numbers import Real
 from typing import Any
 
 import numpy as np
-from scipy.optimize import minimize_scalar
 
 from cavirheo.arrays import Bools, Floats
 from cavirheo.curve import RadiusCurve
@@ -72,6 +71,8 @@ def fit_stretch(view: Window, material: Material, medium: Medium) -> float:
     if not np.isfinite(errors[best]):
         raise SolverError(f"no simulation with {material} succeeded at any stretch in {STRETCH_RANGE}")
     around = grid[max(best - 1, 0)], grid[min(best + 1, len(grid) - 1)]
+    from scipy.optimize import minimize_scalar  # a tenth of a second to import
+
     found = minimize_scalar(
         lambda stretch: float(misfit(np.array([stretch]))[0]),
         bounds=around, method="bounded", options={"xatol": 0.01},

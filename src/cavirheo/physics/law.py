@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import fields
-from functools import lru_cache
+from functools import cache, lru_cache
 from inspect import cleandoc, get_annotations
 from math import inf
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -43,11 +43,16 @@ def within(allowed: Mapping[str, Any], name: str, value: float) -> None:
         raise InputError(f"{name} must be {words}, got {value!r}", f"physics.{name.split()[0]}")
 
 
+@cache
+def _domains(kind: Any) -> list[tuple[str, Mapping[str, Any]]]:
+    """Names and domains of the fields of a dataclass: asked at every simulation."""
+    return [(field.name, field.metadata) for field in fields(kind) if field.metadata]
+
+
 def check(parameters: Any) -> None:
     """Raises InputError for the first field of a dataclass that is outside its domain."""
-    for field in fields(parameters):
-        if field.metadata:
-            within(field.metadata, field.name, getattr(parameters, field.name))
+    for name, allowed in _domains(parameters.__class__):
+        within(allowed, name, getattr(parameters, name))
 
 
 def check_plausible(parameters: Any, mend: str) -> None:

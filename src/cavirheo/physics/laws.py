@@ -80,6 +80,8 @@ def combine(terms: Sequence[Material]) -> Material:
     Raises:
         InputError: more than one elastic or more than one viscous part.
     """
+    if len(terms) == 1:
+        return terms[0]
     names = {law: name for name, law in LAWS.items()}
     parts: dict[str, Any] = {}
     for kind in ("elastic", "viscous"):
@@ -88,7 +90,7 @@ def combine(terms: Sequence[Material]) -> Material:
         why = f"a material has one {kind} part at most, but {got} each have one; leave all but one out"
         require(len(having) < 2, why, f"laws.{kind}_twice")
         parts[kind] = getattr(having[0], kind) if having else None
-    return terms[0] if len(terms) == 1 else Viscoelastic(**parts, memory=sum((term.memory for term in terms), ()))
+    return Viscoelastic(**parts, memory=sum((term.memory for term in terms), ()))
 
 
 def viscosity_at(material: str, rate: float, values: Mapping[str, float]) -> float | None:

@@ -37,6 +37,9 @@ class Viscoelastic(Material):
         some = bool(self.elastic or self.viscous or self.memory)
         require(some, "a material needs at least one law; an ideal fluid is Newtonian(0)", "physics.no_law")
 
+    def parts(self) -> Parts:
+        return Parts(self.elastic, self.viscous, self.memory)
+
 
 @dataclass(frozen=True)
 class NeoHookeanKelvinVoigt(Material):

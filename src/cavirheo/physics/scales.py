@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from cavirheo.arrays import Floats
-from cavirheo.errors import require
+from cavirheo.errors import InputError, require
 from cavirheo.physics.damage import Damage
 from cavirheo.physics.driving import Driving
 from cavirheo.physics.law import NOT_NEGATIVE, POSITIVE, Material, domain, table_of, within
@@ -112,8 +112,10 @@ def dimensionless(
     kinetic, usual = contents == "kinetic", contents == CONTENTS[0] and vapour_excess == 0
     why = "polytropic contents have no condensation: leave out polytropic, or kinetic contents and vapour_excess"
     require(usual or not polytropic, why, "physics.contents_twice")
-    why = f"damage needs a material with an elastic part, {material} has none: leave out damage or add a spring"
-    require(damage is None or material.elastic is not None, why, "physics.damage_without_elasticity")
+    parts = material.parts()
+    if damage is not None and parts.elastic is None:
+        why = f"damage needs a material with an elastic part, {material} has none: leave out damage or add a spring"
+        raise InputError(why, "physics.damage_without_elasticity")
     within(POSITIVE, "max_radius", max_radius)
     within(STRETCH, "stretch = R_max/R_0", stretch)
     U_c, p, pv = medium.velocity_scale, medium.pressure, medium.vapour_pressure / medium.pressure
@@ -137,9 +139,9 @@ def dimensionless(
         radiation=wall_radiation,
         base=pv if (driving or stretch > 20) and not kinetic else 0.0,  # p may fall below p_v where it is kinetic
     )
-    elastic, viscous = (table_of(part) if part else ABSENT for part in (material.elastic, material.viscous))
+    elastic, viscous = (table_of(part) if part else ABSENT for part in parts[:2])
     elastic, whole, hurt = damage.tables(elastic, stretch) if damage else (elastic, np.zeros((0, 7)), np.zeros(3))
-    arms = [arm.table() * [1 / p, 1.0, max_radius / U_c] for arm in material.memory]
+    arms = [arm.table() * [1 / p, 1.0, max_radius / U_c] for arm in parts.memory]
     return Numbers(
         **{name: float(value) for name, value in fields.items()},  # ints would compile the solver anew
         varying=kinetic,

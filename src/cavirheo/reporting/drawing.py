@@ -72,6 +72,16 @@ class _Artist:
             return Drawn(f"no picture ({type(error).__name__}: {error})", {})
 
 
+def prepare() -> None:
+    """Load what pictures need, half a second, in a thread beside other work."""
+
+    def load() -> None:
+        with suppress(Exception):  # what fails here is said where a picture is wanted
+            style.drawn(CurvePicture().figure, DPI)
+
+    threading.Thread(target=load, daemon=True).start()
+
+
 _artist = cache(_Artist)  # of a process that only draws
 
 

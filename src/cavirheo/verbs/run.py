@@ -136,10 +136,13 @@ class Run:
         those of `verify_many`), documents into `out`, the table, the exit status."""
         from cavirheo.parallel import cores
         from cavirheo.reporting import outputs, write_report
+        from cavirheo.reporting.drawing import prepare
         from cavirheo.reporting.table import print_table
         from cavirheo.unfinished import Step, Unfinished
 
         outputs(out, curves, ("png",) if pictures else ())
+        if pictures:
+            prepare()
         steps, kept = [first], Unfinished(out, shown=not self.quiet)
         if verify != "none":
             from cavirheo.inference.verify import verify_many

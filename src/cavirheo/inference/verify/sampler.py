@@ -126,12 +126,10 @@ class Sample:
         beyond the largest one); NaN below 25 weights that do not vanish.
 
         Above a shape of 0.7 the mean cannot be trusted (Vehtari, Simpson, Gelman, Yao and Gabry 2024,
-        jmlr.org/papers/v25/19-556.html; here fitted by maximum likelihood), but where nearly all weights are equal, a
+        jmlr.org/papers/v25/19-556.html), but where nearly all weights are equal, a
         few of three times as much give a large shape too. Hence the share: one weight in all lies beyond the largest,
         and exceeds it by the mean excess there.
         """
-        from scipy.stats import genpareto
-
         finite = np.sort(self.log_weight[np.isfinite(self.log_weight)])
         count = int(min(TUNING.tail_share * len(finite), 3.0 * np.sqrt(len(finite))))
         if count < 5:
@@ -140,8 +138,8 @@ class Sample:
         beyond = weight[1:] - weight[0]
         if not beyond[-1] > 0:
             return 0.0, 0.0
-        shape, _, scale = genpareto.fit(beyond / beyond[-1], floc=0.0)
-        excess = (scale + shape) * beyond[-1] / (1.0 - shape) if shape < 1.0 else np.inf
+        shape, scale = generalised_pareto(beyond)
+        excess = (scale + shape * beyond[-1]) / (1.0 - shape) if shape < 1.0 else np.inf
         return float(shape), float(max(excess, 0.0) / np.sum(np.exp(finite - finite[-1])))
 
     @property
@@ -201,6 +199,24 @@ def sample(
         drawn = len(u) - before
         if drawn >= most or (drawn >= fewest * each and (good or found.ess * most < least * drawn)):
             return found
+
+
+def generalised_pareto(x: Floats) -> tuple[float, float]:
+    """(shape, scale) of the generalised Pareto distribution of x (n,), ascending, not negative, the last positive.
+
+    The mean of theta = -shape/scale over its profile likelihood and a prior that the quartile of x sets (Zhang and
+    Stephens 2009, doi:10.1198/tech.2009.08017): as good as maximum likelihood, without its search.
+    """
+    count = len(x)
+    nodes = 30 + int(np.sqrt(count))
+    quartile = max(x[int(count / 4.0 + 0.5) - 1], 1e-12 * x[-1])
+    theta = 1.0 / x[-1] + (1.0 - np.sqrt(nodes / (np.arange(nodes) + 0.5))) / (3.0 * quartile)
+    shape = np.mean(np.log1p(-theta[:, None] * x), axis=1)
+    height = count * (np.log(-theta / shape) - shape - 1.0)
+    weight = np.exp(height - np.max(height))
+    mean = float(weight @ theta / np.sum(weight))
+    found = float(np.mean(np.log1p(-mean * x)))
+    return found, -found / mean
 
 
 def effective_size(log_weight: Floats) -> float:

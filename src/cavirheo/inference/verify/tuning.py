@@ -29,6 +29,9 @@ class Tuning:
     auto_enough: float = 102.0  # effective draws at which it ends
     lost: float = 0.06  # effective draws over draws, below which the search
     lost_after: int = 120  # of them begins anew, along ridges
+    mended: int = 6  # places about the maximum where default simulations tell what rough ones miss
+    mended_checked: int = 6  # draws that are simulated by both at the end
+    mended_enough: float = 0.25  # standard deviation of what these find wrong in log weights: 6 % of the effective size
     agree: float = 3.0  # standard errors, by which the network's evidence may be the larger one
 
     # where searches start
