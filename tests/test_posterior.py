@@ -16,7 +16,7 @@ from fits import fit
 from scipy.integrate import quad
 from scipy.stats import invgamma, multivariate_normal, norm
 
-from cavirheo import InputError, NeoHookeanKelvinVoigt, RadiusCurve, simulate
+from cavirheo import InputError, NeoHookeanKelvinVoigt, RadiusCurve, infer, simulate
 from cavirheo.inference import experiment, verify
 from cavirheo.inference.experiment import FINE, QUICK, Experiment
 from cavirheo.inference.law import Family
@@ -601,12 +601,24 @@ def test_draws_are_spent_on_laws_that_can_win_alone(monkeypatch):
         full.append(answers[0].material)
         return [replace(one, evidence=Evidence(one.evidence.log, 0.1), log_weight=np.zeros(1)) for one in answers]
 
+    monkeypatch.setattr(evidence, "by_network", lambda *_, **__: False)
     monkeypatch.setattr(evidence, "fit_many", lambda curves, material, **options: material)
     monkeypatch.setattr(evidence, "verify_many", verified)
     ((found,), _) = rank_laws([shot()], list(logs))
     assert full == ["nhkv", "qkv"]
     assert found.error == {"newtonian": TUNING.laplace, "nhkv": 0.1, "qkv": 0.1}
     assert found.chosen == "nhkv"
+
+
+def test_a_law_that_the_network_knows_is_weighed_as_by_infer(monkeypatch):
+    monkeypatch.setattr(evidence, "fit_many", lambda *_, **__: pytest.fail("a law of the network was fitted"))
+    curve = shot()
+    ((found,), _) = rank_laws([curve], ["nhkv", "newtonian"], seed=3)
+    assert found.answers["nhkv"].evidence == infer(curve, seed=3).evidence
+    assert found.chosen == "nhkv"
+    assert evidence.by_network({"material": "fung+newtonian", "contents": "kinetic", "damage": "none"})
+    for way in ({"damage": "strain"}, {"material": "zener"}):
+        assert not evidence.by_network({"material": "nhkv", "contents": "equilibrium", "damage": "none"} | way)
 
 
 def test_evidence_of_a_group_is_the_sum_of_the_shots_that_all_laws_have():

@@ -103,11 +103,13 @@ def infer_many(
     verify: str = "auto",
     discrepancy: bool = True,
     seed: int = 0,
+    draws: int | None = None,
     workers: int | None = None,
     done: Callable[[int, Posterior], None] | None = None,
 ) -> list[Posterior]:
     """`infer` for many curves on all cores, in their order; `done` is called with the index and the answer of each as
-    it is found, verified if that is asked."""
+    it is found, verified if that is asked. draws: at most so many with weights (default: TUNING.draws of
+    inference/verify/tuning.py)."""
     check_level(verify)
     check_models(model, material, contents, verify)
     expect_whole(seed, "seed", 0, "option.seed")
@@ -135,4 +137,5 @@ def infer_many(
     from cavirheo.inference.verify import verify_many
 
     candidates = each(lambda curve: [one.infer(curve) for one in estimators], curves, workers)
+    settings |= {} if draws is None else {"draws": draws}
     return verify_many(curves, candidates, level=verify, network=network, workers=workers, done=done, **settings)

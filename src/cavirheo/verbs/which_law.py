@@ -13,7 +13,9 @@ from cavirheo.verbs.run import Reading, Run
 if TYPE_CHECKING:
     from cavirheo.curve import RadiusCurve
     from cavirheo.inference.verify.evidence import Ranking
+    from cavirheo.posterior import Posterior
     from cavirheo.reporting.laws import WeighedLaws
+    from cavirheo.unfinished import Step
 
 
 def which_law(
@@ -37,11 +39,12 @@ def which_law(
     out: options.Out = Path("cavirheo-laws"),
     run: Run = options.FROM_OPTIONS,
 ) -> None:
-    """Which of several laws do the curves speak for? Evidence by importance sampling, some 5 s a curve and law."""
+    """Which of several laws do the curves speak for? Evidence by importance sampling, 1 to 10 s a curve and law."""
+    from cavirheo.inference import infer_many
     from cavirheo.inference.fit import fit_many
     from cavirheo.inference.options import Options
     from cavirheo.inference.verify import verify_many
-    from cavirheo.inference.verify.evidence import contending, models, ranked
+    from cavirheo.inference.verify.evidence import by_network, contending, models, ranked
     from cavirheo.inference.verify.tuning import TUNING
     from cavirheo.posterior import BubbleModel
     from cavirheo.reporting.laws import Laws, print_table
@@ -57,10 +60,17 @@ def which_law(
     outputs, kept = document.Outputs(out, "laws.json", inputs=files), Unfinished(out, shown=not run.quiet)
     curves = run.read(files, liquid, reading)
     shared: dict[str, Any] = {"medium": liquid, "stretch": known, "seed": seed}
-    weighing = {"discrepancy": not exact_law, "draws": TUNING.law_draws, **shared}
+    weighing: dict[str, Any] = {"discrepancy": not exact_law, "draws": TUNING.law_draws, **shared}
     climbing = {**weighing, "level": "map", "scanned": TUNING.law_scanned}
-    found, steps = {}, {}
+    found: dict[str, dict[int, Posterior]] = {}
+    steps: dict[str, tuple[Step, ...]] = {}
     for law, way in chosen.items():
+        if by_network(way, wall_inertia=walls, stretch=known):
+            inferring = {"material": way["material"], "contents": way["contents"], "trust_input": reading.trust_input}
+            inferring |= {"window": looked_at, **weighing}
+            steps[law] = (Step(f"weighing {law}", infer_many, inferring),)
+            found[law] = kept.answers(curves, *steps[law])
+            continue
         fitting = {**way, "window": looked_at, "wall_inertia": walls, "trust_input": reading.trust_input, **shared}
         fitting |= {"windows": False, "others": False, "draws": False}
         fit, climb = Step(f"fitting {law}", fit_many, fitting), Step(f"climbing {law}", verify_many, climbing)
@@ -69,6 +79,8 @@ def which_law(
     whole = all(len(answers) == len(curves) for answers in found.values())
     climbed = {law: list(answers.values()) for law, answers in found.items()} if whole else {}
     for law, near in contending(climbed).items():
+        if len(steps[law]) == 1:
+            continue
         full = kept.answers([curves[i] for i in near], *steps[law])
         rest = {i: answer for i, answer in found[law].items() if i not in near}
         found[law] = rest | {near[k]: answer for k, answer in full.items()}

@@ -1,4 +1,4 @@
-"""Which of several laws? Evidence of each from the draws of its verified posterior, or Laplace's of one far behind.
+"""Which of several laws? Evidence of each from the draws of its posterior, or Laplace's of one far behind.
 
 log p(frames | law) is the log of the mean importance weight. A parameter that is not needed costs log(prior width/
 posterior width): laws that nest are compared fairly only as far as the prior ranges are meant
@@ -18,6 +18,7 @@ from scipy.special import softmax
 from cavirheo.arrays import Floats
 from cavirheo.curve import RadiusCurve
 from cavirheo.errors import require
+from cavirheo.inference import DEFAULT, infer_many
 from cavirheo.inference.fit import fit_many
 from cavirheo.inference.law import Family
 from cavirheo.inference.options import Options
@@ -117,6 +118,16 @@ def _size(model: str) -> int:
     return len(Family(law).parameters) + sum(_MORE.get(word, 0) for word in more)
 
 
+def by_network(way: Mapping[str, Any], *, wall_inertia: float | str = 0.0, stretch: float | str | None = None) -> bool:
+    """Whether `infer_many` weighs this model from the draws of the shipped network, which takes a fraction of a fit
+    and what follows it."""
+    from cavirheo.inference.posterior_model import PosteriorModel, network_of
+
+    network = network_of(DEFAULT)
+    known = isinstance(network, PosteriorModel) and network.knows(way["material"], way["contents"])
+    return known and way["damage"] == "none" and wall_inertia == 0 and not isinstance(stretch, str)
+
+
 def rank_laws(
     curves: Sequence[RadiusCurve],
     laws: Sequence[str],
@@ -134,8 +145,9 @@ def rank_laws(
     **options: Any,
 ) -> tuple[list[Ranking], list[Ranking]]:
     """The laws of each curve, and of each group of more than one: the sum over shots each with its own parameters.
-    With several `contents` or `damage` each law is taken with each of them (`models`). A law whose Laplace evidence is
-    far below the best of its curve keeps that (TUNING.hopeless).
+    With several `contents` or `damage` each law is taken with each of them (`models`). What the shipped network knows
+    is weighed as `infer` does (`by_network`); another law is fitted, and if its Laplace evidence is far below the best
+    of its curve (TUNING.hopeless) it keeps that.
 
     `options` are those of `Verification`; `ranges` may hold parameters of some of the laws only. `done` is called with
     the index of the curve and the answer of each law as it is found. Raises InputError: fewer than two laws, one
@@ -149,6 +161,12 @@ def rank_laws(
     found: dict[str, list[Posterior]] = {}
     shared: dict[str, dict[str, Any]] = {}
     for law, way in chosen.items():
+        if options.keys() <= {"draws", "discrepancy"} and by_network(way, wall_inertia=wall_inertia, stretch=stretch):
+            asked: Any = {"window": window, "stretch": stretch, "discrepancy": options.get("discrepancy", True)}
+            asked |= {"material": way["material"], "contents": way["contents"], "trust_input": trust_input}
+            asked["draws"] = options["draws"]
+            found[law] = infer_many(curves, medium=medium, seed=seed, workers=workers, **asked)
+            continue
         known = (*Family(way["material"]).parameters, "stretch")
         fitted = fit_many(
             curves, **way, medium=medium, window=window, stretch=stretch, trust_input=trust_input, seed=seed,
@@ -165,6 +183,7 @@ def rank_laws(
         }
         found[law] = verify_many(curves, fitted, **{**shared[law], "level": "map", "scanned": TUNING.law_scanned})
     for law, near in contending(found).items():
+        near = near if law in shared else []
         full = verify_many([curves[i] for i in near], [found[law][i] for i in near], **shared[law]) if near else []
         for i, answer in zip(near, full, strict=True):
             found[law][i] = answer
