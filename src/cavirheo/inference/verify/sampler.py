@@ -163,11 +163,12 @@ Propose = Callable[[np.random.Generator, "Sample | None"], Proposal]
 
 def sample(
     target: Callable[[Floats], Floats], propose: Propose, *, seed: int, each: int, most: int, enough: float,
-    fewest: int = TUNING.fewest_rounds, least: float = 0.0, first: tuple[Proposal, Sample] | None = None,
+    fewest: int = TUNING.fewest_rounds, least: float = 0.0, patience: int = 0,
+    first: tuple[Proposal, Sample] | None = None,
 ) -> Sample:  # fmt: skip
     """Rounds of `each` draws of a log density, `fewest` at least, until their effective size is `enough` (and their
-    tail index in order), there are `most`, or so many are not likely to be worth `least`; they depend on seed, target
-    and proposals alone.
+    tail index in order), there are `most`, or (after `patience` draws) so many are not likely to be worth `least`; they
+    depend on seed, target and proposals alone.
 
     `first` is a proposal whose draws count already, and no more are taken from it: it guards against what the others
     never meet. A good proposal stays: one that is made from the draws that it then weighs loses a few per cent of the
@@ -197,7 +198,8 @@ def sample(
         found = Sample(u, value, np.asarray(logsumexp(log_share + densities, axis=0)))
         good = found.ess >= enough and found.reliable
         drawn = len(u) - before
-        if drawn >= most or (drawn >= fewest * each and (good or found.ess * most < least * drawn)):
+        hopeless = drawn >= patience and found.ess * most < least * drawn
+        if drawn >= most or (drawn >= fewest * each and (good or hopeless)):
             return found
 
 

@@ -44,19 +44,23 @@ class Mended(Target):
 
     def __init__(self, target: Target) -> None:
         super().__init__(target.experiment, target.prior, target.noise, target.workers)
-        self.exact, self.missed = target, np.zeros(target.noise.size)
+        self.exact, self.missed, self.rough = target, np.zeros(target.noise.size), True
 
     def residuals(self, u: Floats, accuracy: Accuracy = BRISK) -> Floats:
         """(k, n) measured minus simulated, over R_max, at u (k, d); NaN where the simulation failed."""
-        return self.exact.residuals(u, BRISK) + self.missed
+        return self.exact.residuals(u, BRISK) + self.missed if self.rough else self.exact.residuals(u, FINE)
 
     def mend(self, mode: Mode, seed: int) -> None:
-        """Learn what the rough ones miss, the mean of it at and about a mode."""
+        """Learn what the rough ones miss, the mean of it at and about a mode; where it changes too much, no more of
+        them."""
         u = np.concatenate([mode.u[None], mode.draws(TUNING.mended, seed)])
-        missed = self.exact.residuals(u, FINE) - self.exact.residuals(u, BRISK)
-        missed = missed[np.all(np.isfinite(missed), axis=1)]
-        if len(missed):
-            self.missed = np.mean(missed, axis=0)
+        fine, rough = self.exact.residuals(u, FINE), self.exact.residuals(u, BRISK)
+        good = np.all(np.isfinite(fine - rough), axis=1)
+        u, fine, rough = u[good], fine[good], rough[good]
+        if len(u):
+            self.missed = np.mean(fine - rough, axis=0)
+        wrong = self.log_posterior(u, fine) - self.log_posterior(u, rough + self.missed)
+        self.rough = len(u) > TUNING.mended / 2 and float(np.std(wrong, ddof=1)) < TUNING.mended_begun
 
     def again(self, u: Floats, residual: Floats) -> Simulated:
         """What was known at u (k, d), with residuals (k, n), before something was learnt."""
@@ -66,6 +70,8 @@ class Mended(Target):
     def checked(self, drawn: Sample, seed: int) -> tuple[Sample, float]:
         """The draws with log targets that default simulations of some agree with, and the standard deviation of what
         these found wrong; all are simulated anew if that is too much."""
+        if not self.rough:
+            return drawn, 0.0
         weight = np.exp(drawn.log_weight - np.max(drawn.log_weight))
         rng = np.random.Generator(np.random.Philox(seed))
         some = rng.choice(len(weight), TUNING.mended_checked, p=weight / np.sum(weight))
@@ -110,9 +116,10 @@ def weighed(
         explorer.learn(*known)
         own = Sample(u, known.value[: len(u)], network.log_density(u))
     guard = (network, own) if network and own is not None else None
-    sizes: dict[str, Any] = {"each": TUNING.auto_per_round, "most": min(TUNING.auto_draws, draws)}
     enough = min(TUNING.auto_enough, draws / 2)
-    drawn = sample(explorer, explorer.propose, seed=seed, enough=enough, fewest=1, first=guard, **sizes)
+    sizes: dict[str, Any] = {"each": TUNING.auto_per_round, "most": min(TUNING.auto_draws, draws)}
+    sizes |= {"fewest": 1, "least": enough, "patience": TUNING.auto_patience}
+    drawn = sample(explorer, explorer.propose, seed=seed, enough=enough, first=guard, **sizes)
     drawn, rough = near.checked(drawn, seed)
     apart = None
     if own is not None and own.ess >= TUNING.own_worth:

@@ -23,13 +23,15 @@ class Tuning:
     own_worth: float = 5.0  # effective size of them, from which their evidence says something
     secant_steps: int = 4  # to the maximum, at most
     secant_firm: float = 0.03  # how firmly a direction that the draws do not tell stays
-    auto_draws: int = 420  # most further simulations whose weights count,
+    auto_draws: int = 840  # most further simulations whose weights count,
     auto_per_round: int = 40
+    auto_patience: int = 420  # draws after which so many must be on the way to being enough
     auto_learning: int = 0  # after so many rounds of rough ones
     auto_enough: float = 102.0  # effective draws at which it ends
     lost: float = 0.06  # effective draws over draws, below which the search
     lost_after: int = 120  # of them begins anew, along ridges
     mended: int = 6  # places about the maximum where default simulations tell what rough ones miss
+    mended_begun: float = 0.15  # standard deviation of what they find wrong in log weights: else no rough ones
     mended_checked: int = 6  # draws that are simulated by both at the end
     mended_enough: float = 0.25  # standard deviation of what these find wrong in log weights: 6 % of the effective size
     agree: float = 3.0  # standard errors, by which the network's evidence may be the larger one
