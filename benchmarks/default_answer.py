@@ -182,7 +182,7 @@ def table(lines: list[dict]) -> str:
                     if low is not None and name != "stretch":
                         held["50"].append(a <= line["truth"][name] <= b)
                         held["90"].append(low <= line["truth"][name] <= high)
-            few = [bool(line[level]["few"]) and line[level]["simulations"] <= 500 for line in some]
+            few = [bool(line[level]["few"]) for line in some]
             runs = [line[level]["simulations"] or 0 for line in some]
             busy = [line[level]["processor"] for line in some]
             share = f"{np.mean(few):.0%}" if level == "auto" else ""
