@@ -75,8 +75,8 @@ def test_shots_add_information():
 def test_scatter_from_shot_to_shot_adds_to_the_variance_of_one():
     one = np.array([[200.0, -90.0], [-90.0, 600.0]])
     exact = np.linalg.inv(np.linalg.inv(one) + 0.1**2 * np.eye(2))
-    assert shared(one, 0.1) == pytest.approx(exact)
-    assert shared(one, 0.0) == pytest.approx(one)
+    assert shared(one, 0.1**2 * np.eye(2)) == pytest.approx(exact)
+    assert shared(one, np.zeros((2, 2))) == pytest.approx(one)
 
 
 def test_gain_is_that_of_gaussians():

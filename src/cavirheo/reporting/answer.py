@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from pydantic_core import to_jsonable_python
 
+from cavirheo.arrays import Floats
 from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError
 from cavirheo.parameters import AT_RATE, BUBBLE, RATE, about, of_the_law
@@ -145,6 +146,12 @@ class CurveRecord(Record):
         """The message without doubts that decide the verdict, which are said before all others."""
         said = "; ".join(self.doubts) or self.message
         return self.message.removeprefix(said).lstrip("; ") if self.verdict == "check_input" else self.message
+
+    def logs(self, names: Sequence[str]) -> Floats:
+        """(l, 3) log10 of q05, median and q95 of these parameters, SI; NaN where it has none."""
+        known = [self.itself.quantity(name) for name in names]
+        ends = np.array([[value.q05, value.median, value.q95] for value in known], dtype=float)
+        return np.log10(np.where(ends > 0, ends, np.nan))
 
     @property
     def viscosity(self) -> Quantity:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from functools import lru_cache
 from itertools import combinations
 from typing import TYPE_CHECKING, Any
@@ -16,6 +16,7 @@ from cavirheo.writing.document import Finite, Quantity, Record
 
 if TYPE_CHECKING:
     from cavirheo.inference.population import Population
+    from cavirheo.reporting.answer import CurveRecord
 
 _KEYS = {"shear_modulus": "shear_modulus_Pa", "viscosity": "viscosity_Pa_s"}  # of the centre, by parameter
 _MOST = 6  # groups that are compared, each with each
@@ -60,6 +61,33 @@ class PopulationRecord(Record):
         """Of a parameter by its natural name; empty where the law has none, or there is no material."""
         known = {"shear_modulus": self.shear_modulus_Pa, "viscosity": self.viscosity_Pa_s}
         return (known | self.other_parameters).get(name, Quantity())
+
+    def known(self, names: Sequence[str]) -> tuple[Floats, Floats, Floats]:
+        """In log10 of these parameters: mean (l,) and covariance (l, l) of the material, of which the document has the
+        intervals alone, and the covariance (l, l) of its shots about it, at the medians."""
+        from cavirheo.inference.design import variance
+
+        centre = [self.centre(name) for name in names]
+        ends = np.log10(np.array([[one.q05, one.median, one.q95] for one in centre], dtype=float))
+        spread = np.array([self.spreads_decades[name].median for name in names], dtype=float)
+        both = {frozenset(pair.split(", ")): one.median or 0.0 for pair, one in self.correlation.items()}
+        rho = [[1.0 if a == b else both.get(frozenset((a, b)), 0.0) for b in names] for a in names]
+        return ends[:, 1], np.diag(variance(ends)), np.outer(spread, spread) * np.array(rho)
+
+    def still_wanted(self, shots: Sequence[CurveRecord], wanted: float) -> int | None:
+        """How many more shots like these, of which as many count, bring the 90 % intervals of G and mu to +- `wanted`
+        of the value; None: more than 10,000, or there is no material."""
+        from cavirheo.inference.design import shared, shots_wanted, variance
+        from cavirheo.inference.population import USED
+
+        names = [name for name in _KEYS if self.centre(name).median is not None]
+        seen = [row.logs(names) for row in shots if row.verdict in USED]
+        if not (names and (seen := [logs for logs in seen if np.all(np.isfinite(logs))])):
+            return None
+        _, covariance, scatter = self.known(names)
+        told = np.sum([shared(np.diag(1.0 / variance(logs)), scatter) for logs in seen], axis=0)
+        belong = 1.0 - len(self.strays) / self.n
+        return shots_wanted(belong / len(shots) * told, covariance, float(np.log10(1.0 + wanted)))
 
     def contour(self, level: float = 0.9) -> Floats | None:
         """(n, 2) mu and G, SI, around this part of all shots that belong, at the medians of centre, spread and

@@ -27,7 +27,7 @@ def design(
     noise_percent: Annotated[float, Option(help="of the radius of a frame, of R_max")] = 1.0,
     noise_um: Annotated[str, Option(help="added to it, um; or one for each frame rate, with commas")] = "0",
     exposure_us: Annotated[float, Option(help="of a frame, us", min=0.0)] = 0.0,
-    wanted_percent: Annotated[float, Option(help="half of the 90 % interval that is wanted, of the value")] = 10.0,
+    wanted_percent: options.WantedPercent = 10.0,
     spread: Annotated[float | None, Option(help="decades from shot to shot  [default: what the answers show]")] = None,
     sizes: Annotated[int, Option(help="how many R_max are looked at", min=1)] = 5,
     draws: Annotated[int, Option(help="simulated recordings for each setting", min=2)] = 12,
