@@ -119,7 +119,9 @@ class CurveRecord(Record):
     evidence: Evidence | None = None
     other_models: list[OtherModel] = []
     diagnostics: Diagnostics = Diagnostics()
+    column: dict[str, float] = {}  # title and value, declared by the user
     provenance: dict[str, Any]
+    _if_any = ("column",)
 
     @property
     def answered(self) -> bool:
@@ -195,7 +197,7 @@ def curve_record(curve: RadiusCurve, posterior: Posterior) -> CurveRecord:
         stretch=stretch, shear_modulus_Pa=G, viscosity_Pa_s=mu, other_parameters=values,
         window=Compared(collapses=checks.collapses, t_star_end=checks.t_star_end), doubts=list(posterior.checks.doubts),
         verdict=verdict, message=message or ("" if answered else "no parameters were found"), notes=list(curve.notes),
-        seconds=finite(posterior.seconds) or 0.0, evidence=posterior.evidence,
+        column=dict(curve.column), seconds=finite(posterior.seconds) or 0.0, evidence=posterior.evidence,
         other_models=[_other(one) for one in posterior.others],
         windows={key: _known(window) for key, window in posterior.windows.items()},
         diagnostics=_known(posterior.diagnostics), provenance=_plain(posterior.provenance),

@@ -92,7 +92,9 @@ def population(
     centre, spread, correlation, slope = several.parts(u)
     return Population(
         **made, doubts=tuple(doubts), centre=centre, spread=spread, correlation=correlation,
-        slope=None if x is None else slope / unit, common=one.parts(_resampled(drawn_one, seed))[0],
+        slope=None if x is None else slope / unit,
+        along_at=None if column is None else float(np.mean(column[kept])),
+        common=one.parts(_resampled(drawn_one, seed))[0],
         stray=several.strays(u[:: max(_DRAWS // 1000, 1)]), gain=_evidence(drawn, like.log_size),
         gain_of_one=_evidence(drawn_one, like.log_size), shot_evidence=tuple(answers[i].evidence for i in kept),
     )  # fmt: skip
