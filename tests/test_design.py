@@ -6,6 +6,8 @@ import json
 
 import numpy as np
 import pytest
+from test_population import CENTRE, seen, shots
+from test_reporting import bubble
 
 import cavirheo
 from cavirheo import InputError
@@ -15,7 +17,7 @@ from cavirheo.inference.design import NORMAL_90, Setting, expected, gain, linear
 from cavirheo.inference.law import Family
 from cavirheo.inference.noise import SHAPE, Noise
 from cavirheo.reporting.answer import CurveRecord
-from cavirheo.reporting.record import result_of
+from cavirheo.reporting.record import result, result_of
 
 NHKV = Family("nhkv")
 LAW = np.log10([6e3, 0.05])
@@ -192,3 +194,37 @@ def test_a_parameter_that_is_hardly_seen_has_no_lower_end_but_the_priors():
     low, high = design.interval(3.5, 1.0, 0.0, 7.0)
     assert low < 0.5  # the range of the prior begins there
     assert 3.5 < high < 4.2
+
+
+def test_the_scatter_of_shots_comes_from_the_population_and_is_counted(quick):
+    """Shots of 0.05 decades each that scatter by 0.15: as many as are told bring the material to what is wanted."""
+    rng = np.random.default_rng(4)
+    first = shots(8, 0.15, 0.05, seed=5)
+    made = result([(bubble(f"shot {k}"), one) for k, one in enumerate(first)], "x")
+    record = made.groups[0].population
+    plan = cavirheo.design(made, wanted=0.2, max_radius=(2e-4, 2e-4), frame_rate=(1e6,))
+    assert plan.shots_before == 8
+    told = [record.spreads_decades[name].median for name in NHKV.parameters]
+    assert list(plan.spreads_decades.values()) == pytest.approx(told)
+    assert plan.spread_decades == pytest.approx(np.sqrt(np.mean(np.square(told))))
+    assert np.log10(plan.known["shear_modulus"].median / record.shear_modulus_Pa.median) == pytest.approx(0, abs=0.02)
+    exact = cavirheo.design(made, wanted=0.2, max_radius=(2e-4, 2e-4), frame_rate=(1e6,), spread=0.0)
+    more, ignoring = made.groups[0].population.still_wanted(made.curves, 0.2), exact.settings[0].shots
+    assert plan.settings[0].shots == pytest.approx(more, abs=2)  # 0.05 and 0.025 decades of a shot, against 0.05
+    assert ignoring < 0.5 * more
+    truths = CENTRE + 0.15 * rng.standard_normal((more, 2))
+    later = [seen(x + 0.05 * rng.standard_normal(2), 0.05, 300, seed=100 + k) for k, x in enumerate(truths)]
+    material = cavirheo.population([*first, *later])
+    half = max(0.5 * np.log10(high / low) for low, _, high in map(material.interval, NHKV.parameters))
+    assert 0.6 < half / np.log10(1.2) < 1.25
+
+
+def test_shots_that_do_not_count_are_counted_for(quick):
+    answers = shots(6, 0.1, 0.05, seed=5)
+    good = result([(bubble(f"shot {k}"), one) for k, one in enumerate(answers)], "x")
+    more = good.groups[0].population.still_wanted(good.curves, 0.15)
+    half = [row.model_copy(update={"verdict": "failed"}) for row in good.curves]
+    twice = good.groups[0].population.still_wanted([*good.curves, *half], 0.15)
+    assert twice == pytest.approx(2 * more, abs=1)
+    assert good.groups[0].population.still_wanted(half, 0.15) is None
+    assert good.groups[0].population.still_wanted(good.curves, 0.95) == 0

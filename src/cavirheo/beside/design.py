@@ -226,9 +226,9 @@ def _known(
     result = known if isinstance(known, Result) else read_json(_file(known))
     chosen, rows = _answers(result, group, family)
     mean, covariance, scatter, shots = _material(chosen, rows, family, given)
-    if "stretch" in ranges:
+    logs = np.log10([row.stretch.median for row in rows if row.stretch.median])
+    if "stretch" in ranges or not len(logs):
         return _Known(mean, covariance, scatter, (low, high), shots=shots)
-    logs = np.log10([row.stretch.median or np.nan for row in rows])
     about = float(np.mean(logs)), max(float(np.std(logs)), NARROWEST)
     return _Known(mean, covariance, scatter, about, True, shots)
 
