@@ -8,6 +8,8 @@ import subprocess
 import sys
 import time
 import tomllib
+import urllib.error
+import urllib.request
 import zipfile
 from contextlib import contextmanager, suppress
 from importlib.util import find_spec
@@ -31,6 +33,7 @@ from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError
 from cavirheo.reading import read_curves, write_csv
 from cavirheo.reading.apart import Reader
+from cavirheo.reporting import live
 
 SOFT = examples()["soft_gel.csv"]
 
@@ -436,6 +439,48 @@ def test_a_port_that_is_taken_is_said(running, served):
     port = int(served[0].rstrip("/").rpartition(":")[2])
     with refused("app.port_taken", str(port)), running(port=port):
         pass
+
+
+def get(address: str) -> str:
+    with urllib.request.urlopen(address) as answer:
+        return answer.read().decode()
+
+
+def test_the_wall_shows_the_last_answers_of_this_app(served):
+    address, visitors = served
+    assert "waiting" in get(f"{address}live")
+    one = visitors.of("who asks")
+    one.add([SOFT], PageSettings(verify="none"), copy=True)
+    infer(one, ["soft_gel[1]", "soft_gel[2]", "soft_gel[3]"], silent)
+    visitors.of("another, without answers")
+    page = get(f"{address}live")
+    assert "<h1>soft_gel[3]</h1>" in page
+    assert "still wanted" in page
+    visitors._forget("who asks", one, one.calls)
+    assert "waiting" in get(f"{address}live")  # nothing of one who left
+
+
+def test_the_wall_shows_a_watched_folder_wherever_the_app_listens(running, tmp_path):
+    for folder, host in ((tmp_path, "127.0.0.1"), (tmp_path, "0.0.0.0"), (None, "0.0.0.0")):
+        (tmp_path / live.PAGE).unlink(missing_ok=True)
+        with running(host, folder=folder) as (address, _):
+            place = f"http://127.0.0.1:{address.rstrip('/').rpartition(':')[2]}/live"
+            if folder is None:  # visitors from elsewhere must not see each other's answers
+                with pytest.raises(urllib.error.HTTPError):
+                    get(place)
+                continue
+            assert "waiting" in get(place)
+            (folder / live.PAGE).write_text("<h1>shot 7</h1>")
+            with urllib.request.urlopen(place) as answer:
+                assert answer.read() == b"<h1>shot 7</h1>"
+                assert "default-src 'self'" in answer.headers["content-security-policy"]
+
+
+def test_a_folder_that_is_none_is_refused(run):
+    status, out, err = run("app", "--live", "nowhere", "--no-browser")
+    assert (status, out) == (2, "")
+    assert "nowhere" in err
+    assert "watch" in err
 
 
 def test_nothing_is_left_when_the_server_ends(tmp_path):

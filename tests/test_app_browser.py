@@ -5,6 +5,7 @@ import os
 import re
 import shutil
 import zipfile
+from dataclasses import replace
 from importlib.util import find_spec
 
 import numpy as np
@@ -21,8 +22,34 @@ for found, lacking in (
 
 from cavirheo.app.session import VisitorLimits  # noqa: E402
 from cavirheo.app.steps import examples  # noqa: E402
+from cavirheo.posterior import Checks, Posterior  # noqa: E402
 from cavirheo.reading import read_curves, write_csv  # noqa: E402
+from cavirheo.reporting import live, result  # noqa: E402
+from cavirheo.reporting.material import PopulationRecord  # noqa: E402
 
+ANSWER = Posterior(
+    ("log10_shear_modulus", "log10_viscosity"), ("Pa", "Pa s"),
+    np.column_stack([np.linspace(3.6, 3.9, 60), np.linspace(-1.5, -1.4, 60)]), Checks("ok"), "nhkv", "verified",
+)  # fmt: skip
+MATERIAL = PopulationRecord(
+    line="", model="nhkv, equilibrium", n=4, shear_modulus_Pa={"median": 5432.0, "q05": 4321.0, "q95": 6543.0},
+    viscosity_Pa_s={"median": 0.03456, "q05": 0.03123, "q95": 0.03789},
+    spreads_decades={name: {"median": 0.2, "q05": 0.1, "q95": 0.3} for name in ("shear_modulus", "viscosity")},
+)  # fmt: skip
+WALL = """(() => {
+  const boxed = [...document.querySelectorAll(".value dd, footer p, footer span, .badge, h1, svg, .said")];
+  const box = new Map(boxed.map(one => [one, one.getBoundingClientRect()]));
+  const tall = innerWidth > innerHeight ? innerHeight : document.documentElement.scrollHeight;
+  const beyond = boxed.filter(one => box.get(one).right > innerWidth + 1 || box.get(one).bottom > tall + 1);
+  const meets = (a, b) => a.left < b.right && b.left < a.right && a.top + 3 < b.bottom && b.top + 3 < a.bottom;
+  const apart = (a, b) => a.contains(b) || b.contains(a) || !meets(box.get(a), box.get(b));
+  const across = boxed.filter(a => boxed.some(b => !apart(a, b)));
+  const written = [...document.querySelectorAll("body *")].filter(one => [...one.childNodes].some(
+    node => node.nodeType === 3 && node.textContent.trim()));
+  const size = one => parseFloat(getComputedStyle(one).fontSize) * (one.closest("svg")?.getScreenCTM().a ?? 1);
+  const words = list => list.map(one => one.outerHTML);
+  return {beyond: words(beyond), across: words(across), smallest: Math.min(...written.map(size))};
+})()"""
 WIDE, PHONE = (1440, 900), (390, 844)
 MANY = 20
 
@@ -33,6 +60,14 @@ def served():
 
     with running(limits=VisitorLimits(file_mb=1.0)) as (address, visitors):
         yield address, visitors
+
+
+@pytest.fixture
+def wall(tmp_path):
+    from cavirheo.app.server import running
+
+    with running(folder=tmp_path) as (address, _):
+        yield address, tmp_path
 
 
 @pytest.fixture(scope="module")
@@ -321,6 +356,31 @@ def test_two_visitors_do_not_see_each_other_and_need_no_mouse(visit, tmp_path):
         " || one.innerText.trim())).map(one => one.outerHTML)"
     )
     assert unnamed == []
+
+
+@pytest.mark.parametrize("size", [(2560, 1440), (1920, 1080), PHONE], ids=["wall", "small wall", "phone"])
+def test_the_page_for_the_wall(wall, browser, tmp_path, size):
+    """Everything is on the screen and large, for long names, too; a new page is seen without a hand."""
+    address, folder = wall
+    page = browser.new_page()
+    page.set_viewport_size({"width": size[0], "height": size[1]})
+    foreign = []
+    page.on("request", lambda request: _foreign(request.url, address) and foreign.append(request.url))
+    curve = read_curves(examples()["soft_gel.csv"])[0]
+    for name, message in (("soft_gel[1]", ""), ("2026-03-04 agarose 0.5 % " + "x" * 80, "R_max is doubtful: " * 12)):
+        answers = [ANSWER] * 4 if not message else [replace(ANSWER, checks=Checks("check_input", message))] * 4
+        curves = [replace(curve, meta={"name": f"{name} {k}", "group": name, "source": name}) for k in range(4)]
+        shown = result(list(zip(curves, answers, strict=True)), "x")
+        shown.groups[0].population = MATERIAL
+        live.write(folder / live.PAGE, shown, 3, curves[3], answers[3])
+        page.goto(f"{address}live") if not message else page.wait_for_selector(".said")
+        seen = page.evaluate(WALL)
+        assert seen["beyond"] == []
+        assert seen["across"] == []
+        assert seen["smallest"] >= (14 if size == PHONE else 0.02 * size[0])  # from three metres
+        assert page.locator("footer :text('still wanted')").is_visible()
+    page.close()
+    assert foreign == []
 
 
 def _one_shot(path):

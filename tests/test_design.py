@@ -3,19 +3,27 @@
 from __future__ import annotations
 
 import json
+from pathlib import Path
 
 import numpy as np
 import pytest
+from test_population import CENTRE, seen, shots
+from test_reporting import bubble
 
 import cavirheo
 from cavirheo import InputError
 from cavirheo.beside import design as beside
+from cavirheo.beside import network_design
 from cavirheo.inference import design
 from cavirheo.inference.design import NORMAL_90, Setting, expected, gain, linearised, shared, shots_wanted
 from cavirheo.inference.law import Family
 from cavirheo.inference.noise import SHAPE, Noise
+from cavirheo.inference.posterior_model import load_posterior
+from cavirheo.posterior import Checks, Posterior
 from cavirheo.reporting.answer import CurveRecord
-from cavirheo.reporting.record import result_of
+from cavirheo.reporting.record import result, result_of
+from cavirheo.training.posterior import store
+from cavirheo.training.posterior.recipe import posterior_recipe
 
 NHKV = Family("nhkv")
 LAW = np.log10([6e3, 0.05])
@@ -75,8 +83,8 @@ def test_shots_add_information():
 def test_scatter_from_shot_to_shot_adds_to_the_variance_of_one():
     one = np.array([[200.0, -90.0], [-90.0, 600.0]])
     exact = np.linalg.inv(np.linalg.inv(one) + 0.1**2 * np.eye(2))
-    assert shared(one, 0.1) == pytest.approx(exact)
-    assert shared(one, 0.0) == pytest.approx(one)
+    assert shared(one, 0.1**2 * np.eye(2)) == pytest.approx(exact)
+    assert shared(one, np.zeros((2, 2))) == pytest.approx(one)
 
 
 def test_gain_is_that_of_gaussians():
@@ -192,3 +200,129 @@ def test_a_parameter_that_is_hardly_seen_has_no_lower_end_but_the_priors():
     low, high = design.interval(3.5, 1.0, 0.0, 7.0)
     assert low < 0.5  # the range of the prior begins there
     assert 3.5 < high < 4.2
+
+
+def test_the_scatter_of_shots_comes_from_the_population_and_is_counted(quick):
+    """Shots of 0.05 decades each that scatter by 0.15: as many as are told bring the material to what is wanted."""
+    rng = np.random.default_rng(4)
+    first = shots(8, 0.15, 0.05, seed=5)
+    made = result([(bubble(f"shot {k}"), one) for k, one in enumerate(first)], "x")
+    record = made.groups[0].population
+    plan = cavirheo.design(made, wanted=0.2, max_radius=(2e-4, 2e-4), frame_rate=(1e6,))
+    assert plan.shots_before == 8
+    told = [record.spreads_decades[name].median for name in NHKV.parameters]
+    assert list(plan.spreads_decades.values()) == pytest.approx(told)
+    assert plan.spread_decades == pytest.approx(np.sqrt(np.mean(np.square(told))))
+    assert np.log10(plan.known["shear_modulus"].median / record.shear_modulus_Pa.median) == pytest.approx(0, abs=0.02)
+    exact = cavirheo.design(made, wanted=0.2, max_radius=(2e-4, 2e-4), frame_rate=(1e6,), spread=0.0)
+    more, ignoring = made.groups[0].population.still_wanted(made.curves, 0.2), exact.settings[0].shots
+    assert plan.settings[0].shots == pytest.approx(more, abs=2)  # 0.05 and 0.025 decades of a shot, against 0.05
+    assert ignoring < 0.5 * more
+    truths = CENTRE + 0.15 * rng.standard_normal((more, 2))
+    later = [seen(x + 0.05 * rng.standard_normal(2), 0.05, 300, seed=100 + k) for k, x in enumerate(truths)]
+    material = cavirheo.population([*first, *later])
+    half = max(0.5 * np.log10(high / low) for low, _, high in map(material.interval, NHKV.parameters))
+    assert 0.6 < half / np.log10(1.2) < 1.25
+
+
+def test_shots_that_do_not_count_are_counted_for(quick):
+    answers = shots(6, 0.1, 0.05, seed=5)
+    good = result([(bubble(f"shot {k}"), one) for k, one in enumerate(answers)], "x")
+    more = good.groups[0].population.still_wanted(good.curves, 0.15)
+    half = [row.model_copy(update={"verdict": "failed"}) for row in good.curves]
+    twice = good.groups[0].population.still_wanted([*good.curves, *half], 0.15)
+    assert twice == pytest.approx(2 * more, abs=1)
+    assert good.groups[0].population.still_wanted(half, 0.15) is None
+    assert good.groups[0].population.still_wanted(good.curves, 0.95) == 0
+
+
+class Wide:
+    """A network that is twice as wide as it may be where the viscosity is small."""
+
+    def __init__(self, model, material, checked):
+        pass
+
+    def infer(self, curve):
+        law, allowed = np.log10([curve.meta["G"], curve.meta["mu"]]), 0.05
+        half = allowed * (2.0 if law[1] < -2.0 else 1.0)
+        theta = law + np.outer(np.linspace(-half, half, 201) / 0.9, [1.0, 1.0])
+        return Posterior(("log10_shear_modulus", "log10_viscosity"), ("Pa", "Pa s"), theta, Checks("ok"), "nhkv", "x")
+
+
+@pytest.fixture
+def weak(monkeypatch):
+    """The network `Wide` in the place of the shipped one, and recordings without a simulation."""
+
+    def film(setting, family, law, stretch, medium=None, seed=0):
+        curve = bubble("designed", G=10.0 ** law[0], mu=10.0 ** law[1])
+        return curve, {}
+
+    monkeypatch.setattr(Setting, "film", film)
+    monkeypatch.setattr(network_design, "expected", lambda *_: design.Expected(np.eye(2), np.full(2, 0.05)))
+    monkeypatch.setattr(network_design, "Networked", Wide)
+    return load_posterior()
+
+
+def test_the_range_where_a_network_is_too_wide_is_found_and_drawn_more_often(weak, run, tmp_path):
+    status, out, err = run("design", "--for-training", "posterior", "--recordings", 60, "-o", "weak")
+    assert status == 0, err
+    made = cavirheo.load(tmp_path / "weak" / "network-design.json")
+    worst = made.ranges[made.worst]
+    assert (worst.parameter, worst.low) == ("viscosity", pytest.approx(1e-4))
+    assert worst.width_ratio == pytest.approx(2.0, rel=0.02)
+    others = [one.width_ratio for one in made.ranges if one.parameter == "viscosity" and one is not worst]
+    assert max(others) < 1.5
+    assert made.recordings == 60
+    assert "viscosity" in out
+    found = posterior_recipe(tmp_path / "weak" / "recipe.toml")
+    assert found.posterior.more.ranges["viscosity"] == pytest.approx((worst.low, worst.high), rel=1e-5)
+    assert {law for law, _, _ in found.posterior.kinds} == {law for law, _ in weak.card.kinds}
+    low, high = found.posterior.more.ranges["viscosity"]
+    share = {}
+    for often in (None, found.posterior.more):
+        draws = [_drawn_viscosity(found, k, often) for k in range(400)]
+        share[often is None] = np.mean([low <= mu <= high for mu in draws if mu])
+    assert share[True] == pytest.approx(1 / 3, abs=0.08)
+    assert share[False] == pytest.approx(0.5 + 0.5 / 3, abs=0.08)
+
+
+def _drawn_viscosity(recipe, index, often):
+    """Of curve `index` of a training set; none for a law without."""
+    seen = []
+
+    def simulate(material, **_):
+        seen.append(getattr(material, "viscosity", None))
+        raise InputError("not simulated")
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(store, "simulate", simulate)
+        store._curve(recipe.posterior.kinds, (1e-4, 2e-4), 5, index, often)
+    return seen[0]
+
+
+@pytest.mark.parametrize(
+    ("text", "told"),
+    [
+        ("share = 0.5\nnothing = [1, 2]", "nothing"),
+        ("share = 0.5\nviscosity = [2, 1]", "viscosity"),
+        ("share = 0.5\nviscosity = [1e-9, 1]", "viscosity"),
+        ("share = 0.5\nviscosity = 1", "viscosity"),
+        ("share = 2\nviscosity = [0.1, 1]", "share"),
+    ],
+)
+def test_a_recipe_draws_more_only_from_what_it_draws(tmp_path, text, told):
+    recipe = (Path(__file__).parent.parent / "recipes/posterior.toml").read_text()
+    (tmp_path / "r.toml").write_text(recipe.replace("[data]", f"[posterior.more]\n{text}\n\n[data]"))
+    with pytest.raises(InputError, match=told):
+        posterior_recipe(tmp_path / "r.toml")
+
+
+def test_a_network_is_not_looked_at_without_a_law_or_beside_a_result(run):
+    for words in (
+        ("--for-training", "bdt-viscous"),
+        ("--for-training", "posterior", "--material", "gent"),
+        ("x", "--for-training", "posterior"),
+    ):
+        status, _, err = run("design", *words, "-o", "w")
+        assert status == 2, err
+        assert err.startswith("error: ")

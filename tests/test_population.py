@@ -1,6 +1,7 @@
 """The material of many shots: against closed forms and grids, with planted strays, copies and wrong priors."""
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -11,8 +12,9 @@ from cavirheo import InputError, population
 from cavirheo.inference.population.likelihood import likelihood
 from cavirheo.inference.population.scatter import SPREAD, STRAY, WIDE
 from cavirheo.posterior import Checks, Evidence, Posterior
-from cavirheo.reporting import html, picture, result, table
-from cavirheo.writing.document import Spread
+from cavirheo.reading.column import with_column
+from cavirheo.reporting import html, picture, read_json, result, table
+from cavirheo.writing.document import Spread, write_json
 
 NAMES = ("log10_shear_modulus", "log10_viscosity")
 CENTRE = np.array([3.8, -1.4])  # 6.3 kPa, 0.04 Pa s
@@ -303,3 +305,89 @@ def test_points_and_single_shots_have_no_material():
     assert result([(curve, answer(curve, draws=300))], "x").groups[0].population is None
     two = bubble("shot[2]")
     assert result([(curve, answer(curve)), (two, answer(two))], "x").groups[0].population is None
+
+
+TABLE = "shot,concentration\n" + "".join(f"shot {i},{0.5 * (i // 3)}\n" for i in range(12))
+
+
+def declared(path, text=TABLE, names=12, group="gel"):
+    """Curves of one group, with what a table says of them."""
+    curves = [bubble(f"shot {i}") for i in range(names)]
+    curves = [one.with_group(group.format(i), "in") for i, one in enumerate(curves)]
+    path.write_text(text)
+    return with_column(curves, path)
+
+
+def test_a_declared_column_gives_the_group_its_slope(tmp_path, capsys):
+    """Truth: G rises by 0.3 decades per unit, the viscosity stays."""
+    curves = declared(tmp_path / "c.csv")
+    values = np.array([one.column["concentration"] for one in curves])
+    assert values.tolist() == [0.5 * (i // 3) for i in range(12)]
+    rng = np.random.default_rng(3)
+    truths = CENTRE + np.outer(values - values.mean(), [0.3, 0.0]) + 0.03 * rng.standard_normal((12, 2))
+    answers = [seen(truth, 0.04, seed=i) for i, truth in enumerate(truths)]
+    made = result(list(zip(curves, answers, strict=True)), "x")
+    (group,) = made.groups
+    slope, at = group.population.slopes_decades, group.population.column_at
+    assert slope["shear_modulus"].q05 < 0.3 < slope["shear_modulus"].q95
+    assert slope["viscosity"].q05 < 0.0 < slope["viscosity"].q95
+    assert slope["shear_modulus"].q95 - slope["shear_modulus"].q05 < 0.15
+    assert (group.population.column, at) == ("concentration", pytest.approx(values.mean()))
+    assert np.log10(group.population.shear_modulus_Pa.median) == pytest.approx(CENTRE[0], abs=0.04)
+    assert group.population.spreads_decades["shear_modulus"].median < 0.06  # what the slope explains is no scatter
+    without = result([(bubble(f"shot {i}"), one) for i, one in enumerate(answers)], "x").groups[0].population
+    assert without.spreads_decades["shear_modulus"].median > 0.1
+    assert read_back(made, tmp_path).curves[4].column == {"concentration": 0.5}
+    table.print_table(made)
+    page = html.groups_table(made.groups, 1e-3, "kPa")
+    for shown in (" ".join(capsys.readouterr().out.split()), page):
+        assert "with concentration: G rises: 0.3" in shown
+        assert "µ has no trend" in shown
+
+
+def read_back(made, folder):
+    write_json(folder / "result.json", made)
+    return read_json(folder / "result.json")
+
+
+@pytest.mark.parametrize(
+    ("code", "text", "more", "told"),
+    [
+        ("unknown", TABLE + "shoe,3\n", {}, "shoe"),
+        ("missing", TABLE.replace("shot 7,1.0\n", ""), {}, "shot 7"),
+        ("constant", "shot,c\ngel,1\n", {}, "--group folder"),
+        ("constant", TABLE, {"group": "gel {}"}, "--group folder"),
+        ("number", TABLE.replace("shot 7,1.0", "shot 7,much"), {}, "line 9"),
+        ("twice", TABLE + "shot 7,3\n", {}, "shot 7"),
+        ("head", "shot,c,d\nshot 1,1,2\n", {}, "concentration_percent"),
+        ("head", "shot 1,1\nshot 2,2\n", {}, "concentration_percent"),
+        ("empty", "shot,c\n", {}, "no line"),
+    ],
+)
+def test_a_column_that_is_not_theirs_is_refused(tmp_path, code, text, more, told):
+    with pytest.raises(InputError, match=told) as error:
+        declared(tmp_path / "c.csv", text, **more)
+    assert error.value.code == f"column.{code}"
+
+
+def test_a_line_names_a_shot_before_its_file_and_its_group(tmp_path):
+    found = declared(tmp_path / "c.csv", "shot,c\ngel,1\nshot 2,5\n")
+    assert [one.column["c"] for one in found] == [1, 1, 5, *[1] * 9]
+
+
+def test_infer_takes_a_column_and_refuses_it_before_it_computes(run, tmp_path):
+    lines = (Path(__file__).parent.parent / "examples" / "soft_gel.csv").read_text()
+    (tmp_path / "gel.csv").write_text(lines)
+    names = "".join(f"gel[{k}],{k}\n" for k in range(1, 6))
+    (tmp_path / "age.csv").write_text("shot;age (h)\n" + names.replace(",", ";"))
+    status, out, err = run("infer", "gel.csv", "--column", "age.csv", "--verify", "none", "--no-pictures", "-o", "r")
+    assert status == 0, err
+    assert "with age (h): G" in " ".join(out.split())
+    (group,) = read_json(tmp_path / "r" / "result.json").groups
+    assert set(group.population.slopes_decades) == {"shear_modulus", "viscosity"}
+    (tmp_path / "age.csv").write_text("shot,age\nnobody,1\n")
+    for verb in ("infer", "fit"):
+        status, out, err = run(verb, "gel.csv", "--column", "age.csv", "-o", "s")
+        assert (status, out) == (2, "")
+        assert "nobody" in err
+        assert "gel[1]" in err

@@ -98,6 +98,7 @@ class RadiusCurve:
     unusable: str = ""
 
     name = _Stated("name", "curve")
+    column = _Stated[Mapping[str, float]]("column", {})  # title and value, declared (reading/column.py)
     notes = _Stated[tuple[str, ...]]("notes", ())  # what was recognised, converted or left out
     hints = _Stated[tuple[str, ...]]("hints", ())  # those of scale and constants, which concern all shots of a file
     source = _Stated("source", "")  # the file, as it was given

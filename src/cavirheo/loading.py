@@ -18,6 +18,7 @@ _KINDS = {  # a key that no other document has, and the class of the document
     "sets": ("beside.published.comparison", "Comparison"),
     "strain_sweeps": ("beside.rheometer.document", "Rheometry"),
     "wanted_percent": ("beside.design", "Design"),
+    "worst": ("beside.network_design", "NetworkDesign"),
     "medium": ("beside.collapse_times", "CollapseTimes"),
     "laws": ("reporting.laws", "Laws"),
     "curves": ("reporting.record", "Result"),
@@ -30,6 +31,7 @@ _NAMES = (
     "collapse-time.json",
     "measure.json",
     "design.json",
+    "network-design.json",
 )
 
 

@@ -61,17 +61,17 @@ class Watch:
     """The recordings of one folder, their answers and their documents in `out`.
 
     step: how curves are answered. read: the curves of one file. reading: all that `read` depends on. group: as in
-    `read_shots`. say: told one line of what goes wrong. show: told each row as it is found.
+    `read_shots`. wanted: as for `live.page`. say: told one line of what goes wrong. show: told each row as it is found.
     """
 
     def __init__(
         self, folder: Path, out: Path, step: Step, read: Callable[[Path], Recordings], reading: object = None, *,
         group: str = "auto", command: str = "", date: str | None = None,
         say: Callable[[str], None] = lambda _: None, show: Callable[[CurveRecord], None] = lambda _: None,
-        patience: float = PATIENCE,
+        patience: float = PATIENCE, wanted: float = live.WANTED,
     ) -> None:  # fmt: skip
         self.folder, self.step, self.read, self.group, self.patience = folder, step, read, group, patience
-        self.say, self.show, self.command, self.date = say, show, command, date
+        self.say, self.show, self.command, self.date, self.wanted = say, show, command, date, wanted
         self.outputs, self.page = Outputs(out, *DOCUMENTS), Outputs(out, live.PAGE)
         self.kept = out / "watched" / key_of([step.identity, reading])[:16]  # other settings, other answers
         self.files: dict[str, Watched] = {}
@@ -145,7 +145,7 @@ class Watch:
         self.outputs.write("result.csv", table.write_csv, result)
         newest = self._latest.answers[-1] if self._latest and self._latest.answers else None
         latest = next((k for k, (_, answer) in enumerate(pairs) if answer is newest), len(pairs) - 1)
-        self.page.write(live.PAGE, live.write, result, latest, *(pairs[latest] if pairs else ()))
+        self.page.write(live.PAGE, live.write, result, latest, *(pairs[latest] if pairs else ()), wanted=self.wanted)
         return result
 
     def _complete(self) -> list[tuple[Path, State]]:

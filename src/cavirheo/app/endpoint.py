@@ -49,16 +49,10 @@ def public(visitors: Visitors) -> Callable[..., Any]:
 
     @told
     def infer(
-        files: list[gr.FileData],
-        model: str = DEFAULT,
-        medium: str = "water",
-        density: float | None = None,
-        rmax_um: float | None = None,
-        stretch: float | None = None,
-        window: int | None = None,
-        verify: str = "auto",
+        files: list[gr.FileData], model: str = DEFAULT, medium: str = "water", density: float | None = None,
+        rmax_um: float | None = None, stretch: float | None = None, window: int | None = None, verify: str = "auto",
         material: str = "nhkv",
-    ) -> dict:
+    ) -> dict:  # fmt: skip
         """Measured radius histories in, the content of result.json out; options as those of `cavirheo infer`."""
         options: dict[str, Any] = {"rmax_um": rmax_um, "stretch": stretch, "window": window}
         options |= {"model": model, "material": material, "verify": verify}

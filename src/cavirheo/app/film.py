@@ -21,8 +21,6 @@ from cavirheo.video.frames import CAMERAS, STACKS
 from cavirheo.video.measurement import Measurement
 from cavirheo.writing import digits
 
-_NO_RATE = "missing: type the rate of the camera; the file states only how fast it is played"
-
 
 def typed(film: Clip, texts: Sequence[str]) -> tuple[Camera, list[str]]:
     """Frame rate, scale and exposure; why the film cannot be measured so, field by field, empty where it can."""
@@ -38,7 +36,7 @@ def typed(film: Clip, texts: Sequence[str]) -> tuple[Camera, list[str]]:
         wrong.append(why if value is None or 0 < value < inf else "must be a positive number")
     ending, unscaled = film.path.suffix.lower(), film.found is not None and film.found.um_per_px.value is None
     if values[0] is None and ending not in CAMERAS:
-        wrong[0] = wrong[0] or _NO_RATE
+        wrong[0] = wrong[0] or "missing: type the rate of the camera; the file states only how fast it is played"
     if values[1] is None and (ending not in STACKS or unscaled):
         wrong[1] = wrong[1] or "missing: type how many micrometres a pixel shows"
     return Camera(*values), wrong

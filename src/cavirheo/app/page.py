@@ -98,13 +98,12 @@ class Page:
                     with gr.Column(min_width=300):
                         self.film_frame = _html()
                     self.film_plot = _plot(min_width=300)
+                wide: dict[str, Any] = {"scale": 3, "min_width": 220}
                 with gr.Row():
-                    self.film_number = gr.Slider(label="Frame shown", step=1, buttons=[], scale=3, min_width=220)
+                    self.film_number = gr.Slider(label="Frame shown", step=1, buttons=[], **wide)
                     self.film_toggle = gr.Button("Exclude this frame", scale=1, min_width=140)
                 with gr.Row():
-                    self.film_excluded = _line(
-                        label="Frames to exclude", placeholder="12, 40-45", scale=3, min_width=220
-                    )
+                    self.film_excluded = _line(label="Frames to exclude", placeholder="12, 40-45", **wide)
                     self.confirm = _button("Confirm this curve", scale=1, min_width=140)
 
     def _prepare(self) -> None:
@@ -221,9 +220,7 @@ class Page:
 
         return event(one, *given, api_visibility="private", **options)
 
-    def _run(
-        self, button: gr.Button, step: int, stop: gr.Button, handler: Callable[..., Any], *given: Any, **options: Any
-    ) -> Any:
+    def _run(self, button: Any, step: int, stop: Any, handler: Callable[..., Any], *given: Any, **options: Any) -> Any:
         """The button starts the handler, which works on shots with a bar, and shows the button that stops it."""
 
         def begin(session: Session) -> list[Any]:
@@ -333,14 +330,12 @@ class Page:
 
     def _view(self, session: Session, name: str | None, *settings: Any) -> list[Any]:
         session.prepare(_settings(settings))
-        curve = next((curve for curve in session.curves if curve.name == name), None)
-        if curve is None:
-            return [None, ""]
-        try:
-            figure = plots.prepared(curve, steps.seen(curve, session.settings))
-        except InputError as error:
-            return [None, words.prepared(curve, error)]
-        return [figure, words.prepared(curve)]
+        for curve in (one for one in session.curves if one.name == name):
+            try:
+                return [plots.prepared(curve, steps.seen(curve, session.settings)), words.prepared(curve)]
+            except InputError as error:
+                return [None, words.prepared(curve, error)]
+        return [None, ""]
 
     def _answer(self, session: Session, chosen: list[str], *settings: Any, progress: gr.Progress) -> list[Any]:
         with session.lock:

@@ -38,15 +38,14 @@ def overview(curves: Sequence[RadiusCurve], medium: Medium) -> tuple[go.Figure, 
             usable.append((curve, curve.max_radius))
     radii = np.array([top for _, top in usable])
     tones = shades((radii - radii.min()) / (np.ptp(radii) or 1.0)) if usable else radii
-    plain, scaled = _figure(_TIME, "R (µm)"), _figure(f"t* = t √(p/ρ) / {_RMAX}", f"R / {_RMAX}")
+    look = {"showlegend": False, "hovermode": "closest"}
+    plain, scaled = _figure(_TIME, "R (µm)", **look), _figure(f"t* = t √(p/ρ) / {_RMAX}", f"R / {_RMAX}", **look)
     for (curve, top), colour in zip(usable, tones, strict=True):
         line: Any = {"color": "rgb({},{},{})".format(*(255 * colour).astype(int)), "width": 1.2}
         time, radius = _thin(*curve.normalised(medium))
         t_c = medium.time_scale(top)
         for figure, x, y in ((plain, 1e6 * t_c * time, 1e6 * top * radius), (scaled, time, radius)):
             figure.add_scatter(x=x, y=y, mode="lines+markers", line=line, marker={"size": 3}, name=curve.name)
-    for figure in (plain, scaled):
-        figure.update_layout(showlegend=False, hovermode="closest")
     return plain, scaled
 
 
@@ -95,10 +94,8 @@ def checked(
         reach = 1e6 * (last - curve.time_of_max)
         figure.update_xaxes(range=[-0.05 * reach, 1.15 * reach])
     _measured(figure, curve, inside)
-    for name, colour, dash, checks in (
-        ("simulation of the answer", VERMILLION, "solid", answer),
-        ("least squares", BLUE, "dash", fit),
-    ):
+    drawn = ("simulation of the answer", VERMILLION, "solid", answer), ("least squares", BLUE, "dash", fit)
+    for name, colour, dash, checks in drawn:
         if checks and checks.reconstruction_time is not None:
             _lines(figure, lines(checks, curve.time_of_max), colour, dash, name)
     figure.update_yaxes(title_text="R (µm)", rangemode="tozero", row=1, col=1)
@@ -143,8 +140,8 @@ def _lines(figure: go.Figure, drawn: dict[str, Any], colour: str, dash: str, nam
         )  # fmt: skip
 
 
-def _figure(x: str, y: str) -> go.Figure:
-    figure = go.Figure(layout={"template": _STYLE, "height": 340})
+def _figure(x: str, y: str, **look: Any) -> go.Figure:
+    figure = go.Figure(layout={"template": _STYLE, "height": 340, **look})
     figure.update_xaxes(title_text=x)
     figure.update_yaxes(title_text=y, rangemode="tozero")
     return figure

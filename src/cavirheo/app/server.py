@@ -9,6 +9,7 @@ import threading
 import webbrowser
 from collections.abc import Iterator
 from contextlib import closing, contextmanager, suppress
+from pathlib import Path
 from secrets import token_bytes
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -18,6 +19,9 @@ os.environ.update(GRADIO_ANALYTICS_ENABLED="False", HF_HUB_DISABLE_TELEMETRY="1"
 import gradio as gr
 from gradio import processing_utils, route_utils
 from starlette.middleware import Middleware
+from starlette.requests import Request
+from starlette.responses import HTMLResponse
+from starlette.routing import Route
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from cavirheo.app import words
@@ -25,6 +29,7 @@ from cavirheo.app.page import Page
 from cavirheo.app.session import VisitorLimits, Visitors
 from cavirheo.errors import InputError
 from cavirheo.physics.simulate import load_solver
+from cavirheo.reporting import live
 
 _FONTS = ["system-ui", "-apple-system", "Segoe UI", "Roboto", "Helvetica Neue", "Arial", "sans-serif"]
 _THEME = gr.themes.Default(
@@ -39,11 +44,11 @@ _POLICY = (
     "default-src 'self'; script-src 'self' 'unsafe-inline' 'unsafe-eval'; style-src 'self' 'unsafe-inline'; "
     "img-src 'self' data: blob:; font-src 'self' data:; worker-src 'self' blob:; object-src 'none'; base-uri 'self'"
 )
+_ALONE = ("127.0.0.1", "localhost", "::1")  # addresses that only this machine reaches
 _HEADERS = [
-    (b"content-security-policy", _POLICY.encode()),
-    (b"referrer-policy", b"no-referrer"),
+    (b"content-security-policy", _POLICY.encode()), (b"referrer-policy", b"no-referrer"),
     (b"x-content-type-options", b"nosniff"),
-]
+]  # fmt: skip
 
 
 def _only_here(app: ASGIApp) -> ASGIApp:
@@ -72,45 +77,57 @@ class _Upload(route_utils.GradioUploadFile):
         self.sha.update(token_bytes(16))
 
 
+def _wall(visitors: Visitors, folder: Path | None) -> Route:
+    """/live: what `cavirheo watch` writes into the folder; without one, the answers of this app that were last used."""
+
+    def shown(_: Request) -> HTMLResponse:
+        own = None if folder else visitors.latest()
+        given = (own.document, len(own.pairs) - 1, *own.pairs[-1]) if own else ()
+        return HTMLResponse(live.read(folder) if folder else live.page(*given))
+
+    return Route("/live", shown)
+
+
 @contextmanager
 def running(
-    host: str = "127.0.0.1", port: int = 0, limits: VisitorLimits | None = None
+    host: str = "127.0.0.1", port: int = 0, limits: VisitorLimits | None = None, folder: Path | None = None
 ) -> Iterator[tuple[str, Visitors]]:
-    """(address of the page, its visitors) while the page is served; then all temporary files are gone.
+    """(address of the page, its visitors) while the page is served; then all temporary files are gone. folder: where
+    `cavirheo watch` writes what stands at /live; without one this is there for those on this machine alone.
 
     Raises:
         InputError: nothing can listen there.
     """
     processing_utils.async_ssrf_protected_download = _refuse  # a program may not make the server fetch anything
     route_utils.GradioUploadFile = _Upload  # type: ignore[misc]
-    with TemporaryDirectory(prefix="cavirheo-app-") as folder, closing(Visitors(limits or VisitorLimits())) as visitors:
-        os.environ["GRADIO_TEMP_DIR"] = folder
-        page = Page(visitors).blocks
+    with (
+        TemporaryDirectory(prefix="cavirheo-app-") as temporary,
+        closing(Visitors(limits or VisitorLimits())) as visitors,
+    ):
+        os.environ["GRADIO_TEMP_DIR"] = temporary
+        page, walled = Page(visitors).blocks, [_wall(visitors, folder)] * bool(folder or host in _ALONE)
         try:
             _, address, _ = page.launch(
                 server_name=host, server_port=port or None, prevent_thread_lock=True, quiet=True, show_error=False,
                 max_file_size=int(visitors.limits.file_mb * 1e6), theme=_THEME, head=f"<style>{words.style()}</style>",
                 js="() => document.body.classList.remove('dark')", footer_links=[], run_history=False, ssr_mode=False,
-                share=False, pwa=False, app_kwargs={"middleware": [Middleware(_only_here)]},
+                share=False, pwa=False, app_kwargs={"middleware": [Middleware(_only_here)], "routes": walled},
             )  # fmt: skip
         except OSError as error:
             said = f"cannot listen on {host}:{port}: {error}; give another --port"
             raise InputError(said, "app.port_taken") from None
-        try:
+        with closing(page):
             yield address, visitors
-        finally:
-            page.close()
 
 
-def serve(host: str, port: int, *, browser: bool, limits: VisitorLimits) -> None:
-    """Serve the page until it is interrupted or terminated. Raises InputError if nothing can listen there."""
-    ended = threading.Event()
-    signal.signal(signal.SIGTERM, lambda *_: ended.set())
-    with running(host, port, limits) as (address, _):
+def serve(host: str, port: int, *, browser: bool, limits: VisitorLimits, folder: Path | None = None) -> None:
+    """Serve the page, with a folder also the wall's, until it is interrupted or terminated. Raises as `running`."""
+    signal.signal(signal.SIGTERM, signal.default_int_handler)
+    with suppress(KeyboardInterrupt), running(host, port, limits, folder) as (address, _):
+        address += "live" * bool(folder)
         print(f"cavirheo app: {address}   (Ctrl+C ends it)", file=sys.stderr)
         threading.Thread(target=load_solver, daemon=True).start()
         if browser:
             webbrowser.open(address)
-        with suppress(KeyboardInterrupt):
-            ended.wait()
+        threading.Event().wait()
     print("ended; temporary files are removed", file=sys.stderr)

@@ -275,6 +275,11 @@ class Visitors:
                 self._sessions.pop(next(iter(self._sessions))).close()
             return session
 
+    def latest(self) -> Answers | None:
+        """Of who asked last of those that have any."""
+        with self._lock:
+            return next((one.answers for one in reversed(self._sessions.values()) if one.answers), None)
+
     def leave(self, name: str) -> None:
         """Forget this one after a while, unless something is asked for it again (a phone that slept)."""
         with self._lock:

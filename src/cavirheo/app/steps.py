@@ -118,23 +118,20 @@ def each(
 def sliders(session: Session, name: str) -> dict[str, dict[str, float] | None]:
     """Where the sliders start and end, in kPa, Pa s and 1; None for a parameter that the law does not have.
 
-    They start at the answer that is drawn, or where there is none in the middle of the range where searches start.
+    They start at the answer that is drawn, or where there is none in the middle of the range where searches start. They
+    run from zero (nearly) to a round number about thrice as large; that of the stretch over the usual ones.
     """
     posterior = session.find(name)[2]
-    known = (*Family(posterior.material).parameters, "stretch")
-    start = {key: 10.0 ** float(np.mean(PARAMETERS[key].started)) for key in SLIDERS}  # type: ignore[arg-type]
-    start |= {key: value for key, value in posterior.best.items() if key in SLIDERS}
-    scaled = {key: float(f"{start[key] * factor:.4g}") for key, (_, factor) in SLIDERS.items()}
-    return {key: _ends(key, scaled[key]) if key in known else None for key in SLIDERS}
-
-
-def _ends(key: str, value: float) -> dict[str, float]:
-    """Of a slider that starts at this value: zero (nearly) and a round number about thrice as large, or the usual λ."""
-    if key == "stretch":
-        return {"minimum": 1.2, "maximum": max(20.0, value), "step": 0.05, "value": value}
-    top = float(f"{3.0 * max(value, 1e-6):.1g}")
-    step = float(f"{top / 500:.1g}")
-    return {"minimum": step, "maximum": top, "step": step, "value": value}
+    known, found = (*Family(posterior.material).parameters, "stretch"), dict[str, dict[str, float] | None]()
+    for key, (_, factor) in SLIDERS.items():
+        middle = 10.0 ** float(np.mean(PARAMETERS[key].started))  # type: ignore[arg-type]
+        value = float(f"{posterior.best.get(key, middle) * factor:.4g}")
+        top = float(f"{3.0 * max(value, 1e-6):.1g}")
+        low = step = float(f"{top / 500:.1g}")
+        if key == "stretch":
+            low, top, step = 1.2, max(20.0, value), 0.05
+        found[key] = {"minimum": low, "maximum": top, "step": step, "value": value} if key in known else None
+    return found
 
 
 def trial(session: Session, name: str, values: Sequence[float | None]) -> tuple[Checks, dict[str, Any]]:

@@ -4,11 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from contextlib import suppress
-from pathlib import Path
+from importlib.resources import files
 from typing import Any
 
 import numpy as np
-from jinja2 import Environment, FileSystemLoader, StrictUndefined
 
 from cavirheo.app import film as film_step
 from cavirheo.app.session import Answers, Clip, Session
@@ -23,12 +22,7 @@ from cavirheo.video.track import FLAGS
 from cavirheo.writing import digits
 from cavirheo.writing.terminal import once
 
-_HERE = Path(__file__).parent
-_TEMPLATES = Environment(
-    loader=FileSystemLoader(_HERE), autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True
-)
-_TEMPLATES.filters["percent"] = digits.percent
-_PARTS = _TEMPLATES.get_template("words.html").module
+_PARTS = html.template("words.html", "cavirheo.app").module
 
 
 def part(name: str, *given: Any) -> str:
@@ -38,9 +32,8 @@ def part(name: str, *given: Any) -> str:
 
 def style() -> str:
     """The style of the page: that of the report for all that stands in .report, and its own."""
-    report, page = (
-        path.read_text(encoding="utf-8") for path in (_HERE.parent / "reporting/report.css", _HERE / "app.css")
-    )
+    places = {"cavirheo.reporting": "report.css", "cavirheo.app": "app.css"}
+    report, page = ((files(room) / name).read_text(encoding="utf-8") for room, name in places.items())
     return f".report {{\n{report}}}\n{page}"
 
 

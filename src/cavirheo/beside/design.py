@@ -5,7 +5,8 @@ tell; here these are averaged, counted, tabulated and drawn.
 
 ```
 schema 1, version, command, date, notes      as in result.json
-material, wanted_percent, spread_decades     the law; the interval that is wanted; scatter from shot to shot
+material, wanted_percent                     the law; the interval that is wanted
+spread_decades, spreads_decades              scatter from shot to shot: root mean square, and by parameter
 known                                        median, q05 and q95 of the parameters and of the stretch, SI
 shots_before                                 answers of the result.json that this rests on
 settings                                     one per R_max and frame rate (DesignedSetting)
@@ -17,19 +18,20 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from scipy.special import ndtri
 
 from cavirheo.arrays import Floats
 from cavirheo.errors import require
-from cavirheo.inference.design import NORMAL_90, Expected, Setting, expectations, gain, shared, shots_wanted
+from cavirheo.inference.design import Expected, Setting, expectations, gain, shared, shots_wanted, variance
 from cavirheo.inference.law import Family
 from cavirheo.parameters import STRETCH_RANGE
 from cavirheo.physics.media import WATER, Medium
 from cavirheo.physics.media import medium as named
 from cavirheo.reporting.answer import CurveRecord, described
+from cavirheo.reporting.group import GroupRecord
 from cavirheo.reporting.record import Result, read_json
 from cavirheo.writing import digits, terminal
 from cavirheo.writing.document import Document, Finite, Quantity, Record
@@ -68,6 +70,7 @@ class Design(Document):
     material: str
     wanted_percent: float
     spread_decades: float
+    spreads_decades: dict[str, float] = {}
     known: dict[str, Quantity]
     shots_before: int = 0
     settings: list[DesignedSetting]
@@ -140,8 +143,8 @@ def design(
     noises = np.atleast_1d(np.asarray(noise, dtype=float))
     told = f"noise is one number, or one for each of the {len(frame_rate)} frame rates; got {noises.size}"
     require(noises.size in (1, len(frame_rate)), told, "design.noise")
-    mean, covariance, stretch, scatter, before = _known(known, group, family, dict(ranges or {}), spread)
-    law, stretches = _drawn(mean, covariance, stretch, draws, seed)
+    about = _known(known, group, family, dict(ranges or {}), spread)
+    law, stretches = _drawn(about, draws, seed)
     smallest, largest = max_radius
     radii = np.geomspace(smallest, largest, sizes if largest > smallest else 1)
     settings = [
@@ -150,35 +153,50 @@ def design(
     ]  # fmt: skip
     found = expectations(settings, family, law, stretches, liquid, seed=seed, workers=workers, done=done)
     half = float(np.log10(1.0 + wanted))
-    rows = [_row(*pair, family, covariance, scatter, half) for pair in zip(settings, found, strict=True)]
+    rows = [_row(*pair, family, about, half) for pair in zip(settings, found, strict=True)]
     require(any(row.readable for row in rows), "no recording of these settings can be read", "design.unreadable")
     counted = {i: row.shots for i, row in enumerate(rows) if row.shots is not None}
     least = min(counted.values(), default=0)
-    about = {name: law[:, i] for i, name in enumerate(family.parameters)} | {"stretch": np.log10(stretches)}
+    drawn = {name: law[:, i] for i, name in enumerate(family.parameters)} | {"stretch": np.log10(stretches)}
+    scatter = np.sqrt(np.diag(about.scatter))
     return Design(
-        command=command, date=date, material=material, wanted_percent=100.0 * wanted, spread_decades=scatter,
-        known={name: _quantity(values) for name, values in about.items()}, shots_before=before, settings=rows,
+        command=command, date=date, material=material, wanted_percent=100.0 * wanted,
+        spread_decades=float(np.sqrt(np.mean(scatter**2))),
+        spreads_decades=dict(zip(family.parameters, scatter.tolist(), strict=True)),
+        known={name: _quantity(values) for name, values in drawn.items()}, shots_before=about.shots, settings=rows,
         best=max(range(len(rows)), key=lambda i: rows[i].gain_nats),
         fewest=max((i for i in counted if counted[i] == least), key=lambda i: rows[i].gain_nats, default=None),
     )  # fmt: skip
 
 
+class _Known(NamedTuple):
+    """Of the material, in log10 of the law's parameters: mean (l,), covariance (l, l), and that of its shots about it
+    (l, l). stretch: log10 (low, high), or (mean, deviation) where it is `measured`. shots: that say so."""
+
+    mean: Floats
+    covariance: Floats
+    scatter: Floats
+    stretch: tuple[float, float]
+    measured: bool = False
+    shots: int = 0
+
+
 def _row(
-    setting: Setting, found: Sequence[Expected | None], family: Family, known: Floats, scatter: float, half: float
+    setting: Setting, found: Sequence[Expected | None], family: Family, known: _Known, half: float
 ) -> DesignedSetting:
     read = [one for one in found if one is not None]
     share = len(read) / len(found)
-    told = [shared(one.information, scatter) for one in read]
-    counts = [shots_wanted(share * one, known, half) for one in told]
+    told = [shared(one.information, known.scatter) for one in read]
+    counts = [shots_wanted(share * one, known.covariance, half) for one in told]
     middle = np.sort([np.inf if n is None else n for n in counts] or [np.inf])[len(counts) // 2]
-    half_widths = [one.half_width for one in read] or [np.full(len(known), np.nan)]
+    half_widths = [one.half_width for one in read] or [np.full(len(known.mean), np.nan)]
     percent = 100.0 * (10.0 ** np.median(half_widths, axis=0) - 1.0)
     return DesignedSetting(
         max_radius_m=setting.max_radius, frame_rate_hz=setting.frame_rate, frames=setting.frames,
         noise_m=setting.sigma, readable=share,
         half_width_percent=dict(zip(family.parameters, percent, strict=True)),
         shots=int(middle) if np.isfinite(middle) else None,
-        gain_nats=sum(gain(one, known) for one in told) / len(found),
+        gain_nats=sum(gain(one, known.covariance) for one in told) / len(found),
     )  # fmt: skip
 
 
@@ -188,9 +206,7 @@ def _known(
     family: Family,
     ranges: dict[str, Sequence[float]],
     spread: float | None,
-) -> tuple[Floats, Floats, tuple[float, float, bool], float, int]:
-    """Mean (l,) and covariance (l, l) of log10 of the law's parameters; log10 of the stretch as (low, high, False) or
-    (mean, deviation, True); the scatter from shot to shot, decades; how many answers say so."""
+) -> _Known:
     unknown = ", ".join(set(ranges) - {*family.parameters, "stretch"})
     has = ", ".join((*family.parameters, "stretch"))
     require(not unknown, f"{family.name} has no {unknown}; known: {has}", "design.range")
@@ -199,70 +215,77 @@ def _known(
         require(len(pair) == 2 and 0 < pair[0] < pair[1] < np.inf, told, "design.range")
         ends = STRETCH_RANGE if name == "stretch" else (0.0, np.inf)
         require(ends[0] < pair[0] and pair[1] < ends[1], f"a stretch is {ends[0]:g} to {ends[1]:g}", "design.range")
-    low, high = np.log10(ranges.get("stretch", STRETCHES))
+    low, high = np.log10(ranges.get("stretch", STRETCHES)).tolist()
+    size = len(family.parameters)
+    given = None if spread is None else spread**2 * np.eye(size)
     if known is None:
         started = dict(zip(family.parameters, family.bounds(started=True), strict=True))
         logs = np.array([np.log10(ranges[name]) if name in ranges else started[name] for name in family.parameters])
-        return logs.mean(axis=1), np.diag(np.ptp(logs, axis=1) ** 2 / 12.0), (low, high, False), spread or 0.0, 0
+        wide, alike = np.diag(np.ptp(logs, axis=1) ** 2 / 12.0), np.zeros((size, size))
+        return _Known(logs.mean(axis=1), wide, alike if given is None else given, (low, high))
     result = known if isinstance(known, Result) else read_json(_file(known))
-    rows = [row for row in result.curves if row.trusted and row.material == family.name and _has(row, family)]
-    groups = list(dict.fromkeys(row.group for row in rows))
-    if group is None:
-        told = f"the result has several materials ({', '.join(groups)}): name the group of one"
-        require(len(groups) < 2, told, "design.groups")
-    rows = [row for row in rows if group in (None, row.group)]
+    chosen, rows = _answers(result, group, family)
+    mean, covariance, scatter, shots = _material(chosen, rows, family, given)
+    logs = np.log10([row.stretch.median for row in rows if row.stretch.median])
+    if "stretch" in ranges or not len(logs):
+        return _Known(mean, covariance, scatter, (low, high), shots=shots)
+    about = float(np.mean(logs)), max(float(np.std(logs)), NARROWEST)
+    return _Known(mean, covariance, scatter, about, True, shots)
+
+
+def _answers(result: Result, group: str | None, family: Family) -> tuple[GroupRecord, list[CurveRecord]]:
+    """The group that is the material, and its trusted answers of this law with intervals."""
+    found: list[tuple[GroupRecord, list[CurveRecord]]] = []
+    for one, members in result.members():
+        rows = [row for row in (result.curves[i] for i in members) if row.trusted and row.material == family.name]
+        rows = [row for row in rows if np.all(np.isfinite(row.logs(family.parameters)))]
+        found += [(one, rows)] if rows and group in (None, one.name, rows[0].group) else []
+    names = ", ".join(one.name for one, _ in found)
     told = f"no trusted answer of {family.name} with an interval among the {len(result.curves)} of the result"
-    told += f" in the group {group!r} (groups: {', '.join(groups)})" if group else ""
-    require(bool(rows), told + ": give ranges instead", "design.no_answer")
-    mean, covariance, scatter = _material(rows, family, spread)
-    if "stretch" not in ranges:
-        logs = np.log10([row.stretch.median or np.nan for row in rows])
-        return mean, covariance, (float(np.mean(logs)), max(float(np.std(logs)), NARROWEST), True), scatter, len(rows)
-    return mean, covariance, (low, high, False), scatter, len(rows)
+    told += f" in the group {group!r} (groups: {', '.join(one.name for one in result.groups)})" if group else ""
+    require(bool(found), told + ": give ranges instead", "design.no_answer")
+    told = f"the result has several materials ({names}): name the group of one"
+    require(len(found) < 2, told, "design.groups")
+    return found[0]
 
 
-def _material(rows: Sequence[CurveRecord], family: Family, spread: float | None) -> tuple[Floats, Floats, float]:
-    """Mean (l,) and covariance (l, l) of the material's log10 parameters, and the scatter from shot to shot: that of
-    the parameter that scatters most, beyond what intervals explain (DerSimonian and Laird 1986,
-    doi:10.1016/0197-2456(86)90046-2). Where groups[] give a population, it should be read here instead."""
-    ends = np.array([[_ends(row, name) for name in family.parameters] for row in rows])  # (shots, l, 3)
-    middle, variance = ends[:, :, 1], (np.diff(ends[:, :, ::2], axis=2)[:, :, 0] / (2 * NORMAL_90)) ** 2
-    if spread is None:
-        weight = 1.0 / variance
+def _material(
+    group: GroupRecord, rows: Sequence[CurveRecord], family: Family, scatter: Floats | None
+) -> tuple[Floats, Floats, Floats, int]:
+    """Mean (l,) and covariance (l, l) of the material, covariance (l, l) of its shots about it, and how many say so: as
+    the group's population has them.
+
+    Where there is none (two shots), from the answers: the scatter, if it is not given, is that of the parameter that
+    scatters most, beyond what intervals explain (DerSimonian and Laird 1986, doi:10.1016/0197-2456(86)90046-2)."""
+    found = group.population
+    if found and found.found and found.model.startswith(f"{family.name},"):
+        mean, covariance, seen = found.known(family.parameters)
+        return mean, covariance, seen if scatter is None else scatter, found.n - len(found.strays)
+    logs = np.array([row.logs(family.parameters) for row in rows])  # (shots, l, 3)
+    middle, variances = logs[:, :, 1], np.array([variance(ends) for ends in logs])
+    if scatter is None:
+        weight = 1.0 / variances
         total, mean = weight.sum(axis=0), np.average(middle, axis=0, weights=weight)
         beyond = (weight * (middle - mean) ** 2).sum(axis=0) - (len(rows) - 1)
         room = total - (weight**2).sum(axis=0) / total
-        spread = float(np.sqrt(np.max(np.divide(beyond, room, out=np.zeros_like(room), where=room > 0).clip(0.0))))
-    weight = 1.0 / (variance + spread**2)
-    return (
-        np.average(middle, axis=0, weights=weight),
-        np.diag(1.0 / weight.sum(axis=0)),
-        spread,
-    )
+        most = np.max(np.divide(beyond, room, out=np.zeros_like(room), where=room > 0).clip(0.0))
+        scatter = np.asarray(most * np.eye(middle.shape[1]))
+    weight = 1.0 / (variances + np.diag(scatter))
+    mean = np.average(middle, axis=0, weights=weight)
+    return mean, np.diag(1.0 / weight.sum(axis=0)), scatter, len(rows)
 
 
-def _drawn(
-    mean: Floats, covariance: Floats, stretch: tuple[float, float, bool], draws: int, seed: int
-) -> tuple[Floats, Floats]:
+def _drawn(known: _Known, draws: int, seed: int) -> tuple[Floats, Floats]:
     """(draws, l) log10 of the law's and (draws,) stretches: normal points of a Halton sequence, so that few of them
     cover what is known; ranges are drawn evenly."""
     from scipy.stats.qmc import Halton
 
-    cube = Halton(len(mean) + 1, seed=seed).random(draws)
-    first, second, normal = stretch
-    deviation = np.sqrt(np.diag(covariance))
-    law = mean + deviation * (ndtri(cube[:, :-1]) if normal else np.sqrt(12.0) * (cube[:, :-1] - 0.5))
+    cube = Halton(len(known.mean) + 1, seed=seed).random(draws)
+    (first, second), normal = known.stretch, known.measured
+    deviation = np.sqrt(np.diag(known.covariance))
+    law = known.mean + deviation * (ndtri(cube[:, :-1]) if normal else np.sqrt(12.0) * (cube[:, :-1] - 0.5))
     logs = first + second * ndtri(cube[:, -1]) if normal else first + (second - first) * cube[:, -1]
     return law, np.clip(10.0**logs, STRETCH_RANGE[0] * 1.001, STRETCH_RANGE[1] * 0.999)
-
-
-def _ends(row: CurveRecord, name: str) -> list[float]:
-    value = row.itself.quantity(name)
-    return [float(np.log10(x)) if x else np.nan for x in (value.q05, value.median, value.q95)]
-
-
-def _has(row: CurveRecord, family: Family) -> bool:
-    return bool(np.all(np.isfinite([_ends(row, name) for name in family.parameters])))
 
 
 def _file(path: str | Path) -> Path:

@@ -197,15 +197,19 @@ def expectations(
     return [found[i : i + len(law)] for i in range(0, len(found), len(law))]
 
 
+def variance(ends: Floats) -> Floats:
+    """(l,) decades squared, of 90 % intervals: (l, 3) log10 of low, median and high."""
+    return np.asarray(((ends[:, 2] - ends[:, 0]) / (2.0 * NORMAL_90)) ** 2)
+
+
 def gain(information: Floats, known: Floats) -> float:
     """Nats that a shot adds to what is known of a material: half log det(1 + known information), both (l, l)."""
     return 0.5 * float(np.linalg.slogdet(np.eye(len(known)) + known @ information)[1])
 
 
-def shared(information: Floats, spread: float) -> Floats:
-    """(l, l) of one shot about the material, whose shots scatter by `spread` decades."""
-    size = len(information)
-    return np.asarray(np.linalg.solve(np.eye(size) + spread**2 * information, information))
+def shared(information: Floats, scatter: Floats) -> Floats:
+    """(l, l) of one shot about the material; scatter: (l, l) covariance of its shots about it, decades squared."""
+    return np.asarray(np.linalg.solve(np.eye(len(information)) + information @ scatter, information))
 
 
 def shots_wanted(information: Floats, known: Floats, half_width: float, most: int = 10_000) -> int | None:

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from pydantic_core import to_jsonable_python
 
+from cavirheo.arrays import Floats
 from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError
 from cavirheo.parameters import AT_RATE, BUBBLE, RATE, about, of_the_law
@@ -118,7 +119,9 @@ class CurveRecord(Record):
     evidence: Evidence | None = None
     other_models: list[OtherModel] = []
     diagnostics: Diagnostics = Diagnostics()
+    column: dict[str, float] = {}  # title and value, declared by the user
     provenance: dict[str, Any]
+    _if_any = ("column",)
 
     @property
     def answered(self) -> bool:
@@ -145,6 +148,12 @@ class CurveRecord(Record):
         """The message without doubts that decide the verdict, which are said before all others."""
         said = "; ".join(self.doubts) or self.message
         return self.message.removeprefix(said).lstrip("; ") if self.verdict == "check_input" else self.message
+
+    def logs(self, names: Sequence[str]) -> Floats:
+        """(l, 3) log10 of q05, median and q95 of these parameters, SI; NaN where it has none."""
+        known = [self.itself.quantity(name) for name in names]
+        ends = np.array([[value.q05, value.median, value.q95] for value in known], dtype=float)
+        return np.log10(np.where(ends > 0, ends, np.nan))
 
     @property
     def viscosity(self) -> Quantity:
@@ -188,7 +197,7 @@ def curve_record(curve: RadiusCurve, posterior: Posterior) -> CurveRecord:
         stretch=stretch, shear_modulus_Pa=G, viscosity_Pa_s=mu, other_parameters=values,
         window=Compared(collapses=checks.collapses, t_star_end=checks.t_star_end), doubts=list(posterior.checks.doubts),
         verdict=verdict, message=message or ("" if answered else "no parameters were found"), notes=list(curve.notes),
-        seconds=finite(posterior.seconds) or 0.0, evidence=posterior.evidence,
+        column=dict(curve.column), seconds=finite(posterior.seconds) or 0.0, evidence=posterior.evidence,
         other_models=[_other(one) for one in posterior.others],
         windows={key: _known(window) for key, window in posterior.windows.items()},
         diagnostics=_known(posterior.diagnostics), provenance=_plain(posterior.provenance),

@@ -73,9 +73,9 @@ def article(number: int, record: CurveRecord, factor: float, unit: str, picture:
     return _part("article", number, record, factor, unit, picture, *more)
 
 
-def template(name: str) -> Template:
-    """One of the templates beside this module."""
-    return _templates().get_template(name)
+def template(name: str, package: str = "cavirheo.reporting") -> Template:
+    """One of the templates in the folder of a package."""
+    return _templates(package).get_template(name)
 
 
 def _part(name: str, *given: Any) -> str:
@@ -95,11 +95,11 @@ def _printable(value: Any) -> Any:
 
 
 @cache
-def _templates() -> Environment:
+def _templates(package: str) -> Environment:
     from jinja2 import Environment, PackageLoader, StrictUndefined
 
     made = Environment(
-        loader=PackageLoader("cavirheo.reporting", ""), autoescape=True, undefined=StrictUndefined,
+        loader=PackageLoader(package, ""), autoescape=True, undefined=StrictUndefined,
         keep_trailing_newline=True, finalize=_printable,
     )  # fmt: skip
     made.globals.update(digits=digits, LOOKS=digits.LOOKS, FITS=FITS, Quantity=Quantity, named_parameter=_named)

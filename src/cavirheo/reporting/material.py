@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from functools import lru_cache
 from itertools import combinations
 from typing import TYPE_CHECKING, Any
@@ -10,12 +11,14 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from cavirheo.arrays import Floats
+from cavirheo.errors import InputError
 from cavirheo.posterior import Posterior
 from cavirheo.writing import digits
 from cavirheo.writing.document import Finite, Quantity, Record
 
 if TYPE_CHECKING:
     from cavirheo.inference.population import Population
+    from cavirheo.reporting.answer import CurveRecord
 
 _KEYS = {"shear_modulus": "shear_modulus_Pa", "viscosity": "viscosity_Pa_s"}  # of the centre, by parameter
 _MOST = 6  # groups that are compared, each with each
@@ -28,6 +31,7 @@ class PopulationRecord(Record):
 
     log_evidence: of the law with one material and its scatter, null where a shot has none. log_evidence_of_scatter:
     above that of one material without scatter; below 0 the shots differ by no more than their intervals.
+    slopes_decades: of each parameter per unit of the declared column; the centre is then that at column_at.
     """
 
     line: str
@@ -45,6 +49,10 @@ class PopulationRecord(Record):
     log_evidence: Finite = None
     log_evidence_error: Finite = None
     log_evidence_of_scatter: Finite = None
+    column: str = ""
+    column_at: Finite = None
+    slopes_decades: dict[str, Quantity] = {}
+    _if_any = ("column", "column_at", "slopes_decades")
 
     @property
     def found(self) -> bool:
@@ -60,6 +68,33 @@ class PopulationRecord(Record):
         """Of a parameter by its natural name; empty where the law has none, or there is no material."""
         known = {"shear_modulus": self.shear_modulus_Pa, "viscosity": self.viscosity_Pa_s}
         return (known | self.other_parameters).get(name, Quantity())
+
+    def known(self, names: Sequence[str]) -> tuple[Floats, Floats, Floats]:
+        """In log10 of these parameters: mean (l,) and covariance (l, l) of the material, of which the document has the
+        intervals alone, and the covariance (l, l) of its shots about it, at the medians."""
+        from cavirheo.inference.design import variance
+
+        centre = [self.centre(name) for name in names]
+        ends = np.log10(np.array([[one.q05, one.median, one.q95] for one in centre], dtype=float))
+        spread = np.array([self.spreads_decades[name].median for name in names], dtype=float)
+        both = {frozenset(pair.split(", ")): one.median or 0.0 for pair, one in self.correlation.items()}
+        rho = [[1.0 if a == b else both.get(frozenset((a, b)), 0.0) for b in names] for a in names]
+        return ends[:, 1], np.diag(variance(ends)), np.outer(spread, spread) * np.array(rho)
+
+    def still_wanted(self, shots: Sequence[CurveRecord], wanted: float) -> int | None:
+        """How many more shots like these, of which as many count, bring the 90 % intervals of G and mu to +- `wanted`
+        of the value; None: more than 10,000, or there is no material."""
+        from cavirheo.inference.design import shared, shots_wanted, variance
+        from cavirheo.inference.population import USED
+
+        names = [name for name in _KEYS if self.centre(name).median is not None]
+        seen = [row.logs(names) for row in shots if row.verdict in USED]
+        if not (names and (seen := [logs for logs in seen if np.all(np.isfinite(logs))])):
+            return None
+        _, covariance, scatter = self.known(names)
+        told = np.sum([shared(np.diag(1.0 / variance(logs)), scatter) for logs in seen], axis=0)
+        belong = 1.0 - len(self.strays) / self.n
+        return shots_wanted(belong / len(shots) * told, covariance, float(np.log10(1.0 + wanted)))
 
     def contour(self, level: float = 0.9) -> Floats | None:
         """(n, 2) mu and G, SI, around this part of all shots that belong, at the medians of centre, spread and
@@ -107,18 +142,23 @@ class GroupDifference(Record):
 
 
 @lru_cache(maxsize=8)
-def material_of(answers: tuple[Posterior, ...], names: tuple[str, ...]) -> Population | None:
-    """The population of a group; None for a single shot, or where no answer has an interval. Kept for the last groups:
-    at the bench every new shot writes all of them anew."""
+def material_of(
+    answers: tuple[Posterior, ...], names: tuple[str, ...], along: tuple[float, ...] | None = None
+) -> Population | None:
+    """The population of a group, with the slope `along` a column if that has several values; None for a single shot, or
+    where no answer has an interval. Kept for the last groups: at the bench every new shot writes all of them anew."""
     if len(answers) < 2 or all(len(answer.theta) < 2 for answer in answers):
         return None
     from cavirheo.inference.population import population
 
+    with suppress(InputError):  # one value in all shots that count
+        if along is not None:
+            return population(answers, names=names, along=along)
     return population(answers, names=names)
 
 
-def population_record(found: Population | None) -> PopulationRecord | None:
-    """As documents hold it."""
+def population_record(found: Population | None, column: str = "") -> PopulationRecord | None:
+    """As documents hold it; column: the title of that which it has a slope along."""
     if found is None:
         return None
     about: dict[str, Any] = {
@@ -131,6 +171,10 @@ def population_record(found: Population | None) -> PopulationRecord | None:
     known: dict[str, Any] = {key: values.pop(name) for name, key in _KEYS.items() if name in values}
     low, middle, high = np.quantile(np.sqrt(np.mean(found.spread**2, axis=1)), [0.05, 0.5, 0.95]).tolist()
     evidence, scattered = found.evidence, found.scattered
+    if found.slope is not None:
+        slopes = {name: _quantity(found.trend(name)) for name in found.names}
+        about |= {"column": column, "column_at": found.along_at, "slopes_decades": slopes}
+        about["remarks"] = [*_trends(column, found.along_at or 0.0, slopes), *found.remarks]
     return PopulationRecord(
         **about, **known, other_parameters=values, spread_decades=_quantity((low, middle, high)),
         spreads_decades={name: _quantity(found.scatter(name)) for name in found.names},
@@ -138,6 +182,20 @@ def population_record(found: Population | None) -> PopulationRecord | None:
         log_evidence=evidence.log if evidence else None, log_evidence_error=evidence.error if evidence else None,
         log_evidence_of_scatter=scattered.log if scattered else None,
     )  # fmt: skip
+
+
+def _trends(column: str, at: float, slopes: Mapping[str, Quantity]) -> list[str]:
+    """'with concentration G rises by 0.20 [0.15, 0.25] decades per unit (a factor of 1.6); ...'."""
+    from cavirheo.reporting.answer import described
+
+    said = []
+    for name, one in slopes.items():
+        low, middle, high = (end or 0.0 for end in (one.q05, one.median, one.q95))
+        way = "rises" if low > 0 else "falls" if high < 0 else "has no trend"
+        factor = digits.significant(10.0 ** min(abs(middle), 99.0), 2)
+        times = f", a factor of {factor}" * (way != "has no trend")
+        said.append(f"{described(name)[0]} {way}: {digits.quantity(one)} decades per unit{times}")
+    return [f"with {column}: {'; '.join(said)}; the material is that at {column} = {digits.significant(at)}"]
 
 
 def differences(found: Mapping[str, Population | None]) -> list[GroupDifference]:

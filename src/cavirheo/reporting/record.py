@@ -8,7 +8,9 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING
 
+import numpy as np
 from pydantic import model_validator
 
 from cavirheo.curve import RadiusCurve
@@ -19,6 +21,9 @@ from cavirheo.reporting.group import GroupRecord, group_of
 from cavirheo.reporting.material import GroupDifference, differences, material_of, population_record
 from cavirheo.writing import digits, document
 from cavirheo.writing.document import Document, Spread
+
+if TYPE_CHECKING:
+    from cavirheo.inference.population import Population
 
 Pairs = Sequence[tuple[RadiusCurve, Posterior]]
 Published = Mapping[str, Mapping[str, Spread]]  # by method and parameter, SI
@@ -86,12 +91,11 @@ def result_of(
     members = _members(curves)
     stems = [group for group, _ in members]
     names = [group if stems.count(group) == 1 or not source else source for group, source in members]
-    found = [
-        material_of(tuple(answers[i] for i in indices), tuple(curves[i].name for i in indices)) if answers else None
-        for indices in members.values()
-    ]
+    title = next((name for row in curves for name in row.column), "")
+    found = [_material([(curves[i], answers[i]) for i in indices], title) for indices in members.values() if answers]
+    found = found or [None] * len(members)
     groups = [
-        group_of(name, [curves[i] for i in indices], population_record(one))
+        group_of(name, [curves[i] for i in indices], population_record(one, title))
         for name, indices, one in zip(names, members.values(), found, strict=True)
     ]
     for group in groups:
@@ -105,6 +109,12 @@ def result_of(
 def read_json(path: str | Path) -> Result:
     """A result.json as it was written. Raises InputError if there is none or it is not one of ours."""
     return document.read_json(path, Result)
+
+
+def _material(shots: Sequence[tuple[CurveRecord, Posterior]], column: str) -> Population | None:
+    """Of a group, with its slope along the column where there is one."""
+    along = tuple(row.column.get(column, np.nan) for row, _ in shots) if column else None
+    return material_of(tuple(answer for _, answer in shots), tuple(row.name for row, _ in shots), along)
 
 
 def _members(curves: Sequence[CurveRecord]) -> dict[tuple[str, str], list[int]]:

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Annotated
 
 from typer import Option
 
-from cavirheo.errors import InputError
+from cavirheo.errors import InputError, require
 
 NEEDS = 'the browser app needs {}: pip install "cavirheo[app]"'
 
@@ -16,11 +17,16 @@ def app(
         "127.0.0.1"
     ),
     port: Annotated[int, Option(help="0: any that is free", min=0, max=65535)] = 7860,
+    live: Annotated[
+        Path | None, Option(help="where `cavirheo watch` writes: its page for the wall stands at /live", readable=False)
+    ] = None,
     browser: Annotated[bool, Option("--browser/--no-browser", help="open the page")] = True,
     max_file_mb: Annotated[float, Option(help="largest file that may be uploaded, MB", min=0.001)] = 50.0,
     max_files: Annotated[int, Option(help="files of one visitor", min=1)] = 50,
 ) -> None:
     """The same in the browser: drop files, look, infer, check against the simulation, take everything as one zip."""
+    told = f"--live must be the folder into which `cavirheo watch` writes (its -o), got {live}: start `watch` first"
+    require(live is None or live.is_dir(), told, "option.live")
     try:
         from cavirheo.app.server import serve
     except ModuleNotFoundError as error:
@@ -29,4 +35,4 @@ def app(
         raise InputError(NEEDS.format(error.name)) from None
     from cavirheo.app.session import VisitorLimits
 
-    serve(host, port, browser=browser, limits=VisitorLimits(file_mb=max_file_mb, files=max_files))
+    serve(host, port, browser=browser, limits=VisitorLimits(file_mb=max_file_mb, files=max_files), folder=live)

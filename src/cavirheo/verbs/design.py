@@ -27,10 +27,15 @@ def design(
     noise_percent: Annotated[float, Option(help="of the radius of a frame, of R_max")] = 1.0,
     noise_um: Annotated[str, Option(help="added to it, um; or one for each frame rate, with commas")] = "0",
     exposure_us: Annotated[float, Option(help="of a frame, us", min=0.0)] = 0.0,
-    wanted_percent: Annotated[float, Option(help="half of the 90 % interval that is wanted, of the value")] = 10.0,
+    wanted_percent: options.WantedPercent = 10.0,
     spread: Annotated[float | None, Option(help="decades from shot to shot  [default: what the answers show]")] = None,
     sizes: Annotated[int, Option(help="how many R_max are looked at", min=1)] = 5,
     draws: Annotated[int, Option(help="simulated recordings for each setting", min=2)] = 12,
+    for_training: Annotated[
+        str | None,
+        Option(metavar="MODEL", help="where this posterior network is least sure, and a recipe with more of it"),
+    ] = None,
+    recordings: Annotated[int | None, Option(help="simulated for --for-training  [default: 120]", min=30)] = None,
     seed: options.Seed = 0,
     liquid: options.Liquid = options.FROM_OPTIONS,
     out: options.Out = Path("cavirheo-design"),
@@ -45,6 +50,12 @@ def design(
     from cavirheo.writing import style
     from cavirheo.writing.document import Outputs, write_json
 
+    if for_training is not None:
+        told = "--for-training looks at a network over its own training: give no result.json"
+        require(known is None, told, "design.for_training")
+        return _for_training(for_training, material, recordings or 120, seed, out, run)
+    told = "--recordings is of --for-training: give that too, or --draws for the recordings of each setting"
+    require(recordings is None, told, "design.for_training")
     told = "--group names a group of a result.json: give the file, or leave out --group"
     require(known is not None or group is None, told, "design.group")
     rates = [1e3 * rate for rate in _numbers("--frame-rates-khz", frame_rates_khz)]
@@ -70,6 +81,27 @@ def design(
     outputs.finish()
     run.show(made, print_table)
     run.end(f"written to {out} in {{seconds}}")
+
+
+def _for_training(model: str, material: str, recordings: int, seed: int, out: Path, run: Run) -> None:
+    from cavirheo.beside.network_design import network_design, print_table, recipe
+    from cavirheo.inference.posterior_model import load_posterior
+    from cavirheo.parallel import aside
+    from cavirheo.physics.simulate import load_solver
+    from cavirheo.writing.document import Outputs, write_json
+
+    network = load_posterior(model)
+    outputs = Outputs(out, "network-design.json", "recipe.toml")
+    aside(load_solver)
+    with run.bar("simulating", recordings) as advance:
+        made = network_design(
+            network, material, recordings=recordings, seed=seed, done=advance, command=run.command, date=run.date
+        )
+    outputs.write("network-design.json", write_json, made)
+    outputs.write("recipe.toml", lambda path, text: path.write_text(text, encoding="utf-8"), recipe(made, network))
+    outputs.finish()
+    run.show(made, print_table)
+    run.end(f"{made.recordings} recordings in {{seconds}}; recipe: {out / 'recipe.toml'}")
 
 
 def _numbers(option: str, text: str) -> list[float]:

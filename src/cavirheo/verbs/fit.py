@@ -40,6 +40,7 @@ def fit(
     verify: options.Verify = "none",
     exact_law: options.ExactLaw = False,
     seed: options.Seed = 0,
+    column: options.Column = None,
     reading: Reading = options.FROM_OPTIONS,
     liquid: options.Liquid = options.FROM_OPTIONS,
     out: options.Out = Path("cavirheo-fit"),
@@ -69,7 +70,7 @@ def fit(
     either = replace(bubble, contents="kinetic") if bubble.contents == "auto" else bubble
     Options(stretch=known, **camera, **cut, bubble=either)
     Outputs(out, *DOCUMENTS, inputs=files)
-    curves = run.read(files, liquid, reading)
+    curves = run.read(files, liquid, reading, column)
     shared: dict[str, Any] = {"medium": liquid, "stretch": known, "seed": seed}
     settings = {"material": material, "others": others, "joint": joint, "trust_input": reading.trust_input}
     settings |= {**cut, **shared, **camera, **asdict(bubble)}

@@ -19,6 +19,7 @@ def infer(
     verify: options.VerifyAuto = "auto",
     exact_law: options.ExactLaw = False,
     seed: options.Seed = 0,
+    column: options.Column = None,
     reading: Reading = options.FROM_OPTIONS,
     liquid: options.Liquid = options.FROM_OPTIONS,
     out: options.Out = Path("cavirheo-result"),
@@ -42,7 +43,7 @@ def infer(
     network = network_of(model)
     single = isinstance(network, Network)
     Outputs(out, *DOCUMENTS, inputs=files)
-    curves = run.read(files, liquid, reading)
+    curves = run.read(files, liquid, reading, column)
     shared: dict[str, Any] = {"medium": liquid, "stretch": stretch}
     settings = {"model": model, "window": window, "trust_input": reading.trust_input, **shared}
     checked: dict[str, Any] = {"seed": seed, "discrepancy": not exact_law, "contents": contents}

@@ -58,6 +58,10 @@ EitherContents = Annotated[
 ]
 WallDistanceUm = Annotated[float | None, Option(help="of one rigid wall, instead of --wall-inertia")]
 Shots = Annotated[str | None, Option(help="of every file, '1,4-7': from 1 in its order  [default: all]")]
+_WANTED = "half of the 90 % interval that is wanted, of the value"
+WantedPercent = Annotated[float, Option(help=_WANTED, min=0.1, max=99.0)]
+_COLUMN = "table of shots, files or groups and one number each (a concentration, ...): the material's slope over it"
+Column = Annotated[Path | None, Option(help=_COLUMN, readable=False)]
 FROM_OPTIONS: Any = None  # default of an argument of a verb that is made of the options of its kind
 _Number = float | None
 _KINDS: dict[str, dict[str, tuple[Any, Any]]] = {  # argument: its options, each with type and default

@@ -109,8 +109,11 @@ class Run:
         if not found:
             raise typer.Exit(2)
 
-    def read(self, files: list[Path], medium: Medium, reading: Reading) -> list[RadiusCurve]:
-        """All curves of all files, and the solver loaded. Raises InputError: there is none."""
+    def read(
+        self, files: list[Path], medium: Medium, reading: Reading, column: Path | None = None
+    ) -> list[RadiusCurve]:
+        """All curves of all files, with what a declared column says of them, and the solver loaded. Raises InputError:
+        there is none, or the column is not theirs."""
         from cavirheo.parallel import aside
         from cavirheo.physics.simulate import load_solver
 
@@ -119,6 +122,10 @@ class Run:
         self.notes += found.remarks
         curves = found.curves
         self.need(curves, "curve")
+        if column is not None:
+            from cavirheo.reading.column import with_column
+
+            curves = with_column(curves, column)
         aside(load_solver)
         return curves
 

@@ -24,6 +24,7 @@ _TABLES = {  # by the class of a document: who prints its table
     "Rheometry": "beside.rheometer.document.print_rheometry",
     "Measured": "video.document.print_table",
     "Design": "beside.design.print_table",
+    "NetworkDesign": "beside.network_design.print_table",
     "CollapseTimes": "beside.collapse_times.print_table",
 }
 

@@ -24,6 +24,7 @@ def watch(
     seed: options.Seed = 0,
     once: Annotated[bool, Option("--once", help="answer what is there, write the report, and stop")] = False,
     patience: Annotated[float, Option(help="s, for which a file that cannot be read is tried again", min=0.0)] = 10.0,
+    wanted_percent: options.WantedPercent = 10.0,
     reading: Reading = options.FROM_OPTIONS,
     liquid: options.Liquid = options.FROM_OPTIONS,
     out: options.Out = Path("cavirheo-result"),
@@ -59,7 +60,7 @@ def watch(
     )
     watching = Watch(
         folder, out, step, lambda path: reading.recordings([path], liquid), asdict(reading), group=reading.group,
-        command=run.command, date=run.date, say=run.say, patience=patience,
+        command=run.command, date=run.date, say=run.say, patience=patience, wanted=0.01 * wanted_percent,
         show=print_line if not run.quiet else lambda _: None,
     )  # fmt: skip
     aside(load_solver)

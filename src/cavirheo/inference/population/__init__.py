@@ -23,7 +23,7 @@ from cavirheo.prior import Prior
 __all__ = ["Population", "population"]
 
 FEWEST = 3  # shots of a population
-_USED = ("ok", "outside_training_range")  # verdicts: a shot that only bounds the material says that much of it
+USED = ("ok", "outside_training_range")  # verdicts: a shot that only bounds the material says that much of it
 _DRAWS = 4000  # of a population
 _WORTH = 200.0  # effective draws of a population, below which that is said
 
@@ -92,7 +92,9 @@ def population(
     centre, spread, correlation, slope = several.parts(u)
     return Population(
         **made, doubts=tuple(doubts), centre=centre, spread=spread, correlation=correlation,
-        slope=None if x is None else slope / unit, common=one.parts(_resampled(drawn_one, seed))[0],
+        slope=None if x is None else slope / unit,
+        along_at=None if column is None else float(np.mean(column[kept])),
+        common=one.parts(_resampled(drawn_one, seed))[0],
         stray=several.strays(u[:: max(_DRAWS // 1000, 1)]), gain=_evidence(drawn, like.log_size),
         gain_of_one=_evidence(drawn_one, like.log_size), shot_evidence=tuple(answers[i].evidence for i in kept),
     )  # fmt: skip
@@ -106,7 +108,7 @@ def _sorted_out(
     for i, answer in enumerate(answers):
         if len(answer.theta) < 2:
             why[i] = "failed" if answer.checks.verdict == "failed" else "without an interval"
-        elif only_trusted and answer.checks.verdict not in _USED:
+        elif only_trusted and answer.checks.verdict not in USED:
             why[i] = "not trusted"
         elif column is not None and not np.isfinite(column[i]):
             why[i] = "without a value along the column"

@@ -38,10 +38,10 @@ class Population:
     names: the law's parameters, "shear_modulus", ... material, bubble: the model. shots: those that count. left_out:
     how many do not, by reason. centre: (draws, d) log10 of the material's parameters, SI. spread: (draws, d) standard
     deviation of the shots about it, decades. correlation: (draws, d, d) of that scatter. slope: (draws, d) decades per
-    unit of the column, or None. common: (draws, d) as centre, if all shots that belong had one material exactly. stray:
-    (n,) probability that a shot does not belong. gain, gain_of_one: log evidence of the population, with and without
-    spread, above that of shots which have nothing in common. shot_evidence: of each shot by itself. doubts: what is to
-    be known before it is used.
+    unit of the column, or None; the centre is then that at the value along_at. common: (draws, d) as centre, if all
+    shots that belong had one material exactly. stray: (n,) probability that a shot does not belong. gain, gain_of_one:
+    log evidence of the population, with and without spread, above that of shots which have nothing in common.
+    shot_evidence: of each shot by itself. doubts: what is to be known before it is used.
     """
 
     names: tuple[str, ...]
@@ -54,6 +54,7 @@ class Population:
     spread: Floats = field(default_factory=lambda: _NONE)
     correlation: Floats = field(default_factory=lambda: _NONE)
     slope: Floats | None = None
+    along_at: float | None = None
     common: Floats = field(default_factory=lambda: _NONE)
     stray: Floats = field(default_factory=lambda: np.empty(0))
     gain: Evidence | None = None

@@ -13,6 +13,7 @@ from cavirheo.errors import InputError, explained, require
 from cavirheo.files import read_bytes
 from cavirheo.inference.law import Family
 from cavirheo.inference.slots import SLOTS, used
+from cavirheo.parameters import PARAMETERS
 from cavirheo.physics.scales import CONTENTS
 from cavirheo.training.recipe import LARGEST, DataTable, ExportTable, Seed
 
@@ -21,12 +22,25 @@ class _Table(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
 
 
+class More(_Table):
+    """A share of the curves is drawn from these ranges alone, SI: `cavirheo design --for-training` finds them."""
+
+    model_config = ConfigDict(extra="allow", frozen=True, allow_inf_nan=False)
+    share: Annotated[float, Field(gt=0, lt=1)]
+
+    @property
+    def ranges(self) -> dict[str, tuple[float, float]]:
+        return {name: (float(pair[0]), float(pair[1])) for name, pair in (self.model_extra or {}).items()}
+
+
 class PosteriorTable(_Table):
-    """laws: share of the curves by name. contents: of the bubble, equally often. max_radius_um: ends of its range."""
+    """laws: share of the curves by name. contents: of the bubble, equally often. max_radius_um: ends of its range.
+    more: where a share of the curves is drawn from."""
 
     laws: dict[str, PositiveFloat] = Field(min_length=1)
     contents: tuple[str, ...] = Field(CONTENTS, min_length=1)
     max_radius_um: tuple[PositiveFloat, PositiveFloat] = (25.0, 650.0)
+    more: More | None = None
 
     @property
     def kinds(self) -> list[tuple[str, str, float]]:
@@ -71,7 +85,21 @@ class PosteriorRecipe(_Table):
 
     def settings(self) -> dict[str, Any]:
         """All that decides the curves, as plain data."""
-        return self.posterior.model_dump(mode="json")
+        return self.posterior.model_dump(mode="json", exclude_none=True)
+
+
+def _check_more(table: PosteriorTable) -> None:
+    """Raises InputError: a range of what is not drawn, or beyond that which is."""
+    known = {"max_radius": tuple(1e-6 * end for end in table.max_radius_um)}
+    for law, contents, _ in table.kinds:
+        names = [*Family(law).parameters, "stretch", *(["accommodation"] if contents == "kinetic" else [])]
+        known |= {name: tuple(10.0**end for end in PARAMETERS[name].searched or ()) for name in names}
+    for name, pair in ((table.more.model_extra or {}) if table.more else {}).items():
+        told = f"more.{name} must be one of {', '.join(known)}, with [low, high] in its range, got {pair}"
+        fine = name in known and isinstance(pair, list) and len(pair) == 2
+        fine = fine and all(isinstance(end, int | float) for end in pair)
+        slack = 1.0 + 1e-5
+        require(fine and known[name][0] / slack <= pair[0] < pair[1] <= known[name][1] * slack, told, "recipe.value")
 
 
 def posterior_recipe(path: str | Path) -> PosteriorRecipe | None:
@@ -90,6 +118,7 @@ def posterior_recipe(path: str | Path) -> PosteriorRecipe | None:
         recipe = PosteriorRecipe.model_validate(content)
         low, high = recipe.posterior.max_radius_um
         require(low < high, f"max_radius_um must be [low, high] with low < high, got {low:g}, {high:g}", "recipe.value")
+        _check_more(recipe.posterior)
         for law, contents, _ in recipe.posterior.kinds:
             require(contents in CONTENTS, f"contents must be {' or '.join(CONTENTS)}, got {contents!r}", "recipe.value")
             try:

@@ -29,7 +29,7 @@ from cavirheo.physics.simulate import ROUGH, simulate
 from cavirheo.prior import uniforms
 from cavirheo.reading import limits
 from cavirheo.training.dataset import Generated
-from cavirheo.training.posterior.recipe import PosteriorRecipe
+from cavirheo.training.posterior.recipe import More, PosteriorRecipe
 from cavirheo.writing.document import into, whole
 from cavirheo.writing.terminal import bar
 
@@ -55,7 +55,11 @@ class CurveStore:
 
 
 def _curve(
-    kinds: Sequence[tuple[str, str, float]], radii: tuple[float, float], seed: int, index: int
+    kinds: Sequence[tuple[str, str, float]],
+    radii: tuple[float, float],
+    seed: int,
+    index: int,
+    often: More | None = None,
 ) -> tuple[Any, ...] | None:
     """Curve `index`: (time, radius, z, kind, max_radius), or None if its simulation failed."""
     draws = uniforms(seed, index, 8)
@@ -65,6 +69,10 @@ def _curve(
     family = Family(law)
     names = (*family.parameters, "stretch", *(["accommodation"] if contents == "kinetic" else []))
     bounds = np.array([PARAMETERS[name].searched for name in names])
+    if often is not None and draws[7] < often.share:
+        radii = often.ranges.get("max_radius", radii)
+        for i, name in enumerate(names):
+            bounds[i] = np.log10(often.ranges[name]) if name in often.ranges else bounds[i]
     log10 = bounds[:, 0] + draws[2 : 2 + len(names)] * (bounds[:, 1] - bounds[:, 0])
     max_radius = float(radii[0] * (radii[1] / radii[0]) ** draws[1])
     more: dict[str, Any] = {"accommodation": float(10.0 ** log10[-1])} if contents == "kinetic" else {}
@@ -134,7 +142,10 @@ def generate(
         with bar("simulating", sum(map(len, todo.values())), shown=progress) as advance:
             for path, block in todo.items():
                 found = each(
-                    lambda i: _curve(kinds, (radii[0], radii[1]), seed, i), block, workers, lambda *_: advance(1)
+                    lambda i: _curve(kinds, (radii[0], radii[1]), seed, i, recipe.posterior.more),
+                    block,
+                    workers,
+                    lambda *_: advance(1),
                 )
                 good = [one for one in found if one is not None]
                 columns = [np.array(column) for column in zip(*good, strict=True)]

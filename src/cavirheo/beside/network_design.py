@@ -1,0 +1,171 @@
+"""Where a posterior network is least sure: what it leaves of the parameters beside what the recordings tell.
+
+Recordings are simulated over the network's training (R_max, law, stretch, frame rate) and read by the network alone.
+Its 90 % intervals are set beside those that the frames allow (inference/design.py): a ratio of 1 is all that can be
+had. The third of a parameter's range with the largest mean ratio is where a recipe draws more curves.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+from scipy.stats.qmc import Halton
+
+from cavirheo.arrays import Floats
+from cavirheo.errors import InputError, SolverError, require
+from cavirheo.inference.design import Setting, expected
+from cavirheo.inference.law import Family
+from cavirheo.inference.networked import Networked
+from cavirheo.inference.posterior_model import PosteriorModel
+from cavirheo.parallel import each
+from cavirheo.parameters import PARAMETERS, RADIUS
+from cavirheo.physics.media import WATER
+from cavirheo.writing import digits, terminal
+from cavirheo.writing.document import Document, Record
+
+PARTS = 3  # of each range
+FRAMES_PER_TIME = (8.0, 40.0)  # frames in a t_c
+FRAMES, NOISE = 128, 0.01
+FEWEST = 30  # recordings, below which thirds mean nothing
+
+
+class WeakRange(Record):
+    """A third of the range of a parameter, SI. width_ratio: geometric mean over recordings and the law's parameters of
+    the network's 90 % interval (decades) over that which the frames allow; error: its standard error, a factor.
+    inside_90: the share of truths within the network's intervals."""
+
+    parameter: str
+    low: float
+    high: float
+    recordings: int
+    width_ratio: float
+    error: float
+    inside_90: float
+
+
+class NetworkDesign(Document):
+    """The document. worst: index of the range of which a recipe should draw more."""
+
+    model: str
+    material: str
+    recordings: int
+    unreadable: int
+    ranges: list[WeakRange]
+    worst: int
+
+    @property
+    def said(self) -> str:
+        one = self.ranges[self.worst]
+        where = f"{one.parameter} {digits.significant(one.low)} to {digits.significant(one.high)}"
+        return f"widest beside what the frames allow: {where}, {one.width_ratio:.2f} times (all: {self.overall:.2f})"
+
+    @property
+    def overall(self) -> float:
+        """The ratio over all recordings."""
+        mine = [one for one in self.ranges if one.parameter == self.ranges[0].parameter]
+        return float(np.exp(np.average(np.log([m.width_ratio for m in mine]), weights=[m.recordings for m in mine])))
+
+
+def network_design(
+    model: PosteriorModel,
+    material: str = "nhkv",
+    *,
+    recordings: int = 120,
+    seed: int = 0,
+    workers: int | None = None,
+    command: str = "cavirheo design",
+    date: str | None = None,
+    done: Callable[[], None] | None = None,
+) -> NetworkDesign:
+    """Simulate recordings over the training of the network, let it read them, and find the ranges where it is weak.
+
+    Raises:
+        InputError: the network does not know the law, or too few recordings were asked for or could be read.
+    """
+    told = f"the network {model.name} was not trained on {material} with equilibrium contents"
+    require(model.knows(material, "equilibrium"), told, "design.law")
+    require(recordings >= FEWEST, f"at least {FEWEST} recordings, got {recordings}", "design.draws")
+    family = Family(material)
+    low, high = (1e-6 * end for end in model.card.trained["max_radius_um"])
+    radii = max(low, RADIUS.low), min(high, RADIUS.high)
+    searched = {"max_radius": np.log10(radii), **{name: PARAMETERS[name].searched for name in family.parameters}}
+    searched |= {"stretch": PARAMETERS["stretch"].searched, "frames_per_time": np.log10(FRAMES_PER_TIME)}
+    ends = np.array(list(searched.values()), dtype=float)
+    points = ends[:, 0] + np.ptp(ends, axis=1) * Halton(len(ends), seed=seed).random(recordings)
+    reader, size = Networked(model, material, checked=False), len(family.parameters)
+
+    def one(k: int) -> tuple[float, float] | None:
+        """log of the ratio of widths, and the share of parameters within; None: it cannot be read."""
+        radius, stretch, rate = 10.0 ** points[k, 0], 10.0 ** points[k, -2], 10.0 ** points[k, -1]
+        setting = Setting(radius, rate / WATER.time_scale(radius), relative_noise=NOISE, frames=FRAMES)
+        try:
+            curve, truth = setting.film(family, points[k, 1:-2], stretch, seed=seed + k)
+            allowed = expected(curve, truth, family).half_width
+        except (InputError, SolverError, np.linalg.LinAlgError):
+            return None
+        answer = reader.infer(curve)
+        if len(answer.theta) < 2:
+            return None
+        found = np.quantile(answer.theta[:, :size], [0.05, 0.95], axis=0)
+        inside = (found[0] <= points[k, 1:-2]) & (points[k, 1:-2] <= found[1])
+        return float(np.mean(np.log(0.5 * (found[1] - found[0]) / allowed))), float(np.mean(inside))
+
+    found = each(one, range(recordings), workers, (lambda *_: done()) if done else None)
+    read = np.array([k for k, pair in enumerate(found) if pair is not None], dtype=int)
+    told = f"{len(read)} of {recordings} recordings could be read: too few"
+    require(len(read) >= FEWEST // 2, told, "design.unreadable")
+    values = np.array([pair for pair in found if pair is not None])
+    rows = [row for i, name in enumerate(searched) for row in _thirds(name, ends[i], points[read, i], values)]
+    return NetworkDesign(
+        command=command, date=date, model=model.name, material=material, recordings=len(read),
+        unreadable=recordings - len(read), ranges=rows,
+        worst=max((i for i, row in enumerate(rows) if row.parameter != "frames_per_time"),
+                  key=lambda i: rows[i].width_ratio / rows[i].error),
+    )  # fmt: skip
+
+
+def _thirds(name: str, ends: Floats, at: Floats, values: Floats) -> list[WeakRange]:
+    """Of a parameter whose log10 is `at` (n,); values: (n, 2) as found."""
+    edges = np.linspace(ends[0], ends[1], PARTS + 1)
+    place = np.clip(np.digitize(at, edges[1:-1]), 0, PARTS - 1)
+    rows = []
+    for part in range(PARTS):
+        mine = values[place == part]
+        if len(mine) > 2:
+            error = float(np.exp(np.std(mine[:, 0], ddof=1) / np.sqrt(len(mine))))
+            rows.append(WeakRange(
+                parameter=name, low=10.0 ** edges[part], high=10.0 ** edges[part + 1], recordings=len(mine),
+                width_ratio=float(np.exp(np.mean(mine[:, 0]))), error=error, inside_90=float(np.mean(mine[:, 1])),
+            ))  # fmt: skip
+    return rows
+
+
+def recipe(document: NetworkDesign, model: PosteriorModel, share: float = 0.5) -> str:
+    """TOML of a training set of the network's kinds, of which this share is drawn from the worst range."""
+    one, card = document.ranges[document.worst], model.card
+    laws: dict[str, None] = {law: None for law, _ in card.kinds}
+    ways = list(dict.fromkeys(contents for _, contents in card.kinds))
+    radii, trained = card.trained["max_radius_um"], card.training.model_dump()
+    return "\n".join([
+        f"# {document.said}", "# Shares of the laws are equal: a network's card does not have them.", "[posterior]",
+        "laws = { " + ", ".join(f'"{law}" = {1 / len(laws):.4g}' for law in laws) + " }",
+        "contents = [" + ", ".join(f'"{way}"' for way in ways) + "]",
+        f"max_radius_um = [{radii[0]:g}, {radii[1]:g}]", "", "[posterior.more]", f"share = {share:g}",
+        f"{one.parameter} = [{one.low:.6g}, {one.high:.6g}] # SI", "", "[data]",
+        f"n = {trained.get('curves', 120_000)}", "seed = 8", "", "[training]",
+        f"samples = {trained.get('samples', 16_000_000)}", "", "[export]", f'name = "{document.model}-more"', "",
+    ])  # fmt: skip
+
+
+def print_table(document: NetworkDesign) -> None:
+    """A line per third of each range, then the worst."""
+    console = terminal.console()
+    heads = ["from", "to", "recordings", "width over\nwhat is allowed", "truth inside\n90 %"]
+    table = terminal.table("parameter, SI", heads, title=f"{document.model}, {document.material}")
+    for k, one in enumerate(document.ranges):
+        cells = [digits.significant(one.low), digits.significant(one.high), str(one.recordings)]
+        cells += [f"{one.width_ratio:.2f} ×/÷ {one.error:.2f}", f"{100 * one.inside_90:.0f} %"]
+        table.add_row(one.parameter, *cells, style="bold" if k == document.worst else "")
+    console.print(table)
+    console.print(document.said)

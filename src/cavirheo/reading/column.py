@@ -1,0 +1,90 @@
+"""A declared column, such as a concentration or a temperature: a table of shots, files or groups and one number each.
+
+    shot,concentration_percent
+    gel_1.csv,0.5
+    gel_2.csv,1.0
+
+A line names a curve, else a file (with or without its ending), else a group.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from cavirheo.curve import RadiusCurve
+from cavirheo.errors import require
+from cavirheo.reading.files import guarded
+from cavirheo.reading.marks import Cells, is_number
+from cavirheo.reading.tabular import Row, read_sheets
+
+_SHOWN = 5  # names in a message
+
+
+def with_column(curves: Sequence[RadiusCurve], path: str | Path) -> list[RadiusCurve]:
+    """The curves, each with its value.
+
+    Raises:
+        InputError: the file cannot be read, is no such table, names what is not there, or gives a curve no value; or
+            all curves of each group have one value, so that nothing can be seen of a trend.
+    """
+    title, values = _read(Path(path))
+    names = [_names(curve) for curve in curves]
+    here = {name for some in names for name in some}
+    unknown = [name for name in values if name not in here]
+    told = f"{path}: nothing here is called {_listed(unknown)}; there is {_listed([some[0] for some in names])}"
+    require(not unknown, told, "column.unknown")
+    without = [some[0] for some in names if not any(name in values for name in some)]
+    told = f"{path}: no value of {title} for {_listed(without)}: add a line for the shot, its file or its group"
+    require(not without, told, "column.missing")
+    found = [next(values[name] for name in some if name in values) for some in names]
+    groups: dict[tuple[str, str], set[float]] = {}
+    for curve, value in zip(curves, found, strict=True):
+        groups.setdefault((curve.group, curve.group_source), set()).add(value)
+    told = (
+        f"{path}: one value of {title} in each group ({_listed([name for name, _ in groups])}): a trend needs several"
+    )
+    told += "; --group folder makes one group of all files of a folder"
+    require(any(len(one) > 1 for one in groups.values()), told, "column.constant")
+    return [
+        replace(curve, meta={**curve.meta, "column": {title: value}})
+        for curve, value in zip(curves, found, strict=True)
+    ]
+
+
+def _names(curve: RadiusCurve) -> list[str]:
+    """By which a line may name it, the closest first."""
+    source = Path(curve.source)
+    return [curve.name, source.name, source.stem, curve.group]
+
+
+def _read(path: Path) -> tuple[str, dict[str, float]]:
+    """The title of the numbers, and the number of each name."""
+
+    def is_header(cells: Cells) -> bool:
+        return len(cells) == 2 and not any(map(is_number, cells))
+
+    with guarded(path):
+        (sheet,) = read_sheets(path, is_header, most=1, marks="#")
+    (first, head), *rows = sheet.rows or [Row(1, [])]
+    told = f"{path}, line {first}: expected two titles, such as shot,concentration_percent; found {_listed(head)}"
+    require(is_header(head) and all(head), told, "column.head")
+    values: dict[str, float] = {}
+    for number, cells in rows:
+        where = f"{path}, line {number}"
+        told = f"{where}: expected a name and a number, found {_listed(cells)}"
+        require(len(cells) == 2 and is_number(cells[1]), told, "column.number")
+        value = float(cells[1])
+        require(bool(np.isfinite(value)), told, "column.number")
+        require(cells[0] not in values, f"{where}: {cells[0]} is there twice", "column.twice")
+        values[cells[0]] = value
+    require(bool(values), f"{path}: no line below the titles {_listed(head)}", "column.empty")
+    return head[1], values
+
+
+def _listed(names: Sequence[str]) -> str:
+    unlike = list(dict.fromkeys(names))
+    return (", ".join(unlike[:_SHOWN]) or "nothing") + f" and {len(unlike) - _SHOWN} more" * (len(unlike) > _SHOWN)
