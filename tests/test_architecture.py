@@ -31,8 +31,9 @@ ROOMS = (  # from the ground up: a room imports those below it, and only those t
     ("physics", "errors writing parameters parallel landmarks"),
     ("problem", "errors parameters prior physics"),
     ("inference", "errors files parallel parameters prior posterior curve landmarks physics problem writing"),
-    ("training", "errors files parallel parameters prior curve reading physics problem inference writing"),
-    ("unfinished", "errors posterior curve writing"),
+    ("training", "errors files parallel parameters prior posterior curve reading physics problem inference writing"),
+    ("unfinished", "errors parallel posterior curve writing"),
+    ("cluster", "errors files parallel physics"),
     ("reporting", "errors physics parallel parameters posterior curve inference writing"),
     ("watching", "errors parallel posterior curve reading reporting unfinished writing"),
     (

@@ -15,7 +15,7 @@ import time
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
 from importlib.metadata import version
 from itertools import islice
 from pathlib import Path
@@ -28,16 +28,18 @@ from numpy.typing import NDArray
 
 from cavirheo.arrays import Bools, Floats
 from cavirheo.errors import InputError, require
+from cavirheo.parallel import Executor, Threads
 from cavirheo.prior import uniforms
 from cavirheo.problem import TrainingProblem
 from cavirheo.reading import limits
-from cavirheo.writing.document import into, whole
+from cavirheo.training.shards import fill, write_hdf5
+from cavirheo.writing.document import into
 from cavirheo.writing.terminal import bar
 
 Indices = NDArray[np.int64]
 
 SHARD = 500  # curves in a file
-CHUNK = 50  # curves between two steps of the progress bar
+CHUNK = 50  # curves of a unit of work: about half a second
 SPLIT_STREAM = 1  # apart from the draws of the prior, so that equal seeds do not sort the split by a parameter
 _HEAD = {"problem": str, "seed": int, "total": int, "made_by": str}  # attributes that all shards of a set share
 _COLUMNS = ("theta", "radius", "status")
@@ -106,12 +108,14 @@ def generate(
     *,
     seed: int = 0,
     workers: int | None = None,
+    executor: Executor | None = None,
     shard: tuple[int, int] = (1, 1),
     progress: bool = True,
 ) -> Generated:
     """Simulate curves 0..n-1 into `out_dir`; shard = (i, N) makes the i-th of N parts, i from 1.
 
-    Complete files are kept. Nothing in a file depends on `workers`, `shard` or the date.
+    executor: where they are simulated; default: on so many threads (`workers`) of this machine.
+    Complete files are kept. Nothing in a file depends on `workers`, `executor`, `shard` or the date.
 
     Raises:
         InputError: the folder holds files of another problem, seed, number of curves or version.
@@ -129,29 +133,32 @@ def generate(
         blocks = {folder / _name(start): range(n)[start : start + SHARD] for start in starts}
         todo = {path: block for path, block in blocks.items() if not path.exists()}
         simulated = sum(map(len, todo.values()))
+        simulate = partial(_simulated, problem, seed)
+
+        def write(path: Path, block: range, parts: list[tuple[NDArray[np.float32], list[str]]]) -> None:
+            status = np.array([one for _, statuses in parts for one in statuses], dtype=object)
+            columns: dict[str, dict[str, Any]] = {
+                "theta": {"data": problem.prior.sample(block, seed)},
+                "radius": {"data": np.concatenate([radius for radius, _ in parts])},
+                "status": {"data": status, "dtype": h5py.string_dtype()},
+            }
+            write_hdf5(path, head | {"start": block.start}, columns)
+
         with bar("simulating", simulated, shown=progress) as advance:
-            for path, block in todo.items():
-                theta, runs = problem.prior.sample(block, seed), []
-                for chunk in np.split(theta, range(CHUNK, len(theta), CHUNK)):
-                    runs += problem.simulate_many(chunk, workers=workers)
-                    advance(len(chunk))
-                radius = np.array([run.radius for run in runs], dtype=float) / problem.reference_max_radius
-                status = np.array([run.status for run in runs], dtype=object)
-                unsaid = ~np.isfinite(radius).all(axis=1) & (status == "ok")
-                status[unsaid] = "the simulation ended well but its radius is not finite"
-                # in memory: on a full disk HDF5 itself would end the process
-                with h5py.File(path.name, "w", driver="core", backing_store=False, track_order=False) as file:
-                    file.attrs.update(head | {"start": block.start})
-                    file.create_dataset("theta", data=theta, track_times=False)
-                    file.create_dataset("radius", data=radius.astype(np.float32), track_times=False)
-                    file.create_dataset("status", data=status, dtype=h5py.string_dtype(), track_times=False)
-                    file.flush()
-                    content = file.id.get_file_image()
-                with whole(path) as temporary:
-                    temporary.write_bytes(content)
+            fill(todo, CHUNK, simulate, write, executor or Threads(workers), advance)
         failures = Counter(status for path in blocks for status in _read(path)["status"].tolist() if status != "ok")
     curves, seconds = sum(map(len, blocks.values())), time.perf_counter() - began
     return Generated(curves, len(todo), len(blocks) - len(todo), dict(failures), seconds, simulated)
+
+
+def _simulated(problem: TrainingProblem, seed: int, block: range) -> tuple[NDArray[np.float32], list[str]]:
+    """(radius over the reference R_max, statuses) of these curves."""
+    runs = problem.simulate_many(problem.prior.sample(block, seed), workers=1)
+    radius = np.array([run.radius for run in runs], dtype=float) / problem.reference_max_radius
+    unsaid = "the simulation ended well but its radius is not finite"
+    finite: Bools = np.asarray(np.isfinite(radius).all(axis=1))
+    said = zip((run.status for run in runs), finite.tolist(), strict=True)
+    return radius.astype(np.float32), [unsaid if status == "ok" and not known else status for status, known in said]
 
 
 def load(data_dir: str | Path) -> Dataset:

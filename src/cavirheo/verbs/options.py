@@ -58,6 +58,8 @@ EitherContents = Annotated[
 ]
 WallDistanceUm = Annotated[float | None, Option(help="of one rigid wall, instead of --wall-inertia")]
 Shots = Annotated[str | None, Option(help="of every file, '1,4-7': from 1 in its order  [default: all]")]
+_SCHEDULER = "dask: tcp://HOST:PORT, or slurm:FILE.toml  [default: the cores of this machine]"
+Scheduler = Annotated[str | None, Option(help=_SCHEDULER)]
 FROM_OPTIONS: Any = None  # default of an argument of a verb that is made of the options of its kind
 _Number = float | None
 _KINDS: dict[str, dict[str, tuple[Any, Any]]] = {  # argument: its options, each with type and default

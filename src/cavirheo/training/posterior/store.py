@@ -9,6 +9,7 @@ import json
 import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
@@ -22,7 +23,7 @@ from cavirheo.errors import InputError, require
 from cavirheo.inference.cells import END
 from cavirheo.inference.law import Family
 from cavirheo.inference.slots import SLOTS, to_slots
-from cavirheo.parallel import each
+from cavirheo.parallel import Executor, Threads
 from cavirheo.parameters import PARAMETERS
 from cavirheo.physics.media import WATER
 from cavirheo.physics.simulate import ROUGH, simulate
@@ -30,10 +31,12 @@ from cavirheo.prior import uniforms
 from cavirheo.reading import limits
 from cavirheo.training.dataset import Generated
 from cavirheo.training.posterior.recipe import PosteriorRecipe
-from cavirheo.writing.document import into, whole
+from cavirheo.training.shards import fill, write_hdf5
+from cavirheo.writing.document import into
 from cavirheo.writing.terminal import bar
 
 SHARD = 1000  # curves in a file
+CHUNK = 50  # curves of a unit of work
 NODES = 512
 STEPS = 2400  # regular times
 TOP = 1.1  # R/R_max of the largest number that is kept
@@ -52,6 +55,13 @@ class CurveStore:
     z: NDArray[np.float32]
     kind: NDArray[np.uint8]
     max_radius: NDArray[np.float32]
+
+
+def _curves(
+    kinds: Sequence[tuple[str, str, float]], radii: tuple[float, float], seed: int, block: range
+) -> list[tuple[Any, ...]]:
+    """Those of these curves whose simulations did not fail."""
+    return [one for one in (_curve(kinds, radii, seed, index) for index in block) if one is not None]
 
 
 def _curve(
@@ -109,7 +119,7 @@ def nodes(radius: Floats) -> NDArray[np.int64]:
 
 def generate(
     recipe: PosteriorRecipe, n: int, out_dir: str | Path, *, seed: int, workers: int | None = None,
-    shard: tuple[int, int] = (1, 1), progress: bool = True,
+    executor: Executor | None = None, shard: tuple[int, int] = (1, 1), progress: bool = True,
 ) -> Generated:  # fmt: skip
     """Simulate curves 0..n-1 into `out_dir`, as `dataset.generate` does: resumable, the same bytes for any workers.
 
@@ -131,21 +141,16 @@ def generate(
             folder / _name(start): range(n)[start : start + SHARD] for start in range(0, n, SHARD)[part - 1 :: parts]
         }
         todo = {path: block for path, block in blocks.items() if not path.exists()}
+        simulate = partial(_curves, kinds, (radii[0], radii[1]), seed)
+
+        def write(path: Path, block: range, parts: list[list[tuple[Any, ...]]]) -> None:
+            good = [one for part in parts for one in part]
+            given = zip(_COLUMNS.items(), zip(*good, strict=True), strict=True)
+            columns = {name: {"data": np.array(column).astype(kind)} for (name, kind), column in given}
+            write_hdf5(path, head | {"start": block.start, "failed": len(block) - len(good)}, columns)
+
         with bar("simulating", sum(map(len, todo.values())), shown=progress) as advance:
-            for path, block in todo.items():
-                found = each(
-                    lambda i: _curve(kinds, (radii[0], radii[1]), seed, i), block, workers, lambda *_: advance(1)
-                )
-                good = [one for one in found if one is not None]
-                columns = [np.array(column) for column in zip(*good, strict=True)]
-                with h5py.File(path.name, "w", driver="core", backing_store=False, track_order=False) as file:
-                    file.attrs.update(head | {"start": block.start, "failed": len(found) - len(good)})
-                    for (name, kind), column in zip(_COLUMNS.items(), columns, strict=True):
-                        file.create_dataset(name, data=column.astype(kind), track_times=False)
-                    file.flush()
-                    content = file.id.get_file_image()
-                with whole(path) as temporary:
-                    temporary.write_bytes(content)
+            fill(todo, CHUNK, simulate, write, executor or Threads(workers), advance)
         failed = sum(int(_read(path, head)[1]) for path in blocks)
     failures = {"the simulation failed": failed} if failed else {}
     curves, simulated = sum(map(len, blocks.values())), sum(map(len, todo.values()))
