@@ -50,10 +50,11 @@ def client_of(scheduler: str, say: Callable[[str], None]) -> Iterator[tuple[Clie
         mend = "pip install 'cavirheo[cluster]' here and on the workers"
         raise InputError(f"--scheduler needs {error.name}: {mend}; without it all runs here", "cluster.extra") from None
     if slurm:
-        from cavirheo.cluster.slurm import jobs, read_settings
+        from cavirheo.cluster.slurm import jobs_of, read_settings
 
         settings = read_settings(Path(scheduler.removeprefix("slurm:")))
-        with jobs(settings) as cluster, Client(cluster) as client:
+        with jobs_of(settings) as cluster, Client(cluster) as client:
+            cluster.scale(jobs=settings.jobs)
             say(f"{settings.jobs} jobs asked of the queue {settings.queue}; the work begins when the first is there")
             yield client, settings.wait_hours * 3600
         return

@@ -8,6 +8,7 @@ from collections import Counter
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from functools import cache
+from importlib.metadata import version
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -39,9 +40,7 @@ class WorkerReport:
     host: str
     threads: int
     identity: Identity | None
-    python: str = ""
-    numpy: str = ""
-    numba: str = ""
+    versions: str = ""  # of what its answers depend on besides our code
     loading: float = float("nan")  # s until the compiled solver was there
     rate: float = float("nan")  # curves per s and thread
     wrong: str = ""
@@ -50,8 +49,6 @@ class WorkerReport:
 @cache
 def identity() -> Identity:
     """Of this process; the first call loads the compiled solver and simulates four curves."""
-    from importlib.metadata import version
-
     root, digest = Path(__file__).parents[1], hashlib.sha256()
     for path in sorted(root.rglob("*")):
         if path.suffix in (".py", ".onnx") and "app" not in path.parts:
@@ -80,8 +77,6 @@ def about() -> dict[str, Any]:
     """Of this process, for `WorkerReport`."""
     import platform
 
-    import numba
-
     from cavirheo.physics.simulate import load_solver
 
     began = time.perf_counter()
@@ -90,8 +85,9 @@ def about() -> dict[str, Any]:
     began = time.perf_counter()
     _simulated(_CURVES)
     rate = _CURVES / (time.perf_counter() - began)
-    versions = {"python": platform.python_version(), "numpy": np.__version__, "numba": numba.__version__}
-    return {"host": platform.node(), "identity": mine, **versions, "loading": loading, "rate": rate}
+    versions = ", ".join(f"{name} {version(name)}" for name in ("cavirheo", "numpy", "scipy", "numba", "onnxruntime"))
+    versions += f", Python {platform.python_version()}"
+    return {"host": platform.node(), "identity": mine, "versions": versions, "loading": loading, "rate": rate}
 
 
 def _probe() -> Callable[[], dict[str, Any]]:

@@ -51,8 +51,8 @@ def read_settings(path: Path) -> SlurmSettings:
 
 
 @contextmanager
-def jobs(settings: SlurmSettings) -> Iterator[SLURMCluster]:
-    """A scheduler in this process, and its jobs, which end with it. Raises InputError."""
+def jobs_of(settings: SlurmSettings) -> Iterator[SLURMCluster]:
+    """A scheduler in this process, whose jobs, when they are asked for, end with it. Raises InputError."""
     import dask
     from dask_jobqueue import SLURMCluster
     from distributed.security import Security
@@ -66,10 +66,9 @@ def jobs(settings: SlurmSettings) -> Iterator[SLURMCluster]:
             queue=settings.queue, account=settings.account, cores=settings.cores, processes=settings.cores,
             memory=settings.memory, walltime=settings.walltime, job_script_prologue=settings.environment,
             job_extra_directives=settings.options, python=settings.python, interface=settings.interface,
-            log_directory=settings.folder, **secure,
+            log_directory=settings.folder, scheduler_options={"dashboard_address": "127.0.0.1:0"}, **secure,
         )  # fmt: skip
     except (ImportError, OSError, RuntimeError, ValueError) as error:
         raise InputError(f"no jobs of SLURM can be asked for: {error}", "cluster.slurm") from None
     with cluster:
-        cluster.scale(jobs=settings.jobs)
         yield cluster

@@ -20,6 +20,7 @@ def cluster(
     from cavirheo.cluster import client_of
     from cavirheo.cluster.check import arrived, identity, reports
     from cavirheo.writing import terminal
+    from cavirheo.writing.digits import MISSING
 
     def say(text: str) -> None:
         if not quiet:
@@ -28,14 +29,15 @@ def cluster(
     with client_of(scheduler, say) as (client, wait):
         arrived(client, wait)
         found = reports(client)
-    heads = ["on", "threads", "cavirheo", "code", "bits", "python", "numpy", "numba", "loaded\nin s", "curves\nper s"]
-    table = terminal.table("worker", heads, left=heads[:1])
+    table = terminal.table("worker", ["on", "threads", "code", "bits", "solver\nin s", "curves\nper s"], left=["on"])
     for one in found:
-        who = [one.identity.version, one.identity.code[:8], one.identity.bits[:8]] if one.identity else ["–"] * 3
-        speed = [f"{one.loading:.1f}", f"{one.rate:.0f}"] if one.identity else ["–"] * 2
-        table.add_row(one.address, one.host, str(one.threads), *who, one.python, one.numpy, one.numba, *speed)
+        who = [one.identity.code[:8], one.identity.bits[:8]] if one.identity else [MISSING] * 2
+        speed = [f"{one.loading:.1f}", f"{one.rate:.0f}"] if one.identity else [MISSING] * 2
+        table.add_row(one.address, one.host, str(one.threads), *who, *speed)
     if not quiet:
         terminal.console().print(table)
+    for versions in sorted({one.versions for one in found if one.versions}):
+        say(f"{sum(one.versions == versions for one in found)} workers with {versions}")
     for one in found:
         if one.wrong:
             terminal.say(f"refused: {one.address} on {one.host}: {one.wrong}")
