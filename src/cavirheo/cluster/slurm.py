@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import signal
 import sys
+import threading
 import tomllib
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -54,7 +56,13 @@ def read_settings(path: Path) -> SlurmSettings:
 def jobs_of(settings: SlurmSettings) -> Iterator[SLURMCluster]:
     """A scheduler in this process, whose jobs, when they are asked for, end with it. Raises InputError."""
     import dask
-    from dask_jobqueue import SLURMCluster
+
+    handlers = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
+    from dask_jobqueue import SLURMCluster  # which takes Ctrl-C for itself when it is imported
+
+    if threading.current_thread() is threading.main_thread():
+        for number, handler in handlers.items():
+            signal.signal(number, handler)
     from distributed.security import Security
 
     dask.config.set({"distributed.scheduler.allowed-failures": 10})  # a walltime is nobody's fault

@@ -32,7 +32,7 @@ from cavirheo.parallel import Executor, Threads
 from cavirheo.prior import uniforms
 from cavirheo.problem import TrainingProblem
 from cavirheo.reading import limits
-from cavirheo.training.shards import fill, write_hdf5
+from cavirheo.training.shards import Survey, fill, size_and_sha256, write_hdf5
 from cavirheo.writing.document import into
 from cavirheo.writing.terminal import bar
 
@@ -184,6 +184,23 @@ def load(data_dir: str | Path) -> Dataset:
     shards = [_read(path, {key: first[key] for key in _HEAD}) for path in paths]
     columns = (np.concatenate([shard[name] for shard in shards]) for name in _COLUMNS)
     return Dataset(problem, first["seed"], first["made_by"], *columns)
+
+
+def survey(data_dir: str | Path) -> Survey:
+    """What is there of a set that may still grow. Raises InputError: nothing, or damaged files, or of several sets."""
+    paths = sorted(Path(data_dir).glob("shard-*.h5"))
+    require(bool(paths), f"{data_dir} holds no training set (shard-*.h5)", "dataset.none")
+    first, statuses = _read(paths[0]), Counter[str]()
+    for path in paths:
+        statuses.update(_read(path, {key: first[key] for key in _HEAD})["status"].tolist())
+    problem, total = TrainingProblem.from_dict(json.loads(first["problem"])), first["total"]
+    about = [f"curves of {problem.grid.frames} frames: {problem.material_name} in {problem.medium.name}"]
+    prior, lacking = problem.prior, -(-total // SHARD) - len(paths)
+    about += [
+        f"{name}: {low:g} to {high:g}" for name, low, high in zip(prior.names, prior.low, prior.high, strict=True)
+    ]
+    told = first["made_by"], first["seed"], total, about
+    return Survey(*told, dict(statuses), len(paths), lacking, *size_and_sha256(paths))
 
 
 def difference(old: Mapping[str, Any], new: Mapping[str, Any]) -> str:

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+import hashlib
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import closing
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -13,6 +15,35 @@ from cavirheo.parallel import Executor
 from cavirheo.writing.document import whole
 
 Rows = TypeVar("Rows")
+
+
+@dataclass(frozen=True)
+class Survey:
+    """What the files of a training set hold, read one after the other; `lacking`: files that are still to be made."""
+
+    made_by: str  # version of cavirheo
+    seed: int
+    total: int  # curves when it is complete
+    about: Sequence[str]  # lines: what it is of
+    statuses: Mapping[str, int]  # curves that are there, by how their simulation ended
+    files: int
+    lacking: int
+    size: int  # bytes
+    sha256: str  # of the SHA-256 of all files in their order
+
+    @property
+    def curves(self) -> int:
+        """How many are there, failed ones included."""
+        return sum(self.statuses.values())
+
+
+def size_and_sha256(paths: Sequence[Path]) -> tuple[int, str]:
+    """(bytes, SHA-256 of the SHA-256) of files."""
+    whole = hashlib.sha256()
+    for path in paths:
+        with path.open("rb") as file:
+            whole.update(hashlib.file_digest(file, "sha256").digest())
+    return sum(path.stat().st_size for path in paths), whole.hexdigest()
 
 
 def fill(
