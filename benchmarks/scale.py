@@ -1,6 +1,6 @@
 """What a cluster costs and where it ends: measured here with one worker beside one thread, then simulated for more.
 
-python benchmarks/scale.py [-n CURVES] [--repeats N] [--million]
+python benchmarks/scale.py [-n CURVES] [--repeats N]
 
 Prints the tables of docs/how-to/scale.md. Throughput is compared as curves per second of processor time as well as of
 the clock, in turn, for other work may share the machine. The simulated driver has the measured costs of this one.
@@ -22,14 +22,14 @@ import numpy as np
 from distributed import Client, LocalCluster
 
 from cavirheo.cluster.check import identity
-from cavirheo.cluster.executor import AHEAD, Workers
+from cavirheo.cluster.executor import AHEAD, Workers, seconds_for
 from cavirheo.parallel import Executor, Threads
 from cavirheo.physics.simulate import load_solver
-from cavirheo.training.dataset import CHUNK, SHARD, generate
+from cavirheo.training.dataset import CHUNK, SHARD, columns, generate
 from cavirheo.training.recipe import read_recipe
+from cavirheo.training.shards import fill, write_hdf5
 
 RECIPE = Path(__file__).parents[1] / "recipes" / "laptop.toml"
-BYTES = {"laptop": 489, "posterior": 1170}  # a curve, as `cavirheo show` says of sets of these recipes
 
 
 def processor() -> float:
@@ -70,18 +70,16 @@ def overhead(workers: Workers, seconds: float, count: int) -> float:
 
 
 def driver_cost(workers: Workers, count: int) -> float:
-    """s of processor of this process (driver and scheduler) for a batch that comes back with 100 kB."""
-    work, began = [0.0] * count, processor()
-    sizes = Workers(workers.client, workers.wanted)
-    with closing(sizes.flow(slept, work)) as flow:
+    """s of processor of this process (driver and scheduler) for a batch, whatever it brings."""
+    began = processor()
+    with closing(workers.flow(slept, [0.1] * count)) as flow:
         list(flow)
     return (processor() - began) / count
 
 
-def slept(_: float) -> bytes:
-    """Long enough to be a batch by itself."""
-    time.sleep(2.0 / 20)
-    return bytes(50 * 2000)
+def slept(seconds: float) -> None:
+    """A batch by itself, if it is not the end."""
+    time.sleep(seconds)
 
 
 @dataclass(frozen=True)
@@ -130,7 +128,6 @@ def main() -> None:
     parser = argparse.ArgumentParser()
     parser.add_argument("-n", type=int, default=500)
     parser.add_argument("--repeats", type=int, default=3)
-    parser.add_argument("--million", action="store_true", help="also 100,000 units of work of a planned million")
     given = parser.parse_args()
     load_solver()
     cpu = [
@@ -161,14 +158,13 @@ def main() -> None:
             lost = overhead(workers, seconds, max(int(10 / seconds), 8))
             print(f"units of {seconds:g} s: {100 * lost:.1f} % lost")
         cost = driver_cost(workers, 100)
-        print(f"driver: {1e3 * cost:.2f} ms of processor a batch with 100 kB")
-        if given.million:
-            million(workers)
+        print(f"driver: {1e3 * cost:.2f} ms of processor a batch")
+        curve = million(workers)
     print(f"driver: {resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1e3:.0f} MB at most")
     print("cores | batch s | cores at work | driver at work")
     for cores in (100, 1000, 10_000):
-        for seconds in (0.5, 2.0, 5.0, 20.0):
-            made = simulate(cores, seconds, cost, 20 * cores)
+        for seconds in (0.5, 2.0, 20.0, seconds_for(cores)):
+            made = simulate(cores, seconds, cost + curve * per_hour / 3600 * seconds, 20 * cores)
             print(f"{cores} | {seconds:g} | {made.busy:.0%} | {made.driver:.0%}")
 
 
@@ -177,24 +173,24 @@ def filled(block: range) -> tuple[np.ndarray, list[str]]:
     return np.ones((len(block), 100), np.float32), ["ok"] * len(block)
 
 
-def million(workers: Workers) -> None:
-    """The driver's way of 100,000 curves of a planned million, whose simulations are left out: its time and memory."""
-    from cavirheo.training import shards
-
+def million(workers: Workers) -> float:
+    """The driver's way of 100,000 curves of a planned million, whose simulations are left out: s of its processor for
+    a curve."""
+    problem = read_recipe(RECIPE).problem
     with tempfile.TemporaryDirectory() as folder:
         blocks = {Path(folder, f"{k:05d}.h5"): range(k * SHARD, (k + 1) * SHARD) for k in range(200)}
-        times = [time.perf_counter()]
+        times, began = [time.perf_counter()], processor()
 
         def write(path: Path, block: range, parts: list[tuple[np.ndarray, list[str]]]) -> None:
-            shards.write_hdf5(
-                path, {"start": block.start}, {"radius": {"data": np.concatenate([one for one, _ in parts])}}
-            )
+            write_hdf5(path, {"start": block.start}, columns(problem, 3, block, parts))
             times.append(time.perf_counter())
 
-        shards.fill(blocks, CHUNK, filled, write, workers, lambda _: None)
+        fill(blocks, CHUNK, filled, write, workers, lambda _: None)
+        cost = (processor() - began) / 100_000
     first, last = np.diff(times)[20:100].mean(), np.diff(times)[100:180].mean()
-    print(f"100,000 curves through the driver in {times[-1] - times[0]:.1f} s; a file of {SHARD} takes "
-          f"{1e3 * first:.0f} ms in the first half and {1e3 * last:.0f} ms in the second")  # fmt: skip
+    print(f"100,000 curves through the driver in {times[-1] - times[0]:.1f} s, {1e6 * cost:.1f} us of processor each; "
+          f"a file of {SHARD} takes {1e3 * first:.0f} ms in the first half and {1e3 * last:.0f} ms in the second")  # fmt: skip
+    return cost
 
 
 if __name__ == "__main__":

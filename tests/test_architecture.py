@@ -131,7 +131,9 @@ def test_only_training_names_torch():
     ] == []
 
 
-@pytest.mark.parametrize("missing", [("torch", "matplotlib", "gradio", "av", "tifffile")])
+@pytest.mark.parametrize(
+    "missing", [("torch", "matplotlib", "gradio", "av", "tifffile", "dask", "distributed", "dask_jobqueue", "pyarrow")]
+)
 def test_inference_needs_no_extra(missing):
     code = (
         f"import sys; sys.modules.update(dict.fromkeys({missing!r})); "

@@ -15,6 +15,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from conftest import load_benchmark
 
 pytest.importorskip("distributed", reason="needs the extra [cluster]")
 
@@ -23,7 +24,7 @@ from distributed import Client, LocalCluster
 from cavirheo import InputError
 from cavirheo.cluster import connected
 from cavirheo.cluster.check import Identity, admitted, identity, reports
-from cavirheo.cluster.executor import Workers, _batch
+from cavirheo.cluster.executor import SECONDS_PER_THREAD, Workers, _batch, seconds_for
 from cavirheo.cluster.slurm import read_settings
 from cavirheo.inference import infer_many
 from cavirheo.parallel import Threads
@@ -88,6 +89,16 @@ def test_short_jobs_are_sent_together_and_long_ones_are_not(workers, monkeypatch
     sent.clear()
     assert len(list(workers.flow(slow, range(6)))) == 6
     assert sent == [1] * 6
+
+
+def test_batches_are_longer_for_many_workers_so_that_the_driver_keeps_up():
+    benchmark = load_benchmark("scale")
+    cost = SECONDS_PER_THREAD / 2
+    for cores in (2, 100, 1000):
+        made = benchmark.simulate(cores, seconds_for(cores), cost, 20 * cores)
+        assert made.busy > 0.95, cores
+        assert made.driver < 0.6, cores
+    assert benchmark.simulate(1000, 0.5, cost, 20_000).busy < 0.3  # where it does not
 
 
 def test_an_error_of_the_work_is_raised_here(workers):

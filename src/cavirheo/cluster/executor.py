@@ -17,10 +17,19 @@ if TYPE_CHECKING:
 Job = TypeVar("Job")
 Done = TypeVar("Done")
 
-SECONDS = 2.0  # of a batch
+SECONDS = 2.0  # of a batch, at least
+SECONDS_PER_THREAD = (
+    0.008  # and more where there are many: the driver takes half of it for a batch (benchmarks/scale.py)
+)
+LONGEST = 60.0  # s: what a lost worker costs
 AHEAD = 2  # batches for each thread: one that runs and one that waits there
 MOST = 1000  # jobs of a batch
 LOOK = 1.0  # s between two counts of the workers
+
+
+def seconds_for(threads: int) -> float:
+    """s that a batch is to take, so that a driver with so many threads to feed is idle half of its time."""
+    return min(max(SECONDS, SECONDS_PER_THREAD * threads), LONGEST)
 
 
 @dataclass(frozen=True)
@@ -42,11 +51,12 @@ class Workers:
         waiting = deque(enumerate(jobs))
         sent: dict[object, Sequence[int]] = {}
         running = as_completed(with_results=True, raise_errors=False, loop=self.client.loop)
-        size, looked, places = 1.0, 0.0, 1
+        size, looked, threads, places = 1.0, 0.0, 1, AHEAD
         try:
             while waiting or sent:
                 if time.monotonic() > looked + LOOK:
-                    places, looked = AHEAD * max(sum(self.client.nthreads().values()), 1), time.monotonic()
+                    threads, looked = max(sum(self.client.nthreads().values()), 1), time.monotonic()
+                    places = AHEAD * threads
                 while waiting and len(sent) < places:
                     count = min(round(size), max(len(waiting) // places, 1))
                     batch = [waiting.popleft() for _ in range(min(count, len(waiting)))]
@@ -59,7 +69,8 @@ class Workers:
                     raise _told(future.status, found)
                 seconds, results = found
                 future.release()
-                size = 0.5 * size + 0.5 * min(max(SECONDS * len(results) / max(seconds, 1e-6), 1.0), MOST)
+                wanted = seconds_for(threads) * len(results) / max(seconds, 1e-6)
+                size = 0.5 * size + 0.5 * min(max(wanted, 1.0), MOST)
                 yield from zip(indices, results, strict=True)
         finally:
             running.clear()

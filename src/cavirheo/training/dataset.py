@@ -136,13 +136,7 @@ def generate(
         simulate = partial(_simulated, problem, seed)
 
         def write(path: Path, block: range, parts: list[tuple[NDArray[np.float32], list[str]]]) -> None:
-            status = np.array([one for _, statuses in parts for one in statuses], dtype=object)
-            columns: dict[str, dict[str, Any]] = {
-                "theta": {"data": problem.prior.sample(block, seed)},
-                "radius": {"data": np.concatenate([radius for radius, _ in parts])},
-                "status": {"data": status, "dtype": h5py.string_dtype()},
-            }
-            write_hdf5(path, head | {"start": block.start}, columns)
+            write_hdf5(path, head | {"start": block.start}, columns(problem, seed, block, parts))
 
         with bar("simulating", simulated, shown=progress) as advance:
             fill(todo, CHUNK, simulate, write, executor or Threads(workers), advance)
@@ -159,6 +153,18 @@ def _simulated(problem: TrainingProblem, seed: int, block: range) -> tuple[NDArr
     finite: Bools = np.asarray(np.isfinite(radius).all(axis=1))
     said = zip((run.status for run in runs), finite.tolist(), strict=True)
     return radius.astype(np.float32), [unsaid if status == "ok" and not known else status for status, known in said]
+
+
+def columns(
+    problem: TrainingProblem, seed: int, block: range, parts: Sequence[tuple[NDArray[np.float32], list[str]]]
+) -> dict[str, dict[str, Any]]:
+    """The datasets of a file of these curves, whose simulations gave `parts`."""
+    status = np.array([one for _, statuses in parts for one in statuses], dtype=object)
+    return {
+        "theta": {"data": problem.prior.sample(block, seed)},
+        "radius": {"data": np.concatenate([radius for radius, _ in parts])},
+        "status": {"data": status, "dtype": h5py.string_dtype()},
+    }
 
 
 def load(data_dir: str | Path) -> Dataset:
