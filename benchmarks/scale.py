@@ -25,7 +25,7 @@ from cavirheo.cluster.check import identity
 from cavirheo.cluster.executor import AHEAD, Workers, seconds_for
 from cavirheo.parallel import Executor, Threads
 from cavirheo.physics.simulate import load_solver
-from cavirheo.training.dataset import CHUNK, SHARD, columns, generate
+from cavirheo.training.dataset import CHUNK, SHARD, Rows, columns, generate
 from cavirheo.training.recipe import read_recipe
 from cavirheo.training.shards import fill, write_hdf5
 
@@ -168,28 +168,27 @@ def main() -> None:
             print(f"{cores} | {seconds:g} | {made.busy:.0%} | {made.driver:.0%}")
 
 
-def filled(block: range) -> tuple[np.ndarray, list[str]]:
+def filled(block: range) -> Rows:
     """What `generate` gets for these curves, without their simulation."""
-    return np.ones((len(block), 100), np.float32), ["ok"] * len(block)
+    return np.ones((len(block), 3)), np.ones((len(block), 100), np.float32), ["ok"] * len(block)
 
 
 def million(workers: Workers) -> float:
     """The driver's way of 100,000 curves of a planned million, whose simulations are left out: s of its processor for
     a curve."""
-    problem = read_recipe(RECIPE).problem
     with tempfile.TemporaryDirectory() as folder:
         blocks = {Path(folder, f"{k:05d}.h5"): range(k * SHARD, (k + 1) * SHARD) for k in range(200)}
         times, began = [time.perf_counter()], processor()
 
-        def write(path: Path, block: range, parts: list[tuple[np.ndarray, list[str]]]) -> None:
-            write_hdf5(path, {"start": block.start}, columns(problem, 3, block, parts))
+        def write(path: Path, block: range, parts: list[Rows]) -> None:
+            write_hdf5(path, {"start": block.start}, columns(parts))
             times.append(time.perf_counter())
 
         fill(blocks, CHUNK, filled, write, workers, lambda _: None)
         cost = (processor() - began) / 100_000
     first, last = np.diff(times)[20:100].mean(), np.diff(times)[100:180].mean()
     print(f"100,000 curves through the driver in {times[-1] - times[0]:.1f} s, {1e6 * cost:.1f} us of processor each; "
-          f"a file of {SHARD} takes {1e3 * first:.0f} ms in the first half and {1e3 * last:.0f} ms in the second")  # fmt: skip
+          f"a file of {SHARD}: {1e3 * first:.0f} ms in the first half, {1e3 * last:.0f} ms in the second")  # fmt: skip
     return cost
 
 

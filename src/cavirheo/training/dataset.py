@@ -37,6 +37,7 @@ from cavirheo.writing.document import into
 from cavirheo.writing.terminal import bar
 
 Indices = NDArray[np.int64]
+Rows = tuple[Floats, NDArray[np.float32], list[str]]  # theta, radius over the reference R_max, statuses
 
 SHARD = 500  # curves in a file
 CHUNK = 50  # curves of a unit of work: about half a second
@@ -135,8 +136,8 @@ def generate(
         simulated = sum(map(len, todo.values()))
         simulate = partial(_simulated, problem, seed)
 
-        def write(path: Path, block: range, parts: list[tuple[NDArray[np.float32], list[str]]]) -> None:
-            write_hdf5(path, head | {"start": block.start}, columns(problem, seed, block, parts))
+        def write(path: Path, block: range, parts: list[Rows]) -> None:
+            write_hdf5(path, head | {"start": block.start}, columns(parts))
 
         with bar("simulating", simulated, shown=progress) as advance:
             fill(todo, CHUNK, simulate, write, executor or Threads(workers), advance)
@@ -145,24 +146,28 @@ def generate(
     return Generated(curves, len(todo), len(blocks) - len(todo), dict(failures), seconds, simulated)
 
 
-def _simulated(problem: TrainingProblem, seed: int, block: range) -> tuple[NDArray[np.float32], list[str]]:
-    """(radius over the reference R_max, statuses) of these curves."""
-    runs = problem.simulate_many(problem.prior.sample(block, seed), workers=1)
+def _simulated(problem: TrainingProblem, seed: int, block: range) -> Rows:
+    """These curves."""
+    theta = problem.prior.sample(block, seed)
+    runs = problem.simulate_many(theta, workers=1)
     radius = np.array([run.radius for run in runs], dtype=float) / problem.reference_max_radius
     unsaid = "the simulation ended well but its radius is not finite"
     finite: Bools = np.asarray(np.isfinite(radius).all(axis=1))
     said = zip((run.status for run in runs), finite.tolist(), strict=True)
-    return radius.astype(np.float32), [unsaid if status == "ok" and not known else status for status, known in said]
+    return (
+        theta,
+        radius.astype(np.float32),
+        [unsaid if status == "ok" and not known else status for status, known in said],
+    )
 
 
-def columns(
-    problem: TrainingProblem, seed: int, block: range, parts: Sequence[tuple[NDArray[np.float32], list[str]]]
-) -> dict[str, dict[str, Any]]:
-    """The datasets of a file of these curves, whose simulations gave `parts`."""
-    status = np.array([one for _, statuses in parts for one in statuses], dtype=object)
+def columns(parts: Sequence[Rows]) -> dict[str, dict[str, Any]]:
+    """The datasets of a file."""
+    theta, radius, statuses = zip(*parts, strict=True)
+    status = np.array([one for part in statuses for one in part], dtype=object)
     return {
-        "theta": {"data": problem.prior.sample(block, seed)},
-        "radius": {"data": np.concatenate([radius for radius, _ in parts])},
+        "theta": {"data": np.concatenate(theta)},
+        "radius": {"data": np.concatenate(radius)},
         "status": {"data": status, "dtype": h5py.string_dtype()},
     }
 
