@@ -162,7 +162,7 @@ def main() -> None:
         curve = million(workers)
     print(f"driver: {resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1e3:.0f} MB at most")
     print("cores | batch s | cores at work | driver at work")
-    for cores in (100, 1000, 10_000):
+    for cores in (100, 250, 500, 1000, 10_000):
         for seconds in (0.5, 2.0, 20.0, seconds_for(cores)):
             made = simulate(cores, seconds, cost + curve * per_hour / 3600 * seconds, 20 * cores)
             print(f"{cores} | {seconds:g} | {made.busy:.0%} | {made.driver:.0%}")

@@ -93,11 +93,11 @@ def test_short_jobs_are_sent_together_and_long_ones_are_not(workers, monkeypatch
 
 def test_batches_are_longer_for_many_workers_so_that_the_driver_keeps_up():
     benchmark = load_benchmark("scale")
-    cost = SECONDS_PER_THREAD / 2
+    cost = SECONDS_PER_THREAD / 4
     for cores in (2, 100, 1000):
         made = benchmark.simulate(cores, seconds_for(cores), cost, 20 * cores)
         assert made.busy > 0.95, cores
-        assert made.driver < 0.6, cores
+        assert made.driver < 0.4, cores
     assert benchmark.simulate(1000, 0.5, cost, 20_000).busy < 0.3  # where it does not
 
 

@@ -18,9 +18,7 @@ Job = TypeVar("Job")
 Done = TypeVar("Done")
 
 SECONDS = 2.0  # of a batch, at least
-SECONDS_PER_THREAD = (
-    0.008  # and more where there are many: the driver takes half of it for a batch (benchmarks/scale.py)
-)
+SECONDS_PER_THREAD = 0.016  # more for many: a batch costs the driver a quarter of it (benchmarks/scale.py)
 LONGEST = 60.0  # s: what a lost worker costs
 AHEAD = 2  # batches for each thread: one that runs and one that waits there
 MOST = 1000  # jobs of a batch
@@ -28,7 +26,7 @@ LOOK = 1.0  # s between two counts of the workers
 
 
 def seconds_for(threads: int) -> float:
-    """s that a batch is to take, so that a driver with so many threads to feed is idle half of its time."""
+    """s that a batch is to take, so that batches cost the driver of so many threads a quarter of its time."""
     return min(max(SECONDS, SECONDS_PER_THREAD * threads), LONGEST)
 
 
