@@ -607,7 +607,7 @@ def generate() -> Any:
 # --------------------------------------------------------------------------------------------------- words and names
 
 VERBS = ("infer", "watch", "design", "compare", "simulate", "laws", "generate", "train", "evaluate", "models", "fit",
-         "which-law", "rheometer", "collapse-time", "app")  # fmt: skip
+         "which-law", "rheometer", "collapse-time", "cluster", "app")  # fmt: skip
 
 
 @case()

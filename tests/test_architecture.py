@@ -31,8 +31,9 @@ ROOMS = (  # from the ground up: a room imports those below it, and only those t
     ("physics", "errors writing parameters parallel landmarks"),
     ("problem", "errors parameters prior physics"),
     ("inference", "errors files parallel parameters prior posterior curve landmarks physics problem writing"),
-    ("training", "errors files parallel parameters prior curve reading physics problem inference writing"),
-    ("unfinished", "errors posterior curve writing"),
+    ("training", "errors files parallel parameters prior posterior curve reading physics problem inference writing"),
+    ("unfinished", "errors parallel posterior curve writing"),
+    ("cluster", "errors files parallel physics"),
     ("reporting", "errors physics parallel parameters posterior curve inference writing"),
     ("watching", "errors parallel posterior curve reading reporting unfinished writing"),
     (
@@ -130,7 +131,9 @@ def test_only_training_names_torch():
     ] == []
 
 
-@pytest.mark.parametrize("missing", [("torch", "matplotlib", "gradio", "av", "tifffile")])
+@pytest.mark.parametrize(
+    "missing", [("torch", "matplotlib", "gradio", "av", "tifffile", "dask", "distributed", "dask_jobqueue", "pyarrow")]
+)
 def test_inference_needs_no_extra(missing):
     code = (
         f"import sys; sys.modules.update(dict.fromkeys({missing!r})); "

@@ -11,6 +11,8 @@ from cavirheo.prior import Prior
 from cavirheo.problem import TrainingProblem
 from cavirheo.training import dataset
 from cavirheo.training.dataset import generate, load
+from cavirheo.training.posterior import store
+from cavirheo.training.posterior.recipe import posterior_recipe
 
 FAILED = "the step size went to zero at t = 30 us"
 
@@ -98,7 +100,7 @@ def test_a_killed_run_goes_on_to_the_same_bytes(problem, fake, monkeypatch, tmp_
     with monkeypatch.context() as patch:
         patch.setattr(TrainingProblem, "simulate_many", killed_in_the_third_file)
         with pytest.raises(KeyboardInterrupt):
-            generate(problem, 90, tmp_path / "cut", seed=3, progress=False)
+            generate(problem, 90, tmp_path / "cut", seed=3, workers=1, progress=False)
     (tmp_path / "cut" / ".shard-00002.h5.part.h5").write_bytes(b"half a file")
     with pytest.raises(InputError, match="3 of 5 files") as caught:
         load(tmp_path / "cut")
@@ -161,3 +163,26 @@ def test_identity_is_that_of_the_content(problem, fake, monkeypatch, tmp_path):
     monkeypatch.setattr(dataset, "SHARD", 7)
     generate(problem, 30, tmp_path / "b", seed=3, progress=False)
     assert a.sha256 == load(tmp_path / "b").sha256 != c.sha256
+
+
+def test_a_set_is_surveyed_while_it_grows(problem, fake, tmp_path):
+    generate(problem, 90, tmp_path, seed=3, shard=(1, 2), progress=False)
+    half = dataset.survey(tmp_path)
+    assert (half.curves, half.total, half.files, half.lacking) == (50, 90, 3, 2)
+    generate(problem, 90, tmp_path, seed=3, progress=False)
+    whole = dataset.survey(tmp_path)
+    assert (whole.curves, whole.lacking, sum(whole.statuses.values())) == (90, 0, 90)
+    assert whole.statuses[FAILED] == load(tmp_path).failures[FAILED]
+    assert whole.size == sum(map(len, files(tmp_path).values()))
+    assert whole.sha256 != half.sha256
+    generate(problem, 90, tmp_path / "again", seed=3, workers=1, progress=False)
+    assert dataset.survey(tmp_path / "again").sha256 == whole.sha256
+
+
+def test_curves_of_a_posterior_network_take_less_than_two_kilobytes(tmp_path):
+    path = Path(__file__).parent.parent / "recipes" / "posterior.toml"
+    store.generate(posterior_recipe(path), 60, tmp_path, seed=3, progress=False)
+    found = store.survey(tmp_path)
+    assert (found.curves, found.total, found.lacking) == (60, 60, 0)
+    assert found.size / found.statuses["ok"] < 2000
+    assert len(store.load(posterior_recipe(path), tmp_path).kind) == found.statuses["ok"]

@@ -28,7 +28,7 @@ GOOD = {  # a call that would compute, without the option that is tried
     "collapse-time": "times.csv", "rheometer": "sweep.csv", "generate": "recipe.toml -o d",
     "simulate": "-o o.csv --rmax-um 100 --stretch 5 --shear-modulus 1e3 --viscosity 0.1", "evaluate": "bdt-viscous d",
     "train": "recipe.toml d -o r", "app": "", "models": "", "laws": "", "show": "shot.csv",
-    "cite": "result.json", "watch": ". --once -o w", "design": "-o e",
+    "cluster": "check", "cite": "result.json", "watch": ". --once -o w", "design": "-o e",
 }  # fmt: skip
 FREE = {"--out", "--fields", "--name", "--host", "--device", "--reference-method"}  # any text is one
 NUMBERS = ["nan", "inf", "-1", "-inf", "1e400", "", "word", "\x1b[31mred", "ü 漢 \u202e", "a\0b", "9" * 5000]

@@ -759,3 +759,38 @@ def test_what_is_to_be_checked_stands_in_the_row_and_heads_the_article(pairs, tm
     table, article = text.split("<h2>Curves</h2>")[1].split('<article id="curve-0">')
     assert table.index("check input") < table.index(doubt) < table.index("shot[2]")
     assert article.index(doubt) < article.index("shear modulus G")
+
+
+def test_of_very_many_curves_those_that_are_not_ok_are_drawn_and_a_parquet_table_is_written(tmp_path, monkeypatch):
+    monkeypatch.setattr("cavirheo.reporting.MANY", 3)
+    curves = [bubble(f"shot[{k}]") for k in range(6)]
+    verdicts = ["ok", "ok", "model_does_not_fit", "ok", "outside_training_range", "ok"]
+    pairs = [(curve, answer(curve, draws=20, verdict=verdict)) for curve, verdict in zip(curves, verdicts, strict=True)]
+    drawn = []
+    document = write_report(tmp_path, pairs, COMMAND, done=lambda: drawn.append(1))
+    assert len(drawn) == 6
+    assert {path.stem for path in tmp_path.glob("*.png")} == {"shot_0", "shot_2", "shot_4"}
+    assert any("3 of 6 curves are drawn" in note for note in document.notes)
+    page = (tmp_path / "report.html").read_text(encoding="utf-8")
+    assert 'id="doubtful"' in page
+    assert page.count("<article") == 6
+    assert read_json(tmp_path / "result.json").notes == document.notes
+    parquet = pytest.importorskip("pyarrow.parquet")
+    found = parquet.read_table(tmp_path / "result.parquet")
+    with (tmp_path / "result.csv").open(encoding="utf-8") as file:
+        rows = list(csv.DictReader(file))
+    assert found.column_names == list(rows[0])
+    assert [str(value) for value in found.column("shear_modulus_Pa_q05").to_pylist()] == [
+        row["shear_modulus_Pa_q05"] for row in rows
+    ]
+    write_report(tmp_path, pairs[:3], COMMAND)  # no more than three: none of it is left
+    assert not (tmp_path / "result.parquet").exists()
+    assert 'id="doubtful"' not in (tmp_path / "report.html").read_text(encoding="utf-8")
+
+
+def test_without_pyarrow_very_many_curves_have_all_else(tmp_path, monkeypatch):
+    monkeypatch.setattr("cavirheo.reporting.MANY", 1)
+    monkeypatch.setitem(sys.modules, "pyarrow", None)
+    document = write_report(tmp_path, [(bubble(), answer(bubble())), (bubble("shot[2]"), answer(bubble()))], COMMAND)
+    assert any("cavirheo[cluster]" in note for note in document.notes)
+    assert {path.name for path in tmp_path.glob("re*")} == {"result.json", "result.csv", "report.html"}

@@ -247,7 +247,13 @@ def test_show_a_model_and_a_training_set(run, tmp_path):
     dataset.generate(recipe.problem, 4, tmp_path / "set", seed=3)
     status, out, _ = run("show", "set")
     assert status == 0
-    for part in ("4 curves of 100 frames", "seed 3", recipe.problem.material_name, "log10_viscosity"):
+    for part in (
+        "4 of 4 curves, complete",
+        "curves of 100 frames",
+        "seed 3",
+        recipe.problem.material_name,
+        "log10_viscosity",
+    ):
         assert part in out
 
 

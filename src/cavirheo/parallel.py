@@ -1,14 +1,15 @@
-"""Work on all cores, with threads: the solver lets go of the interpreter while it computes."""
+"""Work on all cores, with threads: the solver lets go of the interpreter while it computes. What an executor is."""
 
 from __future__ import annotations
 
 import os
 from collections import deque
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Generator, Iterable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import suppress
+from contextlib import closing, suppress
+from dataclasses import dataclass
 from queue import SimpleQueue
-from typing import Any, TypeVar
+from typing import Any, Protocol, TypeVar
 
 from cavirheo.errors import expect_whole
 
@@ -23,6 +24,53 @@ def cores(workers: int | None = None) -> int:
     return workers or os.cpu_count() or 1
 
 
+class Executor(Protocol):
+    """Where units of work are done: `Threads` here, or the workers of a cluster. What is found is the same."""
+
+    def flow(self, work: Callable[[Job], Done], jobs: Iterable[Job]) -> Generator[tuple[int, Done], None, None]:
+        """(index, work(job)) of each job, in the order in which they end. Close it to drop what has not begun."""
+
+
+@dataclass(frozen=True)
+class Threads:
+    """So many threads of this machine, all cores by default."""
+
+    workers: int | None = None
+
+    def flow(self, work: Callable[[Job], Done], jobs: Iterable[Job]) -> Generator[tuple[int, Done], None, None]:
+        """As `Executor.flow`. An exception, Ctrl-C too, is not kept waiting: what has not begun is dropped, what has
+        begun ends by itself."""
+        waiting, ended = deque(enumerate(jobs)), SimpleQueue[Any]()
+        count = len(waiting)
+        threads = min(cores(self.workers), count)
+        if threads < 2:
+            for index, job in waiting:
+                yield index, work(job)
+            return
+        pool = ThreadPoolExecutor(threads)
+
+        def labour() -> None:  # a future for each job would cost a tenth of a simulation
+            with suppress(IndexError):
+                while True:
+                    index, job = waiting.popleft()
+                    try:
+                        ended.put((index, work(job), None))
+                    except BaseException as error:  # raised again in the thread that waits
+                        ended.put((index, None, error))
+
+        try:
+            for _ in range(threads):
+                pool.submit(labour)
+            for _ in range(count):
+                index, result, error = ended.get()
+                if error:
+                    raise error
+                yield index, result
+        finally:
+            waiting.clear()
+            pool.shutdown(wait=False)
+
+
 def each(
     work: Callable[[Job], Done],
     jobs: Iterable[Job],
@@ -31,45 +79,21 @@ def each(
 ) -> list[Done]:
     """work(job) of each job, in their order, on so many threads (all cores by default).
 
-    `done` is called in this thread with the index of each and what came of it, in the order in which they end. An
-    exception, Ctrl-C too, is not kept waiting: what has not begun is dropped, what has begun ends by itself.
+    `done` is called in this thread with the index of each and what came of it, in the order in which they end.
     """
-    jobs = list(jobs)
     found: dict[int, Done] = {}
+    with closing(Threads(workers).flow(work, jobs)) as flow:
+        for index, result in flow:
+            found[index] = result
+            if done:
+                done(index, result)
+    return [found[index] for index in range(len(found))]
 
-    def take(index: int, result: Done) -> None:
-        found[index] = result
-        if done:
-            done(index, result)
 
-    threads = min(cores(workers), len(jobs))
-    if threads < 2:
-        for index, job in enumerate(jobs):
-            take(index, work(job))
-        return list(found.values())
-    pool, waiting, ended = ThreadPoolExecutor(threads), deque(enumerate(jobs)), SimpleQueue[Any]()
-
-    def labour() -> None:  # a future for each job would cost a tenth of a simulation
-        with suppress(IndexError):
-            while True:
-                index, job = waiting.popleft()
-                try:
-                    ended.put((index, work(job), None))
-                except BaseException as error:  # raised again in the thread that waits
-                    ended.put((index, None, error))
-
-    try:
-        for _ in range(threads):
-            pool.submit(labour)
-        for _ in jobs:
-            index, result, error = ended.get()
-            if error:
-                raise error
-            take(index, result)
-    finally:
-        waiting.clear()
-        pool.shutdown(wait=False)
-    return [found[index] for index in range(len(jobs))]
+def one_of(verb: Callable[..., list[Done]], settings: Mapping[str, Any], job: Sequence[Any]) -> Done:
+    """What `verb`, which takes lists and gives a list, finds for the items (item, of a further list, ...) of a job: a
+    unit of work for an executor, in one thread."""
+    return verb(*([item] for item in job), workers=1, **settings)[0]
 
 
 def aside(work: Callable[[], Done]) -> Done:

@@ -9,8 +9,9 @@ from __future__ import annotations
 import hashlib
 import json
 from collections.abc import Callable, Mapping, Sequence
-from contextlib import suppress
+from contextlib import closing, suppress
 from dataclasses import dataclass, fields, is_dataclass
+from functools import partial
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any, TypeVar
@@ -19,6 +20,7 @@ import numpy as np
 
 from cavirheo.curve import RadiusCurve
 from cavirheo.errors import require
+from cavirheo.parallel import Executor, one_of
 from cavirheo.posterior import BubbleModel, Checks, Diagnostics, Evidence, OtherAnswer, Posterior, WindowAnswer
 from cavirheo.writing.document import into, whole
 from cavirheo.writing.terminal import bar, say
@@ -50,10 +52,14 @@ class Step:
 
 
 class Unfinished:
-    """The answers of one run into the folder `out`. After Ctrl-C `interrupted` is set, and nothing more is begun."""
+    """The answers of one run into the folder `out`. After Ctrl-C `interrupted` is set, and nothing more is begun.
 
-    def __init__(self, out: str | Path, *, shown: bool = True) -> None:
+    executor: where each is found by itself; by default the verb of a step spreads them over the cores of this machine.
+    """
+
+    def __init__(self, out: str | Path, *, shown: bool = True, executor: Executor | None = None) -> None:
         self.folder, self.shown, self.interrupted = Path(out) / "unfinished", shown, False
+        self.executor = executor
         self._own: set[Path] = set()  # written by this run
         way = f"{self.folder} must be a folder, for answers are kept there: give another place with -o"
         require(self.folder.is_dir() or not self.folder.exists(), way, "document.folder")
@@ -89,7 +95,13 @@ class Unfinished:
         given = [list(begun.values())] if before else []
         try:
             with bar(step.doing, len(left), shown=self.shown) as advance:
-                found.update(zip(left, step.verb(mine, *given, done=done, **step.settings), strict=True))
+                if self.executor and step.apart:
+                    work = partial(one_of, step.verb, dict(step.settings))
+                    with closing(self.executor.flow(work, list(zip(mine, *given, strict=True)))) as flow:
+                        for k, answer in flow:
+                            done(k, answer)
+                else:
+                    found.update(zip(left, step.verb(mine, *given, done=done, **step.settings), strict=True))
         except KeyboardInterrupt:
             self.interrupted = True
         return dict(sorted(found.items()))

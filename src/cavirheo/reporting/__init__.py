@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterator, Sequence
 from datetime import datetime
 from itertools import chain, count
 from pathlib import Path
@@ -16,6 +16,7 @@ from cavirheo.writing.document import Outputs, write_json
 
 __all__ = ["file_names", "outputs", "read_json", "result", "write_report"]
 
+MANY = 500  # curves: above, a Parquet table stands beside the documents, and no more pictures than this are drawn
 DOCUMENTS = ("result.json", "result.csv", "report.html")
 
 
@@ -23,8 +24,9 @@ def outputs(directory: str | Path, curves: Sequence[RadiusCurve], pictures: Sequ
     """Where `write_report` writes, tried. Raises InputError: it cannot, or it would replace a file of the user's."""
     unknown = ", ".join(repr(kind) for kind in pictures if kind not in ("png", "svg"))
     require(not unknown, f"pictures can be png or svg, got {unknown}", "reporting.picture_kind")
+    many = ["result.parquet"] if len(curves) > MANY else []
     drawn = [f"{name}.{kind}" for name in file_names([curve.name for curve in curves]) for kind in pictures]
-    return Outputs(directory, *DOCUMENTS, *drawn, inputs=[curve.source for curve in curves if curve.source])
+    return Outputs(directory, *DOCUMENTS, *many, *drawn, inputs=[curve.source for curve in curves if curve.source])
 
 
 def write_report(
@@ -57,6 +59,9 @@ def write_report(
         done: called after each picture.
         published: values of other methods for these shots, by method and parameter, which stand beside the groups.
 
+    Of more than MANY curves there is result.parquet, too (with pyarrow), and so many pictures: of those that are not ok
+    first. The report then hides the curves that are ok where that is wished.
+
     Without matplotlib there are no pictures, and the report and the result's notes say so; so they do of a picture
     that cannot be drawn.
 
@@ -71,20 +76,44 @@ def write_report(
     drawing = draw and complete and style.available()
     said = [*notes, *([style.NO_PICTURES] if draw and complete and not drawing else [])]
     document = result(pairs, command, date=date, notes=said, published=published)
+    shown = set(range(len(pairs)))
+    if len(pairs) > MANY and complete:
+        order = sorted(shown, key=lambda i: (document.curves[i].verdict == "ok", i))
+        shown = set(order[:MANY])
+        told = f"{MANY} of {len(pairs)} curves are drawn, those that are not ok first; for another, give its file alone"
+        said = [*said, *([told] if drawing else []), *_table(folder, document)]
+        document.notes = list(said)
     folder.write("result.json", write_json, document)
     folder.write("result.csv", table.write_csv, document)
     if complete:
-        drawn = _drawn(folder, pairs, document, pictures, workers, done) if drawing else ()
+        drawn = _drawn(folder, pairs, document, pictures, workers, done, shown) if drawing else ()
         sheets = [str(curve.meta.get("contact_sheet", "")) for curve, _ in pairs] if draw else []
-        folder.write("report.html", html.write, document, *drawn, sheets=sheets)
+        folder.write("report.html", html.write, document, *drawn, sheets=sheets, many=len(pairs) > MANY)
         if document.notes != said:  # of pictures
             folder.write("result.json", write_json, document)
     folder.finish()
     return document
 
 
+def _table(folder: Outputs, document: Result) -> list[str]:
+    """result.parquet written; what is to be said where it cannot be."""
+    from cavirheo.reporting import table
+
+    try:
+        folder.write("result.parquet", table.write_parquet, document)
+    except ModuleNotFoundError:
+        return ["no result.parquet (result.csv has the same rows): pip install 'cavirheo[cluster]'"]
+    return []
+
+
 def _drawn(
-    folder: Outputs, pairs: Pairs, document: Result, kinds: Sequence[str], workers: int, done: Callable[[], None] | None
+    folder: Outputs,
+    pairs: Pairs,
+    document: Result,
+    kinds: Sequence[str],
+    workers: int,
+    done: Callable[[], None] | None,
+    shown: Collection[int],
 ) -> tuple[Iterator[str], Iterator[str]]:
     """What the report shows of its curves and of its groups, drawn when it is asked for; files are saved meanwhile."""
     from cavirheo.reporting.drawing import Drawing, curve_pictures, group_pictures
@@ -92,19 +121,25 @@ def _drawn(
     records, unit = document.curves, document.modulus_unit
     names = file_names([record.name for record in records])
     given = zip(pairs, records, strict=True)
-    jobs = [Drawing(curve, answer.checks, record, unit, kinds) for (curve, answer), record in given]
+    jobs = [
+        Drawing(curve, answer.checks, record, unit, kinds)
+        for i, ((curve, answer), record) in enumerate(given)
+        if i in shown
+    ]
 
     def noted(name: str, shown: str) -> str:
         document.notes += [] if shown.startswith("data:") else [f"{name}: {shown}"]
         return shown
 
     def of_curves() -> Iterator[str]:
-        for name, record, drawn in zip(names, records, curve_pictures(jobs, workers), strict=True):
-            for kind, content in drawn.files.items():
+        pictures = iter(curve_pictures(jobs, workers))
+        for i, (name, record) in enumerate(zip(names, records, strict=True)):
+            drawn = next(pictures) if i in shown else None
+            for kind, content in drawn.files.items() if drawn else ():
                 folder.write(f"{name}.{kind}", Path.write_bytes, content)
             if done:
                 done()
-            yield noted(record.name, drawn.shown)
+            yield noted(record.name, drawn.shown) if drawn else ""
 
     groups = group_pictures(pairs, document.members(), records, unit)
     return of_curves(), (noted(name, shown) for name, shown in groups)

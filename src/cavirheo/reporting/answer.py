@@ -214,11 +214,14 @@ def _at_rate(posterior: Posterior) -> dict[str, Quantity]:
     """The viscosity at 1e5 1/s of a law that has not one."""
     from cavirheo.physics.laws import viscosity_at
 
-    draws = [posterior.draws(name) for name in posterior.parameters]
-    rows = [dict(zip(posterior.parameters, row, strict=True)) for row in zip(*draws, strict=True)]
-    if not rows or viscosity_at(posterior.material, RATE, rows[0]) is None:
+    names = list(posterior.parameters)
+    rows = zip(*(posterior.draws(name) for name in names), strict=True)
+    first = next(rows, None)
+    if first is None or viscosity_at(posterior.material, RATE, dict(zip(names, first, strict=True))) is None:
         return {}
-    found = np.array([viscosity_at(posterior.material, RATE, row) for row in rows], dtype=float)
+    found = np.array(
+        [viscosity_at(posterior.material, RATE, dict(zip(names, row, strict=True))) for row in (first, *rows)]
+    )
     low, median, high = intervals((AT_RATE,), found[:, None], posterior.log_weight).get(AT_RATE, (None, found[0], None))
     return {AT_RATE: Quantity(median=float(median), q05=low, q95=high)}
 

@@ -31,10 +31,12 @@ def write(
     pictures: Iterable[str] = (),
     group_pictures: Iterable[str] = (),
     sheets: Sequence[str] = (),
+    many: bool = False,
 ) -> None:
     """The page of a result, curve by curve; `pictures`, an image's address for each or none, may be drawn meanwhile.
 
     `group_pictures`: those that stand before the curves. `sheets`: of each curve all frames of its recording, or "".
+    `many`: with a switch that hides the curves that are ok.
     """
     unit, drawn = result.modulus_unit, iter(pictures)
     page = template("report.html")
@@ -43,6 +45,7 @@ def write(
         style=files("cavirheo.reporting").joinpath("report.css").read_text(encoding="utf-8"),
         unit=unit,
         group_pictures=group_pictures,
+        many=many,
         articles=(
             article(k, record, *unit, next(drawn, "")) + _part("frames", sheets[k] if sheets else "")
             for k, record in enumerate(result.curves)

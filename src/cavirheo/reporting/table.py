@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from cavirheo.parameters import AT_RATE, CAMERA
 from cavirheo.reporting.answer import CurveRecord, Unit, described, evidence, in_unit, parameters_of
@@ -144,6 +144,23 @@ def _group_cells(group: GroupRecord, factor: float) -> list[str]:
 
 def write_csv(path: str | Path, result: Result) -> None:
     """One line per curve; SI units in the names of the columns; empty where there is no number."""
+    write_rows(path, *_rows(result))
+
+
+def write_parquet(path: str | Path, result: Result) -> None:
+    """The same rows and columns, numbers as numbers. Raises ModuleNotFoundError without pyarrow."""
+    import pyarrow
+    from pyarrow import parquet
+
+    head, rows = _rows(result)
+    columns = {
+        name: [digits.printable(v) if isinstance(v := row.get(name), str) else v for row in rows] for name in head
+    }
+    parquet.write_table(pyarrow.table(columns), path)
+
+
+def _rows(result: Result) -> tuple[list[str], list[dict[str, Any]]]:
+    """(names of the columns, a row for each curve)."""
     quantities = ["stretch", "shear_modulus_Pa", "viscosity_Pa_s"]
     plain = ["max_radius_m", *quantities, "rmse_over_rmax", "collapses", "t_star_end", "verdict", "message", "contents"]
     units = {name: described(name)[1].replace(" ", "_") for name in result.parameters}
@@ -158,7 +175,7 @@ def write_csv(path: str | Path, result: Result) -> None:
         known |= {others[name]: value for name, value in record.other_parameters.items()}
         values = {key + end: getattr(value, part) for key, value in known.items() for part, end in ends.items()}
         rows.append(vars(record) | vars(record.window) | values)
-    write_rows(path, head, rows)
+    return head, rows
 
 
 def parameters_table(result: Result) -> Table | None:

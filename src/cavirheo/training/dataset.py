@@ -15,7 +15,7 @@ import time
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
 from importlib.metadata import version
 from itertools import islice
 from pathlib import Path
@@ -28,16 +28,19 @@ from numpy.typing import NDArray
 
 from cavirheo.arrays import Bools, Floats
 from cavirheo.errors import InputError, require
+from cavirheo.parallel import Executor, Threads
 from cavirheo.prior import uniforms
 from cavirheo.problem import TrainingProblem
 from cavirheo.reading import limits
-from cavirheo.writing.document import into, whole
+from cavirheo.training.shards import Survey, fill, size_and_sha256, write_hdf5
+from cavirheo.writing.document import into
 from cavirheo.writing.terminal import bar
 
 Indices = NDArray[np.int64]
+Rows = tuple[Floats, NDArray[np.float32], list[str]]  # theta, radius over the reference R_max, statuses
 
 SHARD = 500  # curves in a file
-CHUNK = 50  # curves between two steps of the progress bar
+CHUNK = 50  # curves of a unit of work: about half a second
 SPLIT_STREAM = 1  # apart from the draws of the prior, so that equal seeds do not sort the split by a parameter
 _HEAD = {"problem": str, "seed": int, "total": int, "made_by": str}  # attributes that all shards of a set share
 _COLUMNS = ("theta", "radius", "status")
@@ -106,12 +109,14 @@ def generate(
     *,
     seed: int = 0,
     workers: int | None = None,
+    executor: Executor | None = None,
     shard: tuple[int, int] = (1, 1),
     progress: bool = True,
 ) -> Generated:
     """Simulate curves 0..n-1 into `out_dir`; shard = (i, N) makes the i-th of N parts, i from 1.
 
-    Complete files are kept. Nothing in a file depends on `workers`, `shard` or the date.
+    executor: where they are simulated; default: on so many threads (`workers`) of this machine.
+    Complete files are kept. Nothing in a file depends on `workers`, `executor`, `shard` or the date.
 
     Raises:
         InputError: the folder holds files of another problem, seed, number of curves or version.
@@ -129,29 +134,42 @@ def generate(
         blocks = {folder / _name(start): range(n)[start : start + SHARD] for start in starts}
         todo = {path: block for path, block in blocks.items() if not path.exists()}
         simulated = sum(map(len, todo.values()))
+        simulate = partial(_simulated, problem, seed)
+
+        def write(path: Path, block: range, parts: list[Rows]) -> None:
+            write_hdf5(path, head | {"start": block.start}, columns(parts))
+
         with bar("simulating", simulated, shown=progress) as advance:
-            for path, block in todo.items():
-                theta, runs = problem.prior.sample(block, seed), []
-                for chunk in np.split(theta, range(CHUNK, len(theta), CHUNK)):
-                    runs += problem.simulate_many(chunk, workers=workers)
-                    advance(len(chunk))
-                radius = np.array([run.radius for run in runs], dtype=float) / problem.reference_max_radius
-                status = np.array([run.status for run in runs], dtype=object)
-                unsaid = ~np.isfinite(radius).all(axis=1) & (status == "ok")
-                status[unsaid] = "the simulation ended well but its radius is not finite"
-                # in memory: on a full disk HDF5 itself would end the process
-                with h5py.File(path.name, "w", driver="core", backing_store=False, track_order=False) as file:
-                    file.attrs.update(head | {"start": block.start})
-                    file.create_dataset("theta", data=theta, track_times=False)
-                    file.create_dataset("radius", data=radius.astype(np.float32), track_times=False)
-                    file.create_dataset("status", data=status, dtype=h5py.string_dtype(), track_times=False)
-                    file.flush()
-                    content = file.id.get_file_image()
-                with whole(path) as temporary:
-                    temporary.write_bytes(content)
+            fill(todo, CHUNK, simulate, write, executor or Threads(workers), advance)
         failures = Counter(status for path in blocks for status in _read(path)["status"].tolist() if status != "ok")
     curves, seconds = sum(map(len, blocks.values())), time.perf_counter() - began
     return Generated(curves, len(todo), len(blocks) - len(todo), dict(failures), seconds, simulated)
+
+
+def _simulated(problem: TrainingProblem, seed: int, block: range) -> Rows:
+    """These curves."""
+    theta = problem.prior.sample(block, seed)
+    runs = problem.simulate_many(theta, workers=1)
+    radius = np.array([run.radius for run in runs], dtype=float) / problem.reference_max_radius
+    unsaid = "the simulation ended well but its radius is not finite"
+    finite: Bools = np.asarray(np.isfinite(radius).all(axis=1))
+    said = zip((run.status for run in runs), finite.tolist(), strict=True)
+    return (
+        theta,
+        radius.astype(np.float32),
+        [unsaid if status == "ok" and not known else status for status, known in said],
+    )
+
+
+def columns(parts: Sequence[Rows]) -> dict[str, dict[str, Any]]:
+    """The datasets of a file."""
+    theta, radius, statuses = zip(*parts, strict=True)
+    status = np.array([one for part in statuses for one in part], dtype=object)
+    return {
+        "theta": {"data": np.concatenate(theta)},
+        "radius": {"data": np.concatenate(radius)},
+        "status": {"data": status, "dtype": h5py.string_dtype()},
+    }
 
 
 def load(data_dir: str | Path) -> Dataset:
@@ -177,6 +195,23 @@ def load(data_dir: str | Path) -> Dataset:
     shards = [_read(path, {key: first[key] for key in _HEAD}) for path in paths]
     columns = (np.concatenate([shard[name] for shard in shards]) for name in _COLUMNS)
     return Dataset(problem, first["seed"], first["made_by"], *columns)
+
+
+def survey(data_dir: str | Path) -> Survey:
+    """What is there of a set that may still grow. Raises InputError: nothing, or damaged files, or of several sets."""
+    paths = sorted(Path(data_dir).glob("shard-*.h5"))
+    require(bool(paths), f"{data_dir} holds no training set (shard-*.h5)", "dataset.none")
+    first, statuses = _read(paths[0]), Counter[str]()
+    for path in paths:
+        statuses.update(_read(path, {key: first[key] for key in _HEAD})["status"].tolist())
+    problem, total = TrainingProblem.from_dict(json.loads(first["problem"])), first["total"]
+    about = [f"curves of {problem.grid.frames} frames: {problem.material_name} in {problem.medium.name}"]
+    prior, lacking = problem.prior, -(-total // SHARD) - len(paths)
+    about += [
+        f"{name}: {low:g} to {high:g}" for name, low, high in zip(prior.names, prior.low, prior.high, strict=True)
+    ]
+    told = first["made_by"], first["seed"], total, about
+    return Survey(*told, dict(statuses), len(paths), lacking, *size_and_sha256(paths))
 
 
 def difference(old: Mapping[str, Any], new: Mapping[str, Any]) -> str:

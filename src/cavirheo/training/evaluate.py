@@ -13,6 +13,7 @@ import numpy as np
 from cavirheo.arrays import Floats
 from cavirheo.errors import InputError, require
 from cavirheo.inference.model import Network
+from cavirheo.parallel import Executor
 from cavirheo.parameters import LOG10, about, natural_name
 from cavirheo.training import figures
 from cavirheo.training.dataset import Dataset, difference, load
@@ -42,12 +43,19 @@ _ROW = {
 
 
 def evaluate(
-    model: Path, data_dir: Path, out_dir: Path | None = None, *, robust: bool = False, progress: bool = True
+    model: Path,
+    data_dir: Path,
+    out_dir: Path | None = None,
+    *,
+    robust: bool = False,
+    progress: bool = True,
+    executor: Executor | None = None,
 ) -> dict[str, Any]:
     """Judge an exported model (.onnx with its card) on a set; tables and the paper's figures go into `out_dir`.
 
     On the set that it was trained on, or one of the same draws made anew, only the test part counts; on any other,
-    every usable curve. `robust` films the curves anew (robustness.py): minutes of simulation.
+    every usable curve. `robust` films the curves anew (robustness.py): minutes of simulation, the answers found by
+    the executor if one is given.
 
     Returns:
         What `out_dir`/metrics.json holds; robustness is None unless asked for.
@@ -72,7 +80,7 @@ def evaluate(
         "outputs": list(names),
         "metrics": metrics(names, truth, predicted),
         "breakdown": breakdown(names, data.problem.prior, theta, predicted - truth),
-        "robustness": robustness(network, data, chosen, progress) if robust else None,
+        "robustness": robustness(network, data, chosen, progress, executor) if robust else None,
         "figures": [],
         "notes": _other_ranges(network, data, theta),
     }

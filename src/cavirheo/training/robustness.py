@@ -7,7 +7,10 @@ of every measurement, R_max and its time being fitted. Without growth it begins 
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Callable
+from contextlib import closing
 from dataclasses import asdict, dataclass
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -18,7 +21,9 @@ from cavirheo.errors import InputError
 from cavirheo.inference import infer_many
 from cavirheo.inference.amortised import Amortised
 from cavirheo.inference.model import Network
+from cavirheo.parallel import Executor, one_of
 from cavirheo.parameters import natural_name, scaled
+from cavirheo.posterior import Posterior
 from cavirheo.problem import TrainingProblem
 from cavirheo.training.dataset import Dataset, Indices
 from cavirheo.training.metrics import metrics
@@ -51,7 +56,9 @@ RECORDINGS = (
 )
 
 
-def robustness(network: Network, data: Dataset, chosen: Indices, progress: bool = True) -> dict[str, Any]:
+def robustness(
+    network: Network, data: Dataset, chosen: Indices, progress: bool = True, executor: Executor | None = None
+) -> dict[str, Any]:
     """Metrics of a network on the curves `chosen` of a set, filmed in every way.
 
     The network reads all of them; the default answer of `infer`, of the same law, is found for ANSWERS of them, drawn
@@ -80,6 +87,16 @@ def robustness(network: Network, data: Dataset, chosen: Indices, progress: bool 
         numbers = metrics(names, truth[curves][answered], answers[answered]) if answered.sum() >= 2 else None
         return {"curves": len(curves), "failed": int(np.sum(~answered)), "metrics": numbers}
 
+    def answered(curves: list[RadiusCurve], done: Callable[..., None]) -> list[Posterior]:
+        if not executor:
+            return infer_many(curves, done=done, **default)
+        found = dict[int, Posterior]()
+        with closing(executor.flow(partial(one_of, infer_many, default), [(curve,) for curve in curves])) as flow:
+            for index, answer in flow:
+                found[index] = answer
+                done()
+        return [found[index] for index in range(len(curves))]
+
     rows = []
     filmed: dict[tuple[float, float], list[tuple[Floats, Floats]]] = {}  # several ways film at the same times
     with bar("filming, answering", len(RECORDINGS) * len(drawn), shown=progress) as advance:
@@ -89,7 +106,7 @@ def robustness(network: Network, data: Dataset, chosen: Indices, progress: bool 
                 filmed[key] = film(data.problem, data.theta, chosen, recording)
             curves = [degrade(*true, R_max, recording, i) for true, i in zip(filmed[key], chosen, strict=True)]
             read = [alone(curve) for curve in curves]
-            posteriors = infer_many([curves[i] for i in drawn], done=lambda *_: advance(), **default)
+            posteriors = answered([curves[i] for i in drawn], lambda *_: advance())
             answers = [np.array([scaled(n, one.median(natural_name(n))) for n in names]) for one in posteriors]
             verdicts = [posterior.checks.verdict for posterior in posteriors]
             ok = [i for i, verdict in enumerate(verdicts) if verdict == "ok"]

@@ -20,7 +20,7 @@ from cavirheo.writing.terminal import say
 
 _VERBS = (
     "infer watch design measure compare show cite simulate laws generate train evaluate models fit which_law "
-    "rheometer collapse_time app"
+    "rheometer collapse_time cluster app"
 )
 _FOUND = [getattr(import_module(f"cavirheo.verbs.{name}"), name) for name in _VERBS.split()]
 _Usage: Any = typer.BadParameter.__base__  # every mistake in the words of a call; typer has no public name for it

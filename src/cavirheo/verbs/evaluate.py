@@ -8,7 +8,9 @@ from typing import Annotated
 
 from typer import Argument, Option
 
+from cavirheo.errors import require
 from cavirheo.verbs import options
+from cavirheo.writing.terminal import say
 
 
 def evaluate(
@@ -18,18 +20,23 @@ def evaluate(
     robustness: Annotated[
         bool, Option("--robustness", help="also with noise, other frame rates, a first frame off, gaps: minutes")
     ] = False,
+    scheduler: options.Scheduler = None,
     quiet: options.Quiet = False,
 ) -> None:
     """How good a model is on simulated curves: metrics.json, tables (evaluation.md) and figures."""
+    from cavirheo.cluster import connected
     from cavirheo.inference.model import path_of
     from cavirheo.training.evaluate import evaluate as judge
     from cavirheo.training.evaluate import markdown
 
+    idle = scheduler is not None and not robustness
+    require(not idle, "--scheduler would change nothing without --robustness: give that too", "option.scheduler")
     if robustness:
         from cavirheo.physics.simulate import load_solver
 
         load_solver()
-    found = judge(path_of(model), data, out, robust=robustness, progress=not quiet)
+    with connected(scheduler, lambda text: None if quiet else say(text)) as executor:
+        found = judge(path_of(model), data, out, robust=robustness, progress=not quiet, executor=executor)
     if not quiet:
         print(markdown(found))
         print(f"written to {out}", file=sys.stderr)

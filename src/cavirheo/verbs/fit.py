@@ -45,9 +45,11 @@ def fit(
     liquid: options.Liquid = options.FROM_OPTIONS,
     out: options.Out = Path("cavirheo-fit"),
     pictures: options.Pictures = True,
+    scheduler: options.Scheduler = None,
     run: Run = options.FROM_OPTIONS,
 ) -> None:
     """The field's conventional fit: least squares of simulated on measured radius histories, with intervals."""
+    from cavirheo.cluster import connected
     from cavirheo.inference.fit import fit_many
     from cavirheo.inference.law import Family
     from cavirheo.inference.options import Options
@@ -58,6 +60,8 @@ def fit(
     files = run.files(files)
     options.check_verify(verify, reading.exposure_us, exact_law, files)
     require(not joint or verify == "none", "--verify looks at each shot by itself: leave out --joint, or --verify")
+    one_work = "--joint is one fit of all shots, which is not spread: leave out --scheduler, or --joint"
+    require(not (joint and scheduler), one_work, "option.joint")
     collapses, known = options.window_of(window), options.stretch_of(stretch)
     law = None if material == "auto" else Family(material)
     solid = f"--damage needs a law with an elastic part, {material} has none"
@@ -70,9 +74,11 @@ def fit(
     either = replace(bubble, contents="kinetic") if bubble.contents == "auto" else bubble
     Options(stretch=known, **camera, **cut, bubble=either)
     Outputs(out, *DOCUMENTS, inputs=files)
-    curves = run.read(files, liquid, reading, column)
     shared: dict[str, Any] = {"medium": liquid, "stretch": known, "seed": seed}
     settings = {"material": material, "others": others, "joint": joint, "trust_input": reading.trust_input}
     settings |= {**cut, **shared, **camera, **asdict(bubble)}
     first = Step("fitting", fit_many, settings, apart=not joint)
-    run.report(curves, first, out, pictures=pictures, verify=verify, discrepancy=not exact_law, **shared, **camera)
+    after: dict[str, Any] = {"verify": verify, "discrepancy": not exact_law, **shared, **camera}
+    with connected(scheduler, run.say) as executor:
+        curves = run.read(files, liquid, reading, column)
+        run.report(curves, first, out, pictures=pictures, executor=executor, **after)

@@ -8,8 +8,9 @@ from typing import Annotated, Any
 
 from typer import Argument, Option
 
-from cavirheo.errors import InputError
+from cavirheo.errors import InputError, require
 from cavirheo.verbs import options
+from cavirheo.writing.terminal import say
 
 
 def generate(
@@ -19,9 +20,11 @@ def generate(
     seed: Annotated[int | None, Option(help="default: as in the recipe", min=0)] = None,
     workers: Annotated[int | None, Option(help="threads; default: all cores", min=1)] = None,
     shard: Annotated[str, Option(help="i/N: make the i-th of N parts only")] = "1/1",
+    scheduler: options.Scheduler = None,
     quiet: options.Quiet = False,
 ) -> None:
     """A training set of simulated curves; resumable, and the same bytes for any number of workers."""
+    from cavirheo.cluster import connected
     from cavirheo.physics.simulate import load_solver
     from cavirheo.training import dataset
     from cavirheo.training.posterior import store
@@ -33,13 +36,16 @@ def generate(
         part, parts = (int(number) for number in shard.split("/"))
     except ValueError:
         raise InputError(f"--shard must read i/N, e.g. 2/8; got {shard!r}", "option.shard") from None
+    told = "--workers are threads of this machine, and --scheduler has its own: leave out one of them"
+    require(workers is None or scheduler is None, told, "option.workers")
     load_solver()
     n, seed = content.data.n if n is None else n, content.data.seed if seed is None else seed
     how: dict[str, Any] = {"workers": workers, "shard": (part, parts), "progress": not quiet}
-    if isinstance(content, Recipe):
-        made = dataset.generate(content.problem, n, out, seed=seed, **how)
-    else:
-        made = store.generate(content, n, out, seed=seed, **how)
+    with connected(scheduler, lambda text: None if quiet else say(text)) as executor:
+        if isinstance(content, Recipe):
+            made = dataset.generate(content.problem, n, out, seed=seed, executor=executor, **how)
+        else:
+            made = store.generate(content, n, out, seed=seed, executor=executor, **how)
     said = [f"{made.curves} curves in {out}: {made.written} files written, {made.skipped} already there"]
     if made.simulated:
         rate = made.simulated / made.seconds

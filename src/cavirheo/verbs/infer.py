@@ -24,10 +24,12 @@ def infer(
     liquid: options.Liquid = options.FROM_OPTIONS,
     out: options.Out = Path("cavirheo-result"),
     pictures: options.Pictures = True,
+    scheduler: options.Scheduler = None,
     run: Run = options.FROM_OPTIONS,
 ) -> None:
     """Shear modulus and viscosity from measured radius histories, with intervals and pictures that show whether to
     believe them."""
+    from cavirheo.cluster import connected
     from cavirheo.inference import check_models, infer_many
     from cavirheo.inference.model import Network
     from cavirheo.inference.posterior_model import network_of
@@ -43,7 +45,6 @@ def infer(
     network = network_of(model)
     single = isinstance(network, Network)
     Outputs(out, *DOCUMENTS, inputs=files)
-    curves = run.read(files, liquid, reading, column)
     shared: dict[str, Any] = {"medium": liquid, "stretch": stretch}
     settings = {"model": model, "window": window, "trust_input": reading.trust_input, **shared}
     checked: dict[str, Any] = {"seed": seed, "discrepancy": not exact_law, "contents": contents}
@@ -51,4 +52,6 @@ def infer(
         settings |= {"material": material, "verify": verify, **checked}
     first = Step("inferring", infer_many, settings, made_with=network.sha256)
     after = verify if single and verify != "auto" else "none"
-    run.report(curves, first, out, pictures=pictures, verify=after, **checked, **shared)
+    with connected(scheduler, run.say) as executor:
+        curves = run.read(files, liquid, reading, column)
+        run.report(curves, first, out, pictures=pictures, verify=after, executor=executor, **checked, **shared)

@@ -62,6 +62,8 @@ _WANTED = "half of the 90 % interval that is wanted, of the value"
 WantedPercent = Annotated[float, Option(help=_WANTED, min=0.1, max=99.0)]
 _COLUMN = "table of shots, files or groups and one number each (a concentration, ...): the material's slope over it"
 Column = Annotated[Path | None, Option(help=_COLUMN, readable=False)]
+_SCHEDULER = "dask: tcp://HOST:PORT, or slurm:FILE.toml  [default: the cores of this machine]"
+Scheduler = Annotated[str | None, Option(help=_SCHEDULER)]
 FROM_OPTIONS: Any = None  # default of an argument of a verb that is made of the options of its kind
 _Number = float | None
 _KINDS: dict[str, dict[str, tuple[Any, Any]]] = {  # argument: its options, each with type and default

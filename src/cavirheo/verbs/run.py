@@ -19,6 +19,7 @@ from cavirheo.writing import terminal
 
 if TYPE_CHECKING:
     from cavirheo.curve import RadiusCurve
+    from cavirheo.parallel import Executor
     from cavirheo.physics.media import Medium
     from cavirheo.reading.shots import Recordings
     from cavirheo.unfinished import Step
@@ -137,6 +138,7 @@ class Run:
         *,
         pictures: bool = True,
         verify: str = "none",
+        executor: Executor | None = None,
         **settings: Any,
     ) -> None:
         """The end of `infer` and `fit`: the curves answered by the first step, the answers verified (`settings` are
@@ -150,7 +152,7 @@ class Run:
         outputs(out, curves, ("png",) if pictures else ())
         if pictures:
             prepare()
-        steps, kept = [first], Unfinished(out, shown=not self.quiet)
+        steps, kept = [first], Unfinished(out, shown=not self.quiet, executor=executor)
         if verify != "none":
             from cavirheo.inference.verify import verify_many
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections import Counter
 from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -14,7 +13,6 @@ from cavirheo.verbs import options
 from cavirheo.writing.terminal import say
 
 if TYPE_CHECKING:
-    from cavirheo.training.dataset import Dataset
     from cavirheo.writing.document import Document
 
 _TABLES = {  # by the class of a document: who prints its table
@@ -36,8 +34,6 @@ def show(
     shots: options.Shots = None,
 ) -> None:
     """What a file is: when and by which command it was made, and its table; of measured curves, what would be read."""
-    from cavirheo.loading import load
-
     told = f"--shots is for measurements, and {file} is none: leave it out"
     card = file.suffix == ".json" and file.with_suffix(".onnx").is_file()
     if card or file.suffix.lower() == ".onnx" or file.is_dir() or _is_json(file):
@@ -45,19 +41,26 @@ def show(
     if card or file.suffix.lower() == ".onnx":
         _show_model(file.with_suffix(".onnx"))
     elif file.is_dir() or _is_json(file):
-        _show_written(load(file), file)
+        _show_written(file)
     else:
         try:
             _show_curves(file, shots)
         except InputError:
             try:
-                beside = load(file.parent) if file.is_file() else None
+                beside = _loadable(file.parent) if file.is_file() else False
             except InputError:
-                beside = None
-            if beside is None:
+                beside = False
+            if not beside:
                 raise
             say(f"{file} holds no measurement; {file.parent} holds:")
-            _show_written(beside, file.parent)
+            _show_written(file.parent)
+
+
+def _loadable(folder: Path) -> bool:
+    """Whether it holds a training set or a document. Raises InputError: several documents, or none."""
+    from cavirheo.loading import load
+
+    return any(folder.glob("shard-*.h5")) or any(folder.glob("curves-*.h5")) or bool(load(folder))
 
 
 def _is_json(path: Path) -> bool:
@@ -70,13 +73,14 @@ def _is_json(path: Path) -> bool:
         raise InputError(f"{path}: cannot be read ({error.strerror})", "show.unreadable") from None
 
 
-def _show_written(found: Document | Dataset, path: Path) -> None:
+def _show_written(path: Path) -> None:
+    from cavirheo.loading import load
     from cavirheo.writing.document import Document
 
-    if isinstance(found, Document):
+    if path.is_dir() and (any(path.glob("shard-*.h5")) or any(path.glob("curves-*.h5"))):
+        _show_training_set(path)
+    elif isinstance(found := load(path), Document):
         _show_document(found, path)
-    else:
-        _show_training_set(found, path)
 
 
 def _show_document(document: Document, path: Path) -> None:
@@ -88,17 +92,19 @@ def _show_document(document: Document, path: Path) -> None:
     getattr(import_module(f"cavirheo.{module}"), name)(document)
 
 
-def _show_training_set(found: Dataset, path: Path) -> None:
+def _show_training_set(path: Path) -> None:
+    """File by file: it may be larger than the memory, and still grow."""
+    from cavirheo.training import dataset
+    from cavirheo.training.posterior import store
     from cavirheo.writing.terminal import console
 
-    problem, prior = found.problem, found.problem.prior
-    frames, material = found.radius.shape[1], f"{problem.material_name} in {problem.medium.name}"
+    found = (dataset if any(path.glob("shard-*.h5")) else store).survey(path)
     lines = [f"{path}: training set, written by cavirheo {found.made_by}, seed {found.seed}"]
-    lines.append(f"  {len(found.theta)} curves of {frames} frames: {material}")
-    lines += [
-        f"  {name}: {low:g} to {high:g}" for name, low, high in zip(prior.names, prior.low, prior.high, strict=True)
-    ]
-    lines += [f"  {count} {what}" for what, count in Counter(map(str, found.status)).most_common()]
+    growing = f"growing: {found.lacking} of {found.files + found.lacking} files are still to be made"
+    lines.append(f"  {found.curves} of {found.total} curves, {growing if found.lacking else 'complete'}")
+    lines += [f"  {line}" for line in found.about]
+    lines += [f"  {count} {what}" for what, count in sorted(found.statuses.items(), key=lambda one: -one[1])]
+    lines.append(f"  {found.size / 1e6:.3g} MB, {found.size / found.curves:.0f} bytes a curve; checksum {found.sha256}")
     console().print("\n".join(lines))
 
 

@@ -37,9 +37,11 @@ def which_law(
     reading: Reading = options.FROM_OPTIONS,
     liquid: options.Liquid = options.FROM_OPTIONS,
     out: options.Out = Path("cavirheo-laws"),
+    scheduler: options.Scheduler = None,
     run: Run = options.FROM_OPTIONS,
 ) -> None:
     """Which of several laws do the curves speak for? Evidence by importance sampling, 1 to 10 s a curve and law."""
+    from cavirheo.cluster import connected
     from cavirheo.inference import infer_many
     from cavirheo.inference.fit import fit_many
     from cavirheo.inference.options import Options
@@ -57,34 +59,36 @@ def which_law(
     chosen = models(*asked)
     walls = options.wall_inertia_of(wall_inertia)
     Options(window=looked_at, stretch=known, bubble=BubbleModel(wall_inertia=walls))
-    outputs, kept = document.Outputs(out, "laws.json", inputs=files), Unfinished(out, shown=not run.quiet)
-    curves = run.read(files, liquid, reading)
-    shared: dict[str, Any] = {"medium": liquid, "stretch": known, "seed": seed}
-    weighing: dict[str, Any] = {"discrepancy": not exact_law, "draws": TUNING.law_draws, **shared}
-    climbing = {**weighing, "level": "map", "scanned": TUNING.law_scanned}
-    found: dict[str, dict[int, Posterior]] = {}
-    steps: dict[str, tuple[Step, ...]] = {}
-    for law, way in chosen.items():
-        if by_network(way, wall_inertia=walls, stretch=known):
-            inferring = {"material": way["material"], "contents": way["contents"], "trust_input": reading.trust_input}
-            inferring |= {"window": looked_at, **weighing}
-            steps[law] = (Step(f"weighing {law}", infer_many, inferring),)
-            found[law] = kept.answers(curves, *steps[law])
-            continue
-        fitting = {**way, "window": looked_at, "wall_inertia": walls, "trust_input": reading.trust_input, **shared}
-        fitting |= {"windows": False, "others": False, "draws": False}
-        fit, climb = Step(f"fitting {law}", fit_many, fitting), Step(f"climbing {law}", verify_many, climbing)
-        steps[law] = fit, climb, Step(f"weighing {law}", verify_many, weighing)
-        found[law] = kept.answers(curves, *steps[law][:2])
-    whole = all(len(answers) == len(curves) for answers in found.values())
-    climbed = {law: list(answers.values()) for law, answers in found.items()} if whole else {}
-    for law, near in contending(climbed).items():
-        if len(steps[law]) == 1:
-            continue
-        full = kept.answers([curves[i] for i in near], *steps[law])
-        rest = {i: answer for i, answer in found[law].items() if i not in near}
-        found[law] = rest | {near[k]: answer for k, answer in full.items()}
-    found = found if whole else {law: {} for law in found}
+    outputs = document.Outputs(out, "laws.json", inputs=files)
+    with connected(scheduler, run.say) as executor:
+        kept = Unfinished(out, shown=not run.quiet, executor=executor)
+        curves = run.read(files, liquid, reading)
+        shared: dict[str, Any] = {"medium": liquid, "stretch": known, "seed": seed}
+        weighing: dict[str, Any] = {"discrepancy": not exact_law, "draws": TUNING.law_draws, **shared}
+        climbing = {**weighing, "level": "map", "scanned": TUNING.law_scanned}
+        found: dict[str, dict[int, Posterior]] = {}
+        steps: dict[str, tuple[Step, ...]] = {}
+        for law, way in chosen.items():
+            if by_network(way, wall_inertia=walls, stretch=known):
+                inferring = {"material": way["material"], "contents": way["contents"]}
+                inferring |= {"trust_input": reading.trust_input, "window": looked_at, **weighing}
+                steps[law] = (Step(f"weighing {law}", infer_many, inferring),)
+                found[law] = kept.answers(curves, *steps[law])
+                continue
+            fitting = {**way, "window": looked_at, "wall_inertia": walls, "trust_input": reading.trust_input, **shared}
+            fitting |= {"windows": False, "others": False, "draws": False}
+            fit, climb = Step(f"fitting {law}", fit_many, fitting), Step(f"climbing {law}", verify_many, climbing)
+            steps[law] = fit, climb, Step(f"weighing {law}", verify_many, weighing)
+            found[law] = kept.answers(curves, *steps[law][:2])
+        whole = all(len(answers) == len(curves) for answers in found.values())
+        climbed = {law: list(answers.values()) for law, answers in found.items()} if whole else {}
+        for law, near in contending(climbed).items():
+            if len(steps[law]) == 1:
+                continue
+            full = kept.answers([curves[i] for i in near], *steps[law])
+            rest = {i: answer for i, answer in found[law].items() if i not in near}
+            found[law] = rest | {near[k]: answer for k, answer in full.items()}
+        found = found if whole else {law: {} for law in found}
     complete = [i for i in range(len(curves)) if all(i in answers for answers in found.values())]
     answered, note = [curves[i] for i in complete], kept.note(len(complete), len(curves))
     singles, groups = ranked(answered, {law: [answers[i] for i in complete] for law, answers in found.items()})

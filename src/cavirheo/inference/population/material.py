@@ -158,7 +158,7 @@ class Population:
             count = min(len(mine), len(its))
             apart = mine[:count] - its[:count]
             low, middle, high = (10.0 ** _quantiles(apart, 0.9)).tolist()
-            square, mean = float(np.var(apart)), float(np.mean(apart))
+            square, mean = max(float(np.var(apart)), 1e-12), float(np.mean(apart))  # none between equal groups
             wide = square + UNLIKE**2
             log_odds = 0.5 * np.log(square / wide) + 0.5 * mean**2 * (1.0 / square - 1.0 / wide)
             higher = float(np.mean(apart > 0))

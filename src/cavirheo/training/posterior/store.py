@@ -1,6 +1,6 @@
 """Curves that a posterior network is trained on: simulated once, filmed anew each time that they are shown.
 
-A curve is kept as R/R_max at 512 of 2,401 regular times to t* = 6, most of them where it bends: 2 kB.
+A curve is kept as R/R_max at 512 of 2,401 regular times to t* = 6, most of them where it bends.
 """
 
 from __future__ import annotations
@@ -9,6 +9,7 @@ import json
 import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
@@ -22,7 +23,7 @@ from cavirheo.errors import InputError, require
 from cavirheo.inference.cells import END
 from cavirheo.inference.law import Family
 from cavirheo.inference.slots import SLOTS, to_slots
-from cavirheo.parallel import each
+from cavirheo.parallel import Executor, Threads
 from cavirheo.parameters import PARAMETERS
 from cavirheo.physics.media import WATER
 from cavirheo.physics.simulate import ROUGH, simulate
@@ -30,12 +31,15 @@ from cavirheo.prior import uniforms
 from cavirheo.reading import limits
 from cavirheo.training.dataset import Generated
 from cavirheo.training.posterior.recipe import More, PosteriorRecipe
-from cavirheo.writing.document import into, whole
+from cavirheo.training.shards import Survey, fill, size_and_sha256, write_hdf5
+from cavirheo.writing.document import into
 from cavirheo.writing.terminal import bar
 
 SHARD = 1000  # curves in a file
+CHUNK = 50  # curves of a unit of work
 NODES = 512
 STEPS = 2400  # regular times
+PACKED: dict[str, Any] = {"compression": "gzip", "compression_opts": 4, "shuffle": True}  # 1.2 kB a curve, from 2.1
 TOP = 1.1  # R/R_max of the largest number that is kept
 
 
@@ -52,6 +56,13 @@ class CurveStore:
     z: NDArray[np.float32]
     kind: NDArray[np.uint8]
     max_radius: NDArray[np.float32]
+
+
+def _curves(
+    kinds: Sequence[tuple[str, str, float]], radii: tuple[float, float], seed: int, often: More | None, block: range
+) -> list[tuple[Any, ...]]:
+    """Those of these curves whose simulations did not fail."""
+    return [one for one in (_curve(kinds, radii, seed, index, often) for index in block) if one is not None]
 
 
 def _curve(
@@ -117,7 +128,7 @@ def nodes(radius: Floats) -> NDArray[np.int64]:
 
 def generate(
     recipe: PosteriorRecipe, n: int, out_dir: str | Path, *, seed: int, workers: int | None = None,
-    shard: tuple[int, int] = (1, 1), progress: bool = True,
+    executor: Executor | None = None, shard: tuple[int, int] = (1, 1), progress: bool = True,
 ) -> Generated:  # fmt: skip
     """Simulate curves 0..n-1 into `out_dir`, as `dataset.generate` does: resumable, the same bytes for any workers.
 
@@ -139,24 +150,16 @@ def generate(
             folder / _name(start): range(n)[start : start + SHARD] for start in range(0, n, SHARD)[part - 1 :: parts]
         }
         todo = {path: block for path, block in blocks.items() if not path.exists()}
+        simulate = partial(_curves, kinds, (radii[0], radii[1]), seed, recipe.posterior.more)
+
+        def write(path: Path, block: range, parts: list[list[tuple[Any, ...]]]) -> None:
+            good = [one for part in parts for one in part]
+            given = zip(_COLUMNS.items(), zip(*good, strict=True), strict=True)
+            columns = {name: {"data": np.array(column).astype(kind), **PACKED} for (name, kind), column in given}
+            write_hdf5(path, head | {"start": block.start, "failed": len(block) - len(good)}, columns)
+
         with bar("simulating", sum(map(len, todo.values())), shown=progress) as advance:
-            for path, block in todo.items():
-                found = each(
-                    lambda i: _curve(kinds, (radii[0], radii[1]), seed, i, recipe.posterior.more),
-                    block,
-                    workers,
-                    lambda *_: advance(1),
-                )
-                good = [one for one in found if one is not None]
-                columns = [np.array(column) for column in zip(*good, strict=True)]
-                with h5py.File(path.name, "w", driver="core", backing_store=False, track_order=False) as file:
-                    file.attrs.update(head | {"start": block.start, "failed": len(found) - len(good)})
-                    for (name, kind), column in zip(_COLUMNS.items(), columns, strict=True):
-                        file.create_dataset(name, data=column.astype(kind), track_times=False)
-                    file.flush()
-                    content = file.id.get_file_image()
-                with whole(path) as temporary:
-                    temporary.write_bytes(content)
+            fill(todo, CHUNK, simulate, write, executor or Threads(workers), advance)
         failed = sum(int(_read(path, head)[1]) for path in blocks)
     failures = {"the simulation failed": failed} if failed else {}
     curves, simulated = sum(map(len, blocks.values())), sum(map(len, todo.values()))
@@ -177,6 +180,26 @@ def load(recipe: PosteriorRecipe, data_dir: str | Path) -> CurveStore:
     require(lacking == 0, told, "dataset.incomplete")
     parts = [_read(path, head)[0] for path in paths]
     return CurveStore(*(np.concatenate([getattr(part, name) for part in parts]) for name in _COLUMNS))
+
+
+def survey(data_dir: str | Path) -> Survey:
+    """As `dataset.survey`, of such curves."""
+    paths = sorted(Path(data_dir).glob("curves-*.h5"))
+    require(bool(paths), f"{data_dir} holds no curves of a posterior network (curves-*.h5)", "dataset.none")
+    _read(paths[0], {})  # whatever is wrong with it is said there
+    with h5py.File(paths[0], "r") as file:
+        head = {key: file.attrs[key] for key in ("posterior", "seed", "total", "made_by")}
+    good = failed = 0
+    for path in paths:
+        store, lost = _read(path, head)
+        good, failed = good + len(store.kind), failed + lost
+    settings, total = json.loads(head["posterior"]), int(head["total"])
+    low, high = settings["max_radius_um"]
+    about = [f"{law}: {share:.0%} of the curves" for law, share in settings["laws"].items()]
+    about.append(f"contents {', '.join(settings['contents'])}; R_max {low:g} to {high:g} um")
+    statuses = {"ok": good} | ({"failed, left out": failed} if failed else {})
+    told = str(head["made_by"]), int(head["seed"]), total, about, statuses
+    return Survey(*told, len(paths), -(-total // SHARD) - len(paths), *size_and_sha256(paths))
 
 
 def _head(recipe: PosteriorRecipe, n: int, seed: int) -> dict[str, Any]:

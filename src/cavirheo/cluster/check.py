@@ -1,0 +1,166 @@
+"""Whether the workers of a cluster would answer as this machine does: version, code, and the bits of one simulation."""
+
+from __future__ import annotations
+
+import hashlib
+import time
+from collections import Counter
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from functools import cache
+from importlib.metadata import version
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from cavirheo.errors import InputError, require
+
+if TYPE_CHECKING:
+    from distributed import Client
+
+LOOK = 0.5  # s between two looks for workers
+_CURVES = 20  # that are timed
+
+
+@dataclass(frozen=True)
+class Identity:
+    """What decides the answers of a process. code: SHA-256 of our modules and networks; bits: of simulated curves."""
+
+    version: str
+    code: str
+    bits: str
+
+
+@dataclass(frozen=True)
+class WorkerReport:
+    """One worker, as `cavirheo cluster check` shows it; `wrong`: why it is refused, or ""."""
+
+    address: str
+    host: str
+    threads: int
+    identity: Identity | None
+    versions: str = ""  # of what its answers depend on besides our code
+    loading: float = float("nan")  # s until the compiled solver was there
+    rate: float = float("nan")  # curves per s and thread
+    wrong: str = ""
+
+
+@cache
+def identity() -> Identity:
+    """Of this process; the first call loads the compiled solver and simulates four curves."""
+    root, digest = Path(__file__).parents[1], hashlib.sha256()
+    for path in sorted(root.rglob("*")):
+        if path.suffix in (".py", ".onnx") and "app" not in path.parts:
+            digest.update(path.relative_to(root).as_posix().encode() + path.read_bytes())
+    return Identity(version("cavirheo"), digest.hexdigest(), _simulated())
+
+
+def _simulated(count: int = 4) -> str:
+    """SHA-256 of the radii of so many different bubbles: a solid with memory and a liquid, both contents."""
+    from cavirheo.physics.laws import LAWS
+    from cavirheo.physics.simulate import simulate
+
+    time_s = np.linspace(0.0, 1e-4, 200)
+    digest = hashlib.sha256()
+    for k in range(count):
+        material = LAWS["newtonian"](viscosity=0.03 + 0.01 * k)
+        if k % 2:
+            material = LAWS["nhkv"](shear_modulus=5e3 + 1e3 * k, viscosity=0.05)
+        contents = "kinetic" if k % 4 > 1 else "equilibrium"
+        run = simulate(material, max_radius=2.45e-4, stretch=6.0, time=time_s, contents=contents)
+        digest.update(run.radius.tobytes())
+    return digest.hexdigest()
+
+
+def about() -> dict[str, Any]:
+    """Of this process, for `WorkerReport`."""
+    import platform
+
+    from cavirheo.physics.simulate import load_solver
+
+    began = time.perf_counter()
+    load_solver()
+    mine, loading = identity(), time.perf_counter() - began
+    began = time.perf_counter()
+    _simulated(_CURVES)
+    rate = _CURVES / (time.perf_counter() - began)
+    versions = ", ".join(f"{name} {version(name)}" for name in ("cavirheo", "numpy", "scipy", "numba", "onnxruntime"))
+    versions += f", Python {platform.python_version()}"
+    return {"host": platform.node(), "identity": mine, "versions": versions, "loading": loading, "rate": rate}
+
+
+def _probe() -> Callable[[], dict[str, Any]]:
+    """`about` as a function that travels whole: a worker without cavirheo, or with an older one, can say so."""
+
+    def probe() -> dict[str, Any]:
+        import platform
+
+        try:
+            from cavirheo.cluster.check import about
+
+            return about()
+        except ImportError as error:
+            return {"host": platform.node(), "identity": None, "wrong": f"cannot import what is needed: {error}"}
+
+    return probe
+
+
+def reports(client: Client) -> list[WorkerReport]:
+    """Of all workers that are there, each judged; by address."""
+    threads = client.nthreads()
+    found: Mapping[str, Any] = client.run(_probe(), on_error="return")
+    made = []
+    for address in sorted(found):
+        said = found[address]
+        if isinstance(said, BaseException):
+            said = {"host": "?", "identity": None, "wrong": f"{type(said).__name__}: {said}"}
+        made.append(WorkerReport(address, threads=threads.get(address, 0), **said))
+    mine = identity()
+    bits = Counter(one.identity.bits for one in made if one.identity and not _other(one.identity, mine))
+    usual = bits.most_common(1)[0][0] if bits else ""
+    return [_judged(one, mine, usual) for one in made]
+
+
+def _other(theirs: Identity, mine: Identity) -> str:
+    if theirs.version != mine.version:
+        return f"it has cavirheo {theirs.version}, and this is {mine.version}"
+    told = f"its cavirheo {theirs.version} has other code ({theirs.code[:8]}, here {mine.code[:8]})"
+    return told if theirs.code != mine.code else ""
+
+
+def _judged(one: WorkerReport, mine: Identity, usual: str) -> WorkerReport:
+    if one.identity is None:
+        return one
+    wrong = _other(one.identity, mine)
+    if not wrong and one.identity.bits != usual:
+        wrong = f"its simulations differ in their last bits ({one.identity.bits[:8]}, the others {usual[:8]})"
+    return replace(one, wrong=wrong)
+
+
+def arrived(client: Client, wait: float) -> None:
+    """Wait for a first worker. Raises InputError: none came in so many s."""
+    end = time.monotonic() + wait
+    while not client.nthreads():
+        told = f"no worker came to {client.scheduler_info()['address']} within {wait:.0f} s: start some, and try again"
+        require(time.monotonic() < end, told, "cluster.no_worker")
+        time.sleep(LOOK)
+
+
+def admitted(client: Client, say: Callable[[str], None], wait: float) -> Identity:
+    """What each worker must be, now and when it comes later. Raises InputError: there is none, or some are another."""
+    arrived(client, wait)
+    found = reports(client)
+    wrong = [f"{one.address} on {one.host}: {one.wrong}" for one in found if one.wrong]
+    if wrong:
+        more = f"; and {len(wrong) - 3} more" if len(wrong) > 3 else ""
+        mend = "install the same cavirheo there, or stop them (`cavirheo cluster check` lists all)"
+        raise InputError(f"refused {'; '.join(wrong[:3])}{more}; {mend}", "cluster.refused")
+    (first, *_) = found
+    assert first.identity
+    if first.identity.bits != identity().bits:
+        say("note: simulations of the workers differ from this machine's in their last bits: let a data set be made by "
+            "one kind of machine")  # fmt: skip
+    threads = sum(one.threads for one in found)
+    say(f"{len(found)} workers with {threads} threads, all with cavirheo {first.identity.version} and the same bits")
+    return first.identity

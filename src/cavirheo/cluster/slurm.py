@@ -1,0 +1,82 @@
+"""Workers as jobs of SLURM: a small TOML says which."""
+
+from __future__ import annotations
+
+import signal
+import sys
+import threading
+import tomllib
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
+
+from cavirheo.errors import InputError, explained
+from cavirheo.files import read_bytes
+
+if TYPE_CHECKING:
+    from dask_jobqueue import SLURMCluster
+
+_LARGEST = 100_000  # bytes of the file
+
+
+class SlurmSettings(BaseModel):
+    """The file. A job has `cores` processes with one thread each, which share `memory`."""
+
+    model_config = ConfigDict(extra="forbid")
+
+    queue: Annotated[str, Field(min_length=1)]
+    jobs: Annotated[int, Field(ge=1, le=10_000)] = 1
+    cores: Annotated[int, Field(ge=1, le=1024)]
+    memory: Annotated[str, Field(pattern=r"^\d+(\.\d+)? ?(MB|GB|MiB|GiB)$")]  # of a job
+    walltime: Annotated[str, Field(pattern=r"^(\d+-)?\d+:\d\d:\d\d$")]
+    account: str | None = None
+    environment: list[str] = []  # lines of the job's script before its worker: module load, source .venv/bin/activate
+    options: list[str] = []  # further lines of #SBATCH: "--constraint=icelake"
+    python: str = sys.executable  # on the nodes
+    interface: str | None = None  # of the network between nodes and this machine: "ib0"
+    folder: str | None = None  # shared by all nodes: logs of the jobs, and the keys of the encryption
+    tls: bool = True  # between scheduler and workers
+    wait_hours: Annotated[float, Field(gt=0)] = 24.0  # for the first worker
+
+
+def read_settings(path: Path) -> SlurmSettings:
+    """Raises InputError: no such file, no TOML, or another content."""
+    try:
+        return SlurmSettings(**tomllib.loads(read_bytes(path, _LARGEST).decode()))
+    except ValidationError as error:
+        raise InputError(f"{path}: {explained(error, SlurmSettings)}", "cluster.settings") from None
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        raise InputError(f"{path}: no TOML: {error}", "cluster.settings") from None
+
+
+@contextmanager
+def jobs_of(settings: SlurmSettings) -> Iterator[SLURMCluster]:
+    """A scheduler in this process, whose jobs, when they are asked for, end with it. Raises InputError."""
+    import dask
+
+    handlers = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
+    from dask_jobqueue import SLURMCluster  # which takes Ctrl-C for itself when it is imported
+
+    if threading.current_thread() is threading.main_thread():
+        for number, handler in handlers.items():
+            signal.signal(number, handler)
+    from distributed.security import Security
+
+    dask.config.set({"distributed.scheduler.allowed-failures": 10})  # a walltime is nobody's fault
+    secure = {}
+    try:
+        if settings.tls:
+            secure = {"security": Security.temporary(), "protocol": "tls://", "shared_temp_directory": settings.folder}
+        cluster = SLURMCluster(
+            queue=settings.queue, account=settings.account, cores=settings.cores, processes=settings.cores,
+            memory=settings.memory, walltime=settings.walltime, job_script_prologue=settings.environment,
+            job_extra_directives=settings.options, python=settings.python, interface=settings.interface,
+            log_directory=settings.folder, scheduler_options={"dashboard_address": "127.0.0.1:0"}, **secure,
+        )  # fmt: skip
+    except (ImportError, OSError, RuntimeError, ValueError) as error:
+        raise InputError(f"no jobs of SLURM can be asked for: {error}", "cluster.slurm") from None
+    with cluster:
+        yield cluster
