@@ -52,7 +52,7 @@ $(VENV)/demo.done: pyproject.toml
 # constraints.txt keeps torch on the version whose plain build needs no GPU libraries
 $(VENV)/test.done: pyproject.toml constraints.txt
 	$(PYTHON) -m venv $(VENV)
-	$(BIN)/pip install --quiet --disable-pip-version-check -c constraints.txt -e ".[train,app,video,dev]"
+	$(BIN)/pip install --quiet --disable-pip-version-check -c constraints.txt -e ".[train,app,video,cluster,dev]"
 	touch $@
 
 clean:
