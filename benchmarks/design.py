@@ -195,7 +195,9 @@ the scatter is taken for 0. Reached: half of the 90 % interval after as many ove
         text += "| " + " | ".join(map(str, cells)) + " |\n"
         print(cells, flush=True)
     page = HERE / "design.md"
-    page.write_text(page.read_text(encoding="utf-8").partition(f"\n{GROUPS}")[0] + "\n" + text, encoding="utf-8")
+    before, _, mine = page.read_text(encoding="utf-8").partition(f"\n{GROUPS}")
+    _, head, after = mine.partition("\n## ")
+    page.write_text(f"{before}\n{text}{head}{after}", encoding="utf-8")
 
 
 def main(folder: str = "build/design", count: str = "4") -> None:

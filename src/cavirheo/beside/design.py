@@ -137,7 +137,7 @@ def design(
     require(spread is None or 0 <= spread < 2, f"a spread is 0 to 2 decades, got {spread}", "design.spread")
     require(draws >= 2 and sizes >= 1, "two draws and one R_max are the least", "design.draws")
     told = f"R_max must be (low, high) in m with 0 < low <= high, got {tuple(max_radius)}"
-    require(len(max_radius) == 2 and 0 < max_radius[0] <= max_radius[1], told, "design.max_radius")
+    require(len(max_radius) == 2 and 0 < max_radius[0] <= max_radius[1] < np.inf, told, "design.max_radius")
     told = f"frame rates must be positive, got {tuple(frame_rate)}"
     require(len(frame_rate) > 0 and all(rate > 0 for rate in frame_rate), told, "design.frame_rate")
     noises = np.atleast_1d(np.asarray(noise, dtype=float))

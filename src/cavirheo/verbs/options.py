@@ -125,8 +125,9 @@ def with_kinds(verb: Callable[..., None]) -> Callable[..., None]:
     @functools.wraps(verb)
     def run(**given: Any) -> None:
         for name, value in given.items():
-            fine = not isinstance(value, float) or math.isfinite(value)
-            require(fine, f"--{name.replace('_', '-')} must be a finite number, got {value}", "option.finite")
+            for one in value if isinstance(value, tuple) else (value,):
+                fine = not isinstance(one, float) or math.isfinite(one)
+                require(fine, f"--{name.replace('_', '-')} must be a finite number, got {one}", "option.finite")
         own = {name: value for name, value in given.items() if name in takes}
         verb(**own, **{kind: _made(kind, {name: given[name] for name in names}) for kind, names in kinds.items()})
 

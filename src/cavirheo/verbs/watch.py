@@ -48,6 +48,8 @@ def watch(
     require(folder.is_dir(), f"{folder} is no folder: give the one where recordings arrive", "watch.folder")
     options.check_verify(verify, reading.exposure_us, exact_law, [folder])
     check_stretch(stretch)
+    told = f"--rmax-um must be a positive radius in micrometres, got {reading.rmax_um}"
+    require(reading.rmax_um is None or reading.rmax_um > 0, told, "option.rmax_um")
     check_models(model, material, contents, verify)
     if material not in (None, "auto"):
         Family(material)

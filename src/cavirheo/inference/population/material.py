@@ -54,12 +54,12 @@ class Population:
     spread: Floats = field(default_factory=lambda: _NONE)
     correlation: Floats = field(default_factory=lambda: _NONE)
     slope: Floats | None = None
-    along_at: float | None = None
     common: Floats = field(default_factory=lambda: _NONE)
     stray: Floats = field(default_factory=lambda: np.empty(0))
     gain: Evidence | None = None
     gain_of_one: Evidence | None = None
     shot_evidence: tuple[Evidence | None, ...] = ()
+    along_at: float | None = None
 
     def __repr__(self) -> str:
         """The line for a paper, then what is to be known besides."""
