@@ -1,6 +1,6 @@
-"""What a cluster costs and where it ends: measured here with one worker beside one thread, then simulated for more.
+"""What a cluster costs and where it ends: measured here with workers beside as many threads, then simulated for more.
 
-python benchmarks/scale.py [-n CURVES] [--repeats N]
+python benchmarks/scale.py [-n CURVES] [--repeats N] [--workers 2]
 
 Prints the tables of docs/how-to/scale.md. Throughput is compared as curves per second of processor time as well as of
 the clock, in turn, for other work may share the machine. The simulated driver has the measured costs of this one.
@@ -60,13 +60,14 @@ def rate(executor: Executor, n: int, client: Client | None) -> tuple[float, floa
 
 
 def overhead(workers: Workers, seconds: float, count: int) -> float:
-    """Part of the time of one worker that is lost between units of so many s."""
+    """Part of the workers' time that is lost between units of so many s."""
+    hands = len(workers.client.scheduler_info()["workers"])
     with closing(workers.flow(nothing, [seconds] * 3)) as flow:
         list(flow)
     began = time.perf_counter()
     with closing(workers.flow(nothing, [seconds] * count)) as flow:
         list(flow)
-    return (time.perf_counter() - began) / (count * seconds) - 1.0
+    return (time.perf_counter() - began) * hands / (count * seconds) - 1.0
 
 
 def driver_cost(workers: Workers, count: int) -> float:
@@ -128,6 +129,7 @@ def main() -> None:
     parser = argparse.ArgumentParser()
     parser.add_argument("-n", type=int, default=500)
     parser.add_argument("--repeats", type=int, default=3)
+    parser.add_argument("--workers", type=int, default=1, help="worker processes, beside as many threads")
     given = parser.parse_args()
     load_solver()
     cpu = [
@@ -136,13 +138,13 @@ def main() -> None:
         if "Model name" in line
     ]
     print(*cpu)
-    how = {"n_workers": 1, "threads_per_worker": 1, "dashboard_address": None}
+    how = {"n_workers": given.workers, "threads_per_worker": 1, "dashboard_address": None}
     with LocalCluster(**how) as cluster, Client(cluster) as client:
         workers = Workers(client, identity())
         list(workers.flow(nothing, [0.0]))
         found = {"thread": [], "dask": []}
         for _ in range(given.repeats):
-            found["thread"].append(rate(Threads(1), given.n, None))
+            found["thread"].append(rate(Threads(given.workers), given.n, None))
             found["dask"].append(rate(workers, given.n, client))
         clock, cpu_s, beside = (
             {way: np.median([one[k] for one in rows]) for way, rows in found.items()} for k in range(3)
@@ -155,7 +157,7 @@ def main() -> None:
         per_hour = 3600 / cpu_s["dask"]
         print(f"{per_hour:.0f} curves a core-hour, {1e6 / per_hour:.1f} core-hours a million")
         for seconds in (0.1, 0.5, 1.0, 2.0):
-            lost = overhead(workers, seconds, max(int(10 / seconds), 8))
+            lost = overhead(workers, seconds, given.workers * max(int(10 / seconds), 8))
             print(f"units of {seconds:g} s: {100 * lost:.1f} % lost")
         cost = driver_cost(workers, 100)
         print(f"driver: {1e3 * cost:.2f} ms of processor a batch")

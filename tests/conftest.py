@@ -25,6 +25,14 @@ def load_benchmark(name: str) -> ModuleType:
     return module
 
 
+LONGEST = ("test_fit", "test_posterior", "test_app", "test_golden", "test_training", "test_bubble_model", "test_python")
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Long files first: of two processes none is left alone with one at the end."""
+    items.sort(key=lambda item: next((i for i, name in enumerate(LONGEST) if item.path.stem == name), len(LONGEST)))
+
+
 @pytest.fixture(scope="session")
 def real_data() -> Path:
     """The folder of published measurements, which are not part of the project; without it a test is skipped."""

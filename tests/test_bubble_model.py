@@ -49,10 +49,11 @@ def shot(seed=0, noise=1e-6, **way):
             dict(damage_modulus=0.2, damage_radius=2.0),
             marks=pytest.mark.slow,
         ),
-        (
+        pytest.param(
             dict(damage=Damage(0.4, 1.5, "strain")),
             dict(damage="strain"),
             dict(damage_modulus=0.4, damage_radius=1.5),
+            marks=pytest.mark.slow,
         ),
     ],
     ids=str,

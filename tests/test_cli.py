@@ -289,6 +289,7 @@ def test_models_lists_what_is_shipped(run):
     assert "nhkv" in out
 
 
+@pytest.mark.slow
 def test_generate_and_train_from_the_command_line(run, tmp_path):
     pytest.importorskip("torch")
     recipe = (ROOT / "recipes" / "laptop.toml").read_text()

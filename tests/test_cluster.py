@@ -372,3 +372,26 @@ def test_nothing_is_lost_when_a_worker_is_killed(tmp_path):
     ways = [json.loads((tmp_path / way / "result.json").read_text())["curves"] for way in ("here", "there")]
     for here, there in zip(*ways, strict=True):
         assert {k: v for k, v in here.items() if k != "seconds"} == {k: v for k, v in there.items() if k != "seconds"}
+
+
+@pytest.mark.slow
+def test_two_thousand_recordings_survive_a_worker(tmp_path):
+    """Copies of five shots with noise; the network's own posterior. The driver's memory stays below 1 GB."""
+    rng, rows, shots = np.random.default_rng(5), ["shot,time_us,radius_um"], read_curves(EXAMPLE)
+    for number in range(2000):
+        curve = shots[number % len(shots)]
+        radius = 1e6 * (curve.radius + 0.005 * curve.max_radius * rng.standard_normal(len(curve.radius)))
+        seen = np.isfinite(radius) & (radius > 0)
+        rows += [f"{number},{1e6 * t:.3f},{r:.3f}" for t, r in zip(curve.time[seen], radius[seen], strict=True)]
+    (tmp_path / "shots.csv").write_text("\n".join(rows) + "\n")
+    words = ("infer", "shots.csv", "--verify", "none", "--no-pictures", "--quiet", "-o", "there")
+    with cluster(tmp_path, 2) as (address, workers):
+        process = command(*words, "--scheduler", address, cwd=tmp_path)
+        wait_for(lambda: any((tmp_path / "there").glob("unfinished/*.npz")), process)
+        workers[0].kill()
+        _, status, used = os.wait4(process.pid, 0)
+    assert os.waitstatus_to_exitcode(status) in (0, 1), (tmp_path / "said.log").read_text()  # 1: a doubtful input
+    curves = json.loads((tmp_path / "there" / "result.json").read_text())["curves"]
+    assert len({curve["name"] for curve in curves}) == 2000
+    assert sum(curve["verdict"] == "failed" for curve in curves) == 0
+    assert used.ru_maxrss < 1e6  # kB

@@ -245,6 +245,7 @@ def test_recordings_are_what_they_say(filmed):
     assert {int(np.isnan(curve.radius).sum()) for curve in gaps[1]} == {round(0.1 * len(gaps[1][0].time))}
 
 
+@pytest.mark.slow
 def test_robustness_of_the_shipped_model(filmed, tmp_path, monkeypatch):
     problem, _ = filmed
     generate(problem, 4, tmp_path / "data", workers=1, progress=False)
