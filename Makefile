@@ -3,7 +3,7 @@ PYTHON ?= python3
 VENV ?= .venv
 BIN = $(VENV)/bin
 
-.PHONY: demo test test-slow test-hostile fuzz test-lowest lint space clean
+.PHONY: demo test test-slow test-hostile fuzz test-lowest lint docs space clean
 
 demo: $(VENV)/demo.done
 	$(BIN)/cavirheo infer examples/soft_gel.csv examples/stiff_gel.mat examples/bubble.mp4 --frame-rate-hz 500000 --um-per-px 4 -o demo-result
@@ -39,6 +39,10 @@ lint: $(VENV)/test.done
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
 
+# The site, in build/site: opens from a folder, its search too, and asks nothing of any other machine
+docs: $(VENV)/docs.done
+	$(BIN)/mkdocs build --strict --quiet
+
 # A folder that a hosted Gradio Space runs as it is (docs/how-to/app.md)
 space: $(VENV)/demo.done
 	rm -rf build/space && mkdir -p build && cp -r space build/space
@@ -50,6 +54,11 @@ $(VENV)/demo.done: pyproject.toml
 	touch $@
 
 # constraints.txt keeps torch on the version whose plain build needs no GPU libraries
+$(VENV)/docs.done: pyproject.toml constraints.txt
+	$(PYTHON) -m venv $(VENV)
+	$(BIN)/pip install --quiet --disable-pip-version-check -c constraints.txt -e ".[docs]"
+	touch $@
+
 $(VENV)/test.done: pyproject.toml constraints.txt
 	$(PYTHON) -m venv $(VENV)
 	$(BIN)/pip install --quiet --disable-pip-version-check -c constraints.txt -e ".[train,app,video,cluster,dev]"

@@ -77,8 +77,8 @@ def infer(
             likelihood, and to as many as "full" has where these cannot be trusted; "none": the network's own draws;
             "map": the posterior's maximum and the Gaussian about it; "full": more weighted draws, from starts all over
             the ranges. For a network that gives one value, "auto" is "none".
-        discrepancy, seed: of the verification (inference/verify): whether it allows for what no simulation follows,
-            and of its draws.
+        discrepancy: whether the verification (inference/verify) allows for what no simulation follows.
+        seed: of its draws.
 
     A curve that cannot be answered gives a Posterior without draws whose checks.message says why.
 

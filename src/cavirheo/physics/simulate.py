@@ -92,8 +92,8 @@ def simulate(
         fields: keep temperature and vapour in the bubble, `Simulation.contents`.
         precise: ten times as accurate and five times as long as the default, whose error is 1e-4 of R_max in
             the median and up to 2e-3 in the most violent collapses (benchmarks/solver.md).
-        rtol, cells: relative error per step (of kinetic contents a tenth of it) and shells across the bubble, instead
-            of the default's.
+        rtol: relative error per step instead of the default's; of kinetic contents a tenth of it.
+        cells: shells across the bubble instead of the default's.
         throw: raise on a failed solve; otherwise return it with its status.
         unusual: accept bubbles smaller than 10 nm or larger than 5 cm, and more than a second.
 

@@ -94,11 +94,14 @@ def fit_many(
         accommodation: of kinetic contents, above 0 and at most 10, or "free", from 0.01 to 1.
         damage: "none"; "first-rebound": from there on the law has another modulus and stress-free radius; or "strain":
             both follow the largest contraction so far.
-        wall_inertia, wall_distance, vapour_excess, wall_radiation: as in `simulate`; all but the distance may be
-            "free".
+        wall_inertia: as in `simulate`, or "free".
+        wall_distance: as in `simulate`.
+        vapour_excess: as in `simulate`, or "free".
+        wall_radiation: as in `simulate`, or "free".
         joint: curves of one group (meta "group") share the material; stretch and what is free are each shot's own.
         trust_input: doubts about the recording or its settings are said, but decide no verdict.
-        verify, discrepancy: as those of `infer`; not of a joint fit, for it looks at each shot by itself.
+        verify: as that of `infer`; not of a joint fit, for it looks at each shot by itself.
+        discrepancy: as that of `infer`.
         seed: of the draws, which are the Gaussian about the minimum (fit/covariance.py).
         done: called with the index of each curve and its answer (with `joint` that by itself) as it is found.
 

@@ -1,0 +1,85 @@
+"""Which files of the repository are pages of the site: each at its own path, so that every link is right in both.
+
+mkdocs takes pages from one folder; here they are README and its neighbours, docs/, benchmarks/, the examples, and what
+docs/site/reference.py makes of the code. Python-Markdown wants an empty line above a list or a table where
+GitHub does not; it is put there.
+"""
+
+from __future__ import annotations
+
+import ast
+import re
+from collections.abc import Iterator
+from pathlib import Path
+
+import reference
+from mkdocs.config.defaults import MkDocsConfig
+from mkdocs.structure.files import File, Files
+from mkdocs.structure.pages import Page
+
+ROOT = Path(__file__).parents[2]
+KEPT = (
+    "*.md",
+    "docs/*.md",
+    "docs/*/*.md",
+    "docs/*.png",
+    "docs/*/*.png",
+    "docs/site/*.css",
+    "benchmarks/*.md",
+    "examples/*.*",
+)
+FENCE = re.compile(r"^(```.*?^```$)", re.DOTALL | re.MULTILINE)
+START_OF_BLOCK = re.compile(r"(?<=\n)(?![-|#>\s]|\d+\. )([^\n]+\n)(?=- |\d+\. |\|)")
+
+
+def on_config(config: MkDocsConfig) -> MkDocsConfig:
+    """Headings have the anchors that they have as files."""
+    config.mdx_configs["toc"]["slugify"] = slug
+    return config
+
+
+def on_files(files: Files, config: MkDocsConfig) -> Files:
+    """The pages and pictures of the repository instead of those of docs/ alone."""
+    made = {**tutorials(), **reference.pages()}
+    kept = {str(path.relative_to(ROOT)): path for pattern in KEPT for path in ROOT.glob(pattern)}
+    return Files(
+        [
+            *(File.generated(config, name, abs_src_path=str(path)) for name, path in sorted(kept.items())),
+            *(File.generated(config, name, content=text) for name, text in made.items()),
+        ]
+    )
+
+
+def on_page_markdown(markdown: str, page: Page, config: MkDocsConfig, files: Files) -> str:
+    """Links to folders lead to their pages; lists and tables stand apart from the line above."""
+    parts = FENCE.split(markdown)
+    return "".join(text if text.startswith("```") else _prose(text, Path(page.file.src_uri).parent) for text in parts)
+
+
+def _prose(text: str, folder: Path) -> str:
+    def to(link: re.Match[str]) -> str:
+        return f"]({link[1]}/index.md)" if (ROOT / folder / link[1]).is_dir() else link[0]
+
+    return re.sub(r"\]\(([\w./-]+)\)", to, START_OF_BLOCK.sub(r"\1\n", text))
+
+
+def slug(heading: str, separator: str) -> str:
+    """What a link may name after #, as GitHub writes it."""
+    return re.sub(r"[^\w\- ]", "", heading.lower()).replace(" ", separator)
+
+
+def tutorials() -> dict[str, str]:
+    """A page for each example, and one that lists them."""
+    made = {f"examples/{path.stem}.md": "".join(_tutorial(path)) for path in sorted(ROOT.glob("examples/*.py"))}
+    made.pop("examples/make_examples.md")  # it made the shots that the others read
+    lines = [f"- [{text.splitlines()[0][2:]}]({Path(name).name})\n" for name, text in made.items()]
+    head = "# Tutorials\nShort scripts that run as they are, on shots that come with them.\n\n"
+    return {"examples/index.md": head + "".join(lines), **made}
+
+
+def _tutorial(path: Path) -> Iterator[str]:
+    source = path.read_text("utf-8")
+    said = ast.get_docstring(ast.parse(source)) or ""
+    code = source.split('"""', 2)[2].lstrip()
+    yield f"# {path.stem.replace('_', ' ').capitalize()}\n{said}\n\n"
+    yield f"```python\n{code}```\n\nRun it: `python examples/{path.name}` ([the file]({path.name})).\n"

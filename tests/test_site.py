@@ -1,0 +1,96 @@
+"""The documentation site builds without a warning, asks nothing of other machines, and holds what the code has."""
+
+from __future__ import annotations
+
+import os
+import re
+import shutil
+import subprocess
+import sys
+from importlib.util import find_spec
+from pathlib import Path
+
+import pytest
+
+import cavirheo
+from cavirheo.reporting.record import Result
+from cavirheo.verbs import app
+
+pytestmark = pytest.mark.slow
+for needed in ("material", "mkdocstrings_handlers"):
+    if find_spec(needed) is None:
+        pytest.skip("the docs extra is not installed", allow_module_level=True)
+
+ROOT = Path(__file__).parent.parent
+LOADED = re.compile(r"""<(?:script|img|iframe|source)\b[^>]*?\bsrc=["']?((?:https?:)?//[^"'\s>]+)""")
+LINKED = re.compile(r"""<link\b[^>]*?\bhref=["']?((?:https?:)?//[^"'\s>]+)""")
+IN_STYLE = re.compile(r"""(?:@import\s+|url\()["']?((?:https?:)?//[^"')\s]+)""")
+
+
+def outside(text: str) -> list[str]:
+    """What a browser would fetch from another machine for this page or style sheet."""
+    return [address for pattern in (LOADED, LINKED, IN_STYLE) for address in pattern.findall(text)]
+
+
+@pytest.fixture(scope="module")
+def site(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("site")
+    command = [sys.executable, "-m", "mkdocs", "build", "--strict", "--quiet", "--site-dir", str(folder)]
+    surroundings = os.environ | {"PYTHONPATH": str(ROOT / "src")}
+    done = subprocess.run(command, cwd=ROOT, env=surroundings, capture_output=True, text=True, timeout=600)
+    assert done.returncode == 0, done.stdout + done.stderr
+    return folder
+
+
+@pytest.mark.parametrize(
+    "planted",
+    [
+        '<script async src="https://example.org/a.js">',
+        "<link rel=preconnect href=//example.org>",
+        "<img alt='' src='http://example.org/a.png'>",
+        "@import 'https://example.org/a.css'",
+        "body {background: url(//example.org/a.png)}",
+    ],
+)
+def test_a_planted_outside_resource_is_found(planted):
+    assert len(outside(planted)) == 1
+
+
+def test_nothing_is_fetched_from_elsewhere(site):
+    files = [path for path in site.rglob("*") if path.suffix in (".html", ".css", ".svg")]
+    found = {str(path.relative_to(site)): outside(path.read_text("utf-8")) for path in files}
+    assert {name: addresses for name, addresses in found.items() if addresses} == {}
+    assert len(found) > 60
+
+
+def test_every_page_of_the_repository_is_there(site):
+    pages = [path for folder in ("docs", "benchmarks") for path in (ROOT / folder).rglob("*.md")]
+    assert [path for path in pages if not (site / path.relative_to(ROOT)).with_suffix(".html").exists()] == []
+
+
+def test_the_reference_has_every_name_verb_and_field(site):
+    python, commands, result = (
+        (site / "reference" / f"{page}.html").read_text("utf-8") for page in ("python", "commands", "result")
+    )
+    assert [name for name in cavirheo.__all__ if f'id="cavirheo.{name}"' not in python] == []
+    assert [verb.name for verb in app.registered_commands if f'id="{verb.name}"' not in commands] == []
+    assert [name for name in Result.model_json_schema()["$defs"] if f'id="{name.lower()}"' not in result] == []
+
+
+def test_the_search_works_from_a_folder(site):
+    chromium = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
+    if chromium is None or find_spec("playwright") is None:
+        pytest.skip("no Chromium on this machine")
+    from playwright.sync_api import sync_playwright
+
+    asked: list[str] = []
+    with sync_playwright() as driver:
+        sandbox = ["--no-sandbox"] if getattr(os, "geteuid", lambda: 1)() == 0 else []  # Chromium refuses it to root
+        browser = driver.chromium.launch(executable_path=chromium, args=sandbox)
+        page = browser.new_page()
+        page.on("request", lambda request: asked.append(request.url))
+        page.goto((site / "index.html").as_uri())
+        page.fill("input[name=query]", "accommodation")
+        page.wait_for_selector(".md-search-result__item", state="attached", timeout=60_000)
+        browser.close()
+    assert [address for address in asked if not address.startswith(("file:", "data:", "blob:"))] == []
