@@ -63,6 +63,20 @@ def test_nothing_is_fetched_from_elsewhere(site):
     assert len(found) > 60
 
 
+def test_what_a_page_loads_is_there(site):
+    loaded = re.compile(r"""<(?:link|script|img)\b[^>]*?\b(?:href|src)=["']?([^"'\s>#?]+)""")
+    missing, checked = set(), 0
+    for page in site.rglob("*.html"):
+        for name in loaded.findall(page.read_text("utf-8")):
+            if not name.startswith(("data:", "http", "mailto:")):
+                checked += 1
+                base = site if page.name == "404.html" else page.parent
+                if not (base / name.lstrip("/")).is_file():
+                    missing.add((str(page.relative_to(site)), name))
+    assert not missing
+    assert checked > 300
+
+
 def test_every_page_of_the_repository_is_there(site):
     pages = [path for folder in ("docs", "benchmarks") for path in (ROOT / folder).rglob("*.md")]
     assert [path for path in pages if not (site / path.relative_to(ROOT)).with_suffix(".html").exists()] == []

@@ -25,6 +25,7 @@ KEPT = (
     "docs/*.png",
     "docs/*/*.png",
     "docs/site/*.css",
+    "docs/site/*.js",
     "benchmarks/*.md",
     "examples/*.*",
 )
@@ -39,11 +40,13 @@ def on_config(config: MkDocsConfig) -> MkDocsConfig:
 
 
 def on_files(files: Files, config: MkDocsConfig) -> Files:
-    """The pages and pictures of the repository instead of those of docs/ alone."""
+    """The pages and pictures of the repository instead of those of docs/ alone, beside what the theme brings."""
+    theme = [file for file in files if file.src_dir != config.docs_dir]
     made = {**tutorials(), **reference.pages()}
     kept = {str(path.relative_to(ROOT)): path for pattern in KEPT for path in ROOT.glob(pattern)}
     return Files(
         [
+            *theme,
             *(File.generated(config, name, abs_src_path=str(path)) for name, path in sorted(kept.items())),
             *(File.generated(config, name, content=text) for name, text in made.items()),
         ]
