@@ -50,6 +50,13 @@ def test_radii_are_true(name):
     assert not np.any(made.reversal & (found.flags == "ok"))
 
 
+def test_a_shock_wave_does_not_stay_in_the_background():
+    made = film(width=256, height=176, top=60.0, shock=True)
+    found = track(made, 0.3)
+    ok = (found.flags == "ok") & (made.radius > 3)
+    assert np.mean(np.abs(found.radius - made.radius)[ok] < 2 * found.sigma[ok]) > 0.95
+
+
 def test_spoilt_frames_are_told_apart():
     found = track(film(empty=2, flash=1, dark_frames=1))
     assert found.flags[:4].tolist() == ["before", "before", "flash", "dark"]

@@ -19,6 +19,7 @@ _FLASH = 1.25  # times the usual brightness, of the darkest quarter of a frame
 _SATURATED = 0.3  # of the pixels
 _DARK = 0.5  # of the usual brightness at the border
 _OPAQUE = 0.3  # of the usual brightness: such pixels of the background tell nothing (a wall, dust)
+_PASSING = 5.0  # deviations of the noise from the first background, beyond which something passes a pixel
 _SHALLOW = 4.0  # noises, that a bubble must differ from the background
 _LOOKED_AT = 32  # frames, for the first background
 
@@ -177,7 +178,9 @@ def refined(stage: Stage, circles: dict[int, tuple[float, float, float]]) -> Sta
 
     circles: by frame, (x, y, R) in px.
     """
-    total, count = np.zeros(stage.reference.shape), np.zeros(stage.reference.shape)
+    total, count = np.zeros((2, *stage.reference.shape)), np.zeros((2, *stage.reference.shape))  # all; like the first
+    usual = float(np.median(stage.reference))
+    most = max(_PASSING * stage.noise, 0.02) * abs(stage.depth) * (usual if stage.depth > 0 else 1.0)
     y, x = (np.arange(size, dtype=np.float32) for size in stage.reference.shape)
     gains = stage.gains.copy()
     for i in [*range(stage.empty), *circles] if stage.empty else circles:
@@ -189,8 +192,12 @@ def refined(stage: Stage, circles: dict[int, tuple[float, float, float]]) -> Sta
             radius = max(circles[k][2] for k in (i - 1, i, i + 1) if k in circles)  # it may move far within a frame
             outside = ((x - centre_x) ** 2)[None, :] + ((y - centre_y) ** 2)[:, None] > (1.25 * radius + 5.0) ** 2
         gains[i] = _gain(stage.frames[i], stage.reference, outside & ~stage.blind)
-        total += np.where(outside, stage.frames[i] / np.float32(gains[i]), 0.0)
-        count += outside
+        light = stage.frames[i] / np.float32(gains[i])
+        for k, part in enumerate((outside, outside & (np.abs(light - stage.reference) < most))):
+            total[k] += np.where(part, light, 0.0)
+            count[k] += part
+    passed = count[1] > 0.5 * count[0]  # by a shock wave, in a few frames
+    total, count = np.where(passed, total[1], total[0]), np.where(passed, count[1], count[0])
     seen = count > 0
     if seen.mean() < 0.05:
         return stage
@@ -198,6 +205,5 @@ def refined(stage: Stage, circles: dict[int, tuple[float, float, float]]) -> Sta
     reference[seen] = (total[seen] / count[seen]).astype(np.float32)
     if not stage.empty and not seen.all():
         reference[~seen] = smooth_surface(reference, seen)[~seen]
-    usual = float(np.median(reference))
-    blind = reference < _OPAQUE * usual if stage.depth > 0 else stage.blind
+    blind = reference < _OPAQUE * float(np.median(reference)) if stage.depth > 0 else stage.blind
     return replace(stage, reference=np.maximum(reference, np.float32(1e-3 * usual)), blind=blind, gains=gains)

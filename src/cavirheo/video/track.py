@@ -56,7 +56,7 @@ class Rules:
     blurred: tuple[float, float] = (1.1, 1.4)  # width over that at rest, from and up to which it is made
     per_bend: float = 1.5  # of what the next order of the correction for a curved edge may be
     per_reversal: float = 0.15  # of the edge's width
-    floor: float = 0.0025
+    floor: float = 0.002
     small_share: float = 0.02  # deviation of a small bubble's radius, of itself
     systematic_width: float = 0.02
 
