@@ -104,15 +104,20 @@ def test_a_recording_that_ends_too_soon_tells_nothing():
 def quick(monkeypatch):
     """Settings whose information grows with R_max and frame rate, without a simulation."""
 
-    def expectations(settings, family, law, stretch, medium, *, seed, workers, done):
-        def one(setting):
-            size = (setting.max_radius / 1e-4) ** 2 * setting.frame_rate / 1e6
-            return design.Expected(np.diag([100.0, 400.0]) * size, NORMAL_90 / np.sqrt([100.0 * size, 400.0 * size]))
+    def one(setting):
+        size = (setting.max_radius / 1e-4) ** 2 * setting.frame_rate / 1e6
+        return design.Expected(np.diag([100.0, 400.0]) * size, NORMAL_90 / np.sqrt([100.0 * size, 400.0 * size]))
 
+    def reached(setting, family, law, stretch, medium, *, seed, workers):
+        told = np.tile(one(setting).half_width, (len(law), 1))
+        return told, told * [2.0, 1.5]
+
+    def expectations(settings, family, law, stretch, medium, *, seed, workers, done):
         readable = [setting.frame_rate > 1.5e5 for setting in settings]
         return [[one(s)] * len(law) if fine else [None] * len(law) for s, fine in zip(settings, readable, strict=True)]
 
     monkeypatch.setattr(beside, "expectations", expectations)
+    monkeypatch.setattr(beside, "reached", reached)
 
 
 RANGES = {"shear_modulus": (2e3, 2e4), "viscosity": (0.02, 0.2), "stretch": (5, 8)}
@@ -126,6 +131,13 @@ def test_the_best_setting_and_its_shots(quick):
     sigma = np.log10(1.1) / NORMAL_90
     prior = 12.0 / 1.0**2  # of a decade, drawn evenly
     assert best.shots == int(np.ceil((1 / sigma**2 - prior) / (100.0 * 16)))
+    (checked,) = made.checked  # the same setting is best and needs the fewest
+    assert checked.setting == made.best
+    assert (checked.answers, checked.recordings) == (6, 6)
+    assert checked.shots == int(np.ceil((1 / sigma**2 - prior) / (100.0 * 16 / 2.0**2)))
+    told, got = checked.told_percent["viscosity"] / 100, checked.reached_percent["viscosity"] / 100
+    assert np.log1p(got) == pytest.approx(1.5 * np.log1p(told))
+    assert f"so {checked.shots} shots" in made.said[-1]
     assert [one.readable for one in made.settings] == [0, 0, 0, 1, 1, 1]
     assert made.settings[0].shots is None
     assert made.known["shear_modulus"].median == pytest.approx(6.3e3, rel=0.3)
@@ -192,6 +204,16 @@ def test_the_interval_is_about_the_one_that_infer_gives(good):
     answer = cavirheo.infer(curve)
     ends = np.log10([answer.interval(name) for name in NHKV.parameters])
     assert good.half_width == pytest.approx(0.5 * np.diff(ends)[:, 0], rel=0.6)
+
+
+def test_answers_of_recordings_check_what_is_expected():
+    known = np.log10([[6e3, 0.06], [4e3, 0.05]])
+    setting = Setting(250e-6, 1e6)
+    told, got = design.reached(setting, NHKV, known, np.array([6.0, 7.0]), seed=5)
+    assert told.shape == got.shape == (2, 2)
+    assert np.all(np.abs(np.log(told / got)) < np.log(2.5))
+    nothing = Setting(30e-6, 1e5)
+    assert len(design.reached(nothing, NHKV, known, np.array([6.0, 7.0]))[0]) == 0
 
 
 def test_a_parameter_that_is_hardly_seen_has_no_lower_end_but_the_priors():

@@ -1,7 +1,7 @@
 """Which shot to take next, and how many: what is known of a material and what a rig can do -> design.json.
 
 What is known are ranges, or the answers of a result.json. inference/design.py says what one shot at each setting would
-tell; here these are averaged, counted, tabulated and drawn.
+tell; here these are averaged and counted; design_view.py shows them.
 
 ```
 schema 1, version, command, date, notes      as in result.json
@@ -11,6 +11,7 @@ known                                        median, q05 and q95 of the paramete
 shots_before                                 answers of the result.json that this rests on
 settings                                     one per R_max and frame rate (DesignedSetting)
 best, fewest                                 the settings with the largest gain, and with the fewest shots
+checked                                      recordings there, answered (CheckedSetting)
 ```
 """
 
@@ -18,14 +19,23 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from scipy.special import ndtri
 
 from cavirheo.arrays import Floats
 from cavirheo.errors import require
-from cavirheo.inference.design import Expected, Setting, expectations, gain, shared, shots_wanted, variance
+from cavirheo.inference.design import (
+    Expected,
+    Setting,
+    expectations,
+    gain,
+    reached,
+    shared,
+    shots_wanted,
+    variance,
+)
 from cavirheo.inference.law import Family
 from cavirheo.parameters import STRETCH_RANGE
 from cavirheo.physics.media import WATER, Medium
@@ -33,16 +43,12 @@ from cavirheo.physics.media import medium as named
 from cavirheo.reporting.answer import CurveRecord, described
 from cavirheo.reporting.group import GroupRecord
 from cavirheo.reporting.record import Result, read_json
-from cavirheo.writing import digits, terminal
+from cavirheo.writing import digits
 from cavirheo.writing.document import Document, Finite, Quantity, Record
-from cavirheo.writing.style import INK, new_axes, new_figure, shades, write
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 STRETCHES = (4.0, 10.0)  # where nothing is known of it
 RADII, RATES = (50e-6, 400e-6), (1e5, 2.5e5, 5e5, 1e6)
-SHOWN = 100.0  # of the smallest: what is above is of no use
+CHECKED = 10_000  # added to the seed, for recordings of their own
 NARROWEST = 0.01  # decades, to which a stretch is known from shot to shot
 
 
@@ -64,6 +70,19 @@ class DesignedSetting(Record):
     gain_nats: float
 
 
+class CheckedSetting(Record):
+    """What `infer` gives at a recommended setting. setting: of `settings`. answers: with an interval, of so many
+    simulated recordings. told_percent, reached_percent: by parameter, half of their 90 % intervals over the median as
+    expected and as answered, geometric means. shots: as in `settings`, with the information that was reached."""
+
+    setting: int
+    recordings: int
+    answers: int
+    told_percent: dict[str, Finite]
+    reached_percent: dict[str, Finite]
+    shots: int | None
+
+
 class Design(Document):
     """The document."""
 
@@ -76,10 +95,16 @@ class Design(Document):
     settings: list[DesignedSetting]
     best: int
     fewest: int | None
+    checked: list[CheckedSetting] = []
 
     @property
     def said(self) -> list[str]:
-        """The next setting, and how many shots."""
+        """The next setting, how many shots, and what answers of recordings there say."""
+        checked = (_checked_words(self.settings[one.setting], one, self.wanted_percent) for one in self.checked)
+        return [*self._said, *checked]
+
+    @property
+    def _said(self) -> list[str]:
         best = self.settings[self.best]
         lines = [f"next: {_words(best)}; one shot adds {best.gain_nats:.2f} nats about {', '.join(_law(best))}"]
         if self.fewest is None:
@@ -107,6 +132,7 @@ def design(
     spread: float | None = None,
     sizes: int = 5,
     draws: int = 12,
+    check: int = 6,
     seed: int = 0,
     workers: int | None = None,
     command: str = "cavirheo.design",
@@ -128,6 +154,7 @@ def design(
         wanted: half of the 90 % interval over the value, for each of the law's parameters.
         spread: decades by which shots of one material scatter; default 0, or what the answers of `known` show.
         draws: of what is known, at each setting.
+        check: so many recordings of each recommended setting are answered by `infer`; 0 leaves it out.
 
     Raises:
         InputError: no trusted answer of this law, or a number out of its domain.
@@ -136,6 +163,7 @@ def design(
     require(0 < wanted < 1, f"wanted must be between 0 and 1, got {wanted:g}", "design.wanted")
     require(spread is None or 0 <= spread < 2, f"a spread is 0 to 2 decades, got {spread}", "design.spread")
     require(draws >= 2 and sizes >= 1, "two draws and one R_max are the least", "design.draws")
+    require(0 <= check <= draws, f"check is 0 to {draws}, the draws; got {check}", "design.check")
     told = f"R_max must be (low, high) in m with 0 < low <= high, got {tuple(max_radius)}"
     require(len(max_radius) == 2 and 0 < max_radius[0] <= max_radius[1] < np.inf, told, "design.max_radius")
     told = f"frame rates must be positive, got {tuple(frame_rate)}"
@@ -159,13 +187,19 @@ def design(
     least = min(counted.values(), default=0)
     drawn = {name: law[:, i] for i, name in enumerate(family.parameters)} | {"stretch": np.log10(stretches)}
     scatter = np.sqrt(np.diag(about.scatter))
+    best = max(range(len(rows)), key=lambda i: rows[i].gain_nats)
+    fewest = max((i for i in counted if counted[i] == least), key=lambda i: rows[i].gain_nats, default=None)
+    checked = []
+    for i in dict.fromkeys((best, best if fewest is None else fewest)) if check else ():
+        these = law[:check], stretches[:check], liquid
+        widths = reached(settings[i], family, *these, seed=seed + CHECKED, workers=workers)
+        checked.append(_checked(i, check, widths, found[i], family, about, half))
     return Design(
         command=command, date=date, material=material, wanted_percent=100.0 * wanted,
         spread_decades=float(np.sqrt(np.mean(scatter**2))),
         spreads_decades=dict(zip(family.parameters, scatter.tolist(), strict=True)),
         known={name: _quantity(values) for name, values in drawn.items()}, shots_before=about.shots, settings=rows,
-        best=max(range(len(rows)), key=lambda i: rows[i].gain_nats),
-        fewest=max((i for i in counted if counted[i] == least), key=lambda i: rows[i].gain_nats, default=None),
+        best=best, fewest=fewest, checked=checked,
     )  # fmt: skip
 
 
@@ -187,16 +221,43 @@ def _row(
     read = [one for one in found if one is not None]
     share = len(read) / len(found)
     told = [shared(one.information, known.scatter) for one in read]
-    counts = [shots_wanted(share * one, known.covariance, half) for one in told]
-    middle = np.sort([np.inf if n is None else n for n in counts] or [np.inf])[len(counts) // 2]
     half_widths = [one.half_width for one in read] or [np.full(len(known.mean), np.nan)]
     percent = 100.0 * (10.0 ** np.median(half_widths, axis=0) - 1.0)
     return DesignedSetting(
         max_radius_m=setting.max_radius, frame_rate_hz=setting.frame_rate, frames=setting.frames,
         noise_m=setting.sigma, readable=share,
         half_width_percent=dict(zip(family.parameters, percent, strict=True)),
-        shots=int(middle) if np.isfinite(middle) else None,
+        shots=_shots(told, share, known, half),
         gain_nats=sum(gain(one, known.covariance) for one in told) / len(found),
+    )  # fmt: skip
+
+
+def _shots(told: Sequence[Floats], share: float, known: _Known, half: float) -> int | None:
+    """Of the middle draw, where a share of the recordings can be used."""
+    counts = [shots_wanted(share * one, known.covariance, half) for one in told]
+    middle = np.sort([np.inf if n is None else n for n in counts] or [np.inf])[len(counts) // 2]
+    return int(middle) if np.isfinite(middle) else None
+
+
+def _checked(
+    chosen: int,
+    recordings: int,
+    widths: tuple[Floats, Floats],
+    found: Sequence[Expected | None],
+    family: Family,
+    known: _Known,
+    half: float,
+) -> CheckedSetting:
+    """With the information of `found` scaled by how much wider the answers' intervals are than was expected."""
+    answers = len(widths[0])
+    told, got = (
+        np.exp(np.mean(np.log(each), axis=0)) if answers else np.full(len(known.mean), np.nan) for each in widths
+    )
+    scaled = [shared(one.information * np.outer(told / got, told / got), known.scatter) for one in found if one]
+    percent = (dict(zip(family.parameters, 100.0 * (10.0**each - 1.0), strict=True)) for each in (told, got))
+    return CheckedSetting(
+        setting=chosen, recordings=recordings, answers=answers, told_percent=next(percent),
+        reached_percent=next(percent), shots=_shots(scaled, answers / recordings, known, half) if answers else None,
     )  # fmt: skip
 
 
@@ -306,64 +367,21 @@ def _words(setting: DesignedSetting) -> str:
     return f"R_max {digits.micrometres(setting.max_radius_m)} µm at {setting.frame_rate_hz:,.0f} frames/s"
 
 
-def print_table(document: Design) -> None:
-    """A line per setting, then the next one and the number of shots."""
-    from rich.text import Text
-
-    console = terminal.console()
-    names = list(document.settings[0].half_width_percent)
-    heads = ["frames/s", *(f"{described(name)[0]}\n± %" for name in names), "readable\n%", "shots", "gain\nnats"]
-    title = f"{document.material}: expected 90 % interval of one shot, and shots for ± {document.wanted_percent:g} %"
-    table = terminal.table("R_max\nµm", heads, title=title)
-    for k, one in enumerate(document.settings):
-        widths = [_width(one.half_width_percent[name]) for name in names]
-        shots = digits.MISSING if one.shots is None else str(one.shots)
-        cells = [f"{one.frame_rate_hz:,.0f}", *widths, f"{100 * one.readable:.0f}", shots, f"{one.gain_nats:.2f}"]
-        style = "bold" if k in (document.best, document.fewest) else ""
-        table.add_row(digits.micrometres(one.max_radius_m), *cells, style=style)
-    console.print(table)
-    for line in document.said:
-        console.print(Text(line, "bold"))
+def _checked_words(setting: DesignedSetting, checked: CheckedSetting, wanted: float) -> str:
+    """'checked at R_max 250 µm and 500,000 frames/s, 6 recordings: G ± 41 % (expected 33), so 12 shots for ± 10 %'."""
+    about = f"checked: {_words(setting)}, {digits.counted(checked.recordings, 'recording')}: "
+    if not checked.answers:
+        return about + "none has an interval"
+    if checked.answers < checked.recordings:
+        about += f"{checked.answers} with an interval, "
+    pairs = (
+        f"{described(name)[0]} ± {width(got)} % (expected {width(checked.told_percent[name])})"
+        for name, got in checked.reached_percent.items()
+    )
+    count = "more than 10,000 shots" if checked.shots is None else digits.counted(checked.shots, "shot")
+    return f"{about}{', '.join(pairs)}; so {count} for ± {wanted:g} %"
 
 
-def _width(percent: float | None) -> str:
+def width(percent: float | None) -> str:
+    """Of a column in percent."""
     return digits.MISSING if percent is None else "> 300" if percent > 300 else digits.significant(percent, 2)
-
-
-def picture(document: Design) -> Figure:
-    """The shots that are wanted, and the half-width of each parameter, over R_max and frame rate; the next
-    setting is ringed."""
-    from matplotlib.ticker import LogLocator, NullLocator
-
-    names = list(document.settings[0].half_width_percent)
-    rates = sorted({one.frame_rate_hz for one in document.settings})
-    panels: list[tuple[str, list[Any]]] = [
-        (f"{described(name)[0]}: ± % of one shot", [one.half_width_percent[name] for one in document.settings])
-        for name in names
-    ]
-    panels.append((f"shots for ± {document.wanted_percent:g} %", [one.shots for one in document.settings]))
-    figure = new_figure(3.0)
-    write(figure, 0.07, 0.93, f"{document.material}: which shot next", size=11, weight="bold")
-    write(figure, 0.07, 0.865, digits.elide(document.said[0], 110), size=8.5, color=INK)
-    tones = shades(np.linspace(0.0, 1.0, len(rates)))
-    wide = 0.86 / len(panels)
-    for k, (title, values) in enumerate(panels):
-        axes = new_axes(figure, (0.07 + k * wide, 0.16, wide - 0.06, 0.58), "R_max (µm)", "")
-        axes.set_title(title, fontsize=9, color=INK, loc="left")
-        seen = [value for value in values if value]
-        for rate, tone in zip(rates, tones, strict=True):
-            at = [i for i, one in enumerate(document.settings) if one.frame_rate_hz == rate and values[i]]
-            x, y = [1e6 * document.settings[i].max_radius_m for i in at], [values[i] for i in at]
-            axes.plot(x, y, "o-", color=tone, ms=4, lw=1.3, label=f"{1e-3 * rate:g} kfps")
-            if document.best in at:
-                place = at.index(document.best)
-                axes.plot(x[place], y[place], "o", ms=10, mfc="none", mec="black")
-        axes.set(xscale="log", yscale="log")
-        if seen:
-            axes.set_ylim(0.7 * min(seen), min(1.4 * max(seen), SHOWN * min(seen)))
-        for axis in (axes.xaxis, axes.yaxis):
-            axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
-            axis.set_major_formatter("{x:g}")
-            axis.set_minor_locator(NullLocator())
-    axes.legend(frameon=False, fontsize=7.5, loc="upper left", bbox_to_anchor=(1.0, 1.0), handlelength=1.2)
-    return figure

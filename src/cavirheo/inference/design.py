@@ -17,6 +17,7 @@ l the law's, n all others. Chaloner and Verdinelli 1995, doi:10.1214/ss/11770099
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 
 import numpy as np
@@ -195,6 +196,36 @@ def expectations(
     with threadpool_limits(1, "blas"):
         found = each(one, jobs, workers, (lambda *_: done()) if done else None)
     return [found[i : i + len(law)] for i in range(0, len(found), len(law))]
+
+
+def reached(
+    setting: Setting,
+    family: Family,
+    law: Floats,
+    stretch: Floats,
+    medium: Medium = WATER,
+    *,
+    seed: int = 0,
+    workers: int | None = None,
+) -> tuple[Floats, Floats]:
+    """Half-widths (answers, l) in decades that are expected of simulated recordings, and those of the intervals that
+    `infer` then gives; of the recordings that have both. law: (draws, l) log10, stretch: (draws,)."""
+    from cavirheo.inference import infer_many
+
+    films: list[tuple[RadiusCurve, Floats]] = []
+    for k in range(len(law)):
+        with suppress(InputError, SolverError, np.linalg.LinAlgError), threadpool_limits(1, "blas"):
+            curve, truth = setting.film(family, law[k], float(stretch[k]), medium, seed + k)
+            films.append((curve, expected(curve, truth, family, medium).half_width))
+    answers = infer_many([curve for curve, _ in films], material=family.name, medium=medium, workers=workers)
+    told, got = [], []
+    for answer, (_, half_width) in zip(answers, films, strict=True):
+        ends = [answer.interval(name) if answer.theta.size else None for name in family.parameters]
+        if all(ends):
+            told.append(half_width)
+            got.append([0.5 * np.log10(high / low) for low, high in filter(None, ends)])
+    shape = (len(told), len(family.parameters))
+    return np.reshape(told, shape), np.reshape(got, shape)
 
 
 def variance(ends: Floats) -> Floats:

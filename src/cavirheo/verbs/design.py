@@ -31,6 +31,7 @@ def design(
     spread: Annotated[float | None, Option(help="decades from shot to shot  [default: what the answers show]")] = None,
     sizes: Annotated[int, Option(help="how many R_max are looked at", min=1)] = 5,
     draws: Annotated[int, Option(help="simulated recordings for each setting", min=2)] = 12,
+    check: Annotated[int, Option(help="recordings of a recommended setting that `infer` answers", min=0)] = 6,
     for_training: Annotated[
         str | None,
         Option(metavar="MODEL", help="where this posterior network is least sure, and a recipe with more of it"),
@@ -44,7 +45,7 @@ def design(
 ) -> None:
     """Which shot to take next, and how many: expected intervals over R_max and frame rate."""
     from cavirheo.beside.design import design as designed
-    from cavirheo.beside.design import picture, print_table
+    from cavirheo.beside.design_view import picture, print_table
     from cavirheo.parallel import aside
     from cavirheo.physics.simulate import load_solver
     from cavirheo.writing import style
@@ -71,7 +72,7 @@ def design(
             max_radius=[1e-6 * end for end in rmax_um], frame_rate=rates, frames=frames,
             noise=noise, relative_noise=0.01 * noise_percent,
             exposure=1e-6 * exposure_us, wanted=0.01 * wanted_percent, spread=spread, sizes=sizes, draws=draws,
-            seed=seed, command=run.command, date=run.date, done=advance,
+            check=check, seed=seed, command=run.command, date=run.date, done=advance,
         )  # fmt: skip
     if drawing:
         made.notes += outputs.picture("design.png", style.save_png, picture, made)

@@ -21,7 +21,7 @@ _TABLES = {  # by the class of a document: who prints its table
     "Comparison": "beside.published.comparison.print_table",
     "Rheometry": "beside.rheometer.document.print_rheometry",
     "Measured": "video.document.print_table",
-    "Design": "beside.design.print_table",
+    "Design": "beside.design_view.print_table",
     "NetworkDesign": "beside.network_design.print_table",
     "CollapseTimes": "beside.collapse_times.print_table",
 }

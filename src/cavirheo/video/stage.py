@@ -194,7 +194,7 @@ def refined(stage: Stage, circles: dict[int, tuple[float, float, float]]) -> Sta
         gains[i] = _gain(stage.frames[i], stage.reference, outside & ~stage.blind)
         light = stage.frames[i] / np.float32(gains[i])
         for k, part in enumerate((outside, outside & (np.abs(light - stage.reference) < most))):
-            total[k] += np.where(part, light, 0.0)
+            np.add(total[k], light, out=total[k], where=part)
             count[k] += part
     passed = count[1] > 0.5 * count[0]  # by a shock wave, in a few frames
     total, count = np.where(passed, total[1], total[0]), np.where(passed, count[1], count[0])
