@@ -12,7 +12,9 @@ from types import FrameType
 import pytest
 from conftest import BDT
 
-SOURCE = Path(__file__).parent.parent / "src" / "cavirheo"
+import cavirheo
+
+SOURCE = Path(cavirheo.__file__).parent
 LONGEST = 400  # lines of a module
 SOLVER = "physics/solver.py"  # all that is compiled must be one file
 ROOMS = (  # from the ground up: a room imports those below it, and only those that it may

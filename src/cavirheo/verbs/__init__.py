@@ -48,21 +48,24 @@ for _verb in _FOUND:
     app.command(_verb.__name__.replace("_", "-"))(_stoppable(with_kinds(_verb)))
 
 
-def _show_version(wanted: bool) -> None:
-    if wanted:
-        from importlib.metadata import version
-
-        print(f"cavirheo {version('cavirheo')}")
-        raise typer.Exit
-
-
-@app.callback()
+@app.callback(invoke_without_command=True)
 def _options(
-    version: Annotated[
-        bool, typer.Option("--version", help="show the version and exit", is_eager=True, callback=_show_version)
-    ] = False,
+    context: typer.Context,
+    version: Annotated[bool, typer.Option("--version", help="show the version and exit")] = False,
+    verbose: Annotated[bool, typer.Option("--verbose", help="--version: with all that a bug report needs")] = False,
 ) -> None:
     """Material properties of soft matter from the radius history R(t) of a laser-made bubble."""
+    if verbose and not version:
+        raise typer.BadParameter("--verbose goes with --version")
+    if version:
+        from importlib.metadata import version as version_of
+
+        from cavirheo.verbs.versions import report
+
+        print(report() if verbose else f"cavirheo {version_of('cavirheo')}")
+        raise typer.Exit
+    if context.invoked_subcommand is None:
+        context.fail("Missing command.")
 
 
 def main() -> None:
