@@ -18,13 +18,14 @@ from cavirheo.loading import _KINDS
 
 pytestmark = pytest.mark.slow
 SOURCE = Path(cavirheo.__file__).parents[1]
+ENGINES = {"cavirheo.inference.verify.Verification"}  # its field `network` holds an engine, made by `infer` alone
 
 
 def public() -> set[str]:
     """Where each public name, each dataclass that these hold, and each document that `load` gives is defined."""
     documents = [getattr(importlib.import_module(f"cavirheo.{room}"), kind) for room, kind in _KINDS.values()]
     objects = [*(getattr(cavirheo, name) for name in cavirheo.__all__), *public_dataclasses(), *documents]
-    return {f"{one.__module__}.{one.__qualname__}" for one in objects}
+    return {f"{one.__module__}.{one.__qualname__}" for one in objects} - ENGINES
 
 
 def test_all_public_types_are_known():

@@ -13,6 +13,7 @@ from typing import Annotated, Any
 
 import typer
 
+import cavirheo
 from cavirheo.errors import InputError, SolverError
 from cavirheo.verbs.options import with_kinds
 from cavirheo.writing.digits import elide
@@ -58,11 +59,7 @@ def _options(
     if verbose and not version:
         raise typer.BadParameter("--verbose goes with --version")
     if version:
-        from importlib.metadata import version as version_of
-
-        from cavirheo.verbs.versions import report
-
-        print(report() if verbose else f"cavirheo {version_of('cavirheo')}")
+        print(import_module("cavirheo.verbs.versions").report() if verbose else f"cavirheo {cavirheo.__version__}")
         raise typer.Exit
     if context.invoked_subcommand is None:
         context.fail("Missing command.")
