@@ -140,3 +140,11 @@ def test_the_conda_recipe_needs_what_the_package_needs():
     assert f"cavirheo = {PROJECT['scripts']['cavirheo']}" in recipe
     yaml = pytest.importorskip("yaml")
     assert yaml.safe_load(recipe)["requirements"]["run"] == listed
+
+
+def test_measuring_without_the_extra_says_what_to_install(run, monkeypatch):
+    monkeypatch.setattr("cavirheo.video.frames.find_spec", lambda _: None)
+    status, _, err = run("measure", "nowhere.mp4")
+    assert status == 2
+    assert err.count("\n") == 1
+    assert 'pip install "cavirheo[video]"' in err
