@@ -22,6 +22,7 @@ from cavirheo.reporting.answer import curve_record
 from cavirheo.writing import digits, style, terminal
 from cavirheo.writing.document import Quantity, Spread, write_json
 
+pytestmark = pytest.mark.needs("matplotlib")  # most reports have pictures
 NAMES = ("log10_shear_modulus", "log10_viscosity")
 COMMAND = "cavirheo infer shots.mat -o out"
 
