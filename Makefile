@@ -3,7 +3,7 @@ PYTHON ?= python3
 VENV ?= .venv
 BIN = $(VENV)/bin
 
-.PHONY: demo test test-slow test-hostile fuzz test-lowest test-pythons lint types docs man dist space clean
+.PHONY: demo test test-slow test-hostile fuzz test-lowest test-pythons lint docs man dist space clean
 
 demo: $(VENV)/demo.done
 	$(BIN)/cavirheo infer examples/soft_gel.csv examples/stiff_gel.mat examples/bubble.mp4 --frame-rate-hz 500000 --um-per-px 4 -o demo-result
