@@ -16,7 +16,7 @@ from packaging.requirements import Requirement
 
 PROGRAM = [sys.executable, "-m", "cavirheo"]
 STARTS = {  # what is timed as a whole process
-    "`python -c pass`": [sys.executable, "-c", "pass"],
+    "start of Python alone": [sys.executable, "-c", "pass"],
     "`cavirheo --version`": [*PROGRAM, "--version"],
     "`cavirheo --help`": [*PROGRAM, "--help"],
     "`cavirheo infer --help`": [*PROGRAM, "infer", "--help"],
