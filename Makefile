@@ -3,7 +3,7 @@ PYTHON ?= python3
 VENV ?= .venv
 BIN = $(VENV)/bin
 
-.PHONY: demo test test-slow test-hostile fuzz test-lowest lint docs space clean
+.PHONY: demo test test-slow test-hostile fuzz test-lowest test-pythons lint docs man dist space clean
 
 demo: $(VENV)/demo.done
 	$(BIN)/cavirheo infer examples/soft_gel.csv examples/stiff_gel.mat examples/bubble.mp4 --frame-rate-hz 500000 --um-per-px 4 -o demo-result
@@ -42,6 +42,17 @@ lint: $(VENV)/test.done
 # The site, in build/site: opens from a folder, its search too, and asks nothing of any other machine
 docs: $(VENV)/docs.done
 	$(BIN)/mkdocs build --strict --quiet
+
+man: $(VENV)/demo.done
+	$(BIN)/python docs/site/manual.py man/cavirheo.1
+
+# dist/: sdist and wheel; the fast tests pass from the wheel, in an empty environment without an extra
+dist: man
+	$(BIN)/python tests/wheel.py
+
+# The same with every Python that we support; it says which are not on this machine
+test-pythons: man
+	$(BIN)/python tests/wheel.py 3.11 3.12 3.13 3.14
 
 # A folder that a hosted Gradio Space runs as it is (docs/how-to/app.md)
 space: $(VENV)/demo.done

@@ -12,12 +12,15 @@ from cavirheo import verbs
 
 BDT = ("--model", "bdt-viscoelastic")  # a quick answer without an interval, where another is not looked at
 
+ROOT = Path(__file__).resolve().parents[1]
 collect_ignore_glob = [] if importlib.util.find_spec("av") else ["test_video*"]  # without the extra [video]
+if not (ROOT / "docs").is_dir():  # the sdist, whose tests run from the wheel (tests/wheel.py)
+    collect_ignore_glob += ["test_documentation.py", "test_site.py"]
 
 
 def load_benchmark(name: str) -> ModuleType:
     """A file of benchmarks/ as a module, whose name (`app`, `fit`) hides no other's."""
-    path = Path(__file__).resolve().parents[1] / "benchmarks" / f"{name}.py"
+    path = ROOT / "benchmarks" / f"{name}.py"
     spec = importlib.util.spec_from_file_location(f"benchmarks_{name}", path)
     module = importlib.util.module_from_spec(spec)
     sys.modules[spec.name] = module
@@ -29,7 +32,11 @@ LONGEST = ("test_fit", "test_posterior", "test_app", "test_golden", "test_traini
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Long files first: of two processes none is left alone with one at the end."""
+    """Long files first, so that none is left alone at the end of two processes; skipped: what lacks its library."""
+    for item in items:
+        for mark in item.iter_markers("needs"):
+            if importlib.util.find_spec(mark.args[0]) is None:
+                item.add_marker(pytest.mark.skip(reason=f"needs {mark.args[0]}"))
     items.sort(key=lambda item: next((i for i, name in enumerate(LONGEST) if item.path.stem == name), len(LONGEST)))
 
 

@@ -44,6 +44,7 @@ def shot(tmp_path) -> Path:
     return tmp_path / "shot.csv"
 
 
+@pytest.mark.needs("matplotlib")
 def test_the_main_job(run, tmp_path):
     status, out, err = run("infer", EXAMPLE, *BDT, "-o", "result")
     assert status == 0, err

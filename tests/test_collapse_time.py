@@ -322,6 +322,7 @@ class TestReading:
 
 
 class TestCommand:
+    @pytest.mark.needs("matplotlib")
     def test_table(self, run, tmp_path):
         status, out, err = run("collapse-time", write(tmp_path / "gel.csv", table(noise=0.003)), "-o", "result")
         assert status == 0

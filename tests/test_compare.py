@@ -88,6 +88,7 @@ def fake(monkeypatch):
     return calls
 
 
+@pytest.mark.needs("matplotlib")
 def test_the_command_answers_as_infer_does(run, folder, tmp_path):
     (folder / "two.csv").write_text(f"{HEAD}\ngel,gel_a/shot[01].csv,1003,IMR,G_kPa,6.44,1.64\n")
     status, out, err = run("compare", "data", "--references", "data/two.csv", "-o", "c")
@@ -210,6 +211,7 @@ def number(text: str) -> float | None:
     return float(text) if text else None
 
 
+@pytest.mark.needs("matplotlib")
 def test_a_liquid_has_no_shear_modulus(fake, folder, tmp_path):
     (folder / "liquid.csv").write_text(
         "set,files,model,method,quantity,mean,std\nPEG,gel_a/shot?.csv,bdt-viscous,IMR,mu_Pa_s,0.06,0.01\n"
@@ -318,6 +320,7 @@ def test_without_matplotlib_the_tables_are_complete(fake, folder, tmp_path, monk
     assert "matplotlib is not installed" in result.notes[0]
 
 
+@pytest.mark.needs("matplotlib")
 def test_the_table_fits_and_the_picture_shows_every_value(fake, folder, tmp_path, monkeypatch, capsys):
     result = compare(folder, folder / "published.csv", tmp_path / "c")
     for width in (80, 120):

@@ -157,6 +157,7 @@ def test_a_curve_shows_itself():
         assert part in repr(curve)
 
 
+@pytest.mark.needs("matplotlib")
 def test_a_curve_draws_itself():
     curve = replace(measured(), meta={"name": "gel $1"})
     axes = curve.plot()

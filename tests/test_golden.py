@@ -17,6 +17,7 @@ import time
 import pytest
 from golden_cases import CASES, GOLDEN, differences, made
 
+pytestmark = pytest.mark.needs("matplotlib")  # many documents list their pictures
 EXACT = os.environ.get("CAVIRHEO_GOLDEN_EXACT", "") not in ("", "0")
 SHOWN = 30  # differences
 

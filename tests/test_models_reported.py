@@ -21,6 +21,7 @@ from cavirheo.reporting.group import slope
 from cavirheo.writing import terminal
 from cavirheo.writing.document import Quantity
 
+pytestmark = pytest.mark.needs("matplotlib")  # most documents have pictures
 EXAMPLES = Path(__file__).parent.parent / "examples"
 RADII = np.linspace(1.2e-4, 3.2e-4, 7)
 PLAIN_KINETIC = BubbleModel("kinetic")

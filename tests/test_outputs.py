@@ -207,6 +207,7 @@ def test_options_are_refused_before_files_are_read(run, inputs, words, named):
 # ------------------------------------------------------------------------------------------------- nothing half-written
 
 
+@pytest.mark.needs("matplotlib")
 def test_a_picture_that_cannot_be_drawn_costs_nothing_else(tmp_path, monkeypatch):
     curves = read_curves(EXAMPLE)[:2]
     answer = fit(curves[0], window=1, windows=False)
@@ -230,6 +231,7 @@ def test_a_picture_that_cannot_be_drawn_costs_nothing_else(tmp_path, monkeypatch
     assert {path.name for path in tmp_path.iterdir() if path.suffix == ".png"} == {"soft_gel_2.png"}
 
 
+@pytest.mark.needs("matplotlib")
 def test_an_interruption_while_a_page_is_written_leaves_the_old_one(tmp_path, monkeypatch):
     curve = read_curves(EXAMPLE)[0]
     pairs = [(curve, fit(curve, window=1, windows=False))]

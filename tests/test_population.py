@@ -290,6 +290,7 @@ def test_the_material_is_the_first_that_is_seen(reported, capsys):
     assert page.index("shots belong") < page.index("<table")
 
 
+@pytest.mark.needs("matplotlib")
 def test_the_picture_has_the_materials_contour(reported):
     pairs, document = reported
     contour = document.groups[0].population.contour(0.5)

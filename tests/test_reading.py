@@ -459,7 +459,7 @@ def bad(tmp_path_factory):
         ("numbers.csv", "table.header", "time_us,radius_um"),
         ("hollow.txt", "table.empty", "-1000"),
         ("noise.bin", "reading.binary", ""),
-        ("clip.mp4", "video.undecodable", ""),
+        pytest.param("clip.mp4", "video.undecodable", "", marks=pytest.mark.needs("av")),
         ("other.mat", "matlab.variables", "G, speed; expected R_nondim_All"),
         ("times.mat", "matlab.collapse_times", "cavirheo collapse-time"),
         ("half.mat", "matlab.variables", ""),

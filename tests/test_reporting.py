@@ -13,7 +13,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from PIL import Image
 
 from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError
@@ -23,6 +22,7 @@ from cavirheo.reporting.answer import curve_record
 from cavirheo.writing import digits, style, terminal
 from cavirheo.writing.document import Quantity, Spread, write_json
 
+pytestmark = pytest.mark.needs("matplotlib")  # most reports have pictures
 NAMES = ("log10_shear_modulus", "log10_viscosity")
 COMMAND = "cavirheo infer shots.mat -o out"
 
@@ -529,7 +529,8 @@ def test_group_picture_of_a_fluid_has_no_modulus():
 
 def test_png_and_svg(pairs, tmp_path):
     write_report(tmp_path, pairs[:1], COMMAND, ("png", "svg"))
-    with Image.open(tmp_path / "shot_1.png") as read:
+    image = pytest.importorskip("PIL.Image")
+    with image.open(tmp_path / "shot_1.png") as read:
         assert read.size == (792, 495)
         pixels = np.asarray(read.convert("RGB")).astype(int)
     assert (pixels[0, 0] == 255).all()
@@ -597,7 +598,8 @@ def test_report_is_one_sound_file_that_asks_for_nothing(pairs, tmp_path):
     for part in (COMMAND, "7.1 ± 1.4", "6.10", "0.0210", "does not fit", "cell 3 of 5 is empty", "no interval"):
         assert part in shown
     shown = [base64.b64decode(value.split(",")[1]) for key, value in page.attributes if key == "src"]
-    assert [Image.open(io.BytesIO(image)).width for image in shown] == [1080, 792, 792, 792]  # a group, its curves
+    opened = pytest.importorskip("PIL.Image").open
+    assert [opened(io.BytesIO(image)).width for image in shown] == [1080, 792, 792, 792]  # a group, its curves
     assert max(map(len, shown)) < 30_000
 
 

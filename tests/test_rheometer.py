@@ -419,6 +419,7 @@ def test_a_good_file_is_answered_beside_a_bad_one(plain, run, tmp_path):
     assert "µ = 5.00 Pa s" in out
 
 
+@pytest.mark.needs("matplotlib")
 def test_examples_give_back_the_truth(run, tmp_path, examples):
     """The main job: both sweeps of one gel, documents, pictures."""
     files = [EXAMPLES / f"soft_gel_{kind}_sweep.csv" for kind in ("strain", "frequency")]

@@ -166,6 +166,7 @@ def test_no_control_character_reaches_the_terminal(verb, monkeypatch, capsys):
     assert clean(as_json(document))
 
 
+@pytest.mark.needs("matplotlib")
 def test_no_control_character_reaches_a_file(tmp_path, recwarn):
     pairs = [*answers([EVIL]), *answers([EVIL, "other"], verdict="failed", message=EVIL)]
     write_report(tmp_path, pairs, EVIL, ("png", "svg"), notes=[EVIL])
@@ -215,6 +216,7 @@ def test_show_prints_a_document_as_its_verb_did(verb, run, tmp_path, capsys):
         assert part in out.removesuffix(said)
 
 
+@pytest.mark.needs("matplotlib")
 def test_show_a_folder_its_pictures_and_its_report(run, tmp_path):
     write_report(tmp_path / "r", answers(["gel"]), "cavirheo fit gel.csv")
     status, out, _ = run("show", "r")

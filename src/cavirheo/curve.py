@@ -7,7 +7,7 @@ from dataclasses import KW_ONLY, dataclass, field, replace
 from functools import cached_property
 from math import log
 from numbers import Real
-from typing import TYPE_CHECKING, Any, Generic, Protocol, TypeVar
+from typing import TYPE_CHECKING, Any, ClassVar, Generic, Protocol, TypeVar
 
 import numpy as np
 
@@ -15,12 +15,12 @@ from cavirheo.arrays import Floats
 from cavirheo.errors import InputError, brief, expect, printable, require
 from cavirheo.landmarks import AT_MAXIMUM, RAYLEIGH, collapse_time, drift, fit_maximum, plateau, spikes, turning_points
 from cavirheo.parameters import INTERVAL, RADIUS
+from cavirheo.writing import export, style
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 T = TypeVar("T")
-
 _FEWEST_FRAMES = 5  # below this no maximum is fitted
 _SMALLEST_REBOUND = 0.03  # of R_max, that makes a minimum a collapse
 _DRIFT = 0.05  # of R_max, that a late radius may rise
@@ -37,7 +37,8 @@ class _Stated(Generic[T]):
     """A key of `meta` as an attribute of the curve."""
 
     def __init__(self, key: str, default: T) -> None:
-        self.key, self.default = key, default
+        self.key: str = key
+        self.default: T = default
 
     def __get__(self, curve: RadiusCurve | None, _: type[RadiusCurve]) -> T:
         return self.default if curve is None else curve.meta.get(self.key, self.default)
@@ -97,16 +98,20 @@ class RadiusCurve:
     doubts: tuple[str, ...] = ()
     unusable: str = ""
 
-    name = _Stated("name", "curve")
-    column = _Stated[Mapping[str, float]]("column", {})  # title and value, declared (reading/column.py)
-    notes = _Stated[tuple[str, ...]]("notes", ())  # what was recognised, converted or left out
-    hints = _Stated[tuple[str, ...]]("hints", ())  # those of scale and constants, which concern all shots of a file
-    source = _Stated("source", "")  # the file, as it was given
-    source_sha256 = _Stated[str | None]("source_sha256", None)
-    stretch = _Stated[float | None]("stretch", None)  # R_max/R_0 as the file states it
-    stretch_std = _Stated[float | None]("stretch_std", None)
-    frame_rate = _Stated[float | None]("frame_rate_hz", None)  # 1/s
-    exposure = _Stated("exposure_s", 0.0)  # of a frame, s, centred on its time
+    name: ClassVar[_Stated[str]] = _Stated("name", "curve")
+    column: ClassVar[_Stated[Mapping[str, float]]] = _Stated(
+        "column", {}
+    )  # title and value, declared (reading/column.py)
+    notes: ClassVar[_Stated[tuple[str, ...]]] = _Stated("notes", ())  # what was recognised, converted or left out
+    hints: ClassVar[_Stated[tuple[str, ...]]] = _Stated(
+        "hints", ()
+    )  # those of scale and constants, which concern all shots of a file
+    source: ClassVar[_Stated[str]] = _Stated("source", "")  # the file, as it was given
+    source_sha256: ClassVar[_Stated[str | None]] = _Stated("source_sha256", None)
+    stretch: ClassVar[_Stated[float | None]] = _Stated("stretch", None)  # R_max/R_0 as the file states it
+    stretch_std: ClassVar[_Stated[float | None]] = _Stated("stretch_std", None)
+    frame_rate: ClassVar[_Stated[float | None]] = _Stated("frame_rate_hz", None)  # 1/s
+    exposure: ClassVar[_Stated[float]] = _Stated("exposure_s", 0.0)  # of a frame, s, centred on its time
 
     def __post_init__(self) -> None:
         expect(self.meta, Mapping, 'a mapping as meta, {"name": "shot 1"}')
@@ -155,12 +160,8 @@ class RadiusCurve:
 
     @property
     def max_radius(self) -> float:
-        """R_max in m: `maximum`, else by the local fit (landmarks.py).
-
-        Raises:
-            InputError: it cannot be determined: the curve is `unusable` or `unscaled`, has fewer than 5 measured
-                frames, no fall after the maximum, or no frame near it.
-        """
+        """R_max in m: `maximum`, else by the local fit (landmarks.py). Raises InputError: the curve is `unusable` or
+        `unscaled`, has fewer than 5 measured frames, no fall after the maximum, or no frame near it."""
         self._require(not self.unscaled, f"{self.unscaled}; give the true R_max (--rmax-um)", "unscaled")
         return self._maximum[1]
 
@@ -206,10 +207,8 @@ class RadiusCurve:
 
     @cached_property
     def noise(self) -> float:
-        """Standard deviation of the radius noise from frame to frame after R_max, m; 0 below 9 frames.
-
-        From third differences, which cancel the motion except at the few collapses, by their median absolute value.
-        """
+        """Standard deviation of the radius noise from frame to frame after R_max, m; 0 below 9 frames. From third
+        differences, which cancel the motion except at the few collapses, by their median absolute value."""
         radius = self._after_max[1]
         if len(radius) < 9:
             return 0.0
@@ -378,14 +377,16 @@ class RadiusCurve:
         found = f"the first collapse comes {ratio:.2g} Rayleigh times after R_max ({self.max_radius * 1e6:.4g} um)"
         return f"check the scale of radius and time: {found}, which would take {cause}"
 
+    def to_dataframe(self) -> Any:
+        """time_s, radius_m, radius_std_m as a pandas.DataFrame, `meta` as attrs. Raises InputError without pandas."""
+        columns = {"time_s": self.time, "radius_m": self.radius, "radius_std_m": self.radius_std}
+        return export.dataframe(columns, self.meta)
+
     def plot(self, axes: Axes | None = None) -> Axes:
         """Draw the radius over the time after R_max into `axes` (matplotlib), by default into those of a new figure.
 
         A curve without a scale or a maximum is drawn on its own clock, over its largest radius. Returns the axes.
-        Raises InputError without matplotlib.
-        """
-        from cavirheo.writing import style
-
+        Raises InputError without matplotlib."""
         try:
             _ = self.max_radius
             start, unit, labels = self.time_of_max, 1e-6, ("time after R_max (µs)", "R (µm)")

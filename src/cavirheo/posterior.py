@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from importlib import import_module
 from numbers import Real
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -253,11 +252,10 @@ class Posterior:
         """The draws as a pandas.DataFrame: a column per parameter, named as in result.csv ("shear_modulus_Pa", ...),
         and "weight", which sums to 1. Raises InputError without pandas.
         """
-        frame = _needed("pandas").DataFrame()
-        for name, unit in self.parameters.items():
-            frame[f"{name}_{unit.replace(' ', '_')}".removesuffix("_1")] = self.draws(name)
-        frame["weight"], frame.attrs = self.weights, self._about
-        return frame
+        from cavirheo.writing import export
+
+        columns = {export.column(name, unit): self.draws(name) for name, unit in self.parameters.items()}
+        return export.dataframe({**columns, "weight": self.weights}, self._about)
 
     def to_arviz(self) -> Any:
         """The draws as arviz.InferenceData (ArviZ below 1) or xarray.DataTree (from 1 on).
@@ -266,39 +264,25 @@ class Posterior:
         which sums to 1, and "log_weight" and "log_q" where they are known. ArviZ's own summaries do not use weights.
         Raises InputError without arviz.
         """
-        arviz, xarray = _needed("arviz"), _needed("xarray")
-        groups: dict[str, dict[str, Any]] = {
+        from cavirheo.writing.export import inference_data
+
+        stats = {"weight": self.weights, "log_weight": self.log_weight, "log_q": self.log_q}
+        groups = {
             "posterior": {name: self.draws(name) for name in self.parameters},
-            "sample_stats": {"weight": self.weights, "log_weight": self.log_weight, "log_q": self.log_q},
+            "sample_stats": {name: values for name, values in stats.items() if values is not None},
         }
-        places = {"chain": [0], "draw": np.arange(len(self.theta))}
-        sets = {group: xarray.Dataset(coords=places, attrs=self._about) for group in groups}
-        for group, values in groups.items():
-            for name in [name for name, value in values.items() if value is not None]:
-                unit = {"units": self.parameters.get(name, "1")}
-                sets[group][name] = (tuple(places), values[name][None, :], unit)
-        tree: Any = getattr(xarray, "DataTree", None)
-        kind: Any = getattr(arviz, "InferenceData", tree)
-        return tree.from_dict(sets) if kind is tree else kind(**sets)  # ArviZ 1: one is the other
+        return inference_data(groups, self.parameters, self._about)
 
     def plot(self) -> Figure:
         """The marginals of the draws and their pairs (library corner); lines mark the median and the central 90 %.
 
         Raises InputError: a point answer or a failed one has no draws, or matplotlib or corner is missing.
         """
-        from cavirheo.writing.style import BLUE, new_figure
+        from cavirheo.writing.export import pairs
 
         require(len(self.theta) > 1, f"the answer by {self.method} has no draws to plot", "posterior.no_draws")
-        labels = {name + ("" if unit == "1" else f" ({unit})"): name for name, unit in self.parameters.items()}
-        figure = new_figure(max(2.1 * len(labels), 4.2))
-        draws = np.column_stack([self.draws(name) for name in labels.values()])
-        low, high = weighted_quantile(draws, np.array([0.001, 0.999]), self.log_weight)
-        margin = np.maximum(0.02 * (high - low), 1e-9 * np.abs(high))  # some, where all draws are one
-        _needed("corner").corner(
-            draws, 40, range=[*zip(low - margin, high + margin, strict=True)], weights=self.weights, labels=[*labels],
-            quantiles=(0.05, 0.5, 0.95), color=BLUE, fig=figure, plot_datapoints=False, plot_contours=False,
-        )  # fmt: skip
-        return figure
+        named = {name + ("" if unit == "1" else f" ({unit})"): name for name, unit in self.parameters.items()}
+        return pairs({label: self.draws(name) for label, name in named.items()}, self.weights)
 
     @property
     def _about(self) -> dict[str, str]:
@@ -340,15 +324,6 @@ def intervals(
         low, middle, high = weighted_quantile(natural(name, values), np.array([0.05, 0.5, 0.95]), log_weight).tolist()
         found[natural_name(name)] = low, middle, high
     return found
-
-
-def _needed(name: str) -> Any:
-    try:
-        return import_module(name)
-    except ModuleNotFoundError as error:
-        own = (error.name or "").split(".")[0] == name  # not something that it needs itself
-        require(not own, f"this needs {name}: pip install {name}", "posterior.missing_library")
-        raise
 
 
 def _unscaled(log_weight: Floats) -> Floats:

@@ -78,10 +78,10 @@ class Noise:
         shapes = sigma * np.stack([np.ones(self.size), np.broadcast_to(velocity * scale, self.size)], axis=1)
         self.parts = [_Covariance(deviation, time, tau, self._moved(shapes, r, s)) for r, s, tau in self.grid]
         share = [ABSENT] + [(1.0 - ABSENT) / len(some)] * len(some) if some else [1.0]
-        self.log_prior = np.log(share)
+        self.log_prior: Floats = np.log(share)
         self.power = SHAPE + 0.5 * self.size
         constant = gammaln(self.power) - gammaln(SHAPE) - 0.5 * self.size * np.log(2.0 * np.pi * SHAPE)
-        self.constants = constant - 0.5 * np.array([part.log_det for part in self.parts]) + self.log_prior
+        self.constants: Floats = constant - 0.5 * np.array([part.log_det for part in self.parts]) + self.log_prior
 
     @staticmethod
     def _moved(shapes: Floats, *sizes: float) -> Floats:

@@ -38,6 +38,13 @@ def compiled(function: Callable[..., Any]) -> Any:
     return dispatcher
 
 
+def kept(function: Any) -> list[Path]:
+    """Files with the compiled code of a `compiled` function as its source is now, of any Python and machine."""
+    store = function._cache
+    named = f"{store.begin}.{store.source}.*.nbc" if isinstance(store, Kept) else None
+    return [file for folder in store.folders for file in folder.glob(named)] if named else []
+
+
 class Kept(caching.NullCache):
     """What numba asks for compiled code, and gives it to keep."""
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import KW_ONLY, InitVar, dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -97,6 +97,21 @@ class Simulation:
         """Minima of R after which it rises again by more than 3 % of the largest R, as those of a measured curve."""
         radius = self.radius[np.isfinite(self.radius)]
         return len(turning_points(radius, 0.03 * radius.max(initial=0.0))[0])
+
+    @property
+    def columns(self) -> dict[str, Floats]:
+        """(n,) each, named as in the CSV of `cavirheo simulate`: "time_us", "radius_um", "velocity_m_per_s", ..."""
+        return {
+            "time_us": self.time * 1e6, "radius_um": self.radius * 1e6, "velocity_m_per_s": self.velocity,
+            "pressure_Pa": self.pressure, "stress_Pa": self.stress, "strain": self.strain,
+            "strain_rate_per_s": self.strain_rate,
+        }  # fmt: skip
+
+    def to_dataframe(self) -> Any:
+        """`columns` as a pandas.DataFrame. Raises InputError without pandas."""
+        from cavirheo.writing.export import dataframe
+
+        return dataframe(self.columns, {"status": self.status, "equilibrium_radius_m": self.equilibrium_radius})
 
     def plot(self, axes: Axes | None = None) -> Axes:
         """R(t), um over us, on these axes or on those of a new figure. Raises InputError without matplotlib."""

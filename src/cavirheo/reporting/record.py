@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from pydantic import model_validator
@@ -21,6 +21,7 @@ from cavirheo.reporting.group import GroupRecord, group_of
 from cavirheo.reporting.material import GroupDifference, differences, material_of, population_record
 from cavirheo.writing import digits, document
 from cavirheo.writing.document import Document, Spread
+from cavirheo.writing.export import dataframe
 
 if TYPE_CHECKING:
     from cavirheo.inference.population import Population
@@ -63,6 +64,13 @@ class Result(Document):
             (one,) = answered.values()
             said = [f"model: {one.in_words} ({digits.CONTENTS.get(one.contents, '')})"]
         return said + ["µ of a law that thins or yields: at a shear rate of 1e5 1/s"] * (AT_RATE in self.parameters)
+
+    def to_dataframe(self) -> Any:
+        """The rows of result.csv as a pandas.DataFrame, a row for each curve. Raises InputError without pandas."""
+        from cavirheo.reporting.table import rows_of
+
+        head, rows = rows_of(self)
+        return dataframe({name: [row.get(name) for row in rows] for name in head}, {"command": self.command})
 
     def members(self) -> list[tuple[GroupRecord, list[int]]]:
         """Each group with the indices of its curves."""

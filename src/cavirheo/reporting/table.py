@@ -144,7 +144,7 @@ def _group_cells(group: GroupRecord, factor: float) -> list[str]:
 
 def write_csv(path: str | Path, result: Result) -> None:
     """One line per curve; SI units in the names of the columns; empty where there is no number."""
-    write_rows(path, *_rows(result))
+    write_rows(path, *rows_of(result))
 
 
 def write_parquet(path: str | Path, result: Result) -> None:
@@ -152,14 +152,14 @@ def write_parquet(path: str | Path, result: Result) -> None:
     import pyarrow
     from pyarrow import parquet
 
-    head, rows = _rows(result)
+    head, rows = rows_of(result)
     columns = {
         name: [digits.printable(v) if isinstance(v := row.get(name), str) else v for row in rows] for name in head
     }
     parquet.write_table(pyarrow.table(columns), path)
 
 
-def _rows(result: Result) -> tuple[list[str], list[dict[str, Any]]]:
+def rows_of(result: Result) -> tuple[list[str], list[dict[str, Any]]]:
     """(names of the columns, a row for each curve)."""
     quantities = ["stretch", "shear_modulus_Pa", "viscosity_Pa_s"]
     plain = ["max_radius_m", *quantities, "rmse_over_rmax", "collapses", "t_star_end", "verdict", "message", "contents"]

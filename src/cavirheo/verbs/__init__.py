@@ -13,6 +13,7 @@ from typing import Annotated, Any
 
 import typer
 
+import cavirheo
 from cavirheo.errors import InputError, SolverError
 from cavirheo.verbs.options import with_kinds
 from cavirheo.writing.digits import elide
@@ -48,21 +49,20 @@ for _verb in _FOUND:
     app.command(_verb.__name__.replace("_", "-"))(_stoppable(with_kinds(_verb)))
 
 
-def _show_version(wanted: bool) -> None:
-    if wanted:
-        from importlib.metadata import version
-
-        print(f"cavirheo {version('cavirheo')}")
-        raise typer.Exit
-
-
-@app.callback()
+@app.callback(invoke_without_command=True)
 def _options(
-    version: Annotated[
-        bool, typer.Option("--version", help="show the version and exit", is_eager=True, callback=_show_version)
-    ] = False,
+    context: typer.Context,
+    version: Annotated[bool, typer.Option("--version", help="show the version and exit")] = False,
+    verbose: Annotated[bool, typer.Option("--verbose", help="--version: with all that a bug report needs")] = False,
 ) -> None:
     """Material properties of soft matter from the radius history R(t) of a laser-made bubble."""
+    if verbose and not version:
+        raise typer.BadParameter("--verbose goes with --version")
+    if version:
+        print(import_module("cavirheo.verbs.versions").report() if verbose else f"cavirheo {cavirheo.__version__}")
+        raise typer.Exit
+    if context.invoked_subcommand is None:
+        context.fail("Missing command.")
 
 
 def main() -> None:

@@ -39,8 +39,12 @@ def measure(
     from cavirheo.inference import doubts
     from cavirheo.physics.media import WATER
     from cavirheo.reading.recordings import examine
-    from cavirheo.video import document, picture
+    from cavirheo.video import document
+    from cavirheo.video.frames import need
     from cavirheo.writing.document import Outputs, write_json
+
+    need("PIL")  # the pictures' library, of the extra [video]
+    from cavirheo.video import picture
 
     settings: dict[str, Any] = {"frame_rate": fps, "um_per_px": um_per_px, "polarity": polarity}
     settings |= {"exposure": None if exposure_us is None else exposure_us * 1e-6, "reference_frame": reference_frame}

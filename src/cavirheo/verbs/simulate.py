@@ -153,11 +153,7 @@ def _write_frames(path: Path, run: Simulation) -> None:
     """CSV, a row per frame."""
     import numpy as np
 
-    columns = {
-        "time_us": run.time * 1e6, "radius_um": run.radius * 1e6, "velocity_m_per_s": run.velocity,
-        "pressure_Pa": run.pressure, "stress_Pa": run.stress, "strain": run.strain,
-        "strain_rate_per_s": run.strain_rate,
-    }  # fmt: skip
+    columns = run.columns
     rows = np.stack(list(columns.values()), axis=1)
     with path.open("wb") as file:
         np.savetxt(file, rows, fmt="%.9g", delimiter=",", header=",".join(columns), comments="")

@@ -47,7 +47,7 @@ Finite = Annotated[float | None, BeforeValidator(finite)]
 class Record(BaseModel):
     """Numbers are finite or null; a later version may add fields. `_if_any`: fields that are left out where empty."""
 
-    model_config = ConfigDict(extra="allow", allow_inf_nan=False, populate_by_name=True)
+    model_config: ClassVar[ConfigDict] = ConfigDict(extra="allow", allow_inf_nan=False, populate_by_name=True)
     _if_any: ClassVar[tuple[str, ...]] = ()
 
     @model_serializer(mode="wrap")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from scipy.special import expit
@@ -13,8 +13,11 @@ from cavirheo.arrays import Floats
 from cavirheo.errors import require
 from cavirheo.parameters import about, open_sides
 from cavirheo.posterior import BubbleModel, Evidence, in_words
-from cavirheo.writing import digits
+from cavirheo.writing import digits, export
 from cavirheo.writing.document import Quantity
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 _NONE = np.empty((0, 0))
 _LN10 = float(np.log(10.0))
@@ -178,6 +181,38 @@ class Population:
             "log_evidence_of_scatter": self.scattered.log if self.scattered else None,
             "log_evidence": self.evidence.log if self.evidence else None,
         }  # fmt: skip
+
+    def to_dataframe(self) -> Any:
+        """The draws as a pandas.DataFrame: of the material ("shear_modulus_Pa"), of the scatter about it
+        ("shear_modulus_spread_decades") and of the slopes along the column ("shear_modulus_slope_decades").
+
+        Raises InputError: no draws, or pandas is missing."""
+        columns = {}
+        for name in self.names:
+            k, unit = self._column(name), about(name).unit
+            columns[export.column(name, unit)] = 10.0 ** self.centre[:, k]
+            columns[f"{name}_spread_decades"] = self.spread[:, k]
+            if self.slope is not None:
+                columns[f"{name}_slope_decades"] = self.slope[:, k]
+        return export.dataframe(columns, self._about)
+
+    def to_arviz(self) -> Any:
+        """The material's draws as arviz.InferenceData, or xarray.DataTree from ArviZ 1 on: group "posterior".
+
+        Raises InputError: no draws, or arviz is missing."""
+        draws = {name: 10.0 ** self.centre[:, self._column(name)] for name in self.names}
+        return export.inference_data({"posterior": draws}, {name: about(name).unit for name in draws}, self._about)
+
+    def plot(self) -> Figure:
+        """The marginals of the material's draws and their pairs, with the median and the central 90 %.
+
+        Raises InputError: no draws, or matplotlib or corner is missing."""
+        draws = {f"{name} ({about(name).unit})": 10.0 ** self.centre[:, self._column(name)] for name in self.names}
+        return export.pairs(draws, np.full(len(self.centre), 1.0 / len(self.centre)))
+
+    @property
+    def _about(self) -> dict[str, str]:
+        return {"material": self.material, "bubble": self.bubble.name, "line": self.line}
 
     def correlations(self) -> dict[str, tuple[float, float, float]]:
         """(5 %, 50 %, 95 %) of the scatter's correlations, by "name, name"."""

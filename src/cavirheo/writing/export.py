@@ -1,0 +1,72 @@
+"""Columns and draws as the objects of other libraries: pandas, ArviZ, and corner's picture of all pairs."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from cavirheo.arrays import Floats
+from cavirheo.errors import require
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+
+def needed(name: str) -> Any:
+    """The library of this name. Raises InputError: it is not installed."""
+    try:
+        return import_module(name)
+    except ModuleNotFoundError as error:
+        own = (error.name or "").split(".")[0] == name  # not something that it needs itself
+        require(not own, f"this needs {name}: pip install {name}", "posterior.missing_library")
+        raise
+
+
+def column(name: str, unit: str) -> str:
+    """The name of a column as in result.csv: "shear_modulus_Pa", "viscosity_Pa_s", "stretch"."""
+    return f"{name}_{unit.replace(' ', '_')}".removesuffix("_1")
+
+
+def dataframe(columns: Mapping[str, Any], about: Mapping[str, Any]) -> Any:
+    """A pandas.DataFrame of columns of one length, with `about` as its attrs. Raises InputError without pandas."""
+    frame = needed("pandas").DataFrame(dict(columns))
+    frame.attrs = dict(about)
+    return frame
+
+
+def inference_data(
+    groups: Mapping[str, Mapping[str, Floats]], units: Mapping[str, str], about: Mapping[str, str]
+) -> Any:
+    """Arrays (draws,) of each group as arviz.InferenceData (ArviZ below 1) or xarray.DataTree (from 1 on), one chain.
+
+    Raises InputError without arviz."""
+    arviz, xarray = needed("arviz"), needed("xarray")
+    sets = {}
+    for group, values in groups.items():
+        places = {"chain": [0], "draw": np.arange(len(next(iter(values.values()))))}
+        sets[group] = xarray.Dataset(coords=places, attrs=dict(about))
+        for name, draws in values.items():
+            sets[group][name] = (tuple(places), draws[None, :], {"units": units.get(name, "1")})
+    tree: Any = getattr(xarray, "DataTree", None)
+    kind: Any = getattr(arviz, "InferenceData", tree)
+    return tree.from_dict(sets) if kind is tree else kind(**sets)  # ArviZ 1: one is the other
+
+
+def pairs(columns: Mapping[str, Floats], weights: Floats) -> Figure:
+    """The marginals of draws (draws,) by label and their pairs; lines mark the median and the central 90 %.
+
+    Raises InputError without matplotlib or corner."""
+    from cavirheo.writing.style import BLUE, new_figure
+
+    figure = new_figure(max(2.1 * len(columns), 4.2))
+    draws = np.column_stack([*columns.values()])
+    low, high = np.quantile(draws, [0.001, 0.999], axis=0, weights=weights, method="inverted_cdf")
+    margin = np.maximum(0.02 * (high - low), 1e-9 * np.abs(high))  # some, where all draws are one
+    needed("corner").corner(
+        draws, 40, range=[*zip(low - margin, high + margin, strict=True)], weights=weights, labels=[*columns],
+        quantiles=(0.05, 0.5, 0.95), color=BLUE, fig=figure, plot_datapoints=False, plot_contours=False,
+    )  # fmt: skip
+    return figure
