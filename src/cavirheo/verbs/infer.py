@@ -24,6 +24,7 @@ def infer(
     liquid: options.Liquid = options.FROM_OPTIONS,
     out: options.Out = Path("cavirheo-result"),
     pictures: options.Pictures = True,
+    figures: options.Figures = None,
     scheduler: options.Scheduler = None,
     run: Run = options.FROM_OPTIONS,
 ) -> None:
@@ -35,10 +36,12 @@ def infer(
     from cavirheo.inference.posterior_model import network_of
     from cavirheo.inference.reconstruct import check_stretch
     from cavirheo.reporting import DOCUMENTS
+    from cavirheo.reporting.paper import asked
     from cavirheo.unfinished import Step
     from cavirheo.writing.document import Outputs
 
     files = run.files(files)
+    asked(figures)
     options.check_verify(verify, reading.exposure_us, exact_law, files)
     check_stretch(stretch)
     check_models(model, material, contents, verify)
@@ -54,4 +57,6 @@ def infer(
     after = verify if single and verify != "auto" else "none"
     with connected(scheduler, run.say) as executor:
         curves = run.read(files, liquid, reading, column)
-        run.report(curves, first, out, pictures=pictures, verify=after, executor=executor, **checked, **shared)
+        run.report(
+            curves, first, out, pictures=pictures, figures=figures, verify=after, executor=executor, **checked, **shared
+        )

@@ -39,6 +39,8 @@ ExactLaw = Annotated[
 ]
 Seed = Annotated[int, Option(help="of the draws behind the intervals", min=0, max=2**64 - 1)]
 Pictures = Annotated[bool, Option("--pictures/--no-pictures", help="draw the curves; without, it is faster")]
+_PAPER = "paper: each curve and group also as PDF, SVG and PNG (300 dpi), 84 and 174 mm wide"
+Figures = Annotated[str | None, Option(help=_PAPER)]
 Quiet = Annotated[bool, Option("--quiet", help="no table and no progress: errors alone")]
 _TRUST = "I have checked scale, frame rate and constants: doubts are said, the verdict stays"
 TrustInput = Annotated[bool, Option("--trust-input", help=_TRUST)]
