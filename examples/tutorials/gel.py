@@ -73,7 +73,7 @@ for shot in result.curves:
     print(f"{shot.name} & {cells} & {mu.median:.3f} [{mu.q05:.3f}, {mu.q95:.3f}]", r"\\")
 for group in result.groups:
     G, mu = group.shear_modulus_Pa, group.viscosity_Pa_s
-    print(f"mean & & {G.mean / 1e3:.1f} ± {G.std / 1e3:.1f} & {mu.mean:.3f} ± {mu.std:.3f}", r"\\")
+    print(f"mean & & {G.mean / 1e3:.1f} $\\pm$ {G.std / 1e3:.1f} & {mu.mean:.3f} $\\pm$ {mu.std:.3f}", r"\\")
 
 # %% [markdown]
 # ## The figures
