@@ -121,16 +121,20 @@ def laws_figure(weighed: WeighedLaws) -> Figure:
     found = {name: law for name, law in weighed.laws.items() if law.log_evidence is not None}
     ordered = sorted(found, key=lambda name: found[name].log_evidence or 0.0)
     best = max((found[name].log_evidence or 0.0 for name in ordered), default=0.0)
-    figure = _figure(ONE, 14.0 + 6.0 * max(len(ordered), 2))
-    axes = _axes(figure, (30.0, 10.0, 52.0, 6.0 * max(len(ordered), 2)), "log evidence, best = 0", "")
+    shown, height = [digits.elide(name, 24) for name in ordered], 6.0 * max(len(ordered), 2)
+    left = 4.0 + 1.5 * max(map(len, shown), default=8)
+    figure = _figure(ONE, 14.0 + height)
+    axes = _axes(figure, (left, 10.0, ONE - left - 2.0, height), "log evidence, best = 0", "")
     for row, name in enumerate(ordered):
         law, chosen = found[name], name == weighed.chosen
         error = law.standard_error or 0.0
         look: Any = {"color": "black", "mfc": "black" if chosen else "white", "ms": 4.0, "mew": 0.8, "lw": 0.8}
         axes.errorbar((law.log_evidence or 0.0) - best, row, xerr=error, fmt="o", **look)
     axes.axvline(0.0, color=_UNCOMPARED, lw=0.5, zorder=0)
+    lowest = min((found[name].log_evidence or 0.0 for name in ordered), default=best) - best
     axes.set_xscale("symlog", linthresh=10.0)
-    axes.set_yticks(range(len(ordered)), [digits.elide(name, 24) for name in ordered])
+    axes.set_xlim(1.8 * min(lowest, -2.0), 3.0)
+    axes.set_yticks(range(len(ordered)), shown)
     axes.set_ylim(-0.6, max(len(ordered), 2) - 0.4)
     return figure
 
