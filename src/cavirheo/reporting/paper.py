@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from cavirheo.curve import RadiusCurve
-from cavirheo.errors import require
 from cavirheo.posterior import Checks
 from cavirheo.reporting.answer import CurveRecord, Unit, in_unit, parameters_of
 from cavirheo.reporting.group import GroupRecord
@@ -25,14 +24,6 @@ ONE, TWO = 84.0, 174.0  # mm: the widths of one column and of two
 _SMALL, _LARGE = 7.0, 8.0  # pt: numbers and keys, names of axes
 _RMAX = r"$R_\mathrm{max}$"
 _UNCOMPARED = "#a0a0a0"
-
-
-def asked(figures: str | None) -> bool:
-    """Whether such figures are wanted. Raises InputError: another word, or no matplotlib."""
-    require(figures in (None, "paper"), f"--figures must be 'paper', got {figures!r}", "option.figures")
-    needed = 'figures need matplotlib: pip install "cavirheo[plot]"'
-    require(figures is None or style.available(), needed, "style.no_matplotlib")
-    return figures is not None
 
 
 def names(curves: Sequence[str], groups: Sequence[str] = ()) -> list[str]:

@@ -55,12 +55,11 @@ def fit(
     from cavirheo.inference.law import Family
     from cavirheo.inference.options import Options
     from cavirheo.reporting import DOCUMENTS
-    from cavirheo.reporting.paper import asked
     from cavirheo.unfinished import Step
     from cavirheo.writing.document import Outputs
 
     files = run.files(files)
-    asked(figures)
+    paper = options.for_paper(figures)
     options.check_verify(verify, reading.exposure_us, exact_law, files)
     require(not joint or verify == "none", "--verify looks at each shot by itself: leave out --joint, or --verify")
     one_work = "--joint is one fit of all shots, which is not spread: leave out --scheduler, or --joint"
@@ -84,4 +83,4 @@ def fit(
     after: dict[str, Any] = {"verify": verify, "discrepancy": not exact_law, **shared, **camera}
     with connected(scheduler, run.say) as executor:
         curves = run.read(files, liquid, reading, column)
-        run.report(curves, first, out, pictures=pictures, figures=figures, executor=executor, **after)
+        run.report(curves, first, out, pictures=pictures, paper=paper, executor=executor, **after)

@@ -36,12 +36,11 @@ def infer(
     from cavirheo.inference.posterior_model import network_of
     from cavirheo.inference.reconstruct import check_stretch
     from cavirheo.reporting import DOCUMENTS
-    from cavirheo.reporting.paper import asked
     from cavirheo.unfinished import Step
     from cavirheo.writing.document import Outputs
 
     files = run.files(files)
-    asked(figures)
+    paper = options.for_paper(figures)
     options.check_verify(verify, reading.exposure_us, exact_law, files)
     check_stretch(stretch)
     check_models(model, material, contents, verify)
@@ -58,5 +57,5 @@ def infer(
     with connected(scheduler, run.say) as executor:
         curves = run.read(files, liquid, reading, column)
         run.report(
-            curves, first, out, pictures=pictures, figures=figures, verify=after, executor=executor, **checked, **shared
+            curves, first, out, pictures=pictures, paper=paper, verify=after, executor=executor, **checked, **shared
         )

@@ -176,6 +176,16 @@ def _number_or(word: str, option: str, text: str | None, kind: type) -> Any:
         raise InputError(f"{option} must be a number or {word!r}, got {text!r}") from None
 
 
+def for_paper(figures: str | None) -> bool:
+    """Whether figures for a paper are wanted. Raises InputError: another word, or no matplotlib."""
+    from cavirheo.writing.style import available
+
+    require(figures in (None, "paper"), f"--figures must be 'paper', got {figures!r}", "option.figures")
+    needed = '--figures needs matplotlib: pip install "cavirheo[plot]"'
+    require(figures is None or available(), needed, "style.no_matplotlib")
+    return figures is not None
+
+
 def check_verify(level: str, exposure_us: float | None, exact_law: bool, files: Iterable[Path] = ()) -> None:
     """Raises InputError for an unknown level, or for an option that only --verify would use, before hours are spent.
 

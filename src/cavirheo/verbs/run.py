@@ -137,7 +137,7 @@ class Run:
         out: Path,
         *,
         pictures: bool = True,
-        figures: str | None = None,
+        paper: bool = False,
         verify: str = "none",
         executor: Executor | None = None,
         **settings: Any,
@@ -147,11 +147,9 @@ class Run:
         from cavirheo.parallel import cores
         from cavirheo.reporting import outputs, write_report
         from cavirheo.reporting.drawing import prepare
-        from cavirheo.reporting.paper import asked
         from cavirheo.reporting.table import print_table
         from cavirheo.unfinished import Step, Unfinished
 
-        paper = asked(figures)
         outputs(out, curves, ("png",) if pictures else (), paper=paper)
         if pictures:
             prepare()

@@ -51,12 +51,12 @@ def which_law(
     from cavirheo.inference.verify.tuning import TUNING
     from cavirheo.posterior import BubbleModel
     from cavirheo.reporting.laws import Laws, print_table
-    from cavirheo.reporting.paper import asked, laws_figure, names, write
+    from cavirheo.reporting.paper import laws_figure, names, write
     from cavirheo.unfinished import Step, Unfinished
     from cavirheo.writing import document
 
     files = run.files(files)
-    paper = asked(figures)
+    paper = options.for_paper(figures)
     given = ([name.strip() for name in text.split(",") if name.strip()] for text in (laws, contents, damage))
     looked_at, known = options.window_of(window), options.stretch_of(stretch)
     chosen = models(*given)

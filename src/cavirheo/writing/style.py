@@ -105,7 +105,7 @@ def save_paper(path: str | Path, figure: Figure, kind: str) -> None:
     """For print, as one of PAPER: 300 dots per inch, and the same bytes each time."""
     import matplotlib
 
-    fonts = {"pdf.fonttype": 42, "svg.fonttype": "none", "svg.hashsalt": "cavirheo", "mathtext.fontset": "dejavusans"}
+    fonts: Any = {"pdf.fonttype": 42, "svg.fonttype": "none", "svg.hashsalt": "cavirheo"}
     undated = {"pdf": {"CreationDate": None}, "svg": {"Date": None}, "png": {}}
     with _settings, matplotlib.rc_context(fonts):
         figure.savefig(path, format=kind, dpi=300, metadata=undated[kind])
