@@ -87,9 +87,9 @@ def page(found: list[Cell], stem: str) -> str:
         for _ in cell.pictures:
             count += 1
             made.append(f"![What the cell above draws]({stem}-{count}.png)")
-    made.insert(
-        1, f"[The script]({stem}.py), [the notebook]({stem}.ipynb). What follows a block of code is its output."
-    )
+    links = f"[The script]({stem}.py), [the notebook]({stem}.ipynb). What follows a block of code is its output."
+    title, mark, rest = made[0].partition("\n\n")
+    made[:1] = [title, links, rest] if mark else [title, links]
     return "\n\n".join(made) + "\n"
 
 

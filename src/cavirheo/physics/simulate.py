@@ -232,12 +232,15 @@ def simulate_many(
     return first + parallel.each(one, range(1, m), workers)
 
 
+_SLOW = 2.0  # s
+
+
 def load_solver() -> None:
     """Load the compiled solver; tell the user if that takes long because it is compiled for the first time."""
     loaded = threading.Event()
 
     def tell() -> None:
-        while not loaded.wait(2.0):
+        while not loaded.wait(_SLOW):
             if cache.MISSED.is_set():  # else the machine is slow
                 print("compiling the bubble solver for this machine, once (10 to 30 s) ...", file=sys.stderr)
                 return
