@@ -122,20 +122,21 @@ def design(
         ranges: {"shear_modulus": [low, high], "viscosity": ..., "stretch": ...} in SI; a parameter without a range has
             that in which searches start. They go before what `known` says of the stretch.
         material: a law of `cavirheo laws`. medium: constants of the liquid or gel, or the name of a set.
+        seed: of the draws. workers: threads; default: all cores. command, date: as they stand in the document. done:
+            called after each setting.
         max_radius: (low, high) in m; `sizes` radii between them are looked at.
         frame_rate: 1/s, each that the rig has. frames: how many it records.
         noise: m, standard deviation of the radius of a frame, one or one for each frame rate. relative_noise: the same
             over R_max; both add in quadrature. exposure: s, cut to the time between frames.
         wanted: half of the 90 % interval over the value, for each of the law's parameters.
         spread: decades by which shots of one material scatter; default 0, or what the answers of `known` show.
-        draws: of what is known, at each setting. seed: of these draws. workers: threads; default: all cores.
-        command, date: as they stand in the document. done: called after each setting.
-
-    Returns:
-        The document that `cavirheo design` writes: a row for every radius and frame rate, SI.
+        draws: of what is known, at each setting.
 
     Raises:
         InputError: no trusted answer of this law, or a number out of its domain.
+
+    Returns:
+        The document that `cavirheo design` writes: a row for every radius and frame rate, SI.
 
     Source: the information of a simulation about its parameters, docs/how-to/design.md; how well: benchmarks/design.md.
     """
