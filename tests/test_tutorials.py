@@ -21,12 +21,13 @@ SHOWN = {  # tutorial: what its outputs say
     "gel": r"(?s)250.*\[9\.\d+, 10\.\d+\].*stiff_gel: G = (29|30|31)\.?\d* kPa.*mean & & 3\d\.\d \$.*@",
     "liquid": r"(?s)liquid\[1\].* 0\.0[56]\d+ .*3 curves.*outside range.*from below",
     "own_law": r"logarithmic \+ newtonian: RMSE 0\.3\d% of R_max",
-    "cluster": r"(?s)2 .*soft_gel\[2\]: the same(?!.*not the same)",
+    "cluster": r"(?s)2 .*soft_gel\[1\]: the same(?!.*not the same)",
     "app": r"soft_gel\[1\]: G [56]\d\d\d Pa \[",
 }
 NEEDS = {"gel": ("matplotlib", "av"), "liquid": ("matplotlib",), "own_law": ("matplotlib",)}
 NEEDS |= {"cluster": ("distributed",), "app": ("gradio",)}
-LONGEST = 30.0  # s of processor time, of all processes; half of it or less on a machine with nothing else to do
+LONGEST = {"cluster": 60.0}  # s of processor time, of all processes: a busy machine needs twice that of an idle one
+USUAL = 30.0  # s; a cluster's are on two cores, and each of its processes loads the solver
 
 
 def ran(script: Path, folder: Path) -> subprocess.CompletedProcess[str]:
@@ -63,7 +64,7 @@ def test_a_tutorial_says_what_is_so(stem, tmp_path):
     page = (tmp_path / f"{stem}.md").read_text("utf-8")
     assert all(line.rstrip() in page for line in said.splitlines())
     assert len(re.findall(r"!\[.*?\]\(\w+-\d\.png\)", page)) == len(list(tmp_path.glob("*.png")))
-    assert after.ru_utime - before.ru_utime < LONGEST
+    assert after.ru_utime - before.ru_utime < LONGEST.get(stem, USUAL)
 
 
 TINY = """# %% [markdown]

@@ -1,6 +1,6 @@
 # %% [markdown]
 # # The same work on a cluster
-# You will start a cluster of two workers on your own machine, check it, and let it answer two shots.
+# You will start a cluster of two workers on your own machine, check it, and let it answer a shot.
 # The commands are the same for a thousand workers.
 #
 # ## Start it
@@ -47,15 +47,15 @@ cluster = [subprocess.Popen(command, **silent) for command in commands]
 # `--scheduler` is the only option that is new.
 
 # %%
-# !cavirheo infer soft_gel.csv --shots 1,2 --scheduler $CLUSTER -o by-cluster
+# !cavirheo infer soft_gel.csv --shots 1 --scheduler $CLUSTER -o by-cluster
 
 # %% [markdown]
-# ## The answers are the same
-# Here are the same shots without the cluster.
+# ## The answer is the same
+# Here is the same shot without the cluster.
 # No number differs, because an answer does not depend on what computed it.
 
 # %%
-# !cavirheo infer soft_gel.csv --shots 1,2 --quiet -o here
+# !cavirheo infer soft_gel.csv --shots 1 --quiet -o here
 
 # %%
 import cavirheo
