@@ -39,7 +39,7 @@ lint: $(VENV)/test.done
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
 
-# The site, in build/site: opens from a folder, its search too, and asks nothing of any other machine
+# The site with the tutorials that are run for it, in build/site: opens from a folder, its search too, and asks nothing of any other machine
 docs: $(VENV)/docs.done
 	$(BIN)/mkdocs build --strict --quiet
 
@@ -67,7 +67,7 @@ $(VENV)/demo.done: pyproject.toml
 # constraints.txt keeps torch on the version whose plain build needs no GPU libraries
 $(VENV)/docs.done: pyproject.toml constraints.txt
 	$(PYTHON) -m venv $(VENV)
-	$(BIN)/pip install --quiet --disable-pip-version-check -c constraints.txt -e ".[docs]"
+	$(BIN)/pip install --quiet --disable-pip-version-check -c constraints.txt -e ".[docs,plot,video,cluster,app]"
 	touch $@
 
 $(VENV)/test.done: pyproject.toml constraints.txt

@@ -161,3 +161,31 @@ def test_matplotlib_without_a_home_is_silent(tmp_path):
     path = {"PYTHONPATH": os.pathsep.join(sys.path)}
     done = subprocess.run([sys.executable, "-c", code], env={**os.environ, **path, **nowhere}, capture_output=True)
     assert (done.returncode, done.stderr) == (0, b"")
+
+
+@pytest.mark.parametrize("missed", [True, False])
+def test_compiling_is_said_where_something_is_compiled_and_not_where_the_machine_is_slow(missed, monkeypatch, capsys):
+    import time
+
+    from cavirheo.physics import simulate
+
+    def slow(*_: object, **__: object) -> None:
+        time.sleep(0.2)
+
+    monkeypatch.setattr(simulate, "simulate", slow)
+    monkeypatch.setattr(simulate, "_SLOW", 0.02)
+    was = cache.MISSED.is_set()
+    (cache.MISSED.set if missed else cache.MISSED.clear)()
+    simulate.load_solver()
+    time.sleep(0.1)
+    (cache.MISSED.set if was else cache.MISSED.clear)()
+    assert capsys.readouterr().err.count("compiling the bubble solver") == missed
+
+
+def test_a_kernel_that_is_not_kept_is_known(start):
+    cache.MISSED.clear()
+    start().twice(20.0)
+    assert cache.MISSED.is_set()
+    cache.MISSED.clear()
+    start().twice(20.0)
+    assert not cache.MISSED.is_set()

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import ast
 import contextlib
 import importlib
+import io
 import re
 import runpy
 import shlex
@@ -157,6 +159,40 @@ def test_a_planted_mistake_is_found(planted):
     assert len(problems(f"# Page\n{planted}\n", ROOT)) >= 1
 
 
+MOST_WORDS = 12_000  # of how-to pages and tutorials, so that somebody reads them
+
+
+def words(text: str) -> int:
+    """Of prose and tables; code, links' addresses and marks are none."""
+    prose = re.sub(r"^```.*?^```", "", text, flags=re.DOTALL | re.MULTILINE)
+    prose = re.sub(r"`[^`\n]+`", "", re.sub(r"\]\([^)\s]+\)", "]", prose))
+    return len(re.findall(r"[^\W_][\w'’.-]*", prose))
+
+
+def taught() -> str:
+    """All that how-to pages and tutorials say; of scripts their docstrings and their cells of text."""
+    pages = [path.read_text("utf-8") for path in sorted(ROOT.glob("docs/how-to/*.md"))]
+    scripts = [path.read_text("utf-8") for path in sorted(ROOT.glob("examples/**/*.py"))]
+    cells = [
+        cell for text in scripts for cell in re.findall(r"^# %% \[markdown\]\n((?:#[^\n]*\n)+)", text, re.MULTILINE)
+    ]
+    return "\n".join([*pages, *cells, *(ast.get_docstring(ast.parse(text)) or "" for text in scripts)])
+
+
+def test_how_to_and_tutorials_are_short():
+    assert 5000 < words(taught()) < MOST_WORDS
+
+
+def test_words_are_counted():
+    assert words("# One two\n```\nnot this\n```\n| [three](a/b.md) | `--no` 4.5 |\n- it's fine-grained; 1,000\n") == 8
+    assert words("") == 0
+
+
+def test_every_page_begins_with_its_title():
+    wrong = [name(page) for page in PAGES if not re.match(r"# \S.*\n(?!#)", page.read_text("utf-8"))]
+    assert wrong == []
+
+
 def test_every_verb_is_in_the_readme():
     text = (ROOT / "README.md").read_text("utf-8")
     assert [verb for verb in OPTIONS if f"`{verb}`" not in text] == []
@@ -175,17 +211,23 @@ def test_source_refers_to_pages_that_exist():
     assert lost == set()
 
 
-SNIPPETS = [(page, code) for page in PAGES for code in blocks(page.read_text("utf-8"), "python")]
+SNIPPET = re.compile(r"^```python\n(.*?)^```(?:\n```text\n(.*?)^```)?", re.DOTALL | re.MULTILINE)  # with its output
+SNIPPETS = [(page, *found) for page in PAGES for found in SNIPPET.findall(page.read_text("utf-8"))]
+NUMBER = re.compile(r"\d+(?:\.\d+)?")
 
 
-@pytest.mark.parametrize(("page", "code"), SNIPPETS, ids=[name(page) for page, _ in SNIPPETS])
-def test_snippets_run(page, code, monkeypatch):
+@pytest.mark.parametrize(("page", "code", "shown"), SNIPPETS, ids=[name(page) for page, *_ in SNIPPETS])
+def test_snippets_run(page, code, shown, monkeypatch):
     program = compile(code, name(page), "exec", dont_inherit=True)
     if "Client(" in code:
         pytest.skip("needs a running app; tests/test_app.py calls the endpoint")
     monkeypatch.chdir(ROOT)
-    with contextlib.redirect_stdout(None):
+    with contextlib.redirect_stdout(io.StringIO()) as said:
         exec(program, {})
+    if shown:  # the page shows what it printed
+        assert NUMBER.sub("0", said.getvalue()) == NUMBER.sub("0", shown)
+        numbers = [[float(one) for one in NUMBER.findall(text)] for text in (said.getvalue(), shown)]
+        assert numbers[0] == pytest.approx(numbers[1], rel=0.03)
 
 
 EXAMPLES = {  # script: what it prints

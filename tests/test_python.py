@@ -293,3 +293,67 @@ def test_all_that_is_exported_is_looked_at():
     exported = {getattr(cavirheo, name) for name in cavirheo.__all__}
     assert {kind for kind in exported if dataclasses.is_dataclass(kind)} <= {*public_dataclasses()}
     assert {*laws.LAWS.values()} <= {*public_dataclasses()}
+
+
+# --- what help() says of every public name ----------------------------------------------------------------------------
+
+
+ERRORS = {"InputError", "SolverError"}
+FUNCTIONS = [name for name in cavirheo.__all__ if inspect.isfunction(getattr(cavirheo, name))]
+CLASSES = [name for name in cavirheo.__all__ if inspect.isclass(getattr(cavirheo, name)) and name not in ERRORS]
+MADE_HERE = {"Simulation", "Posterior", "Population"}  # the package makes these, so no user's mistake is refused
+SOURCED = {"infer", "infer_many", "fit", "fit_many", "measure", "population", "simulate", "simulate_many"}
+SI = re.compile(r"\bSI\b|\bPa\b|\bkg/m3|\bm\b|\bs\b|1/s")
+
+
+def lacks(function):
+    """What the docstring of a function does not say: a parameter, what it returns, what it raises."""
+    said = inspect.getdoc(function) or ""
+    parameters = [name for name in inspect.signature(function).parameters if name != "self"]
+    missing = [name for name in parameters if not re.search(rf"\b{name}\b", said)]
+    return missing + [part for part in ("Returns:", "Raises:") if f"\n{part}\n" not in said]
+
+
+def as_infer_says(name):
+    """The parameters of `infer_many` that it takes as `infer` does."""
+    return {*inspect.signature(cavirheo.infer).parameters} if name == "infer_many" else set()
+
+
+@pytest.mark.parametrize("name", FUNCTIONS)
+def test_help_of_a_function_is_whole(name):
+    function = getattr(cavirheo, name)
+    assert set(lacks(function)) <= as_infer_says(name)
+    said = inspect.getdoc(function)
+    assert SI.search(said)
+    known = {error for error in ERRORS if f"{error}:" in said}
+    assert known, "it names no error of ours"
+    assert name not in SOURCED or re.search(r"Source: .*(docs/method/[\w-]+\.md|doi:)", said)
+    pages = re.findall(r"\b(?:docs|benchmarks)/[\w/-]+\.md", said)
+    assert all((Path(__file__).parent.parent / page).exists() for page in pages)
+
+
+@pytest.mark.parametrize("name", CLASSES)
+def test_help_of_a_class_is_whole(name):
+    kind = getattr(cavirheo, name)
+    said = inspect.getdoc(kind)
+    assert SI.search(said)
+    assert name in MADE_HERE or "Raises:\n    InputError: " in said
+    own = [key for key in vars(kind) if not key.startswith("_") and key not in kind.__annotations__]
+    told = {key for key in own if inspect.getdoc(getattr(kind, key)) or re.search(rf"\b{key}\b", said)}
+    assert set(own) == told
+
+
+@pytest.mark.parametrize("name", sorted(ERRORS))
+def test_help_of_an_error_says_when(name):
+    assert len(inspect.getdoc(getattr(cavirheo, name)).split()) > 8
+
+
+def test_a_gap_is_found():
+    def short(curve, medium):
+        """Of a curve.
+
+        Returns:
+            Something.
+        """
+
+    assert lacks(short) == ["medium", "Raises:"]

@@ -82,6 +82,16 @@ def test_every_page_of_the_repository_is_there(site):
     assert [path for path in pages if not (site / path.relative_to(ROOT)).with_suffix(".html").exists()] == []
 
 
+def test_every_tutorial_is_a_page_with_its_script_and_its_notebook(site):
+    folder, stems = site / "examples" / "tutorials", [path.stem for path in ROOT.glob("examples/tutorials/*.py")]
+    listed = (site / "examples" / "index.html").read_text("utf-8")
+    assert len(stems) == 5
+    for stem in stems:
+        assert {path.suffix for path in folder.glob(f"{stem}.*")} == {".html", ".ipynb", ".py"}
+        assert f"tutorials/{stem}.html" in listed
+        assert f"{stem}.ipynb" in (folder / f"{stem}.html").read_text("utf-8")
+
+
 def test_the_reference_has_every_name_verb_and_field(site):
     python, commands, result = (
         (site / "reference" / f"{page}.html").read_text("utf-8") for page in ("python", "commands", "result")

@@ -8,7 +8,11 @@ GitHub does not; it is put there.
 from __future__ import annotations
 
 import ast
+import hashlib
+import os
 import re
+import subprocess
+import sys
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -28,7 +32,9 @@ KEPT = (
     "docs/site/*.js",
     "benchmarks/*.md",
     "examples/*.*",
+    "examples/tutorials/*.py",
 )
+ORDER = ("gel", "liquid", "own_law", "cluster", "app")
 FENCE = re.compile(r"^(```.*?^```$)", re.DOTALL | re.MULTILINE)
 START_OF_BLOCK = re.compile(r"(?<=\n)(?![-|#>\s]|\d+\. )([^\n]+\n)(?=- |\d+\. |\|)")
 
@@ -43,7 +49,7 @@ def on_files(files: Files, config: MkDocsConfig) -> Files:
     """The pages and pictures of the repository instead of those of docs/ alone, beside what the theme brings."""
     theme = [file for file in files if file.src_dir != config.docs_dir]
     made = {**tutorials(), **reference.pages()}
-    kept = {str(path.relative_to(ROOT)): path for pattern in KEPT for path in ROOT.glob(pattern)}
+    kept = {str(path.relative_to(ROOT)): path for pattern in KEPT for path in ROOT.glob(pattern)} | executed()
     return Files(
         [
             *theme,
@@ -71,13 +77,33 @@ def slug(heading: str, separator: str) -> str:
     return re.sub(r"[^\w\- ]", "", heading.lower()).replace(" ", separator)
 
 
+def executed() -> dict[str, Path]:
+    """Page, notebook and pictures of each tutorial, which was run; anew only if it or the package has changed."""
+    source = b"".join(path.read_bytes() for path in sorted(ROOT.glob("src/cavirheo/**/*.py")))
+    runner, found = Path(__file__).with_name("tutorial.py"), {}
+    for script in sorted(ROOT.glob("examples/tutorials/*.py")):
+        digest = hashlib.sha256(source + runner.read_bytes() + script.read_bytes()).hexdigest()[:16]
+        folder = ROOT / "build" / "tutorials" / f"{script.stem}-{digest}"
+        if not (folder / f"{script.stem}.ipynb").exists():
+            surroundings = os.environ | {"PYTHONPATH": str(ROOT / "src")}
+            subprocess.run([sys.executable, runner, script, folder], check=True, env=surroundings, timeout=900)
+        found |= {f"examples/tutorials/{path.name}": path for path in sorted(folder.iterdir())}
+    return found
+
+
 def tutorials() -> dict[str, str]:
-    """A page for each example, and one that lists them."""
+    """A page for each short example, and one that lists these and the tutorials."""
     made = {f"examples/{path.stem}.md": "".join(_tutorial(path)) for path in sorted(ROOT.glob("examples/*.py"))}
     made.pop("examples/make_examples.md")  # it made the shots that the others read
     lines = [f"- [{text.splitlines()[0][2:]}]({Path(name).name})\n" for name, text in made.items()]
-    head = "# Tutorials\nShort scripts that run as they are, on shots that come with them.\n\n"
-    return {"examples/index.md": head + "".join(lines), **made}
+    taught = [
+        f"- [{path.read_text('utf-8').splitlines()[1].removeprefix('# # ')}](tutorials/{stem}.md)\n"
+        for stem in ORDER
+        if (path := ROOT / "examples" / "tutorials" / f"{stem}.py")
+    ]
+    head = "# Tutorials\nEach shows what its code printed and drew when it was run, and is a notebook, too.\n\n"
+    short = "\n## Short scripts\nThey run as they are, on shots that come with them.\n\n"
+    return {"examples/index.md": head + "".join(taught) + short + "".join(lines), **made}
 
 
 def _tutorial(path: Path) -> Iterator[str]:

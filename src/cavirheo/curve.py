@@ -67,8 +67,10 @@ class RadiusCurve:
     """A measured radius history.
 
     time: (n,) s, strictly increasing, any spacing and any origin. radius: (n,) m, positive; NaN is a frame without a
-    measurement. radius_std: (n,) m, NaN where unknown. meta: what is known about the recording; the keys `group`,
-    `group_source` and those below are attributes too, and every one may be missing.
+    measurement. radius_std: (n,) m, NaN where unknown. meta: what is known about the recording; every key may be
+    missing, and these are attributes, too: name, group and group_source; source, the file as it was given, and
+    source_sha256; notes, what was recognised, converted or left out; hints, those of scale and constants; column, title
+    and value declared; stretch, R_max/R_0 as stated, and stretch_std; frame_rate, 1/s; exposure of a frame, s.
 
     maximum: (time in s, R_max in m), which is fitted to the samples (landmarks.py) where it is not given.
     stated_time_of_max: s, as the file has it; counts where the recording does not show the growth.

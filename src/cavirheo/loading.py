@@ -38,7 +38,11 @@ _NAMES = (
 def load(path: str | Path) -> Document | Dataset:
     """A document (`Result`, `Laws`, `Measured`, `Comparison`, `Rheometry`, `CollapseTimes`) or a training set.
 
-    `path`: a file of any name, a folder with one, or a folder of `cavirheo generate`. Numbers are SI, as in the file.
+    Args:
+        path: a file of any name, a folder with one, or a folder of `cavirheo generate`.
+
+    Returns:
+        The object that was written. Numbers are SI, as in the file.
 
     Raises:
         InputError: nothing there, or nothing that cavirheo wrote.

@@ -147,6 +147,9 @@ def design(
         group: whose shots are the material, if the result has several groups.
         ranges: {"shear_modulus": [low, high], "viscosity": ..., "stretch": ...} in SI; a parameter without a range has
             that in which searches start. They go before what `known` says of the stretch.
+        material: a law of `cavirheo laws`. medium: constants of the liquid or gel, or the name of a set.
+        seed: of the draws. workers: threads; default: all cores. command, date: as they stand in the document. done:
+            called after each setting.
         max_radius: (low, high) in m; `sizes` radii between them are looked at.
         frame_rate: 1/s, each that the rig has. frames: how many it records.
         noise: m, standard deviation of the radius of a frame, one or one for each frame rate. relative_noise: the same
@@ -158,6 +161,11 @@ def design(
 
     Raises:
         InputError: no trusted answer of this law, or a number out of its domain.
+
+    Returns:
+        The document that `cavirheo design` writes: a row for every radius and frame rate, SI.
+
+    Source: the information of a simulation about its parameters, docs/how-to/design.md; how well: benchmarks/design.md.
     """
     family, liquid = Family(material), named(medium)
     require(0 < wanted < 1, f"wanted must be between 0 and 1, got {wanted:g}", "design.wanted")

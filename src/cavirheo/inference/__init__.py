@@ -58,9 +58,10 @@ def infer(
     discrepancy: bool = True,
     seed: int = 0,
 ) -> Posterior:
-    """The material's parameters from one measured curve, with the checks that sign or refuse them.
+    """The material's parameters from one measured curve, with checks that tell whether to trust them.
 
     Args:
+        curve: R(t), s and m.
         model: a shipped model (`cavirheo models`) or the path of an .onnx file with its card. "posterior" gives draws
             and needs no other; "bdt-viscoelastic" and "bdt-viscous" are the paper's networks, which give one value.
         material: a law of `cavirheo laws`, default "nhkv"; "auto": the simplest of nhkv, newtonian, power-law and
@@ -80,10 +81,13 @@ def infer(
         discrepancy: whether the verification (inference/verify) allows for what no simulation follows.
         seed: of its draws.
 
-    A curve that cannot be answered gives a Posterior without draws whose checks.message says why.
+    Returns:
+        The answer, SI. A curve that cannot be answered gives a Posterior without draws whose checks.message says why.
 
     Raises:
         InputError: unknown model, or a setting out of its domain.
+
+    Source: docs/method/posterior-network.md; of the paper's networks docs/method/amortised.md.
     """
     settings: Any = {"trust_input": trust_input, "verify": verify, "discrepancy": discrepancy, "seed": seed}
     settings |= {"contents": contents, "material": material}
@@ -107,9 +111,22 @@ def infer_many(
     workers: int | None = None,
     done: Callable[[int, Posterior], None] | None = None,
 ) -> list[Posterior]:
-    """`infer` for many curves on all cores, in their order; `done` is called with the index and the answer of each as
-    it is found, verified if that is asked. draws: at most so many with weights (default: TUNING.draws of
-    inference/verify/tuning.py)."""
+    """`infer` for many curves on all cores; what is not named here is as there.
+
+    Args:
+        curves: R(t), s and m.
+        draws: at most so many with weights; default: TUNING.draws of inference/verify/tuning.py.
+        workers: threads; default: all cores. The answers do not depend on it.
+        done: called with the index and the answer of each curve as it is found, verified if that is asked.
+
+    Returns:
+        An answer for each curve, in their order.
+
+    Raises:
+        InputError: as `infer`.
+
+    Source: docs/method/posterior-network.md.
+    """
     check_level(verify)
     check_models(model, material, contents, verify)
     expect_whole(seed, "seed", 0, "option.seed")

@@ -17,6 +17,7 @@ from collections.abc import Callable
 from contextlib import suppress
 from functools import cache
 from pathlib import Path
+from threading import Event
 from typing import Any
 from uuid import uuid4
 
@@ -27,6 +28,7 @@ from numba.core.serialize import dumps
 from numba.misc.appdirs import AppDirs
 
 _DIGEST = 32  # bytes of sha256
+MISSED = Event()  # set once something was not there, so that it is compiled
 
 
 def compiled(function: Callable[..., Any]) -> Any:
@@ -64,6 +66,7 @@ class Kept(caching.NullCache):
                 content = (folder / name).read_bytes()
                 if hashlib.sha256(content[_DIGEST:]).digest() == content[:_DIGEST]:
                     return CompileResult._rebuild(target_context, *pickle.loads(content[_DIGEST:]))
+        MISSED.set()
         return None
 
     def save_overload(self, sig: Any, cres: Any) -> None:

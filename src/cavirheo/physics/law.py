@@ -63,6 +63,9 @@ def check_plausible(parameters: Any, mend: str) -> None:
             field.metadata["plausible"].check(field.name, value, code, mend)
 
 
+_RAISES = "Raises:\n    InputError: a parameter that is no number or out of its domain."
+
+
 class Parts(NamedTuple):
     """What a material is made of; the stresses add."""
 
@@ -80,7 +83,9 @@ class Material:
         names = [name for base in reversed(cls.__mro__) for name in get_annotations(base) if name in PARAMETERS]
         known = [f"{name} ({PARAMETERS[name].symbol}, {PARAMETERS[name].unit})" for name in dict.fromkeys(names)]
         if known:
-            cls.__doc__ = f"{cleandoc(cls.__dict__.get('__doc__') or '')}\n\nParameters: {', '.join(known)}."
+            cls.__doc__ = (
+                f"{cleandoc(cls.__dict__.get('__doc__') or '')}\n\nParameters: {', '.join(known)}.\n\n{_RAISES}"
+            )
 
     def __post_init__(self) -> None:
         check(self)
@@ -90,6 +95,7 @@ class Material:
         return type(self).__name__
 
     def parts(self) -> Parts:
+        """The elastic and the viscous part and the arms with memory of which it is the sum."""
         return Parts()
 
     @property

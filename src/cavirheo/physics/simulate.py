@@ -14,7 +14,7 @@ from cavirheo import parallel
 from cavirheo.arrays import Floats
 from cavirheo.errors import InputError, SolverError, brief, expect, expect_whole, require
 from cavirheo.parameters import DURATION, RADIUS
-from cavirheo.physics import solver
+from cavirheo.physics import cache, solver
 from cavirheo.physics.damage import Damage
 from cavirheo.physics.driving import Driving
 from cavirheo.physics.grid import NO_SHELLS, Grid, wall_clustered
@@ -96,6 +96,9 @@ def simulate(
         cells: shells across the bubble instead of the default's.
         throw: raise on a failed solve; otherwise return it with its status.
         unusual: accept bubbles smaller than 10 nm or larger than 5 cm, and more than a second.
+
+    Returns:
+        Radius, velocity, pressure and stress at each of these times, (n,), SI.
 
     Raises:
         InputError: a parameter is out of its domain, or time is not as above.
@@ -195,8 +198,21 @@ def simulate_many(
 ) -> list[Simulation]:
     """`simulate` for m materials on all cores; the result does not depend on the number of workers.
 
-    max_radius and stretch are (m,) or scalars, time (n,) for all or (m, n); `options` are those of `simulate`. A failed
-    solve does not raise: its status says what happened.
+    Args:
+        materials: m constitutive laws, SI.
+        max_radius: (m,) m, or one for all.
+        stretch: (m,), or one for all.
+        time: (n,) s for all, or (m, n).
+        workers: threads; default: all cores.
+        options: those of `simulate`.
+
+    Returns:
+        A simulation for each material. A failed solve does not raise: its status says what happened.
+
+    Raises:
+        InputError: shapes that do not belong together, or as `simulate`.
+
+    Source: docs/method/physics.md sections 1-4.
     """
     expect(materials, Sequence, f"a list of materials such as [{_EXAMPLE}]")
     m = len(materials)
@@ -216,15 +232,24 @@ def simulate_many(
     return first + parallel.each(one, range(1, m), workers)
 
 
+_SLOW = 2.0  # s
+
+
 def load_solver() -> None:
     """Load the compiled solver; tell the user if that takes long because it is compiled for the first time."""
-    words = "compiling the bubble solver for this machine, once (10 to 30 s) ..."
-    said = threading.Timer(2.0, print, [words], {"file": sys.stderr})
-    said.start()
+    loaded = threading.Event()
+
+    def tell() -> None:
+        while not loaded.wait(_SLOW):
+            if cache.MISSED.is_set():  # else the machine is slow
+                print("compiling the bubble solver for this machine, once (10 to 30 s) ...", file=sys.stderr)
+                return
+
+    threading.Thread(target=tell, daemon=True).start()
     try:
         simulate(Newtonian(0.1), max_radius=1e-4, stretch=2.0, time=[0.0, 1e-7])
     finally:
-        said.cancel()
+        loaded.set()
 
 
 def _checked(time: ArrayLike) -> Floats:

@@ -80,6 +80,7 @@ class Simulation:
 
     @property
     def ok(self) -> bool:
+        """Whether it reached the last time."""
         return self.status == "ok"
 
     @property

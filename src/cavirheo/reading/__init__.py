@@ -39,16 +39,23 @@ def read_curves(
     exposure: float | None = None,
     exclude: str | Iterable[int] | None = None,
 ) -> list[RadiusCurve]:
-    """Every radius history of a file, in its order; times in s, radii in m.
+    """Every radius history of a file.
 
-    `density` (kg/m3) and `pressure` (Pa) turn dimensionless times into seconds, t = t* R_max sqrt(rho/p); files with
-    times in seconds do not depend on them. `frame_rate_hz` makes times of the frame numbers of a table that has no
-    times, and of a recording; that is measured (`cavirheo.measure`) with `um_per_px` and `exposure` (s), without the
-    frames `exclude`. `shots`: only these, "1,4-7" or [1, 4, 5, 6, 7], from 1 in the order of the file.
+    Args:
+        path: a table, a .mat or HDF5 file, or a recording (docs/how-to/your-shots.md).
+        density: kg/m3. It and `pressure` turn dimensionless times into seconds, t = t* R_max sqrt(rho/p); files with
+            times in seconds do not depend on them.
+        pressure: Pa.
+        frame_rate_hz: 1/s, of a recording, and of a table that has frame numbers and no times.
+        shots: only these, "1,4-7" or [1, 4, 5, 6, 7], from 1 in the order of the file.
+        um_per_px: micrometres per pixel of a recording, which is measured (`cavirheo.measure`).
+        exposure: s, of a frame of a recording.
+        exclude: frames of a recording to leave out, "12,40-45" or a list, from 1.
 
-    A curve that cannot be used (empty cell, three samples, all NaN) is returned with its reason; its `max_radius`
-    raises it. What was recognised, converted or left out stands in each curve's `notes`, what makes the
-    recording doubtful in its `doubts` too.
+    Returns:
+        The curves in the order of the file, (n,) times in s and radii in m. One that cannot be used (empty cell, three
+        samples, all NaN) is returned with its reason; its `max_radius` raises it. What was recognised, converted or
+        left out stands in each curve's `notes`, what makes the recording doubtful in its `doubts` too.
 
     Raises:
         InputError: the file cannot be found or read, or holds no radius history, or not so many; the message says what

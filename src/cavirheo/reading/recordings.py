@@ -18,14 +18,21 @@ __all__ = ["examine", "history", "is_recording", "measure"]
 def measure(path: str | Path, **options: Any) -> RadiusCurve:
     """R(t) of the bubble in a recording: .mp4, .avi, .mkv, .mov, .tif, .cine, .mraw + .cihx, or a folder of images.
 
-    Options: `frame_rate` (1/s; needed where no camera says it), `um_per_px` (without it the curve has no scale), and
-    `exposure` (s), `polarity` ("auto", "dark", "bright"), `roi` (x, y, width, height in px), `reference_frame`, `span`
-    (first, last frame), `exclude` (frames to leave out, "12,40-45" or a list), counted from 1.
+    Args:
+        path: the recording.
+        options: `frame_rate` (1/s; needed where no camera says it), `um_per_px` (without it the curve has no scale),
+            `exposure` (s), `polarity` ("auto", "dark", "bright"), `roi` (x, y, width, height in px),
+            `reference_frame`, `span` (first, last frame), `exclude` (frames to leave out, "12,40-45" or a list);
+            frames are counted from 1.
 
-    Frames that cannot be measured are NaN; `curve.meta["flags"]` says of each frame why.
+    Returns:
+        (n,) times in s, radii and their standard deviations in m. Frames that cannot be measured are NaN;
+        `curve.meta["flags"]` says of each frame why.
 
     Raises:
         InputError: not readable, no frame rate, no bubble.
+
+    Source: docs/method/video.md.
     """
     return examine(path, **options)[1]
 

@@ -20,12 +20,20 @@ MANY = 500  # curves: above, a Parquet table stands beside the documents, and no
 DOCUMENTS = ("result.json", "result.csv", "report.html")
 
 
-def outputs(directory: str | Path, curves: Sequence[RadiusCurve], pictures: Sequence[str] = ("png",)) -> Outputs:
+def outputs(
+    directory: str | Path, curves: Sequence[RadiusCurve], pictures: Sequence[str] = ("png",), *, paper: bool = False
+) -> Outputs:
     """Where `write_report` writes, tried. Raises InputError: it cannot, or it would replace a file of the user's."""
     unknown = ", ".join(repr(kind) for kind in pictures if kind not in ("png", "svg"))
     require(not unknown, f"pictures can be png or svg, got {unknown}", "reporting.picture_kind")
     many = ["result.parquet"] if len(curves) > MANY else []
     drawn = [f"{name}.{kind}" for name in file_names([curve.name for curve in curves]) for kind in pictures]
+    if paper:
+        from cavirheo.reporting.paper import names
+
+        groups = dict.fromkeys((curve.group, curve.group_source) for curve in curves)
+        stems = names([curve.name for curve in curves], [group for group, _ in groups])
+        drawn += [f"{name}.{kind}" for name in stems for kind in style.PAPER]
     return Outputs(directory, *DOCUMENTS, *many, *drawn, inputs=[curve.source for curve in curves if curve.source])
 
 
@@ -42,6 +50,7 @@ def write_report(
     workers: int = 1,
     done: Callable[[], None] | None = None,
     published: Published | None = None,
+    paper: bool = False,
 ) -> Result:
     """Write result.json, result.csv, report.html and a picture of each curve into `directory` (made if missing).
 
@@ -58,6 +67,7 @@ def write_report(
         workers: processes that may draw; above 1, the main module of the program must be safe to import.
         done: called after each picture.
         published: values of other methods for these shots, by method and parameter, which stand beside the groups.
+        paper: figures for a two-column paper, too (`paper.figures`), as PDF, SVG and PNG; they need matplotlib.
 
     Of more than MANY curves there is result.parquet, too (with pyarrow), and so many pictures: of those that are not ok
     first. The report then hides the curves that are ok where that is wished.
@@ -71,7 +81,7 @@ def write_report(
     from cavirheo.reporting import html, table
 
     pictures = pictures if draw else ()
-    folder = outputs(directory, [curve for curve, _ in pairs], pictures)
+    folder = outputs(directory, [curve for curve, _ in pairs], pictures, paper=paper)
     date = date or datetime.now().astimezone().strftime("%Y-%m-%d %H:%M %Z")
     drawing = draw and complete and style.available()
     said = [*notes, *([style.NO_PICTURES] if draw and complete and not drawing else [])]
@@ -89,6 +99,11 @@ def write_report(
         drawn = _drawn(folder, pairs, document, pictures, workers, done, shown) if drawing else ()
         sheets = [str(curve.meta.get("contact_sheet", "")) for curve, _ in pairs] if draw else []
         folder.write("report.html", html.write, document, *drawn, sheets=sheets, many=len(pairs) > MANY)
+        if paper:
+            from cavirheo.reporting.paper import figures, write
+
+            for name, figure in figures(pairs, document):
+                write(folder, name, figure)
         if document.notes != said:  # of pictures
             folder.write("result.json", write_json, document)
     folder.finish()

@@ -24,6 +24,7 @@ def infer(
     liquid: options.Liquid = options.FROM_OPTIONS,
     out: options.Out = Path("cavirheo-result"),
     pictures: options.Pictures = True,
+    figures: options.Figures = None,
     scheduler: options.Scheduler = None,
     run: Run = options.FROM_OPTIONS,
 ) -> None:
@@ -39,6 +40,7 @@ def infer(
     from cavirheo.writing.document import Outputs
 
     files = run.files(files)
+    paper = options.for_paper(figures)
     options.check_verify(verify, reading.exposure_us, exact_law, files)
     check_stretch(stretch)
     check_models(model, material, contents, verify)
@@ -54,4 +56,6 @@ def infer(
     after = verify if single and verify != "auto" else "none"
     with connected(scheduler, run.say) as executor:
         curves = run.read(files, liquid, reading, column)
-        run.report(curves, first, out, pictures=pictures, verify=after, executor=executor, **checked, **shared)
+        run.report(
+            curves, first, out, pictures=pictures, paper=paper, verify=after, executor=executor, **checked, **shared
+        )

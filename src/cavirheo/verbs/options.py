@@ -39,6 +39,8 @@ ExactLaw = Annotated[
 ]
 Seed = Annotated[int, Option(help="of the draws behind the intervals", min=0, max=2**64 - 1)]
 Pictures = Annotated[bool, Option("--pictures/--no-pictures", help="draw the curves; without, it is faster")]
+_PAPER = "paper: each curve and group also as PDF, SVG and PNG (300 dpi), 84 and 174 mm wide"
+Figures = Annotated[str | None, Option(help=_PAPER)]
 Quiet = Annotated[bool, Option("--quiet", help="no table and no progress: errors alone")]
 _TRUST = "I have checked scale, frame rate and constants: doubts are said, the verdict stays"
 TrustInput = Annotated[bool, Option("--trust-input", help=_TRUST)]
@@ -172,6 +174,16 @@ def _number_or(word: str, option: str, text: str | None, kind: type) -> Any:
         return text if text in (None, word) else kind(text)
     except ValueError:
         raise InputError(f"{option} must be a number or {word!r}, got {text!r}") from None
+
+
+def for_paper(figures: str | None) -> bool:
+    """Whether figures for a paper are wanted. Raises InputError: another word, or no matplotlib."""
+    from cavirheo.writing.style import available
+
+    require(figures in (None, "paper"), f"--figures must be 'paper', got {figures!r}", "option.figures")
+    needed = '--figures needs matplotlib: pip install "cavirheo[plot]"'
+    require(figures is None or available(), needed, "style.no_matplotlib")
+    return figures is not None
 
 
 def check_verify(level: str, exposure_us: float | None, exact_law: bool, files: Iterable[Path] = ()) -> None:

@@ -137,6 +137,7 @@ class Run:
         out: Path,
         *,
         pictures: bool = True,
+        paper: bool = False,
         verify: str = "none",
         executor: Executor | None = None,
         **settings: Any,
@@ -149,7 +150,7 @@ class Run:
         from cavirheo.reporting.table import print_table
         from cavirheo.unfinished import Step, Unfinished
 
-        outputs(out, curves, ("png",) if pictures else ())
+        outputs(out, curves, ("png",) if pictures else (), paper=paper)
         if pictures:
             prepare()
         steps, kept = [first], Unfinished(out, shown=not self.quiet, executor=executor)
@@ -165,6 +166,7 @@ class Run:
                 write_report(out, pairs, self.command, date=self.date, notes=notes, complete=False)
             self.stop(note, out / "result.json" if pairs else None)
         how: dict[str, Any] = {"date": self.date, "notes": self.notes, "draw": pictures, "workers": cores()}
+        how["paper"] = paper
         with self.bar("drawing", len(curves) if pictures else 0) as advance:
             result = write_report(out, pairs, self.command, done=advance, **how)
         kept.remove()

@@ -37,6 +37,7 @@ def which_law(
     reading: Reading = options.FROM_OPTIONS,
     liquid: options.Liquid = options.FROM_OPTIONS,
     out: options.Out = Path("cavirheo-laws"),
+    figures: options.Figures = None,
     scheduler: options.Scheduler = None,
     run: Run = options.FROM_OPTIONS,
 ) -> None:
@@ -50,13 +51,15 @@ def which_law(
     from cavirheo.inference.verify.tuning import TUNING
     from cavirheo.posterior import BubbleModel
     from cavirheo.reporting.laws import Laws, print_table
+    from cavirheo.reporting.paper import laws_figure, names, write
     from cavirheo.unfinished import Step, Unfinished
     from cavirheo.writing import document
 
     files = run.files(files)
-    asked = ([name.strip() for name in text.split(",") if name.strip()] for text in (laws, contents, damage))
+    paper = options.for_paper(figures)
+    given = ([name.strip() for name in text.split(",") if name.strip()] for text in (laws, contents, damage))
     looked_at, known = options.window_of(window), options.stretch_of(stretch)
-    chosen = models(*asked)
+    chosen = models(*given)
     walls = options.wall_inertia_of(wall_inertia)
     Options(window=looked_at, stretch=known, bubble=BubbleModel(wall_inertia=walls))
     outputs = document.Outputs(out, "laws.json", inputs=files)
@@ -99,6 +102,10 @@ def which_law(
         outputs.write("laws.json", document.write_json, made)
     if note:
         run.stop(note, out / "laws.json" if answered else None)
+    if paper:
+        stems = names([one.name for one in made.curves], [one.name for one in made.groups])
+        for stem, one in zip(stems, [*made.curves, *made.groups], strict=True):
+            write(outputs, stem, laws_figure(one))
     outputs.finish()
     kept.remove()
     run.show(made, print_table)

@@ -98,6 +98,19 @@ def save_svg(file: str | Path | IO[bytes], figure: Figure) -> None:
         figure.savefig(file, format="svg", metadata={"Date": None})
 
 
+PAPER = ("pdf", "svg", "png")
+
+
+def save_paper(path: str | Path, figure: Figure, kind: str) -> None:
+    """For print, as one of PAPER: 300 dots per inch, and the same bytes each time."""
+    import matplotlib
+
+    fonts: Any = {"pdf.fonttype": 42, "svg.fonttype": "none", "svg.hashsalt": "cavirheo"}
+    undated = {"pdf": {"CreationDate": None}, "svg": {"Date": None}, "png": {}}
+    with _settings, matplotlib.rc_context(fonts):
+        figure.savefig(path, format=kind, dpi=300, metadata=undated[kind])
+
+
 def compact(image: Image, plain: tuple[str, ...], tones: tuple[str, ...], steps: tuple[float, ...]) -> Image:
     """In these colours alone, `plain` ones and `tones` in steps from white: a third of the bytes."""
     from PIL.Image import Dither

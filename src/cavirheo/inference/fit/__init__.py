@@ -36,7 +36,21 @@ _TRIED = 6  # materials of single shots, at most, from which a joint fit is star
 
 
 def fit(curve: RadiusCurve, material: str = "nhkv", **options: Any) -> Posterior:
-    """The parameters of a law whose simulation follows one measured curve best; options as `fit_many`."""
+    """The parameters of a law whose simulation follows one measured curve best.
+
+    Args:
+        curve: R(t), s and m.
+        material: a law of `cavirheo laws`, or "auto".
+        options: those of `fit_many`.
+
+    Returns:
+        The answer, SI; one without draws says in its checks.message why it failed.
+
+    Raises:
+        InputError: as `fit_many`.
+
+    Source: docs/method/fit.md.
+    """
     return fit_many([curve], material, **options)[0]
 
 
@@ -70,9 +84,10 @@ def fit_many(
     workers: int | None = None,
     done: Callable[[int, Posterior], None] | None = None,
 ) -> list[Posterior]:
-    """Nonlinear least squares on the simulated radius, from many starts; one answer per curve, in their order.
+    """Nonlinear least squares on the simulated radius, from many starts.
 
     Args:
+        curves: R(t), s and m.
         material: a law of `cavirheo laws` all of whose parameters are then fitted ("nhkv", "qkv", "zener", ...);
             "auto": the simplest of AUTO that the evidence does not reject, the others being in `Posterior.others`.
         medium: constants of the liquid or gel, or the name of a set.
@@ -103,12 +118,17 @@ def fit_many(
         verify: as that of `infer`; not of a joint fit, for it looks at each shot by itself.
         discrepancy: as that of `infer`.
         seed: of the draws, which are the Gaussian about the minimum (fit/covariance.py).
+        workers: threads; default: all cores. The answers do not depend on it.
         done: called with the index of each curve and its answer (with `joint` that by itself) as it is found.
 
-    A curve that cannot be fitted gives a Posterior without draws whose checks.message says why.
+    Returns:
+        An answer for each curve, in their order, SI. A curve that cannot be fitted gives a Posterior without draws
+        whose checks.message says why.
 
     Raises:
         InputError: unknown material or a setting out of its domain.
+
+    Source: docs/method/fit.md.
     """
     check_level(verify)
     told = "a verification looks at each shot by itself: leave out joint, or verify"

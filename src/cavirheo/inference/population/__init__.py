@@ -49,10 +49,13 @@ def population(
         only_trusted: False: take answers of any verdict, as the evidence of a law needs it.
         seed: of the draws.
 
-    Fewer than 3 shots that count give a Population without draws, whose `doubts` say why.
+    Returns:
+        The material, log10 of SI. Fewer than 3 shots that count give one without draws, whose `doubts` say why.
 
     Raises:
         InputError: no answers, or names or a column of another length.
+
+    Source: docs/method/population.md.
     """
     answers = list(answers)
     for answer in answers:

@@ -1,0 +1,99 @@
+# %% [markdown]
+# # A gel, from a recording to the table of a paper
+# You will measure a bubble in a recording, infer G and µ of the gel around it, and make the table, the figure and the
+# methods paragraph of a paper from five shots.
+#
+# ## Get the shots
+# They come with cavirheo and are synthetic, so the true values are known.
+
+# %%
+import shutil
+from importlib.resources import files
+
+shots = files("cavirheo") / "app" / "examples"
+for name in ("bubble.mp4", "stiff_gel.mat"):
+    shutil.copy(shots / name, ".")
+
+# %% [markdown]
+# ## Measure the recording
+# A video states how fast it is played, not how fast it was recorded.
+# So give the frame rate of the camera, the scale, and the exposure of a frame.
+
+# %%
+# !cavirheo measure bubble.mp4 --fps 500000 --um-per-px 4 --exposure-us 0.4 -o measured
+
+# %% [markdown]
+# Look at the circles before you use a radius.
+# The colour of a circle says what was found: the [flags](../../docs/how-to/measure.md#what-is-written) have a table.
+
+# %%
+import matplotlib.pyplot as plt
+
+image = plt.imread("measured/contact.png")
+figure, axes = plt.subplots(figsize=(8, 8 * image.shape[0] / image.shape[1]), layout="constrained")
+axes.imshow(image)
+axes.axis("off")
+figure
+
+# %% [markdown]
+# ## Infer G and µ
+# `infer` takes the file that was written; it would also take the recording itself.
+
+# %%
+# !cavirheo infer measured/measured.csv -o one-shot
+
+# %% [markdown]
+# The true values are 10 kPa and 0.06 Pa s.
+# The row has the median of each parameter and its 90 % interval, how far the simulation of the answer is from the
+# measurement (RMSE), and a verdict.
+# Use a value only if its verdict is `ok`, or if you know why it is not ([verdicts](../../docs/method/verdicts.md)).
+#
+# ## Five shots, one material
+# One shot is not a material.
+# `stiff_gel.mat` holds five shots of another gel, of 30 kPa and 0.08 Pa s.
+
+# %%
+# !cavirheo infer stiff_gel.mat --figures paper -o gel
+
+# %% [markdown]
+# The first line is the one for a paper: the material, with the scatter of its shots.
+# The last row of the table is the mean ± standard deviation, which the field reports.
+#
+# ## The table
+# `result.csv` has every number.
+# This makes the rows of a LaTeX table.
+
+# %%
+import cavirheo
+
+result = cavirheo.load("gel")
+for shot in result.curves:
+    G, mu = shot.shear_modulus_Pa, shot.viscosity_Pa_s
+    cells = f"{shot.max_radius_m * 1e6:.0f} & {G.median / 1e3:.1f} [{G.q05 / 1e3:.1f}, {G.q95 / 1e3:.1f}]"
+    print(f"{shot.name} & {cells} & {mu.median:.3f} [{mu.q05:.3f}, {mu.q95:.3f}]", r"\\")
+for group in result.groups:
+    G, mu = group.shear_modulus_Pa, group.viscosity_Pa_s
+    print(f"mean & & {G.mean / 1e3:.1f} $\\pm$ {G.std / 1e3:.1f} & {mu.mean:.3f} $\\pm$ {mu.std:.3f}", r"\\")
+
+# %% [markdown]
+# ## The figures
+# `--figures paper` made them, 84 mm wide for one column and 174 mm for two, as PDF, SVG and PNG of 300 dots per inch.
+
+# %%
+image = plt.imread("gel/paper-group-stiff_gel.png")
+figure, axes = plt.subplots(figsize=(8, 8 * image.shape[0] / image.shape[1]), layout="constrained")
+axes.imshow(image)
+axes.axis("off")
+figure
+
+# %% [markdown]
+# ## The methods paragraph
+# It names the model, the window, the priors and the versions, and whom to cite.
+
+# %%
+# !cavirheo cite gel
+
+# %% [markdown]
+# ## Your own gel
+# Put the density of your gel into the command (`--density`): 2 % of it change G by about 1 kPa.
+# Then read [how far an answer can be trusted](../../docs/how-far.md).
