@@ -32,7 +32,7 @@ from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError
 from cavirheo.reading import read_curves, write_csv
 from cavirheo.reading.apart import Reader
-from cavirheo.reporting import live
+from cavirheo.reporting import interactive, live
 
 SOFT = examples()["soft_gel.csv"]
 
@@ -392,6 +392,61 @@ def test_trials_are_simulations_or_say_that_they_failed(session):
     found, failed = trial(session, "soft_gel[1]", [5.0, 0.03, 0.5])
     assert (found.verdict, "stretch" in found.message) == ("failed", True)
     assert failed == {"x": [[], []], "y": [[], []]}
+
+
+def test_the_band_of_the_draws_holds_the_answer_and_a_density_matters(session):
+    session.add([SOFT], PageSettings(), copy=True)
+    kept = infer(session, ["soft_gel[1]"], silent)
+    answer = session.find("soft_gel[1]")[2]
+    time, low, high = steps.band(session, "soft_gel[1]")
+    assert np.array_equal(time, answer.checks.reconstruction_time)
+    assert np.all(low <= high)
+    inside = (answer.checks.reconstruction_radius >= low) & (answer.checks.reconstruction_radius <= high)
+    assert np.mean(inside) > 0.7
+    change = float(re.search(r"change by ([+-][\d.]+) %", kept.density)[1])
+    assert 2.0 < change < 12.0  # a denser liquid is slower, which a stiffer gel makes up for
+    shown = interactive.cloud(kept.pairs, kept.document)
+    (medians,) = [one for one in shown.data if one.text is not None]
+    assert medians.x[0] == pytest.approx(answer.median("viscosity"))
+    assert not steps.unfit(session)
+    for record in kept.document.curves:
+        record.verdict = "model_does_not_fit"
+    assert steps.unfit(session)
+    session.prepare(PageSettings(material="auto"))
+    assert not steps.unfit(session)
+
+
+def test_a_link_leads_back_to_a_session_and_no_other_word_does():
+    visitors = Visitors(VisitorLimits())
+    try:
+        one = visitors.of("page")
+        assert visitors.back("reloaded", one.link) is one
+        assert visitors.of("reloaded") is one
+        assert visitors.back("stranger", "") is visitors.back("stranger", one.link + "x") is None
+        assert visitors.of("stranger") is not one
+    finally:
+        visitors.close()
+
+
+def test_a_short_call_of_a_program_does_not_wait_for_a_long_one(served, client, tmp_path, monkeypatch):
+    from gradio_client import handle_file
+
+    hold, begun, real = Event(), Event(), steps.infer_many
+
+    def held(curves, **options):
+        if curves[0].name == "a":
+            begun.set()
+            hold.wait(60)
+        return real(curves, **options)
+
+    monkeypatch.setattr(steps, "infer_many", held)
+    file = handle_file(str(single(tmp_path / "a.csv")))
+    long = client.submit([file], verify="none", api_name="/infer")
+    assert begun.wait(60)
+    assert len(ask(client, single(tmp_path / "b.csv"), verify="none")["curves"]) == 1
+    assert not long.done()
+    hold.set()
+    assert len(long.result()["curves"]) == 1
 
 
 def test_a_law_without_modulus_has_no_slider_for_it(session):

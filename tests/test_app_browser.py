@@ -375,13 +375,50 @@ def test_a_class_with_one_file(visit, tmp_path):
     one, other = _one_shot(tmp_path / "one.csv"), _one_shot(tmp_path / "other.csv", 1.5)
     for page in pages:
         page.set_input_files("#upload input[type=file]", str(one))
-    pages[0].wait_for_selector("#upload input[type=file]", state="attached")
-    pages[0].set_input_files("#upload input[type=file]", str(other))
+    pages[0].set_input_files("#upload input[type=file]", str(other), timeout=60_000)
     for page, names in zip(pages, (["one", "other"], ["one"], ["one"]), strict=True):
         page.wait_for_function(f"document.querySelectorAll('#found tbody tr').length === {len(names)}")
         assert page.locator("#found tbody td:first-child").all_inner_texts() == names
         assert page.locator("#found .failed-message").count() == 0
     assert "taken as one material" in pages[0].inner_text("#found")
+
+
+def test_the_keyboard_goes_the_whole_way(visit):
+    """Tab, Enter and arrows alone, from the example to the files; the focus is never lost."""
+    page, lost = visit(WIDE), []
+
+    def reach(wanted):
+        for _ in range(60):
+            page.keyboard.press("Tab")
+            if page.evaluate("one => document.activeElement.matches(one)", wanted):
+                return
+        raise AssertionError(f"no Tab leads to {wanted}")
+
+    def then(shown):
+        page.wait_for_selector(shown)
+        page.wait_for_timeout(300)
+        lost.extend([shown] * page.evaluate("document.activeElement === document.body"))
+
+    for wanted, shown in (
+        ("#upload *", "#upload"),
+        ("button.sm", "#found table"),  # the first example
+        ("#to-prepare", "#prepared .js-plotly-plot"),
+        ("#density input", "#density"),
+        ("#to-infer", "#infer"),
+        ("#infer", "#to-check:enabled"),
+        ("#to-check", "#facts article"),
+        ("#slider-viscosity input[type=range]", "#check-plot .js-plotly-plot"),
+        ("#to-export", "#make"),
+        ("#make", "#files :text('result.json')"),
+    ):
+        reach(wanted)
+        if "range" in wanted:
+            page.keyboard.press("ArrowRight")
+            page.wait_for_selector("#trial :text('RMSE')")
+        elif "#upload" not in wanted and "#density" not in wanted:
+            page.keyboard.press("Enter")
+        then(shown)
+    assert lost == []
 
 
 @pytest.mark.slow

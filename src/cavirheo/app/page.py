@@ -153,15 +153,16 @@ class Page(FilmPart):
     def _wire(self, settings: list[Any]) -> None:
         self.state = [*self.tabs[1:], self.infer_now, self.answers, self.to_check, self.which, self.cloud]
         shown = [
-            self.found, self.welcome, self.overview, self.overview_normalised, self.chosen, self.shown, self.upload,
+            self.found, self.welcome, self.overview, self.overview_normalised, self.chosen, self.shown,
             self.loaded, self.link, *self.state, *self._wire_film(),
         ]  # fmt: skip
         wrong = self.validated(lambda session, *texts: film.unready(session.current, *texts))
         checked = {"validator": wrong, "show_progress_on": [self.film_told]}
         self.on(self.confirm.click, self._confirm, [*self.film_typed, self.film_excluded], shown, **checked)
         check = [self.check_plot, self.facts, self.trial, *self.sliders]
-        many = {"trigger_mode": "multiple", "show_progress_on": [self.found]}  # one may be dropped while another loads
-        self.on(self.upload.upload, self._load, [self.upload, *settings], shown, **many)
+        many: dict[str, Any] = {"trigger_mode": "multiple", "api_visibility": "private"}  # also while another loads
+        sent = self.upload.upload(self._sent, [self.upload], [self.upload], **many, **AT_ONCE)
+        self.on(sent.then, self._load, settings, shown, trigger_mode="multiple", show_progress_on=[self.found])
         for name, example in self.examples.items():
             self.on(example.click, partial(self._example, name), settings, shown)
         self.on(self.clear.click, self._clear, [], shown)
@@ -172,9 +173,8 @@ class Page(FilmPart):
         for pressed, step in ((self.to_prepare, 2), (self.to_infer, 3), (self.to_check, 4), (self.to_export, 5)):
             pressed.click(partial(gr.Tabs, selected=step), outputs=self.steps, queue=False, api_visibility="private")
         given, answered = [self.chosen, *settings], [self.checked, *self.state]
-        law = self.fields["material"]
-        laws: list[tuple[Any, dict[Any, Any]]] = [(self.infer_now, {}), (self.infer, {}), (self.which, {law: "auto"})]
-        for pressed, also in laws:
+        for pressed in (self.infer_now, self.infer, self.which):
+            also = {self.fields["material"]: "auto"} if pressed is self.which else {}
             how: dict[str, Any] = {"show_progress_on": [self.answers], "also": also}
             run = self._run(pressed, 3, self.stop, self._answer, given, answered, **how)
             self.on(run.success, self._show, [self.checked], check, show_progress="hidden")
@@ -193,7 +193,7 @@ class Page(FilmPart):
         self.link.change(None, self.link, js=_ADDRESS, api_visibility="private")
         everything = [*shown, *settings, self.checked, *check]
         self._nothing = [gr.skip()] * len(everything)
-        self.blocks.load(self._back, None, everything, api_visibility="private", **AT_ONCE)
+        self.blocks.load(self._back, None, everything, api_visibility="private", show_progress="hidden")
         self.blocks.unload(self._leave)
 
     def _run(
@@ -240,9 +240,14 @@ class Page(FilmPart):
             check = self._show(session, names[0]) if names and not session.stale else self._nothing[-6:]
             return [*self._loaded(session), *(values | texts).values(), checked, *check]
 
-    def _load(self, session: Session, files: list[str] | None, *settings: Any) -> list[Any]:
-        with uploaded(files or []) as paths:
-            session.add(paths, _settings(settings))
+    def _sent(self, request: gr.Request, files: list[str] | None) -> None:
+        self.session(request).sent.extend(files or [])
+
+    def _load(self, session: Session, *settings: Any) -> list[Any]:
+        files, session.sent = session.sent, []
+        with uploaded(files) as paths:
+            if paths:  # or they were taken with those that were sent before
+                session.add(paths, _settings(settings))
         return self._loaded(session)
 
     def _example(self, name: str, session: Session, *settings: Any) -> list[Any]:
@@ -262,14 +267,14 @@ class Page(FilmPart):
         return [
             words.found(session.curves, session.problems, session.waiting), gr.HTML(visible=not anything), *figures,
             gr.CheckboxGroup(choices=names, value=names), gr.Dropdown(choices=names, value=next(iter(names), None)),
-            None, gr.Row(visible=bool(names)), f"?session={session.link}" if anything else "",
+            gr.Row(visible=bool(names)), f"?session={session.link}" if anything else "",
             *self._state(session, drawn=True), *self._filmed(session),
         ]  # fmt: skip
 
     def _state(self, session: Session, *, drawn: bool = False) -> list[Any]:
         """Which steps can work, and the answers, if there are any, with what was changed since."""
-        loaded, answered = bool(session.curves), session.answers is not None and not session.stale
-        found = session.answers
+        loaded, found = bool(session.curves), session.answers
+        answered = found is not None and not session.stale
         cloud = {"value": plots.cloud(found.pairs, found.document)} if drawn and found else {}
         return [
             *(gr.Tab(interactive=able) for able in (loaded, loaded, answered, answered)), gr.Button(interactive=loaded),
@@ -300,8 +305,7 @@ class Page(FilmPart):
             return [gr.Dropdown(choices=names, value=names[0]), *self._state(session, drawn=True)]
 
     def _picked(self, session: Session, name: str) -> list[Any]:
-        shown = self._show(session, name)
-        return [gr.Tabs(selected=4), name, *shown]
+        return [gr.Tabs(selected=4), name, *self._show(session, name)]
 
     def _show(self, session: Session, name: str) -> list[Any]:
         ranges = steps.sliders(session, name).values()
@@ -316,8 +320,7 @@ class Page(FilmPart):
     def _answered(self, session: Session, name: str, trial: dict[str, Any] | None = None) -> list[Any]:
         answers, curve, posterior, _ = session.find(name)
         fit = answers.fits.get(name)
-        band = steps.band(session, name)
-        figure = plots.checked(curve, posterior.checks, fit.checks if fit else None, trial, band)
+        figure = plots.checked(curve, posterior.checks, fit.checks if fit else None, trial, steps.band(session, name))
         return [figure, words.facts(session, name)]
 
     def _try(self, session: Session, name: str, *values: float | None) -> dict[str, Any]:
@@ -343,8 +346,7 @@ def _wrong(values: Sequence[Any]) -> list[str]:
     for field, value in zip(fields(PageSettings), values, strict=True):
         try:
             given = number_of(value, field.name.replace("_", " ")) if field.name in _NUMBERS else value or None
-            one: dict[str, Any] = {field.name: given}
-            _ = PageSettings(**one).reading
+            _ = PageSettings(**{field.name: given}).reading  # type: ignore[arg-type]
             found.append("")
         except InputError as error:
             found.append(words.told(error))

@@ -156,11 +156,11 @@ class Session:
         self.curves: list[RadiusCurve] = []  # of all files, as the settings have them read
         self.problems: list[str] = []  # files that could not be read
         self.answers: Answers | None = None
+        self.sent: list[str] = []  # uploads that are not looked at yet
         self.said = ""  # why the last thing that was asked was not done
         self.link = token_urlsafe(16)  # whoever knows it comes back here
         self.lock = RLock()  # held while anything here is read or changed, never while shots are worked on
-        self.busy, self.stopped = Lock(), Event()  # held by a run; ends it
-        self.exporting = Lock()
+        self.busy, self.exporting, self.stopped = Lock(), Lock(), Event()  # held by a run, by a zip; ends a run
         self.abandoned: set[Future[Any]] = set()  # shots that were worked on when a run was stopped
         self.calls = 0  # so often was anything asked
         self._temporary = TemporaryDirectory(prefix="cavirheo-")

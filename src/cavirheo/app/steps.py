@@ -163,8 +163,7 @@ def unfit(session: Session) -> bool:
 
 def export(session: Session, progress: Report) -> tuple[Path, list[Path]]:
     """(cavirheo-result.zip in the visitor's folder, documents and pictures in it). Raises InputError: no answer yet."""
-    answers = session.answers
-    if answers is None or session.stale:
+    if (answers := session.answers) is None or session.stale:
         raise InputError("nothing to export: infer first (step 3)", "app.no_answer")
     fits = [(curve, answers.fits[curve.name]) for curve, _ in answers.pairs if curve.name in answers.fits]
     number, shots, place = count(1), len(answers.pairs) + len(fits), session.folder / "export"
