@@ -358,6 +358,8 @@ def test_the_page_has_one_state(visit, tmp_path):
 
     assert "?session=" in page.url
     page.reload()
+    page.wait_for_selector("#found table")
+    page.get_by_role("tab", name="3 Infer").click()
     answered(page, 5)
     assert closed(page) == []
     page.get_by_role("tab", name="4 Check").click()
