@@ -375,8 +375,9 @@ def test_a_class_with_one_file(visit, tmp_path):
     """All drop the same file at the same time; and what is dropped while another file loads is loaded, too."""
     pages = [visit(WIDE) for _ in range(3)]
     one, other = _one_shot(tmp_path / "one.csv"), _one_shot(tmp_path / "other.csv", 1.5)
-    for page in pages:
-        page.set_input_files("#upload input[type=file]", str(one))
+    with pages[0].expect_response(lambda answer: "/upload?" in answer.url):
+        for page in pages:
+            page.set_input_files("#upload input[type=file]", str(one))
     pages[0].set_input_files("#upload input[type=file]", str(other), timeout=60_000)
     for page, names in zip(pages, (["one", "other"], ["one"], ["one"]), strict=True):
         page.bring_to_front()  # a page behind others draws nothing
