@@ -25,15 +25,14 @@ if find_spec("gradio") is None:
 from test_hostile import FILES
 
 from cavirheo.app import steps
-from cavirheo.app.export import write_zip
 from cavirheo.app.session import PageSettings, Session, VisitorLimits, Visitors
-from cavirheo.app.steps import examples, fit, infer, sliders, trial
+from cavirheo.app.steps import examples, export, fit, infer, sliders, trial
 from cavirheo.app.words import answers
 from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError
 from cavirheo.reading import read_curves, write_csv
 from cavirheo.reading.apart import Reader
-from cavirheo.reporting import live
+from cavirheo.reporting import interactive, live
 
 SOFT = examples()["soft_gel.csv"]
 
@@ -287,15 +286,23 @@ def test_too_much_is_refused_and_nothing_of_it_kept(reader, tmp_path):
         session.close()
 
 
-def test_answers_are_forgotten_when_what_they_stand_on_changes(session):
+def test_answers_are_stale_when_settings_change_and_forgotten_when_files_do(session):
     session.add([SOFT], PageSettings(), copy=True)
     infer(session, ["soft_gel[2]"], silent)
-    assert "soft_gel[2]" in answers(session.answers)
+    assert "soft_gel[2]" in answers(session)
     assert session.answers.document.command == "cavirheo infer soft_gel.csv (1 of 5 shots)"
     session.prepare(PageSettings(window=2))
-    assert session.answers is None
+    assert session.stale
+    assert "run again" in answers(session)
+    for asked in (lambda: export(session, silent), lambda: session.find("soft_gel[2]")):
+        with pytest.raises(InputError):
+            asked()
+    session.prepare(PageSettings())
+    assert session.find("soft_gel[2]")[0] is session.answers
     with refused("app.no_shots"):
         infer(session, [], silent)
+    session.add([SOFT], PageSettings(), copy=True)
+    assert session.answers is None
 
 
 def test_the_command_can_be_typed(session, tmp_path):
@@ -321,7 +328,7 @@ def test_a_stop_keeps_what_is_done_and_names_the_rest(session, monkeypatch):
     assert [curve.name for curve, _ in kept.pairs] == names[:1]
     assert kept.not_run == names[1:]
     assert kept.document.command.endswith("(1 of 5 shots)")
-    assert all(words in answers(kept) for words in ("1 of 5 shots", ", ".join(names[1:])))
+    assert all(words in answers(session) for words in ("1 of 5 shots", ", ".join(names[1:])))
     for run in (lambda: infer(session, names, silent), lambda: fit(session, names[0], silent)):
         with refused("app.stopped"):
             run()
@@ -387,6 +394,61 @@ def test_trials_are_simulations_or_say_that_they_failed(session):
     assert failed == {"x": [[], []], "y": [[], []]}
 
 
+def test_the_band_of_the_draws_holds_the_answer_and_a_density_matters(session):
+    session.add([SOFT], PageSettings(), copy=True)
+    kept = infer(session, ["soft_gel[1]"], silent)
+    answer = session.find("soft_gel[1]")[2]
+    time, low, high = steps.band(session, "soft_gel[1]")
+    assert np.array_equal(time, answer.checks.reconstruction_time)
+    assert np.all(low <= high)
+    inside = (answer.checks.reconstruction_radius >= low) & (answer.checks.reconstruction_radius <= high)
+    assert np.mean(inside) > 0.7
+    change = float(re.search(r"change by ([+-][\d.]+) %", kept.density)[1])
+    assert 2.0 < change < 12.0  # a denser liquid is slower, which a stiffer gel makes up for
+    shown = interactive.cloud(kept.pairs, kept.document)
+    (medians,) = [one for one in shown.data if one.text is not None]
+    assert medians.x[0] == pytest.approx(answer.median("viscosity"))
+    assert not steps.unfit(session)
+    for record in kept.document.curves:
+        record.verdict = "model_does_not_fit"
+    assert steps.unfit(session)
+    session.prepare(PageSettings(material="auto"))
+    assert not steps.unfit(session)
+
+
+def test_a_link_leads_back_to_a_session_and_no_other_word_does():
+    visitors = Visitors(VisitorLimits())
+    try:
+        one = visitors.of("page")
+        assert visitors.back("reloaded", one.link) is one
+        assert visitors.of("reloaded") is one
+        assert visitors.back("stranger", "") is visitors.back("stranger", one.link + "x") is None
+        assert visitors.of("stranger") is not one
+    finally:
+        visitors.close()
+
+
+def test_a_short_call_of_a_program_does_not_wait_for_a_long_one(served, client, tmp_path, monkeypatch):
+    from gradio_client import handle_file
+
+    hold, begun, real = Event(), Event(), steps.infer_many
+
+    def held(curves, **options):
+        if curves[0].name == "a":
+            begun.set()
+            hold.wait(60)
+        return real(curves, **options)
+
+    monkeypatch.setattr(steps, "infer_many", held)
+    file = handle_file(str(single(tmp_path / "a.csv")))
+    long = client.submit([file], verify="none", api_name="/infer")
+    assert begun.wait(60)
+    assert len(ask(client, single(tmp_path / "b.csv"), verify="none")["curves"]) == 1
+    assert not long.done()
+    hold.set()
+    assert len(long.result()["curves"]) == 1
+
+
 def test_a_law_without_modulus_has_no_slider_for_it(session):
     session.add([SOFT], PageSettings(model="bdt-viscous", stretch=25.0), copy=True)
     infer(session, ["soft_gel[1]"], silent)
@@ -400,10 +462,12 @@ def test_the_zip_holds_what_the_command_line_writes_and_the_curves(session, run,
     names = ["soft_gel[1]", "soft_gel[3]"]
     session.add([SOFT], PageSettings(), copy=True)
     with refused("app.no_answer"):
-        write_zip(session)
+        export(session, silent)
     infer(session, names, silent)
     fit(session, names[1], silent)
-    with zipfile.ZipFile(write_zip(session)) as archive:
+    made, files = export(session, silent)
+    assert {path.name for path in files} >= {"result.json", "soft_gel_1.png"}
+    with zipfile.ZipFile(made) as archive:
         archive.extractall(tmp_path)
     folder = tmp_path / "cavirheo-result"
     written = {str(path.relative_to(folder)) for path in folder.rglob("*") if path.is_file()}
@@ -422,7 +486,7 @@ def test_the_zip_holds_what_the_command_line_writes_and_the_curves(session, run,
     left = processed.radius[frames] - np.interp(processed.time[frames], simulated.time, simulated.radius)
     rmse = float(np.sqrt(np.mean(left**2)) / record["max_radius_m"])
     assert rmse == pytest.approx(record["rmse_over_rmax"], rel=0.02)
-    assert [path for path in session.folder.iterdir() if path.is_dir()] == [session.folder / "your files"]
+    assert {path.name for path in session.folder.iterdir() if path.is_dir()} == {"your files", "export"}
 
 
 def test_the_command_line_does_not_wait_for_gradio(tmp_path):
@@ -456,7 +520,7 @@ def test_the_wall_shows_the_last_answers_of_this_app(served):
     page = get(f"{address}live")
     assert "<h1>soft_gel[3]</h1>" in page
     assert "still wanted" in page
-    visitors._forget("who asks", one, one.calls)
+    visitors._forget(one, one.calls)
     assert "waiting" in get(f"{address}live")  # nothing of one who left
 
 

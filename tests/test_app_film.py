@@ -12,8 +12,8 @@ if find_spec("gradio") is None or find_spec("av") is None:
 import tifffile
 from recordings import RATE, SCALE, film
 
-from cavirheo.app import plots, words
-from cavirheo.app.film import confirm, curve, left_out, measure, options, toggle, typed, unlisted, unready
+from cavirheo.app import words
+from cavirheo.app.film import confirm, curve, drawn, left_out, measure, options, toggle, typed, unlisted, unready
 from cavirheo.app.session import Camera, PageSettings, Session, VisitorLimits
 from cavirheo.app.steps import infer
 from cavirheo.errors import InputError, number_of
@@ -194,7 +194,7 @@ def test_the_shown_frame_is_marked(seen):
     assert seen.shown == 1 + int(np.nanargmax(seen.found.track.radius))
     unlisted(seen, "6")
     seen.shown = 6
-    figure = plots.filmed(seen.found, left_out(seen), 6)
+    figure = drawn(seen.found, left_out(seen), 6)
     (crosses,) = [one for one in figure.data if one.name == "excluded"]
     assert crosses.customdata.tolist() == [6]
     assert figure.layout.shapes[0].x0 == pytest.approx(1e6 * 5 / RATE)

@@ -36,7 +36,7 @@ ROOMS = (  # from the ground up: a room imports those below it, and only those t
     ("training", "errors files parallel parameters prior posterior curve reading physics problem inference writing"),
     ("unfinished", "errors parallel posterior curve writing"),
     ("cluster", "errors files parallel physics"),
-    ("reporting", "errors physics parallel parameters posterior curve inference writing"),
+    ("reporting", "errors physics parallel parameters posterior curve reading inference writing"),
     ("watching", "errors parallel posterior curve reading reporting unfinished writing"),
     (
         "beside",

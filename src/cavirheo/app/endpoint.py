@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import closing, contextmanager
-from functools import wraps
 from pathlib import Path
 from typing import Any
 
@@ -15,19 +14,6 @@ from cavirheo.app import steps, words
 from cavirheo.app.session import PageSettings, Session, Visitors
 from cavirheo.errors import InputError, SolverError, require
 from cavirheo.inference import DEFAULT
-
-
-def told(handler: Callable[..., Any]) -> Callable[..., Any]:
-    """The handler, whose errors of the user become a message that stays until it is closed."""
-
-    @wraps(handler)
-    def one(*given: Any) -> Any:
-        try:
-            return handler(*given)
-        except (InputError, SolverError) as error:
-            raise gr.Error(words.told(error), duration=None, title="Not done", print_exception=False) from None
-
-    return one
 
 
 @contextmanager
@@ -47,7 +33,6 @@ def uploaded(files: Sequence[str]) -> Iterator[list[Path]]:
 def public(visitors: Visitors) -> Callable[..., Any]:
     """The function that programs may call; nothing of a call is kept."""
 
-    @told
     def infer(
         files: list[gr.FileData], model: str = DEFAULT, medium: str = "water", density: float | None = None,
         rmax_um: float | None = None, stretch: float | None = None, window: int | None = None, verify: str = "auto",
@@ -57,13 +42,16 @@ def public(visitors: Visitors) -> Callable[..., Any]:
         options: dict[str, Any] = {"rmax_um": rmax_um, "stretch": stretch, "window": window}
         options |= {"model": model, "material": material, "verify": verify}
         session = Session(visitors.limits, visitors.reader)
-        with closing(session), uploaded([str(dict(file)["path"]) for file in files]) as paths:
-            session.add(paths, PageSettings(medium, density, **options))
-            require(not session.waiting, f"{session.waiting}: send measured.csv of `cavirheo measure`", "app.film")
-            problem = "; ".join(session.problems) or "no curve could be read"
-            require(bool(session.curves), problem, "app.no_curve")
-            document = steps.infer(session, [curve.name for curve in session.curves], lambda *_: None).document
-            document.notes.extend(session.problems)
-            return document.model_dump(by_alias=True, mode="json")
+        try:
+            with closing(session), uploaded([str(dict(file)["path"]) for file in files]) as paths:
+                session.add(paths, PageSettings(medium, density, **options))
+                require(not session.waiting, f"{session.waiting}: send measured.csv of `cavirheo measure`", "app.film")
+                problem = "; ".join(session.problems) or "no curve could be read"
+                require(bool(session.curves), problem, "app.no_curve")
+                document = steps.infer(session, [curve.name for curve in session.curves], lambda *_: None).document
+                document.notes.extend(session.problems)
+                return document.model_dump(by_alias=True, mode="json")
+        except (InputError, SolverError) as error:
+            raise gr.Error(words.told(error), title="Not done", print_exception=False) from None
 
     return infer

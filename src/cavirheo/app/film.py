@@ -9,6 +9,7 @@ from math import inf
 from secrets import token_hex
 
 import numpy as np
+from plotly.graph_objects import Figure
 
 from cavirheo.app.session import Camera, Clip, Session
 from cavirheo.arrays import Bools
@@ -17,8 +18,10 @@ from cavirheo.errors import InputError, number_of, require
 from cavirheo.reading import noted
 from cavirheo.reading.apart import Report
 from cavirheo.reading.recordings import history
+from cavirheo.reporting.interactive import filmed
 from cavirheo.video.frames import CAMERAS, STACKS
 from cavirheo.video.measurement import Measurement
+from cavirheo.video.picture import COLOURS
 from cavirheo.writing import digits
 
 
@@ -120,3 +123,11 @@ def confirm(session: Session) -> None:
     except InputError:
         session.films[session.film] = film
         raise
+
+
+def drawn(film: Clip) -> Figure:
+    """Radii by the flags of their frames, those left out as crosses; the shown frame marked."""
+    found = measured(film)
+    unit, scale = ("µm", found.um_per_px.value) if found.um_per_px.value else ("px", 1.0)
+    flags = np.where(left_out(film), "excluded", found.track.flags)
+    return filmed(found.time, scale * found.track.radius, unit, flags, COLOURS, found.first, film.shown)

@@ -9,20 +9,25 @@ import json
 from collections.abc import Callable, Sequence
 from dataclasses import fields
 from functools import partial
-from pathlib import Path
 from typing import Any
 
 import gradio as gr
 
-from cavirheo.app import export, film, plots, steps, words
-from cavirheo.app.endpoint import public, told, uploaded
+from cavirheo.app import film, steps, words
+from cavirheo.app.endpoint import public, uploaded
+from cavirheo.app.events import AT_ONCE, LATEST, button, html, line, plot
+from cavirheo.app.film_part import FilmPart
 from cavirheo.app.session import Camera, PageSettings, Session, Visitors
 from cavirheo.errors import InputError, number_of
 from cavirheo.inference import DEFAULT
 from cavirheo.physics.media import MEDIA
+from cavirheo.reporting import interactive as plots
 
 _LEVELS = {"weighed by simulations": "auto", "not verified (fastest)": "none", "Gaussian": "map", "full (slow)": "full"}
 _WINDOWS = {"the usual one": 0, "1 collapse": 1, "2 collapses": 2, "3 collapses": 3}
+_GROUPS = {
+    "those of one file; files of a single shot together": "auto", "those of one file": "file", "each by itself": "none",
+}  # fmt: skip
 _NUMBERS = {  # settings that need not be given: label, what an empty field means
     "density": ("Density (kg/m³)", "as the medium"),
     "rmax_um": ("True R_max (µm)", "as measured"),
@@ -32,35 +37,33 @@ _NUMBERS = {  # settings that need not be given: label, what an empty field mean
     "pressure": ("Pressure (Pa)", "as the medium"),
     "temperature": ("Temperature (K)", "as the medium"),
 }
-_CAMERA = {"Frames per second": "as the camera was set", "µm per pixel": "4.0", "Exposure of a frame (µs)": "if known"}
-_REDRAW = Path(__file__).with_name("redraw.js").read_text(encoding="utf-8")
-_AT_ONCE: dict[str, Any] = {"queue": False, "show_progress": "hidden"}
-_LATEST: dict[str, Any] = {"trigger_mode": "always_last", "show_progress": "hidden"}
-_line = partial(gr.Textbox, max_lines=1)
-_button = partial(gr.Button, variant="primary")
+_RESIZE = "() => setTimeout(() => document.querySelectorAll('.js-plotly-plot').forEach(p => Plotly.Plots.resize(p)))"
+_ADDRESS = "link => history.replaceState(null, '', link || location.pathname)"
+_RUNS: dict[str, Any] = {"concurrency_id": "runs", "concurrency_limit": 2}  # of all visitors together
 _small = partial(gr.Button, size="sm", min_width=120)
 _stop = partial(gr.Button, "Stop", variant="stop", visible=False)
-_plot = partial(gr.Plot, show_label=False, container=False, min_width=320)
-_html = partial(gr.HTML, apply_default_css=False)
 
 
-class Page:
+class Page(FilmPart):
     """The five steps in `blocks`, with their handlers, not yet served; a component has its attribute's name as id."""
 
     def __init__(self, visitors: Visitors) -> None:
         self.visitors = visitors
         self.fields: dict[str, Any] = {}  # of PageSettings
+        self.tabs: list[Any] = []
         tabs = {"Data": self._data, "Prepare": self._prepare, "Infer": self._infer}
         tabs |= {"Check": self._check, "Export": self._export}
         self.blocks = gr.Blocks(title="cavirheo", analytics_enabled=False, delete_cache=(300, 900), fill_width=True)
         with self.blocks:
-            self.top = _html(words.part("top"))
+            self.top = html(words.top())
+            self.wrong, self.link = html(), gr.Textbox(visible="hidden", label="Address")
             with gr.Tabs(selected=1) as self.steps:
                 for number, (name, part) in enumerate(tabs.items(), 1):
-                    with gr.Tab(f"{number} {name}", id=number):
+                    with gr.Tab(f"{number} {name}", id=number, interactive=number == 1) as tab:
                         part()
+                    self.tabs.append(tab)
             self._wire([self.fields[field.name] for field in fields(PageSettings)])
-            gr.api(public(visitors), api_name="infer")
+            gr.api(public(visitors), api_name="infer", concurrency_limit=4)
         for name, part in (vars(self) | self.fields).items():
             if isinstance(part, gr.blocks.Block):
                 part.elem_id = name.replace("_", "-")
@@ -69,42 +72,22 @@ class Page:
 
     def _data(self) -> None:
         kinds = ".mat, .csv, .txt, .h5, .xlsx; or recordings: .mp4, .avi, .mkv, .tif, .cine, .mraw with .cihx"
-        label = f"Measured R(t): {kinds}; to {self.visitors.limits.file_mb:g} MB"
+        label = f"Measured R(t): {kinds}; to {self.visitors.limits.file_mb:g} MB each"
         with gr.Row():
             with gr.Column(scale=3, min_width=300):
                 self.upload = gr.File(label=label, file_count="multiple", height=160)
             with gr.Column(scale=2, min_width=260):
-                _html(words.part("quiet", "or look at a shipped example first:"))
+                html(words.part("quiet", "or look at a shipped example first:"))
                 with gr.Row():
                     self.examples = {name: _small(name) for name in steps.examples()}
                 with gr.Row():
                     self.clear, self.to_prepare = _small("Start over"), _small("Prepare first")
-                self.infer_now = _button("Infer all shots", interactive=False)
+                self.infer_now = button("Infer all shots", interactive=False)
+        self.welcome = html(words.part("welcome", words.picture()))
         self._film()
         with gr.Row(visible=False) as self.loaded:
-            self.overview, self.overview_normalised = _plot(), _plot()
-        self.found = _html(words.found([], []))
-
-    def _film(self) -> None:
-        with gr.Column(visible=False) as self.film_step:
-            self.film = gr.Dropdown(label="Recording")
-            with gr.Row():
-                boxes = [_line(label=label, placeholder=hint, min_width=160) for label, hint in _CAMERA.items()]
-                self.film_rate, self.film_scale, self.film_exposure = self.film_typed = boxes
-                self.measure = _button("Measure the bubble", min_width=160)
-            self.film_told = _html(min_height=60)
-            with gr.Column(visible=False) as self.film_seen:
-                with gr.Row():
-                    with gr.Column(min_width=300):
-                        self.film_frame = _html()
-                    self.film_plot = _plot(min_width=300)
-                wide: dict[str, Any] = {"scale": 3, "min_width": 220}
-                with gr.Row():
-                    self.film_number = gr.Slider(label="Frame shown", step=1, buttons=[], **wide)
-                    self.film_toggle = gr.Button("Exclude this frame", scale=1, min_width=140)
-                with gr.Row():
-                    self.film_excluded = _line(label="Frames to exclude", placeholder="12, 40-45", **wide)
-                    self.confirm = _button("Confirm this curve", scale=1, min_width=140)
+            self.overview, self.overview_normalised = plot(), plot()
+        self.found = html()
 
     def _prepare(self) -> None:
         with gr.Row():
@@ -112,6 +95,8 @@ class Page:
                 self.chosen = gr.CheckboxGroup(label="Shots to infer", show_select_all=True)
                 windows = list(_WINDOWS.items())
                 self.fields["window"] = gr.Dropdown(windows, value=0, label="Window that is compared")
+                groups = list(_GROUPS.items())
+                self.fields["group"] = gr.Dropdown(groups, value="auto", label="Shots that are one material")
                 with gr.Row():
                     self.fields["medium"] = gr.Dropdown(list(MEDIA), value="water", label="Medium", min_width=120)
                     self._numbers("density")
@@ -124,13 +109,13 @@ class Page:
                         self._numbers("pressure", "temperature")
             with gr.Column(scale=3, min_width=300):
                 self.shown = gr.Dropdown(label="Shot shown")
-                self.prepared, self.dropped = _plot(), _html()
-        self.to_infer = _button("Go on")
+                self.prepared, self.dropped = plot(), html()
+        self.to_infer = button("Go on")
 
     def _numbers(self, *names: str) -> None:  # in fields for text: an empty gr.Number stalls the page
         for name in names:
             label, empty = _NUMBERS[name]
-            self.fields[name] = _line(label=label, placeholder=empty, min_width=120)
+            self.fields[name] = line(label=label, placeholder=empty, min_width=120)
 
     def _infer(self) -> None:
         self.fields["material"] = gr.Radio(words.materials(), value="nhkv", label="Material")
@@ -138,8 +123,10 @@ class Page:
             self.fields["model"] = gr.Radio(words.models(), value=DEFAULT, label="Model")
             self.fields["verify"] = gr.Radio(list(_LEVELS.items()), value="auto", label="Uncertainty")
         with gr.Row():
-            self.infer, self.stop = _button("Infer all chosen shots"), _stop()
-        self.answers = _html(words.answers(None), min_height=120)
+            self.infer, self.stop = button("Infer all chosen shots"), _stop()
+        self.which = gr.Button("Most shots do not fit: let the evidence choose the law", visible=False)
+        self.answers = html(words.part("quiet", words.NONE), min_height=120, js_on_load=words.script("table.js"))
+        self.cloud = plot(visible=False)
         self.to_check = gr.Button("Check against the simulation", interactive=False)
 
     def _check(self) -> None:
@@ -147,121 +134,120 @@ class Page:
             self.checked = gr.Dropdown(label="Shot", scale=3, min_width=200)
             self.fit = gr.Button("Fit conventionally (seconds)", scale=1, min_width=180)
             self.stop_fit = _stop(scale=1, min_width=100)
-        self.check_plot = _plot()
+        self.check_plot = plot()
         with gr.Row():
             sliders = steps.SLIDERS.items()
             self.sliders = [gr.Slider(label=word, elem_id=f"slider-{key}", min_width=200) for key, (word, _) in sliders]
-        self.trial = _html({"words": ""}, html_template="${value.words}", js_on_load=_REDRAW)
-        self.facts = _html()
+        self.trial = html({"words": ""}, html_template="${value.words}", js_on_load=words.script("redraw.js"))
+        self.facts = html()
         self.to_export = gr.Button("Export")
 
     def _export(self) -> None:
-        _html(words.part("export"))
-        self.make = _button("Download cavirheo-result.zip")
+        html(words.part("export"))
+        self.make = button("Download cavirheo-result.zip")
+        self.files = gr.File(label="File by file", file_count="multiple", interactive=False, visible=False)
         self.download = gr.DownloadButton()  # never seen: pressed when the zip is made
 
     # which handler answers what
 
     def _wire(self, settings: list[Any]) -> None:
+        self.state = [*self.tabs[1:], self.infer_now, self.answers, self.to_check, self.which, self.cloud]
         shown = [
-            self.found, self.overview, self.overview_normalised, self.chosen, self.shown, self.upload, self.infer_now,
-            self.answers, self.to_check, self.loaded, *self._wire_film(),
+            self.found, self.welcome, self.overview, self.overview_normalised, self.chosen, self.shown,
+            self.loaded, self.link, *self.state, *self._wire_film(),
         ]  # fmt: skip
-        checked = {"validator": self._checked(film.unready), "show_progress_on": [self.film_told]}
-        self._on(self.confirm.click, self._confirm, [*self.film_typed, self.film_excluded], shown, **checked)
+        wrong = self.validated(lambda session, *texts: film.unready(session.current, *texts))
+        checked = {"validator": wrong, "show_progress_on": [self.film_told]}
+        self.on(self.confirm.click, self._confirm, [*self.film_typed, self.film_excluded], shown, **checked)
         check = [self.check_plot, self.facts, self.trial, *self.sliders]
-        self._on(self.upload.upload, self._load, [self.upload, *settings], shown, show_progress_on=[self.found])
-        for name, button in self.examples.items():
-            self._on(button.click, partial(self._example, name), settings, shown)
-        self._on(self.clear.click, self._clear, [], shown)
-        changed = partial(gr.on, [one.change for one in (self.shown, *settings[:-1])])
-        self._on(changed, self._view, [self.shown, *settings], [self.prepared, self.dropped], **_LATEST)
-        for button, step in ((self.to_prepare, 2), (self.to_infer, 3), (self.to_check, 4), (self.to_export, 5)):
-            button.click(partial(gr.Tabs, selected=step), outputs=self.steps, queue=False, api_visibility="private")
-        given, answered = [self.chosen, *settings], [self.answers, self.checked, self.to_check]
-        for button in (self.infer_now, self.infer):
-            run = self._run(button, 3, self.stop, self._answer, given, answered, show_progress_on=[self.answers])
-            self._on(run.success, self._show, [self.checked], check, show_progress="hidden")
-        self._on(self.checked.select, self._show, [self.checked], check, show_progress="hidden")
+        many: dict[str, Any] = {"trigger_mode": "multiple", "api_visibility": "private"}  # also while another loads
+        sent = self.upload.upload(self._sent, [self.upload], [self.upload], **many, **AT_ONCE)
+        self.on(sent.then, self._load, settings, shown, trigger_mode="multiple", show_progress_on=[self.found])
+        for name, example in self.examples.items():
+            self.on(example.click, partial(self._example, name), settings, shown)
+        self.on(self.clear.click, self._clear, [], shown)
+        changed = partial(gr.on, [one.change for one in (self.shown, *settings)])
+        checked = {"validator": self.validated(lambda _, shown, *values: ["", *_wrong(values)]), **LATEST}
+        viewed = [self.prepared, self.dropped, *self.state]
+        self.on(changed, self._view, [self.shown, *settings], viewed, **checked)
+        for pressed, step in ((self.to_prepare, 2), (self.to_infer, 3), (self.to_check, 4), (self.to_export, 5)):
+            pressed.click(partial(gr.Tabs, selected=step), outputs=self.steps, queue=False, api_visibility="private")
+        given, answered = [self.chosen, *settings], [self.checked, *self.state]
+        for pressed in (self.infer_now, self.infer, self.which):
+            also = {self.fields["material"]: "auto"} if pressed is self.which else {}
+            how: dict[str, Any] = {"show_progress_on": [self.answers], "also": also}
+            run = self._run(pressed, 3, self.stop, self._answer, given, answered, **how)
+            self.on(run.success, self._show, [self.checked], check, show_progress="hidden")
+        self.on(self.checked.select, self._show, [self.checked], check, show_progress="hidden")
+        picked = {"js": "() => [document.body.dataset.picked]", "show_progress": "hidden"}
+        self.on(self.answers.click, self._picked, [self.checked], [self.steps, self.checked, *check], **picked)
         given, fitted = [self.checked, self.trial], [self.check_plot, self.facts]
         self._run(self.fit, 4, self.stop_fit, self._fit, given, fitted, show_progress_on=[self.check_plot])
-        for button in (self.stop, self.stop_fit):
-            self._on(button.click, lambda session: session.stopped.set(), queue=False)
+        for pressed in (self.stop, self.stop_fit):
+            self.on(pressed.click, lambda session: session.stopped.set(), [], [], queue=False)
         moved = partial(gr.on, [slider.input for slider in self.sliders])
-        self._on(moved, self._try, [self.checked, *self.sliders], [self.trial], queue=False, **_LATEST)
-        made = self._on(self.make.click, self._zip, [], [self.download], show_progress_on=[self.make])
-        made.success(None, js="() => document.querySelector('#download').click()", api_visibility="private")
+        self.on(moved, self._try, [self.checked, *self.sliders], [self.trial], queue=False, **LATEST)
+        zipped = self.working(self.make.click, self._zip, [], [self.files, self.download], show_progress_on=[self.make])
+        zipped.success(None, js="() => document.querySelector('#download').click()", api_visibility="private")
+        self.tabs[3].select(None, js=_RESIZE, api_visibility="private")  # drawn in a hidden tab it has another width
+        self.link.change(None, self.link, js=_ADDRESS, api_visibility="private")
+        everything = [*shown, *settings, self.checked, *check]
+        self._nothing = [gr.skip()] * len(everything)
+        self.blocks.load(self._back, None, everything, api_visibility="private", show_progress="hidden")
         self.blocks.unload(self._leave)
 
-    def _wire_film(self) -> list[Any]:
-        """What shows the film that is looked at."""
-        look = [self.film_told, self.film_frame, self.film_plot, self.film_toggle]
-        measured = [self.film_seen, self.film_number, self.film_excluded]
-        parts = [self.film_step, self.film, *self.film_typed, *measured, *look]
-        self._on(self.film.input, self._pick, [self.film], parts)
-        measure = partial(gr.on, [self.measure.click, *(one.submit for one in self.film_typed)])
-        wrong = self._checked(lambda one, *texts: film.typed(one, texts)[1])
-        checked = {"validator": wrong, "show_progress_on": [self.film_told], "api_visibility": "private"}
-        measure(self._working(self._measure), self.film_typed, parts, concurrency_limit=1, **checked)
-        self._on(self.film_number.input, self._turn, [self.film_number], look[1:], queue=False, **_LATEST)
-        self._on(self.film_toggle.click, self._toggle, [], [self.film_excluded, *look], **_AT_ONCE)
-        checked = {"validator": self._checked(film.unlisted), **_LATEST}
-        self._on(self.film_excluded.change, self._look, [self.film_excluded], look, **checked)
-        return parts
-
-    def _on(self, event: Callable[..., Any], handler: Callable[..., Any], *given: Any, **options: Any) -> Any:
-        """The event calls the handler with the session of who asks, which is locked, and the values of components."""
-
-        @told
-        def one(request: gr.Request, *values: Any) -> Any:
-            session = self.visitors.of(request.session_hash or "")
-            with session.lock:
-                return handler(session, *values)
-
-        return event(one, *given, api_visibility="private", **options)
-
-    def _run(self, button: Any, step: int, stop: Any, handler: Callable[..., Any], *given: Any, **options: Any) -> Any:
-        """The button starts the handler, which works on shots with a bar, and shows the button that stops it."""
+    def _run(
+        self, pressed: Any, step: int, stop: Any, handler: Callable[..., Any], given: Any, out: Any,
+        also: dict[Any, Any] | None = None, **options: Any,
+    ) -> Any:  # fmt: skip
+        """The button starts the handler, which works on shots with a bar, and shows the button that stops it; `also`:
+        components that it sets before."""
+        set_before = also or {}
 
         def begin(session: Session) -> list[Any]:
             if not session.busy.locked():
                 session.stopped.clear()
-            return [gr.Tabs(selected=step), gr.Button(visible=True)]
+            return [gr.Tabs(selected=step), gr.Button(visible=True), *set_before.values()]
 
-        begun = self._on(button.click, begin, [], [self.steps, stop], **_AT_ONCE)
-        run = begun.then(self._working(handler), *given, concurrency_limit=2, api_visibility="private", **options)
+        begun = self.on(pressed.click, begin, [], [self.steps, stop, *set_before], **AT_ONCE)
+        run = self.working(begun.then, handler, given, out, **_RUNS, **options)
         for ended in (run.success, run.failure):  # `then` does not follow a failure
-            self._on(ended, lambda session: gr.Button(visible=session.busy.locked()), [], [stop], **_AT_ONCE)
+            ended(self._stoppable, None, [stop], api_visibility="private", **AT_ONCE)
         return run
 
-    def _working(self, handler: Callable[..., Any]) -> Callable[..., Any]:
-        """The handler as an event calls it that shows a bar; the session is not locked meanwhile."""
-
-        @told
-        def work(request: gr.Request, progress: gr.Progress = gr.Progress(), *values: Any) -> Any:  # noqa: B008
-            return handler(self.visitors.of(request.session_hash or ""), *values, progress=progress)
-
-        return work
-
-    def _checked(self, wrong: Callable[..., list[str]]) -> Callable[..., Any]:
-        """Shows at each field what is `wrong` with its value for the film, and stops the event then."""
-
-        def one(request: gr.Request, *values: Any) -> Any:
-            session = self.visitors.of(request.session_hash or "")
-            with session.lock:
-                told = [gr.validate(not why, why) for why in wrong(session.current, *values)]
-            return told if len(told) > 1 else told[0]  # as gradio takes the answer of several fields, and of one
-
-        return one
+    def _stoppable(self, request: gr.Request) -> Any:
+        return gr.Button(visible=self.session(request).busy.locked())
 
     # the handlers
 
     def _leave(self, request: gr.Request) -> None:
         self.visitors.leave(request.session_hash or "")
 
-    def _load(self, session: Session, files: list[str] | None, *settings: Any) -> list[Any]:
-        with uploaded(files or []) as paths:
-            session.add(paths, _settings(settings))
+    def _back(self, request: gr.Request) -> Any:
+        """A page that is loaded again, or by its link, shows what was there."""
+        link = request.query_params.get("session", "")
+        if (session := self.visitors.back(request.session_hash or "", link)) is None:
+            return self._nothing
+        with session.lock:
+            kept, names = (
+                session.settings,
+                [curve.name for curve, _ in session.answers.pairs] if session.answers else [],
+            )
+            empty = {"window": 0, "material": "nhkv"}
+            values = {field.name: getattr(kept, field.name) or empty.get(field.name, "") for field in fields(kept)}
+            texts = {name: f"{value:.10g}" for name, value in values.items() if isinstance(value, float)}
+            checked = gr.Dropdown(choices=names, value=next(iter(names), None))
+            check = self._show(session, names[0]) if names and not session.stale else self._nothing[-6:]
+            return [*self._loaded(session), *(values | texts).values(), checked, *check]
+
+    def _sent(self, request: gr.Request, files: list[str] | None) -> None:
+        self.session(request).sent.extend(files or [])
+
+    def _load(self, session: Session, *settings: Any) -> list[Any]:
+        files, session.sent = session.sent, []
+        with uploaded(files) as paths:
+            if paths:  # or they were taken with those that were sent before
+                session.add(paths, _settings(settings))
         return self._loaded(session)
 
     def _example(self, name: str, session: Session, *settings: Any) -> list[Any]:
@@ -277,51 +263,24 @@ class Page:
     def _loaded(self, session: Session) -> list[Any]:
         names = [curve.name for curve in session.curves]
         figures = plots.overview(session.curves, session.settings.liquid) if names else (None, None)
+        anything = bool(names or session.films)
         return [
-            words.found(session.curves, session.problems, session.waiting), *figures,
+            words.found(session.curves, session.problems, session.waiting), gr.HTML(visible=not anything), *figures,
             gr.CheckboxGroup(choices=names, value=names), gr.Dropdown(choices=names, value=next(iter(names), None)),
-            None, gr.Button(interactive=bool(names)), words.answers(session.answers), gr.Button(interactive=False),
-            gr.Row(visible=bool(names)),
-            *self._filmed(session),
+            gr.Row(visible=bool(names)), f"?session={session.link}" if anything else "",
+            *self._state(session, drawn=True), *self._filmed(session),
         ]  # fmt: skip
 
-    def _filmed(self, session: Session, error: InputError | None = None) -> list[Any]:
-        one = session.current
-        names = [(f"{name}: {'not ' * (name in session.waiting)}confirmed", name) for name in session.recordings]
-        camera = ["" if value is None else f"{value:.10g}" for value in one.camera]
-        first, last = (one.found.first, one.found.first + len(one.found.time) - 1) if one.found else (1, 2)
+    def _state(self, session: Session, *, drawn: bool = False) -> list[Any]:
+        """Which steps can work, and the answers, if there are any, with what was changed since."""
+        loaded, found = bool(session.curves), session.answers
+        answered = found is not None and not session.stale
+        cloud = {"value": plots.cloud(found.pairs, found.document)} if drawn and found else {}
         return [
-            gr.Column(visible=bool(names)), gr.Dropdown(names, value=session.film or None, visible=len(names) > 1),
-            *(camera if any(camera) else [gr.skip()] * 3), gr.Column(visible=one.found is not None),
-            gr.Slider(first, last, one.shown), one.exclude, *self._look(session, "", error),
+            *(gr.Tab(interactive=able) for able in (loaded, loaded, answered, answered)), gr.Button(interactive=loaded),
+            words.answers(session), gr.Button(interactive=answered), gr.Button(visible=steps.unfit(session)),
+            gr.Plot(visible=answered, **cloud),
         ]  # fmt: skip
-
-    def _look(self, session: Session, _: str = "", error: InputError | None = None) -> list[Any]:
-        one = session.current
-        if one.found is None:
-            return [words.film(one, error), gr.skip(), gr.skip(), gr.skip()]
-        out = film.left_out(one)
-        label = "Bring this frame back" if out[one.shown - one.found.first] else "Exclude this frame"
-        return [words.film(one, error), words.frame(one), plots.filmed(one.found, out, one.shown), label]
-
-    def _pick(self, session: Session, name: str) -> list[Any]:
-        session.film = name
-        return self._filmed(session)
-
-    def _measure(self, session: Session, *texts: str, progress: gr.Progress) -> list[Any]:
-        try:
-            film.measure(session, film.typed(session.current, texts)[0], progress)
-        except InputError as error:
-            return self._filmed(session, error)
-        return self._filmed(session)
-
-    def _turn(self, session: Session, number: int) -> list[Any]:
-        session.current.shown = number
-        return self._look(session)[1:]
-
-    def _toggle(self, session: Session) -> list[Any]:
-        film.toggle(session.current)
-        return [session.current.exclude, *self._look(session)]
 
     def _confirm(self, session: Session, *_: str) -> list[Any]:
         film.confirm(session)
@@ -330,19 +289,23 @@ class Page:
 
     def _view(self, session: Session, name: str | None, *settings: Any) -> list[Any]:
         session.prepare(_settings(settings))
+        state = self._state(session)
         for curve in (one for one in session.curves if one.name == name):
             try:
-                return [plots.prepared(curve, steps.seen(curve, session.settings)), words.prepared(curve)]
+                return [plots.prepared(curve, steps.seen(curve, session.settings)), words.prepared(curve), *state]
             except InputError as error:
-                return [None, words.prepared(curve, error)]
-        return [None, ""]
+                return [None, words.prepared(curve, error), *state]
+        return [None, "", *state]
 
     def _answer(self, session: Session, chosen: list[str], *settings: Any, progress: gr.Progress) -> list[Any]:
         with session.lock:
             session.prepare(_settings(settings))
-        answers = steps.infer(session, chosen, progress)
-        names = [curve.name for curve, _ in answers.pairs]
-        return [words.answers(answers), gr.Dropdown(choices=names, value=names[0]), gr.Button(interactive=True)]
+        names = [curve.name for curve, _ in steps.infer(session, chosen, progress).pairs]
+        with session.lock:
+            return [gr.Dropdown(choices=names, value=names[0]), *self._state(session, drawn=True)]
+
+    def _picked(self, session: Session, name: str) -> list[Any]:
+        return [gr.Tabs(selected=4), name, *self._show(session, name)]
 
     def _show(self, session: Session, name: str) -> list[Any]:
         ranges = steps.sliders(session, name).values()
@@ -357,15 +320,16 @@ class Page:
     def _answered(self, session: Session, name: str, trial: dict[str, Any] | None = None) -> list[Any]:
         answers, curve, posterior, _ = session.find(name)
         fit = answers.fits.get(name)
-        figure = plots.checked(curve, posterior.checks, fit.checks if fit else None, trial)
+        figure = plots.checked(curve, posterior.checks, fit.checks if fit else None, trial, steps.band(session, name))
         return [figure, words.facts(session, name)]
 
     def _try(self, session: Session, name: str, *values: float | None) -> dict[str, Any]:
         found, lines = steps.trial(session, name, values)
         return {"words": words.part("trial", found), "lines": json.dumps({**lines, "traces": plots.TRIAL})}
 
-    def _zip(self, session: Session) -> Any:
-        return gr.DownloadButton(value=str(export.write_zip(session)))
+    def _zip(self, session: Session, *, progress: gr.Progress) -> list[Any]:
+        made, files = steps.export(session, progress)
+        return [gr.File([str(path) for path in files], visible=True), gr.DownloadButton(value=str(made))]
 
 
 def _settings(values: Sequence[Any]) -> PageSettings:
@@ -374,3 +338,16 @@ def _settings(values: Sequence[Any]) -> PageSettings:
     for name in _NUMBERS:
         given[name] = number_of(given[name], name.replace("_", " "))
     return PageSettings(**given | {"window": given["window"] or None})
+
+
+def _wrong(values: Sequence[Any]) -> list[str]:
+    """Why each setting cannot be, in the order of the fields of PageSettings; empty where it can."""
+    found = []
+    for field, value in zip(fields(PageSettings), values, strict=True):
+        try:
+            given = number_of(value, field.name.replace("_", " ")) if field.name in _NUMBERS else value or None
+            _ = PageSettings(**{field.name: given}).reading  # type: ignore[arg-type]
+            found.append("")
+        except InputError as error:
+            found.append(words.told(error))
+    return found

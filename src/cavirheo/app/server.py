@@ -108,9 +108,10 @@ def running(
         page, walled = Page(visitors).blocks, [_wall(visitors, folder)] * bool(folder or host in _ALONE)
         try:
             _, address, _ = page.launch(
-                server_name=host, server_port=port or None, prevent_thread_lock=True, quiet=True, show_error=False,
-                max_file_size=int(visitors.limits.file_mb * 1e6), theme=_THEME, head=f"<style>{words.style()}</style>",
-                js="() => document.body.classList.remove('dark')", footer_links=[], run_history=False, ssr_mode=False,
+                server_name=host, server_port=port or None, prevent_thread_lock=True, quiet=True, show_error=True,
+                max_file_size=int(visitors.limits.file_mb * 2**20), theme=_THEME,
+                head=f"<style>{words.style()}</style>",
+                js=words.script("page.js"), footer_links=[], run_history=False, ssr_mode=False,
                 share=False, pwa=False, app_kwargs={"middleware": [Middleware(_only_here)], "routes": walled},
             )  # fmt: skip
         except OSError as error:

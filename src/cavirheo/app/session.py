@@ -9,6 +9,7 @@ from concurrent.futures import Future
 from dataclasses import dataclass, field
 from itertools import count
 from pathlib import Path
+from secrets import token_urlsafe
 from tempfile import TemporaryDirectory
 from threading import Event, Lock, RLock, Timer
 from typing import Any, NamedTuple
@@ -17,10 +18,12 @@ from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError, require
 from cavirheo.inference import DEFAULT, check_level, check_models
 from cavirheo.inference.model import shipped
+from cavirheo.inference.reconstruct import check_stretch
 from cavirheo.physics.media import Medium, medium
 from cavirheo.posterior import Posterior
 from cavirheo.reading.apart import Found, Reader
 from cavirheo.reading.recordings import is_recording
+from cavirheo.reading.shots import check_max_radius
 from cavirheo.reporting.answer import CurveRecord
 from cavirheo.reporting.record import Result
 from cavirheo.video.measurement import Measurement
@@ -53,7 +56,7 @@ class PageSettings:
 
     Raises:
         InputError: an unknown level of `verify`, a model that is not shipped (no file of this machine is opened for a
-            visitor), or a law that it does not answer.
+            visitor), a law that it does not answer, or a stretch that no bubble has.
     """
 
     medium: str = "water"
@@ -65,12 +68,14 @@ class PageSettings:
     rmax_um: float | None = None
     stretch: float | None = None
     window: int | None = None
+    group: str = "auto"  # whose shots are one material
     model: str = DEFAULT
     material: str | None = "nhkv"  # None for a network that knows one law
     verify: str = "auto"
 
     def __post_init__(self) -> None:
         check_level(self.verify)
+        check_stretch(self.stretch)
         unknown = f"unknown model {self.model!r}; known here: {', '.join(shipped())}"
         require(self.model in shipped(), unknown, "app.unknown_model")
         if self.model in shipped("point"):
@@ -84,10 +89,11 @@ class PageSettings:
         return medium(self.medium, **{name: getattr(self, name) for name in names})
 
     @property
-    def reading(self) -> dict[str, float | None]:
+    def reading(self) -> dict[str, Any]:
         """The options of `read_shots`. Raises InputError."""
         liquid, scale = self.liquid, None if self.rmax_um is None else self.rmax_um * 1e-6
-        return {"density": liquid.density, "pressure": liquid.pressure, "max_radius": scale}
+        check_max_radius(scale)
+        return {"density": liquid.density, "pressure": liquid.pressure, "max_radius": scale, "group": self.group}
 
     def command(self, files: Sequence[Path]) -> str:
         """The command line that means the same for these files."""
@@ -133,6 +139,8 @@ class Answers:
     pairs: list[tuple[RadiusCurve, Posterior]]
     document: Result  # of the pairs, in their order
     not_run: list[str]  # chosen shots that a stop left out
+    settings: PageSettings  # that they stand on
+    density: str = ""  # what it matters
     fits: dict[str, Posterior] = field(default_factory=dict)  # conventional fits that were made since, by name
 
 
@@ -148,8 +156,11 @@ class Session:
         self.curves: list[RadiusCurve] = []  # of all files, as the settings have them read
         self.problems: list[str] = []  # files that could not be read
         self.answers: Answers | None = None
+        self.sent: list[str] = []  # uploads that are not looked at yet
+        self.said = ""  # why the last thing that was asked was not done
+        self.link = token_urlsafe(16)  # whoever knows it comes back here
         self.lock = RLock()  # held while anything here is read or changed, never while shots are worked on
-        self.busy, self.stopped = Lock(), Event()  # held by a run; ends it
+        self.busy, self.exporting, self.stopped = Lock(), Lock(), Event()  # held by a run, by a zip; ends a run
         self.abandoned: set[Future[Any]] = set()  # shots that were worked on when a run was stopped
         self.calls = 0  # so often was anything asked
         self._temporary = TemporaryDirectory(prefix="cavirheo-")
@@ -209,8 +220,7 @@ class Session:
         require(fine, f"{many} at once: {mend}", "app.too_many_frames")
         read = {curve.source for curve in curves}
         self.files = [path for path in files if path.name in read or path in self.files]
-        self.problems += [problem for problem in problems if problem not in self.problems]
-        self.settings, self.curves, self.answers = settings, curves, None
+        self.settings, self.curves, self.problems, self.answers = settings, curves, problems, None
 
     def _read(self, files: Sequence[Path], settings: PageSettings) -> Found:
         confirmed = {film.path: film.curve for film in self.films.values()}
@@ -226,11 +236,16 @@ class Session:
         """Read the files again if these settings change what they mean. Raises InputError."""
         if self.files and settings.reading != self.settings.reading:
             self.curves, _ = self._read(self.files, settings)
-        if settings != self.settings:
-            self.settings, self.answers = settings, None
+        self.settings = settings
+
+    @property
+    def stale(self) -> bool:
+        """Whether there are answers, but to other settings."""
+        return self.answers is not None and self.answers.settings != self.settings
 
     def find(self, name: str | None) -> tuple[Answers, RadiusCurve, Posterior, CurveRecord]:
-        """All answers, and the curve of this name with its own. Raises InputError: it is not answered."""
+        """All answers, and the curve of this name with its own. Raises InputError: it is not answered, or not so."""
+        require(not self.stale, "settings changed: run again (step 3)", "app.stale")
         if self.answers:
             for pair, record in zip(self.answers.pairs, self.answers.document.curves, strict=True):
                 if record.name == name:
@@ -256,24 +271,34 @@ class Session:
 
 
 class Visitors:
-    """The sessions by the page's own random name; nobody gets another's."""
+    """The sessions by the page's own random name; nobody gets another's but by its link, which is as random."""
 
     def __init__(self, limits: VisitorLimits) -> None:
         self.limits, self.reader = limits, Reader(limits.seconds)
         self.measurer = Reader(limits.film_seconds, at_once=False)
         self._lock = RLock()
-        self._sessions: dict[str, Session] = {}  # in the order of use
+        self._sessions: dict[str, Session] = {}  # by their links, in the order of use
+        self._links: dict[str, str] = {}  # by the names of pages
 
     def of(self, name: str) -> Session:
         """The session of this name, new if there is none; the one unused for longest makes room. Raises InputError."""
         require(bool(name), "no session: reload the page")
         with self._lock:
-            session = self._sessions.pop(name, None) or Session(self.limits, self.reader, self.measurer)
-            self._sessions[name] = session
+            found = self._sessions.pop(self._links.get(name, ""), None)
+            session = found or Session(self.limits, self.reader, self.measurer)
+            self._sessions[session.link], self._links[name] = session, session.link
             session.calls += 1
             while len(self._sessions) > self.limits.visitors:
-                self._sessions.pop(next(iter(self._sessions))).close()
+                self._close(next(iter(self._sessions)))
             return session
+
+    def back(self, name: str, link: str) -> Session | None:
+        """The session that the page of this name comes back to, by its link."""
+        with self._lock:
+            if link not in self._sessions:
+                return None
+            self._links[name] = link
+            return self.of(name)
 
     def latest(self) -> Answers | None:
         """Of who asked last of those that have any."""
@@ -281,22 +306,26 @@ class Visitors:
             return next((one.answers for one in reversed(self._sessions.values()) if one.answers), None)
 
     def leave(self, name: str) -> None:
-        """Forget this one after a while, unless something is asked for it again (a phone that slept)."""
+        """Forget this one after a while, unless something is asked for it again (a phone that slept, a reload)."""
         with self._lock:
-            if session := self._sessions.get(name):
-                timer = Timer(self.limits.absent, self._forget, (name, session, session.calls))
+            if session := self._sessions.get(self._links.get(name, "")):
+                timer = Timer(self.limits.absent, self._forget, (session, session.calls))
                 timer.daemon = True
                 timer.start()
 
-    def _forget(self, name: str, session: Session, calls: int) -> None:
+    def _forget(self, session: Session, calls: int) -> None:
         with self._lock:
-            if self._sessions.get(name) is session and session.calls == calls:
-                self._sessions.pop(name).close()
+            if self._sessions.get(session.link) is session and session.calls == calls:
+                self._close(session.link)
+
+    def _close(self, link: str) -> None:
+        self._sessions.pop(link).close()
+        self._links = {name: of for name, of in self._links.items() if of != link}
 
     def close(self) -> None:
         """Forget all."""
         with self._lock:
             while self._sessions:
-                self._sessions.popitem()[1].close()
+                self._close(next(iter(self._sessions)))
         self.reader.close()
         self.measurer.close()

@@ -3,28 +3,30 @@
 from __future__ import annotations
 
 import os
+import shutil
 from collections.abc import Callable, Sequence
 from concurrent.futures import FIRST_COMPLETED, ThreadPoolExecutor, wait
+from contextlib import suppress
+from itertools import count
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
-from cavirheo.app import plots
 from cavirheo.app.session import ANSWERED, Answers, PageSettings, Session
 from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError, SolverError, require
-from cavirheo.inference import infer_many
+from cavirheo.inference import DEFAULT, infer_many
 from cavirheo.inference.experiment import Experiment
 from cavirheo.inference.fit import fit_many
 from cavirheo.inference.law import Family
 from cavirheo.inference.model import load
-from cavirheo.inference.options import FREE, Options
+from cavirheo.inference.options import Options
 from cavirheo.inference.reconstruct import Window, check_stretch, window
-from cavirheo.parameters import PARAMETERS
+from cavirheo.inference.trial import AnswerTrial, Band, denser, reach
 from cavirheo.posterior import Checks, Posterior
 from cavirheo.reading.apart import Report
+from cavirheo.reporting import interactive as plots
 from cavirheo.reporting import result
+from cavirheo.reporting.bundle import write_bundle
 
 SLIDERS = {  # label, factor from SI
     "shear_modulus": ("Try G (kPa)", 1e-3),
@@ -71,9 +73,12 @@ def infer(session: Session, names: Sequence[str], progress: Report) -> Answers:
     left = [curve.name for curve, answer in answers if not answer]
     if len(pairs) < len(curves):
         command += f" ({len(pairs)} of {len(curves)} shots)"
+    known = settings.model == DEFAULT
+    matters = denser(pairs, settings.liquid, stretch=settings.stretch, window=settings.window) if known else ""
+    made = Answers(pairs, result(pairs, command), left, settings, matters)
     with session.lock:
         require(session.curves is curves and session.settings == settings, _CHANGED, "app.changed")
-        session.answers = Answers(pairs, result(pairs, command), left)
+        session.answers = made
         return session.answers
 
 
@@ -116,22 +121,9 @@ def each(
 
 
 def sliders(session: Session, name: str) -> dict[str, dict[str, float] | None]:
-    """Where the sliders start and end, in kPa, Pa s and 1; None for a parameter that the law does not have.
-
-    They start at the answer that is drawn, or where there is none in the middle of the range where searches start. They
-    run from zero (nearly) to a round number about thrice as large; that of the stretch over the usual ones.
-    """
+    """Where the sliders start and end, in kPa, Pa s and 1; None for a parameter that the law does not have."""
     posterior = session.find(name)[2]
-    known, found = (*Family(posterior.material).parameters, "stretch"), dict[str, dict[str, float] | None]()
-    for key, (_, factor) in SLIDERS.items():
-        middle = 10.0 ** float(np.mean(PARAMETERS[key].started))  # type: ignore[arg-type]
-        value = float(f"{posterior.best.get(key, middle) * factor:.4g}")
-        top = float(f"{3.0 * max(value, 1e-6):.1g}")
-        low = step = float(f"{top / 500:.1g}")
-        if key == "stretch":
-            low, top, step = 1.2, max(20.0, value), 0.05
-        found[key] = {"minimum": low, "maximum": top, "step": step, "value": value} if key in known else None
-    return found
+    return {key: reach(posterior, key, factor) for key, (_, factor) in SLIDERS.items()}
 
 
 def trial(session: Session, name: str, values: Sequence[float | None]) -> tuple[Checks, dict[str, Any]]:
@@ -143,13 +135,43 @@ def trial(session: Session, name: str, values: Sequence[float | None]) -> tuple[
         _, curve, posterior, _ = session.find(name)
         given = {key: v / SLIDERS[key][1] for key, v in zip(SLIDERS, values, strict=True) if v is not None}
         check_stretch(given["stretch"])
-        frames, liquid = posterior.checks.compared_time, session.settings.liquid
-        view = seen(curve, session.settings) if frames is None else window(curve, end=frames[-1] - curve.time_of_max)
-        options = Options(None, view.end * (1.0 + 1e-9), None, tuple(FREE), bubble=posterior.bubble)
-        family, exposure = Family(posterior.material), float(curve.exposure or 0.0)
-        shot = Experiment(curve, family, liquid, options, exposure=exposure)
-        found = shot.checks(shot.from_best({**posterior.best, **given}), "ok", [])
+        found = _again(session, curve, posterior).checks(given)
     except (InputError, SolverError) as error:
         failed = Checks("failed", str(error))
         return failed, plots.lines(failed)
     return found, plots.lines(found, curve.time_of_max)
+
+
+def band(session: Session, name: str) -> Band | None:
+    """Where the simulations of the answer's draws run; None of an answer without any, or that fails."""
+    _, curve, posterior, _ = session.find(name)
+    with suppress(InputError, SolverError):
+        return _again(session, curve, posterior).band()
+    return None
+
+
+def _again(session: Session, curve: RadiusCurve, posterior: Posterior) -> AnswerTrial:
+    return AnswerTrial(curve, posterior, session.settings.liquid, seen(curve, session.settings))
+
+
+def unfit(session: Session) -> bool:
+    """Whether most answers are not followed by their simulation, and another law could be asked."""
+    verdicts = [record.verdict for record in session.answers.document.curves] if session.answers else []
+    asked = session.settings.material in (None, "auto") or session.stale
+    return not asked and verdicts.count("model_does_not_fit") > len(verdicts) / 2
+
+
+def export(session: Session, progress: Report) -> tuple[Path, list[Path]]:
+    """(cavirheo-result.zip in the visitor's folder, documents and pictures in it). Raises InputError: no answer yet."""
+    if (answers := session.answers) is None or session.stale:
+        raise InputError("nothing to export: infer first (step 3)", "app.no_answer")
+    fits = [(curve, answers.fits[curve.name]) for curve, _ in answers.pairs if curve.name in answers.fits]
+    number, shots, place = count(1), len(answers.pairs) + len(fits), session.folder / "export"
+    with session.exporting:
+        shutil.rmtree(place, ignore_errors=True)
+        folder = place / "cavirheo-result"
+        write_bundle(
+            folder, answers.pairs, answers.document.command, fits, lambda: progress(next(number) / (shots + 1), "drawn")
+        )
+        made = shutil.make_archive(str(session.folder / "cavirheo-result"), "zip", place)
+    return Path(made), sorted(path for path in folder.iterdir() if path.is_file())

@@ -2,26 +2,32 @@
 
 from __future__ import annotations
 
+from base64 import b64encode
 from collections.abc import Sequence
 from contextlib import suppress
+from importlib.metadata import version
 from importlib.resources import files
 from typing import Any
 
 import numpy as np
 
 from cavirheo.app import film as film_step
-from cavirheo.app.session import Answers, Clip, Session
+from cavirheo.app.session import YOURS, Clip, Session
 from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError
 from cavirheo.inference import AUTO, DEFAULT
 from cavirheo.inference.model import card, shipped
 from cavirheo.reporting import html
 from cavirheo.reporting.answer import curve_record
+from cavirheo.reporting.citing import Source, methods
+from cavirheo.reporting.found import cells, notes, warnings
+from cavirheo.reporting.record import Result
 from cavirheo.video.picture import COLOURS, GREY, frame_address
 from cavirheo.video.track import FLAGS
 from cavirheo.writing import digits
 from cavirheo.writing.terminal import once
 
+NONE = "No answers yet: press the button above."
 _PARTS = html.template("words.html", "cavirheo.app").module
 
 
@@ -35,6 +41,20 @@ def style() -> str:
     places = {"cavirheo.reporting": "report.css", "cavirheo.app": "app.css"}
     report, page = ((files(room) / name).read_text(encoding="utf-8") for room, name in places.items())
     return f".report {{\n{report}}}\n{page}"
+
+
+def script(name: str) -> str:
+    return (files("cavirheo.app") / name).read_text(encoding="utf-8")
+
+
+def top() -> str:
+    return part("top", version("cavirheo"))
+
+
+def picture() -> str:
+    """The address of a picture of an answer, which stands in the page."""
+    image = (files("cavirheo.app") / "examples" / "answer.png").read_bytes()
+    return f"data:image/png;base64,{b64encode(image).decode()}"
 
 
 def told(error: Exception) -> str:
@@ -57,8 +77,9 @@ def materials() -> list[tuple[str, str]]:
 
 def found(curves: Sequence[RadiusCurve], problems: Sequence[str], waiting: Sequence[str] = ()) -> str:
     """What was found in the files: a row per shot, the warnings in full, and the files that could not be read."""
-    rows = [(curve.name, digits.elide(curve.name, 36), _cells(curve)) for curve in curves]
-    return part("found", problems, rows, _warnings(curves), _notes(curves), waiting)
+    rows = [(curve.name, digits.elide(curve.name, 36), cells(curve)) for curve in curves]
+    pooled = sum(curve.group == YOURS for curve in curves)
+    return part("found", problems, rows, warnings(curves), notes(curves), waiting, pooled)
 
 
 def film(one: Clip, error: InputError | None = None) -> str:
@@ -68,7 +89,7 @@ def film(one: Clip, error: InputError | None = None) -> str:
     curve = film_step.curve(one)
     doubts = once((one.path.name, told(InputError(doubt))) for doubt in curve.doubts)
     state = "" if one.curve is None else "confirmed" if one.command == film_step.options(one) else "changed"
-    return part("film", "", _cells(curve), _warnings([curve]) | doubts, _notes([curve]), state)
+    return part("film", "", cells(curve), warnings([curve]) | doubts, notes([curve]), state)
 
 
 def frame(one: Clip) -> str:
@@ -83,48 +104,29 @@ def frame(one: Clip) -> str:
     return part("frame", frame_address(found, i, 560), where, seen, *look)
 
 
-def _cells(curve: RadiusCurve) -> tuple[str, ...]:
-    """R_max, frame rate, frames with a radius, time that was recorded, collapses."""
-    rate, top, collapses = curve.frame_rate, digits.MISSING, digits.MISSING
-    with suppress(InputError):
-        top, collapses = digits.micrometres(curve.max_radius), str(len(curve.collapse_times()))
-    seen = f"{np.isfinite(curve.radius).sum()} of {len(curve.time)}"
-    recorded = f"{1e6 * np.ptp(curve.time):.4g}" if len(curve.time) else digits.MISSING
-    return top, digits.significant(rate / 1000) if rate else digits.MISSING, seen, recorded, collapses
-
-
 def prepared(curve: RadiusCurve, error: InputError | None = None) -> str:
     """The warnings on a curve, or why it cannot be shown, and what was done to it."""
-    return part("prepared", {told(error): [curve.name]} if error else _warnings([curve]), _notes([curve]))
+    return part("prepared", {told(error): [curve.name]} if error else warnings([curve]), notes([curve]))
 
 
-def _warnings(curves: Sequence[RadiusCurve]) -> dict[str, list[str]]:
-    """What must not be overlooked: curves without R_max, and scales that make no sense."""
-    said = []
-    for curve in curves:
-        try:
-            _ = curve.max_radius
-            said.append((curve.name, curve.scale_warning() or ""))
-        except InputError as error:
-            said.append((curve.name, told(error).removeprefix(f"{curve.name}: ")))
-    return once(said)
-
-
-def _notes(curves: Sequence[RadiusCurve]) -> dict[str, list[str]]:
-    """What was recognised, converted or left out, each once with the shots that it concerns."""
-    return once((curve.name, note) for curve in curves for note in curve.notes)
-
-
-def answers(found: Answers | None) -> str:
-    """The table of the answers: groups, curves, and what is said of them."""
-    if found is None:
-        return part("quiet", "No answers yet: press the button above.")
+def answers(session: Session) -> str:
+    """The answers: materials, groups, shots, what is said of them, and whether settings were changed since."""
+    if (found := session.answers) is None:
+        return part("quiet", NONE)
     document = found.document
     factor, unit = document.modulus_unit
     tables = html.groups_table(document.groups, factor, unit)
     tables += html.curves_table(document.curves, factor, unit, title="Shots", linked=False)
     said = once((record.name, record.message) for record in document.curves)
-    return part("answers", len(document.curves), found.not_run, tables, said)
+    about = found.density, html.reading(document.curves), *_methods(document)
+    return part("answers", session.stale, len(document.curves), found.not_run, tables, said, *about)
+
+
+def _methods(document: Result) -> tuple[str, list[Source]]:
+    """Nothing where nothing was answered."""
+    with suppress(InputError):
+        return methods(document)
+    return "", []
 
 
 def facts(session: Session, name: str) -> str:

@@ -43,10 +43,7 @@ def read_shots(
         InputError: `max_radius` is no radius of a bubble, or `group` is none of these.
     """
     require(group in GROUPINGS, f"group must be one of {', '.join(GROUPINGS)}, got {group!r}", "option.group")
-    if max_radius is not None:
-        low, high = (1e6 * end for end in RADIUS[:2])
-        why = f"the true R_max must be a radius in micrometres, {low:g} to {high:g}, got {1e6 * max_radius:.6g}"
-        require(RADIUS.low <= max_radius <= RADIUS.high, why, "curve.max_radius")
+    check_max_radius(max_radius)
     found: list[RadiusCurve] = []
     problems: list[str] = []
     for path in files:
@@ -113,3 +110,11 @@ def _scaled(curve: RadiusCurve, max_radius: float) -> RadiusCurve:
     with suppress(InputError):  # without a maximum there is nothing to scale; the answer will say why
         return curve.with_max_radius(max_radius)
     return curve
+
+
+def check_max_radius(given: float | None) -> None:
+    """Raise InputError unless it is None, or a radius (m) that a bubble has."""
+    if given is not None:
+        low, high = (1e6 * end for end in RADIUS[:2])
+        why = f"the true R_max must be a radius in micrometres, {low:g} to {high:g}, got {1e6 * given:.6g}"
+        require(RADIUS.low <= given <= RADIUS.high, why, "curve.max_radius")

@@ -65,6 +65,11 @@ def curves_table(
     return _part("curves_table", curves, factor, unit, title, linked)
 
 
+def reading(curves: Sequence[CurveRecord]) -> str:
+    """What verdicts, brackets and means say."""
+    return _part("reading", curves)
+
+
 def article(number: int, record: CurveRecord, factor: float, unit: str, picture: str) -> str:
     """All that is known of one curve and its answer; `picture`: the address of an image, why there is none, or ""."""
     from markupsafe import Markup

@@ -1,25 +1,31 @@
-"""Interactive figures of curves, of what a network reads, and of answers over measurements; colours as everywhere."""
+"""Interactive figures of curves, of what is compared, and of answers, for pages in a browser; colours as everywhere.
+
+Needs plotly, which comes with the extra [app].
+"""
 
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
+from itertools import cycle
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import plotly.graph_objects as go
+from numpy.typing import NDArray
 from plotly.subplots import make_subplots
 
 from cavirheo.arrays import Bools, Floats
 from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError
 from cavirheo.inference.reconstruct import Window
+from cavirheo.inference.trial import Band
 from cavirheo.physics.media import Medium
 from cavirheo.posterior import Checks
-from cavirheo.video.measurement import Measurement
-from cavirheo.video.picture import COLOURS, GREY
+from cavirheo.reporting.record import Pairs, Result
+from cavirheo.writing import digits
 from cavirheo.writing.style import BLUE, INK, VERMILLION, shades
 
 GREEN, MEASURED, PALE = "#00875f", "#222222", "#b4b4b4"
@@ -27,6 +33,7 @@ TRIAL = [0, 1]  # places of the trial's line and of its residual among the trace
 _RMAX = "R<sub>max</sub>"
 _TIME = f"time after {_RMAX} (µs)"
 _STYLE = json.loads(Path(__file__).with_name("figure.json").read_text(encoding="utf-8"))
+_GROUPS = (BLUE, VERMILLION, GREEN, "#7b4fa3", "#8a6d00", MEASURED)
 _MOST_POINTS = 2000  # of a drawn curve
 
 
@@ -39,7 +46,7 @@ def overview(curves: Sequence[RadiusCurve], medium: Medium) -> tuple[go.Figure, 
     radii = np.array([top for _, top in usable])
     tones = shades((radii - radii.min()) / (np.ptp(radii) or 1.0)) if usable else radii
     look = {"showlegend": False, "hovermode": "closest"}
-    plain, scaled = _figure(_TIME, "R (µm)", **look), _figure(f"t* = t √(p/ρ) / {_RMAX}", f"R / {_RMAX}", **look)
+    plain, scaled = figure_of(_TIME, "R (µm)", **look), figure_of(f"t* = t √(p/ρ) / {_RMAX}", f"R / {_RMAX}", **look)
     for (curve, top), colour in zip(usable, tones, strict=True):
         line: Any = {"color": "rgb({},{},{})".format(*(255 * colour).astype(int)), "width": 1.2}
         time, radius = _thin(*curve.normalised(medium))
@@ -49,26 +56,27 @@ def overview(curves: Sequence[RadiusCurve], medium: Medium) -> tuple[go.Figure, 
     return plain, scaled
 
 
-def filmed(found: Measurement, out: Bools, shown: int) -> go.Figure:
-    """Radii of a recording by the flags of their frames, those left out (`out`) as crosses; the shown frame marked."""
-    unit, scale = ("µm", found.um_per_px.value) if found.um_per_px.value else ("px", 1.0)
-    time, radius = 1e6 * found.time, scale * np.nan_to_num(found.track.radius)
-    flags, number = np.where(out, "excluded", found.track.flags), found.first + np.arange(len(time))
-    figure, cross = _figure("time (µs)", f"R ({unit})"), {"size": 8, "symbol": "x-thin-open", "line": {"width": 2}}
+def filmed(
+    time: Floats, radius: Floats, unit: str, flags: NDArray[np.str_], colours: Mapping[str, str], first: int, shown: int
+) -> go.Figure:
+    """Radii of a recording over s by the flags of its frames, those excluded as crosses; `first`: number of the first
+    frame; that which is shown is marked."""
+    number, figure = first + np.arange(len(time)), figure_of("time (µs)", f"R ({unit})")
+    cross = {"size": 8, "symbol": "x-thin-open", "line": {"width": 2}}
     for flag in dict.fromkeys(flags.tolist()):
         some = flags == flag
-        marker = {"color": COLOURS.get(flag, GREY), **(cross if flag == "excluded" else {"size": 5})}
+        marker = {"color": colours.get(flag, PALE), **(cross if flag == "excluded" else {"size": 5})}
         figure.add_scatter(
-            x=time[some], y=radius[some], customdata=number[some], mode="markers", marker=marker, name=flag,
-            hovertemplate="frame %{customdata}: %{y:.4g} " + unit,
+            x=1e6 * time[some], y=np.nan_to_num(radius)[some], customdata=number[some], mode="markers", marker=marker,
+            name=flag, hovertemplate="frame %{customdata}: %{y:.4g} " + unit,
         )  # fmt: skip
-    figure.add_vline(x=time[shown - found.first], line={"color": MEASURED, "width": 1.5})
+    figure.add_vline(x=1e6 * time[shown - first], line={"color": MEASURED, "width": 1.5})
     return figure
 
 
 def prepared(curve: RadiusCurve, seen: Window) -> go.Figure:
     """The frames of a curve, and those that are compared (`seen`)."""
-    figure = _figure(_TIME, "R (µm)")
+    figure = figure_of(_TIME, "R (µm)")
     view = seen.curve
     _measured(figure, curve, (curve.time >= view.time[0]) & (curve.time <= view.time[-1]))
     spikes = np.isin(np.arange(len(curve.time)), curve.spikes())
@@ -80,9 +88,11 @@ def prepared(curve: RadiusCurve, seen: Window) -> go.Figure:
 
 
 def checked(
-    curve: RadiusCurve, answer: Checks, fit: Checks | None = None, trial: dict[str, Any] | None = None
-) -> go.Figure:
-    """A measured curve, the simulations of its answers over it, what is left between, and a trial's `lines`."""
+    curve: RadiusCurve, answer: Checks, fit: Checks | None = None, trial: dict[str, Any] | None = None,
+    band: Band | None = None,
+) -> go.Figure:  # fmt: skip
+    """A measured curve, the simulations of its answers over it, what is left between, a trial's `lines`, and the band
+    in which the draws' simulations run."""
     figure = make_subplots(rows=2, shared_xaxes=True, row_heights=[0.68, 0.32], vertical_spacing=0.06)
     figure.layout.template, figure.layout.height = _STYLE, 520
     _lines(figure, trial or lines(Checks("failed")), GREEN, "solid", "sliders")  # TRIAL
@@ -93,6 +103,11 @@ def checked(
         inside = (curve.time >= first - slack) & (curve.time <= last + slack)
         reach = 1e6 * (last - curve.time_of_max)
         figure.update_xaxes(range=[-0.05 * reach, 1.15 * reach])
+    if band:
+        x, low, high = _short(band[0], 1e6, curve.time_of_max), _short(band[1], 1e6), _short(band[2], 1e6)
+        shape: Any = {"fill": "toself", "fillcolor": "rgba(213, 94, 0, .25)", "line": {"width": 0}, "mode": "lines"}
+        x, y = [*x, *x[::-1]], [*high, *low[::-1]]
+        figure.add_scatter(x=x, y=y, name="90 % of the draws", hoverinfo="skip", row=1, col=1, **shape)
     _measured(figure, curve, inside)
     drawn = ("simulation of the answer", VERMILLION, "solid", answer), ("least squares", BLUE, "dash", fit)
     for name, colour, dash, checks in drawn:
@@ -101,6 +116,46 @@ def checked(
     figure.update_yaxes(title_text="R (µm)", rangemode="tozero", row=1, col=1)
     figure.update_yaxes(title_text=f"residual (% {_RMAX})", row=2, col=1, zerolinecolor=INK, zeroline=True)
     figure.update_xaxes(title_text=_TIME, row=2, col=1)
+    return figure
+
+
+def cloud(pairs: Pairs, document: Result) -> go.Figure:
+    """G over mu: draws and medians of all shots, coloured by group, those that are not trusted hollow; of each group
+    the contour that holds 90 % of its shots. Answers without G or mu are left out."""
+    factor, unit = document.modulus_unit
+    figure = figure_of("µ (Pa s)", f"G ({unit})", hovermode="closest", height=420)
+    for axis in (figure.update_xaxes, figure.update_yaxes):
+        axis(type="log", rangemode="normal", tickformat="~g", nticks=8)
+    for (group, members), colour in zip(document.members(), cycle(_GROUPS), strict=False):
+        shots = [i for i in members if {"log10_shear_modulus", "log10_viscosity"} <= {*pairs[i][1].names}]
+        look: dict[str, Any] = {"legendgroup": group.name, "name": digits.elide(group.name, 40)}
+        contour = group.population.contour() if group.population else None
+        if contour is not None:
+            line = {"color": colour, "width": 2}
+            x, y = contour.T
+            words = look | {"name": f"90 % of shots, {look['name']}"}
+            figure.add_scatter(x=x, y=factor * y, mode="lines", line=line, hoverinfo="skip", **words)
+        drawn = [pairs[i][1] for i in shots]
+        several = [one for one in drawn if len(one.theta) > 1]
+        if several:
+            rows = [np.random.default_rng(0).choice(len(one.theta), 80, p=one.weights) for one in several]
+            x, y = (
+                np.concatenate([one.draws(name)[some] for one, some in zip(several, rows, strict=True)])
+                for name in ("viscosity", "shear_modulus")
+            )
+            marker: Any = {"color": colour, "size": 3, "opacity": 0.25}
+            figure.add_scatter(
+                x=x, y=factor * y, mode="markers", marker=marker, hoverinfo="skip", showlegend=False, **look
+            )  # fmt: skip
+        if drawn:
+            symbols = ["circle" if document.curves[i].trusted else "circle-open" for i in shots]
+            x, y = ([one.median(name) for one in drawn] for name in ("viscosity", "shear_modulus"))
+            names = [document.curves[i].name for i in shots]
+            figure.add_scatter(
+                x=x, y=[factor * (one or np.nan) for one in y], mode="markers", text=names,
+                marker={"color": colour, "size": 9, "symbol": symbols, "line": {"color": INK, "width": 1}}, **look,
+                hovertemplate="%{text}: G %{y:.3g} " + unit + ", µ %{x:.3g} Pa s<extra></extra>",
+            )  # fmt: skip
     return figure
 
 
@@ -140,7 +195,8 @@ def _lines(figure: go.Figure, drawn: dict[str, Any], colour: str, dash: str, nam
         )  # fmt: skip
 
 
-def _figure(x: str, y: str, **look: Any) -> go.Figure:
+def figure_of(x: str, y: str, **look: Any) -> go.Figure:
+    """Empty, with these titles of its axes."""
     figure = go.Figure(layout={"template": _STYLE, "height": 340, **look})
     figure.update_xaxes(title_text=x)
     figure.update_yaxes(title_text=y, rangemode="tozero")

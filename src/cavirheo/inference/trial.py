@@ -1,0 +1,103 @@
+"""An answer simulated again: with other values of its parameters, and with those of its draws."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from cavirheo.arrays import Floats
+from cavirheo.curve import RadiusCurve
+from cavirheo.errors import InputError, SolverError
+from cavirheo.inference.experiment import Experiment
+from cavirheo.inference.law import Family
+from cavirheo.inference.options import FREE, Options
+from cavirheo.inference.reconstruct import Window, window
+from cavirheo.parameters import PARAMETERS
+from cavirheo.physics.media import Medium
+from cavirheo.posterior import Checks, Posterior
+
+DRAWS = 40  # of a posterior, that its band is made of
+Band = tuple[Floats, Floats, Floats]
+
+
+class AnswerTrial:
+    """A curve, what was answered of it in a medium, and the window it was compared over; `view`: that of an answer
+    without a simulation. Raises InputError as `Experiment`."""
+
+    def __init__(self, curve: RadiusCurve, posterior: Posterior, medium: Medium, view: Window) -> None:
+        frames = posterior.checks.compared_time
+        end = view.end if frames is None else window(curve, end=frames[-1] - curve.time_of_max).end
+        options = Options(None, end * (1.0 + 1e-9), None, tuple(FREE), bubble=posterior.bubble)
+        exposure = float(curve.exposure or 0.0)
+        self.posterior = posterior
+        self.shot = Experiment(curve, Family(posterior.material), medium, options, exposure=exposure)
+
+    def checks(self, given: Mapping[str, float]) -> Checks:
+        """With these parameters (natural name, SI) in place of those of the answer. Raises SolverError."""
+        return self.shot.checks(self.shot.from_best({**self.posterior.best, **given}), "ok", [])
+
+    def band(self, level: float = 0.9) -> Band | None:
+        """(s on the measurement's clock, lower and upper radius (m)) of the central part of what the draws simulate;
+        None of an answer without draws."""
+        answer, time = self.posterior, self.posterior.checks.reconstruction_time
+        if time is None or len(answer.theta) < 2:
+            return None
+        weights, lines = answer.weights, list[Floats]()
+        drawn = np.random.default_rng(0).choice(len(weights), DRAWS, p=weights / weights.sum())
+        names = [name.removeprefix("log10_") for name in answer.names]
+        for row in drawn:
+            values = {name: float(answer.draws(name)[row]) for name in names}
+            try:
+                found = self.checks(values)
+            except (InputError, SolverError):
+                continue
+            if found.reconstruction_time is not None and found.reconstruction_radius is not None:
+                lines.append(np.interp(time, found.reconstruction_time, found.reconstruction_radius))
+        if len(lines) < DRAWS // 2:
+            return None
+        tail = 0.5 - 0.5 * level
+        low, high = np.quantile(np.array(lines), (tail, 1.0 - tail), axis=0)
+        return time, low, high
+
+
+def denser(pairs: Sequence[tuple[RadiusCurve, Posterior]], medium: Medium, **options: Any) -> str:
+    """How far a density that is 1 % off moves G: of the first shot whose answer has draws of it, by the posterior
+    network alone, with these options of `infer_many`; empty where there is no such shot."""
+    from cavirheo.inference import infer_many
+
+    shots = [(curve, one) for curve, one in pairs if len(one.theta) > 1 and "log10_shear_modulus" in one.names]
+    if not shots:
+        return ""
+    (curve, answer), found = shots[0], list[float]()
+    for density in (medium.density, 1.01 * medium.density):
+        how: dict[str, Any] = {
+            "medium": replace(medium, density=density),
+            "material": answer.material,
+            "verify": "none",
+            "workers": 1,
+        }
+        found.append(infer_many([curve], **how, **options)[0].median("shear_modulus") or np.nan)
+    change = 100.0 * (found[1] / found[0] - 1.0)
+    said = f"density {medium.density:.6g} kg/m³; were it 1 % more, G of {curve.name} would change by {change:+.1f} %"
+    return said if np.isfinite(change) else ""
+
+
+def reach(posterior: Posterior, name: str, factor: float = 1.0) -> dict[str, float] | None:
+    """minimum, maximum, step and value of a parameter that is changed by hand, in SI times `factor`; None where the law
+    has none of this name.
+
+    It starts at the answer that is drawn, or where there is none in the middle of the range where searches start. It
+    runs from zero (nearly) to a round number about thrice as large; the stretch over the usual ones.
+    """
+    if name not in (*Family(posterior.material).parameters, "stretch"):
+        return None
+    middle = 10.0 ** float(np.mean(PARAMETERS[name].started))  # type: ignore[arg-type]
+    value = float(f"{posterior.best.get(name, middle) * factor:.4g}")
+    if name == "stretch":
+        return {"minimum": 1.2, "maximum": max(20.0, value), "step": 0.05, "value": value}
+    top = float(f"{3.0 * max(value, 1e-6):.1g}")
+    low = float(f"{top / 500:.1g}")
+    return {"minimum": low, "maximum": top, "step": low, "value": value}

@@ -1,0 +1,40 @@
+"""What is said of measurements before they are answered."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from contextlib import suppress
+
+import numpy as np
+
+from cavirheo.curve import RadiusCurve
+from cavirheo.errors import InputError
+from cavirheo.writing import digits
+from cavirheo.writing.terminal import once
+
+
+def cells(curve: RadiusCurve) -> tuple[str, ...]:
+    """R_max, frame rate, frames with a radius, time that was recorded, collapses."""
+    rate, top, collapses = curve.frame_rate, digits.MISSING, digits.MISSING
+    with suppress(InputError):
+        top, collapses = digits.micrometres(curve.max_radius), str(len(curve.collapse_times()))
+    seen = f"{np.isfinite(curve.radius).sum()} of {len(curve.time)}"
+    recorded = f"{1e6 * np.ptp(curve.time):.4g}" if len(curve.time) else digits.MISSING
+    return top, digits.significant(rate / 1000) if rate else digits.MISSING, seen, recorded, collapses
+
+
+def warnings(curves: Sequence[RadiusCurve]) -> dict[str, list[str]]:
+    """What must not be overlooked: curves without R_max, and scales that make no sense."""
+    said = []
+    for curve in curves:
+        try:
+            _ = curve.max_radius
+            said.append((curve.name, curve.scale_warning() or ""))
+        except InputError as error:
+            said.append((curve.name, str(error).removeprefix(f"{curve.name}: ")))
+    return once(said)
+
+
+def notes(curves: Sequence[RadiusCurve]) -> dict[str, list[str]]:
+    """What was recognised, converted or left out, each once with the shots that it concerns."""
+    return once((curve.name, note) for curve in curves for note in curve.notes)
