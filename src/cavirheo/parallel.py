@@ -27,8 +27,11 @@ def cores(workers: int | None = None) -> int:
 class Executor(Protocol):
     """Where units of work are done: `Threads` here, or the workers of a cluster. What is found is the same."""
 
-    def flow(self, work: Callable[[Job], Done], jobs: Iterable[Job]) -> Generator[tuple[int, Done], None, None]:
-        """(index, work(job)) of each job, in the order in which they end. Close it to drop what has not begun."""
+    def flow(self, work: Callable[[Job], Done], jobs: Sequence[Job]) -> Generator[tuple[int, Done], None, None]:
+        """(index, work(job)) of each job, in the order in which they end. Close it to drop what has not begun.
+
+        A job is asked for when its turn comes, so that not all need be in memory.
+        """
 
 
 @dataclass(frozen=True)
@@ -37,24 +40,24 @@ class Threads:
 
     workers: int | None = None
 
-    def flow(self, work: Callable[[Job], Done], jobs: Iterable[Job]) -> Generator[tuple[int, Done], None, None]:
+    def flow(self, work: Callable[[Job], Done], jobs: Sequence[Job]) -> Generator[tuple[int, Done], None, None]:
         """As `Executor.flow`. An exception, Ctrl-C too, is not kept waiting: what has not begun is dropped, what has
         begun ends by itself."""
-        waiting, ended = deque(enumerate(jobs)), SimpleQueue[Any]()
+        waiting, ended = deque(range(len(jobs))), SimpleQueue[Any]()
         count = len(waiting)
         threads = min(cores(self.workers), count)
         if threads < 2:
-            for index, job in waiting:
-                yield index, work(job)
+            for index in waiting:
+                yield index, work(jobs[index])
             return
         pool = ThreadPoolExecutor(threads)
 
         def labour() -> None:  # a future for each job would cost a tenth of a simulation
             with suppress(IndexError):
                 while True:
-                    index, job = waiting.popleft()
+                    index = waiting.popleft()
                     try:
-                        ended.put((index, work(job), None))
+                        ended.put((index, work(jobs[index]), None))
                     except BaseException as error:  # raised again in the thread that waits
                         ended.put((index, None, error))
 
@@ -82,7 +85,7 @@ def each(
     `done` is called in this thread with the index of each and what came of it, in the order in which they end.
     """
     found: dict[int, Done] = {}
-    with closing(Threads(workers).flow(work, jobs)) as flow:
+    with closing(Threads(workers).flow(work, list(jobs))) as flow:
         for index, result in flow:
             found[index] = result
             if done:
