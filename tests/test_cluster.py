@@ -251,6 +251,15 @@ def test_without_the_extra_the_option_says_what_to_install(run, monkeypatch):
         assert executor is None
 
 
+def test_without_jobqueue_slurm_says_what_to_install(monkeypatch):
+    monkeypatch.setitem(sys.modules, "dask_jobqueue", None)
+    with (
+        pytest.raises(InputError, match=r"dask_jobqueue: pip install 'cavirheo\[cluster\]'"),
+        connected("slurm:a", print),
+    ):
+        raise AssertionError("it connects")
+
+
 @pytest.mark.parametrize("scheduler", ["127.0.0.1:80", "http://a:1", "tcp://a", "local", "", "slurm:", "slurm:no.toml"])
 def test_what_is_no_scheduler_is_refused(scheduler, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)

@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+import multiprocessing
 import os
+import signal
+import threading
 from collections import deque
-from collections.abc import Callable, Generator, Iterable, Mapping, Sequence
+from collections.abc import Callable, Generator, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import closing, suppress
+from contextlib import closing, contextmanager, suppress
 from dataclasses import dataclass
+from multiprocessing.pool import Pool
 from queue import SimpleQueue
 from typing import Any, Protocol, TypeVar
 
@@ -106,3 +110,29 @@ def aside(work: Callable[[], Done]) -> Done:
         return pool.submit(work).result()
     finally:
         pool.shutdown(wait=False, cancel_futures=True)
+
+
+@contextmanager
+def processes(workers: int) -> Iterator[Pool]:
+    """So many, which leave Ctrl+C to this one and end at once when the block is left; for Python that keeps its
+    interpreter busy. The main module of the program must be safe to import."""
+    ours = threading.current_thread() is threading.main_thread()  # others may not change signals
+    before = signal.signal(signal.SIGINT, signal.SIG_IGN) if ours else None  # which is inherited
+    try:
+        pool = multiprocessing.get_context("spawn").Pool(workers, _follow)
+    finally:
+        if ours:
+            signal.signal(signal.SIGINT, before)
+    with pool:
+        yield pool
+
+
+def _follow() -> None:
+    """Such a process ends with the one that asked, however that ends."""
+
+    def wait() -> None:
+        if asking := multiprocessing.parent_process():
+            asking.join()
+        os._exit(1)
+
+    threading.Thread(target=wait, daemon=True).start()

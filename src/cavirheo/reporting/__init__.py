@@ -60,7 +60,8 @@ def write_report(
         notes: on the run as a whole (files that could not be read, ...).
         complete: False for a run that was stopped before all was answered: no report, no pictures.
         draw: False: no pictures, not even in the report.
-        workers: processes that may draw; above 1, the main module of the program must be safe to import.
+        workers: processes that may draw, and make the rows of thousands of curves; above 1, the main module of the
+            program must be safe to import.
         done: called after each picture.
         published: values of other methods for these shots, by method and parameter, which stand beside the groups.
 
@@ -81,7 +82,7 @@ def write_report(
     date = date or datetime.now().astimezone().strftime("%Y-%m-%d %H:%M %Z")
     drawing = draw and complete and style.available()
     said = [*notes, *([style.NO_PICTURES] if draw and complete and not drawing else [])]
-    document = result(pairs, command, date=date, notes=said, published=published)
+    document = result(pairs, command, date=date, notes=said, published=published, workers=workers if complete else 1)
     if many and complete:
         said = [*said, *([PICTURES] if draw else []), *_table(folder, document)]
         document.notes = list(said)

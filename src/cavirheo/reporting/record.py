@@ -6,7 +6,8 @@ has null everywhere and says why in `message`. Means of a group are over its tru
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -14,6 +15,7 @@ import numpy as np
 from pydantic import model_validator
 
 from cavirheo.curve import RadiusCurve
+from cavirheo.parallel import processes
 from cavirheo.parameters import AT_RATE
 from cavirheo.posterior import Posterior
 from cavirheo.reporting.answer import CurveRecord, curve_record
@@ -60,7 +62,7 @@ class Answered(Pairs):
 Published = Mapping[str, Mapping[str, Spread]]  # by method and parameter, SI
 
 
-_KEPT = 500  # curves of a run whose materials are kept
+KEPT = 500  # curves of a run whose materials are kept
 
 
 class Result(Document):
@@ -110,20 +112,47 @@ def result(
     date: str | None = None,
     notes: Sequence[str] = (),
     published: Published | None = None,
+    workers: int = 1,
 ) -> Result:
-    """The record of all curves and of their groups (the files they came from), in the order given."""
+    """The record of all curves and of their groups (the files they came from), in the order given. So many processes
+    make that of thousands of curves."""
     known = Answered.of(pairs)
     members = _members(known.curves)
     title = next((name for curve in known.curves for name in curve.column), "")
     rows: dict[int, CurveRecord] = {}
-    found = []
-    for indices in members.values():  # so that no more answers are held at once than a group has
-        answers = [known.answers[i] for i in indices]
-        mine = [curve_record(known.curves[i], answer) for i, answer in zip(indices, answers, strict=True)]
-        found.append(_material(list(zip(mine, answers, strict=True)), title, keep=len(known) <= _KEPT))
+    found: list[Population | None] = []
+    places = list(members.values())
+    for indices, (mine, material) in zip(places, _made(known, places, title, workers), strict=True):
         rows |= dict(zip(indices, mine, strict=True))
+        found.append(material)
     curves = [rows[i] for i in range(len(known))]
     return _document(curves, members, found, command, date=date, notes=notes, published=published)
+
+
+Made = tuple[list[CurveRecord], "Population | None"]  # rows and material of a group
+
+
+def _made(known: Answered, places: Sequence[list[int]], title: str, workers: int) -> Iterator[Made]:
+    """Of each group, one after the other, so that no more answers are held than those of the groups in work."""
+
+    def job(indices: list[int]) -> tuple[list[RadiusCurve], list[Posterior], str]:
+        return [known.curves[i] for i in indices], [known.answers[i] for i in indices], title
+
+    done = 0
+    if workers > 1 and len(known) > KEPT:
+        with suppress(OSError), processes(workers) as pool:
+            for start in range(0, len(places), workers):
+                for made in pool.map(_of_group, [job(indices) for indices in places[start : start + workers]], 1):
+                    yield made
+                    done += 1
+    for indices in places[done:]:
+        yield _of_group(job(indices), keep=len(known) <= KEPT)
+
+
+def _of_group(job: tuple[list[RadiusCurve], list[Posterior], str], keep: bool = False) -> Made:
+    curves, answers, title = job
+    rows = [curve_record(curve, answer) for curve, answer in zip(curves, answers, strict=True)]
+    return rows, _material(list(zip(rows, answers, strict=True)), title, keep=keep)
 
 
 def result_of(
