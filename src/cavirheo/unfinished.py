@@ -53,7 +53,7 @@ class Step:
         return [version("cavirheo"), self.verb.__name__, self.made_with, sorted(self.settings.items())]
 
 
-class Answers(Mapping[int, Posterior]):
+class KeptAnswers(Mapping[int, Posterior]):
     """Answers by the index of their curve, in order; those that are in files are read each time that they are asked
     for. Raises InputError: such a file is gone."""
 
@@ -131,7 +131,7 @@ class Unfinished:
         mine = [curves[i] for i in left]
         begun = self.answers(mine, *before) if before and left else {}
         if not left or self.interrupted:
-            return Answers(found, files) if many else found
+            return KeptAnswers(found, files) if many else found
 
         def done(k: int, answer: Posterior) -> None:
             if step.apart:
@@ -161,7 +161,7 @@ class Unfinished:
                     found.update(zip(left, step.verb(mine, *given, done=done, **step.settings), strict=True))
         except KeyboardInterrupt:
             self.interrupted = True
-        return Answers(found, files) if many else dict(sorted(found.items()))
+        return KeptAnswers(found, files) if many else dict(sorted(found.items()))
 
     def note(self, answered: int, asked: int) -> str:
         """What is to be said of a run that was interrupted; nothing of another."""
