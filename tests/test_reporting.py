@@ -19,7 +19,7 @@ from cavirheo import reporting
 from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError
 from cavirheo.posterior import Checks, Diagnostics, Evidence, Posterior, WindowAnswer
-from cavirheo.reporting import drawing, html, picture, read_json, result, table, write_report
+from cavirheo.reporting import drawing, group, html, picture, read_json, result, table, write_report
 from cavirheo.reporting.answer import curve_record
 from cavirheo.reporting.record import Answered
 from cavirheo.unfinished import InOrder
@@ -823,3 +823,15 @@ def test_without_pyarrow_very_many_curves_have_all_else(tmp_path, monkeypatch):
     document = write_report(tmp_path, [(bubble(), answer(bubble())), (bubble("shot[2]"), answer(bubble()))], COMMAND)
     assert any("cavirheo[cluster]" in note for note in document.notes)
     assert {path.name for path in tmp_path.glob("re*")} == {"result.json", "result.csv", "report.html"}
+
+
+def test_a_slope_of_thousands_of_shots_needs_no_table_of_all_pairs():
+    rng = np.random.default_rng(0)
+    radius = 1e-4 * np.exp(rng.normal(0.0, 0.3, 5000))
+    values = 0.05 * (radius / 1e-4) ** 0.7 * np.exp(rng.normal(0.0, 0.1, 5000))
+    found = group.slope(radius.tolist(), values.tolist(), trusted=5000)
+    assert found.n == found.n_trusted == 1000
+    assert found.q05 < 0.7 < found.q95
+    assert found.q95 - found.q05 < 0.1
+    few = group.slope(radius[:900].tolist(), values[:900].tolist())
+    assert few.n == 900
