@@ -185,4 +185,4 @@ def test_curves_of_a_posterior_network_take_less_than_two_kilobytes(tmp_path):
     found = store.survey(tmp_path)
     assert (found.curves, found.total, found.lacking) == (60, 60, 0)
     assert found.size / found.statuses["ok"] < 2000
-    assert len(store.load(posterior_recipe(path), tmp_path).kind) == found.statuses["ok"]
+    assert len(store.load(posterior_recipe(path), tmp_path, tmp_path).kind) == found.statuses["ok"]

@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+import multiprocessing
 import os
+import signal
+import threading
 from collections import deque
-from collections.abc import Callable, Generator, Iterable, Mapping, Sequence
+from collections.abc import Callable, Generator, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import closing, suppress
+from contextlib import closing, contextmanager, suppress
 from dataclasses import dataclass
+from multiprocessing.pool import Pool
 from queue import SimpleQueue
 from typing import Any, Protocol, TypeVar
 
@@ -27,8 +31,11 @@ def cores(workers: int | None = None) -> int:
 class Executor(Protocol):
     """Where units of work are done: `Threads` here, or the workers of a cluster. What is found is the same."""
 
-    def flow(self, work: Callable[[Job], Done], jobs: Iterable[Job]) -> Generator[tuple[int, Done], None, None]:
-        """(index, work(job)) of each job, in the order in which they end. Close it to drop what has not begun."""
+    def flow(self, work: Callable[[Job], Done], jobs: Sequence[Job]) -> Generator[tuple[int, Done], None, None]:
+        """(index, work(job)) of each job, in the order in which they end. Close it to drop what has not begun.
+
+        A job is asked for when its turn comes, so that not all need be in memory.
+        """
 
 
 @dataclass(frozen=True)
@@ -37,24 +44,24 @@ class Threads:
 
     workers: int | None = None
 
-    def flow(self, work: Callable[[Job], Done], jobs: Iterable[Job]) -> Generator[tuple[int, Done], None, None]:
+    def flow(self, work: Callable[[Job], Done], jobs: Sequence[Job]) -> Generator[tuple[int, Done], None, None]:
         """As `Executor.flow`. An exception, Ctrl-C too, is not kept waiting: what has not begun is dropped, what has
         begun ends by itself."""
-        waiting, ended = deque(enumerate(jobs)), SimpleQueue[Any]()
+        waiting, ended = deque(range(len(jobs))), SimpleQueue[Any]()
         count = len(waiting)
         threads = min(cores(self.workers), count)
         if threads < 2:
-            for index, job in waiting:
-                yield index, work(job)
+            for index in waiting:
+                yield index, work(jobs[index])
             return
         pool = ThreadPoolExecutor(threads)
 
         def labour() -> None:  # a future for each job would cost a tenth of a simulation
             with suppress(IndexError):
                 while True:
-                    index, job = waiting.popleft()
+                    index = waiting.popleft()
                     try:
-                        ended.put((index, work(job), None))
+                        ended.put((index, work(jobs[index]), None))
                     except BaseException as error:  # raised again in the thread that waits
                         ended.put((index, None, error))
 
@@ -82,7 +89,7 @@ def each(
     `done` is called in this thread with the index of each and what came of it, in the order in which they end.
     """
     found: dict[int, Done] = {}
-    with closing(Threads(workers).flow(work, jobs)) as flow:
+    with closing(Threads(workers).flow(work, list(jobs))) as flow:
         for index, result in flow:
             found[index] = result
             if done:
@@ -103,3 +110,29 @@ def aside(work: Callable[[], Done]) -> Done:
         return pool.submit(work).result()
     finally:
         pool.shutdown(wait=False, cancel_futures=True)
+
+
+@contextmanager
+def processes(workers: int) -> Iterator[Pool]:
+    """So many, which leave Ctrl+C to this one and end at once when the block is left; for Python that keeps its
+    interpreter busy. The main module of the program must be safe to import."""
+    ours = threading.current_thread() is threading.main_thread()  # others may not change signals
+    before = signal.signal(signal.SIGINT, signal.SIG_IGN) if ours else None  # which is inherited
+    try:
+        pool = multiprocessing.get_context("spawn").Pool(workers, _follow)
+    finally:
+        if ours:
+            signal.signal(signal.SIGINT, before)
+    with pool:
+        yield pool
+
+
+def _follow() -> None:
+    """Such a process ends with the one that asked, however that ends."""
+
+    def wait() -> None:
+        if asking := multiprocessing.parent_process():
+            asking.join()
+        os._exit(1)
+
+    threading.Thread(target=wait, daemon=True).start()

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import closing, suppress
 from dataclasses import dataclass, fields, is_dataclass
 from functools import partial
@@ -19,8 +19,8 @@ from typing import Any, TypeVar
 import numpy as np
 
 from cavirheo.curve import RadiusCurve
-from cavirheo.errors import require
-from cavirheo.parallel import Executor, one_of
+from cavirheo.errors import InputError, require
+from cavirheo.parallel import Executor, Threads, one_of
 from cavirheo.posterior import BubbleModel, Checks, Diagnostics, Evidence, OtherAnswer, Posterior, WindowAnswer
 from cavirheo.writing.document import into, whole
 from cavirheo.writing.terminal import bar, say
@@ -28,7 +28,9 @@ from cavirheo.writing.terminal import bar, say
 _TYPES = (Posterior, Checks, WindowAnswer, Evidence, Diagnostics, BubbleModel, OtherAnswer, RadiusCurve)
 _KINDS: dict[str, Any] = {kind.__name__: kind for kind in _TYPES}
 _Kept = TypeVar("_Kept")
+_Item = TypeVar("_Item")
 _NAME = "[0-9a-f]" * 64 + ".npz"
+HELD = 500  # answers of a run; of more, none is held that can be read again
 
 
 @dataclass(frozen=True)
@@ -51,10 +53,49 @@ class Step:
         return [version("cavirheo"), self.verb.__name__, self.made_with, sorted(self.settings.items())]
 
 
+class KeptAnswers(Mapping[int, Posterior]):
+    """Answers by the index of their curve, in order; those that are in files are read each time that they are asked
+    for. Raises InputError: such a file is gone."""
+
+    def __init__(self, held: Mapping[int, Posterior], files: Mapping[int, Path]) -> None:
+        self._held, self._files = held, files
+        self._order = sorted({*held, *files})
+
+    def __iter__(self) -> Iterator[int]:
+        return iter(self._order)
+
+    def __len__(self) -> int:
+        return len(self._order)
+
+    def __getitem__(self, index: int) -> Posterior:
+        if index in self._held:
+            return self._held[index]
+        answer, path = read_kept(self._files[index], Posterior), self._files[index]
+        told = f"{path} is gone or was changed while it was needed: the same command finds this answer anew"
+        if answer is None:
+            raise InputError(told, "unfinished.gone")
+        return answer
+
+
+class InOrder(Sequence[_Item]):
+    """Items made when they are asked for: `item(i)` for i in range(count)."""
+
+    def __init__(self, count: int, item: Callable[[int], _Item]) -> None:
+        self._places, self._item = range(count), item
+
+    def __len__(self) -> int:
+        return len(self._places)
+
+    def __getitem__(self, index: Any) -> Any:
+        found = self._places[index]
+        return [self._item(i) for i in found] if isinstance(found, range) else self._item(found)
+
+
 class Unfinished:
     """The answers of one run into the folder `out`. After Ctrl-C `interrupted` is set, and nothing more is begun.
 
     executor: where each is found by itself; by default the verb of a step spreads them over the cores of this machine.
+    Of more than HELD, each is found by itself in any case, so that they need not be held.
     """
 
     def __init__(self, out: str | Path, *, shown: bool = True, executor: Executor | None = None) -> None:
@@ -64,7 +105,7 @@ class Unfinished:
         way = f"{self.folder} must be a folder, for answers are kept there: give another place with -o"
         require(self.folder.is_dir() or not self.folder.exists(), way, "document.folder")
 
-    def answers(self, curves: Sequence[RadiusCurve], *steps: Step) -> dict[int, Posterior]:
+    def answers(self, curves: Sequence[RadiusCurve], *steps: Step) -> Mapping[int, Posterior]:
         """The answers of the last step by the index of the curve, in order; not all of them if it is interrupted.
 
         What is kept is taken, and the step before is asked only for the rest. A failed answer is not kept: another try
@@ -72,39 +113,55 @@ class Unfinished:
         """
         *before, step = steps
         places = [self.folder / f"{_key(curve, steps)}.npz" for curve in curves] if step.apart else []
-        found = {i: answer for i, place in enumerate(places) if (answer := read_kept(place, Posterior))}
-        taken = sum(places[i] not in self._own for i in found)
+        many = step.apart and len(curves) > HELD
+        found: dict[int, Posterior] = {}  # in memory
+        files: dict[int, Path] = {}
+        for i, place in enumerate(places):
+            if answer := read_kept(place, Posterior):
+                if many:
+                    files[i] = place
+                else:
+                    found[i] = answer
+        there = {*found, *files}
+        taken = sum(places[i] not in self._own for i in there)
         if taken and self.shown:
             said = f"{taken} of {len(curves)} answers are taken from {self.folder}"
             say(f"{said}, where an unfinished run left them")
-        left = [i for i in range(len(curves)) if i not in found]
+        left = [i for i in range(len(curves)) if i not in there]
         mine = [curves[i] for i in left]
         begun = self.answers(mine, *before) if before and left else {}
         if not left or self.interrupted:
-            return found
+            return KeptAnswers(found, files) if many else found
 
         def done(k: int, answer: Posterior) -> None:
             if step.apart:
-                found[left[k]] = answer
-                if answer.checks.verdict != "failed":
+                place = places[left[k]]
+                failed = answer.checks.verdict == "failed"
+                if not failed:
                     with into(self.folder):
-                        keep(places[left[k]], answer)
-                    self._own.add(places[left[k]])
+                        keep(place, answer)
+                    self._own.add(place)
+                if many and not failed:
+                    files[left[k]] = place
+                else:
+                    found[left[k]] = answer
             advance()
 
-        given = [list(begun.values())] if before else []
+        executor = self.executor or (Threads() if many else None)
         try:
             with bar(step.doing, len(left), shown=self.shown) as advance:
-                if self.executor and step.apart:
+                if executor and step.apart:
                     work = partial(one_of, step.verb, dict(step.settings))
-                    with closing(self.executor.flow(work, list(zip(mine, *given, strict=True)))) as flow:
+                    jobs = InOrder(len(left), lambda k: (mine[k], begun[k]) if before else (mine[k],))
+                    with closing(executor.flow(work, jobs)) as flow:
                         for k, answer in flow:
                             done(k, answer)
                 else:
+                    given = [list(begun.values())] if before else []
                     found.update(zip(left, step.verb(mine, *given, done=done, **step.settings), strict=True))
         except KeyboardInterrupt:
             self.interrupted = True
-        return dict(sorted(found.items()))
+        return KeptAnswers(found, files) if many else dict(sorted(found.items()))
 
     def note(self, answered: int, asked: int) -> str:
         """What is to be said of a run that was interrupted; nothing of another."""

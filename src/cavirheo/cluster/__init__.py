@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -46,6 +47,9 @@ def client_of(scheduler: str, say: Callable[[str], None]) -> Iterator[tuple[Clie
     require(slurm or bool(_ADDRESS.fullmatch(scheduler)), told, "cluster.scheduler")
     try:
         from distributed import Client
+
+        if slurm and not find_spec("dask_jobqueue"):
+            raise ModuleNotFoundError(name="dask_jobqueue")
     except ModuleNotFoundError as error:
         mend = "pip install 'cavirheo[cluster]' here and on the workers"
         raise InputError(f"--scheduler needs {error.name}: {mend}; without it all runs here", "cluster.extra") from None

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections import deque
-from collections.abc import Callable, Generator, Iterable, Sequence
+from collections.abc import Callable, Generator, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, TypeVar
 
@@ -37,7 +37,7 @@ class Workers:
     client: Client
     wanted: Identity
 
-    def flow(self, work: Callable[[Job], Done], jobs: Iterable[Job]) -> Generator[tuple[int, Done], None, None]:
+    def flow(self, work: Callable[[Job], Done], jobs: Sequence[Job]) -> Generator[tuple[int, Done], None, None]:
         """As `Executor.flow`. A worker that is lost costs only time: its batches are done by another.
 
         Raises:
@@ -46,7 +46,7 @@ class Workers:
         """
         from distributed import as_completed
 
-        waiting = deque(enumerate(jobs))
+        waiting = deque(range(len(jobs)))
         sent: dict[object, Sequence[int]] = {}
         running = as_completed(with_results=True, raise_errors=False, loop=self.client.loop)
         size, looked, threads, places = 1.0, 0.0, 1, AHEAD
@@ -58,8 +58,9 @@ class Workers:
                 while waiting and len(sent) < places:
                     count = min(round(size), max(len(waiting) // places, 1))
                     batch = [waiting.popleft() for _ in range(min(count, len(waiting)))]
-                    future = self.client.submit(_batch, self.wanted, work, [job for _, job in batch], pure=False)
-                    sent[future] = [index for index, _ in batch]
+                    given = [jobs[index] for index in batch]
+                    future = self.client.submit(_batch, self.wanted, work, given, pure=False)
+                    sent[future] = batch
                     running.add(future)
                 future, found = next(running)
                 indices = sent.pop(future)

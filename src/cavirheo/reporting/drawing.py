@@ -4,16 +4,14 @@ from __future__ import annotations
 
 import io
 import multiprocessing
-import os
-import signal
 import threading
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager, suppress
+from contextlib import suppress
 from functools import cache
-from multiprocessing.pool import Pool
 from typing import NamedTuple
 
 from cavirheo.curve import RadiusCurve
+from cavirheo.parallel import processes
 from cavirheo.posterior import Checks
 from cavirheo.reporting.answer import CurveRecord, Unit
 from cavirheo.reporting.group import GroupRecord
@@ -93,37 +91,12 @@ def curve_pictures(jobs: Sequence[Drawing], workers: int = 1) -> Iterator[Drawn]
     """The picture of each, in their order, drawn by so many processes where that is faster."""
     done = 0
     if workers > 1 and len(jobs) > _MANY:
-        with suppress(OSError, multiprocessing.TimeoutError), _pool(min(workers, _MOST)) as pool:
+        with suppress(OSError, multiprocessing.TimeoutError), processes(min(workers, _MOST)) as pool:
             found = pool.imap(_draw, jobs)
             for _ in jobs:
                 yield found.next(_PATIENCE)
                 done += 1
     yield from map(_Artist().draw, jobs[done:])
-
-
-@contextmanager
-def _pool(workers: int) -> Iterator[Pool]:
-    """Processes that leave Ctrl+C to this one, and end at once when the block is left."""
-    ours = threading.current_thread() is threading.main_thread()  # others may not change signals
-    before = signal.signal(signal.SIGINT, signal.SIG_IGN) if ours else None  # which is inherited
-    try:
-        pool = multiprocessing.get_context("spawn").Pool(workers, _follow)
-    finally:
-        if ours:
-            signal.signal(signal.SIGINT, before)
-    with pool:
-        yield pool
-
-
-def _follow() -> None:
-    """A process that draws ends with the one that asked, however that ends."""
-
-    def wait() -> None:
-        if asking := multiprocessing.parent_process():
-            asking.join()
-        os._exit(1)
-
-    threading.Thread(target=wait, daemon=True).start()
 
 
 def group_pictures(

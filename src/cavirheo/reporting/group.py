@@ -19,6 +19,7 @@ from cavirheo.writing import digits
 from cavirheo.writing.document import Quantity, Record, Spread, spread_of
 
 FEWEST = 5  # shots that are asked for a slope
+MOST = 1000  # of them: a slope looks at all pairs, and of more shots at so many, evenly over the sizes
 CONSTANTS = ("viscosity", AT_RATE, "shear_modulus")
 _SAME = 1e-6  # of their mean: values that differ by less are one value, as those of a joint fit
 
@@ -113,6 +114,8 @@ def slope(radius: Sequence[float | None], values: Sequence[float | None], truste
     known = [(r, v) for r, v in zip(radius, values, strict=True) if r and v and v > 0]
     if len(known) < FEWEST:
         return None
+    if len(known) > MOST:
+        known = sorted(known)[:: -(-len(known) // MOST)]
     x, y = np.log(np.array(known)).T
     if min(np.ptp(x), np.ptp(y)) < _SAME:
         return None

@@ -1,7 +1,8 @@
 """report.html: one file that needs nothing else, for a colleague, a notebook or the printer.
 
-No script and no request to anywhere: the style and the pictures stand in the page. Its text is in report.html and
-parts.html beside this module (jinja2), where every word from a file or a command line is escaped.
+No request to anywhere: the style and the pictures stand in the page. Its text is in report.html and parts.html beside
+this module (jinja2), where every word from a file or a command line is escaped. Only the page of very many curves has a
+script (report.js), which sorts and filters the rows and draws the picture that is asked for.
 """
 
 from __future__ import annotations
@@ -18,6 +19,7 @@ from cavirheo.reporting.answer import CurveRecord, described
 from cavirheo.reporting.group import GroupRecord
 from cavirheo.reporting.record import Result
 from cavirheo.reporting.table import FITS, model_rows, window_cells, window_title
+from cavirheo.reporting.trace import MARK
 from cavirheo.writing import digits
 from cavirheo.writing.document import Quantity
 
@@ -36,21 +38,25 @@ def write(
     """The page of a result, curve by curve; `pictures`, an image's address for each or none, may be drawn meanwhile.
 
     `group_pictures`: those that stand before the curves. `sheets`: of each curve all frames of its recording, or "".
-    `many`: with a switch that hides the curves that are ok.
+    `many`: with the script that sorts, filters and draws.
     """
     unit, drawn = result.modulus_unit, iter(pictures)
     page = template("report.html")
     page.stream(
         result=result,
-        style=files("cavirheo.reporting").joinpath("report.css").read_text(encoding="utf-8"),
+        style=_beside("report.css"),
         unit=unit,
         group_pictures=group_pictures,
-        many=many,
+        script=_beside("report.js") if many else "",
         articles=(
             article(k, record, *unit, next(drawn, "")) + _part("frames", sheets[k] if sheets else "")
             for k, record in enumerate(result.curves)
         ),
     ).dump(str(path))
+
+
+def _beside(name: str) -> str:
+    return files("cavirheo.reporting").joinpath(name).read_text(encoding="utf-8")
 
 
 def groups_table(groups: Sequence[GroupRecord], factor: float, unit: str) -> str:
@@ -71,7 +77,8 @@ def reading(curves: Sequence[CurveRecord]) -> str:
 
 
 def article(number: int, record: CurveRecord, factor: float, unit: str, picture: str) -> str:
-    """All that is known of one curve and its answer; `picture`: the address of an image, why there is none, or ""."""
+    """All that is known of one curve and its answer; `picture`: the address of an image, a `trace`, why there is none,
+    or ""."""
     from markupsafe import Markup
 
     origin = {"source": record.source, **record.provenance, "seconds": round(record.seconds, 3)}
@@ -110,5 +117,6 @@ def _templates(package: str) -> Environment:
         loader=PackageLoader(package, ""), autoescape=True, undefined=StrictUndefined,
         keep_trailing_newline=True, finalize=_printable,
     )  # fmt: skip
-    made.globals.update(digits=digits, LOOKS=digits.LOOKS, FITS=FITS, Quantity=Quantity, named_parameter=_named)
+    made.globals.update(digits=digits, LOOKS=digits.LOOKS, FITS=FITS, MARK=MARK, Quantity=Quantity)
+    made.globals.update(named_parameter=_named)
     return made

@@ -141,12 +141,11 @@ class GroupDifference(Record):
         return f"{self.first} over {self.second}: {'; '.join(said)}"
 
 
-@lru_cache(maxsize=8)
 def material_of(
     answers: tuple[Posterior, ...], names: tuple[str, ...], along: tuple[float, ...] | None = None
 ) -> Population | None:
     """The population of a group, with the slope `along` a column if that has several values; None for a single shot, or
-    where no answer has an interval. Kept for the last groups: at the bench every new shot writes all of them anew."""
+    where no answer has an interval."""
     if len(answers) < 2 or all(len(answer.theta) < 2 for answer in answers):
         return None
     from cavirheo.inference.population import population
@@ -155,6 +154,9 @@ def material_of(
         if along is not None:
             return population(answers, names=names, along=along)
     return population(answers, names=names)
+
+
+kept_material_of = lru_cache(maxsize=8)(material_of)  # at the bench every new shot writes all groups anew
 
 
 def population_record(found: Population | None, column: str = "") -> PopulationRecord | None:

@@ -120,31 +120,59 @@ class CurvePicture:
                 break
 
     def _show_lines(self, curve: RadiusCurve, checks: Checks) -> None:
-        x, y = _scales(curve)
-        time, radius, drawn = x(curve.time), y(curve.radius), y(checks.reconstruction_radius)
-        compared, simulated = x(checks.compared_time), x(checks.reconstruction_time)
-        residual = _Scale(0.0, 100.0, "%")(checks.residual_over_rmax)
-        inside = np.full(len(time), checks.verdict == "failed")
-        if len(compared):
-            slack = 1e-6 * (time[-1] - time[0])
-            inside = (time >= compared[0] - slack) & (time <= compared[-1] + slack)
-        parts = ((time[inside], radius[inside]), (time[~inside], radius[~inside]), (simulated, drawn))
+        lines = lines_of(curve, checks)
+        time, radius, inside = lines.time, lines.radius, lines.inside
+        parts = ((time[inside], radius[inside]), (time[~inside], radius[~inside]), (lines.simulated, lines.drawn))
         for line, (sample, label), part in zip(self.lines, self.key, parts, strict=True):
             sample.set_visible(_fill(line, *part) and checks.verdict != "failed")
             label.set_visible(sample.get_visible())
-        view = _view(time, compared)
-        top = 1.05 * max(float(np.nanmax(radius)), float(np.max(drawn, initial=0.0)))
-        self.upper.set(xlim=view, ylim=(0.0, top), xlabel=x.label, ylabel=y.label)
+        view, (along, up) = lines.view, lines.labels
+        self.upper.set(xlim=view, ylim=(0.0, lines.top), xlabel=along, ylabel=up)
         if checks.time_scale is not None:
-            self.t_star.set_xlim(np.array(view) / (x.factor * checks.time_scale))
+            self.t_star.set_xlim(np.array(view) / (lines.per_second * checks.time_scale))
 
-        rmse = 100.0 * (checks.rmse_over_rmax or 0.0)
-        reach = 1.15 * max(float(np.max(np.abs(residual), initial=0.1)), rmse)
-        self.lower.set(xlim=view, ylim=(-reach, reach), xlabel=x.label, ylabel=f"residual (% {_RMAX})")
+        rmse, reach = lines.rmse, lines.reach
+        self.lower.set(xlim=view, ylim=(-reach, reach), xlabel=along, ylabel=f"residual (% {_RMAX})")
         self.band.set(y=-rmse, height=2.0 * rmse)
         self.rmse.set_text(f"band: ± RMSE = {digits.significant(rmse, 2)} %" if rmse else "")
-        _fill(self.residual, compared, residual)
+        _fill(self.residual, lines.compared, lines.residual)
         self.until.set_text(f"recorded until {time[-1]:.0f} µs →" if time[-1] > view[1] else "")
+
+
+class Lines(NamedTuple):
+    """What a picture of a curve shows, in the units of its axes: time and radius of the frames and whether they were
+    compared; the simulation of the answer; the residual of the compared frames, %; the ends of the axes."""
+
+    time: Floats
+    radius: Floats
+    inside: np.ndarray
+    simulated: Floats
+    drawn: Floats
+    compared: Floats
+    residual: Floats
+    view: tuple[float, float]
+    top: float
+    reach: float
+    rmse: float
+    labels: tuple[str, str]
+    per_second: float
+
+
+def lines_of(curve: RadiusCurve, checks: Checks) -> Lines:
+    """Of a curve that has measured radii."""
+    x, y = _scales(curve)
+    time, radius, drawn = x(curve.time), y(curve.radius), y(checks.reconstruction_radius)
+    compared, simulated = x(checks.compared_time), x(checks.reconstruction_time)
+    residual = _Scale(0.0, 100.0, "%")(checks.residual_over_rmax)
+    inside = np.full(len(time), checks.verdict == "failed")
+    if len(compared):
+        slack = 1e-6 * (time[-1] - time[0])
+        inside = (time >= compared[0] - slack) & (time <= compared[-1] + slack)
+    top = 1.05 * max(float(np.nanmax(radius)), float(np.max(drawn, initial=0.0)))
+    rmse = 100.0 * (checks.rmse_over_rmax or 0.0)
+    reach = 1.15 * max(float(np.max(np.abs(residual), initial=0.1)), rmse)
+    about = _view(time, compared), top, reach, rmse, (x.label, y.label), x.factor
+    return Lines(time, radius, inside, simulated, drawn, compared, residual, *about)
 
 
 def group_picture(pairs: Pairs, records: Sequence[CurveRecord], group: GroupRecord, unit: Unit) -> Figure:

@@ -6,7 +6,8 @@ has null everywhere and says why in `message`. Means of a group are over its tru
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -14,11 +15,18 @@ import numpy as np
 from pydantic import model_validator
 
 from cavirheo.curve import RadiusCurve
+from cavirheo.parallel import processes
 from cavirheo.parameters import AT_RATE
 from cavirheo.posterior import Posterior
 from cavirheo.reporting.answer import CurveRecord, curve_record
 from cavirheo.reporting.group import GroupRecord, group_of
-from cavirheo.reporting.material import GroupDifference, differences, material_of, population_record
+from cavirheo.reporting.material import (
+    GroupDifference,
+    differences,
+    kept_material_of,
+    material_of,
+    population_record,
+)
 from cavirheo.writing import digits, document
 from cavirheo.writing.document import Document, Spread
 from cavirheo.writing.export import dataframe
@@ -27,7 +35,35 @@ if TYPE_CHECKING:
     from cavirheo.inference.population import Population
 
 Pairs = Sequence[tuple[RadiusCurve, Posterior]]
+
+
+class Answered(Pairs):
+    """Curves with their answers. These may be read from a file each time that they are asked for, so that thousands of
+    them need not be held: no more are in use at once than a group has."""
+
+    def __init__(self, curves: Sequence[RadiusCurve], answers: Sequence[Posterior]) -> None:
+        self.curves, self.answers = curves, answers
+
+    @classmethod
+    def of(cls, pairs: Pairs) -> Answered:
+        """These, as they are."""
+        if isinstance(pairs, Answered):
+            return pairs
+        return cls([curve for curve, _ in pairs], [answer for _, answer in pairs])
+
+    def __len__(self) -> int:
+        return len(self.curves)
+
+    def __getitem__(self, index: Any) -> Any:
+        if isinstance(index, slice):
+            return [self[i] for i in range(len(self))[index]]
+        return self.curves[index], self.answers[index]
+
+
 Published = Mapping[str, Mapping[str, Spread]]  # by method and parameter, SI
+
+
+KEPT = 500  # curves of a run whose materials are kept
 
 
 class Result(Document):
@@ -84,24 +120,69 @@ def result(
     date: str | None = None,
     notes: Sequence[str] = (),
     published: Published | None = None,
+    workers: int = 1,
 ) -> Result:
-    """The record of all curves and of their groups (the files they came from), in the order given."""
-    rows = [curve_record(curve, posterior) for curve, posterior in pairs]
-    answers = [answer for _, answer in pairs]
-    return result_of(rows, command, answers, date=date, notes=notes, published=published)
+    """The record of all curves and of their groups (the files they came from), in the order given. So many processes
+    make that of thousands of curves."""
+    known = Answered.of(pairs)
+    members = _members(known.curves)
+    title = next((name for curve in known.curves for name in curve.column), "")
+    rows: dict[int, CurveRecord] = {}
+    found: list[Population | None] = []
+    places = list(members.values())
+    for indices, (mine, material) in zip(places, _made(known, places, title, workers), strict=True):
+        rows |= dict(zip(indices, mine, strict=True))
+        found.append(material)
+    curves = [rows[i] for i in range(len(known))]
+    return _document(curves, members, found, command, date=date, notes=notes, published=published)
+
+
+Made = tuple[list[CurveRecord], "Population | None"]  # rows and material of a group
+
+
+def _made(known: Answered, places: Sequence[list[int]], title: str, workers: int) -> Iterator[Made]:
+    """Of each group, one after the other, so that no more answers are held than those of the groups in work."""
+
+    def job(indices: list[int]) -> tuple[list[RadiusCurve], list[Posterior], str]:
+        return [known.curves[i] for i in indices], [known.answers[i] for i in indices], title
+
+    done = 0
+    if workers > 1 and len(known) > KEPT:
+        with suppress(OSError), processes(workers) as pool:
+            for start in range(0, len(places), workers):
+                for made in pool.map(_of_group, [job(indices) for indices in places[start : start + workers]], 1):
+                    yield made
+                    done += 1
+    for indices in places[done:]:
+        yield _of_group(job(indices), keep=len(known) <= KEPT)
+
+
+def _of_group(job: tuple[list[RadiusCurve], list[Posterior], str], keep: bool = False) -> Made:
+    curves, answers, title = job
+    rows = [curve_record(curve, answer) for curve, answer in zip(curves, answers, strict=True)]
+    return rows, _material(list(zip(rows, answers, strict=True)), title, keep=keep)
 
 
 def result_of(
     curves: Sequence[CurveRecord], command: str, answers: Sequence[Posterior] = (), *, date: str | None = None,
-    notes: Sequence[str] = (), published: Published | None = None,
+    notes: Sequence[str] = (),
 ) -> Result:  # fmt: skip
     """The record of rows that are made already, and of their groups; without the answers, these have no material."""
     members = _members(curves)
+    title = next((name for row in curves for name in row.column), "")
+    found: list[Population | None] = [None] * len(members)
+    if answers:
+        found = [_material([(curves[i], answers[i]) for i in indices], title) for indices in members.values()]
+    return _document(curves, members, found, command, date=date, notes=notes, published=None)
+
+
+def _document(
+    curves: Sequence[CurveRecord], members: Mapping[tuple[str, str], list[int]], found: Sequence[Population | None],
+    command: str, *, date: str | None, notes: Sequence[str], published: Published | None,
+) -> Result:  # fmt: skip
     stems = [group for group, _ in members]
     names = [group if stems.count(group) == 1 or not source else source for group, source in members]
     title = next((name for row in curves for name in row.column), "")
-    found = [_material([(curves[i], answers[i]) for i in indices], title) for indices in members.values() if answers]
-    found = found or [None] * len(members)
     groups = [
         group_of(name, [curves[i] for i in indices], population_record(one, title))
         for name, indices, one in zip(names, members.values(), found, strict=True)
@@ -119,13 +200,14 @@ def read_json(path: str | Path) -> Result:
     return document.read_json(path, Result)
 
 
-def _material(shots: Sequence[tuple[CurveRecord, Posterior]], column: str) -> Population | None:
-    """Of a group, with its slope along the column where there is one."""
+def _material(shots: Sequence[tuple[CurveRecord, Posterior]], column: str, *, keep: bool = True) -> Population | None:
+    """Of a group, with its slope along the column where there is one; kept for the next time, with its answers."""
     along = tuple(row.column.get(column, np.nan) for row, _ in shots) if column else None
-    return material_of(tuple(answer for _, answer in shots), tuple(row.name for row, _ in shots), along)
+    made = kept_material_of if keep else material_of
+    return made(tuple(answer for _, answer in shots), tuple(row.name for row, _ in shots), along)
 
 
-def _members(curves: Sequence[CurveRecord]) -> dict[tuple[str, str], list[int]]:
+def _members(curves: Iterable[CurveRecord | RadiusCurve]) -> dict[tuple[str, str], list[int]]:
     """Indices of the curves of each group; two files of one name in different folders are two groups."""
     found: dict[tuple[str, str], list[int]] = {}
     for index, record in enumerate(curves):

@@ -32,6 +32,7 @@ from cavirheo.parallel import Executor, Threads
 from cavirheo.prior import uniforms
 from cavirheo.problem import TrainingProblem
 from cavirheo.reading import limits
+from cavirheo.training.rows import StoredRows, blocks
 from cavirheo.training.shards import Survey, fill, size_and_sha256, write_hdf5
 from cavirheo.writing.document import into
 from cavirheo.writing.terminal import bar
@@ -60,13 +61,13 @@ class Generated:
 
 @dataclass(frozen=True, eq=False)
 class Dataset:
-    """A whole training set in memory."""
+    """A whole training set; its radii may be on the disk."""
 
     problem: TrainingProblem
     seed: int
     made_by: str  # version of cavirheo
     theta: Floats  # (curves, parameters) in the prior's scale
-    radius: NDArray[np.float32]  # (curves, frames) R/R_max at the reference R_max
+    radius: NDArray[np.float32] | StoredRows  # (curves, frames) R/R_max at the reference R_max
     status: NDArray[np.str_]  # (curves,) "ok" or the reason of the failure
 
     @property
@@ -84,7 +85,8 @@ class Dataset:
         """Identity of the content, whatever the shards."""
         digest = hashlib.sha256(f"{self.problem.id} {self.seed} {' '.join(self.status)}".encode())
         for values in (self.theta, self.radius):
-            digest.update(np.ascontiguousarray(values).tobytes())
+            for block in blocks(values):
+                digest.update(np.ascontiguousarray(block).tobytes())
         return digest.hexdigest()
 
     def truth(self, names: Sequence[str]) -> Floats:
@@ -162,21 +164,19 @@ def _simulated(problem: TrainingProblem, seed: int, block: range) -> Rows:
 
 
 def columns(parts: Sequence[Rows]) -> dict[str, dict[str, Any]]:
-    """The datasets of a file."""
+    """The datasets of a file; numbers have a checksum, by which HDF5 refuses those that were damaged."""
     theta, radius, statuses = zip(*parts, strict=True)
     status = np.array([one for part in statuses for one in part], dtype=object)
-    return {
-        "theta": {"data": np.concatenate(theta)},
-        "radius": {"data": np.concatenate(radius)},
-        "status": {"data": status, "dtype": h5py.string_dtype()},
-    }
+    numbers = {"theta": np.concatenate(theta), "radius": np.concatenate(radius)}
+    checked = {name: {"data": one, "chunks": one.shape, "fletcher32": True} for name, one in numbers.items()}
+    return checked | {"status": {"data": status, "dtype": h5py.string_dtype()}}
 
 
-def load(data_dir: str | Path) -> Dataset:
-    """The training set in a folder.
+def load(data_dir: str | Path, scratch: Path | None = None) -> Dataset:
+    """The training set in a folder; with the folder `scratch` its radii are in a nameless file there, else in memory.
 
     Raises:
-        InputError: no shards, a missing or damaged shard, files of different sets, or more than fits into the memory.
+        InputError: no shards, a missing or damaged shard, files of different sets, or more than fits there.
     """
     paths = sorted(Path(data_dir).glob("shard-*.h5"))
     none = f"{data_dir} holds no training set (shard-*.h5); make one with `cavirheo generate`"
@@ -189,10 +189,20 @@ def load(data_dir: str | Path) -> Dataset:
     require(not missing, f"{lacking}; run the same `cavirheo generate` again to add them", "dataset.incomplete")
     foreign = sorted(names - {_name(start) for start in range(0, total, SHARD)})
     require(not foreign, f"{data_dir}: {', '.join(foreign[:3])} is no part of this set; remove it", "dataset.foreign")
+    head = {key: first[key] for key in _HEAD}
+    if scratch is not None:
+        _afford(problem, total, shutil.disk_usage(scratch).free, f"on the disk of {scratch}")
+        radius, rest = StoredRows(scratch, problem.grid.frames, np.float32), []
+        for path in paths:
+            shard = _read(path, head)
+            radius.append(shard["radius"])
+            rest.append((shard["theta"], shard["status"]))
+        theta, status = (np.concatenate(column) for column in zip(*rest, strict=True))
+        return Dataset(problem, first["seed"], first["made_by"], theta, radius, status)
     if hasattr(os, "sysconf"):  # all but Windows
         memory = os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
-        _afford(problem, 3 * total, memory, "of memory")  # read, joined, and in the network's form
-    shards = [_read(path, {key: first[key] for key in _HEAD}) for path in paths]
+        _afford(problem, 2 * total, memory, "of memory")  # read, and joined
+    shards = [_read(path, head) for path in paths]
     columns = (np.concatenate([shard[name] for shard in shards]) for name in _COLUMNS)
     return Dataset(problem, first["seed"], first["made_by"], *columns)
 

@@ -99,7 +99,7 @@ def robustness(
 
     rows = []
     filmed: dict[tuple[float, float], list[tuple[Floats, Floats]]] = {}  # several ways film at the same times
-    with bar("filming, answering", len(RECORDINGS) * len(drawn), shown=progress) as advance:
+    with bar("filming, answering", len(RECORDINGS) * len(drawn), shown=progress, unit="answers") as advance:
         for recording in RECORDINGS:
             key = recording.frame_rate, recording.offset
             if key not in filmed:

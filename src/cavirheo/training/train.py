@@ -33,7 +33,7 @@ from torch.nn.functional import mse_loss
 from cavirheo.errors import InputError, require
 from cavirheo.files import read_object
 from cavirheo.prior import Prior
-from cavirheo.training.dataset import difference, load
+from cavirheo.training.dataset import Indices, difference, load
 from cavirheo.training.metrics import metrics
 from cavirheo.training.network import BubbleTransformer
 from cavirheo.training.recipe import Recipe, TrainingTable
@@ -98,17 +98,17 @@ class _Training:
 
     def __init__(self, recipe: Recipe, data_dir: Path, folder: Path, device: torch.device) -> None:
         self.recipe, self.settings, self.folder, self.device = recipe, recipe.training, folder, device
-        self.data, problem = load(data_dir), recipe.problem
+        self.data, problem = load(data_dir, folder), recipe.problem
         other = f"{data_dir} was made for problem {self.data.problem.id}, the recipe is of {problem.id}"
         fine = self.data.problem.id == problem.id
         require(fine, f"{other}: generate the data with this recipe", "training.another_problem")
         self.mean, self.std = scaling(problem.prior, recipe.outputs)
         target = (torch.tensor(self.data.truth(recipe.outputs)).float() - self.mean) / self.std
-        radius, split = torch.from_numpy(self.data.radius), self.data.split(self.settings.seed)
+        split = self.data.split(self.settings.seed)
         for name, curves in split.items():
-            require(len(curves) >= 2, f"too few usable curves in the {name} part of {len(radius)}")
-        # radius (curves, frames) and target (curves, outputs) of "train", "validation", "test"
-        self.parts = {name: (radius[i].to(device), target[i].to(device)) for name, i in split.items()}
+            require(len(curves) >= 2, f"too few usable curves in the {name} part of {len(target)}")
+        # indices (curves,) and target (curves, outputs) of "train", "validation", "test"; radii stay on the disk
+        self.parts = {name: (i, target[i].to(device)) for name, i in split.items()}
         self.steps_per_epoch = math.ceil(len(split["train"]) / self.settings.batch)
         torch.manual_seed(self.settings.seed)
         self.network = BubbleTransformer(recipe.network, problem.grid.frames, len(recipe.outputs)).to(device)
@@ -119,7 +119,7 @@ class _Training:
 
     def fit(self, progress: bool) -> None:
         epochs, done = self.settings.epochs, len(self.history)
-        with bar("training", epochs * self.steps_per_epoch, shown=progress) as advance:
+        with bar("training", epochs * self.steps_per_epoch, shown=progress, unit="steps") as advance:
             advance(done * self.steps_per_epoch)
             for epoch in range(done, epochs):
                 best = min((line["validation"] for line in self.history), default=math.inf)
@@ -135,26 +135,32 @@ class _Training:
 
     def _epoch(self, epoch: int, step_done: Callable[[], None]) -> float:
         """One pass over the training part; the mean of its curves' losses, each taken before its step."""
-        radius, target = self.parts["train"]
+        curves, target = self.parts["train"]
         torch.manual_seed(int(np.random.SeedSequence([self.settings.seed, epoch]).generate_state(1)[0]))
-        order = torch.randperm(len(radius)).to(self.device)
+        order = torch.randperm(len(curves))
         summed = torch.zeros((), device=self.device)
         self.network.train(epoch < (self.settings.dropout_epochs or self.settings.epochs))  # only dropout heeds it
         for step, batch in enumerate(order.split(self.settings.batch), start=epoch * self.steps_per_epoch):
             for group in self.optimiser.param_groups:
                 group["lr"] = learning_rate(self.settings, step, self.steps_per_epoch)
-            loss = mse_loss(self.network(radius[batch]), target[batch])
+            loss = mse_loss(self.network(self._radius(curves[batch.numpy()])), target[batch.to(self.device)])
             self.optimiser.zero_grad()
             loss.backward()
             self.optimiser.step()
             summed += loss.detach() * len(batch)
             step_done()
-        return float(summed) / len(radius)
+        return float(summed) / len(curves)
+
+    def _radius(self, curves: Indices) -> Tensor:
+        """(curves, frames) of these."""
+        return torch.from_numpy(self.data.radius[curves]).to(self.device)
 
     @torch.inference_mode()
     def _predict(self, part: str) -> Tensor:
         self.network.eval()
-        return torch.cat([self.network(block) for block in self.parts[part][0].split(EVALUATION_BATCH)])
+        curves, _ = self.parts[part]
+        starts = range(0, len(curves), EVALUATION_BATCH)
+        return torch.cat([self.network(self._radius(curves[start : start + EVALUATION_BATCH])) for start in starts])
 
     def _save(self, best: bool) -> None:
         weights, line = self.network.state_dict(), self.history[-1]
@@ -188,13 +194,13 @@ class _Training:
         weights, about = read_tensors(self.folder / "best.safetensors")
         with of_run(self.folder / "best.safetensors"):
             self.network.load_state_dict(weights)
-        radius, target = (tensor.cpu() for tensor in self.parts["test"])
-        truth, predicted = ((t * self.std + self.mean).numpy() for t in (target, self._predict("test").cpu()))
+        curves, target = self.parts["test"]
+        truth, predicted = ((t * self.std + self.mean).numpy() for t in (target.cpu(), self._predict("test").cpu()))
         with whole(self.folder / "test.npz") as temporary, temporary.open("wb") as file:
-            np.savez(file, radius=radius.numpy(), truth=truth, predicted=predicted)
+            np.savez(file, radius=self.data.radius[curves], truth=truth, predicted=predicted)
         data, cuda = self.data, self.device.type == "cuda"
         made = {"n": len(data.theta), "seed": data.seed, "sha256": data.sha256, "failures": data.failures}
-        parts = {part: len(radius) for part, (radius, _) in self.parts.items()}
+        parts = {part: len(curves) for part, (curves, _) in self.parts.items()}
         result = self.recipe.settings() | {
             "problem_id": self.recipe.problem.id,
             "epochs": len(self.history),

@@ -55,7 +55,7 @@ def measure(
     with ExitStack() as stack:
 
         def begin(count: int) -> Callable[[], None]:
-            return stack.enter_context(run.bar("measuring", count))
+            return stack.enter_context(run.bar("measuring", count, unit="frames"))
 
         found, curve = examine(path, begin=begin, **settings)
     odd = doubts.plain(curve, WATER)

@@ -80,9 +80,11 @@ class Run:
         self.notes: list[str] = []  # on the run as a whole
         self.json, self.quiet = json, quiet or json
 
-    def bar(self, what: str, total: int | None = None) -> AbstractContextManager[Callable[..., None]]:
+    def bar(
+        self, what: str, total: int | None = None, *, unit: str = "curves"
+    ) -> AbstractContextManager[Callable[..., None]]:
         """`terminal.bar`, if anything is to be seen."""
-        return terminal.bar(what, total, shown=not self.quiet)
+        return terminal.bar(what, total, shown=not self.quiet, unit=unit)
 
     def files(self, given: list[Path]) -> list[Path]:
         """Those that folders, patterns and `-` (standard input) stand for; one without a file is refused by itself."""
@@ -147,8 +149,9 @@ class Run:
         from cavirheo.parallel import cores
         from cavirheo.reporting import outputs, write_report
         from cavirheo.reporting.drawing import prepare
+        from cavirheo.reporting.record import Answered
         from cavirheo.reporting.table import print_table
-        from cavirheo.unfinished import Step, Unfinished
+        from cavirheo.unfinished import InOrder, Step, Unfinished
 
         outputs(out, curves, ("png",) if pictures else (), paper=paper)
         if pictures:
@@ -159,12 +162,13 @@ class Run:
 
             steps.append(Step("verifying", verify_many, {"level": verify, **settings}))
         found = kept.answers(curves, *steps)
-        pairs, note = [(curves[i], answer) for i, answer in found.items()], kept.note(len(found), len(curves))
+        asked, note = list(found), kept.note(len(found), len(curves))
+        pairs = Answered([curves[i] for i in asked], InOrder(len(asked), lambda k: found[asked[k]]))
         if note:
-            if pairs:
+            if asked:
                 notes = [note, *self.notes]
                 write_report(out, pairs, self.command, date=self.date, notes=notes, complete=False)
-            self.stop(note, out / "result.json" if pairs else None)
+            self.stop(note, out / "result.json" if asked else None)
         how: dict[str, Any] = {"date": self.date, "notes": self.notes, "draw": pictures, "workers": cores()}
         how["paper"] = paper
         with self.bar("drawing", len(curves) if pictures else 0) as advance:

@@ -76,13 +76,13 @@ def which_law(
                 inferring = {"material": way["material"], "contents": way["contents"]}
                 inferring |= {"trust_input": reading.trust_input, "window": looked_at, **weighing}
                 steps[law] = (Step(f"weighing {law}", infer_many, inferring),)
-                found[law] = kept.answers(curves, *steps[law])
+                found[law] = dict(kept.answers(curves, *steps[law]))
                 continue
             fitting = {**way, "window": looked_at, "wall_inertia": walls, "trust_input": reading.trust_input, **shared}
             fitting |= {"windows": False, "others": False, "draws": False}
             fit, climb = Step(f"fitting {law}", fit_many, fitting), Step(f"climbing {law}", verify_many, climbing)
             steps[law] = fit, climb, Step(f"weighing {law}", verify_many, weighing)
-            found[law] = kept.answers(curves, *steps[law][:2])
+            found[law] = dict(kept.answers(curves, *steps[law][:2]))
         whole = all(len(answers) == len(curves) for answers in found.values())
         climbed = {law: list(answers.values()) for law, answers in found.items()} if whole else {}
         for law, near in contending(climbed).items():

@@ -12,10 +12,12 @@ from typing import TYPE_CHECKING, Any
 from cavirheo.writing.digits import LOOKS, elide, printable
 
 _LONGEST = 1000  # characters of one line
+RATE_OVER = 120.0  # s over which a rate is taken: an answer may take many, and a cluster brings many at once
 _NUMBER = re.compile(r"(?<![\w.])-?\d+(?:\.\d+)?(?:e[+-]?\d+)?")
 
 if TYPE_CHECKING:
     from rich.console import Console
+    from rich.progress import Task
     from rich.table import Table
     from rich.text import Text
 
@@ -38,22 +40,44 @@ def say(text: str) -> None:
 
 
 @contextmanager
-def bar(what: str, total: int | None = None, *, shown: bool = True) -> Iterator[Callable[..., None]]:
-    """A bar on stderr that vanishes when done; yields `advance(count=1, total=None, what=None)`.
+def bar(
+    what: str, total: int | None = None, *, shown: bool = True, unit: str = "curves"
+) -> Iterator[Callable[..., None]]:
+    """A bar on stderr that vanishes when done, with so many of `unit` per second and the time left; nothing where
+    stderr is no terminal. Yields `advance(count=1, total=None, what=None)`.
 
     advance counts what is done; it may also tell the total, or say anew what is being done.
     """
-    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+    from rich.progress import BarColumn, MofNCompleteColumn, Progress, ProgressColumn, TextColumn, TimeRemainingColumn
+    from rich.table import Column
+    from rich.text import Text
 
-    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
+    class Rate(ProgressColumn):
+        def render(self, task: Task) -> Text:
+            return Text(speed(task.speed, unit), "dim")
+
+    whole = Column(no_wrap=True)  # where it is narrow, the words fold
+    columns = (
+        TextColumn("{task.description}", table_column=Column()), BarColumn(20), MofNCompleteColumn(table_column=whole),
+        Rate(whole), TimeRemainingColumn(table_column=whole), TextColumn("left", "dim"),
+    )  # fmt: skip
     on = console(stderr=True)
-    with Progress(*columns, console=on, transient=True, disable=not (shown and on.is_terminal)) as progress:
+    how: Any = {"console": on, "transient": True, "disable": not (shown and on.is_terminal)}
+    with Progress(*columns, speed_estimate_period=RATE_OVER, **how) as progress:
         task = progress.add_task(what, total=total)
 
         def advance(count: int = 1, total: int | None = None, what: str | None = None) -> None:
             progress.update(task, advance=count, total=total, description=what)
 
         yield advance
+
+
+def speed(per_second: float | None, unit: str) -> str:
+    """'136 curves/s', '7.2 curves/min' where it is less than one per second; nothing while it is not known."""
+    if not per_second:
+        return ""
+    per, amount = ("s", per_second) if per_second >= 1.0 else ("min", 60.0 * per_second)
+    return f"{amount:.0f} {unit}/{per}" if amount >= 100.0 else f"{amount:.2g} {unit}/{per}"
 
 
 def table(first: str, heads: Sequence[str], *, left: Sequence[str] = (), title: str = "", gap: int = 1) -> Table:

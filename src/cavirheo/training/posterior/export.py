@@ -80,7 +80,7 @@ def made(
     if threads is not None:
         torch.set_num_threads(threads)
     with into(out_dir) as folder:
-        training = PosteriorTraining(recipe, load(recipe, data_dir), folder)
+        training = PosteriorTraining(recipe, load(recipe, data_dir, folder), folder)
         training.fit(progress=progress)
         return export(training, recipe, folder), float(training.history[-1]["validation"])
 

@@ -31,6 +31,7 @@ from cavirheo.prior import uniforms
 from cavirheo.reading import limits
 from cavirheo.training.dataset import Generated
 from cavirheo.training.posterior.recipe import More, PosteriorRecipe
+from cavirheo.training.rows import StoredRows
 from cavirheo.training.shards import Survey, fill, size_and_sha256, write_hdf5
 from cavirheo.writing.document import into
 from cavirheo.writing.terminal import bar
@@ -48,11 +49,11 @@ _COLUMNS = {"time": np.uint16, "radius": np.uint16, "z": np.float32, "kind": np.
 
 @dataclass(frozen=True)
 class CurveStore:
-    """Many curves. time, radius: (n, NODES) as whole numbers; z: (n, 8) slots; kind: (n,) index of law and contents;
-    max_radius: (n,) m."""
+    """Many curves. time, radius: (n, NODES) as whole numbers, perhaps on the disk; z: (n, 8) slots; kind: (n,) index of
+    law and contents; max_radius: (n,) m."""
 
-    time: NDArray[np.uint16]
-    radius: NDArray[np.uint16]
+    time: NDArray[np.uint16] | StoredRows
+    radius: NDArray[np.uint16] | StoredRows
     z: NDArray[np.float32]
     kind: NDArray[np.uint8]
     max_radius: NDArray[np.float32]
@@ -167,8 +168,12 @@ def generate(
     return Generated(curves, len(todo), len(blocks) - len(todo), failures, seconds, simulated)
 
 
-def load(recipe: PosteriorRecipe, data_dir: str | Path) -> CurveStore:
-    """The curves in a folder. Raises InputError: none, some missing, or made with another recipe."""
+def load(recipe: PosteriorRecipe, data_dir: str | Path, scratch: Path) -> CurveStore:
+    """The curves in a folder; unpacked in a nameless file in the folder `scratch`, 2 kB each, and read from there.
+
+    Raises:
+        InputError: none, some missing, or made with another recipe.
+    """
     paths = sorted(Path(data_dir).glob("curves-*.h5"))
     none = f"{data_dir} holds no curves of a posterior network (curves-*.h5); make them with `cavirheo generate`"
     require(bool(paths), none, "dataset.none")
@@ -178,8 +183,15 @@ def load(recipe: PosteriorRecipe, data_dir: str | Path) -> CurveStore:
     lacking = -(-total // SHARD) - len(paths)
     told = f"{data_dir}: {lacking} files are missing; run the same `cavirheo generate` again to add them"
     require(lacking == 0, told, "dataset.incomplete")
-    parts = [_read(path, head)[0] for path in paths]
-    return CurveStore(*(np.concatenate([getattr(part, name) for part in parts]) for name in _COLUMNS))
+    time, radius = (StoredRows(scratch, NODES, _COLUMNS[name]) for name in ("time", "radius"))
+    rest: dict[str, list[Any]] = {"z": [], "kind": [], "max_radius": []}
+    for path in paths:
+        part = _read(path, head)[0]
+        time.append(part.time[:])
+        radius.append(part.radius[:])
+        for name, columns in rest.items():
+            columns.append(getattr(part, name))
+    return CurveStore(time, radius, **{name: np.concatenate(columns) for name, columns in rest.items()})
 
 
 def survey(data_dir: str | Path) -> Survey:

@@ -28,6 +28,7 @@ from cavirheo.training.train import adam_tensors, load_adam, read_tensors, write
 from cavirheo.writing.terminal import bar
 
 VALIDATION = 0.03  # of the curves, which no step sees
+MOST_HELD = 4000  # of them: all of these are in memory, as the network reads them
 AVERAGED = 0.999
 GUESS = 0.1  # weight of the law's loss
 CLIP = 2.0
@@ -60,14 +61,17 @@ class PosteriorTraining:
         )
         self.mask = masks(kinds)
         self.step, self.history, self.seconds = 0, list[dict[str, Any]](), 0.0
-        held = round((1.0 - VALIDATION) * len(shots.kind))
+        shown = round((1.0 - VALIDATION) * len(shots.kind))
+        held = max(shown, len(shots.kind) - MOST_HELD)
+        if held > shown:
+            self.identity["held"] = MOST_HELD
         self.train, self.held = np.arange(held), np.arange(held, len(shots.kind))
         self.check = film(shots, self.held, 2**31 - 1)
         self._resume()
 
     def fit(self, *, every: int = 800, progress: bool = True) -> None:
         """Train to the end; a checkpoint and a line of the history each `every` steps."""
-        with bar("training", self.schedule.steps, shown=progress) as advance:
+        with bar("training", self.schedule.steps, shown=progress, unit="steps") as advance:
             advance(self.step)
             self._fit(every, advance)
 

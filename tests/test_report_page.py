@@ -1,0 +1,132 @@
+"""The report of very many curves in a real Chromium: sorted, filtered, pictures on demand, no outside request."""
+
+import os
+import shutil
+from importlib.util import find_spec
+
+import pytest
+
+CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
+if find_spec("playwright") is None or CHROMIUM is None:
+    pytest.skip("needs playwright and a Chromium", allow_module_level=True)
+
+from test_reporting import COMMAND, answer, bubble, unanswered  # noqa: E402
+
+from cavirheo.reporting import write_report  # noqa: E402
+
+SIZES = {"wide": (1440, 900), "phone": (390, 844)}
+EVIL = "</script><img src=x onerror=alert(1)>"
+
+
+@pytest.fixture(scope="module")
+def report(tmp_path_factory):
+    """Of seven curves, of which one has no answer and one is to be checked."""
+    folder = tmp_path_factory.mktemp("report")
+    curves = [bubble(f"shot[{k}]", group=f"g{k % 2}", source=f"g{k % 2}.csv") for k in range(5)]
+    moduli = [5e3, 9e3, 1e3, 7e3, 3e3]
+    pairs = [(curve, answer(curve, G)) for curve, G in zip(curves, moduli, strict=True)]
+    doubtful = bubble(f"shot[5] {EVIL}")
+    pairs.append((doubtful, answer(doubtful, 4e3, verdict="check_input", message="the frame rate is odd")))
+    pairs.append((bubble("shot[6]"), unanswered("cell 3 is empty")))
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("cavirheo.reporting.MANY", 3)
+        write_report(folder, pairs, COMMAND)
+    return (folder / "report.html").as_uri()
+
+
+@pytest.fixture(scope="module")
+def chromium():
+    from playwright.sync_api import sync_playwright
+
+    with sync_playwright() as driver:
+        sandbox = ["--no-sandbox"] if getattr(os, "geteuid", lambda: 1)() == 0 else []
+        one = driver.chromium.launch(executable_path=CHROMIUM, args=sandbox)
+        yield one
+        one.close()
+
+
+@pytest.fixture(params=SIZES)
+def page(request, chromium, report):
+    width, height = SIZES[request.param]
+    made, asked, failed = chromium.new_page(viewport={"width": width, "height": height}), [], []
+    made.on("request", lambda one: asked.append(one.url))
+    made.on("pageerror", lambda error: failed.append(str(error)))
+    made.on("console", lambda said: failed.append(said.text) if said.type == "error" else None)
+    made.goto(report)
+    yield made
+    made.close()
+    assert {url.split("#")[0] for url in asked} == {report}
+    assert failed == []
+
+
+def names(page):
+    return [text.split()[0] for text in page.locator("table.curves a:visible").all_inner_texts()]
+
+
+def test_rows_are_sorted_by_each_column_numbers_last_that_are_not_there(page):
+    head = page.locator("table.curves th").nth(2)
+    head.locator("button").focus()
+    page.keyboard.press("Enter")
+    assert names(page) == [f"shot[{k}]" for k in (2, 4, 5, 0, 3, 1, 6)]
+    assert head.get_attribute("aria-sort") == "ascending"
+    below = page.locator("table.curves tbody tr", has=page.locator("a", has_text="shot[5]")).locator("+ tr")
+    assert "the frame rate is odd" in below.inner_text()  # a doubt goes with its row
+    page.keyboard.press("Enter")
+    assert names(page) == [f"shot[{k}]" for k in (1, 3, 0, 5, 4, 2, 6)]
+    page.locator("table.curves th").nth(0).locator("button").click()
+    assert names(page) == [f"shot[{k}]" for k in range(7)]
+    assert head.get_attribute("aria-sort") is None
+
+
+def test_rows_are_filtered_by_verdict_and_by_any_word(page):
+    def shown(count):
+        page.wait_for_function(f"document.querySelector('#shown').value === '{count} of 7 curves'")
+
+    page.locator("#verdict").select_option("!ok")
+    shown(2)
+    assert names(page) == ["shot[5]", "shot[6]"]
+    page.locator("#verdict").select_option("")
+    page.locator("#words").fill("EMPTY")
+    shown(1)
+    assert names(page) == ["shot[6]"]
+    page.locator("#words").fill("g1.csv shot")
+    shown(2)
+    assert names(page) == ["shot[1]", "shot[3]"]
+    page.locator("#words").fill("nothing like this")
+    shown(0)
+    assert names(page) == []
+
+
+def test_a_curve_and_its_picture_are_shown_when_they_are_asked_for(page):
+    assert page.locator("article:visible").count() == 0
+    assert page.locator("svg").count() == 0
+    link = page.get_by_role("link", name="shot[3]")
+    link.focus()
+    page.keyboard.press("Enter")
+    assert page.locator("article:visible h3").all_inner_texts() == ["shot[3]"]
+    picture = page.locator("article:visible svg")
+    assert picture.count() == 1
+    box = picture.bounding_box()
+    assert box["width"] >= 300
+    assert box["height"] > 150
+    assert page.locator("circle.measured").count() > 50
+    assert page.locator("circle.residual").count() == 60
+    assert len(page.locator("polyline.simulated").get_attribute("points").split()) == 200
+    assert link.get_attribute("aria-expanded") == "true"
+    assert page.evaluate("document.documentElement.scrollWidth <= innerWidth")
+    page.keyboard.press("Escape")
+    assert page.locator("article:visible").count() == 0
+    page.get_by_role("link", name="shot[6]").click()  # one without an answer has its measured points
+    assert page.locator("article:visible circle.measured").count() > 100
+    page.evaluate("location.hash = 'curve-1'")
+    page.wait_for_function("document.querySelectorAll('tr.open').length === 2")
+
+
+def test_without_script_all_is_there_but_the_pictures(chromium, report):
+    context = chromium.new_context(java_script_enabled=False)
+    page = context.new_page()
+    page.goto(report)
+    assert page.locator("article").count() == 7
+    assert "without pictures" in page.locator("noscript").text_content()
+    assert page.locator("table.curves a").count() == 7
+    context.close()

@@ -1,0 +1,225 @@
+"""What a million curves and thousands of recordings need: rates, rows on the disk, answers read when they are needed,
+checksums, and nothing that is unpickled."""
+
+from __future__ import annotations
+
+import ast
+import os
+import pickle
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import h5py
+import numpy as np
+import pytest
+
+from cavirheo import InputError, unfinished
+from cavirheo.parallel import Threads
+from cavirheo.posterior import Checks, Posterior
+from cavirheo.prior import Prior
+from cavirheo.problem import TrainingProblem
+from cavirheo.reading import read_curves
+from cavirheo.training.dataset import columns, generate, load, survey
+from cavirheo.training.rows import StoredRows, blocks
+from cavirheo.training.shards import write_hdf5
+from cavirheo.unfinished import Step, Unfinished, keep, read_kept
+from cavirheo.writing.terminal import speed
+
+ROOT = Path(__file__).parent.parent
+PROBLEM = TrainingProblem("newtonian", Prior.uniform({"log10_viscosity": [-4.0, 0.0], "stretch": [3.0, 11.0]}))
+
+
+# --- how fast, and how long it will take ------------------------------------------------------------------------------
+
+BAR = """
+import time
+from cavirheo.writing.terminal import bar
+with bar("simulating", 400) as advance:
+    for _ in range(15):
+        time.sleep(0.05)
+        advance(10)
+"""
+
+
+def test_a_rate_is_said_per_second_or_per_minute():
+    assert [speed(rate, "curves") for rate in (None, 0.0, 136.4, 7.25, 0.12, 1234.0)] == [
+        "", "", "136 curves/s", "7.2 curves/s", "7.2 curves/min", "1234 curves/s",
+    ]  # fmt: skip
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="needs a pseudo-terminal")
+def test_a_bar_says_rate_and_time_left_on_a_terminal_and_nothing_in_a_pipe():
+    import pty
+
+    about = os.environ | {"PYTHONPATH": str(ROOT / "src"), "TERM": "xterm", "COLUMNS": "100"}
+    piped = subprocess.run([sys.executable, "-c", BAR], env=about, capture_output=True, check=True, timeout=120)
+    assert piped.stdout + piped.stderr == b""
+    ours, theirs = pty.openpty()
+    process = subprocess.Popen([sys.executable, "-c", BAR], env=about, stderr=theirs)
+    os.close(theirs)
+    said = b""
+    try:
+        while part := os.read(ours, 4096):
+            said += part
+    except OSError:  # the other end is closed
+        pass
+    assert process.wait() == 0
+    text = re.sub(r"\x1b\[[0-9;?]*[A-Za-z]", "", said.decode())
+    assert re.search(r"\d+ curves/s 0:00:\d\d left", text)
+
+
+# --- training sets ----------------------------------------------------------------------------------------------------
+
+
+def test_rows_on_the_disk_are_those_of_an_array(tmp_path, monkeypatch):
+    monkeypatch.setattr("cavirheo.training.rows.BLOCK", 4)
+    whole = np.random.default_rng(0).normal(size=(11, 3)).astype(np.float32)
+    rows = StoredRows(tmp_path, 3, np.float32)
+    for start in range(0, 11, 5):
+        rows.append(whole[start : start + 5])
+    assert len(rows) == 11
+    for index in (np.array([10, 0, 3, 3]), slice(2, 9), np.flatnonzero(whole[:, 0] > 0)):
+        found = rows[index]
+        assert type(found) is np.ndarray
+        assert found.flags.writeable
+        np.testing.assert_array_equal(found, whole[index])
+    np.testing.assert_array_equal(np.concatenate(list(blocks(rows))), whole)
+    assert not list(tmp_path.iterdir())  # it has no name, so nothing is left of a process that is killed
+
+
+def test_a_set_on_the_disk_is_the_set_in_memory(tmp_path):
+    generate(PROBLEM, 6, tmp_path / "set", seed=1, progress=False)
+    here, there = load(tmp_path / "set"), load(tmp_path / "set", tmp_path)
+    assert isinstance(there.radius, StoredRows)
+    assert here.sha256 == there.sha256
+    np.testing.assert_array_equal(here.radius, there.radius[:])
+    np.testing.assert_array_equal(here.theta, there.theta)
+
+
+def test_a_single_bit_that_changed_is_noticed(tmp_path):
+    generate(PROBLEM, 6, tmp_path, seed=1, progress=False)
+    (path,) = tmp_path.glob("*.h5")
+    with h5py.File(path) as file:
+        place = file["radius"].id.get_chunk_info(0).byte_offset
+    content = bytearray(path.read_bytes())
+    content[place + 5] ^= 1
+    path.write_bytes(content)
+    for read in (load, survey):
+        with pytest.raises(InputError, match="delete it and generate again") as caught:
+            read(tmp_path)
+        assert caught.value.code == "dataset.unreadable"
+
+
+def test_no_more_curves_are_held_out_than_memory_should_hold(tmp_path, monkeypatch):
+    train = pytest.importorskip("cavirheo.training.posterior.train")
+    from cavirheo.training.posterior.recipe import posterior_recipe
+    from cavirheo.training.posterior.store import CurveStore
+
+    recipe = posterior_recipe(ROOT / "recipes" / "posterior.toml")
+    shown = []
+    monkeypatch.setattr(train, "film", lambda shots, index, seed: shown.append(len(index)))
+    for n in (1000, 120_000, 1_000_000):
+        empty = np.empty((0, 1), np.uint16)
+        shots = CurveStore(empty, empty, np.empty((0, 8)), np.empty(n, np.uint8), np.empty(0))
+        training = train.PosteriorTraining(recipe, shots, tmp_path)
+        assert len(training.train) + len(training.held) == n
+        assert ("held" in training.identity) == (n > 133_333)
+    assert shown == [30, 3600, 4000]  # those of sets as large as the shipped network's are what they were
+
+
+# --- answers ----------------------------------------------------------------------------------------------------------
+
+
+def asked(curves, done=None, workers=None, failing=()):
+    found = []
+    for i, curve in enumerate(curves):
+        verdict = "failed" if curve.name in failing else "ok"
+        theta = np.full((3 if verdict == "ok" else 0, 1), curve.max_radius)
+        found.append(Posterior(("stretch",), ("1",), theta, Checks(verdict), "nhkv", "verified"))
+        if done:
+            done(i, found[-1])
+    return found
+
+
+def after(curves, answers, done=None, workers=None):
+    found = asked(curves, done)
+    return [
+        Posterior(("stretch",), ("1",), one.theta + two.theta, Checks("ok"), "nhkv", "verified")
+        for one, two in zip(found, answers, strict=True)
+    ]
+
+
+@pytest.mark.parametrize("executor", [None, Threads(2)])
+def test_of_many_answers_none_is_held_that_can_be_read_again(tmp_path, monkeypatch, executor):
+    curves = read_curves(ROOT / "examples" / "soft_gel.csv")
+    steps = Step("one", asked, {"failing": (curves[2].name,)}), Step("two", after, {})
+    few = Unfinished(tmp_path / "few", shown=False, executor=executor).answers(curves, steps[0])
+    monkeypatch.setattr(unfinished, "HELD", 3)
+    kept = Unfinished(tmp_path / "many", shown=False, executor=executor)
+    many = kept.answers(curves, steps[0])
+    assert list(many) == list(few) == list(range(len(curves)))
+    assert [i for i in many if many[i] is many[i]] == [2]  # the failed one, which has no file
+    for mine, theirs in zip(many.values(), few.values(), strict=True):
+        np.testing.assert_array_equal(mine.theta, theirs.theta)
+    both = Unfinished(tmp_path / "two", shown=False, executor=executor).answers(
+        curves, Step("one", asked, {}), steps[1]
+    )
+    for curve, answer in zip(curves, both.values(), strict=True):
+        np.testing.assert_array_equal(answer.theta, np.full((3, 1), 2.0 * curve.max_radius))
+    kept.remove()
+    with pytest.raises(InputError, match="finds this answer anew") as caught:
+        many[0]
+    assert caught.value.code == "unfinished.gone"
+
+
+# --- nothing is unpickled ---------------------------------------------------------------------------------------------
+
+
+class Trap:
+    """Whose pickle makes a file."""
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+
+    def __reduce__(self):
+        return os.mkdir, (str(self.path),)
+
+
+def test_nothing_is_unpickled_from_a_kept_answer_or_a_training_set(tmp_path):
+    sprung = tmp_path / "sprung"
+    pickle.loads(pickle.dumps(Trap(sprung)))
+    assert sprung.is_dir()  # as it would be
+    sprung.rmdir()
+    answer = Posterior(("stretch",), ("1",), np.ones((3, 1)), Checks("ok"), "nhkv", "verified")
+    keep(tmp_path / "a.npz", answer)
+    with np.load(tmp_path / "a.npz") as file:
+        arrays = [file[name] for name in file.files]
+    trap = np.array([Trap(sprung)] * 3, dtype=object)
+    np.savez(tmp_path / "a.npz", arrays[0], trap, allow_pickle=True)
+    assert read_kept(tmp_path / "a.npz", Posterior) is None
+    good = columns([(np.ones((3, 2)), np.ones((3, 100), np.float32), ["ok"] * 3)])
+    generate(PROBLEM, 3, tmp_path / "set", seed=1, progress=False)
+    (path,) = (tmp_path / "set").glob("*.h5")
+    with h5py.File(path) as file:
+        head = dict(file.attrs)
+    theta = {"data": np.frombuffer(pickle.dumps(Trap(sprung)), np.uint8)}
+    write_hdf5(path, head, good | {"theta": theta})
+    with pytest.raises(InputError):
+        load(tmp_path / "set")
+    assert not sprung.exists()
+
+
+def test_only_what_this_machine_compiled_itself_is_unpickled():
+    """By our code; dask does so between driver and workers, which trust each other."""
+    unpickle = {"pickle", "cloudpickle", "dill", "joblib", "shelve", "marshal"}
+    found = set()
+    for path in (ROOT / "src").rglob("*.py"):
+        tree = ast.parse(path.read_text(encoding="utf-8"))
+        names = {name.name for node in ast.walk(tree) if isinstance(node, ast.Import) for name in node.names}
+        names |= {node.module for node in ast.walk(tree) if isinstance(node, ast.ImportFrom)}
+        allowed = any(word.arg == "allow_pickle" for word in ast.walk(tree) if isinstance(word, ast.keyword))
+        found |= {path.name} if unpickle & {str(name).split(".")[0] for name in names} or allowed else set()
+        assert "torch.load" not in path.read_text(encoding="utf-8")
+    assert found == {"cache.py"}
