@@ -194,7 +194,7 @@ def test_the_shown_frame_is_marked(seen):
     assert seen.shown == 1 + int(np.nanargmax(seen.found.track.radius))
     unlisted(seen, "6")
     seen.shown = 6
-    figure = drawn(seen.found, left_out(seen), 6)
+    figure = drawn(seen)
     (crosses,) = [one for one in figure.data if one.name == "excluded"]
     assert crosses.customdata.tolist() == [6]
     assert figure.layout.shapes[0].x0 == pytest.approx(1e6 * 5 / RATE)

@@ -101,13 +101,9 @@ class RadiusCurve:
     unusable: str = ""
 
     name: ClassVar[_Stated[str]] = _Stated("name", "curve")
-    column: ClassVar[_Stated[Mapping[str, float]]] = _Stated(
-        "column", {}
-    )  # title and value, declared (reading/column.py)
+    column: ClassVar[_Stated[Mapping[str, float]]] = _Stated("column", {})  # declared (reading/column.py)
     notes: ClassVar[_Stated[tuple[str, ...]]] = _Stated("notes", ())  # what was recognised, converted or left out
-    hints: ClassVar[_Stated[tuple[str, ...]]] = _Stated(
-        "hints", ()
-    )  # those of scale and constants, which concern all shots of a file
+    hints: ClassVar[_Stated[tuple[str, ...]]] = _Stated("hints", ())  # on scale and constants: of all shots of a file
     source: ClassVar[_Stated[str]] = _Stated("source", "")  # the file, as it was given
     source_sha256: ClassVar[_Stated[str | None]] = _Stated("source_sha256", None)
     stretch: ClassVar[_Stated[float | None]] = _Stated("stretch", None)  # R_max/R_0 as the file states it
