@@ -1,6 +1,7 @@
 """`cavirheo design` against experiments: intervals that were predicted, and those that `infer` then gives.
 
 python benchmarks/design.py [folder] [experiments]    goes on where it was stopped; writes benchmarks/design.md
+python benchmarks/design.py checks                    its section on settings that `design` checks: ten minutes
 python benchmarks/design.py groups                    its section on shots that scatter: a minute
 """
 
@@ -17,6 +18,7 @@ import numpy as np
 
 from cavirheo import InputError, SolverError, infer_many, population
 from cavirheo.inference.design import NORMAL_90, Setting, expectations, expected, shared, shots_wanted
+from cavirheo.inference.design import reached as answered
 from cavirheo.inference.law import Family
 from cavirheo.posterior import Checks, Posterior
 from cavirheo.prior import Prior
@@ -151,6 +153,53 @@ def table(found: dict[str, dict]) -> str:
     return text
 
 
+CHECKS = "## Checked settings"
+
+
+CHECKED = 6
+
+
+def checks() -> None:
+    """What answers of some recordings say of the answers of others at the same setting."""
+    text = f"""{CHECKS}
+`python benchmarks/design.py checks`: `design` lets `infer` answer recordings of the settings that it recommends
+(`--check`, {CHECKED} of each). Checked: half-width of such answers; reached: that of {2 * CHECKED} other recordings, of
+other materials from the same ranges. Geometric means.
+
+| R_max, µm | kfps | G told | checked | reached | checked/reached | µ told | checked | reached | checked/reached |
+|---|---|---|---|---|---|---|---|---|---|
+"""
+    ratios = []
+    law, stretch = drawn(3 * CHECKED, 1)
+    for radius, rate in product(RADII, RATES):
+        setting, halves = Setting(radius, rate, frames=FRAMES), []
+        for k, part in enumerate((slice(CHECKED), slice(CHECKED, None))):
+            told, got = answered(setting, FAMILY, law[part], stretch[part], seed=10_000 + 1000 * k)
+            halves.append((middle(told), middle(got), len(got)))
+        (told, checked, n), (_, got, others) = halves
+        if n < CHECKED - 1 or others < 2 * CHECKED - 2:
+            continue
+        ratios.append(checked / got)
+        cells = [
+            f"{percent(told[i])} | {percent(checked[i])} | {percent(got[i])} | {ratios[-1][i]:.2f}" for i in (0, 1)
+        ]
+        text += f"| {1e6 * radius:.0f} | {1e-3 * rate:.0f} | {' | '.join(cells)} |\n"
+        print(text.splitlines()[-1], flush=True)
+    off = np.log(np.array(ratios))
+    within = np.sum(np.abs(off) < np.log(1.2), axis=0)
+    text += f"\nChecked over reached: within 20 % (0.83 to 1.2) at {within[0]} (G) and {within[1]} (µ) of {len(off)} "
+    text += f"settings; scatter by a factor of {np.exp(np.std(off[:, 0])):.2f} and {np.exp(np.std(off[:, 1])):.2f}.\n"
+    replace_section(CHECKS, text)
+
+
+def replace_section(title: str, text: str) -> None:
+    """Of the page; at its end if it is new."""
+    page = HERE / "design.md"
+    before, found, mine = page.read_text(encoding="utf-8").partition(f"\n{title}")
+    _, head, after = mine.partition("\n## ") if found else ("", "", "")
+    page.write_text(f"{before}\n{text}{head}{after}", encoding="utf-8")
+
+
 GROUPS = "## Shots that scatter"
 CENTRE, WIDTH, TOLD_FOR = np.array([3.8, -1.4]), 0.05, np.log10(1.15)
 
@@ -194,15 +243,12 @@ the scatter is taken for 0. Reached: half of the 90 % interval after as many ove
         cells += [f"{middle:.2f} [{low:.2f}, {high:.2f}]" if reached_ else "–", len(reached_)]
         text += "| " + " | ".join(map(str, cells)) + " |\n"
         print(cells, flush=True)
-    page = HERE / "design.md"
-    before, _, mine = page.read_text(encoding="utf-8").partition(f"\n{GROUPS}")
-    _, head, after = mine.partition("\n## ")
-    page.write_text(f"{before}\n{text}{head}{after}", encoding="utf-8")
+    replace_section(GROUPS, text)
 
 
 def main(folder: str = "build/design", count: str = "4") -> None:
-    if folder == "groups":
-        return groups()
+    if folder in ("groups", "checks"):
+        return groups() if folder == "groups" else checks()
     place = Path(folder) / "design.json"
     place.parent.mkdir(parents=True, exist_ok=True)
     found = json.loads(place.read_text()) if place.exists() else {}
@@ -214,7 +260,7 @@ def main(folder: str = "build/design", count: str = "4") -> None:
             place.write_text(json.dumps(found))
             print(key, middle(widths), flush=True)
     page = HERE / "design.md"
-    _, head, rest = page.read_text(encoding="utf-8").partition(f"\n{GROUPS}")
+    _, head, rest = page.read_text(encoding="utf-8").partition(f"\n{CHECKS}")
     page.write_text(report(found) + head + rest, encoding="utf-8")
 
 

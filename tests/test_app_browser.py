@@ -394,6 +394,7 @@ def test_a_file_that_is_dropped_while_another_loads(visit, tmp_path):
     assert "taken as one material" in page.inner_text("#found")
 
 
+@pytest.mark.slow
 def test_the_keyboard_goes_the_whole_way(visit):
     """Tab, Enter and arrows alone, from the example to the files; the focus is never lost."""
     page, lost = visit(WIDE), []
@@ -420,7 +421,7 @@ def test_the_keyboard_goes_the_whole_way(visit):
         ("#to-check", "#facts article"),
         ("#slider-viscosity input[type=range]", "#check-plot .js-plotly-plot"),
         ("#to-export", "#make"),
-        ("#make", "#files :text('result.json')"),
+        ("#make", ":text('File by file')"),
     ):
         reach(wanted)
         if "range" in wanted:
@@ -467,7 +468,7 @@ def test_no_rule_of_axe_is_violated_on_any_step(visit, size):
     look(4)
     page.click("#to-export")
     page.click("#make")
-    page.wait_for_selector("#files :text('result.json')")
+    page.wait_for_selector(":text('File by file')")
     look(5)
     page.get_by_role("tab", name="3 Infer").click()
     page.get_by_label("Newtonian fluid").check()
