@@ -512,9 +512,9 @@ class TestTorch:
         monkeypatch.setattr(module, "write_onnx", lambda model, frames, path: path.write_bytes(b"weights"))
 
         def off(path, radius):
-            return model(self.torch.from_numpy(radius)).detach().numpy() + 2e-4
+            return model(self.torch.from_numpy(radius)).detach().numpy() + 2e-3
 
         monkeypatch.setattr(module, "predict", off)
-        with pytest.raises(RuntimeError, match=r"0\.0002"):
+        with pytest.raises(RuntimeError, match=r"0\.002"):
             module.export(changed(recipe, epochs=1), tmp_path / "run", tmp_path / "models")
         assert list((tmp_path / "models").iterdir()) == []
