@@ -163,32 +163,36 @@ def checks() -> None:
     """What answers of some recordings say of the answers of others at the same setting."""
     text = f"""{CHECKS}
 `python benchmarks/design.py checks`: `design` lets `infer` answer recordings of the settings that it recommends
-(`--check`, {CHECKED} of each). Checked: half-width of such answers; reached: that of {2 * CHECKED} other recordings, of
-other materials from the same ranges. Geometric means.
+(`--check`, {CHECKED} of each), and scales what it expects by answered/expected. For each parameter: half-width expected
+of {2 * CHECKED} other recordings, of other materials from the same ranges; that scaled by the {CHECKED} checked ones;
+that of the answers to the others. Geometric means, in percent.
 
-| R_max, µm | kfps | G told | checked | reached | checked/reached | µ told | checked | reached | checked/reached |
-|---|---|---|---|---|---|---|---|---|---|
+| R_max, µm | kfps | G expected | scaled | answered | µ expected | scaled | answered |
+|---|---|---|---|---|---|---|---|
 """
-    ratios = []
+    off = []
     law, stretch = drawn(3 * CHECKED, 1)
     for radius, rate in product(RADII, RATES):
         setting, halves = Setting(radius, rate, frames=FRAMES), []
         for k, part in enumerate((slice(CHECKED), slice(CHECKED, None))):
             told, got = answered(setting, FAMILY, law[part], stretch[part], seed=10_000 + 1000 * k)
             halves.append((middle(told), middle(got), len(got)))
-        (told, checked, n), (_, got, others) = halves
+        (told, checked, n), (expects, got, others) = halves
         if n < CHECKED - 1 or others < 2 * CHECKED - 2:
             continue
-        ratios.append(checked / got)
-        cells = [
-            f"{percent(told[i])} | {percent(checked[i])} | {percent(got[i])} | {ratios[-1][i]:.2f}" for i in (0, 1)
-        ]
+        scaled = expects * checked / told
+        off.append([expects / got, scaled / got])
+        cells = [" | ".join(percent(one[i]) for one in (expects, scaled, got)) for i in (0, 1)]
         text += f"| {1e6 * radius:.0f} | {1e-3 * rate:.0f} | {' | '.join(cells)} |\n"
         print(text.splitlines()[-1], flush=True)
-    off = np.log(np.array(ratios))
-    within = np.sum(np.abs(off) < np.log(1.2), axis=0)
-    text += f"\nChecked over reached: within 20 % (0.83 to 1.2) at {within[0]} (G) and {within[1]} (µ) of {len(off)} "
-    text += f"settings; scatter by a factor of {np.exp(np.std(off[:, 0])):.2f} and {np.exp(np.std(off[:, 1])):.2f}.\n"
+    logs = np.log(np.array(off))
+    for i, name in enumerate(("Expected", "Scaled")):
+        within, spread = np.sum(np.abs(logs[:, i]) < np.log(1.2), axis=0), np.exp(np.std(logs[:, i], axis=0))
+        text += (
+            f"\n{name} over answered: within 20 % (0.83 to 1.2) at {within[0]} (G) and {within[1]} (µ) of {len(off)} "
+        )
+        text += f"settings; middle {np.exp(np.median(logs[:, i, 0])):.2f} and {np.exp(np.median(logs[:, i, 1])):.2f}, "
+        text += f"scatter by a factor of {spread[0]:.2f} and {spread[1]:.2f}.\n"
     replace_section(CHECKS, text)
 
 

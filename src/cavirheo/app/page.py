@@ -166,17 +166,20 @@ class Page(FilmPart):
         for name, example in self.examples.items():
             self.on(example.click, partial(self._example, name), settings, shown)
         self.on(self.clear.click, self._clear, [], shown)
-        changed = partial(gr.on, [one.change for one in (self.shown, *settings)])
+        viewed = [self.prepared, self.dropped]
+        self.on(self.shown.change, self._view, [self.shown], viewed, **LATEST)
+        # a reload sets one by one, which is no input; a text that is pasted is none either
+        kinds = [one.change if isinstance(one, gr.Textbox) else one.input for one in settings]
         checked = {"validator": self.validated(lambda _, shown, *values: ["", *_wrong(values)]), **LATEST}
-        viewed = [self.prepared, self.dropped, *self.state]
-        self.on(changed, self._view, [self.shown, *settings], viewed, **checked)
+        self.on(partial(gr.on, kinds), self._changed, [self.shown, *settings], [*viewed, *self.state], **checked)
         for pressed, step in ((self.to_prepare, 2), (self.to_infer, 3), (self.to_check, 4), (self.to_export, 5)):
             pressed.click(partial(gr.Tabs, selected=step), outputs=self.steps, queue=False, api_visibility="private")
         given, answered = [self.chosen, *settings], [self.checked, *self.state]
         for pressed in (self.infer_now, self.infer, self.which):
-            also = {self.fields["material"]: "auto"} if pressed is self.which else {}
-            how: dict[str, Any] = {"show_progress_on": [self.answers], "also": also}
-            run = self._run(pressed, 3, self.stop, self._answer, given, answered, **how)
+            how = {"also": {self.fields["material"]: "auto"} if pressed is self.which else {}}
+            run = self._run(
+                pressed, 3, self.stop, self._answer, given, answered, show_progress_on=[self.answers], **how
+            )
             self.on(run.success, self._show, [self.checked], check, show_progress="hidden")
         self.on(self.checked.select, self._show, [self.checked], check, show_progress="hidden")
         picked = {"js": "() => [document.body.dataset.picked]", "show_progress": "hidden"}
@@ -191,7 +194,8 @@ class Page(FilmPart):
         zipped.success(None, js="() => document.querySelector('#download').click()", api_visibility="private")
         self.tabs[3].select(None, js=_RESIZE, api_visibility="private")  # drawn in a hidden tab it has another width
         self.link.change(None, self.link, js=_ADDRESS, api_visibility="private")
-        everything = [*shown, *settings, self.checked, *check]
+        self._kept = sorted(self.fields, key=lambda name: isinstance(self.fields[name], gr.Textbox))  # choices first
+        everything = [*shown, *(self.fields[name] for name in self._kept), self.checked, *check]
         self._nothing = [gr.skip()] * len(everything)
         self.blocks.load(self._back, None, everything, api_visibility="private", show_progress="hidden")
         self.blocks.unload(self._leave)
@@ -229,16 +233,12 @@ class Page(FilmPart):
         if (session := self.visitors.back(request.session_hash or "", link)) is None:
             return self._nothing
         with session.lock:
-            kept, names = (
-                session.settings,
-                [curve.name for curve, _ in session.answers.pairs] if session.answers else [],
-            )
-            empty = {"window": 0, "material": "nhkv"}
-            values = {field.name: getattr(kept, field.name) or empty.get(field.name, "") for field in fields(kept)}
-            texts = {name: f"{value:.10g}" for name, value in values.items() if isinstance(value, float)}
+            names = [curve.name for curve, _ in session.answers.pairs] if session.answers else []
+            told = {name: f"{x:.10g}" if isinstance(x, float) else x for name, x in vars(session.settings).items() if x}
+            settings = [told.get(name, {"window": 0, "material": "nhkv"}.get(name, gr.skip())) for name in self._kept]
             checked = gr.Dropdown(choices=names, value=next(iter(names), None))
             check = self._show(session, names[0]) if names and not session.stale else self._nothing[-6:]
-            return [*self._loaded(session), *(values | texts).values(), checked, *check]
+            return [*self._loaded(session), *settings, checked, *check]
 
     def _sent(self, request: gr.Request, files: list[str] | None) -> None:
         self.session(request).sent.extend(files or [])
@@ -287,15 +287,17 @@ class Page(FilmPart):
         session.film = next(iter(session.waiting), session.film)
         return self._loaded(session)
 
-    def _view(self, session: Session, name: str | None, *settings: Any) -> list[Any]:
-        session.prepare(_settings(settings))
-        state = self._state(session)
+    def _view(self, session: Session, name: str | None) -> list[Any]:
         for curve in (one for one in session.curves if one.name == name):
             try:
-                return [plots.prepared(curve, steps.seen(curve, session.settings)), words.prepared(curve), *state]
+                return [plots.prepared(curve, steps.seen(curve, session.settings)), words.prepared(curve)]
             except InputError as error:
-                return [None, words.prepared(curve, error), *state]
-        return [None, "", *state]
+                return [None, words.prepared(curve, error)]
+        return [None, ""]
+
+    def _changed(self, session: Session, name: str | None, *settings: Any) -> list[Any]:
+        session.prepare(_settings(settings))
+        return [*self._view(session, name), *self._state(session)]
 
     def _answer(self, session: Session, chosen: list[str], *settings: Any, progress: gr.Progress) -> list[Any]:
         with session.lock:
