@@ -11,6 +11,7 @@ import subprocess
 import sys
 import threading
 import time
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import fields, is_dataclass, replace
 from pathlib import Path
 
@@ -21,7 +22,7 @@ from fits import fit
 from cavirheo import read_curves
 from cavirheo.beside import published
 from cavirheo.errors import InputError
-from cavirheo.parallel import each
+from cavirheo.parallel import Once, each
 from cavirheo.physics import simulate
 from cavirheo.posterior import Evidence, Posterior
 from cavirheo.reading import write_csv
@@ -456,3 +457,29 @@ def test_an_interruption_elsewhere_is_130(run, monkeypatch):
     words = ["simulate", "--material", "newtonian(0.1)", "--rmax-um", 100, "--stretch", 5, "-o", "a.csv"]
     status, _, err = run(*words)
     assert (status, err) == (130, "interrupted\n")
+
+
+def test_what_several_ask_for_is_worked_out_once():
+    once, asked, begun = Once(2), [], threading.Event()
+
+    def work():
+        asked.append(1)
+        begun.wait(10)
+        return "answer"
+
+    with ThreadPoolExecutor(4) as pool:
+        waiting = [pool.submit(once, "key", work) for _ in range(4)]
+        begun.set()
+        assert [one.result() for one in waiting] == ["answer"] * 4
+    assert len(asked) == 1
+    for key in ("b", "c"):  # two are kept
+        once(key, key.upper)
+    once("key", work)
+    assert len(asked) == 2
+
+
+def test_a_failure_is_not_kept():
+    once = Once(2)
+    with pytest.raises(ZeroDivisionError):
+        once("key", lambda: 1 // 0)
+    assert once("key", lambda: 3) == 3

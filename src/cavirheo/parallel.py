@@ -6,9 +6,9 @@ import multiprocessing
 import os
 import signal
 import threading
-from collections import deque
-from collections.abc import Callable, Generator, Iterable, Iterator, Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor
+from collections import OrderedDict, deque
+from collections.abc import Callable, Generator, Hashable, Iterable, Iterator, Mapping, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import closing, contextmanager, suppress
 from dataclasses import dataclass
 from multiprocessing.pool import Pool
@@ -110,6 +110,30 @@ def aside(work: Callable[[], Done]) -> Done:
         return pool.submit(work).result()
     finally:
         pool.shutdown(wait=False, cancel_futures=True)
+
+
+class Once:
+    """What several threads ask for under one key is worked out by the first, while the others wait for it; the last
+    `most` are kept. A failure is told to all who wait, and is not kept."""
+
+    def __init__(self, most: int) -> None:
+        self._most, self._lock, self._kept = most, threading.Lock(), OrderedDict[Hashable, Future[Any]]()
+
+    def __call__(self, key: Hashable, work: Callable[[], Done]) -> Done:
+        with self._lock:
+            mine = key not in self._kept
+            task: Future[Done] = self._kept.setdefault(key, Future())
+            self._kept.move_to_end(key)
+            while len(self._kept) > self._most:
+                self._kept.popitem(last=False)
+        if mine:
+            try:
+                task.set_result(work())
+            except BaseException as error:  # raised again in every thread that waits
+                with self._lock:
+                    self._kept.pop(key, None)
+                task.set_exception(error)
+        return task.result()
 
 
 @contextmanager

@@ -41,7 +41,7 @@ def public(visitors: Visitors) -> Callable[..., Any]:
         """Measured radius histories in, the content of result.json out; options as those of `cavirheo infer`."""
         options: dict[str, Any] = {"rmax_um": rmax_um, "stretch": stretch, "window": window}
         options |= {"model": model, "material": material, "verify": verify}
-        session = Session(visitors.limits, visitors.reader)
+        session = Session(visitors.limits, visitors.reader, once=visitors.once)
         try:
             with closing(session), uploaded([str(dict(file)["path"]) for file in files]) as paths:
                 session.add(paths, PageSettings(medium, density, **options))

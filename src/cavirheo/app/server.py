@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ctypes
 import os
 import signal
 import sys
@@ -121,14 +122,22 @@ def running(
             yield address, visitors
 
 
+def _memory(name: str, *given: int) -> None:
+    """A function of the C library on memory, where it is glibc."""
+    with suppress(AttributeError, OSError, TypeError):
+        ctypes.CDLL(None)[name](*given)
+
+
 def serve(host: str, port: int, *, browser: bool, limits: VisitorLimits, folder: Path | None = None) -> None:
     """Serve the page, with a folder also the wall's, until it is interrupted or terminated. Raises as `running`."""
     signal.signal(signal.SIGTERM, signal.default_int_handler)
+    _memory("mallopt", -8, 2)  # M_ARENA_MAX: else each of many threads keeps a heap of its own
     with suppress(KeyboardInterrupt), running(host, port, limits, folder) as (address, _):
         address += "live" * bool(folder)
         print(f"cavirheo app: {address}   (Ctrl+C ends it)", file=sys.stderr)
         threading.Thread(target=load_solver, daemon=True).start()
         if browser:
             webbrowser.open(address)
-        threading.Event().wait()
+        while not threading.Event().wait(60.0):
+            _memory("malloc_trim", 0)
     print("ended; temporary files are removed", file=sys.stderr)

@@ -19,6 +19,7 @@ from cavirheo.errors import InputError, require
 from cavirheo.inference import DEFAULT, check_level, check_models
 from cavirheo.inference.model import shipped
 from cavirheo.inference.reconstruct import check_stretch
+from cavirheo.parallel import Once
 from cavirheo.physics.media import Medium, medium
 from cavirheo.posterior import Posterior
 from cavirheo.reading.apart import Found, Reader
@@ -147,8 +148,11 @@ class Answers:
 class Session:
     """One visitor. The files lie in a folder that goes with the session."""
 
-    def __init__(self, limits: VisitorLimits, reader: Reader, measurer: Reader | None = None) -> None:
+    def __init__(
+        self, limits: VisitorLimits, reader: Reader, measurer: Reader | None = None, once: Once | None = None
+    ) -> None:
         self.limits, self.reader, self.settings = limits, reader, PageSettings()
+        self.once = once or Once(1)  # of all visitors: a class with one demo file waits for one answer to each shot
         self.measurer = measurer or reader  # its own, so that nobody's table waits for a film
         self.films: dict[str, Clip] = {}  # recordings by the names of their files
         self.film = ""  # the name of that which is looked at
@@ -276,7 +280,7 @@ class Visitors:
     def __init__(self, limits: VisitorLimits) -> None:
         self.limits, self.reader = limits, Reader(limits.seconds)
         self.measurer = Reader(limits.film_seconds, at_once=False)
-        self._lock = RLock()
+        self.once, self._lock = Once(100), RLock()
         self._sessions: dict[str, Session] = {}  # by their links, in the order of use
         self._links: dict[str, str] = {}  # by the names of pages
 
@@ -285,7 +289,7 @@ class Visitors:
         require(bool(name), "no session: reload the page")
         with self._lock:
             found = self._sessions.pop(self._links.get(name, ""), None)
-            session = found or Session(self.limits, self.reader, self.measurer)
+            session = found or Session(self.limits, self.reader, self.measurer, self.once)
             self._sessions[session.link], self._links[name] = session, session.link
             session.calls += 1
             while len(self._sessions) > self.limits.visitors:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import pickle
 import shutil
 from collections.abc import Callable, Sequence
 from concurrent.futures import FIRST_COMPLETED, ThreadPoolExecutor, wait
@@ -26,7 +27,7 @@ from cavirheo.posterior import Checks, Posterior
 from cavirheo.reading.apart import Report
 from cavirheo.reporting import interactive as plots
 from cavirheo.reporting import result
-from cavirheo.reporting.bundle import write_bundle
+from cavirheo.reporting.bundle import zipped
 
 SLIDERS = {  # label, factor from SI
     "shear_modulus": ("Try G (kPa)", 1e-3),
@@ -66,8 +67,13 @@ def infer(session: Session, names: Sequence[str], progress: Report) -> Answers:
     fine = settings.verify != "full" or len(chosen) <= session.limits.full
     require(fine, f"{many}or use the command line (cavirheo infer --verify full)", "app.too_many_full")
     options: dict[str, Any] = {name: getattr(settings, name) for name in ("stretch", "window", *ANSWERED)}
-    options |= {"medium": settings.liquid, "workers": max((os.cpu_count() or 1) // len(chosen), 1)}
-    found = each(session, lambda curve: infer_many([curve], **options)[0], chosen, progress)
+    options["medium"], workers = settings.liquid, max((os.cpu_count() or 1) // len(chosen), 1)
+
+    def one(curve: RadiusCurve) -> Posterior:
+        asked = pickle.dumps((curve, options))
+        return session.once(asked, lambda: infer_many([curve], **options, workers=workers)[0])
+
+    found = each(session, one, chosen, progress)
     answers = list(zip(chosen, found, strict=True))
     pairs = [(curve, answer) for curve, answer in answers if answer]
     left = [curve.name for curve, answer in answers if not answer]
@@ -167,11 +173,10 @@ def export(session: Session, progress: Report) -> tuple[Path, list[Path]]:
         raise InputError("nothing to export: infer first (step 3)", "app.no_answer")
     fits = [(curve, answers.fits[curve.name]) for curve, _ in answers.pairs if curve.name in answers.fits]
     number, shots, place = count(1), len(answers.pairs) + len(fits), session.folder / "export"
+    command, made = answers.document.command, session.folder / "cavirheo-result.zip"
     with session.exporting:
+        drawn = zipped(answers.pairs, command, fits, lambda: progress(next(number) / (shots + 1), "drawn"))
+        made.write_bytes(drawn)
         shutil.rmtree(place, ignore_errors=True)
-        folder = place / "cavirheo-result"
-        write_bundle(
-            folder, answers.pairs, answers.document.command, fits, lambda: progress(next(number) / (shots + 1), "drawn")
-        )
-        made = shutil.make_archive(str(session.folder / "cavirheo-result"), "zip", place)
-    return Path(made), sorted(path for path in folder.iterdir() if path.is_file())
+        shutil.unpack_archive(made, place)
+    return made, sorted(path for path in (place / "cavirheo-result").iterdir() if path.is_file())

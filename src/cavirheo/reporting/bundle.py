@@ -1,27 +1,49 @@
-"""A report with all its curves as files, which go into one zip."""
+"""A report with all its curves as files, in one zip."""
 
 from __future__ import annotations
 
+import pickle
+import shutil
 from collections.abc import Callable
+from datetime import datetime
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
 import numpy as np
 
 from cavirheo.curve import RadiusCurve
+from cavirheo.parallel import Once
 from cavirheo.reading import write_csv
 from cavirheo.reporting import file_names, write_report
 from cavirheo.reporting.record import Pairs
 from cavirheo.writing.document import LIST
 
 _PICTURES = ("png", "svg")
+_ZIPPED = Once(3)  # a class with one demo file waits for one zip
 
 
-def write_bundle(folder: Path, pairs: Pairs, command: str, fits: Pairs, done: Callable[[], None]) -> None:
+def zipped(pairs: Pairs, command: str, fits: Pairs, done: Callable[[], None]) -> bytes:
+    """The zip of the folder cavirheo-result, as `write_bundle` makes it. Raises as this."""
+    date = datetime.now().astimezone().strftime("%Y-%m-%d %H:%M %Z")
+
+    def made() -> bytes:
+        with TemporaryDirectory() as base:
+            folder = Path(base, "cavirheo-result")
+            write_bundle(folder, pairs, command, fits, date, done)
+            return Path(shutil.make_archive(f"{base}/made", "zip", base, folder.name)).read_bytes()
+
+    return _ZIPPED(pickle.dumps((pairs, command, fits, date)), made)
+
+
+def write_bundle(
+    folder: Path, pairs: Pairs, command: str, fits: Pairs, date: str | None, done: Callable[[], None]
+) -> None:
     """What `write_report` writes into `folder`, of conventional fits into least-squares/, and the processed and
-    simulated curves as CSV. done: called after each picture. Raises as `write_report`."""
-    document = write_report(folder, pairs, command, _PICTURES, done=done)
+    simulated curves as CSV. date: as it stands in the documents. done: called after each picture. Raises as
+    `write_report`."""
+    document = write_report(folder, pairs, command, _PICTURES, date=date, done=done)
     if fits:
-        write_report(folder / "least-squares", fits, f"{command}; then fit", _PICTURES, done=done)
+        write_report(folder / "least-squares", fits, f"{command}; then fit", _PICTURES, date=date, done=done)
     for one in (folder, folder / "least-squares"):
         (one / LIST).unlink(missing_ok=True)  # it tells one run from the next; a bundle is of one
     for kind in ("processed", "simulated"):
