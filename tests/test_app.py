@@ -312,7 +312,7 @@ def test_the_command_can_be_typed(session, tmp_path):
 
 
 def test_a_stop_keeps_what_is_done_and_names_the_rest(session, monkeypatch):
-    session.add([SOFT], PageSettings(), copy=True)
+    session.add([SOFT], PageSettings(verify="none"), copy=True)
     names = [curve.name for curve in session.curves]
     hold, real = Event(), steps.infer_many
 

@@ -468,18 +468,18 @@ def test_what_several_ask_for_is_worked_out_once():
         return "answer"
 
     with ThreadPoolExecutor(4) as pool:
-        waiting = [pool.submit(once, "key", work) for _ in range(4)]
+        waiting = [pool.submit(once, work, "key") for _ in range(4)]
         begun.set()
         assert [one.result() for one in waiting] == ["answer"] * 4
     assert len(asked) == 1
     for key in ("b", "c"):  # two are kept
-        once(key, key.upper)
-    once("key", work)
+        once(key.upper, key)
+    once(work, "key")
     assert len(asked) == 2
 
 
 def test_a_failure_is_not_kept():
     once = Once(2)
     with pytest.raises(ZeroDivisionError):
-        once("key", lambda: 1 // 0)
-    assert once("key", lambda: 3) == 3
+        once(lambda: 1 // 0, "key")
+    assert once(lambda: 3, "key") == 3

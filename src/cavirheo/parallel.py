@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import multiprocessing
 import os
+import pickle
 import signal
 import threading
 from collections import OrderedDict, deque
-from collections.abc import Callable, Generator, Hashable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Generator, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import closing, contextmanager, suppress
 from dataclasses import dataclass
@@ -113,13 +114,15 @@ def aside(work: Callable[[], Done]) -> Done:
 
 
 class Once:
-    """What several threads ask for under one key is worked out by the first, while the others wait for it; the last
+    """What several threads ask for with equal arguments is worked out by the first, and the others wait; the last
     `most` are kept. A failure is told to all who wait, and is not kept."""
 
     def __init__(self, most: int) -> None:
-        self._most, self._lock, self._kept = most, threading.Lock(), OrderedDict[Hashable, Future[Any]]()
+        self._most, self._lock, self._kept = most, threading.Lock(), OrderedDict[bytes, Future[Any]]()
 
-    def __call__(self, key: Hashable, work: Callable[[], Done]) -> Done:
+    def __call__(self, work: Callable[[], Done], *asked: Any) -> Done:
+        """work(), where nobody has `asked` for the same before."""
+        key = pickle.dumps(asked)  # bytes to compare: nobody reads them
         with self._lock:
             mine = key not in self._kept
             task: Future[Done] = self._kept.setdefault(key, Future())

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import pickle
 import shutil
 from collections.abc import Callable, Sequence
 from concurrent.futures import FIRST_COMPLETED, ThreadPoolExecutor, wait
@@ -70,8 +69,7 @@ def infer(session: Session, names: Sequence[str], progress: Report) -> Answers:
     options["medium"], workers = settings.liquid, max((os.cpu_count() or 1) // len(chosen), 1)
 
     def one(curve: RadiusCurve) -> Posterior:
-        asked = pickle.dumps((curve, options))
-        return session.once(asked, lambda: infer_many([curve], **options, workers=workers)[0])
+        return session.once(lambda: infer_many([curve], **options, workers=workers)[0], curve, options)
 
     found = each(session, one, chosen, progress)
     answers = list(zip(chosen, found, strict=True))

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import pickle
 import shutil
 from collections.abc import Callable
 from datetime import datetime
@@ -32,7 +31,7 @@ def zipped(pairs: Pairs, command: str, fits: Pairs, done: Callable[[], None]) ->
             write_bundle(folder, pairs, command, fits, date, done)
             return Path(shutil.make_archive(f"{base}/made", "zip", base, folder.name)).read_bytes()
 
-    return _ZIPPED(pickle.dumps((pairs, command, fits, date)), made)
+    return _ZIPPED(made, pairs, command, fits, date)
 
 
 def write_bundle(
