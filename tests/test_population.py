@@ -11,6 +11,7 @@ from test_reporting import answer, bubble
 from cavirheo import InputError, population
 from cavirheo.inference.population.likelihood import likelihood
 from cavirheo.inference.population.scatter import SPREAD, STRAY, WIDE
+from cavirheo.inference.verify.evidence import ranked
 from cavirheo.posterior import Checks, Evidence, Posterior
 from cavirheo.reading.column import with_column
 from cavirheo.reporting import html, picture, read_json, result, table
@@ -346,6 +347,19 @@ def test_a_declared_column_gives_the_group_its_slope(tmp_path, capsys):
         assert "µ has no trend" in shown
 
 
+def test_which_law_gives_each_law_its_slope(tmp_path):
+    curves, rng = declared(tmp_path / "c.csv"), np.random.default_rng(4)
+    rising = np.array([[0.3 * one.column["concentration"], 0.0] for one in curves])
+    truths = CENTRE + rising + 0.03 * rng.standard_normal((12, 2))
+    answers = [replace(seen(one, 0.04, seed=i), evidence=Evidence(0.0, 0.1)) for i, one in enumerate(truths)]
+    _, (group,) = ranked(curves, {"nhkv": answers})
+    slope = group.populations["nhkv"].trend("shear_modulus")
+    assert slope[0] < 0.3 < slope[2]
+    assert group.column == "concentration"
+    same = [replace(one, meta={**one.meta, "column": {}}) for one in curves]
+    assert ranked(same, {"nhkv": answers})[1][0].populations["nhkv"].slope is None
+
+
 def read_back(made, folder):
     write_json(folder / "result.json", made)
     return read_json(folder / "result.json")
@@ -387,7 +401,7 @@ def test_infer_takes_a_column_and_refuses_it_before_it_computes(run, tmp_path):
     (group,) = read_json(tmp_path / "r" / "result.json").groups
     assert set(group.population.slopes_decades) == {"shear_modulus", "viscosity"}
     (tmp_path / "age.csv").write_text("shot,age\nnobody,1\n")
-    for verb in ("infer", "fit"):
+    for verb in ("infer", "fit", "which-law"):
         status, out, err = run(verb, "gel.csv", "--column", "age.csv", "-o", "s")
         assert (status, out) == (2, "")
         assert "nobody" in err

@@ -33,6 +33,7 @@ def which_law(
         None
     ),
     exact_law: options.ExactLaw = False,
+    column: options.Column = None,
     seed: options.Seed = 0,
     reading: Reading = options.FROM_OPTIONS,
     liquid: options.Liquid = options.FROM_OPTIONS,
@@ -65,7 +66,7 @@ def which_law(
     outputs = document.Outputs(out, "laws.json", inputs=files)
     with connected(scheduler, run.say) as executor:
         kept = Unfinished(out, shown=not run.quiet, executor=executor)
-        curves = run.read(files, liquid, reading)
+        curves = run.read(files, liquid, reading, column)
         shared: dict[str, Any] = {"medium": liquid, "stretch": known, "seed": seed}
         weighing: dict[str, Any] = {"discrepancy": not exact_law, "draws": TUNING.law_draws, **shared}
         climbing = {**weighing, "level": "map", "scanned": TUNING.law_scanned}
@@ -126,7 +127,7 @@ def _weighed(one: Ranking, curve: RadiusCurve | None = None) -> WeighedLaws:
             standard_error=one.error[law],
             probability=probability.get(law),
             answer=curve_record(curve, one.answers[law]) if curve else None,
-            population=population_record(one.populations.get(law)),
+            population=population_record(one.populations.get(law), one.column),
         )
         for law, value in one.log_evidence.items()
     }

@@ -8,6 +8,7 @@ posterior width): laws that nest are compared fairly only as far as the prior ra
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field
 from itertools import combinations, product
 from typing import Any
@@ -17,7 +18,7 @@ from scipy.special import softmax
 
 from cavirheo.arrays import Floats
 from cavirheo.curve import RadiusCurve
-from cavirheo.errors import require
+from cavirheo.errors import InputError, require
 from cavirheo.inference import DEFAULT, infer_many
 from cavirheo.inference.fit import fit_many
 from cavirheo.inference.law import Family
@@ -46,7 +47,8 @@ class Pair:
 class Ranking:
     """The laws of one curve or group. evidence: by law; None where a law gave none. shots: how many curves are summed.
     answers: by law, of a curve; empty for a group. pairs: of a group, every law and each worse one. populations:
-    by law, of a group: one material with its scatter; its `evidence` is that of the law for the group as a whole."""
+    by law, of a group: one material with its scatter; its `evidence` is that of the law for the group as a whole.
+    column: that which the material may change with."""
 
     name: str
     evidence: dict[str, Evidence | None]
@@ -54,6 +56,7 @@ class Ranking:
     answers: dict[str, Posterior]
     pairs: tuple[Pair, ...] = ()
     populations: Mapping[str, Population] = field(default_factory=dict)
+    column: str = ""
 
     @property
     def log_evidence(self) -> dict[str, float | None]:
@@ -210,10 +213,12 @@ def ranked(
         answers = {law: answers[i] for law, answers in found.items()}
         evidence = {law: _evidence(answer) for law, answer in answers.items()}
         singles.append(Ranking(curve.name, evidence, 1, answers))
-    groups: dict[Any, list[Ranking]] = {}
+    title = next((name for curve in curves for name in curve.column), "")
+    groups: dict[Any, list[tuple[Ranking, float]]] = {}
     for curve, single in zip(curves, singles, strict=True):
-        groups.setdefault((curve.group, curve.group_source), []).append(single)
-    return singles, [_together(str(key[0]), members) for key, members in groups.items() if len(members) > 1]
+        member = single, curve.column.get(title, np.nan)
+        groups.setdefault((curve.group, curve.group_source), []).append(member)
+    return singles, [_together(str(key[0]), members, title) for key, members in groups.items() if len(members) > 1]
 
 
 def _evidence(answer: Posterior) -> Evidence | None:
@@ -226,11 +231,12 @@ def _evidence(answer: Posterior) -> Evidence | None:
     return found if answer.log_weight is not None else Evidence(found.log, max(found.error, TUNING.unsure))
 
 
-def _together(name: str, members: list[Ranking]) -> Ranking:
-    """The sum over the shots for which every law has an evidence; and each law with one material for these."""
-    whole = [one for one in members if all(one.evidence.values())]
-    complete = [one.evidence for one in whole]
-    evidence: dict[str, Evidence | None] = dict.fromkeys(members[0].evidence)
+def _together(name: str, members: list[tuple[Ranking, float]], column: str) -> Ranking:
+    """The sum over the shots for which every law has an evidence; and each law with one material for these, with its
+    slope along the column if that has several values among them."""
+    whole = [(one, value) for one, value in members if all(one.evidence.values())]
+    complete = [one.evidence for one, _ in whole]
+    evidence: dict[str, Evidence | None] = dict.fromkeys(members[0][0].evidence)
     for law in evidence if complete else ():
         each = [found for one in complete if (found := one[law])]
         error = np.sqrt(sum((found.error or 0.0) ** 2 for found in each))
@@ -238,11 +244,19 @@ def _together(name: str, members: list[Ranking]) -> Ranking:
     logs = {law: np.array([one[law].log for one in complete]) for law in evidence}  # type: ignore[union-attr]
     order = sorted(logs, key=lambda law: -float(np.sum(logs[law])))
     pairs = [_pair(a, b, logs[a] - logs[b]) for a, b in combinations(order, 2) if len(complete) > 1]
+    names, values = [one.name for one, _ in whole], [value for _, value in whole]
     materials = {
-        law: population([one.answers[law] for one in whole], names=[one.name for one in whole], only_trusted=False)
+        law: _material([one.answers[law] for one, _ in whole], names, values if column else None)
         for law in (evidence if complete else ())
     }
-    return Ranking(name, evidence, len(complete), {}, tuple(pairs), materials)
+    return Ranking(name, evidence, len(complete), {}, tuple(pairs), materials, column)
+
+
+def _material(answers: list[Posterior], names: list[str], along: list[float] | None) -> Population:
+    if along is not None:
+        with suppress(InputError):  # one value in all shots that count
+            return population(answers, names=names, along=along, only_trusted=False)
+    return population(answers, names=names, only_trusted=False)
 
 
 def _pair(first: str, second: str, differences: Floats) -> Pair:
