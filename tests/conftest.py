@@ -28,12 +28,17 @@ def load_benchmark(name: str) -> ModuleType:
     return module
 
 
-LONGEST = ("test_fit", "test_posterior", "test_app", "test_golden", "test_training", "test_bubble_model", "test_python")
+LONGEST = (
+    "test_app_browser", "test_fit", "test_app", "test_golden", "test_posterior", "test_tutorials", "test_documentation",
+    "test_architecture", "test_bubble_model", "test_python", "test_training",
+)  # fmt: skip
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Long files first, so that none is left alone at the end of two processes; skipped: what lacks its library."""
+    """Long files first, so that none is left alone at the end of two processes; skipped: what lacks what it needs."""
     for item in items:
+        if item.get_closest_marker("repository") and not (ROOT / "docs").is_dir():
+            item.add_marker(pytest.mark.skip(reason="no repository beside the tests"))
         for mark in item.iter_markers("needs"):
             if importlib.util.find_spec(mark.args[0]) is None:
                 item.add_marker(pytest.mark.skip(reason=f"needs {mark.args[0]}"))

@@ -326,6 +326,7 @@ def test_a_law_made_of_a_function_says_its_name():
     )
 
 
+@pytest.mark.repository
 def test_the_page_on_adding_a_law():
     """docs/how-to/add-a-law.md shows what its code prints."""
     page = (Path(__file__).parent.parent / "docs" / "how-to" / "add-a-law.md").read_text("utf-8")

@@ -412,7 +412,8 @@ def wait_for(fine, call: subprocess.Popen, seconds: float = 120.0) -> None:
 
 
 def test_a_full_disk_is_one_line(many):
-    """As far as a limit on the size of files tells: the documents fit, report.html does not."""
+    """As far as a limit on the size of files tells: the documents fit, report.html with its pictures does not."""
+    pytest.importorskip("matplotlib")
 
     def limited() -> None:
         resource.setrlimit(resource.RLIMIT_FSIZE, (60_000, 60_000))

@@ -328,7 +328,12 @@ def test_help_of_a_function_is_whole(name):
     known = {error for error in ERRORS if f"{error}:" in said}
     assert known, "it names no error of ours"
     assert name not in SOURCED or re.search(r"Source: .*(docs/method/[\w-]+\.md|doi:)", said)
-    pages = re.findall(r"\b(?:docs|benchmarks)/[\w/-]+\.md", said)
+
+
+@pytest.mark.repository
+@pytest.mark.parametrize("name", FUNCTIONS)
+def test_help_of_a_function_names_pages_that_are_there(name):
+    pages = re.findall(r"\b(?:docs|benchmarks)/[\w/-]+\.md", inspect.getdoc(getattr(cavirheo, name)))
     assert all((Path(__file__).parent.parent / page).exists() for page in pages)
 
 

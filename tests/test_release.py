@@ -21,7 +21,7 @@ from cavirheo.verbs import _FOUND, versions
 ROOT = Path(__file__).parent.parent
 ABOUT = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))
 PROJECT = ABOUT["project"]
-in_repository = pytest.mark.skipif(not (ROOT / "docs").is_dir(), reason="no repository beside the tests")
+in_repository = pytest.mark.repository
 
 
 @in_repository

@@ -211,6 +211,7 @@ def test_nothing_is_unpickled_from_a_kept_answer_or_a_training_set(tmp_path):
     assert not sprung.exists()
 
 
+@pytest.mark.repository
 def test_only_what_this_machine_compiled_itself_is_unpickled():
     """By our code; dask does so between driver and workers, which trust each other. parallel.py compares bytes."""
     unpickle = {"pickle", "cloudpickle", "dill", "joblib", "shelve", "marshal"}

@@ -81,6 +81,7 @@ value
 """
 
 
+@pytest.mark.repository
 def test_a_page_and_a_notebook_show_what_ran(tmp_path):
     script = tmp_path / "tiny.py"
     script.write_text(TINY)
