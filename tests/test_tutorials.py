@@ -50,7 +50,7 @@ SLOW = [pytest.mark.slow]  # they start servers
 
 
 @pytest.mark.parametrize(
-    "stem", [pytest.param(stem, marks=SLOW if stem in ("app", "cluster") else []) for stem in SCRIPTS]
+    "stem", [pytest.param(stem, marks=SLOW if stem in ("app", "cluster", "gel") else []) for stem in SCRIPTS]
 )
 def test_a_tutorial_says_what_is_so(stem, tmp_path):
     if any(find_spec(name) is None for name in NEEDS[stem]):
