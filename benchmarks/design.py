@@ -153,10 +153,7 @@ def table(found: dict[str, dict]) -> str:
     return text
 
 
-CHECKS = "## Checked settings"
-
-
-CHECKED = 6
+CHECKS, CHECKED = "## Checked settings", 6
 
 
 def checks() -> None:
@@ -188,10 +185,9 @@ that of the answers to the others. Geometric means, in percent.
     logs = np.log(np.array(off))
     for i, name in enumerate(("Expected", "Scaled")):
         within, spread = np.sum(np.abs(logs[:, i]) < np.log(1.2), axis=0), np.exp(np.std(logs[:, i], axis=0))
-        text += (
-            f"\n{name} over answered: within 20 % (0.83 to 1.2) at {within[0]} (G) and {within[1]} (µ) of {len(off)} "
-        )
-        text += f"settings; middle {np.exp(np.median(logs[:, i, 0])):.2f} and {np.exp(np.median(logs[:, i, 1])):.2f}, "
+        middles = np.exp(np.median(logs[:, i], axis=0))
+        text += f"\n{name} over answered: within 20 % (0.83 to 1.2) at {within[0]} (G) and {within[1]} (µ) of "
+        text += f"{len(off)} settings; middle {middles[0]:.2f} and {middles[1]:.2f}, "
         text += f"scatter by a factor of {spread[0]:.2f} and {spread[1]:.2f}.\n"
     replace_section(CHECKS, text)
 

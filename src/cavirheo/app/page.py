@@ -234,8 +234,10 @@ class Page(FilmPart):
             return self._nothing
         with session.lock:
             names = [curve.name for curve, _ in session.answers.pairs] if session.answers else []
-            told = {name: f"{x:.10g}" if isinstance(x, float) else x for name, x in vars(session.settings).items() if x}
-            settings = [told.get(name, {"window": 0, "material": "nhkv"}.get(name, gr.skip())) for name in self._kept]
+            given = {name: value for name, value in vars(session.settings).items() if value is not None}
+            kept = {"window": 0, "material": "nhkv"} | given
+            told = [kept.get(name, gr.skip()) for name in self._kept]
+            settings = [f"{value:.10g}" if isinstance(value, float) else value for value in told]
             checked = gr.Dropdown(choices=names, value=next(iter(names), None))
             check = self._show(session, names[0]) if names and not session.stale else self._nothing[-6:]
             return [*self._loaded(session), *settings, checked, *check]

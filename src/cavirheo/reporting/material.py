@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from contextlib import suppress
 from functools import lru_cache
 from itertools import combinations
 from typing import TYPE_CHECKING, Any
@@ -11,7 +10,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from cavirheo.arrays import Floats
-from cavirheo.errors import InputError
 from cavirheo.posterior import Posterior
 from cavirheo.writing import digits
 from cavirheo.writing.document import Finite, Quantity, Record
@@ -148,12 +146,9 @@ def material_of(
     where no answer has an interval."""
     if len(answers) < 2 or all(len(answer.theta) < 2 for answer in answers):
         return None
-    from cavirheo.inference.population import population
+    from cavirheo.inference.population import with_slope_if_any
 
-    with suppress(InputError):  # one value in all shots that count
-        if along is not None:
-            return population(answers, names=names, along=along)
-    return population(answers, names=names)
+    return with_slope_if_any(answers, names, along)
 
 
 kept_material_of = lru_cache(maxsize=8)(material_of)  # at the bench every new shot writes all groups anew

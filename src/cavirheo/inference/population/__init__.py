@@ -5,13 +5,14 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Sequence
+from contextlib import suppress
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from cavirheo.arrays import Floats
-from cavirheo.errors import expect, expect_whole, require
+from cavirheo.errors import InputError, expect, expect_whole, require
 from cavirheo.inference.population.likelihood import FEW, Likelihood, Likelihoods, likelihood
 from cavirheo.inference.population.material import Population
 from cavirheo.inference.population.scatter import Scatter
@@ -101,6 +102,20 @@ def population(
         stray=several.strays(u[:: max(_DRAWS // 1000, 1)]), gain=_evidence(drawn, like.log_size),
         gain_of_one=_evidence(drawn_one, like.log_size), shot_evidence=tuple(answers[i].evidence for i in kept),
     )  # fmt: skip
+
+
+def with_slope_if_any(
+    answers: Sequence[Posterior],
+    names: Sequence[str],
+    along: Sequence[float] | None,
+    *,
+    only_trusted: bool = True,
+) -> Population:
+    """As `population`, with a slope along the column unless that has one value in all shots that count."""
+    if along is not None:
+        with suppress(InputError):
+            return population(answers, names=names, along=along, only_trusted=only_trusted)
+    return population(answers, names=names, only_trusted=only_trusted)
 
 
 def _sorted_out(

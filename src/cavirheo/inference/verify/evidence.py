@@ -8,7 +8,6 @@ posterior width): laws that nest are compared fairly only as far as the prior ra
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from contextlib import suppress
 from dataclasses import dataclass, field
 from itertools import combinations, product
 from typing import Any
@@ -18,13 +17,13 @@ from scipy.special import softmax
 
 from cavirheo.arrays import Floats
 from cavirheo.curve import RadiusCurve
-from cavirheo.errors import InputError, require
+from cavirheo.errors import require
 from cavirheo.inference import DEFAULT, infer_many
 from cavirheo.inference.fit import fit_many
 from cavirheo.inference.law import Family
 from cavirheo.inference.options import Options
 from cavirheo.inference.others import DECISIVE
-from cavirheo.inference.population import Population, population
+from cavirheo.inference.population import Population, with_slope_if_any
 from cavirheo.inference.verify import verify_many
 from cavirheo.inference.verify.tuning import TUNING
 from cavirheo.physics.media import WATER, Medium
@@ -246,17 +245,12 @@ def _together(name: str, members: list[tuple[Ranking, float]], column: str) -> R
     pairs = [_pair(a, b, logs[a] - logs[b]) for a, b in combinations(order, 2) if len(complete) > 1]
     names, values = [one.name for one, _ in whole], [value for _, value in whole]
     materials = {
-        law: _material([one.answers[law] for one, _ in whole], names, values if column else None)
+        law: with_slope_if_any(
+            [one.answers[law] for one, _ in whole], names, values if column else None, only_trusted=False
+        )
         for law in (evidence if complete else ())
     }
     return Ranking(name, evidence, len(complete), {}, tuple(pairs), materials, column)
-
-
-def _material(answers: list[Posterior], names: list[str], along: list[float] | None) -> Population:
-    if along is not None:
-        with suppress(InputError):  # one value in all shots that count
-            return population(answers, names=names, along=along, only_trusted=False)
-    return population(answers, names=names, only_trusted=False)
 
 
 def _pair(first: str, second: str, differences: Floats) -> Pair:
