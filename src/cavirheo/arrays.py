@@ -1,9 +1,19 @@
-"""Names for the arrays that travel through the package."""
+"""Names for the arrays that travel through the package, and a sum that scipy takes long for."""
 
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]
+
+
+def log_sum(log_value: ArrayLike, axis: int | None = None) -> Floats:
+    """log of the sum of exp(log_value), along an axis or of all; -inf where all vanish. scipy's logsumexp takes ten
+    times as long for arrays as small as those of a posterior, and posteriors ask for thousands."""
+    log_value = np.asarray(log_value, float)
+    top = np.max(log_value, axis=axis, keepdims=True)
+    top = np.where(np.isfinite(top), top, 0.0)
+    with np.errstate(divide="ignore"):
+        return np.asarray(np.log(np.sum(np.exp(log_value - top), axis=axis)) + np.squeeze(top, axis))

@@ -20,10 +20,11 @@ from __future__ import annotations
 from copy import copy
 
 import numpy as np
-from scipy.linalg import cho_solve_banded, cholesky_banded
-from scipy.special import gammaln, logsumexp
+from scipy.linalg import cholesky_banded
+from scipy.linalg.lapack import dpbtrs
+from scipy.special import gammaln
 
-from cavirheo.arrays import Floats
+from cavirheo.arrays import Floats, log_sum
 
 SHAPE = 2.0  # A: the frame-to-frame noise is a good guess of the noise, but no more
 RATIOS = (1.0, 3.0, 10.0)  # r: discrepancy of the radius over noise
@@ -60,7 +61,7 @@ class _Covariance:
         if self.factor is None:
             return weighted
         along = (self.moved[:, :, None] * weighted[:, None]).reshape(self.moved.size, -1)
-        off = cho_solve_banded((self.factor, False), along, overwrite_b=True).reshape(*self.moved.shape, -1)
+        off = dpbtrs(self.factor, along)[0].reshape(*self.moved.shape, -1)  # cho_solve_banded without its checks
         return np.asarray(weighted - self.weight[:, None] * np.sum(self.moved[:, :, None] * off, axis=1))
 
 
@@ -107,13 +108,13 @@ class Noise:
         """log density (k,) of residuals (n, k), the share of each grid point in it and e' C^-1 e, both (grid, k)."""
         squares = np.array([np.sum(residuals * part.solve(residuals), axis=0) for part in self.parts])
         terms = self.joint(squares)
-        total = logsumexp(terms, axis=0)
+        total = log_sum(terms, axis=0)
         return total, np.exp(terms - total), squares
 
     def factor(self, squares: Floats) -> float:
         """k^2 on average over the grid, for one residual with e' C^-1 e (grid,)."""
         terms = self.joint(squares[:, None])[:, 0]
-        return float(np.exp(terms - logsumexp(terms)) @ (SHAPE + 0.5 * squares) / self.power)
+        return float(np.exp(terms - log_sum(terms)) @ (SHAPE + 0.5 * squares) / self.power)
 
     def log_density(self, residuals: Floats) -> Floats:
         """(k,) of residuals (k, n); -inf where one is not finite."""

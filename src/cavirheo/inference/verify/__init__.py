@@ -8,10 +8,9 @@ from dataclasses import dataclass, replace
 from typing import Any, Literal
 
 import numpy as np
-from scipy.special import logsumexp
 from threadpoolctl import threadpool_limits
 
-from cavirheo.arrays import Floats
+from cavirheo.arrays import Floats, log_sum
 from cavirheo.curve import RadiusCurve, several
 from cavirheo.errors import InputError, SolverError, expect, expect_whole, reason, require
 from cavirheo.inference.doubts import doubted
@@ -188,7 +187,7 @@ class _Work:
         if self.settings.level == "map":
             best = self._best(found)
             u = best.draws(TUNING.draws, seed)
-            evidence = Evidence(float(logsumexp([mode.log_evidence for mode in found])))
+            evidence = Evidence(float(log_sum([mode.log_evidence for mode in found])))
             return self._answer(u, None, best, evidence, found)
         few, rounds, ending = TUNING.draws_per_round, TUNING.learning_rounds, dict[str, Any]()
         soon = most <= TUNING.law_draws  # an evidence is wanted

@@ -5,9 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from scipy.special import logsumexp
 
-from cavirheo.arrays import Floats
+from cavirheo.arrays import Floats, log_sum
 from cavirheo.inference.experiment import FINE, QUICK, Accuracy
 from cavirheo.inference.verify.mode import Mode, Simulated, Target, climb, modes, ridge, same
 from cavirheo.inference.verify.sampler import Mixture, Sample, effective_size
@@ -53,13 +52,13 @@ class Blend:
     def teachers(self, count: int, rng: np.random.Generator) -> Floats:
         """(count, d) from a flatter surrogate: where it can be wrong."""
         log_weight = TUNING.flatter * self.log_surrogate - self.log_mixture
-        weight, free = np.exp(log_weight - logsumexp(log_weight)), int(TUNING.taught_share * count)
+        weight, free = np.exp(log_weight - log_sum(log_weight)), int(TUNING.taught_share * count)
         chosen = rng.choice(len(weight), free, p=weight, replace=bool(np.count_nonzero(weight) < free))
         return np.concatenate([self.pool[chosen], self.mixture.draw(count - free, rng)])
 
 
 def _log_mean(log_value: Floats) -> float:
-    return float(logsumexp(log_value) - np.log(len(log_value)))
+    return float(log_sum(log_value) - np.log(len(log_value)))
 
 
 class Explorer:

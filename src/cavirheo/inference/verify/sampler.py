@@ -15,9 +15,9 @@ from functools import cached_property
 from typing import Protocol
 
 import numpy as np
-from scipy.special import gammaln, logsumexp
+from scipy.special import gammaln
 
-from cavirheo.arrays import Floats
+from cavirheo.arrays import Floats, log_sum
 from cavirheo.inference.verify.tuning import TUNING
 
 
@@ -32,7 +32,7 @@ class Mixture:
     @classmethod
     def about(cls, means: Sequence[Floats], covariances: Sequence[Floats], log_share: Sequence[float]) -> Mixture:
         """A component about each place, and a tenth of the draws twice as wide."""
-        share = np.exp(np.asarray(log_share) - logsumexp(log_share))
+        share = np.exp(np.asarray(log_share) - log_sum(log_share))
         return cls(share, np.array(means), np.array(covariances)).widened(0.1, 2.0)
 
     def widened(self, part: float = TUNING.wide_share, factor: float = TUNING.wide_factor) -> Mixture:
@@ -70,16 +70,16 @@ class Mixture:
 
     def log_density(self, u: Floats) -> Floats:
         """(k,) at u (k, d)."""
-        return np.asarray(logsumexp(self._terms(u)[0], axis=0))
+        return log_sum(self._terms(u)[0], axis=0)
 
     def fitted(self, u: Floats, log_weight: Floats) -> Mixture:
         """Steps of expectation maximisation towards weighted draws; where few decide, the old shape keeps a say."""
         found, d = self, u.shape[1]
         log_weight = tempered(log_weight, 4.0 * d)
-        weight = np.exp(log_weight - logsumexp(log_weight))
+        weight = np.exp(log_weight - log_sum(log_weight))
         for _ in range(3):
             terms, squares = found._terms(u)
-            resp = np.exp(terms - logsumexp(terms, axis=0)) * weight
+            resp = np.exp(terms - log_sum(terms, axis=0)) * weight
             share = np.sum(resp, axis=1)
             kept = share > TUNING.smallest_share
             gamma = resp * (TUNING.freedom + d) / (TUNING.freedom + squares)
@@ -195,7 +195,7 @@ def sample(
         if found:
             u, value = np.concatenate([found.u, u]), np.concatenate([found.log_target, value])
         log_share = np.log(np.array(counts) / len(u))[:, None]
-        found = Sample(u, value, np.asarray(logsumexp(log_share + densities, axis=0)))
+        found = Sample(u, value, log_sum(log_share + densities, axis=0))
         good = found.ess >= enough and found.reliable
         drawn = len(u) - before
         hopeless = drawn >= patience and found.ess * most < least * drawn
