@@ -282,3 +282,28 @@ def test_ctrl_c_ends_it_with_all_that_is_answered(tmp_path, curve):
     process.send_signal(signal.SIGINT)
     assert process.wait(30) == 130
     assert answered(tmp_path) == 1
+
+
+def test_a_column_may_grow_while_shots_arrive(bench, curve):
+    table = bench.folder / "share.csv"  # in the folder itself, and no recording
+    table.write_text("shot,share\nshot001,0.5\nshot009,2\n")
+    bench.how = {"column": table}
+    bench.start()
+    write(bench.folder, curve, 1, 2)
+    bench.settle()
+    assert bench.asked == ["shot001", "shot002"]
+    columns = [row.column for row in read_json(bench.place / "out" / "result.json").curves]
+    assert columns == [{"share": 0.5}, {}]
+    assert "no value of share for shot002" in bench.notes
+    assert "names shot009, which is not here" in bench.notes
+    table.write_text("shot,share\nshot001,0.5\nshot002,0.7\n")
+    bench.settle()  # no new recording: the table alone has changed
+    columns = [row.column for row in read_json(bench.place / "out" / "result.json").curves]
+    assert columns == [{"share": 0.5}, {"share": 0.7}]
+    assert "share" not in bench.notes
+    table.write_text("shot,share\nshot001,half\n")
+    write(bench.folder, curve, 3)
+    bench.settle()
+    assert bench.asked[-1] == "shot003"
+    assert "expected a name and a number" in bench.notes
+    assert sum("expected a name and a number" in said for said in bench.said) == 1

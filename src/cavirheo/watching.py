@@ -15,8 +15,10 @@ from pathlib import Path
 from types import MappingProxyType
 
 from cavirheo.curve import RadiusCurve
+from cavirheo.errors import InputError
 from cavirheo.parallel import cores
 from cavirheo.posterior import Posterior
+from cavirheo.reading.column import given, listed, read_column
 from cavirheo.reading.files import measurements, shown
 from cavirheo.reading.shots import Recordings, read_shots
 from cavirheo.reporting import DOCUMENTS, live, table
@@ -61,16 +63,18 @@ class Watch:
     """The recordings of one folder, their answers and their documents in `out`.
 
     step: how curves are answered. read: the curves of one file. reading: all that `read` depends on. group: as in
-    `read_shots`. wanted: as for `live.page`. say: told one line of what goes wrong. show: told each row as it is found.
+    `read_shots`. column: a table as of `read_column`, which may grow while shots arrive. wanted: as for `live.page`.
+    say: told one line of what goes wrong. show: told each row as it is found.
     """
 
     def __init__(
         self, folder: Path, out: Path, step: Step, read: Callable[[Path], Recordings], reading: object = None, *,
-        group: str = "auto", command: str = "", date: str | None = None,
+        group: str = "auto", column: Path | None = None, command: str = "", date: str | None = None,
         say: Callable[[str], None] = lambda _: None, show: Callable[[CurveRecord], None] = lambda _: None,
         patience: float = PATIENCE, wanted: float = live.WANTED,
     ) -> None:  # fmt: skip
         self.folder, self.step, self.read, self.group, self.patience = folder, step, read, group, patience
+        self.column, self._column_then = column, _state(column)
         self.say, self.show, self.command, self.date, self.wanted = say, show, command, date, wanted
         self.outputs, self.page = Outputs(out, *DOCUMENTS), Outputs(out, live.PAGE)
         self.kept = out / "watched" / key_of([step.identity, reading])[:16]  # other settings, other answers
@@ -91,6 +95,7 @@ class Watch:
         pairs = [pair for one in self._in_order() for pair in zip(one.curves, one.answers, strict=True)]
         named, _, hints = read_shots([curve for curve, _ in pairs], group=self.group)
         remarks = [said for one in self._in_order() for said in one.remarks]
+        named = self._with_column(named, remarks)
         return [(curve, answer) for curve, (_, answer) in zip(named, pairs, strict=True) if answer], remarks + hints
 
     @property
@@ -113,6 +118,8 @@ class Watch:
             if sum(answer is None for one in files for answer in one.answers) >= 2 * cores():
                 break
         if not files:
+            if _state(self.column) != self._column_then:
+                self.write()
             return False
         todo = [(one, k) for one in files for k, answer in enumerate(one.answers) if answer is None]
         for one in files:
@@ -136,7 +143,8 @@ class Watch:
 
     def write(self) -> Result:
         """result.json, result.csv and the page on the wall, of all that is answered."""
-        (pairs, notes), keys = self.answered(), ("name", "group", "group_source")
+        self._column_then = _state(self.column)
+        (pairs, notes), keys = self.answered(), ("name", "group", "group_source", "column")
         made = [self._rows[one.path][k] for one in self._in_order() for k in range(len(one.curves))]
         named = [{key: getattr(curve, key) for key in keys} for curve, _ in pairs]
         rows = [row.model_copy(update=about) for row, about in zip(made, named, strict=True)]
@@ -148,11 +156,30 @@ class Watch:
         self.page.write(live.PAGE, live.write, result, latest, *(pairs[latest] if pairs else ()), wanted=self.wanted)
         return result
 
+    def _with_column(self, curves: list[RadiusCurve], remarks: list[str]) -> list[RadiusCurve]:
+        """With what the column says of them so far; what it does not say becomes a remark."""
+        if self.column is None:
+            return curves
+        try:
+            title, values = read_column(self.column)
+        except InputError as error:  # it is being written, or has a mistake: shots are answered all the same
+            self._say_once(f"{error}; {self.column.name} does not count until this is mended")
+            remarks.append(str(error))
+            return curves
+        found, unknown, without = given(curves, title, values)
+        if without:
+            remarks.append(f"{self.column.name} has no value of {title} for {listed(without)}: no part of a slope")
+        if unknown:
+            remarks.append(f"{self.column.name} names {listed(unknown)}, which is not here")
+        return found
+
     def _complete(self) -> list[tuple[Path, State]]:
         """Files that are new and did not change for a while, the oldest first."""
         now, found = time.monotonic(), {}
         try:
             for path in measurements(self.folder)[0]:
+                if self.column is not None and path.resolve() == self.column.resolve():
+                    continue
                 about = path.stat()
                 found[path] = about.st_size, about.st_mtime_ns
         except OSError as error:  # a file that is gone again, a share that is away for a moment
@@ -177,8 +204,7 @@ class Watch:
         """What is in a file; None if it is to be tried again. One that stays as it is and cannot be read is a curve
         that says why."""
         curves, problems, remarks = self.read(path)
-        about = path.stat() if path.exists() else None
-        if about is None or (about.st_size, about.st_mtime_ns) != state:
+        if _state(path) != state:
             return None  # it is being written
         known = self.files.get(str(path))
         one = Watched(str(path), state, known.order if known else state[1], [], [])
@@ -236,6 +262,14 @@ class Watch:
         if text not in self._told:
             self._told.add(text)
             self.say(text)
+
+
+def _state(path: Path | None) -> State | None:
+    """Of a file that may not be there."""
+    if path is None or not path.exists():
+        return None
+    about = path.stat()
+    return about.st_size, about.st_mtime_ns
 
 
 def _samples(curve: RadiusCurve) -> bytes:

@@ -9,7 +9,7 @@ A line names a curve, else a file (with or without its ending), else a group.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -31,28 +31,35 @@ def with_column(curves: Sequence[RadiusCurve], path: str | Path) -> list[RadiusC
         InputError: the file cannot be read, is no such table, names what is not there, or gives a curve no value; or
             all curves of each group have one value, so that nothing can be seen of a trend.
     """
-    title, values = _read(Path(path))
-    names = [_names(curve) for curve in curves]
-    here = {name for some in names for name in some}
-    unknown = [name for name in values if name not in here]
-    told = f"{path}: nothing here is called {_listed(unknown)}; there is {_listed([some[0] for some in names])}"
+    title, values = read_column(path)
+    require(bool(values), f"{path}: no line below the titles, the second of which is {title}", "column.empty")
+    found, unknown, without = given(curves, title, values)
+    told = f"{path}: nothing here is called {listed(unknown)}; there is {listed([curve.name for curve in curves])}"
     require(not unknown, told, "column.unknown")
-    without = [some[0] for some in names if not any(name in values for name in some)]
-    told = f"{path}: no value of {title} for {_listed(without)}: add a line for the shot, its file or its group"
+    told = f"{path}: no value of {title} for {listed(without)}: add a line for the shot, its file or its group"
     require(not without, told, "column.missing")
-    found = [next(values[name] for name in some if name in values) for some in names]
     groups: dict[tuple[str, str], set[float]] = {}
-    for curve, value in zip(curves, found, strict=True):
-        groups.setdefault((curve.group, curve.group_source), set()).add(value)
-    told = (
-        f"{path}: one value of {title} in each group ({_listed([name for name, _ in groups])}): a trend needs several"
-    )
+    for curve in found:
+        groups.setdefault((curve.group, curve.group_source), set()).add(curve.column[title])
+    told = f"{path}: one value of {title} in each group ({listed([name for name, _ in groups])}): a trend needs several"
     told += "; --group folder makes one group of all files of a folder"
     require(any(len(one) > 1 for one in groups.values()), told, "column.constant")
-    return [
-        replace(curve, meta={**curve.meta, "column": {title: value}})
+    return found
+
+
+def given(
+    curves: Sequence[RadiusCurve], title: str, values: Mapping[str, float]
+) -> tuple[list[RadiusCurve], list[str], list[str]]:
+    """The curves, with their values as far as there are any; names that no curve has; curves without a value."""
+    names = [_names(curve) for curve in curves]
+    here = {name for some in names for name in some}
+    found = [next((values[name] for name in some if name in values), None) for some in names]
+    with_values = [
+        curve if value is None else replace(curve, meta={**curve.meta, "column": {title: value}})
         for curve, value in zip(curves, found, strict=True)
     ]
+    without = [curve.name for curve, value in zip(curves, found, strict=True) if value is None]
+    return with_values, [name for name in values if name not in here], without
 
 
 def _names(curve: RadiusCurve) -> list[str]:
@@ -61,8 +68,9 @@ def _names(curve: RadiusCurve) -> list[str]:
     return [curve.name, source.name, source.stem, curve.group]
 
 
-def _read(path: Path) -> tuple[str, dict[str, float]]:
-    """The title of the numbers, and the number of each name."""
+def read_column(path: str | Path) -> tuple[str, dict[str, float]]:
+    """The title of the numbers, and the number of each name. Raises InputError: it cannot be read, or is no such table."""
+    path = Path(path)
 
     def is_header(cells: Cells) -> bool:
         return len(cells) == 2 and not any(map(is_number, cells))
@@ -70,21 +78,21 @@ def _read(path: Path) -> tuple[str, dict[str, float]]:
     with guarded(path):
         (sheet,) = read_sheets(path, is_header, most=1, marks="#")
     (first, head), *rows = sheet.rows or [Row(1, [])]
-    told = f"{path}, line {first}: expected two titles, such as shot,concentration_percent; found {_listed(head)}"
+    told = f"{path}, line {first}: expected two titles, such as shot,concentration_percent; found {listed(head)}"
     require(is_header(head) and all(head), told, "column.head")
     values: dict[str, float] = {}
     for number, cells in rows:
         where = f"{path}, line {number}"
-        told = f"{where}: expected a name and a number, found {_listed(cells)}"
+        told = f"{where}: expected a name and a number, found {listed(cells)}"
         require(len(cells) == 2 and is_number(cells[1]), told, "column.number")
         value = float(cells[1])
         require(bool(np.isfinite(value)), told, "column.number")
         require(cells[0] not in values, f"{where}: {cells[0]} is there twice", "column.twice")
         values[cells[0]] = value
-    require(bool(values), f"{path}: no line below the titles {_listed(head)}", "column.empty")
     return head[1], values
 
 
-def _listed(names: Sequence[str]) -> str:
+def listed(names: Sequence[str]) -> str:
+    """The first of them, for a message."""
     unlike = list(dict.fromkeys(names))
     return (", ".join(unlike[:_SHOWN]) or "nothing") + f" and {len(unlike) - _SHOWN} more" * (len(unlike) > _SHOWN)

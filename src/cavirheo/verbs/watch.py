@@ -16,6 +16,7 @@ def watch(
     folder: Annotated[Path, Argument(readable=False, help="where the recordings arrive: R(t) files or videos")],
     model: options.ModelName = "posterior",
     material: options.Material = None,
+    column: options.Column = None,
     stretch: options.KnownStretch = None,
     window: options.ReadWindow = None,
     contents: options.EitherContents = "equilibrium",
@@ -40,6 +41,7 @@ def watch(
     from cavirheo.inference.reconstruct import check_stretch
     from cavirheo.parallel import aside, cores
     from cavirheo.physics.simulate import load_solver
+    from cavirheo.reading.column import read_column
     from cavirheo.reporting import live, write_report
     from cavirheo.reporting.table import print_line, print_table
     from cavirheo.unfinished import Step
@@ -55,6 +57,8 @@ def watch(
         Family(material)
     told = "--exclude is of one recording: leave the frames out with `cavirheo measure`, and watch for what it writes"
     require(reading.exclude is None, told, "option.exclude")
+    if column is not None:
+        read_column(column)
     settings: dict[str, Any] = {"model": model, "material": material, "window": window, "stretch": stretch}
     settings |= {"medium": liquid, "contents": contents, "verify": verify, "discrepancy": not exact_law, "seed": seed}
     step = Step(
@@ -62,7 +66,7 @@ def watch(
     )
     watching = Watch(
         folder, out, step, lambda path: reading.recordings([path], liquid), asdict(reading), group=reading.group,
-        command=run.command, date=run.date, say=run.say, patience=patience, wanted=0.01 * wanted_percent,
+        column=column, command=run.command, date=run.date, say=run.say, patience=patience, wanted=0.01 * wanted_percent,
         show=print_line if not run.quiet else lambda _: None,
     )  # fmt: skip
     aside(load_solver)

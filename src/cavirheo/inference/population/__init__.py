@@ -111,10 +111,12 @@ def with_slope_if_any(
     *,
     only_trusted: bool = True,
 ) -> Population:
-    """As `population`, with a slope along the column unless that has one value in all shots that count."""
+    """As `population`, with a slope along the column unless that has one value in all shots that count, or too few."""
     if along is not None:
         with suppress(InputError):
-            return population(answers, names=names, along=along, only_trusted=only_trusted)
+            found = population(answers, names=names, along=along, only_trusted=only_trusted)
+            if len(found.centre):
+                return found
     return population(answers, names=names, only_trusted=only_trusted)
 
 
