@@ -69,7 +69,7 @@ def _names(curve: RadiusCurve) -> list[str]:
 
 
 def read_column(path: str | Path) -> tuple[str, dict[str, float]]:
-    """The title of the numbers, and the number of each name. Raises InputError: it cannot be read, or is no such table."""
+    """The title of the numbers, and the number of each name. Raises InputError: the file is no such table."""
     path = Path(path)
 
     def is_header(cells: Cells) -> bool:
