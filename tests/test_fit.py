@@ -19,6 +19,7 @@ from cavirheo import (
 )
 from cavirheo.inference import experiment
 from cavirheo.inference.experiment import FINE, FLOOR, Experiment
+from cavirheo.inference.fit import TOGETHER, least_squares
 from cavirheo.inference.fit.alone import LIQUIDS
 from cavirheo.inference.fit.covariance import correlation_time, draws
 from cavirheo.inference.fit.least_squares import LeastSquares
@@ -350,3 +351,68 @@ def test_published_alginate_shots(real_data):
     assert np.mean([a.median("shear_modulus") for a in answers]) == pytest.approx(6440, abs=2 * 1640)
     (first,) = fit_many(read_curves(file)[:1], window=1, **settings)
     assert first.best["viscosity"] > answers[0].best["viscosity"]
+
+
+@pytest.mark.parametrize(("seed", "frames", "true", "other"), [(6, 24, 9.0, 5.3), (10, 30, 8.0, 5.5)])
+def test_two_solutions_are_both_found_and_each_has_its_own_values(seed, frames, true, other):
+    """A stiff gel at 270,000 frames/s: few frames show a collapse, and another stretch follows them nearly as well."""
+    frame, R_max, rng = 1.0 / 270e3, 374e-6, np.random.default_rng([6, seed])
+    law = NeoHookeanKelvinVoigt(*((4e3, 0.03) if true == 9.0 else (3e3, 0.02)))
+    time = frame * np.arange(frames)
+    run = simulate(law, max_radius=R_max, stretch=true, time=np.maximum(time + rng.uniform(-0.5, 0.5) * frame, 0.0))
+    curve = RadiusCurve(time, run.radius + rng.normal(0.0, 0.025 * R_max, frames))
+    answer = fit(curve, windows=False, trust_input=True)
+    valleys = [one for one in answer.others if one.material == "nhkv" and one.evidence]
+    assert min(abs(one.best["stretch"] - other) for one in valleys) < 0.5
+    assert answer.best["stretch"] == pytest.approx(true, rel=0.1)
+    for name in ("shear_modulus", "viscosity", "stretch"):  # the best values are of the solution with the interval
+        low, high = answer.interval(name)
+        assert low <= answer.best[name] <= high
+
+
+@pytest.mark.slow
+def test_both_solutions_of_a_real_stiff_gel_are_said(real_data):
+    (file,) = (real_data / "pa_stiff").glob("RofT_shifted*.mat")
+    answer = fit(read_curves(file)[0])
+    assert "two solutions of the same model" in answer.checks.message
+    low, high = answer.interval("stretch")
+    assert low <= answer.best["stretch"] <= high
+
+
+def test_frames_that_drift_upwards_are_left_out_and_counted():
+    curve = shot(end=200e-6)
+    late = curve.time > 120e-6
+    risen = curve.radius + np.where(late, 0.4 * R_MAX * (curve.time - 120e-6) / 80e-6, 0.0)
+    answer = fit(replace(curve, radius=risen), window="all", windows=False)
+    said = int(answer.checks.message.split(" frames from ")[0].split()[-1])
+    collapses = int(np.sum(curve.time > curve.collapse_times()[2]))  # the drift is known from the last collapse on
+    assert np.sum(late) <= said <= collapses
+    assert values(answer, "shear_modulus", "viscosity") == pytest.approx([8e3, 0.05], rel=0.03)
+
+
+def test_a_joint_fit_that_stops_early_has_no_interval(monkeypatch):
+    monkeypatch.setitem(TOGETHER, "max_nfev", 1)
+    monkeypatch.setitem(least_squares._POLISH, "max_nfev", 1)
+    curves = [shot(stretch=stretch, noise=0.01, name=f"s{stretch}", group="gel") for stretch in (7.0, 5.0)]
+    for answer in fit_many(curves, joint=True, windows=False):
+        assert len(answer.theta) == 1
+        assert answer.checks.verdict != "ok"
+        assert "no interval" in answer.checks.message
+
+
+def test_a_stretch_that_the_file_states_is_a_prior():
+    early = shot(end=40e-6, noise=0.02)
+    stated = replace(early, meta={**early.meta, "stretch": 7.0, "stretch_std": 0.05})
+    free, known = fit(early, windows=False), fit(stated, windows=False)
+    assert "the file states" in known.diagnostics.stretch_source
+    assert np.ptp(known.interval("stretch")) < 0.8 * np.ptp(free.interval("stretch"))
+    assert abs(known.median("stretch") - 7.0) < abs(free.median("stretch") - 7.0)
+
+
+def test_a_window_ends_at_most_a_period_after_its_last_collapse():
+    curve = shot(end=300e-6)  # after some collapses the rebounds are too small to be seen
+    collapses = curve.collapse_times()
+    last = len(collapses)
+    end = curve.window(last).time[-1]
+    assert collapses[-1] < end <= collapses[-1] + (collapses[-1] - collapses[-2]) + 1e-6
+    assert end < curve.time[-1] - 50e-6

@@ -35,6 +35,23 @@ def compared(answer: Posterior) -> list[str]:
     ]
 
 
+def chosen_among(answer: Posterior, candidates: Iterable[Posterior]) -> list[str]:
+    """A sentence on what the evidence says of the models that the answer was chosen from, if there are others."""
+    here = itself(answer)
+    rivals = [one for one in map(itself, candidates) if model_of(one) != model_of(here) and one.evidence]
+    if not (rivals and here.evidence):
+        return []
+    rivals.sort(key=_log, reverse=True)
+    laws, bubbles = ({get(one) for one in (here, *rivals)} for get in (lambda x: x.material, lambda x: x.bubble.name))
+    name = {id(one): _named(one, law=len(laws) > 1, bubble=len(bubbles) > 1) for one in (here, *rivals)}
+    parts: dict[str, list[str]] = {"possible, too": [], "rejected": []}
+    for one in rivals:
+        gain = _above(one, here)
+        parts["rejected" if gain < -DECISIVE else "possible, too"].append(f"{name[id(one)]} (e^{gain:.0f})")
+    said = [f"{words}: {'; '.join(some)}" for words, some in parts.items() if some]
+    return [f"chosen by evidence: {name[id(here)]}; {'; '.join(said)}"]
+
+
 def itself(answer: Posterior) -> OtherAnswer:
     """An answer as one beside that of another model."""
     told = intervals(answer.names, answer.theta, answer.log_weight)
@@ -78,13 +95,14 @@ def _elsewhere(one: OtherAnswer, here: OtherAnswer) -> bool:
 
 def _sides(here: OtherAnswer, there: OtherAnswer) -> str:
     """Each by what tells them apart, law or bubble, and its values."""
-    sides = []
-    for one in (here, there):
-        contents, name = one.bubble.contents, one.bubble.name
-        words = {one.material: here.material != there.material}
-        words[CONTENTS[contents] + name.removeprefix(contents)] = here.bubble.name != there.bubble.name
-        sides.append(f"{', '.join(word for word, tells in words.items() if tells)}: {_values(one)}")
-    return ", but ".join(sides) + _verdict(there, here)
+    tells: dict[str, bool] = {"law": here.material != there.material, "bubble": here.bubble.name != there.bubble.name}
+    return ", but ".join(f"{_named(one, **tells)}: {_values(one)}" for one in (here, there)) + _verdict(there, here)
+
+
+def _named(one: OtherAnswer, *, law: bool, bubble: bool) -> str:
+    """By its law, by the words for its bubble, or both."""
+    contents, name = one.bubble.contents, one.bubble.name
+    return ", ".join([one.material] * law + [CONTENTS[contents] + name.removeprefix(contents)] * bubble)
 
 
 def _values(one: OtherAnswer, *, stretch: bool = False) -> str:

@@ -20,7 +20,7 @@ from cavirheo.inference.fit.covariance import laplace
 from cavirheo.inference.fit.least_squares import SEARCH, LeastSquares
 from cavirheo.inference.law import Family
 from cavirheo.inference.options import FREED, SCALE_BOUND, Options
-from cavirheo.inference.others import DECISIVE, compared, itself, model_of
+from cavirheo.inference.others import DECISIVE, chosen_among, compared, itself, model_of
 from cavirheo.inference.verify.tuning import TUNING
 from cavirheo.parallel import cores, each
 from cavirheo.parameters import LOG10, units
@@ -180,13 +180,15 @@ def fit_many(
         began = time.perf_counter()
         try:
             alone, rest = _simplest(_fitted(curve, models, medium, inner, seed, draws=draws))
+            rejected = len(rest)
             unasked = [way for way in CONTENTS if way not in asked] if others and alone.evidence else []
             more = [(alone.shot.family, replace(options_of(way), windows=False)) for way in unasked]
             rest += _fitted(curve, more, medium, inner, seed, alone)
             answer = posterior(alone.fit, alone.found, alone.laplace, 0, alone, common(alone.shot), seed)
             beside = [posterior(one.fit, one.found, one.laplace, 0, one, {}, seed) for one in rest]
             answer = replace(answer, others=(*answer.others, *map(itself, beside)))
-            told = "; ".join(filter(None, [answer.checks.message, *compared(answer)]))
+            said = chosen_among(answer, beside[:rejected]) + compared(answer)
+            told = "; ".join(filter(None, [answer.checks.message, *said]))
             answer = doubted(replace(answer, checks=replace(answer.checks, message=told)), alone)
         except Exception as error:  # of this curve alone
             family, options = models[0]

@@ -24,7 +24,10 @@ LIQUIDS = ("newtonian", "power-law")  # laws to try where there may be no shear 
 DRAWS = 4096
 EACH, MOST, ENOUGH, FEWEST = 60, 480, 80.0, 15.0  # weighted draws: of a round, in all; effective ones: goal, least
 AS_NEAR = 1.5  # costs of minima, below which the evidence chooses between them
+NEARLY_NONE = 0.1  # of the weight of the draws: less beside a minimum, and the answer is another
 AT_BOUND = 1e-3  # of a range: nearer to its end is "at the bound"
+
+_Beside = tuple[Minimum, Mode]  # and the maximum of the posterior beside it
 
 
 class Alone:
@@ -62,18 +65,20 @@ class Alone:
             (one for one in weighed if one[0].cost < AS_NEAR * search.minima[0].cost),
             key=lambda one: one[1].log_evidence, default=None,
         )  # fmt: skip
+        self.found = self.fit.polish(chosen[0].x if chosen else best)
+        if enough:
+            self.sample = self._sampled(seed, [minimum.x for minimum in search.minima])
+        if chosen and self.sample and (there := _heaviest(self.sample, weighed, chosen)) is not chosen:
+            chosen, self.found = there, self.fit.polish(there[0].x)
+        self.laplace = laplace(self.fit, self.found.x)
         if chosen:
             self.evidence = Evidence(chosen[1].log_evidence)
         others = [mode for _, mode in weighed if chosen and mode is not chosen[1]]
         self.valleys = [valley(target, mode) for mode in others] if target else []
-        self.found = self.fit.polish(chosen[0].x if chosen else best)
-        self.laplace = laplace(self.fit, self.found.x)
-        if enough:
-            self.sample = self._sampled(seed, [minimum.x for minimum in search.minima])
 
-    def _weighed(self, target: Target, minima: Sequence[Minimum]) -> list[tuple[Minimum, Mode]]:
+    def _weighed(self, target: Target, minima: Sequence[Minimum]) -> list[_Beside]:
         """The minima, each with the maximum of the posterior beside it; those that share one are one."""
-        found: list[tuple[Minimum, Mode]] = []
+        found: list[_Beside] = []
         for minimum in minima:
             mode = climb(target, target.start(minimum.x), QUICK, known=[mode for _, mode in found])
             if mode and not any(same(mode, other) for _, other in found):
@@ -133,6 +138,19 @@ class Alone:
         rmse = None if seen is None else float(np.sqrt(np.mean((shot.measured - seen.radius) ** 2)))
         best = {name: value for name, value in shot.best(x).items() if name not in FREE.values()}
         return WindowAnswer(best, float(shot.view.end / shot.time_scale), rmse, tuple(at_bound(self.fit, x, 0)))
+
+
+def _heaviest(drawn: Sample, weighed: Sequence[_Beside], chosen: _Beside) -> _Beside:
+    """The minimum chosen, or that with most of the draws beside it if nearly none are beside the one chosen: the best
+    values must be those of the solution that has the interval, and the other one is a valley."""
+    distances = []
+    for _, mode in weighed:
+        off = drawn.u - mode.u
+        distances.append(np.einsum("ki,ij,kj->k", off, np.linalg.inv(mode.covariance), off))
+    weight = np.exp(drawn.log_weight - np.max(drawn.log_weight))
+    share = np.bincount(np.argmin(distances, axis=0), weight, len(weighed)) / np.sum(weight)
+    alone = next(k for k, one in enumerate(weighed) if one is chosen)
+    return chosen if share[alone] > NEARLY_NONE else weighed[int(np.argmax(share))]
 
 
 def at_bound(fit: LeastSquares, x: Floats, k: int) -> dict[str, str]:

@@ -19,7 +19,7 @@ from cavirheo.inference.fit.least_squares import LeastSquares
 from cavirheo.inference.fit.starts import STARTS, Scan
 from cavirheo.inference.law import Family
 from cavirheo.inference.options import FREE, SCALE_BOUND, Options
-from cavirheo.inference.others import DECISIVE, compared, itself, model_of
+from cavirheo.inference.others import DECISIVE, chosen_among, compared, itself, model_of
 from cavirheo.inference.posterior_model import PosteriorModel
 from cavirheo.inference.verify.explore import Explorer
 from cavirheo.inference.verify.mode import Mode, Target, climb, modes, same, valley
@@ -127,7 +127,7 @@ def verify_many(
         if not found:
             return replace(problems[0], seconds=problems[0].seconds + time.perf_counter() - began)
         best = _simplest(found)
-        told = "; ".join(filter(None, [best.checks.message, *compared(best)]))
+        told = "; ".join(filter(None, [best.checks.message, *chosen_among(best, found), *compared(best)]))
         doubts, checked = list(given[0].checks.doubts), given[0].checks.verdict != "check_input"
         checks = doubted(replace(best.checks, message=told), doubts, trust_input=checked)
         before = sum(answer.seconds for answer in given)
