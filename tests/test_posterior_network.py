@@ -23,6 +23,7 @@ from cavirheo.inference.verify.mode import Target
 from cavirheo.inference.verify.sampler import Mixture
 from cavirheo.inference.verify.tuning import TUNING
 from cavirheo.parameters import PARAMETERS
+from cavirheo.physics.media import WATER
 from cavirheo.posterior import BubbleModel
 from cavirheo.prior import log_normal
 
@@ -143,6 +144,33 @@ def test_what_is_outside_the_training_is_not_sent_through_the_network(curve, wha
         load_posterior().proposal(here, here.prior(), True)
     assert error.value.code == "network.outside"
     assert cavirheo.infer(curve, verify="none").checks.verdict == "failed"
+
+
+@pytest.mark.parametrize(
+    ("constants", "what"),
+    [
+        ({"density": 1300.0}, "a density of 1300"),
+        ({"pressure": 2e5}, "a pressure of 2e+05"),
+        ({"surface_tension": 0.03}, "surface_tension = 0.03"),
+        ({"sound_speed": 900.0}, "sound_speed = 900"),
+        ({"sound_speed": np.inf}, "sound_speed = inf"),
+        ({"temperature": 318.15}, "a vapour pressure of"),
+        ({"temperature": 293.15, "sound_speed": 1450.0, "surface_tension": 0.07}, ""),
+    ],
+)
+def test_a_medium_that_it_does_not_know_is_not_sent_through_the_network(constants, what):
+    medium = replace(WATER, **constants)
+    said = load_posterior().beyond(Experiment(shot(), Family("nhkv"), medium, Options()))
+    assert said.startswith(what)
+    assert bool(said) == bool(what)
+
+
+def test_noise_and_frames_that_it_does_not_know_are_not_sent_through_the_network():
+    rng, clean = np.random.default_rng(0), shot()
+    noisy = replace(clean, radius=np.abs(clean.radius + rng.normal(0.0, 0.08 * clean.max_radius, clean.radius.size)))
+    assert load_posterior().beyond(experiment(noisy)).startswith("noise of")
+    many = shot(frame=0.15e-6, frames=600)
+    assert "frames in the window" in load_posterior().beyond(experiment(many))
 
 
 @pytest.mark.slow

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+from dataclasses import fields
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
@@ -16,6 +17,7 @@ from cavirheo.inference.flow import INPUTS, Flow, NetworkProposal, plain
 from cavirheo.inference.graph import check_graph
 from cavirheo.inference.model import LARGEST, Network, card, load, path_of, shipped
 from cavirheo.inference.session import try_out
+from cavirheo.physics.media import WATER
 from cavirheo.prior import Prior
 
 
@@ -73,9 +75,19 @@ class PosteriorModel:
             low, high = trained[name]
             if not low <= value <= high:
                 return f"{words.format(value)} is outside its training ({low:g} to {high:g})"
+        for constant in fields(WATER):
+            if constant.name not in (*trained, "name", *_OF_VAPOUR):
+                value, usual = getattr(shot.medium, constant.name), getattr(WATER, constant.name)
+                if not abs(value - usual) <= _NEAR * abs(usual):
+                    return f"{constant.name} = {value:.4g} is more than {_NEAR:.0%} from its training ({usual:.4g})"
+        vapour, usual = shot.medium.vapour_pressure, WATER.vapour_pressure
+        if not usual / _VAPOUR <= vapour <= usual * _VAPOUR:
+            return f"a vapour pressure of {vapour:.4g} Pa is beyond twice or half of its training ({usual:.4g} Pa)"
         return ""
 
 
+_NEAR = 0.1  # of a constant that all its curves share: the weights allow for no more
+_VAPOUR, _OF_VAPOUR = 2.0, ("vapour_reference_pressure", "vapour_reference_temperature")  # from 14 to 37 degrees C
 _KNOWN = ("stretch", "accommodation", "time_origin", "radius_scale", "max_radius_factor")
 
 
