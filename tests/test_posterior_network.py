@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from dataclasses import replace
 from pathlib import Path
 
@@ -328,3 +329,21 @@ def test_generate_and_train_a_small_network(tmp_path, run):
     status, _, err = run("generate", "wrong.toml", "-o", "new")
     assert status == 2
     assert "zener" in err
+
+
+def test_a_misfit_that_finite_rate_condensation_explains_is_said():
+    law, frame = NeoHookeanKelvinVoigt(3e3, 0.02), 1e-6
+    run = simulate(
+        law, max_radius=245e-6, stretch=9.0, time=frame * np.arange(100), contents="kinetic", accommodation=0.07
+    )
+    scatter = 0.003 * 245e-6 * np.random.default_rng(1).standard_normal(100)
+    curve = RadiusCurve(run.time, run.radius + scatter, meta={"name": "shot"})
+    answer = cavirheo.infer(curve, trust_input=True)
+    (other,) = (one for one in answer.others if one.bubble.contents == "kinetic")
+    assert other.evidence.log > answer.evidence.log + 8
+    low, _, high = other.intervals["accommodation"]
+    assert low < 0.07 < high
+    assert "finite-rate condensation: G" in answer.checks.message
+    assert re.search(r"evidence about e\^\d+ for the second", answer.checks.message)
+    plain = cavirheo.infer(shot(), trust_input=True)
+    assert not [one for one in plain.others if one.bubble.contents == "kinetic"]

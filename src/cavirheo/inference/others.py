@@ -25,7 +25,7 @@ def compared(answer: Posterior) -> list[str]:
     for one in sorted(answer.others, key=_log):
         best[model_of(one)] = one
     best.pop(model_of(here), None)
-    rivals = [one for one in best.values() if _above(one, here) > DECISIVE or _other_contents_disagree(one, here)]
+    rivals = [one for one in best.values() if _surely_above(one, here) or _other_contents_disagree(one, here)]
     said = [_sides(here, max(rivals, key=_log))] if rivals else []
     return said + [
         f"two solutions of the same model: {_values(here, stretch=True)}, or {_values(one, stretch=True)}"
@@ -73,6 +73,11 @@ def _above(one: OtherAnswer, other: OtherAnswer) -> float:
     return one.evidence.log - other.evidence.log if one.evidence and other.evidence else float("nan")
 
 
+def _surely_above(one: OtherAnswer, other: OtherAnswer) -> bool:
+    """By more than DECISIVE, whatever the error of its evidence."""
+    return _above(one, other) > DECISIVE + ((one.evidence and one.evidence.error) or 0.0)
+
+
 def _other_contents_disagree(one: OtherAnswer, here: OtherAnswer) -> bool:
     """Whether only the contents differ, and a parameter of the law beyond both intervals."""
     if one.material != here.material or one.bubble.contents == here.bubble.contents:
@@ -115,6 +120,7 @@ def _values(one: OtherAnswer, *, stretch: bool = False) -> str:
 def _verdict(there: OtherAnswer, here: OtherAnswer) -> str:
     """'; evidence e^12 for the second'; nothing where one has no evidence."""
     gain = _above(there, here)
+    rough = "about " * bool(there.evidence and (there.evidence.error or 0.0) >= DECISIVE)
     if abs(gain) < 0.5:
-        return "; evidence equal"
-    return f"; evidence e^{abs(gain):.0f} for the {'second' if gain > 0 else 'first'}" if gain == gain else ""
+        return f"; evidence {rough}equal"
+    return f"; evidence {rough}e^{abs(gain):.0f} for the {'second' if gain > 0 else 'first'}" if gain == gain else ""

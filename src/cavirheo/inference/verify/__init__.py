@@ -25,7 +25,7 @@ from cavirheo.inference.verify.explore import Explorer
 from cavirheo.inference.verify.mode import Mode, Target, climb, modes, same, valley
 from cavirheo.inference.verify.predictive import predictive_check
 from cavirheo.inference.verify.sampler import Sample, sample
-from cavirheo.inference.verify.soon import weighed
+from cavirheo.inference.verify.soon import glanced, weighed
 from cavirheo.inference.verify.tuning import TUNING
 from cavirheo.parallel import cores, each
 from cavirheo.parameters import natural_name, units
@@ -127,6 +127,8 @@ def verify_many(
         if not found:
             return replace(problems[0], seconds=problems[0].seconds + time.perf_counter() - began)
         best = _simplest(found)
+        if len(models) == 1 and chosen.level == "auto":
+            best = replace(best, others=(*best.others, *_other_contents(chosen, curve, best)))
         told = "; ".join(filter(None, [best.checks.message, *chosen_among(best, found), *compared(best)]))
         doubts, checked = list(given[0].checks.doubts), given[0].checks.verdict != "check_input"
         checks = doubted(replace(best.checks, message=told), doubts, trust_input=checked)
@@ -147,6 +149,22 @@ def _simplest(found: Sequence[Posterior]) -> Posterior:
     best, rest = found[chosen], [one for i, one in enumerate(found) if i != chosen]
     others = [one for one in best.others if model_of(one) not in {model_of(other) for other in rest}]
     return replace(best, others=(*others, *map(itself, rest)))
+
+
+def _other_contents(settings: Verification, curve: RadiusCurve, answer: Posterior) -> list[OtherAnswer]:
+    """What the other contents of the bubble answer at a glance, where these leave a misfit that is no noise and the
+    network knows the others."""
+    misfit = answer.diagnostics.predictive
+    if settings.network is None or not misfit or misfit["p_value"] >= TUNING.rejected:
+        return []
+    (way,) = set(CONTENTS) - {answer.bubble.contents}
+    try:
+        work = _Work(settings, curve, replace(answer, bubble=replace(answer.bubble, contents=way)))
+        network = settings.network.proposal(work.shot, work.prior, settings.discrepancy)
+        found = glanced(work.target, network, settings.seed)
+    except InputError:  # the network does not know them
+        return []
+    return [found] if found else []
 
 
 class _Work:

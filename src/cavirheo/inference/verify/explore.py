@@ -24,8 +24,8 @@ class Blend:
         self.surrogate, self.mixture = surrogate, mixture
         self.pool, self.log_surrogate, self.log_mixture = pool, log_surrogate, mixture.log_density(pool)
         self.log_weight = log_surrogate - self.log_mixture
-        self.log_cut = np.log(TUNING.surrogate_cut) + _log_mean(self.log_weight)
-        self.log_norm = _log_mean(np.minimum(self.log_weight - self.log_cut, 0.0))
+        self.log_cut = np.log(TUNING.surrogate_cut) + log_mean(self.log_weight)
+        self.log_norm = log_mean(np.minimum(self.log_weight - self.log_cut, 0.0))
 
     def draw(self, count: int, rng: np.random.Generator) -> Floats:
         """(count, d)"""
@@ -57,7 +57,8 @@ class Blend:
         return np.concatenate([self.pool[chosen], self.mixture.draw(count - free, rng)])
 
 
-def _log_mean(log_value: Floats) -> float:
+def log_mean(log_value: Floats) -> float:
+    """log of the mean of exp(log_value)."""
     return float(log_sum(log_value) - np.log(len(log_value)))
 
 

@@ -21,10 +21,11 @@ import numpy as np
 from cavirheo.arrays import Floats
 from cavirheo.errors import SolverError
 from cavirheo.inference.experiment import BRISK, FINE, Accuracy
-from cavirheo.inference.verify.explore import Explorer
-from cavirheo.inference.verify.mode import Mode, Simulated, Target, modes, secant
+from cavirheo.inference.verify.explore import Blend, Explorer, log_mean
+from cavirheo.inference.verify.mode import Mode, Simulated, Target, modes, secant, valley
 from cavirheo.inference.verify.sampler import Proposal, Sample, sample
 from cavirheo.inference.verify.tuning import TUNING
+from cavirheo.posterior import Evidence, OtherAnswer, intervals
 
 
 class Weighed(NamedTuple):
@@ -137,6 +138,28 @@ def weighed(
     guard = (network, own) if network and own is not None else None
     drawn = sample(explorer, explorer.propose, seed=seed + 1, first=guard, **sizes)
     return Weighed(drawn, explorer.modes, False, apart, None)
+
+
+def glanced(target: Target, network: Proposal, seed: int) -> OtherAnswer | None:
+    """What a model answers at a glance, to be set beside another's: intervals and evidence as a surrogate of the
+    simulations of the network's own draws has them. None: hardly any could be simulated."""
+    near = Mended(target)
+    u = network.draw(TUNING.own_draws, np.random.Generator(np.random.Philox(seed).jumped()))
+    known = Simulated.at(near, u)
+    if np.count_nonzero(np.isfinite(known.value)) <= 2 * (known.u.shape[1] + 1):
+        return None
+    mode, known = secant(near, known)
+    near.mend(mode, seed)
+    now = near.again(mode.u[None], mode.residual[None])
+    mode = replace(mode, residual=now.residual[0], log_posterior=float(now.value[0]))
+    explorer = Explorer(near, [mode], 0, follow=False)
+    explorer.learn(*near.again(known.u, known.residual))
+    seen = explorer.propose(np.random.Generator(np.random.Philox(seed)), None)
+    answer = valley(target, mode)
+    if not isinstance(seen, Blend):
+        return replace(answer, evidence=Evidence(mode.log_evidence, TUNING.laplace))
+    told = intervals(*target.experiment.answer(target.prior.to_x(seen.pool)), seen.log_weight)
+    return replace(answer, intervals=told, evidence=Evidence(log_mean(seen.log_weight), TUNING.laplace))
 
 
 def _beyond(mode: Mode, known: Simulated) -> list[Floats]:
