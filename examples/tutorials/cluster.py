@@ -75,4 +75,4 @@ for process in reversed(cluster):
 
 # %% [markdown]
 # ## Further
-# SLURM, many recordings, data sets for training, and how well all this scales: [scale](../../docs/how-to/scale.md).
+# SLURM, many recordings, and data sets for training: [scale](../../docs/how-to/scale.md).
