@@ -31,7 +31,7 @@ from cavirheo.posterior import CONTENTS, BubbleModel, Posterior
 
 __all__ = ["fit", "fit_many"]
 
-TOGETHER = {**SEARCH, "max_nfev": 40}  # limits of a joint fit: it has many parameters
+TOGETHER: dict[str, Any] = {**SEARCH, "max_nfev": 40}  # limits of a joint fit: it has many parameters
 _TRIED = 6  # materials of single shots, at most, from which a joint fit is started
 
 
