@@ -146,6 +146,19 @@ def test_load_takes_the_one_document_of_a_folder(tmp_path):
     assert "result.json, laws.json" in str(refused.value)
 
 
+def test_load_refuses_another_kind_than_the_one_wanted(tmp_path):
+    from cavirheo import load
+    from cavirheo.reporting.laws import Laws
+    from cavirheo.reporting.record import Result
+
+    (tmp_path / "result.json").write_text(json.dumps(HEAD | DOCUMENTS["Result"]), encoding="utf-8")
+    assert load(tmp_path, Result) == load(tmp_path)
+    for kind, code, told in ((Laws, "loading.kind", "is a Result, not a Laws"), ("Laws", "input.type", "'Laws'")):
+        with pytest.raises(InputError, match=told) as refused:
+            load(tmp_path, kind)
+        assert refused.value.code == code
+
+
 def test_load_reads_a_training_set(tmp_path):
     from cavirheo import load
     from cavirheo.training.dataset import generate

@@ -15,14 +15,16 @@ import pytest
 
 import cavirheo
 from cavirheo import InputError, Medium, NeoHookeanKelvinVoigt, Posterior, RadiusCurve
-from cavirheo.inference.verify import verify
+from cavirheo.inference.verify import Verification, VerificationOptions, verify
 from cavirheo.inference.verify.evidence import rank_laws
 from cavirheo.physics import laws
 from cavirheo.physics.driving import Pulse
 from cavirheo.physics.media import MEDIA, medium
+from cavirheo.physics.simulate import SimulationOptions
 from cavirheo.posterior import Checks
 from cavirheo.problem import TrainingProblem
 from cavirheo.training.recipe import Recipe
+from cavirheo.video.measurement import MeasureOptions, measure
 
 GEL = NeoHookeanKelvinVoigt(8e3, 0.05)
 TIME = np.arange(100) * 1e-6
@@ -362,3 +364,27 @@ def test_a_gap_is_found():
         """
 
     assert lacks(short) == ["medium", "Raises:"]
+
+
+# --- options that are told to type checkers apart from the function that takes them -----------------------------------
+
+
+@pytest.mark.parametrize(
+    ("told", "function", "also"),
+    [
+        (SimulationOptions, cavirheo.simulate, {"material", "max_radius", "stretch", "time", "throw"}),
+        (MeasureOptions, measure, {"path"}),
+        (VerificationOptions, Verification, {"workers"}),
+    ],
+)
+def test_options_are_told_to_type_checkers_as_the_function_has_them(told, function, also):
+    options = {name: one.annotation for name, one in inspect.signature(function).parameters.items()}
+    assert {*options} == {*told.__annotations__} | also
+    changed = {name for name, one in told.__annotations__.items() if options[name] != one.__forward_arg__}
+    assert changed <= {"medium"}  # a verification takes its name, too
+
+
+@pytest.mark.parametrize(("function", "given"), [(cavirheo.fit, [CURVE]), (many, [[GEL]]), (verify, [CURVE, ANSWER])])
+def test_a_misspelt_option_is_refused(function, given):
+    with pytest.raises(TypeError, match="unexpected keyword argument"):
+        function(*given, stretsh=6.0)

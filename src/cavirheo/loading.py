@@ -4,14 +4,17 @@ from __future__ import annotations
 
 from importlib import import_module
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any, TypeVar, overload
 
-from cavirheo.errors import InputError, as_path, require
+from cavirheo.errors import InputError, as_path, expect, require
 from cavirheo.files import read_object
 from cavirheo.writing.document import LARGEST, Document, read_json
 
 if TYPE_CHECKING:
+    from cavirheo.reporting.record import Result
     from cavirheo.training.dataset import Dataset
+
+Wanted = TypeVar("Wanted", bound="Document | Dataset")
 
 _KINDS = {  # a key that no other document has, and the class of the document
     "measured_with": ("video.document", "Measured"),
@@ -35,18 +38,36 @@ _NAMES = (
 )
 
 
-def load(path: str | Path) -> Document | Dataset:
+@overload
+def load(path: str | Path) -> Result | Any: ...  # so that a name which no Result has is noticed, and others may come
+
+
+@overload
+def load(path: str | Path, kind: type[Wanted]) -> Wanted: ...
+
+
+def load(path: str | Path, kind: type[Any] | None = None) -> Any:
     """A document (`Result`, `Laws`, `Measured`, `Comparison`, `Rheometry`, `CollapseTimes`) or a training set.
 
     Args:
         path: a file of any name, a folder with one, or a folder of `cavirheo generate`.
+        kind: the class that is wanted, and no other; default: whichever is there, and a `Result` to type checkers.
 
     Returns:
         The object that was written. Numbers are SI, as in the file.
 
     Raises:
-        InputError: nothing there, or nothing that cavirheo wrote.
+        InputError: nothing there, nothing that cavirheo wrote, or another kind.
     """
+    expect(object if kind is None else kind, type, "a class such as Result, of cavirheo.reporting.record")
+    found = _load(path)
+    if kind is not None and not isinstance(found, kind):
+        told = f"{path} is a {type(found).__name__}, not a {kind.__name__}: give another file, or leave out the kind"
+        raise InputError(told, "loading.kind")
+    return found
+
+
+def _load(path: str | Path) -> Document | Dataset:
     path = as_path(path)
     if path.is_dir():
         if any(path.glob("shard-*.h5")):

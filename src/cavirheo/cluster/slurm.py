@@ -9,7 +9,7 @@ import tomllib
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, ClassVar
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
@@ -25,7 +25,7 @@ _LARGEST = 100_000  # bytes of the file
 class SlurmSettings(BaseModel):
     """The file. A job has `cores` processes with one thread each, which share `memory`."""
 
-    model_config = ConfigDict(extra="forbid")
+    model_config: ClassVar[ConfigDict] = ConfigDict(extra="forbid")
 
     queue: Annotated[str, Field(min_length=1)]
     jobs: Annotated[int, Field(ge=1, le=10_000)] = 1

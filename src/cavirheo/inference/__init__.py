@@ -141,8 +141,8 @@ def infer_many(
             return each(estimator.infer, curves, workers, done)
         from cavirheo.inference.verify import verify_many
 
-        answers = each(estimator.infer, curves, workers)
-        return verify_many(curves, answers, level=verify, contents=contents, workers=workers, done=done, **settings)
+        answers, settings["level"] = each(estimator.infer, curves, workers), verify
+        return verify_many(curves, answers, contents=contents, workers=workers, done=done, **settings)
     from cavirheo.inference.networked import Networked
 
     laws = AUTO if material == "auto" else (material or "nhkv",)
@@ -154,5 +154,5 @@ def infer_many(
     from cavirheo.inference.verify import verify_many
 
     candidates = each(lambda curve: [one.infer(curve) for one in estimators], curves, workers)
-    settings |= {} if draws is None else {"draws": draws}
-    return verify_many(curves, candidates, level=verify, network=network, workers=workers, done=done, **settings)
+    settings |= {"level": verify} | ({} if draws is None else {"draws": draws})
+    return verify_many(curves, candidates, network=network, workers=workers, done=done, **settings)

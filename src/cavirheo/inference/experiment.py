@@ -18,7 +18,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from cavirheo.arrays import Floats
+from cavirheo.arrays import Bools, Floats
 from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError, require
 from cavirheo.inference.law import Family
@@ -98,20 +98,26 @@ class Experiment:
         exposure: float = 0.0,
     ) -> None:  # fmt: skip
         options = options or Options()
-        self.curve, self.family, self.medium, self.options = curve, family, medium, options
-        self.max_radius = curve.max_radius
-        self.time_scale = medium.time_scale(self.max_radius)
-        self.frame = float(np.median(np.diff(curve.time)))
+        self.curve: RadiusCurve = curve
+        self.family: Family = family
+        self.medium: Medium = medium
+        self.options: Options = options
+        self.max_radius: float = curve.max_radius
+        self.time_scale: float = medium.time_scale(self.max_radius)
+        self.frame: float = float(np.median(np.diff(curve.time)))
         self.exposure = exposure
         told = f"{curve.name}: an exposure of {exposure * 1e6:.4g} us is "
         require(0.0 <= exposure < np.inf, told + "no time", "experiment.exposure")
         longest = f"longer than the time between two frames ({self.frame * 1e6:.4g} us)"
         require(exposure <= self.frame * (1.0 + 1e-6), told + longest, "experiment.exposure")
-        self.runs, self.failures, self._counting = 0, 0, Lock()
-        self.shown = len(curve.collapse_times())
-        self.stretch = None if isinstance(options.stretch, str) or not options.stretch else float(options.stretch)
+        self.runs: int = 0
+        self.failures: int = 0
+        self._counting = Lock()
+        self.shown: int = len(curve.collapse_times())
+        stretch = None if isinstance(options.stretch, str) else options.stretch
+        self.stretch: float | None = float(stretch) if stretch else None
         # (mean, standard deviation) of the stretch, and of its log10, where the file or the late plateau tells it
-        self.stretch_prior = _known_stretch(curve, options.stretch)
+        self.stretch_prior: tuple[float, float] | None = _known_stretch(curve, options.stretch)
         self.plateau: tuple[float, float] | None = None
         if self.stretch_prior:
             value, deviation = self.stretch_prior
@@ -124,12 +130,12 @@ class Experiment:
             "scale": (1.0, options.scale_bound, 1.0),
             "rmax": (1.0, read, 1.0),
         }
-        self.free = {FREE[name]: widths[name] for name in options.free}
+        self.free: dict[str, tuple[float, float, float]] = {FREE[name]: widths[name] for name in options.free}
         bubble, p = options.bubble, medium.pressure
         for name, width, unit in zip(AT_ZERO, (BETA, ZETA, EXCESS * p), (1.0, 1.0, p), strict=True):
             if getattr(bubble, name) == "free":
                 self.free[name] = (0.5 * LARGEST * width, 0.5 * LARGEST * width, unit)
-        self.bubble = fixed_bubble(bubble, self.max_radius)
+        self.bubble: dict[str, float] = fixed_bubble(bubble, self.max_radius)
         told = f"damage needs a law with an elastic part, {family.name} has none: leave out damage"
         solid = bubble.damage == "none" or family.elastic
         require(solid, told, "physics.damage_without_elasticity")
@@ -138,35 +144,37 @@ class Experiment:
             "accommodation": bubble.contents == "kinetic" and bubble.accommodation == "free",
             "damage_modulus": bubble.damage != "none", "damage_radius": bubble.damage != "none",
         }  # fmt: skip
-        self.logs = tuple(name for name, free in free_logs.items() if free)  # of the shot, log10 in x
-        self.own = (*self.logs, *self.free)
-        self.law = len(family.parameters)  # how many of x are the law's
-        self.names = (*family.parameters, *self.own)
+        self.logs: tuple[str, ...] = tuple(name for name, free in free_logs.items() if free)  # of the shot, log10 in x
+        self.own: tuple[str, ...] = (*self.logs, *self.free)
+        self.law: int = len(family.parameters)  # how many of x are the law's
+        self.names: tuple[str, ...] = (*family.parameters, *self.own)
         units = [unit / width for _, width, unit in self.free.values()]
-        self.steps = np.array([1.0] * (len(self.names) - len(units)) + units)  # over the general one of differences
+        self.steps: Floats = np.array([1.0] * (len(self.names) - len(units)) + units)  # over that of differences
         ranges = [PARAMETERS[name].searched if name in self.logs else (-1.0, 1.0) for name in self.own]
-        self.bounds = np.concatenate([family.bounds(), np.array(ranges, dtype=float).reshape(-1, 2)])
+        self.bounds: Floats = np.concatenate([family.bounds(), np.array(ranges, dtype=float).reshape(-1, 2)])
         wanted = options.window
         if wanted is None and options.end is None and self.shown:
             wanted = min(3, self.shown)
-        self.cut = (None if wanted in (None, "all") else int(wanted), options.end)  # the window asked for
+        asked = None if wanted in (None, "all") else int(wanted)
+        self.cut: tuple[int | None, float | None] = (asked, options.end)  # the window
         self.set_window(*self.cut)
 
     def set_window(self, collapses: int | None, end: float | None = None) -> None:
         """Cut to so many collapses (None: all) and at most `end` s, with weights from the measured motion."""
         self.view: Window = window(self.curve, collapses=collapses, end=end)
-        self.since, self.measured = self.view.since_max, self.view.normalised
+        self.since: Floats = self.view.since_max
+        self.measured: Floats = self.view.normalised
         cut = self.view.curve
         finite = np.isfinite(cut.radius)
         stated, noise = cut.radius_std[finite] / self.max_radius, self.curve.noise / self.max_radius
         known = np.isfinite(stated) & (stated > 0)
         self._radius_sigma = np.where(known, stated, max(noise, FLOOR))
         self._sharpest = np.maximum(np.where(known, stated, noise), SHARPEST)
-        self.counted = ~np.isin(cut.time[finite], self.curve.time[self.curve.spikes()])
+        self.counted: Bools = ~np.isin(cut.time[finite], self.curve.time[self.curve.spikes()])
         if self.curve.drifts_from is not None:
             self.counted &= cut.time[finite] < self.curve.drifts_from
         seen = np.abs(np.gradient(self.measured, self.since)) if len(self.since) > 2 else np.zeros(len(self.since))
-        self.noise_factor = 1.0
+        self.noise_factor: float = 1.0
         self.weigh(seen)
 
     def weigh(self, speed: Floats | float, missed: Floats | None = None) -> None:
@@ -189,7 +197,7 @@ class Experiment:
             noise, motion = np.sqrt(sizes[best]) * noise, np.sqrt(sizes[best]) * TIMED[best] * motion
             noise = np.maximum(noise, SHARPEST)
             self.noise_factor = float(np.sqrt(correlation_time(missed[self.counted])))
-        self.sigma = np.where(self.counted, np.hypot(noise, motion), np.inf)
+        self.sigma: Floats = np.where(self.counted, np.hypot(noise, motion), np.inf)
 
     def natural(self, x: Floats) -> dict[str, Any]:
         """stretch, time_origin (s), radius_scale and max_radius_factor from x (d,), or from (d, draws)."""

@@ -34,9 +34,9 @@ class Flow:
     """The densities of an .onnx file. kinds: (law, contents) that it knows, in its order."""
 
     def __init__(self, content: bytes, kinds: list[tuple[str, str]]) -> None:
-        self.session = started(content)
-        self.kinds = [(plain(law), contents) for law, contents in kinds]
-        self.parts = next(int(given.shape[2]) for given in self.session.get_inputs() if given.name == "choice")
+        self.session: Any = started(content)
+        self.kinds: list[tuple[str, str]] = [(plain(law), contents) for law, contents in kinds]
+        self.parts: int = next(int(given.shape[2]) for given in self.session.get_inputs() if given.name == "choice")
 
     def sample(self, inputs: Any, kind: int, count: int, rng: np.random.Generator) -> tuple[Floats, Floats]:
         """Draws z (count, 8), 0 in slots that the kind has not, and their log density (count,)."""
@@ -62,12 +62,14 @@ class NetworkProposal:
     and its density is normalised. Raises InputError: hardly anything of it is within the prior's bounds."""
 
     def __init__(self, flow: Flow, shot: Experiment, prior: Prior, *, discrepancy: bool) -> None:
-        self.flow, self.shot, self.prior = flow, shot, prior
+        self.flow: Flow = flow
+        self.shot: Experiment = shot
+        self.prior: Prior = prior
         wanted = plain(shot.family.name), shot.options.bubble.contents
-        self.kind = flow.kinds.index(wanted)
-        self.names = (*shot.family.parameters, *shot.logs)
+        self.kind: int = flow.kinds.index(wanted)
+        self.names: tuple[str, ...] = (*shot.family.parameters, *shot.logs)
         frame, noise = shot.frame / shot.time_scale, shot.curve.noise / shot.max_radius
-        self.inputs = read(shot, discrepancy)
+        self.inputs: Any = read(shot, discrepancy)
         width_t, width_r = half_widths(np.array(frame), np.array(noise))
         camera = {
             "max_radius_factor": (1.0, float(width_r) / 3.0), "time_origin": (0.0, float(width_t) * shot.time_scale),
@@ -83,8 +85,8 @@ class NetworkProposal:
         pressure = shot.medium.pressure / WATER.pressure
         times = shot.time_scale / WATER.time_scale(shot.max_radius)
         factors = dict.fromkeys(_PRESSURE, pressure) | dict.fromkeys(_PRESSURE_TIME, pressure * times)
-        self.shift = np.log10([factors.get(name, 1.0) for name in self.names])
-        self.log_share = 0.0
+        self.shift: Floats = np.log10([factors.get(name, 1.0) for name in self.names])
+        self.log_share: float = 0.0
         inside = self._drawn(_POOL, np.random.Generator(np.random.Philox(0)))
         told = f"{shot.curve.name}: hardly any of the network's draws is within the ranges of the parameters"
         require(len(inside) > _LEAST * _POOL, told, "network.outside")

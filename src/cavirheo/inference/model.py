@@ -39,13 +39,14 @@ class Network:
     """
 
     def __init__(self, path: Path) -> None:
-        self.name, self.card = path.stem, card(path)
+        self.name: str = path.stem
+        self.card: dict[str, Any] = card(path)
         told = f"{path.stem} gives draws: the paper's networks, which give one value, are needed here"
         require(self.card["kind"] == "point", told, "model.kind")
-        self.problem = TrainingProblem.from_dict(self.card["problem"])
-        self.outputs = tuple(str(output["name"]) for output in self.card["outputs"])
+        self.problem: TrainingProblem = TrainingProblem.from_dict(self.card["problem"])
+        self.outputs: tuple[str, ...] = tuple(str(output["name"]) for output in self.card["outputs"])
         content = read_bytes(path, LARGEST)
-        self.sha256 = hashlib.sha256(content).hexdigest()
+        self.sha256: str = hashlib.sha256(content).hexdigest()
         told = f"{path} is not the file that its card describes (sha256 {self.sha256[:12]}...)"
         require(self.sha256 == self.card["onnx"]["sha256"], told, "model.changed")
         if path not in shipped().values():

@@ -72,15 +72,17 @@ class Noise:
     def __init__(
         self, deviation: Floats, time: Floats, scale: float, discrepancy: bool, velocity: Floats | float = 0.0
     ) -> None:
-        self.deviation, self.size = deviation, len(deviation)
+        self.deviation: Floats = deviation
+        self.size: int = len(deviation)
         some = [(r, r * s, tau * scale) for r in RATIOS for s in CLOCKS for tau in TIMES] if discrepancy else []
-        self.grid = [(0.0, 0.0, 1.0), *some]
+        self.grid: list[tuple[float, float, float]] = [(0.0, 0.0, 1.0), *some]
         sigma = float(np.median(deviation))
         shapes = sigma * np.stack([np.ones(self.size), np.broadcast_to(velocity * scale, self.size)], axis=1)
-        self.parts = [_Covariance(deviation, time, tau, self._moved(shapes, r, s)) for r, s, tau in self.grid]
+        moved = [(tau, self._moved(shapes, r, s)) for r, s, tau in self.grid]
+        self.parts: list[_Covariance] = [_Covariance(deviation, time, *one) for one in moved]
         share = [ABSENT] + [(1.0 - ABSENT) / len(some)] * len(some) if some else [1.0]
         self.log_prior: Floats = np.log(share)
-        self.power = SHAPE + 0.5 * self.size
+        self.power: float = SHAPE + 0.5 * self.size
         constant = gammaln(self.power) - gammaln(SHAPE) - 0.5 * self.size * np.log(2.0 * np.pi * SHAPE)
         self.constants: Floats = constant - 0.5 * np.array([part.log_det for part in self.parts]) + self.log_prior
 

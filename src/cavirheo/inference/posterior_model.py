@@ -29,12 +29,13 @@ class PosteriorModel:
     """
 
     def __init__(self, path: Path) -> None:
-        self.name, about = path.stem, card(path)
+        self.name: str = path.stem
+        about = card(path)
         told = f"{path} is a network of another kind ({about['kind']}): a posterior network is needed"
         require(about["kind"] == "posterior", told, "model.kind")
         self.card: PosteriorCard = PosteriorCard.model_validate(about)
         content = read_bytes(path, LARGEST)
-        self.sha256 = hashlib.sha256(content).hexdigest()
+        self.sha256: str = hashlib.sha256(content).hexdigest()
         told = f"{path} is not the file that its card describes (sha256 {self.sha256[:12]}...)"
         require(self.sha256 == self.card.onnx.sha256, told, "model.changed")
         if path not in shipped().values():
@@ -43,7 +44,7 @@ class PosteriorModel:
                 try_out(content, 0, 0)
             except InputError as error:
                 raise InputError(f"{path} is not run: {error}; export it with `cavirheo train`", error.code) from error
-        self.flow = Flow(content, [(law, contents) for law, contents in self.card.kinds])
+        self.flow: Flow = Flow(content, [(law, contents) for law, contents in self.card.kinds])
 
     def knows(self, material: str, contents: str) -> bool:
         """Whether it was trained on this law and these contents."""

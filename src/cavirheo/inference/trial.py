@@ -33,7 +33,7 @@ class AnswerTrial:
         options = Options(None, end * (1.0 + 1e-9), None, tuple(FREE), bubble=posterior.bubble)
         exposure = float(curve.exposure or 0.0)
         self.posterior = posterior
-        self.shot = Experiment(curve, Family(posterior.material), medium, options, exposure=exposure)
+        self.shot: Experiment = Experiment(curve, Family(posterior.material), medium, options, exposure=exposure)
 
     def checks(self, given: Mapping[str, float]) -> Checks:
         """With these parameters (natural name, SI) in place of those of the answer. Raises SolverError."""

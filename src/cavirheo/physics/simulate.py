@@ -5,7 +5,7 @@ from __future__ import annotations
 import sys
 import threading
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, TypedDict, Unpack
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -187,6 +187,28 @@ def _contents(shells: Floats, out: Floats, grid: Grid, medium: Medium, numbers: 
     return Contents(np.append(grid.centre, 1.0), temperature, vapour)
 
 
+class SimulationOptions(TypedDict, total=False):
+    """Options of `simulate` that many bubbles share."""
+
+    medium: Medium | str
+    driving: Driving | None
+    motion: str
+    polytropic: float | None
+    contents: str
+    accommodation: float
+    wall_inertia: float
+    wall_distance: float | None
+    wall_radiation: float
+    vapour_excess: float
+    damage: Damage | None
+    relaxed: bool
+    fields: bool
+    precise: bool
+    rtol: float | None
+    cells: int | None
+    unusual: bool
+
+
 def simulate_many(
     materials: Sequence[Material],
     *,
@@ -194,7 +216,7 @@ def simulate_many(
     stretch: ArrayLike,
     time: ArrayLike,
     workers: int | None = None,
-    **options: Any,
+    **options: Unpack[SimulationOptions],
 ) -> list[Simulation]:
     """`simulate` for m materials on all cores; the result does not depend on the number of workers.
 

@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from dataclasses import replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError, as_path, require
@@ -15,6 +16,9 @@ from cavirheo.reading.files import guarded, sha256, shown
 from cavirheo.reading.select import Chosen, selected
 from cavirheo.reading.table import write_csv
 from cavirheo.video.frames import is_recording
+
+if TYPE_CHECKING:
+    from cavirheo.video.measurement import MeasureOptions
 
 __all__ = ["read_curves", "write_csv"]
 
@@ -65,7 +69,8 @@ def read_curves(
     if is_recording(path):
         from cavirheo.reading.recordings import examine
 
-        options = {"frame_rate": frame_rate_hz, "um_per_px": um_per_px, "exposure": exposure, "exclude": exclude}
+        options: MeasureOptions = {"frame_rate": frame_rate_hz, "um_per_px": um_per_px}
+        options |= {"exposure": exposure, "exclude": exclude}
         return [noted(curve) for curve in selected([examine(path, sheet=True, **options)[1]], shots)]
     told = f"{shown(path)}: frames are excluded of recordings; of a table empty their radius"
     require(exclude is None, told, "reading.exclude")

@@ -3,19 +3,19 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
+from typing import Unpack
 
 from cavirheo.curve import RadiusCurve
 from cavirheo.errors import as_path
 from cavirheo.reading.files import guarded, sha256, shown
 from cavirheo.video.frames import is_recording
-from cavirheo.video.measurement import Measurement
+from cavirheo.video.measurement import Measurement, MeasureOptions
 from cavirheo.video.measurement import measure as measure_frames
 
 __all__ = ["examine", "history", "is_recording", "measure"]
 
 
-def measure(path: str | Path, **options: Any) -> RadiusCurve:
+def measure(path: str | Path, **options: Unpack[MeasureOptions]) -> RadiusCurve:
     """R(t) of the bubble in a recording: .mp4, .avi, .mkv, .mov, .tif, .cine, .mraw + .cihx, or a folder of images.
 
     Args:
@@ -37,7 +37,9 @@ def measure(path: str | Path, **options: Any) -> RadiusCurve:
     return examine(path, **options)[1]
 
 
-def examine(path: str | Path, *, sheet: bool = False, **options: Any) -> tuple[Measurement, RadiusCurve]:
+def examine(
+    path: str | Path, *, sheet: bool = False, **options: Unpack[MeasureOptions]
+) -> tuple[Measurement, RadiusCurve]:
     """The measurement and its curve, as `measure`; with `sheet` the curve carries the contact sheet for a report."""
     path = as_path(path)
     with guarded(path, "expected a recording of a bubble", folder=True):

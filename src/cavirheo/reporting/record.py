@@ -42,7 +42,8 @@ class Answered(Pairs):
     them need not be held: no more are in use at once than a group has."""
 
     def __init__(self, curves: Sequence[RadiusCurve], answers: Sequence[Posterior]) -> None:
-        self.curves, self.answers = curves, answers
+        self.curves: Sequence[RadiusCurve] = curves
+        self.answers: Sequence[Posterior] = answers
 
     @classmethod
     def of(cls, pairs: Pairs) -> Answered:

@@ -18,7 +18,9 @@ class StoredRows:
     object; an index gives an array, as it does of an array."""
 
     def __init__(self, folder: Path, width: int, kind: DTypeLike) -> None:
-        self.kind, self.width, self.count = np.dtype(kind), width, 0
+        self.kind: np.dtype[Any] = np.dtype(kind)
+        self.width: int = width
+        self.count: int = 0
         self._file = TemporaryFile(dir=folder)  # noqa: SIM115  it is closed when nobody has these rows any more
 
     def append(self, rows: NDArray[Any]) -> None:

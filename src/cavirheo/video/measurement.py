@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 from math import isfinite
 from pathlib import Path
-from typing import Any
+from typing import Any, TypedDict
 
 import numpy as np
 
@@ -92,6 +92,20 @@ class Measurement:
         unscaled = "" if self.um_per_px.value else why
         radius, sigma = self.track.radius * pixel, self.track.sigma * pixel
         return RadiusCurve(self.time, radius, sigma, about, unscaled=unscaled, doubts=self.doubts)
+
+
+class MeasureOptions(TypedDict, total=False):
+    """Options of `measure`."""
+
+    frame_rate: float | None
+    um_per_px: float | None
+    exposure: float | None
+    polarity: str
+    roi: tuple[int, int, int, int] | None
+    reference_frame: int | None
+    span: tuple[int, int] | None
+    exclude: str | Iterable[int] | None
+    begin: Callable[[int], Callable[[], None]]
 
 
 def measure(

@@ -139,7 +139,8 @@ class Outputs:
     """
 
     def __init__(self, folder: str | Path, *names: str, inputs: Iterable[str | Path] = ()) -> None:
-        self.folder, self.kind = Path(folder), names[0]
+        self.folder: Path = Path(folder)
+        self.kind: str = names[0]
         self._inputs = {os.path.realpath(path) for path in inputs}
         self._written: set[str] = set()
         self._listed: dict[str, list[dict[str, str]]] = {}

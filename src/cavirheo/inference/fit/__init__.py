@@ -7,7 +7,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, replace
 from importlib.metadata import version
 from itertools import product
-from typing import Any
+from typing import Any, Concatenate, ParamSpec, Protocol
 
 import numpy as np
 
@@ -31,27 +31,8 @@ from cavirheo.posterior import CONTENTS, BubbleModel, Posterior
 
 __all__ = ["fit", "fit_many"]
 
-TOGETHER = {**SEARCH, "max_nfev": 40}  # limits of a joint fit: it has many parameters
+TOGETHER: dict[str, Any] = {**SEARCH, "max_nfev": 40}  # limits of a joint fit: it has many parameters
 _TRIED = 6  # materials of single shots, at most, from which a joint fit is started
-
-
-def fit(curve: RadiusCurve, material: str = "nhkv", **options: Any) -> Posterior:
-    """The parameters of a law whose simulation follows one measured curve best.
-
-    Args:
-        curve: R(t), s and m.
-        material: a law of `cavirheo laws`, or "auto".
-        options: those of `fit_many`.
-
-    Returns:
-        The answer, SI; one without draws says in its checks.message why it failed.
-
-    Raises:
-        InputError: as `fit_many`.
-
-    Source: docs/method/fit.md.
-    """
-    return fit_many([curve], material, **options)[0]
 
 
 def fit_many(
@@ -230,6 +211,41 @@ def fit_many(
     )
     settings: dict[str, Any] = {"level": verify, "medium": medium, "stretch": stretch, "discrepancy": discrepancy}
     return verify_many(curves, answers, seed=seed, workers=workers, done=done, **settings, **camera)
+
+
+P = ParamSpec("P")
+
+
+class OfOne(Protocol[P]):
+    """To type checkers: a function of one curve with the options of one of many."""
+
+    def __call__(self, curve: RadiusCurve, *args: P.args, **kwargs: P.kwargs) -> Posterior: ...
+
+
+def _with_options_of(
+    many: Callable[Concatenate[Sequence[RadiusCurve], P], list[Posterior]],
+) -> Callable[[Callable[..., Posterior]], OfOne[P]]:
+    return lambda one: one
+
+
+@_with_options_of(fit_many)
+def fit(curve: RadiusCurve, material: str = "nhkv", **options: Any) -> Posterior:
+    """The parameters of a law whose simulation follows one measured curve best.
+
+    Args:
+        curve: R(t), s and m.
+        material: a law of `cavirheo laws`, or "auto".
+        options: those of `fit_many`.
+
+    Returns:
+        The answer, SI; one without draws says in its checks.message why it failed.
+
+    Raises:
+        InputError: as `fit_many`.
+
+    Source: docs/method/fit.md.
+    """
+    return fit_many([curve], material, **options)[0]
 
 
 def _fitted(

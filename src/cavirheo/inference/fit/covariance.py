@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -29,7 +29,7 @@ def laplace(fit: LeastSquares, x: Floats) -> Laplace:
     """
     residual = fit.residuals(x, FINE)
     J = fit.jacobian(x, FINE, central=True, at=residual)
-    precision = np.diag(12.0 / (fit.bounds[:, 1] - fit.bounds[:, 0]) ** 2)
+    precision: Any = np.diag(12.0 / (fit.bounds[:, 1] - fit.bounds[:, 0]) ** 2)
     variances, taus, independent = [], [], 0.0
     share = fit.common / len(fit.shots)  # of the common parameters, that each shot pays with degrees of freedom
     for shot, rows in zip(fit.shots, fit.rows, strict=True):

@@ -7,6 +7,7 @@ from itertools import pairwise
 from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from cavirheo.arrays import Floats
 from cavirheo.inference.experiment import FINE, QUICK, Accuracy, Experiment, Prediction
@@ -15,7 +16,7 @@ from cavirheo.parallel import each
 
 FORWARD, CENTRAL = 1e-3, 3e-3  # steps of the differences, decades or the like
 SAME = 0.01  # of each range: a search so near to a known minimum is given up
-SEARCH = {"ftol": 1e-3, "xtol": 1e-3, "gtol": 1e-8, "max_nfev": 15}
+SEARCH: dict[str, Any] = {"ftol": 1e-3, "xtol": 1e-3, "gtol": 1e-8, "max_nfev": 15}
 _POLISH = {"ftol": 3e-5, "xtol": 1e-4, "gtol": 1e-8, "max_nfev": 12}
 
 
@@ -31,14 +32,16 @@ class LeastSquares:
     """Experiments with one material: x holds its parameters, then those of each shot."""
 
     def __init__(self, experiments: Sequence[Experiment], workers: int = 1) -> None:
-        self.shots, self.workers = list(experiments), workers
+        self.shots: list[Experiment] = list(experiments)
+        self.workers: int = workers
         self.family: Family = self.shots[0].family
-        self.common = self.shots[0].law
+        self.common: int = self.shots[0].law
         owns = [shot.bounds[self.common :] for shot in self.shots]
-        self.bounds = np.concatenate([self.family.bounds(), *owns])
+        self.bounds: Floats = np.concatenate([self.family.bounds(), *owns])
         ends = np.cumsum([self.common, *map(len, owns)])
         law = range(self.common)
-        self.columns = [np.array([*law, *range(a, b)]) for a, b in pairwise(ends)]  # of x that shot k depends on
+        # of x that shot k depends on
+        self.columns: list[NDArray[np.intp]] = [np.array([*law, *range(a, b)]) for a, b in pairwise(ends)]
         self.priors: list[tuple[int, float, float]] = []  # column, mean, standard deviation of what has a normal prior
         for shot, own in zip(self.shots, self.columns, strict=True):
             prior = shot.prior()

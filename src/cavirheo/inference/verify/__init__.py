@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, Literal
+from typing import Any, Literal, TypedDict, Unpack
 
 import numpy as np
 from threadpoolctl import threadpool_limits
@@ -39,6 +39,8 @@ __all__ = ["Verification", "verify", "verify_many"]
 
 _CARRIED = ("cavirheo", "medium", "model", "model_sha256", "problem_id", "source_sha256", "windows", "options")
 
+Level = Literal["auto", "map", "full"]
+
 
 @dataclass(frozen=True)
 class Verification:
@@ -56,7 +58,7 @@ class Verification:
     free: Sequence[str] | str = tuple(FREE)
     t0_bound: float | None = None
     scale_bound: float = SCALE_BOUND
-    level: Literal["auto", "map", "full"] = "full"
+    level: Level = "full"
     medium: Medium = WATER
     discrepancy: bool = True
     ranges: Mapping[str, Sequence[float]] | None = None
@@ -80,9 +82,33 @@ class Verification:
         return Options(None, end, self.stretch, self.free, self.t0_bound, self.scale_bound, bubble=bubble)
 
 
-def verify(curve: RadiusCurve, answer: Posterior, **settings: Any) -> Posterior:
+class VerificationOptions(TypedDict, total=False):
+    """The fields of `Verification` but for its threads."""
+
+    stretch: float | str | None
+    free: Sequence[str] | str
+    t0_bound: float | None
+    scale_bound: float
+    level: Level
+    medium: Medium | str
+    discrepancy: bool
+    ranges: Mapping[str, Sequence[float]] | None
+    draws: int
+    seed: int
+    network: PosteriorModel | None
+    scanned: int
+
+
+def verify(
+    curve: RadiusCurve,
+    answer: Posterior,
+    *,
+    contents: str | None = None,
+    workers: int | None = None,
+    **settings: Unpack[VerificationOptions],
+) -> Posterior:
     """`verify_many` of one curve."""
-    return verify_many([curve], [answer], **settings)[0]
+    return verify_many([curve], [answer], contents=contents, workers=workers, **settings)[0]
 
 
 def verify_many(
@@ -92,7 +118,7 @@ def verify_many(
     contents: str | None = None,
     workers: int | None = None,
     done: Callable[[int, Posterior], None] | None = None,
-    **settings: Any,
+    **settings: Unpack[VerificationOptions],
 ) -> list[Posterior]:
     """Answers of any method brought to the maximum of the posterior and, with level "full", replaced by draws that the
     likelihood has weighted; on all cores, in their order. `settings` are those of `Verification`.
@@ -107,7 +133,8 @@ def verify_many(
     for answer in (one for ones in candidates for one in ones):
         expect(answer, Posterior, "a Posterior to be verified, of infer or fit, for each curve")
     inner = max(cores(workers) // max(len(curves), 1), 1)
-    chosen = Verification(workers=inner, **settings)
+    how: dict[str, Any] = {**settings}  # a medium by its name, too
+    chosen = Verification(workers=inner, **how)
 
     def one(pair: tuple[RadiusCurve, list[Posterior]]) -> Posterior:
         (curve, given), began = pair, time.perf_counter()

@@ -24,7 +24,10 @@ class Target:
     """log p(frames | x(u)) + log p(u) of one experiment; -inf where the simulation failed."""
 
     def __init__(self, experiment: Experiment, prior: Prior, noise: Noise, workers: int = 1) -> None:
-        self.experiment, self.prior, self.noise, self.workers = experiment, prior, noise, workers
+        self.experiment: Experiment = experiment
+        self.prior: Prior = prior
+        self.noise: Noise = noise
+        self.workers: int = workers
 
     def start(self, x: Floats) -> Floats:
         """(..., d) u of x (..., d), where a climb can begin."""

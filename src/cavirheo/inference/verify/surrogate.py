@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from scipy.linalg import solve_triangular
 
 from cavirheo.arrays import Floats, log_sum
+from cavirheo.inference.noise import Noise
 from cavirheo.inference.verify.mode import Target
 from cavirheo.inference.verify.tuning import TUNING
 from cavirheo.parallel import each
@@ -29,16 +30,17 @@ class Surrogate:
     def __init__(self, target: Target, u: Floats, residual: Floats, value: Floats) -> None:
         kept = np.argsort(-value, kind="stable")[: TUNING.surrogate_simulations]
         likely = kept[value[kept] > value[kept[0]] - TUNING.flat_height]
-        self.target, self.noise = target, target.noise.only(residual[likely], TUNING.grid_share)
+        self.target: Target = target
+        self.noise: Noise = target.noise.only(residual[likely], TUNING.grid_share)
         v, residual, below = target.linear(u[kept]), residual[kept], value[kept[0]] - value[kept]
         weight = np.exp(-below / TUNING.flat_height)
-        self.centre = weight @ v / np.sum(weight)
+        self.centre: Floats = weight @ v / np.sum(weight)
         off = v - self.centre
-        self.unit = np.sqrt(weight @ off**2 / np.sum(weight)) + 1e-12 * np.abs(self.centre)
+        self.unit: Floats = np.sqrt(weight @ off**2 / np.sum(weight)) + 1e-12 * np.abs(self.centre)
         off /= self.unit
-        self.root = np.linalg.cholesky((off.T * weight) @ off / np.sum(weight) + 1e-9 * np.eye(off.shape[1]))
-        self.z = self._whitened(u[kept])
-        self.limit = TUNING.surrogate_reach**2 * float(np.max(np.sum(self.z**2, axis=1)))
+        self.root: Floats = np.linalg.cholesky((off.T * weight) @ off / np.sum(weight) + 1e-9 * np.eye(off.shape[1]))
+        self.z: Floats = self._whitened(u[kept])
+        self.limit: float = TUNING.surrogate_reach**2 * float(np.max(np.sum(self.z**2, axis=1)))
         trust = (1.0 + below / TUNING.nugget_height) ** -2.0
         columns, along = _directions(residual, self.noise.deviation, trust / np.sum(trust))
         kernel = self._kernel(self.z)
@@ -49,15 +51,15 @@ class Surrogate:
         inverse = root_inverse.T @ root_inverse
         left_out = (inverse @ along) ** 2 / np.diag(inverse)[:, None]  # (y - y left out)^2 over its variance
         # what each call needs, in single precision: twice as fast, and wrong by a thousandth of the noise
-        self.single = self.z.astype(np.float32), root_inverse.T.astype(np.float32)
-        self.coefficients = (root_inverse @ along).astype(np.float32)
+        self.single: tuple[Real, Real] = self.z.astype(np.float32), root_inverse.T.astype(np.float32)
+        self.coefficients: Real = (root_inverse @ along).astype(np.float32)
         size = np.sqrt(trust @ left_out / np.sum(trust)) + 1e-9  # of each process, (directions,)
         # for each covariance C of the noise: e' C^-1 e as a quadratic form of the directions, and its axes in units of
         # the processes' sizes
         forms = [columns.T @ solved for solved in self.noise.solved(columns)]
         best = np.append(along[0], 1.0)
-        self.scale = self.noise.factor(np.array([best @ form @ best for form in forms]))  # k^2, as at the best
-        self.parts = []
+        self.scale: float = self.noise.factor(np.array([best @ form @ best for form in forms]))  # k^2, as at the best
+        self.parts: list[tuple[Floats, Floats, Floats]] = []
         for form in forms:
             values, axes = np.linalg.eigh(size[:, None] * form[:-1, :-1] * size)
             root = np.linalg.cholesky(form + 1e-12 * np.trace(form) * np.eye(len(form)))
