@@ -15,8 +15,12 @@ import jinja2
 import pytest
 
 import cavirheo
+from cavirheo.inference import LEVELS
+from cavirheo.inference.law import ABLE
 from cavirheo.inference.model import card, shipped
-from cavirheo.verbs import _FOUND, versions
+from cavirheo.physics.media import MEDIA
+from cavirheo.posterior import CONTENTS
+from cavirheo.verbs import _FOUND, options, versions
 
 ROOT = Path(__file__).parent.parent
 ABOUT = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))
@@ -92,6 +96,42 @@ def test_shells_complete_commands_and_options():
     assert completed("cavirheo in") == ["infer"]
     assert {"compare", "collapse-time", "cite", "cluster"} <= {*completed("cavirheo c")}
     assert completed("cavirheo infer --um") == ["--um-per-px"]
+
+
+@pytest.mark.parametrize(
+    ("typed", "offered"),
+    [
+        ("cavirheo infer --material n", {"neo-hookean", "newtonian", "nhkv"}),
+        ("cavirheo infer --material au", {"auto"}),
+        ("cavirheo fit --material fung+ne", {"fung+neo-hookean", "fung+newtonian"}),
+        ("cavirheo fit --material ogd", set()),  # cannot be fitted
+        ("cavirheo simulate --material ogd", {"ogden"}),
+        ("cavirheo which-law --laws nhkv,n", {"nhkv,neo-hookean", "nhkv,newtonian"}),
+        ("cavirheo which-law --contents kinetic,", {"kinetic,equilibrium"}),
+        ("cavirheo infer --model ", {*shipped()}),
+        ("cavirheo evaluate po", {"posterior"}),
+        ("cavirheo fit --medium ", {*MEDIA}),
+        ("cavirheo infer --verify ", {*LEVELS}),
+        ("cavirheo fit --verify ", {*LEVELS} - {"auto"}),
+        ("cavirheo infer --contents ", {*CONTENTS, "auto"}),
+        ("cavirheo simulate --contents ", {*CONTENTS}),
+    ],
+)
+def test_shells_complete_values(typed, offered):
+    assert {*completed(typed)} == offered
+
+
+def test_the_laws_that_shells_offer_are_those_that_can_be_fitted():
+    assert options.sum_names("") == ABLE
+    assert options.many_law_names(" nhkv, ge") == [" nhkv, gent"]
+
+
+def test_help_and_completion_import_no_compiler_and_no_network():
+    code = "import sys; sys.argv = ['cavirheo', 'infer', '--help']; from cavirheo.verbs import app, options\n"
+    code += "app(standalone_mode=False); options.law_names(''); options.medium_names(''); options.model_names('')\n"
+    code += "print(sorted({'numba', 'onnxruntime', 'scipy.optimize', 'matplotlib', 'torch'} & {*sys.modules}))"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.splitlines()[-1] == "[]"
 
 
 @pytest.fixture(scope="module")
