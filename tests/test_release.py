@@ -20,6 +20,7 @@ from cavirheo.inference.law import ABLE
 from cavirheo.inference.model import card, shipped
 from cavirheo.physics.media import MEDIA
 from cavirheo.posterior import CONTENTS
+from cavirheo.reporting.sources import BDT, IMR
 from cavirheo.verbs import _FOUND, options, versions
 
 ROOT = Path(__file__).parent.parent
@@ -36,8 +37,34 @@ def test_the_version_is_written_once():
     written = rf"\bversion\b\W{{1,9}}{re.escape(PROJECT['version'])}\b"
     found = {path.name for path in files if path.is_file() and path.suffix in kinds and path.name != "CHANGELOG.md"
              and re.search(written, path.read_text("utf-8", errors="replace"))}  # fmt: skip
-    assert found == {"pyproject.toml"}
+    assert found == {"pyproject.toml", "CITATION.cff"}  # of the latter, the next test
     assert cavirheo.__version__ == PROJECT["version"]
+
+
+@in_repository
+def test_the_citation_is_of_this_version_and_its_authors():
+    yaml = pytest.importorskip("yaml")
+    citation = yaml.safe_load((ROOT / "CITATION.cff").read_text("utf-8"))
+    assert citation["version"] == PROJECT["version"]
+    assert citation["license"] == PROJECT["license"]
+    assert citation["authors"] == PROJECT["authors"]
+    assert {*citation["keywords"]} <= {*PROJECT["keywords"]}
+    sources = {source.title: source for source in (IMR, BDT)}
+    for reference in citation["references"]:
+        source = sources.pop(reference["title"])
+        assert [one["family-names"] for one in reference["authors"]] == re.findall(r"([A-Z]\w+),", source.authors)
+        assert str(reference["year"]) == source.year
+        assert source.doi == reference.get("doi", "")
+        assert reference.get("journal") or reference["url"].endswith(source.where.removeprefix("arXiv:"))
+    assert not sources
+
+
+@in_repository
+def test_the_classifiers_are_the_pythons_that_are_tried():
+    known = [one.rpartition(" ")[2] for one in PROJECT["classifiers"] if re.search(r"Python :: 3\.\d+$", one)]
+    (tried,) = re.findall(r"tests/wheel\.py ([\d. ]+)$", (ROOT / "Makefile").read_text("utf-8"), re.MULTILINE)
+    assert known == tried.split()
+    assert PROJECT["requires-python"] == f">={known[0]}"
 
 
 def test_a_bug_report_has_versions_extras_models_and_the_solver(run, monkeypatch):
