@@ -8,8 +8,13 @@ from pathlib import Path
 import pytest
 from conftest import BDT
 
-from cavirheo import InputError, load
+from cavirheo import InputError, infer_many, load, read_curves
+from cavirheo.physics.laws import LAWS
+from cavirheo.reporting import result
 from cavirheo.reporting.citing import methods
+from cavirheo.reporting.material import PopulationRecord
+from cavirheo.reporting.sources import MEDIA, of_law
+from cavirheo.writing.document import Quantity
 
 EXAMPLE = Path(__file__).parent.parent / "examples" / "soft_gel.csv"
 
@@ -18,6 +23,13 @@ EXAMPLE = Path(__file__).parent.parent / "examples" / "soft_gel.csv"
 def answered(run, tmp_path):
     run("infer", EXAMPLE, *BDT, "--shots", "1,2", "--no-pictures", "-o", "r")
     return tmp_path / "r"
+
+
+@pytest.fixture(scope="module")
+def document():
+    """Of two shots, by the paper's network."""
+    curves = read_curves(EXAMPLE)[:2]
+    return result(list(zip(curves, infer_many(curves, model=BDT[1]), strict=True)), "a script", date="2025-01-02")
 
 
 def test_the_paragraph_says_the_model_and_cites_only_what_was_used(run, answered):
@@ -31,16 +43,109 @@ def test_the_paragraph_says_the_model_and_cites_only_what_was_used(run, answered
 
 
 def test_sources_of_every_law_of_a_sum_and_of_kinetic_contents(answered):
-    result = load(answered)
-    curve = result.curves[0].model_copy(
+    found = load(answered)
+    curve = found.curves[0].model_copy(
         update={"material": "fung + newtonian", "contents": "kinetic", "method": "verified"}
     )
-    paragraph, sources = methods(result.model_copy(update={"curves": [curve, result.curves[1]]}))
+    paragraph, sources = methods(found.model_copy(update={"curves": [curve, found.curves[1]]}))
     keys = [source.key for source in sources]
     assert {"Fung1967", "Fuller1966", "Cornuet2012", "Bu2025"} <= set(keys)
     assert len(set(keys)) == len(keys)
     assert "finite rate" in paragraph
     assert all(source.bibtex.count("{") == source.bibtex.count("}") for source in sources)
+
+
+def fields(bibtex: str) -> dict[str, str]:
+    """Of an entry, by name; every value in braces that are closed."""
+    assert bibtex.count("{") == bibtex.count("}")
+    return dict(re.findall(r"^  (\w+) = \{(.+)\},?$", bibtex, re.MULTILINE))
+
+
+@pytest.mark.parametrize("law", LAWS)
+def test_every_law_has_full_references(law, document):
+    curves = [curve.model_copy(update={"material": law, "contents": "kinetic"}) for curve in document.curves]
+    paragraph, sources = methods(document.model_copy(update={"curves": curves}))
+    assert {source.key for source in of_law(law)} <= {source.key for source in sources}
+    assert len(of_law(law)) == len(re.findall("doi:", LAWS[law].__doc__ or ""))
+    for source in sources:
+        assert f"[{source.key}" in paragraph or f", {source.key}" in paragraph
+        if source.bibtex.startswith("@article"):
+            known = fields(source.bibtex)
+            assert set(known) == {"author", "title", "journal", "year", "doi"}
+            assert re.fullmatch(r"(18|19|20)\d\d", known["year"])
+            assert re.fullmatch(r"10\.\d{4,}/\S+", known["doi"])
+            assert re.match(r"[^,]+, .*[A-Z]\.", known["author"])
+            assert "et al" not in known["author"]
+    found = [source for source in sources if source.key == "Estrada2018"]
+    assert [source.title[:16] for source in found] == ["High strain-rate"]
+
+
+def test_one_shot_is_said_in_the_singular_with_its_interval(document):
+    curve = document.curves[0].model_copy(update={
+        "method": "verified", "shear_modulus_Pa": Quantity(median=6435.1, q05=5124.0, q95=7461.0),
+        "viscosity_Pa_s": Quantity(median=0.02942, q05=0.0274, q95=0.03163),
+        "window": document.curves[0].window.model_copy(update={"collapses": 1}),
+    })  # fmt: skip
+    group = document.groups[0].model_copy(update={"n": 1, "n_trusted": 1})
+    paragraph, _ = methods(document.model_copy(update={"curves": [curve], "groups": [group]}))
+    assert "histories of 1 bubble (" in paragraph
+    assert "The medium of 1 curve: " in paragraph
+    assert "over 1 collapse (" in paragraph
+    assert "1 of 1 curve passed" in paragraph
+    assert "soft_gel: G = 6.4 kPa [5.1, 7.5], µ = 0.0294 Pa s [0.0274, 0.0316]." in paragraph
+    assert "mean" not in paragraph
+    doubtful = curve.model_copy(update={"verdict": "check_input"})
+    alone = document.model_copy(update={"curves": [doubtful], "groups": [group.model_copy(update={"n_trusted": 0})]})
+    assert "soft_gel: " not in methods(alone)[0].replace("(soft_gel: 1", "")
+
+
+def test_a_group_is_said_by_its_material_else_by_mean_and_deviation(document):
+    paragraph, sources = methods(document)
+    (group,) = document.groups
+    G, mu = group.shear_modulus_Pa, group.viscosity_Pa_s
+    table = f"G = {G.mean / 1e3:.2f} +- {G.std / 1e3:.2f} kPa, µ = {mu.mean:.3f} +- {mu.std:.3f} Pa s"
+    assert f"soft_gel: {table} (mean and standard deviation of 2 shots)." in paragraph
+    assert "Hogg2010" not in paragraph
+    line = "G = 5.8 kPa [90 %: 5.1, 6.6], µ = 0.040 Pa s [90 %: 0.035, 0.046]; 7 of 8 shots belong"
+    spreads = {"shear_modulus": Quantity(median=0.1)}
+    material = PopulationRecord(line=line, model="nhkv, equilibrium", n=8, spreads_decades=spreads)
+    paragraph, sources = methods(
+        document.model_copy(update={"groups": [group.model_copy(update={"population": material})]})
+    )
+    assert f"soft_gel: {line}." in paragraph
+    assert "mean" not in paragraph
+    assert "Hogg2010" in {source.key for source in sources}
+    none = material.model_copy(update={"line": "no material: too few intervals", "spreads_decades": {}})
+    paragraph, _ = methods(document.model_copy(update={"groups": [group.model_copy(update={"population": none})]}))
+    assert table in paragraph
+
+
+@pytest.mark.parametrize(
+    ("command", "said"),
+    [
+        ("cavirheo infer a.csv -o r", "those of water: density 998 kg/m3, sound speed 1484 m/s"),
+        ("cavirheo fit a.csv --medium=zhu2025", "those of zhu2025 [Zhu2025]: density 998.2 kg/m3"),
+        (
+            "cavirheo infer 'a b.csv' --medium yang2020 --density 1050",
+            "those of yang2020 [Yang2020] with changes: density 1050 kg/m3, sound speed 1484 m/s, surface tension 0.07",
+        ),
+        ("cavirheo infer a.csv --medium nonesuch", ""),
+        ("cavirheo infer 'a.csv --density 1050", ""),
+        ("a script of mine", ""),
+    ],
+)
+def test_the_medium_is_that_of_the_command(document, command, said):
+    paragraph, sources = methods(document.model_copy(update={"command": command}))
+    paragraph = paragraph.removesuffix(f"Command: {command}")
+    assert said in paragraph
+    assert ("Constants of the medium" in paragraph) == bool(said)
+    for source in sources:
+        assert source.key in paragraph
+
+
+def test_media_with_a_source_have_full_references():
+    for source in MEDIA.values():
+        assert {"author", "title", "year"} < set(fields(source.bibtex))
 
 
 def test_what_cannot_be_cited_is_refused_and_nothing_is_replaced(run, answered, tmp_path):
@@ -50,10 +155,10 @@ def test_what_cannot_be_cited_is_refused_and_nothing_is_replaced(run, answered, 
     assert status == 2
     assert "methods.txt" in said
     assert Path("methods.txt").read_text() == kept
-    result = load(answered)
-    failed = [curve.model_copy(update={"verdict": "failed"}) for curve in result.curves]
+    found = load(answered)
+    failed = [curve.model_copy(update={"verdict": "failed"}) for curve in found.curves]
     with pytest.raises(InputError) as caught:
-        methods(result.model_copy(update={"curves": failed}))
+        methods(found.model_copy(update={"curves": failed}))
     assert caught.value.code == "cite.nothing"
     (tmp_path / "other.json").write_text('{"x": 1}')
     assert run("cite", "other.json")[0] == 2

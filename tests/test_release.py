@@ -15,8 +15,13 @@ import jinja2
 import pytest
 
 import cavirheo
+from cavirheo.inference import LEVELS
+from cavirheo.inference.law import ABLE
 from cavirheo.inference.model import card, shipped
-from cavirheo.verbs import _FOUND, versions
+from cavirheo.physics.media import MEDIA
+from cavirheo.posterior import CONTENTS
+from cavirheo.reporting.sources import BDT, IMR
+from cavirheo.verbs import _FOUND, options, versions
 
 ROOT = Path(__file__).parent.parent
 ABOUT = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))
@@ -32,8 +37,34 @@ def test_the_version_is_written_once():
     written = rf"\bversion\b\W{{1,9}}{re.escape(PROJECT['version'])}\b"
     found = {path.name for path in files if path.is_file() and path.suffix in kinds and path.name != "CHANGELOG.md"
              and re.search(written, path.read_text("utf-8", errors="replace"))}  # fmt: skip
-    assert found == {"pyproject.toml"}
+    assert found == {"pyproject.toml", "CITATION.cff"}  # of the latter, the next test
     assert cavirheo.__version__ == PROJECT["version"]
+
+
+@in_repository
+def test_the_citation_is_of_this_version_and_its_authors():
+    yaml = pytest.importorskip("yaml")
+    citation = yaml.safe_load((ROOT / "CITATION.cff").read_text("utf-8"))
+    assert citation["version"] == PROJECT["version"]
+    assert citation["license"] == PROJECT["license"]
+    assert citation["authors"] == PROJECT["authors"]
+    assert {*citation["keywords"]} <= {*PROJECT["keywords"]}
+    sources = {source.title: source for source in (IMR, BDT)}
+    for reference in citation["references"]:
+        source = sources.pop(reference["title"])
+        assert [one["family-names"] for one in reference["authors"]] == re.findall(r"([A-Z]\w+),", source.authors)
+        assert str(reference["year"]) == source.year
+        assert source.doi == reference.get("doi", "")
+        assert reference.get("journal") or reference["url"].endswith(source.where.removeprefix("arXiv:"))
+    assert not sources
+
+
+@in_repository
+def test_the_classifiers_are_the_pythons_that_are_tried():
+    known = [one.rpartition(" ")[2] for one in PROJECT["classifiers"] if re.search(r"Python :: 3\.\d+$", one)]
+    (tried,) = re.findall(r"tests/wheel\.py ([\d. ]+)$", (ROOT / "Makefile").read_text("utf-8"), re.MULTILINE)
+    assert known == tried.split()
+    assert PROJECT["requires-python"] == f">={known[0]}"
 
 
 def test_a_bug_report_has_versions_extras_models_and_the_solver(run, monkeypatch):
@@ -92,6 +123,42 @@ def test_shells_complete_commands_and_options():
     assert completed("cavirheo in") == ["infer"]
     assert {"compare", "collapse-time", "cite", "cluster"} <= {*completed("cavirheo c")}
     assert completed("cavirheo infer --um") == ["--um-per-px"]
+
+
+@pytest.mark.parametrize(
+    ("typed", "offered"),
+    [
+        ("cavirheo infer --material n", {"neo-hookean", "newtonian", "nhkv"}),
+        ("cavirheo infer --material au", {"auto"}),
+        ("cavirheo fit --material fung+ne", {"fung+neo-hookean", "fung+newtonian"}),
+        ("cavirheo fit --material ogd", set()),  # cannot be fitted
+        ("cavirheo simulate --material ogd", {"ogden"}),
+        ("cavirheo which-law --laws nhkv,n", {"nhkv,neo-hookean", "nhkv,newtonian"}),
+        ("cavirheo which-law --contents kinetic,", {"kinetic,equilibrium"}),
+        ("cavirheo infer --model ", {*shipped()}),
+        ("cavirheo evaluate po", {"posterior"}),
+        ("cavirheo fit --medium ", {*MEDIA}),
+        ("cavirheo infer --verify ", {*LEVELS}),
+        ("cavirheo fit --verify ", {*LEVELS} - {"auto"}),
+        ("cavirheo infer --contents ", {*CONTENTS, "auto"}),
+        ("cavirheo simulate --contents ", {*CONTENTS}),
+    ],
+)
+def test_shells_complete_values(typed, offered):
+    assert {*completed(typed)} == offered
+
+
+def test_the_laws_that_shells_offer_are_those_that_can_be_fitted():
+    assert options.sum_names("") == ABLE
+    assert options.many_law_names(" nhkv, ge") == [" nhkv, gent"]
+
+
+def test_help_and_completion_import_no_compiler_and_no_network():
+    code = "import sys; sys.argv = ['cavirheo', 'infer', '--help']; from cavirheo.verbs import app, options\n"
+    code += "app(standalone_mode=False); options.law_names(''); options.medium_names(''); options.model_names('')\n"
+    code += "print(sorted({'numba', 'onnxruntime', 'scipy.optimize', 'matplotlib', 'torch'} & {*sys.modules}))"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.splitlines()[-1] == "[]"
 
 
 @pytest.fixture(scope="module")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import json
 import re
 from importlib import import_module
 from pathlib import Path
@@ -14,7 +15,7 @@ from cavirheo import loading, read_curves
 from cavirheo.beside import collapse_times
 from cavirheo.beside.published import comparison
 from cavirheo.beside.rheometer import document as rheometer
-from cavirheo.inference.model import path_of
+from cavirheo.inference.model import card, path_of
 from cavirheo.posterior import Checks, Posterior, WindowAnswer
 from cavirheo.reading import write_csv
 from cavirheo.reporting import laws, result, table, write_report
@@ -238,6 +239,62 @@ def test_show_a_measurement(run, tmp_path):
         assert part in out
     assert "check input" not in out
     assert "check input: pixels: " in run("show", "pixels.csv")[1]
+
+
+@pytest.mark.parametrize("name", ["posterior", "bdt-viscoelastic", "bdt-viscous"])
+def test_show_tells_what_the_card_of_a_shipped_network_knows(run, tmp_path, name):
+    about = card(path_of(name))
+    status, out, err = run("show", name)
+    assert (status, err, run("show", path_of(name))[1]) == (0, "", out)
+    how, size = about["training"], f"{path_of(name).stat().st_size / 1e6:.3g} MB"
+    for part in (
+        about["onnx"]["sha256"],
+        about["date"],
+        f"{how['seconds']:.0f} s",
+        size,
+        about["network"]["parameters"],
+    ):
+        assert str(part) in out
+    assert "NOT the file" not in out
+    if name == "posterior":
+        for law, contents in about["kinds"]:
+            assert re.search(rf"{re.escape(law)} \(.*contents .*{contents}", out)
+        for part in ("36352000 recordings", "R_max 30 to 602 um", "shear_modulus 10 to 1e+07 Pa", "-2.596"):
+            assert part in out
+        assert out.count("in the 90 % interval") == len(about["coverage"]["by_slot"])
+    else:
+        for part in (
+            about["material"],
+            f"{about['data']['train']} simulated curves",
+            "on cpu",
+            "R_max 245 um",
+            "epochs",
+        ):
+            assert part in out
+    (tmp_path / name).mkdir()  # what is there comes before the network of that name
+    status, _, err = run("show", name)
+    assert status == 2
+    assert "no training set" in err
+
+
+def test_show_a_name_that_is_nothing_tells_the_networks(run):
+    status, _, err = run("show", "bdt")
+    assert (status, err.count("\n")) == (2, 1)
+    for name in ("bdt-viscoelastic", "bdt-viscous", "posterior"):
+        assert name in err
+
+
+def test_show_a_card_without_what_is_for_people(run, tmp_path):
+    for name, dropped in (
+        ("posterior", ("network", "loss_by_kind", "coverage", "made_with", "license", "date")),
+        ("bdt-viscous", ("network", "history", "versions", "license", "date")),
+    ):
+        about = {key: value for key, value in card(path_of(name)).items() if key not in dropped}
+        (tmp_path / f"{name}.json").write_text(json.dumps(about), encoding="utf-8")
+        (tmp_path / f"{name}.onnx").write_bytes(b"another file")
+        status, out, err = run("show", f"{name}.onnx")
+        assert (status, err) == (0, "")
+        assert "NOT the file that its card describes" in out
 
 
 def test_show_a_model_and_a_training_set(run, tmp_path):

@@ -95,7 +95,8 @@ class OldroydB(Material):
 class Zener(Material):
     """Zener solid at finite strain: a neo-Hookean spring (shear modulus, Pa) beside an upper-convected Maxwell arm.
 
-    viscosity in Pa s and relaxation time in s are the arm's: for tau -> 0 it is NHKV.
+    viscosity in Pa s and relaxation time in s are the arm's: for tau -> 0 it is NHKV. The spring is that of Gaudron,
+    Warnez and Johnsen 2015, doi:10.1017/jfm.2015.7, the arm that of Warnez and Johnsen 2015, doi:10.1063/1.4922598.
     """
 
     shear_modulus: float = field(metadata=NOT_NEGATIVE)

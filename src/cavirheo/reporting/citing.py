@@ -2,74 +2,40 @@
 
 from __future__ import annotations
 
-import re
+import shlex
 from collections import Counter
-from typing import NamedTuple
+from collections.abc import Sequence
+from contextlib import suppress
 
-from cavirheo.errors import require
+from cavirheo.errors import InputError, require
 from cavirheo.parameters import PARAMETERS
-from cavirheo.physics.laws import LAWS
-from cavirheo.reporting.answer import CurveRecord
+from cavirheo.physics.media import Medium, medium
+from cavirheo.reporting.answer import CurveRecord, in_unit, parameters_of
 from cavirheo.reporting.group import GroupRecord
 from cavirheo.reporting.record import Result
+from cavirheo.reporting.sources import (
+    BDT,
+    DIFFUSIVITY,
+    DISCREPANCY,
+    IMR,
+    MEDIA,
+    POPULATION,
+    SAMPLING,
+    WALL,
+    Source,
+    of_law,
+)
 from cavirheo.writing import digits
 
-_SOURCE = re.compile(r"([A-Z][\w,. ]+?) (\d{4}), doi:(\S+?)[.,;)]*(?=\s|$)")  # in the docstring of a law
+_VERBS = ("infer", "fit", "watch")  # whose command tells the medium: water, unless these options say otherwise
+_CONSTANTS = ("density", "sound_speed", "surface_tension", "pressure", "temperature")
 
-
-class Source(NamedTuple):
-    authors: str
-    year: str
-    title: str
-    where: str
-    doi: str
-
-    @property
-    def key(self) -> str:
-        """Estrada2018; of the program, cavirheo2026."""
-        return ("cavirheo" if self.authors[0] == "{" else re.split(r"[ ,]", self.authors)[0]) + self.year
-
-    @property
-    def bibtex(self) -> str:
-        named = {"author": self.authors, "year": self.year, "title": self.title, "journal": self.where, "doi": self.doi}
-        kind = "misc" if self.where.startswith(("arXiv", "version")) else "article"
-        named = {("note" if kind == "misc" and name == "journal" else name): text for name, text in named.items()}
-        lines = [f"  {name} = {{{text}}}" for name, text in named.items() if text]
-        return f"@{kind}{{{self.key},\n" + ",\n".join(lines) + "\n}"
-
-
-_IMR = Source(
-    "Estrada, J. B. and Barajas, C. and Henann, D. L. and Johnsen, E. and Franck, C.", "2018",
-    "High strain-rate soft material characterization via inertial cavitation",
-    "Journal of the Mechanics and Physics of Solids", "10.1016/j.jmps.2017.12.006",
-)  # fmt: skip
-_WALL = Source(
-    "Keller, J. B. and Miksis, M.", "1980", "Bubble oscillations of large amplitude",
-    "The Journal of the Acoustical Society of America", "10.1121/1.384720",
-)  # fmt: skip
-_DIFFUSIVITY = Source(
-    "Fuller, E. N. and Schettler, P. D. and Giddings, J. C.", "1966",
-    "New method for prediction of binary gas-phase diffusion coefficients", "Industrial and Engineering Chemistry",
-    "10.1021/ie50677a007",
-)  # fmt: skip
-_BDT = Source(
-    "Bu, L. and others", "2025", "Bubble Dynamics Transformer: Microrheology at Ultra-High Strain Rates",
-    "arXiv:2506.11936", "",
-)  # fmt: skip
-_SAMPLING = Source(
-    "Cornuet, J.-M. and Marin, J.-M. and Mira, A. and Robert, C. P.", "2012", "Adaptive multiple importance sampling",
-    "Scandinavian Journal of Statistics", "10.1111/j.1467-9469.2011.00756.x",
-)  # fmt: skip
-_DISCREPANCY = Source(
-    "Kennedy, M. C. and O'Hagan, A.", "2001", "Bayesian calibration of computer models",
-    "Journal of the Royal Statistical Society: Series B", "10.1111/1467-9868.00294",
-)  # fmt: skip
 _HOW = {  # by method, what was done and whose method it is
     "verified": (
         "The posterior of the parameters was sampled: draws of a trained proposal were weighed by the likelihood of "
         "the full simulation (adaptive multiple importance sampling [Cornuet2012]), with noise of unknown size and a "
         "discrepancy between law and bubble that was inferred along with them [Kennedy2001].",
-        (_SAMPLING, _DISCREPANCY),
+        (SAMPLING, DISCREPANCY),
     ),
     "laplace": ("The maximum of the posterior and the Gaussian about it were found by Gauss-Newton steps.", ()),
     "least_squares": (
@@ -77,7 +43,7 @@ _HOW = {  # by method, what was done and whose method it is
         "by the likelihood.", (),
     ),
     "amortised": ("The answer is that of a trained posterior network, not verified by simulations.", ()),
-    "bdt": ("A Bubble Dynamics Transformer [Bu2025] gave the values, at equal Cauchy and Reynolds numbers.", (_BDT,)),
+    "bdt": ("A Bubble Dynamics Transformer [Bu2025] gave the values, at equal Cauchy and Reynolds numbers.", (BDT,)),
 }  # fmt: skip
 
 
@@ -87,23 +53,32 @@ def methods(result: Result) -> tuple[str, list[Source]]:
     require(bool(answered), "no curve of this result has an answer: there is nothing to cite", "cite.nothing")
     title = "cavirheo: inertial microcavitation rheometry from a bubble radius history"
     own = Source("{The cavirheo developers}", (result.date or "")[:4], title, f"version {result.version}", "")
-    cited = [own, _WALL, _IMR]
-    said = [_shots(answered, result), *_model(answered, cited)]
+    cited = [own, WALL, IMR]
+    said = [_shots(answered, result), *_model(answered, cited), *_medium(result.command, cited), *_window(answered)]
     for method in dict.fromkeys(curve.method for curve in answered):
         words, sources = _HOW[method]
         cited += sources
         said.append(words)
     said += _prior(answered)
     said.append("Values are medians with central 90 % intervals." if _intervals(answered) else "")
-    said += [_group(group, result) for group in result.groups]
+    if any(group.population and group.population.found for group in result.groups):
+        said.append(
+            "The material of a group is the centre of a population of its shots, which was inferred from their "
+            f"posteriors and priors, together with the scatter of the shots about it [{POPULATION.key}]."
+        )
+        cited.append(POPULATION)
+    said += [_group(group, [result.curves[i] for i in of], result) for group, of in result.members()]
     trusted = sum(curve.trusted for curve in answered)
+    means = "; means are over these" if any("mean and standard" in one for one in said) else ""
     said.append(
-        f"{trusted} of {len(result.curves)} curves passed the checks of the program (reconstruction error, bounds of "
-        "the ranges, plausibility of the recording); means are over these."
+        f"{trusted} of {digits.counted(len(result.curves), 'curve')} passed the checks of the program (reconstruction "
+        f"error, bounds of the ranges, plausibility of the recording){means}."
     )
     said.append(f"Command: {result.command}")
-    unique = list({source.key: source for source in cited}.values())
-    return " ".join(filter(None, said)), unique
+    unique: dict[str, Source] = {}
+    for source in cited:
+        unique.setdefault(source.key, source)
+    return " ".join(filter(None, said)), list(unique.values())
 
 
 def _shots(answered: list[CurveRecord], result: Result) -> str:
@@ -112,8 +87,8 @@ def _shots(answered: list[CurveRecord], result: Result) -> str:
     files = ", ".join(f"{name}: {n}" for name, n in Counter(curve.group for curve in answered).items())
     size = f", R_max {_range(sizes)} um" if sizes else ""
     rate = f", strain rates {_range(rates)} 1/s" if rates else ""
-    with_what = f"cavirheo {result.version} [cavirheo{(result.date or '')[:4]}]"
-    return f"Radius histories of {len(answered)} bubbles ({files}{size}{rate}) were analysed with {with_what}."
+    of = f"{digits.counted(len(answered), 'bubble')} ({files}{size}{rate})"
+    return f"Radius histories of {of} were analysed with cavirheo {result.version} [cavirheo{(result.date or '')[:4]}]."
 
 
 def _model(answered: list[CurveRecord], cited: list[Source]) -> list[str]:
@@ -123,25 +98,55 @@ def _model(answered: list[CurveRecord], cited: list[Source]) -> list[str]:
     ]
     for model in dict.fromkeys((curve.material, curve.contents, curve.damage) for curve in answered):
         material, contents, damage = model
-        keys = []
-        for part in material.split("+"):
-            for authors, year, doi in _SOURCE.findall(getattr(LAWS.get(part.strip()), "__doc__", None) or ""):
-                cited.append(Source(authors.replace(" et al", " and others"), year, "", "", doi))
-                keys.append(cited[-1].key)
+        sources = [source for part in material.split("+") for source in of_law(part.strip())]
+        cited += sources
+        keys = list(dict.fromkeys(source.key for source in sources))
         law = digits.MATERIALS.get(material, material).partition(" (")[0] + (f" [{', '.join(keys)}]" if keys else "")
         vapour = "vapour in equilibrium at the wall"
         if contents == "kinetic":
-            vapour = f"vapour that condenses at a finite rate, with its diffusivity by [{_DIFFUSIVITY.key}]"
-            cited.append(_DIFFUSIVITY)
+            vapour = f"vapour that condenses at a finite rate, with its diffusivity by [{DIFFUSIVITY.key}]"
+            cited.append(DIFFUSIVITY)
         count = sum((c.material, c.contents, c.damage) == model for c in answered)
         hurt = "" if damage == "none" else f", damaged ({damage})"
-        said.append(f"The medium of {count} curves: {law}{hurt}; {vapour}.")
+        said.append(f"The medium of {digits.counted(count, 'curve')}: {law}{hurt}; {vapour}.")
+    return said
+
+
+def _medium(command: str, cited: list[Source]) -> list[str]:
+    """The constants by their names; nothing where the command does not tell them, as in Python."""
+    if (liquid := _liquid(command)) is None:
+        return []
+    name, source = liquid.name.removesuffix(", changed"), MEDIA.get(liquid.name.removesuffix(", changed"))
+    cited += [source] if source else []
+    values = f"density {liquid.density:g} kg/m3, sound speed {liquid.sound_speed:g} m/s, surface tension "
+    values += f"{liquid.surface_tension:g} N/m, pressure {liquid.pressure:g} Pa, temperature {liquid.temperature:g} K"
+    other = " with changes" if name != liquid.name else ""
+    return [f"Constants of the medium are those of {name}{f' [{source.key}]' if source else ''}{other}: {values}."]
+
+
+def _liquid(command: str) -> Medium | None:
+    """That of the options of a command line of ours."""
+    given: dict[str, str] = {}
+    with suppress(ValueError, InputError):
+        words = shlex.split(command)
+        if len(words) < 2 or words[0] != "cavirheo" or words[1] not in _VERBS:
+            return None
+        for word, after in zip(words, [*words[1:], ""], strict=True):
+            name, equals, value = word.partition("=")
+            given[name.removeprefix("--").replace("-", "_")] = value if equals else after
+        constants = {name: float(given[name]) for name in _CONSTANTS if name in given}
+        return medium(given.get("medium", "water"), unusual=True, **constants)
+    return None
+
+
+def _window(answered: list[CurveRecord]) -> list[str]:
     windows = sorted({curve.window.collapses for curve in answered if curve.window.collapses})
     ends = [curve.window.t_star_end for curve in answered if curve.window.t_star_end]
     if windows and ends:
-        collapses = " or ".join(map(str, windows))
-        said.append(f"They were compared with the recordings over {collapses} collapses (t/t_c up to {_range(ends)}).")
-    return said
+        *few, last = windows
+        collapses = " or ".join([*map(str, few), digits.counted(last, "collapse")])
+        return [f"Simulations were compared with the recordings over {collapses} (t/t_c up to {_range(ends)})."]
+    return []
 
 
 def _prior(answered: list[CurveRecord]) -> list[str]:
@@ -168,17 +173,21 @@ def _intervals(answered: list[CurveRecord]) -> bool:
     return any(curve.viscosity_Pa_s.q05 is not None or curve.stretch.q05 is not None for curve in answered)
 
 
-def _group(group: GroupRecord, result: Result) -> str:
-    factor, unit = result.modulus_unit
+def _group(group: GroupRecord, members: Sequence[CurveRecord], result: Result) -> str:
+    """Its material with the interval, which is the line of the table; of a single trusted shot its values; else the
+    mean and the standard deviation of the trusted ones. Nothing where none is trusted."""
+    if group.population and group.population.found:
+        return f"{group.name}: {group.population.line}."
+    trusted, n = [one for one in members if one.trusted], group.n if group.n_trusted is None else group.n_trusted
     values = []
-    for symbol, spread, by, of in (
-        ("G", group.shear_modulus_Pa, factor, unit), ("mu", group.viscosity_Pa_s, 1.0, "Pa s"),
-    ):  # fmt: skip
-        if spread.mean is not None:
-            scatter = f" +- {digits.significant(spread.std * by)}" if spread.std is not None else ""
-            values.append(f"{symbol} = {digits.significant(spread.mean * by)}{scatter} {of}")
-    n = group.n if group.n_trusted is None else group.n_trusted
-    return f"{group.name}: {', '.join(values)} (mean and standard deviation of {n} shots)." if values and n else ""
+    for name in parameters_of(trusted):
+        symbol, factor, unit = in_unit(name, result.modulus_unit)
+        text = digits.quantity(trusted[0].itself.quantity(name), factor, unit=unit)
+        if n > 1:
+            text = f"{digits.spread(group.spread(name), factor).replace('±', '+-')} {unit}".rstrip()
+        values += [f"{symbol} = {text}"] if digits.MISSING not in text else []
+    over = f" (mean and standard deviation of {n} shots)" if n > 1 else ""
+    return f"{group.name}: {', '.join(values)}{over}." if values and n else ""
 
 
 def _range(values: list[float]) -> str:

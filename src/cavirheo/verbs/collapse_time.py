@@ -21,7 +21,13 @@ def collapse_time(
             help="tables (rmax_um,stretch,t1_us as .csv or .xlsx; pIMR_array in a .mat) or R(t); a folder; - for stdin",
         ),
     ],
-    material: Annotated[str, typer.Option(help="nhkv, nh (no viscosity) or newtonian (no elasticity)")] = "nhkv",
+    material: Annotated[
+        str,
+        typer.Option(
+            help="nhkv, nh (no viscosity) or newtonian (no elasticity)",
+            autocompletion=options.values("nhkv", "nh", "newtonian"),
+        ),
+    ] = "nhkv",
     exact: Annotated[bool, typer.Option("--exact", help="fit with simulated collapse times, too: seconds")] = False,
     shear_modulus: Annotated[float | None, typer.Option(help="Pa, if it is known: only µ is fitted")] = None,
     viscosity: Annotated[float | None, typer.Option(help="Pa s, if it is known: only G is fitted")] = None,

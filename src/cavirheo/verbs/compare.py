@@ -19,7 +19,12 @@ def compare(
     ] = None,
     model: options.ModelName = "bdt-viscoelastic",
     fit_law: Annotated[
-        str | None, typer.Option("--fit", help="least squares with this law (nhkv, ...) instead of networks")
+        str | None,
+        typer.Option(
+            "--fit",
+            help="least squares with this law (nhkv, ...) instead of networks",
+            autocompletion=options.sum_names,
+        ),
     ] = None,
     trust_input: options.TrustInput = False,
     out: options.Out = Path("cavirheo-comparison"),

@@ -20,7 +20,7 @@ def design(
     shear_modulus: Annotated[_Range, Option(help="Pa, if nothing was measured", metavar="LOW HIGH")] = None,
     viscosity: Annotated[_Range, Option(help="Pa s", metavar="LOW HIGH")] = None,
     stretch: Annotated[_Range, Option(help="R_max/R_0  [default: 4 10]", metavar="LOW HIGH")] = None,
-    material: Annotated[str, Option(help="a law of `cavirheo laws`")] = "nhkv",
+    material: Annotated[str, Option(help="a law of `cavirheo laws`", autocompletion=options.sum_names)] = "nhkv",
     rmax_um: Annotated[tuple[float, float], Option(help="that the rig can make, um", metavar="LOW HIGH")] = (50, 400),
     frame_rates_khz: Annotated[str, Option(help="that the camera has, with commas")] = "100,250,500,1000",
     frames: Annotated[int, Option(help="of a recording", min=10)] = 128,
@@ -34,7 +34,11 @@ def design(
     check: Annotated[int, Option(help="recordings of a recommended setting that `infer` answers", min=0)] = 6,
     for_training: Annotated[
         str | None,
-        Option(metavar="MODEL", help="where this posterior network is least sure, and a recipe with more of it"),
+        Option(
+            metavar="MODEL",
+            help="where this posterior network is least sure, and a recipe with more of it",
+            autocompletion=options.model_names,
+        ),
     ] = None,
     recordings: Annotated[int | None, Option(help="simulated for --for-training  [default: 120]", min=30)] = None,
     seed: options.Seed = 0,

@@ -14,7 +14,7 @@ from cavirheo.writing.terminal import say
 
 
 def evaluate(
-    model: Annotated[str, Argument(help="a shipped model or an .onnx file")],
+    model: Annotated[str, Argument(help="a shipped model or an .onnx file", autocompletion=options.model_names)],
     data: Annotated[Path, Argument(help="folder written by `cavirheo generate`")],
     out: options.Out = Path("cavirheo-evaluation"),
     robustness: Annotated[

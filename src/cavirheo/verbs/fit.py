@@ -15,7 +15,12 @@ from cavirheo.verbs.run import Reading, Run
 
 def fit(
     files: options.Curves,
-    material: Annotated[str, Option(help="law: nhkv, newtonian, power-law, ...; or auto: the best of some")] = "nhkv",
+    material: Annotated[
+        str,
+        Option(
+            help="law: nhkv, newtonian, power-law, ...; or auto: the best of some", autocompletion=options.law_names
+        ),
+    ] = "nhkv",
     window: Annotated[
         str | None, Option(help="collapses that are fitted, or 'all'  [default: 3, or as many as there are]")
     ] = None,

@@ -20,6 +20,71 @@ if TYPE_CHECKING:
 else:
     Liquid = Bubble = Any
 
+_LEVELS = ("auto", "full", "map", "none")  # of verification
+_CONTENTS = ("equilibrium", "kinetic")
+
+
+def values(*words: str, commas: bool = False) -> Callable[[str], list[str]]:
+    """What the shell offers for an option with these values; for several of them after each comma."""
+    return lambda incomplete: _begun(incomplete, words, "," if commas else "")
+
+
+def law_names(incomplete: str) -> list[str]:
+    """Those that can be fitted, also as the next part of a sum, and auto."""
+    return [*sum_names(incomplete), *_begun(incomplete, ["auto"])]
+
+
+def sum_names(incomplete: str) -> list[str]:
+    """Those that can be fitted, also as the next part of a sum."""
+    return _begun(incomplete, _laws(), "+")
+
+
+def many_law_names(incomplete: str) -> list[str]:
+    """Those that can be fitted, after each comma."""
+    return _begun(incomplete, _laws(), "+,")
+
+
+def any_law_names(incomplete: str) -> list[str]:
+    """All laws, also as the next part of a sum."""
+    from cavirheo.physics.laws import LAWS
+
+    return _begun(incomplete, LAWS, "+")
+
+
+def model_names(incomplete: str) -> list[str]:
+    """The shipped models, by their files: to read their cards takes longer than a key should."""
+    return _begun(incomplete, sorted(path.stem for path in (Path(__file__).parents[1] / "models").glob("*.onnx")))
+
+
+def medium_names(incomplete: str) -> list[str]:
+    """The named sets of constants."""
+    from cavirheo.physics.media import MEDIA
+
+    return _begun(incomplete, MEDIA)
+
+
+def _laws() -> list[str]:
+    """`ABLE` of inference/law, which takes a second to import: those whose parameters have a range or a default."""
+    from cavirheo.parameters import PARAMETERS
+    from cavirheo.physics.laws import LAWS
+
+    takes = {name: inspect.signature(law).parameters.values() for name, law in LAWS.items()}
+    return [
+        name
+        for name, given in takes.items()
+        if all(PARAMETERS[one.name].searched or one.default is not one.empty for one in given)
+    ]
+
+
+def _begun(incomplete: str, words: Iterable[str], between: str = "") -> list[str]:
+    """The words that go on from what is typed; where several may be given, from what follows the last separator."""
+    done = max((incomplete.rfind(one) for one in between), default=-1) + 1
+    kept, typed = incomplete[:done], incomplete[done:]
+    kept += typed[: len(typed) - len(typed.lstrip())]
+    used = kept.replace(",", " ").split() if "," in between else []
+    return [kept + word for word in words if word.startswith(typed.strip()) and word not in used]
+
+
 Curves = Annotated[
     list[Path],
     Argument(
@@ -27,13 +92,15 @@ Curves = Annotated[
         help="measured R(t): .mat, .csv, .h5, .xlsx; or recordings: .mp4, .tif, .cine, ...; a folder, or - for stdin",
     ),
 ]
-ModelName = Annotated[str, Option("--model", help="shipped model (see `cavirheo models`) or a path to an .onnx file")]
+_MODEL = "shipped model (see `cavirheo models`) or a path to an .onnx file"
+ModelName = Annotated[str, Option("--model", help=_MODEL, autocompletion=model_names)]
 Out = Annotated[Path, Option("-o", "--out", help="folder for the results")]
-Verify = Annotated[str, Option(help="map: the posterior's maximum; full: draws weighted by full simulations; none")]
+_VERIFY = "map: the posterior's maximum; full: draws weighted by full simulations; none"
+Verify = Annotated[str, Option(help=_VERIFY, autocompletion=values(*_LEVELS[1:]))]
 _AUTO = (
     "auto: draws weighted by simulations, as few as can be trusted; full: by more; map: the posterior's maximum; none"
 )
-VerifyAuto = Annotated[str, Option(help=_AUTO)]
+VerifyAuto = Annotated[str, Option(help=_AUTO, autocompletion=values(*_LEVELS))]
 ExactLaw = Annotated[
     bool, Option("--exact-law", help="--verify: no discrepancy between law and bubble, narrower intervals")
 ]
@@ -49,15 +116,17 @@ UmPerPx = Annotated[float | None, Option(help="micrometres per pixel of a record
 _BLUR = "of a frame, us, centred on its time: --verify blurs the simulation as the camera"
 _GROUP = "shots of one material: file, folder, none, or auto: a file, or a folder of single-shot files"
 Group = Annotated[str, Option(help=_GROUP)]
-Contents = Annotated[
-    str, Option(help="of the bubble: equilibrium (the field's model), or kinetic (vapour condenses at a finite rate)")
-]
-Material = Annotated[str | None, Option(help="a law of `cavirheo laws`, or auto  [default: nhkv]")]
+_KINETIC = "of the bubble: equilibrium (the field's model), or kinetic (vapour condenses at a finite rate)"
+Contents = Annotated[str, Option(help=_KINETIC, autocompletion=values(*_CONTENTS))]
+_LAW = "a law of `cavirheo laws`, or auto  [default: nhkv]"
+Material = Annotated[str | None, Option(help=_LAW, autocompletion=law_names)]
 KnownStretch = Annotated[float | None, Option(help="R_max/R_0 if known; inferred otherwise")]
 ReadWindow = Annotated[int | None, Option(help="collapses that are read and compared  [default: 3]", min=1)]
-EitherContents = Annotated[
-    str, Option(help="of the bubble: equilibrium (the field's model), kinetic, or auto: both, the evidence chooses")
-]
+_EITHER = "of the bubble: equilibrium (the field's model), kinetic, or auto: both, the evidence chooses"
+EitherContents = Annotated[str, Option(help=_EITHER, autocompletion=values(*_CONTENTS, "auto"))]
+_BOTH = "of the bubble: equilibrium, kinetic or both, with a comma"
+ManyContents = Annotated[str, Option(help=_BOTH, autocompletion=values(*_CONTENTS, commas=True))]
+ManyLaws = Annotated[str, Option(help="two or more, with commas", autocompletion=many_law_names)]
 WallDistanceUm = Annotated[float | None, Option(help="of one rigid wall, instead of --wall-inertia")]
 Shots = Annotated[str | None, Option(help="of every file, '1,4-7': from 1 in its order  [default: all]")]
 _WANTED = "half of the 90 % interval that is wanted, of the value"
@@ -66,11 +135,12 @@ _COLUMN = "table of shots, files or groups and one number each (a concentration,
 Column = Annotated[Path | None, Option(help=_COLUMN, readable=False)]
 _SCHEDULER = "dask: tcp://HOST:PORT, or slurm:FILE.toml  [default: the cores of this machine]"
 Scheduler = Annotated[str | None, Option(help=_SCHEDULER)]
+_MEDIUM = "named constants: water, bu2026, estrada2018, ..."
 FROM_OPTIONS: Any = None  # default of an argument of a verb that is made of the options of its kind
 _Number = float | None
 _KINDS: dict[str, dict[str, tuple[Any, Any]]] = {  # argument: its options, each with type and default
     "liquid": {
-        "medium": (Annotated[str, Option(help="named constants: water, bu2026, estrada2018, ...")], "water"),
+        "medium": (Annotated[str, Option(help=_MEDIUM, autocompletion=medium_names)], "water"),
         "density": (Annotated[_Number, Option(help="of the liquid or gel, kg/m3")], None),
         "sound_speed": (Annotated[_Number, Option(help="m/s")], None),
         "surface_tension": (Annotated[_Number, Option(help="N/m")], None),

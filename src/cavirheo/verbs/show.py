@@ -1,4 +1,4 @@
-"""`cavirheo show`: what a file holds: a document, training set or model that cavirheo wrote, or measured curves."""
+"""`cavirheo show`: what a file holds (a document, training set, model, measured curves), or what a network is."""
 
 from __future__ import annotations
 
@@ -29,11 +29,20 @@ _TABLES = {  # by the class of a document: who prints its table
 
 def show(
     file: Annotated[
-        Path, Argument(help="a document, a folder of results, a training set, an .onnx model; or a measurement")
+        Path,
+        Argument(
+            help="a document, a folder of results, a training set, an .onnx model; a measurement; or the name of a "
+            "shipped network (see `cavirheo models`)"
+        ),
     ],
     shots: options.Shots = None,
 ) -> None:
-    """What a file is: when and by which command it was made, and its table; of measured curves, what would be read."""
+    """What a file is: when and by which command it was made, and its table; of measured curves, what would be read.
+
+    Of a network: what it answers, the ranges and recordings it was trained on, and how well it answers.
+    """
+    if len(file.parts) == 1 and not file.suffix and not _there(file):
+        file = _shipped(file.name)
     told = f"--shots is for measurements, and {file} is none: leave it out"
     card = file.suffix == ".json" and file.with_suffix(".onnx").is_file()
     if card or file.suffix.lower() == ".onnx" or file.is_dir() or _is_json(file):
@@ -54,6 +63,22 @@ def show(
                 raise
             say(f"{file} holds no measurement; {file.parent} holds:")
             _show_written(file.parent)
+
+
+def _shipped(name: str) -> Path:
+    from cavirheo.inference.model import shipped
+
+    known = shipped()
+    told = f"{name} does not exist, nor is it the name of a shipped network ({', '.join(known)})"
+    require(name in known, told, "show.missing")
+    return known[name]
+
+
+def _there(file: Path) -> bool:
+    try:
+        return file.exists()
+    except OSError:  # a name that is too long
+        return False
 
 
 def _loadable(folder: Path) -> bool:
@@ -110,11 +135,11 @@ def _show_training_set(path: Path) -> None:
 
 def _show_model(path: Path) -> None:
     from cavirheo.inference.model import card
-    from cavirheo.verbs.models import describe
+    from cavirheo.verbs.models import explain
 
     about = card(path)
     try:
-        describe(str(path), path, about)
+        explain(path.stem, path, about)
     except (KeyError, TypeError, ValueError) as error:
         raise InputError(f"the card of {path} lacks what it should say: {error!r}", "model.card") from None
 

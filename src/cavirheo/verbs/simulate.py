@@ -26,7 +26,8 @@ def simulate(
         str,
         Option(
             help="nhkv, newtonian or qkv; or any laws with their parameters (see `cavirheo laws`), "
-            "'yeoh(1e3, 20) + cross(0.5, 0.01, 1e-4)'"
+            "'yeoh(1e3, 20) + cross(0.5, 0.01, 1e-4)'",
+            autocompletion=options.any_law_names,
         ),
     ] = "nhkv",
     shear_modulus: Annotated[float | None, Option(help="Pa")] = None,

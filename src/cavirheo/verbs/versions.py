@@ -32,7 +32,7 @@ def _lines() -> Iterator[tuple[str, str]]:
         yield f"[{extra}]", _installed(names)
     yield "solver", _solver()
     for name, path in shipped().items():
-        yield "model", f"{name}, sha256 {_checksum(path)}"
+        yield "model", f"{name}, sha256 {checksum(path)}"
     found = [f"{name}={value}" for name, value in sorted(os.environ.items()) if name.startswith(_TELLING)]
     yield "variables", ", ".join(found) or "none that matter"
 
@@ -58,13 +58,14 @@ def _installed(names: list[str]) -> str:
     return ", ".join(said)
 
 
-def _checksum(path: Path) -> str:
-    """Of the file, and a word if it is not the file that its card describes."""
+def checksum(path: Path) -> str:
+    """Of a model, and a word if it is not the file that its card describes. Raises InputError: it is too large."""
     import hashlib
 
-    from cavirheo.inference.model import card
+    from cavirheo.files import read_bytes
+    from cavirheo.inference.model import LARGEST, card
 
-    found: str = hashlib.sha256(path.read_bytes()).hexdigest()
+    found: str = hashlib.sha256(read_bytes(path, LARGEST)).hexdigest()
     return found + ("" if card(path)["onnx"]["sha256"] == found else ", which is NOT the file that its card describes")
 
 

@@ -20,10 +20,8 @@ if TYPE_CHECKING:
 
 def which_law(
     files: options.Curves,
-    laws: Annotated[str, Option(help="two or more, with commas")] = (
-        "nhkv,newtonian,power-law,carreau-yasuda,qkv,fung + newtonian,zener"
-    ),
-    contents: Annotated[str, Option(help="of the bubble: equilibrium, kinetic or both, with a comma")] = "equilibrium",
+    laws: options.ManyLaws = ("nhkv,newtonian,power-law,carreau-yasuda,qkv,fung + newtonian,zener"),
+    contents: options.ManyContents = "equilibrium",
     damage: Annotated[str, Option(help="of none, first-rebound and strain, with commas")] = "none",
     wall_inertia: Annotated[str, Option(help="of all models: R_max sum(s/d) over image bubbles; or free")] = "0",
     window: Annotated[
