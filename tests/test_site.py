@@ -16,7 +16,6 @@ import cavirheo
 from cavirheo.reporting.record import Result
 from cavirheo.verbs import app
 
-pytestmark = pytest.mark.slow
 for needed in ("material", "mkdocstrings_handlers"):
     if find_spec(needed) is None:
         pytest.skip("the docs extra is not installed", allow_module_level=True)
@@ -32,11 +31,12 @@ def outside(text: str) -> list[str]:
     return [address for pattern in (LOADED, LINKED, IN_STYLE) for address in pattern.findall(text)]
 
 
-@pytest.fixture(scope="module")
-def site(tmp_path_factory):
+@pytest.fixture(scope="module", params=["unrun", pytest.param("run", marks=pytest.mark.slow)])
+def site(request, tmp_path_factory):
+    """The folder of the site; its tutorials take minutes to run, and without what they print the rest takes seconds."""
     folder = tmp_path_factory.mktemp("site")
     command = [sys.executable, "-m", "mkdocs", "build", "--strict", "--quiet", "--site-dir", str(folder)]
-    surroundings = os.environ | {"PYTHONPATH": str(ROOT / "src")}
+    surroundings = os.environ | {"PYTHONPATH": str(ROOT / "src"), "CAVIRHEO_TUTORIALS": request.param}
     done = subprocess.run(command, cwd=ROOT, env=surroundings, capture_output=True, text=True, timeout=600)
     assert done.returncode == 0, done.stdout + done.stderr
     return folder
@@ -92,6 +92,11 @@ def test_every_tutorial_is_a_page_with_its_script_and_its_notebook(site):
         assert f"{stem}.ipynb" in (folder / f"{stem}.html").read_text("utf-8")
 
 
+def test_tutorials_show_what_they_drew_once_they_are_run(site, request):
+    drawn = [*(site / "examples" / "tutorials").glob("*-[0-9]*.png")]
+    assert bool(drawn) == ("[run]" in request.node.name)
+
+
 def test_the_reference_has_every_name_verb_and_field(site):
     python, commands, result = (
         (site / "reference" / f"{page}.html").read_text("utf-8") for page in ("python", "commands", "result")
@@ -101,6 +106,7 @@ def test_the_reference_has_every_name_verb_and_field(site):
     assert [name for name in Result.model_json_schema()["$defs"] if f'id="{name.lower()}"' not in result] == []
 
 
+@pytest.mark.slow
 def test_the_search_works_from_a_folder(site):
     chromium = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
     if chromium is None or find_spec("playwright") is None:
