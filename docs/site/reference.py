@@ -1,4 +1,4 @@
-"""The reference, made from the code when the site is built: public names, verbs with their options, result.json."""
+"""The reference, made from the code when the site is built: public names, verbs with their options, documents."""
 
 from __future__ import annotations
 
@@ -8,9 +8,11 @@ from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Any
 
+import names
 import typer
 
 import cavirheo
+from cavirheo.parameters import PARAMETERS
 from cavirheo.reporting.record import Result
 from cavirheo.verbs import app
 
@@ -21,7 +23,7 @@ Schema = dict[str, Any]
 def pages() -> dict[str, str]:
     """Path -> content of every page and file made here."""
     return {
-        "reference/python.md": "".join(python()),
+        **{f"reference/{name}.md": "".join(python(page)) for name, page in names.PAGES.items()},
         "reference/commands.md": "".join(commands()),
         "reference/result.md": "".join(result()),
         "reference/result.schema.json": json.dumps(Result.model_json_schema(), indent=1),
@@ -40,11 +42,36 @@ def table(head: tuple[str, ...], rows: Iterable[Iterable[str]]) -> str:
     )
 
 
-def python() -> Iterator[str]:
-    """Every public name, by mkdocstrings."""
-    yield "# Python\n`import cavirheo` gives these names. Values are SI.\n\n"
-    for name in cavirheo.__all__:
-        yield f"::: cavirheo.{name}\n\n"
+def python(page: names.Page) -> Iterator[str]:
+    """Public names in groups, by mkdocstrings; those that `import cavirheo` does not give stand with their room."""
+    yield f"# {page.title}\n{page.said} Values are SI.\n\n"
+    for group in page.groups:
+        yield f"## {group.title}\n{group.said}\n\n"
+        for name in group.whole:
+            room, _, last = name.rpartition(".")
+            options = {
+                "heading_level": 3,
+                "toc_label": last,
+                "show_root_full_path": room != "cavirheo",
+                "show_attribute_values": last not in ("LAWS", "PARAMETERS"),
+            }
+            yield f"::: {name}\n    options: {json.dumps(options)}\n\n"
+            if last == "PARAMETERS":
+                yield from parameters()
+
+
+def parameters() -> Iterator[str]:
+    """The parameters of all laws and shots."""
+    rows = (
+        (f"`{name}`", escaped(one.symbol), escaped(one.unit), "" if one.searched is None else span(*one.searched))
+        for name, one in PARAMETERS.items()
+    )
+    yield table(("name", "symbol", "unit", "searched by a fit, prior of a posterior"), rows)
+
+
+def span(low: float, high: float) -> str:
+    """From two log10."""
+    return f"{10**low:.3g} to {10**high:.3g}"
 
 
 def commands() -> Iterator[str]:

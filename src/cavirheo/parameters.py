@@ -99,6 +99,7 @@ PARAMETERS: dict[str, Parameter] = {
     "wall_radiation": Parameter("ζ", "1"),
     "vapour_excess": Parameter("Δp_v", "Pa"),
 }
+"""Every parameter by its name; a new law enters those of its parameters that are not here."""
 CAMERA = ("time_origin", "radius_scale", "max_radius_factor")
 BUBBLE = ("accommodation", "damage_modulus", "damage_radius", "wall_inertia", "wall_radiation", "vapour_excess")
 AT_RATE, RATE = "viscosity_at_1e5_per_s", 1e5  # of a law whose viscosity is not one number; 1/s

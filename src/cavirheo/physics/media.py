@@ -82,13 +82,19 @@ class Medium:
         return max_radius / self.velocity_scale
 
 
-WATER = Medium()  # water-like gel at 25 C
-BU2026 = Medium(1000.0, 1700.0, 0.0725, name="bu2026")  # the app released with the BDT paper
-ESTRADA2018 = Medium(1060.0, 1430.0, 0.056, name="estrada2018")  # IMR v1, doi:10.1016/j.jmps.2017.12.006
-ZHU2025 = Medium(998.2, 1484.0, 0.07, name="zhu2025")  # pIMR, runIMR
-YANG2020 = Medium(1064.0, 1484.0, 0.07, adiabatic_index=1.47, name="yang2020")  # IMRv2, doi:10.1016/j.eml.2020.100839
+WATER = Medium()
+"""A water-like gel at 25 C."""
+BU2026 = Medium(1000.0, 1700.0, 0.0725, name="bu2026")
+"""The app released with the BDT paper."""
+ESTRADA2018 = Medium(1060.0, 1430.0, 0.056, name="estrada2018")
+"""IMR v1, doi:10.1016/j.jmps.2017.12.006."""
+ZHU2025 = Medium(998.2, 1484.0, 0.07, name="zhu2025")
+"""pIMR, runIMR."""
+YANG2020 = Medium(1064.0, 1484.0, 0.07, adiabatic_index=1.47, name="yang2020")
+"""IMRv2, doi:10.1016/j.eml.2020.100839."""
 
 MEDIA: dict[str, Medium] = {m.name: m for m in (WATER, BU2026, ESTRADA2018, ZHU2025, YANG2020)}
+"""These sets by name."""
 
 
 def medium(name: str | Medium, *, unusual: bool = False, **constants: float | None) -> Medium:
