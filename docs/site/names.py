@@ -78,9 +78,11 @@ ANSWERS = Page(
                 "cavirheo.reporting.group": "GroupRecord ModelSlopes Slope",
                 "cavirheo.reporting.material": "PopulationRecord GroupDifference Apart",
                 "cavirheo.reporting.laws": "Laws WeighedLaws WeighedLaw ComparedLaws",
-                "cavirheo.beside.design": "Design DesignedSetting CheckedSetting",
+                "cavirheo.beside.design": "Design",
+                "cavirheo.beside.designed": "DesignedSetting CheckedSetting",
                 "cavirheo.beside.network_design": "NetworkDesign WeakRange",
-                "cavirheo.beside.collapse_times": "CollapseTimes CollapseGroup CollapseShot",
+                "cavirheo.beside.collapse_times": "CollapseTimes",
+                "cavirheo.beside.collapse_groups": "CollapseGroup CollapseShot",
                 "cavirheo.beside.published.comparison": "Comparison ComparedSet ComparedQuantity ComparedShot "
                 "ComparedRange",
                 "cavirheo.beside.published.references": "MethodValue",
@@ -139,7 +141,8 @@ MORE = Page(
         Group(
             "Collapse times",
             {
-                "cavirheo.inference.collapse_time": "estimate shot Shots CollapseEstimate CollapseValue",
+                "cavirheo.inference.collapse_time": "estimate shot Shots",
+                "cavirheo.inference.collapse_answer": "CollapseEstimate CollapseValue",
                 "cavirheo.physics.collapse": "analytic_time rayleigh_time simulated_time",
             },
             "[How](../docs/how-to/collapse-time.md).",

@@ -30,13 +30,22 @@ def _constant(
 class Medium:
     """The surroundings of the bubble and what is in it. All SI.
 
-    density (kg/m3), sound_speed (m/s, may be infinite), surface_tension (N/m): of the liquid or gel.
-    pressure (Pa), temperature (K): far from the bubble; the bubble's wall has this temperature, too.
-    adiabatic_index: kappa of gas and vapour. gas_constant, vapour_constant: of the gas that does not condense (air) and
-    of the vapour, J/(kg K). diffusivity: of the vapour in the gas, m2/s. conductivity_slope (W/(m K2)),
-    conductivity_intercept (W/(m K)): of gas and vapour, K = slope T + intercept. vapour_reference_pressure (Pa),
-    vapour_reference_temperature (K): p_v = p_ref exp(-T_ref/T); without vapour p_ref is 0. name: as documents have it.
-    unusual: accept constants outside the ranges that liquids and gels have; it is not kept.
+    Attributes:
+        density: of the liquid or gel, kg/m3.
+        sound_speed: in it, m/s; may be infinite.
+        surface_tension: N/m.
+        pressure: far from the bubble, Pa.
+        temperature: far from the bubble and at its wall, K.
+        adiabatic_index: kappa of gas and vapour.
+        gas_constant: of the gas that does not condense (air), J/(kg K).
+        vapour_constant: of the vapour, J/(kg K).
+        diffusivity: of the vapour in the gas, m2/s.
+        conductivity_slope: of gas and vapour, K = slope T + intercept, W/(m K2).
+        conductivity_intercept: W/(m K).
+        vapour_reference_pressure: p_ref of p_v = p_ref exp(-T_ref/T), Pa; 0 without vapour.
+        vapour_reference_temperature: T_ref, K.
+        name: as documents have it.
+        unusual: accept constants outside the ranges that liquids and gels have; it is not kept.
 
     Raises:
         InputError: a constant that no medium has (a density of 0), or, unless `unusual`, hardly one (1.05 kg/m3).
