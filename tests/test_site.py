@@ -18,6 +18,7 @@ from pathlib import Path
 import pytest
 
 import cavirheo
+from cavirheo import loading
 from cavirheo.reporting.record import Result
 from cavirheo.verbs import app
 
@@ -181,6 +182,60 @@ def test_what_public_objects_hold_and_return_is_in_the_reference(listed):
     ours = {name for text in sources for name in re.findall(r"^class ([A-Z]\w+)", text, re.MULTILINE)}
     lacking = ours - {name.rpartition(".")[2] for name in listed} - UNSEEN
     assert {name: missing for name in sorted(listed) if (missing := held(found(name)) & lacking)} == {}
+
+
+@pytest.fixture
+def documents(monkeypatch):
+    """docs/site/documents.py, which makes the pages of documents."""
+    monkeypatch.syspath_prepend(str(ROOT / "docs" / "site"))
+    return importlib.import_module("documents")
+
+
+def test_every_field_of_every_document_has_a_meaning(documents):
+    kinds = (documents.Result, *documents.others(), *documents.CARDS)
+    records = {name: one for kind in kinds for name, one in documents.records(kind).items()}
+    without = {
+        f"{name}.{field}"
+        for name, one in records.items()
+        for field, about in one["properties"].items()
+        if not about["description"]
+    }
+    assert without == set()
+    assert [name for name, one in records.items() if not one["description"]] == []
+    assert len(records) > 40
+
+
+def test_a_docstring_says_no_more_than_there_is(documents):
+    """A field that was renamed keeps no line of its own."""
+    kinds = [cavirheo.Posterior, *documents.below(documents.BaseModel)]
+    kinds = [kind for kind in kinds if kind.__module__.startswith("cavirheo.")]
+    told = {kind: documents.attributes(vars(kind).get("__doc__") or "")[1] for kind in kinds}
+    wrong = {(kind.__name__, name) for kind, said in told.items() for name in said if name not in kind.__annotations__}
+    assert wrong - {("Slope", name) for name in ("median", "q05", "q95")} == set()  # it says what those of its base are
+
+
+def test_meanings_are_read_from_a_docstring(documents):
+    told = """What.
+
+    Attributes:
+        one: of them,
+            and on.
+        two: it: all.
+
+    After.
+    """
+    assert documents.attributes(told) == ("What.\n\nAfter.", {"one": "of them, and on.", "two": "it: all."})
+    assert documents.attributes("What.") == ("What.", {})
+
+
+def test_the_page_of_file_formats_names_what_can_be_read_back(site, documents):
+    text = (ROOT / "docs" / "file-formats.md").read_text("utf-8")
+    kinds = [name for _, name in loading._KINDS.values()]
+    assert [name for name in (*loading._NAMES, *kinds, "Dataset") if f"`{name}`" not in text] == []
+    page = (site / "docs" / "file-formats.html").read_text("utf-8")
+    shown = [*documents.others(), *documents.CARDS]
+    assert [kind.__name__ for kind in shown if f'id="{kind.__name__.lower()}"' not in page] == []
+    assert "max_radius_px" in page
 
 
 @pytest.mark.slow

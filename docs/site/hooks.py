@@ -16,6 +16,7 @@ import sys
 from collections.abc import Iterator
 from pathlib import Path
 
+import documents
 import reference
 import tutorial
 from mkdocs.config.defaults import MkDocsConfig
@@ -61,7 +62,10 @@ def on_files(files: Files, config: MkDocsConfig) -> Files:
 
 
 def on_page_markdown(markdown: str, page: Page, config: MkDocsConfig, files: Files) -> str:
-    """Links to folders lead to their pages; lists and tables stand apart from the line above."""
+    """Links to folders lead to their pages; lists and tables stand apart from the line above. The page of file formats
+    ends with every field of every document."""
+    if page.file.src_uri == "docs/file-formats.md":
+        markdown += "".join(documents.formats())
     parts = FENCE.split(markdown)
     return "".join(text if text.startswith("```") else _prose(text, Path(page.file.src_uri).parent) for text in parts)
 
