@@ -145,7 +145,7 @@ class _Scores(BaseModel):
     Attributes:
         samples: recordings that it saw.
         seconds: wall time, s.
-        loss: the last.
+        loss: of recordings that it was not trained on, at the end.
     """
 
     samples: PositiveInt

@@ -146,9 +146,9 @@ class GroupDifference(Record):
     """Two groups with one model, by the parameters of their materials.
 
     Attributes:
-        first: name of a group.
+        first: name of the group whose material is above the line of the ratio.
         second: name of the other.
-        parameters: by natural name.
+        parameters: the ratios, by natural name.
     """
 
     first: str
