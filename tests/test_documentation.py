@@ -36,6 +36,20 @@ OF_BENCHMARKS = {
 }
 
 
+def kept() -> set[Path]:
+    """The files that the site keeps, by the patterns of docs/site/hooks.py, which imports what need not be there."""
+    patterns = next(
+        ast.literal_eval(node.value)
+        for node in ast.parse((ROOT / "docs/site/hooks.py").read_text("utf-8")).body
+        if isinstance(node, ast.Assign) and ast.unparse(node.targets[0]) == "KEPT"
+    )
+    return {path for pattern in patterns for path in ROOT.glob(pattern)}
+
+
+KEPT = kept()
+WITH_INDEX = {ROOT / "examples", ROOT / "src/cavirheo/models"}  # folders: docs/site makes a page of each
+
+
 def name(path: Path) -> str:
     return str(path.relative_to(ROOT))
 
@@ -60,6 +74,8 @@ def broken_links(text: str, folder: Path) -> Iterator[str]:
         to = folder / path if path else None
         if to and not to.exists():
             yield f"link {target}"
+        elif to and to.resolve() not in (WITH_INDEX if to.is_dir() else KEPT):
+            yield f"link {target}: no page or file of the site (docs/site/hooks.py)"
         elif anchor and anchor not in anchors(to.read_text("utf-8") if to else text):
             yield f"anchor {target}"
 
@@ -138,6 +154,8 @@ def test_what_a_page_names_exists(page):
     [
         "[gone](docs/gone.md)",
         "[gone](README.md#no-such-heading)",
+        "[no page of the site](benchmarks/documents.py)",
+        "[a folder without a page](src/cavirheo)",
         "`cavirheo guess FILE`",
         "`cavirheo infer FILE --verfy full`",
         "`fit --laws nhkv`",

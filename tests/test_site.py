@@ -2,6 +2,11 @@
 
 from __future__ import annotations
 
+import ast
+import contextlib
+import functools
+import importlib
+import inspect
 import os
 import re
 import shutil
@@ -13,10 +18,10 @@ from pathlib import Path
 import pytest
 
 import cavirheo
+from cavirheo import loading
 from cavirheo.reporting.record import Result
 from cavirheo.verbs import app
 
-pytestmark = pytest.mark.slow
 for needed in ("material", "mkdocstrings_handlers"):
     if find_spec(needed) is None:
         pytest.skip("the docs extra is not installed", allow_module_level=True)
@@ -32,11 +37,12 @@ def outside(text: str) -> list[str]:
     return [address for pattern in (LOADED, LINKED, IN_STYLE) for address in pattern.findall(text)]
 
 
-@pytest.fixture(scope="module")
-def site(tmp_path_factory):
+@pytest.fixture(scope="module", params=["unrun", pytest.param("run", marks=pytest.mark.slow)])
+def site(request, tmp_path_factory):
+    """The folder of the site; its tutorials take minutes to run, and without what they print the rest takes seconds."""
     folder = tmp_path_factory.mktemp("site")
     command = [sys.executable, "-m", "mkdocs", "build", "--strict", "--quiet", "--site-dir", str(folder)]
-    surroundings = os.environ | {"PYTHONPATH": str(ROOT / "src")}
+    surroundings = os.environ | {"PYTHONPATH": str(ROOT / "src"), "CAVIRHEO_TUTORIALS": request.param}
     done = subprocess.run(command, cwd=ROOT, env=surroundings, capture_output=True, text=True, timeout=600)
     assert done.returncode == 0, done.stdout + done.stderr
     return folder
@@ -92,6 +98,11 @@ def test_every_tutorial_is_a_page_with_its_script_and_its_notebook(site):
         assert f"{stem}.ipynb" in (folder / f"{stem}.html").read_text("utf-8")
 
 
+def test_tutorials_show_what_they_drew_once_they_are_run(site, request):
+    drawn = [*(site / "examples" / "tutorials").glob("*-[0-9]*.png")]
+    assert bool(drawn) == ("[run]" in request.node.name)
+
+
 def test_the_reference_has_every_name_verb_and_field(site):
     python, commands, result = (
         (site / "reference" / f"{page}.html").read_text("utf-8") for page in ("python", "commands", "result")
@@ -101,6 +112,133 @@ def test_the_reference_has_every_name_verb_and_field(site):
     assert [name for name in Result.model_json_schema()["$defs"] if f'id="{name.lower()}"' not in result] == []
 
 
+def imported(code: str) -> set[str]:
+    """Whole names that this code imports from the package."""
+    found = [node for node in ast.walk(ast.parse(code)) if isinstance(node, ast.ImportFrom)]
+    rooms = [node for node in found if (node.module or "").partition(".")[0] == "cavirheo"]
+    return {f"{node.module}.{alias.name}" for node in rooms for alias in node.names}
+
+
+def used() -> set[str]:
+    """Whole names that pages and examples import, or name."""
+    pages = [path.read_text("utf-8") for path in (ROOT / "README.md", *ROOT.glob("docs/**/*.md"))]
+    blocks = [code for text in pages for code in re.findall(r"^```python\n(.*?)^```", text, re.DOTALL | re.MULTILINE)]
+    scripts = [path.read_text("utf-8") for path in ROOT.glob("examples/**/*.py")]
+    named = {name for text in pages for name in re.findall(r"`(cavirheo(?:\.[A-Za-z_]\w*)+)", text)}
+    return named.union(*map(imported, [*blocks, *scripts]))
+
+
+def found(name: str):
+    """The object of a whole name: a module, what is in one, or a member of that."""
+    parts = name.split(".")
+    for count in range(len(parts), 0, -1):
+        room = ".".join(parts[:count])
+        with contextlib.suppress(ModuleNotFoundError):
+            return functools.reduce(getattr, parts[count:], importlib.import_module(room))
+    raise ModuleNotFoundError(name)
+
+
+@pytest.fixture
+def listed(site):
+    """Whole names that have a place in the reference."""
+    pages = [page.read_text("utf-8") for page in site.glob("reference/*.html")]
+    return {name for text in pages for name in re.findall(r'\bid="(cavirheo\.[\w.]+)"', text)}
+
+
+def test_what_pages_and_examples_import_is_in_the_reference(listed):
+    wanted, there = {name: found(name) for name in used()}, [*map(found, listed)]
+    missing = {
+        name
+        for name, thing in wanted.items()
+        if name not in listed
+        and not (inspect.ismodule(thing) and any(other.startswith(f"{name}.") for other in listed))
+        and not any(thing is other for other in there)
+    }
+    assert missing == set()
+    assert len(wanted) > 20
+
+
+def test_what_an_example_imports_is_seen():
+    assert imported("import numpy\nfrom cavirheo.physics.laws import parse, usage\n") == {
+        "cavirheo.physics.laws.parse",
+        "cavirheo.physics.laws.usage",
+    }
+
+
+UNSEEN = {"Record", "Parts", "Options", "PosteriorModel", "StoredRows"}  # nobody outside makes or asks these
+
+
+def held(thing) -> set[str]:
+    """Names of the types of its fields, or of what it returns."""
+    thing = getattr(thing, "fget", thing)
+    notes = getattr(thing, "__annotations__", {})
+    if inspect.isfunction(thing):
+        notes = {"return": notes.get("return", "")}
+    return {word for key, text in notes.items() if key[0] != "_" for word in re.findall(r"\b[A-Z]\w+", str(text))}
+
+
+def test_what_public_objects_hold_and_return_is_in_the_reference(listed):
+    sources = [path.read_text("utf-8") for path in (ROOT / "src" / "cavirheo").rglob("*.py")]
+    ours = {name for text in sources for name in re.findall(r"^class ([A-Z]\w+)", text, re.MULTILINE)}
+    lacking = ours - {name.rpartition(".")[2] for name in listed} - UNSEEN
+    assert {name: missing for name in sorted(listed) if (missing := held(found(name)) & lacking)} == {}
+
+
+@pytest.fixture
+def documents(monkeypatch):
+    """docs/site/documents.py, which makes the pages of documents."""
+    monkeypatch.syspath_prepend(str(ROOT / "docs" / "site"))
+    return importlib.import_module("documents")
+
+
+def test_every_field_of_every_document_has_a_meaning(documents):
+    kinds = (documents.Result, *documents.others(), *documents.CARDS)
+    records = {name: one for kind in kinds for name, one in documents.records(kind).items()}
+    without = {
+        f"{name}.{field}"
+        for name, one in records.items()
+        for field, about in one["properties"].items()
+        if not about["description"]
+    }
+    assert without == set()
+    assert [name for name, one in records.items() if not one["description"]] == []
+    assert len(records) > 40
+
+
+def test_a_docstring_says_no_more_than_there_is(documents):
+    """A field that was renamed keeps no line of its own."""
+    kinds = [cavirheo.Posterior, *documents.below(documents.BaseModel)]
+    kinds = [kind for kind in kinds if kind.__module__.startswith("cavirheo.")]
+    told = {kind: documents.attributes(vars(kind).get("__doc__") or "")[1] for kind in kinds}
+    wrong = {(kind.__name__, name) for kind, said in told.items() for name in said if name not in kind.__annotations__}
+    assert wrong - {("Slope", name) for name in ("median", "q05", "q95")} == set()  # it says what those of its base are
+
+
+def test_meanings_are_read_from_a_docstring(documents):
+    told = """What.
+
+    Attributes:
+        one: of them,
+            and on.
+        two: it: all.
+
+    After.
+    """
+    assert documents.attributes(told) == ("What.\n\nAfter.", {"one": "of them, and on.", "two": "it: all."})
+    assert documents.attributes("What.") == ("What.", {})
+
+
+def test_the_page_of_file_formats_names_what_can_be_read_back(site, documents):
+    text = (ROOT / "docs" / "file-formats.md").read_text("utf-8")
+    kinds = [name for _, name in loading._KINDS.values()]
+    assert [name for name in (*loading._NAMES, *kinds, "Dataset") if f"`{name}`" not in text] == []
+    page = (site / "docs" / "file-formats.html").read_text("utf-8")
+    shown = [*documents.others(), *documents.CARDS]
+    assert [kind.__name__ for kind in shown if f'id="{kind.__name__.lower()}"' not in page] == []
+    assert "max_radius_px" in page
+
+
+@pytest.mark.slow
 def test_the_search_works_from_a_folder(site):
     chromium = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
     if chromium is None or find_spec("playwright") is None:

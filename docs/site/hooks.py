@@ -16,7 +16,9 @@ import sys
 from collections.abc import Iterator
 from pathlib import Path
 
+import documents
 import reference
+import tutorial
 from mkdocs.config.defaults import MkDocsConfig
 from mkdocs.structure.files import File, Files
 from mkdocs.structure.pages import Page
@@ -60,7 +62,10 @@ def on_files(files: Files, config: MkDocsConfig) -> Files:
 
 
 def on_page_markdown(markdown: str, page: Page, config: MkDocsConfig, files: Files) -> str:
-    """Links to folders lead to their pages; lists and tables stand apart from the line above."""
+    """Links to folders lead to their pages; lists and tables stand apart from the line above. The page of file formats
+    ends with every field of every document."""
+    if page.file.src_uri == "docs/file-formats.md":
+        markdown += "".join(documents.formats())
     parts = FENCE.split(markdown)
     return "".join(text if text.startswith("```") else _prose(text, Path(page.file.src_uri).parent) for text in parts)
 
@@ -78,10 +83,20 @@ def slug(heading: str, separator: str) -> str:
 
 
 def executed() -> dict[str, Path]:
-    """Page, notebook and pictures of each tutorial, which was run; anew only if it or the package has changed."""
+    """Page, notebook and pictures of each tutorial, which was run; anew only if it or the package has changed.
+
+    With CAVIRHEO_TUTORIALS=unrun they are there without output, for a look at the rest of the site within seconds.
+    """
+    scripts = sorted(ROOT.glob("examples/tutorials/*.py"))
+    if os.environ.get("CAVIRHEO_TUTORIALS") == "unrun":
+        folder = ROOT / "build" / "tutorials" / "unrun"
+        for script in scripts:
+            tutorial.write(list(tutorial.cells(script.read_text("utf-8"))), script.stem, folder)
+        pages = [folder / f"{script.stem}{ending}" for script in scripts for ending in (".md", ".ipynb")]
+        return {f"examples/tutorials/{path.name}": path for path in pages}
     source = b"".join(path.read_bytes() for path in sorted(ROOT.glob("src/cavirheo/**/*.py")))
     runner, found = Path(__file__).with_name("tutorial.py"), {}
-    for script in sorted(ROOT.glob("examples/tutorials/*.py")):
+    for script in scripts:
         digest = hashlib.sha256(source + runner.read_bytes() + script.read_bytes()).hexdigest()[:16]
         folder = ROOT / "build" / "tutorials" / f"{script.stem}-{digest}"
         if not (folder / f"{script.stem}.ipynb").exists():

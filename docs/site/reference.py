@@ -1,50 +1,66 @@
-"""The reference, made from the code when the site is built: public names, verbs with their options, result.json."""
+"""The reference, made from the code when the site is built: public names, verbs with their options, documents."""
 
 from __future__ import annotations
 
 import json
-import re
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+import documents
+import names
 import typer
+from markup import escaped, table
 
 import cavirheo
+from cavirheo.parameters import PARAMETERS
 from cavirheo.reporting.record import Result
 from cavirheo.verbs import app
 
 MODELS = Path(cavirheo.__file__).parent / "models"
-Schema = dict[str, Any]
 
 
 def pages() -> dict[str, str]:
     """Path -> content of every page and file made here."""
     return {
-        "reference/python.md": "".join(python()),
+        **{f"reference/{name}.md": "".join(python(page)) for name, page in names.PAGES.items()},
         "reference/commands.md": "".join(commands()),
-        "reference/result.md": "".join(result()),
-        "reference/result.schema.json": json.dumps(Result.model_json_schema(), indent=1),
+        "reference/result.md": "".join(documents.result()),
+        "reference/result.schema.json": json.dumps(documents.schema(Result), indent=1),
         "src/cavirheo/models/index.md": "".join(models()),
     }
 
 
-def table(head: tuple[str, ...], rows: Iterable[Iterable[str]]) -> str:
-    """A Markdown table; bars within cells are escaped."""
-    lines = [head, tuple("---" for _ in head), *rows]
-    return (
-        "".join(
-            f"| {' | '.join(' '.join(cell.split()).replace('|', chr(92) + '|') for cell in line)} |\n" for line in lines
-        )
-        + "\n"
+def python(page: names.Page) -> Iterator[str]:
+    """Public names in groups, by mkdocstrings; those that `import cavirheo` does not give stand with their room."""
+    yield f"# {page.title}\n{page.said} Values are SI.\n\n"
+    for group in page.groups:
+        yield f"## {group.title}\n{group.said}\n\n"
+        for name in group.whole:
+            room, _, last = name.rpartition(".")
+            options = {
+                "heading_level": 3,
+                "toc_label": last,
+                "show_root_full_path": room != "cavirheo",
+                "show_attribute_values": last not in ("LAWS", "PARAMETERS"),
+            }
+            yield f"::: {name}\n    options: {json.dumps(options)}\n\n"
+            if last == "PARAMETERS":
+                yield from parameters()
+
+
+def parameters() -> Iterator[str]:
+    """The parameters of all laws and shots."""
+    rows = (
+        (f"`{name}`", escaped(one.symbol), escaped(one.unit), "" if one.searched is None else span(*one.searched))
+        for name, one in PARAMETERS.items()
     )
+    yield table(("name", "symbol", "unit", "searched by a fit, prior of a posterior"), rows)
 
 
-def python() -> Iterator[str]:
-    """Every public name, by mkdocstrings."""
-    yield "# Python\n`import cavirheo` gives these names. Values are SI.\n\n"
-    for name in cavirheo.__all__:
-        yield f"::: cavirheo.{name}\n\n"
+def span(low: float, high: float) -> str:
+    """From two log10."""
+    return f"{10**low:.3g} to {10**high:.3g}"
 
 
 def commands() -> Iterator[str]:
@@ -62,45 +78,8 @@ def commands() -> Iterator[str]:
         )
 
 
-def result() -> Iterator[str]:
-    """The fields of result.json and of everything in it."""
-    schema = Result.model_json_schema()
-    yield "# result.json\nSchema 1, from the objects that write it; as [JSON Schema](result.schema.json).\n"
-    yield "Numbers are SI, and finite or null. Keys may be added, none is renamed.\n\n"
-    for name, one in {"Result": schema, **schema["$defs"]}.items():
-        needed = one.get("required", [])
-        yield f"## {name}\n{escaped(one.get('description', ''))}\n\n"
-        rows = (
-            (f"`{field}`", kind(about), "yes" if field in needed else "") for field, about in one["properties"].items()
-        )
-        yield table(("field", "type", "always there"), rows)
-
-
-def kind(about: Schema) -> str:
-    """The type of a field in words, with links to the records that it holds."""
-    if "$ref" in about:
-        name = about["$ref"].rpartition("/")[2]
-        return f"[{name}](#{name.lower()})"
-    if "anyOf" in about:
-        return " or ".join(kind(one) for one in about["anyOf"])
-    if "enum" in about or "const" in about:
-        return ", ".join(f"`{json.dumps(value)}`" for value in about.get("enum", [about.get("const")]))
-    if about.get("type") == "array":
-        if "prefixItems" in about:
-            return f"list of ({', '.join(kind(one) for one in about['prefixItems'])})"
-        return f"list of {kind(about.get('items', {}))}"
-    if isinstance(inner := about.get("additionalProperties"), dict):
-        return f"object of {kind(inner)} by name"
-    return about.get("type", "any")
-
-
 def models() -> Iterator[str]:
     """The networks that come with the package, each with its card."""
     yield "# Shipped networks\nEach network is an `.onnx` file; its card says what it was trained on and how.\n\n"
     for card in sorted(MODELS.glob("*.json")):
         yield f"## {card.stem}\n```json\n{card.read_text('utf-8').strip()}\n```\n\n"
-
-
-def escaped(text: str) -> str:
-    """Text as it stands: nothing of it is HTML or emphasis."""
-    return re.sub(r"[\\*_\[\]`]", r"\\\g<0>", text).replace("<", "&lt;")

@@ -110,6 +110,15 @@ def notebook(found: list[Cell]) -> str:
     return json.dumps(whole, indent=1, ensure_ascii=False) + "\n"
 
 
+def write(found: list[Cell], stem: str, folder: Path) -> None:
+    """Page, notebook and pictures of these cells; of cells that were not run, without what they would show."""
+    folder.mkdir(parents=True, exist_ok=True)
+    (folder / f"{stem}.md").write_text(page(found, stem), "utf-8")
+    (folder / f"{stem}.ipynb").write_text(notebook(found), "utf-8")
+    for number, content in enumerate((content for cell in found for content in cell.pictures), 1):
+        (folder / f"{stem}-{number}.png").write_bytes(content)
+
+
 def main(script: Path, folder: Path) -> None:
     """Run the cells in an empty folder, and write page, notebook and pictures."""
     parts = list(cells(script.read_text("utf-8")))
@@ -118,11 +127,7 @@ def main(script: Path, folder: Path) -> None:
     os.environ |= {"PATH": path, "COLUMNS": WIDTH, "MPLBACKEND": "Agg"}
     with tempfile.TemporaryDirectory() as empty, contextlib.chdir(empty):
         found = [run(cell, names) for cell in parts]
-    folder.mkdir(parents=True, exist_ok=True)
-    (folder / f"{script.stem}.md").write_text(page(found, script.stem), "utf-8")
-    (folder / f"{script.stem}.ipynb").write_text(notebook(found), "utf-8")
-    for number, content in enumerate((content for cell in found for content in cell.pictures), 1):
-        (folder / f"{script.stem}-{number}.png").write_bytes(content)
+    write(found, script.stem, folder)
 
 
 if __name__ == "__main__":

@@ -66,21 +66,24 @@ def several(curves: Iterable[RadiusCurve]) -> list[RadiusCurve]:
 class RadiusCurve:
     """A measured radius history.
 
-    time: (n,) s, strictly increasing, any spacing and any origin. radius: (n,) m, positive; NaN is a frame without a
-    measurement. radius_std: (n,) m, NaN where unknown. meta: what is known about the recording; every key may be
-    missing, and these are attributes, too: name, group and group_source; source, the file as it was given, and
-    source_sha256; notes, what was recognised, converted or left out; hints, those of scale and constants; column, title
-    and value declared; stretch, R_max/R_0 as stated, and stretch_std; frame_rate, 1/s; exposure of a frame, s.
-
-    maximum: (time in s, R_max in m), which is fitted to the samples (landmarks.py) where it is not given.
-    stated_time_of_max: s, as the file has it; counts where the recording does not show the growth.
-    unscaled: why the radii have no scale yet; `max_radius` raises it until `with_max_radius` gives the scale.
-    time_unscaled: time is in units of R_max sqrt(rho/p) times (s/m) and needs that scale too.
-    late: whether R_max may have been before the first frame, where the frames are not to tell it (`begins_late`).
-    doubts: what is doubtful about scale, rate or order of the frames, a sentence each; no answer is `ok` then unless
-    the user vouches for it. Those that begin with "the radius" end when `with_max_radius` gives the scale.
-    unusable: why there is nothing to be read off. Such a curve (three samples, all NaN, an empty cell) is a RadiusCurve
-    too, so that the others of its file can be answered: `max_radius` raises the reason.
+    Attributes:
+        time: (n,) s, strictly increasing, any spacing and any origin.
+        radius: (n,) m, positive; NaN is a frame without a measurement.
+        radius_std: (n,) m, NaN where unknown.
+        meta: what is known about the recording; every key may be missing, and these are attributes, too: name,
+            group and group_source; source, the file as it was given, and source_sha256; notes, what was recognised,
+            converted or left out; hints, those of scale and constants; column, title and value declared; stretch,
+            R_max/R_0 as stated, and stretch_std; frame_rate, 1/s; exposure of a frame, s.
+        maximum: (time in s, R_max in m), which is fitted to the samples (landmarks.py) where it is not given.
+        stated_time_of_max: s, as the file has it; counts where the recording does not show the growth.
+        unscaled: why the radii have no scale yet; `max_radius` raises it until `with_max_radius` gives the scale.
+        time_unscaled: time is in units of R_max sqrt(rho/p) times (s/m) and needs that scale too.
+        late: whether R_max may have been before the first frame, where the frames are not to tell it (`begins_late`).
+        doubts: what is doubtful about scale, rate or order of the frames, a sentence each; no answer is `ok` then
+            unless the user vouches for it. Those that begin with "the radius" end when `with_max_radius` gives the
+            scale.
+        unusable: why there is nothing to be read off. Such a curve (three samples, all NaN, an empty cell) is one
+            too, so that the others of its file can be answered: `max_radius` raises the reason.
 
     Raises:
         InputError: arrays of different lengths, a time that is not finite or does not increase, a radius <= 0, or

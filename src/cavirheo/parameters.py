@@ -22,11 +22,18 @@ LOG10 = "log10_"
 
 
 class Parameter(NamedTuple):
-    """`searched`: log10 of the SI values that a fit searches and a posterior takes as prior, `started`: of those where
-    searches start; None for one that is not fitted but keeps the default of its law."""
+    """What is known of a parameter before any measurement.
+
+    Attributes:
+        symbol: as tables write it.
+        unit: SI; "1" is dimensionless.
+        searched: log10 of the SI values that a fit searches and a posterior takes as prior; None for one that is not
+            fitted but keeps the default of its law.
+        started: log10 of the values where searches start.
+    """
 
     symbol: str
-    unit: str  # SI; "1" is dimensionless
+    unit: str
     searched: tuple[float, float] | None = None
     started: tuple[float, float] | None = None
 
@@ -99,6 +106,7 @@ PARAMETERS: dict[str, Parameter] = {
     "wall_radiation": Parameter("ζ", "1"),
     "vapour_excess": Parameter("Δp_v", "Pa"),
 }
+"""Every parameter by its name; a new law enters those of its parameters that are not here."""
 CAMERA = ("time_origin", "radius_scale", "max_radius_factor")
 BUBBLE = ("accommodation", "damage_modulus", "damage_radius", "wall_inertia", "wall_radiation", "vapour_excess")
 AT_RATE, RATE = "viscosity_at_1e5_per_s", 1e5  # of a law whose viscosity is not one number; 1/s

@@ -24,13 +24,20 @@ Verdict = Literal["ok", "check_input", "model_does_not_fit", "outside_training_r
 class Checks:
     """What was found when the answer was simulated and laid over the measurement; None for what could not be.
 
-    verdict: "ok", or what is wrong (docs/method/verdicts.md). message: why, and what else is to be known.
-    doubts: about the recording and its settings, with which `message` begins.
-    rmse_over_rmax, mae_over_rmax, max_difference_over_rmax: root mean square, mean and largest absolute difference.
-    collapses: complete ones in the compared window. t_star_end: its end, t/t_c after R_max.
-    compared_time: (m,) s on the measurement's clock, the frames that were compared. residual_over_rmax: (m,) (measured
-    - simulated)/R_max there. reconstruction_time: (k,) s on that clock, fine enough to draw. reconstruction_radius:
-    (k,) m. time_scale: t_c = R_max sqrt(rho/p) of the shot in its medium, s.
+    Attributes:
+        verdict: "ok", or what is wrong (docs/method/verdicts.md).
+        message: why, and what else is to be known.
+        rmse_over_rmax: root mean square of measured minus simulated radius, over R_max.
+        mae_over_rmax: mean absolute difference, over R_max.
+        max_difference_over_rmax: largest absolute difference, over R_max.
+        collapses: complete collapses in the compared window.
+        t_star_end: end of this window, t/t_c after R_max.
+        compared_time: (m,) s on the measurement's clock, the frames that were compared.
+        residual_over_rmax: (m,) (measured - simulated)/R_max there.
+        reconstruction_time: (k,) s on that clock, fine enough to draw.
+        reconstruction_radius: (k,) m, the simulated radius.
+        time_scale: t_c = R_max sqrt(rho/p) of the shot in its medium, s.
+        doubts: about the recording and its settings, with which `message` begins.
     """
 
     verdict: Verdict
@@ -64,10 +71,16 @@ class Checks:
 class BubbleModel:
     """What is assumed of the bubble besides law and medium; "free" is inferred with the other parameters.
 
-    contents: "equilibrium" or "kinetic", with this accommodation. damage: "none", "first-rebound" or "strain", whose
-    two factors are inferred. wall_inertia: beta; or wall_distance, m, of one rigid wall. vapour_excess: Pa above
-    saturation at R_max. wall_radiation: zeta. What they are: physics/simulate.py; what they may be:
-    inference/experiment.py.
+    What these are: physics/simulate.py; what they may be: inference/experiment.py.
+
+    Attributes:
+        contents: "equilibrium" or "kinetic".
+        accommodation: of kinetic contents.
+        damage: "none", "first-rebound" or "strain"; its two factors are inferred.
+        wall_inertia: beta.
+        wall_distance: m, of one rigid wall, instead of beta.
+        vapour_excess: Pa above saturation at R_max.
+        wall_radiation: zeta.
     """
 
     contents: str = "equilibrium"
@@ -91,8 +104,11 @@ class BubbleModel:
 class WindowAnswer:
     """What another window of the same curve answers.
 
-    best: the law's parameters and the stretch, SI. t_star_end, rmse_over_rmax: as those of Checks. at_bound: parameters
-    that ended at the end of the range searched.
+    Attributes:
+        best: the law's parameters and the stretch by natural name, SI.
+        t_star_end: end of the window, t/t_c after R_max.
+        rmse_over_rmax: root mean square of measured minus simulated radius, over R_max.
+        at_bound: parameters that ended at the end of the range searched.
     """
 
     best: Mapping[str, float]
@@ -103,7 +119,12 @@ class WindowAnswer:
 
 @dataclass(frozen=True)
 class Evidence:
-    """log p(frames | law) and its standard error; None where it is Laplace's integral, which has none."""
+    """How probable a law makes the frames.
+
+    Attributes:
+        log: natural logarithm of p(frames | law).
+        error: its standard error; None where it is Laplace's integral, which has none.
+    """
 
     log: float
     error: float | None = None
@@ -113,8 +134,13 @@ class Evidence:
 class OtherAnswer:
     """What another model answers for the same frames, or another valley of the same model.
 
-    material, bubble: the model. best: every parameter by its natural name, SI. intervals: (5 %, 50 %, 95 %) of the
-    parameters by natural name. evidence: to be compared with that of the answer. rmse_over_rmax: as that of Checks.
+    Attributes:
+        material: the law.
+        bubble: the model of the bubble.
+        best: every parameter by its natural name, SI.
+        intervals: (5 %, 50 %, 95 %) of the parameters by natural name, SI.
+        evidence: to be compared with that of the answer.
+        rmse_over_rmax: root mean square of measured minus simulated radius, over R_max.
     """
 
     material: str
@@ -129,12 +155,21 @@ class OtherAnswer:
 class Diagnostics:
     """How an answer was found and what its interval is worth; None or empty where the method does not say.
 
-    stretch_source: "given", "fitted", ... free: the clock (s), scale and R_max factor that were freed, at the best.
-    one_sigma: by name, in log10 for parameters of the law and the stretch. correlations: by "name, name".
-    frames: how many were compared. frames_per_independent_residual: how many count as one. at_bound: parameters that
-    ended at the end of the range searched. draws: how many were weighted. effective_sample_size: what they are worth.
-    tail_index: generalised Pareto shape of the largest weights. predictive: p_value; p and observed by statistic.
-    systematic_misfit_over_rmax: what no simulation follows. simulations, failed_simulations: how many were run.
+    Attributes:
+        stretch_source: "given", "fitted", ...
+        free: the clock (s), scale and R_max factor that were freed, at the best.
+        one_sigma: standard deviation by name, in log10 for parameters of the law and the stretch.
+        correlations: by "name, name".
+        frames: how many were compared.
+        frames_per_independent_residual: how many frames count as one.
+        at_bound: parameters that ended at the end of the range searched.
+        draws: how many were weighted.
+        effective_sample_size: how many independent draws these are worth.
+        tail_index: generalised Pareto shape of the largest weights.
+        predictive: of the posterior-predictive check: p_value; p and observed by statistic.
+        systematic_misfit_over_rmax: what no simulation follows, over R_max.
+        simulations: how many were run.
+        failed_simulations: how many of them failed.
     """
 
     stretch_source: str = ""
@@ -157,17 +192,28 @@ class Diagnostics:
 class Posterior:
     """Draws of the parameters given one curve, and the best of them.
 
-    names: "log10_shear_modulus", "log10_viscosity", "stretch", ... units: of 10**theta for the log10 names: "Pa",
-    "Pa s", "1". theta: (draws, parameters) in the prior's scale (log10 for G and mu); a point answer is one draw, and a
-    failed one none. checks: what was found when the answer was simulated. material: "nhkv", "newtonian", ... method:
-    "bdt", "amortised", "verified", "laplace", "least_squares". provenance: model, settings, versions and hash of the
-    source, a record for people: nothing reads it. log_q: (draws,) the proposal's log density. log_weight: (draws,) of
-    importance weights. seconds: wall time. best: every parameter by its natural name in SI, the stretch and what was
-    held fixed included. stretch: R_max/R_0 of the answer, whether it was inferred or given. windows: what windows of
-    "1", "2", "3" and "all" collapses answer, if they were fitted. evidence: of the law. diagnostics: of the method.
-    bubble: the model of the bubble itself. others: what other models and other valleys answer, if they were looked at.
-    prior: of the law's parameters, by name as in `names`: (low, high), flat between, or (low, high, mean, standard
-    deviation) of a normal; without those for which it is not known.
+    Attributes:
+        names: "log10_shear_modulus", "log10_viscosity", "stretch", ...
+        units: of 10**theta for the log10 names: "Pa", "Pa s", "1".
+        theta: (draws, parameters) in the prior's scale (log10 for G and mu); a point answer is one draw, and a
+            failed one
+            none.
+        checks: what was found when the answer was simulated.
+        material: "nhkv", "newtonian", ...
+        method: "bdt", "amortised", "verified", "laplace", "least_squares".
+        provenance: model, settings, versions and hash of the source, a record for people: nothing reads it.
+        log_q: (draws,) the proposal's log density.
+        log_weight: (draws,) log of importance weights.
+        seconds: wall time.
+        best: every parameter by its natural name in SI, the stretch and what was held fixed included.
+        stretch: R_max/R_0 of the answer, whether it was inferred or given.
+        windows: what windows of "1", "2", "3" and "all" collapses answer, if they were fitted.
+        evidence: of the law.
+        diagnostics: of the method.
+        bubble: the model of the bubble itself.
+        others: what other models and other valleys answer, if they were looked at.
+        prior: of the law's parameters, by name as in `names`: (low, high), flat between, or (low, high, mean, standard
+            deviation) of a normal; without those for which it is not known.
     """
 
     names: tuple[str, ...]

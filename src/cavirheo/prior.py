@@ -40,9 +40,15 @@ def log_normal(u: Floats) -> Floats:
 class Prior:
     """Independent and normalised: uniform between the bounds, or normal and cut there. All arrays are (parameters,).
 
-    names: one that starts with log10_ is of the logarithm of the SI value. low, high: the bounds. mean, std: of the
-    normal; std is infinite where uniform. Raises
-    InputError: a range that is not finite and rising, or arrays of other lengths than the names.
+    Attributes:
+        names: one that starts with log10_ is of the logarithm of the SI value.
+        low: lower bounds.
+        high: upper bounds.
+        mean: of the normal.
+        std: of the normal; infinite where uniform.
+
+    Raises:
+        InputError: a range that is not finite and rising, or arrays of other lengths than the names.
     """
 
     names: tuple[str, ...]

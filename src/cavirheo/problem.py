@@ -36,7 +36,12 @@ LONGEST = 1_000.0  # time of the grid in t_c
 
 @dataclass(frozen=True)
 class FrameGrid:
-    """The times at which a network reads a curve: `frames` samples, `frame_interval` (s) apart, the first at R_max."""
+    """The times at which a network reads a curve, the first at R_max.
+
+    Attributes:
+        frame_interval: s between samples.
+        frames: how many samples.
+    """
 
     frame_interval: float = 1e-6
     frames: int = 100
@@ -56,10 +61,15 @@ class FrameGrid:
 class TrainingProblem:
     """What the curves of a training set are drawn from and simulated with; a network's card and its data hold it.
 
-    material_name: "nhkv", ... prior: of its parameters and the stretch. medium: liquid and gas constants. grid: times.
-    reference_max_radius: R_max of all curves, m.
+    Attributes:
+        material_name: "nhkv", ...
+        prior: of its parameters and the stretch.
+        medium: liquid and gas constants.
+        grid: times of the frames.
+        reference_max_radius: R_max of all curves, m.
 
-    Raises InputError: unknown material, or a prior whose names are not its parameters and the stretch.
+    Raises:
+        InputError: unknown material, or a prior whose names are not its parameters and the stretch.
     """
 
     material_name: str

@@ -1,16 +1,7 @@
 """Tables of collapse times, or curves -> G and mu of each material (inference/collapse_time).
 
-What is read: docs/how-to/collapse-time.md. shots.csv has a line per shot; collapse-time.json (schema 1):
-
-```
-schema 1, version, command, date, notes      as in result.json
-material, medium                             the law; the constants used
-groups                                       one per table, or per file or folder of curves:
-  name, source, source_sha256, n, unusable   shots, and how many could not be used (their `message` says why)
-  analytic, exact                            the answers (CollapseEstimate); exact is null unless it was asked for
-  shots                                      R_max, lambda, t_1 and t_1/t_RC as measured and of the models
-```
-Every number is SI and finite, or null where it was not found; `message` then says why.
+What is read: docs/how-to/collapse-time.md. shots.csv has a line per shot; collapse-time.json
+(`CollapseTimes`): every number is SI and finite, or null where it was not found; `message` then says why.
 """
 
 from __future__ import annotations
@@ -21,11 +12,12 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from cavirheo.beside.collapse_groups import MEASURED, CollapseGroup, CollapseShot
 from cavirheo.beside.panels import headed, one_panel, two_panels
 from cavirheo.curve import RadiusCurve
-from cavirheo.errors import InputError, SolverError, printable, require
+from cavirheo.errors import InputError, printable, require
 from cavirheo.inference import doubts
-from cavirheo.inference.collapse_time import CollapseEstimate, CollapseValue, Shots, estimate, shot, unusable
+from cavirheo.inference.collapse_time import CollapseEstimate, CollapseValue, shot, unusable
 from cavirheo.physics.collapse import analytic_time, rayleigh_time
 from cavirheo.physics.media import Medium
 from cavirheo.reading.clean import TIME_UNITS, UNIT_WORDS
@@ -39,7 +31,7 @@ from cavirheo.reading.tabular import read_sheets
 from cavirheo.reading.titles import column_of
 from cavirheo.reporting import file_names
 from cavirheo.writing import digits, terminal
-from cavirheo.writing.document import Document, Finite, Outputs, Quantity, Record, write_rows
+from cavirheo.writing.document import Document, Outputs, Quantity, write_rows
 from cavirheo.writing.style import BLUE, INK, VERMILLION, save_png, write
 
 if TYPE_CHECKING:
@@ -57,79 +49,17 @@ _UNITS: dict[str, dict[str, float]] = {
     kind: units | {word: units[unit] for word, unit in UNIT_WORDS.items() if unit in units}
     for kind, units in (("R_max", _LENGTHS), ("t_1", TIME_UNITS))
 }
-_MEASURED = {"R_max": "max_radius_m", "lambda": "stretch", "t_1": "collapse_time_s"}  # column: field of a shot
 _EXPECTED = "expected a header such as rmax_um,stretch,t1_us"
 
 
-class CollapseShot(Record):
-    """One shot. `message`: why it cannot be used, empty if it can."""
-
-    name: str
-    max_radius_m: Finite = None
-    stretch: Finite = None
-    stretch_from: str = ""
-    collapse_time_s: Finite = None
-    measured: Finite = None  # t_1/t_RC
-    analytic: Finite = None
-    exact: Finite = None
-    message: str = ""
-
-
-class CollapseGroup(Record):
-    """The shots of one material (a table, or curves of one file or folder) and what they say."""
-
-    name: str
-    source: str
-    source_sha256: str
-    n: int = 0
-    unusable: int = 0
-    notes: list[str] = []
-    doubts: list[str] = []  # about the recordings and their settings
-    analytic: CollapseEstimate | None = None
-    exact: CollapseEstimate | None = None
-    shots: list[CollapseShot]
-
-    def model_post_init(self, _: Any) -> None:
-        self.n, self.unusable = len(self.shots), len(self.shots) - len(self.usable)
-
-    @property
-    def usable(self) -> list[CollapseShot]:
-        return [shot for shot in self.shots if not shot.message]
-
-    @property
-    def best(self) -> CollapseEstimate | None:
-        """The exact answer where there is one."""
-        return self.exact or self.analytic
-
-    def columns(self) -> list[np.ndarray]:
-        """R_max, lambda and t_1 of the shots that can be used, each (n,), SI."""
-        return [np.array([getattr(shot, field) for shot in self.usable]) for field in _MEASURED.values()]
-
-    def estimates(self) -> dict[str, CollapseEstimate]:
-        """The answers by model."""
-        return {name: found for name in ("analytic", "exact") if (found := getattr(self, name))}
-
-    def answer(self, material: str, *, exact: bool = False, **options: Any) -> None:
-        """Estimate G and mu from the usable shots, if any; `options` are those of `estimate`.
-
-        A simulation that fails leaves no exact answer, and a note.
-        """
-        if not self.usable:
-            return
-        radius, stretch, time = self.columns()
-        shots = Shots(radius, stretch, time, [one.name for one in self.usable])
-        self.analytic = estimate(shots, material, **options)
-        try:
-            self.exact = estimate(shots, material, exact=True, **options) if exact else None
-        except SolverError as error:
-            self.notes.append(f"no exact answer: {error}")
-        for k, one in enumerate(self.usable):
-            one.measured, one.analytic = self.analytic.measured[k], self.analytic.model[k]
-            one.exact = self.exact.model[k] if self.exact else None
-
-
 class CollapseTimes(Document):
-    """The document."""
+    """G and mu of each material from collapse times.
+
+    Attributes:
+        material: "nhkv", "nh" (mu = 0) or "newtonian" (G = 0).
+        medium: the constants used, SI.
+        groups: one for each table, or file or folder of curves.
+    """
 
     material: str
     medium: dict[str, Any]
@@ -179,7 +109,7 @@ def read_groups(
 
 
 def _shot(name: str, of: Sequence[float], origin: str, message: str = "") -> CollapseShot:
-    fields: Any = dict(zip(_MEASURED.values(), of, strict=True))
+    fields: Any = dict(zip(MEASURED.values(), of, strict=True))
     return CollapseShot(name=name, stretch_from=origin, message=message, **fields)
 
 
@@ -203,7 +133,7 @@ def read_table(path: Path, stretch: float | None = None, chosen: Chosen = None) 
             expected = f"{VARIABLE} must be an array (n, 3) of numbers: R_max in m, lambda, t_1 in s"
             fine = array.ndim == 2 and 3 in array.shape and array.size > 0
             require(fine, f"{expected}; got the shape {array.shape}", "collapse_time.variable")
-            cells: dict[str, Any] = dict(zip(_MEASURED, array.T if array.shape[1] == 3 else array, strict=True))
+            cells: dict[str, Any] = dict(zip(MEASURED, array.T if array.shape[1] == 3 else array, strict=True))
             notes.append(f"variable {VARIABLE}: R_max in m, lambda, t_1 in s")
         else:
             try:
@@ -222,7 +152,7 @@ def read_table(path: Path, stretch: float | None = None, chosen: Chosen = None) 
         cells["lambda"], origin = np.full(len(cells["t_1"]), stretch), "given"
     elif stretch is not None:
         notes.append("lambda of the table used, not the one given")
-    rows = np.stack([cells[kind] for kind in _MEASURED], axis=1).astype(float).tolist()
+    rows = np.stack([cells[kind] for kind in MEASURED], axis=1).astype(float).tolist()
     names = cells.get("name") or [str(k) for k in range(1, len(rows) + 1)]
     shots = [_shot(name, of, origin, unusable(*of)) for name, of in zip(names, rows, strict=True)]
     with guarded(path):

@@ -2,17 +2,6 @@
 
 What is known are ranges, or the answers of a result.json. inference/design.py says what one shot at each setting would
 tell; here these are averaged and counted; design_view.py shows them.
-
-```
-schema 1, version, command, date, notes      as in result.json
-material, wanted_percent                     the law; the interval that is wanted
-spread_decades, spreads_decades              scatter from shot to shot: root mean square, and by parameter
-known                                        median, q05 and q95 of the parameters and of the stretch, SI
-shots_before                                 answers of the result.json that this rests on
-settings                                     one per R_max and frame rate (DesignedSetting)
-best, fewest                                 the settings with the largest gain, and with the fewest shots
-checked                                      recordings there, answered (CheckedSetting)
-```
 """
 
 from __future__ import annotations
@@ -25,6 +14,7 @@ import numpy as np
 from scipy.special import ndtri
 
 from cavirheo.arrays import Floats
+from cavirheo.beside.designed import CheckedSetting, DesignedSetting
 from cavirheo.errors import require
 from cavirheo.inference.design import (
     Expected,
@@ -44,7 +34,7 @@ from cavirheo.reporting.answer import CurveRecord, described
 from cavirheo.reporting.group import GroupRecord
 from cavirheo.reporting.record import Result, read_json
 from cavirheo.writing import digits
-from cavirheo.writing.document import Document, Finite, Quantity, Record
+from cavirheo.writing.document import Document, Quantity
 
 STRETCHES = (4.0, 10.0)  # where nothing is known of it
 RADII, RATES = (50e-6, 400e-6), (1e5, 2.5e5, 5e5, 1e6)
@@ -52,39 +42,21 @@ CHECKED = 10_000  # added to the seed, for recordings of their own
 NARROWEST = 0.01  # decades, to which a stretch is known from shot to shot
 
 
-class DesignedSetting(Record):
-    """What a shot at one setting would tell, over the draws of what is known.
-
-    readable: the share of recordings that can be read. half_width_percent: by parameter, half of the 90 % interval of
-    one shot over the median, that of the middle draw. shots: how many bring all parameters to what is wanted; null:
-    more than 10,000. gain_nats: expected information gain of one shot about the law's parameters.
-    """
-
-    max_radius_m: float
-    frame_rate_hz: float
-    frames: int
-    noise_m: float
-    readable: float
-    half_width_percent: dict[str, Finite]
-    shots: int | None
-    gain_nats: float
-
-
-class CheckedSetting(Record):
-    """What `infer` gives at a recommended setting. setting: of `settings`. answers: with an interval, of so many
-    simulated recordings. told_percent, reached_percent: by parameter, half of their 90 % intervals over the median as
-    expected and as answered, geometric means. shots: as in `settings`, with the information that was reached."""
-
-    setting: int
-    recordings: int
-    answers: int
-    told_percent: dict[str, Finite]
-    reached_percent: dict[str, Finite]
-    shots: int | None
-
-
 class Design(Document):
-    """The document."""
+    """Which shot to take next, and how many.
+
+    Attributes:
+        material: the law.
+        wanted_percent: half of the 90 % interval over the median that is wanted.
+        spread_decades: scatter from shot to shot, root mean square over the parameters, in log10.
+        spreads_decades: that of each parameter.
+        known: what is known of the parameters and the stretch before, SI.
+        shots_before: answers of the result.json that this rests on.
+        settings: one for each R_max and frame rate.
+        best: index of the setting with the largest gain.
+        fewest: index of the setting with the fewest shots; null where none reaches what is wanted.
+        checked: recordings simulated there and answered, if that was asked for.
+    """
 
     material: str
     wanted_percent: float

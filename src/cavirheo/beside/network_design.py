@@ -31,9 +31,19 @@ FEWEST = 30  # recordings, below which thirds mean nothing
 
 
 class WeakRange(Record):
-    """A third of the range of a parameter, SI. width_ratio: geometric mean over recordings and the law's parameters of
-    the network's 90 % interval (decades) over that which the frames allow; error: its standard error, a factor.
-    inside_90: the share of truths within the network's intervals."""
+    """A third of the range of a parameter.
+
+    Attributes:
+        parameter: by natural name.
+        low: lower end of the third, SI.
+        high: its upper end, SI.
+        recordings: how many were simulated there.
+        width_ratio: geometric mean over recordings and the law's parameters of the network's 90 % interval
+            (decades) over
+            that which the frames allow.
+        error: standard error of this ratio, a factor.
+        inside_90: share of truths within the network's intervals.
+    """
 
     parameter: str
     low: float
@@ -45,7 +55,16 @@ class WeakRange(Record):
 
 
 class NetworkDesign(Document):
-    """The document. worst: index of the range of which a recipe should draw more."""
+    """Where a posterior network is least sure.
+
+    Attributes:
+        model: name of the network.
+        material: the law.
+        recordings: how many were simulated and read.
+        unreadable: how many more could not be read.
+        ranges: thirds of the range of each parameter.
+        worst: index of the range of which a recipe should draw more.
+    """
 
     model: str
     material: str

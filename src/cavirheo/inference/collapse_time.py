@@ -14,15 +14,14 @@ from functools import cache
 from typing import Any, NamedTuple
 
 import numpy as np
-from pydantic import Field
 
 from cavirheo.arrays import Bools, Floats
 from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError, require
+from cavirheo.inference.collapse_answer import CollapseEstimate, CollapseValue
 from cavirheo.physics.collapse import analytic_time, inverse_square, rayleigh_time, simulated_time
 from cavirheo.physics.media import WATER, Medium
 from cavirheo.physics.media import medium as named
-from cavirheo.writing.document import Finite, Record
 
 MATERIALS = ("nhkv", "nh", "newtonian")  # neo-Hookean Kelvin-Voigt, neo-Hookean (mu = 0), Newtonian (G = 0)
 NAMES = ("G", "µ")
@@ -46,11 +45,16 @@ _GOOD_RE, _GOOD_STRETCH = 10.0, 4.0  # above: the analytic model is within 1.5 %
 
 @dataclass(eq=False)
 class Shots:
-    """n bubbles in one material: max_radius (n,) m, stretch (n,) R_max/R_0, time (n,) s from it to the first minimum.
+    """n bubbles in one material.
 
-    `names` are those of the shots in messages; "1", "2", ... if none are given.
+    Attributes:
+        max_radius: (n,) m.
+        stretch: (n,) R_max/R_0.
+        time: (n,) s from R_max to the first minimum.
+        names: of the shots in messages; "1", "2", ... if none are given.
 
-    Raises InputError: arrays that are not (n,) of one length, or a value out of its domain (which).
+    Raises:
+        InputError: arrays that are not (n,) of one length, or a value out of its domain (which).
     """
 
     max_radius: Floats
@@ -86,49 +90,6 @@ def unusable(max_radius: float, stretch: float, time: float) -> str:
     if not 0.1 < ratio < 10:
         return f"t_1 = {time * 1e6:.4g} us is {ratio:.2g} Rayleigh times of R_max = {max_radius * 1e6:.4g} um (units?)"
     return ""
-
-
-class CollapseValue(Record):
-    """`low`, `high`: 95 % interval by the scatter; `per_percent`: change if all t_1 were 1 % longer."""
-
-    value: Finite = None
-    low: Finite = None
-    high: Finite = None
-    per_percent: Finite = None
-
-
-class CollapseEstimate(Record):
-    """What n collapse times say, as it is written; null where a number was not found.
-
-    An estimate that is not `identified` has the best fit if there is a single one, else null; `pairs` then are the
-    equally good (G in Pa, mu in Pa s). `message`: what is wrong or to be known.
-    """
-
-    shear_modulus_Pa: CollapseValue = CollapseValue()
-    viscosity_Pa_s: CollapseValue = CollapseValue()
-    correlation: Finite = None
-    scatter: Finite = None  # standard deviation of ln(t_1/t_model); null: not more shots than unknowns
-    identified: bool = False
-    at_bound: list[str] = []  # names of those at a bound of their range
-    downweighted: list[str] = []  # shots that count less than half
-    pairs: list[tuple[float, float]] = []
-    message: str = ""
-    # of each shot, not written here: t_1/t_RC as measured and of the model, the weight (at most 1)
-    measured: list[Finite] = Field(default=[], exclude=True)
-    model: list[Finite] = Field(default=[], exclude=True)
-    weight: list[float] = Field(default=[], exclude=True)
-
-    @property
-    def answered(self) -> bool:
-        """Whether there is a number for both."""
-        return self.shear_modulus_Pa.value is not None and self.viscosity_Pa_s.value is not None
-
-    @property
-    def start(self) -> tuple[float, float] | None:
-        """(G, mu) for a fit of R(t) to begin with: the estimate, or the middle of the pairs, if any."""
-        G, mu = self.shear_modulus_Pa.value, self.viscosity_Pa_s.value
-        middle = self.pairs[len(self.pairs) // 2] if self.pairs else None
-        return middle if G is None or mu is None else (G, mu)
 
 
 def shot(curve: RadiusCurve, stretch: float | None = None, *, guess: float | None = None) -> tuple[Shots, str]:

@@ -29,7 +29,11 @@ class Pulse:
     """One cycle of focused ultrasound, p_A {[1 + cos(2 pi f (t - centre))]/2}^n within half a period of its centre.
     Gaudron, Warnez and Johnsen 2015, doi:10.1017/jfm.2015.7.
 
-    amplitude: p_A, Pa; negative for tension. frequency: f, Hz. centre: s after the start. exponent: n.
+    Attributes:
+        amplitude: p_A, Pa; negative for tension.
+        frequency: f, Hz.
+        centre: s after the start.
+        exponent: n.
     """
 
     amplitude: float = field(metadata=FINITE)
@@ -61,7 +65,9 @@ class Pulse:
 class Trace:
     """A measured or computed pressure above ambient: monotone cubics (PCHIP) between its samples, held at both ends.
 
-    time: (n,) s after the start, ascending. pressure: (n,) Pa.
+    Attributes:
+        time: (n,) s after the start, ascending.
+        pressure: (n,) Pa.
 
     Raises:
         InputError: fewer than two samples, not finite, not ascending, or not as many times as pressures.

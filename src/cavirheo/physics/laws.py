@@ -33,6 +33,7 @@ KINDS: dict[str, dict[str, Callable[..., Material]]] = {
     },
 }  # fmt: skip
 LAWS = {name: law for laws in KINDS.values() for name, law in laws.items()}
+"""Every law by the name that it is written with; a law that is put here is known to all commands."""
 EXAMPLE = "yeoh(1e3, 20) + cross(0.5, 0.01, 1e-4)"
 _HOW = f"write a sum of laws like {EXAMPLE}"
 

@@ -19,8 +19,12 @@ from cavirheo.physics.viscous import Newtonian, Viscous
 class Viscoelastic(Material):
     """Any elastic law beside any viscous law (Kelvin-Voigt) and any number of Maxwell arms; their stresses add.
 
-    `Viscoelastic(Gent(2e3, 40.0), CarreauYasuda(0.5, 0.01, 1e-4, 0.4))`. elastic, viscous: a law each, None for a part
-    that it does not have. memory: the arms.
+    `Viscoelastic(Gent(2e3, 40.0), CarreauYasuda(0.5, 0.01, 1e-4, 0.4))`.
+
+    Attributes:
+        elastic: a law, None without this part.
+        viscous: a law, None without this part.
+        memory: the arms.
     """
 
     elastic: Elastic | None = None

@@ -30,13 +30,22 @@ def _constant(
 class Medium:
     """The surroundings of the bubble and what is in it. All SI.
 
-    density (kg/m3), sound_speed (m/s, may be infinite), surface_tension (N/m): of the liquid or gel.
-    pressure (Pa), temperature (K): far from the bubble; the bubble's wall has this temperature, too.
-    adiabatic_index: kappa of gas and vapour. gas_constant, vapour_constant: of the gas that does not condense (air) and
-    of the vapour, J/(kg K). diffusivity: of the vapour in the gas, m2/s. conductivity_slope (W/(m K2)),
-    conductivity_intercept (W/(m K)): of gas and vapour, K = slope T + intercept. vapour_reference_pressure (Pa),
-    vapour_reference_temperature (K): p_v = p_ref exp(-T_ref/T); without vapour p_ref is 0. name: as documents have it.
-    unusual: accept constants outside the ranges that liquids and gels have; it is not kept.
+    Attributes:
+        density: of the liquid or gel, kg/m3.
+        sound_speed: in it, m/s; may be infinite.
+        surface_tension: N/m.
+        pressure: far from the bubble, Pa.
+        temperature: far from the bubble and at its wall, K.
+        adiabatic_index: kappa of gas and vapour.
+        gas_constant: of the gas that does not condense (air), J/(kg K).
+        vapour_constant: of the vapour, J/(kg K).
+        diffusivity: of the vapour in the gas, m2/s.
+        conductivity_slope: of gas and vapour, K = slope T + intercept, W/(m K2).
+        conductivity_intercept: W/(m K).
+        vapour_reference_pressure: p_ref of p_v = p_ref exp(-T_ref/T), Pa; 0 without vapour.
+        vapour_reference_temperature: T_ref, K.
+        name: as documents have it.
+        unusual: accept constants outside the ranges that liquids and gels have; it is not kept.
 
     Raises:
         InputError: a constant that no medium has (a density of 0), or, unless `unusual`, hardly one (1.05 kg/m3).
@@ -82,13 +91,19 @@ class Medium:
         return max_radius / self.velocity_scale
 
 
-WATER = Medium()  # water-like gel at 25 C
-BU2026 = Medium(1000.0, 1700.0, 0.0725, name="bu2026")  # the app released with the BDT paper
-ESTRADA2018 = Medium(1060.0, 1430.0, 0.056, name="estrada2018")  # IMR v1, doi:10.1016/j.jmps.2017.12.006
-ZHU2025 = Medium(998.2, 1484.0, 0.07, name="zhu2025")  # pIMR, runIMR
-YANG2020 = Medium(1064.0, 1484.0, 0.07, adiabatic_index=1.47, name="yang2020")  # IMRv2, doi:10.1016/j.eml.2020.100839
+WATER = Medium()
+"""A water-like gel at 25 C."""
+BU2026 = Medium(1000.0, 1700.0, 0.0725, name="bu2026")
+"""The app released with the BDT paper."""
+ESTRADA2018 = Medium(1060.0, 1430.0, 0.056, name="estrada2018")
+"""IMR v1, doi:10.1016/j.jmps.2017.12.006."""
+ZHU2025 = Medium(998.2, 1484.0, 0.07, name="zhu2025")
+"""pIMR, runIMR."""
+YANG2020 = Medium(1064.0, 1484.0, 0.07, adiabatic_index=1.47, name="yang2020")
+"""IMRv2, doi:10.1016/j.eml.2020.100839."""
 
 MEDIA: dict[str, Medium] = {m.name: m for m in (WATER, BU2026, ESTRADA2018, ZHU2025, YANG2020)}
+"""These sets by name."""
 
 
 def medium(name: str | Medium, *, unusual: bool = False, **constants: float | None) -> Medium:

@@ -22,8 +22,10 @@ INSIST = " (if it is meant: unusual=True)"
 class Contents:
     """Fields in the bubble, from its centre to its wall.
 
-    position: (m,) r/R of the centroids of the shells and of the wall, ascending to 1. temperature: (n, m) K.
-    vapour: (n, m) mass fraction of vapour.
+    Attributes:
+        position: (m,) r/R of the centroids of the shells and of the wall, ascending to 1.
+        temperature: (n, m) K.
+        vapour: (n, m) mass fraction of vapour.
     """
 
     position: Floats
@@ -39,12 +41,17 @@ class Contents:
 class Simulation:
     """One solved (or failed) forward problem. Where a solve failed the arrays hold NaN from there on.
 
-    time: (n,) s after the start. radius: (n,) m. velocity: (n,) m/s, of the wall. pressure: (n,) Pa, in the bubble.
-    stress: (n,) Pa, stress integral of the material: positive where it pushes the wall outwards.
-    equilibrium_radius: R_0, m. status: "ok", or what went wrong and where.
-    stats: steps, rejected, gas_drift (relative change of the gas in the bubble). contents: if asked for.
-
-    unusual: accept times and radii that hardly a bubble has in s and m; otherwise InputError. It is not kept.
+    Attributes:
+        time: (n,) s after the start.
+        radius: (n,) m.
+        velocity: (n,) m/s, of the wall.
+        pressure: (n,) Pa, in the bubble.
+        stress: (n,) Pa, stress integral of the material: positive where it pushes the wall outwards.
+        equilibrium_radius: R_0, m.
+        status: "ok", or what went wrong and where.
+        stats: steps, rejected, gas_drift (relative change of the gas in the bubble).
+        contents: fields in the bubble, if they were asked for.
+        unusual: accept times and radii that hardly a bubble has in s and m; otherwise InputError. It is not kept.
     """
 
     time: Floats

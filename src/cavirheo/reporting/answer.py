@@ -36,7 +36,12 @@ Unit = tuple[float, str]  # of G: factor from Pa, name
 
 
 class Compared(Record):
-    """The window: from R_max to t_star_end (t/t_c), holding so many complete collapses."""
+    """The window that was compared, from R_max on.
+
+    Attributes:
+        collapses: how many complete ones it holds.
+        t_star_end: its end, t/t_c after R_max.
+    """
 
     collapses: int | None = None
     t_star_end: Finite = None
@@ -50,7 +55,20 @@ class Compared(Record):
 
 
 class OtherModel(Record):
-    """What another model answers for the same frames; one of the answer's own material and bubble is another valley."""
+    """What another model answers for the same frames; one of the answer's own material and bubble is another valley.
+
+    Attributes:
+        material: the law.
+        contents: model of what is in the bubble, "equilibrium" or "kinetic".
+        damage: "none", "first-rebound" or "strain".
+        log_evidence: natural logarithm of p(frames | model), to be compared with that of the answer.
+        evidence_error: its standard error; null where it has none.
+        rmse_over_rmax: root mean square of measured minus simulated radius, over R_max.
+        shear_modulus_Pa: G, Pa.
+        viscosity_Pa_s: mu, Pa s; null where it is not one number.
+        stretch: R_max/R_0.
+        other_parameters: all others by natural name, SI, as in a row.
+    """
 
     material: str
     contents: str
@@ -85,16 +103,47 @@ class OtherModel(Record):
 
 
 class CurveRecord(Record):
-    """One row. `other_parameters` holds what was inferred besides G, mu and the stretch, or given of the bubble, in SI;
-    of a law whose viscosity is not one number also that at 1e5 1/s.
+    """One row: the answer for one curve.
 
-    `windows`, `evidence` and `diagnostics` are those of the Posterior; `provenance` is for people alone.
+    Attributes:
+        name: of the curve.
+        source: the file, as it was given.
+        group: name of the group that it is a shot of.
+        group_source: the file or folder whose shots form the group.
+        max_radius_m: R_max, m.
+        time_of_max_s: time of R_max on the clock of the file, s.
+        strain_rate_per_s: mean strain rate at the wall between R_max and the first collapse, 1/s.
+        stretch: R_max/R_0, inferred or given.
+        material: the law.
+        contents: model of what is in the bubble, "equilibrium" or "kinetic".
+        damage: of the elastic part: "none", "first-rebound" or "strain".
+        method: how the answer was found: "bdt", "amortised", "verified", "laplace" or "least_squares".
+        shear_modulus_Pa: G, Pa.
+        viscosity_Pa_s: mu, Pa s; null of a law whose viscosity is not one number.
+        other_parameters: what was inferred besides G, mu and the stretch, or given of the bubble, by natural name,
+            SI; of a
+            law whose viscosity is not one number also that at a shear rate of 1e5 1/s.
+        rmse_over_rmax: root mean square of measured minus simulated radius, over R_max.
+        mae_over_rmax: mean absolute difference, over R_max.
+        max_difference_over_rmax: largest absolute difference, over R_max.
+        window: the frames that were compared.
+        verdict: "ok", or what is wrong (docs/method/verdicts.md).
+        message: why, and what else is to be known.
+        doubts: about the recording and its settings, with which the message begins.
+        notes: what was recognised, converted or left out when the file was read.
+        seconds: wall time of the answer, s.
+        windows: what windows of "1", "2", "3" and "all" collapses answer, if they were fitted.
+        evidence: of the law; null where the method gives none.
+        other_models: what other models and other valleys answer, if they were looked at.
+        diagnostics: how the answer was found.
+        column: title and value of the column declared by the user; left out where there is none.
+        provenance: model, settings, versions and hash of the source, for people alone.
     """
 
     name: str
     source: str
     group: str
-    group_source: str  # the file or folder whose shots form the group
+    group_source: str
     max_radius_m: Finite
     time_of_max_s: Finite
     strain_rate_per_s: Finite
@@ -112,14 +161,14 @@ class CurveRecord(Record):
     window: Compared
     verdict: Verdict
     message: str
-    doubts: list[str] = []  # with which the message begins
+    doubts: list[str] = []
     notes: list[str]
     seconds: float
     windows: dict[str, WindowAnswer] = {}
     evidence: Evidence | None = None
     other_models: list[OtherModel] = []
     diagnostics: Diagnostics = Diagnostics()
-    column: dict[str, float] = {}  # title and value, declared by the user
+    column: dict[str, float] = {}
     provenance: dict[str, Any]
     _if_any = ("column",)
 

@@ -25,7 +25,15 @@ _SAME = 1e-6  # of their mean: values that differ by less are one value, as thos
 
 
 class Slope(Quantity):
-    """d ln(value)/d ln R_max over n shots, of which so many have the verdict ok."""
+    """d ln(value)/d ln R_max.
+
+    Attributes:
+        median: over all pairs of shots.
+        q05: lower end of its 90 % interval.
+        q95: its upper end.
+        n: shots that it is over.
+        n_trusted: how many of them have the verdict ok.
+    """
 
     n: int
     n_trusted: int = 0
@@ -45,7 +53,14 @@ class Slope(Quantity):
 
 
 class ModelSlopes(Record):
-    """Those of one model which all shots have."""
+    """Those of one model which all shots have.
+
+    Attributes:
+        material: the law.
+        contents: model of what is in the bubble.
+        damage: "none", "first-rebound" or "strain".
+        slopes: by natural name.
+    """
 
     material: str
     contents: str
@@ -54,13 +69,28 @@ class ModelSlopes(Record):
 
 
 class GroupRecord(Record):
-    """The shots of one file: n answered, n_failed not; `verdicts` counts the curves with each.
+    """The shots of one file or folder.
 
-    Means and models are over the n_trusted with verdict ok; null in documents of before, whose means are over
-    all n. Slopes are over these, too; where they are too few, over those that the model does not fit as well.
-    `other_slopes`: of the models that all of these shots have besides their answer. `population`: the material behind
-    the shots, from their intervals; null for a single shot, or where none has an interval. `published`: by method and
-    parameter, where `compare` was given it.
+    Means and models are over the n_trusted with verdict ok; those of documents where this is null, over all n. Slopes
+    are
+    over the trusted, too; where these are too few, over those that the model does not fit as well.
+
+    Attributes:
+        name: of the file or folder.
+        n: shots that were answered.
+        n_trusted: shots with the verdict ok; null in documents of before.
+        n_failed: shots without an answer.
+        shear_modulus_Pa: G, Pa.
+        viscosity_Pa_s: mu, Pa s.
+        other_parameters: all others by natural name, SI.
+        verdicts: how many curves have each.
+        models: how many answers have each, by "law, contents".
+        slopes: d ln(value)/d ln R_max of what should be a constant, by natural name.
+        other_slopes: of the models that all of these shots have besides their answer.
+        population: the material behind the shots, from their intervals; left out for a single shot, or where none
+            has an
+            interval.
+        published: values of other methods, by method and parameter, SI; left out unless `compare` was given them.
     """
 
     name: str

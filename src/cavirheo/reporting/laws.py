@@ -12,8 +12,16 @@ _TITLE = "log evidence below the best; *: cannot be told from it; →: the simpl
 
 
 class WeighedLaw(Record):
-    """One law: null where there is no evidence; `answer`: the row that result.json would have, for a curve alone;
-    `population`: for a group, one material with its scatter, and the evidence of the law so."""
+    """One law; null where there is no evidence.
+
+    Attributes:
+        log_evidence: natural logarithm of p(frames | law); of a group, the sum over its shots.
+        standard_error: of the log evidence.
+        probability: of the laws that have an evidence, all being equally likely before.
+        answer: the row that result.json would have; for a curve alone.
+        population: for a group, one material with its scatter, and the evidence of the law so; left out where there is
+            none.
+    """
 
     log_evidence: float | None
     standard_error: float | None
@@ -24,8 +32,15 @@ class WeighedLaw(Record):
 
 
 class ComparedLaws(Record):
-    """Two laws of a group: the sum over the shots of the differences of log evidence, its standard error from their
-    scatter, and how many shots speak for each."""
+    """Two laws of a group.
+
+    Attributes:
+        first: the law with the larger evidence.
+        second: the other.
+        difference: sum over the shots of the differences of log evidence.
+        error: its standard error, from their scatter.
+        shots: how many shots speak for the first, and for the second.
+    """
 
     first: str
     second: str
@@ -35,7 +50,16 @@ class ComparedLaws(Record):
 
 
 class WeighedLaws(Record):
-    """The laws of one curve, or of a group whose evidence is the sum over so many shots; `pairs` of a group."""
+    """The laws of one curve, or of a group.
+
+    Attributes:
+        name: of the curve or group.
+        shots: over how many the evidence is summed; 1 for a curve.
+        chosen: the simplest law that is not clearly worse than the best; null where no law has an evidence.
+        contenders: laws that cannot be told from the best, simplest first.
+        laws: by name.
+        pairs: of a group, every law and each worse one.
+    """
 
     name: str
     shots: int
@@ -46,7 +70,12 @@ class WeighedLaws(Record):
 
 
 class Laws(Document):
-    """The document."""
+    """The evidence of several laws for the same curves.
+
+    Attributes:
+        curves: an entry for each curve.
+        groups: an entry for each group.
+    """
 
     curves: list[WeighedLaws]
     groups: list[WeighedLaws]

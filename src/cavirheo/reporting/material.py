@@ -23,13 +23,31 @@ _MOST = 6  # groups that are compared, each with each
 
 
 class PopulationRecord(Record):
-    """The material behind n shots. G, mu and `other_parameters`: its centre. spread_decades: standard deviation of the
-    shots about it, root of the mean square over the law's parameters, each of which has its own in `spreads_decades`;
-    correlation: of this scatter. strays: probability of shots that do not belong; left_out: counts by reason.
+    """The material behind n shots.
 
-    log_evidence: of the law with one material and its scatter, null where a shot has none. log_evidence_of_scatter:
-    above that of one material without scatter; below 0 the shots differ by no more than their intervals.
-    slopes_decades: of each parameter per unit of the declared column; the centre is then that at column_at.
+    Attributes:
+        line: the material in a sentence, for a paper; or why there is none.
+        remarks: what is to be known besides.
+        model: law and model of the bubble, "nhkv, kinetic".
+        n: shots that count.
+        shear_modulus_Pa: G of the material, Pa.
+        viscosity_Pa_s: mu of the material, Pa s.
+        other_parameters: its other parameters by natural name, SI.
+        spread_decades: standard deviation of the shots about the material, in log10: root of the mean square over
+            the law's
+            parameters.
+        spreads_decades: that of each parameter, by natural name.
+        correlation: of this scatter, by "name, name".
+        strays: shots that do not belong, each with the probability of that.
+        left_out: counts of shots that do not count, by reason.
+        log_evidence: of the law with one material and its scatter; null where a shot has none.
+        log_evidence_error: its standard error.
+        log_evidence_of_scatter: above that of one material without scatter; below 0 the shots differ by no more
+            than their
+            intervals.
+        column: title of the declared column with which the material may change; left out where there is none.
+        column_at: its value at which the material is given; left out where there is none.
+        slopes_decades: change of the log10 of each parameter per unit of the column; left out where there is none.
     """
 
     line: str
@@ -111,7 +129,13 @@ class PopulationRecord(Record):
 
 class Apart(Record):
     """A parameter of the first group's material over that of the second; what it says: `Difference` in
-    inference/population."""
+    inference/population.
+
+    Attributes:
+        ratio: first over second.
+        probability_higher: that the first is larger.
+        probability_differs: of two materials against one, both equally likely before.
+    """
 
     ratio: Quantity
     probability_higher: float
@@ -119,7 +143,13 @@ class Apart(Record):
 
 
 class GroupDifference(Record):
-    """Two groups with one model, by the parameters of their materials."""
+    """Two groups with one model, by the parameters of their materials.
+
+    Attributes:
+        first: name of the group whose material is above the line of the ratio.
+        second: name of the other.
+        parameters: the ratios, by natural name.
+    """
 
     first: str
     second: str

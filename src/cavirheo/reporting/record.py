@@ -68,7 +68,13 @@ KEPT = 500  # curves of a run whose materials are kept
 
 
 class Result(Document):
-    """The document."""
+    """The answers of a run.
+
+    Attributes:
+        curves: a row for each curve.
+        groups: the shots of each file or folder, with their means and their material.
+        differences: of the materials of each two groups, where there are several; left out where there is none.
+    """
 
     curves: list[CurveRecord]
     groups: list[GroupRecord]

@@ -61,14 +61,23 @@ class Generated:
 
 @dataclass(frozen=True, eq=False)
 class Dataset:
-    """A whole training set; its radii may be on the disk."""
+    """A whole training set; its radii may be on the disk.
+
+    Attributes:
+        problem: what its curves are drawn from and simulated with.
+        seed: of the draws.
+        made_by: version of cavirheo.
+        theta: (curves, parameters) in the prior's scale.
+        radius: (curves, frames) R/R_max at the reference R_max.
+        status: (curves,) "ok" or the reason of the failure.
+    """
 
     problem: TrainingProblem
     seed: int
-    made_by: str  # version of cavirheo
-    theta: Floats  # (curves, parameters) in the prior's scale
-    radius: NDArray[np.float32] | StoredRows  # (curves, frames) R/R_max at the reference R_max
-    status: NDArray[np.str_]  # (curves,) "ok" or the reason of the failure
+    made_by: str
+    theta: Floats
+    radius: NDArray[np.float32] | StoredRows
+    status: NDArray[np.str_]
 
     @property
     def ok(self) -> Bools:

@@ -30,14 +30,41 @@ COLUMNS = {
 
 
 class StatedNumber(Record):
-    """In SI, but for um per pixel; `origin`: who says so."""
+    """A number that somebody must say.
+
+    Attributes:
+        value: in SI, but for um per pixel; null where nobody says it.
+        origin: who says so.
+    """
 
     value: Finite
     origin: str
 
 
 class Measured(Document):
-    """measure.json. max_radius_m and the collapses are null where there is no scale, or no maximum (`unusable`)."""
+    """What was found in a recording, and where every number came from.
+
+    Attributes:
+        name: of the recording.
+        source: the file, as it was given.
+        source_sha256: its SHA-256.
+        width: of a frame, pixels.
+        height: of a frame, pixels.
+        bits: of a pixel.
+        frame_rate_hz: frames per second.
+        um_per_px: micrometres per pixel.
+        exposure_s: of a frame, s.
+        measured_with: the settings.
+        optics_sigma_px: standard deviation of the blur at rest, pixels.
+        flags: frames with each flag.
+        max_radius_px: largest radius of a frame, pixels.
+        max_radius_m: R_max, m; null where there is no scale, or no maximum.
+        time_of_max_s: time of R_max, s from the first frame; null as `max_radius_m`.
+        collapse_times_s: times of the collapses, s from the first frame.
+        unusable: why there is no R_max; else empty.
+        doubts: about the recording and its settings.
+        columns: of measured.csv, with what each holds.
+    """
 
     name: str
     source: str

@@ -58,10 +58,13 @@ class Scene:
 
 @dataclass(frozen=True, eq=False)
 class Film:
-    """frames: (n, height, width) of 8 or 16 bits. radius: (n,) px, mean over the exposure, NaN without a bubble.
+    """A rendered recording, with what is true of it.
 
-    reversal: (n,) frames in whose exposure the wall turns outwards, and moves by more than a quarter of a pixel.
-    centre: (n, 2) px.
+    Attributes:
+        frames: (n, height, width) of 8 or 16 bits.
+        radius: (n,) px, mean over the exposure, NaN without a bubble.
+        reversal: (n,) frames in whose exposure the wall turns outwards, and moves by more than a quarter of a pixel.
+        centre: (n, 2) px.
     """
 
     frames: Pixels

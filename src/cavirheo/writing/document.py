@@ -56,7 +56,15 @@ class Record(BaseModel):
 
 
 class Document(Record):
-    """The head. `notes` concern the run as a whole (pictures that could not be drawn, ...)."""
+    """The head of a document.
+
+    Attributes:
+        schema_version: number of the schema; `schema` in the file.
+        version: of cavirheo that wrote it.
+        command: what was run.
+        date: when, with the time zone.
+        notes: on the run as a whole (pictures that could not be drawn, ...).
+    """
 
     schema_version: Literal[1] = Field(default=1, validation_alias="schema", serialization_alias="schema")
     version: str = Field(default_factory=lambda: version("cavirheo"))
@@ -69,7 +77,13 @@ Kind = TypeVar("Kind", bound=Document)
 
 
 class Quantity(Record):
-    """Posterior median and central 90 % interval; q05 and q95 are null for a point answer."""
+    """A value with its interval.
+
+    Attributes:
+        median: of the posterior, or the value of a point answer.
+        q05: lower end of the central 90 % interval; null for a point answer.
+        q95: its upper end; null for a point answer.
+    """
 
     median: float | None = None
     q05: float | None = None
@@ -77,7 +91,13 @@ class Quantity(Record):
 
 
 class Spread(Record):
-    """Over several values; std has n - 1 below it and is null for n < 2."""
+    """Over several values; null where there is none.
+
+    Attributes:
+        mean: of the values.
+        std: their standard deviation with n - 1 below it; null for n < 2.
+        median: of the values.
+    """
 
     mean: float | None = None
     std: float | None = None

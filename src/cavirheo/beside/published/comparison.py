@@ -22,8 +22,12 @@ _VERDICTS: tuple[Verdict, ...] = get_args(Verdict)
 class ComparedQuantity(Record):
     """One row: a quantity of a set by all methods; of a set without any, a row without values.
 
-    `ours` is over all answered shots, `ours_ok` over the trusted ones (verdict ok) alone.
-    `relative_errors[reference][method]` is |mean - mean of the reference| / that mean, of `ours`.
+    Attributes:
+        quantity: "shear_modulus_Pa" or "viscosity_Pa_s".
+        published: values by method, SI.
+        ours: over all answered shots.
+        ours_ok: over the trusted shots (verdict ok) alone.
+        relative_errors: by reference and method, |mean - mean of the reference| / that mean, of `ours`.
     """
 
     quantity: str = ""
@@ -47,6 +51,17 @@ class ComparedQuantity(Record):
 
 
 class ComparedShot(Record):
+    """A shot of a set, in short.
+
+    Attributes:
+        name: of the curve.
+        shear_modulus_Pa: G, Pa.
+        viscosity_Pa_s: mu, Pa s.
+        rmse_over_rmax: root mean square of measured minus simulated radius, over R_max.
+        verdict: "ok", or what is wrong.
+        message: why.
+    """
+
     name: str
     shear_modulus_Pa: float | None
     viscosity_Pa_s: float | None
@@ -56,19 +71,45 @@ class ComparedShot(Record):
 
 
 class ComparedRange(Record):
+    """A number over the shots of a set.
+
+    Attributes:
+        median: of them.
+        smallest: of them.
+        largest: of them.
+    """
+
     median: float | None = None
     smallest: float | None = None
     largest: float | None = None
 
 
 class ComparedSet(Record):
-    """One set. `problems`: files missing or unreadable; `notes`: what was left out on purpose. `material`: a line of
-    each group in its result.json, where its shots have intervals."""
+    """One set.
+
+    Attributes:
+        name: of the set.
+        files: that were read.
+        model: the network, or the fit, that answered it.
+        contents: of the bubble, by our answers.
+        settings: that the file of references gives for it.
+        medium: the constants used, SI.
+        report: its report.html, from the folder of the document; null where there is none.
+        quantities: a row for each.
+        n_shots: curves.
+        n_answered: curves with an answer.
+        verdicts: how many curves have each.
+        rmse_over_rmax: root mean square of measured minus simulated radius, over R_max.
+        shots: in short.
+        problems: files missing or unreadable.
+        notes: what was left out on purpose.
+        material: a line of each group in its result.json, where its shots have intervals; left out where there is none.
+    """
 
     name: str
     files: list[str]
     model: str
-    contents: list[str] = []  # of the bubble, by our answers
+    contents: list[str] = []
     settings: dict[str, Any]
     medium: dict[str, Any]
     report: str | None
@@ -94,7 +135,13 @@ class ComparedSet(Record):
 
 
 class Comparison(Document):
-    """The document."""
+    """Published values and ours, set by set.
+
+    Attributes:
+        methods: in the order of the columns.
+        reference_methods: those that errors are to.
+        sets: one for each set.
+    """
 
     methods: list[str]
     reference_methods: list[str]

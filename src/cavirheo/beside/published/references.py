@@ -68,7 +68,14 @@ _CONSTANTS = _SETTINGS[_SETTINGS.index("density") :]
 
 
 class MethodValue(Record):
-    """What one method says of a quantity, SI: published, or mean ± standard deviation of our n shots."""
+    """What one method says of a quantity, SI: published, or of our n shots.
+
+    Attributes:
+        mean: over the shots.
+        std: standard deviation over the shots.
+        n: shots.
+        source: of a published value.
+    """
 
     mean: float | None = None
     std: float | None = None

@@ -1,13 +1,5 @@
 """rheometer.json (schema 1): all sweeps of one material, what was found in them, and its row beside bubbles.
 
-```
-schema 1, version, command, date, notes      as in result.json
-material, tolerance                          the name; the part of G' by which it may leave its plateau
-shear_modulus_Pa, shear_modulus_from         mean, std, median over the sweeps that have it; where it comes from
-viscosity_Pa_s, at_rad_per_s                 G''/omega at this angular frequency
-linear_to                                    largest strain of the linear range
-strain_sweeps, frequency_sweeps              one entry each (sweeps.py)
-```
 Numbers are SI (a strain of 1 is 100 %) and finite, or null where not found; `message` then says why.
 rheometer.csv has one line per sweep with the same names; table.csv one per material and method.
 """
@@ -31,7 +23,19 @@ if TYPE_CHECKING:
 
 
 class Rheometry(Document):
-    """The document."""
+    """All sweeps of one material, and what was found in them.
+
+    Attributes:
+        material: its name.
+        tolerance: part of G' by which it may leave its plateau.
+        at_rad_per_s: frequency at which mu is taken, rad/s.
+        shear_modulus_Pa: G over the sweeps that have it, Pa.
+        shear_modulus_from: where G comes from.
+        viscosity_Pa_s: G''/omega at this frequency, Pa s.
+        linear_to: largest strain of the linear range.
+        strain_sweeps: one entry each.
+        frequency_sweeps: one entry each.
+    """
 
     material: str
     tolerance: float

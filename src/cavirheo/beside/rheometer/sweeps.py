@@ -20,11 +20,23 @@ Measured = Annotated[Any, Field(exclude=True, repr=False)]  # (n,) floats, which
 
 
 class Sweep(Record):
-    """Moduli over strain or angular frequency, sorted, in SI. `message`: why a number is missing."""
+    """Moduli over strain or angular frequency, sorted, in SI.
 
-    x: Measured = ()  # strain as a fraction, or angular frequency in rad/s
-    storage: Measured = ()  # G', Pa
-    loss: Measured = ()  # G'', Pa
+    Attributes:
+        x: (n,) strain as a fraction, or angular frequency in rad/s; not written.
+        storage: (n,) G', Pa; not written.
+        loss: (n,) G'', Pa; not written.
+        name: of the sweep.
+        source: the file, as it was given.
+        source_sha256: its SHA-256.
+        points: how many.
+        notes: what was recognised, converted or left out.
+        message: why a number is missing.
+    """
+
+    x: Measured = ()
+    storage: Measured = ()
+    loss: Measured = ()
     name: str = ""
     source: str = ""
     source_sha256: str = ""
@@ -34,7 +46,21 @@ class Sweep(Record):
 
 
 class StrainSweep(Sweep):
-    """`departs` is null where G' stays in the band: `linear_to` is then the largest strain."""
+    """Moduli over strain; a strain of 1 is 100 %.
+
+    Attributes:
+        kind: "strain".
+        frequency_rad_per_s: of the oscillation, rad/s.
+        strain_from: smallest strain.
+        strain_to: largest strain.
+        plateau_storage_Pa: G' of the linear range, Pa.
+        plateau_loss_Pa: G'' of the linear range, Pa.
+        linear_from: first strain of the linear range.
+        linear_to: its last strain; the largest one where G' stays in the band.
+        departs: "softens" or "stiffens" beyond; null where G' stays in the band.
+        crossover_strain: where G' = G''.
+        crossover_modulus_Pa: G' there, Pa.
+    """
 
     kind: Literal["strain"] = "strain"
     frequency_rad_per_s: float | None = None
@@ -50,7 +76,25 @@ class StrainSweep(Sweep):
 
 
 class FrequencySweep(Sweep):
-    """`viscosity_Pa_s` is the loss modulus at `at_rad_per_s` over that frequency."""
+    """Moduli over angular frequency.
+
+    Attributes:
+        kind: "frequency".
+        strain: of the oscillation.
+        from_rad_per_s: smallest frequency, rad/s.
+        to_rad_per_s: largest frequency, rad/s.
+        plateau_storage_Pa: G' of the plateau, Pa.
+        plateau_from_rad_per_s: first frequency of the plateau, rad/s.
+        plateau_to_rad_per_s: its last frequency, rad/s.
+        at_rad_per_s: frequency of the following numbers, rad/s.
+        storage_at_Pa: G' there, Pa.
+        loss_at_Pa: G'' there, Pa.
+        viscosity_Pa_s: G''/omega there, Pa s.
+        tan_delta: G''/G' there.
+        complex_viscosity_Pa_s: |G*|/omega there, Pa s.
+        crossover_rad_per_s: where G' = G'', rad/s.
+        crossover_modulus_Pa: G' at the crossover, Pa.
+    """
 
     kind: Literal["frequency"] = "frequency"
     strain: float | None = None

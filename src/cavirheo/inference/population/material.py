@@ -25,9 +25,15 @@ UNLIKE = 0.3  # decades: how far two materials are apart that are compared, befo
 
 
 class Difference(NamedTuple):
-    """Of a parameter of two materials. ratio: (5 %, 50 %, 95 %) of this one's over the other's. probability_higher:
-    that this one's is larger. probability_differs: of two materials against one, both equally likely before, and two
-    materials a factor of about 2 apart (UNLIKE decades)."""
+    """Of a parameter of two materials.
+
+    Attributes:
+        ratio: (5 %, 50 %, 95 %) of this one's over the other's.
+        probability_higher: that this one's is larger.
+        probability_differs: of two materials against one, both equally likely before, and two materials a factor of
+            about
+            2 apart (UNLIKE decades).
+    """
 
     ratio: tuple[float, float, float]
     probability_higher: float
@@ -38,13 +44,23 @@ class Difference(NamedTuple):
 class Population:
     """The material of n shots; a failed one has no draws, and `doubts` say why.
 
-    names: the law's parameters, "shear_modulus", ... material, bubble: the model. shots: those that count. left_out:
-    how many do not, by reason. centre: (draws, d) log10 of the material's parameters, SI. spread: (draws, d) standard
-    deviation of the shots about it, decades. correlation: (draws, d, d) of that scatter. slope: (draws, d) decades per
-    unit of the column, or None; the centre is then that at the value along_at. common: (draws, d) as centre, if all
-    shots that belong had one material exactly. stray: (n,) probability that a shot does not belong. gain, gain_of_one:
-    log evidence of the population, with and without spread, above that of shots which have nothing in common.
-    shot_evidence: of each shot by itself. doubts: what is to be known before it is used.
+    Attributes:
+        names: the law's parameters, "shear_modulus", ...
+        material: the law.
+        bubble: the model of the bubble.
+        shots: names of those that count.
+        left_out: how many do not, by reason.
+        doubts: what is to be known before it is used.
+        centre: (draws, d) log10 of the material's parameters, SI.
+        spread: (draws, d) standard deviation of the shots about it, decades.
+        correlation: (draws, d, d) of that scatter.
+        slope: (draws, d) decades per unit of the column, or None.
+        common: (draws, d) as centre, if all shots that belong had one material exactly.
+        stray: (n,) probability that a shot does not belong.
+        gain: log evidence of the population above that of shots which have nothing in common.
+        gain_of_one: the same without spread.
+        shot_evidence: of each shot by itself.
+        along_at: value of the column at which the centre is the material, where there is a slope.
     """
 
     names: tuple[str, ...]

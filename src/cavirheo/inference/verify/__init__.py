@@ -46,12 +46,23 @@ Level = Literal["auto", "map", "full"]
 class Verification:
     """How an answer is verified. The window and the model of the bubble are the answer's own.
 
-    stretch, free, t0_bound, scale_bound, medium: as in `fit_many`; clock, scale and R_max are free by default.
-    level: "map" (maximum and Laplace's Gaussian) or "full" (weighted draws). discrepancy: allow for what no simulation
-    follows (noise.py); without it the law is taken as exact. ranges: of the priors, {"shear_modulus": [low, high] in
-    SI}; default those that a fit searches. draws: at most so many weighted ones. seed: theirs. scanned: coarse
-    simulations that look for other valleys. network: of level "auto", whose draws show the way where it can read the
-    curve. workers: threads for one curve. Raises InputError.
+    Attributes:
+        stretch: as in `fit_many`.
+        free: as in `fit_many`; clock, scale and R_max are free by default.
+        t0_bound: as in `fit_many`.
+        scale_bound: as in `fit_many`.
+        level: "map" (maximum and Laplace's Gaussian), "full" (weighted draws), or "auto".
+        medium: as in `fit_many`.
+        discrepancy: allow for what no simulation follows (noise.py); without it the law is taken as exact.
+        ranges: of the priors, {"shear_modulus": [low, high] in SI}; default those that a fit searches.
+        draws: at most so many weighted ones.
+        seed: of the draws.
+        network: of level "auto", whose draws show the way where it can read the curve.
+        scanned: coarse simulations that look for other valleys.
+        workers: threads for one curve.
+
+    Raises:
+        InputError: a setting that is none of these.
     """
 
     stretch: float | str | None = None

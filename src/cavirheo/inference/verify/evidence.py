@@ -32,8 +32,15 @@ from cavirheo.posterior import BubbleModel, Evidence, Posterior
 
 @dataclass(frozen=True)
 class Pair:
-    """How firmly a group prefers one law to another: the sum of the differences of log evidence, its standard error
-    from the scatter over the shots, and how many shots speak for the first and for the second."""
+    """How firmly a group prefers one law to another.
+
+    Attributes:
+        first: the law with the larger evidence.
+        second: the other.
+        difference: sum over the shots of the differences of log evidence.
+        error: its standard error, from the scatter over the shots.
+        shots: how many shots speak for the first and for the second.
+    """
 
     first: str
     second: str
@@ -44,10 +51,19 @@ class Pair:
 
 @dataclass(frozen=True, eq=False)
 class Ranking:
-    """The laws of one curve or group. evidence: by law; None where a law gave none. shots: how many curves are summed.
-    answers: by law, of a curve; empty for a group. pairs: of a group, every law and each worse one. populations:
-    by law, of a group: one material with its scatter; its `evidence` is that of the law for the group as a whole.
-    column: that which the material may change with."""
+    """The laws of one curve or group.
+
+    Attributes:
+        name: of the curve or group.
+        evidence: by law; None where a law gave none.
+        shots: how many curves are summed.
+        answers: by law, of a curve; empty for a group.
+        pairs: of a group, every law and each worse one.
+        populations: by law, of a group: one material with its scatter; its `evidence` is that of the law for the
+            group as
+            a whole.
+        column: that which the material may change with.
+    """
 
     name: str
     evidence: dict[str, Evidence | None]

@@ -1,0 +1,162 @@
+"""Which names of Python the reference shows: by page and group, those of each room; the laws are those that are known.
+
+tests/test_site.py finds a name that a page or an example imports and that is missing here, and a type that a public
+object holds or returns.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+from cavirheo.physics.laws import KINDS
+
+
+class Group(NamedTuple):
+    """`names`: those of each room, between spaces; `said`: a sentence above them."""
+
+    title: str
+    names: dict[str, str]
+    said: str = ""
+
+    @property
+    def whole(self) -> list[str]:
+        """The names with their rooms."""
+        return [f"{room}.{name}" for room, names in self.names.items() for name in names.split()]
+
+
+class Page(NamedTuple):
+    """A page of the reference; `said`: below its title."""
+
+    title: str
+    said: str
+    groups: tuple[Group, ...]
+
+
+def laws(kind: str) -> Group:
+    """The laws of a kind."""
+    rooms: dict[str, str] = {}
+    for law in KINDS[kind].values():
+        rooms[law.__module__] = f"{rooms.get(law.__module__, '')} {law.__name__}"  # type: ignore[attr-defined]
+    written = ", ".join(f"`{name}`" for name in KINDS[kind])
+    return Group(f"Laws: {kind}", rooms, f"As text: {written}.")
+
+
+START = Page(
+    "Python",
+    "`import cavirheo` gives these names. [What answers hold](answers.md), [laws and media](laws.md) and "
+    "[further functions](more.md) have their own pages.",
+    (
+        Group("Read and measure", {"cavirheo": "read_curves measure RadiusCurve"}),
+        Group("Infer and fit", {"cavirheo": "infer infer_many fit fit_many Posterior"}),
+        Group("Many shots, and the next one", {"cavirheo": "population Population design"}),
+        Group("Read back", {"cavirheo": "load"}, "[File formats](../docs/file-formats.md)."),
+        Group("Simulate", {"cavirheo": "simulate simulate_many Simulation Medium"}),
+        Group("Materials", {"cavirheo": "NeoHookeanKelvinVoigt Newtonian QuadraticKelvinVoigt"}),
+        Group("Errors", {"cavirheo": "InputError SolverError"}),
+    ),
+)
+ANSWERS = Page(
+    "What answers hold",
+    "Functions give these objects, or objects that hold them; nobody else makes them.",
+    (
+        Group(
+            "Parts of a Posterior",
+            {"cavirheo.posterior": "Checks Diagnostics Evidence BubbleModel WindowAnswer OtherAnswer"},
+        ),
+        Group(
+            "Of a Population, and of a Simulation",
+            {
+                "cavirheo.inference.population.material": "Difference",
+                "cavirheo.physics.simulation": "Contents",
+            },
+        ),
+        Group(
+            "Documents",
+            {
+                "cavirheo.reporting.record": "Result",
+                "cavirheo.reporting.answer": "CurveRecord OtherModel Compared",
+                "cavirheo.reporting.group": "GroupRecord ModelSlopes Slope",
+                "cavirheo.reporting.material": "PopulationRecord GroupDifference Apart",
+                "cavirheo.reporting.laws": "Laws WeighedLaws WeighedLaw ComparedLaws",
+                "cavirheo.beside.design": "Design",
+                "cavirheo.beside.designed": "DesignedSetting CheckedSetting",
+                "cavirheo.beside.network_design": "NetworkDesign WeakRange",
+                "cavirheo.beside.collapse_times": "CollapseTimes",
+                "cavirheo.beside.collapse_groups": "CollapseGroup CollapseShot",
+                "cavirheo.beside.published.comparison": "Comparison ComparedSet ComparedQuantity ComparedShot "
+                "ComparedRange",
+                "cavirheo.beside.published.references": "MethodValue",
+                "cavirheo.beside.rheometer.document": "Rheometry",
+                "cavirheo.video.document": "Measured StatedNumber",
+                "cavirheo.writing.document": "Document Quantity Spread",
+            },
+            "`cavirheo.load` gives them; [File formats](../docs/file-formats.md) says which file is which.",
+        ),
+        Group(
+            "Training sets",
+            {
+                "cavirheo.training.dataset": "Dataset",
+                "cavirheo.problem": "TrainingProblem FrameGrid",
+                "cavirheo.prior": "Prior",
+            },
+        ),
+    ),
+)
+LAWS = Page(
+    "Laws, media and driving",
+    "What surrounds the bubble, for `simulate`, `fit` and [a law of your own](../docs/how-to/add-a-law.md).",
+    (
+        Group("By text", {"cavirheo.physics.laws": "parse LAWS"}, "As on the command line."),
+        *map(laws, KINDS),
+        Group("Sums of laws", {"cavirheo.physics.materials": "Viscoelastic"}),
+        Group(
+            "Your own",
+            {
+                "cavirheo.physics.elastic": "StrainEnergy Elastic",
+                "cavirheo.physics.viscous": "Viscosity Viscous",
+                "cavirheo.physics.memory": "Arm",
+                "cavirheo.physics.law": "Material",
+            },
+        ),
+        Group("Media", {"cavirheo.physics.media": "medium MEDIA WATER BU2026 ESTRADA2018 ZHU2025 YANG2020"}),
+        Group("Driving", {"cavirheo.physics.driving": "Pulse Trace Driving"}),
+        Group("Damage", {"cavirheo.physics.damage": "Damage"}),
+        Group("Parameters", {"cavirheo.parameters": "Parameter PARAMETERS"}),
+    ),
+)
+MORE = Page(
+    "Further functions",
+    "Each is imported from the room that its name begins with.",
+    (
+        Group(
+            "Posterior by importance sampling",
+            {"cavirheo.inference.verify": "verify_many verify Verification"},
+            "[How](../docs/how-to/posterior.md).",
+        ),
+        Group(
+            "Which law",
+            {"cavirheo.inference.verify.evidence": "rank_laws Ranking Pair"},
+            "[How](../docs/how-to/which-law.md).",
+        ),
+        Group(
+            "Collapse times",
+            {
+                "cavirheo.inference.collapse_time": "estimate shot Shots",
+                "cavirheo.inference.collapse_answer": "CollapseEstimate CollapseValue",
+                "cavirheo.physics.collapse": "analytic_time rayleigh_time simulated_time",
+            },
+            "[How](../docs/how-to/collapse-time.md).",
+        ),
+        Group(
+            "Rheometer",
+            {
+                "cavirheo.beside.rheometer": "read_sweeps strain_sweep frequency_sweep",
+                "cavirheo.beside.rheometer.sweeps": "StrainSweep FrequencySweep Sweep",
+            },
+            "[How](../docs/how-to/rheometer.md).",
+        ),
+        Group("Rendered recordings", {"cavirheo.video": "render Scene Film"}, "[How](../docs/how-to/measure.md)."),
+        Group("Write", {"cavirheo.reporting": "write_report read_json", "cavirheo.reading": "write_csv"}),
+    ),
+)
+PAGES = {"python": START, "answers": ANSWERS, "laws": LAWS, "more": MORE}
