@@ -1,6 +1,7 @@
 """The material of many shots: against closed forms and grids, with planted strays, copies and wrong priors."""
 
 from dataclasses import replace
+from html import escape
 from pathlib import Path
 
 import numpy as np
@@ -282,13 +283,17 @@ def test_a_group_says_its_material(reported):
     assert "stiff over soft" in apart.words
 
 
-def test_the_material_is_the_first_that_is_seen(reported, capsys):
+def test_the_material_is_the_first_that_is_seen(reported, capsys, tmp_path):
     _, document = reported
     table.print_table(document)
     out = capsys.readouterr().out
     assert " ".join(out.split()).startswith(f"soft: {document.groups[0].population.line}")
     page = html.groups_table(document.groups, *document.modulus_unit)
     assert page.index("shots belong") < page.index("<table")
+    html.write(tmp_path / "report.html", document)
+    page = (tmp_path / "report.html").read_text(encoding="utf-8")
+    (apart,) = document.differences
+    assert page.rindex("shots belong") < page.index(escape(apart.words)) < page.index("<table")
 
 
 @pytest.mark.needs("matplotlib")
