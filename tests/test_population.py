@@ -16,7 +16,8 @@ from cavirheo.inference.verify.evidence import ranked
 from cavirheo.posterior import Checks, Evidence, Posterior
 from cavirheo.reading.column import with_column
 from cavirheo.reporting import html, picture, read_json, result, table
-from cavirheo.writing.document import Spread, write_json
+from cavirheo.reporting.paper import group_figure
+from cavirheo.writing.document import Quantity, Spread, write_json
 
 NAMES = ("log10_shear_modulus", "log10_viscosity")
 CENTRE = np.array([3.8, -1.4])  # 6.3 kPa, 0.04 Pa s
@@ -305,6 +306,40 @@ def test_the_picture_has_the_materials_contour(reported):
     drawn = picture.group_picture(pairs[:6], document.curves[:6], document.groups[0], document.modulus_unit)
     labels = {text for axes in drawn.axes for text in axes.get_legend_handles_labels()[1]}
     assert {"material", "90 % of shots", "IMR"} <= labels
+
+
+@pytest.mark.needs("matplotlib")
+@pytest.mark.parametrize("paper", [False, True])
+def test_axes_begin_at_zero_only_where_answers_are_far_apart(reported, paper):
+    """Else all that is drawn lies close within the limits, the contour above the shots."""
+    pairs, document = reported
+    group, rows = document.groups[0], document.curves[:6]
+
+    def drawn(rows):
+        shots = [(curve, one.checks, row) for (curve, one), row in zip(pairs[:6], rows, strict=True)]
+        unit = document.modulus_unit
+        figure = group_figure(shots, group, unit) if paper else picture.group_picture(pairs[:6], rows, group, unit)
+        return figure.axes[1]
+
+    axes = drawn(rows)
+    assert min(axes.get_xlim()[0], axes.get_ylim()[0]) > 0
+    contour = group.population.contour() * [1.0, document.modulus_unit[0]]
+    ends = [(one.viscosity_Pa_s.q05, document.modulus_unit[0] * one.shear_modulus_Pa.q05) for one in rows]
+    values = (
+        [] if paper else [(one["viscosity"].mean, 1e-3 * one["shear_modulus"].mean) for one in group.published.values()]
+    )
+    shown = np.vstack([contour, ends, *values])
+    for (low, high), (first, last) in zip(
+        (axes.get_ylim(), axes.get_xlim()), np.transpose([shown.min(0), shown.max(0)]), strict=True
+    ):
+        assert low < first
+        assert last < high
+        assert last - first > 0.4 * (high - low)
+    (line,) = [one for one in axes.lines if one.get_label() == "90 % of shots"]
+    assert line.zorder == 3
+    small = Quantity(median=1e2, q05=5e1, q95=2e2)
+    far = drawn([rows[0].model_copy(update={"shear_modulus_Pa": small}), *rows[1:]])
+    assert far.get_xlim()[0] == 0 < far.get_ylim()[0]
 
 
 def test_points_and_single_shots_have_no_material():
