@@ -275,6 +275,10 @@ def test_a_group_says_its_material(reported):
     assert soft.line == found.line
     assert soft.shear_modulus_Pa.q05 == pytest.approx(found.interval("shear_modulus")[0])
     assert soft.spreads_decades["viscosity"].median == pytest.approx(found.scatter("viscosity")[1])
+    common = soft.common["shear_modulus"]
+    assert (common.q05, common.median, common.q95) == pytest.approx(found.if_common("shear_modulus"))
+    assert common.q95 / common.q05 < soft.shear_modulus_Pa.q95 / soft.shear_modulus_Pa.q05
+    assert found.to_dict()["common"]["viscosity"] == found.if_common("viscosity")
     assert soft.spread_decades.q05 < soft.spread_decades.median < soft.spread_decades.q95
     assert soft.log_evidence == pytest.approx(60.0 + found.gain.log)
     assert document.groups[0].shear_modulus_Pa.mean is not None

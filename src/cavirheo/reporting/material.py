@@ -25,7 +25,8 @@ _MOST = 6  # groups that are compared, each with each
 class PopulationRecord(Record):
     """The material behind n shots. G, mu and `other_parameters`: its centre. spread_decades: standard deviation of the
     shots about it, root of the mean square over the law's parameters, each of which has its own in `spreads_decades`;
-    correlation: of this scatter. strays: probability of shots that do not belong; left_out: counts by reason.
+    correlation: of this scatter. common: the parameters if all shots that belong had one material exactly. strays:
+    probability of shots that do not belong; left_out: counts by reason.
 
     log_evidence: of the law with one material and its scatter, null where a shot has none. log_evidence_of_scatter:
     above that of one material without scatter; below 0 the shots differ by no more than their intervals.
@@ -42,6 +43,7 @@ class PopulationRecord(Record):
     spread_decades: Quantity = Quantity()
     spreads_decades: dict[str, Quantity] = {}
     correlation: dict[str, Quantity] = {}
+    common: dict[str, Quantity] = {}
     strays: dict[str, float] = {}
     left_out: dict[str, int] = {}
     log_evidence: Finite = None
@@ -50,7 +52,7 @@ class PopulationRecord(Record):
     column: str = ""
     column_at: Finite = None
     slopes_decades: dict[str, Quantity] = {}
-    _if_any = ("column", "column_at", "slopes_decades")
+    _if_any = ("common", "column", "column_at", "slopes_decades")
 
     @property
     def found(self) -> bool:
@@ -175,6 +177,7 @@ def population_record(found: Population | None, column: str = "") -> PopulationR
     return PopulationRecord(
         **about, **known, other_parameters=values, spread_decades=_quantity((low, middle, high)),
         spreads_decades={name: _quantity(found.scatter(name)) for name in found.names},
+        common={name: _quantity(found.if_common(name)) for name in found.names},
         correlation={pair: _quantity(one) for pair, one in found.correlations().items()},
         log_evidence=evidence.log if evidence else None, log_evidence_error=evidence.error if evidence else None,
         log_evidence_of_scatter=scattered.log if scattered else None,
