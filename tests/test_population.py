@@ -9,12 +9,12 @@ import pytest
 from scipy.stats import norm
 from test_reporting import answer, bubble
 
-from cavirheo import InputError, population
+from cavirheo import InputError, RadiusCurve, population
 from cavirheo.inference.population.likelihood import likelihood
 from cavirheo.inference.population.scatter import SPREAD, STRAY, WIDE
 from cavirheo.inference.verify.evidence import ranked
 from cavirheo.posterior import Checks, Evidence, Posterior
-from cavirheo.reading.column import with_column
+from cavirheo.reading.column import LOG_SIZE, with_column
 from cavirheo.reporting import html, picture, read_json, result, table
 from cavirheo.reporting.paper import group_figure
 from cavirheo.writing.document import Quantity, Spread, write_json
@@ -389,6 +389,39 @@ def test_a_declared_column_gives_the_group_its_slope(tmp_path, capsys):
     for shown in (" ".join(capsys.readouterr().out.split()), page):
         assert "with concentration: G rises: 0.3" in shown
         assert "µ has no trend" in shown
+
+
+def test_the_word_R_max_gives_the_slope_over_the_size(tmp_path, capsys, monkeypatch):
+    """Truth: the viscosity rises as the square root of R_max."""
+    monkeypatch.chdir(tmp_path)
+    sizes = np.geomspace(1e-4, 4e-4, 12)
+    curves = [bubble(f"shot {i}", top=size).with_group("gel", "in") for i, size in enumerate(sizes)]
+    found = with_column(curves, "R_max")
+    logs = np.array([one.column[LOG_SIZE] for one in found])
+    assert logs == pytest.approx(np.log10([1e6 * one.max_radius for one in curves]))
+    rng = np.random.default_rng(6)
+    truths = CENTRE + np.outer(logs - logs.mean(), [0.0, 0.5]) + 0.02 * rng.standard_normal((12, 2))
+    answers = [seen(truth, 0.03, seed=i) for i, truth in enumerate(truths)]
+    made = result(list(zip(found, answers, strict=True)), "x")
+    about = made.groups[0].population
+    direct = population(answers, along=logs)
+    assert about.slopes_decades["viscosity"].median == pytest.approx(direct.trend("viscosity")[1], abs=0.01)
+    assert about.slopes_decades["viscosity"].q05 < 0.5 < about.slopes_decades["viscosity"].q95
+    assert (about.column, about.column_at) == (LOG_SIZE, pytest.approx(logs.mean()))
+    table.print_table(made)
+    out = " ".join(capsys.readouterr().out.split())
+    for said in ("the material over R_max: G has no trend (power", "µ rises as R_max^0.", "those at R_max = 200 µm"):
+        assert said in out
+    nothing = RadiusCurve([], [], meta={"name": "shot 12"}, unusable="no frame was read")
+    assert [bool(one.column) for one in with_column([*curves[:3], nothing], "R_max")] == [True] * 3 + [False]
+    with pytest.raises(InputError) as error:
+        with_column([one.with_group(one.name, "in") for one in curves], "R_max")
+    assert error.value.code == "column.constant"
+    (tmp_path / "R_max").write_text(TABLE)
+    with pytest.raises(InputError) as error:
+        with_column(curves, Path("R_max"))
+    assert error.value.code == "column.size"
+    assert with_column(curves, tmp_path / "R_max")[4].column == {"concentration": 0.5}  # by its path, a table as ever
 
 
 def test_which_law_gives_each_law_its_slope(tmp_path):

@@ -322,6 +322,18 @@ def test_a_film_whose_second_file_comes_late_is_answered_and_no_failure_stays(be
     assert (bench.rows, bench.asked) == ([("a", "ok")], ["a", "a"])  # the first is the failure
 
 
+def test_the_word_R_max_is_no_table(bench, curve):
+    bench.how = {"column": Path("R_max")}
+    bench.start()
+    write(bench.folder, curve, 1, 2)
+    bench.settle()
+    columns = [row.column for row in read_json(bench.place / "out" / "result.json").curves]
+    assert [list(one.values()) for one in columns] == [
+        [pytest.approx(np.log10(1e6 * one.max_radius))] for one, _ in bench.watch.answered()[0]
+    ]
+    assert bench.notes == ""
+
+
 def test_a_column_may_grow_while_shots_arrive(bench, curve):
     table = bench.folder / "share.csv"  # in the folder itself, and no recording
     table.write_text("shot,share\nshot001,0.5\nshot009,2\n")

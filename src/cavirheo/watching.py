@@ -18,7 +18,7 @@ from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError
 from cavirheo.parallel import cores
 from cavirheo.posterior import Posterior
-from cavirheo.reading.column import given, listed, read_column
+from cavirheo.reading.column import given, is_size, listed, read_column, with_size
 from cavirheo.reading.files import header_of, measurements, pixels_of, shown
 from cavirheo.reading.shots import Recordings, read_shots
 from cavirheo.reporting import DOCUMENTS, live, table
@@ -63,8 +63,8 @@ class Watch:
     """The recordings of one folder, their answers and their documents in `out`.
 
     step: how curves are answered. read: the curves of one file. reading: all that `read` depends on. group: as in
-    `read_shots`. column: a table as of `read_column`, which may grow while shots arrive. wanted: as for `live.page`.
-    say: told one line of what goes wrong. show: told each row as it is found.
+    `read_shots`. column: a table as of `read_column`, which may grow while shots arrive, or the word R_max. wanted: as
+    for `live.page`. say: told one line of what goes wrong. show: told each row as it is found.
     """
 
     def __init__(
@@ -74,7 +74,9 @@ class Watch:
         patience: float = PATIENCE, wanted: float = live.WANTED,
     ) -> None:  # fmt: skip
         self.folder, self.step, self.read, self.group, self.patience = folder, step, read, group, patience
-        self.column, self._column_then = column, _state(column)
+        self.sizes = column is not None and is_size(column)
+        self.column = None if self.sizes else column
+        self._column_then = _state(self.column)
         self.say, self.show, self.command, self.date, self.wanted = say, show, command, date, wanted
         self.outputs, self.page = Outputs(out, *DOCUMENTS), Outputs(out, live.PAGE)
         self.kept = out / "watched" / key_of([step.identity, reading])[:16]  # other settings, other answers
@@ -159,7 +161,7 @@ class Watch:
     def _with_column(self, curves: list[RadiusCurve], remarks: list[str]) -> list[RadiusCurve]:
         """With what the column says of them so far; what it does not say becomes a remark."""
         if self.column is None:
-            return curves
+            return with_size(curves) if self.sizes else curves
         try:
             title, values = read_column(self.column)
         except InputError as error:  # it is being written, or has a mistake: shots are answered all the same

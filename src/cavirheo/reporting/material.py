@@ -186,8 +186,11 @@ def population_record(found: Population | None, column: str = "") -> PopulationR
 
 def _trends(column: str, at: float, slopes: Mapping[str, Quantity]) -> list[str]:
     """'with concentration G rises by 0.20 [0.15, 0.25] decades per unit (a factor of 1.6); ...'."""
+    from cavirheo.reading.column import LOG_SIZE
     from cavirheo.reporting.answer import described
 
+    if column == LOG_SIZE:
+        return [_over_size(at, slopes)]
     said = []
     for name, one in slopes.items():
         low, middle, high = (end or 0.0 for end in (one.q05, one.median, one.q95))
@@ -196,6 +199,19 @@ def _trends(column: str, at: float, slopes: Mapping[str, Quantity]) -> list[str]
         times = f", a factor of {factor}" * (way != "has no trend")
         said.append(f"{described(name)[0]} {way}: {digits.quantity(one)} decades per unit{times}")
     return [f"with {column}: {'; '.join(said)}; the material is that at {column} = {digits.significant(at)}"]
+
+
+def _over_size(at: float, slopes: Mapping[str, Quantity]) -> str:
+    """'the material over R_max: G rises as R_max^0.30 [0.10, 0.50]; ...'."""
+    from cavirheo.reporting.answer import described
+
+    said = []
+    for name, one in slopes.items():
+        power = digits.quantity(one)
+        way = "rises" if (one.q05 or 0.0) > 0 else "falls" if (one.q95 or 0.0) < 0 else ""
+        said.append(f"{described(name)[0]} " + (f"{way} as R_max^{power}" if way else f"has no trend (power {power})"))
+    size = digits.micrometres(1e-6 * 10.0**at)
+    return f"the material over R_max: {'; '.join(said)}; its values are those at R_max = {size} µm"
 
 
 def differences(found: Mapping[str, Population | None]) -> list[GroupDifference]:
