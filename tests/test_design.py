@@ -198,6 +198,47 @@ def test_the_command_writes_a_document_that_can_be_loaded(quick, run, tmp_path):
     assert run("design", "--noise-um", "1,2", "--frame-rates-khz", "250,500,1000", "-o", "plan")[0] == 2
 
 
+NARROW = ["--shear-modulus", "5000", "5100", "--viscosity", "0.05", "0.051"]
+
+
+@pytest.mark.parametrize(
+    ("words", "said", "shots"),
+    [
+        ([*NARROW, "--wanted-percent", 30], "± 30 % (90 %) is already reached", {0, None}),
+        (["--wanted-percent", 0.1, "--spread", 1], "no setting reaches ± 0.1 % with 10,000 shots", {None}),
+    ],
+)
+def test_a_design_without_shots_to_draw_has_its_picture_and_its_document(quick, run, tmp_path, words, said, shots):
+    status, out, err = run("design", *words, "--frame-rates-khz", "100,1000", "-o", "plan")
+    assert status == 0, err
+    assert said in out.replace("\n", " ")
+    assert (tmp_path / "plan" / "design.png").exists()
+    document = cavirheo.load(tmp_path / "plan")
+    assert document.notes == []
+    assert {one.shots for one in document.settings} == shots
+
+
+def test_a_picture_that_fails_costs_only_itself(quick, run, tmp_path, monkeypatch):
+    def broken(path, figure):
+        assert (tmp_path / "plan" / "design.json").exists()
+        raise ValueError("no ticks")
+
+    monkeypatch.setattr("cavirheo.writing.style.save_png", broken)
+    status, _, err = run("design", *NARROW, "--frame-rates-khz", 1000, "-o", "plan")
+    assert status == 0, err
+    assert cavirheo.load(tmp_path / "plan").notes == ["design.png could not be drawn: ValueError: no ticks"]
+    assert not list((tmp_path / "plan").glob("*.png"))
+
+
+def test_the_ring_of_the_next_setting_is_within_the_picture(quick):
+    from cavirheo.beside.design_view import picture
+
+    figure = picture(cavirheo.design(ranges=RANGES, frame_rate=(1e6,), sizes=3))
+    for axes in figure.axes:
+        low, high = np.log(axes.get_xlim())
+        assert high - np.log(400) > 0.05 * (high - low)
+
+
 @pytest.mark.slow
 def test_the_interval_is_about_the_one_that_infer_gives(good):
     curve, _ = GOOD.film(NHKV, LAW, 6.0, seed=5)

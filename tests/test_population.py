@@ -1,6 +1,7 @@
 """The material of many shots: against closed forms and grids, with planted strays, copies and wrong priors."""
 
 from dataclasses import replace
+from html import escape
 from pathlib import Path
 
 import numpy as np
@@ -8,14 +9,15 @@ import pytest
 from scipy.stats import norm
 from test_reporting import answer, bubble
 
-from cavirheo import InputError, population
+from cavirheo import InputError, RadiusCurve, population
 from cavirheo.inference.population.likelihood import likelihood
 from cavirheo.inference.population.scatter import SPREAD, STRAY, WIDE
 from cavirheo.inference.verify.evidence import ranked
 from cavirheo.posterior import Checks, Evidence, Posterior
-from cavirheo.reading.column import with_column
+from cavirheo.reading.column import LOG_SIZE, with_column
 from cavirheo.reporting import html, picture, read_json, result, table
-from cavirheo.writing.document import Spread, write_json
+from cavirheo.reporting.paper import group_figure
+from cavirheo.writing.document import Quantity, Spread, write_json
 
 NAMES = ("log10_shear_modulus", "log10_viscosity")
 CENTRE = np.array([3.8, -1.4])  # 6.3 kPa, 0.04 Pa s
@@ -273,6 +275,10 @@ def test_a_group_says_its_material(reported):
     assert soft.line == found.line
     assert soft.shear_modulus_Pa.q05 == pytest.approx(found.interval("shear_modulus")[0])
     assert soft.spreads_decades["viscosity"].median == pytest.approx(found.scatter("viscosity")[1])
+    common = soft.common["shear_modulus"]
+    assert (common.q05, common.median, common.q95) == pytest.approx(found.if_common("shear_modulus"))
+    assert common.q95 / common.q05 < soft.shear_modulus_Pa.q95 / soft.shear_modulus_Pa.q05
+    assert found.to_dict()["common"]["viscosity"] == found.if_common("viscosity")
     assert soft.spread_decades.q05 < soft.spread_decades.median < soft.spread_decades.q95
     assert soft.log_evidence == pytest.approx(60.0 + found.gain.log)
     assert document.groups[0].shear_modulus_Pa.mean is not None
@@ -282,13 +288,17 @@ def test_a_group_says_its_material(reported):
     assert "stiff over soft" in apart.words
 
 
-def test_the_material_is_the_first_that_is_seen(reported, capsys):
+def test_the_material_is_the_first_that_is_seen(reported, capsys, tmp_path):
     _, document = reported
     table.print_table(document)
     out = capsys.readouterr().out
     assert " ".join(out.split()).startswith(f"soft: {document.groups[0].population.line}")
     page = html.groups_table(document.groups, *document.modulus_unit)
     assert page.index("shots belong") < page.index("<table")
+    html.write(tmp_path / "report.html", document)
+    page = (tmp_path / "report.html").read_text(encoding="utf-8")
+    (apart,) = document.differences
+    assert page.rindex("shots belong") < page.index(escape(apart.words)) < page.index("<table")
 
 
 @pytest.mark.needs("matplotlib")
@@ -300,6 +310,40 @@ def test_the_picture_has_the_materials_contour(reported):
     drawn = picture.group_picture(pairs[:6], document.curves[:6], document.groups[0], document.modulus_unit)
     labels = {text for axes in drawn.axes for text in axes.get_legend_handles_labels()[1]}
     assert {"material", "90 % of shots", "IMR"} <= labels
+
+
+@pytest.mark.needs("matplotlib")
+@pytest.mark.parametrize("paper", [False, True])
+def test_axes_begin_at_zero_only_where_answers_are_far_apart(reported, paper):
+    """Else all that is drawn lies close within the limits, the contour above the shots."""
+    pairs, document = reported
+    group, rows = document.groups[0], document.curves[:6]
+
+    def drawn(rows):
+        shots = [(curve, one.checks, row) for (curve, one), row in zip(pairs[:6], rows, strict=True)]
+        unit = document.modulus_unit
+        figure = group_figure(shots, group, unit) if paper else picture.group_picture(pairs[:6], rows, group, unit)
+        return figure.axes[1]
+
+    axes = drawn(rows)
+    assert min(axes.get_xlim()[0], axes.get_ylim()[0]) > 0
+    contour = group.population.contour() * [1.0, document.modulus_unit[0]]
+    ends = [(one.viscosity_Pa_s.q05, document.modulus_unit[0] * one.shear_modulus_Pa.q05) for one in rows]
+    values = (
+        [] if paper else [(one["viscosity"].mean, 1e-3 * one["shear_modulus"].mean) for one in group.published.values()]
+    )
+    shown = np.vstack([contour, ends, *values])
+    for (low, high), (first, last) in zip(
+        (axes.get_ylim(), axes.get_xlim()), np.transpose([shown.min(0), shown.max(0)]), strict=True
+    ):
+        assert low < first
+        assert last < high
+        assert last - first > 0.4 * (high - low)
+    (line,) = [one for one in axes.lines if one.get_label() == "90 % of shots"]
+    assert line.zorder == 3
+    small = Quantity(median=1e2, q05=5e1, q95=2e2)
+    far = drawn([rows[0].model_copy(update={"shear_modulus_Pa": small}), *rows[1:]])
+    assert far.get_xlim()[0] == 0 < far.get_ylim()[0]
 
 
 def test_points_and_single_shots_have_no_material():
@@ -345,6 +389,39 @@ def test_a_declared_column_gives_the_group_its_slope(tmp_path, capsys):
     for shown in (" ".join(capsys.readouterr().out.split()), page):
         assert "with concentration: G rises: 0.3" in shown
         assert "µ has no trend" in shown
+
+
+def test_the_word_R_max_gives_the_slope_over_the_size(tmp_path, capsys, monkeypatch):
+    """Truth: the viscosity rises as the square root of R_max."""
+    monkeypatch.chdir(tmp_path)
+    sizes = np.geomspace(1e-4, 4e-4, 12)
+    curves = [bubble(f"shot {i}", top=size).with_group("gel", "in") for i, size in enumerate(sizes)]
+    found = with_column(curves, "R_max")
+    logs = np.array([one.column[LOG_SIZE] for one in found])
+    assert logs == pytest.approx(np.log10([1e6 * one.max_radius for one in curves]))
+    rng = np.random.default_rng(6)
+    truths = CENTRE + np.outer(logs - logs.mean(), [0.0, 0.5]) + 0.02 * rng.standard_normal((12, 2))
+    answers = [seen(truth, 0.03, seed=i) for i, truth in enumerate(truths)]
+    made = result(list(zip(found, answers, strict=True)), "x")
+    about = made.groups[0].population
+    direct = population(answers, along=logs)
+    assert about.slopes_decades["viscosity"].median == pytest.approx(direct.trend("viscosity")[1], abs=0.01)
+    assert about.slopes_decades["viscosity"].q05 < 0.5 < about.slopes_decades["viscosity"].q95
+    assert (about.column, about.column_at) == (LOG_SIZE, pytest.approx(logs.mean()))
+    table.print_table(made)
+    out = " ".join(capsys.readouterr().out.split())
+    for said in ("the material over R_max: G has no trend (power", "µ rises as R_max^0.", "those at R_max = 200 µm"):
+        assert said in out
+    nothing = RadiusCurve([], [], meta={"name": "shot 12"}, unusable="no frame was read")
+    assert [bool(one.column) for one in with_column([*curves[:3], nothing], "R_max")] == [True] * 3 + [False]
+    with pytest.raises(InputError) as error:
+        with_column([one.with_group(one.name, "in") for one in curves], "R_max")
+    assert error.value.code == "column.constant"
+    (tmp_path / "R_max").write_text(TABLE)
+    with pytest.raises(InputError) as error:
+        with_column(curves, Path("R_max"))
+    assert error.value.code == "column.size"
+    assert with_column(curves, tmp_path / "R_max")[4].column == {"concentration": 0.5}  # by its path, a table as ever
 
 
 def test_which_law_gives_each_law_its_slope(tmp_path):

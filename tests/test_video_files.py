@@ -271,7 +271,19 @@ def test_folders_of_images_are_recordings_and_folders_of_recordings_are_not(fold
     assert is_recording(folder / "pages")
     assert not is_recording(folder)
     assert expand([folder / "pages"]) == [folder / "pages"]
-    assert len(expand([folder])) == 8  # the header of the .mraw is a name of the same recording
+    assert len(expand([folder])) == 7  # the header of the .mraw is no recording of its own
+
+
+def test_a_film_of_two_files_is_read_once(run, folder, tmp_path):
+    for name in ("camera.mraw", "camera.cihx", "shot.tif"):
+        (tmp_path / name).write_bytes((folder / name).read_bytes())
+    (tmp_path / "alone.cihx").write_bytes((folder / "camera.cihx").read_bytes())
+    taken = ["alone.cihx", "camera.mraw", "shot.tif"]  # a header alone, for its reader to say what is missing
+    said: list[str] = []
+    assert expand([tmp_path], said.append) == [tmp_path / name for name in taken]
+    assert said == [f"{tmp_path}: 3 files"]
+    assert expand(sorted(tmp_path.iterdir())) == expand([tmp_path / "*.*"]) == expand([tmp_path])
+    assert expand([tmp_path / "camera.cihx"]) == [tmp_path / "camera.cihx"]
 
 
 def test_the_command_writes_what_can_be_read_again(run, folder):

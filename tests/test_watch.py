@@ -17,6 +17,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from conftest import BDT
+from recordings import SCALE, film, write_mraw
 
 from cavirheo import read_curves, watching
 from cavirheo.curve import RadiusCurve
@@ -53,7 +54,7 @@ class Bench:
 
     def start(self) -> None:
         step = Step("inferring", self.answer, {})
-        read = lambda path: read_shots([path])  # noqa: E731
+        read = lambda path: read_shots([path], um_per_px=SCALE)  # noqa: E731
         self.watch = Watch(self.folder, self.place / "out", step, read, say=self.said.append, **self.how)
 
     def answer(self, curves, done):
@@ -282,6 +283,55 @@ def test_ctrl_c_ends_it_with_all_that_is_answered(tmp_path, curve):
     process.send_signal(signal.SIGINT)
     assert process.wait(30) == 130
     assert answered(tmp_path) == 1
+
+
+def film_of_two(bench: Bench, name: str) -> tuple[Path, bytes]:
+    """The pixels of a film, in the folder, and its header, which is not."""
+    path = write_mraw(bench.folder / f"{name}.mraw", film(bits=12).frames, 12)
+    header = path.with_suffix(".cihx")
+    content = header.read_bytes()
+    header.unlink()
+    return path, content
+
+
+def test_a_film_of_two_files_is_one_recording(bench):
+    pixels, content = film_of_two(bench, "a")
+    pixels.with_suffix(".cihx").write_bytes(content)
+    bench.settle()
+    assert (bench.rows, bench.asked, bench.notes) == ([("a", "ok")], ["a"], "")
+    pixels.unlink()
+    bench.settle()
+    assert (bench.rows, bench.watch.unreadable) == ([("a", "ok")], 0)  # though the header is still there
+
+
+@pytest.mark.parametrize("first", [".mraw", ".cihx"])
+def test_a_film_whose_second_file_comes_late_is_answered_and_no_failure_stays(bench, first):
+    pixels, content = film_of_two(bench, "a")
+    late = pixels.read_bytes(), content
+    pixels.unlink()
+    files = pixels, pixels.with_suffix(".cihx")
+    k = first == ".cihx"
+    files[k].write_bytes(late[k])
+    bench.settle()
+    assert (bench.rows, bench.watch.unreadable) == ([("a", "failed")], 1)
+    files[not k].write_bytes(late[not k])
+    bench.settle()
+    assert (bench.rows, bench.watch.unreadable) == ([("a", "ok")], 0)
+    bench.start()
+    bench.settle()
+    assert (bench.rows, bench.asked) == ([("a", "ok")], ["a", "a"])  # the first is the failure
+
+
+def test_the_word_R_max_is_no_table(bench, curve):
+    bench.how = {"column": Path("R_max")}
+    bench.start()
+    write(bench.folder, curve, 1, 2)
+    bench.settle()
+    columns = [row.column for row in read_json(bench.place / "out" / "result.json").curves]
+    assert [list(one.values()) for one in columns] == [
+        [pytest.approx(np.log10(1e6 * one.max_radius))] for one, _ in bench.watch.answered()[0]
+    ]
+    assert bench.notes == ""
 
 
 def test_a_column_may_grow_while_shots_arrive(bench, curve):

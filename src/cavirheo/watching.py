@@ -18,8 +18,8 @@ from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError
 from cavirheo.parallel import cores
 from cavirheo.posterior import Posterior
-from cavirheo.reading.column import given, listed, read_column
-from cavirheo.reading.files import measurements, shown
+from cavirheo.reading.column import given, is_size, listed, read_column, with_size
+from cavirheo.reading.files import header_of, measurements, pixels_of, shown
 from cavirheo.reading.shots import Recordings, read_shots
 from cavirheo.reporting import DOCUMENTS, live, table
 from cavirheo.reporting.answer import CurveRecord, curve_record
@@ -29,7 +29,7 @@ from cavirheo.writing.document import Outputs, into, write_json
 
 LOOK = 0.4  # s between two looks at the folder; a file that did not change from one to the next may be complete
 PATIENCE = 10.0  # s for which a file that cannot be read may still be in the making
-State = tuple[int, int]  # bytes, time of the last change in ns
+State = tuple[int, ...]  # bytes, time of the last change in ns; of a film's header, too
 
 
 @dataclass(eq=False)
@@ -63,8 +63,8 @@ class Watch:
     """The recordings of one folder, their answers and their documents in `out`.
 
     step: how curves are answered. read: the curves of one file. reading: all that `read` depends on. group: as in
-    `read_shots`. column: a table as of `read_column`, which may grow while shots arrive. wanted: as for `live.page`.
-    say: told one line of what goes wrong. show: told each row as it is found.
+    `read_shots`. column: a table as of `read_column`, which may grow while shots arrive, or the word R_max. wanted: as
+    for `live.page`. say: told one line of what goes wrong. show: told each row as it is found.
     """
 
     def __init__(
@@ -74,7 +74,9 @@ class Watch:
         patience: float = PATIENCE, wanted: float = live.WANTED,
     ) -> None:  # fmt: skip
         self.folder, self.step, self.read, self.group, self.patience = folder, step, read, group, patience
-        self.column, self._column_then = column, _state(column)
+        self.sizes = column is not None and is_size(column)
+        self.column = None if self.sizes else column
+        self._column_then = _state(self.column)
         self.say, self.show, self.command, self.date, self.wanted = say, show, command, date, wanted
         self.outputs, self.page = Outputs(out, *DOCUMENTS), Outputs(out, live.PAGE)
         self.kept = out / "watched" / key_of([step.identity, reading])[:16]  # other settings, other answers
@@ -159,7 +161,7 @@ class Watch:
     def _with_column(self, curves: list[RadiusCurve], remarks: list[str]) -> list[RadiusCurve]:
         """With what the column says of them so far; what it does not say becomes a remark."""
         if self.column is None:
-            return curves
+            return with_size(curves) if self.sizes else curves
         try:
             title, values = read_column(self.column)
         except InputError as error:  # it is being written, or has a mistake: shots are answered all the same
@@ -180,8 +182,9 @@ class Watch:
             for path in measurements(self.folder)[0]:
                 if self.column is not None and path.resolve() == self.column.resolve():
                     continue
-                about = path.stat()
-                found[path] = about.st_size, about.st_mtime_ns
+                moved = str(pixels_of(path)) in self.files  # a header alone, whose film was answered
+                if not moved and (state := _state(path)):
+                    found[path] = state
         except OSError as error:  # a file that is gone again, a share that is away for a moment
             self._say_once(f"{self.folder} cannot be looked at ({error.strerror}): waiting")
         before, self._seen = self._seen, {}
@@ -189,6 +192,8 @@ class Watch:
             same = path in before and before[path][0] == state
             self._seen[path] = before[path] if same else (state, now)
         self._trials = {path: trial for path, trial in self._trials.items() if path in found}
+        for one in [one for one in self.files.values() if one.unreadable and pixels_of(Path(one.path)) in found]:
+            self._disown(one.path)  # a header whose pixels came later than was waited for
         news = [
             (path, state) for path, (state, since) in self._seen.items()
             if now - since >= LOOK and self._is_news(path, state)
@@ -238,9 +243,13 @@ class Watch:
 
     def _finish(self, one: Watched, rows: Mapping[int, CurveRecord] = MappingProxyType({})) -> None:
         with into(self.kept):
-            keep(self.kept / f"{hashlib.sha256(one.path.encode()).hexdigest()}.npz", vars(one))
+            keep(self._place(one.path), vars(one))
         self._own(one, rows)
         self._latest = one if one.curves else self._latest
+
+    def _place(self, path: str) -> Path:
+        """Where a file's curves and answers are kept."""
+        return self.kept / f"{hashlib.sha256(path.encode()).hexdigest()}.npz"
 
     def _own(self, one: Watched, rows: Mapping[int, CurveRecord] = MappingProxyType({})) -> None:
         """Count a file, instead of what it was before; the twins of recordings that are gone from it are read again."""
@@ -252,7 +261,18 @@ class Watch:
         for samples in gone:
             del self.owner[samples]
         self.owner |= mine
-        for path in [path for path, other in self.files.items() if gone and one.path in other.twins]:
+        self._read_again(one.path if gone else None)
+
+    def _disown(self, path: str) -> None:
+        """Forget a file, and its row."""
+        self._place(path).unlink(missing_ok=True)
+        del self.files[path], self._rows[path]
+        self.owner = {samples: owner for samples, owner in self.owner.items() if owner != path}
+        self._read_again(path)
+
+    def _read_again(self, owner: str | None) -> None:
+        """The twins of recordings that this file no longer holds."""
+        for path in [path for path, other in self.files.items() if owner in other.twins]:
             del self.files[path]
 
     def _in_order(self) -> list[Watched]:
@@ -265,11 +285,11 @@ class Watch:
 
 
 def _state(path: Path | None) -> State | None:
-    """Of a file that may not be there."""
+    """Of a file that may not be there, and of the header that belongs to it."""
     if path is None or not path.exists():
         return None
-    about = path.stat()
-    return about.st_size, about.st_mtime_ns
+    seen = [each.stat() for each in (path, header_of(path)) if each and each.exists()]
+    return tuple(number for about in seen for number in (about.st_size, about.st_mtime_ns))
 
 
 def _samples(curve: RadiusCurve) -> bytes:

@@ -82,6 +82,9 @@ class Design(Document):
         if self.fewest is None:
             return [*lines, f"no setting reaches ± {self.wanted_percent:g} % with 10,000 shots"]
         few = self.settings[self.fewest]
+        if few.shots == 0:
+            by = f" by {digits.counted(self.shots_before, 'shot')}" * bool(self.shots_before)
+            return [*lines, f"± {self.wanted_percent:g} % (90 %) is already reached{by}"]
         count = digits.counted(few.shots or 0, "shot")
         more = " more" * bool(self.shots_before)
         return [*lines, f"fewest: {count}{more} at {_words(few)} for ± {self.wanted_percent:g} % (90 %)"]
@@ -358,8 +361,9 @@ def _checked_words(setting: DesignedSetting, checked: CheckedSetting, wanted: fl
         f"{described(name)[0]} ± {width(got)} % (expected {width(checked.told_percent[name])})"
         for name, got in checked.reached_percent.items()
     )
+    about += ", ".join(pairs)
     count = "more than 10,000 shots" if checked.shots is None else digits.counted(checked.shots, "shot")
-    return f"{about}{', '.join(pairs)}; so {count} for ± {wanted:g} %"
+    return about + f"; so {count} for ± {wanted:g} %" * (checked.shots != 0)
 
 
 def width(percent: float | None) -> str:

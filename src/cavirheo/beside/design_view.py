@@ -44,17 +44,19 @@ def picture(document: Design) -> Figure:
 
     names = list(document.settings[0].half_width_percent)
     rates = sorted({one.frame_rate_hz for one in document.settings})
-    panels: list[tuple[str, list[Any]]] = [
-        (f"{described(name)[0]}: ± % of one shot", [one.half_width_percent[name] for one in document.settings])
+    panels: list[tuple[str, list[Any], str]] = [  # and the word in a panel without a point
+        (f"{described(name)[0]}: ± % of one shot", [one.half_width_percent[name] for one in document.settings], "none")
         for name in names
     ]
-    panels.append((f"shots for ± {document.wanted_percent:g} %", [one.shots for one in document.settings]))
+    shots = [one.shots for one in document.settings]
+    word = "already reached" if 0 in shots else "reached by no setting"
+    panels.append((f"shots for ± {document.wanted_percent:g} %", shots, word))
     figure = new_figure(3.0)
     write(figure, 0.07, 0.93, f"{document.material}: which shot next", size=11, weight="bold")
     write(figure, 0.07, 0.865, digits.elide(document.said[0], 110), size=8.5, color=INK)
     tones = shades(np.linspace(0.0, 1.0, len(rates)))
     wide = 0.86 / len(panels)
-    for k, (title, values) in enumerate(panels):
+    for k, (title, values, empty) in enumerate(panels):
         axes = new_axes(figure, (0.07 + k * wide, 0.16, wide - 0.06, 0.58), "R_max (µm)", "")
         axes.set_title(title, fontsize=9, color=INK, loc="left")
         seen = [value for value in values if value]
@@ -65,9 +67,13 @@ def picture(document: Design) -> Figure:
             if document.best in at:
                 place = at.index(document.best)
                 axes.plot(x[place], y[place], "o", ms=10, mfc="none", mec="black")
+        if not seen:
+            axes.set(xticks=[], yticks=[], xlabel="")
+            write(axes, 0.5, 0.5, empty, size=9, color=INK, ha="center", va="center")
+            continue
         axes.set(xscale="log", yscale="log")
-        if seen:
-            axes.set_ylim(0.7 * min(seen), min(1.4 * max(seen), SHOWN * min(seen)))
+        axes.margins(x=0.08)  # of a ring
+        axes.set_ylim(0.7 * min(seen), min(1.4 * max(seen), SHOWN * min(seen)))
         for axis in (axes.xaxis, axes.yaxis):
             axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
             axis.set_major_formatter("{x:g}")

@@ -4,33 +4,41 @@
     gel_1.csv,0.5
     gel_2.csv,1.0
 
-A line names a curve, else a file (with or without its ending), else a group.
+A line names a curve, else a file (with or without its ending), else a group. Instead of a table, the word R_max: what
+each recording says of itself.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
 from cavirheo.curve import RadiusCurve
-from cavirheo.errors import require
+from cavirheo.errors import InputError, require
 from cavirheo.reading.files import guarded
 from cavirheo.reading.marks import Cells, is_number
 from cavirheo.reading.tabular import Row, read_sheets
 
+SIZE = "R_max"  # the word
+LOG_SIZE = "log10(R_max/µm)"  # the column that it stands for
 _SHOWN = 5  # names in a message
 
 
 def with_column(curves: Sequence[RadiusCurve], path: str | Path) -> list[RadiusCurve]:
-    """The curves, each with its value.
+    """The curves, each with its value, of a table or of `SIZE`, which a curve without R_max has not.
 
     Raises:
         InputError: the file cannot be read, is no such table, names what is not there, or gives a curve no value; or
             all curves of each group have one value, so that nothing can be seen of a trend.
     """
+    if is_size(path):
+        found = with_size(curves)
+        _require_several(found, path, LOG_SIZE)
+        return found
     title, values = read_column(path)
     require(bool(values), f"{path}: no line below the titles, the second of which is {title}", "column.empty")
     found, unknown, without = given(curves, title, values)
@@ -38,13 +46,34 @@ def with_column(curves: Sequence[RadiusCurve], path: str | Path) -> list[RadiusC
     require(not unknown, told, "column.unknown")
     told = f"{path}: no value of {title} for {listed(without)}: add a line for the shot, its file or its group"
     require(not without, told, "column.missing")
+    _require_several(found, path, title)
+    return found
+
+
+def is_size(path: str | Path) -> bool:
+    """Whether the R_max of each shot is meant, and no table. Raises InputError: there is a file of that name."""
+    told = f"{SIZE} stands for the R_max of each shot, but a file has this name: rename the file (to {SIZE}.csv)"
+    require(str(path) != SIZE or not Path(path).is_file(), told, "column.size")
+    return str(path) == SIZE
+
+
+def with_size(curves: Sequence[RadiusCurve]) -> list[RadiusCurve]:
+    """The curves, with log10 of their R_max in um as far as they have one."""
+    found = list(curves)
+    for k, curve in enumerate(curves):
+        with suppress(InputError):  # no scale, or no maximum
+            value = float(np.log10(1e6 * curve.max_radius))
+            found[k] = replace(curve, meta={**curve.meta, "column": {LOG_SIZE: value}})
+    return found
+
+
+def _require_several(curves: Sequence[RadiusCurve], path: str | Path, title: str) -> None:
     groups: dict[tuple[str, str], set[float]] = {}
-    for curve in found:
-        groups.setdefault((curve.group, curve.group_source), set()).add(curve.column[title])
+    for curve in curves:
+        groups.setdefault((curve.group, curve.group_source), set()).update(curve.column.values())
     told = f"{path}: one value of {title} in each group ({listed([name for name, _ in groups])}): a trend needs several"
     told += "; --group folder makes one group of all files of a folder"
     require(any(len(one) > 1 for one in groups.values()), told, "column.constant")
-    return found
 
 
 def given(

@@ -18,7 +18,7 @@ import numpy as np
 
 from cavirheo.errors import InputError, printable, require
 from cavirheo.reading import limits
-from cavirheo.video.frames import ENDINGS, STACKS, is_recording
+from cavirheo.video.frames import ENDINGS, HEADER, PIXELS, STACKS, is_recording
 
 MEASUREMENTS = {".mat", ".csv", ".txt", ".tsv", ".dat", ".h5", ".hdf5", ".xlsx", ".xls", ".xlsb", ".ods", *ENDINGS}
 _OURS = {  # tables and films that cavirheo writes: the document that then stands beside them
@@ -87,7 +87,8 @@ def _check(path: Path, name: str) -> None:
 def expand(arguments: Iterable[str | Path], say: Callable[[str], None] = lambda _: None) -> list[Path]:
     """The files that the arguments of a command name, in their order, each once: a file as it is; `-`: standard input;
     a folder: the measurement files in it, sorted, without hidden ones and what cavirheo wrote; a pattern (`gel_*.mat`)
-    that the shell left as it is. `say` is told in one line what was taken of each folder.
+    that the shell left as it is. A film whose header is named, too, is one file. `say` is told in one line what was
+    taken of each folder.
 
     A file that is missing or cannot be read is named too: its reader refuses it, and the others are answered.
 
@@ -109,7 +110,7 @@ def expand(arguments: Iterable[str | Path], say: Callable[[str], None] = lambda 
             found += matches
         else:
             found.append(path)
-    return list(dict.fromkeys(found))
+    return without_headers(found)
 
 
 def _is(test: Callable[[], bool]) -> bool:
@@ -120,13 +121,29 @@ def _is(test: Callable[[], bool]) -> bool:
 
 
 def measurements(folder: Path) -> tuple[list[Path], int]:
-    """The measurement files in a folder, sorted, without hidden ones and what cavirheo wrote; how many others are
-    there. Raises OSError: the folder may not be listed."""
+    """The measurement files in a folder, sorted, without hidden ones, what cavirheo wrote and the headers of films that
+    are there; how many others are there. Raises OSError: the folder may not be listed."""
     names = sorted(path for path in folder.iterdir() if path.name[0] != "." and not _is(path.is_dir))
     there = {path.name for path in names}
     foreign = [path for path in names if _OURS.get(path.name) not in there]
     taken = [path for path in foreign if path.suffix.lower() in MEASUREMENTS]
-    return taken, len(names) - len(taken)
+    return without_headers(taken), len(names) - len(taken)
+
+
+def without_headers(paths: Iterable[Path]) -> list[Path]:
+    """A film of two files is one, named by its pixels; a header alone stays, for its reader to say what is missing."""
+    there = dict.fromkeys(paths)
+    return [path for path in there if pixels_of(path) not in there]
+
+
+def pixels_of(path: Path) -> Path | None:
+    """Of a header: where its film's pixels are, or should be."""
+    return path.with_suffix(PIXELS) if path.suffix == HEADER else None
+
+
+def header_of(path: Path) -> Path | None:
+    """Of the pixels of a film: where its header is, or should be."""
+    return path.with_suffix(HEADER) if path.suffix == PIXELS else None
 
 
 def _of_folder(folder: Path, say: Callable[[str], None]) -> list[Path]:

@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING, Any
 
 from cavirheo.reporting.answer import CurveRecord, described
 from cavirheo.reporting.group import GroupRecord
+from cavirheo.reporting.material import GroupDifference
 from cavirheo.reporting.record import Result
 from cavirheo.reporting.table import FITS, model_rows, window_cells, window_title
 from cavirheo.reporting.trace import MARK
@@ -59,9 +60,10 @@ def _beside(name: str) -> str:
     return files("cavirheo.reporting").joinpath(name).read_text(encoding="utf-8")
 
 
-def groups_table(groups: Sequence[GroupRecord], factor: float, unit: str) -> str:
-    """One row per group; factor and unit are those of G, as `Result.modulus_unit` gives them."""
-    return _part("groups_table", groups, factor, unit)
+def groups_table(groups: Sequence[GroupRecord], factor: float, unit: str, apart: Sequence[GroupDifference] = ()) -> str:
+    """One row per group, below the materials and what tells them apart; factor and unit are those of G, as
+    `Result.modulus_unit` gives them."""
+    return _part("groups_table", groups, factor, unit, apart)
 
 
 def curves_table(

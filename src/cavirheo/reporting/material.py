@@ -34,17 +34,16 @@ class PopulationRecord(Record):
         viscosity_Pa_s: mu of the material, Pa s.
         other_parameters: its other parameters by natural name, SI.
         spread_decades: standard deviation of the shots about the material, in log10: root of the mean square over
-            the law's
-            parameters.
+            the law's parameters.
         spreads_decades: that of each parameter, by natural name.
         correlation: of this scatter, by "name, name".
+        common: the parameters if all shots that belong had one material exactly, by natural name.
         strays: shots that do not belong, each with the probability of that.
         left_out: counts of shots that do not count, by reason.
         log_evidence: of the law with one material and its scatter; null where a shot has none.
         log_evidence_error: its standard error.
         log_evidence_of_scatter: above that of one material without scatter; below 0 the shots differ by no more
-            than their
-            intervals.
+            than their intervals.
         column: title of the declared column with which the material may change; left out where there is none.
         column_at: its value at which the material is given; left out where there is none.
         slopes_decades: change of the log10 of each parameter per unit of the column; left out where there is none.
@@ -60,6 +59,7 @@ class PopulationRecord(Record):
     spread_decades: Quantity = Quantity()
     spreads_decades: dict[str, Quantity] = {}
     correlation: dict[str, Quantity] = {}
+    common: dict[str, Quantity] = {}
     strays: dict[str, float] = {}
     left_out: dict[str, int] = {}
     log_evidence: Finite = None
@@ -68,7 +68,7 @@ class PopulationRecord(Record):
     column: str = ""
     column_at: Finite = None
     slopes_decades: dict[str, Quantity] = {}
-    _if_any = ("column", "column_at", "slopes_decades")
+    _if_any = ("common", "column", "column_at", "slopes_decades")
 
     @property
     def found(self) -> bool:
@@ -205,6 +205,7 @@ def population_record(found: Population | None, column: str = "") -> PopulationR
     return PopulationRecord(
         **about, **known, other_parameters=values, spread_decades=_quantity((low, middle, high)),
         spreads_decades={name: _quantity(found.scatter(name)) for name in found.names},
+        common={name: _quantity(found.if_common(name)) for name in found.names},
         correlation={pair: _quantity(one) for pair, one in found.correlations().items()},
         log_evidence=evidence.log if evidence else None, log_evidence_error=evidence.error if evidence else None,
         log_evidence_of_scatter=scattered.log if scattered else None,
@@ -213,8 +214,11 @@ def population_record(found: Population | None, column: str = "") -> PopulationR
 
 def _trends(column: str, at: float, slopes: Mapping[str, Quantity]) -> list[str]:
     """'with concentration G rises by 0.20 [0.15, 0.25] decades per unit (a factor of 1.6); ...'."""
+    from cavirheo.reading.column import LOG_SIZE
     from cavirheo.reporting.answer import described
 
+    if column == LOG_SIZE:
+        return [_over_size(at, slopes)]
     said = []
     for name, one in slopes.items():
         low, middle, high = (end or 0.0 for end in (one.q05, one.median, one.q95))
@@ -223,6 +227,19 @@ def _trends(column: str, at: float, slopes: Mapping[str, Quantity]) -> list[str]
         times = f", a factor of {factor}" * (way != "has no trend")
         said.append(f"{described(name)[0]} {way}: {digits.quantity(one)} decades per unit{times}")
     return [f"with {column}: {'; '.join(said)}; the material is that at {column} = {digits.significant(at)}"]
+
+
+def _over_size(at: float, slopes: Mapping[str, Quantity]) -> str:
+    """'the material over R_max: G rises as R_max^0.30 [0.10, 0.50]; ...'."""
+    from cavirheo.reporting.answer import described
+
+    said = []
+    for name, one in slopes.items():
+        power = digits.quantity(one)
+        way = "rises" if (one.q05 or 0.0) > 0 else "falls" if (one.q95 or 0.0) < 0 else ""
+        said.append(f"{described(name)[0]} " + (f"{way} as R_max^{power}" if way else f"has no trend (power {power})"))
+    size = digits.micrometres(1e-6 * 10.0**at)
+    return f"the material over R_max: {'; '.join(said)}; its values are those at R_max = {size} µm"
 
 
 def differences(found: Mapping[str, Population | None]) -> list[GroupDifference]:

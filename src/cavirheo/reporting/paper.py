@@ -102,6 +102,7 @@ def group_figure(shots: Sequence[tuple[RadiusCurve, Checks, CurveRecord]], group
         bars = [[x1 - x0], [x2 - x1]], [[y1 - y0], [y2 - y1]]
         right.errorbar(x1, y1, bars[1], bars[0], "o", color=tone, mfc=inside, ms=3.5, mew=0.8, lw=0.8)
     _material(right, group, (x_name, y_name), unit)
+    style.around(right, x=bool(x_name))
     for axes, letter in ((left, "a"), (right, "b")):
         axes.set_title(letter, loc="left", fontsize=_LARGE, fontweight="bold")
     return figure
@@ -179,7 +180,7 @@ def _material(axes: Axes, group: GroupRecord, along: tuple[str, str], unit: Unit
         x, y = (_ends(one, factor) for one, factor in zip(centre, factors, strict=True))
         contour = group.population.contour()
         if contour is not None and along == ("shear_modulus", "viscosity"):
-            axes.plot(factors[0] * contour[:, 1], contour[:, 0], "k--", lw=0.7, label="90 % of shots")
+            axes.plot(factors[0] * contour[:, 1], contour[:, 0], "k--", lw=0.7, zorder=3, label="90 % of shots")
         bars = [[x[1] - x[0]], [x[2] - x[1]]], [[y[1] - y[0]], [y[2] - y[1]]]
         axes.errorbar(x[1], y[1], bars[1], bars[0], "D", label="material", **look)
     else:

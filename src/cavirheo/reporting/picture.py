@@ -258,9 +258,8 @@ def _scatter(
         _published(axes, method, values, unit, across, upper, _MARKS[k % len(_MARKS)])
     if "white" in inside:
         axes.scatter([], [], s=25, color="white", edgecolor=INK, label="not trusted")
-    axes.update_datalim([(0.0, 0.0)], updatex=not over_size)
     axes.margins(0.1)
-    axes.set(ylim=(0.0, None), xlim=(None if over_size else 0.0, None))
+    style.around(axes, x=not over_size)
     if axes.get_legend_handles_labels()[0]:
         key = {"frameon": False, "fontsize": 8, "handletextpad": 0.3, "columnspacing": 1.0, "borderpad": 0.0}
         axes.legend(loc="lower left", bbox_to_anchor=(-0.2 if group.published else -0.1, 1.01), ncols=2, **key)
@@ -272,10 +271,10 @@ def _material(axes: Any, group: GroupRecord, unit: Unit, across: str, upper: str
     if group.population is None or contour is None or (across, upper) != ("shear_modulus", "viscosity"):
         return False
     factor = in_unit(across, unit)[1]
-    axes.plot(factor * contour[:, 1], contour[:, 0], color="black", lw=1.0, ls="--", label="90 % of shots")
+    axes.plot(factor * contour[:, 1], contour[:, 0], "k--", lw=1.0, zorder=3, label="90 % of shots")
     x, y = (_ends([group.population.centre(name)], by)[0] for name, by in ((across, factor), (upper, 1.0)))
     ends = [[[one[0] - one[1]], [one[2] - one[0]]] for one in (x, y)]
-    axes.errorbar(x[0], y[0], ends[1], ends[0], "o", color="black", ms=4.5, lw=1.2, label="material")
+    axes.errorbar(x[0], y[0], ends[1], ends[0], "o", color="black", ms=4.5, lw=1.2, zorder=3, label="material")
     return True
 
 

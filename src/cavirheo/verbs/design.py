@@ -78,11 +78,12 @@ def design(
             exposure=1e-6 * exposure_us, wanted=0.01 * wanted_percent, spread=spread, sizes=sizes, draws=draws,
             check=check, seed=seed, command=run.command, date=run.date, done=advance,
         )  # fmt: skip
-    if drawing:
-        made.notes += outputs.picture("design.png", style.save_png, picture, made)
-    elif pictures:
+    if pictures and not drawing:
         made.notes.append(style.NO_PICTURES)
     outputs.write("design.json", write_json, made)
+    if drawing and (said := outputs.picture("design.png", style.save_png, picture, made)):
+        made.notes += said
+        outputs.write("design.json", write_json, made)
     outputs.finish()
     run.show(made, print_table)
     run.end(f"written to {out} in {{seconds}}")

@@ -131,7 +131,9 @@ WallDistanceUm = Annotated[float | None, Option(help="of one rigid wall, instead
 Shots = Annotated[str | None, Option(help="of every file, '1,4-7': from 1 in its order  [default: all]")]
 _WANTED = "half of the 90 % interval that is wanted, of the value"
 WantedPercent = Annotated[float, Option(help=_WANTED, min=0.1, max=99.0)]
-_COLUMN = "table of shots, files or groups and one number each (a concentration, ...): the material's slope over it"
+_COLUMN = (
+    "table of shots, files or groups and one number each (a concentration, ...), or R_max: the material's slope over it"
+)
 Column = Annotated[Path | None, Option(help=_COLUMN, readable=False)]
 _SCHEDULER = "dask: tcp://HOST:PORT, or slurm:FILE.toml  [default: the cores of this machine]"
 Scheduler = Annotated[str | None, Option(help=_SCHEDULER)]

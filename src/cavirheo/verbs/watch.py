@@ -41,7 +41,7 @@ def watch(
     from cavirheo.inference.reconstruct import check_stretch
     from cavirheo.parallel import aside, cores
     from cavirheo.physics.simulate import load_solver
-    from cavirheo.reading.column import read_column
+    from cavirheo.reading.column import is_size, read_column
     from cavirheo.reporting import live, write_report
     from cavirheo.reporting.table import print_line, print_table
     from cavirheo.unfinished import Step
@@ -57,7 +57,7 @@ def watch(
         Family(material)
     told = "--exclude is of one recording: leave the frames out with `cavirheo measure`, and watch for what it writes"
     require(reading.exclude is None, told, "option.exclude")
-    if column is not None:
+    if column is not None and not is_size(column):
         read_column(column)
     settings: dict[str, Any] = {"model": model, "material": material, "window": window, "stretch": stretch}
     settings |= {"medium": liquid, "contents": contents, "verify": verify, "discrepancy": not exact_law, "seed": seed}

@@ -26,7 +26,8 @@ Pixels = NDArray[Any]  # unsigned integers of 8 or 16 bits
 MOVIES = (".mp4", ".avi", ".mkv", ".mov", ".gif", ".webm")
 STACKS = (".tif", ".tiff")
 IMAGES = (".png", ".bmp", ".jpg", ".jpeg", ".pgm")  # a folder of them is a recording
-CAMERAS = (".cine", ".mraw", ".cihx")
+PIXELS, HEADER = ".mraw", ".cihx"  # of one film, beside each other
+CAMERAS = (".cine", PIXELS, HEADER)
 ENDINGS = frozenset((*MOVIES, *STACKS, *CAMERAS))
 LARGEST = 2_500_000_000  # bytes of all frames in memory
 _HEADER = 50_000_000  # bytes of a camera's header
@@ -91,7 +92,7 @@ def read(path: Path) -> Footage:
         ending = path.suffix.lower()
         if head[:2] == b"CI" and ending == ".cine":
             reader = _cine
-        elif ending in (".mraw", ".cihx"):
+        elif ending in (PIXELS, HEADER):
             reader = _mraw
         else:
             reader = _stack if head in (b"II*\0", b"MM\0*", b"II+\0", b"MM\0+") else _movie
@@ -321,7 +322,7 @@ def _cine(path: Path) -> Footage:
 
 def _mraw(path: Path) -> Footage:
     """Photron: raw pixels, described by a .cihx file (XML) of the same name."""
-    header, raw = path.with_suffix(".cihx"), path.with_suffix(".mraw")
+    header, raw = path.with_suffix(HEADER), path.with_suffix(PIXELS)
     for each in (header, raw):
         require(each.is_file(), f"{each.name} is missing beside it: pixels and header are two files", "video.mraw_pair")
     text = read_bytes(header, _HEADER)

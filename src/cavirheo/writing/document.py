@@ -201,8 +201,13 @@ class Outputs:
             try:
                 drawn = draw(*content)
             except Exception as error:
-                return [f"{name} could not be drawn: {type(error).__name__}: {error}"]
-            self.write(name, save, drawn)
+                return [_undrawn(name, error)]
+            try:
+                self.write(name, save, drawn)
+            except InputError:  # the folder, or a file of the user's
+                raise
+            except Exception as error:  # much is decided only where a figure becomes pixels
+                return [_undrawn(name, error)]
         return []
 
     def finish(self) -> None:
@@ -228,6 +233,10 @@ class Outputs:
                 entry = {key: str(json.loads(line)[key]) for key in ("kind", "name", "sha256")}
                 if Path(entry["name"]).name == entry["name"]:
                     self._listed.setdefault(entry["name"], []).append(entry)
+
+
+def _undrawn(name: str, error: Exception) -> str:
+    return f"{name} could not be drawn: {type(error).__name__}: {error}"
 
 
 def _sha256(path: Path) -> str:

@@ -31,6 +31,7 @@ BLUE, VERMILLION, INK, BLACK, PALE = "#0072b2", "#d55e00", "#444444", "#222222",
 BOX = "#f4f1ea"  # behind an answer
 NO_PICTURES = 'pictures are left out: matplotlib is not installed; pip install "cavirheo[plot]"'
 DPI = 150  # of PNG files
+FAR = 3.0  # largest over smallest, above which axes begin at zero
 _settings = Lock()  # matplotlib reads its settings from a global while it draws
 # Where it can write no home it takes a temporary folder, of which no user need hear.
 _HOMELESS = ("mkdir -p failed for path", "%s is not a writable directory", "Matplotlib created a temporary")
@@ -63,6 +64,18 @@ def new_axes(figure: Figure, place: tuple[float, float, float, float], x_label: 
     for axis, most in ((axes.xaxis, 8 if place[2] > 0.5 else 5), (axes.yaxis, 6 if place[3] > 0.3 else 4)):
         axis.set_major_locator(MaxNLocator(most, steps=[1, 2, 5, 10]))
     return axes
+
+
+def around(axes: Axes, *, x: bool = True) -> None:
+    """Limits about all that is drawn of positive quantities: with zero where the smallest is far below the largest,
+    else close, so that what differs by little lies apart. x: of that axis, too."""
+    seen = axes.dataLim
+    for (low, high), place in ((seen.intervaly, axes.set_ylim), (seen.intervalx, axes.set_xlim if x else None)):
+        if place is None or not np.isfinite([low, high]).all() or high <= 0.0:
+            continue
+        begin = 0.0 if low < high / FAR else low
+        margin = 0.1 * (high - begin) or 0.1 * high
+        place(max(begin - margin, 0.0), high + margin)
 
 
 def write(where: Any, x: float, y: float, text: str, *, size: float, color: str = "#111111", **how: Any) -> Any:

@@ -95,6 +95,13 @@ class Population:
         low, middle, high = (10.0 ** _quantiles(self.centre[:, self._column(name)], level)).tolist()
         return low, middle, high
 
+    def if_common(self, name: str, level: float = 0.9) -> tuple[float, float, float]:
+        """(low, median, high) of the material's parameter, SI, if all shots that belong had it exactly; as `interval`.
+
+        Too narrow where shots scatter: `scattered` says how probable that is."""
+        low, middle, high = (10.0 ** _quantiles(self.common[:, self._column(name)], level)).tolist()
+        return low, middle, high
+
     def scatter(self, name: str, level: float = 0.9) -> tuple[float, float, float]:
         """(low, median, high) of the standard deviation of the shots about the material, decades; as `interval`."""
         low, middle, high = _quantiles(self.spread[:, self._column(name)], level).tolist()
@@ -191,6 +198,7 @@ class Population:
             "material": self.material, "bubble": self.bubble.name, "line": self.line, "remarks": self.remarks,
             "shots": list(self.shots), "left_out": dict(self.left_out), "strays": self.strays,
             "centre": {name: self.interval(name) for name in self.names if made},
+            "common": {name: self.if_common(name) for name in self.names if made},
             "spread_decades": {name: self.scatter(name) for name in self.names if made},
             "correlation": self.correlations(),
             "slope": {name: self.trend(name) for name in self.names if self.slope is not None},
