@@ -22,7 +22,7 @@ from cavirheo.inference.experiment import FINE, QUICK, Experiment
 from cavirheo.inference.law import Family
 from cavirheo.inference.noise import SHAPE, Noise
 from cavirheo.inference.options import FREE, Options
-from cavirheo.inference.verify import Verification, evidence, explore, predictive, verify_many
+from cavirheo.inference.verify import Verification, evidence, explore, predictive, verify_many, work
 from cavirheo.inference.verify.evidence import rank_laws, ranked
 from cavirheo.inference.verify.explore import Blend, Explorer
 from cavirheo.inference.verify.mode import Target, climb, modes, same
@@ -30,6 +30,7 @@ from cavirheo.inference.verify.predictive import predictive_check
 from cavirheo.inference.verify.sampler import Mixture, Sample, effective_size, sample
 from cavirheo.inference.verify.surrogate import Surrogate
 from cavirheo.inference.verify.tuning import TUNING
+from cavirheo.inference.verify.work import Work
 from cavirheo.physics.materials import Zener
 from cavirheo.posterior import BubbleModel, Checks, Evidence, OtherAnswer, Posterior
 from cavirheo.prior import Prior, log_normal
@@ -420,7 +421,7 @@ def test_weights_are_posterior_over_proposal_in_the_answers_parameters(fitted):
     curve, answer = fitted
     settings = {"free": (), "discrepancy": False, "draws": 200, "seed": 2}
     found = verify.verify(curve, answer, **settings)
-    target = verify._Work(Verification(**settings), curve, answer).target
+    target = Work(Verification(**settings), curve, answer).target
     for row, expected in list(zip(found.theta, found.log_q + found.log_weight, strict=True))[:5]:
         x = np.array([row[0], row[1], np.log10(row[2])])
         residual = target.experiment.difference(x, FINE)
@@ -445,7 +446,7 @@ def test_map_is_the_maximum_with_laplaces_interval(fitted, full):
 def test_an_overconfident_proposal_is_caught_and_mended(fitted):
     """Draws that claim too little width have few that count, and say so; the sampler itself finds the true width."""
     curve, answer = fitted
-    work = verify._Work(Verification(free=(), discrepancy=False), curve, answer)
+    work = Work(Verification(free=(), discrepancy=False), curve, answer)
     (mode,) = modes(work.target, work.starts())
     rng, trusted = np.random.default_rng(5), {}
     for factor in (1.1, 0.2):
@@ -543,7 +544,7 @@ def test_what_cannot_be_verified_keeps_its_answer(fitted):
 def test_a_matrix_that_breaks_loses_one_shot_alone(fitted, monkeypatch):
     """The other shots of the call keep their verified answers."""
     curve, answer = fitted
-    solve, calls = verify.modes, []
+    solve, calls = work.modes, []
 
     def once_singular(*given):
         calls.append(1)
@@ -551,7 +552,7 @@ def test_a_matrix_that_breaks_loses_one_shot_alone(fitted, monkeypatch):
             raise np.linalg.LinAlgError("Singular matrix")
         return solve(*given)
 
-    monkeypatch.setattr(verify, "modes", once_singular)
+    monkeypatch.setattr(work, "modes", once_singular)
     broken, whole = verify_many([curve, curve], [answer, answer], level="map", workers=1)
     assert "Singular matrix" in broken.checks.message
     assert broken.median("viscosity") == answer.median("viscosity")
@@ -580,7 +581,7 @@ def test_a_search_without_draws_leads_to_the_same_maximum(fitted):
 
 def test_the_highest_valley_is_found_without_the_answer(fitted):
     curve, answer = fitted
-    work = verify._Work(Verification(discrepancy=False), curve, answer)
+    work = Work(Verification(discrepancy=False), curve, answer)
     (known,) = modes(work.target, work.starts())
     found = modes(work.target, work.scanned())
     assert same(found[0], known)
@@ -746,7 +747,7 @@ def test_against_emcee(seed, monkeypatch):
     monkeypatch.setattr(verify, "FINE", QUICK)
     monkeypatch.setattr(Explorer.__call__, "__defaults__", (QUICK,))
     found = verify.verify(curve, answer, **settings)
-    work = verify._Work(Verification(**settings), curve, answer)
+    work = Work(Verification(**settings), curve, answer)
     target = work.target
     weight = np.exp(found.log_weight - np.max(found.log_weight))
     weight /= np.sum(weight)

@@ -39,6 +39,7 @@ COARSE: Accuracy = {"cells": 24, "rtol": 3e-3}  # for the starts: 1 ms
 BRISK: Accuracy = {"cells": 64, "rtol": 1e-3}  # for draws, with what it misses of the default's: that hardly changes
 QUICK: Accuracy = ROUGH  # for the search: forward differences are right to 1 %
 FINE: Accuracy = {}  # the solver's default: central differences are right to 0.1 %
+FORWARD = 1e-3  # step of forward differences of x, decades or the like
 FLOOR = 0.007  # of R_max: two circle fits of one video differ by 1.0 % rms, so each has 0.7 %
 TIMING = 1.0 / np.sqrt(12.0)  # frames: standard deviation of an instant within one
 SHARPEST = 1e-3  # of R_max: the solver's own error; less noise is not believed

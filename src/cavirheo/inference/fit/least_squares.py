@@ -10,11 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cavirheo.arrays import Floats
-from cavirheo.inference.experiment import FINE, QUICK, Accuracy, Experiment, Prediction
+from cavirheo.inference.experiment import FINE, FORWARD, QUICK, Accuracy, Experiment, Prediction
 from cavirheo.inference.law import Family
 from cavirheo.parallel import each
 
-FORWARD, CENTRAL = 1e-3, 3e-3  # steps of the differences, decades or the like
+CENTRAL = 3e-3  # step of the differences from both sides, decades or the like
 SAME = 0.01  # of each range: a search so near to a known minimum is given up
 SEARCH: dict[str, Any] = {"ftol": 1e-3, "xtol": 1e-3, "gtol": 1e-8, "max_nfev": 15}
 _POLISH = {"ftol": 3e-5, "xtol": 1e-4, "gtol": 1e-8, "max_nfev": 12}

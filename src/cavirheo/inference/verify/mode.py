@@ -9,8 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from cavirheo.arrays import Floats
-from cavirheo.inference.experiment import FINE, QUICK, Accuracy, Experiment
-from cavirheo.inference.fit.least_squares import FORWARD
+from cavirheo.inference.experiment import FINE, FORWARD, QUICK, Accuracy, Experiment
 from cavirheo.inference.noise import Noise
 from cavirheo.inference.verify.tuning import TUNING
 from cavirheo.parallel import each

@@ -1,0 +1,287 @@
+"""What a verification is asked for, and the work on one curve."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any, Literal
+
+import numpy as np
+
+from cavirheo.arrays import Floats, log_sum
+from cavirheo.curve import RadiusCurve
+from cavirheo.errors import InputError, SolverError, expect, expect_whole, require
+from cavirheo.inference.experiment import FINE, QUICK, Experiment
+from cavirheo.inference.fit.least_squares import LeastSquares
+from cavirheo.inference.fit.starts import STARTS, Scan
+from cavirheo.inference.law import Family
+from cavirheo.inference.options import FREE, SCALE_BOUND, Options
+from cavirheo.inference.others import model_of
+from cavirheo.inference.posterior_model import PosteriorModel
+from cavirheo.inference.verify.explore import Explorer
+from cavirheo.inference.verify.mode import Mode, Target, climb, modes, same, valley
+from cavirheo.inference.verify.predictive import predictive_check
+from cavirheo.inference.verify.sampler import Sample, sample
+from cavirheo.inference.verify.soon import weighed
+from cavirheo.inference.verify.tuning import TUNING
+from cavirheo.parallel import cores
+from cavirheo.parameters import natural_name, units
+from cavirheo.physics.media import WATER, Medium
+from cavirheo.physics.media import medium as named
+from cavirheo.physics.scales import ACCOMMODATION
+from cavirheo.posterior import BubbleModel, Diagnostics, Evidence, OtherAnswer, Posterior, Verdict
+from cavirheo.prior import log_normal
+
+_CARRIED = ("cavirheo", "medium", "model", "model_sha256", "problem_id", "source_sha256", "windows", "options")
+
+Level = Literal["auto", "map", "full"]
+
+
+@dataclass(frozen=True)
+class Verification:
+    """How an answer is verified. The window and the model of the bubble are the answer's own.
+
+    Attributes:
+        stretch: as in `fit_many`.
+        free: as in `fit_many`; clock, scale and R_max are free by default.
+        t0_bound: as in `fit_many`.
+        scale_bound: as in `fit_many`.
+        level: "map" (maximum and Laplace's Gaussian), "full" (weighted draws), or "auto".
+        medium: as in `fit_many`.
+        discrepancy: allow for what no simulation follows (noise.py); without it the law is taken as exact.
+        ranges: of the priors, {"shear_modulus": [low, high] in SI}; default those that a fit searches.
+        draws: at most so many weighted ones.
+        seed: of the draws.
+        network: of level "auto", whose draws show the way where it can read the curve.
+        scanned: coarse simulations that look for other valleys.
+        workers: threads for one curve.
+
+    Raises:
+        InputError: a setting that is none of these.
+    """
+
+    stretch: float | str | None = None
+    free: Sequence[str] | str = tuple(FREE)
+    t0_bound: float | None = None
+    scale_bound: float = SCALE_BOUND
+    level: Level = "full"
+    medium: Medium = WATER
+    discrepancy: bool = True
+    ranges: Mapping[str, Sequence[float]] | None = None
+    draws: int = TUNING.draws
+    seed: int = 0
+    network: PosteriorModel | None = None
+    scanned: int = TUNING.scanned
+    workers: int | None = None
+
+    def __post_init__(self) -> None:
+        fine = self.level in ("auto", "map", "full")
+        require(fine, f"verify must be auto, map or full, got {self.level!r}", "option.verify")
+        object.__setattr__(self, "medium", named(self.medium))
+        expect_whole(self.draws, "draws of a posterior", 10, "option.draws")
+        expect_whole(self.seed, "seed", 0, "option.seed")
+        expect(self.ranges or {}, Mapping, 'ranges such as {"shear_modulus": [1e2, 1e5]}')
+        self.options(None, BubbleModel())
+
+    def options(self, end: float | None, bubble: BubbleModel) -> Options:
+        """Of the experiment on a window that ends at `end`, s. Raises InputError."""
+        return Options(None, end, self.stretch, self.free, self.t0_bound, self.scale_bound, bubble=bubble)
+
+
+class Work:
+    """The work on one curve."""
+
+    def __init__(self, settings: Verification, curve: RadiusCurve, answer: Posterior) -> None:
+        self.settings = settings
+        scale, end = settings.medium.time_scale(curve.max_radius), answer.checks.t_star_end
+        options = settings.options(None if end is None else end * scale * (1.0 + 1e-9), answer.bubble)
+        exposure = float(curve.exposure or 0.0)
+        self.shot = Experiment(curve, Family(answer.material), settings.medium, options, exposure=exposure)
+        self.answer = answer
+        self.prior = self.shot.prior(settings.ranges)
+        noise = self.shot.noise(settings.discrepancy)
+        self.target = Target(self.shot, self.prior, noise, cores(settings.workers))
+        self.messages: list[str] = []
+
+    def posterior(self) -> Posterior:
+        if self.settings.level == "auto":
+            how, network = self.settings, None
+            try:
+                if how.network:
+                    network = how.network.proposal(self.shot, self.prior, how.discrepancy)
+            except InputError as outside:
+                self.messages.append(f"{outside}; the search began all over the ranges")
+            sizes = {"draws": how.draws, "seed": how.seed}
+            drawn, found, soon, apart, rough = weighed(self.target, network, self.starts, self.scanned, **sizes)
+            about: dict[str, Any] = {"few_simulations": soon, "evidences_apart_in_standard_errors": apart}
+            about["log_weight_error"] = rough
+            best = self._best(found)
+            u = drawn.u if self._trusted(drawn) else best.u[None]
+            return self._answer(u, drawn, best, Evidence(*drawn.log_evidence), found, about)
+        climbed = self.answer.method == "laplace"  # its modes are those that a scan finds
+        further = [] if climbed else self.scanned()
+        found, most, seed = modes(self.target, self.starts(), further), self.settings.draws, self.settings.seed
+        if not found:
+            raise SolverError(f"no start of {self.shot.family.name} could be simulated")
+        if self.settings.level == "map":
+            best = self._best(found)
+            u = best.draws(TUNING.draws, seed)
+            evidence = Evidence(float(log_sum([mode.log_evidence for mode in found])))
+            return self._answer(u, None, best, evidence, found)
+        few, rounds, ending = TUNING.draws_per_round, TUNING.learning_rounds, dict[str, Any]()
+        soon = most <= TUNING.law_draws  # an evidence is wanted
+        if soon:
+            few, rounds = few // 2, TUNING.law_learning
+            ending = {"fewest": TUNING.law_rounds, "least": TUNING.law_least}
+        enough = min(TUNING.effective_enough, max(most / 4, TUNING.effective_fewest))
+        rough = soon and self.settings.discrepancy  # which is wider than what the solver misses by
+        explorer = Explorer(self.target, found, rounds, QUICK if rough else FINE)
+        drawn = sample(explorer, explorer.propose, seed=seed, each=min(few, most), most=most, enough=enough, **ending)
+        best, (log, error) = self._best(explorer.modes), drawn.log_evidence
+        if rough:  # the solver is wrong by nearly as much as at the maximum
+            (there,) = self.target.log_posterior(best.u[None], self.target.residuals(best.u[None], QUICK))
+            log += best.log_posterior - float(there) if np.isfinite(there) else 0.0
+        u = drawn.u if self._trusted(drawn) else best.u[None]
+        return self._answer(u, drawn, best, Evidence(log, error), explorer.modes)
+
+    def _best(self, found: Sequence[Mode]) -> Mode:
+        """The highest of rough modes that the default solver can simulate, at its maximum."""
+        for rough in sorted(found, key=lambda mode: -mode.log_posterior):
+            if mode := climb(self.target, rough.u, FINE):
+                return mode
+        raise SolverError(f"no mode of {self.shot.family.name} could be simulated")
+
+    def _others(self, best: Mode, found: Sequence[Mode]) -> tuple[OtherAnswer, ...]:
+        """What other models answer, as far as that is known, and the modes but the best.
+
+        The evidence of those models allows for what no simulation follows: it is not that of an exact law.
+        """
+        models = [one for one in self.answer.others if model_of(one) != model_of(self.answer)]
+        if not self.settings.discrepancy:
+            models = [replace(one, evidence=None) for one in models]
+        return *models, *(valley(self.target, mode) for mode in found if not same(mode, best))
+
+    def starts(self) -> list[Floats]:
+        """u of the answer, of its other windows and of other valleys of its model; nuisances that it does not give are
+        at their middle."""
+        answer, found, free = self.answer, list[Floats](), self.shot.free
+        here = {"stretch": answer.stretch} | {name: answer.median(name) for name in answer.parameters}
+        bests = [here, answer.best, *(window.best for window in answer.windows.values())]
+        bests += [x.best for x in answer.others if (x.material, x.bubble) == (answer.material, answer.bubble)]
+        for given in ({"accommodation": ACCOMMODATION, **best} for best in bests):
+            values = [1.0 if name in free else given.get(name) or 0.0 for name in self.prior.names]
+            if all(value > 0 for value in values):
+                x = self.shot.starts(np.log10(values))
+                for i, name in enumerate(self.prior.names):
+                    if name in free and (known := given.get(name)) is not None:
+                        x[i] = np.clip((known - free[name][0]) / free[name][1], -0.8, 0.8)  # its bounds may be others
+                u = self.target.start(x)
+                if all(np.max(np.abs(u - other)) > TUNING.same_start for other in found):
+                    found.append(u)
+        needed, there = (*self.shot.family.parameters, "stretch"), ", ".join(answer.parameters)
+        require(bool(found), f"the answer that is to be verified must give {', '.join(needed)}; it gives {there}")
+        return found
+
+    def scanned(self) -> list[Floats]:
+        """u where coarse simulations all over the ranges are most likely: the answer need not be the highest valley."""
+        fit = LeastSquares([self.shot], self.target.workers)
+        try:
+            scan = Scan(fit, self.settings.scanned, STARTS)  # other points than those of a fit
+        except SolverError:
+            return []
+        counted = self.shot.counted
+        measured = self.shot.measured[counted]
+        missed = np.full(len(measured), np.nan)
+        frames = [missed if p is None else p.radius[counted] for p in scan.found]
+        u = self.target.start(scan.points)
+        value = self.target.log_posterior(u, measured - np.array(frames))
+        climbed = int(TUNING.scanned_climbed * len(value))
+        return [u[i] for i in np.argsort(-value)[:climbed] if np.isfinite(value[i])]
+
+    def _answer(
+        self, u: Floats, drawn: Sample | None, best: Mode, evidence: Evidence, found: Sequence[Mode],
+        more: Mapping[str, Any] | None = None,
+    ) -> Posterior:  # fmt: skip
+        """The Posterior of u (k, d): weighted draws, the maximum where they are not to be trusted, or a Gaussian."""
+        shot, prior, noise, settings = self.shot, self.prior, self.target.noise, self.settings
+        x = prior.to_x(u)
+        names, theta = shot.answer(x)
+        log_q = log_weight = None
+        about: dict[str, Any] = {"modes": len(found), **(more or {})}
+        worth: dict[str, Any] = {}
+        if drawn is None:
+            about["log_evidence_laplace"] = evidence.log
+        else:
+            about |= {"log_evidence": evidence.log, "log_evidence_error": evidence.error}
+            worth = {"draws": len(drawn.u), "effective_sample_size": drawn.ess, "tail_index": drawn.tail[0]}
+        if drawn and len(u) > 1:  # from u to the answer's parameters
+            log_weight = drawn.log_weight
+            log_q = drawn.log_q + prior.log_density(x) - log_normal(u) - shot.log_stretched(theta)
+        predictive = predictive_check(best.residual, best.jacobian, noise.deviation, settings.seed)
+        beyond = float(np.mean(best.residual**2)) - (shot.curve.noise / shot.max_radius) ** 2
+        excess = float(np.sqrt(max(beyond, 0.0)))
+        at = prior.to_x(best.u)
+        values = shot.best(at)
+        told = {
+            "stretch_source": "given" if shot.stretch else "inferred with the other parameters",
+            "systematic_misfit_over_rmax": excess,
+            "simulations": shot.runs, "failed_simulations": shot.failures, **worth,
+        }  # fmt: skip
+        told |= {"predictive": predictive} if predictive else {}
+        provenance = {key: value for key, value in self.answer.provenance.items() if key in _CARRIED}
+        provenance |= told | about | noise.describe(best.residual) | {
+            "verify": settings.level, "discrepancy": settings.discrepancy, "prior": prior.to_dict(),
+            "exposure_s": shot.exposure, "proposal": self.answer.method, "best": values, "stretch": values["stretch"],
+            "before": {name: self.answer.median(natural_name(name)) for name in self.answer.names},
+            "seed": settings.seed,
+        }  # fmt: skip
+        verdict = self._verdict(at, predictive, excess, x, log_weight)
+        verdict = "no_interval" if drawn and len(u) == 1 and verdict == "ok" else verdict
+        checks = shot.checks(at, verdict, self.messages)
+        return Posterior(
+            names, units(names), theta, checks, shot.family.name, "verified" if drawn else "laplace", provenance,
+            log_q, log_weight, best=values, stretch=values["stretch"], windows=self.answer.windows,
+            evidence=evidence, diagnostics=Diagnostics(**told), bubble=self.answer.bubble,
+            others=self._others(best, found), prior=shot.of_law(prior),
+        )  # fmt: skip
+
+    def _trusted(self, drawn: Sample) -> bool:
+        """Whether the draws are worth an interval; if not, that is said."""
+        if drawn.ess >= TUNING.effective_fewest and drawn.reliable:
+            return True
+        self.messages.append(
+            f"the interval is not to be trusted and left out: {len(drawn.u)} weighted draws are worth {drawn.ess:.0f} "
+            f"(at least {TUNING.effective_fewest:.0f} are needed; tail index {drawn.tail[0]:.2f}, at most "
+            f"{TUNING.tail_reliable} unless at most {TUNING.tail_unseen:.0%} of the weight is still to be met, here "
+            f"{drawn.tail[1]:.1%})"
+        )
+        return False
+
+    def _verdict(
+        self, at: Floats, predictive: dict[str, Any] | None, excess: float, x: Floats, log_weight: Floats | None
+    ) -> Verdict:
+        verdict: Verdict = "ok"
+        if ends := self.shot.open_ends(x, self.prior.low, self.prior.high, log_weight):
+            verdict = "outside_training_range"
+            named = ", ".join(ends.values())
+            self.messages.append(f"the curve does not bound {named}: there the prior's range does")
+        if predictive and predictive["p_value"] < TUNING.rejected:
+            which = min(predictive["p"], key=predictive["p"].get)
+            seen = excess >= TUNING.systematic_seen
+            size = f"a systematic misfit of {excess:.1%} of R_max" if seen else "though no larger than noise"
+            text = f"residuals are not independent noise ({which}, p = {predictive['p_value']:.2g}): {size}"
+            if not self.settings.discrepancy:
+                verdict = "model_does_not_fit"
+                text += "; the law was taken as exact, so the interval is too narrow"
+            elif excess > TUNING.systematic:
+                verdict = "model_does_not_fit"
+                text += f" (limit {TUNING.systematic:.0%})"
+            elif seen:
+                text += ", which the interval allows for"
+            self.messages.append(text)
+        u, below = self.prior.to_u(at), self.prior.cdf(at)
+        for i, name in enumerate(self.prior.names):
+            if name in self.shot.free and abs(u[i]) > TUNING.pulled:
+                self.messages.append(f"{name} is pulled to the end of its prior ({below[i]:.1%} below it)")
+        self.messages += self.shot.left_out
+        return verdict
