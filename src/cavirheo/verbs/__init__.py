@@ -53,7 +53,7 @@ for _verb in _FOUND:
 def _options(
     context: typer.Context,
     version: Annotated[bool, typer.Option("--version", help="show the version and exit")] = False,
-    verbose: Annotated[bool, typer.Option("--verbose", help="--version: with all that a bug report needs")] = False,
+    verbose: Annotated[bool, typer.Option("--verbose", help="with --version: all that a bug report needs")] = False,
 ) -> None:
     """Material properties of soft matter from the radius history R(t) of a laser-made bubble."""
     if verbose and not version:

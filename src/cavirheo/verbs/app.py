@@ -13,18 +13,18 @@ NEEDS = 'the browser app needs {}: pip install "cavirheo[app]"'
 
 
 def app(
-    host: Annotated[str, Option(help="address to listen on; 0.0.0.0 lets the network in, without a password")] = (
+    host: Annotated[str, Option(help="address to listen on; 0.0.0.0 is open to the network, without a password")] = (
         "127.0.0.1"
     ),
-    port: Annotated[int, Option(help="0: any that is free", min=0, max=65535)] = 7860,
+    port: Annotated[int, Option(help="port; 0: any free one", min=0, max=65535)] = 7860,
     live: Annotated[
-        Path | None, Option(help="where `cavirheo watch` writes: its page for the wall stands at /live", readable=False)
+        Path | None, Option(help="folder of results of `cavirheo watch`, whose page is served at /live", readable=False)
     ] = None,
-    browser: Annotated[bool, Option("--browser/--no-browser", help="open the page")] = True,
+    browser: Annotated[bool, Option("--browser/--no-browser", help="open the page in the browser")] = True,
     max_file_mb: Annotated[float, Option(help="largest file that may be uploaded, MB", min=0.001)] = 50.0,
-    max_files: Annotated[int, Option(help="files of one visitor", min=1)] = 50,
+    max_files: Annotated[int, Option(help="largest number of files of one visitor", min=1)] = 50,
 ) -> None:
-    """The same in the browser: drop files, look, infer, check against the simulation, take everything as one zip."""
+    """The same in the browser: upload files, look, infer, compare with the simulation, download everything as a zip."""
     told = f"--live must be the folder into which `cavirheo watch` writes (its -o), got {live}: start `watch` first"
     require(live is None or live.is_dir(), told, "option.live")
     try:

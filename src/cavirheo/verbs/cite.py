@@ -14,7 +14,7 @@ def cite(
     result: Annotated[Path, Argument(help="a result.json, or the folder that holds one")],
     out: Annotated[Path | None, Option("-o", "--out", help="write here instead of to the terminal")] = None,
 ) -> None:
-    """What a paper must say about a result: models, window, priors, method, versions; and whom to cite, as BibTeX."""
+    """What a paper must say about a result: models, window, priors, method, versions; and the references as BibTeX."""
     from cavirheo.loading import load
     from cavirheo.reporting.citing import methods
     from cavirheo.reporting.record import Result

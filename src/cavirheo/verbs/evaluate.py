@@ -18,7 +18,8 @@ def evaluate(
     data: Annotated[Path, Argument(help="folder written by `cavirheo generate`")],
     out: options.Out = Path("cavirheo-evaluation"),
     robustness: Annotated[
-        bool, Option("--robustness", help="also with noise, other frame rates, a first frame off, gaps: minutes")
+        bool,
+        Option("--robustness", help="also noise, other frame rates, a wrong first frame, gaps (minutes)"),
     ] = False,
     scheduler: options.Scheduler = None,
     quiet: options.Quiet = False,

@@ -18,28 +18,31 @@ def fit(
     material: Annotated[
         str,
         Option(
-            help="law: nhkv, newtonian, power-law, ...; or auto: the best of some", autocompletion=options.law_names
+            help="nhkv, newtonian, power-law, ...; auto: the evidence chooses",
+            autocompletion=options.law_names,
         ),
     ] = "nhkv",
     window: Annotated[
-        str | None, Option(help="collapses that are fitted, or 'all'  [default: 3, or as many as there are]")
+        str | None, Option(help="number of collapses to fit, or 'all'  [default: 3, or all if there are fewer]")
     ] = None,
     window_us: Annotated[float | None, Option(help="end of the window, us after R_max")] = None,
     free: Annotated[
-        str | None, Option(help="of t0 (clock), scale (radius calibration), rmax; or none  [default: t0,rmax]")
+        str | None,
+        Option(help="also fitted: t0 (clock), scale (of the radius), rmax; or none  [default: t0,rmax]"),
     ] = None,
     t0_us: Annotated[float | None, Option(help="largest |t0|, us  [default: half a frame]")] = None,
-    scale_percent: Annotated[float, Option(help="largest change of scale and rmax, %")] = 1.5,
+    scale_percent: Annotated[float, Option(help="limit of the change of scale and rmax, %")] = 1.5,
     stretch: Annotated[
         str | None,
-        Option(help="R_max/R_0, 'plateau' (late radius as prior) or 'free'; else a stated one is prior"),
+        Option(help="R_max/R_0; 'plateau': prior from the late radius; 'free'  [default: prior from the file]"),
     ] = None,
     weights: Annotated[
         str, Option(help="equal, motion (frames beside collapses count less), or learnt from the residuals")
     ] = "learnt",
     bubble: options.Bubble = options.FROM_OPTIONS,
     others: Annotated[
-        bool, Option("--others/--no-others", help="fit the other contents, too, and say where they disagree")
+        bool,
+        Option("--others/--no-others", help="fit the other vapour model, too, and report disagreement"),
     ] = True,
     joint: Annotated[bool, Option("--joint", help="the shots of a group share one material")] = False,
     verify: options.Verify = "none",

@@ -95,45 +95,42 @@ Curves = Annotated[
 _MODEL = "shipped model (see `cavirheo models`) or a path to an .onnx file"
 ModelName = Annotated[str, Option("--model", help=_MODEL, autocompletion=model_names)]
 Out = Annotated[Path, Option("-o", "--out", help="folder for the results")]
-_VERIFY = "map: the posterior's maximum; full: draws weighted by full simulations; none"
+_VERIFY = "map: maximum of the posterior; full: draws weighted by simulations; none: as the model answers"
 Verify = Annotated[str, Option(help=_VERIFY, autocompletion=values(*_LEVELS[1:]))]
-_AUTO = (
-    "auto: draws weighted by simulations, as few as can be trusted; full: by more; map: the posterior's maximum; none"
-)
+_AUTO = "auto: weighted draws from few simulations; full: from many; map: maximum of the posterior; none: network alone"
 VerifyAuto = Annotated[str, Option(help=_AUTO, autocompletion=values(*_LEVELS))]
 ExactLaw = Annotated[
-    bool, Option("--exact-law", help="--verify: no discrepancy between law and bubble, narrower intervals")
+    bool,
+    Option("--exact-law", help="with --verify: the bubble follows the law exactly (narrower intervals)"),
 ]
-Seed = Annotated[int, Option(help="of the draws behind the intervals", min=0, max=2**64 - 1)]
-Pictures = Annotated[bool, Option("--pictures/--no-pictures", help="draw the curves; without, it is faster")]
+Seed = Annotated[int, Option(help="seed of the random draws of the intervals", min=0, max=2**64 - 1)]
+Pictures = Annotated[bool, Option("--pictures/--no-pictures", help="draw pictures; --no-pictures is faster")]
 _PAPER = "paper: each curve and group also as PDF, SVG and PNG (300 dpi), 84 and 174 mm wide"
 Figures = Annotated[str | None, Option(help=_PAPER)]
-Quiet = Annotated[bool, Option("--quiet", help="no table and no progress: errors alone")]
-_TRUST = "I have checked scale, frame rate and constants: doubts are said, the verdict stays"
+Quiet = Annotated[bool, Option("--quiet", help="print errors only, no table and no progress")]
+_TRUST = "I checked scale, frame rate and constants: report doubts, but keep the verdict"
 TrustInput = Annotated[bool, Option("--trust-input", help=_TRUST)]
-Exclude = Annotated[str | None, Option(help="frames of a recording to leave out, '12,40-45': from 1")]
+Exclude = Annotated[str | None, Option(help="frames of a recording to leave out, such as '12,40-45' (the first is 1)")]
 UmPerPx = Annotated[float | None, Option(help="micrometres per pixel of a recording")]
-_BLUR = "of a frame, us, centred on its time: --verify blurs the simulation as the camera"
+_BLUR = "exposure time of a frame, us, centred on its time: --verify blurs the simulation alike"
 _GROUP = "shots of one material: file, folder, none, or auto: a file, or a folder of single-shot files"
 Group = Annotated[str, Option(help=_GROUP)]
-_KINETIC = "of the bubble: equilibrium (the field's model), or kinetic (vapour condenses at a finite rate)"
+_KINETIC = "model of the vapour: equilibrium (the field's model) or kinetic (condenses at a finite rate)"
 Contents = Annotated[str, Option(help=_KINETIC, autocompletion=values(*_CONTENTS))]
 _LAW = "a law of `cavirheo laws`, or auto  [default: nhkv]"
 Material = Annotated[str | None, Option(help=_LAW, autocompletion=law_names)]
-KnownStretch = Annotated[float | None, Option(help="R_max/R_0 if known; inferred otherwise")]
-ReadWindow = Annotated[int | None, Option(help="collapses that are read and compared  [default: 3]", min=1)]
-_EITHER = "of the bubble: equilibrium (the field's model), kinetic, or auto: both, the evidence chooses"
+KnownStretch = Annotated[float | None, Option(help="R_max/R_0 if it is known; otherwise it is inferred")]
+ReadWindow = Annotated[int | None, Option(help="number of collapses to compare  [default: 3]", min=1)]
+_EITHER = "model of the vapour: equilibrium (the field's), kinetic, or auto (the evidence chooses)"
 EitherContents = Annotated[str, Option(help=_EITHER, autocompletion=values(*_CONTENTS, "auto"))]
-_BOTH = "of the bubble: equilibrium, kinetic or both, with a comma"
+_BOTH = "models of the vapour: equilibrium, kinetic, or both with a comma"
 ManyContents = Annotated[str, Option(help=_BOTH, autocompletion=values(*_CONTENTS, commas=True))]
-ManyLaws = Annotated[str, Option(help="two or more, with commas", autocompletion=many_law_names)]
-WallDistanceUm = Annotated[float | None, Option(help="of one rigid wall, instead of --wall-inertia")]
-Shots = Annotated[str | None, Option(help="of every file, '1,4-7': from 1 in its order  [default: all]")]
-_WANTED = "half of the 90 % interval that is wanted, of the value"
+ManyLaws = Annotated[str, Option(help="two or more laws, with commas", autocompletion=many_law_names)]
+WallDistanceUm = Annotated[float | None, Option(help="distance to one rigid wall, instead of --wall-inertia")]
+Shots = Annotated[str | None, Option(help="shots of every file, such as '1,4-7' (the first is 1)  [default: all]")]
+_WANTED = "wanted half-width of the 90 % interval, % of the value"
 WantedPercent = Annotated[float, Option(help=_WANTED, min=0.1, max=99.0)]
-_COLUMN = (
-    "table of shots, files or groups and one number each (a concentration, ...), or R_max: the material's slope over it"
-)
+_COLUMN = "table with a number (a concentration, ...) for each shot, file or group, or R_max: slope of the material"
 Column = Annotated[Path | None, Option(help=_COLUMN, readable=False)]
 _SCHEDULER = "dask: tcp://HOST:PORT, or slurm:FILE.toml  [default: the cores of this machine]"
 Scheduler = Annotated[str | None, Option(help=_SCHEDULER)]
@@ -143,18 +140,18 @@ _Number = float | None
 _KINDS: dict[str, dict[str, tuple[Any, Any]]] = {  # argument: its options, each with type and default
     "liquid": {
         "medium": (Annotated[str, Option(help=_MEDIUM, autocompletion=medium_names)], "water"),
-        "density": (Annotated[_Number, Option(help="of the liquid or gel, kg/m3")], None),
+        "density": (Annotated[_Number, Option(help="density of the liquid or gel, kg/m3")], None),
         "sound_speed": (Annotated[_Number, Option(help="m/s")], None),
         "surface_tension": (Annotated[_Number, Option(help="N/m")], None),
-        "pressure": (Annotated[_Number, Option(help="far from the bubble, Pa")], None),
-        "temperature": (Annotated[_Number, Option(help="far from the bubble, K")], None),
+        "pressure": (Annotated[_Number, Option(help="pressure far from the bubble, Pa")], None),
+        "temperature": (Annotated[_Number, Option(help="temperature far from the bubble, K")], None),
         "trust_input": (TrustInput, False),
     },
     "reading": {
         "rmax_um": (Annotated[_Number, Option(help="true R_max of the shots, um: rescales the radii")], None),
         "shots": (Shots, None),
         "frame_rate_hz": (
-            Annotated[_Number, Option(help="1/s, of recordings and of files that number their frames")],
+            Annotated[_Number, Option(help="frames per second, for recordings and files that number their frames")],
             None,
         ),
         "um_per_px": (UmPerPx, None),
@@ -165,18 +162,27 @@ _KINDS: dict[str, dict[str, tuple[Any, Any]]] = {  # argument: its options, each
     },
     "bubble": {
         "contents": (EitherContents, "equilibrium"),
-        "accommodation": (Annotated[str | None, Option(help="of kinetic contents, up to 10  [default: free]")], None),
+        "accommodation": (
+            Annotated[str | None, Option(help="coefficient of kinetic contents, up to 10  [default: free]")],
+            None,
+        ),
         "damage": (
-            Annotated[str, Option(help="none, first-rebound or strain: what gives the law another modulus and R_0")],
+            Annotated[
+                str,
+                Option(help="softening of the gel: none, first-rebound or strain"),
+            ],
             "none",
         ),
         "wall_inertia": (Annotated[str, Option(help="R_max sum(s/d) over image bubbles; or free")], "0"),
         "wall_distance_um": (WallDistanceUm, None),
         "vapour_excess": (Annotated[str, Option(help="vapour at R_max above saturation, Pa; or free")], "0"),
-        "wall_radiation": (Annotated[str, Option(help="2 pi (R_max^2/A) c/U_c of a tube around; or free")], "0"),
+        "wall_radiation": (
+            Annotated[str, Option(help="2 pi (R_max^2/A) c/U_c of a tube around it; or free")],
+            "0",
+        ),
     },
     "run": {
-        "json": (Annotated[bool, Option("--json", help="the document on stdout instead of the table")], False),
+        "json": (Annotated[bool, Option("--json", help="print the JSON document instead of the table")], False),
         "quiet": (Quiet, False),
     },
 }

@@ -20,11 +20,11 @@ def rheometer(
         typer.Argument(readable=False, help="sweeps of one material: .csv, .txt, .xlsx; a folder; - for stdin"),
     ],
     at: Annotated[float, typer.Option(help="angular frequency of the viscosity G''/omega, rad/s")] = 1.0,
-    tolerance: Annotated[float, typer.Option(help="by which G' may leave its plateau in the linear range, %")] = 5.0,
+    tolerance: Annotated[float, typer.Option(help="allowed change of G' within the linear range, %")] = 5.0,
     beside: Annotated[
         Path | None, typer.Option(help="result.json of `cavirheo infer`: one table with its bubbles")
     ] = None,
-    name: Annotated[str | None, typer.Option(help="of the material; default: what the file names share")] = None,
+    name: Annotated[str | None, typer.Option(help="of the material  [default: from the file names]")] = None,
     out: options.Out = Path("cavirheo-rheometer"),
     pictures: options.Pictures = True,
     run: Run = options.FROM_OPTIONS,

@@ -52,7 +52,7 @@ def simulate(
         tuple[float, float] | None,
         Option(help="factors of the modulus and of R_0", metavar="MODULUS RADIUS"),
     ] = None,
-    damage_by: Annotated[str, Option(help="first-rebound, or strain: factors of a tenfold contraction")] = (
+    damage_by: Annotated[str, Option(help="first-rebound, or strain (factors at a tenfold contraction)")] = (
         "first-rebound"
     ),
     wall_inertia: Annotated[float, Option(help="R_max sum(s/d) over image bubbles: R_max/2h for one wall at h")] = 0.0,

@@ -22,10 +22,10 @@ def which_law(
     files: options.Curves,
     laws: options.ManyLaws = ("nhkv,newtonian,power-law,carreau-yasuda,qkv,fung + newtonian,zener"),
     contents: options.ManyContents = "equilibrium",
-    damage: Annotated[str, Option(help="of none, first-rebound and strain, with commas")] = "none",
-    wall_inertia: Annotated[str, Option(help="of all models: R_max sum(s/d) over image bubbles; or free")] = "0",
+    damage: Annotated[str, Option(help="models of softening: none, first-rebound, strain, with commas")] = "none",
+    wall_inertia: Annotated[str, Option(help="for all models: R_max sum(s/d) over image bubbles; or free")] = "0",
     window: Annotated[
-        str | None, Option(help="collapses that are looked at, or 'all'  [default: 3, or as many as there are]")
+        str | None, Option(help="number of collapses to compare, or 'all'  [default: 3, or all if there are fewer]")
     ] = None,
     stretch: Annotated[str | None, Option(help="R_max/R_0, or 'plateau': late radius as prior; inferred otherwise")] = (
         None
@@ -40,7 +40,7 @@ def which_law(
     scheduler: options.Scheduler = None,
     run: Run = options.FROM_OPTIONS,
 ) -> None:
-    """Which of several laws do the curves speak for? Evidence by importance sampling, 1 to 10 s a curve and law."""
+    """Which of several laws explains the curves best? Evidence by importance sampling, 1 to 30 s a curve and law."""
     from cavirheo.cluster import connected
     from cavirheo.inference import infer_many
     from cavirheo.inference.fit import fit_many
