@@ -60,7 +60,7 @@ def made(truth: np.ndarray) -> Case:
 
 def bound(case: Case, window: int | str | None, noise: float) -> np.ndarray:
     """(3,) Cramer-Rao bound of log10 G, mu, stretch at this noise, fraction of R_max."""
-    shot = Experiment(case.clean, Family("nhkv"), options=Options(window=window, weights="equal"))
+    shot = Experiment(case.clean, Family("nhkv"), options=Options(window=window, weights="equal", free=()))
     shot.sigma = np.ones(len(shot.measured))
     J = LeastSquares([shot]).jacobian(case.truth[:3], FINE, central=True)
     return noise * np.sqrt(np.diag(np.linalg.pinv(J.T @ J, rcond=1e-14)))

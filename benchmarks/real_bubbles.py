@@ -25,6 +25,7 @@ import numpy as np
 
 from cavirheo.arrays import Floats
 from cavirheo.curve import RadiusCurve
+from cavirheo.inference import infer_many
 from cavirheo.inference.experiment import Experiment
 from cavirheo.inference.fit import fit_many
 from cavirheo.inference.law import Family
@@ -264,8 +265,12 @@ def run_ahead(kept: Kept, sets: Sets) -> None:
                 kept(f"ahead/{name}/{i}", ahead, sets[name][i], float(np.median(others)))
 
 
+def inferred(curve: RadiusCurve, contents: str) -> dict[str, Any]:
+    return record(curve, infer_many([curve], contents=contents, trust_input=True, workers=1)[0])
+
+
 def run_controls(kept: Kept, _: Sets) -> None:
-    """Simulated gels of either contents, fitted with both: ten of each, 0.7 % noise, 1 million frames/s."""
+    """Simulated gels of either contents, fitted and inferred with both: ten of each, 0.7 % noise, 1 million frames/s."""
     rng, frames = np.random.default_rng(1), np.arange(100) * 1e-6
     for truth, contents, viscosity in (("kinetic", KINETIC, 0.003), ("equilibrium", {}, 0.03)):
         for i in range(10):
@@ -277,6 +282,7 @@ def run_controls(kept: Kept, _: Sets) -> None:
             kept(f"control/{truth}/{i}", asdict, gel)
             for model, options in GEL.items():
                 kept(f"control/{truth}/{i}/{model}", one, curve, "nhkv", np.inf, options)
+                kept(f"control/{truth}/{i}/infer {model}", inferred, curve, model)
 
 
 RUNS = {"growth": run_growth, "fits": run_fits, "ahead": run_ahead, "controls": run_controls, "water": run_water}

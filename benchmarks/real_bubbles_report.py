@@ -154,16 +154,17 @@ def ahead_rows(kept: Mapping[str, Any]) -> Iterable[list[Any]]:
 
 def control_rows(kept: Mapping[str, Any]) -> Iterable[list[Any]]:
     for truth in ("kinetic", "equilibrium"):
-        for model in ("equilibrium", "kinetic"):
+        for model in ("equilibrium", "infer equilibrium", "kinetic", "infer kinetic"):
             pairs = [(kept[f"control/{truth}/{i}"], kept.get(f"control/{truth}/{i}/{model}"))
                      for i in range(10) if f"control/{truth}/{i}" in kept]  # fmt: skip
             known = [(true, answer) for true, answer in pairs if answer and "best" in answer]
             if known:
                 records = [answer for _, answer in known]
                 G, mu = (np.array([a["best"][n] / t[n] for t, a in known]) for n in ("shear_modulus", "viscosity"))
-                held = sum(a["interval"][0] <= t["viscosity"] <= a["interval"][1] for t, a in known)
+                held = sum(bool(a["interval"]) and a["interval"][0] <= t["viscosity"] <= a["interval"][1] for t, a in known)
                 cells = [spread(G), spread(mu), f"{held} of {len(known)}", spread(of(records, "accommodation"))]
-                yield [truth, model, *cells, spread(of(records, "chi2"))]
+                how = model.replace("infer ", "") + (", by `infer`" if "infer" in model else ", by `fit`")
+                yield [truth, how, *cells, spread(of(records, "chi2"))]
 
 
 def water_rows(kept: Mapping[str, Any]) -> Iterable[list[Any]]:
