@@ -193,7 +193,7 @@ def group_picture(pairs: Pairs, records: Sequence[CurveRecord], group: GroupReco
     height = 3.5 + 1.7 * (len(beside) - 1)
     bottom = 0.486 / height  # of all axes
     figure = style.new_figure(height)
-    head = f"{digits.elide(group.name, 56)}: {group.shots}"
+    head = f"{digits.elide(group.name, 32)}: {group.shots}"
     write(figure, _LEFT, 1.0 - 0.19 / height, head, size=11, weight="bold")
     models = dict.fromkeys(record.itself.in_words for *_, record in shots)
     said = filter(None, [*models, group.basis])
