@@ -12,6 +12,7 @@ import urllib.error
 import urllib.request
 import zipfile
 from contextlib import contextmanager, suppress
+from dataclasses import fields
 from importlib.util import find_spec
 from pathlib import Path
 from threading import Event
@@ -325,7 +326,7 @@ def test_a_stop_keeps_what_is_done_and_names_the_rest(session, monkeypatch):
         return real(curves, **options)
 
     monkeypatch.setattr(steps, "infer_many", slow)
-    infer(session, names, lambda _, said: said.startswith("1 of") and session.stopped.set())
+    infer(session, names, lambda _, said: said.startswith("1 of") and session.work.stopped.set())
     hold.set()
     kept = session.answers
     assert [curve.name for curve, _ in kept.pairs] == names[:1]
@@ -333,11 +334,11 @@ def test_a_stop_keeps_what_is_done_and_names_the_rest(session, monkeypatch):
     assert kept.document.command.endswith("(1 of 5 shots)")
     assert all(words in answers(session) for words in ("1 of 5 shots", ", ".join(names[1:])))
     for run in (lambda: infer(session, names, silent), lambda: fit(session, names[0], silent)):
-        with refused("app.stopped"):
+        with refused("parallel.stopped"):
             run()
     assert session.answers is kept
     assert kept.fits == {}
-    session.stopped.clear()
+    session.work.stopped.clear()
     assert infer(session, names[:2], silent).not_run == []
 
 
@@ -347,7 +348,7 @@ def test_one_run_at_a_time_and_none_for_what_has_changed(session):
 
     def again(*_):
         asked.append(True)
-        with refused("app.busy"):
+        with refused("parallel.busy"):
             infer(session, ["soft_gel[2]"], silent)
         session.prepare(PageSettings(window=2))
 
@@ -355,6 +356,22 @@ def test_one_run_at_a_time_and_none_for_what_has_changed(session):
         infer(session, ["soft_gel[1]"], again)
     assert asked
     assert session.answers is None
+
+
+def fields_of(**typed):
+    """What stands in the fields of the page, in their order."""
+    usual = {field.name: getattr(PageSettings, field.name) for field in fields(PageSettings)}
+    return [*(usual | {"density": "", "window": 0} | typed).values()]
+
+
+def test_the_fields_of_the_page_are_settings_or_say_why_not():
+    settings, wrong = PageSettings.of(fields_of(density="1050", window=2))
+    assert (settings, wrong) == (PageSettings(density=1050.0, window=2), {})
+    _, wrong = PageSettings.of(fields_of(density="1,050", stretch="0.5"))
+    assert list(wrong) == ["density", "stretch"]
+    assert "two ways" in wrong["density"]
+    _, wrong = PageSettings.of(fields_of(material="auto", verify="none"))
+    assert list(wrong) == [""]  # neither is wrong alone
 
 
 def test_full_uncertainty_is_limited(reader):
@@ -365,7 +382,7 @@ def test_full_uncertainty_is_limited(reader):
             infer(session, [curve.name for curve in session.curves], silent)
     finally:
         session.close()
-    assert session.stopped.is_set()  # whatever still runs for one who is gone
+    assert session.work.stopped.is_set()  # whatever still runs for one who is gone
 
 
 def test_a_reader_that_hangs_or_dies_is_replaced(reader, tmp_path, monkeypatch):

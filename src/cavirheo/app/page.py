@@ -18,8 +18,9 @@ from cavirheo.app.endpoint import public, uploaded
 from cavirheo.app.events import AT_ONCE, LATEST, button, html, line, plot
 from cavirheo.app.film_part import FilmPart
 from cavirheo.app.session import Camera, PageSettings, Session, Visitors
-from cavirheo.errors import InputError, number_of
+from cavirheo.errors import InputError, require
 from cavirheo.inference import DEFAULT
+from cavirheo.inference.trial import seen
 from cavirheo.physics.media import MEDIA
 from cavirheo.reporting import interactive as plots
 
@@ -187,7 +188,7 @@ class Page(FilmPart):
         given, fitted = [self.checked, self.trial], [self.check_plot, self.facts]
         self._run(self.fit, 4, self.stop_fit, self._fit, given, fitted, show_progress_on=[self.check_plot])
         for pressed in (self.stop, self.stop_fit):
-            self.on(pressed.click, lambda session: session.stopped.set(), [], [], queue=False)
+            self.on(pressed.click, lambda session: session.work.stopped.set(), [], [], queue=False)
         moved = partial(gr.on, [slider.input for slider in self.sliders])
         self.on(moved, self._try, [self.checked, *self.sliders], [self.trial], queue=False, **LATEST)
         zipped = self.working(self.make.click, self._zip, [], [self.files, self.download], show_progress_on=[self.make])
@@ -209,8 +210,8 @@ class Page(FilmPart):
         set_before = also or {}
 
         def begin(session: Session) -> list[Any]:
-            if not session.busy.locked():
-                session.stopped.clear()
+            if not session.work.busy.locked():
+                session.work.stopped.clear()
             return [gr.Tabs(selected=step), gr.Button(visible=True), *set_before.values()]
 
         begun = self.on(pressed.click, begin, [], [self.steps, stop, *set_before], **AT_ONCE)
@@ -220,7 +221,7 @@ class Page(FilmPart):
         return run
 
     def _stoppable(self, request: gr.Request) -> Any:
-        return gr.Button(visible=self.session(request).busy.locked())
+        return gr.Button(visible=self.session(request).work.busy.locked())
 
     # the handlers
 
@@ -292,7 +293,7 @@ class Page(FilmPart):
     def _view(self, session: Session, name: str | None) -> list[Any]:
         for curve in (one for one in session.curves if one.name == name):
             try:
-                return [plots.prepared(curve, steps.seen(curve, session.settings)), words.prepared(curve)]
+                return [plots.prepared(curve, seen(curve, *session.settings.compared)), words.prepared(curve)]
             except InputError as error:
                 return [None, words.prepared(curve, error)]
         return [None, ""]
@@ -337,21 +338,13 @@ class Page(FilmPart):
 
 
 def _settings(values: Sequence[Any]) -> PageSettings:
-    """From the components, in the order of the fields of PageSettings. Raises InputError: no number."""
-    given = dict(zip((field.name for field in fields(PageSettings)), values, strict=True))
-    for name in _NUMBERS:
-        given[name] = number_of(given[name], name.replace("_", " "))
-    return PageSettings(**given | {"window": given["window"] or None})
+    """From the components, in the order of the fields of PageSettings. Raises InputError."""
+    settings, wrong = PageSettings.of(values)
+    require(not wrong, "; ".join(wrong.values()), "app.settings")
+    return settings
 
 
 def _wrong(values: Sequence[Any]) -> list[str]:
-    """Why each setting cannot be, in the order of the fields of PageSettings; empty where it can."""
-    found = []
-    for field, value in zip(fields(PageSettings), values, strict=True):
-        try:
-            given = number_of(value, field.name.replace("_", " ")) if field.name in _NUMBERS else value or None
-            _ = PageSettings(**{field.name: given}).reading  # type: ignore[arg-type]
-            found.append("")
-        except InputError as error:
-            found.append(words.told(error))
-    return found
+    """What is said at each of them."""
+    wrong = PageSettings.of(values)[1]
+    return [words.told(wrong.get(field.name, "")) for field in fields(PageSettings)]

@@ -5,21 +5,20 @@ from __future__ import annotations
 import shlex
 import shutil
 from collections.abc import Sequence
-from concurrent.futures import Future
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from itertools import count
 from pathlib import Path
 from secrets import token_urlsafe
 from tempfile import TemporaryDirectory
-from threading import Event, Lock, RLock, Timer
+from threading import Lock, RLock, Timer
 from typing import Any, NamedTuple
 
 from cavirheo.curve import RadiusCurve
-from cavirheo.errors import InputError, require
+from cavirheo.errors import InputError, number_of, require
 from cavirheo.inference import DEFAULT, check_level, check_models
 from cavirheo.inference.model import shipped
 from cavirheo.inference.reconstruct import check_stretch
-from cavirheo.parallel import Once
+from cavirheo.parallel import Once, Stoppable
 from cavirheo.physics.media import Medium, medium
 from cavirheo.posterior import Posterior
 from cavirheo.reading.apart import Found, Reader
@@ -83,6 +82,23 @@ class PageSettings:
             object.__setattr__(self, "material", None)
         check_models(self.model, self.material, "equilibrium", self.verify)
 
+    @classmethod
+    def of(cls, values: Sequence[Any]) -> tuple[PageSettings, dict[str, str]]:
+        """From what stands in the fields of the page, in their order; why it cannot be, by field, "" for all together:
+        settings are the usual ones then."""
+        given, wrong = dict[str, Any](), dict[str, str]()
+        for one, value in zip(fields(cls), values, strict=True):
+            try:
+                numeric, name = one.type == "float | None", one.name.replace("_", " ")
+                alone: dict[str, Any] = {one.name: number_of(value, name) if numeric else value or None}
+                _, given = cls(**alone).reading, given | alone
+            except InputError as error:
+                wrong[one.name] = str(error)
+        try:
+            return cls() if wrong else cls(**given), wrong
+        except InputError as error:
+            return cls(), {"": str(error)}
+
     @property
     def liquid(self) -> Medium:
         """Raises InputError."""
@@ -95,6 +111,11 @@ class PageSettings:
         liquid, scale = self.liquid, None if self.rmax_um is None else self.rmax_um * 1e-6
         check_max_radius(scale)
         return {"density": liquid.density, "pressure": liquid.pressure, "max_radius": scale, "group": self.group}
+
+    @property
+    def compared(self) -> tuple[str, str | None, Medium, int | None]:
+        """Which window an answer is compared over, as `inference.trial` asks for it. Raises InputError."""
+        return self.model, self.material, self.liquid, self.window
 
     def command(self, files: Sequence[Path]) -> str:
         """The command line that means the same for these files."""
@@ -164,8 +185,7 @@ class Session:
         self.said = ""  # why the last thing that was asked was not done
         self.link = token_urlsafe(16)  # whoever knows it comes back here
         self.lock = RLock()  # held while anything here is read or changed, never while shots are worked on
-        self.busy, self.exporting, self.stopped = Lock(), Lock(), Event()  # held by a run, by a zip; ends a run
-        self.abandoned: set[Future[Any]] = set()  # shots that were worked on when a run was stopped
+        self.work, self.exporting = Stoppable(), Lock()  # on shots, of a zip
         self.calls = 0  # so often was anything asked
         self._temporary = TemporaryDirectory(prefix="cavirheo-")
         self.folder = Path(self._temporary.name)
@@ -263,7 +283,7 @@ class Session:
         self.files, self.curves, self.problems, self.answers, self.films, self.film = [], [], [], None, {}, ""
 
     def close(self) -> None:
-        self.stopped.set()
+        self.work.stopped.set()
         self._temporary.cleanup()
 
     def _free(self, name: str) -> Path:

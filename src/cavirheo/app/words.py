@@ -57,7 +57,7 @@ def picture() -> str:
     return f"data:image/png;base64,{b64encode(image).decode()}"
 
 
-def told(error: Exception) -> str:
+def told(error: Exception | str) -> str:
     """The message, with the field of the page instead of the option of the command line."""
     said = str(error).replace("--rmax-um", "R_max in step 2").replace("--roi", "cavirheo measure --roi")
     return said.replace("; give --um-per-px", ": type it")

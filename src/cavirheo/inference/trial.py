@@ -13,8 +13,9 @@ from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError, SolverError
 from cavirheo.inference.experiment import Experiment
 from cavirheo.inference.law import Family
+from cavirheo.inference.model import load
 from cavirheo.inference.options import FREE, Options
-from cavirheo.inference.reconstruct import Window, window
+from cavirheo.inference.reconstruct import Window, check_stretch, window
 from cavirheo.parameters import PARAMETERS
 from cavirheo.physics.media import Medium
 from cavirheo.posterior import Checks, Posterior
@@ -23,20 +24,36 @@ DRAWS = 40  # of a posterior, that its band is made of
 Band = tuple[Floats, Floats, Floats]
 
 
-class AnswerTrial:
-    """A curve, what was answered of it in a medium, and the window it was compared over; `view`: that of an answer
-    without a simulation. Raises InputError as `Experiment`."""
+def seen(curve: RadiusCurve, model: str, material: str | None, medium: Medium, collapses: int | None = None) -> Window:
+    """What is compared with the answer of these options of `infer_many`. Raises InputError."""
+    if material is not None:
+        return Experiment(curve, Family("newtonian"), medium, Options(collapses)).view  # of any law
+    problem = load(model).problem  # of a network that reads its own window
+    end = problem.grid_step(curve.max_radius, medium) * (problem.grid.frames - 1)
+    return window(curve, collapses=collapses, end=end)
 
-    def __init__(self, curve: RadiusCurve, posterior: Posterior, medium: Medium, view: Window) -> None:
+
+class AnswerTrial:
+    """A curve, what was answered of it in a medium, and the window it was compared over; of an answer without a
+    simulation that of these options, as in `seen`. Raises InputError as `Experiment`."""
+
+    def __init__(
+        self, curve: RadiusCurve, posterior: Posterior, model: str, material: str | None, medium: Medium,
+        collapses: int | None = None,
+    ) -> None:  # fmt: skip
         frames = posterior.checks.compared_time
-        end = view.end if frames is None else window(curve, end=frames[-1] - curve.time_of_max).end
+        if frames is None:
+            end = seen(curve, model, material, medium, collapses).end
+        else:
+            end = window(curve, end=frames[-1] - curve.time_of_max).end
         options = Options(None, end * (1.0 + 1e-9), None, tuple(FREE), bubble=posterior.bubble)
         exposure = float(curve.exposure or 0.0)
         self.posterior = posterior
         self.shot = Experiment(curve, Family(posterior.material), medium, options, exposure=exposure)
 
     def checks(self, given: Mapping[str, float]) -> Checks:
-        """With these parameters (natural name, SI) in place of those of the answer. Raises SolverError."""
+        """With these parameters (natural name, SI) in place of those of the answer. Raises InputError, SolverError."""
+        check_stretch(given.get("stretch"))
         return self.shot.checks(self.shot.from_best({**self.posterior.best, **given}), "ok", [])
 
     def band(self, level: float = 0.9) -> Band | None:
