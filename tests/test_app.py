@@ -141,11 +141,41 @@ def test_only_the_endpoint_is_public(client):
         ({"rmax_um": -1.0}, "-1"),
         ({"window": -1}, "-1"),
         ({"verify": "surely"}, "surely"),
+        ({"contents": "helium"}, "helium"),
+        ({"contents": "kinetic", "model": "bdt-viscous"}, "equilibrium"),
     ],
 )
 def test_bad_settings_are_told_to_programs(client, options, named):
     with told(named):
         ask(client, SOFT, **options)
+
+
+def asked(address, *values):
+    """(event, data) that a call without gradio's client ends with."""
+    place = f"{address}gradio_api/call/infer"
+    sent = urllib.request.Request(place, json.dumps({"data": values}).encode(), {"Content-Type": "application/json"})
+    with urllib.request.urlopen(sent) as answer:
+        event = json.load(answer)["event_id"]
+    said = get(f"{place}/{event}").strip().rpartition("event: ")[2]
+    name, _, data = said.partition("\ndata: ")
+    return name, json.loads(data or "null")
+
+
+def test_a_call_by_curl_gives_no_more_than_it_means(served, tmp_path):
+    file = {"path": upload(served[0], single(tmp_path / "one.csv")), "meta": {"_type": "gradio.FileData"}}
+    event, (document,) = asked(served[0], [file], None, None, 1050, None, None, None, "none")
+    assert event == "complete"
+    assert document["command"] == "cavirheo infer one.csv --density 1050 --verify none"
+    event, said = asked(served[0])
+    assert event == "error"
+    assert "no curve" in str(said)
+    assert "object at" not in str(said)
+
+
+def test_programs_choose_the_contents_of_the_bubble(client, tmp_path):
+    document = ask(client, single(tmp_path / "one.csv"), contents="kinetic", verify="none")
+    assert document["command"] == "cavirheo infer one.csv --contents kinetic --verify none"
+    assert [record["contents"] for record in document["curves"]] == ["kinetic"]
 
 
 def test_damaged_and_too_many_files_leave_the_server_answering(client, tmp_path):
@@ -467,6 +497,19 @@ def test_a_short_call_of_a_program_does_not_wait_for_a_long_one(served, client, 
     assert not long.done()
     hold.set()
     assert len(long.result()["curves"]) == 1
+
+
+def test_the_conventional_fit_and_the_sliders_have_the_contents_of_the_answer(session):
+    session.add([SOFT], PageSettings(contents="kinetic", verify="none"), copy=True)
+    infer(session, ["soft_gel[1]"], silent)
+    answers, _, answer, record = session.find("soft_gel[1]")
+    assert answers.document.command == "cavirheo infer soft_gel.csv --contents kinetic --verify none (1 of 5 shots)"
+    assert record.contents == "kinetic"
+    start = sliders(session, "soft_gel[1]")
+    found, _ = trial(session, "soft_gel[1]", [start[key]["value"] for key in start])
+    assert found.rmse_over_rmax == pytest.approx(answer.checks.rmse_over_rmax, rel=0.01)
+    fit(session, "soft_gel[1]", silent)
+    assert answers.fits["soft_gel[1]"].bubble.contents == "kinetic"
 
 
 def test_a_law_without_modulus_has_no_slider_for_it(session):

@@ -14,7 +14,7 @@ from typing import Any
 import gradio as gr
 
 from cavirheo.app import film, steps, words
-from cavirheo.app.endpoint import public, uploaded
+from cavirheo.app.endpoint import Served, public, uploaded
 from cavirheo.app.events import AT_ONCE, LATEST, button, html, line, plot
 from cavirheo.app.film_part import FilmPart
 from cavirheo.app.session import Camera, PageSettings, Session, Visitors
@@ -25,6 +25,10 @@ from cavirheo.physics.media import MEDIA
 from cavirheo.reporting import interactive as plots
 
 _LEVELS = {"weighed by simulations": "auto", "not verified (fastest)": "none", "Gaussian": "map", "full (slow)": "full"}
+_CONTENTS = {
+    "equilibrium (the field's model)": "equilibrium", "finite-rate condensation": "kinetic",
+    "whichever the evidence prefers (slower)": "auto",
+}  # fmt: skip
 _WINDOWS = {"the usual one": 0, "1 collapse": 1, "2 collapses": 2, "3 collapses": 3}
 _GROUPS = {
     "those of one file; files of a single shot together": "auto", "those of one file": "file", "each by itself": "none",
@@ -54,7 +58,7 @@ class Page(FilmPart):
         self.tabs: list[Any] = []
         tabs = {"Data": self._data, "Prepare": self._prepare, "Infer": self._infer}
         tabs |= {"Check": self._check, "Export": self._export}
-        self.blocks = gr.Blocks(title="cavirheo", analytics_enabled=False, delete_cache=(300, 900), fill_width=True)
+        self.blocks = Served(title="cavirheo", analytics_enabled=False, delete_cache=(300, 900), fill_width=True)
         with self.blocks:
             self.top = html(words.top())
             self.wrong, self.link = html(), gr.Textbox(visible="hidden", label="Address")
@@ -122,6 +126,8 @@ class Page(FilmPart):
         self.fields["material"] = gr.Radio(words.materials(), value="nhkv", label="Material")
         with gr.Accordion("More about the method", open=False):
             self.fields["model"] = gr.Radio(words.models(), value=DEFAULT, label="Model")
+            contents = list(_CONTENTS.items())
+            self.fields["contents"] = gr.Radio(contents, value="equilibrium", label="Contents of the bubble")
             self.fields["verify"] = gr.Radio(list(_LEVELS.items()), value="auto", label="Uncertainty")
         with gr.Row():
             self.infer, self.stop = button("Infer all chosen shots"), _stop()

@@ -47,7 +47,7 @@ class VisitorLimits:
     absent: float = 600.0  # s after which one who closed the page is forgotten
 
 
-ANSWERED = ("model", "material", "verify")  # of PageSettings: how an answer is found
+ANSWERED = ("model", "material", "contents", "verify")  # of PageSettings: how an answer is found
 
 
 @dataclass(frozen=True)
@@ -56,7 +56,7 @@ class PageSettings:
 
     Raises:
         InputError: an unknown level of `verify`, a model that is not shipped (no file of this machine is opened for a
-            visitor), a law that it does not answer, or a stretch that no bubble has.
+            visitor), a law or contents of the bubble that it does not answer, or a stretch that no bubble has.
     """
 
     medium: str = "water"
@@ -71,6 +71,7 @@ class PageSettings:
     group: str = "auto"  # whose shots are one material
     model: str = DEFAULT
     material: str | None = "nhkv"  # None for a network that knows one law
+    contents: str = "equilibrium"
     verify: str = "auto"
 
     def __post_init__(self) -> None:
@@ -80,7 +81,7 @@ class PageSettings:
         require(self.model in shipped(), unknown, "app.unknown_model")
         if self.model in shipped("point"):
             object.__setattr__(self, "material", None)
-        check_models(self.model, self.material, "equilibrium", self.verify)
+        check_models(self.model, self.material, self.contents, self.verify)
 
     @classmethod
     def of(cls, values: Sequence[Any]) -> tuple[PageSettings, dict[str, str]]:

@@ -73,13 +73,13 @@ def infer(session: Session, names: Sequence[str], progress: Report) -> Answers:
 
 
 def fit(session: Session, name: str | None, progress: Report) -> None:
-    """The conventional fit of one answered curve, with the same medium, window and stretch. Raises InputError."""
+    """The conventional fit of one answered curve: same law, contents, medium, window and stretch. Raises InputError."""
     with session.lock:
         (answers, curve, posterior, _), settings = session.find(name), session.settings
     options: dict[str, Any] = {"window": settings.window, "stretch": settings.stretch, "medium": settings.liquid}
 
     def one(curve: RadiusCurve) -> Posterior:
-        return fit_many([curve], posterior.material, **options)[0]
+        return fit_many([curve], posterior.material, contents=posterior.bubble.contents, **options)[0]
 
     (found,) = session.work.each(one, [curve], partial(_told, progress))
     with session.lock:

@@ -93,6 +93,7 @@ def denser(pairs: Sequence[tuple[RadiusCurve, Posterior]], medium: Medium, **opt
         how: dict[str, Any] = {
             "medium": replace(medium, density=density),
             "material": answer.material,
+            "contents": answer.bubble.contents,
             "verify": "none",
             "workers": 1,
         }
