@@ -28,9 +28,10 @@ from test_hostile import FILES
 from cavirheo.app import steps
 from cavirheo.app.session import PageSettings, Session, VisitorLimits, Visitors
 from cavirheo.app.steps import examples, export, fit, infer, sliders, trial
-from cavirheo.app.words import answers
+from cavirheo.app.words import answers, facts
 from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError
+from cavirheo.inference.trial import band
 from cavirheo.reading import read_curves, write_csv
 from cavirheo.reading.apart import Reader
 from cavirheo.reporting import interactive, live
@@ -447,8 +448,8 @@ def test_trials_are_simulations_or_say_that_they_failed(session):
 def test_the_band_of_the_draws_holds_the_answer_and_a_density_matters(session):
     session.add([SOFT], PageSettings(), copy=True)
     kept = infer(session, ["soft_gel[1]"], silent)
-    answer = session.find("soft_gel[1]")[2]
-    time, low, high = steps.band(session, "soft_gel[1]")
+    _, curve, answer, _ = session.find("soft_gel[1]")
+    time, low, high = band(curve, answer, *session.settings.compared)
     assert np.array_equal(time, answer.checks.reconstruction_time)
     assert np.all(low <= high)
     inside = (answer.checks.reconstruction_radius >= low) & (answer.checks.reconstruction_radius <= high)
@@ -510,6 +511,17 @@ def test_the_conventional_fit_and_the_sliders_have_the_contents_of_the_answer(se
     assert found.rmse_over_rmax == pytest.approx(answer.checks.rmse_over_rmax, rel=0.01)
     fit(session, "soft_gel[1]", silent)
     assert answers.fits["soft_gel[1]"].bubble.contents == "kinetic"
+
+
+def test_the_fit_beside_a_network_of_the_paper_has_its_frames(session):
+    """Which read their own window, beyond the third collapse."""
+    session.add([SOFT], PageSettings(model="bdt-viscoelastic"), copy=True)
+    infer(session, ["soft_gel[1]"], silent)
+    fit(session, "soft_gel[1]", silent)
+    answers, _, answer, _ = session.find("soft_gel[1]")
+    frames, other = (len(one.checks.compared_time) for one in (answer, answers.fits["soft_gel[1]"]))
+    assert frames == other
+    assert f"with the same {frames} frames" in facts(session, "soft_gel[1]")
 
 
 def test_a_law_without_modulus_has_no_slider_for_it(session):

@@ -17,11 +17,12 @@ from cavirheo.app import film, steps, words
 from cavirheo.app.endpoint import Served, public, uploaded
 from cavirheo.app.events import AT_ONCE, LATEST, button, html, line, plot
 from cavirheo.app.film_part import FilmPart
-from cavirheo.app.session import Camera, PageSettings, Session, Visitors
+from cavirheo.app.session import PageSettings, Session, Visitors
 from cavirheo.errors import InputError, require
 from cavirheo.inference import DEFAULT
-from cavirheo.inference.trial import seen
+from cavirheo.inference.trial import band, seen
 from cavirheo.physics.media import MEDIA
+from cavirheo.reading.camera import Camera
 from cavirheo.reporting import interactive as plots
 
 _LEVELS = {"weighed by simulations": "auto", "not verified (fastest)": "none", "Gaussian": "map", "full (slow)": "full"}
@@ -331,7 +332,8 @@ class Page(FilmPart):
     def _answered(self, session: Session, name: str, trial: dict[str, Any] | None = None) -> list[Any]:
         answers, curve, posterior, _ = session.find(name)
         fit = answers.fits.get(name)
-        figure = plots.checked(curve, posterior.checks, fit.checks if fit else None, trial, steps.band(session, name))
+        drawn = band(curve, posterior, *answers.settings.compared)
+        figure = plots.checked(curve, posterior.checks, fit.checks if fit else None, trial, drawn)
         return [figure, words.facts(session, name)]
 
     def _try(self, session: Session, name: str, *values: float | None) -> dict[str, Any]:

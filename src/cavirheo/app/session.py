@@ -11,7 +11,7 @@ from pathlib import Path
 from secrets import token_urlsafe
 from tempfile import TemporaryDirectory
 from threading import Lock, RLock, Timer
-from typing import Any, NamedTuple
+from typing import Any
 
 from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError, number_of, require
@@ -22,6 +22,7 @@ from cavirheo.parallel import Once, Stoppable
 from cavirheo.physics.media import Medium, medium
 from cavirheo.posterior import Posterior
 from cavirheo.reading.apart import Found, Reader
+from cavirheo.reading.camera import Camera
 from cavirheo.reading.recordings import is_recording
 from cavirheo.reading.shots import check_max_radius
 from cavirheo.reporting.answer import CurveRecord
@@ -125,14 +126,6 @@ class PageSettings:
             if value not in (None, getattr(PageSettings, name)):
                 words += [f"--{name.replace('_', '-')}", str(value)]
         return shlex.join(words)
-
-
-class Camera(NamedTuple):
-    """What is said of a recording: frames per s, um per pixel, exposure in us; None: not given."""
-
-    frame_rate: float | None = None
-    um_per_px: float | None = None
-    exposure_us: float | None = None
 
 
 @dataclass(eq=False)

@@ -5,7 +5,6 @@ from __future__ import annotations
 import os
 import shutil
 from collections.abc import Sequence
-from contextlib import suppress
 from functools import partial
 from itertools import count
 from pathlib import Path
@@ -13,10 +12,10 @@ from typing import Any
 
 from cavirheo.app.session import ANSWERED, Answers, Session
 from cavirheo.curve import RadiusCurve
-from cavirheo.errors import InputError, SolverError, require
+from cavirheo.errors import InputError, require
 from cavirheo.inference import DEFAULT, infer_many
 from cavirheo.inference.fit import fit_many
-from cavirheo.inference.trial import AnswerTrial, Band, denser, reach
+from cavirheo.inference.trial import denser, reach, seen, tried
 from cavirheo.posterior import Checks, Posterior
 from cavirheo.reading.apart import Report
 from cavirheo.reporting import interactive as plots
@@ -77,6 +76,8 @@ def fit(session: Session, name: str | None, progress: Report) -> None:
     with session.lock:
         (answers, curve, posterior, _), settings = session.find(name), session.settings
     options: dict[str, Any] = {"window": settings.window, "stretch": settings.stretch, "medium": settings.liquid}
+    if settings.material is None:  # a network that reads its own window
+        options["end"] = seen(curve, *settings.compared).end * (1.0 + 1e-9)
 
     def one(curve: RadiusCurve) -> Posterior:
         return fit_many([curve], posterior.material, contents=posterior.bubble.contents, **options)[0]
@@ -103,22 +104,10 @@ def trial(session: Session, name: str, values: Sequence[float | None]) -> tuple[
 
     A simulation that fails gives the reason and nothing to draw.
     """
-    try:
-        _, curve, posterior, _ = session.find(name)
-        given = {key: v / SLIDERS[key][1] for key, v in zip(SLIDERS, values, strict=True) if v is not None}
-        found = AnswerTrial(curve, posterior, *session.settings.compared).checks(given)
-    except (InputError, SolverError) as error:
-        failed = Checks("failed", str(error))
-        return failed, plots.lines(failed)
-    return found, plots.lines(found, curve.time_of_max)
-
-
-def band(session: Session, name: str) -> Band | None:
-    """Where the simulations of the answer's draws run; None of an answer without any, or that fails."""
     _, curve, posterior, _ = session.find(name)
-    with suppress(InputError, SolverError):
-        return AnswerTrial(curve, posterior, *session.settings.compared).band()
-    return None
+    given = {key: v / SLIDERS[key][1] for key, v in zip(SLIDERS, values, strict=True) if v is not None}
+    found = tried(curve, posterior, given, *session.settings.compared)
+    return found, plots.lines(found, 0.0 if found.verdict == "failed" else curve.time_of_max)
 
 
 def unfit(session: Session) -> bool:

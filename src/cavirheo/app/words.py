@@ -131,12 +131,14 @@ def _methods(document: Result) -> tuple[str, list[Source]]:
 
 def facts(session: Session, name: str) -> str:
     """The answer, and the conventional fit if there is one, as rows of one table; then all facts of the answer."""
-    answers, curve, _, record = session.find(name)
+    answers, curve, answer, record = session.find(name)
     factor, unit = answers.document.modulus_unit
-    table, failed = "", {}
+    table, failed, frames = "", {}, list[int]()
     if posterior := answers.fits.get(name):
         rows = {"answer": record, "least squares": curve_record(curve, posterior)}
         records = [row.model_copy(update={"name": what}) for what, row in rows.items()]
         table = html.curves_table(records, factor, unit, title="Answer and conventional fit", linked=False)
         failed = once((row.name, row.message) for row in records[1:] if not row.answered)
-    return part("facts", table, failed, html.article(0, record, factor, unit, ""))
+        times = (one.checks.compared_time for one in (answer, posterior))
+        frames = [len(time) for time in times if time is not None]
+    return part("facts", table, frames, failed, html.article(0, record, factor, unit, ""))

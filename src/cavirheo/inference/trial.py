@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import replace
 from typing import Any
 
@@ -78,6 +79,21 @@ class AnswerTrial:
         tail = 0.5 - 0.5 * level
         low, high = np.quantile(np.array(lines), (tail, 1.0 - tail), axis=0)
         return time, low, high
+
+
+def tried(curve: RadiusCurve, posterior: Posterior, given: Mapping[str, float], *compared: Any) -> Checks:
+    """As `AnswerTrial.checks`; where that cannot be, the checks say why. compared: what follows the posterior there."""
+    try:
+        return AnswerTrial(curve, posterior, *compared).checks(given)
+    except (InputError, SolverError) as error:
+        return Checks("failed", str(error))
+
+
+def band(curve: RadiusCurve, posterior: Posterior, *compared: Any) -> Band | None:
+    """As `AnswerTrial.band`; None also of an answer that cannot be simulated."""
+    with suppress(InputError, SolverError):
+        return AnswerTrial(curve, posterior, *compared).band()
+    return None
 
 
 def denser(pairs: Sequence[tuple[RadiusCurve, Posterior]], medium: Medium, **options: Any) -> str:
