@@ -47,7 +47,7 @@ TrustInput = Annotated[bool, Option("--trust-input", help=_TRUST)]
 Exclude = Annotated[str | None, Option(help="frames of a recording to leave out, '12,40-45': from 1")]
 UmPerPx = Annotated[float | None, Option(help="micrometres per pixel of a recording")]
 _BLUR = "of a frame, us, centred on its time: --verify blurs the simulation as the camera"
-_GROUP = "shots of one material: file, folder, none, or auto: a file, or a folder of single-shot files"
+_GROUP = "shots of one material: file, folder, name (soft_1, soft_2), none, or auto: a file, or single-shot files"
 Group = Annotated[str, Option(help=_GROUP)]
 Contents = Annotated[
     str, Option(help="of the bubble: equilibrium (the field's model), or kinetic (vapour condenses at a finite rate)")
