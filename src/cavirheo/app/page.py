@@ -33,6 +33,7 @@ _CONTENTS = {
 _WINDOWS = {"the usual one": 0, "1 collapse": 1, "2 collapses": 2, "3 collapses": 3}
 _GROUPS = {
     "those of one file; files of a single shot together": "auto", "those of one file": "file", "each by itself": "none",
+    "those whose files have one name: soft_1, soft_2 | stiff_1": "name",
 }  # fmt: skip
 _NUMBERS = {  # settings that need not be given: label, what an empty field means
     "density": ("Density (kg/m³)", "as the medium"),
@@ -77,19 +78,18 @@ class Page(FilmPart):
     # what stands where
 
     def _data(self) -> None:
-        kinds = ".mat, .csv, .txt, .h5, .xlsx; or recordings: .mp4, .avi, .mkv, .tif, .cine, .mraw with .cihx"
-        label = f"Measured R(t): {kinds}; to {self.visitors.limits.file_mb:g} MB each"
         with gr.Row():
             with gr.Column(scale=3, min_width=300):
-                self.upload = gr.File(label=label, file_count="multiple", height=160)
+                self.upload = gr.File(label="Measured R(t), or recordings", file_count="multiple", height=160)
+                html(words.part("kinds", self.visitors.limits.file_mb))
             with gr.Column(scale=2, min_width=260):
                 html(words.part("quiet", "or look at a shipped example first:"))
                 with gr.Row():
                     self.examples = {name: _small(name) for name in steps.examples()}
                 with gr.Row():
-                    self.clear, self.to_prepare = _small("Start over"), _small("Prepare first")
+                    self.clear, self.to_prepare = _small("Start over"), _small("Prepare first", interactive=False)
                 self.infer_now = button("Infer all shots", interactive=False)
-        self.welcome = html(words.part("welcome", words.picture()))
+        self.welcome = html(words.welcome())
         self._film()
         with gr.Row(visible=False) as self.loaded:
             self.overview, self.overview_normalised = plot(), plot()
@@ -159,7 +159,15 @@ class Page(FilmPart):
     # which handler answers what
 
     def _wire(self, settings: list[Any]) -> None:
-        self.state = [*self.tabs[1:], self.infer_now, self.answers, self.to_check, self.which, self.cloud]
+        self.state = [
+            *self.tabs[1:],
+            self.to_prepare,
+            self.infer_now,
+            self.answers,
+            self.to_check,
+            self.which,
+            self.cloud,
+        ]
         shown = [
             self.found, self.welcome, self.overview, self.overview_normalised, self.chosen, self.shown,
             self.loaded, self.link, *self.state, *self._wire_film(),
@@ -287,8 +295,9 @@ class Page(FilmPart):
         answered = found is not None and not session.stale
         cloud = {"value": plots.cloud(found.pairs, found.document)} if drawn and found else {}
         return [
-            *(gr.Tab(interactive=able) for able in (loaded, loaded, answered, answered)), gr.Button(interactive=loaded),
-            words.answers(session), gr.Button(interactive=answered), gr.Button(visible=steps.unfit(session)),
+            *(gr.Tab(interactive=able) for able in (loaded, loaded, answered, answered)),
+            gr.Button(interactive=loaded), gr.Button(interactive=loaded), words.answers(session),
+            gr.Button(interactive=answered), gr.Button(visible=steps.unfit(session)),
             gr.Plot(visible=answered, **cloud),
         ]  # fmt: skip
 

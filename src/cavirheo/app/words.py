@@ -19,8 +19,8 @@ from cavirheo.inference import AUTO, DEFAULT
 from cavirheo.inference.model import card, shipped
 from cavirheo.reporting import html
 from cavirheo.reporting.answer import curve_record
-from cavirheo.reporting.citing import Source, methods
-from cavirheo.reporting.found import cells, notes, warnings
+from cavirheo.reporting.citing import TITLE, Source, methods
+from cavirheo.reporting.found import cells, notes, pooled, warnings
 from cavirheo.reporting.record import Result
 from cavirheo.video.picture import COLOURS, GREY, frame_address
 from cavirheo.video.track import FLAGS
@@ -51,10 +51,12 @@ def top() -> str:
     return part("top", version("cavirheo"))
 
 
-def picture() -> str:
-    """The address of a picture of an answer, which stands in the page."""
+def welcome() -> str:
+    """What to bring, whom to cite, and a picture of an answer."""
     image = (files("cavirheo.app") / "examples" / "answer.png").read_bytes()
-    return f"data:image/png;base64,{b64encode(image).decode()}"
+    return part(
+        "welcome", f"data:image/png;base64,{b64encode(image).decode()}", f"{TITLE}, version {version('cavirheo')}"
+    )
 
 
 def told(error: Exception | str) -> str:
@@ -115,11 +117,12 @@ def answers(session: Session) -> str:
         return part("quiet", NONE)
     document = found.document
     factor, unit = document.modulus_unit
-    tables = html.groups_table(document.groups, factor, unit)
-    tables += html.curves_table(document.curves, factor, unit, title="Shots", linked=False)
+    groups = html.groups_table(document.groups, factor, unit), [one.words for one in document.differences]
+    shots = html.curves_table(document.curves, factor, unit, title="Shots", linked=False)
     said = once((record.name, record.message) for record in document.curves)
     about = found.density, html.reading(document.curves), *_methods(document)
-    return part("answers", session.stale, len(document.curves), found.not_run, tables, said, *about)
+    done = len(document.curves), found.not_run, pooled(document)
+    return part("answers", session.stale, *done, *groups, shots, said, *about)
 
 
 def _methods(document: Result) -> tuple[str, list[Source]]:

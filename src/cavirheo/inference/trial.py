@@ -22,6 +22,7 @@ from cavirheo.physics.media import Medium
 from cavirheo.posterior import Checks, Posterior
 
 DRAWS = 40  # of a posterior, that its band is made of
+GROUPS = 6  # whose dependence on the density is said
 Band = tuple[Floats, Floats, Floats]
 
 
@@ -97,26 +98,25 @@ def band(curve: RadiusCurve, posterior: Posterior, *compared: Any) -> Band | Non
 
 
 def denser(pairs: Sequence[tuple[RadiusCurve, Posterior]], medium: Medium, **options: Any) -> str:
-    """How far a density that is 1 % off moves G: of the first shot whose answer has draws of it, by the posterior
-    network alone, with these options of `infer_many`; empty where there is no such shot."""
+    """How far a density that is 1 % off moves G: of the first shot of each group (of the first GROUPS) whose answer has
+    draws of it, by the posterior network alone, with these options of `infer_many`; empty where there is no such shot.
+    """
     from cavirheo.inference import infer_many
 
-    shots = [(curve, one) for curve, one in pairs if len(one.theta) > 1 and "log10_shear_modulus" in one.names]
-    if not shots:
-        return ""
-    (curve, answer), found = shots[0], list[float]()
-    for density in (medium.density, 1.01 * medium.density):
+    shots: dict[str, tuple[RadiusCurve, Posterior]] = {}
+    for curve, answer in pairs:
+        if len(answer.theta) > 1 and "log10_shear_modulus" in answer.names:
+            shots.setdefault(curve.group, (curve, answer))
+    said = []
+    for group, (curve, answer) in list(shots.items())[:GROUPS]:
         how: dict[str, Any] = {
-            "medium": replace(medium, density=density),
-            "material": answer.material,
-            "contents": answer.bubble.contents,
-            "verify": "none",
-            "workers": 1,
-        }
-        found.append(infer_many([curve], **how, **options)[0].median("shear_modulus") or np.nan)
-    change = 100.0 * (found[1] / found[0] - 1.0)
-    said = f"density {medium.density:.6g} kg/m³; were it 1 % more, G of {curve.name} would change by {change:+.1f} %"
-    return said if np.isfinite(change) else ""
+            "material": answer.material, "contents": answer.bubble.contents, "verify": "none", "workers": 1, **options
+        }  # fmt: skip
+        liquids = medium, replace(medium, density=1.01 * medium.density)
+        before, after = (infer_many([curve], medium=one, **how)[0].median("shear_modulus") for one in liquids)
+        if before and after:
+            said.append(f"{group} {100.0 * (after / before - 1.0):+.1f} %")
+    return f"density {medium.density:.6g} kg/m³; were it 1 % more, G would change: {', '.join(said)}" if said else ""
 
 
 def reach(posterior: Posterior, name: str, factor: float = 1.0) -> dict[str, float] | None:

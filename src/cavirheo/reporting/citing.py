@@ -14,6 +14,7 @@ from cavirheo.reporting.group import GroupRecord
 from cavirheo.reporting.record import Result
 from cavirheo.writing import digits
 
+TITLE = "cavirheo: inertial microcavitation rheometry from a bubble radius history"
 _SOURCE = re.compile(r"([A-Z][\w,. ]+?) (\d{4}), doi:(\S+?)[.,;)]*(?=\s|$)")  # in the docstring of a law
 
 
@@ -85,8 +86,7 @@ def methods(result: Result) -> tuple[str, list[Source]]:
     """The paragraph, and whom it cites in the order of appearance. Raises InputError: no curve has an answer."""
     answered = [curve for curve in result.curves if curve.answered]
     require(bool(answered), "no curve of this result has an answer: there is nothing to cite", "cite.nothing")
-    title = "cavirheo: inertial microcavitation rheometry from a bubble radius history"
-    own = Source("{The cavirheo developers}", (result.date or "")[:4], title, f"version {result.version}", "")
+    own = Source("{The cavirheo developers}", (result.date or "")[:4], TITLE, f"version {result.version}", "")
     cited = [own, _WALL, _IMR]
     said = [_shots(answered, result), *_model(answered, cited)]
     for method in dict.fromkeys(curve.method for curve in answered):
