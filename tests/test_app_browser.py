@@ -26,6 +26,7 @@ from cavirheo.posterior import Checks, Posterior  # noqa: E402
 from cavirheo.reading import read_curves, write_csv  # noqa: E402
 from cavirheo.reporting import live, result  # noqa: E402
 from cavirheo.reporting.material import PopulationRecord  # noqa: E402
+from cavirheo.writing.digits import MISSING  # noqa: E402
 
 ANSWER = Posterior(
     ("log10_shear_modulus", "log10_viscosity"), ("Pa", "Pa s"),
@@ -431,6 +432,39 @@ def test_the_contents_of_the_bubble_are_chosen(visit, tmp_path):
     document = json.loads((take(page, tmp_path) / "result.json").read_text())
     assert [record["contents"] for record in document["curves"]] == ["kinetic"]
     assert "--contents kinetic" in document["command"]
+
+
+def test_published_values_stand_beside_the_answers(visit, tmp_path):
+    page = visit(WIDE)
+    page.get_by_role("button", name="soft_gel.csv").click()
+    page.wait_for_selector("#to-prepare:enabled")
+    page.click("#to-prepare")
+    page.click("#to-infer")
+    quick(page)
+    assert page.locator("#published").count() == 0 or not page.locator("#published").is_visible()
+    page.click("#infer")
+    answered(page, 5)
+    wrong, values = tmp_path / "wrong.csv", tmp_path / "values.csv"
+    wrong.write_text("set,who\nsoft_gel,IMR\n")
+    lines = ("set,method,quantity,mean,std", "gel,IMR,G_kPa,6.4,1.6", "gel,IMR,mu_Pa_s,0.03,0.01", "gel,<b>,G_Pa,1300,")
+    values.write_text("\n".join(lines))
+    for file in (wrong, values):
+        with page.expect_file_chooser() as chooser:
+            page.click("#published")
+        chooser.value.set_files(str(file))
+        if file is wrong:
+            page.wait_for_selector("#wrong [role=alert]:has-text('wrong.csv, line 1, column who')")
+            assert str(tmp_path) not in page.inner_text("#wrong")
+    page.wait_for_selector("#answers .published")
+    rows = page.locator("#answers .published tbody tr").all_inner_texts()
+    assert [row.split("\t") for row in rows] == [
+        ["soft_gel", "IMR", "6.4 ± 1.6", "0.030 ± 0.010"], ["soft_gel", "<b>", "1.30", MISSING]
+    ]  # fmt: skip
+    page.wait_for_function(
+        "document.querySelector('#cloud .js-plotly-plot').data.some(one => one.name === 'soft_gel, IMR')"
+    )
+    page.set_viewport_size({"width": PHONE[0], "height": PHONE[1]})
+    assert fits_the_screen(page)
 
 
 def test_a_class_with_one_file(visit, tmp_path):

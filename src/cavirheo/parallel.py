@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ctypes
 import multiprocessing
 import os
 import pickle
@@ -197,3 +198,9 @@ def _follow() -> None:
         os._exit(1)
 
     threading.Thread(target=wait, daemon=True).start()
+
+
+def of_memory(name: str, *given: int) -> None:
+    """Call a function of the C library on memory, where it is glibc: a server of many threads gives it back so."""
+    with suppress(AttributeError, OSError, TypeError):
+        ctypes.CDLL(None)[name](*given)

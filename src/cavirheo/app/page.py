@@ -135,6 +135,7 @@ class Page(FilmPart):
         self.which = gr.Button("Most shots do not fit: let the evidence choose the law", visible=False)
         self.answers = html(words.part("quiet", words.NONE), min_height=120, js_on_load=words.script("table.js"))
         self.cloud = plot(visible=False)
+        self.published = gr.UploadButton("Published values beside them (.csv)", visible=False)
         self.to_check = gr.Button("Check against the simulation", interactive=False)
 
     def _check(self) -> None:
@@ -160,14 +161,9 @@ class Page(FilmPart):
 
     def _wire(self, settings: list[Any]) -> None:
         self.state = [
-            *self.tabs[1:],
-            self.to_prepare,
-            self.infer_now,
-            self.answers,
-            self.to_check,
-            self.which,
-            self.cloud,
-        ]
+            *self.tabs[1:], self.to_prepare, self.infer_now, self.answers, self.to_check, self.which, self.cloud,
+            self.published,
+        ]  # fmt: skip
         shown = [
             self.found, self.welcome, self.overview, self.overview_normalised, self.chosen, self.shown,
             self.loaded, self.link, *self.state, *self._wire_film(),
@@ -200,6 +196,7 @@ class Page(FilmPart):
         self.on(self.checked.select, self._show, [self.checked], check, show_progress="hidden")
         picked = {"js": "() => [document.body.dataset.picked]", "show_progress": "hidden"}
         self.on(self.answers.click, self._picked, [self.checked], [self.steps, self.checked, *check], **picked)
+        self.on(self.published.upload, self._publish, [self.published], self.state, show_progress="hidden")
         given, fitted = [self.checked, self.trial], [self.check_plot, self.facts]
         self._run(self.fit, 4, self.stop_fit, self._fit, given, fitted, show_progress_on=[self.check_plot])
         for pressed in (self.stop, self.stop_fit):
@@ -298,7 +295,7 @@ class Page(FilmPart):
             *(gr.Tab(interactive=able) for able in (loaded, loaded, answered, answered)),
             gr.Button(interactive=loaded), gr.Button(interactive=loaded), words.answers(session),
             gr.Button(interactive=answered), gr.Button(visible=steps.unfit(session)),
-            gr.Plot(visible=answered, **cloud),
+            gr.Plot(visible=answered, **cloud), gr.UploadButton(visible=answered),
         ]  # fmt: skip
 
     def _confirm(self, session: Session, *_: str) -> list[Any]:
@@ -324,6 +321,11 @@ class Page(FilmPart):
         names = [curve.name for curve, _ in steps.infer(session, chosen, progress).pairs]
         with session.lock:
             return [gr.Dropdown(choices=names, value=names[0]), *self._state(session, drawn=True)]
+
+    def _publish(self, session: Session, file: str) -> list[Any]:
+        with uploaded([file]) as (path,):
+            session.publish(path)
+        return self._state(session, drawn=True)
 
     def _picked(self, session: Session, name: str) -> list[Any]:
         return [gr.Tabs(selected=4), name, *self._show(session, name)]

@@ -13,6 +13,7 @@ from tempfile import TemporaryDirectory
 from threading import Lock, RLock, Timer
 from typing import Any
 
+from cavirheo.beside.published.references import published_values, set_beside
 from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError, number_of, require
 from cavirheo.inference import DEFAULT, check_level, check_models
@@ -26,7 +27,7 @@ from cavirheo.reading.camera import Camera
 from cavirheo.reading.recordings import is_recording
 from cavirheo.reading.shots import check_max_radius
 from cavirheo.reporting.answer import CurveRecord
-from cavirheo.reporting.record import Result
+from cavirheo.reporting.record import Published, Result
 from cavirheo.video.measurement import Measurement
 
 YOURS = "your files"  # the folder of a visitor, which names the group of single-shot files
@@ -173,6 +174,7 @@ class Session:
         self.film = ""  # the name of that which is looked at
         self.files: list[Path] = []
         self.curves: list[RadiusCurve] = []  # of all files, as the settings have them read
+        self.published: dict[str, Published] = {}  # values of other methods, by set
         self.problems: list[str] = []  # files that could not be read
         self.answers: Answers | None = None
         self.sent: list[str] = []  # uploads that are not looked at yet
@@ -256,6 +258,12 @@ class Session:
             self.curves, _ = self._read(self.files, settings)
         self.settings = settings
 
+    def publish(self, path: Path) -> None:
+        """Values of a file that `cavirheo compare` takes stand beside the answers. Raises InputError."""
+        found = self.reader.ask([path], (published_values, str(path)))
+        set_beside(self.answers.document.groups if self.answers else [], found)
+        self.published = found
+
     @property
     def stale(self) -> bool:
         """Whether there are answers, but to other settings."""
@@ -275,6 +283,7 @@ class Session:
         for path in {*self.files, *(film.path for film in self.films.values())}:
             path.unlink(missing_ok=True)
         self.files, self.curves, self.problems, self.answers, self.films, self.film = [], [], [], None, {}, ""
+        self.published = {}
 
     def close(self) -> None:
         self.work.stopped.set()

@@ -5,12 +5,14 @@ from __future__ import annotations
 import os
 import shutil
 from collections.abc import Sequence
+from contextlib import suppress
 from functools import partial
 from itertools import count
 from pathlib import Path
 from typing import Any
 
 from cavirheo.app.session import ANSWERED, Answers, Session
+from cavirheo.beside.published.references import set_beside
 from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError, require
 from cavirheo.inference import DEFAULT, infer_many
@@ -66,6 +68,8 @@ def infer(session: Session, names: Sequence[str], progress: Report) -> Answers:
     matters = denser(pairs, settings.liquid, stretch=settings.stretch, window=settings.window) if known else ""
     made = Answers(pairs, result(pairs, command), left, settings, matters)
     with session.lock:
+        with suppress(InputError):  # other groups than when they were given
+            set_beside(made.document.groups, session.published)
         require(session.curves is curves and session.settings == settings, _CHANGED, "app.changed")
         session.answers = made
         return session.answers

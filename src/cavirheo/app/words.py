@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from base64 import b64encode
 from collections.abc import Sequence
-from contextlib import suppress
 from importlib.metadata import version
 from importlib.resources import files
 from typing import Any
@@ -19,9 +18,8 @@ from cavirheo.inference import AUTO, DEFAULT
 from cavirheo.inference.model import card, shipped
 from cavirheo.reporting import html
 from cavirheo.reporting.answer import curve_record
-from cavirheo.reporting.citing import TITLE, Source, methods
+from cavirheo.reporting.citing import TITLE, methods_if_any
 from cavirheo.reporting.found import cells, notes, pooled, warnings
-from cavirheo.reporting.record import Result
 from cavirheo.video.picture import COLOURS, GREY, frame_address
 from cavirheo.video.track import FLAGS
 from cavirheo.writing import digits
@@ -118,18 +116,12 @@ def answers(session: Session) -> str:
     document = found.document
     factor, unit = document.modulus_unit
     groups = html.groups_table(document.groups, factor, unit), [one.words for one in document.differences]
+    beside = [(one.name, *row, factor, unit) for one in document.groups for row in one.published.items()]
     shots = html.curves_table(document.curves, factor, unit, title="Shots", linked=False)
     said = once((record.name, record.message) for record in document.curves)
-    about = found.density, html.reading(document.curves), *_methods(document)
+    about = found.density, html.reading(document.curves), *methods_if_any(document)
     done = len(document.curves), found.not_run, pooled(document)
-    return part("answers", session.stale, *done, *groups, shots, said, *about)
-
-
-def _methods(document: Result) -> tuple[str, list[Source]]:
-    """Nothing where nothing was answered."""
-    with suppress(InputError):
-        return methods(document)
-    return "", []
+    return part("answers", session.stale, *done, *groups, beside, shots, said, *about)
 
 
 def facts(session: Session, name: str) -> str:

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import re
 from collections import Counter
+from contextlib import suppress
 from typing import NamedTuple
 
-from cavirheo.errors import require
+from cavirheo.errors import InputError, require
 from cavirheo.parameters import PARAMETERS
 from cavirheo.physics.laws import LAWS
 from cavirheo.reporting.answer import CurveRecord
@@ -104,6 +105,13 @@ def methods(result: Result) -> tuple[str, list[Source]]:
     said.append(f"Command: {result.command}")
     unique = list({source.key: source for source in cited}.values())
     return " ".join(filter(None, said)), unique
+
+
+def methods_if_any(result: Result) -> tuple[str, list[Source]]:
+    """As `methods`; nothing where no curve has an answer."""
+    with suppress(InputError):
+        return methods(result)
+    return "", []
 
 
 def _shots(answered: list[CurveRecord], result: Result) -> str:
