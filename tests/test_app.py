@@ -12,6 +12,7 @@ import urllib.error
 import urllib.request
 import zipfile
 from contextlib import contextmanager, suppress
+from dataclasses import fields
 from importlib.util import find_spec
 from pathlib import Path
 from threading import Event
@@ -27,9 +28,10 @@ from test_hostile import FILES
 from cavirheo.app import steps
 from cavirheo.app.session import PageSettings, Session, VisitorLimits, Visitors
 from cavirheo.app.steps import examples, export, fit, infer, sliders, trial
-from cavirheo.app.words import answers
+from cavirheo.app.words import answers, facts
 from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError
+from cavirheo.inference.trial import band
 from cavirheo.reading import read_curves, write_csv
 from cavirheo.reading.apart import Reader
 from cavirheo.reporting import interactive, live
@@ -140,11 +142,41 @@ def test_only_the_endpoint_is_public(client):
         ({"rmax_um": -1.0}, "-1"),
         ({"window": -1}, "-1"),
         ({"verify": "surely"}, "surely"),
+        ({"contents": "helium"}, "helium"),
+        ({"contents": "kinetic", "model": "bdt-viscous"}, "equilibrium"),
     ],
 )
 def test_bad_settings_are_told_to_programs(client, options, named):
     with told(named):
         ask(client, SOFT, **options)
+
+
+def asked(address, *values):
+    """(event, data) that a call without gradio's client ends with."""
+    place = f"{address}gradio_api/call/infer"
+    sent = urllib.request.Request(place, json.dumps({"data": values}).encode(), {"Content-Type": "application/json"})
+    with urllib.request.urlopen(sent) as answer:
+        event = json.load(answer)["event_id"]
+    said = get(f"{place}/{event}").strip().rpartition("event: ")[2]
+    name, _, data = said.partition("\ndata: ")
+    return name, json.loads(data or "null")
+
+
+def test_a_call_by_curl_gives_no_more_than_it_means(served, tmp_path):
+    file = {"path": upload(served[0], single(tmp_path / "one.csv")), "meta": {"_type": "gradio.FileData"}}
+    event, (document,) = asked(served[0], [file], None, None, 1050, None, None, None, "none")
+    assert event == "complete"
+    assert document["command"] == "cavirheo infer one.csv --density 1050 --verify none"
+    event, said = asked(served[0])
+    assert event == "error"
+    assert "no curve" in str(said)
+    assert "object at" not in str(said)
+
+
+def test_programs_choose_the_contents_of_the_bubble(client, tmp_path):
+    document = ask(client, single(tmp_path / "one.csv"), contents="kinetic", verify="none")
+    assert document["command"] == "cavirheo infer one.csv --contents kinetic --verify none"
+    assert [record["contents"] for record in document["curves"]] == ["kinetic"]
 
 
 def test_damaged_and_too_many_files_leave_the_server_answering(client, tmp_path):
@@ -325,7 +357,7 @@ def test_a_stop_keeps_what_is_done_and_names_the_rest(session, monkeypatch):
         return real(curves, **options)
 
     monkeypatch.setattr(steps, "infer_many", slow)
-    infer(session, names, lambda _, said: said.startswith("1 of") and session.stopped.set())
+    infer(session, names, lambda _, said: said.startswith("1 of") and session.work.stopped.set())
     hold.set()
     kept = session.answers
     assert [curve.name for curve, _ in kept.pairs] == names[:1]
@@ -333,11 +365,11 @@ def test_a_stop_keeps_what_is_done_and_names_the_rest(session, monkeypatch):
     assert kept.document.command.endswith("(1 of 5 shots)")
     assert all(words in answers(session) for words in ("1 of 5 shots", ", ".join(names[1:])))
     for run in (lambda: infer(session, names, silent), lambda: fit(session, names[0], silent)):
-        with refused("app.stopped"):
+        with refused("parallel.stopped"):
             run()
     assert session.answers is kept
     assert kept.fits == {}
-    session.stopped.clear()
+    session.work.stopped.clear()
     assert infer(session, names[:2], silent).not_run == []
 
 
@@ -347,7 +379,7 @@ def test_one_run_at_a_time_and_none_for_what_has_changed(session):
 
     def again(*_):
         asked.append(True)
-        with refused("app.busy"):
+        with refused("parallel.busy"):
             infer(session, ["soft_gel[2]"], silent)
         session.prepare(PageSettings(window=2))
 
@@ -355,6 +387,22 @@ def test_one_run_at_a_time_and_none_for_what_has_changed(session):
         infer(session, ["soft_gel[1]"], again)
     assert asked
     assert session.answers is None
+
+
+def fields_of(**typed):
+    """What stands in the fields of the page, in their order."""
+    usual = {field.name: getattr(PageSettings, field.name) for field in fields(PageSettings)}
+    return [*(usual | {"density": "", "window": 0} | typed).values()]
+
+
+def test_the_fields_of_the_page_are_settings_or_say_why_not():
+    settings, wrong = PageSettings.of(fields_of(density="1050", window=2))
+    assert (settings, wrong) == (PageSettings(density=1050.0, window=2), {})
+    _, wrong = PageSettings.of(fields_of(density="1,050", stretch="0.5"))
+    assert list(wrong) == ["density", "stretch"]
+    assert "two ways" in wrong["density"]
+    _, wrong = PageSettings.of(fields_of(material="auto", verify="none"))
+    assert list(wrong) == [""]  # neither is wrong alone
 
 
 def test_full_uncertainty_is_limited(reader):
@@ -365,7 +413,7 @@ def test_full_uncertainty_is_limited(reader):
             infer(session, [curve.name for curve in session.curves], silent)
     finally:
         session.close()
-    assert session.stopped.is_set()  # whatever still runs for one who is gone
+    assert session.work.stopped.is_set()  # whatever still runs for one who is gone
 
 
 def test_a_reader_that_hangs_or_dies_is_replaced(reader, tmp_path, monkeypatch):
@@ -400,13 +448,13 @@ def test_trials_are_simulations_or_say_that_they_failed(session):
 def test_the_band_of_the_draws_holds_the_answer_and_a_density_matters(session):
     session.add([SOFT], PageSettings(), copy=True)
     kept = infer(session, ["soft_gel[1]"], silent)
-    answer = session.find("soft_gel[1]")[2]
-    time, low, high = steps.band(session, "soft_gel[1]")
+    _, curve, answer, _ = session.find("soft_gel[1]")
+    time, low, high = band(curve, answer, *session.settings.compared)
     assert np.array_equal(time, answer.checks.reconstruction_time)
     assert np.all(low <= high)
     inside = (answer.checks.reconstruction_radius >= low) & (answer.checks.reconstruction_radius <= high)
     assert np.mean(inside) > 0.7
-    change = float(re.search(r"change by ([+-][\d.]+) %", kept.density)[1])
+    change = float(re.search(r"change: soft_gel ([+-][\d.]+) %", kept.density)[1])
     assert 2.0 < change < 12.0  # a denser liquid is slower, which a stiffer gel makes up for
     shown = interactive.cloud(kept.pairs, kept.document)
     (medians,) = [one for one in shown.data if one.text is not None]
@@ -450,6 +498,30 @@ def test_a_short_call_of_a_program_does_not_wait_for_a_long_one(served, client, 
     assert not long.done()
     hold.set()
     assert len(long.result()["curves"]) == 1
+
+
+def test_the_conventional_fit_and_the_sliders_have_the_contents_of_the_answer(session):
+    session.add([SOFT], PageSettings(contents="kinetic", verify="none"), copy=True)
+    infer(session, ["soft_gel[1]"], silent)
+    answers, _, answer, record = session.find("soft_gel[1]")
+    assert answers.document.command == "cavirheo infer soft_gel.csv --contents kinetic --verify none (1 of 5 shots)"
+    assert record.contents == "kinetic"
+    start = sliders(session, "soft_gel[1]")
+    found, _ = trial(session, "soft_gel[1]", [start[key]["value"] for key in start])
+    assert found.rmse_over_rmax == pytest.approx(answer.checks.rmse_over_rmax, rel=0.01)
+    fit(session, "soft_gel[1]", silent)
+    assert answers.fits["soft_gel[1]"].bubble.contents == "kinetic"
+
+
+def test_the_fit_beside_a_network_of_the_paper_has_its_frames(session):
+    """Which read their own window, beyond the third collapse."""
+    session.add([SOFT], PageSettings(model="bdt-viscoelastic"), copy=True)
+    infer(session, ["soft_gel[1]"], silent)
+    fit(session, "soft_gel[1]", silent)
+    answers, _, answer, _ = session.find("soft_gel[1]")
+    frames, other = (len(one.checks.compared_time) for one in (answer, answers.fits["soft_gel[1]"]))
+    assert frames == other
+    assert f"with the same {frames} frames" in facts(session, "soft_gel[1]")
 
 
 def test_a_law_without_modulus_has_no_slider_for_it(session):

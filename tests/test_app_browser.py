@@ -26,6 +26,7 @@ from cavirheo.posterior import Checks, Posterior  # noqa: E402
 from cavirheo.reading import read_curves, write_csv  # noqa: E402
 from cavirheo.reporting import live, result  # noqa: E402
 from cavirheo.reporting.material import PopulationRecord  # noqa: E402
+from cavirheo.writing.digits import MISSING  # noqa: E402
 
 ANSWER = Posterior(
     ("log10_shear_modulus", "log10_viscosity"), ("Pa", "Pa s"),
@@ -370,6 +371,100 @@ def test_the_page_has_one_state(visit, tmp_path):
     again.wait_for_selector("#upload input[type=file]", state="attached")
     assert closed(again) == [2, 3, 4, 5]
     again.close()
+
+
+@pytest.mark.parametrize("size", [WIDE, PHONE], ids=["wide", "phone"])
+def test_the_first_screen_says_what_can_be_done(visit, size):
+    page = visit(size)
+    assert page.locator("#to-prepare").is_disabled()
+    assert page.locator("#infer-now").is_disabled()
+    assert "The cavirheo developers" in page.inner_text("#welcome")
+    label = page.locator("#upload label[data-testid=block-label]").bounding_box()
+    assert label["height"] < 36  # one line
+    assert fits_the_screen(page)
+    page.get_by_role("button", name="soft_gel.csv").click()
+    page.wait_for_selector("#to-prepare:enabled")
+    page.click("#clear")
+    page.wait_for_selector("#to-prepare:disabled")
+
+
+def test_two_materials_in_single_files_are_asked_about_and_told_apart(visit, tmp_path):
+    page, files = visit(WIDE), []
+    for name, example in (("soft", "soft_gel.csv"), ("stiff", "stiff_gel.mat")):
+        for k, curve in enumerate(read_curves(examples()[example])[:3], 1):
+            files.append(tmp_path / f"{name}_{k}.csv")
+            write_csv(files[-1], curve)
+    drop(page, *files)
+    page.wait_for_selector("#found tbody tr >> nth=5")
+    page.click("#to-prepare")
+    page.click("#to-infer")
+    quick(page)
+    page.click("#infer")
+    answered(page, 6)
+    assert "several materials" in page.inner_text("#answers [role=status] >> nth=0")
+    assert "named soft, stiff" in page.inner_text("#answers")
+    assert page.locator("#answers .differences").count() == 0
+    page.get_by_role("tab", name="2 Prepare").click()
+    page.locator("#group input").click()
+    page.get_by_role("option", name="whose files have one name").click()
+    page.get_by_role("tab", name="3 Infer").click()
+    page.wait_for_selector("#answers :text('Settings changed')")
+    page.click("#infer")
+    page.wait_for_selector("#answers .differences")
+    assert page.locator("#answers .groups tbody tr:not(.trend) td:first-child").all_inner_texts() == ["soft", "stiff"]
+    (said,) = page.locator("#answers .differences li").all_inner_texts()
+    assert re.match(r"stiff over soft: G [\d.]+ \[[\d.]+, [\d.]+\], larger with probability", said)
+    assert "several materials" not in page.inner_text("#answers")
+    assert re.search(r"G would change: soft [+-][\d.]+ %, stiff [+-][\d.]+ %", page.inner_text("#answers"))
+    page.set_viewport_size({"width": PHONE[0], "height": PHONE[1]})
+    assert fits_the_screen(page)
+
+
+def test_the_contents_of_the_bubble_are_chosen(visit, tmp_path):
+    page = visit(WIDE)
+    drop(page, _one_shot(tmp_path / "one.csv"))
+    page.click("#to-prepare")
+    page.click("#to-infer")
+    quick(page)
+    page.get_by_label("finite-rate condensation").check()
+    page.click("#infer")
+    answered(page, 1)
+    document = json.loads((take(page, tmp_path) / "result.json").read_text())
+    assert [record["contents"] for record in document["curves"]] == ["kinetic"]
+    assert "--contents kinetic" in document["command"]
+
+
+def test_published_values_stand_beside_the_answers(visit, tmp_path):
+    page = visit(WIDE)
+    page.get_by_role("button", name="soft_gel.csv").click()
+    page.wait_for_selector("#to-prepare:enabled")
+    page.click("#to-prepare")
+    page.click("#to-infer")
+    quick(page)
+    assert page.locator("#published").count() == 0 or not page.locator("#published").is_visible()
+    page.click("#infer")
+    answered(page, 5)
+    wrong, values = tmp_path / "wrong.csv", tmp_path / "values.csv"
+    wrong.write_text("set,who\nsoft_gel,IMR\n")
+    lines = ("set,method,quantity,mean,std", "gel,IMR,G_kPa,6.4,1.6", "gel,IMR,mu_Pa_s,0.03,0.01", "gel,<b>,G_Pa,1300,")
+    values.write_text("\n".join(lines))
+    for file in (wrong, values):
+        with page.expect_file_chooser() as chooser:
+            page.click("#published")
+        chooser.value.set_files(str(file))
+        if file is wrong:
+            page.wait_for_selector("#wrong [role=alert]:has-text('wrong.csv, line 1, column who')")
+            assert str(tmp_path) not in page.inner_text("#wrong")
+    page.wait_for_selector("#answers .published")
+    rows = page.locator("#answers .published tbody tr").all_inner_texts()
+    assert [row.split("\t") for row in rows] == [
+        ["soft_gel", "IMR", "6.4 ± 1.6", "0.030 ± 0.010"], ["soft_gel", "<b>", "1.30", MISSING]
+    ]  # fmt: skip
+    page.wait_for_function(
+        "document.querySelector('#cloud .js-plotly-plot').data.some(one => one.name === 'soft_gel, IMR')"
+    )
+    page.set_viewport_size({"width": PHONE[0], "height": PHONE[1]})
+    assert fits_the_screen(page)
 
 
 def test_a_class_with_one_file(visit, tmp_path):

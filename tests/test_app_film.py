@@ -14,11 +14,12 @@ from recordings import RATE, SCALE, film
 
 from cavirheo.app import words
 from cavirheo.app.film import confirm, curve, drawn, left_out, measure, options, toggle, typed, unlisted, unready
-from cavirheo.app.session import Camera, PageSettings, Session, VisitorLimits
+from cavirheo.app.session import PageSettings, Session, VisitorLimits
 from cavirheo.app.steps import infer
 from cavirheo.errors import InputError, number_of
 from cavirheo.reading import read_curves
 from cavirheo.reading.apart import Reader
+from cavirheo.reading.camera import Camera
 from cavirheo.video.picture import sheet_address
 
 CAMERA = Camera(RATE, SCALE)

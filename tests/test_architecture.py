@@ -42,7 +42,10 @@ ROOMS = (  # from the ground up: a room imports those below it, and only those t
         "beside",
         "errors parallel parameters landmarks posterior curve reading physics inference reporting writing unfinished",
     ),
-    ("app", "errors parallel parameters posterior curve video reading physics problem inference reporting writing"),
+    (
+        "app",
+        "errors parallel parameters posterior curve video reading physics problem inference reporting writing beside",
+    ),
     ("loading", "errors files reporting training beside video writing"),
 )
 MAY_USE = {room: {"arrays", *below.split()} - {room} for room, below in ROOMS}

@@ -9,10 +9,11 @@ from conftest import BDT
 from scipy.io import savemat
 from test_reading import RADIUS, TIME, bdt_variables
 
+from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError
-from cavirheo.reading import read_curves
+from cavirheo.reading import read_curves, write_csv
 from cavirheo.reading.select import selected, shot_numbers
-from cavirheo.reading.shots import read_shots
+from cavirheo.reading.shots import read_shots, stem_of
 
 FILE = Path(__file__).parent.parent / "examples" / "stiff_gel.mat"
 
@@ -68,6 +69,31 @@ def test_a_shot_that_is_not_there_is_bad_usage(verb, run):
         assert status == 2
         assert shots in said
         assert not Path("out").exists()
+
+
+@pytest.mark.parametrize(
+    ("file", "stem"),
+    [
+        ("soft_1.csv", "soft"), ("soft 02.csv", "soft"), ("soft_1 (2).csv", "soft"), ("soft(3).csv", "soft"),
+        ("soft.csv", "soft"), ("gel5kPa_3.mat", "gel5kPa"), ("agarose 0.5 %.csv", "agarose 0.5 %"),
+        ("agarose_0.5.csv", "agarose_0.5"), ("x/agarose_0.5_12.csv", "agarose_0.5"), ("7.csv", ""),
+    ],
+)  # fmt: skip
+def test_the_name_of_a_file_before_its_number(file, stem):
+    assert stem_of(file) == stem
+
+
+def test_files_of_one_name_are_one_group(run, tmp_path):
+    curve = read_curves(FILE)[0]
+    names = ("soft_1", "soft_2", "stiff_1", "7", "8")
+    for k, name in enumerate(names):
+        write_csv(f"{name}.csv", RadiusCurve(curve.time, curve.radius * (1.0 + 0.01 * k)))
+    found = read_shots([f"{name}.csv" for name in names], group="name").curves
+    assert [one.group for one in found] == ["soft", "soft", "stiff", *[tmp_path.name] * 2]
+    status, _, said = run("infer", "soft_1.csv", "stiff_1.csv", *BDT, "--group", "name", "-o", "by", "--no-pictures")
+    assert status in (0, 1), said
+    groups = json.loads(Path("by/result.json").read_text(encoding="utf-8"))["groups"]
+    assert [one["name"] for one in groups] == ["soft", "stiff"]
 
 
 def test_shots_of_what_is_no_measurement_are_refused(run):

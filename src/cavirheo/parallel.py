@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ctypes
 import multiprocessing
 import os
 import pickle
@@ -9,14 +10,14 @@ import signal
 import threading
 from collections import OrderedDict, deque
 from collections.abc import Callable, Generator, Iterable, Iterator, Mapping, Sequence
-from concurrent.futures import Future, ThreadPoolExecutor
+from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
 from contextlib import closing, contextmanager, suppress
 from dataclasses import dataclass
 from multiprocessing.pool import Pool
 from queue import SimpleQueue
 from typing import Any, Protocol, TypeVar
 
-from cavirheo.errors import expect_whole
+from cavirheo.errors import expect_whole, require
 
 Job = TypeVar("Job")
 Done = TypeVar("Done")
@@ -139,6 +140,40 @@ class Once:
         return task.result()
 
 
+class Stoppable:
+    """Work on one list of jobs at a time, on all cores, which another thread ends by setting `stopped`; `busy`: locked
+    while it goes on."""
+
+    def __init__(self) -> None:
+        self.busy, self.stopped = threading.Lock(), threading.Event()
+        self._left: set[Future[Any]] = set()  # jobs that were in work when it was stopped: they end by themselves
+
+    def each(
+        self, work: Callable[[Job], Done], jobs: Sequence[Job], told: Callable[[int, int], Any]
+    ) -> list[Done | None]:
+        """work(job) of each, in their order; None for those that were not done when it was stopped. `told` is called
+        now and then with how many are done, and of how many.
+
+        Raises InputError: stopped before the first was done, or the list before is in work.
+        """
+        free = self.busy.acquire(blocking=False)
+        require(free, "the run before goes on: stop it, or wait for its end", "parallel.busy")
+        try:
+            wait(self._left)  # one who stops and starts in turns takes no more cores than others
+            pool = ThreadPoolExecutor(cores())
+            tasks = [pool.submit(work, job) for job in jobs]
+            left = set(tasks)
+            while left and not self.stopped.is_set():
+                told(len(tasks) - len(left), len(tasks))
+                left = wait(left, timeout=0.1, return_when=FIRST_COMPLETED).not_done
+            pool.shutdown(wait=False, cancel_futures=True)
+            self._left = {task for task in left if not task.cancelled()}
+        finally:
+            self.busy.release()
+        require(len(left) < len(tasks), "stopped before a shot was done: nothing has changed", "parallel.stopped")
+        return [None if task in left else task.result() for task in tasks]
+
+
 @contextmanager
 def processes(workers: int) -> Iterator[Pool]:
     """So many, which leave Ctrl+C to this one and end at once when the block is left; for Python that keeps its
@@ -163,3 +198,9 @@ def _follow() -> None:
         os._exit(1)
 
     threading.Thread(target=wait, daemon=True).start()
+
+
+def of_memory(name: str, *given: int) -> None:
+    """Call a function of the C library on memory, where it is glibc: a server of many threads gives it back so."""
+    with suppress(AttributeError, OSError, TypeError):
+        ctypes.CDLL(None)[name](*given)

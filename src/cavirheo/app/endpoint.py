@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import gradio as gr
+from gradio.components.api_component import Api
 from gradio.utils import get_upload_folder
 
 from cavirheo.app import steps, words
@@ -30,21 +31,31 @@ def uploaded(files: Sequence[str]) -> Iterator[list[Path]]:
             path.unlink(missing_ok=True)
 
 
+class Served(gr.Blocks):
+    """A page whose programs need not give what has a default."""
+
+    def validate_inputs(self, block_fn: Any, inputs: list[Any]) -> None:
+        inputs += [one.value for one in block_fn.inputs[len(inputs) :] if isinstance(one, Api)]
+        if (given := len(inputs)) < (needed := len(block_fn.inputs)):
+            raise gr.Error(f"{needed} values are needed, {given} were given", print_exception=False)
+
+
 def public(visitors: Visitors) -> Callable[..., Any]:
     """The function that programs may call; nothing of a call is kept."""
 
     def infer(
         files: list[gr.FileData], model: str = DEFAULT, medium: str = "water", density: float | None = None,
         rmax_um: float | None = None, stretch: float | None = None, window: int | None = None, verify: str = "auto",
-        material: str = "nhkv",
+        material: str = "nhkv", contents: str = "equilibrium",
     ) -> dict:  # fmt: skip
         """Measured radius histories in, the content of result.json out; options as those of `cavirheo infer`."""
-        options: dict[str, Any] = {"rmax_um": rmax_um, "stretch": stretch, "window": window}
-        options |= {"model": model, "material": material, "verify": verify}
+        given: dict[str, Any] = {"rmax_um": rmax_um, "stretch": stretch, "window": window, "density": density}
+        given |= {"model": model, "material": material, "contents": contents, "verify": verify, "medium": medium}
+        options = {name: value for name, value in given.items() if value is not None}
         session = Session(visitors.limits, visitors.reader, once=visitors.once)
         try:
-            with closing(session), uploaded([str(dict(file)["path"]) for file in files]) as paths:
-                session.add(paths, PageSettings(medium, density, **options))
+            with closing(session), uploaded([str(dict(file)["path"]) for file in files or []]) as paths:
+                session.add(paths, PageSettings(**options))
                 require(not session.waiting, f"{session.waiting}: send measured.csv of `cavirheo measure`", "app.film")
                 problem = "; ".join(session.problems) or "no curve could be read"
                 require(bool(session.curves), problem, "app.no_curve")

@@ -5,21 +5,20 @@ from __future__ import annotations
 from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import replace
-from math import inf
 from secrets import token_hex
 
 import numpy as np
 from plotly.graph_objects import Figure
 
-from cavirheo.app.session import Camera, Clip, Session
+from cavirheo.app.session import Clip, Session
 from cavirheo.arrays import Bools
 from cavirheo.curve import RadiusCurve
-from cavirheo.errors import InputError, number_of, require
-from cavirheo.reading import noted
+from cavirheo.errors import InputError, require
+from cavirheo.reading import camera, noted
 from cavirheo.reading.apart import Report
+from cavirheo.reading.camera import Camera
 from cavirheo.reading.recordings import history
 from cavirheo.reporting.interactive import filmed
-from cavirheo.video.frames import CAMERAS, STACKS
 from cavirheo.video.measurement import Measurement
 from cavirheo.video.picture import COLOURS
 from cavirheo.writing import digits
@@ -27,28 +26,14 @@ from cavirheo.writing import digits
 
 def typed(film: Clip, texts: Sequence[str]) -> tuple[Camera, list[str]]:
     """Frame rate, scale and exposure; why the film cannot be measured so, field by field, empty where it can."""
-    values: list[float | None] = []
-    wrong = []
-    for text, field in zip(texts, Camera._fields, strict=True):
-        value, why = None, ""
-        try:
-            value = number_of(text, field.replace("_", " "))
-        except InputError as error:
-            why = str(error)
-        values.append(value)
-        wrong.append(why if value is None or 0 < value < inf else "must be a positive number")
-    ending, unscaled = film.path.suffix.lower(), film.found is not None and film.found.um_per_px.value is None
-    if values[0] is None and ending not in CAMERAS:
-        wrong[0] = wrong[0] or "missing: type the rate of the camera; the file states only how fast it is played"
-    if values[1] is None and (ending not in STACKS or unscaled):
-        wrong[1] = wrong[1] or "missing: type how many micrometres a pixel shows"
-    return Camera(*values), wrong
+    unscaled = film.found is not None and film.found.um_per_px.value is None
+    return camera.typed(texts, film.path.suffix.lower(), unscaled=unscaled)
 
 
 def unready(film: Clip, *texts: str) -> list[str]:
     """Why its curve cannot be confirmed so, field by field: numbers as `typed`, then the list of frames."""
-    camera, wrong = typed(film, texts[:3])
-    changed = ["changed since: measure again" * (new != old) for new, old in zip(camera, film.camera, strict=True)]
+    new, wrong = typed(film, texts[:3])
+    changed = ["changed since: measure again" * (now != old) for now, old in zip(new, film.camera, strict=True)]
     return [why or other for why, other in zip(wrong, changed, strict=True)] + unlisted(film, texts[3])
 
 
@@ -69,10 +54,10 @@ def measured(film: Clip) -> Measurement:
     return film.found
 
 
-def measure(session: Session, camera: Camera, say: Report) -> None:
+def measure(session: Session, given: Camera, say: Report) -> None:
     """Measure the film in the process for it; excluded frames stay excluded. Raises InputError."""
     film = session.current
-    images, most, (rate, scale, us) = session.folder / f"{token_hex(8)}.npy", session.limits.film_mb * 1e6, camera
+    images, most, (rate, scale, us) = session.folder / f"{token_hex(8)}.npy", session.limits.film_mb * 1e6, given
     numbers = {"frame_rate": rate, "um_per_px": scale, "exposure": us and us * 1e-6}
     try:
         found = session.measurer.measure(film.path, images, most, say, **numbers)
@@ -84,7 +69,7 @@ def measure(session: Session, camera: Camera, say: Report) -> None:
         listed = film.exclude
         for other in session.films.values():
             other.found = other.kept = None  # frames are kept of one film
-        film.camera, film.found, film.kept = camera, found, found
+        film.camera, film.found, film.kept = given, found, found
         film.shown = found.first + int(np.nanargmax(found.track.radius))
         unlisted(film, listed)
 
@@ -109,9 +94,7 @@ def curve(film: Clip, *, sheet: bool = False) -> RadiusCurve:
 
 def options(film: Clip) -> str:
     """Of `cavirheo infer`, that mean the same."""
-    values = zip(("frame-rate-hz", "um-per-px", "exposure-us"), film.camera, strict=True)
-    said = [f" --{name} {value:.10g}" for name, value in values if value is not None]
-    return "".join(said) + f" --exclude {film.exclude.replace(' ', '')}" * bool(film.exclude)
+    return film.camera.options + f" --exclude {film.exclude.replace(' ', '')}" * bool(film.exclude)
 
 
 def confirm(session: Session) -> None:

@@ -14,19 +14,26 @@ from typing import Any
 import gradio as gr
 
 from cavirheo.app import film, steps, words
-from cavirheo.app.endpoint import public, uploaded
+from cavirheo.app.endpoint import Served, public, uploaded
 from cavirheo.app.events import AT_ONCE, LATEST, button, html, line, plot
 from cavirheo.app.film_part import FilmPart
-from cavirheo.app.session import Camera, PageSettings, Session, Visitors
-from cavirheo.errors import InputError, number_of
+from cavirheo.app.session import PageSettings, Session, Visitors
+from cavirheo.errors import InputError, require
 from cavirheo.inference import DEFAULT
+from cavirheo.inference.trial import band, seen
 from cavirheo.physics.media import MEDIA
+from cavirheo.reading.camera import Camera
 from cavirheo.reporting import interactive as plots
 
 _LEVELS = {"weighed by simulations": "auto", "not verified (fastest)": "none", "Gaussian": "map", "full (slow)": "full"}
+_CONTENTS = {
+    "equilibrium (the field's model)": "equilibrium", "finite-rate condensation": "kinetic",
+    "whichever the evidence prefers (slower)": "auto",
+}  # fmt: skip
 _WINDOWS = {"the usual one": 0, "1 collapse": 1, "2 collapses": 2, "3 collapses": 3}
 _GROUPS = {
     "those of one file; files of a single shot together": "auto", "those of one file": "file", "each by itself": "none",
+    "those whose files have one name: soft_1, soft_2 | stiff_1": "name",
 }  # fmt: skip
 _NUMBERS = {  # settings that need not be given: label, what an empty field means
     "density": ("Density (kg/m³)", "as the medium"),
@@ -53,7 +60,7 @@ class Page(FilmPart):
         self.tabs: list[Any] = []
         tabs = {"Data": self._data, "Prepare": self._prepare, "Infer": self._infer}
         tabs |= {"Check": self._check, "Export": self._export}
-        self.blocks = gr.Blocks(title="cavirheo", analytics_enabled=False, delete_cache=(300, 900), fill_width=True)
+        self.blocks = Served(title="cavirheo", analytics_enabled=False, delete_cache=(300, 900), fill_width=True)
         with self.blocks:
             self.top = html(words.top())
             self.wrong, self.link = html(), gr.Textbox(visible="hidden", label="Address")
@@ -71,19 +78,18 @@ class Page(FilmPart):
     # what stands where
 
     def _data(self) -> None:
-        kinds = ".mat, .csv, .txt, .h5, .xlsx; or recordings: .mp4, .avi, .mkv, .tif, .cine, .mraw with .cihx"
-        label = f"Measured R(t): {kinds}; to {self.visitors.limits.file_mb:g} MB each"
         with gr.Row():
             with gr.Column(scale=3, min_width=300):
-                self.upload = gr.File(label=label, file_count="multiple", height=160)
+                self.upload = gr.File(label="Measured R(t), or recordings", file_count="multiple", height=160)
+                html(words.part("kinds", self.visitors.limits.file_mb))
             with gr.Column(scale=2, min_width=260):
                 html(words.part("quiet", "or look at a shipped example first:"))
                 with gr.Row():
                     self.examples = {name: _small(name) for name in steps.examples()}
                 with gr.Row():
-                    self.clear, self.to_prepare = _small("Start over"), _small("Prepare first")
+                    self.clear, self.to_prepare = _small("Start over"), _small("Prepare first", interactive=False)
                 self.infer_now = button("Infer all shots", interactive=False)
-        self.welcome = html(words.part("welcome", words.picture()))
+        self.welcome = html(words.welcome())
         self._film()
         with gr.Row(visible=False) as self.loaded:
             self.overview, self.overview_normalised = plot(), plot()
@@ -121,12 +127,15 @@ class Page(FilmPart):
         self.fields["material"] = gr.Radio(words.materials(), value="nhkv", label="Material")
         with gr.Accordion("More about the method", open=False):
             self.fields["model"] = gr.Radio(words.models(), value=DEFAULT, label="Model")
+            contents = list(_CONTENTS.items())
+            self.fields["contents"] = gr.Radio(contents, value="equilibrium", label="Contents of the bubble")
             self.fields["verify"] = gr.Radio(list(_LEVELS.items()), value="auto", label="Uncertainty")
         with gr.Row():
             self.infer, self.stop = button("Infer all chosen shots"), _stop()
         self.which = gr.Button("Most shots do not fit: let the evidence choose the law", visible=False)
         self.answers = html(words.part("quiet", words.NONE), min_height=120, js_on_load=words.script("table.js"))
         self.cloud = plot(visible=False)
+        self.published = gr.UploadButton("Published values beside them (.csv)", visible=False)
         self.to_check = gr.Button("Check against the simulation", interactive=False)
 
     def _check(self) -> None:
@@ -151,7 +160,10 @@ class Page(FilmPart):
     # which handler answers what
 
     def _wire(self, settings: list[Any]) -> None:
-        self.state = [*self.tabs[1:], self.infer_now, self.answers, self.to_check, self.which, self.cloud]
+        self.state = [
+            *self.tabs[1:], self.to_prepare, self.infer_now, self.answers, self.to_check, self.which, self.cloud,
+            self.published,
+        ]  # fmt: skip
         shown = [
             self.found, self.welcome, self.overview, self.overview_normalised, self.chosen, self.shown,
             self.loaded, self.link, *self.state, *self._wire_film(),
@@ -184,10 +196,11 @@ class Page(FilmPart):
         self.on(self.checked.select, self._show, [self.checked], check, show_progress="hidden")
         picked = {"js": "() => [document.body.dataset.picked]", "show_progress": "hidden"}
         self.on(self.answers.click, self._picked, [self.checked], [self.steps, self.checked, *check], **picked)
+        self.on(self.published.upload, self._publish, [self.published], self.state, show_progress="hidden")
         given, fitted = [self.checked, self.trial], [self.check_plot, self.facts]
         self._run(self.fit, 4, self.stop_fit, self._fit, given, fitted, show_progress_on=[self.check_plot])
         for pressed in (self.stop, self.stop_fit):
-            self.on(pressed.click, lambda session: session.stopped.set(), [], [], queue=False)
+            self.on(pressed.click, lambda session: session.work.stopped.set(), [], [], queue=False)
         moved = partial(gr.on, [slider.input for slider in self.sliders])
         self.on(moved, self._try, [self.checked, *self.sliders], [self.trial], queue=False, **LATEST)
         zipped = self.working(self.make.click, self._zip, [], [self.files, self.download], show_progress_on=[self.make])
@@ -209,8 +222,8 @@ class Page(FilmPart):
         set_before = also or {}
 
         def begin(session: Session) -> list[Any]:
-            if not session.busy.locked():
-                session.stopped.clear()
+            if not session.work.busy.locked():
+                session.work.stopped.clear()
             return [gr.Tabs(selected=step), gr.Button(visible=True), *set_before.values()]
 
         begun = self.on(pressed.click, begin, [], [self.steps, stop, *set_before], **AT_ONCE)
@@ -220,7 +233,7 @@ class Page(FilmPart):
         return run
 
     def _stoppable(self, request: gr.Request) -> Any:
-        return gr.Button(visible=self.session(request).busy.locked())
+        return gr.Button(visible=self.session(request).work.busy.locked())
 
     # the handlers
 
@@ -279,9 +292,10 @@ class Page(FilmPart):
         answered = found is not None and not session.stale
         cloud = {"value": plots.cloud(found.pairs, found.document)} if drawn and found else {}
         return [
-            *(gr.Tab(interactive=able) for able in (loaded, loaded, answered, answered)), gr.Button(interactive=loaded),
-            words.answers(session), gr.Button(interactive=answered), gr.Button(visible=steps.unfit(session)),
-            gr.Plot(visible=answered, **cloud),
+            *(gr.Tab(interactive=able) for able in (loaded, loaded, answered, answered)),
+            gr.Button(interactive=loaded), gr.Button(interactive=loaded), words.answers(session),
+            gr.Button(interactive=answered), gr.Button(visible=steps.unfit(session)),
+            gr.Plot(visible=answered, **cloud), gr.UploadButton(visible=answered),
         ]  # fmt: skip
 
     def _confirm(self, session: Session, *_: str) -> list[Any]:
@@ -292,7 +306,7 @@ class Page(FilmPart):
     def _view(self, session: Session, name: str | None) -> list[Any]:
         for curve in (one for one in session.curves if one.name == name):
             try:
-                return [plots.prepared(curve, steps.seen(curve, session.settings)), words.prepared(curve)]
+                return [plots.prepared(curve, seen(curve, *session.settings.compared)), words.prepared(curve)]
             except InputError as error:
                 return [None, words.prepared(curve, error)]
         return [None, ""]
@@ -307,6 +321,11 @@ class Page(FilmPart):
         names = [curve.name for curve, _ in steps.infer(session, chosen, progress).pairs]
         with session.lock:
             return [gr.Dropdown(choices=names, value=names[0]), *self._state(session, drawn=True)]
+
+    def _publish(self, session: Session, file: str) -> list[Any]:
+        with uploaded([file]) as (path,):
+            session.publish(path)
+        return self._state(session, drawn=True)
 
     def _picked(self, session: Session, name: str) -> list[Any]:
         return [gr.Tabs(selected=4), name, *self._show(session, name)]
@@ -324,7 +343,8 @@ class Page(FilmPart):
     def _answered(self, session: Session, name: str, trial: dict[str, Any] | None = None) -> list[Any]:
         answers, curve, posterior, _ = session.find(name)
         fit = answers.fits.get(name)
-        figure = plots.checked(curve, posterior.checks, fit.checks if fit else None, trial, steps.band(session, name))
+        drawn = band(curve, posterior, *answers.settings.compared)
+        figure = plots.checked(curve, posterior.checks, fit.checks if fit else None, trial, drawn)
         return [figure, words.facts(session, name)]
 
     def _try(self, session: Session, name: str, *values: float | None) -> dict[str, Any]:
@@ -337,21 +357,13 @@ class Page(FilmPart):
 
 
 def _settings(values: Sequence[Any]) -> PageSettings:
-    """From the components, in the order of the fields of PageSettings. Raises InputError: no number."""
-    given = dict(zip((field.name for field in fields(PageSettings)), values, strict=True))
-    for name in _NUMBERS:
-        given[name] = number_of(given[name], name.replace("_", " "))
-    return PageSettings(**given | {"window": given["window"] or None})
+    """From the components, in the order of the fields of PageSettings. Raises InputError."""
+    settings, wrong = PageSettings.of(values)
+    require(not wrong, "; ".join(wrong.values()), "app.settings")
+    return settings
 
 
 def _wrong(values: Sequence[Any]) -> list[str]:
-    """Why each setting cannot be, in the order of the fields of PageSettings; empty where it can."""
-    found = []
-    for field, value in zip(fields(PageSettings), values, strict=True):
-        try:
-            given = number_of(value, field.name.replace("_", " ")) if field.name in _NUMBERS else value or None
-            _ = PageSettings(**{field.name: given}).reading  # type: ignore[arg-type]
-            found.append("")
-        except InputError as error:
-            found.append(words.told(error))
-    return found
+    """What is said at each of them."""
+    wrong = PageSettings.of(values)[1]
+    return [words.told(wrong.get(field.name, "")) for field in fields(PageSettings)]

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import ctypes
 import os
 import signal
 import sys
@@ -29,6 +28,7 @@ from cavirheo.app import words
 from cavirheo.app.page import Page
 from cavirheo.app.session import VisitorLimits, Visitors
 from cavirheo.errors import InputError
+from cavirheo.parallel import of_memory
 from cavirheo.physics.simulate import load_solver
 from cavirheo.reporting import live
 
@@ -122,16 +122,10 @@ def running(
             yield address, visitors
 
 
-def _memory(name: str, *given: int) -> None:
-    """A function of the C library on memory, where it is glibc."""
-    with suppress(AttributeError, OSError, TypeError):
-        ctypes.CDLL(None)[name](*given)
-
-
 def serve(host: str, port: int, *, browser: bool, limits: VisitorLimits, folder: Path | None = None) -> None:
     """Serve the page, with a folder also the wall's, until it is interrupted or terminated. Raises as `running`."""
     signal.signal(signal.SIGTERM, signal.default_int_handler)
-    _memory("mallopt", -8, 2)  # M_ARENA_MAX: else each of many threads keeps a heap of its own
+    of_memory("mallopt", -8, 2)  # M_ARENA_MAX: else each of many threads keeps a heap of its own
     with suppress(KeyboardInterrupt), running(host, port, limits, folder) as (address, _):
         address += "live" * bool(folder)
         print(f"cavirheo app: {address}   (Ctrl+C ends it)", file=sys.stderr)
@@ -139,5 +133,5 @@ def serve(host: str, port: int, *, browser: bool, limits: VisitorLimits, folder:
         if browser:
             webbrowser.open(address)
         while not threading.Event().wait(60.0):
-            _memory("malloc_trim", 0)
+            of_memory("malloc_trim", 0)
     print("ended; temporary files are removed", file=sys.stderr)

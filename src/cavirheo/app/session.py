@@ -5,28 +5,29 @@ from __future__ import annotations
 import shlex
 import shutil
 from collections.abc import Sequence
-from concurrent.futures import Future
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from itertools import count
 from pathlib import Path
 from secrets import token_urlsafe
 from tempfile import TemporaryDirectory
-from threading import Event, Lock, RLock, Timer
-from typing import Any, NamedTuple
+from threading import Lock, RLock, Timer
+from typing import Any
 
+from cavirheo.beside.published.references import published_values, set_beside
 from cavirheo.curve import RadiusCurve
-from cavirheo.errors import InputError, require
+from cavirheo.errors import InputError, number_of, require
 from cavirheo.inference import DEFAULT, check_level, check_models
 from cavirheo.inference.model import shipped
 from cavirheo.inference.reconstruct import check_stretch
-from cavirheo.parallel import Once
+from cavirheo.parallel import Once, Stoppable
 from cavirheo.physics.media import Medium, medium
 from cavirheo.posterior import Posterior
 from cavirheo.reading.apart import Found, Reader
+from cavirheo.reading.camera import Camera
 from cavirheo.reading.recordings import is_recording
 from cavirheo.reading.shots import check_max_radius
 from cavirheo.reporting.answer import CurveRecord
-from cavirheo.reporting.record import Result
+from cavirheo.reporting.record import Published, Result
 from cavirheo.video.measurement import Measurement
 
 YOURS = "your files"  # the folder of a visitor, which names the group of single-shot files
@@ -48,7 +49,7 @@ class VisitorLimits:
     absent: float = 600.0  # s after which one who closed the page is forgotten
 
 
-ANSWERED = ("model", "material", "verify")  # of PageSettings: how an answer is found
+ANSWERED = ("model", "material", "contents", "verify")  # of PageSettings: how an answer is found
 
 
 @dataclass(frozen=True)
@@ -57,7 +58,7 @@ class PageSettings:
 
     Raises:
         InputError: an unknown level of `verify`, a model that is not shipped (no file of this machine is opened for a
-            visitor), a law that it does not answer, or a stretch that no bubble has.
+            visitor), a law or contents of the bubble that it does not answer, or a stretch that no bubble has.
     """
 
     medium: str = "water"
@@ -72,6 +73,7 @@ class PageSettings:
     group: str = "auto"  # whose shots are one material
     model: str = DEFAULT
     material: str | None = "nhkv"  # None for a network that knows one law
+    contents: str = "equilibrium"
     verify: str = "auto"
 
     def __post_init__(self) -> None:
@@ -81,7 +83,24 @@ class PageSettings:
         require(self.model in shipped(), unknown, "app.unknown_model")
         if self.model in shipped("point"):
             object.__setattr__(self, "material", None)
-        check_models(self.model, self.material, "equilibrium", self.verify)
+        check_models(self.model, self.material, self.contents, self.verify)
+
+    @classmethod
+    def of(cls, values: Sequence[Any]) -> tuple[PageSettings, dict[str, str]]:
+        """From what stands in the fields of the page, in their order; why it cannot be, by field, "" for all together:
+        settings are the usual ones then."""
+        given, wrong = dict[str, Any](), dict[str, str]()
+        for one, value in zip(fields(cls), values, strict=True):
+            try:
+                numeric, name = one.type == "float | None", one.name.replace("_", " ")
+                alone: dict[str, Any] = {one.name: number_of(value, name) if numeric else value or None}
+                _, given = cls(**alone).reading, given | alone
+            except InputError as error:
+                wrong[one.name] = str(error)
+        try:
+            return cls() if wrong else cls(**given), wrong
+        except InputError as error:
+            return cls(), {"": str(error)}
 
     @property
     def liquid(self) -> Medium:
@@ -96,6 +115,11 @@ class PageSettings:
         check_max_radius(scale)
         return {"density": liquid.density, "pressure": liquid.pressure, "max_radius": scale, "group": self.group}
 
+    @property
+    def compared(self) -> tuple[str, str | None, Medium, int | None]:
+        """Which window an answer is compared over, as `inference.trial` asks for it. Raises InputError."""
+        return self.model, self.material, self.liquid, self.window
+
     def command(self, files: Sequence[Path]) -> str:
         """The command line that means the same for these files."""
         words = ["cavirheo", "infer", *(path.name for path in files)]
@@ -103,14 +127,6 @@ class PageSettings:
             if value not in (None, getattr(PageSettings, name)):
                 words += [f"--{name.replace('_', '-')}", str(value)]
         return shlex.join(words)
-
-
-class Camera(NamedTuple):
-    """What is said of a recording: frames per s, um per pixel, exposure in us; None: not given."""
-
-    frame_rate: float | None = None
-    um_per_px: float | None = None
-    exposure_us: float | None = None
 
 
 @dataclass(eq=False)
@@ -158,14 +174,14 @@ class Session:
         self.film = ""  # the name of that which is looked at
         self.files: list[Path] = []
         self.curves: list[RadiusCurve] = []  # of all files, as the settings have them read
+        self.published: dict[str, Published] = {}  # values of other methods, by set
         self.problems: list[str] = []  # files that could not be read
         self.answers: Answers | None = None
         self.sent: list[str] = []  # uploads that are not looked at yet
         self.said = ""  # why the last thing that was asked was not done
         self.link = token_urlsafe(16)  # whoever knows it comes back here
         self.lock = RLock()  # held while anything here is read or changed, never while shots are worked on
-        self.busy, self.exporting, self.stopped = Lock(), Lock(), Event()  # held by a run, by a zip; ends a run
-        self.abandoned: set[Future[Any]] = set()  # shots that were worked on when a run was stopped
+        self.work, self.exporting = Stoppable(), Lock()  # on shots, of a zip
         self.calls = 0  # so often was anything asked
         self._temporary = TemporaryDirectory(prefix="cavirheo-")
         self.folder = Path(self._temporary.name)
@@ -242,6 +258,12 @@ class Session:
             self.curves, _ = self._read(self.files, settings)
         self.settings = settings
 
+    def publish(self, path: Path) -> None:
+        """Values of a file that `cavirheo compare` takes stand beside the answers. Raises InputError."""
+        found = self.reader.ask([path], (published_values, str(path)))
+        set_beside(self.answers.document.groups if self.answers else [], found)
+        self.published = found
+
     @property
     def stale(self) -> bool:
         """Whether there are answers, but to other settings."""
@@ -261,9 +283,10 @@ class Session:
         for path in {*self.files, *(film.path for film in self.films.values())}:
             path.unlink(missing_ok=True)
         self.files, self.curves, self.problems, self.answers, self.films, self.film = [], [], [], None, {}, ""
+        self.published = {}
 
     def close(self) -> None:
-        self.stopped.set()
+        self.work.stopped.set()
         self._temporary.cleanup()
 
     def _free(self, name: str) -> Path:

@@ -4,24 +4,20 @@ from __future__ import annotations
 
 import os
 import shutil
-from collections.abc import Callable, Sequence
-from concurrent.futures import FIRST_COMPLETED, ThreadPoolExecutor, wait
+from collections.abc import Sequence
 from contextlib import suppress
+from functools import partial
 from itertools import count
 from pathlib import Path
 from typing import Any
 
-from cavirheo.app.session import ANSWERED, Answers, PageSettings, Session
+from cavirheo.app.session import ANSWERED, Answers, Session
+from cavirheo.beside.published.references import set_beside
 from cavirheo.curve import RadiusCurve
-from cavirheo.errors import InputError, SolverError, require
+from cavirheo.errors import InputError, require
 from cavirheo.inference import DEFAULT, infer_many
-from cavirheo.inference.experiment import Experiment
 from cavirheo.inference.fit import fit_many
-from cavirheo.inference.law import Family
-from cavirheo.inference.model import load
-from cavirheo.inference.options import Options
-from cavirheo.inference.reconstruct import Window, check_stretch, window
-from cavirheo.inference.trial import AnswerTrial, Band, denser, reach
+from cavirheo.inference.trial import denser, reach, seen, tried
 from cavirheo.posterior import Checks, Posterior
 from cavirheo.reading.apart import Report
 from cavirheo.reporting import interactive as plots
@@ -40,15 +36,6 @@ def examples() -> dict[str, Path]:
     """The shipped measurements by their names."""
     folder = Path(__file__).parent / "examples"
     return {path.name: path for kind in ("*gel.*", "*.mp4") for path in sorted(folder.glob(kind))}
-
-
-def seen(curve: RadiusCurve, settings: PageSettings) -> Window:
-    """What is compared with the answer. Raises InputError."""
-    if settings.material is not None:
-        return Experiment(curve, Family("newtonian"), settings.liquid, Options(settings.window)).view  # of any law
-    problem = load(settings.model).problem  # of a network that reads its own window
-    end = problem.grid_step(curve.max_radius, settings.liquid) * (problem.grid.frames - 1)
-    return window(curve, collapses=settings.window, end=end)
 
 
 def infer(session: Session, names: Sequence[str], progress: Report) -> Answers:
@@ -71,7 +58,7 @@ def infer(session: Session, names: Sequence[str], progress: Report) -> Answers:
     def one(curve: RadiusCurve) -> Posterior:
         return session.once(lambda: infer_many([curve], **options, workers=workers)[0], curve, options)
 
-    found = each(session, one, chosen, progress)
+    found = session.work.each(one, chosen, partial(_told, progress))
     answers = list(zip(chosen, found, strict=True))
     pairs = [(curve, answer) for curve, answer in answers if answer]
     left = [curve.name for curve, answer in answers if not answer]
@@ -81,47 +68,33 @@ def infer(session: Session, names: Sequence[str], progress: Report) -> Answers:
     matters = denser(pairs, settings.liquid, stretch=settings.stretch, window=settings.window) if known else ""
     made = Answers(pairs, result(pairs, command), left, settings, matters)
     with session.lock:
+        with suppress(InputError):  # other groups than when they were given
+            set_beside(made.document.groups, session.published)
         require(session.curves is curves and session.settings == settings, _CHANGED, "app.changed")
         session.answers = made
         return session.answers
 
 
 def fit(session: Session, name: str | None, progress: Report) -> None:
-    """The conventional fit of one answered curve, with the same medium, window and stretch. Raises InputError."""
+    """The conventional fit of one answered curve: same law, contents, medium, window and stretch. Raises InputError."""
     with session.lock:
         (answers, curve, posterior, _), settings = session.find(name), session.settings
     options: dict[str, Any] = {"window": settings.window, "stretch": settings.stretch, "medium": settings.liquid}
-    (found,) = each(session, lambda curve: fit_many([curve], posterior.material, **options)[0], [curve], progress)
+    if settings.material is None:  # a network that reads its own window
+        options["end"] = seen(curve, *settings.compared).end * (1.0 + 1e-9)
+
+    def one(curve: RadiusCurve) -> Posterior:
+        return fit_many([curve], posterior.material, contents=posterior.bubble.contents, **options)[0]
+
+    (found,) = session.work.each(one, [curve], partial(_told, progress))
     with session.lock:
         if found is None or session.answers is not answers:
             raise InputError(_CHANGED, "app.changed")
         answers.fits[curve.name] = found
 
 
-def each(
-    session: Session, work: Callable[[RadiusCurve], Posterior], curves: Sequence[RadiusCurve], progress: Report
-) -> list[Posterior | None]:
-    """`work` done on every curve on all cores, in their order; None for those that were not done when it was stopped.
-
-    Raises:
-        InputError: stopped before the first was done, or another run of this session goes on.
-    """
-    free = session.busy.acquire(blocking=False)
-    require(free, "the run before goes on: stop it, or wait for its end", "app.busy")
-    try:
-        wait(session.abandoned)  # one who stops and starts in turns takes no more cores than others
-        pool = ThreadPoolExecutor(os.cpu_count())
-        tasks = [pool.submit(work, curve) for curve in curves]
-        left = set(tasks)
-        while left and not session.stopped.is_set():
-            progress(1 - len(left) / len(tasks), f"{len(tasks) - len(left)} of {len(tasks)} shots")
-            left = wait(left, timeout=0.1, return_when=FIRST_COMPLETED).not_done
-        pool.shutdown(wait=False, cancel_futures=True)
-        session.abandoned = {task for task in left if not task.cancelled()}
-    finally:
-        session.busy.release()
-    require(len(left) < len(tasks), "stopped before a shot was done: nothing has changed", "app.stopped")
-    return [None if task in left else task.result() for task in tasks]
+def _told(progress: Report, done: int, of: int) -> None:
+    progress(done / of, f"{done} of {of} shots")
 
 
 def sliders(session: Session, name: str) -> dict[str, dict[str, float] | None]:
@@ -135,27 +108,10 @@ def trial(session: Session, name: str, values: Sequence[float | None]) -> tuple[
 
     A simulation that fails gives the reason and nothing to draw.
     """
-    try:
-        _, curve, posterior, _ = session.find(name)
-        given = {key: v / SLIDERS[key][1] for key, v in zip(SLIDERS, values, strict=True) if v is not None}
-        check_stretch(given["stretch"])
-        found = _again(session, curve, posterior).checks(given)
-    except (InputError, SolverError) as error:
-        failed = Checks("failed", str(error))
-        return failed, plots.lines(failed)
-    return found, plots.lines(found, curve.time_of_max)
-
-
-def band(session: Session, name: str) -> Band | None:
-    """Where the simulations of the answer's draws run; None of an answer without any, or that fails."""
     _, curve, posterior, _ = session.find(name)
-    with suppress(InputError, SolverError):
-        return _again(session, curve, posterior).band()
-    return None
-
-
-def _again(session: Session, curve: RadiusCurve, posterior: Posterior) -> AnswerTrial:
-    return AnswerTrial(curve, posterior, session.settings.liquid, seen(curve, session.settings))
+    given = {key: v / SLIDERS[key][1] for key, v in zip(SLIDERS, values, strict=True) if v is not None}
+    found = tried(curve, posterior, given, *session.settings.compared)
+    return found, plots.lines(found, 0.0 if found.verdict == "failed" else curve.time_of_max)
 
 
 def unfit(session: Session) -> bool:

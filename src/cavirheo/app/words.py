@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from base64 import b64encode
 from collections.abc import Sequence
-from contextlib import suppress
 from importlib.metadata import version
 from importlib.resources import files
 from typing import Any
@@ -19,9 +18,8 @@ from cavirheo.inference import AUTO, DEFAULT
 from cavirheo.inference.model import card, shipped
 from cavirheo.reporting import html
 from cavirheo.reporting.answer import curve_record
-from cavirheo.reporting.citing import Source, methods
-from cavirheo.reporting.found import cells, notes, warnings
-from cavirheo.reporting.record import Result
+from cavirheo.reporting.citing import TITLE, methods_if_any
+from cavirheo.reporting.found import cells, notes, pooled, warnings
 from cavirheo.video.picture import COLOURS, GREY, frame_address
 from cavirheo.video.track import FLAGS
 from cavirheo.writing import digits
@@ -51,13 +49,15 @@ def top() -> str:
     return part("top", version("cavirheo"))
 
 
-def picture() -> str:
-    """The address of a picture of an answer, which stands in the page."""
+def welcome() -> str:
+    """What to bring, whom to cite, and a picture of an answer."""
     image = (files("cavirheo.app") / "examples" / "answer.png").read_bytes()
-    return f"data:image/png;base64,{b64encode(image).decode()}"
+    return part(
+        "welcome", f"data:image/png;base64,{b64encode(image).decode()}", f"{TITLE}, version {version('cavirheo')}"
+    )
 
 
-def told(error: Exception) -> str:
+def told(error: Exception | str) -> str:
     """The message, with the field of the page instead of the option of the command line."""
     said = str(error).replace("--rmax-um", "R_max in step 2").replace("--roi", "cavirheo measure --roi")
     return said.replace("; give --um-per-px", ": type it")
@@ -115,28 +115,25 @@ def answers(session: Session) -> str:
         return part("quiet", NONE)
     document = found.document
     factor, unit = document.modulus_unit
-    tables = html.groups_table(document.groups, factor, unit)
-    tables += html.curves_table(document.curves, factor, unit, title="Shots", linked=False)
+    groups = html.groups_table(document.groups, factor, unit), [one.words for one in document.differences]
+    beside = [(one.name, *row, factor, unit) for one in document.groups for row in one.published.items()]
+    shots = html.curves_table(document.curves, factor, unit, title="Shots", linked=False)
     said = once((record.name, record.message) for record in document.curves)
-    about = found.density, html.reading(document.curves), *_methods(document)
-    return part("answers", session.stale, len(document.curves), found.not_run, tables, said, *about)
-
-
-def _methods(document: Result) -> tuple[str, list[Source]]:
-    """Nothing where nothing was answered."""
-    with suppress(InputError):
-        return methods(document)
-    return "", []
+    about = found.density, html.reading(document.curves), *methods_if_any(document)
+    done = len(document.curves), found.not_run, pooled(document)
+    return part("answers", session.stale, *done, *groups, beside, shots, said, *about)
 
 
 def facts(session: Session, name: str) -> str:
     """The answer, and the conventional fit if there is one, as rows of one table; then all facts of the answer."""
-    answers, curve, _, record = session.find(name)
+    answers, curve, answer, record = session.find(name)
     factor, unit = answers.document.modulus_unit
-    table, failed = "", {}
+    table, failed, frames = "", {}, list[int]()
     if posterior := answers.fits.get(name):
         rows = {"answer": record, "least squares": curve_record(curve, posterior)}
         records = [row.model_copy(update={"name": what}) for what, row in rows.items()]
         table = html.curves_table(records, factor, unit, title="Answer and conventional fit", linked=False)
         failed = once((row.name, row.message) for row in records[1:] if not row.answered)
-    return part("facts", table, failed, html.article(0, record, factor, unit, ""))
+        times = (one.checks.compared_time for one in (answer, posterior))
+        frames = [len(time) for time in times if time is not None]
+    return part("facts", table, frames, failed, html.article(0, record, factor, unit, ""))

@@ -45,6 +45,7 @@ def started(content: bytes) -> Any:
     options = onnxruntime.SessionOptions()
     options.intra_op_num_threads = 1  # one small curve at a time: threads cost more than they give
     options.log_severity_level = 4  # what goes wrong is raised
+    options.enable_cpu_mem_arena = False  # it would keep what one run has taken
     return onnxruntime.InferenceSession(content, options, providers=["CPUExecutionProvider"])
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import replace
 from typing import Any
 
@@ -13,30 +14,48 @@ from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError, SolverError
 from cavirheo.inference.experiment import Experiment
 from cavirheo.inference.law import Family
+from cavirheo.inference.model import load
 from cavirheo.inference.options import FREE, Options
-from cavirheo.inference.reconstruct import Window, window
+from cavirheo.inference.reconstruct import Window, check_stretch, window
 from cavirheo.parameters import PARAMETERS
 from cavirheo.physics.media import Medium
 from cavirheo.posterior import Checks, Posterior
 
 DRAWS = 40  # of a posterior, that its band is made of
+GROUPS = 6  # whose dependence on the density is said
 Band = tuple[Floats, Floats, Floats]
 
 
-class AnswerTrial:
-    """A curve, what was answered of it in a medium, and the window it was compared over; `view`: that of an answer
-    without a simulation. Raises InputError as `Experiment`."""
+def seen(curve: RadiusCurve, model: str, material: str | None, medium: Medium, collapses: int | None = None) -> Window:
+    """What is compared with the answer of these options of `infer_many`. Raises InputError."""
+    if material is not None:
+        return Experiment(curve, Family("newtonian"), medium, Options(collapses)).view  # of any law
+    problem = load(model).problem  # of a network that reads its own window
+    end = problem.grid_step(curve.max_radius, medium) * (problem.grid.frames - 1)
+    return window(curve, collapses=collapses, end=end)
 
-    def __init__(self, curve: RadiusCurve, posterior: Posterior, medium: Medium, view: Window) -> None:
+
+class AnswerTrial:
+    """A curve, what was answered of it in a medium, and the window it was compared over; of an answer without a
+    simulation that of these options, as in `seen`. Raises InputError as `Experiment`."""
+
+    def __init__(
+        self, curve: RadiusCurve, posterior: Posterior, model: str, material: str | None, medium: Medium,
+        collapses: int | None = None,
+    ) -> None:  # fmt: skip
         frames = posterior.checks.compared_time
-        end = view.end if frames is None else window(curve, end=frames[-1] - curve.time_of_max).end
+        if frames is None:
+            end = seen(curve, model, material, medium, collapses).end
+        else:
+            end = window(curve, end=frames[-1] - curve.time_of_max).end
         options = Options(None, end * (1.0 + 1e-9), None, tuple(FREE), bubble=posterior.bubble)
         exposure = float(curve.exposure or 0.0)
         self.posterior = posterior
         self.shot: Experiment = Experiment(curve, Family(posterior.material), medium, options, exposure=exposure)
 
     def checks(self, given: Mapping[str, float]) -> Checks:
-        """With these parameters (natural name, SI) in place of those of the answer. Raises SolverError."""
+        """With these parameters (natural name, SI) in place of those of the answer. Raises InputError, SolverError."""
+        check_stretch(given.get("stretch"))
         return self.shot.checks(self.shot.from_best({**self.posterior.best, **given}), "ok", [])
 
     def band(self, level: float = 0.9) -> Band | None:
@@ -63,26 +82,41 @@ class AnswerTrial:
         return time, low, high
 
 
+def tried(curve: RadiusCurve, posterior: Posterior, given: Mapping[str, float], *compared: Any) -> Checks:
+    """As `AnswerTrial.checks`; where that cannot be, the checks say why. compared: what follows the posterior there."""
+    try:
+        return AnswerTrial(curve, posterior, *compared).checks(given)
+    except (InputError, SolverError) as error:
+        return Checks("failed", str(error))
+
+
+def band(curve: RadiusCurve, posterior: Posterior, *compared: Any) -> Band | None:
+    """As `AnswerTrial.band`; None also of an answer that cannot be simulated."""
+    with suppress(InputError, SolverError):
+        return AnswerTrial(curve, posterior, *compared).band()
+    return None
+
+
 def denser(pairs: Sequence[tuple[RadiusCurve, Posterior]], medium: Medium, **options: Any) -> str:
-    """How far a density that is 1 % off moves G: of the first shot whose answer has draws of it, by the posterior
-    network alone, with these options of `infer_many`; empty where there is no such shot."""
+    """How far a density that is 1 % off moves G: of the first shot of each group (of the first GROUPS) whose answer has
+    draws of it, by the posterior network alone, with these options of `infer_many`; empty where there is no such shot.
+    """
     from cavirheo.inference import infer_many
 
-    shots = [(curve, one) for curve, one in pairs if len(one.theta) > 1 and "log10_shear_modulus" in one.names]
-    if not shots:
-        return ""
-    (curve, answer), found = shots[0], list[float]()
-    for density in (medium.density, 1.01 * medium.density):
+    shots: dict[str, tuple[RadiusCurve, Posterior]] = {}
+    for curve, answer in pairs:
+        if len(answer.theta) > 1 and "log10_shear_modulus" in answer.names:
+            shots.setdefault(curve.group, (curve, answer))
+    said = []
+    for group, (curve, answer) in list(shots.items())[:GROUPS]:
         how: dict[str, Any] = {
-            "medium": replace(medium, density=density),
-            "material": answer.material,
-            "verify": "none",
-            "workers": 1,
-        }
-        found.append(infer_many([curve], **how, **options)[0].median("shear_modulus") or np.nan)
-    change = 100.0 * (found[1] / found[0] - 1.0)
-    said = f"density {medium.density:.6g} kg/m³; were it 1 % more, G of {curve.name} would change by {change:+.1f} %"
-    return said if np.isfinite(change) else ""
+            "material": answer.material, "contents": answer.bubble.contents, "verify": "none", "workers": 1, **options
+        }  # fmt: skip
+        liquids = medium, replace(medium, density=1.01 * medium.density)
+        before, after = (infer_many([curve], medium=one, **how)[0].median("shear_modulus") for one in liquids)
+        if before and after:
+            said.append(f"{group} {100.0 * (after / before - 1.0):+.1f} %")
+    return f"density {medium.density:.6g} kg/m³; were it 1 % more, G would change: {', '.join(said)}" if said else ""
 
 
 def reach(posterior: Posterior, name: str, factor: float = 1.0) -> dict[str, float] | None:

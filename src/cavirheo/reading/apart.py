@@ -50,7 +50,7 @@ class Reader:
         """
         paths = [Path(one.source) if isinstance(one, RadiusCurve) else one for one in files]
         given = [str(one) if isinstance(one, Path) else one for one in files]
-        answer = self._ask(paths, (_read, given, options))
+        answer = self.ask(paths, (_read, given, options))
         folder = f"{paths[0].parent}/" if paths else ""
         problems = answer.problems + answer.remarks
         return [_named(curve) for curve in answer.curves], [problem.replace(folder, "") for problem in problems]
@@ -60,10 +60,14 @@ class Reader:
 
         Raises InputError: as `read`.
         """
-        found = self._ask([path], (_measure, str(path), str(images), most, options), say)
+        found = self.ask([path], (_measure, str(path), str(images), most, options), say)
         return replace(found, recording=replace(found.recording, frames=np.load(images, mmap_mode="r")))
 
-    def _ask(self, paths: Sequence[Path], work: tuple[Any, ...], say: Report = lambda *_: None) -> Any:
+    def ask(self, paths: Sequence[Path], work: tuple[Any, ...], say: Report = lambda *_: None) -> Any:
+        """What work, a function with its arguments after the first, the pipe to this process, finds there in files.
+
+        Raises InputError: as `read`.
+        """
         names = ", ".join(path.name for path in paths[:3]) + (", ..." if len(paths) > 3 else "")
         slow = f"reading {names} took more than {self.seconds:g} s; is the file damaged, or too long?"
         with self._lock:

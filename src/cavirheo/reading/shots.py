@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections import Counter
 from collections.abc import Sequence
 from contextlib import suppress
@@ -14,7 +15,9 @@ from cavirheo.errors import InputError, require
 from cavirheo.parameters import RADIUS
 from cavirheo.reading import read_curves
 
-GROUPINGS = ("auto", "file", "folder", "none")
+GROUPINGS = ("auto", "file", "folder", "name", "none")
+# the number of a shot at the end of a name, with what stands before it; a decimal number is no shot's
+_NUMBER = re.compile(r"(?:[^\w.,]|_)*(?<![.,])\d+(?: \(\d+\))?[)\]]?$")
 
 
 class Recordings(NamedTuple):
@@ -36,8 +39,9 @@ def read_shots(
 
     Args:
         max_radius: m, the true R_max: rescales every curve.
-        group: whose shots are one material: "file" (of one file), "folder" (of all files of a folder), "none" (each by
-            itself), "auto" (of one file; single-shot files of one folder together).
+        group: whose shots are one material: "file" (of one file), "folder" (of all files of a folder), "name" (of
+            the files of a folder whose names differ in the number at their end), "none" (each by itself), "auto" (of
+            one file; single-shot files of one folder together).
 
     Raises:
         InputError: `max_radius` is no radius of a bubble, or `group` is none of these.
@@ -100,10 +104,18 @@ def _grouped(curves: list[RadiusCurve], group: str) -> list[RadiusCurve]:
     for curve, folder, single in zip(curves, folders, alone, strict=True):
         if group == "none":
             curve = curve.with_group(curve.name, curve.source)
+        elif group == "name":
+            stem = stem_of(curve.source)
+            curve = curve.with_group(stem or folder.name, str(folder / stem))
         elif group == "folder" or (group == "auto" and single and singles[folder] > 1):
             curve = curve.with_group(folder.name, str(folder))
         made.append(curve)
     return made
+
+
+def stem_of(file: str) -> str:
+    """'soft' of soft_1.csv, soft 02.csv and soft_1 (2).csv; "" of 7.csv."""
+    return _NUMBER.sub("", Path(file).stem)
 
 
 def _scaled(curve: RadiusCurve, max_radius: float) -> RadiusCurve:

@@ -29,6 +29,7 @@ from cavirheo.writing import digits
 
 _VERBS = ("infer", "fit", "watch")  # whose command tells the medium: water, unless these options say otherwise
 _CONSTANTS = ("density", "sound_speed", "surface_tension", "pressure", "temperature")
+TITLE = "cavirheo: inertial microcavitation rheometry from a bubble radius history"
 
 _HOW = {  # by method, what was done and whose method it is
     "verified": (
@@ -51,8 +52,7 @@ def methods(result: Result) -> tuple[str, list[Source]]:
     """The paragraph, and whom it cites in the order of appearance. Raises InputError: no curve has an answer."""
     answered = [curve for curve in result.curves if curve.answered]
     require(bool(answered), "no curve of this result has an answer: there is nothing to cite", "cite.nothing")
-    title = "cavirheo: inertial microcavitation rheometry from a bubble radius history"
-    own = Source("{The cavirheo developers}", (result.date or "")[:4], title, f"version {result.version}", "")
+    own = Source("{The cavirheo developers}", (result.date or "")[:4], TITLE, f"version {result.version}", "")
     cited = [own, WALL, IMR]
     said = [_shots(answered, result), *_model(answered, cited), *_medium(result.command, cited), *_window(answered)]
     for method in dict.fromkeys(curve.method for curve in answered):
@@ -79,6 +79,13 @@ def methods(result: Result) -> tuple[str, list[Source]]:
     for source in cited:
         unique.setdefault(source.key, source)
     return " ".join(filter(None, said)), list(unique.values())
+
+
+def methods_if_any(result: Result) -> tuple[str, list[Source]]:
+    """As `methods`; nothing where no curve has an answer."""
+    with suppress(InputError):
+        return methods(result)
+    return "", []
 
 
 def _shots(answered: list[CurveRecord], result: Result) -> str:

@@ -26,6 +26,7 @@ from cavirheo.physics.media import Medium
 from cavirheo.posterior import Checks
 from cavirheo.reporting.record import Pairs, Result
 from cavirheo.writing import digits
+from cavirheo.writing.document import Spread
 from cavirheo.writing.style import BLUE, INK, VERMILLION, shades
 
 GREEN, MEASURED, PALE = "#00875f", "#222222", "#b4b4b4"
@@ -34,6 +35,7 @@ _RMAX = "R<sub>max</sub>"
 _TIME = f"time after {_RMAX} (µs)"
 _STYLE = json.loads(Path(__file__).with_name("figure.json").read_text(encoding="utf-8"))
 _GROUPS = (BLUE, VERMILLION, GREEN, "#7b4fa3", "#8a6d00", MEASURED)
+_MARKS = ("square", "diamond", "triangle-up", "cross")  # of published values
 _MOST_POINTS = 2000  # of a drawn curve
 
 
@@ -121,7 +123,7 @@ def checked(
 
 def cloud(pairs: Pairs, document: Result) -> go.Figure:
     """G over mu: draws and medians of all shots, coloured by group, those that are not trusted hollow; of each group
-    the contour that holds 90 % of its shots. Answers without G or mu are left out."""
+    the contour that holds 90 % of its shots, and published values. Answers without G or mu are left out."""
     factor, unit = document.modulus_unit
     figure = figure_of("µ (Pa s)", f"G ({unit})", hovermode="closest", height=420)
     for axis in (figure.update_xaxes, figure.update_yaxes):
@@ -156,7 +158,28 @@ def cloud(pairs: Pairs, document: Result) -> go.Figure:
                 marker={"color": colour, "size": 9, "symbol": symbols, "line": {"color": INK, "width": 1}}, **look,
                 hovertemplate="%{text}: G %{y:.3g} " + unit + ", µ %{x:.3g} Pa s<extra></extra>",
             )  # fmt: skip
+            for mark, (method, values) in zip(cycle(_MARKS), group.published.items(), strict=False):
+                _published(figure, f"{look['name']}, {method}", values, factor, x, {"color": colour, "symbol": mark})
     return figure
+
+
+def _published(
+    figure: go.Figure, name: str, values: Mapping[str, Spread], factor: float, across: Sequence[float | None],
+    look: dict[str, Any],
+) -> None:  # fmt: skip
+    """G over mu of another method; of one that has no mu a line `across` the shots."""
+    modulus, viscosity = values.get("shear_modulus", Spread()), values.get("viscosity", Spread())
+    if modulus.mean is None:
+        return
+    y, up = factor * modulus.mean, factor * (modulus.std or 0.0)
+    if viscosity.mean is None:
+        ends = [one for one in across if one]
+        line = {"color": look["color"], "dash": "dot"}
+        figure.add_scatter(x=[0.8 * min(ends), 1.25 * max(ends)], y=[y, y], mode="lines", line=line, name=name)
+        return
+    bars: dict[str, Any] = {"error_x": {"array": [viscosity.std or 0.0]}, "error_y": {"array": [up]}}
+    marker = {"size": 13, "line": {"color": INK, "width": 1.5}, **look}
+    figure.add_scatter(x=[viscosity.mean], y=[y], mode="markers", marker=marker, name=name, **bars)
 
 
 def lines(found: Checks, start: float = 0.0) -> dict[str, Any]:

@@ -113,7 +113,7 @@ TrustInput = Annotated[bool, Option("--trust-input", help=_TRUST)]
 Exclude = Annotated[str | None, Option(help="frames of a recording to leave out, such as '12,40-45' (the first is 1)")]
 UmPerPx = Annotated[float | None, Option(help="micrometres per pixel of a recording")]
 _BLUR = "exposure time of a frame, us, centred on its time: --verify blurs the simulation alike"
-_GROUP = "shots of one material: file, folder, none, or auto: a file, or a folder of single-shot files"
+_GROUP = "shots of one material: file, folder, name (soft_1, soft_2), none, or auto: a file, or single-shot files"
 Group = Annotated[str, Option(help=_GROUP)]
 _KINETIC = "model of the vapour: equilibrium (the field's model) or kinetic (condenses at a finite rate)"
 Contents = Annotated[str, Option(help=_KINETIC, autocompletion=values(*_CONTENTS))]

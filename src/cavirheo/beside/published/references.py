@@ -13,6 +13,7 @@ lines and lines that begin with # are left out.
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated, Any
@@ -23,6 +24,8 @@ from cavirheo.errors import InputError, require
 from cavirheo.physics.media import Medium, medium
 from cavirheo.reading.files import guarded
 from cavirheo.reading.tabular import Row, read_sheets
+from cavirheo.reporting.group import GroupRecord
+from cavirheo.reporting.record import Published
 from cavirheo.writing.document import Record, Spread
 
 _MOST = 500  # sets of one file
@@ -101,6 +104,23 @@ class ReferenceSet:
             name = {G: "shear_modulus", MU: "viscosity"}[quantity]
             found.setdefault(method, {})[name] = Spread(mean=value.mean, std=value.std)
         return found
+
+
+def published_values(_: object, path: str) -> dict[str, Published]:
+    """Those of each set of the file, by its name: work for a `Reader`. Raises InputError."""
+    return {about.name: about.published() for about in read_references(path)}
+
+
+def set_beside(groups: Sequence[GroupRecord], sets: Mapping[str, Published]) -> None:
+    """Each group gets the values of the set of its name; all of them get those of a set that is the only one.
+
+    Raises InputError: no set has the name of a group.
+    """
+    named = f"no set has the name of a group: sets {', '.join(sets)}; groups {', '.join(one.name for one in groups)}"
+    require(len(sets) < 2 or any(one.name in sets for one in groups), named, "references.groups")
+    for group in groups:
+        values = next(iter(sets.values())) if len(sets) == 1 else sets.get(group.name, {})
+        group.published = {method: dict(known) for method, known in values.items()}
 
 
 def read_references(path: str | Path) -> list[ReferenceSet]:

@@ -166,10 +166,10 @@ class Population:
         symbols = [about(name).symbol for name in self.names]
         scattered = self.scattered
         if scattered and scattered.log < 0.0:
-            most = [digits.significant(100 * _relative(self.scatter(name)[2]), 2) for name in self.names]
+            most = [digits.significant(100 * relative_scatter(self.scatter(name)[2]), 2) for name in self.names]
             below = ", ".join(f"{symbol} {one} %" for symbol, one in zip(symbols, most, strict=True))
             return f"no scatter of the shots beyond their intervals is seen (below {below})"
-        middle = [digits.significant(100 * _relative(self.scatter(name)[1]), 2) for name in self.names]
+        middle = [digits.significant(100 * relative_scatter(self.scatter(name)[1]), 2) for name in self.names]
         if len(middle) == 1:
             return f"shots scatter by {middle[0]} %"
         return "shots scatter by " + ", ".join(f"{one} % in {s}" for s, one in zip(symbols, middle, strict=True))
@@ -252,6 +252,6 @@ def _quantiles(values: Floats, level: float) -> Floats:
     return np.asarray(np.quantile(values, [(1.0 - level) / 2.0, 0.5, (1.0 + level) / 2.0]))
 
 
-def _relative(decades: float) -> float:
+def relative_scatter(decades: float) -> float:
     """Standard deviation over the mean of a lognormal distribution."""
     return float(np.sqrt(np.expm1((decades * _LN10) ** 2)))
