@@ -161,7 +161,9 @@ def control_rows(kept: Mapping[str, Any]) -> Iterable[list[Any]]:
             if known:
                 records = [answer for _, answer in known]
                 G, mu = (np.array([a["best"][n] / t[n] for t, a in known]) for n in ("shear_modulus", "viscosity"))
-                held = sum(bool(a["interval"]) and a["interval"][0] <= t["viscosity"] <= a["interval"][1] for t, a in known)
+                held = sum(
+                    bool(a["interval"]) and a["interval"][0] <= t["viscosity"] <= a["interval"][1] for t, a in known
+                )
                 cells = [spread(G), spread(mu), f"{held} of {len(known)}", spread(of(records, "accommodation"))]
                 how = model.replace("infer ", "") + (", by `infer`" if "infer" in model else ", by `fit`")
                 yield [truth, how, *cells, spread(of(records, "chi2"))]
