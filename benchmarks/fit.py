@@ -4,10 +4,10 @@
 
 Truths are drawn from G 1 to 50 kPa, mu 0.01 to 0.3 Pa s, stretch 4 to 10, R_max 100 to 400 um, simulated with
 `precise` (the fit uses the default solver), 100 frames over 4.07 t_c. The bound is that of unweighted frames with
-independent noise, clock and R_max free: cov = sigma^2 (J^T J)^-1 over the window, J by central differences. Noise-free shots
-count as identifiable where the bound of 0.1 % noise is below 1 % in G and 3 % in mu. --joint: so many noisy shots of
-one material fitted together, time per shot. --real: time per curve, as `cavirheo fit` fits them by default, of all
-curves that are found below a folder.
+independent noise, clock and R_max free: cov = sigma^2 (J^T J)^-1 over the window, J by central differences.
+Noise-free shots count as identifiable where the bound of 0.1 % noise is below 1 % in G and 3 % in mu. --joint: so many
+noisy shots of one material fitted together, time per shot. --real: time per curve, as `cavirheo fit` fits them by
+default, of all curves that are found below a folder.
 """
 
 from __future__ import annotations
