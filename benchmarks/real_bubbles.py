@@ -270,7 +270,7 @@ def inferred(curve: RadiusCurve, contents: str) -> dict[str, Any]:
 
 
 def run_controls(kept: Kept, _: Sets) -> None:
-    """Simulated gels of either contents, answered with both by fit and infer: ten of each, 0.7 % noise, 1 million frames/s."""
+    """Simulated gels of either contents, answered with both by fit and infer: ten of each, 0.7 % noise, 1 MHz."""
     rng, frames = np.random.default_rng(1), np.arange(100) * 1e-6
     for truth, contents, viscosity in (("kinetic", KINETIC, 0.003), ("equilibrium", {}, 0.03)):
         for i in range(10):
