@@ -209,6 +209,7 @@ NARROW = ["--shear-modulus", "5000", "5100", "--viscosity", "0.05", "0.051"]
     ],
 )
 def test_a_design_without_shots_to_draw_has_its_picture_and_its_document(quick, run, tmp_path, words, said, shots):
+    pytest.importorskip("matplotlib")
     status, out, err = run("design", *words, "--frame-rates-khz", "100,1000", "-o", "plan")
     assert status == 0, err
     assert said in out.replace("\n", " ")
@@ -219,6 +220,8 @@ def test_a_design_without_shots_to_draw_has_its_picture_and_its_document(quick, 
 
 
 def test_a_picture_that_fails_costs_only_itself(quick, run, tmp_path, monkeypatch):
+    pytest.importorskip("matplotlib")
+
     def broken(path, figure):
         assert (tmp_path / "plan" / "design.json").exists()
         raise ValueError("no ticks")
@@ -231,6 +234,7 @@ def test_a_picture_that_fails_costs_only_itself(quick, run, tmp_path, monkeypatc
 
 
 def test_the_ring_of_the_next_setting_is_within_the_picture(quick):
+    pytest.importorskip("matplotlib")
     from cavirheo.beside.design_view import picture
 
     figure = picture(cavirheo.design(ranges=RANGES, frame_rate=(1e6,), sizes=3))

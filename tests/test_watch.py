@@ -287,6 +287,7 @@ def test_ctrl_c_ends_it_with_all_that_is_answered(tmp_path, curve):
 
 def film_of_two(bench: Bench, name: str) -> tuple[Path, bytes]:
     """The pixels of a film, in the folder, and its header, which is not."""
+    pytest.importorskip("av", reason="needs the extra [video]")
     path = write_mraw(bench.folder / f"{name}.mraw", film(bits=12).frames, 12)
     header = path.with_suffix(".cihx")
     content = header.read_bytes()
