@@ -234,7 +234,10 @@ def network(groups: int, seed: int) -> None:
 SETS = (  # file, law, medium
     ("paam_alginate_0p3/Rt_nondim_exp_PAAm_Alginite_0p3perc_v2.mat", "nhkv", {"density": 998.0}),
     ("peg8000_40wv/Rt_nondim_exp_PEG8K_80.mat", "newtonian", {"density": 998.0}),
+    ("peg8000_40wv/Rt_nondim_exp_PEG8K_80.mat", "power-law", {"density": 998.0}),
+    ("peg8000_10wv/Rt_nondim_exp_PEG8K_20.mat", "newtonian", {"density": 998.0}),
     ("agarose_0p5/Rt_nondim_exp.mat", "nhkv", {"density": 1003.0}),
+    ("agarose_2p5/Rt_nondim_exp.mat", "fung + newtonian", {"density": 1025.0}),
     ("pa_stiff/RofT_shifted_20_shots.mat", "nhkv", {"name": "estrada2018"}),
 )
 

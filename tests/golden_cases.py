@@ -376,13 +376,13 @@ def fit_joint() -> Any:
     return answered("fit", "gel.csv", "--joint", "--window", 2, "--seed", 4)
 
 
-@case(rtol=1e-2, share=0.05)
+@case(rtol=1e-2, share=0.05, slow=True)
 def fit_newtonian() -> Any:
     bring("liquid.csv")
     return answered("fit", "liquid.csv", "--material", "newtonian", "--window-us", 60)
 
 
-@case(rtol=1e-2, share=0.05)
+@case(rtol=1e-2, share=0.05, slow=True)
 def fit_equal_plateau() -> Any:
     bring("plateau.csv")
     return answered("fit", "plateau.csv", "--weights", "equal", "--stretch", "plateau")

@@ -500,6 +500,7 @@ def test_a_short_call_of_a_program_does_not_wait_for_a_long_one(served, client, 
     assert len(long.result()["curves"]) == 1
 
 
+@pytest.mark.slow
 def test_the_conventional_fit_and_the_sliders_have_the_contents_of_the_answer(session):
     session.add([SOFT], PageSettings(contents="kinetic", verify="none"), copy=True)
     infer(session, ["soft_gel[1]"], silent)
@@ -513,6 +514,7 @@ def test_the_conventional_fit_and_the_sliders_have_the_contents_of_the_answer(se
     assert answers.fits["soft_gel[1]"].bubble.contents == "kinetic"
 
 
+@pytest.mark.slow
 def test_the_fit_beside_a_network_of_the_paper_has_its_frames(session):
     """Which read their own window, beyond the third collapse."""
     session.add([SOFT], PageSettings(model="bdt-viscoelastic"), copy=True)

@@ -420,6 +420,7 @@ def test_two_materials_in_single_files_are_asked_about_and_told_apart(visit, tmp
     assert fits_the_screen(page)
 
 
+@pytest.mark.slow
 def test_the_contents_of_the_bubble_are_chosen(visit, tmp_path):
     page = visit(WIDE)
     drop(page, _one_shot(tmp_path / "one.csv"))
@@ -434,6 +435,7 @@ def test_the_contents_of_the_bubble_are_chosen(visit, tmp_path):
     assert "--contents kinetic" in document["command"]
 
 
+@pytest.mark.slow
 def test_published_values_stand_beside_the_answers(visit, tmp_path):
     page = visit(WIDE)
     page.get_by_role("button", name="soft_gel.csv").click()

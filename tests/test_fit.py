@@ -90,7 +90,7 @@ def test_other_laws():
             "fung + newtonian", "fung(2e3, 0.02) + newtonian(0.05)", {"viscosity": 0.05}, marks=pytest.mark.slow
         ),
         ("power-law", "power-law(3, 0.7)", {"consistency": 3.0, "exponent": 0.7}),
-        ("cross", "cross(0.3, 0.02, 1e-5)", {}),
+        pytest.param("cross", "cross(0.3, 0.02, 1e-5)", {}, marks=pytest.mark.slow),
         pytest.param(
             "zener", "zener(8e3, 0.05, 1e-6)", {"shear_modulus": 8e3, "viscosity": 0.05}, marks=pytest.mark.slow
         ),
@@ -353,7 +353,9 @@ def test_published_alginate_shots(real_data):
     assert first.best["viscosity"] > answers[0].best["viscosity"]
 
 
-@pytest.mark.parametrize(("seed", "frames", "true", "other"), [(6, 24, 9.0, 5.3), (10, 30, 8.0, 5.5)])
+@pytest.mark.parametrize(
+    ("seed", "frames", "true", "other"), [(6, 24, 9.0, 5.3), pytest.param(10, 30, 8.0, 5.5, marks=pytest.mark.slow)]
+)
 def test_two_solutions_are_both_found_and_each_has_its_own_values(seed, frames, true, other):
     """A stiff gel at 270,000 frames/s: few frames show a collapse, and another stretch follows them nearly as well."""
     frame, R_max, rng = 1.0 / 270e3, 374e-6, np.random.default_rng([6, seed])

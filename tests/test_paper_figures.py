@@ -91,6 +91,7 @@ def test_the_order_of_laws_is_that_of_their_evidence():
     assert [label.get_text() for label in figure.axes[0].get_yticklabels()] == ["worst", "middle", "best"]
 
 
+@pytest.mark.slow
 def test_files(pairs, tmp_path):
     from PIL import Image
 

@@ -46,12 +46,10 @@ def test_every_tutorial_is_tested():
     assert set(SHOWN) == set(SCRIPTS)
 
 
-SLOW = [pytest.mark.slow]  # they start servers
+SLOW = [pytest.mark.slow]  # some start servers; one is enough for every run
 
 
-@pytest.mark.parametrize(
-    "stem", [pytest.param(stem, marks=SLOW if stem in ("app", "cluster", "gel") else []) for stem in SCRIPTS]
-)
+@pytest.mark.parametrize("stem", [pytest.param(stem, marks=SLOW if stem != "liquid" else []) for stem in SCRIPTS])
 def test_a_tutorial_says_what_is_so(stem, tmp_path):
     if any(find_spec(name) is None for name in NEEDS[stem]):
         pytest.skip("an extra is not installed")
