@@ -388,6 +388,7 @@ def test_the_first_screen_says_what_can_be_done(visit, size):
     page.wait_for_selector("#to-prepare:disabled")
 
 
+@pytest.mark.slow
 def test_two_materials_in_single_files_are_asked_about_and_told_apart(visit, tmp_path):
     page, files = visit(WIDE), []
     for name, example in (("soft", "soft_gel.csv"), ("stiff", "stiff_gel.mat")):

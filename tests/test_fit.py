@@ -191,6 +191,7 @@ def test_correlated_residuals_count_less():
     assert correlation_time(np.zeros(10)) == 1.0
 
 
+@pytest.mark.slow
 def test_a_parameter_at_its_bound_is_flagged():
     answer = fit(shot(t0=2e-6), windows=False, free=("t0",), stretch=7.0)
     assert "time_origin at its upper bound (5e-07)" in answer.checks.message

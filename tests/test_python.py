@@ -245,6 +245,7 @@ def test_what_is_free_may_be_written_as_on_the_command_line(curve, free):
     assert set(answer.diagnostics.free) == {"time_origin", "radius_scale"}
 
 
+@pytest.mark.slow
 def test_answers_are_verified_at_once(curve):
     seen = []
     settings = {"window": 1, "medium": "bu2026", "seed": 5}
