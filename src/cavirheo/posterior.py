@@ -196,8 +196,7 @@ class Posterior:
         names: "log10_shear_modulus", "log10_viscosity", "stretch", ...
         units: of 10**theta for the log10 names: "Pa", "Pa s", "1".
         theta: (draws, parameters) in the prior's scale (log10 for G and mu); a point answer is one draw, and a
-            failed one
-            none.
+            failed one none.
         checks: what was found when the answer was simulated.
         material: "nhkv", "newtonian", ...
         method: "bdt", "amortised", "verified", "laplace", "least_squares".

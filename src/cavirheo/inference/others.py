@@ -42,14 +42,16 @@ def chosen_among(answer: Posterior, candidates: Iterable[Posterior]) -> list[str
     if not (rivals and here.evidence):
         return []
     rivals.sort(key=_log, reverse=True)
-    laws, bubbles = ({get(one) for one in (here, *rivals)} for get in (lambda x: x.material, lambda x: x.bubble.name))
-    name = {id(one): _named(one, law=len(laws) > 1, bubble=len(bubbles) > 1) for one in (here, *rivals)}
+    tells = {
+        "law": any(one.material != here.material for one in rivals),
+        "bubble": any(one.bubble.name != here.bubble.name for one in rivals),
+    }
     parts: dict[str, list[str]] = {"possible, too": [], "rejected": []}
     for one in rivals:
         gain = _above(one, here)
-        parts["rejected" if gain < -DECISIVE else "possible, too"].append(f"{name[id(one)]} (e^{gain:.0f})")
+        parts["rejected" if gain < -DECISIVE else "possible, too"].append(f"{_named(one, **tells)} (e^{gain:.0f})")
     said = [f"{words}: {'; '.join(some)}" for words, some in parts.items() if some]
-    return [f"chosen by evidence: {name[id(here)]}; {'; '.join(said)}"]
+    return [f"chosen by evidence: {_named(here, **tells)}; {'; '.join(said)}"]
 
 
 def itself(answer: Posterior) -> OtherAnswer:

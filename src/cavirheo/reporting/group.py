@@ -88,8 +88,7 @@ class GroupRecord(Record):
         slopes: d ln(value)/d ln R_max of what should be a constant, by natural name.
         other_slopes: of the models that all of these shots have besides their answer.
         population: the material behind the shots, from their intervals; left out for a single shot, or where none
-            has an
-            interval.
+            has an interval.
         published: values of other methods, by method and parameter, SI; left out unless `compare` was given them.
     """
 

@@ -40,24 +40,24 @@ class CurvePicture:
     def __init__(self) -> None:
         from matplotlib.patches import Rectangle
 
-        self.figure: Any = style.new_figure(4.5)
+        self.figure = style.new_figure(4.5)
         figure = self.figure
         figure.set_dpi(DPI)  # words are measured as they will be drawn
-        self.upper: Any = style.new_axes(figure, _WHOLE, " ", " ")
-        self.lower: Any = style.new_axes(figure, _LOWER, " ", " ")
+        self.upper = style.new_axes(figure, _WHOLE, " ", " ")
+        self.lower = style.new_axes(figure, _LOWER, " ", " ")
         for axes, height in ((self.upper, _WHOLE[3]), (self.lower, _LOWER[3])):
             axes.xaxis.set_label_coords(0.5, -0.066 / height)
             axes.yaxis.set_label_coords(-0.06, 0.5)
-        self.name: Any = write(figure, _LEFT, 0.955, "", size=11, weight="bold")
-        self.verdict: Any = write(figure, _RIGHT, 0.955, "", size=10, weight="bold", ha="right")
-        self.box: Any = figure.add_artist(Rectangle((_LEFT, 0.88), _WIDTH, 0.054, color=BOX, lw=0))
-        self.answer: Any = write(figure, _LEFT + 0.013, 0.8965, "", size=9.5)
-        self.reason: Any = write(figure, _LEFT, 0.935, "", size=8.5, va="top")
-        self.nothing: Any = write(figure, 0.5, 0.46, "no measured radius", size=10, ha="center")
-        self.rmse: Any = write(figure, _RIGHT, 0.321, "", size=8, color=INK, ha="right")
-        self.model: Any = write(figure, _LEFT, 0.025, "", size=8, color=_GREY)
-        self.until: Any = write(figure, _RIGHT, 0.025, "", size=8, color=_GREY, ha="right")
-        self.t_star: Any = self._t_star_axis()
+        self.name = write(figure, _LEFT, 0.955, "", size=11, weight="bold")
+        self.verdict = write(figure, _RIGHT, 0.955, "", size=10, weight="bold", ha="right")
+        self.box = figure.add_artist(Rectangle((_LEFT, 0.88), _WIDTH, 0.054, color=BOX, lw=0))
+        self.answer = write(figure, _LEFT + 0.013, 0.8965, "", size=9.5)
+        self.reason = write(figure, _LEFT, 0.935, "", size=8.5, va="top")
+        self.nothing = write(figure, 0.5, 0.46, "no measured radius", size=10, ha="center")
+        self.rmse = write(figure, _RIGHT, 0.321, "", size=8, color=INK, ha="right")
+        self.model = write(figure, _LEFT, 0.025, "", size=8, color=_GREY)
+        self.until = write(figure, _RIGHT, 0.025, "", size=8, color=_GREY, ha="right")
+        self.t_star = self._t_star_axis()
 
         dots: dict[str, Any] = {"ls": "", "marker": "o", "mew": 0}
         looks = [("measured", {"color": BLACK, **dots}), ("measured, not compared", {"color": OUTSIDE, **dots})]
@@ -69,9 +69,9 @@ class CurvePicture:
             self.lines += self.upper.plot([], [], label=label, **look)
             (sample,) = self.upper.plot(x, [y] * 3, transform=place, ms=3.6, markevery=[1], **look)
             self.key.append((sample, write(self.upper, 0.78, y, label, size=8, va="center_baseline")))
-        self.band: Any = self.lower.axhspan(0.0, 0.0, color=BLUE, alpha=0.13, lw=0)
+        self.band = self.lower.axhspan(0.0, 0.0, color=BLUE, alpha=0.13, lw=0)
         self.lower.axhline(0.0, color=INK, lw=0.8)
-        self.residual: Any = self.lower.plot([], [], color=BLUE, label="residual", **dots)[0]
+        self.residual = self.lower.plot([], [], color=BLUE, label="residual", **dots)[0]
 
     def _t_star_axis(self) -> Any:
         """t* in whole numbers along the top."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -58,18 +58,20 @@ def _of_draws(about: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
 
     losses = dict(zip(map(tuple, about["kinds"]), about.get("loss_by_kind", ()), strict=False))
     laws = dict.fromkeys(law for law, _ in about["kinds"])
-    for number, law in enumerate(laws):
-        contents = " or ".join(contents for of, contents in about["kinds"] if of == law)
-        yield "" if number else "answers", f"{law} ({', '.join(Family(law).parameters)}), contents {contents}"
+    contents = {law: " or ".join(contents for of, contents in about["kinds"] if of == law) for law in laws}
+    yield from _under(
+        "answers", [f"{law} ({', '.join(Family(law).parameters)}), contents {contents[law]}" for law in laws]
+    )
     names = dict.fromkeys(name for law in laws for name in Family(law).parameters)
     kinetic = ["accommodation"] * any(contents == "kinetic" for _, contents in about["kinds"])
     yield "", "with each: stretch, R_max, clock and scale" + "; kinetic: accommodation" * bool(kinetic)
-    for number, name in enumerate([*names, "stretch", *kinetic]):
-        yield "" if number else "ranges", _range(name)
+    yield from _under("ranges", map(_range, [*names, "stretch", *kinetic]))
     units = {"max_radius_um": ("R_max", "um"), "frame_interval_us": ("time between frames", "us")}
-    for number, (name, (low, high)) in enumerate(about["trained"].items()):
+    trained = []
+    for name, (low, high) in about["trained"].items():
         what, unit = units.get(name, (name.replace("_", " "), {"density": "kg/m3", "pressure": "Pa"}.get(name, "")))
-        yield "" if number else "trained on", f"{what.replace(' rmax', ' R_max')} {low:g} to {high:g} {unit}".rstrip()
+        trained.append(f"{what.replace(' rmax', ' R_max')} {low:g} to {high:g} {unit}".rstrip())
+    yield from _under("trained on", trained)
     how = about["training"]
     yield "", f"{how['samples']} recordings" + _counted(how, "curves", " simulated curves", " of ")
     yield "training", _time(how) + _counted(how, "held_out", " curves held out")
@@ -79,23 +81,27 @@ def _of_draws(about: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
         if each:
             yield "", f"{law} {each}"
     coverage = about.get("coverage", {})
-    for number, (name, share) in enumerate(coverage.get("by_slot", {}).items()):
-        inside = ", ".join(f"{value:.1%} in the {level} % interval" for level, value in share.items())
-        yield "" if number else "coverage", f"{name.replace('_', ' ')} {inside}"
+    inside = {
+        name: ", ".join(f"{value:.1%} in the {level} % interval" for level, value in share.items())
+        for name, share in coverage.get("by_slot", {}).items()
+    }
+    yield from _under("coverage", [f"{name.replace('_', ' ')} {shares}" for name, shares in inside.items()])
     if "recordings" in coverage:
         yield "", f"of the truth of {coverage['recordings']} recordings, without simulations"
 
 
 def _of_values(about: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
     data, how, problem = about["data"], about["training"], about["problem"]
-    for number, output in enumerate(about["outputs"]):
+    answers = []
+    for output in about["outputs"]:
         low, high = problem["prior"][output["name"]]
         if output["scale"] == "log10":
             low, high = 10**low, 10**high
         score, what = about["metrics"][output["name"]], output["name"].removeprefix("log10_")
         off = f", median error {score['median_relative_error']:.1%}" if "median_relative_error" in score else ""
         said = f"{what} {low:g} to {high:g} {output['unit']}, R2 {score['r2']:.4f} ({output['scale']} scale){off}"
-        yield "" if number else "answers", said
+        answers.append(said)
+    yield from _under("answers", answers)
     medium, camera = problem["medium"], problem["camera"]
     yield "law", f"{about['material']}, contents equilibrium"
     inner = ", ".join(f"{name} {low:g} to {high:g}" for name, (low, high) in problem["prior"].items()
@@ -111,6 +117,13 @@ def _of_values(about: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
     losses = [f"{part} {values[best]:.4g}" for part, values in about.get("history", {}).items() if len(values) > best]
     if losses:
         yield "loss", f"{', '.join(losses)} (mean square error, best epoch)"
+
+
+def _under(title: str, lines: Iterable[str]) -> Iterator[tuple[str, str]]:
+    """Several lines with one title, which stands before the first."""
+    for line in lines:
+        yield title, line
+        title = ""
 
 
 def _made(about: Mapping[str, Any]) -> Iterator[tuple[str, str]]:

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 def which_law(
     files: options.Curves,
-    laws: options.ManyLaws = ("nhkv,newtonian,power-law,carreau-yasuda,qkv,fung + newtonian,zener"),
+    laws: options.ManyLaws = "nhkv,newtonian,power-law,carreau-yasuda,qkv,fung + newtonian,zener",
     contents: options.ManyContents = "equilibrium",
     damage: Annotated[str, Option(help="models of softening: none, first-rebound, strain, with commas")] = "none",
     wall_inertia: Annotated[str, Option(help="for all models: R_max sum(s/d) over image bubbles; or free")] = "0",

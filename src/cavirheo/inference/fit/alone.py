@@ -143,12 +143,9 @@ class Alone:
 def _heaviest(drawn: Sample, weighed: Sequence[_Beside], chosen: _Beside) -> _Beside:
     """The minimum chosen, or that with most of the draws beside it if nearly none are beside the one chosen: the best
     values must be those of the solution that has the interval, and the other one is a valley."""
-    distances = []
-    for _, mode in weighed:
-        off = drawn.u - mode.u
-        distances.append(np.einsum("ki,ij,kj->k", off, np.linalg.inv(mode.covariance), off))
+    nearest = np.argmin([mode.squares(drawn.u) for _, mode in weighed], axis=0)
     weight = np.exp(drawn.log_weight - np.max(drawn.log_weight))
-    share = np.bincount(np.argmin(distances, axis=0), weight, len(weighed)) / np.sum(weight)
+    share = np.bincount(nearest, weight, len(weighed)) / np.sum(weight)
     alone = next(k for k, one in enumerate(weighed) if one is chosen)
     return chosen if share[alone] > NEARLY_NONE else weighed[int(np.argmax(share))]
 

@@ -31,8 +31,7 @@ class Difference(NamedTuple):
         ratio: (5 %, 50 %, 95 %) of this one's over the other's.
         probability_higher: that this one's is larger.
         probability_differs: of two materials against one, both equally likely before, and two materials a factor of
-            about
-            2 apart (UNLIKE decades).
+            about 2 apart (UNLIKE decades).
     """
 
     ratio: tuple[float, float, float]

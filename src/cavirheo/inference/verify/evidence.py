@@ -60,8 +60,7 @@ class Ranking:
         answers: by law, of a curve; empty for a group.
         pairs: of a group, every law and each worse one.
         populations: by law, of a group: one material with its scatter; its `evidence` is that of the law for the
-            group as
-            a whole.
+            group as a whole.
         column: that which the material may change with.
     """
 

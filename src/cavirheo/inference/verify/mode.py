@@ -67,6 +67,11 @@ class Mode:
         """Laplace's integral of likelihood times prior."""
         return self.log_posterior + 0.5 * float(np.linalg.slogdet(2.0 * np.pi * self.covariance)[1])
 
+    def squares(self, u: Floats) -> Floats:
+        """(k,) squared Mahalanobis distances of u (k, d)."""
+        off = u - self.u
+        return np.asarray(np.einsum("ki,ij,kj->k", off, np.linalg.inv(self.covariance), off))
+
     def draws(self, count: int, seed: int) -> Floats:
         """(count, d) of the Gaussian, in pairs opposite to each other."""
         rng = np.random.Generator(np.random.Philox(seed))

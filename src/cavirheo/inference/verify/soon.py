@@ -68,6 +68,14 @@ class Mended(Target):
         residual = residual + self.missed
         return Simulated(u, residual, self.log_posterior(u, residual))
 
+    def lifted(self, modes: list[Mode]) -> list[Mode]:
+        """Modes that were found before something was learnt, with it."""
+        now = self.again(*(np.array([getattr(mode, name) for mode in modes]) for name in ("u", "residual")))
+        return [
+            replace(mode, residual=residual, log_posterior=float(value))
+            for mode, residual, value in zip(modes, now.residual, now.value, strict=True)
+        ]
+
     def checked(self, drawn: Sample, seed: int) -> tuple[Sample, float]:
         """The draws with log targets that default simulations of some agree with, and the standard deviation of what
         these found wrong; all are simulated anew if that is too much."""
@@ -94,10 +102,8 @@ def weighed(
     """
     known, found, near = None, list[Mode](), Mended(target)
     if network:
-        u = network.draw(TUNING.own_draws, np.random.Generator(np.random.Philox(seed).jumped()))
-        known = Simulated.at(near, u)
-        if np.count_nonzero(np.isfinite(known.value)) > 2 * (known.u.shape[1] + 1):
-            mode, known = secant(near, known)
+        u, known, mode = _begun(near, network, seed)
+        if mode:
             found = [mode, *modes(near, _beyond(mode, known))]
     searched = not found
     if searched:
@@ -105,11 +111,7 @@ def weighed(
     if not found:
         raise SolverError(f"no start of {target.experiment.family.name} could be simulated")
     near.mend(found[0], seed)
-    now = near.again(*(np.array([getattr(mode, name) for mode in found]) for name in ("u", "residual")))
-    found = [
-        replace(mode, residual=residual, log_posterior=float(value))
-        for mode, residual, value in zip(found, now.residual, now.value, strict=True)
-    ]
+    found = near.lifted(found)
     explorer = Explorer(near, found, TUNING.auto_learning, follow=searched)
     own = None
     if network and known:
@@ -144,14 +146,11 @@ def glanced(target: Target, network: Proposal, seed: int) -> OtherAnswer | None:
     """What a model answers at a glance, to be set beside another's: intervals and evidence as a surrogate of the
     simulations of the network's own draws has them. None: hardly any could be simulated."""
     near = Mended(target)
-    u = network.draw(TUNING.own_draws, np.random.Generator(np.random.Philox(seed).jumped()))
-    known = Simulated.at(near, u)
-    if np.count_nonzero(np.isfinite(known.value)) <= 2 * (known.u.shape[1] + 1):
+    _, known, rough = _begun(near, network, seed)
+    if rough is None:
         return None
-    mode, known = secant(near, known)
-    near.mend(mode, seed)
-    now = near.again(mode.u[None], mode.residual[None])
-    mode = replace(mode, residual=now.residual[0], log_posterior=float(now.value[0]))
+    near.mend(rough, seed)
+    (mode,) = near.lifted([rough])
     explorer = Explorer(near, [mode], 0, follow=False)
     explorer.learn(*near.again(known.u, known.residual))
     seen = explorer.propose(np.random.Generator(np.random.Philox(seed)), None)
@@ -162,11 +161,21 @@ def glanced(target: Target, network: Proposal, seed: int) -> OtherAnswer | None:
     return replace(answer, intervals=told, evidence=Evidence(log_mean(seen.log_weight), TUNING.laplace))
 
 
+def _begun(near: Mended, network: Proposal, seed: int) -> tuple[Floats, Simulated, Mode | None]:
+    """(u of the network's own draws, their simulations and those on the way to the maximum, that maximum); None for it
+    where hardly any could be simulated."""
+    u = network.draw(TUNING.own_draws, np.random.Generator(np.random.Philox(seed).jumped()))
+    known = Simulated.at(near, u)
+    if np.count_nonzero(np.isfinite(known.value)) <= 2 * (known.u.shape[1] + 1):
+        return u, known, None
+    mode, known = secant(near, known)
+    return u, known, mode
+
+
 def _beyond(mode: Mode, known: Simulated) -> list[Floats]:
     """The likeliest simulation that the Gaussian about the mode does not expect there, if there is one: on the way to
     another valley."""
-    off = known.u - mode.u
-    expected = mode.log_posterior - 0.5 * np.einsum("ki,ij,kj->k", off, np.linalg.inv(mode.covariance), off)
+    expected = mode.log_posterior - 0.5 * mode.squares(known.u)
     unexpected = known.value - expected > TUNING.own_unexpected
     likely = np.where(unexpected & (known.value > mode.log_posterior - TUNING.lowest_mode), known.value, -np.inf)
     best = int(np.argmax(likely))
