@@ -16,6 +16,7 @@ from cavirheo.inference.verify.evidence import ranked
 from cavirheo.posterior import Checks, Evidence, Posterior
 from cavirheo.reading.column import LOG_SIZE, with_column
 from cavirheo.reporting import html, picture, read_json, result, table
+from cavirheo.reporting.laws import Laws, print_table, weighed
 from cavirheo.reporting.paper import group_figure
 from cavirheo.writing.document import Quantity, Spread, write_json
 
@@ -435,6 +436,29 @@ def test_which_law_gives_each_law_its_slope(tmp_path):
     assert group.column == "concentration"
     same = [replace(one, meta={**one.meta, "column": {}}) for one in curves]
     assert ranked(same, {"nhkv": answers})[1][0].populations["nhkv"].slope is None
+
+
+def test_which_law_says_of_each_law_whether_its_constants_change_with_size(capsys):
+    """Truth of the second law: the viscosity rises as the square of R_max; of the first nothing does."""
+    sizes, rng = np.geomspace(1e-4, 4e-4, 12), np.random.default_rng(7)
+    curves = [bubble(f"shot {i}", top=size).with_group("gel", "in") for i, size in enumerate(sizes)]
+    rising = np.outer(np.log10(sizes / 2e-4), [0.0, 2.0])
+    truths = {"nhkv": 0.0 * rising, "qkv": rising}
+    answers = {
+        law: [
+            replace(seen(one, 0.04, seed=i), material=law, evidence=Evidence(0.0, 0.1))
+            for i, one in enumerate(CENTRE + more + 0.03 * rng.standard_normal((12, 2)))
+        ]
+        for law, more in truths.items()
+    }
+    shots, groups = weighed(curves, *ranked(curves, answers))
+    slope = {law: one.slopes["viscosity"] for law, one in groups[0].laws.items()}
+    assert (slope["nhkv"].sign, slope["qkv"].sign) == (0, 1)
+    assert slope["qkv"].q05 < 2.0 < slope["qkv"].q95
+    print_table(Laws(command="x", curves=shots, groups=groups))
+    out = " ".join(capsys.readouterr().out.split())
+    assert "gel, nhkv: µ has no trend with R_max" in out
+    assert "gel, qkv: µ rises as R_max^" in out
 
 
 def read_back(made, folder):

@@ -23,7 +23,7 @@ from cavirheo.inference.law import Family
 from cavirheo.inference.noise import SHAPE, Noise
 from cavirheo.inference.options import FREE, Options
 from cavirheo.inference.verify import Verification, evidence, explore, predictive, verify_many, work
-from cavirheo.inference.verify.evidence import rank_laws, ranked
+from cavirheo.inference.verify.evidence import models, rank_laws, ranked
 from cavirheo.inference.verify.explore import Blend, Explorer
 from cavirheo.inference.verify.mode import Target, climb, modes, same
 from cavirheo.inference.verify.predictive import predictive_check
@@ -617,9 +617,52 @@ def test_a_law_that_the_network_knows_is_weighed_as_by_infer(monkeypatch):
     ((found,), _) = rank_laws([curve], ["nhkv", "newtonian"], seed=3)
     assert found.answers["nhkv"].evidence == infer(curve, seed=3).evidence
     assert found.chosen == "nhkv"
-    assert evidence.by_network({"material": "fung+newtonian", "contents": "kinetic", "damage": "none"})
-    for way in ({"damage": "strain"}, {"material": "zener"}):
-        assert not evidence.by_network({"material": "nhkv", "contents": "equilibrium", "damage": "none"} | way)
+    known = models(["nhkv", "fung+newtonian"], ["equilibrium", "kinetic"])
+    assert all(evidence.by_network(way) for way in known.values())
+    assert not evidence.by_network(known["nhkv, kinetic"], "plateau")
+    for way in ({"damage": "strain"}, {"material": "zener"}, {"wall_radiation": "free"}, {"accommodation": 0.1}):
+        assert not evidence.by_network(known["nhkv, kinetic"] | way)
+
+
+def test_every_law_is_fitted_with_what_is_around_the_bubble(monkeypatch):
+    """What is given of it reaches the fits; an accommodation those of kinetic contents alone."""
+    seen = []
+
+    def fitted(curves, **how):
+        seen.append({name: how[name] for name in ("contents", "accommodation", "wall_distance", "vapour_excess")})
+        raise InputError("enough")
+
+    monkeypatch.setattr(evidence, "fit_many", fitted)
+    given = {"accommodation": 0.1, "wall_distance": 1e-3, "vapour_excess": "free"}
+    for contents, rate in (("equilibrium", "free"), ("kinetic", 0.1)):
+        with pytest.raises(InputError, match="enough"):
+            rank_laws([shot()], ["zener"], contents=sorted({contents, "kinetic"}), damage=["none", "strain"], **given)
+        assert seen.pop() == {**given, "contents": contents, "accommodation": rate}
+    with pytest.raises(InputError) as error:
+        rank_laws([shot()], ["nhkv", "newtonian"], accommodation=0.1)
+    assert error.value.code == "option.idle"
+
+
+def test_the_law_of_the_group_explains_each_of_its_shots():
+    """A shot that prefers another law by itself says so; one without a group has its own."""
+    checks = Checks("ok", message="said before")
+    point = Posterior((), (), np.zeros((1, 0)), checks, "", "verified", log_weight=np.zeros(1))
+    logs = {"newtonian": [-90.0, -10.0, -10.0, None], "nhkv": [-40.0, -20.0, -20.0, None]}
+    answers = {
+        law: [replace(point, material=law, evidence=one and Evidence(one, 0.1)) for one in found]
+        for law, found in logs.items()
+    }
+    about = [{"group": group, "name": name} for group, name in (("gel", "a"), ("gel", "b"), ("c", "c"), ("d", "d"))]
+    curves = [RadiusCurve(np.arange(3) * 1e-6, np.full(3, 1e-4), meta=meta) for meta in about]
+    a, b, c, d = evidence.explained(*ranked(curves, answers))
+    assert [one.material for one in (a, b, c, d)] == ["nhkv", "nhkv", "newtonian", "newtonian"]
+    assert "chosen by evidence: nhkv" in a.checks.message
+    assert "chosen by the evidence of the group: nhkv" in b.checks.message
+    assert "e^10 for the second" in b.checks.message
+    assert "chosen by evidence: newtonian" in c.checks.message
+    assert d.checks.message == "said before"
+    assert [one.material for one in a.others] == ["newtonian"]
+    assert [one.material for one in c.others] == ["nhkv"]
 
 
 def test_evidence_of_a_group_is_the_sum_of_the_shots_that_all_laws_have():
@@ -723,9 +766,29 @@ def test_which_law_from_the_command_line(run, tmp_path, monkeypatch, light):
     assert row["laws"]["nhkv"]["probability"] > 0.99
     assert sum(law["probability"] for law in row["laws"].values()) == pytest.approx(1.0)
     assert row["laws"]["nhkv"]["answer"]["viscosity_Pa_s"]["median"] == pytest.approx(0.05, rel=0.2)
-    status, _, err = run("which-law", "gel.csv", "--laws", "nhkv")
-    assert status == 2
-    assert "nhkv" in err
+    (answered,) = read_json(tmp_path / "w" / "result.json").curves
+    assert answered.material == "nhkv"
+    assert answered.viscosity_Pa_s.median == row["laws"]["nhkv"]["answer"]["viscosity_Pa_s"]["median"]
+    assert "newtonian" in [one.material for one in answered.other_models]
+    assert "rejected: newtonian" in answered.message
+    assert (tmp_path / "w" / "report.html").is_file()
+
+
+@pytest.mark.parametrize(
+    ("words", "told"),
+    [
+        ("--laws nhkv", "nhkv"),
+        ("--laws nhkv,newtonian --accommodation 0.1", "without kinetic contents"),
+        ("--laws nhkv,newtonian --wall-inertia 0.1 --wall-distance-um 500", "not both"),
+        ("--laws nhkv,newtonian --vapour-excess much", "--vapour-excess must be a number"),
+        ("--laws nhkv,newtonian --wall-radiation -1", "-1"),
+    ],
+)
+def test_which_law_refuses_before_it_computes(run, tmp_path, words, told):
+    write_gel(tmp_path)
+    status, _, err = run("which-law", "gel.csv", *words.split())
+    assert (status, err.count("\n")) == (2, 1)
+    assert told in err
 
 
 # against Markov chains

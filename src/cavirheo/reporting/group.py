@@ -72,8 +72,7 @@ class GroupRecord(Record):
     """The shots of one file or folder.
 
     Means and models are over the n_trusted with verdict ok; those of documents where this is null, over all n. Slopes
-    are
-    over the trusted, too; where these are too few, over those that the model does not fit as well.
+    are over the trusted, too; where these are too few, over those that the model does not fit as well.
 
     Attributes:
         name: of the file or folder.
@@ -122,8 +121,8 @@ class GroupRecord(Record):
         """On the models that are mixed, on the slopes of the answers, and on those of each other model."""
         models = ", ".join(f"{count} {model}" for model, count in self.models.items())
         mixed = [f"the means are over answers of different models: {models}"] if len(self.models) > 1 else []
-        others = [f"with {one.material}, {one.contents}: {_in_words(one.slopes)}" for one in self.other_slopes]
-        return mixed + ([_in_words(self.slopes)] if self.slopes else []) + others
+        others = [f"with {one.material}, {one.contents}: {in_words(one.slopes)}" for one in self.other_slopes]
+        return mixed + ([in_words(self.slopes)] if self.slopes else []) + others
 
     @property
     def shots(self) -> str:
@@ -154,6 +153,19 @@ def slope(radius: Sequence[float | None], values: Sequence[float | None], truste
     return Slope(median=median, q05=low, q95=high, n=len(known), n_trusted=min(trusted, len(known)))
 
 
+def slopes(members: Sequence[CurveRecord]) -> dict[str, Slope]:
+    """Of the answers of a group, by the name of what should be a constant."""
+    sloped = _sloped(members)
+    return _slopes(sloped, [one.itself for one in sloped])
+
+
+def _sloped(members: Sequence[CurveRecord]) -> list[CurveRecord]:
+    """The trusted; where these are too few, also those that the model does not fit."""
+    trusted = [record for record in members if record.trusted]
+    followed = [record for record in members if record.verdict in ("ok", "model_does_not_fit")]
+    return trusted if len(trusted) >= FEWEST else followed
+
+
 def _slopes(shots: Sequence[CurveRecord], answers: Sequence[OtherModel]) -> dict[str, Slope]:
     """By the name of what should be a constant."""
     radii, trusted = [record.max_radius_m for record in shots], sum(record.trusted for record in shots)
@@ -161,7 +173,7 @@ def _slopes(shots: Sequence[CurveRecord], answers: Sequence[OtherModel]) -> dict
     return {name: slope for name, slope in found.items() if slope}
 
 
-def _in_words(slopes: dict[str, Slope]) -> str:
+def in_words(slopes: dict[str, Slope]) -> str:
     """One line: what rises or falls with R_max, and what does not."""
     said = []
     for name, one in slopes.items():
@@ -178,8 +190,6 @@ def group_of(name: str, members: list[CurveRecord], population: PopulationRecord
     trusted = [record for record in members if record.trusted]
     n = sum(record.answered for record in members)
     more = dict.fromkeys(key for record in trusted for key in record.other_parameters if key not in CAMERA)
-    followed = [record for record in members if record.verdict in ("ok", "model_does_not_fit")]
-    sloped = trusted if len(trusted) >= FEWEST else followed
     return GroupRecord(
         name=name, n=n, n_trusted=len(trusted), n_failed=len(members) - n,
         shear_modulus_Pa=spread_of([record.shear_modulus_Pa.median for record in trusted]),
@@ -187,7 +197,7 @@ def group_of(name: str, members: list[CurveRecord], population: PopulationRecord
         other_parameters={key: spread_of([one.itself.quantity(key).median for one in trusted]) for key in more},
         verdicts=dict(Counter(record.verdict for record in members)),
         models=dict(Counter(record.model for record in trusted)),
-        slopes=_slopes(sloped, [one.itself for one in sloped]), other_slopes=_other_slopes(sloped),
+        slopes=slopes(members), other_slopes=_other_slopes(_sloped(members)),
         population=population,
     )  # fmt: skip
 

@@ -2,11 +2,19 @@
 
 from __future__ import annotations
 
-from cavirheo.reporting.answer import CurveRecord
-from cavirheo.reporting.material import PopulationRecord
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Any
+
+from cavirheo.reporting.answer import CurveRecord, curve_record
+from cavirheo.reporting.group import Slope, in_words, slopes
+from cavirheo.reporting.material import PopulationRecord, population_record
 from cavirheo.reporting.table import doubts
 from cavirheo.writing import digits, terminal
 from cavirheo.writing.document import Document, Record
+
+if TYPE_CHECKING:
+    from cavirheo.curve import RadiusCurve
+    from cavirheo.inference.verify.evidence import Ranking
 
 _TITLE = "log evidence below the best; *: cannot be told from it; →: the simplest of these"
 
@@ -19,6 +27,8 @@ class WeighedLaw(Record):
         standard_error: of the log evidence.
         probability: of the laws that have an evidence, all being equally likely before.
         answer: the row that result.json would have; for a curve alone.
+        slopes: for a group of five shots or more, d ln(value)/d ln R_max of what should be a constant, by natural name;
+            left out where there is none.
         population: for a group, one material with its scatter, and the evidence of the law so; left out where there is
             none.
     """
@@ -27,8 +37,9 @@ class WeighedLaw(Record):
     standard_error: float | None
     probability: float | None
     answer: CurveRecord | None = None
+    slopes: dict[str, Slope] = {}
     population: PopulationRecord | None = None
-    _if_any = ("population",)
+    _if_any = ("slopes", "population")
 
 
 class ComparedLaws(Record):
@@ -81,6 +92,42 @@ class Laws(Document):
     groups: list[WeighedLaws]
 
 
+def weighed(
+    curves: Sequence[RadiusCurve], singles: Sequence[Ranking], groups: Sequence[Ranking]
+) -> tuple[list[WeighedLaws], list[WeighedLaws]]:
+    """The rankings of the curves and of their groups, as the document has them."""
+    by_curve = [
+        _weighed(one, {law: {"answer": curve_record(curve, answer)} for law, answer in one.answers.items()})
+        for curve, one in zip(curves, singles, strict=True)
+    ]
+    by_group = []
+    for group in groups:
+        about: dict[str, dict[str, Any]] = {}
+        for law in group.evidence:
+            shots = [answer for i in group.members if (answer := by_curve[i].laws[law].answer)]
+            material = population_record(group.populations.get(law), group.column)
+            about[law] = {"slopes": slopes(shots), "population": material}
+        by_group.append(_weighed(group, about))
+    return by_curve, by_group
+
+
+def _weighed(one: Ranking, about: Mapping[str, Mapping[str, Any]]) -> WeighedLaws:
+    """about: what a law has besides its evidence."""
+    laws = {
+        law: WeighedLaw(
+            log_evidence=value,
+            standard_error=one.error[law],
+            probability=one.probability.get(law),
+            **about[law],
+        )
+        for law, value in one.log_evidence.items()
+    }
+    pairs = [ComparedLaws(**vars(pair)) for pair in one.pairs]
+    return WeighedLaws(
+        name=one.name, shots=one.shots, chosen=one.chosen, contenders=one.contenders, laws=laws, pairs=pairs
+    )
+
+
 def print_table(document: Laws) -> None:
     """A line per law of each curve, then of each group; then what is doubtful of the curves."""
     heads = ("law", "log evidence", "probability", "G Pa", "µ Pa s", "RMSE %", "verdict")
@@ -100,16 +147,21 @@ def print_table(document: Laws) -> None:
     console = terminal.console()
     console.print(table)
     terminal.print_doubts(console, doubts(answers))
-    told = [f"{one.name}: {_firmly(pair)}" for one in document.groups for pair in one.pairs[: len(one.laws) - 1]]
+    told = firmly(document)
     for group in document.groups:
+        told += [f"{group.name}, {law}: {in_words(one.slopes)}" for law, one in group.laws.items() if one.slopes]
         told += [f"{group.name}, one material, {law}: {said}" for law, said in _materials(group)]
     terminal.print_remarks(console, {}, [*told, *document.notes])
 
 
-def _firmly(pair: ComparedLaws) -> str:
-    """A pair in words; those with the best law come first."""
-    by = f"{pair.difference:.1f} ± {pair.error:.1f} in log evidence (scatter over the shots)"
-    return f"{pair.first} before {pair.second} by {by}; {pair.shots[0]} shots for, {pair.shots[1]} against"
+def firmly(document: Laws) -> list[str]:
+    """How firmly each group prefers its best law to each other, a line for each."""
+    return [
+        f"{group.name}: {pair.first} before {pair.second} by {pair.difference:.1f} ± {pair.error:.1f} in log evidence "
+        f"(scatter over the shots); {pair.shots[0]} shots for, {pair.shots[1]} against"
+        for group in document.groups
+        for pair in group.pairs[: len(group.laws) - 1]  # those with the best law come first
+    ]
 
 
 def _materials(group: WeighedLaws) -> list[tuple[str, str]]:

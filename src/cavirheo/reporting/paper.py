@@ -26,11 +26,11 @@ _RMAX = r"$R_\mathrm{max}$"
 _UNCOMPARED = "#a0a0a0"
 
 
-def names(curves: Sequence[str], groups: Sequence[str] = ()) -> list[str]:
-    """File names without their ending, of the figures of curves and of groups."""
+def names(curves: Sequence[str], groups: Sequence[str] = (), of: str = "") -> list[str]:
+    """File names without their ending, of the figures of curves and of groups; of: "laws-" for those of evidence."""
     from cavirheo.reporting import file_names
 
-    return file_names([f"paper-{name}" for name in curves] + [f"paper-group-{name}" for name in groups])
+    return file_names([f"paper-{of}{name}" for name in curves] + [f"paper-{of}group-{name}" for name in groups])
 
 
 def write(folder: Outputs, name: str, figure: Figure) -> None:

@@ -22,6 +22,7 @@ else:
 
 _LEVELS = ("auto", "full", "map", "none")  # of verification
 _CONTENTS = ("equilibrium", "kinetic")
+_DAMAGES = ("first-rebound", "strain")
 
 
 def values(*words: str, commas: bool = False) -> Callable[[str], list[str]]:
@@ -125,6 +126,8 @@ _EITHER = "model of the vapour: equilibrium (the field's), kinetic, or auto (the
 EitherContents = Annotated[str, Option(help=_EITHER, autocompletion=values(*_CONTENTS, "auto"))]
 _BOTH = "models of the vapour: equilibrium, kinetic, or both with a comma"
 ManyContents = Annotated[str, Option(help=_BOTH, autocompletion=values(*_CONTENTS, commas=True))]
+_HURT = "models of softening: none, first-rebound, strain, with commas"
+ManyDamages = Annotated[str, Option(help=_HURT, autocompletion=values("none", *_DAMAGES, commas=True))]
 ManyLaws = Annotated[str, Option(help="two or more laws, with commas", autocompletion=many_law_names)]
 WallDistanceUm = Annotated[float | None, Option(help="distance to one rigid wall, instead of --wall-inertia")]
 Shots = Annotated[str | None, Option(help="shots of every file, such as '1,4-7' (the first is 1)  [default: all]")]
@@ -137,6 +140,19 @@ Scheduler = Annotated[str | None, Option(help=_SCHEDULER)]
 _MEDIUM = "named constants: water, bu2026, estrada2018, ..."
 FROM_OPTIONS: Any = None  # default of an argument of a verb that is made of the options of its kind
 _Number = float | None
+_DAMAGE = "softening of the gel: none, first-rebound or strain"
+Damage = Annotated[str, Option(help=_DAMAGE, autocompletion=values("none", *_DAMAGES))]
+_RATE = "coefficient of kinetic contents, up to 10  [default: free]"
+_INERTIA = "R_max sum(s/d) over image bubbles; or free"
+_EXCESS = "vapour at R_max above saturation, Pa; or free"
+_RADIATION = "2 pi (R_max^2/A) c/U_c of a tube around it; or free"
+_AROUND: dict[str, tuple[Any, Any]] = {
+    "accommodation": (Annotated[str | None, Option(help=_RATE)], None),
+    "wall_inertia": (Annotated[str, Option(help=_INERTIA)], "0"),
+    "wall_distance_um": (WallDistanceUm, None),
+    "vapour_excess": (Annotated[str, Option(help=_EXCESS)], "0"),
+    "wall_radiation": (Annotated[str, Option(help=_RADIATION)], "0"),
+}
 _KINDS: dict[str, dict[str, tuple[Any, Any]]] = {  # argument: its options, each with type and default
     "liquid": {
         "medium": (Annotated[str, Option(help=_MEDIUM, autocompletion=medium_names)], "water"),
@@ -160,27 +176,8 @@ _KINDS: dict[str, dict[str, tuple[Any, Any]]] = {  # argument: its options, each
         "group": (Group, "auto"),
         "trust_input": (TrustInput, False),
     },
-    "bubble": {
-        "contents": (EitherContents, "equilibrium"),
-        "accommodation": (
-            Annotated[str | None, Option(help="coefficient of kinetic contents, up to 10  [default: free]")],
-            None,
-        ),
-        "damage": (
-            Annotated[
-                str,
-                Option(help="softening of the gel: none, first-rebound or strain"),
-            ],
-            "none",
-        ),
-        "wall_inertia": (Annotated[str, Option(help="R_max sum(s/d) over image bubbles; or free")], "0"),
-        "wall_distance_um": (WallDistanceUm, None),
-        "vapour_excess": (Annotated[str, Option(help="vapour at R_max above saturation, Pa; or free")], "0"),
-        "wall_radiation": (
-            Annotated[str, Option(help="2 pi (R_max^2/A) c/U_c of a tube around it; or free")],
-            "0",
-        ),
-    },
+    "bubble": {"contents": (EitherContents, "equilibrium"), "damage": (Damage, "none"), **_AROUND},
+    "around": _AROUND,
     "run": {
         "json": (Annotated[bool, Option("--json", help="print the JSON document instead of the table")], False),
         "quiet": (Quiet, False),
@@ -189,7 +186,8 @@ _KINDS: dict[str, dict[str, tuple[Any, Any]]] = {  # argument: its options, each
 
 
 def with_kinds(verb: Callable[..., None]) -> Callable[..., None]:
-    """A verb whose arguments `liquid`, `reading`, `bubble` and `run`, if it has them, are given by their options.
+    """A verb whose arguments `liquid`, `reading`, `bubble`, `around` and `run`, if it has them, are given by their
+    options.
 
     Numbers that are not finite are refused for every verb alike.
     """
@@ -221,7 +219,7 @@ def _made(kind: str, of: dict[str, Any]) -> Any:
         from cavirheo.physics.media import medium
 
         return medium(of.pop("medium"), unusual=of.pop("trust_input"), **of)
-    if kind == "bubble":
+    if kind in ("bubble", "around"):
         from cavirheo.posterior import BubbleModel
 
         distance = of.pop("wall_distance_um")
@@ -230,11 +228,6 @@ def _made(kind: str, of: dict[str, Any]) -> Any:
             of[name] = _number_or("free", f"--{name.replace('_', '-')}", of[name], float)
         return BubbleModel(**of, wall_distance=None if distance is None else distance * 1e-6)
     return Run(**of) if kind == "run" else Reading(**of)
-
-
-def wall_inertia_of(text: str) -> float | str:
-    """Of the bubble's surroundings, or that it is to be found. Raises InputError."""
-    return _number_or("free", "--wall-inertia", text, float) or 0.0
 
 
 def window_of(text: str | None) -> int | Literal["all"] | None:

@@ -1,4 +1,4 @@
-"""`cavirheo which-law`: the evidence of several laws for the same curves, as a table and laws.json."""
+"""`cavirheo which-law`: the evidence of several laws for the same curves, and a report of the law that is chosen."""
 
 from __future__ import annotations
 
@@ -11,10 +11,7 @@ from cavirheo.verbs import options
 from cavirheo.verbs.run import Reading, Run
 
 if TYPE_CHECKING:
-    from cavirheo.curve import RadiusCurve
-    from cavirheo.inference.verify.evidence import Ranking
     from cavirheo.posterior import Posterior
-    from cavirheo.reporting.laws import WeighedLaws
     from cavirheo.unfinished import Step
 
 
@@ -22,8 +19,8 @@ def which_law(
     files: options.Curves,
     laws: options.ManyLaws = "nhkv,newtonian,power-law,carreau-yasuda,qkv,fung + newtonian,zener",
     contents: options.ManyContents = "equilibrium",
-    damage: Annotated[str, Option(help="models of softening: none, first-rebound, strain, with commas")] = "none",
-    wall_inertia: Annotated[str, Option(help="for all models: R_max sum(s/d) over image bubbles; or free")] = "0",
+    damage: options.ManyDamages = "none",
+    around: options.Bubble = options.FROM_OPTIONS,
     window: Annotated[
         str | None, Option(help="number of collapses to compare, or 'all'  [default: 3, or all if there are fewer]")
     ] = None,
@@ -36,6 +33,7 @@ def which_law(
     reading: Reading = options.FROM_OPTIONS,
     liquid: options.Liquid = options.FROM_OPTIONS,
     out: options.Out = Path("cavirheo-laws"),
+    pictures: options.Pictures = True,
     figures: options.Figures = None,
     scheduler: options.Scheduler = None,
     run: Run = options.FROM_OPTIONS,
@@ -46,22 +44,26 @@ def which_law(
     from cavirheo.inference.fit import fit_many
     from cavirheo.inference.options import Options
     from cavirheo.inference.verify import verify_many
-    from cavirheo.inference.verify.evidence import by_network, contending, models, ranked
+    from cavirheo.inference.verify.evidence import by_network, contending, explained, models, ranked
     from cavirheo.inference.verify.tuning import TUNING
-    from cavirheo.posterior import BubbleModel
-    from cavirheo.reporting.laws import Laws, print_table
+    from cavirheo.parallel import cores
+    from cavirheo.reporting import DOCUMENTS, write_report
+    from cavirheo.reporting.drawing import prepare
+    from cavirheo.reporting.laws import Laws, firmly, print_table, weighed
     from cavirheo.reporting.paper import laws_figure, names, write
     from cavirheo.unfinished import Step, Unfinished
     from cavirheo.writing import document
 
     files = run.files(files)
     paper = options.for_paper(figures)
-    given = ([name.strip() for name in text.split(",") if name.strip()] for text in (laws, contents, damage))
+    given = [[name.strip() for name in text.split(",") if name.strip()] for text in (laws, contents, damage)]
     looked_at, known = options.window_of(window), options.stretch_of(stretch)
-    chosen = models(*given)
-    walls = options.wall_inertia_of(wall_inertia)
-    Options(window=looked_at, stretch=known, bubble=BubbleModel(wall_inertia=walls))
+    chosen = models(given[0], given[1], given[2], around)
+    Options(window=looked_at, stretch=known)
     outputs = document.Outputs(out, "laws.json", inputs=files)
+    document.Outputs(out, *DOCUMENTS, inputs=files)
+    if pictures:
+        prepare()
     with connected(scheduler, run.say) as executor:
         kept = Unfinished(out, shown=not run.quiet, executor=executor)
         curves = run.read(files, liquid, reading, column)
@@ -71,13 +73,13 @@ def which_law(
         found: dict[str, dict[int, Posterior]] = {}
         steps: dict[str, tuple[Step, ...]] = {}
         for law, way in chosen.items():
-            if by_network(way, wall_inertia=walls, stretch=known):
+            if by_network(way, known):
                 inferring = {"material": way["material"], "contents": way["contents"]}
                 inferring |= {"trust_input": reading.trust_input, "window": looked_at, **weighing}
                 steps[law] = (Step(f"weighing {law}", infer_many, inferring),)
                 found[law] = dict(kept.answers(curves, *steps[law]))
                 continue
-            fitting = {**way, "window": looked_at, "wall_inertia": walls, "trust_input": reading.trust_input, **shared}
+            fitting = {**way, "window": looked_at, "trust_input": reading.trust_input, **shared}
             fitting |= {"windows": False, "others": False, "draws": False}
             fit, climb = Step(f"fitting {law}", fit_many, fitting), Step(f"climbing {law}", verify_many, climbing)
             steps[law] = fit, climb, Step(f"weighing {law}", verify_many, weighing)
@@ -94,42 +96,24 @@ def which_law(
     complete = [i for i in range(len(curves)) if all(i in answers for answers in found.values())]
     answered, note = [curves[i] for i in complete], kept.note(len(complete), len(curves))
     singles, groups = ranked(answered, {law: [answers[i] for i in complete] for law, answers in found.items()})
-    weighed = [_weighed(one, curve) for one, curve in zip(singles, answered, strict=True)]
+    by_curve, by_group = weighed(answered, singles, groups)
     notes = [*([note] if note else []), *run.notes]
-    made = Laws(command=run.command, notes=notes, curves=weighed, groups=[_weighed(one) for one in groups])
+    made = Laws(command=run.command, notes=notes, curves=by_curve, groups=by_group)
     if answered:
         outputs.write("laws.json", document.write_json, made)
     if note:
         run.stop(note, out / "laws.json" if answered else None)
     if paper:
-        stems = names([one.name for one in made.curves], [one.name for one in made.groups])
+        stems = names([one.name for one in made.curves], [one.name for one in made.groups], "laws-")
         for stem, one in zip(stems, [*made.curves, *made.groups], strict=True):
             write(outputs, stem, laws_figure(one))
     outputs.finish()
+    pairs = list(zip(answered, explained(singles, groups), strict=True))
+    with run.bar("drawing", len(curves) if pictures else 0) as advance:
+        how: dict[str, Any] = {"date": run.date, "draw": pictures, "workers": cores(), "paper": paper}
+        write_report(out, pairs, run.command, done=advance, notes=[*firmly(made), *notes], **how)
     kept.remove()
     run.show(made, print_table)
     verdicts = {answer.checks.verdict for one in singles for answer in one.answers.values()}
     failed = "check_input" in verdicts or any(one.chosen is None for one in singles)
-    run.end(f"{len(curves)} curves in {{seconds}}; {out / 'laws.json'}", failed)
-
-
-def _weighed(one: Ranking, curve: RadiusCurve | None = None) -> WeighedLaws:
-    from cavirheo.reporting.answer import curve_record
-    from cavirheo.reporting.laws import ComparedLaws, WeighedLaw, WeighedLaws
-    from cavirheo.reporting.material import population_record
-
-    probability = one.probability
-    laws = {
-        law: WeighedLaw(
-            log_evidence=value,
-            standard_error=one.error[law],
-            probability=probability.get(law),
-            answer=curve_record(curve, one.answers[law]) if curve else None,
-            population=population_record(one.populations.get(law), one.column),
-        )
-        for law, value in one.log_evidence.items()
-    }
-    pairs = [ComparedLaws(**vars(pair)) for pair in one.pairs]
-    return WeighedLaws(
-        name=one.name, shots=one.shots, chosen=one.chosen, contenders=one.contenders, laws=laws, pairs=pairs
-    )
+    run.end(f"{len(curves)} curves in {{seconds}}; {out / 'laws.json'}; report: {out / 'report.html'}", failed)

@@ -8,7 +8,7 @@ posterior width): laws that nest are compared fairly only as far as the prior ra
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from itertools import combinations, product
 from typing import Any
 
@@ -22,7 +22,7 @@ from cavirheo.inference import DEFAULT, infer_many
 from cavirheo.inference.fit import fit_many
 from cavirheo.inference.law import Family
 from cavirheo.inference.options import Options
-from cavirheo.inference.others import DECISIVE
+from cavirheo.inference.others import DECISIVE, chosen_among, compared, itself, model_of
 from cavirheo.inference.population import Population, with_slope_if_any
 from cavirheo.inference.verify import verify_many
 from cavirheo.inference.verify.tuning import TUNING
@@ -62,6 +62,7 @@ class Ranking:
         populations: by law, of a group: one material with its scatter; its `evidence` is that of the law for the
             group as a whole.
         column: that which the material may change with.
+        members: of a group, which of the curves are in it, by their place.
     """
 
     name: str
@@ -71,6 +72,7 @@ class Ranking:
     pairs: tuple[Pair, ...] = ()
     populations: Mapping[str, Population] = field(default_factory=dict)
     column: str = ""
+    members: tuple[int, ...] = ()
 
     @property
     def log_evidence(self) -> dict[str, float | None]:
@@ -108,20 +110,28 @@ _MORE = {"kinetic": 1, "damage": 2, "damage by strain": 2}  # parameters by word
 
 
 def models(
-    laws: Sequence[str], contents: Sequence[str] = ("equilibrium",), damage: Sequence[str] = ("none",)
+    laws: Sequence[str],
+    contents: Sequence[str] = ("equilibrium",),
+    damage: Sequence[str] = ("none",),
+    around: BubbleModel = BubbleModel(),  # noqa: B008  it is frozen
 ) -> dict[str, dict[str, Any]]:
     """Every law with all contents and damages, as `fit_many` takes them, by the name in a ranking: "nhkv", or
-    "nhkv, kinetic" where the contents are not the same in all, "nhkv, kinetic, damage".
+    "nhkv, kinetic" where the contents are not the same in all, "nhkv, kinetic, damage". The rest of the bubble is as
+    `around` has it, in all of them; its accommodation in those of kinetic contents.
 
     A law without an elastic part goes without damage. Raises InputError: fewer than two models, one twice, a law that
-    is unknown.
+    is unknown, an accommodation without kinetic contents.
     """
     told = f"give two or more different models to choose from, got {', '.join([*laws, *contents, *damage]) or 'none'}"
     unlike = all(len(set(names)) == len(names) > 0 for names in (laws, contents, damage))
     found: dict[str, dict[str, Any]] = {}
+    either = "kinetic" if "kinetic" in contents else "equilibrium"
+    Options(bubble=replace(around, contents=either))
     for law, content, hurt in product(laws, contents, damage) if unlike else ():
-        way = {"material": law, "contents": content, "damage": hurt}
-        Options(bubble=BubbleModel(contents=content, damage=hurt))
+        rate = around.accommodation if content == "kinetic" else "free"
+        bubble = replace(around, contents=content, damage=hurt, accommodation=rate)
+        Options(bubble=bubble)
+        way = {"material": law, **vars(bubble)}
         words = [law, *([content] if len(contents) > 1 else []), *_HURT.get(hurt, [f"damage by {hurt}"])]
         if Family(law).elastic or hurt == "none":
             found[", ".join(words)] = way
@@ -135,14 +145,15 @@ def _size(model: str) -> int:
     return len(Family(law).parameters) + sum(_MORE.get(word, 0) for word in more)
 
 
-def by_network(way: Mapping[str, Any], *, wall_inertia: float | str = 0.0, stretch: float | str | None = None) -> bool:
-    """Whether `infer_many` weighs this model from the draws of the shipped network, which takes a fraction of a fit
-    and what follows it."""
+def by_network(way: Mapping[str, Any], stretch: float | str | None = None) -> bool:
+    """Whether `infer_many` weighs this model of `models` from the draws of the shipped network, which takes a fraction
+    of a fit and what follows it."""
     from cavirheo.inference.posterior_model import PosteriorModel, network_of
 
     network = network_of(DEFAULT)
     known = isinstance(network, PosteriorModel) and network.knows(way["material"], way["contents"])
-    return known and way["damage"] == "none" and wall_inertia == 0 and not isinstance(stretch, str)
+    plain = {"material": way["material"], **vars(BubbleModel(way["contents"]))}
+    return known and plain == way and not isinstance(stretch, str)
 
 
 def rank_laws(
@@ -151,7 +162,11 @@ def rank_laws(
     *,
     contents: Sequence[str] | str = ("equilibrium",),
     damage: Sequence[str] | str = ("none",),
+    accommodation: float | str = "free",
     wall_inertia: float | str = 0.0,
+    wall_distance: float | None = None,
+    vapour_excess: float | str = 0.0,
+    wall_radiation: float | str = 0.0,
     medium: Medium = WATER,
     window: int | str | None = None,
     stretch: float | str | None = None,
@@ -162,8 +177,9 @@ def rank_laws(
     **options: Any,
 ) -> tuple[list[Ranking], list[Ranking]]:
     """The laws of each curve, and of each group of more than one: the sum over shots each with its own parameters.
-    With several `contents` or `damage` each law is taken with each of them (`models`). What the shipped network knows
-    is weighed as `infer` does (`by_network`); another law is fitted, and if its Laplace evidence is far below the best
+    With several `contents` or `damage` each law is taken with each of them (`models`); what is around the bubble
+    (`accommodation` to `wall_radiation`, as `fit_many` has them) is the same for all. What the shipped network knows is
+    weighed as `infer` does (`by_network`); another law is fitted, and if its Laplace evidence is far below the best
     of its curve (TUNING.hopeless) it keeps that.
 
     `options` are those of `Verification`; `ranges` may hold parameters of some of the laws only. `done` is called with
@@ -172,13 +188,17 @@ def rank_laws(
     """
     laws = [laws] if isinstance(laws, str) else laws
     contents, damage = ([one] if isinstance(one, str) else one for one in (contents, damage))
-    chosen = models(laws, contents, damage)
+    around = BubbleModel(
+        accommodation=accommodation, wall_inertia=wall_inertia, wall_distance=wall_distance,
+        vapour_excess=vapour_excess, wall_radiation=wall_radiation,
+    )  # fmt: skip
+    chosen = models(laws, contents, damage, around)
     ranges: Mapping[str, Sequence[float]] = options.pop("ranges", None) or {}
     options.setdefault("draws", TUNING.law_draws)
     found: dict[str, list[Posterior]] = {}
     shared: dict[str, dict[str, Any]] = {}
     for law, way in chosen.items():
-        if options.keys() <= {"draws", "discrepancy"} and by_network(way, wall_inertia=wall_inertia, stretch=stretch):
+        if options.keys() <= {"draws", "discrepancy"} and by_network(way, stretch):
             asked: Any = {"window": window, "stretch": stretch, "discrepancy": options.get("discrepancy", True)}
             asked |= {"material": way["material"], "contents": way["contents"], "trust_input": trust_input}
             asked["draws"] = options["draws"]
@@ -187,7 +207,7 @@ def rank_laws(
         known = (*Family(way["material"]).parameters, "stretch")
         fitted = fit_many(
             curves, **way, medium=medium, window=window, stretch=stretch, trust_input=trust_input, seed=seed,
-            wall_inertia=wall_inertia, workers=workers, windows=False, others=False, draws=False,
+            workers=workers, windows=False, others=False, draws=False,
         )  # fmt: skip
         mine = {name: pair for name, pair in ranges.items() if name in known}
         shared[law] = {
@@ -228,11 +248,34 @@ def ranked(
         evidence = {law: _evidence(answer) for law, answer in answers.items()}
         singles.append(Ranking(curve.name, evidence, 1, answers))
     title = next((name for curve in curves for name in curve.column), "")
-    groups: dict[Any, list[tuple[Ranking, float]]] = {}
-    for curve, single in zip(curves, singles, strict=True):
-        member = single, curve.column.get(title, np.nan)
-        groups.setdefault((curve.group, curve.group_source), []).append(member)
-    return singles, [_together(str(key[0]), members, title) for key, members in groups.items() if len(members) > 1]
+    groups: dict[Any, list[int]] = {}
+    for i, curve in enumerate(curves):
+        groups.setdefault((curve.group, curve.group_source), []).append(i)
+    along = [curve.column.get(title, np.nan) for curve in curves]
+    return singles, [
+        replace(_together(str(key[0]), [(singles[i], along[i]) for i in members], title), members=tuple(members))
+        for key, members in groups.items()
+        if len(members) > 1
+    ]
+
+
+def explained(singles: Sequence[Ranking], groups: Sequence[Ranking]) -> list[Posterior]:
+    """Of `ranked`: the answer of each curve by the law chosen for its group, or else for itself, with what the other
+    laws answer beside it. A curve without an evidence has the answer of its first law."""
+    by_group = {i: group.chosen for group in groups for i in group.members if group.chosen}
+    found = []
+    for i, one in enumerate(singles):
+        chosen = by_group.get(i) or one.chosen or next(iter(one.answers))
+        answer, rest = one.answers[chosen], [other for law, other in one.answers.items() if law != chosen]
+        kept = {model_of(other) for other in rest if other.evidence}
+        others = [other for other in answer.others if model_of(other) not in kept]
+        answer = replace(answer, others=(*others, *(itself(other) for other in rest if other.evidence)))
+        by_others = [f"chosen by the evidence of the group: {chosen}"] if i in by_group else []
+        own = chosen_among(answer, rest) if chosen == one.chosen else by_others
+        before = answer.checks.message.split("; ") if answer.checks.message else []
+        told = dict.fromkeys([*before, *own, *compared(answer)])  # once
+        found.append(replace(answer, checks=replace(answer.checks, message="; ".join(told))))
+    return found
 
 
 def _evidence(answer: Posterior) -> Evidence | None:
