@@ -1,7 +1,8 @@
 """`cavirheo design` against experiments: intervals that were predicted, and those that `infer` then gives.
 
 python benchmarks/design.py [folder] [experiments]    goes on where it was stopped; writes benchmarks/design.md
-python benchmarks/design.py checks                    its section on settings that `design` checks: ten minutes
+python benchmarks/design.py checks [recordings]       its section on settings that `design` checks: 6 of each take
+                                                      ten minutes
 python benchmarks/design.py groups                    its section on shots that scatter: a minute
 """
 
@@ -153,29 +154,29 @@ def table(found: dict[str, dict]) -> str:
     return text
 
 
-CHECKS, CHECKED = "## Checked settings", 6
+CHECKS = "## Checked settings"
 
 
-def checks() -> None:
-    """What answers of some recordings say of the answers of others at the same setting."""
+def checks(count: int = 6) -> None:
+    """What answers of `count` recordings say of the answers of others at the same setting."""
     text = f"""{CHECKS}
-`python benchmarks/design.py checks`: `design` lets `infer` answer recordings of the settings that it recommends
-(`--check`, {CHECKED} of each), and scales what it expects by answered/expected. For each parameter: half-width expected
-of {2 * CHECKED} other recordings, of other materials from the same ranges; that scaled by the {CHECKED} checked ones;
-that of the answers to the others. Geometric means, in percent.
+`python benchmarks/design.py checks {count}`: `design` lets `infer` answer recordings of the settings that it recommends
+(`--check {count}`), and scales what it expects by answered/expected. For each parameter: half-width expected of
+{2 * count} other recordings, of other materials from the same ranges; that scaled by the {count} checked ones; that of
+the answers to the others. Geometric means, in percent.
 
 | R_max, µm | kfps | G expected | scaled | answered | µ expected | scaled | answered |
 |---|---|---|---|---|---|---|---|
 """
     off = []
-    law, stretch = drawn(3 * CHECKED, 1)
+    law, stretch = drawn(3 * count, 1)
     for radius, rate in product(RADII, RATES):
         setting, halves = Setting(radius, rate, frames=FRAMES), []
-        for k, part in enumerate((slice(CHECKED), slice(CHECKED, None))):
+        for k, part in enumerate((slice(count), slice(count, None))):
             told, got = answered(setting, FAMILY, law[part], stretch[part], seed=10_000 + 1000 * k)
             halves.append((middle(told), middle(got), len(got)))
         (told, checked, n), (expects, got, others) = halves
-        if n < CHECKED - 1 or others < 2 * CHECKED - 2:
+        if n < 0.8 * count or others < 1.6 * count:
             continue
         scaled = expects * checked / told
         off.append([expects / got, scaled / got])
@@ -248,7 +249,7 @@ the scatter is taken for 0. Reached: half of the 90 % interval after as many ove
 
 def main(folder: str = "build/design", count: str = "4") -> None:
     if folder in ("groups", "checks"):
-        return groups() if folder == "groups" else checks()
+        return groups() if folder == "groups" else checks(*map(int, sys.argv[2:]))
     place = Path(folder) / "design.json"
     place.parent.mkdir(parents=True, exist_ok=True)
     found = json.loads(place.read_text()) if place.exists() else {}

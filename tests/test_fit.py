@@ -382,6 +382,17 @@ def test_both_solutions_of_a_real_stiff_gel_are_said(real_data):
     assert low <= answer.best["stretch"] <= high
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize("number", [6, 18, 20])
+def test_best_values_are_of_the_solution_that_has_the_interval(real_data, number):
+    """Shots of a polymer solution that no Newtonian liquid follows: minima are broad, and near one another."""
+    (file,) = (real_data / "peg8000_40wv").glob("*.mat")
+    answer = fit(read_curves(file)[number - 1], "newtonian", others=False)
+    low, high = answer.interval("viscosity")
+    assert 0.8 * low < answer.best["viscosity"] < 1.2 * high
+    assert answer.checks.rmse_over_rmax < 0.09
+
+
 def test_frames_that_drift_upwards_are_left_out_and_counted():
     curve = shot(end=200e-6)
     late = curve.time > 120e-6

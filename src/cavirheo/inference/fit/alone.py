@@ -24,7 +24,7 @@ LIQUIDS = ("newtonian", "power-law")  # laws to try where there may be no shear 
 DRAWS = 4096
 EACH, MOST, ENOUGH, FEWEST = 60, 480, 80.0, 15.0  # weighted draws: of a round, in all; effective ones: goal, least
 AS_NEAR = 1.5  # costs of minima, below which the evidence chooses between them
-NEARLY_NONE = 0.1  # of the weight of the draws: less beside a minimum, and the answer is another
+FAR = 3.0  # standard deviations of the draws: a minimum so far from them is of another solution
 AT_BOUND = 1e-3  # of a range: nearer to its end is "at the bound"
 
 _Beside = tuple[Minimum, Mode]  # and the maximum of the posterior beside it
@@ -68,8 +68,12 @@ class Alone:
         self.found = self.fit.polish(chosen[0].x if chosen else best)
         if enough:
             self.sample = self._sampled(seed, [minimum.x for minimum in search.minima])
-        if chosen and self.sample and (there := _heaviest(self.sample, weighed, chosen)) is not chosen:
-            chosen, self.found = there, self.fit.polish(there[0].x)
+        if target and chosen and self.sample and not _among(shot.prior().to_u(self.found.x), self.sample):
+            # the best values must be those of the solution that has the interval; the minimum before is a valley
+            likeliest = self.sample.u[np.argmax(self.sample.log_target)]
+            self.found = self.fit.polish(shot.prior().to_x(likeliest))
+            if mode := climb(target, target.start(self.found.x), QUICK):
+                chosen = next((one for one in weighed if same(mode, one[1])), (self.found, mode))
         self.laplace = laplace(self.fit, self.found.x)
         if chosen:
             self.evidence = Evidence(chosen[1].log_evidence)
@@ -140,14 +144,12 @@ class Alone:
         return WindowAnswer(best, float(shot.view.end / shot.time_scale), rmse, tuple(at_bound(self.fit, x, 0)))
 
 
-def _heaviest(drawn: Sample, weighed: Sequence[_Beside], chosen: _Beside) -> _Beside:
-    """The minimum chosen, or that with most of the draws beside it if nearly none are beside the one chosen: the best
-    values must be those of the solution that has the interval, and the other one is a valley."""
-    nearest = np.argmin([mode.squares(drawn.u) for _, mode in weighed], axis=0)
+def _among(u: Floats, drawn: Sample) -> bool:
+    """Whether a minimum (d,) is where the weighted draws are."""
     weight = np.exp(drawn.log_weight - np.max(drawn.log_weight))
-    share = np.bincount(nearest, weight, len(weighed)) / np.sum(weight)
-    alone = next(k for k, one in enumerate(weighed) if one is chosen)
-    return chosen if share[alone] > NEARLY_NONE else weighed[int(np.argmax(share))]
+    middle = np.average(drawn.u, weights=weight, axis=0)
+    spread = np.sqrt(np.average((drawn.u - middle) ** 2, weights=weight, axis=0))
+    return bool(np.all(np.abs(u - middle) < FAR * spread))
 
 
 def at_bound(fit: LeastSquares, x: Floats, k: int) -> dict[str, str]:
