@@ -16,7 +16,7 @@ from cavirheo.inference.verify.evidence import ranked
 from cavirheo.posterior import Checks, Evidence, Posterior
 from cavirheo.reading.column import LOG_SIZE, with_column
 from cavirheo.reporting import html, picture, read_json, result, table
-from cavirheo.reporting.laws import Laws, print_table, weighed
+from cavirheo.reporting.laws import Laws, print_table, records
 from cavirheo.reporting.paper import group_figure
 from cavirheo.writing.document import Quantity, Spread, write_json
 
@@ -451,7 +451,7 @@ def test_which_law_says_of_each_law_whether_its_constants_change_with_size(capsy
         ]
         for law, more in truths.items()
     }
-    shots, groups = weighed(curves, *ranked(curves, answers))
+    shots, groups = records(curves, *ranked(curves, answers))
     slope = {law: one.slopes["viscosity"] for law, one in groups[0].laws.items()}
     assert (slope["nhkv"].sign, slope["qkv"].sign) == (0, 1)
     assert slope["qkv"].q05 < 2.0 < slope["qkv"].q95

@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 from collections.abc import Callable
 from dataclasses import replace
-from functools import partial
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -598,12 +597,12 @@ def test_draws_are_spent_on_laws_that_can_win_alone(monkeypatch):
 
     def verified(curves, answers, *, level="full", **settings):
         if level == "map":
-            return [replace(point, material=answers, evidence=Evidence(logs[answers]))]
+            return [replace(point, material=answers[0], evidence=Evidence(logs[answers[0]]))]
         full.append(answers[0].material)
         return [replace(one, evidence=Evidence(one.evidence.log, 0.1), log_weight=np.zeros(1)) for one in answers]
 
     monkeypatch.setattr(evidence, "by_network", lambda *_, **__: False)
-    monkeypatch.setattr(evidence, "fit_many", lambda curves, material, **options: material)
+    monkeypatch.setattr(evidence, "fit_many", lambda curves, material, **options: [material])
     monkeypatch.setattr(evidence, "verify_many", verified)
     ((found,), _) = rank_laws([shot()], list(logs))
     assert full == ["nhkv", "qkv"]
@@ -753,7 +752,7 @@ def test_the_exposure_from_the_command_line(run, tmp_path):
 @pytest.mark.slow
 def test_which_law_from_the_command_line(run, tmp_path, monkeypatch, light):
     """The true law is preferred to one that lacks a parameter."""
-    monkeypatch.setattr(evidence, "verify_many", partial(verify_many, draws=60))
+    monkeypatch.setattr(evidence, "TUNING", replace(TUNING, law_draws=60))
     write_gel(tmp_path)
     words = ("which-law", "gel.csv", "--laws", "newtonian,nhkv", "--exact-law", "--window", "2", "-o", "w")
     status, out, err = run(*words, "--trust-input")

@@ -13,6 +13,7 @@ from collections.abc import Callable, Generator, Iterable, Iterator, Mapping, Se
 from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
 from contextlib import closing, contextmanager, suppress
 from dataclasses import dataclass
+from importlib.metadata import version
 from multiprocessing.pool import Pool
 from queue import SimpleQueue
 from typing import Any, Protocol, TypeVar
@@ -38,6 +39,26 @@ class Executor(Protocol):
 
         A job is asked for when its turn comes, so that not all need be in memory.
         """
+
+
+@dataclass(frozen=True)
+class Step:
+    """`verb(curves, done=..., **settings)`, or of a later step `verb(curves, answers, done=..., **settings)`.
+
+    doing: as the bar says it. made_with: what an answer depends on besides the settings: a model's SHA-256. apart: no
+    answer depends on other curves, so that each can be kept.
+    """
+
+    doing: str
+    verb: Callable[..., list[Any]]
+    settings: Mapping[str, Any]
+    made_with: str = ""
+    apart: bool = True
+
+    @property
+    def identity(self) -> list[Any]:
+        """What its answers depend on besides the curves."""
+        return [version("cavirheo"), self.verb.__name__, self.made_with, sorted(self.settings.items())]
 
 
 @dataclass(frozen=True)

@@ -10,9 +10,8 @@ import hashlib
 import json
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import closing, suppress
-from dataclasses import dataclass, fields, is_dataclass
+from dataclasses import fields, is_dataclass
 from functools import partial
-from importlib.metadata import version
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -20,7 +19,7 @@ import numpy as np
 
 from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError, require
-from cavirheo.parallel import Executor, Threads, one_of
+from cavirheo.parallel import Executor, Step, Threads, one_of
 from cavirheo.posterior import BubbleModel, Checks, Diagnostics, Evidence, OtherAnswer, Posterior, WindowAnswer
 from cavirheo.writing.document import into, whole
 from cavirheo.writing.terminal import bar, say
@@ -31,26 +30,6 @@ _Kept = TypeVar("_Kept")
 _Item = TypeVar("_Item")
 _NAME = "[0-9a-f]" * 64 + ".npz"
 HELD = 500  # answers of a run; of more, none is held that can be read again
-
-
-@dataclass(frozen=True)
-class Step:
-    """`verb(curves, done=..., **settings)`, or of a later step `verb(curves, answers, done=..., **settings)`.
-
-    doing: as the bar says it. made_with: what an answer depends on besides the settings: a model's SHA-256. apart: no
-    answer depends on other curves, so that each can be kept.
-    """
-
-    doing: str
-    verb: Callable[..., list[Posterior]]
-    settings: Mapping[str, Any]
-    made_with: str = ""
-    apart: bool = True
-
-    @property
-    def identity(self) -> list[Any]:
-        """What its answers depend on besides the curves."""
-        return [version("cavirheo"), self.verb.__name__, self.made_with, sorted(self.settings.items())]
 
 
 class KeptAnswers(Mapping[int, Posterior]):

@@ -16,7 +16,7 @@ from types import MappingProxyType
 
 from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError
-from cavirheo.parallel import cores
+from cavirheo.parallel import Step, cores
 from cavirheo.posterior import Posterior
 from cavirheo.reading.column import given, is_size, listed, read_column, with_size
 from cavirheo.reading.files import header_of, measurements, pixels_of, shown
@@ -24,7 +24,7 @@ from cavirheo.reading.shots import Recordings, read_shots
 from cavirheo.reporting import DOCUMENTS, live, table
 from cavirheo.reporting.answer import CurveRecord, curve_record
 from cavirheo.reporting.record import Result, result_of
-from cavirheo.unfinished import Step, keep, key_of, read_kept
+from cavirheo.unfinished import keep, key_of, read_kept
 from cavirheo.writing.document import Outputs, into, write_json
 
 LOOK = 0.4  # s between two looks at the folder; a file that did not change from one to the next may be complete

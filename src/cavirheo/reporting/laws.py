@@ -92,7 +92,7 @@ class Laws(Document):
     groups: list[WeighedLaws]
 
 
-def weighed(
+def records(
     curves: Sequence[RadiusCurve], singles: Sequence[Ranking], groups: Sequence[Ranking]
 ) -> tuple[list[WeighedLaws], list[WeighedLaws]]:
     """The rankings of the curves and of their groups, as the document has them."""

@@ -62,8 +62,8 @@ def fit(
     from cavirheo.inference.fit import fit_many
     from cavirheo.inference.law import Family
     from cavirheo.inference.options import Options
+    from cavirheo.parallel import Step
     from cavirheo.reporting import DOCUMENTS
-    from cavirheo.unfinished import Step
     from cavirheo.writing.document import Outputs
 
     files = run.files(files)

@@ -35,8 +35,8 @@ def infer(
     from cavirheo.inference.model import Network
     from cavirheo.inference.posterior_model import network_of
     from cavirheo.inference.reconstruct import check_stretch
+    from cavirheo.parallel import Step
     from cavirheo.reporting import DOCUMENTS
-    from cavirheo.unfinished import Step
     from cavirheo.writing.document import Outputs
 
     files = run.files(files)

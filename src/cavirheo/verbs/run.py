@@ -19,10 +19,9 @@ from cavirheo.writing import terminal
 
 if TYPE_CHECKING:
     from cavirheo.curve import RadiusCurve
-    from cavirheo.parallel import Executor
+    from cavirheo.parallel import Executor, Step
     from cavirheo.physics.media import Medium
     from cavirheo.reading.shots import Recordings
-    from cavirheo.unfinished import Step
     from cavirheo.writing.document import Document
 
 
@@ -146,12 +145,12 @@ class Run:
     ) -> None:
         """The end of `infer` and `fit`: the curves answered by the first step, the answers verified (`settings` are
         those of `verify_many`), documents into `out`, the table, the exit status."""
-        from cavirheo.parallel import cores
+        from cavirheo.parallel import Step, cores
         from cavirheo.reporting import outputs, write_report
         from cavirheo.reporting.drawing import prepare
         from cavirheo.reporting.record import Answered
         from cavirheo.reporting.table import print_table
-        from cavirheo.unfinished import InOrder, Step, Unfinished
+        from cavirheo.unfinished import InOrder, Unfinished
 
         outputs(out, curves, ("png",) if pictures else (), paper=paper)
         if pictures:

@@ -39,12 +39,11 @@ def watch(
     from cavirheo.inference.law import Family
     from cavirheo.inference.posterior_model import network_of
     from cavirheo.inference.reconstruct import check_stretch
-    from cavirheo.parallel import aside, cores
+    from cavirheo.parallel import Step, aside, cores
     from cavirheo.physics.simulate import load_solver
     from cavirheo.reading.column import is_size, read_column
     from cavirheo.reporting import live, write_report
     from cavirheo.reporting.table import print_line, print_table
-    from cavirheo.unfinished import Step
     from cavirheo.watching import Watch
 
     require(folder.is_dir(), f"{folder} is no folder: give the one where recordings arrive", "watch.folder")

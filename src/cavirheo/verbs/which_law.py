@@ -3,16 +3,12 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
 from typer import Option
 
 from cavirheo.verbs import options
 from cavirheo.verbs.run import Reading, Run
-
-if TYPE_CHECKING:
-    from cavirheo.posterior import Posterior
-    from cavirheo.unfinished import Step
 
 
 def which_law(
@@ -39,19 +35,15 @@ def which_law(
     run: Run = options.FROM_OPTIONS,
 ) -> None:
     """Which of several laws explains the curves best? Evidence by importance sampling, 1 to 30 s a curve and law."""
+    from cavirheo import reporting
     from cavirheo.cluster import connected
-    from cavirheo.inference import infer_many
-    from cavirheo.inference.fit import fit_many
     from cavirheo.inference.options import Options
-    from cavirheo.inference.verify import verify_many
-    from cavirheo.inference.verify.evidence import by_network, contending, explained, models, ranked
-    from cavirheo.inference.verify.tuning import TUNING
+    from cavirheo.inference.verify.evidence import explained, models, plans, ranked, weighed
     from cavirheo.parallel import cores
-    from cavirheo.reporting import DOCUMENTS, write_report
     from cavirheo.reporting.drawing import prepare
-    from cavirheo.reporting.laws import Laws, firmly, print_table, weighed
+    from cavirheo.reporting.laws import Laws, firmly, print_table, records
     from cavirheo.reporting.paper import laws_figure, names, write
-    from cavirheo.unfinished import Step, Unfinished
+    from cavirheo.unfinished import Unfinished
     from cavirheo.writing import document
 
     files = run.files(files)
@@ -61,42 +53,19 @@ def which_law(
     chosen = models(given[0], given[1], given[2], around)
     Options(window=looked_at, stretch=known)
     outputs = document.Outputs(out, "laws.json", inputs=files)
-    document.Outputs(out, *DOCUMENTS, inputs=files)
+    document.Outputs(out, *reporting.DOCUMENTS, inputs=files)
     if pictures:
         prepare()
     with connected(scheduler, run.say) as executor:
         kept = Unfinished(out, shown=not run.quiet, executor=executor)
         curves = run.read(files, liquid, reading, column)
-        shared: dict[str, Any] = {"medium": liquid, "stretch": known, "seed": seed}
-        weighing: dict[str, Any] = {"discrepancy": not exact_law, "draws": TUNING.law_draws, **shared}
-        climbing = {**weighing, "level": "map", "scanned": TUNING.law_scanned}
-        found: dict[str, dict[int, Posterior]] = {}
-        steps: dict[str, tuple[Step, ...]] = {}
-        for law, way in chosen.items():
-            if by_network(way, known):
-                inferring = {"material": way["material"], "contents": way["contents"]}
-                inferring |= {"trust_input": reading.trust_input, "window": looked_at, **weighing}
-                steps[law] = (Step(f"weighing {law}", infer_many, inferring),)
-                found[law] = dict(kept.answers(curves, *steps[law]))
-                continue
-            fitting = {**way, "window": looked_at, "trust_input": reading.trust_input, **shared}
-            fitting |= {"windows": False, "others": False, "draws": False}
-            fit, climb = Step(f"fitting {law}", fit_many, fitting), Step(f"climbing {law}", verify_many, climbing)
-            steps[law] = fit, climb, Step(f"weighing {law}", verify_many, weighing)
-            found[law] = dict(kept.answers(curves, *steps[law][:2]))
-        whole = all(len(answers) == len(curves) for answers in found.values())
-        climbed = {law: list(answers.values()) for law, answers in found.items()} if whole else {}
-        for law, near in contending(climbed).items():
-            if len(steps[law]) == 1:
-                continue
-            full = kept.answers([curves[i] for i in near], *steps[law])
-            rest = {i: answer for i, answer in found[law].items() if i not in near}
-            found[law] = rest | {near[k]: answer for k, answer in full.items()}
-        found = found if whole else {law: {} for law in found}
+        reporting.outputs(out, curves, ("png",) if pictures else (), paper=paper)
+        how: dict[str, Any] = {"medium": liquid, "stretch": known, "seed": seed, "discrepancy": not exact_law}
+        found = weighed(curves, plans(chosen, looked_at, reading.trust_input, **how), kept.answers)
     complete = [i for i in range(len(curves)) if all(i in answers for answers in found.values())]
     answered, note = [curves[i] for i in complete], kept.note(len(complete), len(curves))
     singles, groups = ranked(answered, {law: [answers[i] for i in complete] for law, answers in found.items()})
-    by_curve, by_group = weighed(answered, singles, groups)
+    by_curve, by_group = records(answered, singles, groups)
     notes = [*([note] if note else []), *run.notes]
     made = Laws(command=run.command, notes=notes, curves=by_curve, groups=by_group)
     if answered:
@@ -110,8 +79,8 @@ def which_law(
     outputs.finish()
     pairs = list(zip(answered, explained(singles, groups), strict=True))
     with run.bar("drawing", len(curves) if pictures else 0) as advance:
-        how: dict[str, Any] = {"date": run.date, "draw": pictures, "workers": cores(), "paper": paper}
-        write_report(out, pairs, run.command, done=advance, notes=[*firmly(made), *notes], **how)
+        how = {"date": run.date, "draw": pictures, "workers": cores(), "paper": paper}
+        reporting.write_report(out, pairs, run.command, done=advance, notes=[*firmly(made), *notes], **how)
     kept.remove()
     run.show(made, print_table)
     verdicts = {answer.checks.verdict for one in singles for answer in one.answers.values()}

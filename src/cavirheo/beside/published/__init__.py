@@ -20,13 +20,13 @@ from cavirheo.inference.law import Family
 from cavirheo.inference.model import DEFAULT, Network
 from cavirheo.inference.posterior_model import PosteriorModel, network_of
 from cavirheo.inference.reconstruct import check_stretch
-from cavirheo.parallel import aside
+from cavirheo.parallel import Step, aside
 from cavirheo.physics.simulate import load_solver
 from cavirheo.reading.files import MEASUREMENTS
 from cavirheo.reading.select import shot_numbers
 from cavirheo.reading.shots import read_shots
 from cavirheo.reporting import file_names, outputs, write_report
-from cavirheo.unfinished import Step, Unfinished
+from cavirheo.unfinished import Unfinished
 from cavirheo.writing import style
 from cavirheo.writing.document import Outputs, write_json
 

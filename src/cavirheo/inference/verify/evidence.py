@@ -16,7 +16,7 @@ import numpy as np
 from scipy.special import softmax
 
 from cavirheo.arrays import Floats
-from cavirheo.curve import RadiusCurve
+from cavirheo.curve import RadiusCurve, several
 from cavirheo.errors import require
 from cavirheo.inference import DEFAULT, infer_many
 from cavirheo.inference.fit import fit_many
@@ -26,6 +26,7 @@ from cavirheo.inference.others import DECISIVE, chosen_among, compared, itself, 
 from cavirheo.inference.population import Population, with_slope_if_any
 from cavirheo.inference.verify import verify_many
 from cavirheo.inference.verify.tuning import TUNING
+from cavirheo.parallel import Step
 from cavirheo.physics.media import WATER, Medium
 from cavirheo.posterior import BubbleModel, Evidence, Posterior
 
@@ -192,42 +193,79 @@ def rank_laws(
         accommodation=accommodation, wall_inertia=wall_inertia, wall_distance=wall_distance,
         vapour_excess=vapour_excess, wall_radiation=wall_radiation,
     )  # fmt: skip
-    chosen = models(laws, contents, damage, around)
-    ranges: Mapping[str, Sequence[float]] = options.pop("ranges", None) or {}
+    shared: dict[str, Any] = {"medium": medium, "stretch": stretch, "seed": seed}
+    curves = several(curves)
+    steps = plans(models(laws, contents, damage, around), window, trust_input, **shared, **options)
+    found = weighed(curves, steps, _InMemory(workers))
+    if done:
+        for i, answer in (pair for answers in found.values() for pair in answers.items()):
+            done(i, answer)
+    return ranked(curves, {law: list(answers.values()) for law, answers in found.items()})
+
+
+def plans(
+    chosen: Mapping[str, Mapping[str, Any]], window: int | str | None = None, trust_input: bool = False, *,
+    medium: Medium = WATER, stretch: float | str | None = None, seed: int = 0,
+    ranges: Mapping[str, Sequence[float]] | None = None, **options: Any,
+) -> dict[str, tuple[Step, ...]]:  # fmt: skip
+    """The steps of each of `models` to its evidence, by name: one for what the network knows (`by_network`); a fit, the
+    climb from there to Laplace's evidence, and the draws for the others. The rest as `rank_laws` has it."""
     options.setdefault("draws", TUNING.law_draws)
-    found: dict[str, list[Posterior]] = {}
-    shared: dict[str, dict[str, Any]] = {}
+    shared = {"medium": medium, "stretch": stretch, "seed": seed}
+    asked = {"window": window, "trust_input": trust_input, **shared}
+    found: dict[str, tuple[Step, ...]] = {}
     for law, way in chosen.items():
-        if options.keys() <= {"draws", "discrepancy"} and by_network(way, stretch):
-            asked: Any = {"window": window, "stretch": stretch, "discrepancy": options.get("discrepancy", True)}
-            asked |= {"material": way["material"], "contents": way["contents"], "trust_input": trust_input}
-            asked["draws"] = options["draws"]
-            found[law] = infer_many(curves, medium=medium, seed=seed, workers=workers, **asked)
+        if not ranges and options.keys() <= {"draws", "discrepancy"} and by_network(way, stretch):
+            inferring = {"material": way["material"], "contents": way["contents"], **asked, **options}
+            found[law] = (Step(f"weighing {law}", infer_many, inferring),)
             continue
         known = (*Family(way["material"]).parameters, "stretch")
-        fitted = fit_many(
-            curves, **way, medium=medium, window=window, stretch=stretch, trust_input=trust_input, seed=seed,
-            workers=workers, windows=False, others=False, draws=False,
-        )  # fmt: skip
-        mine = {name: pair for name, pair in ranges.items() if name in known}
-        shared[law] = {
-            "medium": medium,
-            "stretch": stretch,
-            "seed": seed,
-            "workers": workers,
-            "ranges": mine,
+        fitting = {**way, **asked, "windows": False, "others": False, "draws": False}
+        weighing = {
+            **shared,
+            "ranges": {name: pair for name, pair in (ranges or {}).items() if name in known},
             **options,
         }
-        found[law] = verify_many(curves, fitted, **{**shared[law], "level": "map", "scanned": TUNING.law_scanned})
-    for law, near in contending(found).items():
-        near = near if law in shared else []
-        full = verify_many([curves[i] for i in near], [found[law][i] for i in near], **shared[law]) if near else []
-        for i, answer in zip(near, full, strict=True):
-            found[law][i] = answer
-        for i, answer in enumerate(found[law]):
-            if done:
-                done(i, answer)
-    return ranked(curves, found)
+        climbing = {**weighing, "level": "map", "scanned": TUNING.law_scanned}
+        found[law] = (
+            Step(f"fitting {law}", fit_many, fitting), Step(f"climbing {law}", verify_many, climbing),
+            Step(f"weighing {law}", verify_many, weighing),
+        )  # fmt: skip
+    return found
+
+
+def weighed(
+    curves: Sequence[RadiusCurve], steps: Mapping[str, Sequence[Step]], run: Callable[..., Mapping[int, Posterior]]
+) -> dict[str, dict[int, Posterior]]:
+    """The answer of each model for each curve, by the index of the curve; a model whose Laplace evidence is far below
+    the best of the curve (TUNING.hopeless) keeps that. run: (curves, *steps) -> answers of the last step by index;
+    where some are missing, it was interrupted, and nothing is found."""
+    found = {law: dict(run(curves, *(mine[:2] if len(mine) > 1 else mine))) for law, mine in steps.items()}
+    if any(len(answers) < len(curves) for answers in found.values()):
+        return {law: {} for law in found}
+    for law, near in contending({law: list(answers.values()) for law, answers in found.items()}).items():
+        if len(steps[law]) > 1:
+            full = run([curves[i] for i in near], *steps[law])
+            kept = {i: answer for i, answer in found[law].items() if i not in near}
+            found[law] = dict(sorted((kept | {near[k]: answer for k, answer in full.items()}).items()))
+    return found
+
+
+class _InMemory:
+    """As `Unfinished.answers`: the answers of the last step by the index of the curve; none is asked for twice."""
+
+    def __init__(self, workers: int | None) -> None:
+        self.workers = workers
+        self.known: dict[tuple[int, int], Posterior] = {}
+
+    def __call__(self, curves: Sequence[RadiusCurve], *steps: Step) -> dict[int, Posterior]:
+        *before, step = steps
+        left = [curve for curve in curves if (id(step), id(curve)) not in self.known]
+        if left:
+            given = [list(self(left, *before).values())] if before else []
+            answers = step.verb(left, *given, workers=self.workers, **step.settings)
+            self.known |= {(id(step), id(curve)): one for curve, one in zip(left, answers, strict=True)}
+        return {i: self.known[id(step), id(curve)] for i, curve in enumerate(curves)}
 
 
 def contending(found: Mapping[str, Sequence[Posterior]]) -> dict[str, list[int]]:
