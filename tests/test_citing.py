@@ -10,7 +10,9 @@ from conftest import BDT
 
 from cavirheo import InputError, infer_many, load, read_curves
 from cavirheo.physics.laws import LAWS
+from cavirheo.posterior import Evidence
 from cavirheo.reporting import result
+from cavirheo.reporting.answer import OtherModel
 from cavirheo.reporting.citing import methods
 from cavirheo.reporting.material import PopulationRecord
 from cavirheo.reporting.sources import MEDIA, of_law
@@ -53,6 +55,17 @@ def test_sources_of_every_law_of_a_sum_and_of_kinetic_contents(answered):
     assert len(set(keys)) == len(keys)
     assert "finite rate" in paragraph
     assert all(source.bibtex.count("{") == source.bibtex.count("}") for source in sources)
+
+
+def test_models_that_were_compared_by_evidence_are_said(document):
+    rival = OtherModel(material="newtonian", contents="equilibrium", log_evidence=-3.0)
+    curve = document.curves[0].model_copy(update={"other_models": [rival], "evidence": Evidence(2.0)})
+    paragraph, sources = methods(document.model_copy(update={"curves": [curve]}))
+    assert "compared by their evidence [Kass1995]: newtonian, equilibrium; nhkv, equilibrium." in paragraph
+    assert "Kass1995" in [source.key for source in sources]
+    without = rival.model_copy(update={"log_evidence": None})
+    curve = curve.model_copy(update={"other_models": [without]})
+    assert "evidence" not in methods(document.model_copy(update={"curves": [curve]}))[0]
 
 
 def fields(bibtex: str) -> dict[str, str]:

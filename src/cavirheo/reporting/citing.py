@@ -17,6 +17,7 @@ from cavirheo.reporting.sources import (
     BDT,
     DIFFUSIVITY,
     DISCREPANCY,
+    EVIDENCE,
     IMR,
     MEDIA,
     POPULATION,
@@ -27,7 +28,8 @@ from cavirheo.reporting.sources import (
 )
 from cavirheo.writing import digits
 
-_VERBS = ("infer", "fit", "watch")  # whose command tells the medium: water, unless these options say otherwise
+# whose command tells the medium: water, unless these options say otherwise
+_VERBS = ("infer", "fit", "which-law", "watch")
 _CONSTANTS = ("density", "sound_speed", "surface_tension", "pressure", "temperature")
 TITLE = "cavirheo: inertial microcavitation rheometry from a bubble radius history"
 
@@ -59,6 +61,7 @@ def methods(result: Result) -> tuple[str, list[Source]]:
         words, sources = _HOW[method]
         cited += sources
         said.append(words)
+    said += _rivals(answered, cited)
     said += _prior(answered)
     said.append("Values are medians with central 90 % intervals." if _intervals(answered) else "")
     if any(group.population and group.population.found for group in result.groups):
@@ -117,6 +120,16 @@ def _model(answered: list[CurveRecord], cited: list[Source]) -> list[str]:
         hurt = "" if damage == "none" else f", damaged ({damage})"
         said.append(f"The medium of {digits.counted(count, 'curve')}: {law}{hurt}; {vapour}.")
     return said
+
+
+def _rivals(answered: list[CurveRecord], cited: list[Source]) -> list[str]:
+    """The models beside which the answers stand with an evidence."""
+    own = {curve.model for curve in answered if curve.evidence}
+    rivals = {other.model for curve in answered for other in curve.other_models if other.log_evidence is not None} - own
+    if not (own and rivals):
+        return []
+    cited.append(EVIDENCE)
+    return [f"Models were compared by their evidence [{EVIDENCE.key}]: {'; '.join(sorted(own | rivals))}."]
 
 
 def _medium(command: str, cited: list[Source]) -> list[str]:

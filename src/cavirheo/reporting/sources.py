@@ -60,6 +60,10 @@ DISCREPANCY = Source(
     "Kennedy, M. C. and O'Hagan, A.", "2001", "{Bayesian} calibration of computer models",
     "Journal of the Royal Statistical Society: Series B", "10.1111/1467-9868.00294",
 )  # fmt: skip
+EVIDENCE = Source(
+    "Kass, R. E. and Raftery, A. E.", "1995", "{Bayes} factors", "Journal of the American Statistical Association",
+    "10.1080/01621459.1995.10476572",
+)  # fmt: skip
 POPULATION = Source(
     "Hogg, D. W. and Myers, A. D. and Bovy, J.", "2010", "Inferring the eccentricity distribution",
     "The Astrophysical Journal", "10.1088/0004-637X/725/2/2166",
