@@ -240,7 +240,7 @@ NUMBER = re.compile(r"\d+(?:\.\d+)?")
 def test_snippets_run(page, code, shown, monkeypatch):
     program = compile(code, name(page), "exec", dont_inherit=True)
     if "Client(" in code:
-        pytest.skip("needs a running app; tests/test_app.py calls the endpoint")
+        pytest.skip("needs a running app; tests/test_documented_commands.py starts it")
     monkeypatch.chdir(ROOT)
     with contextlib.redirect_stdout(io.StringIO()) as said:
         exec(program, {})
