@@ -1,6 +1,6 @@
 """Pictures of the method pages, of simulated bubbles alone.
 
-    python benchmarks/method_figures.py [contents] [laws] [draws] [ridge] [material]    # all without a name; 30 s
+    python benchmarks/method_figures.py [contents] [laws] [draws] [ridge] [verdicts] [material]    # all: 30 s
 
 Writes docs/method/NAME.png. The numbers in the captions of docs/method are those that it prints.
 """
@@ -14,7 +14,8 @@ from typing import Any
 import numpy as np
 from calibration import film
 
-from cavirheo import NeoHookeanKelvinVoigt, infer, infer_many, population, simulate
+from cavirheo import NeoHookeanKelvinVoigt, Newtonian, infer, infer_many, population, simulate
+from cavirheo.physics.damage import Damage
 from cavirheo.physics.laws import parse
 from cavirheo.posterior import Posterior
 from cavirheo.reporting.material import population_record
@@ -24,7 +25,12 @@ FOLDER = Path(__file__).parents[1] / "docs" / "method"
 GREEN, PURPLE = "#009e73", "#cc79a7"
 G, MU = "shear_modulus", "viscosity"
 G_AXIS, MU_AXIS = "shear modulus G (kPa)", "viscosity µ (Pa s)"
-SEED = {"draws": 3, "ridge": 6, "material": 5}  # in nine of ten shots an interval holds the truth, as in these
+SEED = {
+    "draws": 3,
+    "ridge": 6,
+    "verdicts": 1,
+    "material": 5,
+}  # in nine of ten shots an interval holds the truth, as in these
 TRUTH = np.log10([8e3, 0.05])  # Pa, Pa s
 SPREAD, STRAY = np.array([0.08, 0.05]), np.log10([4e4, 0.04])  # decades
 INSIDE = 0.9  # probability within a contour
@@ -217,9 +223,45 @@ def material() -> Any:
     return figure
 
 
+def verdicts() -> Any:
+    """Three shots that are asked as a gel: one that is, one of a gel that breaks, and a liquid."""
+    labels = [("time after R_max (µs)", "radius (µm)")] * 2 + [("shear modulus G (Pa)", MU_AXIS)]
+    figure, panes = panels(3, 3.0, labels)
+    gel, breaks = NeoHookeanKelvinVoigt(*10.0**TRUTH), {"damage": Damage(0.2, 1.5)}
+    stiff, liquid = NeoHookeanKelvinVoigt(3e4, 0.05), Newtonian(0.06)
+    rng = np.random.default_rng(SEED["verdicts"])
+    for axes, law, how in zip(panes, (gel, stiff, liquid), ({}, breaks, {}), strict=True):
+        _, curve = film(law, 240e-6, 6.0, 0.005, rng, "shot", **how)
+        answer = infer(curve)
+        checks = answer.checks
+        ends = [f"{what} {np.round(answer.interval(what), 4)}" for what in (G, MU)]
+        print(f"{checks.verdict}: RMSE {100 * checks.rmse_over_rmax:.2g} %, {', '.join(ends)}")
+        axes.set_title(f"   {checks.verdict}", loc="center", fontsize=8.5)
+        if law is liquid:
+            scattered(axes, answer, (answer.draws(G), answer.draws(MU)), "weighted draws")
+            axes.set(xscale="log", xlim=(5.0, 2e3), ylim=(0.05, 0.075))
+            end = 10.0 ** answer.prior[f"log10_{G}"][0]
+            axes.axvline(end, color=style.INK, lw=0.8, ls="--", label="end of the range")
+        else:
+            dots: Any = {"ms": 2.5, "mfc": "none", "mec": style.INK, "mew": 0.6}
+            axes.plot(1e6 * curve.time, 1e6 * curve.radius, "o", label="measured", **dots)
+            simulated = 1e6 * (checks.reconstruction_time - curve.time_of_max), 1e6 * checks.reconstruction_radius
+            axes.plot(*simulated, color=style.VERMILLION, lw=1.1, label="simulated")
+            axes.set(xlim=(0.0, 1.15e6 * checks.compared_time[-1]), ylim=(0.0, 260.0))
+        key(axes, loc="upper right")
+    return figure
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    made = {"contents": contents, "laws": laws, "draws": draws, "ridge": ridge, "material": material}
+    made = {
+        "contents": contents,
+        "laws": laws,
+        "draws": draws,
+        "ridge": ridge,
+        "verdicts": verdicts,
+        "material": material,
+    }
     parser.add_argument("names", nargs="*", choices=[[], *made], help=argparse.SUPPRESS)
     for name in parser.parse_args().names or made:
         style.drawn(made[name](), 120).save(FOLDER / f"{name}.png", optimize=True)
