@@ -141,6 +141,7 @@ def problems(text: str, folder: Path) -> list[str]:
     for code in re.findall(r"`([^`\n]+)`", prose):
         found += broken_code(code)
     paths = re.findall(rf"(?<![\w/.-])(?:{FOLDERS})/[\w./-]*\w", text)
+    found += [f"merge that nobody ended: {line}" for line in re.findall(r"^(?:<{7}|>{7}) .*", text, re.MULTILINE)]
     return found + [f"path {path}" for path in paths if not (ROOT / path).exists()]
 
 
@@ -171,6 +172,7 @@ def test_what_a_page_names_exists(page):
         "```\ncavirheo infer a.csv --window two\n```",
         "```\npip install '.[nothing]'\n```",
         "```\npython benchmarks/nothing.py\n```",
+        "<<<<<<< HEAD",
     ],
 )
 def test_a_planted_mistake_is_found(planted):
@@ -238,7 +240,7 @@ NUMBER = re.compile(r"\d+(?:\.\d+)?")
 def test_snippets_run(page, code, shown, monkeypatch):
     program = compile(code, name(page), "exec", dont_inherit=True)
     if "Client(" in code:
-        pytest.skip("needs a running app; tests/test_app.py calls the endpoint")
+        pytest.skip("needs a running app; tests/test_documented_commands.py starts it")
     monkeypatch.chdir(ROOT)
     with contextlib.redirect_stdout(io.StringIO()) as said:
         exec(program, {})
