@@ -34,7 +34,7 @@ from cavirheo.inference.posterior_model import load_posterior
 from cavirheo.inference.verify import verify
 from cavirheo.physics.materials import Material
 from cavirheo.physics.media import WATER
-from cavirheo.posterior import Posterior
+from cavirheo.posterior import BubbleModel, Posterior
 
 RANGES = {"shear_modulus": (500.0, 5e4), "viscosity": (5e-3, 0.5), "stretch": (4.0, 11.0)}
 CONDENSING = {**RANGES, "accommodation": (0.01, 1.0)}
@@ -125,7 +125,9 @@ def one(job: tuple[int, bool, bool, bool, bool, float]) -> dict:
     began = time.process_time()
     if default:
         network = load_posterior()
-        start = Networked(network, contents="kinetic" if kinetic else "equilibrium", trust_input=True, checked=False)
+        start = Networked(
+            network, bubble=BubbleModel("kinetic" if kinetic else "equilibrium"), trust_input=True, checked=False
+        )
         answer = verify(curve, start.infer(curve), level="auto", network=network, **how)
     else:
         answer = verify(curve, fit(curve, window="all", workers=1), scale_bound=BOUND, **how)

@@ -10,6 +10,7 @@ from fits import fit, fit_many
 
 from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError
+from cavirheo.inference import infer
 from cavirheo.inference.experiment import Experiment
 from cavirheo.inference.law import Family
 from cavirheo.inference.options import Options
@@ -163,3 +164,40 @@ def test_a_wall_within_the_bubble():
     with pytest.raises(InputError) as raised:
         fit_many([large, large], wall_distance=200e-6)
     assert raised.value.code == "physics.wall_too_near"
+
+
+@pytest.mark.parametrize(
+    ("way", "code"),
+    [
+        (dict(accommodation=0.07), "option.idle"),
+        (dict(damage="strain", material="newtonian"), "physics.damage_without_elasticity"),
+        (dict(damage="strain", model="bdt-viscoelastic"), "option.bubble"),
+        (dict(wall_inertia=0.2, verify="none"), "option.bubble"),
+        (dict(wall_inertia=0.2, wall_distance=1e-3), "physics.two_walls"),
+        (dict(wall_radiation=-1.0), "physics.wall_radiation"),
+    ],
+)
+def test_infer_refuses_a_bubble_that_cannot_be(way, code):
+    with pytest.raises(InputError) as error:
+        infer(shot(), **way)
+    assert error.value.code == code
+
+
+def test_infer_searches_where_the_network_does_not_know_the_bubble():
+    """A wall beside the bubble: without it G is wrong."""
+    curve = shot(wall_inertia=0.25, noise=1e-6)
+    beside = infer(curve, wall_inertia=0.25, trust_input=True)
+    assert "began all over the ranges" in beside.checks.message
+    assert beside.bubble == BubbleModel(wall_inertia=0.25)
+    for name, true in (("shear_modulus", 5e3), ("viscosity", 0.01)):
+        low, high = beside.interval(name)
+        assert low < true < high
+    low, high = infer(curve, trust_input=True).interval("shear_modulus")
+    assert not low < 5e3 < high
+
+
+def test_a_given_accommodation_is_of_kinetic_contents_alone():
+    given = BubbleModel("auto", 0.1, wall_inertia=0.2)
+    assert given.with_contents("kinetic") == BubbleModel("kinetic", 0.1, wall_inertia=0.2)
+    assert given.with_contents("equilibrium") == BubbleModel(wall_inertia=0.2)
+    assert BubbleModel(accommodation=0.1).with_contents("equilibrium").accommodation == 0.1  # which is refused

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from numbers import Real
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -90,6 +90,11 @@ class BubbleModel:
     wall_distance: float | None = None
     vapour_excess: float | str = 0.0
     wall_radiation: float | str = 0.0
+
+    def with_contents(self, way: str) -> BubbleModel:
+        """The same bubble with these contents; a given accommodation is of kinetic ones alone."""
+        rate = self.accommodation if way in ("kinetic", self.contents) else "free"
+        return replace(self, contents=way, accommodation=rate)
 
     @property
     def name(self) -> str:

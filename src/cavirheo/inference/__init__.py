@@ -10,11 +10,13 @@ from typing import Any
 from cavirheo.curve import RadiusCurve, several
 from cavirheo.errors import expect_whole, require
 from cavirheo.inference.amortised import Amortised
+from cavirheo.inference.law import Family
 from cavirheo.inference.model import Network, card, path_of
+from cavirheo.inference.options import Options, check_wall
 from cavirheo.parallel import each
 from cavirheo.physics.media import WATER, Medium
 from cavirheo.physics.media import medium as named
-from cavirheo.posterior import CONTENTS, Posterior
+from cavirheo.posterior import CONTENTS, BubbleModel, Posterior
 
 __all__ = ["check_level", "check_models", "infer", "infer_many"]
 
@@ -28,8 +30,11 @@ def check_level(level: str) -> None:
     require(level in LEVELS, f"verify must be auto, none, map or full, got {level!r}", "option.verify")
 
 
-def check_models(model: str | Path, material: str | None, contents: str, verify: str) -> None:
-    """Raises InputError for a law or contents that this network cannot answer at this level of verification."""
+def check_models(
+    model: str | Path, material: str | None, contents: str, verify: str, around: BubbleModel | None = None
+) -> None:
+    """Raises InputError for a law, contents, or what is around the bubble, that this network cannot answer at this
+    level of verification."""
     told = f"contents must be {', '.join(CONTENTS)} or auto, got {contents!r}"
     require(contents in (*CONTENTS, "auto"), told, "option.contents")
     about = card(path_of(str(model)))
@@ -37,11 +42,22 @@ def check_models(model: str | Path, material: str | None, contents: str, verify:
         known = contents == "equilibrium" or verify not in ("auto", "none")
         told = "this network knows equilibrium contents: give verify map or full as well, or leave out the model"
         require(known, told, "option.contents")
+        told = f"the model {model} knows no damage, no walls, no excess of vapour: leave them out, or the model"
+        require(around in (None, BubbleModel(contents)), told, "option.bubble")
         told = f"the model {model} answers {about['material']}: leave out material {material!r}, or the model"
         require(material in (None, about["material"]), told, "option.material")
         return
     told = "auto compares models by their evidence, which a verification finds: leave out --verify none"
     require(verify != "none" or "auto" not in (material, contents), told, "option.auto")
+    told = (
+        "the network knows no damage, no walls, no excess of vapour and no given accommodation: leave out verify none"
+    )
+    require(verify != "none" or around in (None, BubbleModel(contents)), told, "option.bubble")
+    told = f"damage needs a law with an elastic part, {material} has none: leave out damage, or add a spring"
+    damaged = around is not None and around.damage != "none" and material not in (None, "auto")
+    require(not damaged or Family(str(material)).elastic, told, "physics.damage_without_elasticity")
+    if around is not None:
+        Options(bubble=around.with_contents("kinetic") if contents == "auto" else around)
 
 
 def infer(
@@ -54,6 +70,12 @@ def infer(
     window: int | None = None,
     trust_input: bool = False,
     contents: str = "equilibrium",
+    accommodation: float | str = "free",
+    damage: str = "none",
+    wall_inertia: float | str = 0.0,
+    wall_distance: float | None = None,
+    vapour_excess: float | str = 0.0,
+    wall_radiation: float | str = 0.0,
     verify: str = "auto",
     discrepancy: bool = True,
     seed: int = 0,
@@ -74,6 +96,8 @@ def infer(
         trust_input: doubts about the recording or its settings are said, but decide no verdict.
         contents: of the bubble, "equilibrium" (the field's model), "kinetic" (vapour condenses at a finite rate) or
             "auto": both, and the evidence chooses.
+        accommodation, damage, wall_inertia, wall_distance, vapour_excess, wall_radiation: as in `fit_many`. The network
+            does not know them: with one of them the search begins all over the ranges, and takes some seconds.
         verify: "auto" (the default): the network's draws lead to a few hundred simulations that weigh draws by the
             likelihood, and to as many as "full" has where these cannot be trusted; "none": the network's own draws;
             "map": the posterior's maximum and the Gaussian about it; "full": more weighted draws, from starts all over
@@ -90,7 +114,9 @@ def infer(
     Source: docs/method/posterior-network.md; of the paper's networks docs/method/amortised.md.
     """
     settings: Any = {"trust_input": trust_input, "verify": verify, "discrepancy": discrepancy, "seed": seed}
-    settings |= {"contents": contents, "material": material}
+    settings |= {"contents": contents, "accommodation": accommodation, "damage": damage, "wall_inertia": wall_inertia}
+    settings |= {"wall_distance": wall_distance, "vapour_excess": vapour_excess, "wall_radiation": wall_radiation}
+    settings |= {"material": material}
     return infer_many([curve], model=model, medium=medium, stretch=stretch, window=window, **settings)[0]
 
 
@@ -104,6 +130,12 @@ def infer_many(
     window: int | None = None,
     trust_input: bool = False,
     contents: str = "equilibrium",
+    accommodation: float | str = "free",
+    damage: str = "none",
+    wall_inertia: float | str = 0.0,
+    wall_distance: float | None = None,
+    vapour_excess: float | str = 0.0,
+    wall_radiation: float | str = 0.0,
     verify: str = "auto",
     discrepancy: bool = True,
     seed: int = 0,
@@ -128,9 +160,13 @@ def infer_many(
     Source: docs/method/posterior-network.md.
     """
     check_level(verify)
-    check_models(model, material, contents, verify)
+    around = BubbleModel(
+        contents, accommodation, damage, wall_inertia, wall_distance, vapour_excess, wall_radiation
+    )  # fmt: skip
+    check_models(model, material, contents, verify, around)
     expect_whole(seed, "seed", 0, "option.seed")
     curves, liquid = several(curves), named(medium)
+    check_wall(around, curves)
     settings: Any = {"medium": liquid, "stretch": stretch, "discrepancy": discrepancy, "seed": seed}
     from cavirheo.inference.posterior_model import network_of
 
@@ -145,10 +181,11 @@ def infer_many(
         return verify_many(curves, answers, contents=contents, workers=workers, done=done, **settings)
     from cavirheo.inference.networked import Networked
 
-    laws = AUTO if material == "auto" else (material or "nhkv",)
-    ways = CONTENTS if contents == "auto" else (contents,)
+    asked = AUTO if material == "auto" else (material or "nhkv",)
+    laws = [law for law in asked if damage == "none" or Family(law).elastic]
+    bubbles = [around.with_contents(way) for way in (CONTENTS if contents == "auto" else (contents,))]
     alone: Any = settings | {"window": window, "trust_input": trust_input, "checked": verify == "none"}
-    estimators = [Networked(network, law, way, **alone) for law, way in product(laws, ways)]
+    estimators = [Networked(network, law, bubble, **alone) for law, bubble in product(laws, bubbles)]
     if verify == "none":
         return each(estimators[0].infer, curves, workers, done)
     from cavirheo.inference.verify import verify_many

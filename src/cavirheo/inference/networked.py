@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import time
 from contextlib import suppress
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass, field, replace
 from importlib.metadata import version
 
 import numpy as np
@@ -33,7 +33,7 @@ UNVERIFIED = "the interval is the network's own: it is not verified by simulatio
 
 @dataclass(frozen=True)
 class Networked:
-    """Estimator: a posterior network, a law and the contents of the bubble.
+    """Estimator: a posterior network, a law and a model of the bubble.
 
     model: the network. stretch, window: as in `fit_many`. checked: simulate the likeliest draws; without it the answer
     is for a verification to start from. discrepancy: whether more than white noise may lie between frames and law.
@@ -41,7 +41,7 @@ class Networked:
 
     model: PosteriorModel
     material: str = "nhkv"
-    contents: str = "equilibrium"
+    bubble: BubbleModel = field(default_factory=BubbleModel)
     medium: Medium = WATER
     stretch: float | None = None
     window: int | None = None
@@ -56,7 +56,7 @@ class Networked:
 
     def infer(self, curve: RadiusCurve) -> Posterior:
         """The answer for one curve; one that cannot be answered gives a failed Posterior with the reason."""
-        began, bubble = time.perf_counter(), self._options().bubble
+        began = time.perf_counter()
         provenance = {
             "cavirheo": version("cavirheo"), "model": self.model.name, "model_sha256": self.model.sha256,
             "medium": asdict(self.medium), "source_sha256": curve.source_sha256,
@@ -70,11 +70,10 @@ class Networked:
             checks = doubts.failed(error, curve, self.medium)
             found = Posterior(names, units(names), np.empty((0, len(names))), checks, self.material, "amortised")
         seconds = time.perf_counter() - began
-        return replace(found, bubble=bubble, provenance=provenance | found.provenance, seconds=seconds)
+        return replace(found, bubble=self.bubble, provenance=provenance | found.provenance, seconds=seconds)
 
     def _options(self) -> Options:
-        bubble = BubbleModel(contents=self.contents)
-        return Options(self.window, None, self.stretch, tuple(FREE), bubble=bubble)
+        return Options(self.window, None, self.stretch, tuple(FREE), bubble=self.bubble)
 
     def _experiment(self, curve: RadiusCurve) -> Experiment:
         exposure = float(curve.exposure or 0.0)

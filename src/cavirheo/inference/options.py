@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from cavirheo.curve import RadiusCurve
 from cavirheo.errors import require
 from cavirheo.inference.reconstruct import check_stretch
 from cavirheo.physics.damage import DAMAGES
@@ -84,6 +85,13 @@ class Options:
         require(bubble.wall_distance is None or bubble.wall_inertia == 0, both, "physics.two_walls")
         idle = "an accommodation changes nothing without kinetic contents: give those too"
         require(bubble.accommodation == "free" or bubble.contents == "kinetic", idle, "option.idle")
+
+
+def check_wall(bubble: BubbleModel, curves: Sequence[RadiusCurve]) -> None:
+    """Raises InputError: the wall is too near for every curve; where it is for some, those fail."""
+    if bubble.wall_distance is not None:
+        largest = (float(np.max(one.radius, initial=0.0, where=one.radius > 0)) for one in curves)
+        inertia_of(bubble.wall_distance, min(largest, default=0.0))
 
 
 def fixed_bubble(bubble: BubbleModel, max_radius: float) -> dict[str, float]:

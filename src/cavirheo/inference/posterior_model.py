@@ -18,6 +18,7 @@ from cavirheo.inference.graph import check_graph
 from cavirheo.inference.model import LARGEST, Network, card, load, path_of, shipped
 from cavirheo.inference.session import try_out
 from cavirheo.physics.media import WATER
+from cavirheo.posterior import BubbleModel
 from cavirheo.prior import Prior
 
 
@@ -58,11 +59,12 @@ class PosteriorModel:
 
     def beyond(self, shot: Experiment) -> str:
         """What of an experiment is outside its training, in words; empty if all is inside."""
-        contents, trained = shot.options.bubble.contents, self.card.trained
+        bubble, trained = shot.options.bubble, self.card.trained
+        contents = bubble.contents
         if not self.knows(shot.family.name, contents):
             return f"it was not trained on {shot.family.name} with {contents} contents"
-        if shot.options.bubble.damage != "none" or set(shot.own) - set(_KNOWN):
-            return "it knows no damage, walls or excess of vapour"
+        if bubble != BubbleModel(contents):
+            return "it knows no damage, walls, excess of vapour or given accommodation"
         frames = int((shot.counted & (shot.since >= 0)).sum())
         here: dict[str, tuple[float, str]] = {
             "max_radius_um": (shot.max_radius * 1e6, "R_max of {:.4g} um"),
@@ -89,7 +91,6 @@ class PosteriorModel:
 
 _NEAR = 0.1  # of a constant that all its curves share: the weights allow for no more
 _VAPOUR, _OF_VAPOUR = 2.0, ("vapour_reference_pressure", "vapour_reference_temperature")  # from 14 to 37 degrees C
-_KNOWN = ("stretch", "accommodation", "time_origin", "radius_scale", "max_radius_factor")
 
 
 @lru_cache(maxsize=4)

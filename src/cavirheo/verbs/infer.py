@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +16,7 @@ def infer(
     material: options.Material = None,
     stretch: options.KnownStretch = None,
     window: options.ReadWindow = None,
-    contents: options.EitherContents = "equilibrium",
+    bubble: options.Bubble = options.FROM_OPTIONS,
     verify: options.VerifyAuto = "auto",
     exact_law: options.ExactLaw = False,
     seed: options.Seed = 0,
@@ -43,15 +44,15 @@ def infer(
     paper = options.for_paper(figures)
     options.check_verify(verify, reading.exposure_us, exact_law, files)
     check_stretch(stretch)
-    check_models(model, material, contents, verify)
+    check_models(model, material, bubble.contents, verify, bubble)
     network = network_of(model)
     single = isinstance(network, Network)
     Outputs(out, *DOCUMENTS, inputs=files)
     shared: dict[str, Any] = {"medium": liquid, "stretch": stretch}
     settings = {"model": model, "window": window, "trust_input": reading.trust_input, **shared}
-    checked: dict[str, Any] = {"seed": seed, "discrepancy": not exact_law, "contents": contents}
+    checked: dict[str, Any] = {"seed": seed, "discrepancy": not exact_law, "contents": bubble.contents}
     if not single:
-        settings |= {"material": material, "verify": verify, **checked}
+        settings |= {"material": material, "verify": verify, **checked, **asdict(bubble)}
     first = Step("inferring", infer_many, settings, made_with=network.sha256)
     after = verify if single and verify != "auto" else "none"
     with connected(scheduler, run.say) as executor:

@@ -19,14 +19,13 @@ from cavirheo.inference.fit.alone import Alone, posterior
 from cavirheo.inference.fit.covariance import laplace
 from cavirheo.inference.fit.least_squares import SEARCH, LeastSquares
 from cavirheo.inference.law import Family
-from cavirheo.inference.options import FREED, SCALE_BOUND, Options
+from cavirheo.inference.options import FREED, SCALE_BOUND, Options, check_wall
 from cavirheo.inference.others import DECISIVE, chosen_among, compared, itself, model_of
 from cavirheo.inference.verify.tuning import TUNING
 from cavirheo.parallel import cores, each
 from cavirheo.parameters import LOG10, units
 from cavirheo.physics.media import WATER, Medium
 from cavirheo.physics.media import medium as named
-from cavirheo.physics.scales import inertia_of
 from cavirheo.posterior import CONTENTS, BubbleModel, Posterior
 
 __all__ = ["fit", "fit_many"]
@@ -127,12 +126,11 @@ def fit_many(
     require(draws or not (joint or "auto" in (material, contents)), told, "option.draws")
     asked = CONTENTS if contents == "auto" else (contents,)
 
+    given = BubbleModel(contents, accommodation, damage, wall_inertia, wall_distance, vapour_excess, wall_radiation)
+
     def options_of(way: str) -> Options:
-        rate = accommodation if way == "kinetic" or contents == way else "free"
-        bubble = BubbleModel(way, rate, damage, wall_inertia, wall_distance, vapour_excess, wall_radiation)
-        return Options(
-            window, end, stretch, FREED if free is None else free, t0_bound, scale_bound, weights, windows, bubble
-        )
+        clock, bubble = FREED if free is None else free, given.with_contents(way)
+        return Options(window, end, stretch, clock, t0_bound, scale_bound, weights, windows, bubble)
 
     models = [
         (Family(law), options_of(way)) for law, way in product(AUTO if material == "auto" else (material,), asked)
@@ -141,10 +139,7 @@ def fit_many(
         models = [(family, options) for family, options in models if family.elastic]
     solid = f"damage needs a law with an elastic part, {material} has none: leave out damage, or add a spring"
     require(bool(models), solid, "physics.damage_without_elasticity")
-    if wall_distance is not None:  # too near for every curve; for some, those fail
-        inertia_of(
-            wall_distance, min((float(np.max(c.radius, initial=0.0, where=c.radius > 0)) for c in curves), default=0)
-        )
+    check_wall(given, curves)
     threads = cores(workers)
     inner = max(threads // max(len(curves), 1), 1)
 

@@ -82,7 +82,7 @@ def verify_many(
     def one(pair: tuple[RadiusCurve, list[Posterior]]) -> Posterior:
         (curve, given), began = pair, time.perf_counter()
         ways = CONTENTS if contents == "auto" else (contents,) if contents else ()
-        models = [replace(a, bubble=replace(a.bubble, contents=way)) for a in given for way in ways] or given
+        models = [replace(a, bubble=a.bubble.with_contents(way)) for a in given for way in ways] or given
         found, problems = list[Posterior](), list[Posterior]()
         for model in models:
             if model.checks.verdict == "failed":
@@ -129,7 +129,7 @@ def _other_contents(settings: Verification, curve: RadiusCurve, answer: Posterio
         return []
     (way,) = set(CONTENTS) - {answer.bubble.contents}
     try:
-        work = Work(settings, curve, replace(answer, bubble=replace(answer.bubble, contents=way)))
+        work = Work(settings, curve, replace(answer, bubble=answer.bubble.with_contents(way)))
         network = settings.network.proposal(work.shot, work.prior, settings.discrepancy)
         found = glanced(work.target, network, settings.seed)
     except InputError:  # the network does not know them

@@ -129,8 +129,7 @@ def models(
     either = "kinetic" if "kinetic" in contents else "equilibrium"
     Options(bubble=replace(around, contents=either))
     for law, content, hurt in product(laws, contents, damage) if unlike else ():
-        rate = around.accommodation if content == "kinetic" else "free"
-        bubble = replace(around, contents=content, damage=hurt, accommodation=rate)
+        bubble = replace(around, contents="auto", damage=hurt).with_contents(content)
         Options(bubble=bubble)
         way = {"material": law, **vars(bubble)}
         words = [law, *([content] if len(contents) > 1 else []), *_HURT.get(hurt, [f"damage by {hurt}"])]
