@@ -57,6 +57,7 @@ def check_models(
     damaged = around is not None and around.damage != "none" and material not in (None, "auto")
     require(not damaged or Family(str(material)).elastic, told, "physics.damage_without_elasticity")
     if around is not None:
+        check_wall(around)
         Options(bubble=around.with_contents("kinetic") if contents == "auto" else around)
 
 
@@ -166,7 +167,6 @@ def infer_many(
     check_models(model, material, contents, verify, around)
     expect_whole(seed, "seed", 0, "option.seed")
     curves, liquid = several(curves), named(medium)
-    check_wall(around, curves)
     settings: Any = {"medium": liquid, "stretch": stretch, "discrepancy": discrepancy, "seed": seed}
     from cavirheo.inference.posterior_model import network_of
 

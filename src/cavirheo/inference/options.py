@@ -87,8 +87,8 @@ class Options:
         require(bubble.accommodation == "free" or bubble.contents == "kinetic", idle, "option.idle")
 
 
-def check_wall(bubble: BubbleModel, curves: Sequence[RadiusCurve]) -> None:
-    """Raises InputError: the wall is too near for every curve; where it is for some, those fail."""
+def check_wall(bubble: BubbleModel, curves: Sequence[RadiusCurve] = ()) -> None:
+    """Raises InputError: no distance, or the wall is too near for every curve; where it is for some, those fail."""
     if bubble.wall_distance is not None:
         largest = (float(np.max(one.radius, initial=0.0, where=one.radius > 0)) for one in curves)
         inertia_of(bubble.wall_distance, min(largest, default=0.0))

@@ -77,7 +77,7 @@ def check_bubble(
 
 def inertia_of(wall_distance: float, max_radius: float) -> float:
     """beta of one rigid wall so far (m) from the bubble's centre. Raises InputError: the bubble would touch it."""
-    near = f"wall_distance must be more than R_max ({max_radius:.4g} m), got {wall_distance!r} m"
+    near = f"wall_distance must be more than R_max ({max_radius:.4g} m), got {wall_distance:.6g} m"
     require(max_radius < wall_distance, near, "physics.wall_too_near")
     return 0.5 * max_radius / wall_distance
 

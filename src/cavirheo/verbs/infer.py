@@ -34,6 +34,7 @@ def infer(
     from cavirheo.cluster import connected
     from cavirheo.inference import check_models, infer_many
     from cavirheo.inference.model import Network
+    from cavirheo.inference.options import check_wall
     from cavirheo.inference.posterior_model import network_of
     from cavirheo.inference.reconstruct import check_stretch
     from cavirheo.parallel import Step
@@ -57,6 +58,7 @@ def infer(
     after = verify if single and verify != "auto" else "none"
     with connected(scheduler, run.say) as executor:
         curves = run.read(files, liquid, reading, column)
+        check_wall(bubble, curves)
         run.report(
             curves, first, out, pictures=pictures, paper=paper, verify=after, executor=executor, **checked, **shared
         )

@@ -19,7 +19,7 @@ def watch(
     column: options.Column = None,
     stretch: options.KnownStretch = None,
     window: options.ReadWindow = None,
-    contents: options.EitherContents = "equilibrium",
+    bubble: options.Bubble = options.FROM_OPTIONS,
     verify: options.VerifyAuto = "auto",
     exact_law: options.ExactLaw = False,
     seed: options.Seed = 0,
@@ -51,7 +51,7 @@ def watch(
     check_stretch(stretch)
     told = f"--rmax-um must be a positive radius in micrometres, got {reading.rmax_um}"
     require(reading.rmax_um is None or reading.rmax_um > 0, told, "option.rmax_um")
-    check_models(model, material, contents, verify)
+    check_models(model, material, bubble.contents, verify, bubble)
     if material not in (None, "auto"):
         Family(material)
     told = "--exclude is of one recording: leave the frames out with `cavirheo measure`, and watch for what it writes"
@@ -59,7 +59,7 @@ def watch(
     if column is not None and not is_size(column):
         read_column(column)
     settings: dict[str, Any] = {"model": model, "material": material, "window": window, "stretch": stretch}
-    settings |= {"medium": liquid, "contents": contents, "verify": verify, "discrepancy": not exact_law, "seed": seed}
+    settings |= {"medium": liquid, "verify": verify, "discrepancy": not exact_law, "seed": seed, **asdict(bubble)}
     step = Step(
         "inferring", infer_many, settings | {"trust_input": reading.trust_input}, made_with=network_of(model).sha256
     )
