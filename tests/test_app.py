@@ -15,7 +15,7 @@ from contextlib import contextmanager, suppress
 from dataclasses import fields
 from importlib.util import find_spec
 from pathlib import Path
-from threading import Event
+from threading import Event, Thread
 
 import numpy as np
 import pytest
@@ -27,7 +27,7 @@ from test_hostile import FILES
 
 from cavirheo.app import steps
 from cavirheo.app.session import PageSettings, Session, VisitorLimits, Visitors
-from cavirheo.app.steps import examples, export, fit, infer, sliders, trial
+from cavirheo.app.steps import examples, export, fit, glance, infer, sliders, trial
 from cavirheo.app.words import answers, facts
 from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError
@@ -323,7 +323,7 @@ def test_too_much_is_refused_and_nothing_of_it_kept(reader, tmp_path):
 
 def test_answers_are_stale_when_settings_change_and_forgotten_when_files_do(session):
     session.add([SOFT], PageSettings(), copy=True)
-    infer(session, ["soft_gel[2]"], silent)
+    infer(session, ["soft_gel[2]"])
     assert "soft_gel[2]" in answers(session)
     assert session.answers.document.command == "cavirheo infer soft_gel.csv (1 of 5 shots)"
     session.prepare(PageSettings(window=2))
@@ -335,7 +335,7 @@ def test_answers_are_stale_when_settings_change_and_forgotten_when_files_do(sess
     session.prepare(PageSettings())
     assert session.find("soft_gel[2]")[0] is session.answers
     with refused("app.no_shots"):
-        infer(session, [], silent)
+        infer(session, [])
     session.add([SOFT], PageSettings(), copy=True)
     assert session.answers is None
 
@@ -343,7 +343,7 @@ def test_answers_are_stale_when_settings_change_and_forgotten_when_files_do(sess
 def test_the_command_can_be_typed(session, tmp_path):
     session.add([single(tmp_path / "my gel.csv")], PageSettings(rmax_um=300.0))
     (name,) = [curve.name for curve in session.curves]
-    assert infer(session, [name], silent).document.command == "cavirheo infer 'my gel.csv' --rmax-um 300.0"
+    assert infer(session, [name]).document.command == "cavirheo infer 'my gel.csv' --rmax-um 300.0"
 
 
 def test_a_stop_keeps_what_is_done_and_names_the_rest(session, monkeypatch):
@@ -357,34 +357,64 @@ def test_a_stop_keeps_what_is_done_and_names_the_rest(session, monkeypatch):
         return real(curves, **options)
 
     monkeypatch.setattr(steps, "infer_many", slow)
-    infer(session, names, lambda _, said: said.startswith("1 of") and session.work.stopped.set())
+    soon = session.soon
+
+    def stop():
+        while names[0] not in soon:
+            time.sleep(0.01)
+        session.work.stopped.set()
+
+    Thread(target=stop).start()
+    infer(session, names)
     hold.set()
     kept = session.answers
     assert [curve.name for curve, _ in kept.pairs] == names[:1]
     assert kept.not_run == names[1:]
     assert kept.document.command.endswith("(1 of 5 shots)")
     assert all(words in answers(session) for words in ("1 of 5 shots", ", ".join(names[1:])))
-    for run in (lambda: infer(session, names, silent), lambda: fit(session, names[0], silent)):
+    for run in (lambda: infer(session, names), lambda: fit(session, names[0])):
         with refused("parallel.stopped"):
             run()
     assert session.answers is kept
     assert kept.fits == {}
     session.work.stopped.clear()
-    assert infer(session, names[:2], silent).not_run == []
+    assert infer(session, names[:2]).not_run == []
 
 
-def test_one_run_at_a_time_and_none_for_what_has_changed(session):
-    session.add([SOFT], PageSettings(), copy=True)
-    asked = []
+def test_a_glance_of_the_network_is_never_trusted(session, tmp_path):
+    (tmp_path / "short.csv").write_text("time_us,radius_um\n" + "".join(f"{k},{100 - k * k}\n" for k in range(3)))
+    session.add([single(tmp_path / "one.csv"), tmp_path / "short.csv"], PageSettings())
+    for settings in (PageSettings(material="auto"), PageSettings(model="bdt-viscous"), PageSettings(verify="none")):
+        session.prepare(settings)
+        glance(session, ["one"])
+        assert session.soon == {}  # these wait for their answers
+    session.prepare(PageSettings())
+    glance(session, ["one", "short"])
+    assert list(session.soon) == ["one"]  # of a shot that it cannot answer it says nothing
+    row = session.soon["one"]
+    assert row.shear_modulus_Pa.q05 < row.shear_modulus_Pa.median < row.shear_modulus_Pa.q95
+    assert not row.trusted
+    assert "not yet verified" in answers(session)
+    assert session.answers is None
+    assert [record.verdict for record in infer(session, ["one", "short"]).document.curves] == ["ok", "failed"]
+    assert session.soon == {}
+    assert "not yet verified" not in answers(session)
 
-    def again(*_):
+
+def test_one_run_at_a_time_and_none_for_what_has_changed(session, monkeypatch):
+    session.add([SOFT], PageSettings(verify="none"), copy=True)
+    asked, real = [], steps.infer_many
+
+    def again(curves, **options):
         asked.append(True)
         with refused("parallel.busy"):
-            infer(session, ["soft_gel[2]"], silent)
+            infer(session, ["soft_gel[2]"])
         session.prepare(PageSettings(window=2))
+        return real(curves, **options)
 
+    monkeypatch.setattr(steps, "infer_many", again)
     with refused("app.changed"):
-        infer(session, ["soft_gel[1]"], again)
+        infer(session, ["soft_gel[1]"])
     assert asked
     assert session.answers is None
 
@@ -410,7 +440,7 @@ def test_full_uncertainty_is_limited(reader):
     try:
         session.add([SOFT], PageSettings(verify="full"), copy=True)
         with refused("app.too_many_full", "5 shots", "at most 4"):
-            infer(session, [curve.name for curve in session.curves], silent)
+            infer(session, [curve.name for curve in session.curves])
     finally:
         session.close()
     assert session.work.stopped.is_set()  # whatever still runs for one who is gone
@@ -430,7 +460,7 @@ def test_a_reader_that_hangs_or_dies_is_replaced(reader, tmp_path, monkeypatch):
 
 def test_trials_are_simulations_or_say_that_they_failed(session):
     session.add([SOFT], PageSettings(), copy=True)
-    infer(session, ["soft_gel[1]"], silent)
+    infer(session, ["soft_gel[1]"])
     start = sliders(session, "soft_gel[1]")
     _, curve, answer, _ = session.find("soft_gel[1]")
     assert start["shear_modulus"]["value"] == pytest.approx(answer.best["shear_modulus"] / 1000, rel=1e-3)
@@ -447,7 +477,7 @@ def test_trials_are_simulations_or_say_that_they_failed(session):
 
 def test_the_band_of_the_draws_holds_the_answer_and_a_density_matters(session):
     session.add([SOFT], PageSettings(), copy=True)
-    kept = infer(session, ["soft_gel[1]"], silent)
+    kept = infer(session, ["soft_gel[1]"])
     _, curve, answer, _ = session.find("soft_gel[1]")
     time, low, high = band(curve, answer, *session.settings.compared)
     assert np.array_equal(time, answer.checks.reconstruction_time)
@@ -503,14 +533,14 @@ def test_a_short_call_of_a_program_does_not_wait_for_a_long_one(served, client, 
 @pytest.mark.slow
 def test_the_conventional_fit_and_the_sliders_have_the_contents_of_the_answer(session):
     session.add([SOFT], PageSettings(contents="kinetic", verify="none"), copy=True)
-    infer(session, ["soft_gel[1]"], silent)
+    infer(session, ["soft_gel[1]"])
     answers, _, answer, record = session.find("soft_gel[1]")
     assert answers.document.command == "cavirheo infer soft_gel.csv --contents kinetic --verify none (1 of 5 shots)"
     assert record.contents == "kinetic"
     start = sliders(session, "soft_gel[1]")
     found, _ = trial(session, "soft_gel[1]", [start[key]["value"] for key in start])
     assert found.rmse_over_rmax == pytest.approx(answer.checks.rmse_over_rmax, rel=0.01)
-    fit(session, "soft_gel[1]", silent)
+    fit(session, "soft_gel[1]")
     assert answers.fits["soft_gel[1]"].bubble.contents == "kinetic"
 
 
@@ -518,8 +548,8 @@ def test_the_conventional_fit_and_the_sliders_have_the_contents_of_the_answer(se
 def test_the_fit_beside_a_network_of_the_paper_has_its_frames(session):
     """Which read their own window, beyond the third collapse."""
     session.add([SOFT], PageSettings(model="bdt-viscoelastic"), copy=True)
-    infer(session, ["soft_gel[1]"], silent)
-    fit(session, "soft_gel[1]", silent)
+    infer(session, ["soft_gel[1]"])
+    fit(session, "soft_gel[1]")
     answers, _, answer, _ = session.find("soft_gel[1]")
     frames, other = (len(one.checks.compared_time) for one in (answer, answers.fits["soft_gel[1]"]))
     assert frames == other
@@ -528,7 +558,7 @@ def test_the_fit_beside_a_network_of_the_paper_has_its_frames(session):
 
 def test_a_law_without_modulus_has_no_slider_for_it(session):
     session.add([SOFT], PageSettings(model="bdt-viscous", stretch=25.0), copy=True)
-    infer(session, ["soft_gel[1]"], silent)
+    infer(session, ["soft_gel[1]"])
     found = sliders(session, "soft_gel[1]")
     assert found["shear_modulus"] is None
     assert found["stretch"]["value"] == found["stretch"]["maximum"] == 25.0  # beyond the usual end
@@ -540,8 +570,8 @@ def test_the_zip_holds_what_the_command_line_writes_and_the_curves(session, run,
     session.add([SOFT], PageSettings(), copy=True)
     with refused("app.no_answer"):
         export(session, silent)
-    infer(session, names, silent)
-    fit(session, names[1], silent)
+    infer(session, names)
+    fit(session, names[1])
     made, files = export(session, silent)
     assert {path.name for path in files} >= {"result.json", "soft_gel_1.png"}
     with zipfile.ZipFile(made) as archive:
@@ -592,7 +622,7 @@ def test_the_wall_shows_the_last_answers_of_this_app(served):
     assert "waiting" in get(f"{address}live")
     one = visitors.of("who asks")
     one.add([SOFT], PageSettings(verify="none"), copy=True)
-    infer(one, ["soft_gel[1]", "soft_gel[2]", "soft_gel[3]"], silent)
+    infer(one, ["soft_gel[1]", "soft_gel[2]", "soft_gel[3]"])
     visitors.of("another, without answers")
     page = get(f"{address}live")
     assert "<h1>soft_gel[3]</h1>" in page

@@ -59,7 +59,7 @@ def public(visitors: Visitors) -> Callable[..., Any]:
                 require(not session.waiting, f"{session.waiting}: send measured.csv of `cavirheo measure`", "app.film")
                 problem = "; ".join(session.problems) or "no curve could be read"
                 require(bool(session.curves), problem, "app.no_curve")
-                document = steps.infer(session, [curve.name for curve in session.curves], lambda *_: None).document
+                document = steps.infer(session, [curve.name for curve in session.curves]).document
                 document.notes.extend(session.problems)
                 return document.model_dump(by_alias=True, mode="json")
         except (InputError, SolverError) as error:

@@ -30,21 +30,16 @@ class Events:
     def session(self, request: gr.Request) -> Session:
         return self.visitors.of(request.session_hash or "")
 
-    def on(self, event: Handler, handler: Handler, given: Any, out: Any, **options: Any) -> Any:
-        """The event calls the handler with the session of who asks, which is locked, and the values of components."""
-
-        def one(request: gr.Request, *values: Any) -> Any:
-            session = self.session(request)
-            with session.lock:
-                return self._tried(handler, session, *values)
-
-        return self._told(event(one, given, [*out, self.wrong], api_visibility="private", **options))
-
-    def working(self, event: Handler, handler: Handler, given: Any, out: Any, **options: Any) -> Any:
-        """As `on` for what takes a while: the handler shows a bar, and the session is not locked meanwhile."""
+    def on(self, event: Handler, handler: Handler, given: Any, out: Any, *, works: bool = False, **options: Any) -> Any:
+        """The event calls the handler with the session of who asks and the values of components. The session is locked
+        meanwhile; not for a handler that `works` for a while, which gets `progress` to show a bar."""
 
         def one(request: gr.Request, progress: gr.Progress = gr.Progress(), *values: Any) -> Any:  # noqa: B008
-            return self._tried(partial(handler, progress=progress), self.session(request), *values)
+            session = self.session(request)
+            if works:
+                return self._tried(partial(handler, progress=progress), session, *values)
+            with session.lock:
+                return self._tried(handler, session, *values)
 
         return self._told(event(one, given, [*out, self.wrong], api_visibility="private", **options))
 

@@ -48,7 +48,7 @@ class FilmPart(Events):
         measure = partial(gr.on, [self.measure.click, *(one.submit for one in self.film_typed)])
         wrong = self.validated(lambda session, *texts: film.typed(session.current, texts)[1])
         checked = {"validator": wrong, "show_progress_on": [self.film_told], "concurrency_limit": 1}
-        self.working(measure, self._measure, self.film_typed, parts, **checked)
+        self.on(measure, self._measure, self.film_typed, parts, works=True, **checked)
         self.on(self.film_number.input, self._turn, [self.film_number], look[1:], queue=False, **LATEST)
         self.on(self.film_toggle.click, self._toggle, [], [self.film_excluded, *look], **AT_ONCE)
         listed = self.validated(lambda session, text: film.unlisted(session.current, text))

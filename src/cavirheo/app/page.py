@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from dataclasses import fields
 from functools import partial
 from typing import Any
@@ -45,8 +46,10 @@ _NUMBERS = {  # settings that need not be given: label, what an empty field mean
     "temperature": ("Temperature (K)", "as the medium"),
 }
 _RESIZE = "() => setTimeout(() => document.querySelectorAll('.js-plotly-plot').forEach(p => Plotly.Plots.resize(p)))"
+_PRESS = "() => document.querySelector('#{}').click()"
 _ADDRESS = "link => history.replaceState(null, '', link || location.pathname)"
-_RUNS: dict[str, Any] = {"concurrency_id": "runs", "concurrency_limit": 2}  # of all visitors together
+_GLANCES: dict[str, Any] = {"concurrency_id": "glances", "concurrency_limit": 2}  # of all visitors together
+_RUNS: dict[str, Any] = {"concurrency_id": "runs", "concurrency_limit": 2}
 _small = partial(gr.Button, size="sm", min_width=120)
 _stop = partial(gr.Button, "Stop", variant="stop", visible=False)
 
@@ -134,7 +137,7 @@ class Page(FilmPart):
             self.infer, self.stop = button("Infer all chosen shots"), _stop()
         self.which = gr.Button("Most shots do not fit: let the evidence choose the law", visible=False)
         self.answers = html(words.part("quiet", words.NONE), min_height=120, js_on_load=words.script("table.js"))
-        self.cloud = plot(visible=False)
+        self.cloud, self.timer = plot(visible=False), gr.Timer(1.0, active=False)
         self.published = gr.UploadButton("Published values beside them (.csv)", visible=False)
         self.to_check = gr.Button("Check against the simulation", interactive=False)
 
@@ -169,7 +172,7 @@ class Page(FilmPart):
             self.loaded, self.link, *self.state, *self._wire_film(),
         ]  # fmt: skip
         wrong = self.validated(lambda session, *texts: film.unready(session.current, *texts))
-        checked = {"validator": wrong, "show_progress_on": [self.film_told]}
+        checked: dict[str, Any] = {"validator": wrong, "show_progress_on": [self.film_told]}
         self.on(self.confirm.click, self._confirm, [*self.film_typed, self.film_excluded], shown, **checked)
         check = [self.check_plot, self.facts, self.trial, *self.sliders]
         many: dict[str, Any] = {"trigger_mode": "multiple", "api_visibility": "private"}  # also while another loads
@@ -187,47 +190,38 @@ class Page(FilmPart):
         for pressed, step in ((self.to_prepare, 2), (self.to_infer, 3), (self.to_check, 4), (self.to_export, 5)):
             pressed.click(partial(gr.Tabs, selected=step), outputs=self.steps, queue=False, api_visibility="private")
         given, answered = [self.chosen, *settings], [self.checked, *self.state]
-        for pressed in (self.infer_now, self.infer, self.which):
-            how = {"also": {self.fields["material"]: "auto"} if pressed is self.which else {}}
-            run = self._run(
-                pressed, 3, self.stop, self._answer, given, answered, show_progress_on=[self.answers], **how
-            )
-            self.on(run.success, self._show, [self.checked], check, show_progress="hidden")
+        which = self.which.click(lambda: "auto", None, self.fields["material"], api_visibility="private", **AT_ONCE)
+        which.then(None, js=_PRESS.format("infer"), api_visibility="private")
+        start = partial(gr.on, [self.infer_now.click, self.infer.click])
+        begun = self.on(start, self._begin, [self.chosen], [self.steps, self.stop, self.timer, self.answers], **AT_ONCE)
+        begun = self.on(begun.then, self._glance, given, [self.answers], works=True, **_GLANCES, show_progress="hidden")
+        run = self._run(begun, self.stop, self._answer, given, answered, show_progress="hidden")
+        self.on(run.success, self._show, [self.checked], check, show_progress="hidden")
+        self.on(self.timer.tick, self._tick, [], [self.timer, self.answers], **AT_ONCE)
         self.on(self.checked.select, self._show, [self.checked], check, show_progress="hidden")
-        picked = {"js": "() => [document.body.dataset.picked]", "show_progress": "hidden"}
+        picked: dict[str, Any] = {"js": "() => [document.body.dataset.picked]", "show_progress": "hidden"}
         self.on(self.answers.click, self._picked, [self.checked], [self.steps, self.checked, *check], **picked)
         self.on(self.published.upload, self._publish, [self.published], self.state, show_progress="hidden")
         given, fitted = [self.checked, self.trial], [self.check_plot, self.facts]
-        self._run(self.fit, 4, self.stop_fit, self._fit, given, fitted, show_progress_on=[self.check_plot])
+        begun = self.on(self.fit.click, self._free, [], [self.stop_fit], **AT_ONCE)
+        self._run(begun, self.stop_fit, self._fit, given, fitted, show_progress_on=[self.check_plot])
         for pressed in (self.stop, self.stop_fit):
             self.on(pressed.click, lambda session: session.work.stopped.set(), [], [], queue=False)
         moved = partial(gr.on, [slider.input for slider in self.sliders])
         self.on(moved, self._try, [self.checked, *self.sliders], [self.trial], queue=False, **LATEST)
-        zipped = self.working(self.make.click, self._zip, [], [self.files, self.download], show_progress_on=[self.make])
-        zipped.success(None, js="() => document.querySelector('#download').click()", api_visibility="private")
+        out = [self.files, self.download]
+        zipped = self.on(self.make.click, self._zip, [], out, works=True, show_progress_on=[self.make])
+        zipped.success(None, js=_PRESS.format("download"), api_visibility="private")
         self.tabs[3].select(None, js=_RESIZE, api_visibility="private")  # drawn in a hidden tab it has another width
         self.link.change(None, self.link, js=_ADDRESS, api_visibility="private")
         self._kept = sorted(self.fields, key=lambda name: isinstance(self.fields[name], gr.Textbox))  # choices first
         everything = [*shown, *(self.fields[name] for name in self._kept), self.checked, *check]
-        self._nothing = [gr.skip()] * len(everything)
         self.blocks.load(self._back, None, everything, api_visibility="private", show_progress="hidden")
         self.blocks.unload(self._leave)
 
-    def _run(
-        self, pressed: Any, step: int, stop: Any, handler: Callable[..., Any], given: Any, out: Any,
-        also: dict[Any, Any] | None = None, **options: Any,
-    ) -> Any:  # fmt: skip
-        """The button starts the handler, which works on shots with a bar, and shows the button that stops it; `also`:
-        components that it sets before."""
-        set_before = also or {}
-
-        def begin(session: Session) -> list[Any]:
-            if not session.work.busy.locked():
-                session.work.stopped.clear()
-            return [gr.Tabs(selected=step), gr.Button(visible=True), *set_before.values()]
-
-        begun = self.on(pressed.click, begin, [], [self.steps, stop, *set_before], **AT_ONCE)
-        run = self.working(begun.then, handler, given, out, **_RUNS, **options)
+    def _run(self, begun: Any, stop: Any, handler: Callable[..., Any], given: Any, out: Any, **options: Any) -> Any:
+        """Then the handler works on shots; the button that stops it goes when it ends."""
+        run = self.on(begun.then, handler, given, out, works=True, **_RUNS, **options)
         for ended in (run.success, run.failure):  # `then` does not follow a failure
             ended(self._stoppable, None, [stop], api_visibility="private", **AT_ONCE)
         return run
@@ -244,7 +238,7 @@ class Page(FilmPart):
         """A page that is loaded again, or by its link, shows what was there."""
         link = request.query_params.get("session", "")
         if (session := self.visitors.back(request.session_hash or "", link)) is None:
-            return self._nothing
+            return gr.skip()  # of all
         with session.lock:
             names = [curve.name for curve, _ in session.answers.pairs] if session.answers else []
             given = {name: value for name, value in vars(session.settings).items() if value is not None}
@@ -252,7 +246,7 @@ class Page(FilmPart):
             told = [kept.get(name, gr.skip()) for name in self._kept]
             settings = [f"{value:.10g}" if isinstance(value, float) else value for value in told]
             checked = gr.Dropdown(choices=names, value=next(iter(names), None))
-            check = self._show(session, names[0]) if names and not session.stale else self._nothing[-6:]
+            check = self._show(session, names[0]) if names and not session.stale else [gr.skip()] * 6
             return [*self._loaded(session), *settings, checked, *check]
 
     def _sent(self, request: gr.Request, files: list[str] | None) -> None:
@@ -315,10 +309,30 @@ class Page(FilmPart):
         session.prepare(_settings(settings))
         return [*self._view(session, name), *self._state(session)]
 
-    def _answer(self, session: Session, chosen: list[str], *settings: Any, progress: gr.Progress) -> list[Any]:
+    def _free(self, session: Session) -> list[Any]:
+        if not session.work.busy.locked():
+            session.work.stopped.clear()
+        return [gr.Button(visible=True)]
+
+    def _begin(self, session: Session, chosen: list[str]) -> list[Any]:
+        if not session.work.busy.locked():
+            session.soon = dict.fromkeys(chosen)
+        return [gr.Tabs(selected=3), *self._free(session), *self._tick(session)]
+
+    def _tick(self, session: Session) -> list[Any]:
+        return [gr.Timer(active=bool(session.soon)), words.answers(session)]
+
+    def _glance(self, session: Session, chosen: list[str], *settings: Any, **_: Any) -> list[Any]:
+        with suppress(InputError):  # the run says why
+            with session.lock:
+                session.prepare(_settings(settings))
+            steps.glance(session, chosen)
+        return [words.answers(session)]
+
+    def _answer(self, session: Session, chosen: list[str], *settings: Any, **_: Any) -> list[Any]:
         with session.lock:
             session.prepare(_settings(settings))
-        names = [curve.name for curve, _ in steps.infer(session, chosen, progress).pairs]
+        names = [curve.name for curve, _ in steps.infer(session, chosen).pairs]
         with session.lock:
             return [gr.Dropdown(choices=names, value=names[0]), *self._state(session, drawn=True)]
 
@@ -335,8 +349,8 @@ class Page(FilmPart):
         moved = [gr.Slider(visible=found is not None, **(found or {})) for found in ranges]  # type: ignore[arg-type]
         return [*self._answered(session, name), {"words": ""}, *moved]
 
-    def _fit(self, session: Session, name: str, trial: dict[str, Any], *, progress: gr.Progress) -> list[Any]:
-        steps.fit(session, name, progress)
+    def _fit(self, session: Session, name: str, trial: dict[str, Any], **_: Any) -> list[Any]:
+        steps.fit(session, name)
         with session.lock:
             return self._answered(session, name, json.loads(trial.get("lines", "null")))
 

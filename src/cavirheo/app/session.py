@@ -177,6 +177,7 @@ class Session:
         self.published: dict[str, Published] = {}  # values of other methods, by set
         self.problems: list[str] = []  # files that could not be read
         self.answers: Answers | None = None
+        self.soon: dict[str, CurveRecord | None] = {}  # in a run: of each shot what is known so far
         self.sent: list[str] = []  # uploads that are not looked at yet
         self.said = ""  # why the last thing that was asked was not done
         self.link = token_urlsafe(16)  # whoever knows it comes back here

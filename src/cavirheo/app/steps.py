@@ -6,7 +6,6 @@ import os
 import shutil
 from collections.abc import Sequence
 from contextlib import suppress
-from functools import partial
 from itertools import count
 from pathlib import Path
 from typing import Any
@@ -22,6 +21,7 @@ from cavirheo.posterior import Checks, Posterior
 from cavirheo.reading.apart import Report
 from cavirheo.reporting import interactive as plots
 from cavirheo.reporting import result
+from cavirheo.reporting.answer import curve_record
 from cavirheo.reporting.bundle import zipped
 
 SLIDERS = {  # label, factor from SI
@@ -38,7 +38,39 @@ def examples() -> dict[str, Path]:
     return {path.name: path for kind in ("*gel.*", "*.mp4") for path in sorted(folder.glob(kind))}
 
 
-def infer(session: Session, names: Sequence[str], progress: Report) -> Answers:
+def _found(session: Session, names: Sequence[str], verify: str) -> list[tuple[RadiusCurve, Posterior | None]]:
+    """Each chosen curve with its answer, which is in `session.soon` as soon as it is found; None where a stop left it
+    out. verify: as in `infer_many`; at another level than is asked an answer is not trusted. Raises InputError."""
+    with session.lock:
+        settings, chosen = session.settings, [curve for curve in session.curves if curve.name in names]
+    require(bool(chosen), "no shots: load a file in step 1, and choose shots in step 2", "app.no_shots")
+    many = f"full uncertainty for {len(chosen)} shots; at most {session.limits.full} at once: choose fewer in step 2, "
+    fine = verify != "full" or len(chosen) <= session.limits.full
+    require(fine, f"{many}or use the command line (cavirheo infer --verify full)", "app.too_many_full")
+    options: dict[str, Any] = {name: getattr(settings, name) for name in ("stretch", "window", *ANSWERED)}
+    options |= {"medium": settings.liquid, "verify": verify}
+    soon, workers = session.soon, max((os.cpu_count() or 1) // len(chosen), 1)
+    mark = {"verdict": "unverified", "message": ""} if verify != settings.verify else {}
+
+    def one(curve: RadiusCurve) -> Posterior:
+        found = session.once(lambda: infer_many([curve], **options, workers=workers)[0], curve, options)
+        row = curve_record(curve, found)
+        if row.answered or not mark:
+            soon[curve.name] = row.model_copy(update=mark)
+        return found
+
+    return list(zip(chosen, session.work.each(one, chosen), strict=True))
+
+
+def glance(session: Session, names: Sequence[str]) -> None:
+    """What the network itself says of the chosen shots, into `session.soon` until verification replaces it. A shot of
+    which it says nothing waits, and so do all where another way to answer is asked. Raises InputError."""
+    asked = session.settings
+    if asked.model == DEFAULT and asked.verify != "none" and "auto" not in (asked.material, asked.contents):
+        _found(session, names, "none")
+
+
+def infer(session: Session, names: Sequence[str]) -> Answers:
     """Answers of the chosen shots, into the session too; a stop leaves out those that are not done.
 
     Raises:
@@ -47,26 +79,18 @@ def infer(session: Session, names: Sequence[str], progress: Report) -> Answers:
     """
     with session.lock:
         settings, curves, command = session.settings, session.curves, session.command()
-    chosen = [curve for curve in curves if curve.name in names]
-    require(bool(chosen), "no shots: load a file in step 1, and choose shots in step 2", "app.no_shots")
-    many = f"full uncertainty for {len(chosen)} shots; at most {session.limits.full} at once: choose fewer in step 2, "
-    fine = settings.verify != "full" or len(chosen) <= session.limits.full
-    require(fine, f"{many}or use the command line (cavirheo infer --verify full)", "app.too_many_full")
-    options: dict[str, Any] = {name: getattr(settings, name) for name in ("stretch", "window", *ANSWERED)}
-    options["medium"], workers = settings.liquid, max((os.cpu_count() or 1) // len(chosen), 1)
-
-    def one(curve: RadiusCurve) -> Posterior:
-        return session.once(lambda: infer_many([curve], **options, workers=workers)[0], curve, options)
-
-    found = session.work.each(one, chosen, partial(_told, progress))
-    answers = list(zip(chosen, found, strict=True))
-    pairs = [(curve, answer) for curve, answer in answers if answer]
-    left = [curve.name for curve, answer in answers if not answer]
-    if len(pairs) < len(curves):
-        command += f" ({len(pairs)} of {len(curves)} shots)"
-    known = settings.model == DEFAULT
-    matters = denser(pairs, settings.liquid, stretch=settings.stretch, window=settings.window) if known else ""
-    made = Answers(pairs, result(pairs, command), left, settings, matters)
+    try:
+        answers = _found(session, names, settings.verify)
+        pairs = [(curve, answer) for curve, answer in answers if answer]
+        left = [curve.name for curve, answer in answers if not answer]
+        if len(pairs) < len(curves):
+            command += f" ({len(pairs)} of {len(curves)} shots)"
+        known = settings.model == DEFAULT
+        matters = denser(pairs, settings.liquid, stretch=settings.stretch, window=settings.window) if known else ""
+        made = Answers(pairs, result(pairs, command), left, settings, matters)
+    finally:
+        if not session.work.busy.locked():  # by the run before, which goes on
+            session.soon = {}
     with session.lock:
         with suppress(InputError):  # other groups than when they were given
             set_beside(made.document.groups, session.published)
@@ -75,7 +99,7 @@ def infer(session: Session, names: Sequence[str], progress: Report) -> Answers:
         return session.answers
 
 
-def fit(session: Session, name: str | None, progress: Report) -> None:
+def fit(session: Session, name: str | None) -> None:
     """The conventional fit of one answered curve: same law, contents, medium, window and stretch. Raises InputError."""
     with session.lock:
         (answers, curve, posterior, _), settings = session.find(name), session.settings
@@ -86,15 +110,11 @@ def fit(session: Session, name: str | None, progress: Report) -> None:
     def one(curve: RadiusCurve) -> Posterior:
         return fit_many([curve], posterior.material, contents=posterior.bubble.contents, **options)[0]
 
-    (found,) = session.work.each(one, [curve], partial(_told, progress))
+    (found,) = session.work.each(one, [curve])
     with session.lock:
         if found is None or session.answers is not answers:
             raise InputError(_CHANGED, "app.changed")
         answers.fits[curve.name] = found
-
-
-def _told(progress: Report, done: int, of: int) -> None:
-    progress(done / of, f"{done} of {of} shots")
 
 
 def sliders(session: Session, name: str) -> dict[str, dict[str, float] | None]:

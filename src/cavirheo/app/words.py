@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from cavirheo.app import film as film_step
-from cavirheo.app.session import YOURS, Clip, Session
+from cavirheo.app.session import YOURS, Answers, Clip, Session
 from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError
 from cavirheo.inference import AUTO, DEFAULT
@@ -20,6 +20,7 @@ from cavirheo.reporting import html
 from cavirheo.reporting.answer import curve_record
 from cavirheo.reporting.citing import TITLE, methods_if_any
 from cavirheo.reporting.found import cells, notes, pooled, warnings
+from cavirheo.reporting.record import result_of
 from cavirheo.video.picture import COLOURS, GREY, frame_address
 from cavirheo.video.track import FLAGS
 from cavirheo.writing import digits
@@ -110,8 +111,13 @@ def prepared(curve: RadiusCurve, error: InputError | None = None) -> str:
 
 
 def answers(session: Session) -> str:
-    """The answers: materials, groups, shots, what is said of them, and whether settings were changed since."""
-    if (found := session.answers) is None:
+    """The answers: materials, groups, shots, what is said of them, and whether settings were changed since; in a run
+    those that are known so far."""
+    found, soon = session.answers, list(session.soon.values())
+    verified = sum(row is not None and row.verdict != "unverified" for row in soon)
+    if soon:
+        found = Answers([], result_of([row for row in soon if row], ""), [], session.settings)
+    if found is None:
         return part("quiet", NONE)
     document = found.document
     factor, unit = document.modulus_unit
@@ -120,8 +126,8 @@ def answers(session: Session) -> str:
     shots = html.curves_table(document.curves, factor, unit, title="Shots", linked=False)
     said = once((record.name, record.message) for record in document.curves)
     about = found.density, html.reading(document.curves), *methods_if_any(document)
-    done = len(document.curves), found.not_run, pooled(document)
-    return part("answers", session.stale, *done, *groups, beside, shots, said, *about)
+    done = (verified, len(soon)), len(document.curves), found.not_run, pooled(document)
+    return part("answers", session.stale and not soon, *done, *groups, beside, shots, said, *about)
 
 
 def facts(session: Session, name: str) -> str:
