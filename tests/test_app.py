@@ -266,8 +266,11 @@ def test_two_visitors_have_their_own_folders_and_are_forgotten(tmp_path):
         assert other.curves == []
         assert one.folder != other.folder
         assert visitors.of("one") is one
+        forgotten = []
+        visitors.forgotten = forgotten.append
         visitors.of("third")  # the one unused for longest makes room
         assert not other.folder.exists()
+        assert forgotten == ["other"]
         visitors.leave("one")
         assert visitors.of("one") is one  # came back in time
         visitors.leave("one")
@@ -275,6 +278,10 @@ def test_two_visitors_have_their_own_folders_and_are_forgotten(tmp_path):
         while one.folder.exists() and time.monotonic() < until:
             time.sleep(0.01)
         assert not one.folder.exists()
+        visitors.leave("who did nothing")
+        while len(forgotten) < 3 and time.monotonic() < until:
+            time.sleep(0.01)
+        assert forgotten == ["other", "one", "who did nothing"]
         assert visitors.of("one").curves == []
         last = visitors.of("one").folder
     finally:
@@ -627,7 +634,7 @@ def test_the_wall_shows_the_last_answers_of_this_app(served):
     page = get(f"{address}live")
     assert "<h1>soft_gel[3]</h1>" in page
     assert "still wanted" in page
-    visitors._forget(one, one.calls)
+    visitors._forget("who asks", one.calls)
     assert "waiting" in get(f"{address}live")  # nothing of one who left
 
 

@@ -4,6 +4,7 @@ import json
 import os
 import re
 import shutil
+import time
 import zipfile
 from dataclasses import replace
 from importlib.util import find_spec
@@ -507,6 +508,22 @@ def test_published_values_stand_beside_the_answers(visit, tmp_path):
     )
     page.set_viewport_size({"width": PHONE[0], "height": PHONE[1]})
     assert fits_the_screen(page)
+
+
+def test_nothing_is_kept_of_a_page_that_was_left(served, visit, monkeypatch):
+    page, (_, visitors) = visit(WIDE), served
+    page.get_by_role("button", name="soft_gel.csv").click()
+    page.wait_for_selector("#overview .js-plotly-plot")
+    kept = visitors.forgotten.__self__.blocks.state_holder.session_data  # gradio's, with every figure of each page
+    (mine,) = [name for name, link in visitors._links.items() if link in page.url]
+    assert mine in kept
+    monkeypatch.setattr(visitors, "limits", VisitorLimits(absent=0.05))
+    page.close()
+    until = time.monotonic() + 20
+    while mine in kept and time.monotonic() < until:
+        time.sleep(0.05)
+    assert mine not in kept
+    assert mine not in visitors._links
 
 
 def test_a_class_with_one_file(visit, tmp_path):

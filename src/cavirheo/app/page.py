@@ -58,7 +58,7 @@ class Page(FilmPart):
     """The five steps in `blocks`, with their handlers, not yet served; a component has its attribute's name as id."""
 
     def __init__(self, visitors: Visitors) -> None:
-        self.visitors = visitors
+        self.visitors, visitors.forgotten = visitors, self._forgotten
         self.fields: dict[str, Any] = {}  # of PageSettings
         self.tabs: list[Any] = []
         tabs = {"Data": self._data, "Prepare": self._prepare, "Infer": self._infer}
@@ -230,6 +230,9 @@ class Page(FilmPart):
         return gr.Button(visible=self.session(request).work.busy.locked())
 
     # the handlers
+
+    def _forgotten(self, name: str) -> None:  # or gradio keeps figures and tables of every page that ever was
+        self.blocks.state_holder.session_data.pop(name, None)
 
     def _leave(self, request: gr.Request) -> None:
         self.visitors.leave(request.session_hash or "")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import shlex
 import shutil
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, fields
 from itertools import count
 from pathlib import Path
@@ -307,6 +307,7 @@ class Visitors:
         self.once, self._lock = Once(100), RLock()
         self._sessions: dict[str, Session] = {}  # by their links, in the order of use
         self._links: dict[str, str] = {}  # by the names of pages
+        self.forgotten: Callable[[str], Any] = lambda name: None  # told the name of each page that is
 
     def of(self, name: str) -> Session:
         """The session of this name, new if there is none; the one unused for longest makes room. Raises InputError."""
@@ -336,19 +337,24 @@ class Visitors:
     def leave(self, name: str) -> None:
         """Forget this one after a while, unless something is asked for it again (a phone that slept, a reload)."""
         with self._lock:
-            if session := self._sessions.get(self._links.get(name, "")):
-                timer = Timer(self.limits.absent, self._forget, (session, session.calls))
-                timer.daemon = True
-                timer.start()
+            session = self._sessions.get(self._links.get(name, ""))
+            timer = Timer(self.limits.absent, self._forget, (name, session and session.calls))
+            timer.daemon = True
+            timer.start()
 
-    def _forget(self, session: Session, calls: int) -> None:
+    def _forget(self, name: str, calls: int | None) -> None:
         with self._lock:
-            if self._sessions.get(session.link) is session and session.calls == calls:
+            session = self._sessions.get(self._links.get(name, ""))
+            if session is None:
+                self.forgotten(name)
+            elif session.calls == calls:
                 self._close(session.link)
 
     def _close(self, link: str) -> None:
         self._sessions.pop(link).close()
-        self._links = {name: of for name, of in self._links.items() if of != link}
+        for name in [name for name, of in self._links.items() if of == link]:
+            self.forgotten(name)
+            del self._links[name]
 
     def close(self) -> None:
         """Forget all."""
