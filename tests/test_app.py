@@ -37,6 +37,7 @@ from cavirheo.reading.apart import Reader
 from cavirheo.reporting import interactive, live
 
 SOFT = examples()["soft_gel.csv"]
+SWEEPS = Path(__file__).parent.parent / "examples"
 
 
 @pytest.fixture(scope="session")
@@ -579,6 +580,7 @@ def test_the_zip_holds_what_the_command_line_writes_and_the_curves(session, run,
         export(session, silent)
     infer(session, names)
     fit(session, names[1])
+    session.publish([SWEEPS / f"soft_gel_{kind}_sweep.csv" for kind in ("strain", "frequency")])
     made, files = export(session, silent)
     assert {path.name for path in files} >= {"result.json", "soft_gel_1.png"}
     with zipfile.ZipFile(made) as archive:
@@ -592,7 +594,15 @@ def test_the_zip_holds_what_the_command_line_writes_and_the_curves(session, run,
         *(f"least-squares/soft_gel_3.{kind}" for kind in ("png", "svg")),
         *(f"{kind}/soft_gel_{k}.csv" for k in (1, 3) for kind in ("processed", "simulated")),
     }  # fmt: skip
-    record = json.loads((folder / "result.json").read_text())["curves"][0]
+    document = json.loads((folder / "result.json").read_text())
+    ((method, values),) = document["groups"][0]["published"].items()
+    assert method == "rheometer, 0.063 to 100 rad/s, strain ≤ 1.0 %"
+    assert values["shear_modulus"]["mean"] == pytest.approx(1500, rel=0.02)
+    assert values["viscosity_at_1_rad_per_s"]["mean"] == pytest.approx(13.5, rel=0.02)
+    report = (folder / "report.html").read_text()
+    assert all(said in report for said in (method, "at 1 rad/s", "unequal values are not a contradiction"))
+    assert all(said in answers(session) for said in (method, "at 1 rad/s"))
+    record = document["curves"][0]
     (processed,) = read_curves(folder / "processed" / "soft_gel_1.csv")
     (simulated,) = read_curves(folder / "simulated" / "soft_gel_1.csv")
     assert processed.max_radius == pytest.approx(record["max_radius_m"], rel=1e-6)

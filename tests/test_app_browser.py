@@ -8,6 +8,7 @@ import time
 import zipfile
 from dataclasses import replace
 from importlib.util import find_spec
+from pathlib import Path
 from threading import Event
 
 import numpy as np
@@ -54,6 +55,7 @@ WALL = """(() => {
   const words = list => list.map(one => one.outerHTML);
   return {beyond: words(beyond), across: words(across), smallest: Math.min(...written.map(size))};
 })()"""
+EXAMPLES = Path(__file__).parent.parent / "examples"
 WIDE, PHONE = (1440, 900), (390, 844)
 MANY = 20
 
@@ -503,11 +505,21 @@ def test_published_values_stand_beside_the_answers(visit, tmp_path):
     assert [row.split("\t") for row in rows] == [
         ["soft_gel", "IMR", "6.4 ± 1.6", "0.030 ± 0.010"], ["soft_gel", "<b>", "1.30", MISSING]
     ]  # fmt: skip
+    with page.expect_file_chooser() as chooser:
+        page.click("#published")
+    chooser.value.set_files([str(EXAMPLES / f"soft_gel_{kind}_sweep.csv") for kind in ("strain", "frequency")])
+    page.wait_for_selector("#answers .published tbody tr >> nth=2")
+    row = page.inner_text("#answers .published tbody tr >> nth=2").split("\t")
+    assert row[:3] == ["soft_gel", "rheometer, 0.063 to 100 rad/s, strain ≤ 1.0 %", "1.50"]
+    assert row[3].split() == ["13.5", "at", "1", "rad/s"]
+    assert "not a contradiction" in page.inner_text("#answers .published")
     page.wait_for_function(
         "document.querySelector('#cloud .js-plotly-plot').data.some(one => one.name === 'soft_gel, IMR')"
     )
     page.set_viewport_size({"width": PHONE[0], "height": PHONE[1]})
     assert fits_the_screen(page)
+    document = json.loads((take(page, tmp_path) / "result.json").read_text())
+    assert len(document["groups"][0]["published"]) == 3
 
 
 def test_nothing_is_kept_of_a_page_that_was_left(served, visit, monkeypatch):

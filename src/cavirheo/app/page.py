@@ -138,7 +138,8 @@ class Page(FilmPart):
         self.which = gr.Button("Most shots do not fit: let the evidence choose the law", visible=False)
         self.answers = html(words.part("quiet", words.NONE), min_height=120, js_on_load=words.script("table.js"))
         self.cloud, self.timer = plot(visible=False), gr.Timer(1.0, active=False)
-        self.published = gr.UploadButton("Published values beside them (.csv)", visible=False)
+        values = "Published values or a rheometer's sweeps beside them"
+        self.published = gr.UploadButton(values, file_count="multiple", visible=False)
         self.to_check = gr.Button("Check against the simulation", interactive=False)
 
     def _check(self) -> None:
@@ -339,9 +340,9 @@ class Page(FilmPart):
         with session.lock:
             return [gr.Dropdown(choices=names, value=names[0]), *self._state(session, drawn=True)]
 
-    def _publish(self, session: Session, file: str) -> list[Any]:
-        with uploaded([file]) as (path,):
-            session.publish(path)
+    def _publish(self, session: Session, files: list[str]) -> list[Any]:
+        with uploaded(files) as paths:
+            session.publish(paths)
         return self._state(session, drawn=True)
 
     def _picked(self, session: Session, name: str) -> list[Any]:

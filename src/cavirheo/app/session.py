@@ -13,7 +13,7 @@ from tempfile import TemporaryDirectory
 from threading import Lock, RLock, Timer
 from typing import Any
 
-from cavirheo.beside.published.references import published_values, set_beside
+from cavirheo.beside.values import set_beside, values_of
 from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError, number_of, require
 from cavirheo.inference import DEFAULT, check_level, check_models
@@ -174,7 +174,7 @@ class Session:
         self.film = ""  # the name of that which is looked at
         self.files: list[Path] = []
         self.curves: list[RadiusCurve] = []  # of all files, as the settings have them read
-        self.published: dict[str, Published] = {}  # values of other methods, by set
+        self.published: list[dict[str, Published]] = []  # values of other methods, by set, of each upload
         self.problems: list[str] = []  # files that could not be read
         self.answers: Answers | None = None
         self.soon: dict[str, CurveRecord | None] = {}  # in a run: of each shot what is known so far
@@ -259,11 +259,12 @@ class Session:
             self.curves, _ = self._read(self.files, settings)
         self.settings = settings
 
-    def publish(self, path: Path) -> None:
-        """Values of a file that `cavirheo compare` takes stand beside the answers. Raises InputError."""
-        found = self.reader.ask([path], (published_values, str(path)))
+    def publish(self, paths: Sequence[Path]) -> None:
+        """Values of other methods stand beside the answers: of files for `cavirheo compare`, or of the sweeps of one
+        material for `cavirheo rheometer`. Raises InputError."""
+        found = self.reader.ask(paths, (values_of, *map(str, paths)))
         set_beside(self.answers.document.groups if self.answers else [], found)
-        self.published = found
+        self.published.append(found)
 
     @property
     def stale(self) -> bool:
@@ -284,7 +285,7 @@ class Session:
         for path in {*self.files, *(film.path for film in self.films.values())}:
             path.unlink(missing_ok=True)
         self.files, self.curves, self.problems, self.answers, self.films, self.film = [], [], [], None, {}, ""
-        self.published = {}
+        self.published = []
 
     def close(self) -> None:
         self.work.stopped.set()

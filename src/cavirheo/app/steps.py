@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from cavirheo.app.session import ANSWERED, Answers, Session
-from cavirheo.beside.published.references import set_beside
+from cavirheo.beside.values import set_beside
 from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError, require
 from cavirheo.inference import DEFAULT, infer_many
@@ -92,8 +92,9 @@ def infer(session: Session, names: Sequence[str]) -> Answers:
         if not session.work.busy.locked():  # by the run before, which goes on
             session.soon = {}
     with session.lock:
-        with suppress(InputError):  # other groups than when they were given
-            set_beside(made.document.groups, session.published)
+        for values in session.published:
+            with suppress(InputError):  # other groups than when they were given
+                set_beside(made.document.groups, values)
         require(session.curves is curves and session.settings == settings, _CHANGED, "app.changed")
         session.answers = made
         return session.answers
@@ -147,9 +148,9 @@ def export(session: Session, progress: Report) -> tuple[Path, list[Path]]:
         raise InputError("nothing to export: infer first (step 3)", "app.no_answer")
     fits = [(curve, answers.fits[curve.name]) for curve, _ in answers.pairs if curve.name in answers.fits]
     number, shots, place = count(1), len(answers.pairs) + len(fits), session.folder / "export"
-    command, made = answers.document.command, session.folder / "cavirheo-result.zip"
+    made = session.folder / "cavirheo-result.zip"
     with session.exporting:
-        drawn = zipped(answers.pairs, command, fits, lambda: progress(next(number) / (shots + 1), "drawn"))
+        drawn = zipped(answers.pairs, answers.document, fits, lambda: progress(next(number) / (shots + 1), "drawn"))
         made.write_bytes(drawn)
         shutil.rmtree(place, ignore_errors=True)
         shutil.unpack_archive(made, place)

@@ -122,12 +122,11 @@ def answers(session: Session) -> str:
     document = found.document
     factor, unit = document.modulus_unit
     groups = html.groups_table(document.groups, factor, unit), [one.words for one in document.differences]
-    beside = [(one.name, *row, factor, unit) for one in document.groups for row in one.published.items()]
     shots = html.curves_table(document.curves, factor, unit, title="Shots", linked=False)
     said = once((record.name, record.message) for record in document.curves)
     about = found.density, html.reading(document.curves), *methods_if_any(document)
     done = (verified, len(soon)), len(document.curves), found.not_run, pooled(document)
-    return part("answers", session.stale and not soon, *done, *groups, beside, shots, said, *about)
+    return part("answers", session.stale and not soon, *done, *groups, shots, said, *about)
 
 
 def facts(session: Session, name: str) -> str:
