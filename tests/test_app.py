@@ -27,11 +27,12 @@ from test_hostile import FILES
 
 from cavirheo.app import steps
 from cavirheo.app.session import PageSettings, Session, VisitorLimits, Visitors
-from cavirheo.app.steps import examples, export, fit, glance, infer, sliders, trial
-from cavirheo.app.words import answers, facts
+from cavirheo.app.steps import examples, export, fit, glance, infer, name_materials, sliders, trial
+from cavirheo.app.words import answers, facts, found
 from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError
 from cavirheo.inference.trial import band
+from cavirheo.parallel import Once
 from cavirheo.reading import read_curves, write_csv
 from cavirheo.reading.apart import Reader
 from cavirheo.reporting import interactive, live
@@ -346,6 +347,35 @@ def test_answers_are_stale_when_settings_change_and_forgotten_when_files_do(sess
         infer(session, [])
     session.add([SOFT], PageSettings(), copy=True)
     assert session.answers is None
+
+
+def test_materials_are_typed_and_pooled_anew_without_another_run(session, tmp_path):
+    session.once = Once(10)
+    for k, name in enumerate("abc"):
+        session.add([single(tmp_path / f"{name}.csv", 1.0 + 0.1 * k)], PageSettings(verify="none"))
+    session.add([SOFT], PageSettings(verify="none"), copy=True)
+    names = [curve.name for curve in session.curves]
+    first = infer(session, names[:4])
+    assert [group.name for group in first.document.groups] == ["your files", "soft_gel"]
+    with refused("app.changed"):
+        name_materials(session, ["gel"])
+    name_materials(session, ["soft_gel", " ", "<gel>", *["soft_gel"] * 5])
+    then = session.answers
+    assert [(group.name, group.n) for group in then.document.groups] == [
+        ("soft_gel", 2),
+        ("your files", 1),
+        ("<gel>", 1),
+    ]
+    assert then.document.notes == ["materials that were typed: a = soft_gel, c = <gel>"]
+    assert [answer for _, answer in then.pairs] == [answer for _, answer in first.pairs]
+    assert "&lt;gel&gt;" in found(session)
+    assert not session.stale
+    name_materials(session, [""] * 8)
+    assert session.answers.document.groups == first.document.groups
+    assert session.answers.document.notes == []
+    session.prepare(PageSettings(verify="none", group="none"))
+    kept = dict(zip(names, [answer for _, answer in first.pairs], strict=False))
+    assert all(answer is kept[curve.name] for curve, answer in infer(session, names[:4]).pairs)  # not computed again
 
 
 def test_the_command_can_be_typed(session, tmp_path):

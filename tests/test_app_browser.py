@@ -463,6 +463,37 @@ def test_two_materials_in_single_files_are_asked_about_and_told_apart(visit, tmp
     assert fits_the_screen(page)
 
 
+def test_materials_are_typed_beside_their_files(visit, tmp_path):
+    """By keyboard; before and after the answers, which are pooled anew."""
+    page = visit(WIDE)
+    drop(page, *(_one_shot(tmp_path / f"{name}.csv", 1.01 + 0.01 * k) for k, name in enumerate("abc")))
+    page.get_by_role("button", name="soft_gel.csv").click()
+    page.wait_for_selector("#found tbody tr >> nth=7")
+    boxes = page.locator("#found input")
+    assert [box.input_value() for box in boxes.all()] == ["your files"] * 3 + ["soft_gel"] * 5
+    page.get_by_label("Material of b").fill("agarose 1 %")
+    page.keyboard.press("Enter")
+    page.get_by_label("Material of soft_gel[1]").fill("gel")  # the first of its file
+    page.keyboard.press("Tab")
+    assert page.evaluate("document.activeElement.ariaLabel") == "Material of soft_gel[2]"
+    assert [box.input_value() for box in boxes.all()][3:] == ["gel"] * 5
+    page.set_viewport_size({"width": PHONE[0], "height": PHONE[1]})
+    assert fits_the_screen(page)
+    page.set_viewport_size({"width": WIDE[0], "height": WIDE[1]})
+    page.get_by_role("tab", name="3 Infer").click()
+    quick(page)
+    page.click("#infer")
+    answered(page, 8)
+    groups = page.locator("#answers .groups tbody tr:not(.trend) td:first-child")
+    assert groups.all_inner_texts() == ["your files", "agarose 1 %", "gel"]
+    page.get_by_role("tab", name="1 Data").click()
+    page.get_by_label("Material of soft_gel[1]").fill("agarose 1 %")
+    page.get_by_label("Material of soft_gel[1]").press("Enter")
+    page.wait_for_function("document.querySelectorAll('#answers .groups tbody tr:not(.trend)').length === 2")
+    assert groups.all_text_contents() == ["your files", "agarose 1 %"]
+    assert page.locator("#answers .stale").count() == 0
+
+
 @pytest.mark.slow
 def test_the_contents_of_the_bubble_are_chosen(visit, tmp_path):
     page = visit(WIDE)

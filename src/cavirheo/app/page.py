@@ -96,7 +96,7 @@ class Page(FilmPart):
         self._film()
         with gr.Row(visible=False) as self.loaded:
             self.overview, self.overview_normalised = plot(), plot()
-        self.found = html()
+        self.found = html(js_on_load=words.script("materials.js"))
 
     def _prepare(self) -> None:
         with gr.Row():
@@ -187,7 +187,8 @@ class Page(FilmPart):
         # a reload sets one by one, which is no input; a text that is pasted is none either
         kinds = [one.change if isinstance(one, gr.Textbox) else one.input for one in settings]
         checked = {"validator": self.validated(lambda _, shown, *values: ["", *_wrong(values)]), **LATEST}
-        self.on(partial(gr.on, kinds), self._changed, [self.shown, *settings], [*viewed, *self.state], **checked)
+        out = [*viewed, self.found, *self.state]
+        self.on(partial(gr.on, kinds), self._changed, [self.shown, *settings], out, **checked)
         for pressed, step in ((self.to_prepare, 2), (self.to_infer, 3), (self.to_check, 4), (self.to_export, 5)):
             pressed.click(partial(gr.Tabs, selected=step), outputs=self.steps, queue=False, api_visibility="private")
         given, answered = [self.chosen, *settings], [self.checked, *self.state]
@@ -200,8 +201,11 @@ class Page(FilmPart):
         self.on(run.success, self._show, [self.checked], check, show_progress="hidden")
         self.on(self.timer.tick, self._tick, [], [self.timer, self.answers], **AT_ONCE)
         self.on(self.checked.select, self._show, [self.checked], check, show_progress="hidden")
-        picked: dict[str, Any] = {"js": "() => [document.body.dataset.picked]", "show_progress": "hidden"}
-        self.on(self.answers.click, self._picked, [self.checked], [self.steps, self.checked, *check], **picked)
+        typed = partial(self.on, **LATEST)
+        js = "() => [document.body.dataset.{}]".format
+        out = [self.steps, self.checked, *check]
+        typed(self.answers.click, self._picked, [self.checked], out, js=js("picked"))
+        typed(self.found.submit, self._name, [self.link], self.state, js=js("materials"))
         self.on(self.published.upload, self._publish, [self.published], self.state, show_progress="hidden")
         given, fitted = [self.checked, self.trial], [self.check_plot, self.facts]
         begun = self.on(self.fit.click, self._free, [], [self.stop_fit], **AT_ONCE)
@@ -278,7 +282,7 @@ class Page(FilmPart):
         figures = plots.overview(session.curves, session.settings.liquid) if names else (None, None)
         anything = bool(names or session.films)
         return [
-            words.found(session.curves, session.problems, session.waiting), gr.HTML(visible=not anything), *figures,
+            words.found(session), gr.HTML(visible=not anything), *figures,
             gr.CheckboxGroup(choices=names, value=names), gr.Dropdown(choices=names, value=next(iter(names), None)),
             gr.Row(visible=bool(names)), f"?session={session.link}" if anything else "",
             *self._state(session, drawn=True), *self._filmed(session),
@@ -311,7 +315,7 @@ class Page(FilmPart):
 
     def _changed(self, session: Session, name: str | None, *settings: Any) -> list[Any]:
         session.prepare(_settings(settings))
-        return [*self._view(session, name), *self._state(session)]
+        return [*self._view(session, name), words.found(session), *self._state(session)]
 
     def _free(self, session: Session) -> list[Any]:
         if not session.work.busy.locked():
@@ -339,6 +343,10 @@ class Page(FilmPart):
         names = [curve.name for curve, _ in steps.infer(session, chosen).pairs]
         with session.lock:
             return [gr.Dropdown(choices=names, value=names[0]), *self._state(session, drawn=True)]
+
+    def _name(self, session: Session, materials: str) -> list[Any]:
+        steps.name_materials(session, json.loads(materials))
+        return self._state(session, drawn=True)
 
     def _publish(self, session: Session, files: list[str]) -> list[Any]:
         with uploaded(files) as paths:

@@ -27,7 +27,7 @@ from cavirheo.reading.camera import Camera
 from cavirheo.reading.recordings import is_recording
 from cavirheo.reading.shots import check_max_radius
 from cavirheo.reporting.answer import CurveRecord
-from cavirheo.reporting.record import Published, Result
+from cavirheo.reporting.record import Pairs, Published, Result
 from cavirheo.video.measurement import Measurement
 
 YOURS = "your files"  # the folder of a visitor, which names the group of single-shot files
@@ -174,6 +174,7 @@ class Session:
         self.film = ""  # the name of that which is looked at
         self.files: list[Path] = []
         self.curves: list[RadiusCurve] = []  # of all files, as the settings have them read
+        self.named: dict[str, str] = {}  # materials that were typed, by shot
         self.published: list[dict[str, Published]] = []  # values of other methods, by set, of each upload
         self.problems: list[str] = []  # files that could not be read
         self.answers: Answers | None = None
@@ -247,6 +248,12 @@ class Session:
         confirmed = {film.path: film.curve for film in self.films.values()}
         return self.reader.read([confirmed.get(path) or path for path in files], **settings.reading)
 
+    def grouped(self, pairs: Pairs) -> list[tuple[RadiusCurve, Posterior]]:
+        """Curves as shots of the materials that were typed, or else of those that their files say."""
+        read = {curve.name: (curve.group, curve.group if self.named else curve.group_source) for curve in self.curves}
+        groups = read | {shot: (name, name) for shot, name in self.named.items()}
+        return [(curve.with_group(*groups[curve.name]), answer) for curve, answer in pairs]
+
     def command(self) -> str:
         """The command line that means the same; of several files the recordings have their options after it."""
         films = [film for film in self.films.values() if film.path in self.files]
@@ -285,7 +292,7 @@ class Session:
         for path in {*self.files, *(film.path for film in self.films.values())}:
             path.unlink(missing_ok=True)
         self.files, self.curves, self.problems, self.answers, self.films, self.film = [], [], [], None, {}, ""
-        self.published = []
+        self.published, self.named = [], {}
 
     def close(self) -> None:
         self.work.stopped.set()

@@ -6,11 +6,12 @@ import os
 import shutil
 from collections.abc import Sequence
 from contextlib import suppress
+from dataclasses import replace
 from itertools import count
 from pathlib import Path
 from typing import Any
 
-from cavirheo.app.session import ANSWERED, Answers, Session
+from cavirheo.app.session import ANSWERED, Answers, PageSettings, Session
 from cavirheo.beside.values import set_beside
 from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError, require
@@ -23,6 +24,7 @@ from cavirheo.reporting import interactive as plots
 from cavirheo.reporting import result
 from cavirheo.reporting.answer import curve_record
 from cavirheo.reporting.bundle import zipped
+from cavirheo.reporting.record import Pairs
 
 SLIDERS = {  # label, factor from SI
     "shear_modulus": ("Try G (kPa)", 1e-3),
@@ -53,7 +55,8 @@ def _found(session: Session, names: Sequence[str], verify: str) -> list[tuple[Ra
     mark = {"verdict": "unverified", "message": ""} if verify != settings.verify else {}
 
     def one(curve: RadiusCurve) -> Posterior:
-        found = session.once(lambda: infer_many([curve], **options, workers=workers)[0], curve, options)
+        alone = curve.with_group("", "")  # which material it is of does not matter
+        found = session.once(lambda: infer_many([curve], **options, workers=workers)[0], alone, options)
         row = curve_record(curve, found)
         if row.answered or not mark:
             soon[curve.name] = row.model_copy(update=mark)
@@ -85,19 +88,37 @@ def infer(session: Session, names: Sequence[str]) -> Answers:
         left = [curve.name for curve, answer in answers if not answer]
         if len(pairs) < len(curves):
             command += f" ({len(pairs)} of {len(curves)} shots)"
-        known = settings.model == DEFAULT
-        matters = denser(pairs, settings.liquid, stretch=settings.stretch, window=settings.window) if known else ""
-        made = Answers(pairs, result(pairs, command), left, settings, matters)
+        made = _pooled(session, pairs, command, left, settings)
     finally:
         if not session.work.busy.locked():  # by the run before, which goes on
             session.soon = {}
     with session.lock:
-        for values in session.published:
-            with suppress(InputError):  # other groups than when they were given
-                set_beside(made.document.groups, values)
         require(session.curves is curves and session.settings == settings, _CHANGED, "app.changed")
         session.answers = made
         return session.answers
+
+
+def _pooled(session: Session, pairs: Pairs, command: str, left: list[str], settings: PageSettings) -> Answers:
+    """Answers with all that is said of their groups."""
+    pairs = session.grouped(pairs)
+    typed = ", ".join(f"{shot} = {material}" for shot, material in session.named.items())
+    document = result(pairs, command, notes=[f"materials that were typed: {typed}"] if typed else [])
+    for values in session.published:
+        with suppress(InputError):  # other groups than when they were given
+            set_beside(document.groups, values)
+    known = settings.model == DEFAULT
+    matters = denser(pairs, settings.liquid, stretch=settings.stretch, window=settings.window) if known else ""
+    return Answers(pairs, document, left, settings, matters)
+
+
+def name_materials(session: Session, names: Sequence[str]) -> None:
+    """What each loaded shot is a shot of, "" for what its file says; the answers that are there are pooled so."""
+    require(len(names) == len(session.curves), "the files were changed: reload the page", "app.changed")
+    given = zip(session.curves, names, strict=True)
+    session.named = {curve.name: name.strip()[:60] for curve, name in given if name.strip() not in ("", curve.group)}
+    if old := session.answers:
+        made = _pooled(session, old.pairs, old.document.command, old.not_run, old.settings)
+        session.answers = replace(made, fits=old.fits)
 
 
 def fit(session: Session, name: str | None) -> None:

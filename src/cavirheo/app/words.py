@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from base64 import b64encode
-from collections.abc import Sequence
 from importlib.metadata import version
 from importlib.resources import files
 from typing import Any
@@ -76,11 +75,12 @@ def materials() -> list[tuple[str, str]]:
     return [(word, law) for law, word in words.items()] + [("whichever the evidence prefers (slower)", "auto")]
 
 
-def found(curves: Sequence[RadiusCurve], problems: Sequence[str], waiting: Sequence[str] = ()) -> str:
+def found(session: Session) -> str:
     """What was found in the files: a row per shot, the warnings in full, and the files that could not be read."""
-    rows = [(curve.name, digits.elide(curve.name, 36), cells(curve)) for curve in curves]
-    pooled = sum(curve.group == YOURS for curve in curves)
-    return part("found", problems, rows, warnings(curves), notes(curves), waiting, pooled)
+    curves = session.curves
+    rows = [(one, digits.elide(one.name, 36), session.named.get(one.name, one.group), cells(one)) for one in curves]
+    pooled = sum(one.group == YOURS for one in curves)
+    return part("found", session.problems, rows, warnings(curves), notes(curves), session.waiting, pooled)
 
 
 def film(one: Clip, error: InputError | None = None) -> str:
