@@ -181,7 +181,7 @@ def test_five_steps_on_a_shipped_example(visit, tmp_path):
     page.click("#to-prepare")
     page.wait_for_selector("#prepared .js-plotly-plot")
     for k in (2, 4, 5):
-        page.get_by_label(f"soft_gel[{k}]").uncheck()
+        page.get_by_label(f"soft_gel[{k}]", exact=True).uncheck()
     page.fill("#density input", "1050")
     page.press("#density input", "Tab")
     page.wait_for_selector("#dropped li")
@@ -557,7 +557,9 @@ def test_nothing_is_kept_of_a_page_that_was_left(served, visit, monkeypatch):
     page, (_, visitors) = visit(WIDE), served
     page.get_by_role("button", name="soft_gel.csv").click()
     page.wait_for_selector("#overview .js-plotly-plot")
-    kept = visitors.forgotten.__self__.blocks.state_holder.session_data  # gradio's, with every figure of each page
+    kept = visitors.forgotten.__closure__[
+        0
+    ].cell_contents.blocks.state_holder.session_data  # gradio's, with every figure of each page
     (mine,) = [name for name, link in visitors._links.items() if link in page.url]
     assert mine in kept
     monkeypatch.setattr(visitors, "limits", VisitorLimits(absent=0.05))
@@ -683,7 +685,7 @@ def test_stop_goes_when_a_run_raises(visit):
     page.click("#to-prepare")
     page.wait_for_selector("#prepared .js-plotly-plot")
     for k in range(1, 6):
-        page.get_by_label(f"soft_gel[{k}]").uncheck()
+        page.get_by_label(f"soft_gel[{k}]", exact=True).uncheck()
     page.click("#to-infer")
     page.click("#infer")
     page.wait_for_selector("#wrong [role=alert]:has-text('no shots')")

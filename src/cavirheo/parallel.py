@@ -148,6 +148,12 @@ class Stoppable:
         self.busy, self.stopped = threading.Lock(), threading.Event()
         self._left: set[Future[Any]] = set()  # jobs that were in work when it was stopped: they end by themselves
 
+    def ready(self) -> bool:
+        """Whether nothing goes on; a stop of before is forgotten then."""
+        if free := not self.busy.locked():
+            self.stopped.clear()
+        return free
+
     def each(self, work: Callable[[Job], Done], jobs: Sequence[Job]) -> list[Done | None]:
         """work(job) of each, in their order; None for those that were not done when it was stopped.
 

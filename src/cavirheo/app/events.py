@@ -30,9 +30,9 @@ class Events:
     def session(self, request: gr.Request) -> Session:
         return self.visitors.of(request.session_hash or "")
 
-    def on(self, event: Handler, handler: Handler, given: Any, out: Any, *, works: bool = False, **options: Any) -> Any:
-        """The event calls the handler with the session of who asks and the values of components. The session is locked
-        meanwhile; not for a handler that `works` for a while, which gets `progress` to show a bar."""
+    def on(self, event: Any, handler: Handler, given: Any, out: Any, *, works: bool = False, **options: Any) -> Any:
+        """The event, or each of a list, calls the handler with the session of who asks and the values of components.
+        The session is locked; not for a handler that `works` for a while, which gets `progress` to show a bar."""
 
         def one(request: gr.Request, progress: gr.Progress = gr.Progress(), *values: Any) -> Any:  # noqa: B008
             session = self.session(request)
@@ -41,7 +41,8 @@ class Events:
             with session.lock:
                 return self._tried(handler, session, *values)
 
-        return self._told(event(one, given, [*out, self.wrong], api_visibility="private", **options))
+        begins = partial(gr.on, event) if isinstance(event, list) else event
+        return self._told(begins(one, given, [*out, self.wrong], api_visibility="private", **options))
 
     def validated(self, wrong: Callable[..., list[str]]) -> Handler:
         """Shows at each field what is `wrong` with its value, and stops the event then."""

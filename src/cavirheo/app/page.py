@@ -1,12 +1,9 @@
-"""The page: what stands where in the five steps, and which handler answers what.
-
-Only `infer` (endpoint.py) is public to programs; the handlers of the page are not.
-"""
+"""The page: what stands where in the five steps, and which handler answers what. None of these is public."""
 
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import fields
 from functools import partial
@@ -17,7 +14,6 @@ import gradio as gr
 from cavirheo.app import film, steps, words
 from cavirheo.app.endpoint import Served, public, uploaded
 from cavirheo.app.events import AT_ONCE, LATEST, button, html, line, plot
-from cavirheo.app.film_part import FilmPart
 from cavirheo.app.session import PageSettings, Session, Visitors
 from cavirheo.errors import InputError, require
 from cavirheo.inference import DEFAULT
@@ -26,46 +22,47 @@ from cavirheo.physics.media import MEDIA
 from cavirheo.reading.camera import Camera
 from cavirheo.reporting import interactive as plots
 
-_LEVELS = {"weighed by simulations": "auto", "not verified (fastest)": "none", "Gaussian": "map", "full (slow)": "full"}
-_CONTENTS = {
-    "equilibrium (the field's model)": "equilibrium", "finite-rate condensation": "kinetic",
-    "whichever the evidence prefers (slower)": "auto",
+_LEVELS = [
+    ("weighed by simulations", "auto"), ("not verified (fastest)", "none"), ("Gaussian", "map"), ("full (slow)", "full")
+]  # fmt: skip
+_CONTENTS = [
+    ("equilibrium (the field's model)", "equilibrium"), ("finite-rate condensation", "kinetic"),
+    ("whichever the evidence prefers (slower)", "auto"),
+]  # fmt: skip
+_WINDOWS = [("the usual one", 0), ("1 collapse", 1), ("2 collapses", 2), ("3 collapses", 3)]
+_GROUPS = [
+    ("those of one file; files of a single shot together", "auto"), ("those of one file", "file"),
+    ("each by itself", "none"), ("those whose files have one name: soft_1, soft_2 | stiff_1", "name"),
+]  # fmt: skip
+_NUMBERS = {  # settings that need not be given
+    "density": "Density (kg/m³)", "rmax_um": "True R_max (µm)", "stretch": "λ = R_max/R_0",
+    "sound_speed": "Sound speed (m/s)", "surface_tension": "Surface tension (N/m)", "pressure": "Pressure (Pa)",
+    "temperature": "Temperature (K)",
 }  # fmt: skip
-_WINDOWS = {"the usual one": 0, "1 collapse": 1, "2 collapses": 2, "3 collapses": 3}
-_GROUPS = {
-    "those of one file; files of a single shot together": "auto", "those of one file": "file", "each by itself": "none",
-    "those whose files have one name: soft_1, soft_2 | stiff_1": "name",
-}  # fmt: skip
-_NUMBERS = {  # settings that need not be given: label, what an empty field means
-    "density": ("Density (kg/m³)", "as the medium"),
-    "rmax_um": ("True R_max (µm)", "as measured"),
-    "stretch": ("λ = R_max/R_0", "fitted"),
-    "sound_speed": ("Sound speed (m/s)", "as the medium"),
-    "surface_tension": ("Surface tension (N/m)", "as the medium"),
-    "pressure": ("Pressure (Pa)", "as the medium"),
-    "temperature": ("Temperature (K)", "as the medium"),
-}
+_EMPTY = {"rmax_um": "as measured", "stretch": "fitted"}  # what an empty field means
 _RESIZE = "() => setTimeout(() => document.querySelectorAll('.js-plotly-plot').forEach(p => Plotly.Plots.resize(p)))"
 _PRESS = "() => document.querySelector('#{}').click()"
 _ADDRESS = "link => history.replaceState(null, '', link || location.pathname)"
-_GLANCES: dict[str, Any] = {"concurrency_id": "glances", "concurrency_limit": 2}  # of all visitors together
+# of all visitors together
+_GLANCES: dict[str, Any] = {"concurrency_id": "glances", "concurrency_limit": 2, "show_progress": "hidden"}
 _RUNS: dict[str, Any] = {"concurrency_id": "runs", "concurrency_limit": 2}
 _small = partial(gr.Button, size="sm", min_width=120)
-_stop = partial(gr.Button, "Stop", variant="stop", visible=False)
+_stop = partial(gr.Button, "Stop", variant="stop")  # is seen while there is anything to stop: app.css
 
 
-class Page(FilmPart):
+class Page(film.FilmPart):
     """The five steps in `blocks`, with their handlers, not yet served; a component has its attribute's name as id."""
 
     def __init__(self, visitors: Visitors) -> None:
-        self.visitors, visitors.forgotten = visitors, self._forgotten
+        self.visitors = visitors  # gradio would keep figures and tables of every page that ever was
+        visitors.forgotten = lambda name: self.blocks.state_holder.session_data.pop(name, None)
         self.fields: dict[str, Any] = {}  # of PageSettings
         self.tabs: list[Any] = []
         tabs = {"Data": self._data, "Prepare": self._prepare, "Infer": self._infer}
         tabs |= {"Check": self._check, "Export": self._export}
         self.blocks = Served(title="cavirheo", analytics_enabled=False, delete_cache=(300, 900), fill_width=True)
         with self.blocks:
-            self.top = html(words.top())
+            self.top = html(words.part("top", words.VERSION))
             self.wrong, self.link = html(), gr.Textbox(visible="hidden", label="Address")
             with gr.Tabs(selected=1) as self.steps:
                 for number, (name, part) in enumerate(tabs.items(), 1):
@@ -102,37 +99,32 @@ class Page(FilmPart):
         with gr.Row():
             with gr.Column(scale=2, min_width=300):
                 self.chosen = gr.CheckboxGroup(label="Shots to infer", show_select_all=True)
-                windows = list(_WINDOWS.items())
-                self.fields["window"] = gr.Dropdown(windows, value=0, label="Window that is compared")
-                groups = list(_GROUPS.items())
-                self.fields["group"] = gr.Dropdown(groups, value="auto", label="Shots that are one material")
+                self.fields["window"] = gr.Dropdown(_WINDOWS, value=0, label="Window that is compared")
+                self.fields["group"] = gr.Dropdown(_GROUPS, value="auto", label="Shots that are one material")
                 with gr.Row():
                     self.fields["medium"] = gr.Dropdown(list(MEDIA), value="water", label="Medium", min_width=120)
                     self._numbers("density")
-                with gr.Row():
-                    self._numbers("rmax_um", "stretch")
+                self._numbers("rmax_um", "stretch")
                 with gr.Accordion("More about the liquid", open=False):
-                    with gr.Row():
-                        self._numbers("sound_speed", "surface_tension")
-                    with gr.Row():
-                        self._numbers("pressure", "temperature")
+                    self._numbers("sound_speed", "surface_tension")
+                    self._numbers("pressure", "temperature")
             with gr.Column(scale=3, min_width=300):
                 self.shown = gr.Dropdown(label="Shot shown")
                 self.prepared, self.dropped = plot(), html()
         self.to_infer = button("Go on")
 
     def _numbers(self, *names: str) -> None:  # in fields for text: an empty gr.Number stalls the page
-        for name in names:
-            label, empty = _NUMBERS[name]
-            self.fields[name] = line(label=label, placeholder=empty, min_width=120)
+        with gr.Row():
+            for name in names:
+                empty = _EMPTY.get(name, "as the medium")
+                self.fields[name] = line(label=_NUMBERS[name], placeholder=empty, min_width=120)
 
     def _infer(self) -> None:
         self.fields["material"] = gr.Radio(words.materials(), value="nhkv", label="Material")
         with gr.Accordion("More about the method", open=False):
             self.fields["model"] = gr.Radio(words.models(), value=DEFAULT, label="Model")
-            contents = list(_CONTENTS.items())
-            self.fields["contents"] = gr.Radio(contents, value="equilibrium", label="Contents of the bubble")
-            self.fields["verify"] = gr.Radio(list(_LEVELS.items()), value="auto", label="Uncertainty")
+            self.fields["contents"] = gr.Radio(_CONTENTS, value="equilibrium", label="Contents of the bubble")
+            self.fields["verify"] = gr.Radio(_LEVELS, value="auto", label="Uncertainty")
         with gr.Row():
             self.infer, self.stop = button("Infer all chosen shots"), _stop()
         self.which = gr.Button("Most shots do not fit: let the evidence choose the law", visible=False)
@@ -176,9 +168,9 @@ class Page(FilmPart):
         checked: dict[str, Any] = {"validator": wrong, "show_progress_on": [self.film_told]}
         self.on(self.confirm.click, self._confirm, [*self.film_typed, self.film_excluded], shown, **checked)
         check = [self.check_plot, self.facts, self.trial, *self.sliders]
-        many: dict[str, Any] = {"trigger_mode": "multiple", "api_visibility": "private"}  # also while another loads
-        sent = self.upload.upload(self._sent, [self.upload], [self.upload], **many, **AT_ONCE)
-        self.on(sent.then, self._load, settings, shown, trigger_mode="multiple", show_progress_on=[self.found])
+        many = partial(self.on, trigger_mode="multiple")  # also while another loads
+        sent = many(self.upload.upload, self._sent, [self.upload], [self.upload], works=True, **AT_ONCE)
+        many(sent.then, self._load, settings, shown, show_progress_on=[self.found])
         for name, example in self.examples.items():
             self.on(example.click, partial(self._example, name), settings, shown)
         self.on(self.clear.click, self._clear, [], shown)
@@ -188,31 +180,29 @@ class Page(FilmPart):
         kinds = [one.change if isinstance(one, gr.Textbox) else one.input for one in settings]
         checked = {"validator": self.validated(lambda _, shown, *values: ["", *_wrong(values)]), **LATEST}
         out = [*viewed, self.found, *self.state]
-        self.on(partial(gr.on, kinds), self._changed, [self.shown, *settings], out, **checked)
+        self.on(kinds, self._changed, [self.shown, *settings], out, **checked)
         for pressed, step in ((self.to_prepare, 2), (self.to_infer, 3), (self.to_check, 4), (self.to_export, 5)):
             pressed.click(partial(gr.Tabs, selected=step), outputs=self.steps, queue=False, api_visibility="private")
         given, answered = [self.chosen, *settings], [self.checked, *self.state]
         which = self.which.click(lambda: "auto", None, self.fields["material"], api_visibility="private", **AT_ONCE)
         which.then(None, js=_PRESS.format("infer"), api_visibility="private")
-        start = partial(gr.on, [self.infer_now.click, self.infer.click])
-        begun = self.on(start, self._begin, [self.chosen], [self.steps, self.stop, self.timer, self.answers], **AT_ONCE)
-        begun = self.on(begun.then, self._glance, given, [self.answers], works=True, **_GLANCES, show_progress="hidden")
-        run = self._run(begun, self.stop, self._answer, given, answered, show_progress="hidden")
+        starts, out = [self.infer_now.click, self.infer.click], [self.steps, self.timer, self.answers]
+        begun = self.on(starts, self._begin, given, out, **AT_ONCE)
+        begun = self.on(begun.success, self._glance, given[:1], [self.answers], works=True, **_GLANCES)
+        run = self.on(begun.then, self._answer, given[:1], answered, works=True, show_progress="hidden", **_RUNS)
         self.on(run.success, self._show, [self.checked], check, show_progress="hidden")
         self.on(self.timer.tick, self._tick, [], [self.timer, self.answers], **AT_ONCE)
         self.on(self.checked.select, self._show, [self.checked], check, show_progress="hidden")
-        typed = partial(self.on, **LATEST)
+        typed: Any = partial(self.on, **LATEST)
         js = "() => [document.body.dataset.{}]".format
         out = [self.steps, self.checked, *check]
         typed(self.answers.click, self._picked, [self.checked], out, js=js("picked"))
         typed(self.found.submit, self._name, [self.link], self.state, js=js("materials"))
         self.on(self.published.upload, self._publish, [self.published], self.state, show_progress="hidden")
         given, fitted = [self.checked, self.trial], [self.check_plot, self.facts]
-        begun = self.on(self.fit.click, self._free, [], [self.stop_fit], **AT_ONCE)
-        self._run(begun, self.stop_fit, self._fit, given, fitted, show_progress_on=[self.check_plot])
-        for pressed in (self.stop, self.stop_fit):
-            self.on(pressed.click, lambda session: session.work.stopped.set(), [], [], queue=False)
-        moved = partial(gr.on, [slider.input for slider in self.sliders])
+        self.on(self.fit.click, self._fit, given, fitted, works=True, show_progress_on=[self.check_plot], **_RUNS)
+        self.on([self.stop.click, self.stop_fit.click], lambda session: session.work.stopped.set(), [], [], queue=False)
+        moved = [slider.input for slider in self.sliders]
         self.on(moved, self._try, [self.checked, *self.sliders], [self.trial], queue=False, **LATEST)
         out = [self.files, self.download]
         zipped = self.on(self.make.click, self._zip, [], out, works=True, show_progress_on=[self.make])
@@ -224,20 +214,7 @@ class Page(FilmPart):
         self.blocks.load(self._back, None, everything, api_visibility="private", show_progress="hidden")
         self.blocks.unload(self._leave)
 
-    def _run(self, begun: Any, stop: Any, handler: Callable[..., Any], given: Any, out: Any, **options: Any) -> Any:
-        """Then the handler works on shots; the button that stops it goes when it ends."""
-        run = self.on(begun.then, handler, given, out, works=True, **_RUNS, **options)
-        for ended in (run.success, run.failure):  # `then` does not follow a failure
-            ended(self._stoppable, None, [stop], api_visibility="private", **AT_ONCE)
-        return run
-
-    def _stoppable(self, request: gr.Request) -> Any:
-        return gr.Button(visible=self.session(request).work.busy.locked())
-
     # the handlers
-
-    def _forgotten(self, name: str) -> None:  # or gradio keeps figures and tables of every page that ever was
-        self.blocks.state_holder.session_data.pop(name, None)
 
     def _leave(self, request: gr.Request) -> None:
         self.visitors.leave(request.session_hash or "")
@@ -257,8 +234,9 @@ class Page(FilmPart):
             check = self._show(session, names[0]) if names and not session.stale else [gr.skip()] * 6
             return [*self._loaded(session), *settings, checked, *check]
 
-    def _sent(self, request: gr.Request, files: list[str] | None) -> None:
-        self.session(request).sent.extend(files or [])
+    def _sent(self, session: Session, files: list[str] | None, **_: Any) -> list[Any]:
+        session.sent.extend(files or [])
+        return [None]
 
     def _load(self, session: Session, *settings: Any) -> list[Any]:
         files, session.sent = session.sent, []
@@ -317,29 +295,21 @@ class Page(FilmPart):
         session.prepare(_settings(settings))
         return [*self._view(session, name), words.found(session), *self._state(session)]
 
-    def _free(self, session: Session) -> list[Any]:
-        if not session.work.busy.locked():
-            session.work.stopped.clear()
-        return [gr.Button(visible=True)]
-
-    def _begin(self, session: Session, chosen: list[str]) -> list[Any]:
-        if not session.work.busy.locked():
+    def _begin(self, session: Session, chosen: list[str], *settings: Any) -> list[Any]:
+        session.prepare(_settings(settings))
+        if session.work.ready():
             session.soon = dict.fromkeys(chosen)
-        return [gr.Tabs(selected=3), *self._free(session), *self._tick(session)]
+        return [gr.Tabs(selected=3), *self._tick(session)]
 
     def _tick(self, session: Session) -> list[Any]:
         return [gr.Timer(active=bool(session.soon)), words.answers(session)]
 
-    def _glance(self, session: Session, chosen: list[str], *settings: Any, **_: Any) -> list[Any]:
+    def _glance(self, session: Session, chosen: list[str], **_: Any) -> list[Any]:
         with suppress(InputError):  # the run says why
-            with session.lock:
-                session.prepare(_settings(settings))
             steps.glance(session, chosen)
         return [words.answers(session)]
 
-    def _answer(self, session: Session, chosen: list[str], *settings: Any, **_: Any) -> list[Any]:
-        with session.lock:
-            session.prepare(_settings(settings))
+    def _answer(self, session: Session, chosen: list[str], **_: Any) -> list[Any]:
         names = [curve.name for curve, _ in steps.infer(session, chosen).pairs]
         with session.lock:
             return [gr.Dropdown(choices=names, value=names[0]), *self._state(session, drawn=True)]
@@ -362,6 +332,7 @@ class Page(FilmPart):
         return [*self._answered(session, name), {"words": ""}, *moved]
 
     def _fit(self, session: Session, name: str, trial: dict[str, Any], **_: Any) -> list[Any]:
+        session.work.ready()
         steps.fit(session, name)
         with session.lock:
             return self._answered(session, name, json.loads(trial.get("lines", "null")))

@@ -54,12 +54,8 @@ ANSWERED = ("model", "material", "contents", "verify")  # of PageSettings: how a
 
 @dataclass(frozen=True)
 class PageSettings:
-    """What the page asks for, as the options of `cavirheo infer`; None: not given.
-
-    Raises:
-        InputError: an unknown level of `verify`, a model that is not shipped (no file of this machine is opened for a
-            visitor), a law or contents of the bubble that it does not answer, or a stretch that no bubble has.
-    """
+    """What the page asks for, as the options of `cavirheo infer`; None: not given. Raises InputError: what it does not
+    take, and a model that is not shipped (no file of this machine is opened for a visitor)."""
 
     medium: str = "water"
     density: float | None = None
@@ -120,28 +116,18 @@ class PageSettings:
         """Which window an answer is compared over, as `inference.trial` asks for it. Raises InputError."""
         return self.model, self.material, self.liquid, self.window
 
-    def command(self, files: Sequence[Path]) -> str:
-        """The command line that means the same for these files."""
-        words = ["cavirheo", "infer", *(path.name for path in files)]
-        for name, value in vars(self).items():
-            if value not in (None, getattr(PageSettings, name)):
-                words += [f"--{name.replace('_', '-')}", str(value)]
-        return shlex.join(words)
-
 
 @dataclass(eq=False)
 class Clip:
-    """A recording. `found`: its measurement, as `camera` says; `kept`: that without the frames that are left out;
-    `shown`: number of the frame that is looked at. Once it is confirmed: its `curve`, and the `command` line's options.
-    """
+    """A recording."""
 
     path: Path
     camera: Camera = field(default_factory=Camera)
-    found: Measurement | None = None
-    kept: Measurement | None = None
-    shown: int = 1
-    curve: RadiusCurve | None = None
-    command: str = ""
+    found: Measurement | None = None  # as the camera says
+    kept: Measurement | None = None  # that without the frames that are left out
+    shown: int = 1  # number of the frame that is looked at
+    curve: RadiusCurve | None = None  # once it is confirmed
+    command: str = ""  # the options of the command line, then
 
     @property
     def exclude(self) -> str:
@@ -170,6 +156,20 @@ class Session:
         self.limits, self.reader, self.settings = limits, reader, PageSettings()
         self.once = once or Once(1)  # of all visitors: a class with one demo file waits for one answer to each shot
         self.measurer = measurer or reader  # its own, so that nobody's table waits for a film
+        self.sent: list[str] = []  # uploads that are not looked at yet
+        self.said = ""  # why the last thing that was asked was not done
+        self.link = token_urlsafe(16)  # whoever knows it comes back here
+        self.lock = RLock()  # held while anything here is read or changed, never while shots are worked on
+        self.work, self.exporting = Stoppable(), Lock()  # on shots, of a zip
+        self.calls = 0  # so often was anything asked
+        self._temporary = TemporaryDirectory(prefix="cavirheo-")
+        self.folder = Path(self._temporary.name)
+        self.clear()
+
+    def clear(self) -> None:
+        """As if just come."""
+        shutil.rmtree(self.folder / YOURS, ignore_errors=True)
+        (self.folder / YOURS).mkdir()
         self.films: dict[str, Clip] = {}  # recordings by the names of their files
         self.film = ""  # the name of that which is looked at
         self.files: list[Path] = []
@@ -179,27 +179,15 @@ class Session:
         self.problems: list[str] = []  # files that could not be read
         self.answers: Answers | None = None
         self.soon: dict[str, CurveRecord | None] = {}  # in a run: of each shot what is known so far
-        self.sent: list[str] = []  # uploads that are not looked at yet
-        self.said = ""  # why the last thing that was asked was not done
-        self.link = token_urlsafe(16)  # whoever knows it comes back here
-        self.lock = RLock()  # held while anything here is read or changed, never while shots are worked on
-        self.work, self.exporting = Stoppable(), Lock()  # on shots, of a zip
-        self.calls = 0  # so often was anything asked
-        self._temporary = TemporaryDirectory(prefix="cavirheo-")
-        self.folder = Path(self._temporary.name)
-        (self.folder / YOURS).mkdir()
 
     def add(self, files: Sequence[Path], settings: PageSettings, *, copy: bool = False) -> None:
         """Take the files over (or copy them) and read them; unreadable ones are not kept, recordings wait in `films`.
-
-        Raises:
-            InputError: too many files, curves or frames, or a setting out of its domain.
-        """
-        number = len({*self.files, *(film.path for film in self.films.values())}) + len(files)
+        Raises InputError: too many files, curves or frames, or a setting out of its domain."""
+        number = len(list((self.folder / YOURS).iterdir())) + len(files)
         many = f"{number} files; at most {self.limits.files} are read at once"
         mend = "start over with fewer, or put the shots of one material into one file"
         require(number <= self.limits.files, f"{many}: {mend}", "app.too_many_files")
-        mine, kept = list[Path](), set[Path]()
+        mine = list[Path]()
         for path in files:
             mine.append(self._free(path.name))
             (shutil.copyfile if copy else shutil.move)(path, mine[-1])
@@ -208,12 +196,10 @@ class Session:
             tables = [path for path in mine if path.name not in films]
             if tables or not films:
                 self.take([*self.files, *tables], settings)
-            kept = {*self.files, *(film.path for film in films.values())}
+            self.films |= films
         finally:
-            for path in mine:
-                if path not in kept:
-                    path.unlink()
-        self.films |= films
+            for path in {*mine} - {*self.files, *(film.path for film in self.films.values())}:
+                path.unlink()
         if self.film not in self.recordings:
             self.film = next(iter(self.recordings), "")
 
@@ -256,9 +242,13 @@ class Session:
 
     def command(self) -> str:
         """The command line that means the same; of several files the recordings have their options after it."""
+        words = ["cavirheo", "infer", *(path.name for path in self.files)]
+        for name, value in vars(self.settings).items():
+            if value not in (None, getattr(PageSettings, name)):
+                words += [f"--{name.replace('_', '-')}", str(value)]
         films = [film for film in self.films.values() if film.path in self.files]
         said = [film.command if len(self.files) == 1 else f" ({film.path.name}:{film.command})" for film in films]
-        return self.settings.command(self.files) + "".join(said)
+        return shlex.join(words) + "".join(said)
 
     def prepare(self, settings: PageSettings) -> None:
         """Read the files again if these settings change what they mean. Raises InputError."""
@@ -286,13 +276,6 @@ class Session:
                 if record.name == name:
                     return self.answers, *pair, record
         raise InputError("no answer to check: infer first (step 3)", "app.no_answer")
-
-    def clear(self) -> None:
-        """As if just come."""
-        for path in {*self.files, *(film.path for film in self.films.values())}:
-            path.unlink(missing_ok=True)
-        self.files, self.curves, self.problems, self.answers, self.films, self.film = [], [], [], None, {}, ""
-        self.published, self.named = [], {}
 
     def close(self) -> None:
         self.work.stopped.set()

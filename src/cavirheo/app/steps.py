@@ -74,12 +74,8 @@ def glance(session: Session, names: Sequence[str]) -> None:
 
 
 def infer(session: Session, names: Sequence[str]) -> Answers:
-    """Answers of the chosen shots, into the session too; a stop leaves out those that are not done.
-
-    Raises:
-        InputError: nothing loaded or chosen, too much, stopped before the first shot, a setting out of its domain, or
-            other files or settings than when it began.
-    """
+    """Answers of the chosen shots, into the session too; a stop leaves out those that are not done. Raises InputError:
+    nothing chosen, too much, stopped before the first shot, or other files or settings than when it began."""
     with session.lock:
         settings, curves, command = session.settings, session.curves, session.command()
     try:
@@ -146,10 +142,8 @@ def sliders(session: Session, name: str) -> dict[str, dict[str, float] | None]:
 
 
 def trial(session: Session, name: str, values: Sequence[float | None]) -> tuple[Checks, dict[str, Any]]:
-    """The simulation with the sliders' values over the window of the answer: what was found, and its `plots.lines`.
-
-    A simulation that fails gives the reason and nothing to draw.
-    """
+    """The simulation with the sliders' values over the window of the answer: what was found, and its `plots.lines`;
+    where it fails, why, and nothing to draw."""
     _, curve, posterior, _ = session.find(name)
     given = {key: v / SLIDERS[key][1] for key, v in zip(SLIDERS, values, strict=True) if v is not None}
     found = tried(curve, posterior, given, *session.settings.compared)
