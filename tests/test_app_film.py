@@ -100,7 +100,7 @@ def test_the_confirmed_curve_is_that_of_the_command_line(session, seen, tmp_path
 def test_the_answer_names_what_was_excluded(session, seen):
     unlisted(seen, "6, 12-14")
     confirm(session)
-    document = infer(session, ["shot"], lambda *_: None).document
+    document = infer(session, ["shot"]).document
     assert "excluded by hand: frames 6, 12-14" in document.curves[0].notes
     assert str(session.folder) not in json.dumps(document.model_dump(mode="json"))
 

@@ -43,9 +43,8 @@ _EMPTY = {"rmax_um": "as measured", "stretch": "fitted"}  # what an empty field 
 _RESIZE = "() => setTimeout(() => document.querySelectorAll('.js-plotly-plot').forEach(p => Plotly.Plots.resize(p)))"
 _PRESS = "() => document.querySelector('#{}').click()"
 _ADDRESS = "link => history.replaceState(null, '', link || location.pathname)"
-# of all visitors together
 _GLANCES: dict[str, Any] = {"concurrency_id": "glances", "concurrency_limit": 2, "show_progress": "hidden"}
-_RUNS: dict[str, Any] = {"concurrency_id": "runs", "concurrency_limit": 2}
+_RUNS: dict[str, Any] = {"concurrency_id": "runs", "concurrency_limit": 2}  # of all visitors together
 _small = partial(gr.Button, size="sm", min_width=120)
 _stop = partial(gr.Button, "Stop", variant="stop")  # is seen while there is anything to stop: app.css
 
@@ -213,8 +212,6 @@ class Page(film.FilmPart):
         everything = [*shown, *(self.fields[name] for name in self._kept), self.checked, *check]
         self.blocks.load(self._back, None, everything, api_visibility="private", show_progress="hidden")
         self.blocks.unload(self._leave)
-
-    # the handlers
 
     def _leave(self, request: gr.Request) -> None:
         self.visitors.leave(request.session_hash or "")
