@@ -203,8 +203,11 @@ def test_five_steps_on_a_shipped_example(visit, tmp_path):
     drag(page, "viscosity", 0.6)
     assert re.search(r"RMSE [\d.]+ %", page.inner_text("#trial"))
     assert page.inner_text("#trial") != first
+    assert not page.locator("#stop-fit").is_visible()
     page.click("#fit")
+    page.wait_for_selector("#stop-fit", state="visible")
     page.wait_for_selector("#facts :text('least squares')")
+    page.wait_for_selector("#stop-fit", state="hidden")
     page.wait_for_function("document.querySelector('#check-plot .js-plotly-plot')?.data?.length > 7")
     assert {"sliders", "measured", "simulation of the answer", "least squares"} <= traces(page).keys()
     assert fits_the_screen(page)

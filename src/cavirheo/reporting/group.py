@@ -89,7 +89,8 @@ class GroupRecord(Record):
         other_slopes: of the models that all of these shots have besides their answer.
         population: the material behind the shots, from their intervals; left out for a single shot, or where none
             has an interval.
-        published: values of other methods, by method and parameter, SI; left out unless `compare` was given them.
+        published: values of other methods, by method and parameter, SI; left out unless they were given. A
+            viscosity_at_1_rad_per_s is that of a rheometer at this frequency.
     """
 
     name: str
