@@ -295,7 +295,7 @@ class Visitors:
     def __init__(self, limits: VisitorLimits) -> None:
         self.limits, self.reader = limits, Reader(limits.seconds)
         self.measurer = Reader(limits.film_seconds, at_once=False)
-        self.once, self._lock = Once(100), RLock()
+        self.once, self._lock = Once(200), RLock()  # of a shot two answers
         self._sessions: dict[str, Session] = {}  # by their links, in the order of use
         self._links: dict[str, str] = {}  # by the names of pages
         self.forgotten: Callable[[str], Any] = lambda name: None  # told the name of each page that is
