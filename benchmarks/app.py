@@ -121,7 +121,7 @@ def main(repeats: int) -> None:
         page.wait_for_timeout(1000)
         session = visitors.of("benchmark")
         session.add([steps.examples()["stiff_gel.mat"]], PageSettings(), copy=True)
-        steps.infer(session, [session.curves[0].name], lambda *_: None)
+        steps.infer(session, [session.curves[0].name])
         tasks = page.context.new_cdp_session(page)
         tasks.send("Performance.enable", {"timeDomain": "threadTicks"})
         busy = []
