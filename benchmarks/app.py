@@ -84,7 +84,7 @@ def click_to_answer(page: Page, file: Path, shots: int) -> tuple[float, float]:
     page.wait_for_timeout(1000)
     began = time.perf_counter()
     page.click("#infer-now")
-    last = f"document.querySelector('#answers').textContent.includes('{file.stem}[{shots}]')"
+    last = f"document.querySelector('#answers')?.textContent.includes('{file.stem}[{shots}]')"
     page.wait_for_function(f"{last} && document.querySelectorAll('#answers .curves .badge').length === {shots}")
     first = time.perf_counter() - began
     page.wait_for_function(f"{last} && !document.querySelector('#answers .soon')")
