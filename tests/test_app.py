@@ -429,6 +429,9 @@ def test_a_glance_of_the_network_is_never_trusted(session, tmp_path):
     session.prepare(PageSettings())
     glance(session, ["one", "short"])
     assert list(session.soon) == ["one"]  # of a shot that it cannot answer it says nothing
+    name_materials(session, ["gel", ""])
+    glance(session, ["one"])
+    assert session.soon["one"].group == "gel"
     row = session.soon["one"]
     assert row.shear_modulus_Pa.q05 < row.shear_modulus_Pa.median < row.shear_modulus_Pa.q95
     assert not row.trusted
@@ -447,7 +450,7 @@ def test_one_run_at_a_time_and_none_for_what_has_changed(session, monkeypatch):
         asked.append(True)
         with refused("parallel.busy"):
             infer(session, ["soft_gel[2]"])
-        session.prepare(PageSettings(window=2))
+        session.clear()
         return real(curves, **options)
 
     monkeypatch.setattr(steps, "infer_many", again)

@@ -119,7 +119,7 @@ class Page(film.FilmPart):
                 self.fields[name] = line(label=_NUMBERS[name], placeholder=empty, min_width=120)
 
     def _infer(self) -> None:
-        self.fields["material"] = gr.Radio(words.materials(), value="nhkv", label="Material")
+        self.fields["material"] = gr.Radio(words.materials(), value="nhkv", label="Law of the material")
         with gr.Accordion("More about the method", open=False):
             self.fields["model"] = gr.Radio(words.models(), value=DEFAULT, label="Model")
             self.fields["contents"] = gr.Radio(_CONTENTS, value="equilibrium", label="Contents of the bubble")

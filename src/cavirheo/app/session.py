@@ -238,7 +238,7 @@ class Session:
         """Curves as shots of the materials that were typed, or else of those that their files say."""
         read = {curve.name: (curve.group, curve.group if self.named else curve.group_source) for curve in self.curves}
         groups = read | {shot: (name, name) for shot, name in self.named.items()}
-        return [(curve.with_group(*groups[curve.name]), answer) for curve, answer in pairs]
+        return [(one.with_group(*groups.get(one.name, (one.group, one.group_source))), answer) for one, answer in pairs]
 
     def command(self) -> str:
         """The command line that means the same; of several files the recordings have their options after it."""

@@ -57,7 +57,7 @@ def _found(session: Session, names: Sequence[str], verify: str) -> list[tuple[Ra
     def one(curve: RadiusCurve) -> Posterior:
         alone = curve.with_group("", "")  # which material it is of does not matter
         found = session.once(lambda: infer_many([curve], **options, workers=workers)[0], alone, options)
-        row = curve_record(curve, found)
+        row = curve_record(*session.grouped([(curve, found)])[0])
         if row.answered or not mark:
             soon[curve.name] = row.model_copy(update=mark)
         return found
