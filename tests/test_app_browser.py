@@ -466,6 +466,7 @@ def test_two_materials_in_single_files_are_asked_about_and_told_apart(visit, tmp
     assert fits_the_screen(page)
 
 
+@pytest.mark.slow
 def test_materials_are_typed_beside_their_files(visit, tmp_path):
     """By keyboard; before and after the answers, which are pooled anew."""
     page = visit(WIDE)
