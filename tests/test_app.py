@@ -15,7 +15,7 @@ from contextlib import contextmanager, suppress
 from dataclasses import fields
 from importlib.util import find_spec
 from pathlib import Path
-from threading import Event
+from threading import Event, Thread
 
 import numpy as np
 import pytest
@@ -27,16 +27,18 @@ from test_hostile import FILES
 
 from cavirheo.app import steps
 from cavirheo.app.session import PageSettings, Session, VisitorLimits, Visitors
-from cavirheo.app.steps import examples, export, fit, infer, sliders, trial
-from cavirheo.app.words import answers, facts
+from cavirheo.app.steps import examples, export, fit, glance, infer, name_materials, sliders, trial
+from cavirheo.app.words import answers, facts, found
 from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError
 from cavirheo.inference.trial import band
+from cavirheo.parallel import Once
 from cavirheo.reading import read_curves, write_csv
 from cavirheo.reading.apart import Reader
 from cavirheo.reporting import interactive, live
 
 SOFT = examples()["soft_gel.csv"]
+SWEEPS = Path(__file__).parent.parent / "examples"
 
 
 @pytest.fixture(scope="session")
@@ -266,8 +268,11 @@ def test_two_visitors_have_their_own_folders_and_are_forgotten(tmp_path):
         assert other.curves == []
         assert one.folder != other.folder
         assert visitors.of("one") is one
+        forgotten = []
+        visitors.forgotten = forgotten.append
         visitors.of("third")  # the one unused for longest makes room
         assert not other.folder.exists()
+        assert forgotten == ["other"]
         visitors.leave("one")
         assert visitors.of("one") is one  # came back in time
         visitors.leave("one")
@@ -275,6 +280,10 @@ def test_two_visitors_have_their_own_folders_and_are_forgotten(tmp_path):
         while one.folder.exists() and time.monotonic() < until:
             time.sleep(0.01)
         assert not one.folder.exists()
+        visitors.leave("who did nothing")
+        while len(forgotten) < 3 and time.monotonic() < until:
+            time.sleep(0.01)
+        assert forgotten == ["other", "one", "who did nothing"]
         assert visitors.of("one").curves == []
         last = visitors.of("one").folder
     finally:
@@ -323,7 +332,7 @@ def test_too_much_is_refused_and_nothing_of_it_kept(reader, tmp_path):
 
 def test_answers_are_stale_when_settings_change_and_forgotten_when_files_do(session):
     session.add([SOFT], PageSettings(), copy=True)
-    infer(session, ["soft_gel[2]"], silent)
+    infer(session, ["soft_gel[2]"])
     assert "soft_gel[2]" in answers(session)
     assert session.answers.document.command == "cavirheo infer soft_gel.csv (1 of 5 shots)"
     session.prepare(PageSettings(window=2))
@@ -335,15 +344,44 @@ def test_answers_are_stale_when_settings_change_and_forgotten_when_files_do(sess
     session.prepare(PageSettings())
     assert session.find("soft_gel[2]")[0] is session.answers
     with refused("app.no_shots"):
-        infer(session, [], silent)
+        infer(session, [])
     session.add([SOFT], PageSettings(), copy=True)
     assert session.answers is None
+
+
+def test_materials_are_typed_and_pooled_anew_without_another_run(session, tmp_path):
+    session.once = Once(10)
+    for k, name in enumerate("abc"):
+        session.add([single(tmp_path / f"{name}.csv", 1.0 + 0.1 * k)], PageSettings(verify="none"))
+    session.add([SOFT], PageSettings(verify="none"), copy=True)
+    names = [curve.name for curve in session.curves]
+    first = infer(session, names[:4])
+    assert [group.name for group in first.document.groups] == ["your files", "soft_gel"]
+    with refused("app.changed"):
+        name_materials(session, ["gel"])
+    name_materials(session, ["soft_gel", " ", "<gel>", *["soft_gel"] * 5])
+    then = session.answers
+    assert [(group.name, group.n) for group in then.document.groups] == [
+        ("soft_gel", 2),
+        ("your files", 1),
+        ("<gel>", 1),
+    ]
+    assert then.document.notes == ["materials that were typed: a = soft_gel, c = <gel>"]
+    assert [answer for _, answer in then.pairs] == [answer for _, answer in first.pairs]
+    assert "&lt;gel&gt;" in found(session)
+    assert not session.stale
+    name_materials(session, [""] * 8)
+    assert session.answers.document.groups == first.document.groups
+    assert session.answers.document.notes == []
+    session.prepare(PageSettings(verify="none", group="none"))
+    kept = dict(zip(names, [answer for _, answer in first.pairs], strict=False))
+    assert all(answer is kept[curve.name] for curve, answer in infer(session, names[:4]).pairs)  # not computed again
 
 
 def test_the_command_can_be_typed(session, tmp_path):
     session.add([single(tmp_path / "my gel.csv")], PageSettings(rmax_um=300.0))
     (name,) = [curve.name for curve in session.curves]
-    assert infer(session, [name], silent).document.command == "cavirheo infer 'my gel.csv' --rmax-um 300.0"
+    assert infer(session, [name]).document.command == "cavirheo infer 'my gel.csv' --rmax-um 300.0"
 
 
 def test_a_stop_keeps_what_is_done_and_names_the_rest(session, monkeypatch):
@@ -357,34 +395,67 @@ def test_a_stop_keeps_what_is_done_and_names_the_rest(session, monkeypatch):
         return real(curves, **options)
 
     monkeypatch.setattr(steps, "infer_many", slow)
-    infer(session, names, lambda _, said: said.startswith("1 of") and session.work.stopped.set())
+    soon = session.soon
+
+    def stop():
+        while names[0] not in soon:
+            time.sleep(0.01)
+        session.work.stopped.set()
+
+    Thread(target=stop).start()
+    infer(session, names)
     hold.set()
     kept = session.answers
     assert [curve.name for curve, _ in kept.pairs] == names[:1]
     assert kept.not_run == names[1:]
     assert kept.document.command.endswith("(1 of 5 shots)")
     assert all(words in answers(session) for words in ("1 of 5 shots", ", ".join(names[1:])))
-    for run in (lambda: infer(session, names, silent), lambda: fit(session, names[0], silent)):
+    for run in (lambda: infer(session, names), lambda: fit(session, names[0])):
         with refused("parallel.stopped"):
             run()
     assert session.answers is kept
     assert kept.fits == {}
     session.work.stopped.clear()
-    assert infer(session, names[:2], silent).not_run == []
+    assert infer(session, names[:2]).not_run == []
 
 
-def test_one_run_at_a_time_and_none_for_what_has_changed(session):
-    session.add([SOFT], PageSettings(), copy=True)
-    asked = []
+def test_a_glance_of_the_network_is_never_trusted(session, tmp_path):
+    (tmp_path / "short.csv").write_text("time_us,radius_um\n" + "".join(f"{k},{100 - k * k}\n" for k in range(3)))
+    session.add([single(tmp_path / "one.csv"), tmp_path / "short.csv"], PageSettings())
+    for settings in (PageSettings(material="auto"), PageSettings(model="bdt-viscous"), PageSettings(verify="none")):
+        session.prepare(settings)
+        glance(session, ["one"])
+        assert session.soon == {}  # these wait for their answers
+    session.prepare(PageSettings())
+    glance(session, ["one", "short"])
+    assert list(session.soon) == ["one"]  # of a shot that it cannot answer it says nothing
+    name_materials(session, ["gel", ""])
+    glance(session, ["one"])
+    assert session.soon["one"].group == "gel"
+    row = session.soon["one"]
+    assert row.shear_modulus_Pa.q05 < row.shear_modulus_Pa.median < row.shear_modulus_Pa.q95
+    assert not row.trusted
+    assert "not yet verified" in answers(session)
+    assert session.answers is None
+    assert [record.verdict for record in infer(session, ["one", "short"]).document.curves] == ["ok", "failed"]
+    assert session.soon == {}
+    assert "not yet verified" not in answers(session)
 
-    def again(*_):
+
+def test_one_run_at_a_time_and_none_for_what_has_changed(session, monkeypatch):
+    session.add([SOFT], PageSettings(verify="none"), copy=True)
+    asked, real = [], steps.infer_many
+
+    def again(curves, **options):
         asked.append(True)
         with refused("parallel.busy"):
-            infer(session, ["soft_gel[2]"], silent)
-        session.prepare(PageSettings(window=2))
+            infer(session, ["soft_gel[2]"])
+        session.clear()
+        return real(curves, **options)
 
+    monkeypatch.setattr(steps, "infer_many", again)
     with refused("app.changed"):
-        infer(session, ["soft_gel[1]"], again)
+        infer(session, ["soft_gel[1]"])
     assert asked
     assert session.answers is None
 
@@ -410,7 +481,7 @@ def test_full_uncertainty_is_limited(reader):
     try:
         session.add([SOFT], PageSettings(verify="full"), copy=True)
         with refused("app.too_many_full", "5 shots", "at most 4"):
-            infer(session, [curve.name for curve in session.curves], silent)
+            infer(session, [curve.name for curve in session.curves])
     finally:
         session.close()
     assert session.work.stopped.is_set()  # whatever still runs for one who is gone
@@ -430,7 +501,7 @@ def test_a_reader_that_hangs_or_dies_is_replaced(reader, tmp_path, monkeypatch):
 
 def test_trials_are_simulations_or_say_that_they_failed(session):
     session.add([SOFT], PageSettings(), copy=True)
-    infer(session, ["soft_gel[1]"], silent)
+    infer(session, ["soft_gel[1]"])
     start = sliders(session, "soft_gel[1]")
     _, curve, answer, _ = session.find("soft_gel[1]")
     assert start["shear_modulus"]["value"] == pytest.approx(answer.best["shear_modulus"] / 1000, rel=1e-3)
@@ -447,7 +518,7 @@ def test_trials_are_simulations_or_say_that_they_failed(session):
 
 def test_the_band_of_the_draws_holds_the_answer_and_a_density_matters(session):
     session.add([SOFT], PageSettings(), copy=True)
-    kept = infer(session, ["soft_gel[1]"], silent)
+    kept = infer(session, ["soft_gel[1]"])
     _, curve, answer, _ = session.find("soft_gel[1]")
     time, low, high = band(curve, answer, *session.settings.compared)
     assert np.array_equal(time, answer.checks.reconstruction_time)
@@ -503,14 +574,14 @@ def test_a_short_call_of_a_program_does_not_wait_for_a_long_one(served, client, 
 @pytest.mark.slow
 def test_the_conventional_fit_and_the_sliders_have_the_contents_of_the_answer(session):
     session.add([SOFT], PageSettings(contents="kinetic", verify="none"), copy=True)
-    infer(session, ["soft_gel[1]"], silent)
+    infer(session, ["soft_gel[1]"])
     answers, _, answer, record = session.find("soft_gel[1]")
     assert answers.document.command == "cavirheo infer soft_gel.csv --contents kinetic --verify none (1 of 5 shots)"
     assert record.contents == "kinetic"
     start = sliders(session, "soft_gel[1]")
     found, _ = trial(session, "soft_gel[1]", [start[key]["value"] for key in start])
     assert found.rmse_over_rmax == pytest.approx(answer.checks.rmse_over_rmax, rel=0.01)
-    fit(session, "soft_gel[1]", silent)
+    fit(session, "soft_gel[1]")
     assert answers.fits["soft_gel[1]"].bubble.contents == "kinetic"
 
 
@@ -518,8 +589,8 @@ def test_the_conventional_fit_and_the_sliders_have_the_contents_of_the_answer(se
 def test_the_fit_beside_a_network_of_the_paper_has_its_frames(session):
     """Which read their own window, beyond the third collapse."""
     session.add([SOFT], PageSettings(model="bdt-viscoelastic"), copy=True)
-    infer(session, ["soft_gel[1]"], silent)
-    fit(session, "soft_gel[1]", silent)
+    infer(session, ["soft_gel[1]"])
+    fit(session, "soft_gel[1]")
     answers, _, answer, _ = session.find("soft_gel[1]")
     frames, other = (len(one.checks.compared_time) for one in (answer, answers.fits["soft_gel[1]"]))
     assert frames == other
@@ -528,7 +599,7 @@ def test_the_fit_beside_a_network_of_the_paper_has_its_frames(session):
 
 def test_a_law_without_modulus_has_no_slider_for_it(session):
     session.add([SOFT], PageSettings(model="bdt-viscous", stretch=25.0), copy=True)
-    infer(session, ["soft_gel[1]"], silent)
+    infer(session, ["soft_gel[1]"])
     found = sliders(session, "soft_gel[1]")
     assert found["shear_modulus"] is None
     assert found["stretch"]["value"] == found["stretch"]["maximum"] == 25.0  # beyond the usual end
@@ -540,8 +611,9 @@ def test_the_zip_holds_what_the_command_line_writes_and_the_curves(session, run,
     session.add([SOFT], PageSettings(), copy=True)
     with refused("app.no_answer"):
         export(session, silent)
-    infer(session, names, silent)
-    fit(session, names[1], silent)
+    infer(session, names)
+    fit(session, names[1])
+    session.publish([SWEEPS / f"soft_gel_{kind}_sweep.csv" for kind in ("strain", "frequency")])
     made, files = export(session, silent)
     assert {path.name for path in files} >= {"result.json", "soft_gel_1.png"}
     with zipfile.ZipFile(made) as archive:
@@ -555,7 +627,15 @@ def test_the_zip_holds_what_the_command_line_writes_and_the_curves(session, run,
         *(f"least-squares/soft_gel_3.{kind}" for kind in ("png", "svg")),
         *(f"{kind}/soft_gel_{k}.csv" for k in (1, 3) for kind in ("processed", "simulated")),
     }  # fmt: skip
-    record = json.loads((folder / "result.json").read_text())["curves"][0]
+    document = json.loads((folder / "result.json").read_text())
+    ((method, values),) = document["groups"][0]["published"].items()
+    assert method == "rheometer, 0.063 to 100 rad/s, strain ≤ 1.0 %"
+    assert values["shear_modulus"]["mean"] == pytest.approx(1500, rel=0.02)
+    assert values["viscosity_at_1_rad_per_s"]["mean"] == pytest.approx(13.5, rel=0.02)
+    report = (folder / "report.html").read_text()
+    assert all(said in report for said in (method, "at 1 rad/s", "unequal values are not a contradiction"))
+    assert all(said in answers(session) for said in (method, "at 1 rad/s"))
+    record = document["curves"][0]
     (processed,) = read_curves(folder / "processed" / "soft_gel_1.csv")
     (simulated,) = read_curves(folder / "simulated" / "soft_gel_1.csv")
     assert processed.max_radius == pytest.approx(record["max_radius_m"], rel=1e-6)
@@ -592,12 +672,12 @@ def test_the_wall_shows_the_last_answers_of_this_app(served):
     assert "waiting" in get(f"{address}live")
     one = visitors.of("who asks")
     one.add([SOFT], PageSettings(verify="none"), copy=True)
-    infer(one, ["soft_gel[1]", "soft_gel[2]", "soft_gel[3]"], silent)
+    infer(one, ["soft_gel[1]", "soft_gel[2]", "soft_gel[3]"])
     visitors.of("another, without answers")
     page = get(f"{address}live")
     assert "<h1>soft_gel[3]</h1>" in page
     assert "still wanted" in page
-    visitors._forget(one, one.calls)
+    visitors._forget("who asks", one.calls)
     assert "waiting" in get(f"{address}live")  # nothing of one who left
 
 

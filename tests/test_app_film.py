@@ -13,7 +13,20 @@ import tifffile
 from recordings import RATE, SCALE, film
 
 from cavirheo.app import words
-from cavirheo.app.film import confirm, curve, drawn, left_out, measure, options, toggle, typed, unlisted, unready
+from cavirheo.app.film import (
+    confirm,
+    curve,
+    drawn,
+    framed,
+    left_out,
+    measure,
+    options,
+    toggle,
+    typed,
+    unlisted,
+    unready,
+)
+from cavirheo.app.film import said as said_of
 from cavirheo.app.session import PageSettings, Session, VisitorLimits
 from cavirheo.app.steps import infer
 from cavirheo.errors import InputError, number_of
@@ -64,7 +77,7 @@ def test_a_recording_waits_until_it_is_confirmed(session):
     with pytest.raises(InputError) as error:
         confirm(session)
     assert error.value.code == "app.not_measured"
-    assert "shot.tif" in words.found([], [], session.waiting)
+    assert "shot.tif" in words.found(session)
 
 
 def test_the_confirmed_curve_is_that_of_the_command_line(session, seen, tmp_path):
@@ -87,7 +100,7 @@ def test_the_confirmed_curve_is_that_of_the_command_line(session, seen, tmp_path
 def test_the_answer_names_what_was_excluded(session, seen):
     unlisted(seen, "6, 12-14")
     confirm(session)
-    document = infer(session, ["shot"], lambda *_: None).document
+    document = infer(session, ["shot"]).document
     assert "excluded by hand: frames 6, 12-14" in document.curves[0].notes
     assert str(session.folder) not in json.dumps(document.model_dump(mode="json"))
 
@@ -158,13 +171,13 @@ def test_a_recording_that_cannot_be_measured_is_said_in_one_sentence(session, sh
     for session.film, said in zip(names[:4], ("no bubble", "one frame", "empty.mp4", "can be decoded"), strict=True):
         with pytest.raises(InputError) as error:
             measure(session, CAMERA, lambda *_: None)
-        told = words.film(session.current, error.value)
+        told = words.told(error.value)
         assert said in told
         assert str(session.folder) not in told
-        assert told.count("alert") == 1
+        assert "Type how it was recorded" in said_of(session.current)
     session.film = "colour.tif"
     measure(session, CAMERA, lambda *_: None)
-    assert "its brightness is measured" in words.film(session.current)
+    assert "its brightness is measured" in said_of(session.current)
     assert [path.suffix for path in session.folder.iterdir() if path.is_file()] == []  # no frames are left behind
 
 
@@ -200,9 +213,9 @@ def test_the_shown_frame_is_marked(seen):
     assert crosses.customdata.tolist() == [6]
     assert figure.layout.shapes[0].x0 == pytest.approx(1e6 * 5 / RATE)
     assert sum(len(one.x) for one in figure.data) == len(seen.found.time)
-    shown = words.frame(seen)
+    shown = framed(seen)
     assert all(said in shown for said in ("Frame 6 of 34", "excluded", "data:image/jpeg"))
-    assert "Changed" not in words.film(seen)
+    assert "Changed" not in said_of(seen)
     assert options(seen).endswith("--exclude 6")
     assert sheet_address(seen.kept) != sheet_address(seen.found)
 

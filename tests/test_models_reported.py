@@ -17,7 +17,7 @@ from cavirheo.beside.rheometer.document import beside as rheometer_rows
 from cavirheo.beside.rheometer.document import rheometry
 from cavirheo.posterior import BubbleModel, Evidence, OtherAnswer, Posterior
 from cavirheo.reporting import picture, read_json, result, table, write_report
-from cavirheo.reporting.group import slope
+from cavirheo.reporting.group import slope, theil_sen
 from cavirheo.writing import terminal
 from cavirheo.writing.document import Quantity
 
@@ -254,6 +254,16 @@ def test_few_or_doubtful_shots_have_no_slope(pairs):
     (about,) = result(pairs, COMMAND).groups
     assert about.slopes == {}
     assert about.remarks == []
+
+
+def test_a_slope_is_that_of_theil_and_sen_with_ties_too():
+    from scipy.stats import theilslopes
+
+    rng = np.random.default_rng(7)
+    for count, places in ((5, 9), (12, 9), (30, 1), (30, 0)):
+        x, y = np.round(rng.normal(size=(2, count)), places)
+        median, _, low, high = theilslopes(y, x, 0.9)
+        assert theil_sen(x, y) == (median, low, high)
 
 
 def test_one_value_or_one_size_has_no_slope():

@@ -169,11 +169,14 @@ class Stoppable:
         self.busy, self.stopped = threading.Lock(), threading.Event()
         self._left: set[Future[Any]] = set()  # jobs that were in work when it was stopped: they end by themselves
 
-    def each(
-        self, work: Callable[[Job], Done], jobs: Sequence[Job], told: Callable[[int, int], Any]
-    ) -> list[Done | None]:
-        """work(job) of each, in their order; None for those that were not done when it was stopped. `told` is called
-        now and then with how many are done, and of how many.
+    def ready(self) -> bool:
+        """Whether nothing goes on; a stop of before is forgotten then."""
+        if free := not self.busy.locked():
+            self.stopped.clear()
+        return free
+
+    def each(self, work: Callable[[Job], Done], jobs: Sequence[Job]) -> list[Done | None]:
+        """work(job) of each, in their order; None for those that were not done when it was stopped.
 
         Raises InputError: stopped before the first was done, or the list before is in work.
         """
@@ -185,7 +188,6 @@ class Stoppable:
             tasks = [pool.submit(work, job) for job in jobs]
             left = set(tasks)
             while left and not self.stopped.is_set():
-                told(len(tasks) - len(left), len(tasks))
                 left = wait(left, timeout=0.1, return_when=FIRST_COMPLETED).not_done
             pool.shutdown(wait=False, cancel_futures=True)
             self._left = {task for task in left if not task.cancelled()}

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import closing, contextmanager
+from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
@@ -36,8 +37,7 @@ class Served(gr.Blocks):
 
     def validate_inputs(self, block_fn: Any, inputs: list[Any]) -> None:
         inputs += [one.value for one in block_fn.inputs[len(inputs) :] if isinstance(one, Api)]
-        if (given := len(inputs)) < (needed := len(block_fn.inputs)):
-            raise gr.Error(f"{needed} values are needed, {given} were given", print_exception=False)
+        super().validate_inputs(block_fn, inputs)
 
 
 def public(visitors: Visitors) -> Callable[..., Any]:
@@ -49,9 +49,8 @@ def public(visitors: Visitors) -> Callable[..., Any]:
         material: str = "nhkv", contents: str = "equilibrium",
     ) -> dict:  # fmt: skip
         """Measured radius histories in, the content of result.json out; options as those of `cavirheo infer`."""
-        given: dict[str, Any] = {"rmax_um": rmax_um, "stretch": stretch, "window": window, "density": density}
-        given |= {"model": model, "material": material, "contents": contents, "verify": verify, "medium": medium}
-        options = {name: value for name, value in given.items() if value is not None}
+        given: dict[str, Any] = {**locals()}
+        options = {one.name: given[one.name] for one in fields(PageSettings) if given.get(one.name) is not None}
         session = Session(visitors.limits, visitors.reader, once=visitors.once)
         try:
             with closing(session), uploaded([str(dict(file)["path"]) for file in files or []]) as paths:
@@ -59,7 +58,7 @@ def public(visitors: Visitors) -> Callable[..., Any]:
                 require(not session.waiting, f"{session.waiting}: send measured.csv of `cavirheo measure`", "app.film")
                 problem = "; ".join(session.problems) or "no curve could be read"
                 require(bool(session.curves), problem, "app.no_curve")
-                document = steps.infer(session, [curve.name for curve in session.curves], lambda *_: None).document
+                document = steps.infer(session, [curve.name for curve in session.curves]).document
                 document.notes.extend(session.problems)
                 return document.model_dump(by_alias=True, mode="json")
         except (InputError, SolverError) as error:

@@ -30,23 +30,19 @@ class Events:
     def session(self, request: gr.Request) -> Session:
         return self.visitors.of(request.session_hash or "")
 
-    def on(self, event: Handler, handler: Handler, given: Any, out: Any, **options: Any) -> Any:
-        """The event calls the handler with the session of who asks, which is locked, and the values of components."""
+    def on(self, event: Any, handler: Handler, given: Any, out: Any, *, works: bool = False, **options: Any) -> Any:
+        """The event, or each of a list, calls the handler with the session of who asks and the values of components.
+        The session is locked; not for a handler that `works` for a while, which gets `progress` to show a bar."""
 
-        def one(request: gr.Request, *values: Any) -> Any:
+        def one(request: gr.Request, progress: gr.Progress = gr.Progress(), *values: Any) -> Any:  # noqa: B008
             session = self.session(request)
+            if works:
+                return self._tried(partial(handler, progress=progress), session, *values)
             with session.lock:
                 return self._tried(handler, session, *values)
 
-        return self._told(event(one, given, [*out, self.wrong], api_visibility="private", **options))
-
-    def working(self, event: Handler, handler: Handler, given: Any, out: Any, **options: Any) -> Any:
-        """As `on` for what takes a while: the handler shows a bar, and the session is not locked meanwhile."""
-
-        def one(request: gr.Request, progress: gr.Progress = gr.Progress(), *values: Any) -> Any:  # noqa: B008
-            return self._tried(partial(handler, progress=progress), self.session(request), *values)
-
-        return self._told(event(one, given, [*out, self.wrong], api_visibility="private", **options))
+        begins = partial(gr.on, event) if isinstance(event, list) else event
+        return self._told(begins(one, given, [*out, self.wrong], api_visibility="private", **options))
 
     def validated(self, wrong: Callable[..., list[str]]) -> Handler:
         """Shows at each field what is `wrong` with its value, and stops the event then."""

@@ -1,4 +1,4 @@
-"""The step of a recording: measured, looked at frame by frame, frames left out, and confirmed as a curve."""
+"""The part of the page where a recording is measured, looked at frame by frame, and confirmed as a curve."""
 
 from __future__ import annotations
 
@@ -6,10 +6,14 @@ from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import replace
 from secrets import token_hex
+from typing import Any
 
+import gradio as gr
 import numpy as np
 from plotly.graph_objects import Figure
 
+from cavirheo.app import words
+from cavirheo.app.events import AT_ONCE, LATEST, Events, button, html, line, plot
 from cavirheo.app.session import Clip, Session
 from cavirheo.arrays import Bools
 from cavirheo.curve import RadiusCurve
@@ -18,10 +22,15 @@ from cavirheo.reading import camera, noted
 from cavirheo.reading.apart import Report
 from cavirheo.reading.camera import Camera
 from cavirheo.reading.recordings import history
+from cavirheo.reporting.found import cells, notes, warnings
 from cavirheo.reporting.interactive import filmed
 from cavirheo.video.measurement import Measurement
-from cavirheo.video.picture import COLOURS
+from cavirheo.video.picture import COLOURS, GREY, frame_address
+from cavirheo.video.track import FLAGS
 from cavirheo.writing import digits
+from cavirheo.writing.terminal import once
+
+_CAMERA = {"Frames per second": "as the camera was set", "µm per pixel": "4.0", "Exposure of a frame (µs)": "if known"}
 
 
 def typed(film: Clip, texts: Sequence[str]) -> tuple[Camera, list[str]]:
@@ -114,3 +123,98 @@ def drawn(film: Clip) -> Figure:
     unit, scale = ("µm", found.um_per_px.value) if found.um_per_px.value else ("px", 1.0)
     flags = np.where(left_out(film), "excluded", found.track.flags)
     return filmed(found.time, scale * found.track.radius, unit, flags, COLOURS, found.first, film.shown)
+
+
+def said(film: Clip) -> str:
+    """What to do with a recording; what is doubtful and what was found."""
+    if film.found is None:
+        return words.part("film", (), {}, {}, "")
+    found = curve(film)
+    doubts = once((film.path.name, words.told(doubt)) for doubt in found.doubts)
+    state = "" if film.curve is None else "confirmed" if film.command == options(film) else "changed"
+    return words.part("film", cells(found), warnings([found]) | doubts, notes([found]), state)
+
+
+def framed(film: Clip) -> str:
+    """The shown frame of a recording with its circle, what it is, and how many there are of each kind."""
+    found, out = measured(film), left_out(film)
+    track, i, scale = found.track, film.shown - found.first, found.um_per_px.value
+    size = [f"{float(x[i]) * (scale or 1.0):.{n}g}" for x, n in ((track.radius, 4), (track.sigma, 1))]
+    seen = f"R = {size[0]} ± {size[1]} {'µm' if scale else 'px'}" if np.isfinite(track.radius[i]) else ""
+    where = f"Frame {film.shown} of {found.first + len(out) - 1}, {1e6 * found.time[i]:.4g} µs"
+    flag = str(track.flags[i])
+    look = flag, COLOURS.get(flag, GREY), FLAGS[flag], bool(out[i])
+    return words.part("frame", frame_address(found, i, 560), where, seen, *look)
+
+
+class FilmPart(Events):
+    """A component has its attribute's name as id."""
+
+    def _film(self) -> None:
+        with gr.Column(visible=False) as self.film_step:
+            self.film = gr.Dropdown(label="Recording")
+            with gr.Row():
+                boxes = [line(label=label, placeholder=hint, min_width=160) for label, hint in _CAMERA.items()]
+                self.film_rate, self.film_scale, self.film_exposure = self.film_typed = boxes
+                self.measure = button("Measure the bubble", min_width=160)
+            self.film_told = html(min_height=60)
+            with gr.Column(visible=False) as self.film_seen:
+                with gr.Row():
+                    with gr.Column(min_width=300):
+                        self.film_frame = html()
+                    self.film_plot = plot(min_width=300)
+                wide: dict[str, Any] = {"scale": 3, "min_width": 220}
+                with gr.Row():
+                    self.film_number = gr.Slider(label="Frame shown", step=1, buttons=[], **wide)
+                    self.film_toggle = gr.Button("Exclude this frame", scale=1, min_width=140)
+                with gr.Row():
+                    self.film_excluded = line(label="Frames to exclude", placeholder="12, 40-45", **wide)
+                    self.confirm = button("Confirm this curve", scale=1, min_width=140)
+
+    def _wire_film(self) -> list[Any]:
+        """What shows the film that is looked at."""
+        look = [self.film_told, self.film_frame, self.film_plot, self.film_toggle]
+        seen = [self.film_seen, self.film_number, self.film_excluded]
+        parts = [self.film_step, self.film, *self.film_typed, *seen, *look]
+        self.on(self.film.input, self._pick, [self.film], parts)
+        starts = [self.measure.click, *(one.submit for one in self.film_typed)]
+        wrong = self.validated(lambda session, *texts: typed(session.current, texts)[1])
+        checked = {"validator": wrong, "show_progress_on": [self.film_told], "concurrency_limit": 1}
+        self.on(starts, self._measure, self.film_typed, parts, works=True, **checked)
+        self.on(self.film_number.input, self._look, [self.film_number], look, queue=False, **LATEST)
+        self.on(self.film_toggle.click, self._toggle, [], [self.film_excluded, *look], **AT_ONCE)
+        listed = self.validated(lambda session, text: unlisted(session.current, text))
+        self.on(self.film_excluded.change, self._look, [self.film_excluded], look, validator=listed, **LATEST)
+        return parts
+
+    def _filmed(self, session: Session) -> list[Any]:
+        one = session.current
+        names = [(f"{name}: {'not ' * (name in session.waiting)}confirmed", name) for name in session.recordings]
+        camera = ["" if value is None else f"{value:.10g}" for value in one.camera]
+        first, last = (one.found.first, one.found.first + len(one.found.time) - 1) if one.found else (1, 2)
+        return [
+            gr.Column(visible=bool(names)), gr.Dropdown(names, value=session.film or None, visible=len(names) > 1),
+            *(camera if any(camera) else [gr.skip()] * 3), gr.Column(visible=one.found is not None),
+            gr.Slider(first, last, one.shown), one.exclude, *self._look(session),
+        ]  # fmt: skip
+
+    def _look(self, session: Session, number: int | str = "") -> list[Any]:
+        one = session.current
+        one.shown = number if isinstance(number, int) else one.shown
+        if one.found is None:
+            return [said(one), gr.skip(), gr.skip(), gr.skip()]
+        out = left_out(one)
+        label = "Bring this frame back" if out[one.shown - one.found.first] else "Exclude this frame"
+        return [said(one), framed(one), drawn(one), label]
+
+    def _pick(self, session: Session, name: str) -> list[Any]:
+        session.film = name
+        return self._filmed(session)
+
+    def _measure(self, session: Session, *texts: str, progress: gr.Progress) -> list[Any]:
+        measure(session, typed(session.current, texts)[0], progress)
+        return self._filmed(session)
+
+    def _toggle(self, session: Session) -> list[Any]:
+        toggle(session.current)
+        return [session.current.exclude, *self._look(session)]

@@ -1,12 +1,10 @@
-"""The page: what stands where in the five steps, and which handler answers what.
-
-Only `infer` (endpoint.py) is public to programs; the handlers of the page are not.
-"""
+"""The page: what stands where in the five steps, and which handler answers what. None of these is public."""
 
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import fields
 from functools import partial
 from typing import Any
@@ -16,7 +14,6 @@ import gradio as gr
 from cavirheo.app import film, steps, words
 from cavirheo.app.endpoint import Served, public, uploaded
 from cavirheo.app.events import AT_ONCE, LATEST, button, html, line, plot
-from cavirheo.app.film_part import FilmPart
 from cavirheo.app.session import PageSettings, Session, Visitors
 from cavirheo.errors import InputError, require
 from cavirheo.inference import DEFAULT
@@ -25,44 +22,46 @@ from cavirheo.physics.media import MEDIA
 from cavirheo.reading.camera import Camera
 from cavirheo.reporting import interactive as plots
 
-_LEVELS = {"weighed by simulations": "auto", "not verified (fastest)": "none", "Gaussian": "map", "full (slow)": "full"}
-_CONTENTS = {
-    "equilibrium (the field's model)": "equilibrium", "finite-rate condensation": "kinetic",
-    "whichever the evidence prefers (slower)": "auto",
+_LEVELS = [
+    ("weighed by simulations", "auto"), ("not verified (fastest)", "none"), ("Gaussian", "map"), ("full (slow)", "full")
+]  # fmt: skip
+_CONTENTS = [
+    ("equilibrium (the field's model)", "equilibrium"), ("finite-rate condensation", "kinetic"),
+    ("whichever the evidence prefers (slower)", "auto"),
+]  # fmt: skip
+_WINDOWS = [("the usual one", 0), ("1 collapse", 1), ("2 collapses", 2), ("3 collapses", 3)]
+_GROUPS = [
+    ("those of one file; files of a single shot together", "auto"), ("those of one file", "file"),
+    ("each by itself", "none"), ("those whose files have one name: soft_1, soft_2 | stiff_1", "name"),
+]  # fmt: skip
+_NUMBERS = {  # settings that need not be given
+    "density": "Density (kg/m³)", "rmax_um": "True R_max (µm)", "stretch": "λ = R_max/R_0",
+    "sound_speed": "Sound speed (m/s)", "surface_tension": "Surface tension (N/m)", "pressure": "Pressure (Pa)",
+    "temperature": "Temperature (K)",
 }  # fmt: skip
-_WINDOWS = {"the usual one": 0, "1 collapse": 1, "2 collapses": 2, "3 collapses": 3}
-_GROUPS = {
-    "those of one file; files of a single shot together": "auto", "those of one file": "file", "each by itself": "none",
-    "those whose files have one name: soft_1, soft_2 | stiff_1": "name",
-}  # fmt: skip
-_NUMBERS = {  # settings that need not be given: label, what an empty field means
-    "density": ("Density (kg/m³)", "as the medium"),
-    "rmax_um": ("True R_max (µm)", "as measured"),
-    "stretch": ("λ = R_max/R_0", "fitted"),
-    "sound_speed": ("Sound speed (m/s)", "as the medium"),
-    "surface_tension": ("Surface tension (N/m)", "as the medium"),
-    "pressure": ("Pressure (Pa)", "as the medium"),
-    "temperature": ("Temperature (K)", "as the medium"),
-}
+_EMPTY = {"rmax_um": "as measured", "stretch": "fitted"}  # what an empty field means
 _RESIZE = "() => setTimeout(() => document.querySelectorAll('.js-plotly-plot').forEach(p => Plotly.Plots.resize(p)))"
+_PRESS = "() => document.querySelector('#{}').click()"
 _ADDRESS = "link => history.replaceState(null, '', link || location.pathname)"
+_GLANCES: dict[str, Any] = {"concurrency_id": "glances", "concurrency_limit": 2, "show_progress": "hidden"}
 _RUNS: dict[str, Any] = {"concurrency_id": "runs", "concurrency_limit": 2}  # of all visitors together
 _small = partial(gr.Button, size="sm", min_width=120)
-_stop = partial(gr.Button, "Stop", variant="stop", visible=False)
+_stop = partial(gr.Button, "Stop", variant="stop")  # is seen while there is anything to stop: app.css
 
 
-class Page(FilmPart):
+class Page(film.FilmPart):
     """The five steps in `blocks`, with their handlers, not yet served; a component has its attribute's name as id."""
 
     def __init__(self, visitors: Visitors) -> None:
-        self.visitors = visitors
+        self.visitors = visitors  # gradio would keep figures and tables of every page that ever was
+        visitors.forgotten = lambda name: self.blocks.state_holder.session_data.pop(name, None)
         self.fields: dict[str, Any] = {}  # of PageSettings
         self.tabs: list[Any] = []
         tabs = {"Data": self._data, "Prepare": self._prepare, "Infer": self._infer}
         tabs |= {"Check": self._check, "Export": self._export}
         self.blocks = Served(title="cavirheo", analytics_enabled=False, delete_cache=(300, 900), fill_width=True)
         with self.blocks:
-            self.top = html(words.top())
+            self.top = html(words.part("top", words.VERSION))
             self.wrong, self.link = html(), gr.Textbox(visible="hidden", label="Address")
             with gr.Tabs(selected=1) as self.steps:
                 for number, (name, part) in enumerate(tabs.items(), 1):
@@ -93,49 +92,45 @@ class Page(FilmPart):
         self._film()
         with gr.Row(visible=False) as self.loaded:
             self.overview, self.overview_normalised = plot(), plot()
-        self.found = html()
+        self.found = html(js_on_load=words.script("materials.js"))
 
     def _prepare(self) -> None:
         with gr.Row():
             with gr.Column(scale=2, min_width=300):
                 self.chosen = gr.CheckboxGroup(label="Shots to infer", show_select_all=True)
-                windows = list(_WINDOWS.items())
-                self.fields["window"] = gr.Dropdown(windows, value=0, label="Window that is compared")
-                groups = list(_GROUPS.items())
-                self.fields["group"] = gr.Dropdown(groups, value="auto", label="Shots that are one material")
+                self.fields["window"] = gr.Dropdown(_WINDOWS, value=0, label="Window that is compared")
+                self.fields["group"] = gr.Dropdown(_GROUPS, value="auto", label="Shots that are one material")
                 with gr.Row():
                     self.fields["medium"] = gr.Dropdown(list(MEDIA), value="water", label="Medium", min_width=120)
                     self._numbers("density")
-                with gr.Row():
-                    self._numbers("rmax_um", "stretch")
+                self._numbers("rmax_um", "stretch")
                 with gr.Accordion("More about the liquid", open=False):
-                    with gr.Row():
-                        self._numbers("sound_speed", "surface_tension")
-                    with gr.Row():
-                        self._numbers("pressure", "temperature")
+                    self._numbers("sound_speed", "surface_tension")
+                    self._numbers("pressure", "temperature")
             with gr.Column(scale=3, min_width=300):
                 self.shown = gr.Dropdown(label="Shot shown")
                 self.prepared, self.dropped = plot(), html()
         self.to_infer = button("Go on")
 
     def _numbers(self, *names: str) -> None:  # in fields for text: an empty gr.Number stalls the page
-        for name in names:
-            label, empty = _NUMBERS[name]
-            self.fields[name] = line(label=label, placeholder=empty, min_width=120)
+        with gr.Row():
+            for name in names:
+                empty = _EMPTY.get(name, "as the medium")
+                self.fields[name] = line(label=_NUMBERS[name], placeholder=empty, min_width=120)
 
     def _infer(self) -> None:
-        self.fields["material"] = gr.Radio(words.materials(), value="nhkv", label="Material")
+        self.fields["material"] = gr.Radio(words.materials(), value="nhkv", label="Law of the material")
         with gr.Accordion("More about the method", open=False):
             self.fields["model"] = gr.Radio(words.models(), value=DEFAULT, label="Model")
-            contents = list(_CONTENTS.items())
-            self.fields["contents"] = gr.Radio(contents, value="equilibrium", label="Contents of the bubble")
-            self.fields["verify"] = gr.Radio(list(_LEVELS.items()), value="auto", label="Uncertainty")
+            self.fields["contents"] = gr.Radio(_CONTENTS, value="equilibrium", label="Contents of the bubble")
+            self.fields["verify"] = gr.Radio(_LEVELS, value="auto", label="Uncertainty")
         with gr.Row():
             self.infer, self.stop = button("Infer all chosen shots"), _stop()
         self.which = gr.Button("Most shots do not fit: let the evidence choose the law", visible=False)
         self.answers = html(words.part("quiet", words.NONE), min_height=120, js_on_load=words.script("table.js"))
-        self.cloud = plot(visible=False)
-        self.published = gr.UploadButton("Published values beside them (.csv)", visible=False)
+        self.cloud, self.timer = plot(visible=False), gr.Timer(1.0, active=False)
+        values = "Published values or a rheometer's sweeps beside them"
+        self.published = gr.UploadButton(values, file_count="multiple", visible=False)
         self.to_check = gr.Button("Check against the simulation", interactive=False)
 
     def _check(self) -> None:
@@ -169,12 +164,12 @@ class Page(FilmPart):
             self.loaded, self.link, *self.state, *self._wire_film(),
         ]  # fmt: skip
         wrong = self.validated(lambda session, *texts: film.unready(session.current, *texts))
-        checked = {"validator": wrong, "show_progress_on": [self.film_told]}
+        checked: dict[str, Any] = {"validator": wrong, "show_progress_on": [self.film_told]}
         self.on(self.confirm.click, self._confirm, [*self.film_typed, self.film_excluded], shown, **checked)
         check = [self.check_plot, self.facts, self.trial, *self.sliders]
-        many: dict[str, Any] = {"trigger_mode": "multiple", "api_visibility": "private"}  # also while another loads
-        sent = self.upload.upload(self._sent, [self.upload], [self.upload], **many, **AT_ONCE)
-        self.on(sent.then, self._load, settings, shown, trigger_mode="multiple", show_progress_on=[self.found])
+        many = partial(self.on, trigger_mode="multiple")  # also while another loads
+        sent = many(self.upload.upload, self._sent, [self.upload], [self.upload], works=True, **AT_ONCE)
+        many(sent.then, self._load, settings, shown, show_progress_on=[self.found])
         for name, example in self.examples.items():
             self.on(example.click, partial(self._example, name), settings, shown)
         self.on(self.clear.click, self._clear, [], shown)
@@ -183,59 +178,40 @@ class Page(FilmPart):
         # a reload sets one by one, which is no input; a text that is pasted is none either
         kinds = [one.change if isinstance(one, gr.Textbox) else one.input for one in settings]
         checked = {"validator": self.validated(lambda _, shown, *values: ["", *_wrong(values)]), **LATEST}
-        self.on(partial(gr.on, kinds), self._changed, [self.shown, *settings], [*viewed, *self.state], **checked)
+        out = [*viewed, self.found, *self.state]
+        self.on(kinds, self._changed, [self.shown, *settings], out, **checked)
         for pressed, step in ((self.to_prepare, 2), (self.to_infer, 3), (self.to_check, 4), (self.to_export, 5)):
             pressed.click(partial(gr.Tabs, selected=step), outputs=self.steps, queue=False, api_visibility="private")
         given, answered = [self.chosen, *settings], [self.checked, *self.state]
-        for pressed in (self.infer_now, self.infer, self.which):
-            how = {"also": {self.fields["material"]: "auto"} if pressed is self.which else {}}
-            run = self._run(
-                pressed, 3, self.stop, self._answer, given, answered, show_progress_on=[self.answers], **how
-            )
-            self.on(run.success, self._show, [self.checked], check, show_progress="hidden")
+        which = self.which.click(lambda: "auto", None, self.fields["material"], api_visibility="private", **AT_ONCE)
+        which.then(None, js=_PRESS.format("infer"), api_visibility="private")
+        starts, out = [self.infer_now.click, self.infer.click], [self.steps, self.timer, self.answers]
+        begun = self.on(starts, self._begin, given, out, **AT_ONCE)
+        begun = self.on(begun.success, self._glance, given[:1], [self.answers], works=True, **_GLANCES)
+        run = self.on(begun.then, self._answer, given[:1], answered, works=True, show_progress="hidden", **_RUNS)
+        self.on(run.success, self._show, [self.checked], check, show_progress="hidden")
+        self.on(self.timer.tick, self._tick, [], [self.timer, self.answers], **AT_ONCE)
         self.on(self.checked.select, self._show, [self.checked], check, show_progress="hidden")
-        picked = {"js": "() => [document.body.dataset.picked]", "show_progress": "hidden"}
-        self.on(self.answers.click, self._picked, [self.checked], [self.steps, self.checked, *check], **picked)
+        typed: Any = partial(self.on, **LATEST)
+        js = "() => [document.body.dataset.{}]".format
+        out = [self.steps, self.checked, *check]
+        typed(self.answers.click, self._picked, [self.checked], out, js=js("picked"))
+        typed(self.found.submit, self._name, [self.link], self.state, js=js("materials"))
         self.on(self.published.upload, self._publish, [self.published], self.state, show_progress="hidden")
         given, fitted = [self.checked, self.trial], [self.check_plot, self.facts]
-        self._run(self.fit, 4, self.stop_fit, self._fit, given, fitted, show_progress_on=[self.check_plot])
-        for pressed in (self.stop, self.stop_fit):
-            self.on(pressed.click, lambda session: session.work.stopped.set(), [], [], queue=False)
-        moved = partial(gr.on, [slider.input for slider in self.sliders])
+        self.on(self.fit.click, self._fit, given, fitted, works=True, show_progress_on=[self.check_plot], **_RUNS)
+        self.on([self.stop.click, self.stop_fit.click], lambda session: session.work.stopped.set(), [], [], queue=False)
+        moved = [slider.input for slider in self.sliders]
         self.on(moved, self._try, [self.checked, *self.sliders], [self.trial], queue=False, **LATEST)
-        zipped = self.working(self.make.click, self._zip, [], [self.files, self.download], show_progress_on=[self.make])
-        zipped.success(None, js="() => document.querySelector('#download').click()", api_visibility="private")
+        out = [self.files, self.download]
+        zipped = self.on(self.make.click, self._zip, [], out, works=True, show_progress_on=[self.make])
+        zipped.success(None, js=_PRESS.format("download"), api_visibility="private")
         self.tabs[3].select(None, js=_RESIZE, api_visibility="private")  # drawn in a hidden tab it has another width
         self.link.change(None, self.link, js=_ADDRESS, api_visibility="private")
         self._kept = sorted(self.fields, key=lambda name: isinstance(self.fields[name], gr.Textbox))  # choices first
         everything = [*shown, *(self.fields[name] for name in self._kept), self.checked, *check]
-        self._nothing = [gr.skip()] * len(everything)
         self.blocks.load(self._back, None, everything, api_visibility="private", show_progress="hidden")
         self.blocks.unload(self._leave)
-
-    def _run(
-        self, pressed: Any, step: int, stop: Any, handler: Callable[..., Any], given: Any, out: Any,
-        also: dict[Any, Any] | None = None, **options: Any,
-    ) -> Any:  # fmt: skip
-        """The button starts the handler, which works on shots with a bar, and shows the button that stops it; `also`:
-        components that it sets before."""
-        set_before = also or {}
-
-        def begin(session: Session) -> list[Any]:
-            if not session.work.busy.locked():
-                session.work.stopped.clear()
-            return [gr.Tabs(selected=step), gr.Button(visible=True), *set_before.values()]
-
-        begun = self.on(pressed.click, begin, [], [self.steps, stop, *set_before], **AT_ONCE)
-        run = self.working(begun.then, handler, given, out, **_RUNS, **options)
-        for ended in (run.success, run.failure):  # `then` does not follow a failure
-            ended(self._stoppable, None, [stop], api_visibility="private", **AT_ONCE)
-        return run
-
-    def _stoppable(self, request: gr.Request) -> Any:
-        return gr.Button(visible=self.session(request).work.busy.locked())
-
-    # the handlers
 
     def _leave(self, request: gr.Request) -> None:
         self.visitors.leave(request.session_hash or "")
@@ -244,7 +220,7 @@ class Page(FilmPart):
         """A page that is loaded again, or by its link, shows what was there."""
         link = request.query_params.get("session", "")
         if (session := self.visitors.back(request.session_hash or "", link)) is None:
-            return self._nothing
+            return gr.skip()  # of all
         with session.lock:
             names = [curve.name for curve, _ in session.answers.pairs] if session.answers else []
             given = {name: value for name, value in vars(session.settings).items() if value is not None}
@@ -252,11 +228,12 @@ class Page(FilmPart):
             told = [kept.get(name, gr.skip()) for name in self._kept]
             settings = [f"{value:.10g}" if isinstance(value, float) else value for value in told]
             checked = gr.Dropdown(choices=names, value=next(iter(names), None))
-            check = self._show(session, names[0]) if names and not session.stale else self._nothing[-6:]
+            check = self._show(session, names[0]) if names and not session.stale else [gr.skip()] * 6
             return [*self._loaded(session), *settings, checked, *check]
 
-    def _sent(self, request: gr.Request, files: list[str] | None) -> None:
-        self.session(request).sent.extend(files or [])
+    def _sent(self, session: Session, files: list[str] | None, **_: Any) -> list[Any]:
+        session.sent.extend(files or [])
+        return [None]
 
     def _load(self, session: Session, *settings: Any) -> list[Any]:
         files, session.sent = session.sent, []
@@ -280,7 +257,7 @@ class Page(FilmPart):
         figures = plots.overview(session.curves, session.settings.liquid) if names else (None, None)
         anything = bool(names or session.films)
         return [
-            words.found(session.curves, session.problems, session.waiting), gr.HTML(visible=not anything), *figures,
+            words.found(session), gr.HTML(visible=not anything), *figures,
             gr.CheckboxGroup(choices=names, value=names), gr.Dropdown(choices=names, value=next(iter(names), None)),
             gr.Row(visible=bool(names)), f"?session={session.link}" if anything else "",
             *self._state(session, drawn=True), *self._filmed(session),
@@ -313,18 +290,34 @@ class Page(FilmPart):
 
     def _changed(self, session: Session, name: str | None, *settings: Any) -> list[Any]:
         session.prepare(_settings(settings))
-        return [*self._view(session, name), *self._state(session)]
+        return [*self._view(session, name), words.found(session), *self._state(session)]
 
-    def _answer(self, session: Session, chosen: list[str], *settings: Any, progress: gr.Progress) -> list[Any]:
-        with session.lock:
-            session.prepare(_settings(settings))
-        names = [curve.name for curve, _ in steps.infer(session, chosen, progress).pairs]
+    def _begin(self, session: Session, chosen: list[str], *settings: Any) -> list[Any]:
+        session.prepare(_settings(settings))
+        if session.work.ready():
+            session.soon = dict.fromkeys(chosen)
+        return [gr.Tabs(selected=3), *self._tick(session)]
+
+    def _tick(self, session: Session) -> list[Any]:
+        return [gr.Timer(active=bool(session.soon)), words.answers(session)]
+
+    def _glance(self, session: Session, chosen: list[str], **_: Any) -> list[Any]:
+        with suppress(InputError):  # the run says why
+            steps.glance(session, chosen)
+        return [words.answers(session)]
+
+    def _answer(self, session: Session, chosen: list[str], **_: Any) -> list[Any]:
+        names = [curve.name for curve, _ in steps.infer(session, chosen).pairs]
         with session.lock:
             return [gr.Dropdown(choices=names, value=names[0]), *self._state(session, drawn=True)]
 
-    def _publish(self, session: Session, file: str) -> list[Any]:
-        with uploaded([file]) as (path,):
-            session.publish(path)
+    def _name(self, session: Session, materials: str) -> list[Any]:
+        steps.name_materials(session, json.loads(materials))
+        return self._state(session, drawn=True)
+
+    def _publish(self, session: Session, files: list[str]) -> list[Any]:
+        with uploaded(files) as paths:
+            session.publish(paths)
         return self._state(session, drawn=True)
 
     def _picked(self, session: Session, name: str) -> list[Any]:
@@ -335,8 +328,9 @@ class Page(FilmPart):
         moved = [gr.Slider(visible=found is not None, **(found or {})) for found in ranges]  # type: ignore[arg-type]
         return [*self._answered(session, name), {"words": ""}, *moved]
 
-    def _fit(self, session: Session, name: str, trial: dict[str, Any], *, progress: gr.Progress) -> list[Any]:
-        steps.fit(session, name, progress)
+    def _fit(self, session: Session, name: str, trial: dict[str, Any], **_: Any) -> list[Any]:
+        session.work.ready()
+        steps.fit(session, name)
         with session.lock:
             return self._answered(session, name, json.loads(trial.get("lines", "null")))
 

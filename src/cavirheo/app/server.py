@@ -94,11 +94,8 @@ def running(
     host: str = "127.0.0.1", port: int = 0, limits: VisitorLimits | None = None, folder: Path | None = None
 ) -> Iterator[tuple[str, Visitors]]:
     """(address of the page, its visitors) while the page is served; then all temporary files are gone. folder: where
-    `cavirheo watch` writes what stands at /live; without one this is there for those on this machine alone.
-
-    Raises:
-        InputError: nothing can listen there.
-    """
+    `cavirheo watch` writes what stands at /live; without one this is there for those on this machine alone. Raises
+    InputError: nothing can listen there."""
     processing_utils.async_ssrf_protected_download = _refuse  # a program may not make the server fetch anything
     route_utils.GradioUploadFile = _Upload  # type: ignore[misc]
     with (

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import shlex
 import shutil
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, fields
 from itertools import count
 from pathlib import Path
@@ -13,7 +13,7 @@ from tempfile import TemporaryDirectory
 from threading import Lock, RLock, Timer
 from typing import Any
 
-from cavirheo.beside.published.references import published_values, set_beside
+from cavirheo.beside.values import set_beside, values_of
 from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError, number_of, require
 from cavirheo.inference import DEFAULT, check_level, check_models
@@ -27,7 +27,7 @@ from cavirheo.reading.camera import Camera
 from cavirheo.reading.recordings import is_recording
 from cavirheo.reading.shots import check_max_radius
 from cavirheo.reporting.answer import CurveRecord
-from cavirheo.reporting.record import Published, Result
+from cavirheo.reporting.record import Pairs, Published, Result
 from cavirheo.video.measurement import Measurement
 
 YOURS = "your files"  # the folder of a visitor, which names the group of single-shot files
@@ -54,12 +54,8 @@ ANSWERED = ("model", "material", "contents", "verify")  # of PageSettings: how a
 
 @dataclass(frozen=True)
 class PageSettings:
-    """What the page asks for, as the options of `cavirheo infer`; None: not given.
-
-    Raises:
-        InputError: an unknown level of `verify`, a model that is not shipped (no file of this machine is opened for a
-            visitor), a law or contents of the bubble that it does not answer, or a stretch that no bubble has.
-    """
+    """What the page asks for, as the options of `cavirheo infer`; None: not given. Raises InputError: what it does not
+    take, and a model that is not shipped (no file of this machine is opened for a visitor)."""
 
     medium: str = "water"
     density: float | None = None
@@ -120,28 +116,18 @@ class PageSettings:
         """Which window an answer is compared over, as `inference.trial` asks for it. Raises InputError."""
         return self.model, self.material, self.liquid, self.window
 
-    def command(self, files: Sequence[Path]) -> str:
-        """The command line that means the same for these files."""
-        words = ["cavirheo", "infer", *(path.name for path in files)]
-        for name, value in vars(self).items():
-            if value not in (None, getattr(PageSettings, name)):
-                words += [f"--{name.replace('_', '-')}", str(value)]
-        return shlex.join(words)
-
 
 @dataclass(eq=False)
 class Clip:
-    """A recording. `found`: its measurement, as `camera` says; `kept`: that without the frames that are left out;
-    `shown`: number of the frame that is looked at. Once it is confirmed: its `curve`, and the `command` line's options.
-    """
+    """A recording."""
 
     path: Path
     camera: Camera = field(default_factory=Camera)
-    found: Measurement | None = None
-    kept: Measurement | None = None
-    shown: int = 1
-    curve: RadiusCurve | None = None
-    command: str = ""
+    found: Measurement | None = None  # as the camera says
+    kept: Measurement | None = None  # that without the frames that are left out
+    shown: int = 1  # number of the frame that is looked at
+    curve: RadiusCurve | None = None  # once it is confirmed
+    command: str = ""  # the options of the command line, then
 
     @property
     def exclude(self) -> str:
@@ -170,13 +156,6 @@ class Session:
         self.limits, self.reader, self.settings = limits, reader, PageSettings()
         self.once = once or Once(1)  # of all visitors: a class with one demo file waits for one answer to each shot
         self.measurer = measurer or reader  # its own, so that nobody's table waits for a film
-        self.films: dict[str, Clip] = {}  # recordings by the names of their files
-        self.film = ""  # the name of that which is looked at
-        self.files: list[Path] = []
-        self.curves: list[RadiusCurve] = []  # of all files, as the settings have them read
-        self.published: dict[str, Published] = {}  # values of other methods, by set
-        self.problems: list[str] = []  # files that could not be read
-        self.answers: Answers | None = None
         self.sent: list[str] = []  # uploads that are not looked at yet
         self.said = ""  # why the last thing that was asked was not done
         self.link = token_urlsafe(16)  # whoever knows it comes back here
@@ -185,19 +164,30 @@ class Session:
         self.calls = 0  # so often was anything asked
         self._temporary = TemporaryDirectory(prefix="cavirheo-")
         self.folder = Path(self._temporary.name)
+        self.clear()
+
+    def clear(self) -> None:
+        """As if just come."""
+        shutil.rmtree(self.folder / YOURS, ignore_errors=True)
         (self.folder / YOURS).mkdir()
+        self.films: dict[str, Clip] = {}  # recordings by the names of their files
+        self.film = ""  # the name of that which is looked at
+        self.files: list[Path] = []
+        self.curves: list[RadiusCurve] = []  # of all files, as the settings have them read
+        self.named: dict[str, str] = {}  # materials that were typed, by shot
+        self.published: list[dict[str, Published]] = []  # values of other methods, by set, of each upload
+        self.problems: list[str] = []  # files that could not be read
+        self.answers: Answers | None = None
+        self.soon: dict[str, CurveRecord | None] = {}  # in a run: of each shot what is known so far
 
     def add(self, files: Sequence[Path], settings: PageSettings, *, copy: bool = False) -> None:
         """Take the files over (or copy them) and read them; unreadable ones are not kept, recordings wait in `films`.
-
-        Raises:
-            InputError: too many files, curves or frames, or a setting out of its domain.
-        """
-        number = len({*self.files, *(film.path for film in self.films.values())}) + len(files)
+        Raises InputError: too many files, curves or frames, or a setting out of its domain."""
+        number = len(list((self.folder / YOURS).iterdir())) + len(files)
         many = f"{number} files; at most {self.limits.files} are read at once"
         mend = "start over with fewer, or put the shots of one material into one file"
         require(number <= self.limits.files, f"{many}: {mend}", "app.too_many_files")
-        mine, kept = list[Path](), set[Path]()
+        mine = list[Path]()
         for path in files:
             mine.append(self._free(path.name))
             (shutil.copyfile if copy else shutil.move)(path, mine[-1])
@@ -206,12 +196,10 @@ class Session:
             tables = [path for path in mine if path.name not in films]
             if tables or not films:
                 self.take([*self.files, *tables], settings)
-            kept = {*self.files, *(film.path for film in films.values())}
+            self.films |= films
         finally:
-            for path in mine:
-                if path not in kept:
-                    path.unlink()
-        self.films |= films
+            for path in {*mine} - {*self.files, *(film.path for film in self.films.values())}:
+                path.unlink()
         if self.film not in self.recordings:
             self.film = next(iter(self.recordings), "")
 
@@ -246,11 +234,21 @@ class Session:
         confirmed = {film.path: film.curve for film in self.films.values()}
         return self.reader.read([confirmed.get(path) or path for path in files], **settings.reading)
 
+    def grouped(self, pairs: Pairs) -> list[tuple[RadiusCurve, Posterior]]:
+        """Curves as shots of the materials that were typed, or else of those that their files say."""
+        read = {curve.name: (curve.group, curve.group if self.named else curve.group_source) for curve in self.curves}
+        groups = read | {shot: (name, name) for shot, name in self.named.items()}
+        return [(one.with_group(*groups.get(one.name, (one.group, one.group_source))), answer) for one, answer in pairs]
+
     def command(self) -> str:
         """The command line that means the same; of several files the recordings have their options after it."""
+        words = ["cavirheo", "infer", *(path.name for path in self.files)]
+        for name, value in vars(self.settings).items():
+            if value not in (None, getattr(PageSettings, name)):
+                words += [f"--{name.replace('_', '-')}", str(value)]
         films = [film for film in self.films.values() if film.path in self.files]
         said = [film.command if len(self.files) == 1 else f" ({film.path.name}:{film.command})" for film in films]
-        return self.settings.command(self.files) + "".join(said)
+        return shlex.join(words) + "".join(said)
 
     def prepare(self, settings: PageSettings) -> None:
         """Read the files again if these settings change what they mean. Raises InputError."""
@@ -258,11 +256,12 @@ class Session:
             self.curves, _ = self._read(self.files, settings)
         self.settings = settings
 
-    def publish(self, path: Path) -> None:
-        """Values of a file that `cavirheo compare` takes stand beside the answers. Raises InputError."""
-        found = self.reader.ask([path], (published_values, str(path)))
+    def publish(self, paths: Sequence[Path]) -> None:
+        """Values of other methods stand beside the answers: of files for `cavirheo compare`, or of the sweeps of one
+        material for `cavirheo rheometer`. Raises InputError."""
+        found = self.reader.ask(paths, (values_of, *map(str, paths)))
         set_beside(self.answers.document.groups if self.answers else [], found)
-        self.published = found
+        self.published.append(found)
 
     @property
     def stale(self) -> bool:
@@ -277,13 +276,6 @@ class Session:
                 if record.name == name:
                     return self.answers, *pair, record
         raise InputError("no answer to check: infer first (step 3)", "app.no_answer")
-
-    def clear(self) -> None:
-        """As if just come."""
-        for path in {*self.files, *(film.path for film in self.films.values())}:
-            path.unlink(missing_ok=True)
-        self.files, self.curves, self.problems, self.answers, self.films, self.film = [], [], [], None, {}, ""
-        self.published = {}
 
     def close(self) -> None:
         self.work.stopped.set()
@@ -303,9 +295,10 @@ class Visitors:
     def __init__(self, limits: VisitorLimits) -> None:
         self.limits, self.reader = limits, Reader(limits.seconds)
         self.measurer = Reader(limits.film_seconds, at_once=False)
-        self.once, self._lock = Once(100), RLock()
+        self.once, self._lock = Once(200), RLock()  # of a shot two answers
         self._sessions: dict[str, Session] = {}  # by their links, in the order of use
         self._links: dict[str, str] = {}  # by the names of pages
+        self.forgotten: Callable[[str], Any] = lambda name: None  # told the name of each page that is
 
     def of(self, name: str) -> Session:
         """The session of this name, new if there is none; the one unused for longest makes room. Raises InputError."""
@@ -335,19 +328,24 @@ class Visitors:
     def leave(self, name: str) -> None:
         """Forget this one after a while, unless something is asked for it again (a phone that slept, a reload)."""
         with self._lock:
-            if session := self._sessions.get(self._links.get(name, "")):
-                timer = Timer(self.limits.absent, self._forget, (session, session.calls))
-                timer.daemon = True
-                timer.start()
+            session = self._sessions.get(self._links.get(name, ""))
+            timer = Timer(self.limits.absent, self._forget, (name, session and session.calls))
+            timer.daemon = True
+            timer.start()
 
-    def _forget(self, session: Session, calls: int) -> None:
+    def _forget(self, name: str, calls: int | None) -> None:
         with self._lock:
-            if self._sessions.get(session.link) is session and session.calls == calls:
+            session = self._sessions.get(self._links.get(name, ""))
+            if session is None:
+                self.forgotten(name)
+            elif session.calls == calls:
                 self._close(session.link)
 
     def _close(self, link: str) -> None:
         self._sessions.pop(link).close()
-        self._links = {name: of for name, of in self._links.items() if of != link}
+        for name in [name for name, of in self._links.items() if of == link]:
+            self.forgotten(name)
+            del self._links[name]
 
     def close(self) -> None:
         """Forget all."""

@@ -6,13 +6,13 @@ import os
 import shutil
 from collections.abc import Sequence
 from contextlib import suppress
-from functools import partial
+from dataclasses import replace
 from itertools import count
 from pathlib import Path
 from typing import Any
 
-from cavirheo.app.session import ANSWERED, Answers, Session
-from cavirheo.beside.published.references import set_beside
+from cavirheo.app.session import ANSWERED, Answers, PageSettings, Session
+from cavirheo.beside.values import set_beside
 from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError, require
 from cavirheo.inference import DEFAULT, infer_many
@@ -22,7 +22,9 @@ from cavirheo.posterior import Checks, Posterior
 from cavirheo.reading.apart import Report
 from cavirheo.reporting import interactive as plots
 from cavirheo.reporting import result
+from cavirheo.reporting.answer import curve_record
 from cavirheo.reporting.bundle import zipped
+from cavirheo.reporting.record import Pairs
 
 SLIDERS = {  # label, factor from SI
     "shear_modulus": ("Try G (kPa)", 1e-3),
@@ -38,44 +40,84 @@ def examples() -> dict[str, Path]:
     return {path.name: path for kind in ("*gel.*", "*.mp4") for path in sorted(folder.glob(kind))}
 
 
-def infer(session: Session, names: Sequence[str], progress: Report) -> Answers:
-    """Answers of the chosen shots, into the session too; a stop leaves out those that are not done.
-
-    Raises:
-        InputError: nothing loaded or chosen, too much, stopped before the first shot, a setting out of its domain, or
-            other files or settings than when it began.
-    """
+def _found(session: Session, names: Sequence[str], verify: str) -> list[tuple[RadiusCurve, Posterior | None]]:
+    """Each chosen curve with its answer, which is in `session.soon` as soon as it is found; None where a stop left it
+    out. verify: as in `infer_many`; at another level than is asked an answer is not trusted. Raises InputError."""
     with session.lock:
-        settings, curves, command = session.settings, session.curves, session.command()
-    chosen = [curve for curve in curves if curve.name in names]
+        settings, chosen = session.settings, [curve for curve in session.curves if curve.name in names]
     require(bool(chosen), "no shots: load a file in step 1, and choose shots in step 2", "app.no_shots")
     many = f"full uncertainty for {len(chosen)} shots; at most {session.limits.full} at once: choose fewer in step 2, "
-    fine = settings.verify != "full" or len(chosen) <= session.limits.full
+    fine = verify != "full" or len(chosen) <= session.limits.full
     require(fine, f"{many}or use the command line (cavirheo infer --verify full)", "app.too_many_full")
     options: dict[str, Any] = {name: getattr(settings, name) for name in ("stretch", "window", *ANSWERED)}
-    options["medium"], workers = settings.liquid, max((os.cpu_count() or 1) // len(chosen), 1)
+    options |= {"medium": settings.liquid, "verify": verify}
+    soon, workers = session.soon, max((os.cpu_count() or 1) // len(chosen), 1)
+    mark = {"verdict": "unverified", "message": ""} if verify != settings.verify else {}
 
     def one(curve: RadiusCurve) -> Posterior:
-        return session.once(lambda: infer_many([curve], **options, workers=workers)[0], curve, options)
+        alone = curve.with_group("", "")  # which material it is of does not matter
+        found = session.once(lambda: infer_many([curve], **options, workers=workers)[0], alone, options)
+        row = curve_record(*session.grouped([(curve, found)])[0])
+        if row.answered or not mark:
+            soon[curve.name] = row.model_copy(update=mark)
+        return found
 
-    found = session.work.each(one, chosen, partial(_told, progress))
-    answers = list(zip(chosen, found, strict=True))
-    pairs = [(curve, answer) for curve, answer in answers if answer]
-    left = [curve.name for curve, answer in answers if not answer]
-    if len(pairs) < len(curves):
-        command += f" ({len(pairs)} of {len(curves)} shots)"
-    known = settings.model == DEFAULT
-    matters = denser(pairs, settings.liquid, stretch=settings.stretch, window=settings.window) if known else ""
-    made = Answers(pairs, result(pairs, command), left, settings, matters)
+    return list(zip(chosen, session.work.each(one, chosen), strict=True))
+
+
+def glance(session: Session, names: Sequence[str]) -> None:
+    """What the network itself says of the chosen shots, into `session.soon` until verification replaces it. A shot of
+    which it says nothing waits, and so do all where another way to answer is asked. Raises InputError."""
+    asked = session.settings
+    if asked.model == DEFAULT and asked.verify != "none" and "auto" not in (asked.material, asked.contents):
+        _found(session, names, "none")
+
+
+def infer(session: Session, names: Sequence[str]) -> Answers:
+    """Answers of the chosen shots, into the session too; a stop leaves out those that are not done. Raises InputError:
+    nothing chosen, too much, stopped before the first shot, or other files or settings than when it began."""
     with session.lock:
-        with suppress(InputError):  # other groups than when they were given
-            set_beside(made.document.groups, session.published)
+        settings, curves, command = session.settings, session.curves, session.command()
+    try:
+        answers = _found(session, names, settings.verify)
+        pairs = [(curve, answer) for curve, answer in answers if answer]
+        left = [curve.name for curve, answer in answers if not answer]
+        if len(pairs) < len(curves):
+            command += f" ({len(pairs)} of {len(curves)} shots)"
+        made = _pooled(session, pairs, command, left, settings)
+    finally:
+        if not session.work.busy.locked():  # by the run before, which goes on
+            session.soon = {}
+    with session.lock:
         require(session.curves is curves and session.settings == settings, _CHANGED, "app.changed")
         session.answers = made
         return session.answers
 
 
-def fit(session: Session, name: str | None, progress: Report) -> None:
+def _pooled(session: Session, pairs: Pairs, command: str, left: list[str], settings: PageSettings) -> Answers:
+    """Answers with all that is said of their groups."""
+    pairs = session.grouped(pairs)
+    typed = ", ".join(f"{shot} = {material}" for shot, material in session.named.items())
+    document = result(pairs, command, notes=[f"materials that were typed: {typed}"] if typed else [])
+    for values in session.published:
+        with suppress(InputError):  # other groups than when they were given
+            set_beside(document.groups, values)
+    known = settings.model == DEFAULT
+    matters = denser(pairs, settings.liquid, stretch=settings.stretch, window=settings.window) if known else ""
+    return Answers(pairs, document, left, settings, matters)
+
+
+def name_materials(session: Session, names: Sequence[str]) -> None:
+    """What each loaded shot is a shot of, "" for what its file says; the answers that are there are pooled so."""
+    require(len(names) == len(session.curves), "the files were changed: reload the page", "app.changed")
+    given = zip(session.curves, names, strict=True)
+    session.named = {curve.name: name.strip()[:60] for curve, name in given if name.strip() not in ("", curve.group)}
+    if old := session.answers:
+        made = _pooled(session, old.pairs, old.document.command, old.not_run, old.settings)
+        session.answers = replace(made, fits=old.fits)
+
+
+def fit(session: Session, name: str | None) -> None:
     """The conventional fit of one answered curve: same law, contents, medium, window and stretch. Raises InputError."""
     with session.lock:
         (answers, curve, posterior, _), settings = session.find(name), session.settings
@@ -86,15 +128,11 @@ def fit(session: Session, name: str | None, progress: Report) -> None:
     def one(curve: RadiusCurve) -> Posterior:
         return fit_many([curve], posterior.material, contents=posterior.bubble.contents, **options)[0]
 
-    (found,) = session.work.each(one, [curve], partial(_told, progress))
+    (found,) = session.work.each(one, [curve])
     with session.lock:
         if found is None or session.answers is not answers:
             raise InputError(_CHANGED, "app.changed")
         answers.fits[curve.name] = found
-
-
-def _told(progress: Report, done: int, of: int) -> None:
-    progress(done / of, f"{done} of {of} shots")
 
 
 def sliders(session: Session, name: str) -> dict[str, dict[str, float] | None]:
@@ -104,10 +142,8 @@ def sliders(session: Session, name: str) -> dict[str, dict[str, float] | None]:
 
 
 def trial(session: Session, name: str, values: Sequence[float | None]) -> tuple[Checks, dict[str, Any]]:
-    """The simulation with the sliders' values over the window of the answer: what was found, and its `plots.lines`.
-
-    A simulation that fails gives the reason and nothing to draw.
-    """
+    """The simulation with the sliders' values over the window of the answer: what was found, and its `plots.lines`;
+    where it fails, why, and nothing to draw."""
     _, curve, posterior, _ = session.find(name)
     given = {key: v / SLIDERS[key][1] for key, v in zip(SLIDERS, values, strict=True) if v is not None}
     found = tried(curve, posterior, given, *session.settings.compared)
@@ -127,9 +163,9 @@ def export(session: Session, progress: Report) -> tuple[Path, list[Path]]:
         raise InputError("nothing to export: infer first (step 3)", "app.no_answer")
     fits = [(curve, answers.fits[curve.name]) for curve, _ in answers.pairs if curve.name in answers.fits]
     number, shots, place = count(1), len(answers.pairs) + len(fits), session.folder / "export"
-    command, made = answers.document.command, session.folder / "cavirheo-result.zip"
+    made = session.folder / "cavirheo-result.zip"
     with session.exporting:
-        drawn = zipped(answers.pairs, command, fits, lambda: progress(next(number) / (shots + 1), "drawn"))
+        drawn = zipped(answers.pairs, answers.document, fits, lambda: progress(next(number) / (shots + 1), "drawn"))
         made.write_bytes(drawn)
         shutil.rmtree(place, ignore_errors=True)
         shutil.unpack_archive(made, place)

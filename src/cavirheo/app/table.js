@@ -25,7 +25,7 @@ const order = (head) => {
 const act = (event) => {
   const head = event.target.closest('.curves thead th'), row = event.target.closest('.curves tbody tr:not(.doubt)');
   if (head) return order(head);
-  if (!row || element.querySelector('.stale')) return;
+  if (!row || element.querySelector('.stale, .soon')) return;
   document.body.dataset.picked = row.cells[0].querySelector('[title]')?.title || row.cells[0].childNodes[0].textContent;
   trigger('click');
 };

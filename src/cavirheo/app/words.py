@@ -3,15 +3,11 @@
 from __future__ import annotations
 
 from base64 import b64encode
-from collections.abc import Sequence
 from importlib.metadata import version
 from importlib.resources import files
 from typing import Any
 
-import numpy as np
-
-from cavirheo.app import film as film_step
-from cavirheo.app.session import YOURS, Clip, Session
+from cavirheo.app.session import YOURS, Answers, Session
 from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError
 from cavirheo.inference import AUTO, DEFAULT
@@ -20,11 +16,11 @@ from cavirheo.reporting import html
 from cavirheo.reporting.answer import curve_record
 from cavirheo.reporting.citing import TITLE, methods_if_any
 from cavirheo.reporting.found import cells, notes, pooled, warnings
-from cavirheo.video.picture import COLOURS, GREY, frame_address
-from cavirheo.video.track import FLAGS
+from cavirheo.reporting.record import result_of
 from cavirheo.writing import digits
 from cavirheo.writing.terminal import once
 
+VERSION = version("cavirheo")
 NONE = "No answers yet: press the button above."
 _PARTS = html.template("words.html", "cavirheo.app").module
 
@@ -45,16 +41,10 @@ def script(name: str) -> str:
     return (files("cavirheo.app") / name).read_text(encoding="utf-8")
 
 
-def top() -> str:
-    return part("top", version("cavirheo"))
-
-
 def welcome() -> str:
     """What to bring, whom to cite, and a picture of an answer."""
     image = (files("cavirheo.app") / "examples" / "answer.png").read_bytes()
-    return part(
-        "welcome", f"data:image/png;base64,{b64encode(image).decode()}", f"{TITLE}, version {version('cavirheo')}"
-    )
+    return part("welcome", f"data:image/png;base64,{b64encode(image).decode()}", f"{TITLE}, version {VERSION}")
 
 
 def told(error: Exception | str) -> str:
@@ -75,33 +65,12 @@ def materials() -> list[tuple[str, str]]:
     return [(word, law) for law, word in words.items()] + [("whichever the evidence prefers (slower)", "auto")]
 
 
-def found(curves: Sequence[RadiusCurve], problems: Sequence[str], waiting: Sequence[str] = ()) -> str:
+def found(session: Session) -> str:
     """What was found in the files: a row per shot, the warnings in full, and the files that could not be read."""
-    rows = [(curve.name, digits.elide(curve.name, 36), cells(curve)) for curve in curves]
-    pooled = sum(curve.group == YOURS for curve in curves)
-    return part("found", problems, rows, warnings(curves), notes(curves), waiting, pooled)
-
-
-def film(one: Clip, error: InputError | None = None) -> str:
-    """What to do with a recording, or why it cannot be measured; what is doubtful and what was found."""
-    if error or one.found is None:
-        return part("film", told(error) if error else "", (), {}, {}, "")
-    curve = film_step.curve(one)
-    doubts = once((one.path.name, told(InputError(doubt))) for doubt in curve.doubts)
-    state = "" if one.curve is None else "confirmed" if one.command == film_step.options(one) else "changed"
-    return part("film", "", cells(curve), warnings([curve]) | doubts, notes([curve]), state)
-
-
-def frame(one: Clip) -> str:
-    """The shown frame of a recording with its circle, what it is, and how many there are of each kind."""
-    found, out = film_step.measured(one), film_step.left_out(one)
-    track, i, scale = found.track, one.shown - found.first, found.um_per_px.value
-    size = [f"{float(x[i]) * (scale or 1.0):.{n}g}" for x, n in ((track.radius, 4), (track.sigma, 1))]
-    seen = f"R = {size[0]} ± {size[1]} {'µm' if scale else 'px'}" if np.isfinite(track.radius[i]) else ""
-    where = f"Frame {one.shown} of {found.first + len(out) - 1}, {1e6 * found.time[i]:.4g} µs"
-    flag = str(track.flags[i])
-    look = flag, COLOURS.get(flag, GREY), FLAGS[flag], bool(out[i])
-    return part("frame", frame_address(found, i, 560), where, seen, *look)
+    curves = session.curves
+    rows = [(one, digits.elide(one.name, 36), session.named.get(one.name, one.group), cells(one)) for one in curves]
+    pooled = sum(one.group == YOURS for one in curves)
+    return part("found", session.problems, rows, warnings(curves), notes(curves), session.waiting, pooled)
 
 
 def prepared(curve: RadiusCurve, error: InputError | None = None) -> str:
@@ -110,18 +79,22 @@ def prepared(curve: RadiusCurve, error: InputError | None = None) -> str:
 
 
 def answers(session: Session) -> str:
-    """The answers: materials, groups, shots, what is said of them, and whether settings were changed since."""
-    if (found := session.answers) is None:
+    """The answers: materials, groups, shots, what is said of them, and whether settings were changed since; in a run
+    those that are known so far."""
+    found, soon = session.answers, list(session.soon.values())
+    verified = sum(row is not None and row.verdict != "unverified" for row in soon)
+    if soon:
+        found = Answers([], result_of([row for row in soon if row], ""), [], session.settings)
+    if found is None:
         return part("quiet", NONE)
     document = found.document
     factor, unit = document.modulus_unit
     groups = html.groups_table(document.groups, factor, unit), [one.words for one in document.differences]
-    beside = [(one.name, *row, factor, unit) for one in document.groups for row in one.published.items()]
     shots = html.curves_table(document.curves, factor, unit, title="Shots", linked=False)
     said = once((record.name, record.message) for record in document.curves)
     about = found.density, html.reading(document.curves), *methods_if_any(document)
-    done = len(document.curves), found.not_run, pooled(document)
-    return part("answers", session.stale, *done, *groups, beside, shots, said, *about)
+    done = (verified, len(soon)), len(document.curves), found.not_run, pooled(document)
+    return part("answers", session.stale and not soon, *done, *groups, shots, said, *about)
 
 
 def facts(session: Session, name: str) -> str:

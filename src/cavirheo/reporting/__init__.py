@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from datetime import datetime
 from itertools import chain, count
 from pathlib import Path
@@ -54,7 +54,7 @@ def write_report(
     draw: bool = True,
     workers: int = 1,
     done: Callable[[], None] | None = None,
-    published: Published | None = None,
+    published: Mapping[str, Published] | None = None,
     paper: bool = False,
 ) -> Result:
     """Write result.json, result.csv, report.html and a picture of each curve into `directory` (made if missing).
@@ -72,7 +72,8 @@ def write_report(
         workers: processes that may draw, and make the rows of thousands of curves; above 1, the main module of the
             program must be safe to import.
         done: called after each picture.
-        published: values of other methods for these shots, by method and parameter, which stand beside the groups.
+        published: values of other methods, by group ("": all that are not named), method and parameter, which stand
+            beside the groups.
         paper: figures for a two-column paper, too (`paper.figures`), as PDF, SVG and PNG; they need matplotlib.
 
     Of more than MANY curves there is result.parquet, too (with pyarrow), and there are no picture files: the report has

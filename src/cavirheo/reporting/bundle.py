@@ -7,6 +7,7 @@ from collections.abc import Callable
 from datetime import datetime
 from pathlib import Path
 from tempfile import TemporaryDirectory
+from typing import Any
 
 import numpy as np
 
@@ -14,35 +15,35 @@ from cavirheo.curve import RadiusCurve
 from cavirheo.parallel import Once
 from cavirheo.reading import write_csv
 from cavirheo.reporting import file_names, write_report
-from cavirheo.reporting.record import Pairs
+from cavirheo.reporting.record import Pairs, Result
 from cavirheo.writing.document import LIST
 
 _PICTURES = ("png", "svg")
 _ZIPPED = Once(3)  # a class with one demo file waits for one zip
 
 
-def zipped(pairs: Pairs, command: str, fits: Pairs, done: Callable[[], None]) -> bytes:
+def zipped(pairs: Pairs, document: Result, fits: Pairs, done: Callable[[], None]) -> bytes:
     """The zip of the folder cavirheo-result, as `write_bundle` makes it. Raises as this."""
     date = datetime.now().astimezone().strftime("%Y-%m-%d %H:%M %Z")
+    published = {group.name: group.published for group in document.groups}
+    about: dict[str, Any] = {"notes": document.notes, "published": published, "date": date}
 
     def made() -> bytes:
         with TemporaryDirectory() as base:
             folder = Path(base, "cavirheo-result")
-            write_bundle(folder, pairs, command, fits, date, done)
+            write_bundle(folder, pairs, document.command, fits, done, **about)
             return Path(shutil.make_archive(f"{base}/made", "zip", base, folder.name)).read_bytes()
 
-    return _ZIPPED(made, pairs, command, fits, date)
+    return _ZIPPED(made, pairs, document.command, fits, about)
 
 
-def write_bundle(
-    folder: Path, pairs: Pairs, command: str, fits: Pairs, date: str | None, done: Callable[[], None]
-) -> None:
+def write_bundle(folder: Path, pairs: Pairs, command: str, fits: Pairs, done: Callable[[], None], **about: Any) -> None:
     """What `write_report` writes into `folder`, of conventional fits into least-squares/, and the processed and
-    simulated curves as CSV. date: as it stands in the documents. done: called after each picture. Raises as
+    simulated curves as CSV. about: date, notes and published, as there. done: called after each picture. Raises as
     `write_report`."""
-    document = write_report(folder, pairs, command, _PICTURES, date=date, done=done)
+    document = write_report(folder, pairs, command, _PICTURES, done=done, **about)
     if fits:
-        write_report(folder / "least-squares", fits, f"{command}; then fit", _PICTURES, date=date, done=done)
+        write_report(folder / "least-squares", fits, f"{command}; then fit", _PICTURES, done=done, **about)
     for one in (folder, folder / "least-squares"):
         (one / LIST).unlink(missing_ok=True)  # it tells one run from the next; a bundle is of one
     for kind in ("processed", "simulated"):

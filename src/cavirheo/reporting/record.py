@@ -126,11 +126,11 @@ def result(
     *,
     date: str | None = None,
     notes: Sequence[str] = (),
-    published: Published | None = None,
+    published: Mapping[str, Published] | None = None,
     workers: int = 1,
 ) -> Result:
     """The record of all curves and of their groups (the files they came from), in the order given. So many processes
-    make that of thousands of curves."""
+    make that of thousands of curves. published: by group; under "" for those that are not named."""
     known = Answered.of(pairs)
     members = _members(known.curves)
     title = next((name for curve in known.curves for name in curve.column), "")
@@ -185,7 +185,8 @@ def result_of(
 
 def _document(
     curves: Sequence[CurveRecord], members: Mapping[tuple[str, str], list[int]], found: Sequence[Population | None],
-    command: str, *, date: str | None, notes: Sequence[str], published: Published | None,
+    command: str, *, date: str | None, notes: Sequence[str],
+    published: Mapping[str, Published] | None,
 ) -> Result:  # fmt: skip
     stems = [group for group, _ in members]
     names = [group if stems.count(group) == 1 or not source else source for group, source in members]
@@ -195,7 +196,8 @@ def _document(
         for name, indices, one in zip(names, members.values(), found, strict=True)
     ]
     for group in groups:
-        group.published = {method: dict(values) for method, values in (published or {}).items()}
+        known = {"": {}, **(published or {})}
+        group.published = {method: dict(values) for method, values in known.get(group.name, known[""]).items()}
     apart = differences({name: one for name, one in zip(names, found, strict=True) if one})
     return Result(
         command=command, date=date, notes=list(notes), curves=list(curves), groups=groups, differences=apart

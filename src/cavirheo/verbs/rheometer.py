@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import re
-from itertools import takewhile
 from pathlib import Path
 from typing import Annotated
 
@@ -49,10 +47,8 @@ def rheometer(
         except InputError as error:
             run.refuse([str(error)])
     run.need(found, "sweep")
-    made = document.rheometry(
-        [sweeps.strain_sweep(one, tolerance / 100) for one in found if isinstance(one, sweeps.StrainSweep)],
-        [sweeps.frequency_sweep(one, at) for one in found if isinstance(one, sweeps.FrequencySweep)],
-        material=name or _shared_name(files), tolerance=tolerance / 100, at_rad_per_s=at,
+    made = document.of_sweeps(
+        found, name or document.shared_name(files), tolerance / 100, at,
         command=run.command, date=run.date, notes=[] if drawing or not pictures else [style.NO_PICTURES],
     )  # fmt: skip
     rows = document.beside(made, result) if result else []
@@ -67,10 +63,3 @@ def rheometer(
     outputs.finish()
     run.show(made, lambda made: document.print_rheometry(made, rows))
     run.end(f"written to {out}", any(sweep.message for sweep in made.sweeps))
-
-
-def _shared_name(files: list[Path]) -> str:
-    """'gel' of gel_strain.csv and gel_frequency.csv: the words with which all names begin, or the first name."""
-    words = [re.split(r"[\W_]+", path.stem) for path in files]
-    shared = takewhile(lambda column: len(set(column)) == 1, zip(*words, strict=False))
-    return ("_".join(column[0] for column in shared) if len(files) > 1 else "") or files[0].stem

@@ -31,6 +31,7 @@ LOOKS = {
     "no_interval": Look("no interval", "#5f4bb6", "bright_magenta"),
     "failed": Look("failed", "#b00020", "red"),
 }
+UNVERIFIED = Look("not yet verified", "#5b6675", "dim")  # no verdict: of a network, before simulations give one
 VERDICTS = {verdict: look.words for verdict, look in LOOKS.items()}
 MATERIALS = {
     "nhkv": "neo-Hookean Kelvin-Voigt",

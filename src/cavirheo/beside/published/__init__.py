@@ -98,7 +98,7 @@ def compare(
     ):
         pairs = [(curves[i], answer) for i, answer in answered.items()]
         how: dict[str, Any] = {"notes": notes, "complete": not note, "draw": pictures}
-        document = write_report(out / name, pairs, command, published=about.published(), **how) if pairs else None
+        document = write_report(out / name, pairs, command, published={"": about.published()}, **how) if pairs else None
         rows, groups = (document.curves, document.groups) if document else ([], [])
         material = [one.line for group in groups if (one := group.population) and one.found]
         records.append(compared_set(

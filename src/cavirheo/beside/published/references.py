@@ -13,7 +13,6 @@ lines and lines that begin with # are left out.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated, Any
@@ -24,10 +23,9 @@ from cavirheo.errors import InputError, require
 from cavirheo.physics.media import Medium, medium
 from cavirheo.reading.files import guarded
 from cavirheo.reading.tabular import Row, read_sheets
-from cavirheo.reporting.group import GroupRecord
-from cavirheo.reporting.record import Published
 from cavirheo.writing.document import Record, Spread
 
+NO_SETS = "no column set"  # said of a table of something else
 _MOST = 500  # sets of one file
 OURS = "cavirheo"  # the method's name for our own answers
 G, MU = "shear_modulus_Pa", "viscosity_Pa_s"
@@ -106,23 +104,6 @@ class ReferenceSet:
         return found
 
 
-def published_values(_: object, path: str) -> dict[str, Published]:
-    """Those of each set of the file, by its name: work for a `Reader`. Raises InputError."""
-    return {about.name: about.published() for about in read_references(path)}
-
-
-def set_beside(groups: Sequence[GroupRecord], sets: Mapping[str, Published]) -> None:
-    """Each group gets the values of the set of its name; all of them get those of a set that is the only one.
-
-    Raises InputError: no set has the name of a group.
-    """
-    named = f"no set has the name of a group: sets {', '.join(sets)}; groups {', '.join(one.name for one in groups)}"
-    require(len(sets) < 2 or any(one.name in sets for one in groups), named, "references.groups")
-    for group in groups:
-        values = next(iter(sets.values())) if len(sets) == 1 else sets.get(group.name, {})
-        group.published = {method: dict(known) for method, known in values.items()}
-
-
 def read_references(path: str | Path) -> list[ReferenceSet]:
     """The sets in the order of their first lines.
 
@@ -133,7 +114,7 @@ def read_references(path: str | Path) -> list[ReferenceSet]:
         (sheet,) = read_sheets(Path(path), lambda cells: "set" in cells, most=1, marks="#")
     (first, head), *rows = sheet.rows or [Row(1, [])]
     found, expected = ", ".join(head) or "nothing", ",".join(_COLUMNS)
-    no_set = f"{path}, line {first}: no column set; found: {found}; expected {expected}"
+    no_set = f"{path}, line {first}: {NO_SETS}; found: {found}; expected {expected}"
     require("set" in head, no_set, "references.head")
     for name in head:
         place = f"{path}, line {first}, column {name or '(empty)'}"

@@ -7,14 +7,16 @@ rheometer.csv has one line per sweep with the same names; table.csv one per mate
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from itertools import takewhile
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from cavirheo.beside.rheometer.sweeps import FrequencySweep, StrainSweep, Sweep
+from cavirheo.beside.rheometer.sweeps import FrequencySweep, StrainSweep, Sweep, frequency_sweep, strain_sweep
 from cavirheo.reporting.answer import CurveRecord
 from cavirheo.reporting.group import GroupRecord
-from cavirheo.reporting.record import Result
+from cavirheo.reporting.record import Published, Result
 from cavirheo.writing import digits, terminal
 from cavirheo.writing.document import Document, Record, Spread, spread_of, write_rows
 
@@ -112,12 +114,42 @@ def write_csv(path: Path, document: Rheometry) -> None:
     write_rows(path, head, (sweep.model_dump() for sweep in document.sweeps))
 
 
+def of_sweeps(
+    found: Sequence[Sweep], material: str, tolerance: float = 0.05, at: float = 1.0, **head: Any
+) -> Rheometry:
+    """The document of these sweeps as they were read; `head`: command, date, notes."""
+    return rheometry(
+        [strain_sweep(one, tolerance) for one in found if isinstance(one, StrainSweep)],
+        [frequency_sweep(one, at) for one in found if isinstance(one, FrequencySweep)],
+        material=material, tolerance=tolerance, at_rad_per_s=at, **head,
+    )  # fmt: skip
+
+
+def shared_name(files: Sequence[Path]) -> str:
+    """'gel' of gel_strain.csv and gel_frequency.csv: the words with which all names begin, or the first name."""
+    words = [re.split(r"[\W_]+", path.stem) for path in files]
+    shared = takewhile(lambda column: len(set(column)) == 1, zip(*words, strict=False))
+    return ("_".join(column[0] for column in shared) if len(files) > 1 else "") or files[0].stem
+
+
 def beside(document: Rheometry, result: Result) -> list[BesideRow]:
     """The rheometer's row, then one for each group of bubbles."""
+    return [_itself(document), *(_bubbles(one, [result.curves[k] for k in of]) for one, of in result.members())]
+
+
+def published(document: Rheometry) -> Published:
+    """As values of another method, which names the regime: a viscosity at this frequency is not that of a bubble."""
+    row, at = _itself(document), f"viscosity_at_{document.at_rad_per_s:g}_rad_per_s"
+    name = f"rheometer, {_span([row.regime_from, row.regime_to], 2)} rad/s, {row.deformation}"
+    values = {"shear_modulus": row.shear_modulus_Pa, at: row.viscosity_Pa_s}
+    return {name: {key: value for key, value in values.items() if value.mean is not None}}
+
+
+def _itself(document: Rheometry) -> BesideRow:
     strain, frequency = document.strain_sweeps, document.frequency_sweeps
     omegas = [w for s in frequency for w in (s.from_rad_per_s, s.to_rad_per_s)]
     strains = _known(s.strain for s in frequency) or _known(s.linear_to for s in strain)
-    rheometer = _row(
+    return _row(
         document,
         omegas or [s.frequency_rad_per_s for s in strain],
         material=document.material,
@@ -126,7 +158,6 @@ def beside(document: Rheometry, result: Result) -> list[BesideRow]:
         regime_unit="rad/s",
         deformation=f"strain ≤ {digits.percent(max(strains))} %" if strains else "small strain",
     )
-    return [rheometer, *(_bubbles(group, [result.curves[k] for k in members]) for group, members in result.members())]
 
 
 def _bubbles(group: GroupRecord, curves: list[CurveRecord]) -> BesideRow:
