@@ -606,6 +606,7 @@ def test_a_law_without_modulus_has_no_slider_for_it(session):
     assert len(trial(session, "soft_gel[1]", [None, 0.03, 8.0])[1]["x"][0]) > 100
 
 
+@pytest.mark.slow
 def test_the_zip_holds_what_the_command_line_writes_and_the_curves(session, run, tmp_path):
     names = ["soft_gel[1]", "soft_gel[3]"]
     session.add([SOFT], PageSettings(), copy=True)

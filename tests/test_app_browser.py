@@ -360,6 +360,7 @@ def test_what_is_wrong_is_said_at_its_field_and_nowhere_else(visit):
     assert page.locator(".toast-body").count() == 0
 
 
+@pytest.mark.slow
 def test_the_page_has_one_state(visit, tmp_path):
     """Steps are open where they can work; changed settings grey the answers; a reload brings all of it back."""
     page = visit(WIDE)

@@ -143,6 +143,7 @@ def test_time_origin_and_scale_are_recovered_when_free():
     assert fit(low, windows=False, free=("rmax",)).median("max_radius_factor") == pytest.approx(1 / 0.99, abs=2e-3)
 
 
+@pytest.mark.slow
 def test_joint_fit_shares_the_material():
     bubbles = [(7.0, 250e-6), (5.0, 150e-6), (9.0, 300e-6)]
     curves = [

@@ -58,7 +58,8 @@ def infer(
     after = verify if single and verify != "auto" else "none"
     with connected(scheduler, run.say) as executor:
         curves = run.read(files, liquid, reading, column)
-        check_wall(bubble, curves)
+        if bubble.wall_distance is not None:
+            check_wall(bubble, curves)
         run.report(
             curves, first, out, pictures=pictures, paper=paper, verify=after, executor=executor, **checked, **shared
         )
