@@ -140,7 +140,7 @@ class Shell:
             self.start(line)
         rest = "\n".join(line for line in lines if line not in staying)
         done = subprocess.run(
-            ["bash", "-e", "-o", "pipefail", "-c", rest],
+            ["bash", "-e", "-o", "pipefail", "-c", f"{rest}\n:"],  # so that a shell stands above the last one, too
             cwd=self.folder, env=surroundings(self.folder), capture_output=True, text=True, timeout=LONGEST,
         )  # fmt: skip
         assert done.returncode == 0, f"{rest}\n{done.stdout}\n{done.stderr}"
