@@ -350,7 +350,7 @@ def infer_verify_map() -> Any:
     return answered("infer", *BDT, name, "--verify", "map", "--exposure-us", 0.3)
 
 
-@case(rtol=1e-2, share=0.05)
+@case(rtol=1e-2, share=0.05, slow=True)
 def fit_default() -> Any:
     """Two curves: the documents, the table and the page."""
     return answered("fit", *shots("soft_gel.csv", 3), *stiff(), text=True)
@@ -437,7 +437,7 @@ def about(answer: Any) -> dict[str, Any]:
     }  # fmt: skip
 
 
-@case(rtol=1e-2, share=0.05)
+@case(rtol=1e-2, share=0.05, slow=True)
 def python_answers() -> Any:
     """infer and fit from Python, with a seed and settings of their own."""
     curve, other = cavirheo.read_curves(EXAMPLES / "soft_gel.csv")[1:3]

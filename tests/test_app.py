@@ -384,6 +384,7 @@ def test_the_command_can_be_typed(session, tmp_path):
     assert infer(session, [name]).document.command == "cavirheo infer 'my gel.csv' --rmax-um 300.0"
 
 
+@pytest.mark.slow
 def test_a_stop_keeps_what_is_done_and_names_the_rest(session, monkeypatch):
     session.add([SOFT], PageSettings(verify="none"), copy=True)
     names = [curve.name for curve in session.curves]
