@@ -10,7 +10,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from conftest import BDT, load_benchmark
+from conftest import load_benchmark
 from fits import fit
 from scipy.integrate import quad
 from scipy.stats import invgamma, multivariate_normal, norm
@@ -690,16 +690,16 @@ def test_evidence_of_a_group_is_the_sum_of_the_shots_that_all_laws_have():
 # command line
 
 
-def write_gel(folder: Path) -> None:
-    curve = shot(end=60e-6)
+def write_gel(folder: Path, end: float = 60e-6) -> None:
+    curve = shot(end=end)
     rows = [f"{t * 1e6:.6g},{r * 1e6:.6g}" for t, r in zip(curve.time, curve.radius, strict=True)]
     (folder / "gel.csv").write_text("time_us,radius_um\n" + "\n".join(rows) + "\n")
 
 
 @pytest.mark.slow
 def test_full_verification_from_the_command_line(run, tmp_path):
-    write_gel(tmp_path)
-    status, _, err = run("infer", "gel.csv", *BDT, "--verify", "full", "-o", "r")
+    write_gel(tmp_path, end=110e-6)  # as much as the network of the paper reads
+    status, _, err = run("infer", "gel.csv", *BDT, "--verify", "full", "--trust-input", "-o", "r")
     assert status == 0, err
     (row,) = read_json(tmp_path / "r" / "result.json").curves
     assert row.method == "verified"
@@ -805,15 +805,15 @@ def test_against_emcee(seed, monkeypatch):
     _, curve = calibration.shot(seed)
     answer = fit(curve, window="all", windows=False)
     settings = {"discrepancy": False, "ranges": calibration.RANGES, "draws": 6000, "seed": seed}
-    monkeypatch.setattr(verify, "TUNING", replace(TUNING, effective_enough=2500.0))
-    monkeypatch.setattr(verify, "FINE", QUICK)
+    monkeypatch.setattr(work, "TUNING", replace(TUNING, effective_enough=2500.0))
+    monkeypatch.setattr(work, "FINE", QUICK)
     monkeypatch.setattr(Explorer.__call__, "__defaults__", (QUICK,))
     found = verify.verify(curve, answer, **settings)
-    work = Work(Verification(**settings), curve, answer)
-    target = work.target
+    job = Work(Verification(**settings), curve, answer)
+    target = job.target
     weight = np.exp(found.log_weight - np.max(found.log_weight))
     weight /= np.sum(weight)
-    best = climb(target, work.starts()[0], QUICK)
+    best = climb(target, job.starts()[0], QUICK)
     d, rng = len(best.u), np.random.default_rng(seed)
     walkers = best.u + rng.standard_normal((4 * d, d)) @ np.linalg.cholesky(best.covariance).T
     moves = [(emcee.moves.DEMove(), 0.5), (emcee.moves.StretchMove(), 0.5)]
