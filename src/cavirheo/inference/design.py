@@ -220,7 +220,8 @@ def reached(
     answers = infer_many([curve for curve, _ in films], material=family.name, medium=medium, workers=workers)
     told, got = [], []
     for answer, (_, half_width) in zip(answers, films, strict=True):
-        ends = [answer.interval(name) if answer.theta.size else None for name in family.parameters]
+        known = answer.theta.size and answer.checks.verdict != "check_input"  # the prior's width is no width reached
+        ends = [answer.interval(name) if known else None for name in family.parameters]
         if all(ends):
             told.append(half_width)
             got.append([0.5 * np.log10(high / low) for low, high in filter(None, ends)])
