@@ -252,8 +252,8 @@ def test_the_file_of_values_is_no_measurement(fake, folder, tmp_path):
 
 
 BAD = {  # text: (where, code, what is named)
-    "name,mean\na,1": ("line 1", "head", "name, mean"),
-    "": ("line 1", "head", "nothing"),
+    "name,mean\na,1": ("line 1", "no_set_column", "name, mean"),
+    "": ("line 1", "no_set_column", "nothing"),
     HEAD: ("", "no_set", ""),
     "set,densty\na,1": ("line 1, column densty", "head", "density"),
     "set,set\na,b": ("line 1, column set", "head", "2 times"),

@@ -662,6 +662,9 @@ def test_the_law_of_the_group_explains_each_of_its_shots():
     assert d.checks.message == "said before"
     assert [one.material for one in a.others] == ["newtonian"]
     assert [one.material for one in c.others] == ["nhkv"]
+    again = {law: [replace(one, checks=b.checks) for one in found] for law, found in answers.items()}
+    told = evidence.explained(*ranked(curves, again))[1].checks.message
+    assert told.count("e^10 for the second") == 1  # an answer that says so already does not say it twice
 
 
 def test_evidence_of_a_group_is_the_sum_of_the_shots_that_all_laws_have():

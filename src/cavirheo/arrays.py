@@ -1,4 +1,4 @@
-"""Names for the arrays that travel through the package, and a sum that scipy takes long for."""
+"""Names for the arrays that travel through the package, and what is done to logarithms of weights."""
 
 from __future__ import annotations
 
@@ -7,6 +7,11 @@ from numpy.typing import ArrayLike, NDArray
 
 Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]
+
+
+def unscaled(log_weight: Floats) -> Floats:
+    """Weights of which the largest is 1."""
+    return np.asarray(np.exp(log_weight - np.max(log_weight)))
 
 
 def log_sum(log_value: ArrayLike, axis: int | None = None) -> Floats:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
-from cavirheo.arrays import Floats
+from cavirheo.arrays import Floats, unscaled
 from cavirheo.errors import InputError, require
 from cavirheo.parameters import about, natural, natural_name, open_sides
 
@@ -95,6 +95,11 @@ class BubbleModel:
         """The same bubble with these contents; a given accommodation is of kinetic ones alone."""
         rate = self.accommodation if way in ("kinetic", self.contents) else "free"
         return replace(self, contents=way, accommodation=rate)
+
+    @property
+    def plain(self) -> bool:
+        """Whether it is nothing but its contents: no damage, nothing around it, nothing given."""
+        return self == BubbleModel(self.contents)
 
     @property
     def name(self) -> str:
@@ -261,7 +266,7 @@ class Posterior:
     @property
     def weights(self) -> Floats:
         """(draws,) weights that sum to 1."""
-        weight = np.ones(len(self.theta)) if self.log_weight is None else _unscaled(self.log_weight)
+        weight = np.ones(len(self.theta)) if self.log_weight is None else unscaled(self.log_weight)
         return np.asarray(weight / weight.sum())
 
     def draws(self, name: str) -> Floats:
@@ -376,11 +381,7 @@ def intervals(
     return found
 
 
-def _unscaled(log_weight: Floats) -> Floats:
-    return np.asarray(np.exp(log_weight - np.max(log_weight)))
-
-
 def weighted_quantile(values: Floats, levels: Floats, log_weight: Floats | None) -> Floats:
     """At each level, of the values along their first axis."""
-    how: Any = {} if log_weight is None else {"weights": _unscaled(log_weight), "method": "inverted_cdf"}
+    how: Any = {} if log_weight is None else {"weights": unscaled(log_weight), "method": "inverted_cdf"}
     return np.asarray(np.quantile(values, levels, axis=0, **how))

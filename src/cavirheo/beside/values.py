@@ -25,7 +25,7 @@ def values_of(_: object, *paths: str) -> dict[str, Published]:
         try:
             found |= {about.name: about.published() for about in read_references(path)}
         except InputError as error:
-            if NO_SETS not in str(error):
+            if error.code != NO_SETS:
                 raise
             sweeps.append(path)
     if sweeps:

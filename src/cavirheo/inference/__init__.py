@@ -10,7 +10,7 @@ from typing import Any
 from cavirheo.curve import RadiusCurve, several
 from cavirheo.errors import expect_whole, require
 from cavirheo.inference.amortised import Amortised
-from cavirheo.inference.law import Family
+from cavirheo.inference.law import softened
 from cavirheo.inference.model import Network, card, path_of
 from cavirheo.inference.options import Options, check_wall
 from cavirheo.parallel import each
@@ -22,6 +22,7 @@ __all__ = ["check_level", "check_models", "infer", "infer_many"]
 
 DEFAULT = "posterior"  # model
 AUTO = ("nhkv", "newtonian", "power-law", "fung + newtonian")  # laws of material="auto": gels and liquids
+NOTHING_ELSE = "no damage, walls, excess of vapour or given accommodation"  # of bubbles that a network knows
 LEVELS = ("auto", "none", "map", "full")  # of verification (inference/verify)
 
 
@@ -30,11 +31,10 @@ def check_level(level: str) -> None:
     require(level in LEVELS, f"verify must be auto, none, map or full, got {level!r}", "option.verify")
 
 
-def check_models(
-    model: str | Path, material: str | None, contents: str, verify: str, around: BubbleModel | None = None
-) -> None:
-    """Raises InputError for a law, contents, or what is around the bubble, that this network cannot answer at this
-    level of verification."""
+def check_models(model: str | Path, material: str | None, bubble: BubbleModel, verify: str) -> None:
+    """Raises InputError for a law, or a model of the bubble, that cannot be or that this network cannot answer at this
+    level of verification. Its contents may be "auto"."""
+    contents = bubble.contents
     told = f"contents must be {', '.join(CONTENTS)} or auto, got {contents!r}"
     require(contents in (*CONTENTS, "auto"), told, "option.contents")
     about = card(path_of(str(model)))
@@ -43,22 +43,22 @@ def check_models(
         told = "this network knows equilibrium contents: give verify map or full as well, or leave out the model"
         require(known, told, "option.contents")
         told = f"the model {model} knows no damage, no walls, no excess of vapour: leave them out, or the model"
-        require(around in (None, BubbleModel(contents)), told, "option.bubble")
+        require(bubble.plain, told, "option.bubble")
         told = f"the model {model} answers {about['material']}: leave out material {material!r}, or the model"
         require(material in (None, about["material"]), told, "option.material")
         return
     told = "auto compares models by their evidence, which a verification finds: leave out --verify none"
     require(verify != "none" or "auto" not in (material, contents), told, "option.auto")
-    told = (
-        "the network knows no damage, no walls, no excess of vapour and no given accommodation: leave out verify none"
-    )
-    require(verify != "none" or around in (None, BubbleModel(contents)), told, "option.bubble")
-    told = f"damage needs a law with an elastic part, {material} has none: leave out damage, or add a spring"
-    damaged = around is not None and around.damage != "none" and material not in (None, "auto")
-    require(not damaged or Family(str(material)).elastic, told, "physics.damage_without_elasticity")
-    if around is not None:
-        check_wall(around)
-        Options(bubble=around.with_contents("kinetic") if contents == "auto" else around)
+    told = f"the network by itself knows {NOTHING_ELSE}: leave out verify none"
+    require(verify != "none" or bubble.plain, told, "option.bubble")
+    if material is not None:
+        softened(_laws(material), bubble.damage)
+    check_wall(bubble)
+    Options(bubble=bubble.with_contents("kinetic") if contents == "auto" else bubble)
+
+
+def _laws(material: str | None) -> Sequence[str]:
+    return AUTO if material == "auto" else (material or "nhkv",)
 
 
 def infer(
@@ -164,7 +164,7 @@ def infer_many(
     around = BubbleModel(
         contents, accommodation, damage, wall_inertia, wall_distance, vapour_excess, wall_radiation
     )  # fmt: skip
-    check_models(model, material, contents, verify, around)
+    check_models(model, material, around, verify)
     expect_whole(seed, "seed", 0, "option.seed")
     curves, liquid = several(curves), named(medium)
     settings: Any = {"medium": liquid, "stretch": stretch, "discrepancy": discrepancy, "seed": seed}
@@ -181,8 +181,7 @@ def infer_many(
         return verify_many(curves, answers, contents=contents, workers=workers, done=done, **settings)
     from cavirheo.inference.networked import Networked
 
-    asked = AUTO if material == "auto" else (material or "nhkv",)
-    laws = [law for law in asked if damage == "none" or Family(law).elastic]
+    laws = softened(_laws(material), damage)
     bubbles = [around.with_contents(way) for way in (CONTENTS if contents == "auto" else (contents,))]
     alone: Any = settings | {"window": window, "trust_input": trust_input, "checked": verify == "none"}
     estimators = [Networked(network, law, bubble, **alone) for law, bubble in product(laws, bubbles)]

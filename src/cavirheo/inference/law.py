@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import MISSING, Field, dataclass, field, fields
 from typing import Any
 
@@ -24,6 +25,17 @@ def _unfittable(law: str) -> list[str]:
 
 
 ABLE = [law for law in LAWS if not _unfittable(law)]
+
+
+def softened(laws: Sequence[str], damage: str) -> list[str]:
+    """Those of the laws that can have such damage: all without one, else those with an elastic part. Raises InputError:
+    none can."""
+    if damage == "none":
+        return list(laws)
+    found = [law for law in laws if Family(law).elastic]
+    told = f"damage needs a law with an elastic part, {', '.join(laws)} has none: leave out damage, or add a spring"
+    require(bool(found), told, "physics.damage_without_elasticity")
+    return found
 
 
 @dataclass(frozen=True)

@@ -10,7 +10,7 @@ from typing import Any
 
 from cavirheo.errors import InputError, require
 from cavirheo.files import read_bytes
-from cavirheo.inference import DEFAULT
+from cavirheo.inference import DEFAULT, NOTHING_ELSE
 from cavirheo.inference.card import PosteriorCard
 from cavirheo.inference.experiment import Experiment
 from cavirheo.inference.flow import INPUTS, Flow, NetworkProposal, plain
@@ -18,7 +18,6 @@ from cavirheo.inference.graph import check_graph
 from cavirheo.inference.model import LARGEST, Network, card, load, path_of, shipped
 from cavirheo.inference.session import try_out
 from cavirheo.physics.media import WATER
-from cavirheo.posterior import BubbleModel
 from cavirheo.prior import Prior
 
 
@@ -63,8 +62,8 @@ class PosteriorModel:
         contents = bubble.contents
         if not self.knows(shot.family.name, contents):
             return f"it was not trained on {shot.family.name} with {contents} contents"
-        if bubble != BubbleModel(contents):
-            return "it knows no damage, walls, excess of vapour or given accommodation"
+        if not bubble.plain:
+            return f"it knows {NOTHING_ELSE}"
         frames = int((shot.counted & (shot.since >= 0)).sum())
         here: dict[str, tuple[float, str]] = {
             "max_radius_um": (shot.max_radius * 1e6, "R_max of {:.4g} um"),

@@ -195,8 +195,8 @@ def _document(
         group_of(name, [curves[i] for i in indices], population_record(one, title))
         for name, indices, one in zip(names, members.values(), found, strict=True)
     ]
+    known = {"": {}, **(published or {})}
     for group in groups:
-        known = {"": {}, **(published or {})}
         group.published = {method: dict(values) for method, values in known.get(group.name, known[""]).items()}
     apart = differences({name: one for name, one in zip(names, found, strict=True) if one})
     return Result(

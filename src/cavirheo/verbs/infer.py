@@ -45,7 +45,7 @@ def infer(
     paper = options.for_paper(figures)
     options.check_verify(verify, reading.exposure_us, exact_law, files)
     check_stretch(stretch)
-    check_models(model, material, bubble.contents, verify, bubble)
+    check_models(model, material, bubble, verify)
     network = network_of(model)
     single = isinstance(network, Network)
     Outputs(out, *DOCUMENTS, inputs=files)

@@ -51,7 +51,7 @@ def watch(
     check_stretch(stretch)
     told = f"--rmax-um must be a positive radius in micrometres, got {reading.rmax_um}"
     require(reading.rmax_um is None or reading.rmax_um > 0, told, "option.rmax_um")
-    check_models(model, material, bubble.contents, verify, bubble)
+    check_models(model, material, bubble, verify)
     if material not in (None, "auto"):
         Family(material)
     told = "--exclude is of one recording: leave the frames out with `cavirheo measure`, and watch for what it writes"

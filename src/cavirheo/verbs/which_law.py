@@ -50,7 +50,7 @@ def which_law(
     paper = options.for_paper(figures)
     given = [[name.strip() for name in text.split(",") if name.strip()] for text in (laws, contents, damage)]
     looked_at, known = options.window_of(window), options.stretch_of(stretch)
-    chosen = models(given[0], given[1], given[2], around)
+    chosen = models(*given, around=around)
     Options(window=looked_at, stretch=known)
     outputs = document.Outputs(out, "laws.json", inputs=files)
     document.Outputs(out, *reporting.DOCUMENTS, inputs=files)

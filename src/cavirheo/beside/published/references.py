@@ -25,7 +25,7 @@ from cavirheo.reading.files import guarded
 from cavirheo.reading.tabular import Row, read_sheets
 from cavirheo.writing.document import Record, Spread
 
-NO_SETS = "no column set"  # said of a table of something else
+NO_SETS = "references.no_set_column"  # code of the error that a table of something else gives
 _MOST = 500  # sets of one file
 OURS = "cavirheo"  # the method's name for our own answers
 G, MU = "shear_modulus_Pa", "viscosity_Pa_s"
@@ -114,8 +114,8 @@ def read_references(path: str | Path) -> list[ReferenceSet]:
         (sheet,) = read_sheets(Path(path), lambda cells: "set" in cells, most=1, marks="#")
     (first, head), *rows = sheet.rows or [Row(1, [])]
     found, expected = ", ".join(head) or "nothing", ",".join(_COLUMNS)
-    no_set = f"{path}, line {first}: {NO_SETS}; found: {found}; expected {expected}"
-    require("set" in head, no_set, "references.head")
+    no_set = f"{path}, line {first}: no column set; found: {found}; expected {expected}"
+    require("set" in head, no_set, NO_SETS)
     for name in head:
         place = f"{path}, line {first}, column {name or '(empty)'}"
         require(name in _COLUMNS, f"{place}: not known; expected one of {', '.join(_COLUMNS)}", "references.head")

@@ -18,7 +18,7 @@ from cavirheo.inference.experiment import QUICK, Experiment
 from cavirheo.inference.fit.alone import Alone, posterior
 from cavirheo.inference.fit.covariance import laplace
 from cavirheo.inference.fit.least_squares import SEARCH, LeastSquares
-from cavirheo.inference.law import Family
+from cavirheo.inference.law import Family, softened
 from cavirheo.inference.options import FREED, SCALE_BOUND, Options, check_wall
 from cavirheo.inference.others import DECISIVE, chosen_among, compared, itself, model_of
 from cavirheo.inference.verify.tuning import TUNING
@@ -132,13 +132,8 @@ def fit_many(
         clock, bubble = FREED if free is None else free, given.with_contents(way)
         return Options(window, end, stretch, clock, t0_bound, scale_bound, weights, windows, bubble)
 
-    models = [
-        (Family(law), options_of(way)) for law, way in product(AUTO if material == "auto" else (material,), asked)
-    ]
-    if damage != "none":
-        models = [(family, options) for family, options in models if family.elastic]
-    solid = f"damage needs a law with an elastic part, {material} has none: leave out damage, or add a spring"
-    require(bool(models), solid, "physics.damage_without_elasticity")
+    laws = softened(AUTO if material == "auto" else (material,), damage)
+    models = [(Family(law), options_of(way)) for law, way in product(laws, asked)]
     check_wall(given, curves)
     threads = cores(workers)
     inner = max(threads // max(len(curves), 1), 1)

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from cavirheo.arrays import Floats
+from cavirheo.arrays import Floats, unscaled
 from cavirheo.inference import doubts
 from cavirheo.inference.experiment import FINE, QUICK, Experiment
 from cavirheo.inference.fit.covariance import Laplace, draws, laplace
@@ -68,10 +68,10 @@ class Alone:
         self.found = self.fit.polish(chosen[0].x if chosen else best)
         if enough:
             self.sample = self._sampled(seed, [minimum.x for minimum in search.minima])
-        if target and chosen and self.sample and not _among(shot.prior().to_u(self.found.x), self.sample):
+        if target and chosen and self.sample and not _among(target.prior.to_u(self.found.x), self.sample):
             # the best values must be those of the solution that has the interval; the minimum before is a valley
             likeliest = self.sample.u[np.argmax(self.sample.log_target)]
-            self.found = self.fit.polish(shot.prior().to_x(likeliest))
+            self.found = self.fit.polish(target.prior.to_x(likeliest))
             if mode := climb(target, target.start(self.found.x), QUICK):
                 chosen = next((one for one in weighed if same(mode, one[1])), (self.found, mode))
         self.laplace = laplace(self.fit, self.found.x)
@@ -146,7 +146,7 @@ class Alone:
 
 def _among(u: Floats, drawn: Sample) -> bool:
     """Whether a minimum (d,) is where the weighted draws are."""
-    weight = np.exp(drawn.log_weight - np.max(drawn.log_weight))
+    weight = unscaled(drawn.log_weight)
     middle = np.average(drawn.u, weights=weight, axis=0)
     spread = np.sqrt(np.average((drawn.u - middle) ** 2, weights=weight, axis=0))
     return bool(np.all(np.abs(u - middle) < FAR * spread))
@@ -176,7 +176,7 @@ def posterior(
     covariance = worth.covariance[np.ix_(columns, columns)] if worth else None
     if weighted:
         drawn = shot.prior().to_x(weighted.u)
-        covariance = np.cov(drawn.T, aweights=np.exp(weighted.log_weight - np.max(weighted.log_weight)))
+        covariance = np.cov(drawn.T, aweights=unscaled(weighted.log_weight))
     elif worth is None or (joint and not found.converged):
         drawn = x[None]  # no interval about a point that is no minimum
     else:

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cavirheo.arrays import Floats
+from cavirheo.arrays import Floats, unscaled
 from cavirheo.errors import InputError, expect, expect_whole, require
 from cavirheo.inference.population.likelihood import FEW, Likelihood, Likelihoods, likelihood
 from cavirheo.inference.population.material import Population
@@ -182,7 +182,7 @@ def _ends(answer: Posterior, law: Sequence[str]) -> Floats:
 def _resampled(drawn: Sample, seed: int) -> Floats:
     """(_DRAWS, m) equally likely draws, in random order."""
     rng = np.random.Generator(np.random.Philox(seed).jumped())
-    weight = np.exp(drawn.log_weight - np.max(drawn.log_weight))
+    weight = unscaled(drawn.log_weight)
     places = (np.arange(_DRAWS) + rng.uniform()) / _DRAWS
     chosen = np.searchsorted(np.cumsum(weight) / np.sum(weight), places)
     return drawn.u[rng.permutation(np.minimum(chosen, len(weight) - 1))]

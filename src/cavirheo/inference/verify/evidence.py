@@ -114,6 +114,7 @@ def models(
     laws: Sequence[str],
     contents: Sequence[str] = ("equilibrium",),
     damage: Sequence[str] = ("none",),
+    *,
     around: BubbleModel = BubbleModel(),  # noqa: B008  it is frozen
 ) -> dict[str, dict[str, Any]]:
     """Every law with all contents and damages, as `fit_many` takes them, by the name in a ranking: "nhkv", or
@@ -126,8 +127,7 @@ def models(
     told = f"give two or more different models to choose from, got {', '.join([*laws, *contents, *damage]) or 'none'}"
     unlike = all(len(set(names)) == len(names) > 0 for names in (laws, contents, damage))
     found: dict[str, dict[str, Any]] = {}
-    either = "kinetic" if "kinetic" in contents else "equilibrium"
-    Options(bubble=replace(around, contents=either))
+    Options(bubble=replace(around, contents="kinetic" if "kinetic" in contents else "equilibrium"))
     for law, content, hurt in product(laws, contents, damage) if unlike else ():
         bubble = replace(around, contents="auto", damage=hurt).with_contents(content)
         Options(bubble=bubble)
@@ -152,8 +152,8 @@ def by_network(way: Mapping[str, Any], stretch: float | str | None = None) -> bo
 
     network = network_of(DEFAULT)
     known = isinstance(network, PosteriorModel) and network.knows(way["material"], way["contents"])
-    plain = {"material": way["material"], **vars(BubbleModel(way["contents"]))}
-    return known and plain == way and not isinstance(stretch, str)
+    bubble = BubbleModel(**{name: value for name, value in way.items() if name != "material"})
+    return known and bubble.plain and not isinstance(stretch, str)
 
 
 def rank_laws(
@@ -194,7 +194,7 @@ def rank_laws(
     )  # fmt: skip
     shared: dict[str, Any] = {"medium": medium, "stretch": stretch, "seed": seed}
     curves = several(curves)
-    steps = plans(models(laws, contents, damage, around), window, trust_input, **shared, **options)
+    steps = plans(models(laws, contents, damage, around=around), window, trust_input, **shared, **options)
     found = weighed(curves, steps, _InMemory(workers))
     if done:
         for i, answer in (pair for answers in found.values() for pair in answers.items()):
@@ -309,8 +309,8 @@ def explained(singles: Sequence[Ranking], groups: Sequence[Ranking]) -> list[Pos
         answer = replace(answer, others=(*others, *(itself(other) for other in rest if other.evidence)))
         by_others = [f"chosen by the evidence of the group: {chosen}"] if i in by_group else []
         own = chosen_among(answer, rest) if chosen == one.chosen else by_others
-        before = answer.checks.message.split("; ") if answer.checks.message else []
-        told = dict.fromkeys([*before, *own, *compared(answer)])  # once
+        before = answer.checks.message
+        told = filter(None, [before, *own, *(said for said in compared(answer) if said not in before)])
         found.append(replace(answer, checks=replace(answer.checks, message="; ".join(told))))
     return found
 

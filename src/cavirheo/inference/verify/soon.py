@@ -18,7 +18,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from cavirheo.arrays import Floats
+from cavirheo.arrays import Floats, unscaled
 from cavirheo.errors import SolverError
 from cavirheo.inference.experiment import BRISK, FINE, Accuracy
 from cavirheo.inference.verify.explore import Blend, Explorer, log_mean
@@ -81,7 +81,7 @@ class Mended(Target):
         these found wrong; all are simulated anew if that is too much."""
         if not self.rough:
             return drawn, 0.0
-        weight = np.exp(drawn.log_weight - np.max(drawn.log_weight))
+        weight = unscaled(drawn.log_weight)
         rng = np.random.Generator(np.random.Philox(seed))
         some = rng.choice(len(weight), TUNING.mended_checked, p=weight / np.sum(weight))
         wrong = Simulated.at(self.exact, drawn.u[some]).value - drawn.log_target[some]
