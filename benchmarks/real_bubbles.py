@@ -61,6 +61,8 @@ class Set(NamedTuple):
 
 
 GEL: dict[str, Model] = {"equilibrium": {}, "kinetic": KINETIC}
+MOTION: Model = {"weights": "motion"}  # those that chi2 is stated with, instead of the learnt ones
+WEIGHED: dict[str, Model] = {**GEL, "equilibrium, motion": MOTION, "kinetic, motion": {**KINETIC, **MOTION}}
 HURT: Model = {**KINETIC, "damage": "strain"}
 FUNG: Model = {"material": "fung + newtonian"}
 DAMAGE: dict[str, Model] = {"first-rebound": {"damage": "first-rebound"}, "strain": {"damage": "strain"}}
@@ -70,8 +72,8 @@ LIQUID: dict[str, Model] = {
     "power-law, free sound": {**THIN, "wall_radiation": "free"},
 }  # fmt: skip
 SETS = {
-    "stiff PA": Set("pa_stiff/*[!E].mat", "nhkv", GEL, clock=True),  # not the file in a wrong scale
-    "alginate": Set("paam_alginate_0p3/*.mat", "nhkv", GEL, clock=True),
+    "stiff PA": Set("pa_stiff/*[!E].mat", "nhkv", WEIGHED, clock=True),  # not the file in a wrong scale
+    "alginate": Set("paam_alginate_0p3/*.mat", "nhkv", WEIGHED, clock=True),
     "agarose 0.5 %": Set("agarose_0p5/2E*.mat", "nhkv", {**GEL, **DAMAGE, "kinetic, strain": HURT}),
     "agarose 2.5 %": Set("agarose_2p5/2E*.mat", "nhkv", {"equilibrium": {}, "fung": FUNG, **DAMAGE}),
     "PEG 40 w/v %": Set("peg8000_40wv/*.mat", "newtonian", LIQUID),
@@ -246,7 +248,7 @@ def ahead(curve: RadiusCurve, accommodation: float) -> dict[str, Any]:
     """Both models of the contents with equally many parameters: of three collapses; and RMS of the frames after the
     first rebound's maximum predicted from those before."""
     found: dict[str, Any] = {}
-    for name, model in (("equilibrium", {}), ("kinetic", {**KINETIC, "accommodation": accommodation})):
+    for name, model in (("equilibrium", MOTION), ("kinetic", {**KINETIC, **MOTION, "accommodation": accommodation})):
         found[name] = record(curve, fitted(curve, "nhkv", **freed(curve, model)))
         early = fitted(curve, "nhkv", window=1, **freed(curve, model))
         shot, missed = laid(curve, early)
@@ -258,7 +260,7 @@ def ahead(curve: RadiusCurve, accommodation: float) -> dict[str, Any]:
 def run_ahead(kept: Kept, sets: Sets) -> None:
     """Leave one out: the accommodation is the median of that of the other shots of the set."""
     for name in ("stiff PA", "alginate"):
-        kinetic = {i: kept.found.get(f"fit/{name}/kinetic/{i}") for i in range(len(sets.get(name, [])))}
+        kinetic = {i: kept.found.get(f"fit/{name}/kinetic, motion/{i}") for i in range(len(sets.get(name, [])))}
         for i, mine in kinetic.items():
             if mine and "best" in mine:
                 others = [f["best"]["accommodation"] for j, f in kinetic.items() if j != i and f and "best" in f]

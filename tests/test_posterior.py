@@ -17,16 +17,17 @@ from scipy.stats import invgamma, multivariate_normal, norm
 
 from cavirheo import InputError, NeoHookeanKelvinVoigt, RadiusCurve, infer, simulate
 from cavirheo.inference import experiment, verify
-from cavirheo.inference.experiment import FINE, QUICK, Experiment
+from cavirheo.inference.experiment import BRISK, FINE, QUICK, Experiment
 from cavirheo.inference.law import Family
 from cavirheo.inference.noise import SHAPE, Noise
 from cavirheo.inference.options import FREE, Options
 from cavirheo.inference.verify import Verification, evidence, explore, predictive, verify_many, work
 from cavirheo.inference.verify.evidence import models, rank_laws, ranked
 from cavirheo.inference.verify.explore import Blend, Explorer
-from cavirheo.inference.verify.mode import Target, climb, modes, same
+from cavirheo.inference.verify.mode import Simulated, Target, climb, modes, same
 from cavirheo.inference.verify.predictive import predictive_check
 from cavirheo.inference.verify.sampler import Mixture, Sample, effective_size, sample
+from cavirheo.inference.verify.soon import Mended
 from cavirheo.inference.verify.surrogate import Surrogate
 from cavirheo.inference.verify.tuning import TUNING
 from cavirheo.inference.verify.work import Work
@@ -332,6 +333,58 @@ def test_draws_of_a_surrogate_have_the_density_that_they_claim():
         share = np.sum(density[share_of(grid)])
         assert 0.005 < share < 0.7
         assert np.mean(share_of(drawn)) == pytest.approx(share, abs=4.0 * np.sqrt(share / count) + 0.03 * share)
+
+
+def mended(bias, at) -> Mended:
+    """Two valleys whose rough simulations are wrong by bias(x), after learning from those at u (k, 2)."""
+    target, exact = two_valleys()
+    frames, there = target.experiment.difference, target.experiment
+    there.difference = lambda x, accuracy: frames(x, accuracy) + (bias(x) if accuracy is BRISK else 0.0)
+    found = Mended(target)
+    found.mend(Simulated(at, found.residuals(at), exact(at)))
+    return found
+
+
+PLACES = np.array([[0.3, 0.1], [0.35, 0.2], [0.2, 0.0], [0.4, 0.1], [0.3, 0.3], [-2.5, 2.5], [2.5, -2.0]])
+
+
+def test_rough_simulations_are_mended_by_what_they_miss_where_the_posterior_is():
+    """A part that is everywhere is learnt; one that grows far from all that is likely does no harm."""
+    wave = 0.05 * np.sin(np.arange(20.0))
+    found = mended(lambda x: wave * (1.0 + 5.0 * (np.max(np.abs(x)) > 0.9)), PLACES)
+    assert found.rough
+    assert found.missed == pytest.approx(-wave, abs=0.02 * np.max(wave))
+    u = np.array([[0.25, 0.15]])
+    assert found.residuals(u) == pytest.approx(found.exact.residuals(u, FINE), abs=1e-3)
+
+
+def test_rough_simulations_whose_error_changes_where_the_posterior_is_are_not_used():
+    found = mended(lambda x: 0.5 * x[0] * np.ones(20), PLACES)
+    assert not found.rough
+    assert np.array_equal(found.residuals(PLACES), found.exact.residuals(PLACES, FINE))
+
+
+def test_draws_that_rough_simulations_weigh_wrongly_are_simulated_anew():
+    """Those that have a weight, for the others change nothing."""
+    target, exact = two_valleys()
+    rng = np.random.default_rng(0)
+    u = np.concatenate([0.3 * rng.standard_normal((150, 2)), np.full((3, 2), 2.9)])
+    wrong = Sample(u, exact(u) + 0.5 * rng.standard_normal(len(u)), np.zeros(len(u)))
+    found, error = Mended(target).checked(wrong, 0)
+    assert error > TUNING.mended_enough
+    same_as = found.log_target == pytest.approx(exact(u))
+    assert not same_as  # the last three
+    heavy = exact(u) > np.max(exact(u)) - 4.0
+    assert found.log_target[heavy] == pytest.approx(exact(u)[heavy])
+    assert np.all(found.log_weight[-3:] < np.max(found.log_weight) - 7.0)
+
+
+def test_a_last_round_takes_as_many_draws_as_are_missing():
+    """Of a proposal that is twice too wide three draws are worth two."""
+    start = Mixture.about([np.zeros(2)], [2.0 * np.eye(2)], [0.0])
+    found = sample(log_normal, lambda rng, counted: start, seed=4, each=100, most=2000, enough=480, fewest=1)
+    assert len(found.u) % 100 != 0
+    assert 480 <= found.ess < 520
 
 
 def test_a_surrogate_that_its_mixture_hardly_meets_is_not_drawn_from(monkeypatch):

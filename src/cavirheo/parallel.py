@@ -224,6 +224,6 @@ def _follow() -> None:
 
 
 def of_memory(name: str, *given: int) -> None:
-    """Call a function of the C library on memory, where it is glibc: a server of many threads gives it back so."""
+    """Call a function of the C library on memory, where it is glibc."""
     with suppress(AttributeError, OSError, TypeError):
         ctypes.CDLL(None)[name](*given)

@@ -166,9 +166,9 @@ def sample(
     fewest: int = TUNING.fewest_rounds, least: float = 0.0, patience: int = 0,
     first: tuple[Proposal, Sample] | None = None,
 ) -> Sample:  # fmt: skip
-    """Rounds of `each` draws of a log density, `fewest` at least, until their effective size is `enough` (and their
-    tail index in order), there are `most`, or (after `patience` draws) so many are not likely to be worth `least`; they
-    depend on seed, target and proposals alone.
+    """Rounds of `each` draws of a log density (less where few are missing), `fewest` at least, until their effective
+    size is `enough` (and their tail index in order), there are `most`, or (after `patience` draws) so many are not
+    likely to be worth `least`; they depend on seed, target and proposals alone.
 
     `first` is a proposal whose draws count already, and no more are taken from it: it guards against what the others
     never meet. A good proposal stays: one that is made from the draws that it then weighs loses a few per cent of the
@@ -188,7 +188,8 @@ def sample(
             proposals.append(propose(rng, None if new else found))
             counts.append(0)
             densities.append(proposals[-1].log_density(found.u) if found else np.empty(0))
-        u = proposals[-1].draw(min(each, most - sum(counts) + before), rng)
+        size = each if found is None or new else _needed(found, each, enough)
+        u = proposals[-1].draw(min(size, most - sum(counts) + before), rng)
         counts[-1] += len(u)
         densities = [np.concatenate([q, p.log_density(u)]) for q, p in zip(densities, proposals, strict=True)]
         value = target(u)
@@ -201,6 +202,13 @@ def sample(
         hopeless = drawn >= patience and found.ess * most < least * drawn
         if drawn >= most or (drawn >= fewest * each and (good or hopeless)):
             return found
+
+
+def _needed(found: Sample, each: int, enough: float) -> int:
+    """Draws that are likely to bring the effective size to `enough`, a fifth of `each` at least and `each` at most."""
+    if not each / len(found.u) * found.ess > enough - found.ess > 0:
+        return each
+    return max(int(np.ceil((enough / found.ess - 1.0) * len(found.u))), each // 5)
 
 
 def generalised_pareto(x: Floats) -> tuple[float, float]:

@@ -7,7 +7,7 @@ what a proposal never met. (That it is smaller only says that the network misses
 
 All of these are rough simulations plus what they miss of the default ones at likely places, for that hardly changes
 across a posterior: the log weights are off by some hundredths, in half the time. The answer says by how much, from
-default simulations of draws that were not used before; if it is too much, every draw is simulated anew.
+default simulations of draws that were not used before; if it is too much, all that have a weight are simulated anew.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from cavirheo.errors import SolverError
 from cavirheo.inference.experiment import BRISK, FINE, Accuracy
 from cavirheo.inference.verify.explore import Blend, Explorer, log_mean
 from cavirheo.inference.verify.mode import Mode, Simulated, Target, modes, secant, valley
-from cavirheo.inference.verify.sampler import Proposal, Sample, sample
+from cavirheo.inference.verify.sampler import Proposal, Sample, sample, tempered
 from cavirheo.inference.verify.tuning import TUNING
 from cavirheo.posterior import Evidence, OtherAnswer, intervals
 
@@ -51,17 +51,19 @@ class Mended(Target):
         """(k, n) measured minus simulated, over R_max, at u (k, d); NaN where the simulation failed."""
         return self.exact.residuals(u, BRISK) + self.missed if self.rough else self.exact.residuals(u, FINE)
 
-    def mend(self, mode: Mode, seed: int) -> None:
-        """Learn what the rough ones miss, the mean of it at and about a mode; where it changes too much, no more of
+    def mend(self, at: Simulated) -> None:
+        """Learn what rough simulations miss, the mean of it at likely places; where it changes too much, no more of
         them."""
-        u = np.concatenate([mode.u[None], mode.draws(TUNING.mended, seed)])
-        fine, rough = self.exact.residuals(u, FINE), self.exact.residuals(u, BRISK)
-        good = np.all(np.isfinite(fine - rough), axis=1)
-        u, fine, rough = u[good], fine[good], rough[good]
-        if len(u):
-            self.missed = np.mean(fine - rough, axis=0)
+        fine = self.exact.residuals(at.u, FINE)
+        good = np.all(np.isfinite(fine - at.residual), axis=1)
+        self.rough = bool(np.count_nonzero(good) > TUNING.mended / 2)
+        if not self.rough:
+            return
+        u, fine, rough, value = at.u[good], fine[good], at.residual[good], at.value[good]
+        trust = np.exp((value - np.max(value)) / TUNING.nugget_height)
+        self.missed = np.average(fine - rough, axis=0, weights=trust)
         wrong = self.log_posterior(u, fine) - self.log_posterior(u, rough + self.missed)
-        self.rough = len(u) > TUNING.mended / 2 and float(np.std(wrong, ddof=1)) < TUNING.mended_begun
+        self.rough = bool(np.cov(wrong, aweights=trust) < TUNING.mended_begun**2)
 
     def again(self, u: Floats, residual: Floats) -> Simulated:
         """What was known at u (k, d), with residuals (k, n), before something was learnt."""
@@ -88,7 +90,11 @@ class Mended(Target):
         error = float(np.std(wrong, ddof=1)) if np.all(np.isfinite(wrong)) else np.inf
         if error <= TUNING.mended_enough:
             return replace(drawn, log_target=drawn.log_target + np.mean(wrong)), error
-        return replace(drawn, log_target=Simulated.at(self.exact, drawn.u).value), error
+        heaviest = np.argsort(-weight)
+        counted = 1 + np.searchsorted(np.cumsum(weight[heaviest]), TUNING.mended_heavy * np.sum(weight))
+        again, value = heaviest[:counted], drawn.log_target + np.mean(wrong[np.isfinite(wrong)])
+        value[again] = Simulated.at(self.exact, drawn.u[again]).value
+        return replace(drawn, log_target=value), error
 
 
 def weighed(
@@ -110,7 +116,7 @@ def weighed(
         found = modes(near, starts(), scanned())
     if not found:
         raise SolverError(f"no start of {target.experiment.family.name} could be simulated")
-    near.mend(found[0], seed)
+    near.mend(_likely(near, found[0], known, seed))
     found = near.lifted(found)
     explorer = Explorer(near, found, TUNING.auto_learning, follow=searched)
     own = None
@@ -149,7 +155,7 @@ def glanced(target: Target, network: Proposal, seed: int) -> OtherAnswer | None:
     _, known, rough = _begun(near, network, seed)
     if rough is None:
         return None
-    near.mend(rough, seed)
+    near.mend(_likely(near, rough, known, seed))
     (mode,) = near.lifted([rough])
     explorer = Explorer(near, [mode], 0, follow=False)
     explorer.learn(*near.again(known.u, known.residual))
@@ -170,6 +176,19 @@ def _begun(near: Mended, network: Proposal, seed: int) -> tuple[Floats, Simulate
         return u, known, None
     mode, known = secant(near, known)
     return u, known, mode
+
+
+def _likely(near: Mended, mode: Mode, known: Simulated | None, seed: int) -> Simulated:
+    """Rough simulations at a mode and where the posterior is: some of those that are known, for it may be curved and
+    the Gaussian about its mode then leads far from it."""
+    if known is None:
+        return Simulated.at(near, np.concatenate([mode.u[None], mode.draws(TUNING.mended, seed)]))
+    top = np.argmax(known.value)
+    weight = np.exp(tempered(known.value - known.value[top], TUNING.mended_spread))
+    weight[top] = 0.0
+    rng, most = np.random.Generator(np.random.Philox(seed)), min(TUNING.mended, int(np.count_nonzero(weight)))
+    here = np.append(top, rng.choice(len(weight), most, replace=False, p=weight / np.sum(weight)))
+    return Simulated(known.u[here], known.residual[here], known.value[here])
 
 
 def _beyond(mode: Mode, known: Simulated) -> list[Floats]:

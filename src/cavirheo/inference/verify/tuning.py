@@ -31,9 +31,11 @@ class Tuning:
     lost: float = 0.06  # effective draws over draws, below which the search
     lost_after: int = 120  # of them begins anew, along ridges
     mended: int = 6  # places about the maximum where default simulations tell what rough ones miss
+    mended_spread: float = 12.0  # effective size of the network's draws that they are chosen among
     mended_begun: float = 0.15  # standard deviation of what they find wrong in log weights: else no rough ones
     mended_checked: int = 6  # draws that are simulated by both at the end
     mended_enough: float = 0.25  # standard deviation of what these find wrong in log weights: 6 % of the effective size
+    mended_heavy: float = 0.998  # share of the weight whose draws are then simulated anew
     agree: float = 3.0  # standard errors, by which the network's evidence may be the larger one
 
     # where searches start
