@@ -1,11 +1,11 @@
-"""Conventional fits of real sets beside published values: one collapse, three, and with a free time origin.
+"""Conventional fits of real sets beside published values: over one collapse and over three.
 
     python benchmarks/real_sets.py FOLDER [--references examples/published_values.csv] [--sets WORD] [-o real_sets.md]
 
 FOLDER and the CSV file are those of `cavirheo compare` (docs/how-to/compare.md).
 Its columns files, medium, density, stretch and rmax_um hold here, too.
 A set without a published G is fitted as Newtonian, the others as NHKV.
-Each set is fitted over 1 and 3 collapses, with and without a free time origin (within half a frame).
+Each set is fitted over 1 and 3 collapses; clock and R_max are free as by default.
 "Shots" is mean and standard deviation of the fits of single shots, with RMSE (% of R_max, median) and verdicts.
 "Joint" is one material for all shots: median and 90 % interval.
 """
@@ -27,7 +27,7 @@ from cavirheo.posterior import Posterior
 from cavirheo.writing import digits
 from cavirheo.writing.document import Quantity, spread_of
 
-COLUMNS = ("set", "published", "window", "free", "G, shots (kPa)", "G, joint", "µ, shots (Pa s)", "µ, joint",
+COLUMNS = ("set", "published", "window", "G, shots (kPa)", "G, joint", "µ, shots (Pa s)", "µ, joint",
            "RMSE, %", "verdicts of shots", "at bounds")  # fmt: skip
 FIELDS = {"shear_modulus": (G, 1e-3), "viscosity": (MU, 1.0)}
 
@@ -69,13 +69,12 @@ def rows(about: ReferenceSet, folder: Path, references: Path) -> Iterator[list[s
     curves = [replace(curve, meta={**curve.meta, "group": about.name, "group_source": ""}) for curve in curves]
     law = "nhkv" if any(quantity == G for _, quantity in about.values) or not about.values else "newtonian"
     for window in (1, 3):
-        for free in ((), ("t0",)):
-            answers = fit_many(
-                curves, law, medium=about.medium, stretch=about.settings.get("stretch"), window=window, free=free,
-                windows=False, joint=True,
-            )  # fmt: skip
-            head = [f"{about.name} ({law}, {len(curves)} shots, {about.medium.density:g} kg/m³)", published(about)]
-            yield [*head, str(window), ", ".join(free), *row(answers, len(curves))]
+        answers = fit_many(
+            curves, law, medium=about.medium, stretch=about.settings.get("stretch"), window=window, windows=False,
+            others=False, joint=True,
+        )  # fmt: skip
+        head = [f"{about.name} ({law}, {len(curves)} shots, {about.medium.density:g} kg/m³)", published(about)]
+        yield [*head, str(window), *row(answers, len(curves))]
 
 
 def main() -> None:
