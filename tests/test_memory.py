@@ -202,11 +202,13 @@ def test_growth_leaves_what_an_impulse_leaves(G, mu, tau):
         return solve_ivp(rate, (0, 10), [1 / lam, U, 0, 0], **options).y[:, -1]
 
     U = brentq(lambda U: grown(U)[0] - 1, 1.0, 400.0, xtol=1e-10)
-    assert remembered(numbers) == pytest.approx(grown(U)[2:], rel=1e-5)
+    exact = grown(U)[2:]
+    for rtol, close in ((1e-5, 1e-6), (1e-4, 1e-5), (1e-3, 1e-4)):  # of the simulation that goes on from there
+        assert remembered(numbers, rtol) == pytest.approx(exact, rel=close, abs=close)
 
 
 def test_nothing_is_remembered_at_equilibrium():
-    assert np.all(remembered(dimensionless(Zener(1e3, 0.1, 1e-6), WATER, 1e-4, 1.0)) == 0)
+    assert np.all(remembered(dimensionless(Zener(1e3, 0.1, 1e-6), WATER, 1e-4, 1.0), 1e-4) == 0)
 
 
 def test_growth_that_cannot_be_is_a_status():
@@ -240,7 +242,7 @@ def test_bad_laws(make, code):
 def test_growth_does_not_depend_on_where_its_instants_fall(monkeypatch):
     """The solver stops at the turn, which may lie before the next instant that is asked for."""
     found = []
-    for instants in (4001, 4003, 4007):
+    for instants in (401, 403, 4007):
         monkeypatch.setattr(growth, "_TIME", np.linspace(0.0, 4.0, instants))
-        found.append(remembered(dimensionless(Zener(5e4, 0.5, 2e-5), WATER, 250e-6, 3.0)))
+        found.append(remembered(dimensionless(Zener(5e4, 0.5, 2e-5), WATER, 250e-6, 3.0), 1e-5))
     assert found[1:] == [pytest.approx(found[0], rel=1e-4)] * 2

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy.interpolate import CubicHermiteSpline
 from scipy.optimize import brentq
 
 from cavirheo.arrays import Floats
@@ -13,12 +12,13 @@ from cavirheo.physics.grid import NO_SHELLS
 from cavirheo.physics.scales import ABSENT, Numbers
 from cavirheo.physics.tableau import RODAS5P
 
-_TIME = np.linspace(0.0, 4.0, 4001)  # in t_c: an impulse turns within about one
-_RTOL = 1e-7
+_TIME = np.linspace(0.0, 4.0, 401)  # in t_c: an impulse turns within about one
+_RTOL = (1e-7, 1e-5)
 
 
-def remembered(numbers: Numbers) -> Floats:
-    """Memories (k,) at R = 1 after growth from relaxed rest at R_0 = 1/stretch.
+def remembered(numbers: Numbers, rtol: float) -> Floats:
+    """Memories (k,) at R = 1 after growth from relaxed rest at R_0 = 1/stretch, a hundred times as exact as `rtol`
+    says, within bounds.
 
     The growth is an impulse: at R_0 the wall gets the velocity that carries it to R = 1, in incompressible surroundings
     of the same law, with isothermal gas and saturated vapour (docs/method/physics.md, section 4.3).
@@ -26,39 +26,41 @@ def remembered(numbers: Numbers) -> Floats:
     Raises:
         SolverError: no impulse carries the wall to R_max within the laws of the material.
     """
+    nothing = np.zeros(len(numbers.memory))
     if numbers.stretch == 1:
-        return np.zeros(len(numbers.memory))
+        return nothing
     quiet = numbers._replace(C=np.inf, tait=0.0, polytropic=1.0, driving=ABSENT, vapour=numbers.pv)
     quiet = quiet._replace(damage=numbers.damage * [1, 1, 1 / numbers.stretch])  # growth from R_0 does none
-    state = np.zeros(len(numbers.memory))
+    rtol = min(max(rtol / 100, _RTOL[0]), _RTOL[1])
+    turns = {0.0: (1 / numbers.stretch, nothing)}
 
     def overshoot(impulse: float) -> float:
         """Of R^3, which is nearly linear in the impulse v^2, the kinetic energy."""
-        radius, state[:] = _turn(quiet, float(np.sqrt(impulse)))
-        return radius**3 - 1
+        if impulse not in turns:
+            turns[impulse] = _turn(quiet, float(np.sqrt(impulse)), rtol)
+        return turns[impulse][0] ** 3 - 1
 
-    high = 2 / 3 * numbers.stretch**3  # all the work against the ambient pressure, from kinetic energy
+    low, high = 0.0, 2 / 3 * numbers.stretch**3  # all the work against the ambient pressure, from kinetic energy
     for _ in range(40):
         if overshoot(high) > 0:
             break
-        high *= 2
-    if abs(overshoot(brentq(overshoot, 0.0, high, xtol=1e-7 * high, rtol=1e-7))) > 1e-4:
+        low, high = high, 2 * high
+    found = brentq(overshoot, low, high, xtol=rtol * high, rtol=rtol)
+    if abs(overshoot(found)) > 1e-4:
         raise SolverError("no impulse at R_0 makes the bubble grow to R_max in this material; start it relaxed")
-    return state
+    return turns[found][1]
 
 
-def _turn(numbers: Numbers, velocity: float) -> tuple[float, Floats]:
+def _turn(numbers: Numbers, velocity: float, rtol: float) -> tuple[float, Floats]:
     """Radius and memories where a wall that leaves R_0 with this velocity comes to rest; 2 where none is found."""
     k = len(numbers.memory)
     out = np.full((_TIME.size, 4 + k), np.nan)
     small = 1 / numbers.stretch
     gas = (numbers.pressure - numbers.pv) * numbers.stretch**3
     start = np.concatenate([[small, velocity, numbers.pv + gas], np.zeros(k)])
-    ways = (_TIME, _RTOL, 20_000, True)
+    ways = (_TIME, rtol, 20_000, True)
     code = solver.integrate(numbers, NO_SHELLS, RODAS5P, start, *ways, out, np.zeros((0, 0)), np.zeros(5))
     falling = np.flatnonzero(out[:, 1] <= 0)
-    if velocity == 0:
-        return small, out[0, 4:]
     reached = np.count_nonzero(np.isfinite(out[:, 1]))
     if falling.size:
         after = falling[0]
@@ -66,10 +68,10 @@ def _turn(numbers: Numbers, velocity: float) -> tuple[float, Floats]:
         after = reached - 1
     else:
         return 2.0, out[0, 4:]
-    i = np.array([after - 1, after])
+    i, step = np.array([after - 1, after]), _TIME[after] - _TIME[after - 1]
     R, U, m = out[i, :1], out[i, 1:2], out[i, 4:]
     fading = -m * numbers.memory[:, 2] - numbers.memory[:, 1] * (1 + m) * U / R
-    through = CubicHermiteSpline(_TIME[i], np.hstack([R, m]), np.hstack([U, fading]))
-    x = U[0, 0] / (U[0, 0] - U[1, 0])
-    radius, *memories = through(_TIME[i[0]] + x * (_TIME[i[1]] - _TIME[i[0]]))
-    return float(radius), np.array(memories)
+    (y0, y1), (slope0, slope1) = np.hstack([R, m]), step * np.hstack([U, fading])
+    x = U[0, 0] / (U[0, 0] - U[1, 0])  # on the cubic through values and slopes at both instants
+    here = (1 - x) ** 2 * ((1 + 2 * x) * y0 + x * slope0) + x**2 * ((3 - 2 * x) * y1 - (1 - x) * slope1)
+    return float(here[0]), here[1:]

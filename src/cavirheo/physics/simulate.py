@@ -141,7 +141,7 @@ def simulate(
         if terms and not relaxed:
             from cavirheo.physics.growth import remembered  # its scipy takes a third of a second to import
 
-            memory = remembered(numbers)
+            memory = remembered(numbers, rtol)
         start = np.concatenate([[1.0, 0.0, numbers.pressure], memory])
         ways = (times / t_c, float(rtol) * (KINETIC if numbers.rate < np.inf else 1.0), most, False)
         code = solver.integrate(numbers, grid, RODAS5P, start, *ways, out, shells, stats)
