@@ -34,7 +34,7 @@ COLUMNS = {
     "seen": "set | shots | ζ of the fit | ζ of growth and collapse | ratio | correlation",
     "peg": "set | model | µ, Pa s | over rheometer | scatter, decades | d ln µ/d ln R_max | RMSE < 2 %",
     "ahead": "set | shots | chi2: equilibrium, kinetic | better | log density | better | RMS ahead, % | better",
-    "controls": "simulated | fitted | G over truth | µ over truth | interval of µ holds | accommodation | chi2/frame",
+    "controls": "simulated | answered with | G over truth | µ over truth | interval of µ holds | accommodation | chi2/frame",  # noqa: E501
     "water": "free besides µ, λ, clock, R_max | interval of µ holds 0.001 | its upper end, Pa s | RMSE, %",
 }
 Found = dict[str, dict[str, dict[int, dict[str, Any]]]]  # set, model, shot
@@ -207,10 +207,14 @@ def draw_growth(kept: Mapping[str, Any]) -> Any:
     return figure
 
 
+def usual(models: Iterable[str]) -> list[str]:
+    return [model for model in models if not model.endswith("motion")]
+
+
 def best_of(models: Mapping[str, dict[int, Any]]) -> str:
-    """The model with the largest median evidence."""
+    """The model with the largest median evidence, of those that were fitted with the default's weights."""
     shots = common(models)
-    return max(models, key=lambda model: np.nanmedian(of([models[model][i] for i in shots], "evidence")))
+    return max(usual(models), key=lambda model: np.nanmedian(of([models[model][i] for i in shots], "evidence")))
 
 
 def draw_cycles(found: Found) -> Any:
@@ -255,7 +259,7 @@ def draw_peg(found: Found) -> Any:
 
 
 def draw_evidence(found: Found) -> Any:
-    rows = [(group, model) for group, models in found.items() for model in models if model != "equilibrium"]
+    rows = [(group, model) for group, models in found.items() for model in usual(models) if model != "equilibrium"]
     figure = style.new_figure(0.22 * len(rows) + 0.9)
     height = 0.22 * len(rows) + 0.9
     axes = style.new_axes(

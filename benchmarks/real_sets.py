@@ -50,8 +50,9 @@ def row(answers: list[Posterior], shots: int) -> list[str]:
     for name, (_, factor) in FIELDS.items():
         values = [one["best"].get(name) for one in alone]
         cells.append(digits.spread(spread_of(values), factor))
-        low, high = (done and done[0].interval(name)) or (None, None)
-        cells.append(digits.quantity(Quantity(median=done[0].median(name), q05=low, q95=high), factor) if done else "")
+        known = bool(done) and name in done[0].parameters  # a liquid has no G
+        low, high = (known and done[0].interval(name)) or (None, None)
+        cells.append(digits.quantity(Quantity(median=done[0].median(name), q05=low, q95=high), factor) if known else "")
     verdicts = Counter(one["verdict"] for one in alone) + Counter(failed=shots - len(done))
     bounds = Counter(name for a in done for name in a.diagnostics.at_bound)
     rmse = np.median([one["rmse_over_rmax"] for one in alone]) if alone else np.nan

@@ -14,9 +14,13 @@ from fits import fit
 import cavirheo
 from cavirheo import NeoHookeanKelvinVoigt, Newtonian, RadiusCurve, read_curves, simulate
 from cavirheo.inference import amortised, doubts
+from cavirheo.inference.experiment import Experiment
+from cavirheo.inference.law import Family
+from cavirheo.inference.options import Options
 from cavirheo.inference.verify import verify
 from cavirheo.landmarks import RAYLEIGH
 from cavirheo.physics.media import WATER
+from cavirheo.posterior import BubbleModel
 from cavirheo.reading.shots import read_shots
 from cavirheo.reading.table import write_csv
 from cavirheo.reporting import read_json
@@ -113,6 +117,25 @@ def test_a_single_wrong_frame_is_a_doubt_where_it_decides():
     at = int(RAYLEIGH * WATER.time_scale(250e-6) / FRAME)  # where the bubble is smallest
     radius[at] = 0.9 * 250e-6
     assert "stand out" in infer(replace(curve, radius=radius)).checks.message
+
+
+def test_a_first_collapse_alone_does_not_tell_the_viscosity_of_a_liquid():
+    """In water it asked for up to ninety times the viscosity: walls and sound of the vessel lengthen it, too."""
+    whole = shot(Newtonian(0.03), stated_time_of_max=0.0)
+    seen = whole.time < whole.collapse_times()[0] + 2.5 * FRAME
+    fall = RadiusCurve(whole.time[seen], whole.radius[seen], stated_time_of_max=0.0)
+
+    def said(curve, law="newtonian", **around):
+        options = Options(window=1, bubble=BubbleModel(**around))
+        return doubts.of_walls(Experiment(curve, Family(law), options=options))
+
+    assert "--wall-inertia free" in said(fall)[0]
+    assert said(whole) == said(fall, "nhkv") == said(fall, wall_inertia="free") == []
+    assert said(fall, wall_distance=1e-3) == said(fall, wall_radiation=0.3) == []
+    answer = cavirheo.infer(fall, material="newtonian", verify="none")
+    assert answer.checks.verdict == "check_input"
+    assert "read the upper end of µ alone" in answer.checks.message
+    assert cavirheo.infer(fall, material="newtonian", verify="none", trust_input=True).checks.verdict != "check_input"
 
 
 def test_any_exception_of_one_curve_stays_with_it(monkeypatch):

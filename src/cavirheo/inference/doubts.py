@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -16,6 +17,10 @@ from cavirheo.errors import reason
 from cavirheo.physics.media import Medium
 from cavirheo.posterior import Checks, Verdict
 
+if TYPE_CHECKING:
+    from cavirheo.inference.experiment import Experiment
+
+REBOUND = 3  # frames after the first collapse, from which a rebound is seen
 FACTOR = 1.5  # by which a parameter must move to be doubtful: half of what one missing frame does to a soft gel
 
 
@@ -23,6 +28,21 @@ def plain(curve: RadiusCurve, medium: Medium) -> list[str]:
     """What the curve shows by itself, a sentence each."""
     warning = curve.scale_warning(medium.density, medium.pressure)
     return [*curve.doubts, *([warning] if warning else [])]
+
+
+def of_walls(shot: Experiment) -> list[str]:
+    """A sentence if nothing tells the viscosity of a liquid from what else lengthens a first collapse: in water it can
+    pass for 0.09 Pa s (docs/real-bubbles.md). Elastic laws are left out: their G holds the answer together."""
+    bubble, curve = shot.options.bubble, shot.curve
+    if shot.family.elastic or bubble.wall_inertia or bubble.wall_radiation or bubble.wall_distance:
+        return []
+    first = curve.collapse_times()[:1] - curve.time_of_max
+    if len(first) and np.count_nonzero(shot.since[shot.counted] > first[0]) >= REBOUND:
+        return []
+    return [
+        "no rebound is counted, and walls and sound of the vessel lengthen a first collapse as a viscosity does: read "
+        "the upper end of µ alone, or let them be free (--wall-inertia free --wall-radiation free)"
+    ]
 
 
 def readings(curve: RadiusCurve, *, spikes: bool = True) -> Iterator[tuple[str, RadiusCurve]]:

@@ -63,8 +63,10 @@ class Networked:
         }  # fmt: skip
         names: tuple[str, ...] = (*(f"log10_{name}" for name in Family(self.material).parameters), "stretch")
         try:
-            found = self._answer(self._experiment(curve))
-            checks = doubts.doubted(found.checks, self._doubts(curve, found), self.trust_input)
+            shot = self._experiment(curve)
+            found = self._answer(shot)
+            said = [*self._doubts(curve, found), *doubts.of_walls(shot)]
+            checks = doubts.doubted(found.checks, said, self.trust_input)
             found = replace(found, checks=checks)
         except Exception as error:  # of this curve alone
             checks = doubts.failed(error, curve, self.medium)

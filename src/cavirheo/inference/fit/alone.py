@@ -120,7 +120,8 @@ class Alone:
 
     def doubts(self) -> list[str]:
         """About the curve, whether or not it was fitted with others."""
-        shot, x, said = self.shot, self.found.x, doubts.plain(self.shot.curve, self.shot.medium)
+        shot, x = self.shot, self.found.x
+        said = [*doubts.plain(shot.curve, shot.medium), *doubts.of_walls(shot)]
         if shot.free.get("time_origin", (0.0, 0.0))[1] >= shot.frame:  # the interval holds such a clock already
             return said
         for difference, other in doubts.readings(shot.curve, spikes=False):  # spikes do not count in a fit
