@@ -116,10 +116,9 @@ class Run:
     ) -> list[RadiusCurve]:
         """All curves of all files, with what a declared column says of them, and the solver loaded. Raises InputError:
         there is none, or the column is not theirs."""
-        from cavirheo.parallel import aside, of_memory
+        from cavirheo.parallel import aside
         from cavirheo.physics.simulate import load_solver
 
-        of_memory("mallopt", -8, 1)  # M_ARENA_MAX: threads that share one heap find it in the processor's cache
         found = reading.recordings(files, medium)
         self.refuse(found.problems)
         self.notes += found.remarks

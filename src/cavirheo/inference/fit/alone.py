@@ -133,7 +133,7 @@ class Alone:
                 frames = len(seen.radius)
                 change = (moved.radius[-frames:] - seen.radius) / (shot.sigma * shot.noise_factor)
                 step = np.linalg.lstsq(slope[:frames], change, rcond=None)[0]
-                factors = dict(zip(shot.family.parameters, (10.0**step).tolist(), strict=False))
+                factors = dict(zip(shot.family.parameters, (10.0 ** np.clip(step, -9, 9)).tolist(), strict=False))
                 said += doubts.moved(difference, factors)
         return said
 
