@@ -16,6 +16,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from conftest import load_benchmark
+from dask import config
 
 pytest.importorskip("distributed", reason="needs the extra [cluster]")
 
@@ -44,7 +45,8 @@ PROBLEM = TrainingProblem("newtonian", Prior.uniform({"log10_viscosity": [-4.0, 
 def workers() -> Iterator[Workers]:
     """Of two workers in this process."""
     how = {"processes": False, "n_workers": 2, "threads_per_worker": 1, "dashboard_address": None}
-    with LocalCluster(**how) as cluster, Client(cluster) as client:
+    quiet = config.set({"distributed.worker.profile.enabled": False})  # it can stop Python (cluster/slurm.py)
+    with quiet, LocalCluster(**how) as cluster, Client(cluster) as client:
         yield Workers(client, identity())
 
 
@@ -155,7 +157,7 @@ def test_answers_of_a_cluster_are_those_of_this_machine(workers, tmp_path):
 
 
 def dask(*words: str, path: object = ROOT / "src", cwd: Path) -> subprocess.Popen[bytes]:
-    about = os.environ | {"PYTHONPATH": str(path)}
+    about = os.environ | {"PYTHONPATH": str(path), "DASK_DISTRIBUTED__WORKER__PROFILE__ENABLED": "False"}
     said = (cwd / "dask.log").open("ab")
     return subprocess.Popen(
         [sys.executable, "-m", f"distributed.cli.dask_{words[0]}", *words[1:], "--host", "127.0.0.1", "--no-dashboard"],
@@ -281,7 +283,13 @@ def test_the_job_of_a_file_is_what_it_says(tmp_path):
     with slurm.jobs_of(read_settings(path)) as made:
         assert isinstance(made, jobqueue.SLURMCluster)
         script = made.job_script()
-    for line in ("#SBATCH -p short", "#SBATCH -t 00:30:00", "#SBATCH --constraint=icelake", "module load python"):
+    for line in (
+        "#SBATCH -p short",
+        "#SBATCH -t 00:30:00",
+        "#SBATCH --constraint=icelake",
+        "module load python",
+        "export DASK_DISTRIBUTED__WORKER__PROFILE__ENABLED=False",
+    ):
         assert line in script.splitlines()
     assert "--nworkers 4" in script
     assert "--nthreads 1" in script

@@ -52,6 +52,11 @@ def read_settings(path: Path) -> SlurmSettings:
         raise InputError(f"{path}: no TOML: {error}", "cluster.settings") from None
 
 
+# dask's profiler asks Python for the frames of all threads a hundred times a second, and Python 3.11 can come to a stop
+# over that: a worker then holds its batch for ever
+_NO_PROFILE = "export DASK_DISTRIBUTED__WORKER__PROFILE__ENABLED=False"
+
+
 @contextmanager
 def jobs_of(settings: SlurmSettings) -> Iterator[SLURMCluster]:
     """A scheduler in this process, whose jobs, when they are asked for, end with it. Raises InputError."""
@@ -72,7 +77,8 @@ def jobs_of(settings: SlurmSettings) -> Iterator[SLURMCluster]:
             secure = {"security": Security.temporary(), "protocol": "tls://", "shared_temp_directory": settings.folder}
         cluster = SLURMCluster(
             queue=settings.queue, account=settings.account, cores=settings.cores, processes=settings.cores,
-            memory=settings.memory, walltime=settings.walltime, job_script_prologue=settings.environment,
+            memory=settings.memory, walltime=settings.walltime,
+            job_script_prologue=[_NO_PROFILE, *settings.environment],
             job_extra_directives=settings.options, python=settings.python, interface=settings.interface,
             log_directory=settings.folder, scheduler_options={"dashboard_address": "127.0.0.1:0"}, **secure,
         )  # fmt: skip
