@@ -379,6 +379,17 @@ def test_draws_that_rough_simulations_weigh_wrongly_are_simulated_anew():
     assert np.all(found.log_weight[-3:] < np.max(found.log_weight) - 7.0)
 
 
+def test_where_default_simulations_fail_no_draw_keeps_a_rough_weight():
+    """Else the light ones, which are not simulated anew, would be all that is left."""
+    target, exact = two_valleys()
+    u = np.concatenate([0.3 * np.random.default_rng(0).standard_normal((150, 2)), np.full((3, 2), 2.9)])
+    drawn = Sample(u, exact(u), np.zeros(len(u)))
+    target.experiment.difference = lambda x, accuracy: np.full(20, np.nan)
+    found, error = Mended(target).checked(drawn, 0)
+    assert error == np.inf
+    assert found.ess == 0
+
+
 def test_a_last_round_takes_as_many_draws_as_are_missing():
     """Of a proposal that is twice too wide three draws are worth two."""
     start = Mixture.about([np.zeros(2)], [2.0 * np.eye(2)], [0.0])

@@ -80,7 +80,7 @@ class Mended(Target):
 
     def checked(self, drawn: Sample, seed: int) -> tuple[Sample, float]:
         """The draws with log targets that default simulations of some agree with, and the standard deviation of what
-        these found wrong; all are simulated anew if that is too much."""
+        these found wrong; all that have a weight are simulated anew if that is too much, all if one of them fails."""
         if not self.rough:
             return drawn, 0.0
         weight = unscaled(drawn.log_weight)
@@ -92,7 +92,7 @@ class Mended(Target):
             return replace(drawn, log_target=drawn.log_target + np.mean(wrong)), error
         heaviest = np.argsort(-weight)
         counted = 1 + np.searchsorted(np.cumsum(weight[heaviest]), TUNING.mended_heavy * np.sum(weight))
-        again, value = heaviest[:counted], drawn.log_target + np.mean(wrong[np.isfinite(wrong)])
+        again, value = heaviest[:counted] if np.isfinite(error) else heaviest, drawn.log_target.copy()
         value[again] = Simulated.at(self.exact, drawn.u[again]).value
         return replace(drawn, log_target=value), error
 

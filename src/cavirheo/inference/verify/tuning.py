@@ -30,7 +30,7 @@ class Tuning:
     auto_enough: float = 102.0  # effective draws at which it ends
     lost: float = 0.06  # effective draws over draws, below which the search
     lost_after: int = 120  # of them begins anew, along ridges
-    mended: int = 6  # places about the maximum where default simulations tell what rough ones miss
+    mended: int = 6  # likely places where default simulations tell what rough ones miss
     mended_spread: float = 12.0  # effective size of the network's draws that they are chosen among
     mended_begun: float = 0.15  # standard deviation of what they find wrong in log weights: else no rough ones
     mended_checked: int = 6  # draws that are simulated by both at the end
