@@ -336,9 +336,9 @@ class Visitors:
     def _forget(self, name: str, calls: int | None) -> None:
         with self._lock:
             session = self._sessions.get(self._links.get(name, ""))
-            if session is None:
+            if session is None and calls is None:  # else its end was told already
                 self.forgotten(name)
-            elif session.calls == calls:
+            elif session is not None and session.calls == calls:
                 self._close(session.link)
 
     def _close(self, link: str) -> None:
