@@ -18,6 +18,7 @@ from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError
 from cavirheo.inference import doubts
 from cavirheo.inference.experiment import QUICK, Experiment
+from cavirheo.inference.flow import NetworkProposal
 from cavirheo.inference.law import Family
 from cavirheo.inference.options import FREE, Options
 from cavirheo.inference.posterior_model import PosteriorModel
@@ -81,19 +82,16 @@ class Networked:
         exposure = float(curve.exposure or 0.0)
         return Experiment(curve, Family(self.material), self.medium, self._options(), exposure=exposure)
 
-    def _drawn(self, shot: Experiment) -> tuple[Floats, Floats, Floats]:
-        """x and theta (draws, d) of the network, and the log density of u. Raises InputError: it cannot read it."""
-        prior = shot.prior()
-        proposal = self.model.proposal(shot, prior, self.discrepancy)
-        u = proposal.draw(DRAWS, np.random.Generator(np.random.Philox(self.seed)))
-        x = prior.to_x(u)
-        return x, shot.answer(x)[1], proposal.log_density(u) - log_normal(u) + prior.log_density(x)
+    def _drawn(self, shot: Experiment) -> tuple[NetworkProposal, Floats]:
+        """What the network answers, and u (draws, d) of it. Raises InputError: it cannot read it."""
+        proposal = self.model.proposal(shot, shot.prior(), self.discrepancy)
+        return proposal, proposal.draw(DRAWS, np.random.Generator(np.random.Philox(self.seed)))
 
     def _answer(self, shot: Experiment) -> Posterior:
         about = Diagnostics(stretch_source="given" if shot.stretch else "inferred with the other parameters")
         law, t_star = shot.family.name, shot.view.end / shot.time_scale
         try:
-            x, theta, log_q = self._drawn(shot)
+            proposal, u = self._drawn(shot)
         except InputError as error:
             if self.checked or not error.code.startswith("network"):
                 raise
@@ -102,7 +100,10 @@ class Networked:
             names, theta = shot.answer(middle)
             checks = Checks("ok", t_star_end=t_star)  # a verification says why
             return Posterior(names, units(names), theta, checks, law, "amortised", diagnostics=about)
-        names, likeliest = shot.answer(x[:1])[0], np.argsort(-log_q)[:TRIED]
+        x = proposal.prior.to_x(u)
+        names, theta = shot.answer(x)
+        log_q = proposal.log_density(u) - log_normal(u) + proposal.prior.log_density(x)
+        likeliest = np.argsort(-log_q)[:TRIED]
         best, checks = x[likeliest[0]], Checks("ok", t_star_end=t_star)
         if self.checked:
             missed = [float(np.mean(shot.difference(x[i], QUICK) ** 2)) for i in likeliest]
@@ -121,7 +122,9 @@ class Networked:
             return said
         for difference, other in doubts.readings(curve):
             with suppress(InputError):  # read so it is no curve: nothing to compare
-                theta = self._drawn(self._experiment(other))[1]
+                shot = self._experiment(other)
+                proposal, u = self._drawn(shot)
+                theta = shot.answer(proposal.prior.to_x(u))[1]
                 change = np.median(theta, axis=0) - np.median(found.theta, axis=0)
                 logs = [(name, 10.0**d) for name, d in zip(found.names, change, strict=True) if LOG10 in name]
                 said += doubts.moved(difference, {natural_name(name): factor for name, factor in logs})

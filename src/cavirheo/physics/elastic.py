@@ -85,6 +85,7 @@ class Linear(_Closed):
     """Linear elasticity, shear modulus G in Pa: S_el = -(4/3) G (1 - q^3).
     Yang and Church 2005, doi:10.1121/1.2118307."""
 
+    proportional = "shear_modulus"
     shear_modulus: float = field(metadata=NOT_NEGATIVE)
 
     def closed(self, ratio: Floats) -> tuple[Floats, Floats, Floats]:
@@ -98,6 +99,7 @@ class Quadratic(_Closed):
     """W = G/2 [(I_1-3) + alpha/2 (I_1-3)^2], G in Pa; stiffening alpha = 0 is neo-Hookean.
     Yang et al. 2020, doi:10.1016/j.eml.2020.100839."""
 
+    proportional = "shear_modulus"
     shear_modulus: float = field(metadata=NOT_NEGATIVE)
     stiffening: float = field(default=0.0, metadata=NOT_NEGATIVE)
 
@@ -164,6 +166,7 @@ class Fung(Elastic):
     """W = G/(2a) [exp(a (I_1-3)) - 1], shear modulus G in Pa; stiffening a = 0 is neo-Hookean.
     Fung 1967, doi:10.1152/ajplegacy.1967.213.6.1532, in its isotropic form."""
 
+    proportional = "shear_modulus"
     shear_modulus: float = field(metadata=NOT_NEGATIVE)
     stiffening: float = field(metadata=NOT_NEGATIVE)
 
@@ -176,6 +179,7 @@ class Gent(Elastic):
     """W = -(G J_m/2) ln(1 - (I_1-3)/J_m), shear modulus G in Pa: the chains are taut (lock-up) at I_1 - 3 = J_m.
     Gent 1996, doi:10.5254/1.3538357."""
 
+    proportional = "shear_modulus"
     shear_modulus: float = field(metadata=NOT_NEGATIVE)
     limit: float = field(metadata=POSITIVE)  # J_m
 
@@ -190,6 +194,7 @@ class ArrudaBoyce(Elastic):
     W = G sum_i c_i (I_1^i - 3^i)/N^(i-1). N -> infinity is neo-Hookean; at finite N the small-strain modulus is
     somewhat above G. Arruda and Boyce 1993, doi:10.1016/0022-5096(93)90013-6."""
 
+    proportional = "shear_modulus"
     shear_modulus: float = field(metadata=NOT_NEGATIVE)
     segments: float = field(metadata=POSITIVE_OR_INFINITE)  # N
 

@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import fields
+from dataclasses import fields, replace
 from functools import cache, lru_cache
 from inspect import cleandoc, get_annotations
 from math import inf
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, cast
 
 from cavirheo.arrays import Floats
 from cavirheo.errors import InputError
 from cavirheo.parameters import PARAMETERS
+from cavirheo.physics.table import scaled
 
 if TYPE_CHECKING:
     from cavirheo.physics.elastic import Elastic
@@ -77,6 +78,8 @@ class Parts(NamedTuple):
 class Material:
     """A law, or a sum of laws: a new one defines `parts`. It is a frozen dataclass with SI parameters."""
 
+    proportional: ClassVar[str] = ""  # the parameter that all of the stress is proportional to, where there is one
+
     def __init_subclass__(cls, **options: Any) -> None:
         """help() of a law ends with its parameters, as parameters.py knows them."""
         super().__init_subclass__(**options)
@@ -111,7 +114,14 @@ class Material:
         return self.parts().memory
 
 
-@lru_cache(maxsize=128)
 def table_of(law: Elastic | Viscous) -> Floats:
-    """`law.table()`, kept once computed."""
+    """`law.table()`, kept once computed; of a law that is proportional to a modulus it is kept for 1 Pa."""
+    if not law.proportional:
+        return _kept(law)
+    unit: Any = {law.proportional: 1.0}
+    return scaled(_kept(replace(cast("Any", law), **unit)), 1.0, getattr(law, law.proportional))
+
+
+@lru_cache(maxsize=128)
+def _kept(law: Elastic | Viscous) -> Floats:
     return law.table()

@@ -18,7 +18,7 @@ from cavirheo.errors import require
 
 TOLERANCE = 1e-8  # largest error of the derivative within a piece, relative to its largest value there
 NARROWEST = 1e-8  # of x: a piece as narrow as this is a kink of the law, or the place where the law ends
-LARGEST = 1e20  # a slope beyond counts as infinite: in Pa ten decades above the pressure of any collapse
+LARGEST = 1e16  # a slope beyond counts as infinite: in Pa six decades above the pressure of any collapse
 MOST = 20_000  # pieces
 _POINTS, _WEIGHTS = np.polynomial.legendre.leggauss(8)  # exact far beyond the quintic that must represent the piece
 _POINTS, _WEIGHTS = (_POINTS + 1) / 2, _WEIGHTS / 2

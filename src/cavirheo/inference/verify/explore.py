@@ -140,8 +140,11 @@ class Explorer:
         proposal = self._learnt(rng, counted)
         if not isinstance(proposal, Blend):
             return proposal
-        proposal = proposal.normed(TUNING.norm_draws, rng)
-        return proposal if effective_size(proposal.log_weight) > TUNING.norm_met else proposal.mixture
+        while (met := effective_size(proposal.log_weight)) < TUNING.norm_enough:
+            if len(proposal.pool) >= TUNING.norm_draws:
+                break
+            proposal = proposal.normed(TUNING.pool, rng)
+        return proposal if met > TUNING.norm_met else proposal.mixture
 
     def _other_valley(self) -> None:
         """Climb from the best simulation if it lies above all modes, which must then be beside the highest."""

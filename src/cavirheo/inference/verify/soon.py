@@ -22,18 +22,20 @@ from cavirheo.arrays import Floats, unscaled
 from cavirheo.errors import SolverError
 from cavirheo.inference.experiment import BRISK, FINE, Accuracy
 from cavirheo.inference.verify.explore import Blend, Explorer, log_mean
-from cavirheo.inference.verify.mode import Mode, Simulated, Target, modes, secant, valley
+from cavirheo.inference.verify.mode import Mode, Simulated, Target, climb, modes, secant, valley
 from cavirheo.inference.verify.sampler import Proposal, Sample, sample, tempered
 from cavirheo.inference.verify.tuning import TUNING
 from cavirheo.posterior import Evidence, OtherAnswer, intervals
 
 
 class Weighed(NamedTuple):
-    """drawn: the weighted draws. modes: all that were found. few: whether few simulations were enough. apart: how many
-    standard errors the network's own evidence is above that of the others; None if its draws are worth too little.
-    rough: standard deviation of the error of the log weights by rough simulations; None if these were not used."""
+    """drawn: the weighted draws. best: the highest mode at its maximum; None if it is to be climbed to. modes: all that
+    were found. few: whether few simulations were enough. apart: how many standard errors the network's own evidence is
+    above that of the others; None if its draws are worth too little. rough: standard deviation of the error of the log
+    weights by rough simulations; None if these were not used."""
 
     drawn: Sample
+    best: Mode | None
     modes: list[Mode]
     few: bool
     apart: float | None
@@ -96,6 +98,15 @@ class Mended(Target):
         value[again] = Simulated.at(self.exact, drawn.u[again]).value
         return replace(drawn, log_target=value), error
 
+    def highest(self, start: Floats) -> Mode | None:
+        """The maximum reached from u (d,), with the default simulation there; None if one of them failed."""
+        mode = climb(self, start, BRISK)
+        if mode is None:
+            return None
+        residual = self.exact.residuals(mode.u[None], FINE)
+        (value,) = self.log_posterior(mode.u[None], residual)
+        return replace(mode, residual=residual[0], log_posterior=float(value)) if np.isfinite(value) else None
+
 
 def weighed(
     target: Target, network: Proposal | None, starts: Callable[[], list[Floats]],
@@ -135,7 +146,8 @@ def weighed(
         rest = Sample(*(values[len(own.u) :] for values in (drawn.u, drawn.log_target, drawn.log_q)))
         apart = _standard_errors(own, rest)
     if drawn.ess >= enough and drawn.reliable and (apart is None or apart <= TUNING.agree):
-        return Weighed(drawn, explorer.modes, True, apart, rough)
+        best = near.highest(explorer.u[np.argmax(explorer.value)])
+        return Weighed(drawn, best, explorer.modes, True, apart, rough)
     explorer.target = target  # default simulations from here on
     if own is not None:
         own = replace(own, log_target=Simulated.at(target, own.u).value)
@@ -145,7 +157,7 @@ def weighed(
     sizes = {"each": TUNING.draws_per_round, "most": draws, "enough": enough}
     guard = (network, own) if network and own is not None else None
     drawn = sample(explorer, explorer.propose, seed=seed + 1, first=guard, **sizes)
-    return Weighed(drawn, explorer.modes, False, apart, None)
+    return Weighed(drawn, None, explorer.modes, False, apart, None)
 
 
 def glanced(target: Target, network: Proposal, seed: int) -> OtherAnswer | None:

@@ -21,6 +21,7 @@ from cavirheo.parallel import each
 from cavirheo.prior import log_normal
 
 Real = NDArray[np.floating]  # of either precision
+_TOGETHER = 10
 
 
 class Surrogate:
@@ -56,14 +57,16 @@ class Surrogate:
         size = np.sqrt(trust @ left_out / np.sum(trust)) + 1e-9  # of each process, (directions,)
         # for each covariance C of the noise: e' C^-1 e as a quadratic form of the directions, and its axes in units of
         # the processes' sizes
-        forms = [columns.T @ solved for solved in self.noise.solved(columns)]
+        forms = np.array([columns.T @ solved for solved in self.noise.solved(columns)])
         best = np.append(along[0], 1.0)
-        self.scale: float = self.noise.factor(np.array([best @ form @ best for form in forms]))  # k^2, as at the best
-        self.parts: list[tuple[Floats, Floats, Floats]] = []
-        for form in forms:
-            values, axes = np.linalg.eigh(size[:, None] * form[:-1, :-1] * size)
-            root = np.linalg.cholesky(form + 1e-12 * np.trace(form) * np.eye(len(form)))
-            self.parts.append((root, axes.T @ (size[:, None] * form[:-1]), np.maximum(values, 0)))
+        self.scale: float = self.noise.factor(forms @ best @ best)  # k^2, as at the best
+        values, axes = np.linalg.eigh(size[:, None] * forms[:, :-1, :-1] * size)
+        small = 1e-12 * np.trace(forms, axis1=1, axis2=2)[:, None, None] * np.eye(len(best))
+        across = np.swapaxes(axes, 1, 2) @ (size[:, None] * forms[:, :-1])
+        self.stiff: Floats = np.maximum(values, 0.0)  # (covariances, directions)
+        # side by side, for one product with all of them
+        self.roots: Floats = np.concatenate([*np.linalg.cholesky(forms + small)], axis=1)
+        self.across: Floats = np.concatenate([*np.swapaxes(across, 1, 2)], axis=1)
 
     def __call__(self, u: Floats) -> Floats:
         """(k,) at u (k, d), in blocks that do not depend on the number of threads: last digits would."""
@@ -82,13 +85,15 @@ class Surrogate:
         variance = np.maximum(2.0 + np.sum(z**2, axis=1) / z.shape[1] - np.sum(known**2, axis=1), 0.0)
         variance *= TUNING.hope / self.scale
         mean = np.column_stack([known @ self.coefficients, np.ones(len(z))])
-        squares, half_log_det = np.empty((2, len(self.parts), len(z)))
-        for i, (root, across, stiff) in enumerate(self.parts):
-            # (C + V S V')^-1 and its determinant by Woodbury, S the variance of the processes
-            spread = variance[:, None] * stiff
-            softened = variance[:, None] / (1.0 + spread) * (mean @ across.T) ** 2
-            squares[i] = np.sum((mean @ root) ** 2, axis=1) - np.sum(softened, axis=1)
-            half_log_det[i] = 0.5 / TUNING.hope * np.sum(np.log1p(spread), axis=1)
+        apart, count = (len(z), *self.stiff.shape), self.stiff.shape[1]
+        # (C + V S V')^-1 and its determinant by Woodbury, S the variance of the processes
+        whole, soft = (mean @ self.roots).reshape(len(z), len(self.stiff), -1), (mean @ self.across).reshape(apart)
+        grown = variance[:, None, None] * self.stiff + 1.0
+        squares = np.einsum("kpc,kpc->pk", whole, whole)
+        squares -= variance * np.einsum("kpc,kpc->pk", soft, soft / grown)
+        # by some at a time, so that no product is too large
+        log_det = sum(np.log(np.prod(grown[:, :, i : i + _TOGETHER], axis=2)) for i in range(0, count, _TOGETHER))
+        half_log_det = 0.5 / TUNING.hope * np.transpose(log_det)
         joint = self.noise.joint(np.maximum(squares, 0.0)) - half_log_det
         value[near] = log_sum(joint, axis=0) + log_normal(u[near])
         return value

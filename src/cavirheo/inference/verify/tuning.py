@@ -75,8 +75,9 @@ class Tuning:
     fit_well: float = 0.3  # effective draws over the pool, from which the mixture fits
     flatter: float = 0.5  # power of the surrogate that teaches, for what it misses
     taught_share: float = 0.8  # of the rough simulations from that power, the others from the mixture
-    norm_draws: int = 4000  # more free draws for the norm of a surrogate
-    norm_met: float = 50.0  # effective draws of these, below which the mixture is drawn from
+    norm_enough: float = 500.0  # effective draws of them that tell the norm of a surrogate well enough,
+    norm_draws: int = 5000  # of so many at most,
+    norm_met: float = 50.0  # and below which the mixture is drawn from
     surrogate_cut: float = 50.0  # times its mean, at which surrogate over mixture is cut
     mixture_share: float = 0.3  # of the draws from the mixture, the others from the surrogate
     modes_share: float = 0.3  # of the mixture's draws that stay with the modes

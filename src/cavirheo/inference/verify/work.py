@@ -112,10 +112,10 @@ class Work:
             except InputError as outside:
                 self.messages.append(f"{outside}; the search began all over the ranges")
             sizes = {"draws": how.draws, "seed": how.seed}
-            drawn, found, soon, apart, rough = weighed(self.target, network, self.starts, self.scanned, **sizes)
+            drawn, top, found, soon, apart, rough = weighed(self.target, network, self.starts, self.scanned, **sizes)
             about: dict[str, Any] = {"few_simulations": soon, "evidences_apart_in_standard_errors": apart}
             about["log_weight_error"] = rough
-            best = self._best(found)
+            best = top or self._best(found)
             u = drawn.u if self._trusted(drawn) else best.u[None]
             return self._answer(u, drawn, best, Evidence(*drawn.log_evidence), found, about)
         climbed = self.answer.method == "laplace"  # its modes are those that a scan finds
