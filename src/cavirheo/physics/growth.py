@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from math import prod
+
 import numpy as np
-from scipy.optimize import brentq
 
 from cavirheo.arrays import Floats
 from cavirheo.errors import SolverError
@@ -14,6 +15,8 @@ from cavirheo.physics.tableau import RODAS5P
 
 _TIME = np.linspace(0.0, 4.0, 401)  # in t_c: an impulse turns within about one
 _RTOL = (1e-7, 1e-5)
+_NEAR = 0.03  # of R^3, from which memories follow from those of other impulses
+_LARGEST = 1e9  # impulse over stretch^3
 
 
 def remembered(numbers: Numbers, rtol: float) -> Floats:
@@ -31,28 +34,39 @@ def remembered(numbers: Numbers, rtol: float) -> Floats:
         return nothing
     quiet = numbers._replace(C=np.inf, tait=0.0, polytropic=1.0, driving=ABSENT, vapour=numbers.pv)
     quiet = quiet._replace(damage=numbers.damage * [1, 1, 1 / numbers.stretch])  # growth from R_0 does none
-    rtol = min(max(rtol / 100, _RTOL[0]), _RTOL[1])
-    turns = {0.0: (1 / numbers.stretch, nothing)}
-
-    def overshoot(impulse: float) -> float:
-        """Of R^3, which is nearly linear in the impulse v^2, the kinetic energy."""
-        if impulse not in turns:
-            turns[impulse] = _turn(quiet, float(np.sqrt(impulse)), rtol)
-        return turns[impulse][0] ** 3 - 1
-
-    low, high = 0.0, 2 / 3 * numbers.stretch**3  # all the work against the ambient pressure, from kinetic energy
-    for _ in range(40):
-        if overshoot(high) > 0:
+    exact = min(max(rtol / 100, _RTOL[0]), _RTOL[1])
+    # R^3 is nearly linear in the impulse v^2, the kinetic energy: (impulse, memories) by R^3 - 1 of what was tried
+    turns: dict[float, tuple[float, Floats]] = {numbers.stretch**-3.0 - 1.0: (0.0, nothing)}
+    low, high = 0.0, np.inf
+    impulse = 2 / 3 * numbers.stretch**3  # all the work against the ambient pressure
+    while high - low > exact * low:
+        radius, memories = _turn(quiet, float(np.sqrt(impulse)), exact)
+        missed = radius**3 - 1.0
+        low, high = (impulse, high) if missed < 0 else (low, impulse)
+        if radius < np.inf:
+            turns[missed] = impulse, memories
+            near = sorted(turns, key=abs)[:4]
+            if abs(near[0]) < exact:
+                return turns[near[0]][1]
+            weights = np.array(_at_nothing(near))
+            # the error of a cubic through four is about the product of what they missed by
+            if abs(near[0]) < _NEAR and len(near) == 4 and prod(map(abs, near)) < exact:
+                return np.asarray(weights @ np.array([turns[one][1] for one in near]))
+            impulse = float(weights @ np.array([turns[one][0] for one in near]))
+        if not low < impulse < high:
+            impulse = 2.0 * low if high == np.inf else 0.5 * (low + high)
+        if impulse > _LARGEST * numbers.stretch**3:
             break
-        low, high = high, 2 * high
-    found = brentq(overshoot, low, high, xtol=rtol * high, rtol=rtol)
-    if abs(overshoot(found)) > 1e-4:
-        raise SolverError("no impulse at R_0 makes the bubble grow to R_max in this material; start it relaxed")
-    return turns[found][1]
+    raise SolverError("no impulse at R_0 makes the bubble grow to R_max in this material; start it relaxed")
+
+
+def _at_nothing(x: list[float]) -> list[float]:
+    """Weights with which values at x give the value at 0 of the polynomial through them (Lagrange)."""
+    return [prod(b / (b - a) for j, b in enumerate(x) if j != i) for i, a in enumerate(x)]
 
 
 def _turn(numbers: Numbers, velocity: float, rtol: float) -> tuple[float, Floats]:
-    """Radius and memories where a wall that leaves R_0 with this velocity comes to rest; 2 where none is found."""
+    """Radius and memories where a wall that leaves R_0 with this velocity comes to rest; infinite if none is found."""
     k = len(numbers.memory)
     out = np.full((_TIME.size, 4 + k), np.nan)
     small = 1 / numbers.stretch
@@ -67,7 +81,7 @@ def _turn(numbers: Numbers, velocity: float, rtol: float) -> tuple[float, Floats
     elif code == solver.OK and reached < len(_TIME):  # the solver stops at the turn, here before the next instant
         after = reached - 1
     else:
-        return 2.0, out[0, 4:]
+        return np.inf, out[0, 4:]
     i, step = np.array([after - 1, after]), _TIME[after] - _TIME[after - 1]
     R, U, m = out[i, :1], out[i, 1:2], out[i, 4:]
     fading = -m * numbers.memory[:, 2] - numbers.memory[:, 1] * (1 + m) * U / R

@@ -228,7 +228,7 @@ def plans(
         climbing = {**weighing, "level": "map", "scanned": TUNING.law_scanned}
         found[law] = (
             Step(f"fitting {law}", fit_many, fitting), Step(f"climbing {law}", verify_many, climbing),
-            Step(f"weighing {law}", verify_many, weighing),
+            Step(f"weighing {law}", verify_many, {**weighing, "level": "auto"}),
         )  # fmt: skip
     return found
 

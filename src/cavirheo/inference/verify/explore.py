@@ -63,14 +63,13 @@ def log_mean(log_value: Floats) -> float:
 
 
 class Explorer:
-    """Proposals for the posterior of a shot that learn from every simulation, from its modes on. accuracy: of those
-    that count. follow: simulate around the modes and along their ridges before."""
+    """Proposals for the posterior of a shot that learn from every simulation, from its modes on. follow: simulate
+    around the modes and along their ridges before."""
 
     def __init__(
-        self, target: Target, modes: Sequence[Mode], rounds: int = TUNING.learning_rounds, accuracy: Accuracy = FINE,
-        *, follow: bool = True,
-    ) -> None:  # fmt: skip
-        self.target, self.rounds, self.accuracy, self.follow = target, rounds, accuracy, follow
+        self, target: Target, modes: Sequence[Mode], rounds: int = TUNING.learning_rounds, *, follow: bool = True
+    ) -> None:
+        self.target, self.rounds, self.follow = target, rounds, follow
         self.u = np.empty((0, len(target.prior.names)))
         self.residual = np.empty((0, target.noise.size))
         self.value = np.empty(0)
@@ -94,9 +93,9 @@ class Explorer:
         means, covariances = [place.u for place in self.places], [place.covariance for place in self.places]
         self.start = Mixture.about(means, covariances, heights - np.max(heights))
 
-    def __call__(self, u: Floats, accuracy: Accuracy | None = None) -> Floats:
+    def __call__(self, u: Floats, accuracy: Accuracy = FINE) -> Floats:
         """(k,) log posterior of u (k, d), which the next proposal knows; -inf where the simulation failed."""
-        found = Simulated.at(self.target, u, self.accuracy if accuracy is None else accuracy)
+        found = Simulated.at(self.target, u, accuracy)
         self.learn(*found)
         return found.value
 

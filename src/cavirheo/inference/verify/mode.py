@@ -17,6 +17,7 @@ from cavirheo.posterior import Evidence, OtherAnswer, intervals
 from cavirheo.prior import Prior, log_normal
 
 INSIDE = 1e-3  # of the probability, that a start keeps away from the bounds: it must have somewhere to go
+_RESISTING = 0.3  # accommodation below which condensation resists more than what else does
 
 
 class Target:
@@ -41,9 +42,14 @@ class Target:
         return self.noise.log_density(residual) + log_normal(u)
 
     def linear(self, u: Floats) -> Floats:
-        """(k, d) coordinates that frames are nearly linear in, of u (k, d): parameters, not their logarithms."""
+        """(k, d) coordinates that frames are nearly linear in, of u (k, d): parameters, not their logarithms. Of the
+        accommodation its inverse, a resistance, where that is small beside the others, and else the logarithm."""
         x, law = self.prior.to_x(u), self.experiment.law
-        return np.concatenate([10.0 ** x[:, :law], x[:, law:]], axis=1)
+        v = np.concatenate([10.0 ** x[:, :law], x[:, law:]], axis=1)
+        if "accommodation" in self.prior.names:
+            column = self.prior.names.index("accommodation")
+            v[:, column] = np.log1p(_RESISTING * 10.0 ** -x[:, column])
+        return v
 
     def jacobian(self, u: Floats, residual: Floats, accuracy: Accuracy) -> Floats:
         """(n, d) of the simulated frames by u: differences towards u = 0, steps as those of a fit."""

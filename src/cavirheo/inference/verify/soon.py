@@ -112,7 +112,8 @@ def weighed(
     target: Target, network: Proposal | None, starts: Callable[[], list[Floats]],
     scanned: Callable[[], list[Floats]], *, draws: int, seed: int,
 ) -> Weighed:  # fmt: skip
-    """Draws from few simulations if they can be trusted, else from as many as level "full" has.
+    """Draws from few simulations if they can be trusted, else from as many as level "full" has, or, where an evidence
+    is all that is wanted, from some more rough ones.
 
     starts: where to climb from without a network; scanned: the same from all over the ranges. draws: at most so many
     with weights. Raises SolverError: no start could be simulated.
@@ -138,26 +139,32 @@ def weighed(
     guard = (network, own) if network and own is not None else None
     enough = min(TUNING.auto_enough, draws / 2)
     sizes: dict[str, Any] = {"each": TUNING.auto_per_round, "most": min(TUNING.auto_draws, draws)}
-    sizes |= {"fewest": 1, "least": enough, "patience": TUNING.auto_patience}
+    quick = draws <= TUNING.law_draws  # an evidence is wanted, of one law of many
+    patience = TUNING.law_patience if quick else TUNING.auto_patience
+    sizes |= {"fewest": 1, "least": enough, "patience": patience}
     drawn = sample(explorer, explorer.propose, seed=seed, enough=enough, first=guard, **sizes)
-    drawn, rough = near.checked(drawn, seed)
+    drawn, error = near.checked(drawn, seed)
     apart = None
     if own is not None and own.ess >= TUNING.own_worth:
         rest = Sample(*(values[len(own.u) :] for values in (drawn.u, drawn.log_target, drawn.log_q)))
         apart = _standard_errors(own, rest)
     if drawn.ess >= enough and drawn.reliable and (apart is None or apart <= TUNING.agree):
         best = near.highest(explorer.u[np.argmax(explorer.value)])
-        return Weighed(drawn, best, explorer.modes, True, apart, rough)
-    explorer.target = target  # default simulations from here on
-    if own is not None:
-        own = replace(own, log_target=Simulated.at(target, own.u).value)
-    explorer.thorough(TUNING.learning_rounds)
-    explorer.also(modes(target, [], scanned()))
+        return Weighed(drawn, best, explorer.modes, True, apart, error)
+    if not quick:
+        explorer.target = target  # default simulations from here on
+        if own is not None:
+            own = replace(own, log_target=Simulated.at(target, own.u).value)
+    explorer.thorough(TUNING.law_learning if quick else TUNING.learning_rounds)
+    explorer.also(modes(explorer.target, [], scanned()))
     enough = max(min(TUNING.effective_enough, draws / 4), TUNING.effective_fewest)
     sizes = {"each": TUNING.draws_per_round, "most": draws, "enough": enough}
+    if quick:
+        sizes |= {"each": TUNING.draws_per_round // 2, "fewest": TUNING.law_rounds, "least": TUNING.law_least}
     guard = (network, own) if network and own is not None else None
     drawn = sample(explorer, explorer.propose, seed=seed + 1, first=guard, **sizes)
-    return Weighed(drawn, None, explorer.modes, False, apart, None)
+    checked = near.checked(drawn, seed) if quick else (drawn, None)
+    return Weighed(checked[0], None, explorer.modes, False, apart, checked[1])
 
 
 def glanced(target: Target, network: Proposal, seed: int) -> OtherAnswer | None:

@@ -104,11 +104,12 @@ class Tuning:
     rejected: float = 0.01  # probability of its rejection where the law is right
 
     # evidence of laws
-    law_scanned: int = 192  # coarse simulations where laws are compared: the search before has one round,
-    law_draws: int = 400  # most simulations of a law whose weights count, where laws are compared; after
-    law_rounds: int = 2  # rounds they must be on the way to
-    law_least: float = 60.0  # effective draws, and before them so many
-    law_learning: int = 1  # rounds of rough simulations are learnt from
+    law_scanned: int = 64  # coarse simulations where laws are compared: a fit has searched before,
+    law_draws: int = 400  # most draws of a law there whose weights count;
+    law_patience: int = 120  # after so many they must be on the way to being enough. If not, the search begins anew,
+    law_learning: int = 1  # with so many rounds of rough simulations,
+    law_rounds: int = 2  # and after so many rounds of draws these must be on the way to
+    law_least: float = 60.0  # effective ones
     hopeless: float = 25.0  # Laplace's log evidence below the best of the curve, from which no draws are spent on it
     laplace: float = 5.0  # its standard error against that of draws (benchmarks/evidence.md)
     unsure: float = 1.0  # standard error where weights are not to be trusted

@@ -11,7 +11,7 @@ import numpy as np
 from cavirheo.arrays import Floats, log_sum
 from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError, SolverError, expect, expect_whole, require
-from cavirheo.inference.experiment import FINE, QUICK, Experiment
+from cavirheo.inference.experiment import FINE, Experiment
 from cavirheo.inference.fit.least_squares import LeastSquares
 from cavirheo.inference.fit.starts import STARTS, Scan
 from cavirheo.inference.law import Family
@@ -104,6 +104,8 @@ class Work:
         self.messages: list[str] = []
 
     def posterior(self) -> Posterior:
+        climbed = self.answer.method == "laplace"  # its modes are those that a scan finds
+        scanned = list if climbed else self.scanned
         if self.settings.level == "auto":
             how, network = self.settings, None
             try:
@@ -112,15 +114,13 @@ class Work:
             except InputError as outside:
                 self.messages.append(f"{outside}; the search began all over the ranges")
             sizes = {"draws": how.draws, "seed": how.seed}
-            drawn, top, found, soon, apart, rough = weighed(self.target, network, self.starts, self.scanned, **sizes)
+            drawn, top, found, soon, apart, rough = weighed(self.target, network, self.starts, scanned, **sizes)
             about: dict[str, Any] = {"few_simulations": soon, "evidences_apart_in_standard_errors": apart}
             about["log_weight_error"] = rough
             best = top or self._best(found)
             u = drawn.u if self._trusted(drawn) else best.u[None]
             return self._answer(u, drawn, best, Evidence(*drawn.log_evidence), found, about)
-        climbed = self.answer.method == "laplace"  # its modes are those that a scan finds
-        further = [] if climbed else self.scanned()
-        found, most, seed = modes(self.target, self.starts(), further), self.settings.draws, self.settings.seed
+        found, most, seed = modes(self.target, self.starts(), scanned()), self.settings.draws, self.settings.seed
         if not found:
             raise SolverError(f"no start of {self.shot.family.name} could be simulated")
         if self.settings.level == "map":
@@ -128,19 +128,11 @@ class Work:
             u = best.draws(TUNING.draws, seed)
             evidence = Evidence(float(log_sum([mode.log_evidence for mode in found])))
             return self._answer(u, None, best, evidence, found)
-        few, rounds, ending = TUNING.draws_per_round, TUNING.learning_rounds, dict[str, Any]()
-        soon = most <= TUNING.law_draws  # an evidence is wanted
-        if soon:
-            few, rounds = few // 2, TUNING.law_learning
-            ending = {"fewest": TUNING.law_rounds, "least": TUNING.law_least}
         enough = min(TUNING.effective_enough, max(most / 4, TUNING.effective_fewest))
-        rough = soon and self.settings.discrepancy  # which is wider than what the solver misses by
-        explorer = Explorer(self.target, found, rounds, QUICK if rough else FINE)
-        drawn = sample(explorer, explorer.propose, seed=seed, each=min(few, most), most=most, enough=enough, **ending)
+        explorer = Explorer(self.target, found)
+        each = min(TUNING.draws_per_round, most)
+        drawn = sample(explorer, explorer.propose, seed=seed, each=each, most=most, enough=enough)
         best, (log, error) = self._best(explorer.modes), drawn.log_evidence
-        if rough:  # the solver is wrong by nearly as much as at the maximum
-            (there,) = self.target.log_posterior(best.u[None], self.target.residuals(best.u[None], QUICK))
-            log += best.log_posterior - float(there) if np.isfinite(there) else 0.0
         u = drawn.u if self._trusted(drawn) else best.u[None]
         return self._answer(u, drawn, best, Evidence(log, error), explorer.modes)
 
