@@ -25,6 +25,7 @@ from cavirheo.physics.elastic import (
     StrainEnergy,
     Yeoh,
 )
+from cavirheo.physics.law import table_of
 from cavirheo.physics.materials import Material, NeoHookeanKelvinVoigt, QuadraticKelvinVoigt, Viscoelastic
 from cavirheo.physics.simulate import simulate
 from cavirheo.physics.table import TOLERANCE, read, tabulate
@@ -111,6 +112,12 @@ def test_elastic_table_against_quadrature(law):
     expected = np.array([by_quadrature(law.slope, 1.0, L) for L in RATIOS[::8]])
     assert read(law.table(), RATIOS[::8])[0] == pytest.approx(expected, rel=1e-8)
     assert read(law.table(), RATIOS)[1] == pytest.approx(law.slope(RATIOS), rel=1e-6)
+
+
+@pytest.mark.parametrize("law", [law for law, _ in ELASTIC if law.proportional], ids=str)
+def test_a_table_that_is_kept_for_1_pa_is_that_of_the_law(law):
+    for kept, own in zip(read(table_of(law), RATIOS), read(law.table(), RATIOS), strict=True):
+        assert kept == pytest.approx(own, rel=1e-6)
 
 
 @pytest.mark.parametrize("law", CLOSED, ids=str)
