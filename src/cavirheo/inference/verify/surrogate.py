@@ -21,7 +21,7 @@ from cavirheo.parallel import each
 from cavirheo.prior import log_normal
 
 Real = NDArray[np.floating]  # of either precision
-_TOGETHER = 10
+_TOGETHER = 10  # factors in a product
 
 
 class Surrogate:
