@@ -6,7 +6,6 @@ import re
 import shutil
 import time
 import zipfile
-from contextlib import suppress
 from dataclasses import replace
 from importlib.util import find_spec
 from pathlib import Path
@@ -313,8 +312,6 @@ def _mat_of_many(folder):
 
 
 def test_errors_are_told_and_mended(visit, tmp_path):
-    from playwright import sync_api as playwright
-
     page = visit(WIDE)
     bad, huge, short = tmp_path / "bad.mat", tmp_path / "huge.csv", tmp_path / "short.csv"
     bad.write_bytes(examples()["stiff_gel.mat"].read_bytes()[:3000])
@@ -336,14 +333,10 @@ def test_errors_are_told_and_mended(visit, tmp_path):
     assert "simulation of the answer" not in traces(page)
     page.get_by_role("tab", name="3 Infer").click()
     page.get_by_role("tab", name="2 Prepare").click()
-    told = page.locator("#rmax-um :text('-5')")
-    for _ in range(4):  # what the change of step still redraws takes a number back that is typed at once
-        page.fill("#rmax-um input", "-5")
-        page.press("#rmax-um input", "Tab")
-        with suppress(playwright.TimeoutError):
-            told.first.wait_for(timeout=10_000)
-            break
-    assert told.count()
+    page.wait_for_timeout(500)  # nobody types in the moment in which the steps change
+    page.fill("#rmax-um input", "-5")
+    page.press("#rmax-um input", "Tab")
+    page.wait_for_selector("#rmax-um :text('-5')")
     assert page.locator(".toast-body :text('-5')").count() == 0
 
 
