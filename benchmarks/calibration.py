@@ -2,6 +2,7 @@
 
     python benchmarks/calibration.py OUT.jsonl [-n 300] [--as-read] [--discrepancy] [--workers 2]
     python benchmarks/calibration.py OUT.jsonl [-n 300] --default [--kinetic] [...]    # of `infer`, as it is
+    python benchmarks/calibration.py OUT.jsonl [-n 300] --fit [--kinetic]              # of `fit`
     python benchmarks/calibration.py OUT.jsonl -n 0          # the table of what is there
 
 Truth: NHKV, log10 G (500 Pa to 50 kPa), log10 mu (5 mPa s to 0.5 Pa s) and log10 stretch (4 to 11) uniform, R_max
@@ -10,9 +11,9 @@ a frame, radii by a scale and R_max by a factor with 0.5 % standard deviation (c
 Simulated with `precise`. --as-read takes R_max and its time off the noisy frames, as for a file, instead of as
 drawn; --discrepancy leaves the default discrepancy on, which these shots do not have. --default is the answer of
 `infer` within the same ranges: a truth from a narrower range than the prior's is no test of the interval where the
-curve says little. --kinetic: vapour condenses at a finite rate, log10 of the accommodation (0.01 to 1) uniform and
-free; shots are not blurred. --end 1.6 ends the recording soon after the first collapse. One line a shot is added to
-OUT.jsonl; a later call goes on.
+curve says little. --fit: the draws of `fit` that are within these ranges, clock, scale and R_max free. --kinetic:
+vapour condenses at a finite rate, log10 of the accommodation (0.01 to 1) uniform and free; shots are not blurred.
+--end 1.6 ends the recording soon after the first collapse. One line a shot is added to OUT.jsonl; a later call goes on.
 """
 
 from __future__ import annotations
@@ -20,8 +21,9 @@ from __future__ import annotations
 import argparse
 import json
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from concurrent.futures import ProcessPoolExecutor
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -100,6 +102,15 @@ def rank(answer: Posterior, name: str, truth: float) -> float:
     return float(np.sum(weight[draws < truth]) / np.sum(weight))
 
 
+def within(answer: Posterior, ranges: Mapping[str, tuple[float, float]]) -> Posterior:
+    """The answer by a prior that is the same within the ranges and nothing outside."""
+    kept = np.zeros(len(answer.theta)) if answer.log_weight is None else answer.log_weight
+    for name, (low, high) in ranges.items():
+        draws = answer.draws(name)
+        kept = np.where((draws >= low) & (draws <= high), kept, -np.inf)
+    return replace(answer, log_weight=kept)
+
+
 def coverage(ranks: np.ndarray, level: float) -> float:
     """Share of truths within the central interval of this level."""
     return float(np.mean(np.abs(np.asarray(ranks) - 0.5) <= 0.5 * level))
@@ -115,19 +126,22 @@ def calibrated(ranks: np.ndarray) -> tuple[bool, float, float]:
     return min(p_bins, p_ks) >= ALARM, p_bins, p_ks
 
 
-def one(job: tuple[int, bool, bool, bool, bool, float]) -> dict:
-    seed, as_read, discrepancy, default, kinetic, end = job
+def one(job: tuple[int, bool, bool, str, bool, float]) -> dict:
+    seed, as_read, discrepancy, way, kinetic, end = job
     truth, curve = shot(seed, as_read=as_read, kinetic=kinetic, end=end)
     ranges = CONDENSING if kinetic else RANGES
     # as drawn, the clock is known to half a frame; read off the frames it is not, and the default range is wider
     bound = None if as_read else 0.5 * float(np.median(np.diff(curve.time)))
     how: dict[str, Any] = {"ranges": ranges, "discrepancy": discrepancy, "t0_bound": bound, "workers": 1, "seed": seed}
     began = time.process_time()
-    if default:
+    contents = "kinetic" if kinetic else "equilibrium"
+    if way == "fit":
+        free, alone = ("t0", "scale", "rmax"), {"windows": False, "others": False}
+        answer = fit(curve, contents=contents, free=free, trust_input=True, seed=seed, workers=1, **alone)
+        answer = within(answer, ranges)
+    elif way == "default":
         network = load_posterior()
-        start = Networked(
-            network, bubble=BubbleModel("kinetic" if kinetic else "equilibrium"), trust_input=True, checked=False
-        )
+        start = Networked(network, bubble=BubbleModel(contents), trust_input=True, checked=False)
         answer = verify(curve, start.infer(curve), level="auto", network=network, **how)
     else:
         answer = verify(curve, fit(curve, window="all", workers=1), scale_bound=BOUND, **how)
@@ -155,9 +169,10 @@ def table(rows: list[dict]) -> str:
         held = f"{coverage(values, 0.5):.1%} | {coverage(values, 0.9):.1%}"
         lines.append(f"| {name} | {held} | {p_bins:.2f} | {p_ks:.2f} | {counts} |")
     ess = np.array([row["ess"] for row in rows if row["ess"] is not None])
+    worth = f"effective size: 5 % {np.quantile(ess, 0.05):.0f}, median {np.median(ess):.0f}" if len(ess) else ""
     seconds = np.array([row["seconds"] for row in rows])
     p = np.array([row["p_value"] for row in rows if row["p_value"] is not None])
-    lines += ["", f"effective size: 5 % {np.quantile(ess, 0.05):.0f}, median {np.median(ess):.0f}"]
+    lines += ["", worth]
     lines += [
         f"CPU seconds a shot, fit included: median {np.median(seconds):.1f}, 95 % {np.quantile(seconds, 0.95):.1f}"
     ]
@@ -187,12 +202,13 @@ def main() -> None:
     parser.add_argument("-n", type=int, default=300)
     parser.add_argument("--as-read", action="store_true")
     parser.add_argument("--discrepancy", action="store_true")
-    parser.add_argument("--default", action="store_true")
+    parser.add_argument("--default", dest="way", action="store_const", const="default", default="full")
+    parser.add_argument("--fit", dest="way", action="store_const", const="fit")
     parser.add_argument("--kinetic", action="store_true")
     parser.add_argument("--end", type=float, default=np.inf, help="t_c after which nothing is recorded")
     parser.add_argument("--workers", type=int, default=1)
     given = parser.parse_args()
-    how = (given.as_read, given.discrepancy, given.default, given.kinetic, given.end)
+    how = (given.as_read, given.discrepancy, given.way, given.kinetic, given.end)
     jobs: dict[tuple, Any] = {(seed,): (seed, *how) for seed in range(given.n)}
     rows = resumed(given.out, jobs, ("seed",), one, given.workers)
     print(table(rows))

@@ -171,7 +171,7 @@ def test_intervals_hold_the_truth_and_are_seeded():
     curve = shot(noise=0.01)
     answer, again, other = (fit(curve, windows=False, seed=seed) for seed in (1, 1, 2))
     assert answer.theta.shape[1] == 5
-    assert len(answer.theta) == len(answer.log_weight) >= 180
+    assert len(answer.theta) == len(answer.log_weight) >= 120
     assert np.array_equal(answer.theta, again.theta)
     assert not np.array_equal(answer.theta, other.theta)
     for name, truth in (("shear_modulus", 8e3), ("viscosity", 0.05), ("stretch", 7.0)):
@@ -180,6 +180,16 @@ def test_intervals_hold_the_truth_and_are_seeded():
         assert low < answer.best[name] < high
     assert answer.diagnostics.one_sigma["log10_viscosity"] < 0.1
     assert -1 < answer.diagnostics.correlations["viscosity, stretch"] < -0.5
+
+
+def test_the_interval_of_a_viscosity_that_may_be_nothing_has_its_shelf():
+    """Where vapour resists, frames bound a small viscosity from above only."""
+    rng, time = np.random.default_rng(1), np.arange(70) * 1e-6
+    run = simulate(NeoHookeanKelvinVoigt(4e3, 0.003), max_radius=3e-4, stretch=8.0, time=time, contents="kinetic")
+    curve = RadiusCurve(time, run.radius + 0.007 * 3e-4 * rng.normal(size=70), maximum=(0.0, 3e-4))
+    answer = fit(curve, contents="kinetic", windows=False, others=False, trust_input=True)
+    low, high = answer.interval("viscosity")
+    assert low < 5e-4 < 3e-3 < high < 0.02
 
 
 def test_correlated_residuals_count_less():

@@ -10,6 +10,7 @@ from itertools import product
 from typing import Any, Concatenate, ParamSpec, Protocol
 
 import numpy as np
+from threadpoolctl import threadpool_limits
 
 from cavirheo.curve import RadiusCurve, several
 from cavirheo.errors import expect_whole, require
@@ -173,7 +174,8 @@ def fit_many(
         return replace(answer, seconds=time.perf_counter() - began), alone
 
     said = (lambda index, found: done(index, found[0])) if done and verify == "none" else None
-    answered = each(one, curves, workers, said)
+    with threadpool_limits(1, "blas"):  # BLAS' own threads would only wait for each other beside these
+        answered = each(one, curves, workers, said)
     answers = [answer for answer, _ in answered]
     groups: dict[Any, dict[int, Alone]] = {}
     for i, (curve, (_, single)) in enumerate(zip(curves, answered, strict=True)):

@@ -15,14 +15,16 @@ from cavirheo.inference.fit.least_squares import LeastSquares, Minimum
 from cavirheo.inference.fit.search import Search
 from cavirheo.inference.noise import Noise
 from cavirheo.inference.options import FREE
-from cavirheo.inference.verify.mode import Mode, Target, climb, modes, ridge, same, valley
-from cavirheo.inference.verify.sampler import Mixture, Sample, sample
+from cavirheo.inference.verify.explore import Explorer
+from cavirheo.inference.verify.mode import Mode, Target, climb, modes, same, valley
+from cavirheo.inference.verify.sampler import Sample, sample
 from cavirheo.parameters import LOG10, units
 from cavirheo.posterior import Checks, Diagnostics, Evidence, OtherAnswer, Posterior, Verdict, WindowAnswer
 
 LIQUIDS = ("newtonian", "power-law")  # laws to try where there may be no shear modulus
 DRAWS = 4096
 EACH, MOST, ENOUGH, FEWEST = 60, 480, 80.0, 15.0  # weighted draws: of a round, in all; effective ones: goal, least
+LEARNING = 2  # rounds of simulations before, that learn where to draw
 AS_NEAR = 1.5  # costs of minima, below which the evidence chooses between them
 FAR = 3.0  # standard deviations of the draws: a minimum so far from them is of another solution
 AT_BOUND = 1e-3  # of a range: nearer to its end is "at the bound"
@@ -93,7 +95,9 @@ class Alone:
         """Draws weighted by the likelihood of rough simulations, of weights that are known now but for a factor.
 
         A Gaussian would be too narrow: what a shift of the clock does to the frames beside a collapse is far from
-        linear, so posteriors are curved and have shelves. None: the weights are not worth an interval.
+        linear, so posteriors are curved and have shelves. A shelf, such as a viscosity that may be as small as it
+        likes, is found by what is learnt from simulations (explore.py), not by following a maximum. None: the weights
+        are not worth an interval.
         """
         shot = self.shot
         deviation = (shot.sigma * shot.noise_factor)[shot.counted]
@@ -103,19 +107,10 @@ class Alone:
         maxima = modes(target, there[:1], there[1:])
         if not maxima:
             return None
-        places = [place for mode in maxima for place in (mode, *ridge(target, mode))]
-        heights = [place.log_evidence - maxima[0].log_evidence for place in places]
-        first = Mixture.about([one.u for one in places], [one.covariance for one in places], heights)
-
-        def propose(rng: np.random.Generator, counted: Sample | None) -> Mixture:
-            if counted is None:
-                return first.widened(0.3, 3.0)
-            return first.fitted(counted.u, counted.log_weight).beside(first, 0.3).widened()
-
-        def log_target(u: Floats) -> Floats:
-            return target.log_posterior(u, target.residuals(u, QUICK))
-
-        found = sample(log_target, propose, seed=seed, each=EACH, most=MOST, enough=ENOUGH)
+        explorer = Explorer(target, maxima, LEARNING, follow=False)
+        found = sample(
+            lambda u: explorer(u, QUICK), explorer.propose, seed=seed, each=EACH, most=MOST, enough=ENOUGH, fewest=2
+        )
         return found if found.ess >= FEWEST else None
 
     def doubts(self) -> list[str]:
