@@ -11,7 +11,7 @@ a frame, radii by a scale and R_max by a factor with 0.5 % standard deviation (c
 Simulated with `precise`. --as-read takes R_max and its time off the noisy frames, as for a file, instead of as
 drawn; --discrepancy leaves the default discrepancy on, which these shots do not have. --default is the answer of
 `infer` within the same ranges: a truth from a narrower range than the prior's is no test of the interval where the
-curve says little. --fit: the draws of `fit` that are within these ranges, clock, scale and R_max free. --kinetic:
+curve says little. --fit: that of `fit` within the same ranges, clock, scale and R_max free. --kinetic:
 vapour condenses at a finite rate, log10 of the accommodation (0.01 to 1) uniform and free; shots are not blurred.
 --end 1.6 ends the recording soon after the first collapse. One line a shot is added to OUT.jsonl; a later call goes on.
 """
@@ -21,9 +21,9 @@ from __future__ import annotations
 import argparse
 import json
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import ProcessPoolExecutor
-from dataclasses import replace
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -31,6 +31,7 @@ import numpy as np
 from scipy.stats import chi2, kstest, truncnorm
 
 from cavirheo import NeoHookeanKelvinVoigt, RadiusCurve, fit, simulate
+from cavirheo.inference.experiment import Experiment
 from cavirheo.inference.networked import Networked
 from cavirheo.inference.posterior_model import load_posterior
 from cavirheo.inference.verify import verify
@@ -102,13 +103,15 @@ def rank(answer: Posterior, name: str, truth: float) -> float:
     return float(np.sum(weight[draws < truth]) / np.sum(weight))
 
 
-def within(answer: Posterior, ranges: Mapping[str, tuple[float, float]]) -> Posterior:
-    """The answer by a prior that is the same within the ranges and nothing outside."""
-    kept = np.zeros(len(answer.theta)) if answer.log_weight is None else answer.log_weight
-    for name, (low, high) in ranges.items():
-        draws = answer.draws(name)
-        kept = np.where((draws >= low) & (draws <= high), kept, -np.inf)
-    return replace(answer, log_weight=kept)
+@contextmanager
+def narrowed(ranges: Mapping[str, tuple[float, float]]) -> Iterator[None]:
+    """A prior of these ranges also for `fit`, which takes none."""
+    whole = Experiment.prior
+    try:
+        Experiment.prior = lambda self, given=None: whole(self, given or ranges)
+        yield
+    finally:
+        Experiment.prior = whole
 
 
 def coverage(ranks: np.ndarray, level: float) -> float:
@@ -136,9 +139,9 @@ def one(job: tuple[int, bool, bool, str, bool, float]) -> dict:
     began = time.process_time()
     contents = "kinetic" if kinetic else "equilibrium"
     if way == "fit":
-        free, alone = ("t0", "scale", "rmax"), {"windows": False, "others": False}
-        answer = fit(curve, contents=contents, free=free, trust_input=True, seed=seed, workers=1, **alone)
-        answer = within(answer, ranges)
+        alone: dict[str, Any] = {"free": ("t0", "scale", "rmax"), "windows": False, "others": False, "workers": 1}
+        with narrowed(ranges):
+            answer = fit(curve, contents=contents, trust_input=True, seed=seed, **alone)
     elif way == "default":
         network = load_posterior()
         start = Networked(network, bubble=BubbleModel(contents), trust_input=True, checked=False)
