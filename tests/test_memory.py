@@ -246,3 +246,14 @@ def test_growth_does_not_depend_on_where_its_instants_fall(monkeypatch):
         monkeypatch.setattr(growth, "_TIME", np.linspace(0.0, 4.0, instants))
         found.append(remembered(dimensionless(Zener(5e4, 0.5, 2e-5), WATER, 250e-6, 3.0), 1e-5))
     assert found[1:] == [pytest.approx(found[0], rel=1e-4)] * 2
+
+
+def test_a_search_for_an_impulse_that_none_is_ends_soon(monkeypatch):
+    """Also where the smallest goes too far: halving towards nothing took a thousand growths, and the last divided
+    nothing by nothing."""
+    tried = []
+    monkeypatch.setattr(growth, "_turn", lambda numbers, velocity, rtol: (tried.append(velocity), (np.inf, None))[1])
+    with pytest.raises(SolverError, match="no impulse"):
+        remembered(dimensionless(Zener(8e3, 0.05, 1e-6), WATER, 250e-6, 7.0), 1e-4)
+    assert 2 < len(tried) < 40
+    assert min(tried) > 0

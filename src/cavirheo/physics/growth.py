@@ -38,8 +38,8 @@ def remembered(numbers: Numbers, rtol: float) -> Floats:
     # R^3 is nearly linear in the impulse v^2, the kinetic energy: (impulse, memories) by R^3 - 1 of what was tried
     turns: dict[float, tuple[float, Floats]] = {numbers.stretch**-3.0 - 1.0: (0.0, nothing)}
     low, high = 0.0, np.inf
-    impulse = 2 / 3 * numbers.stretch**3  # all the work against the ambient pressure
-    while high - low > exact * low:
+    impulse = work = 2 / 3 * numbers.stretch**3  # all the work against the ambient pressure
+    while high - low > exact * max(low, work):
         radius, memories = _turn(quiet, float(np.sqrt(impulse)), exact)
         missed = radius**3 - 1.0
         low, high = (impulse, high) if missed < 0 else (low, impulse)
