@@ -172,10 +172,10 @@ def table(rows: list[dict]) -> str:
         held = f"{coverage(values, 0.5):.1%} | {coverage(values, 0.9):.1%}"
         lines.append(f"| {name} | {held} | {p_bins:.2f} | {p_ks:.2f} | {counts} |")
     ess = np.array([row["ess"] for row in rows if row["ess"] is not None])
-    worth = f"effective size: 5 % {np.quantile(ess, 0.05):.0f}, median {np.median(ess):.0f}" if len(ess) else ""
     seconds = np.array([row["seconds"] for row in rows])
     p = np.array([row["p_value"] for row in rows if row["p_value"] is not None])
-    lines += ["", worth]
+    lines += [""]
+    lines += [f"effective size: 5 % {np.quantile(ess, 0.05):.0f}, median {np.median(ess):.0f}"] if len(ess) else []
     lines += [
         f"CPU seconds a shot, fit included: median {np.median(seconds):.1f}, 95 % {np.quantile(seconds, 0.95):.1f}"
     ]

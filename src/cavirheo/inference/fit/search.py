@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from cavirheo.arrays import Floats
-from cavirheo.inference.experiment import CLEAN, FINE, QUICK
+from cavirheo.inference.experiment import CLEAN, QUICK
 from cavirheo.inference.fit.least_squares import SEARCH, LeastSquares, Minimum
 from cavirheo.inference.fit.starts import STARTS, Scan
 
@@ -54,7 +54,7 @@ class Search:
             if once or self._enough(number):
                 break
         # a rough simulation may step over what stops the default one, such as chains that are taut
-        followed = [one for one in self.minima if self.fit.at(one.x, FINE) != [None]]
+        followed = [one for one in self.minima if self.shot.predict(one.x) is not None]
         self.minima = followed or self.minima
 
     def _enough(self, rounds: int) -> bool:
