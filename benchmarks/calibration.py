@@ -37,7 +37,7 @@ from cavirheo.inference.posterior_model import load_posterior
 from cavirheo.inference.verify import verify
 from cavirheo.physics.materials import Material
 from cavirheo.physics.media import WATER
-from cavirheo.posterior import BubbleModel, Posterior
+from cavirheo.posterior import Bubble, Posterior
 
 RANGES = {"shear_modulus": (500.0, 5e4), "viscosity": (5e-3, 0.5), "stretch": (4.0, 11.0)}
 CONDENSING = {**RANGES, "accommodation": (0.01, 1.0)}
@@ -144,7 +144,7 @@ def one(job: tuple[int, bool, bool, str, bool, float]) -> dict:
             answer = fit(curve, contents=contents, trust_input=True, seed=seed, **alone)
     elif way == "default":
         network = load_posterior()
-        start = Networked(network, bubble=BubbleModel(contents), trust_input=True, checked=False)
+        start = Networked(network, bubble=Bubble(contents), trust_input=True, checked=False)
         answer = verify(curve, start.infer(curve), level="auto", network=network, **how)
     else:
         answer = verify(curve, fit(curve, window="all", workers=1), scale_bound=BOUND, **how)

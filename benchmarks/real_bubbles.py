@@ -41,8 +41,8 @@ from cavirheo.reading import read_curves
 Model = dict[str, Any]
 USUAL: Model = {"stretch": "free", "windows": False, "others": False, "trust_input": True, "workers": 1}
 KINETIC: Model = {"contents": "kinetic"}
-WALLS: Model = {"wall_inertia": "free"}
-SOUND: Model = {"sound": True}  # wall_radiation of the cross-section that growth and collapse in PEG 10 show
+WALLS: Model = {"confinement_inertia": "free"}
+SOUND: Model = {"sound": True}  # confinement_damping of the cross-section that growth and collapse in PEG 10 show
 THIN: Model = {"material": "power-law"}
 RHEOMETER = {"PEG 10 w/v %": 0.0064, "PEG 40 w/v %": 0.130, "water": 0.001}  # Pa s
 LATE = (3.0, 8.0, 0.25)  # a shot rises late if the median of R/R_max between the first two t* exceeds the third
@@ -69,7 +69,7 @@ DAMAGE: dict[str, Model] = {"first-rebound": {"damage": "first-rebound"}, "strai
 LIQUID: dict[str, Model] = {
     **GEL, "kinetic, walls": {**KINETIC, **WALLS}, "sound": SOUND, "kinetic, sound": {**KINETIC, **SOUND},
     "kinetic, walls, sound": {**KINETIC, **WALLS, **SOUND}, "power-law": THIN, "power-law, sound": {**THIN, **SOUND},
-    "power-law, free sound": {**THIN, "wall_radiation": "free"},
+    "power-law, free sound": {**THIN, "confinement_damping": "free"},
 }  # fmt: skip
 SETS = {
     "stiff PA": Set("pa_stiff/*[!E].mat", "nhkv", WEIGHED, clock=True),  # not the file in a wrong scale
@@ -81,9 +81,9 @@ SETS = {
 }  # fmt: skip
 PURE_WATER = Set("water_laser/*.csv", "newtonian", {})
 WATER_MODELS: dict[str, Model] = {
-    "clock, R_max": {}, "walls": WALLS, "sound": {"wall_radiation": "free"},
-    "walls, sound": {**WALLS, "wall_radiation": "free"},
-    "kinetic, walls, sound": {**KINETIC, **WALLS, "wall_radiation": "free"},
+    "clock, R_max": {}, "walls": WALLS, "sound": {"confinement_damping": "free"},
+    "walls, sound": {**WALLS, "confinement_damping": "free"},
+    "kinetic, walls, sound": {**KINETIC, **WALLS, "confinement_damping": "free"},
 }  # fmt: skip
 
 
@@ -143,7 +143,7 @@ def cross_section(found: list[list[float]], viscosity: float) -> float:
 
 def fitted(curve: RadiusCurve, law: str, area: float = np.inf, **model: Any) -> Posterior:
     if model.pop("sound", False):
-        model["wall_radiation"] = 2 * np.pi * curve.max_radius**2 / area * SPEED
+        model["confinement_damping"] = 2 * np.pi * curve.max_radius**2 / area * SPEED
     return fit_many([curve], **{**USUAL, "material": law, **model})[0]
 
 

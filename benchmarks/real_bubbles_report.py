@@ -23,7 +23,7 @@ from cavirheo.writing import style
 
 PARAMETERS = {
     "accommodation": "alpha",
-    "wall_inertia": "beta",
+    "confinement_inertia": "beta",
     "exponent": "n",
     "damage_modulus": "m",
     "damage_radius": "r",
@@ -132,7 +132,7 @@ def seen_rows(kept: Mapping[str, Any], found: Found) -> Iterable[list[Any]]:
     """zeta that a fit finds after R_max, beside that of growth and collapse of the same shot."""
     for group, models in found.items():
         answers, shots = models.get("power-law, free sound", {}), kept[f"growth/{group}"]
-        ours = of(answers.values(), "wall_radiation")
+        ours = of(answers.values(), "confinement_damping")
         theirs = np.array([resistance(1e-6 * shots[i][0], shots[i][2], RHEOMETER[group]) for i in answers])
         if len(ours) > 3:
             ratio, alike = spread(ours / theirs), np.corrcoef(ours, theirs)[0, 1]

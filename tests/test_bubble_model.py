@@ -19,14 +19,14 @@ from cavirheo.inference.verify.evidence import models, rank_laws
 from cavirheo.physics.damage import Damage
 from cavirheo.physics.materials import NeoHookeanKelvinVoigt
 from cavirheo.physics.simulate import simulate
-from cavirheo.posterior import BubbleModel, Posterior
+from cavirheo.posterior import Bubble, Posterior
 from cavirheo.reporting.answer import curve_record
 from cavirheo.unfinished import keep, read_kept
 
 TIME = np.arange(90) * 1e-6
 GEL, SHOT = NeoHookeanKelvinVoigt(5e3, 0.01), dict(max_radius=250e-6, stretch=6.0)
 QUICKLY = dict(windows=False, trust_input=True)
-ALL_FREE = BubbleModel("kinetic", "free", "first-rebound", "free", None, "free", "free")
+ALL_FREE = Bubble("kinetic", "free", "first-rebound", "free", None, "free", "free")
 
 
 def shot(seed=0, noise=1e-6, **way):
@@ -39,8 +39,8 @@ def shot(seed=0, noise=1e-6, **way):
     ("true", "fitted", "expected"),
     [
         (dict(contents="kinetic"), dict(contents="kinetic"), dict(accommodation=0.07)),
-        (dict(wall_inertia=0.2), dict(wall_inertia="free"), dict(wall_inertia=0.2)),
-        (dict(wall_radiation=0.3), dict(wall_radiation="free"), dict(wall_radiation=0.3)),
+        (dict(confinement_inertia=0.2), dict(confinement_inertia="free"), dict(confinement_inertia=0.2)),
+        (dict(confinement_damping=0.3), dict(confinement_damping="free"), dict(confinement_damping=0.3)),
         pytest.param(
             dict(vapour_excess=3e3), dict(vapour_excess="free"), dict(vapour_excess=3e3), marks=pytest.mark.slow
         ),
@@ -70,9 +70,9 @@ def test_a_fit_finds_what_was_simulated(true, fitted, expected):
 
 def test_what_is_given_is_not_inferred():
     answer = fit(shot(contents="kinetic"), contents="kinetic", accommodation=0.05, wall_distance=2e-3, **QUICKLY)
-    assert not {"accommodation", "wall_inertia"} & set(answer.parameters)
+    assert not {"accommodation", "confinement_inertia"} & set(answer.parameters)
     assert answer.best["accommodation"] == 0.05
-    assert answer.best["wall_inertia"] == pytest.approx(250e-6 / 4e-3)
+    assert answer.best["confinement_inertia"] == pytest.approx(250e-6 / 4e-3)
 
 
 def test_the_answer_carries_its_model(tmp_path):
@@ -80,7 +80,7 @@ def test_the_answer_carries_its_model(tmp_path):
     curve = shot(seed=1, contents="kinetic")
     answer = fit(curve, contents="kinetic", **QUICKLY)
     verified = verify(curve, answer, level="map")
-    assert verified.bubble == answer.bubble == BubbleModel("kinetic")
+    assert verified.bubble == answer.bubble == Bubble("kinetic")
     assert verified.best["accommodation"] == pytest.approx(0.07, rel=0.2)
     low, high = verified.interval("accommodation")
     assert low < 0.07 < high
@@ -96,7 +96,7 @@ def test_every_free_parameter_has_a_proper_prior():
     prior = experiment.prior()
     x = prior.to_x(np.random.default_rng(1).normal(size=(20_000, len(prior.names))))
     natural = experiment.natural(x.T)
-    for name, deviation in (("wall_inertia", 0.3), ("wall_radiation", 0.3), ("vapour_excess", 3039.75)):
+    for name, deviation in (("confinement_inertia", 0.3), ("confinement_damping", 0.3), ("vapour_excess", 3039.75)):
         assert natural[name].min() >= 0
         assert np.sqrt(np.mean(natural[name] ** 2)) == pytest.approx(deviation, rel=0.03)
     assert natural["accommodation"].min() >= 0.01
@@ -140,8 +140,8 @@ def test_models_of_a_ranking():
         (dict(accommodation=0.07), "option.idle"),
         (dict(contents="kinetic", accommodation=11.0), "physics.accommodation"),
         (dict(contents="kinetic", accommodation="some"), "physics.accommodation"),
-        (dict(wall_inertia=9.0), "physics.wall_inertia"),
-        (dict(wall_inertia="free", wall_distance=1e-3), "physics.two_walls"),
+        (dict(confinement_inertia=9.0), "physics.confinement_inertia"),
+        (dict(confinement_inertia="free", wall_distance=1e-3), "physics.two_walls"),
         (dict(vapour_excess=-1.0), "physics.vapour_excess"),
         (dict(damage="always"), "option.damage"),
         (dict(material="newtonian", damage="first-rebound"), "physics.damage_without_elasticity"),
@@ -172,9 +172,9 @@ def test_a_wall_within_the_bubble():
         (dict(accommodation=0.07), "option.idle"),
         (dict(damage="strain", material="newtonian"), "physics.damage_without_elasticity"),
         (dict(damage="strain", model="bdt-viscoelastic"), "option.bubble"),
-        (dict(wall_inertia=0.2, verify="none"), "option.bubble"),
-        (dict(wall_inertia=0.2, wall_distance=1e-3), "physics.two_walls"),
-        (dict(wall_radiation=-1.0), "physics.wall_radiation"),
+        (dict(confinement_inertia=0.2, verify="none"), "option.bubble"),
+        (dict(confinement_inertia=0.2, wall_distance=1e-3), "physics.two_walls"),
+        (dict(confinement_damping=-1.0), "physics.confinement_damping"),
     ],
 )
 def test_infer_refuses_a_bubble_that_cannot_be(way, code):
@@ -185,10 +185,10 @@ def test_infer_refuses_a_bubble_that_cannot_be(way, code):
 
 def test_infer_searches_where_the_network_does_not_know_the_bubble():
     """A wall beside the bubble: without it G is wrong."""
-    curve = shot(wall_inertia=0.25, noise=1e-6)
-    beside = infer(curve, wall_inertia=0.25, trust_input=True)
+    curve = shot(confinement_inertia=0.25, noise=1e-6)
+    beside = infer(curve, confinement_inertia=0.25, trust_input=True)
     assert "began all over the ranges" in beside.checks.message
-    assert beside.bubble == BubbleModel(wall_inertia=0.25)
+    assert beside.bubble == Bubble(confinement_inertia=0.25)
     for name, true in (("shear_modulus", 5e3), ("viscosity", 0.01)):
         low, high = beside.interval(name)
         assert low < true < high
@@ -197,7 +197,7 @@ def test_infer_searches_where_the_network_does_not_know_the_bubble():
 
 
 def test_a_given_accommodation_is_of_kinetic_contents_alone():
-    given = BubbleModel("auto", 0.1, wall_inertia=0.2)
-    assert given.with_contents("kinetic") == BubbleModel("kinetic", 0.1, wall_inertia=0.2)
-    assert given.with_contents("equilibrium") == BubbleModel(wall_inertia=0.2)
-    assert BubbleModel(accommodation=0.1).with_contents("equilibrium").accommodation == 0.1  # which is refused
+    given = Bubble("auto", 0.1, confinement_inertia=0.2)
+    assert given.with_contents("kinetic") == Bubble("kinetic", 0.1, confinement_inertia=0.2)
+    assert given.with_contents("equilibrium") == Bubble(confinement_inertia=0.2)
+    assert Bubble(accommodation=0.1).with_contents("equilibrium").accommodation == 0.1  # which is refused

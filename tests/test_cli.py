@@ -234,7 +234,7 @@ def test_simulate_all_options(run, tmp_path):
     [
         "--polytropic 1.4", "--motion rayleigh-plesset", "--relaxed", "--pulse -500 1 2", "--contents kinetic",
         "--damage 0.2 2", "--damage 0.2 2 --damage-by strain",
-        "--wall-radiation 0.2", "--wall-inertia 0.1", "--wall-distance-um 500", "--vapour-excess 3000",
+        "--confinement-damping 0.2", "--confinement-inertia 0.1", "--wall-distance-um 500", "--vapour-excess 3000",
     ],
 )  # fmt: skip
 def test_each_option_matters(run, tmp_path, way):
@@ -272,7 +272,7 @@ def test_laws_lists_every_law(run):
         ("--material newtonian(1) --rmax-um 90 --stretch 5 --contents kinetic --accommodation 0", "accommodation"),
         ("--material newtonian(1) --rmax-um 90 --stretch 5 --contents kinetic --accommodation 12", "accommodation"),
         ("--material newtonian(1) --rmax-um 90 --stretch 5 --wall-distance-um 80", "wall_distance"),
-        ("--material newtonian(1) --rmax-um 90 --stretch 5 --wall-inertia -2", "wall_inertia"),
+        ("--material newtonian(1) --rmax-um 90 --stretch 5 --confinement-inertia -2", "confinement_inertia"),
         ("--material newtonian(1) --rmax-um 90 --stretch 5 --damage 0.2 2", "damage"),
     ],
 )

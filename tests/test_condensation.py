@@ -58,7 +58,7 @@ def test_the_default_is_equilibrium():
     assert largest(slow.radius - run.radius) > 0.02 * 150e-6
 
 
-@pytest.mark.parametrize("way", [dict(), dict(accommodation=0.01, wall_inertia=0.3)], ids=str)
+@pytest.mark.parametrize("way", [dict(), dict(accommodation=0.01, confinement_inertia=0.3)], ids=str)
 def test_second_implementation(way):
     """Mass fractions on finite differences, D(T, p) with its gradient, and the root of the balance at the wall."""
     way = dict(contents="kinetic", **way)
@@ -170,7 +170,7 @@ def test_default_accuracy():
 
 @pytest.mark.parametrize("accommodation", [1e-3, 0.07, 10.0])
 def test_equilibrium_stays_put(accommodation):
-    way = dict(contents="kinetic", accommodation=accommodation, wall_inertia=0.2)
+    way = dict(contents="kinetic", accommodation=accommodation, confinement_inertia=0.2)
     run = simulate(GEL, max_radius=10e-6, stretch=1.0, time=TIME, fields=True, **way)
     vapour = run.contents.vapour
     within(2e-10, motion=largest(run.radius / 10e-6 - 1), vapour=largest(vapour / vapour[0, 0] - 1))
@@ -191,7 +191,7 @@ def test_a_bubble_torn_open_faster_than_it_evaporates():
 def test_energy_with_walls(inertia):
     """The liquid's kinetic energy is 2 pi rho R^3 U^2 (1 + beta R/R_max); balance to 1e-7 through three collapses."""
     gel = NeoHookeanKelvinVoigt(2e4, 0.05)
-    run = dense(gel, WATER, 200e-6, 4.0, 100e-6, 20_001, polytropic=1.4, rtol=1e-10, wall_inertia=inertia)
+    run = dense(gel, WATER, 200e-6, 4.0, 100e-6, 20_001, polytropic=1.4, rtol=1e-10, confinement_inertia=inertia)
     r, u = run.radius / 200e-6, run.velocity / WATER.velocity_scale
     loss = cumulative_simpson(4 * 0.05 * run.radius * run.velocity**2, x=run.time, initial=0)
     energy = r**3 * u**2 / 2 * (1 + inertia * r) + stored(run.radius, gel, WATER, 4.0, 1.4)
@@ -209,8 +209,8 @@ def test_walls_delay_the_collapse():
         times = t * WATER.time_scale(2e-4)
         return t[np.argmin(simulate(IDEAL, max_radius=2e-4, stretch=60.0, time=times, **way).radius)]
 
-    within(0.02, off=abs((collapse(wall_inertia=0.05) / collapse() - 1) / 0.05 - 0.41))
-    assert collapse(wall_distance=2e-3) == collapse(wall_inertia=0.05)
+    within(0.02, off=abs((collapse(confinement_inertia=0.05) / collapse() - 1) / 0.05 - 0.41))
+    assert collapse(wall_distance=2e-3) == collapse(confinement_inertia=0.05)
 
 
 def test_vapour_above_saturation_is_extra_gas_that_condenses():
@@ -228,13 +228,13 @@ def test_sound_along_a_tube_takes_its_work():
     """Without viscosity, heat and sound elsewhere the liquid's energy is the work of the pressures."""
     time = np.linspace(0, 6e-5, 80001)
     way = dict(max_radius=2e-4, stretch=5.0, motion="rayleigh-plesset", polytropic=1.4, rtol=1e-9)
-    run = simulate(Newtonian(0.0), time=time, wall_radiation=0.5, **way)
+    run = simulate(Newtonian(0.0), time=time, confinement_damping=0.5, **way)
     R, U, p = run.radius / 2e-4, run.velocity / WATER.velocity_scale, run.pressure / WATER.pressure
     surface = 2 * WATER.surface_tension / (WATER.pressure * 2e-4 * R)
     power = (p - 1 - surface - 0.5 * R**2 * U) * R**2 * U
     work = cumulative_simpson(power, x=time / WATER.time_scale(2e-4), initial=0.0)
     within(1e-5, gap=largest(0.5 * R**3 * U**2 - work))
-    coarse, fine = (simulate(GEL, time=TIME, wall_radiation=0.5, precise=p, **COLLAPSE) for p in (False, True))
+    coarse, fine = (simulate(GEL, time=TIME, confinement_damping=0.5, precise=p, **COLLAPSE) for p in (False, True))
     within(1e-3, error=largest(coarse.radius - fine.radius) / 150e-6)
 
 
@@ -243,7 +243,7 @@ def test_sound_along_a_tube_lengthens_the_fall_as_viscosity_near_the_largest_rad
     zeta, way = 0.2, dict(max_radius=150e-6, stretch=8.0, time=np.linspace(0, 4e-6, 9))
     viscosity = zeta * 150e-6 * WATER.pressure / WATER.velocity_scale / 4
     plain, tube, viscous = (
-        simulate(Newtonian(v), wall_radiation=z, **way).radius / 150e-6
+        simulate(Newtonian(v), confinement_damping=z, **way).radius / 150e-6
         for v, z in ((0.0, 0.0), (0.0, zeta), (viscosity, 0.0))
     )
     assert tube - plain == pytest.approx(viscous - plain, rel=0.15, abs=1e-6)
@@ -335,11 +335,11 @@ def test_memory_does_not_feel_damage_before_the_bubble_is_largest():
         (dict(contents="kinetic", accommodation=11.0), "physics.accommodation"),
         (dict(contents="kinetic", accommodation=np.nan), "physics.accommodation"),
         (dict(contents="kinetic", polytropic=1.4), "physics.contents_twice"),
-        (dict(wall_inertia=-1.0), "physics.wall_inertia"),
+        (dict(confinement_inertia=-1.0), "physics.confinement_inertia"),
         (dict(wall_distance=100e-6), "physics.wall_too_near"),
-        (dict(wall_distance=1e-3, wall_inertia=0.1), "physics.two_walls"),
+        (dict(wall_distance=1e-3, confinement_inertia=0.1), "physics.two_walls"),
         (dict(vapour_excess=-1.0), "physics.vapour_excess"),
-        (dict(wall_radiation=-0.1), "physics.wall_radiation"),
+        (dict(confinement_damping=-0.1), "physics.confinement_damping"),
         (dict(damage=Damage(0.5), material=Newtonian(0.1)), "physics.damage_without_elasticity"),
     ],
     ids=str,

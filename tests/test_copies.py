@@ -20,7 +20,7 @@ from cavirheo.physics import elastic, viscous
 from cavirheo.physics.driving import Pulse, Trace
 from cavirheo.physics.laws import LAWS
 from cavirheo.physics.materials import Material, Viscoelastic
-from cavirheo.posterior import BubbleModel, Checks, Evidence, Posterior, WindowAnswer
+from cavirheo.posterior import Bubble, Checks, Evidence, Posterior, WindowAnswer
 from cavirheo.reporting import result
 from cavirheo.reporting.table import write_csv
 
@@ -53,7 +53,7 @@ def held() -> dict[str, Any]:
         "simulation": cavirheo.simulate(
             Viscoelastic(elastic.NeoHookean(8e3), viscous.Newtonian(0.05)), max_radius=2e-4, stretch=6.0, time=time
         ),
-        "pulse": Pulse(1e5, 1e6, 1e-6), "trace": Trace(time, 1e5 * time), "bubble": BubbleModel("kinetic"),
+        "pulse": Pulse(1e5, 1e6, 1e-6), "trace": Trace(time, 1e5 * time), "bubble": Bubble("kinetic"),
         "evidence": Evidence(-3.0, 0.1), "window": WindowAnswer({"viscosity": 0.1}, 3.0, 0.01),
         "document": result(list(zip(curves, answers, strict=True)), "cavirheo infer"),
         "input error": InputError("no file", "reading.missing"), "solver error": SolverError("too many steps"),

@@ -20,7 +20,7 @@ from cavirheo.inference.options import Options
 from cavirheo.inference.verify import verify
 from cavirheo.landmarks import RAYLEIGH
 from cavirheo.physics.media import WATER
-from cavirheo.posterior import BubbleModel
+from cavirheo.posterior import Bubble
 from cavirheo.reading.shots import read_shots
 from cavirheo.reading.table import write_csv
 from cavirheo.reporting import read_json
@@ -126,12 +126,12 @@ def test_a_first_collapse_alone_does_not_tell_the_viscosity_of_a_liquid():
     fall = RadiusCurve(whole.time[seen], whole.radius[seen], stated_time_of_max=0.0)
 
     def said(curve, law="newtonian", **around):
-        options = Options(window=1, bubble=BubbleModel(**around))
+        options = Options(window=1, bubble=Bubble(**around))
         return doubts.of_walls(Experiment(curve, Family(law), options=options))
 
-    assert "--wall-inertia free" in said(fall)[0]
-    assert said(whole) == said(fall, "nhkv") == said(fall, wall_inertia="free") == []
-    assert said(fall, wall_distance=1e-3) == said(fall, wall_radiation=0.3) == []
+    assert "--confinement-inertia free" in said(fall)[0]
+    assert said(whole) == said(fall, "nhkv") == said(fall, confinement_inertia="free") == []
+    assert said(fall, wall_distance=1e-3) == said(fall, confinement_damping=0.3) == []
     answer = cavirheo.infer(fall, material="newtonian", verify="none")
     assert answer.checks.verdict == "check_input"
     assert "read the upper end of µ alone" in answer.checks.message

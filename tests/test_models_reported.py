@@ -15,7 +15,7 @@ from cavirheo.beside.published.comparison import Comparison, compared_set, markd
 from cavirheo.beside.published.references import ReferenceSet
 from cavirheo.beside.rheometer.document import beside as rheometer_rows
 from cavirheo.beside.rheometer.document import rheometry
-from cavirheo.posterior import BubbleModel, Evidence, OtherAnswer, Posterior
+from cavirheo.posterior import Bubble, Evidence, OtherAnswer, Posterior
 from cavirheo.reporting import picture, read_json, result, table, write_report
 from cavirheo.reporting.group import slope, theil_sen
 from cavirheo.writing import terminal
@@ -24,8 +24,8 @@ from cavirheo.writing.document import Quantity
 pytestmark = pytest.mark.needs("matplotlib")  # most documents have pictures
 EXAMPLES = Path(__file__).parent.parent / "examples"
 RADII = np.linspace(1.2e-4, 3.2e-4, 7)
-PLAIN_KINETIC = BubbleModel("kinetic")
-KINETIC = BubbleModel("kinetic", damage="first-rebound", wall_inertia="free")
+PLAIN_KINETIC = Bubble("kinetic")
+KINETIC = Bubble("kinetic", damage="first-rebound", confinement_inertia="free")
 
 
 def shots(radii=RADII):
@@ -61,7 +61,7 @@ def test_the_model_stands_in_table_page_picture_and_csv(tmp_path):
     curve = bubble()
     posterior = with_parameters(
         replace(answer(curve), bubble=KINETIC), "nhkv", log10_shear_modulus=5e3, log10_viscosity=0.01,
-        accommodation=0.07, damage_modulus=0.15, damage_radius=2.1, wall_inertia=0.2,
+        accommodation=0.07, damage_modulus=0.15, damage_radius=2.1, confinement_inertia=0.2,
     )  # fmt: skip
     document = write_report(tmp_path, [(curve, posterior)], COMMAND, ())
     row = json.loads((tmp_path / "result.json").read_text(encoding="utf-8"))["curves"][0]
@@ -76,14 +76,14 @@ def test_the_model_stands_in_table_page_picture_and_csv(tmp_path):
     with (tmp_path / "result.csv").open(newline="", encoding="utf-8") as file:
         (line,) = csv.DictReader(file)
     assert line["contents"] == "kinetic"
-    for name in ("accommodation", "damage_modulus", "damage_radius", "wall_inertia"):
+    for name in ("accommodation", "damage_modulus", "damage_radius", "confinement_inertia"):
         assert float(line[f"{name}_q05"]) < float(line[name]) < float(line[f"{name}_q95"])
         assert float(line[name]) == row["other_parameters"][name]["median"]
 
 
 def test_what_is_given_of_the_bubble_is_recorded_without_an_interval(tmp_path):
     curve = bubble()
-    given = replace(answer(curve), bubble=BubbleModel("kinetic", 0.5), best={"accommodation": 0.5, "wall_inertia": 0.0})
+    given = replace(answer(curve), bubble=Bubble("kinetic", 0.5), best={"accommodation": 0.5, "confinement_inertia": 0.0})
     (row,) = result([(curve, given)], COMMAND).curves
     assert row.other_parameters == {"accommodation": Quantity(median=0.5)}
     (plain,) = result([(curve, answer(curve))], COMMAND).curves
@@ -93,7 +93,7 @@ def test_what_is_given_of_the_bubble_is_recorded_without_an_interval(tmp_path):
 @pytest.mark.parametrize("width", [80, 100])
 def test_the_rows_name_what_a_run_mixes(width):
     one, two = shots()[:2]
-    kinetic = replace(answer(two, draws=300), bubble=BubbleModel("kinetic"))
+    kinetic = replace(answer(two, draws=300), bubble=Bubble("kinetic"))
     alike = printed(result([(one, answer(one)), (two, answer(two))], COMMAND), width).split("RMSE:")[0]
     contents = printed(result([(one, answer(one)), (two, kinetic)], COMMAND), width)
     laws = printed(result([(one, thinning(answer(one))), (two, answer(two, draws=300))], COMMAND), width)
@@ -110,7 +110,7 @@ def test_the_rows_name_what_a_run_mixes(width):
 
 def test_all_answers_of_a_curve_stand_side_by_side(tmp_path):
     curve = bubble()
-    valley = beside(0.02, -16.0, BubbleModel(), G=20e3)
+    valley = beside(0.02, -16.0, Bubble(), G=20e3)
     others = beside(), beside(log=-30.0, material="qkv"), valley
     posterior = replace(answer(curve, draws=300), evidence=Evidence(-15.0), others=others)
     document = write_report(tmp_path, [(curve, posterior)], COMMAND, ())
@@ -137,7 +137,7 @@ def test_all_answers_of_a_curve_stand_side_by_side(tmp_path):
 
 def test_an_answer_without_evidence_and_a_law_without_moduli_can_stand_beside_others():
     curve = bubble()
-    thin = OtherAnswer("power-law", BubbleModel(), {"consistency": 98.0, "exponent": 0.43}, {}, None, None)
+    thin = OtherAnswer("power-law", Bubble(), {"consistency": 98.0, "exponent": 0.43}, {}, None, None)
     (row,) = result([(curve, replace(answer(curve), others=(thin,)))], COMMAND).curves
     (other,) = row.other_models
     assert other.shear_modulus_Pa == other.viscosity_Pa_s == Quantity()
@@ -315,7 +315,7 @@ def test_fit_leaves_the_choice_of_a_model_to_the_fit(words, run, monkeypatch):
 
     def fit_many(curves, done, **settings):
         asked.update(settings)
-        return [replace(answer(curve), bubble=BubbleModel("kinetic")) for curve in curves]
+        return [replace(answer(curve), bubble=Bubble("kinetic")) for curve in curves]
 
     monkeypatch.setattr("cavirheo.inference.fit.fit_many", fit_many)
     status, _, said = run("fit", EXAMPLES / "soft_gel.csv", "--shots", 1, "--no-pictures", "-o", "out", *words)
@@ -336,7 +336,7 @@ def test_doubts_of_a_group_are_said_once_whatever_else_is_said_of_its_shots():
 
 def test_tables_beside_the_answers_name_the_contents(tmp_path):
     curve = bubble()
-    document = result([(curve, replace(answer(curve), bubble=BubbleModel("kinetic")))], COMMAND)
+    document = result([(curve, replace(answer(curve), bubble=Bubble("kinetic")))], COMMAND)
     made = rheometry([], [], material="gel", tolerance=0.05, at_rad_per_s=1.0, command="", date="")
     _, row = rheometer_rows(made, document)
     assert "kinetic contents" in row.method

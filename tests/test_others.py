@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from cavirheo.inference.others import compared
-from cavirheo.posterior import BubbleModel, Checks, Evidence, OtherAnswer, Posterior, in_words
+from cavirheo.posterior import Bubble, Checks, Evidence, OtherAnswer, Posterior, in_words
 from cavirheo.unfinished import keep, read_kept
 
-FIELD, KINETIC = BubbleModel(), BubbleModel("kinetic")
+FIELD, KINETIC = Bubble(), Bubble("kinetic")
 DRAWS = np.random.default_rng(0).standard_normal((2000, 2))
 
 

@@ -54,8 +54,8 @@ GELS = [
 WAYS = [dict(motion=m, driving=Pulse(-3e6, 1e5, 2e-6)) for m in MOTIONS] + [dict(polytropic=1.4)]
 KINETIC = [
     dict(contents="kinetic", accommodation=0.07),
-    dict(contents="kinetic", accommodation=0.003, wall_inertia=0.4),
-    dict(contents="kinetic", driving=Pulse(-3e6, 1e5, 2e-6), motion="gilmore", wall_inertia=-0.2),
+    dict(contents="kinetic", accommodation=0.003, confinement_inertia=0.4),
+    dict(contents="kinetic", driving=Pulse(-3e6, 1e5, 2e-6), motion="gilmore", confinement_inertia=-0.2),
 ]
 
 

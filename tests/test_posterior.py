@@ -32,7 +32,7 @@ from cavirheo.inference.verify.surrogate import Surrogate
 from cavirheo.inference.verify.tuning import TUNING
 from cavirheo.inference.verify.work import Work
 from cavirheo.physics.materials import Zener
-from cavirheo.posterior import BubbleModel, Checks, Evidence, OtherAnswer, Posterior
+from cavirheo.posterior import Bubble, Checks, Evidence, OtherAnswer, Posterior
 from cavirheo.prior import Prior, log_normal
 from cavirheo.reporting import read_json
 
@@ -494,7 +494,7 @@ def test_weights_are_posterior_over_proposal_in_the_answers_parameters(fitted):
 
 def test_map_is_the_maximum_with_laplaces_interval(fitted, full):
     curve, answer = fitted
-    rival = OtherAnswer("nhkv", BubbleModel("kinetic"), answer.best, {}, Evidence(999.0), 0.01)
+    rival = OtherAnswer("nhkv", Bubble("kinetic"), answer.best, {}, Evidence(999.0), 0.01)
     (peak,) = verify_many([curve], [replace(answer, others=(rival,))], level="map", discrepancy=False)
     assert peak.method == "laplace"
     assert peak.log_weight is None
@@ -584,7 +584,7 @@ def test_what_the_curve_does_not_bound_is_said():
 
 def test_a_verified_answer_says_what_other_contents_answer(fitted):
     curve, answer = fitted
-    rival = OtherAnswer("nhkv", BubbleModel("kinetic"), answer.best, {}, Evidence(999.0), 0.01)
+    rival = OtherAnswer("nhkv", Bubble("kinetic"), answer.best, {}, Evidence(999.0), 0.01)
     found = verify.verify(curve, replace(answer, others=(rival,)), level="map")
     assert found.others == (rival,)
     assert "for the second" in found.checks.message
@@ -683,7 +683,7 @@ def test_a_law_that_the_network_knows_is_weighed_as_by_infer(monkeypatch):
     known = models(["nhkv", "fung+newtonian"], ["equilibrium", "kinetic"])
     assert all(evidence.by_network(way) for way in known.values())
     assert not evidence.by_network(known["nhkv, kinetic"], "plateau")
-    for way in ({"damage": "strain"}, {"material": "zener"}, {"wall_radiation": "free"}, {"accommodation": 0.1}):
+    for way in ({"damage": "strain"}, {"material": "zener"}, {"confinement_damping": "free"}, {"accommodation": 0.1}):
         assert not evidence.by_network(known["nhkv, kinetic"] | way)
 
 
@@ -845,9 +845,9 @@ def test_which_law_from_the_command_line(run, tmp_path, monkeypatch, light):
     [
         ("--laws nhkv", "nhkv"),
         ("--laws nhkv,newtonian --accommodation 0.1", "without kinetic contents"),
-        ("--laws nhkv,newtonian --wall-inertia 0.1 --wall-distance-um 500", "not both"),
+        ("--laws nhkv,newtonian --confinement-inertia 0.1 --wall-distance-um 500", "not both"),
         ("--laws nhkv,newtonian --vapour-excess much", "--vapour-excess must be a number"),
-        ("--laws nhkv,newtonian --wall-radiation -1", "-1"),
+        ("--laws nhkv,newtonian --confinement-damping -1", "-1"),
     ],
 )
 def test_which_law_refuses_before_it_computes(run, tmp_path, words, told):

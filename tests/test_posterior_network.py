@@ -25,7 +25,7 @@ from cavirheo.inference.verify.sampler import Mixture
 from cavirheo.inference.verify.tuning import TUNING
 from cavirheo.parameters import PARAMETERS
 from cavirheo.physics.media import WATER
-from cavirheo.posterior import BubbleModel
+from cavirheo.posterior import Bubble
 from cavirheo.prior import log_normal
 
 LAWS = ("newtonian", "power-law", "nhkv", "fung + newtonian")
@@ -40,7 +40,7 @@ def shot(material=None, *, noise=0.01, frames=100, frame=1e-6, radius=245e-6, st
 
 
 def experiment(curve, law="nhkv", contents="equilibrium"):
-    options = Options(free=tuple(FREE), bubble=BubbleModel(contents=contents))
+    options = Options(free=tuple(FREE), bubble=Bubble(contents=contents))
     return Experiment(curve, Family(law), options=options)
 
 
@@ -274,7 +274,7 @@ def test_wrong_calls_are_refused_at_once():
 def test_answers_of_several_models_for_one_curve():
     curve = shot()
     first = cavirheo.infer(curve, verify="none", trust_input=True)
-    second = replace(first, bubble=BubbleModel(contents="kinetic"))
+    second = replace(first, bubble=Bubble(contents="kinetic"))
     (found,) = verify_many([curve], [[first, second]], level="map")
     assert {found.bubble.contents} | {one.bubble.contents for one in found.others} == {"equilibrium", "kinetic"}
 

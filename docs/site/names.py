@@ -61,7 +61,7 @@ ANSWERS = Page(
     (
         Group(
             "Parts of a Posterior",
-            {"cavirheo.posterior": "Checks Diagnostics Evidence BubbleModel WindowAnswer OtherAnswer"},
+            {"cavirheo.posterior": "Checks Diagnostics Evidence Bubble WindowAnswer OtherAnswer"},
         ),
         Group(
             "Of a Population, and of a Simulation",

@@ -102,13 +102,13 @@ PARAMETERS: dict[str, Parameter] = {
     "accommodation": Parameter("accommodation", "1", (-2.0, 0.0), (-1.7, -0.5)),
     "damage_modulus": Parameter("damage", "1", (-2.0, 0.0), (-1.2, -0.1)),
     "damage_radius": Parameter("R_0'/R_0", "1", (0.0, 1.0), (0.02, 0.7)),
-    "wall_inertia": Parameter("β", "1"),
-    "wall_radiation": Parameter("ζ", "1"),
+    "confinement_inertia": Parameter("β", "1"),
+    "confinement_damping": Parameter("ζ", "1"),
     "vapour_excess": Parameter("Δp_v", "Pa"),
 }
 """Every parameter by its name; a new law enters those of its parameters that are not here."""
 CAMERA = ("time_origin", "radius_scale", "max_radius_factor")
-BUBBLE = ("accommodation", "damage_modulus", "damage_radius", "wall_inertia", "wall_radiation", "vapour_excess")
+BUBBLE = ("accommodation", "damage_modulus", "damage_radius", "confinement_inertia", "confinement_damping", "vapour_excess")
 AT_RATE, RATE = "viscosity_at_1e5_per_s", 1e5  # of a law whose viscosity is not one number; 1/s
 AT_END = 0.25  # of an interval's width: an end nearer to the range's is the range's
 

@@ -68,7 +68,7 @@ class Checks:
 
 
 @dataclass(frozen=True)
-class BubbleModel:
+class Bubble:
     """What is assumed of the bubble besides law and medium; "free" is inferred with the other parameters.
 
     What these are: physics/simulate.py; what they may be: inference/experiment.py.
@@ -77,21 +77,21 @@ class BubbleModel:
         contents: "equilibrium" or "kinetic".
         accommodation: of kinetic contents.
         damage: "none", "first-rebound" or "strain"; its two factors are inferred.
-        wall_inertia: beta.
+        confinement_inertia: beta.
         wall_distance: m, of one rigid wall, instead of beta.
         vapour_excess: Pa above saturation at R_max.
-        wall_radiation: zeta.
+        confinement_damping: zeta.
     """
 
     contents: str = "equilibrium"
     accommodation: float | str = "free"
     damage: str = "none"
-    wall_inertia: float | str = 0.0
+    confinement_inertia: float | str = 0.0
     wall_distance: float | None = None
     vapour_excess: float | str = 0.0
-    wall_radiation: float | str = 0.0
+    confinement_damping: float | str = 0.0
 
-    def with_contents(self, way: str) -> BubbleModel:
+    def with_contents(self, way: str) -> Bubble:
         """The same bubble with these contents; a given accommodation is of kinetic ones alone."""
         rate = self.accommodation if way in ("kinetic", self.contents) else "free"
         return replace(self, contents=way, accommodation=rate)
@@ -99,14 +99,14 @@ class BubbleModel:
     @property
     def plain(self) -> bool:
         """Whether it is nothing but its contents: no damage, nothing around it, nothing given."""
-        return self == BubbleModel(self.contents)
+        return self == Bubble(self.contents)
 
     @property
     def name(self) -> str:
         """'kinetic', 'equilibrium, damage, walls'."""
-        walls = self.wall_distance is not None or self.wall_inertia != 0
+        walls = self.wall_distance is not None or self.confinement_inertia != 0
         return bubble_name(
-            self.contents, self.damage, walls=walls, sound=self.wall_radiation != 0, excess=self.vapour_excess != 0
+            self.contents, self.damage, walls=walls, sound=self.confinement_damping != 0, excess=self.vapour_excess != 0
         )
 
 
@@ -154,7 +154,7 @@ class OtherAnswer:
     """
 
     material: str
-    bubble: BubbleModel
+    bubble: Bubble
     best: Mapping[str, float]
     intervals: Mapping[str, tuple[float, float, float]]
     evidence: Evidence | None
@@ -240,7 +240,7 @@ class Posterior:
     windows: Mapping[str, WindowAnswer] = field(default_factory=dict)
     evidence: Evidence | None = None
     diagnostics: Diagnostics = Diagnostics()
-    bubble: BubbleModel = BubbleModel()
+    bubble: Bubble = Bubble()
     others: tuple[OtherAnswer, ...] = ()
     prior: Mapping[str, tuple[float, ...]] = field(default_factory=dict)
 

@@ -20,11 +20,11 @@ import numpy as np
 from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError, require
 from cavirheo.parallel import Executor, Step, Threads, one_of
-from cavirheo.posterior import BubbleModel, Checks, Diagnostics, Evidence, OtherAnswer, Posterior, WindowAnswer
+from cavirheo.posterior import Bubble, Checks, Diagnostics, Evidence, OtherAnswer, Posterior, WindowAnswer
 from cavirheo.writing.document import into, whole
 from cavirheo.writing.terminal import bar, say
 
-_TYPES = (Posterior, Checks, WindowAnswer, Evidence, Diagnostics, BubbleModel, OtherAnswer, RadiusCurve)
+_TYPES = (Posterior, Checks, WindowAnswer, Evidence, Diagnostics, Bubble, OtherAnswer, RadiusCurve)
 _KINDS: dict[str, Any] = {kind.__name__: kind for kind in _TYPES}
 _Kept = TypeVar("_Kept")
 _Item = TypeVar("_Item")

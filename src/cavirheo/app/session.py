@@ -21,7 +21,7 @@ from cavirheo.inference.model import shipped
 from cavirheo.inference.reconstruct import check_stretch
 from cavirheo.parallel import Once, Stoppable
 from cavirheo.physics.media import Medium, medium
-from cavirheo.posterior import BubbleModel, Posterior
+from cavirheo.posterior import Bubble, Posterior
 from cavirheo.reading.apart import Found, Reader
 from cavirheo.reading.camera import Camera
 from cavirheo.reading.recordings import is_recording
@@ -79,7 +79,7 @@ class PageSettings:
         require(self.model in shipped(), unknown, "app.unknown_model")
         if self.model in shipped("point"):
             object.__setattr__(self, "material", None)
-        check_models(self.model, self.material, BubbleModel(self.contents), self.verify)
+        check_models(self.model, self.material, Bubble(self.contents), self.verify)
 
     @classmethod
     def of(cls, values: Sequence[Any]) -> tuple[PageSettings, dict[str, str]]:

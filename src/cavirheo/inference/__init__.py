@@ -16,7 +16,7 @@ from cavirheo.inference.options import Options, check_wall
 from cavirheo.parallel import each
 from cavirheo.physics.media import WATER, Medium
 from cavirheo.physics.media import medium as named
-from cavirheo.posterior import CONTENTS, BubbleModel, Posterior
+from cavirheo.posterior import CONTENTS, Bubble, Posterior
 
 __all__ = ["check_level", "check_models", "infer", "infer_many"]
 
@@ -31,7 +31,7 @@ def check_level(level: str) -> None:
     require(level in LEVELS, f"verify must be auto, none, map or full, got {level!r}", "option.verify")
 
 
-def check_models(model: str | Path, material: str | None, bubble: BubbleModel, verify: str) -> None:
+def check_models(model: str | Path, material: str | None, bubble: Bubble, verify: str) -> None:
     """Raises InputError for a law, or a model of the bubble, that cannot be or that this network cannot answer at this
     level of verification. Its contents may be "auto"."""
     contents = bubble.contents
@@ -73,10 +73,10 @@ def infer(
     contents: str = "equilibrium",
     accommodation: float | str = "free",
     damage: str = "none",
-    wall_inertia: float | str = 0.0,
+    confinement_inertia: float | str = 0.0,
     wall_distance: float | None = None,
     vapour_excess: float | str = 0.0,
-    wall_radiation: float | str = 0.0,
+    confinement_damping: float | str = 0.0,
     verify: str = "auto",
     discrepancy: bool = True,
     seed: int = 0,
@@ -97,7 +97,7 @@ def infer(
         trust_input: doubts about the recording or its settings are said, but decide no verdict.
         contents: of the bubble, "equilibrium" (the field's model), "kinetic" (vapour condenses at a finite rate) or
             "auto": both, and the evidence chooses.
-        accommodation, damage, wall_inertia, wall_distance, vapour_excess, wall_radiation: as in `fit_many`. The network
+        accommodation, damage, confinement_inertia, wall_distance, vapour_excess, confinement_damping: as in `fit_many`. The network
             does not know them: with one of them the search begins all over the ranges, and takes some seconds.
         verify: "auto" (the default): the network's draws lead to a few hundred simulations that weigh draws by the
             likelihood, and to as many as "full" has where these cannot be trusted; "none": the network's own draws;
@@ -115,8 +115,8 @@ def infer(
     Source: docs/method/posterior-network.md; of the paper's networks docs/method/amortised.md.
     """
     settings: Any = {"trust_input": trust_input, "verify": verify, "discrepancy": discrepancy, "seed": seed}
-    settings |= {"contents": contents, "accommodation": accommodation, "damage": damage, "wall_inertia": wall_inertia}
-    settings |= {"wall_distance": wall_distance, "vapour_excess": vapour_excess, "wall_radiation": wall_radiation}
+    settings |= {"contents": contents, "accommodation": accommodation, "damage": damage, "confinement_inertia": confinement_inertia}
+    settings |= {"wall_distance": wall_distance, "vapour_excess": vapour_excess, "confinement_damping": confinement_damping}
     settings |= {"material": material}
     return infer_many([curve], model=model, medium=medium, stretch=stretch, window=window, **settings)[0]
 
@@ -133,10 +133,10 @@ def infer_many(
     contents: str = "equilibrium",
     accommodation: float | str = "free",
     damage: str = "none",
-    wall_inertia: float | str = 0.0,
+    confinement_inertia: float | str = 0.0,
     wall_distance: float | None = None,
     vapour_excess: float | str = 0.0,
-    wall_radiation: float | str = 0.0,
+    confinement_damping: float | str = 0.0,
     verify: str = "auto",
     discrepancy: bool = True,
     seed: int = 0,
@@ -161,8 +161,8 @@ def infer_many(
     Source: docs/method/posterior-network.md.
     """
     check_level(verify)
-    around = BubbleModel(
-        contents, accommodation, damage, wall_inertia, wall_distance, vapour_excess, wall_radiation
+    around = Bubble(
+        contents, accommodation, damage, confinement_inertia, wall_distance, vapour_excess, confinement_damping
     )  # fmt: skip
     check_models(model, material, around, verify)
     expect_whole(seed, "seed", 0, "option.seed")

@@ -34,14 +34,14 @@ def of_walls(shot: Experiment) -> list[str]:
     """A sentence if nothing tells the viscosity of a liquid from what else lengthens a first collapse: in water it can
     pass for 0.09 Pa s (docs/real-bubbles.md). Elastic laws are left out: their G holds the answer together."""
     bubble, curve = shot.options.bubble, shot.curve
-    if shot.family.elastic or bubble.wall_inertia or bubble.wall_radiation or bubble.wall_distance:
+    if shot.family.elastic or bubble.confinement_inertia or bubble.confinement_damping or bubble.wall_distance:
         return []
     first = curve.collapse_times()[:1] - curve.time_of_max
     if len(first) and np.count_nonzero(shot.since[shot.counted] > first[0]) >= REBOUND:
         return []
     return [
         "no rebound is counted, and walls and sound of the vessel lengthen a first collapse as a viscosity does: read "
-        "the upper end of µ alone, or let them be free (--wall-inertia free --wall-radiation free)"
+        "the upper end of µ alone, or let them be free (--confinement-inertia free --confinement-damping free)"
     ]
 
 

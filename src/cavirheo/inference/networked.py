@@ -24,7 +24,7 @@ from cavirheo.inference.options import FREE, Options
 from cavirheo.inference.posterior_model import PosteriorModel
 from cavirheo.parameters import LOG10, natural_name, units
 from cavirheo.physics.media import WATER, Medium
-from cavirheo.posterior import BubbleModel, Checks, Diagnostics, Posterior
+from cavirheo.posterior import Bubble, Checks, Diagnostics, Posterior
 from cavirheo.prior import log_normal
 
 DRAWS = 1000
@@ -42,7 +42,7 @@ class Networked:
 
     model: PosteriorModel
     material: str = "nhkv"
-    bubble: BubbleModel = field(default_factory=BubbleModel)
+    bubble: Bubble = field(default_factory=Bubble)
     medium: Medium = WATER
     stretch: float | None = None
     window: int | None = None

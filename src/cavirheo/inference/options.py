@@ -14,12 +14,12 @@ from cavirheo.errors import require
 from cavirheo.inference.reconstruct import check_stretch
 from cavirheo.physics.damage import DAMAGES
 from cavirheo.physics.scales import ACCOMMODATION, check_bubble, inertia_of
-from cavirheo.posterior import BubbleModel
+from cavirheo.posterior import Bubble
 
 FREE = {"t0": "time_origin", "scale": "radius_scale", "rmax": "max_radius_factor"}  # option: name in the answer
 FREED = ("t0", "rmax")  # by default
 SCALE_BOUND = 0.015  # radius calibration and R_max are known to 1-1.5 %
-AT_ZERO = ("wall_inertia", "wall_radiation", "vapour_excess")
+AT_ZERO = ("confinement_inertia", "confinement_damping", "vapour_excess")
 
 
 def _positive(time: float | None) -> bool:
@@ -56,7 +56,7 @@ class Options:
     scale_bound: float = SCALE_BOUND
     weights: str = "learnt"
     windows: bool = True
-    bubble: BubbleModel = field(default_factory=BubbleModel)
+    bubble: Bubble = field(default_factory=Bubble)
 
     def __post_init__(self) -> None:
         if isinstance(self.free, str):
@@ -81,22 +81,22 @@ class Options:
         check_bubble(bubble.contents, **{name: known.get(name, 0.0) if x == "free" else x for name, x in given.items()})
         told = f"damage must be none, {' or '.join(DAMAGES)}, got {bubble.damage!r}"
         require(bubble.damage in ("none", *DAMAGES), told, "option.damage")
-        both = "give either wall_inertia or wall_distance, not both"
-        require(bubble.wall_distance is None or bubble.wall_inertia == 0, both, "physics.two_walls")
+        both = "give either confinement_inertia or wall_distance, not both"
+        require(bubble.wall_distance is None or bubble.confinement_inertia == 0, both, "physics.two_walls")
         idle = "an accommodation changes nothing without kinetic contents: give those too"
         require(bubble.accommodation == "free" or bubble.contents == "kinetic", idle, "option.idle")
 
 
-def check_wall(bubble: BubbleModel, curves: Sequence[RadiusCurve] = ()) -> None:
+def check_wall(bubble: Bubble, curves: Sequence[RadiusCurve] = ()) -> None:
     """Raises InputError: no distance, or the wall is too near for every curve; where it is for some, those fail."""
     if bubble.wall_distance is not None:
         largest = (float(np.max(one.radius, initial=0.0, where=one.radius > 0)) for one in curves)
         inertia_of(bubble.wall_distance, min(largest, default=0.0))
 
 
-def fixed_bubble(bubble: BubbleModel, max_radius: float) -> dict[str, float]:
+def fixed_bubble(bubble: Bubble, max_radius: float) -> dict[str, float]:
     """The numbers of the model that are given and not their defaults, by name. Raises InputError: a wall too near."""
     given = {name: getattr(bubble, name) for name in ("accommodation", *AT_ZERO)}
     if bubble.wall_distance is not None:
-        given["wall_inertia"] = inertia_of(bubble.wall_distance, max_radius)
+        given["confinement_inertia"] = inertia_of(bubble.wall_distance, max_radius)
     return {name: float(value) for name, value in given.items() if value not in ("free", 0.0)}

@@ -64,15 +64,15 @@ ABSENT[1, 0] = np.inf
 
 
 def check_bubble(
-    contents: str, accommodation: float, wall_inertia: float, vapour_excess: float, wall_radiation: float = 0.0
+    contents: str, accommodation: float, confinement_inertia: float, vapour_excess: float, confinement_damping: float = 0.0
 ) -> None:
     """Raises InputError for contents that are not known, or a number out of its domain."""
     kinds = f"contents must be {' or '.join(CONTENTS)}; got {contents!r}"
     require(contents in CONTENTS, kinds, "physics.contents")
     within(_ACCOMMODATION, "accommodation", accommodation)
-    within(_INERTIA, "wall_inertia", wall_inertia)
+    within(_INERTIA, "confinement_inertia", confinement_inertia)
     within(NOT_NEGATIVE, "vapour_excess", vapour_excess)
-    within(NOT_NEGATIVE, "wall_radiation", wall_radiation)
+    within(NOT_NEGATIVE, "confinement_damping", confinement_damping)
 
 
 def inertia_of(wall_distance: float, max_radius: float) -> float:
@@ -93,8 +93,8 @@ def dimensionless(
     polytropic: float = 0.0,
     contents: str = CONTENTS[0],
     accommodation: float = ACCOMMODATION,
-    wall_inertia: float = 0.0,
-    wall_radiation: float = 0.0,
+    confinement_inertia: float = 0.0,
+    confinement_damping: float = 0.0,
     vapour_excess: float = 0.0,
     damage: Damage | None = None,
 ) -> Numbers:
@@ -102,13 +102,13 @@ def dimensionless(
 
     Raises:
         InputError: the radius is not positive, the stretch is below 1, the equation of motion is unknown, or it is
-            Gilmore's in an incompressible medium; accommodation, wall_inertia or vapour_excess are out of their
+            Gilmore's in an incompressible medium; accommodation, confinement_inertia or vapour_excess are out of their
             domains, the contents are unknown or two kinds, or there is damage without an elastic part.
     """
     require(motion in MOTIONS, f"motion must be one of {', '.join(MOTIONS)}; got {motion!r}", "physics.motion")
     why = "Gilmore's equation needs a finite speed of sound: use motion='rayleigh-plesset'"
     require(motion != "gilmore" or medium.sound_speed < inf, why, "physics.sound_speed")
-    check_bubble(contents, accommodation, wall_inertia, vapour_excess, wall_radiation)
+    check_bubble(contents, accommodation, confinement_inertia, vapour_excess, confinement_damping)
     kinetic, usual = contents == "kinetic", contents == CONTENTS[0] and vapour_excess == 0
     why = "polytropic contents have no condensation: leave out polytropic, or kinetic contents and vapour_excess"
     require(usual or not polytropic, why, "physics.contents_twice")
@@ -135,8 +135,8 @@ def dimensionless(
         tait=TAIT if motion == "gilmore" else 0.0,
         vapour=pv + vapour_excess / p,
         rate=accommodation * sqrt(medium.vapour_constant * medium.temperature / (2 * pi)) / U_c if kinetic else inf,
-        inertia=wall_inertia,
-        radiation=wall_radiation,
+        inertia=confinement_inertia,
+        radiation=confinement_damping,
         base=pv if (driving or stretch > 20) and not kinetic else 0.0,  # p may fall below p_v where it is kinetic
     )
     elastic, viscous = (table_of(part) if part else ABSENT for part in parts[:2])

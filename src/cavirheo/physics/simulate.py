@@ -50,9 +50,9 @@ def simulate(
     polytropic: float | None = None,
     contents: str = CONTENTS[0],
     accommodation: float = ACCOMMODATION,
-    wall_inertia: float = 0.0,
+    confinement_inertia: float = 0.0,
     wall_distance: float | None = None,
-    wall_radiation: float = 0.0,
+    confinement_damping: float = 0.0,
     vapour_excess: float = 0.0,
     damage: Damage | None = None,
     relaxed: bool = False,
@@ -80,10 +80,10 @@ def simulate(
             finite rate, and its diffusivity depends on temperature and pressure).
         accommodation: of kinetic contents, above 0 and at most 10: share of the vapour's molecules that stay where
             they hit the wall, or what stands for any resistance there.
-        wall_inertia: beta = R_max sum(s_i/d_i) over the images of the bubble behind walls, d_i their distances,
+        confinement_inertia: beta = R_max sum(s_i/d_i) over the images of the bubble behind walls, d_i their distances,
             s_i = 1 for a rigid wall and -1 for a free surface.
-        wall_distance: m, from the bubble's centre to one rigid wall, instead of wall_inertia (R_max/(2 distance)).
-        wall_radiation: zeta = 2 pi (R_max^2/A) c/U_c of a tube of cross-section A around the bubble, along which its
+        wall_distance: m, from the bubble's centre to one rigid wall, instead of confinement_inertia (R_max/(2 distance)).
+        confinement_damping: zeta = 2 pi (R_max^2/A) c/U_c of a tube of cross-section A around the bubble, along which its
             sound leaves as plane waves: it resists V' of the bubble's volume, as rho c V'/(2 A).
         vapour_excess: Pa of vapour above saturation at the start.
         damage: of the elastic part, at the first rebound or by strain (physics/damage.py).
@@ -123,11 +123,11 @@ def simulate(
     else:
         expect_whole(cells, "cells", 8, "physics.cells")
     if wall_distance is not None:
-        require(not wall_inertia, "give either wall_inertia or wall_distance, not both", "physics.two_walls")
-        wall_inertia = inertia_of(wall_distance, max_radius)
+        require(not confinement_inertia, "give either confinement_inertia or wall_distance, not both", "physics.two_walls")
+        confinement_inertia = inertia_of(wall_distance, max_radius)
     way: dict[str, Any] = {"driving": driving, "motion": motion, "polytropic": polytropic or 0.0}
     way |= {"contents": contents, "accommodation": accommodation, "damage": damage}
-    way |= {"wall_inertia": wall_inertia, "wall_radiation": wall_radiation, "vapour_excess": vapour_excess}
+    way |= {"confinement_inertia": confinement_inertia, "confinement_damping": confinement_damping, "vapour_excess": vapour_excess}
     numbers = dimensionless(material, medium, max_radius, stretch, **way)
     grid = wall_clustered(cells, min(WALL_CELL, 0.5 / cells)) if polytropic is None else NO_SHELLS
     most = MAX_STEPS + len(numbers.driving) - 2  # no step passes over more than one sample of a trace
@@ -196,9 +196,9 @@ class SimulationOptions(TypedDict, total=False):
     polytropic: float | None
     contents: str
     accommodation: float
-    wall_inertia: float
+    confinement_inertia: float
     wall_distance: float | None
-    wall_radiation: float
+    confinement_damping: float
     vapour_excess: float
     damage: Damage | None
     relaxed: bool

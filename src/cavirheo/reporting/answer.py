@@ -31,7 +31,7 @@ _DIFFERENCES = ("rmse_over_rmax", "mae_over_rmax", "max_difference_over_rmax")
 _KEYS = {"shear_modulus": "shear_modulus_Pa", "viscosity": "viscosity_Pa_s", "stretch": "stretch"}  # by parameter
 
 
-_WALLS = {"walls": "wall_inertia", "sound": "wall_radiation", "excess": "vapour_excess"}
+_WALLS = {"walls": "confinement_inertia", "sound": "confinement_damping", "excess": "vapour_excess"}
 Unit = tuple[float, str]  # of G: factor from Pa, name
 
 

@@ -16,7 +16,7 @@ from cavirheo.verbs.run import Reading, Run
 
 if TYPE_CHECKING:
     from cavirheo.physics.media import Medium as Liquid
-    from cavirheo.posterior import BubbleModel as Bubble
+    from cavirheo.posterior import Bubble as Bubble
 else:
     Liquid = Bubble = Any
 
@@ -129,7 +129,7 @@ ManyContents = Annotated[str, Option(help=_BOTH, autocompletion=values(*_CONTENT
 _HURT = "models of softening: none, first-rebound, strain, with commas"
 ManyDamages = Annotated[str, Option(help=_HURT, autocompletion=values("none", *_DAMAGES, commas=True))]
 ManyLaws = Annotated[str, Option(help="two or more laws, with commas", autocompletion=many_law_names)]
-WallDistanceUm = Annotated[float | None, Option(help="distance to one rigid wall, instead of --wall-inertia")]
+WallDistanceUm = Annotated[float | None, Option(help="distance to one rigid wall, instead of --confinement-inertia")]
 Shots = Annotated[str | None, Option(help="shots of every file, such as '1,4-7' (the first is 1)  [default: all]")]
 _WANTED = "wanted half-width of the 90 % interval, % of the value"
 WantedPercent = Annotated[float, Option(help=_WANTED, min=0.1, max=99.0)]
@@ -148,10 +148,10 @@ _EXCESS = "vapour at R_max above saturation, Pa; or free"
 _RADIATION = "2 pi (R_max^2/A) c/U_c of a tube around it; or free"
 _AROUND: dict[str, tuple[Any, Any]] = {
     "accommodation": (Annotated[str | None, Option(help=_RATE)], None),
-    "wall_inertia": (Annotated[str, Option(help=_INERTIA)], "0"),
+    "confinement_inertia": (Annotated[str, Option(help=_INERTIA)], "0"),
     "wall_distance_um": (WallDistanceUm, None),
     "vapour_excess": (Annotated[str, Option(help=_EXCESS)], "0"),
-    "wall_radiation": (Annotated[str, Option(help=_RADIATION)], "0"),
+    "confinement_damping": (Annotated[str, Option(help=_RADIATION)], "0"),
 }
 _KINDS: dict[str, dict[str, tuple[Any, Any]]] = {  # argument: its options, each with type and default
     "liquid": {
@@ -220,13 +220,13 @@ def _made(kind: str, of: dict[str, Any]) -> Any:
 
         return medium(of.pop("medium"), unusual=of.pop("trust_input"), **of)
     if kind in ("bubble", "around"):
-        from cavirheo.posterior import BubbleModel
+        from cavirheo.posterior import Bubble
 
         distance = of.pop("wall_distance_um")
         of["accommodation"] = of["accommodation"] or "free"
-        for name in ("accommodation", "wall_inertia", "vapour_excess", "wall_radiation"):
+        for name in ("accommodation", "confinement_inertia", "vapour_excess", "confinement_damping"):
             of[name] = _number_or("free", f"--{name.replace('_', '-')}", of[name], float)
-        return BubbleModel(**of, wall_distance=None if distance is None else distance * 1e-6)
+        return Bubble(**of, wall_distance=None if distance is None else distance * 1e-6)
     return Run(**of) if kind == "run" else Reading(**of)
 
 

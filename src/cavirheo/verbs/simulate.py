@@ -55,9 +55,9 @@ def simulate(
     damage_by: Annotated[str, Option(help="first-rebound, or strain (factors at a tenfold contraction)")] = (
         "first-rebound"
     ),
-    wall_inertia: Annotated[float, Option(help="R_max sum(s/d) over image bubbles: R_max/2h for one wall at h")] = 0.0,
+    confinement_inertia: Annotated[float, Option(help="R_max sum(s/d) over image bubbles: R_max/2h for one wall at h")] = 0.0,
     wall_distance_um: options.WallDistanceUm = None,
-    wall_radiation: Annotated[float, Option(help="2 pi (R_max^2/A) c/U_c of a tube of cross-section A around")] = 0.0,
+    confinement_damping: Annotated[float, Option(help="2 pi (R_max^2/A) c/U_c of a tube of cross-section A around")] = 0.0,
     vapour_excess: Annotated[float, Option(help="vapour at R_max above saturation, Pa")] = 0.0,
     relaxed: Annotated[bool, Option("--relaxed", help="laws with memory start unstressed")] = False,
     precise: Annotated[bool, Option("--precise", help="ten times as accurate, five times as long")] = False,
@@ -110,9 +110,9 @@ def simulate(
             law, max_radius=rmax_um * 1e-6, stretch=stretch, time=np.arange(frames) / frame_rate_hz, medium=liquid,
             driving=Pulse(pulse[0] * 1e3, pulse[1] * 1e6, pulse[2] * 1e-6) if pulse else far_field,
             contents=contents, accommodation=forward.ACCOMMODATION if accommodation is None else accommodation,
-            damage=Damage(*damage, damage_by) if damage else None, wall_inertia=wall_inertia,
+            damage=Damage(*damage, damage_by) if damage else None, confinement_inertia=confinement_inertia,
             wall_distance=None if wall_distance_um is None else wall_distance_um * 1e-6, vapour_excess=vapour_excess,
-            wall_radiation=wall_radiation,
+            confinement_damping=confinement_damping,
             motion=motion, polytropic=polytropic, relaxed=relaxed, fields=fields is not None, precise=precise,
         )  # fmt: skip
     for path, (outputs, writer) in places.items():

@@ -27,7 +27,7 @@ from cavirheo.parallel import cores, each
 from cavirheo.parameters import LOG10, units
 from cavirheo.physics.media import WATER, Medium
 from cavirheo.physics.media import medium as named
-from cavirheo.posterior import CONTENTS, BubbleModel, Posterior
+from cavirheo.posterior import CONTENTS, Bubble, Posterior
 
 __all__ = ["fit", "fit_many"]
 
@@ -51,10 +51,10 @@ def fit_many(
     contents: str = "equilibrium",
     accommodation: float | str = "free",
     damage: str = "none",
-    wall_inertia: float | str = 0.0,
+    confinement_inertia: float | str = 0.0,
     wall_distance: float | None = None,
     vapour_excess: float | str = 0.0,
-    wall_radiation: float | str = 0.0,
+    confinement_damping: float | str = 0.0,
     others: bool = True,
     draws: bool = True,
     joint: bool = False,
@@ -90,10 +90,10 @@ def fit_many(
         accommodation: of kinetic contents, above 0 and at most 10, or "free", from 0.01 to 1.
         damage: "none"; "first-rebound": from there on the law has another modulus and stress-free radius; or "strain":
             both follow the largest contraction so far.
-        wall_inertia: as in `simulate`, or "free".
+        confinement_inertia: as in `simulate`, or "free".
         wall_distance: as in `simulate`.
         vapour_excess: as in `simulate`, or "free".
-        wall_radiation: as in `simulate`, or "free".
+        confinement_damping: as in `simulate`, or "free".
         joint: curves of one group (meta "group") share the material; stretch and what is free are each shot's own.
         trust_input: doubts about the recording or its settings are said, but decide no verdict.
         verify: as that of `infer`; not of a joint fit, for it looks at each shot by itself.
@@ -127,7 +127,7 @@ def fit_many(
     require(draws or not (joint or "auto" in (material, contents)), told, "option.draws")
     asked = CONTENTS if contents == "auto" else (contents,)
 
-    given = BubbleModel(contents, accommodation, damage, wall_inertia, wall_distance, vapour_excess, wall_radiation)
+    given = Bubble(contents, accommodation, damage, confinement_inertia, wall_distance, vapour_excess, confinement_damping)
 
     def options_of(way: str) -> Options:
         clock, bubble = FREED if free is None else free, given.with_contents(way)

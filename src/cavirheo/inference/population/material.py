@@ -12,7 +12,7 @@ from scipy.special import expit
 from cavirheo.arrays import Floats
 from cavirheo.errors import require
 from cavirheo.parameters import about, open_sides
-from cavirheo.posterior import BubbleModel, Evidence, in_words
+from cavirheo.posterior import Bubble, Evidence, in_words
 from cavirheo.writing import digits, export
 from cavirheo.writing.document import Quantity
 
@@ -64,7 +64,7 @@ class Population:
 
     names: tuple[str, ...]
     material: str
-    bubble: BubbleModel
+    bubble: Bubble
     shots: tuple[str, ...]
     left_out: Mapping[str, int] = field(default_factory=dict)
     doubts: tuple[str, ...] = ()

@@ -28,7 +28,7 @@ from cavirheo.inference.verify import verify_many
 from cavirheo.inference.verify.tuning import TUNING
 from cavirheo.parallel import Step
 from cavirheo.physics.media import WATER, Medium
-from cavirheo.posterior import BubbleModel, Evidence, Posterior
+from cavirheo.posterior import Bubble, Evidence, Posterior
 
 
 @dataclass(frozen=True)
@@ -115,7 +115,7 @@ def models(
     contents: Sequence[str] = ("equilibrium",),
     damage: Sequence[str] = ("none",),
     *,
-    around: BubbleModel = BubbleModel(),  # noqa: B008  it is frozen
+    around: Bubble = Bubble(),  # noqa: B008  it is frozen
 ) -> dict[str, dict[str, Any]]:
     """Every law with all contents and damages, as `fit_many` takes them, by the name in a ranking: "nhkv", or
     "nhkv, kinetic" where the contents are not the same in all, "nhkv, kinetic, damage". The rest of the bubble is as
@@ -152,7 +152,7 @@ def by_network(way: Mapping[str, Any], stretch: float | str | None = None) -> bo
 
     network = network_of(DEFAULT)
     known = isinstance(network, PosteriorModel) and network.knows(way["material"], way["contents"])
-    bubble = BubbleModel(**{name: value for name, value in way.items() if name != "material"})
+    bubble = Bubble(**{name: value for name, value in way.items() if name != "material"})
     return known and bubble.plain and not isinstance(stretch, str)
 
 
@@ -163,10 +163,10 @@ def rank_laws(
     contents: Sequence[str] | str = ("equilibrium",),
     damage: Sequence[str] | str = ("none",),
     accommodation: float | str = "free",
-    wall_inertia: float | str = 0.0,
+    confinement_inertia: float | str = 0.0,
     wall_distance: float | None = None,
     vapour_excess: float | str = 0.0,
-    wall_radiation: float | str = 0.0,
+    confinement_damping: float | str = 0.0,
     medium: Medium = WATER,
     window: int | str | None = None,
     stretch: float | str | None = None,
@@ -178,7 +178,7 @@ def rank_laws(
 ) -> tuple[list[Ranking], list[Ranking]]:
     """The laws of each curve, and of each group of more than one: the sum over shots each with its own parameters.
     With several `contents` or `damage` each law is taken with each of them (`models`); what is around the bubble
-    (`accommodation` to `wall_radiation`, as `fit_many` has them) is the same for all. What the shipped network knows is
+    (`accommodation` to `confinement_damping`, as `fit_many` has them) is the same for all. What the shipped network knows is
     weighed as `infer` does (`by_network`); another law is fitted, and if its Laplace evidence is far below the best
     of its curve (TUNING.hopeless) it keeps that.
 
@@ -188,9 +188,9 @@ def rank_laws(
     """
     laws = [laws] if isinstance(laws, str) else laws
     contents, damage = ([one] if isinstance(one, str) else one for one in (contents, damage))
-    around = BubbleModel(
-        accommodation=accommodation, wall_inertia=wall_inertia, wall_distance=wall_distance,
-        vapour_excess=vapour_excess, wall_radiation=wall_radiation,
+    around = Bubble(
+        accommodation=accommodation, confinement_inertia=confinement_inertia, wall_distance=wall_distance,
+        vapour_excess=vapour_excess, confinement_damping=confinement_damping,
     )  # fmt: skip
     shared: dict[str, Any] = {"medium": medium, "stretch": stretch, "seed": seed}
     curves = several(curves)
