@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     __version__: str
     from cavirheo.beside.design import design as design
+    from cavirheo.bubble import Bubble as Bubble
     from cavirheo.curve import RadiusCurve as RadiusCurve
     from cavirheo.errors import InputError as InputError
     from cavirheo.errors import SolverError as SolverError
@@ -31,6 +32,7 @@ if TYPE_CHECKING:
 
 _HOME = {
     "design": "beside.design",
+    "Bubble": "bubble",
     "RadiusCurve": "curve",
     "InputError": "errors",
     "SolverError": "errors",

@@ -108,7 +108,14 @@ PARAMETERS: dict[str, Parameter] = {
 }
 """Every parameter by its name; a new law enters those of its parameters that are not here."""
 CAMERA = ("time_origin", "radius_scale", "max_radius_factor")
-BUBBLE = ("accommodation", "damage_modulus", "damage_radius", "confinement_inertia", "confinement_damping", "vapour_excess")
+BUBBLE = (
+    "accommodation",
+    "damage_modulus",
+    "damage_radius",
+    "confinement_inertia",
+    "confinement_damping",
+    "vapour_excess",
+)
 AT_RATE, RATE = "viscosity_at_1e5_per_s", 1e5  # of a law whose viscosity is not one number; 1/s
 AT_END = 0.25  # of an interval's width: an end nearer to the range's is the range's
 

@@ -3,20 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from numbers import Real
 from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
 from cavirheo.arrays import Floats, unscaled
+from cavirheo.bubble import FIELD, Bubble
 from cavirheo.errors import InputError, require
 from cavirheo.parameters import about, natural, natural_name, open_sides
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-CONTENTS = ("equilibrium", "kinetic")  # models of what is in the bubble
 Verdict = Literal["ok", "check_input", "model_does_not_fit", "outside_training_range", "no_interval", "failed"]
 
 
@@ -65,49 +65,6 @@ class Checks:
         said += [] if self.collapses is None else [counted(self.collapses, "collapse")]
         said += [] if self.t_star_end is None else [f"t* <= {self.t_star_end:.2g}"]
         return f"Checks({', '.join(said)}{': ' + self.message if self.message else ''})"
-
-
-@dataclass(frozen=True)
-class Bubble:
-    """What is assumed of the bubble besides law and medium; "free" is inferred with the other parameters.
-
-    What these are: physics/simulate.py; what they may be: inference/experiment.py.
-
-    Attributes:
-        contents: "equilibrium" or "kinetic".
-        accommodation: of kinetic contents.
-        damage: "none", "first-rebound" or "strain"; its two factors are inferred.
-        confinement_inertia: beta.
-        wall_distance: m, of one rigid wall, instead of beta.
-        vapour_excess: Pa above saturation at R_max.
-        confinement_damping: zeta.
-    """
-
-    contents: str = "equilibrium"
-    accommodation: float | str = "free"
-    damage: str = "none"
-    confinement_inertia: float | str = 0.0
-    wall_distance: float | None = None
-    vapour_excess: float | str = 0.0
-    confinement_damping: float | str = 0.0
-
-    def with_contents(self, way: str) -> Bubble:
-        """The same bubble with these contents; a given accommodation is of kinetic ones alone."""
-        rate = self.accommodation if way in ("kinetic", self.contents) else "free"
-        return replace(self, contents=way, accommodation=rate)
-
-    @property
-    def plain(self) -> bool:
-        """Whether it is nothing but its contents: no damage, nothing around it, nothing given."""
-        return self == Bubble(self.contents)
-
-    @property
-    def name(self) -> str:
-        """'kinetic', 'equilibrium, damage, walls'."""
-        walls = self.wall_distance is not None or self.confinement_inertia != 0
-        return bubble_name(
-            self.contents, self.damage, walls=walls, sound=self.confinement_damping != 0, excess=self.vapour_excess != 0
-        )
 
 
 @dataclass(frozen=True)
@@ -240,7 +197,7 @@ class Posterior:
     windows: Mapping[str, WindowAnswer] = field(default_factory=dict)
     evidence: Evidence | None = None
     diagnostics: Diagnostics = Diagnostics()
-    bubble: Bubble = Bubble()
+    bubble: Bubble = FIELD
     others: tuple[OtherAnswer, ...] = ()
     prior: Mapping[str, tuple[float, ...]] = field(default_factory=dict)
 
@@ -342,12 +299,6 @@ class Posterior:
     @property
     def _about(self) -> dict[str, str]:
         return {"material": self.material, "method": self.method, "verdict": self.checks.verdict}
-
-
-def bubble_name(contents: str, damage: str, *, walls: bool, sound: bool, excess: bool) -> str:
-    """What is assumed of a bubble: 'kinetic', 'equilibrium, damage, walls'."""
-    hurt = {"none": "", "first-rebound": "damage"}.get(damage, f"damage by {damage}")
-    return ", ".join(filter(None, [contents, hurt, "walls" * walls, "sound" * sound, "vapour excess" * excess]))
 
 
 def in_words(name: str, interval: tuple[float, float, float]) -> str:

@@ -25,8 +25,9 @@ from cavirheo.reporting import interactive as plots
 _LEVELS = [
     ("weighed by simulations", "auto"), ("not verified (fastest)", "none"), ("Gaussian", "map"), ("full (slow)", "full")
 ]  # fmt: skip
-_CONTENTS = [
-    ("equilibrium (the field's model)", "equilibrium"), ("finite-rate condensation", "kinetic"),
+_BUBBLES = [
+    ("real: vapour condenses at a finite rate, damped by its surroundings", "real"),
+    ("the field's: equilibrium contents, unbounded liquid", "field"),
     ("whichever the evidence prefers (slower)", "auto"),
 ]  # fmt: skip
 _WINDOWS = [("the usual one", 0), ("1 collapse", 1), ("2 collapses", 2), ("3 collapses", 3)]
@@ -122,7 +123,7 @@ class Page(film.FilmPart):
         self.fields["material"] = gr.Radio(words.materials(), value="nhkv", label="Law of the material")
         with gr.Accordion("More about the method", open=False):
             self.fields["model"] = gr.Radio(words.models(), value=DEFAULT, label="Model")
-            self.fields["contents"] = gr.Radio(_CONTENTS, value="equilibrium", label="Contents of the bubble")
+            self.fields["bubble"] = gr.Radio(_BUBBLES, value="real", label="Bubble")
             self.fields["verify"] = gr.Radio(_LEVELS, value="auto", label="Uncertainty")
         with gr.Row():
             self.infer, self.stop = button("Infer all chosen shots"), _stop()

@@ -21,7 +21,7 @@ from cavirheo.inference.model import shipped
 from cavirheo.inference.reconstruct import check_stretch
 from cavirheo.parallel import Once, Stoppable
 from cavirheo.physics.media import Medium, medium
-from cavirheo.posterior import Bubble, Posterior
+from cavirheo.posterior import Posterior
 from cavirheo.reading.apart import Found, Reader
 from cavirheo.reading.camera import Camera
 from cavirheo.reading.recordings import is_recording
@@ -49,7 +49,7 @@ class VisitorLimits:
     absent: float = 600.0  # s after which one who closed the page is forgotten
 
 
-ANSWERED = ("model", "material", "contents", "verify")  # of PageSettings: how an answer is found
+ANSWERED = ("model", "material", "bubble", "verify")  # of PageSettings: how an answer is found
 
 
 @dataclass(frozen=True)
@@ -69,7 +69,7 @@ class PageSettings:
     group: str = "auto"  # whose shots are one material
     model: str = DEFAULT
     material: str | None = "nhkv"  # None for a network that knows one law
-    contents: str = "equilibrium"
+    bubble: str = "real"
     verify: str = "auto"
 
     def __post_init__(self) -> None:
@@ -79,7 +79,8 @@ class PageSettings:
         require(self.model in shipped(), unknown, "app.unknown_model")
         if self.model in shipped("point"):
             object.__setattr__(self, "material", None)
-        check_models(self.model, self.material, Bubble(self.contents), self.verify)
+            object.__setattr__(self, "bubble", "field")
+        check_models(self.model, self.material, self.bubble, self.verify)
 
     @classmethod
     def of(cls, values: Sequence[Any]) -> tuple[PageSettings, dict[str, str]]:

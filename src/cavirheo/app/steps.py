@@ -69,7 +69,7 @@ def glance(session: Session, names: Sequence[str]) -> None:
     """What the network itself says of the chosen shots, into `session.soon` until verification replaces it. A shot of
     which it says nothing waits, and so do all where another way to answer is asked. Raises InputError."""
     asked = session.settings
-    if asked.model == DEFAULT and asked.verify != "none" and "auto" not in (asked.material, asked.contents):
+    if asked.model == DEFAULT and asked.verify != "none" and "auto" not in (asked.material, asked.bubble):
         _found(session, names, "none")
 
 
@@ -118,7 +118,7 @@ def name_materials(session: Session, names: Sequence[str]) -> None:
 
 
 def fit(session: Session, name: str | None) -> None:
-    """The conventional fit of one answered curve: same law, contents, medium, window and stretch. Raises InputError."""
+    """The conventional fit of one answered curve: same law, bubble, medium, window and stretch. Raises InputError."""
     with session.lock:
         (answers, curve, posterior, _), settings = session.find(name), session.settings
     options: dict[str, Any] = {"window": settings.window, "stretch": settings.stretch, "medium": settings.liquid}
@@ -126,7 +126,7 @@ def fit(session: Session, name: str | None) -> None:
         options["end"] = seen(curve, *settings.compared).end * (1.0 + 1e-9)
 
     def one(curve: RadiusCurve) -> Posterior:
-        return fit_many([curve], posterior.material, contents=posterior.bubble.contents, **options)[0]
+        return fit_many([curve], posterior.material, bubble=posterior.bubble, **options)[0]
 
     (found,) = session.work.each(one, [curve])
     with session.lock:

@@ -15,6 +15,7 @@ from scipy.special import ndtri
 
 from cavirheo.arrays import Floats
 from cavirheo.beside.designed import CheckedSetting, DesignedSetting
+from cavirheo.bubble import FIELD, Bubble, Requested, bubbles_of
 from cavirheo.errors import require
 from cavirheo.inference.design import (
     Expected,
@@ -27,6 +28,7 @@ from cavirheo.inference.design import (
     variance,
 )
 from cavirheo.inference.law import Family
+from cavirheo.inference.options import Options
 from cavirheo.parameters import STRETCH_RANGE
 from cavirheo.physics.media import WATER, Medium
 from cavirheo.physics.media import medium as named
@@ -47,6 +49,7 @@ class Design(Document):
 
     Attributes:
         material: the law.
+        bubble: what is assumed of the bubble.
         wanted_percent: half of the 90 % interval over the median that is wanted.
         spread_decades: scatter from shot to shot, root mean square over the parameters, in log10.
         spreads_decades: that of each parameter.
@@ -59,6 +62,7 @@ class Design(Document):
     """
 
     material: str
+    bubble: Bubble = FIELD
     wanted_percent: float
     spread_decades: float
     spreads_decades: dict[str, float] = {}
@@ -96,6 +100,7 @@ def design(
     group: str | None = None,
     ranges: Mapping[str, Sequence[float]] | None = None,
     material: str = "nhkv",
+    bubble: Requested = "real",
     medium: Medium | str = WATER,
     max_radius: Sequence[float] = RADII,
     frame_rate: Sequence[float] = RATES,
@@ -122,7 +127,8 @@ def design(
         group: whose shots are the material, if the result has several groups.
         ranges: {"shear_modulus": [low, high], "viscosity": ..., "stretch": ...} in SI; a parameter without a range has
             that in which searches start. They go before what `known` says of the stretch.
-        material: a law of `cavirheo laws`. medium: constants of the liquid or gel, or the name of a set.
+        material: a law of `cavirheo laws`. bubble: "real", "field" or a `Bubble`; what is free of it is drawn where
+            searches start. medium: constants of the liquid or gel, or the name of a set.
         seed: of the draws. workers: threads; default: all cores. command, date: as they stand in the document. done:
             called after each setting.
         max_radius: (low, high) in m; `sizes` radii between them are looked at.
@@ -142,7 +148,10 @@ def design(
 
     Source: the information of a simulation about its parameters, docs/method/design.md; how well: benchmarks/design.md.
     """
-    family, liquid = Family(material), named(medium)
+    family, liquid, bubbles = Family(material), named(medium), bubbles_of(bubble)
+    told = f"design is about one bubble, got {', '.join(one.name for one in bubbles)}"
+    require(len(bubbles) == 1, told, "option.bubble")
+    Options(bubble=bubbles[0])
     require(0 < wanted < 1, f"wanted must be between 0 and 1, got {wanted:g}", "design.wanted")
     require(spread is None or 0 <= spread < 2, f"a spread is 0 to 2 decades, got {spread}", "design.spread")
     require(draws >= 2 and sizes >= 1, "two draws and one R_max are the least", "design.draws")
@@ -162,7 +171,9 @@ def design(
         Setting(float(radius), float(rate), float(off), relative_noise, frames, min(exposure, 1.0 / rate))
         for rate, off in zip(frame_rate, np.broadcast_to(noises, len(frame_rate)), strict=True) for radius in radii
     ]  # fmt: skip
-    found = expectations(settings, family, law, stretches, liquid, seed=seed, workers=workers, done=done)
+    found = expectations(
+        settings, family, law, stretches, liquid, seed=seed, bubble=bubbles[0], workers=workers, done=done
+    )
     half = float(np.log10(1.0 + wanted))
     rows = [_row(*pair, family, about, half) for pair in zip(settings, found, strict=True)]
     require(any(row.readable for row in rows), "no recording of these settings can be read", "design.unreadable")
@@ -175,10 +186,10 @@ def design(
     checked = []
     for i in dict.fromkeys((best, best if fewest is None else fewest)) if check else ():
         these = law[:check], stretches[:check], liquid
-        widths = reached(settings[i], family, *these, seed=seed + CHECKED, workers=workers)
+        widths = reached(settings[i], family, *these, seed=seed + CHECKED, bubble=bubbles[0], workers=workers)
         checked.append(_checked(i, check, widths, found[i], family, about, half))
     return Design(
-        command=command, date=date, material=material, wanted_percent=100.0 * wanted,
+        command=command, date=date, material=material, bubble=bubbles[0], wanted_percent=100.0 * wanted,
         spread_decades=float(np.sqrt(np.mean(scatter**2))),
         spreads_decades=dict(zip(family.parameters, scatter.tolist(), strict=True)),
         known={name: _quantity(values) for name, values in drawn.items()}, shots_before=about.shots, settings=rows,

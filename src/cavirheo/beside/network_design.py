@@ -13,6 +13,7 @@ import numpy as np
 from scipy.stats.qmc import Halton
 
 from cavirheo.arrays import Floats
+from cavirheo.bubble import FIELD
 from cavirheo.errors import InputError, SolverError, require
 from cavirheo.inference.design import Setting, expected
 from cavirheo.inference.law import Family
@@ -102,8 +103,8 @@ def network_design(
     Raises:
         InputError: the network does not know the law, or too few recordings were asked for or could be read.
     """
-    told = f"the network {model.name} was not trained on {material} with equilibrium contents"
-    require(model.knows(material, "equilibrium"), told, "design.law")
+    told = f"the network {model.name} was not trained on {material} with the field's bubble"
+    require(model.knows(material, FIELD), told, "design.law")
     require(recordings >= FEWEST, f"at least {FEWEST} recordings, got {recordings}", "design.draws")
     family = Family(material)
     low, high = (1e-6 * end for end in model.card.trained["max_radius_um"])
@@ -119,8 +120,8 @@ def network_design(
         radius, stretch, rate = 10.0 ** points[k, 0], 10.0 ** points[k, -2], 10.0 ** points[k, -1]
         setting = Setting(radius, rate / WATER.time_scale(radius), relative_noise=NOISE, frames=FRAMES)
         try:
-            curve, truth = setting.film(family, points[k, 1:-2], stretch, seed=seed + k)
-            allowed = expected(curve, truth, family).half_width
+            curve, truth = setting.film(family, points[k, 1:-2], stretch, seed=seed + k, bubble=FIELD)
+            allowed = expected(curve, truth, family, bubble=FIELD).half_width
         except (InputError, SolverError, np.linalg.LinAlgError):
             return None
         answer = reader.infer(curve)
@@ -164,12 +165,13 @@ def recipe(document: NetworkDesign, model: PosteriorModel, share: float = 0.5) -
     """TOML of a training set of the network's kinds, of which this share is drawn from the worst range."""
     one, card = document.ranges[document.worst], model.card
     laws: dict[str, None] = {law: None for law, _ in card.kinds}
-    ways = list(dict.fromkeys(contents for _, contents in card.kinds))
+    bubbles: dict[str, None] = {bubble: None for _, bubble in card.kinds}
     radii, trained = card.trained["max_radius_um"], card.training.model_dump()
     return "\n".join([
-        f"# {document.said}", "# Shares of the laws are equal: a network's card does not have them.", "[posterior]",
+        f"# {document.said}", "# Shares of laws and bubbles are equal: a network's card does not have them.",
+        "[posterior]",
         "laws = { " + ", ".join(f'"{law}" = {1 / len(laws):.4g}' for law in laws) + " }",
-        "contents = [" + ", ".join(f'"{way}"' for way in ways) + "]",
+        "bubbles = { " + ", ".join(f"{name} = {1 / len(bubbles):.4g}" for name in bubbles) + " }",
         f"max_radius_um = [{radii[0]:g}, {radii[1]:g}]", "", "[posterior.more]", f"share = {share:g}",
         f"{one.parameter} = [{one.low:.6g}, {one.high:.6g}] # SI", "", "[data]",
         f"n = {trained.get('curves', 120_000)}", "seed = 8", "", "[training]",

@@ -7,6 +7,7 @@ from itertools import product
 from pathlib import Path
 from typing import Any
 
+from cavirheo.bubble import FIELD, Bubble, Requested, bubbles_of
 from cavirheo.curve import RadiusCurve, several
 from cavirheo.errors import expect_whole, require
 from cavirheo.inference.amortised import Amortised
@@ -16,13 +17,13 @@ from cavirheo.inference.options import Options, check_wall
 from cavirheo.parallel import each
 from cavirheo.physics.media import WATER, Medium
 from cavirheo.physics.media import medium as named
-from cavirheo.posterior import CONTENTS, Bubble, Posterior
+from cavirheo.posterior import Posterior
 
 __all__ = ["check_level", "check_models", "infer", "infer_many"]
 
 DEFAULT = "posterior"  # model
 AUTO = ("nhkv", "newtonian", "power-law", "fung + newtonian")  # laws of material="auto": gels and liquids
-NOTHING_ELSE = "no damage, walls, excess of vapour or given accommodation"  # of bubbles that a network knows
+KNOWN_BUBBLES = "the real and the field's bubble, without damage, confinement inertia or excess of vapour"
 LEVELS = ("auto", "none", "map", "full")  # of verification (inference/verify)
 
 
@@ -31,30 +32,42 @@ def check_level(level: str) -> None:
     require(level in LEVELS, f"verify must be auto, none, map or full, got {level!r}", "option.verify")
 
 
-def check_models(model: str | Path, material: str | None, bubble: Bubble, verify: str) -> None:
-    """Raises InputError for a law, or a model of the bubble, that cannot be or that this network cannot answer at this
-    level of verification. Its contents may be "auto"."""
-    contents = bubble.contents
-    told = f"contents must be {', '.join(CONTENTS)} or auto, got {contents!r}"
-    require(contents in (*CONTENTS, "auto"), told, "option.contents")
+def bubbles_for(model: str | Path, requested: Requested | None) -> tuple[Bubble, ...]:
+    """What is assumed of the bubble, by this network: the real one unless told, the field's by the paper's networks.
+
+    Raises:
+        InputError: no such bubble.
+    """
+    usual = "field" if card(path_of(str(model)))["kind"] == "point" else "real"
+    return bubbles_of(usual if requested is None else requested)
+
+
+def check_models(
+    model: str | Path, material: str | None, bubble: Requested | None, verify: str, stretch: float | None = None
+) -> None:
+    """Raises InputError for a law, or a bubble, that cannot be or that this network cannot answer at this level of
+    verification."""
+    bubbles = bubbles_for(model, bubble)
     about = card(path_of(str(model)))
+    for one in bubbles:
+        check_wall(one)
+        Options(bubble=one, stretch=stretch)
     if about["kind"] == "point":
-        known = contents == "equilibrium" or verify not in ("auto", "none")
-        told = "this network knows equilibrium contents: give verify map or full as well, or leave out the model"
-        require(known, told, "option.contents")
-        told = f"the model {model} knows no damage, no walls, no excess of vapour: leave them out, or the model"
-        require(bubble.plain, told, "option.bubble")
+        known = bubbles == (FIELD,) or verify not in ("auto", "none")
+        told = f"the model {model} knows the field's bubble alone: leave out bubble or the model, or give verify map"
+        require(known, told, "option.bubble")
         told = f"the model {model} answers {about['material']}: leave out material {material!r}, or the model"
         require(material in (None, about["material"]), told, "option.material")
         return
     told = "auto compares models by their evidence, which a verification finds: leave out --verify none"
-    require(verify != "none" or "auto" not in (material, contents), told, "option.auto")
-    told = f"the network by itself knows {NOTHING_ELSE}: leave out verify none"
-    require(verify != "none" or bubble.plain, told, "option.bubble")
+    require(verify != "none" or (material != "auto" and len(bubbles) == 1), told, "option.auto")
     if material is not None:
-        softened(_laws(material), bubble.damage)
-    check_wall(bubble)
-    Options(bubble=bubble.with_contents("kinetic") if contents == "auto" else bubble)
+        softened(_laws(material), bubbles[0].damage)
+    if verify == "none":
+        from cavirheo.inference.flow import kind_of
+
+        told = f"the network by itself knows {KNOWN_BUBBLES}: leave out verify none"
+        require(all(map(kind_of, bubbles)), told, "option.bubble")
 
 
 def _laws(material: str | None) -> Sequence[str]:
@@ -70,13 +83,7 @@ def infer(
     stretch: float | None = None,
     window: int | None = None,
     trust_input: bool = False,
-    contents: str = "equilibrium",
-    accommodation: float | str = "free",
-    damage: str = "none",
-    confinement_inertia: float | str = 0.0,
-    wall_distance: float | None = None,
-    vapour_excess: float | str = 0.0,
-    confinement_damping: float | str = 0.0,
+    bubble: Requested | None = None,
     verify: str = "auto",
     discrepancy: bool = True,
     seed: int = 0,
@@ -95,10 +102,11 @@ def infer(
         window: collapses over which answer and measurement are compared (and the stretch fitted); default: all that
             the network reads.
         trust_input: doubts about the recording or its settings are said, but decide no verdict.
-        contents: of the bubble, "equilibrium" (the field's model), "kinetic" (vapour condenses at a finite rate) or
-            "auto": both, and the evidence chooses.
-        accommodation, damage, confinement_inertia, wall_distance, vapour_excess, confinement_damping: as in `fit_many`. The network
-            does not know them: with one of them the search begins all over the ranges, and takes some seconds.
+        bubble: "real" (the default: vapour condenses at a finite rate, and the surroundings damp the motion), "field"
+            (the default of the paper's networks: equilibrium contents, unbounded liquid), "auto" (both, and the
+            evidence chooses), or a `Bubble`. With one that the network does not know the search begins all over the
+            ranges, and takes some seconds. Beside the answer of the real bubble stands that of the field's, and the
+            other way round.
         verify: "auto" (the default): the network's draws lead to a few hundred simulations that weigh draws by the
             likelihood, and to as many as "full" has where these cannot be trusted; "none": the network's own draws;
             "map": the posterior's maximum and the Gaussian about it; "full": more weighted draws, from starts all over
@@ -115,9 +123,7 @@ def infer(
     Source: docs/method/posterior-network.md; of the paper's networks docs/method/amortised.md.
     """
     settings: Any = {"trust_input": trust_input, "verify": verify, "discrepancy": discrepancy, "seed": seed}
-    settings |= {"contents": contents, "accommodation": accommodation, "damage": damage, "confinement_inertia": confinement_inertia}
-    settings |= {"wall_distance": wall_distance, "vapour_excess": vapour_excess, "confinement_damping": confinement_damping}
-    settings |= {"material": material}
+    settings |= {"material": material, "bubble": bubble}
     return infer_many([curve], model=model, medium=medium, stretch=stretch, window=window, **settings)[0]
 
 
@@ -130,13 +136,7 @@ def infer_many(
     stretch: float | None = None,
     window: int | None = None,
     trust_input: bool = False,
-    contents: str = "equilibrium",
-    accommodation: float | str = "free",
-    damage: str = "none",
-    confinement_inertia: float | str = 0.0,
-    wall_distance: float | None = None,
-    vapour_excess: float | str = 0.0,
-    confinement_damping: float | str = 0.0,
+    bubble: Requested | None = None,
     verify: str = "auto",
     discrepancy: bool = True,
     seed: int = 0,
@@ -161,12 +161,9 @@ def infer_many(
     Source: docs/method/posterior-network.md.
     """
     check_level(verify)
-    around = Bubble(
-        contents, accommodation, damage, confinement_inertia, wall_distance, vapour_excess, confinement_damping
-    )  # fmt: skip
-    check_models(model, material, around, verify)
+    check_models(model, material, bubble, verify, stretch)
     expect_whole(seed, "seed", 0, "option.seed")
-    curves, liquid = several(curves), named(medium)
+    curves, liquid, bubbles = several(curves), named(medium), bubbles_for(model, bubble)
     settings: Any = {"medium": liquid, "stretch": stretch, "discrepancy": discrepancy, "seed": seed}
     from cavirheo.inference.posterior_model import network_of
 
@@ -178,13 +175,12 @@ def infer_many(
         from cavirheo.inference.verify import verify_many
 
         answers, settings["level"] = each(estimator.infer, curves, workers), verify
-        return verify_many(curves, answers, contents=contents, workers=workers, done=done, **settings)
+        return verify_many(curves, answers, bubble=bubbles, workers=workers, done=done, **settings)
     from cavirheo.inference.networked import Networked
 
-    laws = softened(_laws(material), damage)
-    bubbles = [around.with_contents(way) for way in (CONTENTS if contents == "auto" else (contents,))]
+    laws = softened(_laws(material), bubbles[0].damage)
     alone: Any = settings | {"window": window, "trust_input": trust_input, "checked": verify == "none"}
-    estimators = [Networked(network, law, bubble, **alone) for law, bubble in product(laws, bubbles)]
+    estimators = [Networked(network, law, one, **alone) for law, one in product(laws, bubbles)]
     if verify == "none":
         return each(estimators[0].infer, curves, workers, done)
     from cavirheo.inference.verify import verify_many

@@ -160,7 +160,7 @@ class PosteriorCard(BaseModel):
         schema_version: `schema` in the file; always 1.
         name: of the network and its files.
         kind: "posterior".
-        kinds: (law, contents) in the order in which the network knows them.
+        kinds: (law, bubble) in the order in which the network knows them.
         trained: ranges of R_max (um), frame interval (us), frames, noise over R_max, and of the medium's density
             (kg/m3)
             and pressure (Pa).

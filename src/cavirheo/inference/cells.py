@@ -14,27 +14,33 @@ from cavirheo.arrays import Floats
 CELLS = 192
 END = 6.0  # t* of the last cell
 CHANNELS = 7
-SCALARS = 8
+SCALARS = 9
 SIZE = CELLS * CHANNELS + SCALARS  # of the input
 CLOCK, WIDTH = 0.02, 0.015  # half-widths of the priors of clock (t_c) and R_max where frame and noise are smaller
 SCALE = 0.005  # standard deviation of the radius scale
 
 
-def half_widths(frame: Floats, noise: Floats) -> tuple[Floats, Floats]:
-    """Of the clock (in t_c) and of the factor of R_max, from the frame interval in t_c and the radius noise over R_max;
-    as those of an experiment (experiment.py)."""
-    return np.maximum(0.5 * frame, CLOCK), np.maximum(WIDTH, np.minimum(2.25 * noise, 0.2))
+def half_widths(frame: Floats, noise: Floats, late: Floats) -> tuple[Floats, Floats]:
+    """Half-widths of the priors of the clock (in t_c) and of the factor of R_max.
+
+    frame: frame interval in t_c. noise: of the radius, over R_max. late: 1 where no growth is recorded, so that R_max
+    may lie up to a frame from the first one (half a frame otherwise), where the radius is smaller by about
+    (frame/t_c)^2/2.
+    """
+    read = np.minimum(2.25 * noise + late * frame**2, 0.2)
+    return np.maximum(0.5 * (1.0 + late) * frame, CLOCK), np.maximum(WIDTH, read)
 
 
 def cells(
     sample: NDArray[np.int64], time: Floats, radius: Floats, *, max_radius: Floats, frame: Floats, exposure: Floats,
-    noise: Floats, discrepancy: Floats,
+    noise: Floats, discrepancy: Floats, late: Floats,
 ) -> NDArray[np.float32]:  # fmt: skip
     """(m, SIZE) inputs of m recordings.
 
     sample: (n,) to which of them a frame belongs. time: (n,) t* after R_max, from 0, ascending in each recording.
     radius: (n,) R/R_max. Of each recording, (m,): max_radius in m, frame interval and exposure in t_c, noise from frame
-    to frame over R_max, and discrepancy: 1 where more than white noise lies between frames and simulation.
+    to frame over R_max, discrepancy: 1 where more than white noise lies between frames and simulation, and late: 1 where no
+    growth is recorded.
     """
     m = len(max_radius)
     place = np.minimum(time * (CELLS / END), CELLS - 1e-9)
@@ -73,6 +79,7 @@ def cells(
         np.log(max_radius / 1.3e-4), np.log(frame / 0.04), exposure / frame,
         0.7 * np.log(np.maximum(noise, 3e-4) / 0.01),
         2.0 * discrepancy - 1.0, 0.5 * (end - 4.0), np.log(np.maximum(frames, 1) / 100.0), 1.0 * (noise < 1e-3),
+        late,
     ]  # fmt: skip
     flat = np.stack(channels, axis=1).reshape(m, -1)
     return np.concatenate([flat, np.column_stack(scalars)], axis=1, dtype=np.float32, casting="same_kind")

@@ -19,21 +19,24 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from scipy.special import logsumexp
 from threadpoolctl import threadpool_limits
 
 from cavirheo.arrays import Floats
+from cavirheo.bubble import FREE as INFERRED
+from cavirheo.bubble import REAL, Bubble
 from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError, SolverError, expect_whole, require
-from cavirheo.inference.experiment import QUICK, SIGMAS, Experiment
+from cavirheo.inference.experiment import LARGEST, QUICK, SIGMAS, ZETA, Experiment
 from cavirheo.inference.law import Family
 from cavirheo.inference.noise import SHAPE, Noise
-from cavirheo.inference.options import FREE, SCALE_BOUND, Options
+from cavirheo.inference.options import FREE, SCALE_BOUND, Options, fixed_bubble
 from cavirheo.inference.verify.mode import INSIDE, Target, climb
 from cavirheo.parallel import each
-from cavirheo.parameters import INTERVAL, RADIUS
+from cavirheo.parameters import INTERVAL, PARAMETERS, RADIUS
 from cavirheo.physics.media import WATER, Medium
 from cavirheo.physics.simulate import simulate
 from cavirheo.prior import log_normal
@@ -45,6 +48,8 @@ LN10 = float(np.log(10.0))
 GROWTH = 0.8  # t_c before R_max, from which a recording begins
 NORMAL_90 = 1.6448536  # standard deviations of a normal from its median to the ends of its 90 % interval
 _NODES = np.linspace(-0.5, 0.5, 9)  # of an exposure
+
+_STARTED: Any = PARAMETERS["accommodation"].started
 
 
 @dataclass(frozen=True)
@@ -76,17 +81,24 @@ class Setting:
         return float(np.hypot(self.noise, self.relative_noise * self.max_radius))
 
     def film(
-        self, family: Family, law: Floats, stretch: float, medium: Medium = WATER, seed: int = 0
+        self, family: Family, law: Floats, stretch: float, medium: Medium = WATER, seed: int = 0, bubble: Bubble = REAL
     ) -> tuple[RadiusCurve, dict[str, float]]:
         """The recording of one bubble in the material of (parameters,) log10 `law`, and the truth about it by natural
-        name: clock and scale are off as those of a camera are. Raises InputError or SolverError: no such bubble."""
+        name: clock and scale are off as those of a camera are, and what is free of the bubble is drawn where searches
+        start. Raises InputError or SolverError: no such bubble."""
         rng = np.random.Generator(np.random.Philox(seed))
         late, off = rng.uniform(), rng.normal()
         frame = 1.0 / self.frame_rate
         time = frame * (late + np.arange(self.frames)) - GROWTH * medium.time_scale(self.max_radius)
         instants = np.abs(time[:, None] + self.exposure * (_NODES if self.exposure else np.zeros(1))).ravel()
         order = np.argsort(instants, kind="stable")
-        about = {"max_radius": self.max_radius, "stretch": stretch, "medium": medium}
+        drawn = fixed_bubble(bubble, self.max_radius)
+        if bubble.contents == "kinetic" and bubble.accommodation == INFERRED:
+            drawn["accommodation"] = float(10.0 ** rng.uniform(*_STARTED))
+        if bubble.confinement_damping == INFERRED:
+            drawn["confinement_damping"] = float(np.minimum(np.abs(ZETA * rng.normal()), LARGEST * ZETA))
+        about = {"max_radius": self.max_radius, "stretch": stretch, "medium": medium, "contents": bubble.contents}
+        about |= drawn
         run = simulate(family.material(law), time=instants[order], **about)  # type: ignore[arg-type]
         seen = np.empty(len(instants))
         seen[order] = run.radius
@@ -94,7 +106,7 @@ class Setting:
         radius = seen.reshape(self.frames, -1).mean(axis=1) / scale + self.sigma * rng.standard_normal(self.frames)
         meta = {"name": "designed", "frame_rate_hz": self.frame_rate, "exposure_s": self.exposure}
         curve = RadiusCurve(np.asarray(time, dtype=np.float64), np.maximum(radius, 1e-3 * self.max_radius), meta=meta)
-        truth = dict(zip(family.parameters, (10.0**law).tolist(), strict=True)) | {"stretch": stretch}
+        truth = dict(zip(family.parameters, (10.0**law).tolist(), strict=True)) | {"stretch": stretch} | drawn
         truth |= {"time_origin": -curve.time_of_max, "radius_scale": scale}
         return curve, truth | {"max_radius_factor": self.max_radius / (scale * curve.max_radius)}
 
@@ -109,10 +121,16 @@ class Expected:
 
 
 def expected(
-    curve: RadiusCurve, truth: dict[str, float], family: Family, medium: Medium = WATER, *, discrepancy: bool = True
+    curve: RadiusCurve,
+    truth: dict[str, float],
+    family: Family,
+    medium: Medium = WATER,
+    *,
+    discrepancy: bool = True,
+    bubble: Bubble = REAL,
 ) -> Expected:
     """Of a recording whose truth is known. Raises InputError: it cannot be read."""
-    options = Options(free=tuple(FREE))
+    options = Options(free=tuple(FREE), bubble=bubble)
     shot = Experiment(curve, family, medium, options, exposure=float(curve.exposure or 0.0))
     prior = shot.prior()
     target = Target(shot, prior, shot.noise(discrepancy))
@@ -179,6 +197,7 @@ def expectations(
     medium: Medium = WATER,
     *,
     seed: int = 0,
+    bubble: Bubble = REAL,
     workers: int | None = None,
     done: Callable[[], None] | None = None,
 ) -> list[list[Expected | None]]:
@@ -188,7 +207,8 @@ def expectations(
     def one(job: tuple[Setting, int]) -> Expected | None:
         setting, k = job
         try:
-            return expected(*setting.film(family, law[k], float(stretch[k]), medium, seed + k), family, medium)
+            film = setting.film(family, law[k], float(stretch[k]), medium, seed + k, bubble)
+            return expected(*film, family, medium, bubble=bubble)
         except (InputError, SolverError, np.linalg.LinAlgError):
             return None
 
@@ -206,6 +226,7 @@ def reached(
     medium: Medium = WATER,
     *,
     seed: int = 0,
+    bubble: Bubble = REAL,
     workers: int | None = None,
 ) -> tuple[Floats, Floats]:
     """Half-widths (answers, l) in decades that are expected of simulated recordings, and those of the intervals that
@@ -215,9 +236,10 @@ def reached(
     films: list[tuple[RadiusCurve, Floats]] = []
     for k in range(len(law)):
         with suppress(InputError, SolverError, np.linalg.LinAlgError), threadpool_limits(1, "blas"):
-            curve, truth = setting.film(family, law[k], float(stretch[k]), medium, seed + k)
-            films.append((curve, expected(curve, truth, family, medium).half_width))
-    answers = infer_many([curve for curve, _ in films], material=family.name, medium=medium, workers=workers)
+            curve, truth = setting.film(family, law[k], float(stretch[k]), medium, seed + k, bubble)
+            films.append((curve, expected(curve, truth, family, medium, bubble=bubble).half_width))
+    how: Any = {"material": family.name, "medium": medium, "bubble": bubble, "workers": workers}
+    answers = infer_many([curve for curve, _ in films], **how)
     told, got = [], []
     for answer, (_, half_width) in zip(answers, films, strict=True):
         known = answer.theta.size and answer.checks.verdict != "check_input"  # the prior's width is no width reached

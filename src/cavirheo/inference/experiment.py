@@ -19,11 +19,13 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from cavirheo.arrays import Bools, Floats
+from cavirheo.bubble import FROM_NOTHING
 from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError, require
+from cavirheo.inference.cells import half_widths
 from cavirheo.inference.law import Family
 from cavirheo.inference.noise import Noise, correlation_time
-from cavirheo.inference.options import AT_ZERO, FREE, Options, fixed_bubble
+from cavirheo.inference.options import FREE, Options, fixed_bubble
 from cavirheo.inference.reconstruct import MISFIT, Window, reconstruct, window
 from cavirheo.parameters import LOG10, PARAMETERS, STRETCH_RANGE, reaches
 from cavirheo.physics.damage import Damage
@@ -49,8 +51,6 @@ LARGEST = 10.0 / 3.0  # of them
 SIGMAS = 3.0  # standard deviations of these within their bounds
 CLEAN = 1.5e-4  # of R_max: frame-to-frame noise of a curve that no camera took: a simulation must follow it,
 LEFT = 1e-3  # of R_max RMS: by so much or less
-NARROWEST = 0.02  # t_c: half-width of the clock where half a frame is less; R_max is hardly seen sooner
-READ = 0.75  # of the radius noise: the standard deviation of R_max as it is read off the curve
 STATED = 0.1  # of a stretch that the file states: its standard deviation, if none is stated
 TIMED = (0.0, 0.1, 0.2, 0.3, 0.5, 0.7, 1.0, 1.4, 2.0)  # motion within a frame that may be noise, over radius noise
 _LN10 = float(np.log(10.0))
@@ -123,8 +123,9 @@ class Experiment:
         if self.stretch_prior:
             value, deviation = self.stretch_prior
             self.plateau = float(np.log10(value)), deviation / (value * _LN10)
-        clock = options.t0_bound or max(0.5 * self.frame, NARROWEST * self.time_scale)
-        read = max(options.scale_bound, min(SIGMAS * READ * curve.noise / self.max_radius, 0.2))
+        frame, noise = np.array(self.frame / self.time_scale), np.array(curve.noise / self.max_radius)
+        usual, read = map(float, half_widths(frame, noise, np.array(float(curve.begins_late))))
+        clock, read = options.t0_bound or usual * self.time_scale, max(options.scale_bound, read)
         # (middle, half-width, unit of the steps of finite differences) of clock and scales, and which are free
         widths = {
             "t0": (0.0, clock, self.time_scale),
@@ -133,7 +134,7 @@ class Experiment:
         }
         self.free: dict[str, tuple[float, float, float]] = {FREE[name]: widths[name] for name in options.free}
         bubble, p = options.bubble, medium.pressure
-        for name, width, unit in zip(AT_ZERO, (BETA, ZETA, EXCESS * p), (1.0, 1.0, p), strict=True):
+        for name, width, unit in zip(FROM_NOTHING, (BETA, ZETA, EXCESS * p), (1.0, 1.0, p), strict=True):
             if getattr(bubble, name) == "free":
                 self.free[name] = (0.5 * LARGEST * width, 0.5 * LARGEST * width, unit)
         self.bubble: dict[str, float] = fixed_bubble(bubble, self.max_radius)
@@ -214,7 +215,7 @@ class Experiment:
 
     def simulated(self, natural: Mapping[str, Any]) -> dict[str, Any]:
         """Options of `simulate` for the model of the bubble."""
-        way = {name: natural[name] for name in ("accommodation", *AT_ZERO) if name in natural}
+        way = {name: natural[name] for name in ("accommodation", *FROM_NOTHING) if name in natural}
         if self.options.bubble.damage != "none":
             way["damage"] = Damage(natural["damage_modulus"], natural["damage_radius"], self.options.bubble.damage)
         return way | {"contents": self.options.bubble.contents}
@@ -224,7 +225,7 @@ class Experiment:
         x = np.array(x)
         for i, name in enumerate(self.names):
             if name in self.free:
-                x[..., i] = -0.8 if name in AT_ZERO else 0.0
+                x[..., i] = -0.8 if name in FROM_NOTHING else 0.0
         return x
 
     def from_best(self, best: Mapping[str, float]) -> Floats:
@@ -276,7 +277,7 @@ class Experiment:
                 mean[i], std[i] = self.plateau
             if name in ("radius_scale", "max_radius_factor"):
                 std[i] = 1.0 / SIGMAS
-            if name in AT_ZERO:
+            if name in FROM_NOTHING:
                 mean[i], std[i] = -1.0, 2.0 / LARGEST
         told = f"no prior range can be set for {', '.join(given)}; known: {', '.join(self.names)}"
         require(not given, told, "prior.name")

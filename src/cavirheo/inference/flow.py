@@ -6,53 +6,72 @@ water; in another medium the same Cauchy and Reynolds numbers make nearly the sa
 
     G = G_water p/p_water,   mu = mu_water (p t_c)/(p t_c)_water,   t_c at the shot's R_max.
 
+A parameter that is not inferred (a stated stretch, an accommodation that is given, a clock that is exact) keeps its
+slot at its value: the slots after it are answered given it, and those before it as if it were free.
+
 Its draws are a proposal: what they are worth the simulations say (inference/verify).
 """
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 
 from cavirheo.arrays import Floats
+from cavirheo.bubble import Bubble
 from cavirheo.errors import require
 from cavirheo.inference.cells import SCALE, cells, half_widths
 from cavirheo.inference.experiment import Experiment
 from cavirheo.inference.session import started
-from cavirheo.inference.slots import SLOTS, from_slots, slot, to_slots, used
+from cavirheo.inference.slots import SLOTS, damping_to_slot, from_slots, slot, to_slots, used
 from cavirheo.physics.media import WATER
-from cavirheo.prior import Prior, log_normal
+from cavirheo.prior import Prior
 
 _POOL, _LEAST = 1000, 0.01  # draws by which the share within the bounds is found, and the smallest share
-INPUTS = ("cells", "kind", "has", "choice", "normal", "given", "take")
+INPUTS = ("cells", "kind", "has", "counted", "choice", "normal", "given", "take")
 _PRESSURE = ("shear_modulus",)  # what scales with p, and what with p t_c
 _PRESSURE_TIME = ("viscosity", "consistency")
 
 
 class Flow:
-    """The densities of an .onnx file. kinds: (law, contents) that it knows, in its order."""
+    """The densities of an .onnx file. kinds: (law, bubble) that it knows, in its order."""
 
     def __init__(self, content: bytes, kinds: list[tuple[str, str]]) -> None:
         self.session: Any = started(content)
-        self.kinds: list[tuple[str, str]] = [(plain(law), contents) for law, contents in kinds]
+        self.kinds: list[tuple[str, str]] = [(plain(law), bubble) for law, bubble in kinds]
         self.parts: int = next(int(given.shape[2]) for given in self.session.get_inputs() if given.name == "choice")
 
-    def sample(self, inputs: Any, kind: int, count: int, rng: np.random.Generator) -> tuple[Floats, Floats]:
-        """Draws z (count, 8), 0 in slots that the kind has not, and their log density (count,)."""
+    def sample(
+        self, inputs: Any, kind: int, count: int, rng: np.random.Generator, fixed: Mapping[int, float]
+    ) -> Floats:
+        """Draws z (count, 9), 0 in slots that the kind has not, and as given in the slots that are `fixed`."""
         choice = rng.gumbel(size=(count, len(SLOTS), self.parts))
-        return self._run(inputs, kind, choice, rng.standard_normal((count, len(SLOTS))), 0.0)
+        normal, given, take = (
+            rng.standard_normal((count, len(SLOTS))),
+            np.zeros((count, len(SLOTS))),
+            np.zeros(len(SLOTS)),
+        )
+        for k, value in fixed.items():
+            given[:, k], take[k] = value, 1.0
+        return self._run(inputs, kind, np.zeros(len(SLOTS)), choice, normal, given, take)[0]
 
-    def log_density(self, inputs: Any, kind: int, z: Floats) -> Floats:
-        """(draws,) of z (draws, 8)."""
-        return self._run(inputs, kind, np.zeros((len(z), len(SLOTS), self.parts)), z, 1.0)[1]
+    def log_density(self, inputs: Any, kind: int, z: Floats, fixed: Mapping[int, float]) -> Floats:
+        """(draws,) of z (draws, 9) but for the slots that are `fixed`."""
+        counted = np.zeros(len(SLOTS))
+        counted[[k for k in used(*self.kinds[kind]) if k not in fixed]] = 1.0
+        nothing = np.zeros((len(z), len(SLOTS), self.parts))
+        return self._run(inputs, kind, counted, nothing, z, z, np.ones(len(SLOTS)))[1]
 
-    def _run(self, inputs: Any, kind: int, choice: Floats, z: Floats, take: float) -> tuple[Floats, Floats]:
+    def _run(
+        self, inputs: Any, kind: int, counted: Floats, choice: Floats, normal: Floats, given: Floats, take: Floats
+    ) -> tuple[Floats, Floats]:
         one, has = np.zeros((1, len(self.kinds)), np.float32), np.zeros(len(SLOTS), np.float32)
         one[0, kind], has[used(*self.kinds[kind])] = 1.0, 1.0
-        of_draws = {"choice": choice, "normal": z, "given": z, "take": np.array([take])}
+        numbers = {"counted": counted, "choice": choice, "normal": normal, "given": given, "take": take}
         feed = {"cells": inputs, "kind": one, "has": has}
-        feed |= {name: values.astype(np.float32) for name, values in of_draws.items()}
+        feed |= {name: values.astype(np.float32) for name, values in numbers.items()}
         found, log_density, _ = self.session.run(None, feed)
         return found.astype(float), log_density.astype(float)
 
@@ -65,12 +84,15 @@ class NetworkProposal:
         self.flow: Flow = flow
         self.shot: Experiment = shot
         self.prior: Prior = prior
-        wanted = plain(shot.family.name), shot.options.bubble.contents
-        self.kind: int = flow.kinds.index(wanted)
+        bubble = kind_of(shot.options.bubble)
+        require(bubble != "", "the network does not know this bubble", "network.outside")
+        self.kind: int = flow.kinds.index((plain(shot.family.name), bubble))
         self.names: tuple[str, ...] = (*shot.family.parameters, *shot.logs)
-        frame, noise = shot.frame / shot.time_scale, shot.curve.noise / shot.max_radius
         self.inputs: Any = read(shot, discrepancy)
-        width_t, width_r = half_widths(np.array(frame), np.array(noise))
+        width_t, width_r = half_widths(
+            np.array(shot.frame / shot.time_scale), np.array(shot.curve.noise / shot.max_radius),
+            np.array(float(shot.curve.begins_late)),
+        )  # fmt: skip
         camera = {
             "max_radius_factor": (1.0, float(width_r) / 3.0), "time_origin": (0.0, float(width_t) * shot.time_scale),
             "radius_scale": (1.0, SCALE),
@@ -82,6 +104,17 @@ class NetworkProposal:
                 own_middle, own_width, _ = shot.free[name]
                 place = shot.names.index(name), slot(name)
                 self.camera.append((*place, (middle - own_middle) / own_width, width / own_width))
+        self.fixed: dict[int, float] = {slot(name): 0.0 for name in camera if name not in shot.free}
+        values = {name: np.log10(value) for name, value in shot.bubble.items() if name == "accommodation"}
+        values |= {"stretch": np.log10(shot.stretch)} if shot.stretch else {}
+        known = to_slots(tuple(values), np.array([list(values.values())]).reshape(1, -1))[0]
+        self.fixed |= {slot(name): float(known[slot(name)]) for name in values}
+        self.damping: int | None = None  # its column
+        if "confinement_damping" in shot.free:
+            self.damping = shot.names.index("confinement_damping")
+        elif bubble == "real":
+            given = damping_to_slot(shot.bubble.get("confinement_damping", 0.0))
+            self.fixed[slot("confinement_damping")] = given
         pressure = shot.medium.pressure / WATER.pressure
         times = shot.time_scale / WATER.time_scale(shot.max_radius)
         factors = dict.fromkeys(_PRESSURE, pressure) | dict.fromkeys(_PRESSURE_TIME, pressure * times)
@@ -107,19 +140,36 @@ class NetworkProposal:
         for column, place, middle, width in self.camera:
             z[:, place] = (x[:, column] - middle) / width
             log_q = log_q - np.log(width)
-        log_q += self.flow.log_density(self.inputs, self.kind, z) - self.log_share
-        return np.asarray(log_q + log_normal(u) - self.prior.log_density(x))
+        by_x = np.ones(u.shape[1], dtype=bool)  # whether z is one of x; the damping's is its u
+        if self.damping is not None:
+            z[:, slot("confinement_damping")], by_x[self.damping] = u[:, self.damping], False
+        for place, value in self.fixed.items():
+            z[:, place] = value
+        log_q += self.flow.log_density(self.inputs, self.kind, z, self.fixed) - self.log_share
+        return np.asarray(log_q + np.sum(np.log(self.prior.slope(u))[:, by_x], axis=1))
 
     def _drawn(self, count: int, rng: np.random.Generator) -> Floats:
         """Those of `count` draws that are within the bounds, (k, d)."""
-        z, _ = self.flow.sample(self.inputs, self.kind, count, rng)
+        z = self.flow.sample(self.inputs, self.kind, count, rng, self.fixed)
         x = np.zeros((count, len(self.shot.names)))
         x[:, : len(self.names)] = from_slots(self.names, z)[0] + self.shift
         for column, place, middle, width in self.camera:
             x[:, column] = middle + width * z[:, place]
-        inside = np.all((x > self.prior.low) & (x < self.prior.high), axis=1)
-        u = self.prior.to_u(x[inside])
-        return u[np.isfinite(u).all(axis=1)]
+        inside = (x > self.prior.low) & (x < self.prior.high)
+        u = self.prior.to_u(x)
+        if self.damping is not None:
+            u[:, self.damping], inside[:, self.damping] = z[:, slot("confinement_damping")], True
+        return u[inside.all(axis=1) & np.isfinite(u).all(axis=1)]
+
+
+def kind_of(bubble: Bubble) -> str:
+    """Which of the bubbles that a network knows (slots.BUBBLES) this one is; empty: none of them."""
+    around = bubble.damage != "none" or bubble.confinement_inertia != 0 or bubble.vapour_excess != 0
+    if around or bubble.wall_distance is not None:
+        return ""
+    if bubble.contents == "kinetic":
+        return "real"
+    return "field" if bubble.confinement_damping == 0 else ""
 
 
 def plain(material: str) -> str:
@@ -135,6 +185,7 @@ def read(shot: Experiment, discrepancy: bool) -> Any:
         "max_radius": shot.max_radius, "frame": shot.frame / shot.time_scale,
         "exposure": shot.exposure / shot.time_scale,
         "noise": shot.curve.noise / shot.max_radius, "discrepancy": float(discrepancy),
+        "late": float(shot.curve.begins_late),
     }  # fmt: skip
     given = {name: np.array([value]) for name, value in about.items()}
     return cells(np.zeros(len(time), np.int64), time, shot.measured[counted], **given)

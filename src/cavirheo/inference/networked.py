@@ -8,12 +8,13 @@ from __future__ import annotations
 
 import time
 from contextlib import suppress
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import asdict, dataclass, replace
 from importlib.metadata import version
 
 import numpy as np
 
 from cavirheo.arrays import Floats
+from cavirheo.bubble import REAL, Bubble
 from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError
 from cavirheo.inference import doubts
@@ -24,7 +25,7 @@ from cavirheo.inference.options import FREE, Options
 from cavirheo.inference.posterior_model import PosteriorModel
 from cavirheo.parameters import LOG10, natural_name, units
 from cavirheo.physics.media import WATER, Medium
-from cavirheo.posterior import Bubble, Checks, Diagnostics, Posterior
+from cavirheo.posterior import Checks, Diagnostics, Posterior
 from cavirheo.prior import log_normal
 
 DRAWS = 1000
@@ -42,7 +43,7 @@ class Networked:
 
     model: PosteriorModel
     material: str = "nhkv"
-    bubble: Bubble = field(default_factory=Bubble)
+    bubble: Bubble = REAL
     medium: Medium = WATER
     stretch: float | None = None
     window: int | None = None

@@ -3,23 +3,21 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from numbers import Integral, Real
 from typing import Any
 
 import numpy as np
 
+from cavirheo.bubble import DAMAGES, FIELD, FROM_NOTHING, Bubble
 from cavirheo.curve import RadiusCurve
 from cavirheo.errors import require
 from cavirheo.inference.reconstruct import check_stretch
-from cavirheo.physics.damage import DAMAGES
 from cavirheo.physics.scales import ACCOMMODATION, check_bubble, inertia_of
-from cavirheo.posterior import Bubble
 
 FREE = {"t0": "time_origin", "scale": "radius_scale", "rmax": "max_radius_factor"}  # option: name in the answer
 FREED = ("t0", "rmax")  # by default
 SCALE_BOUND = 0.015  # radius calibration and R_max are known to 1-1.5 %
-AT_ZERO = ("confinement_inertia", "confinement_damping", "vapour_excess")
 
 
 def _positive(time: float | None) -> bool:
@@ -56,7 +54,7 @@ class Options:
     scale_bound: float = SCALE_BOUND
     weights: str = "learnt"
     windows: bool = True
-    bubble: Bubble = field(default_factory=Bubble)
+    bubble: Bubble = FIELD
 
     def __post_init__(self) -> None:
         if isinstance(self.free, str):
@@ -73,14 +71,14 @@ class Options:
         if not isinstance(self.stretch, str):
             check_stretch(self.stretch)
         bubble, unknown = self.bubble, "{} must be a number or 'free', got {!r}"
-        given = {name: getattr(bubble, name) for name in ("accommodation", *AT_ZERO)}
+        given = {name: getattr(bubble, name) for name in ("accommodation", *FROM_NOTHING)}
         for name, value in given.items():
             fine = value == "free" or isinstance(value, Real)
             require(fine, unknown.format(name, value), f"physics.{name}")
         known = {"accommodation": ACCOMMODATION}
         check_bubble(bubble.contents, **{name: known.get(name, 0.0) if x == "free" else x for name, x in given.items()})
-        told = f"damage must be none, {' or '.join(DAMAGES)}, got {bubble.damage!r}"
-        require(bubble.damage in ("none", *DAMAGES), told, "option.damage")
+        told = f"damage must be {', '.join(DAMAGES)}, got {bubble.damage!r}"
+        require(bubble.damage in DAMAGES, told, "option.damage")
         both = "give either confinement_inertia or wall_distance, not both"
         require(bubble.wall_distance is None or bubble.confinement_inertia == 0, both, "physics.two_walls")
         idle = "an accommodation changes nothing without kinetic contents: give those too"
@@ -96,7 +94,7 @@ def check_wall(bubble: Bubble, curves: Sequence[RadiusCurve] = ()) -> None:
 
 def fixed_bubble(bubble: Bubble, max_radius: float) -> dict[str, float]:
     """The numbers of the model that are given and not their defaults, by name. Raises InputError: a wall too near."""
-    given = {name: getattr(bubble, name) for name in ("accommodation", *AT_ZERO)}
+    given = {name: getattr(bubble, name) for name in ("accommodation", *FROM_NOTHING)}
     if bubble.wall_distance is not None:
         given["confinement_inertia"] = inertia_of(bubble.wall_distance, max_radius)
     return {name: float(value) for name, value in given.items() if value not in ("free", 0.0)}

@@ -6,7 +6,6 @@ from collections.abc import Iterable
 
 from cavirheo.parameters import of_the_law
 from cavirheo.posterior import OtherAnswer, Posterior, in_words, intervals
-from cavirheo.writing.digits import CONTENTS
 
 _Interval = tuple[float, float, float]  # 5 %, 50 %, 95 %
 DECISIVE = 3.0  # of log evidence (a factor of 20): a model so far above another is preferred, a nearer one possible
@@ -108,8 +107,7 @@ def _sides(here: OtherAnswer, there: OtherAnswer) -> str:
 
 def _named(one: OtherAnswer, *, law: bool, bubble: bool) -> str:
     """By its law, by the words for its bubble, or both."""
-    contents, name = one.bubble.contents, one.bubble.name
-    return ", ".join([one.material] * law + [CONTENTS[contents] + name.removeprefix(contents)] * bubble)
+    return ", ".join([one.material] * law + [one.bubble.title] * bubble)
 
 
 def _values(one: OtherAnswer, *, stretch: bool = False) -> str:

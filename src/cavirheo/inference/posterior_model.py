@@ -8,12 +8,13 @@ from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
+from cavirheo.bubble import Bubble
 from cavirheo.errors import InputError, require
 from cavirheo.files import read_bytes
-from cavirheo.inference import DEFAULT, NOTHING_ELSE
+from cavirheo.inference import DEFAULT, KNOWN_BUBBLES
 from cavirheo.inference.card import PosteriorCard
 from cavirheo.inference.experiment import Experiment
-from cavirheo.inference.flow import INPUTS, Flow, NetworkProposal, plain
+from cavirheo.inference.flow import INPUTS, Flow, NetworkProposal, kind_of, plain
 from cavirheo.inference.graph import check_graph
 from cavirheo.inference.model import LARGEST, Network, card, load, path_of, shipped
 from cavirheo.inference.session import try_out
@@ -44,11 +45,11 @@ class PosteriorModel:
                 try_out(content, 0, 0)
             except InputError as error:
                 raise InputError(f"{path} is not run: {error}; export it with `cavirheo train`", error.code) from error
-        self.flow: Flow = Flow(content, [(law, contents) for law, contents in self.card.kinds])
+        self.flow: Flow = Flow(content, self.card.kinds)
 
-    def knows(self, material: str, contents: str) -> bool:
-        """Whether it was trained on this law and these contents."""
-        return (plain(material), contents) in self.flow.kinds
+    def knows(self, material: str, bubble: Bubble) -> bool:
+        """Whether it was trained on this law and this bubble."""
+        return (plain(material), kind_of(bubble)) in self.flow.kinds
 
     def proposal(self, shot: Experiment, prior: Prior, discrepancy: bool) -> NetworkProposal:
         """Raises InputError: the experiment is outside the training."""
@@ -59,11 +60,10 @@ class PosteriorModel:
     def beyond(self, shot: Experiment) -> str:
         """What of an experiment is outside its training, in words; empty if all is inside."""
         bubble, trained = shot.options.bubble, self.card.trained
-        contents = bubble.contents
-        if not self.knows(shot.family.name, contents):
-            return f"it was not trained on {shot.family.name} with {contents} contents"
-        if not bubble.plain:
-            return f"it knows {NOTHING_ELSE}"
+        if not kind_of(bubble):
+            return f"it knows {KNOWN_BUBBLES}"
+        if not self.knows(shot.family.name, bubble):
+            return f"it was not trained on {shot.family.name} with the {kind_of(bubble)} bubble"
         frames = int((shot.counted & (shot.since >= 0)).sum())
         here: dict[str, tuple[float, str]] = {
             "max_radius_um": (shot.max_radius * 1e6, "R_max of {:.4g} um"),
@@ -107,9 +107,9 @@ def network_of(name: str) -> Network | PosteriorModel:
 def describe(card: PosteriorCard) -> list[str]:
     """Lines of what the network knows, for `cavirheo models`."""
     laws: dict[str, list[str]] = {}
-    for law, contents in card.kinds:
-        laws.setdefault(law, []).append(contents)
-    lines = [f"  {law}, contents {' or '.join(contents)}" for law, contents in laws.items()]
+    for law, bubble in card.kinds:
+        laws.setdefault(law, []).append(bubble)
+    lines = [f"  {law}, bubble {' or '.join(bubbles)}" for law, bubbles in laws.items()]
     words: Any = {name: f"{low:g} to {high:g}" for name, (low, high) in card.trained.items()}
     inside = card.coverage.get("by_slot", {})
     shown = ", ".join(f"{name.replace('_', ' ')} {share['90']:.0%}" for name, share in inside.items())

@@ -1,13 +1,17 @@
-"""The coordinates z in which a posterior network answers: eight slots that all its laws share.
+"""The latent coordinates z in which a posterior network answers: nine slots that all its laws and bubbles share.
 
-A parameter of a law, the stretch and the accommodation are normal under their prior, which is uniform in log10 between
-the ends that a search has (parameters.py): z = Phi^-1((log10 value - low)/(high - low)). Two laws put what acts alike
-into one slot. A power law's consistency alone says little: its slot holds the viscosity at 1e5/s instead,
+Each coordinate is standard normal under its prior. A parameter of a law, the stretch and the accommodation have a prior
+that is uniform in log10 between the ends of a search (parameters.py), z = Phi^-1((log10 value - low)/(high - low)).
+The confinement damping has the half of a normal (`damping`). Two laws put what acts alike into one slot. A power
+law's consistency alone says little: its slot holds the viscosity at 1e5/s instead,
 
     z = (log10 K + 5 (n - 1) + 1.5)/2,
 
 so that the density of (K, n) is that of (z, n) over 2. R_max, clock and scale are over the half-widths that their
 priors have.
+
+The network answers slot by slot, each given those before it. What is known beforehand (a stated stretch, an
+accommodation) comes first, so that the density of the others given it is at hand.
 """
 
 from __future__ import annotations
@@ -16,16 +20,20 @@ import numpy as np
 from scipy.special import ndtr, ndtri
 
 from cavirheo.arrays import Floats
+from cavirheo.inference.experiment import LARGEST, ZETA
 from cavirheo.inference.law import Family
 from cavirheo.parameters import PARAMETERS
 
 SLOTS = (
-    "viscosity", "shear_modulus", "shape", "stretch", "accommodation", "max_radius_factor", "time_origin",
-    "radius_scale",
+    "stretch", "confinement_damping", "accommodation", "viscosity", "shear_modulus", "shape", "max_radius_factor",
+    "time_origin", "radius_scale",
 )  # fmt: skip
+CAMERA = SLOTS[6:]
+BUBBLES = {"field": (), "real": ("confinement_damping", "accommodation")}  # slots of each bubble that a network knows
 _SHARED = {"consistency": "viscosity", "stiffening": "shape", "exponent": "shape"}
 _RATE_DECADES = 5.0  # of the shear rate, 1/s, at which a power law's viscosity is taken
 _AT_RATE = (-1.5, 2.0)  # middle and half-width of log10 of that viscosity
+_FARTHEST = 3.0  # z of a given damping: training has one in a thousand beyond
 _INSIDE = 1e-9  # of the probability, that z keeps away from the bounds
 
 
@@ -34,26 +42,25 @@ def slot(name: str) -> int:
     return SLOTS.index(_SHARED.get(name, name))
 
 
-def used(law: str, contents: str) -> list[int]:
-    """The slots of a law (`Family`) with these contents, camera included, ascending."""
-    names = [*Family(law).parameters, "stretch", *(["accommodation"] if contents == "kinetic" else []), *SLOTS[5:]]
-    return sorted(map(slot, names))
+def used(law: str, bubble: str) -> list[int]:
+    """The slots of a law (`Family`) with this bubble (of BUBBLES), camera included, ascending."""
+    return sorted(map(slot, [*Family(law).parameters, "stretch", *BUBBLES[bubble], *CAMERA]))
 
 
 def to_slots(names: tuple[str, ...], log10: Floats) -> Floats:
-    """(k, 8) z from log10 values (k, names) of a law, the stretch and the accommodation; 0 in slots without."""
+    """(k, 9) z from log10 values (k, names) of a law, the stretch and the accommodation; 0 in all other slots."""
     z = np.zeros((len(log10), len(SLOTS)))
     for name, value in zip(names, log10.T, strict=True):
         low, high = _range(name)
         z[:, slot(name)] = ndtri(np.clip((value - low) / (high - low), _INSIDE, 1.0 - _INSIDE))
     if "consistency" in names:
         at_rate = log10[:, names.index("consistency")] + _thinning(log10[:, names.index("exponent")])
-        z[:, 0] = (at_rate - _AT_RATE[0]) / _AT_RATE[1]
+        z[:, slot("viscosity")] = (at_rate - _AT_RATE[0]) / _AT_RATE[1]
     return z
 
 
 def from_slots(names: tuple[str, ...], z: Floats) -> tuple[Floats, Floats]:
-    """log10 values (k, names) from z (k, 8), and log |dz/dlog10| (k,), by which a density of z becomes one of them."""
+    """log10 values (k, names) from z (k, 9), and log |dz/dlog10| (k,), by which a density of z becomes one of them."""
     log10, log_jacobian = np.empty((len(z), len(names))), np.zeros(len(z))
     for i, name in enumerate(names):
         low, high = _range(name)
@@ -62,10 +69,21 @@ def from_slots(names: tuple[str, ...], z: Floats) -> tuple[Floats, Floats]:
         if name != "consistency":
             log_jacobian += 0.5 * (here**2 + np.log(2.0 * np.pi)) - np.log(high - low)
     if "consistency" in names:
-        at_rate = _AT_RATE[0] + _AT_RATE[1] * z[:, 0]
+        at_rate = _AT_RATE[0] + _AT_RATE[1] * z[:, slot("viscosity")]
         log10[:, names.index("consistency")] = at_rate - _thinning(log10[:, names.index("exponent")])
         log_jacobian -= np.log(_AT_RATE[1])
     return log10, log_jacobian
+
+
+def damping(z: Floats) -> Floats:
+    """The confinement damping of z: its prior is the half of a normal from 0 up, cut as that of an experiment."""
+    return np.asarray(ZETA * ndtri(0.5 + (ndtr(LARGEST) - 0.5) * ndtr(z)))
+
+
+def damping_to_slot(damping: float) -> float:
+    """z of a given confinement damping; that of nothing is where training has hardly any smaller one."""
+    inside = (ndtr(damping / ZETA) - 0.5) / (ndtr(LARGEST) - 0.5)
+    return float(np.clip(ndtri(np.clip(inside, _INSIDE, 1.0 - _INSIDE)), -_FARTHEST, _FARTHEST))
 
 
 def _range(name: str) -> tuple[float, float]:

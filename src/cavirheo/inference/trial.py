@@ -110,7 +110,7 @@ def denser(pairs: Sequence[tuple[RadiusCurve, Posterior]], medium: Medium, **opt
     said = []
     for group, (curve, answer) in list(shots.items())[:GROUPS]:
         how: dict[str, Any] = {
-            "material": answer.material, "contents": answer.bubble.contents, "verify": "none", "workers": 1, **options
+            "material": answer.material, "bubble": answer.bubble, "verify": "none", "workers": 1, **options
         }  # fmt: skip
         liquids = medium, replace(medium, density=1.01 * medium.density)
         before, after = (infer_many([curve], medium=one, **how)[0].median("shear_modulus") for one in liquids)

@@ -64,7 +64,11 @@ ABSENT[1, 0] = np.inf
 
 
 def check_bubble(
-    contents: str, accommodation: float, confinement_inertia: float, vapour_excess: float, confinement_damping: float = 0.0
+    contents: str,
+    accommodation: float,
+    confinement_inertia: float,
+    vapour_excess: float,
+    confinement_damping: float = 0.0,
 ) -> None:
     """Raises InputError for contents that are not known, or a number out of its domain."""
     kinds = f"contents must be {' or '.join(CONTENTS)}; got {contents!r}"

@@ -82,9 +82,10 @@ def simulate(
             they hit the wall, or what stands for any resistance there.
         confinement_inertia: beta = R_max sum(s_i/d_i) over the images of the bubble behind walls, d_i their distances,
             s_i = 1 for a rigid wall and -1 for a free surface.
-        wall_distance: m, from the bubble's centre to one rigid wall, instead of confinement_inertia (R_max/(2 distance)).
-        confinement_damping: zeta = 2 pi (R_max^2/A) c/U_c of a tube of cross-section A around the bubble, along which its
-            sound leaves as plane waves: it resists V' of the bubble's volume, as rho c V'/(2 A).
+        wall_distance: m, from the bubble's centre to one rigid wall, instead of confinement_inertia (R_max over twice
+            the distance).
+        confinement_damping: zeta = 2 pi (R_max^2/A) c/U_c of a tube of cross-section A around the bubble, along which
+            its sound leaves as plane waves: it resists V' of the bubble's volume, as rho c V'/(2 A).
         vapour_excess: Pa of vapour above saturation at the start.
         damage: of the elastic part, at the first rebound or by strain (physics/damage.py).
         relaxed: laws with memory start unstressed; otherwise with what the growth from R_0 to R_max leaves
@@ -123,11 +124,17 @@ def simulate(
     else:
         expect_whole(cells, "cells", 8, "physics.cells")
     if wall_distance is not None:
-        require(not confinement_inertia, "give either confinement_inertia or wall_distance, not both", "physics.two_walls")
+        require(
+            not confinement_inertia, "give either confinement_inertia or wall_distance, not both", "physics.two_walls"
+        )
         confinement_inertia = inertia_of(wall_distance, max_radius)
     way: dict[str, Any] = {"driving": driving, "motion": motion, "polytropic": polytropic or 0.0}
     way |= {"contents": contents, "accommodation": accommodation, "damage": damage}
-    way |= {"confinement_inertia": confinement_inertia, "confinement_damping": confinement_damping, "vapour_excess": vapour_excess}
+    way |= {
+        "confinement_inertia": confinement_inertia,
+        "confinement_damping": confinement_damping,
+        "vapour_excess": vapour_excess,
+    }
     numbers = dimensionless(material, medium, max_radius, stretch, **way)
     grid = wall_clustered(cells, min(WALL_CELL, 0.5 / cells)) if polytropic is None else NO_SHELLS
     most = MAX_STEPS + len(numbers.driving) - 2  # no step passes over more than one sample of a trace

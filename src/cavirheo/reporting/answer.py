@@ -10,6 +10,7 @@ import numpy as np
 from pydantic_core import to_jsonable_python
 
 from cavirheo.arrays import Floats
+from cavirheo.bubble import FIELD, Bubble
 from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError
 from cavirheo.parameters import AT_RATE, BUBBLE, RATE, about, of_the_law
@@ -21,7 +22,6 @@ from cavirheo.posterior import (
     Posterior,
     Verdict,
     WindowAnswer,
-    bubble_name,
     intervals,
 )
 from cavirheo.writing import digits
@@ -31,7 +31,6 @@ _DIFFERENCES = ("rmse_over_rmax", "mae_over_rmax", "max_difference_over_rmax")
 _KEYS = {"shear_modulus": "shear_modulus_Pa", "viscosity": "viscosity_Pa_s", "stretch": "stretch"}  # by parameter
 
 
-_WALLS = {"walls": "confinement_inertia", "sound": "confinement_damping", "excess": "vapour_excess"}
 Unit = tuple[float, str]  # of G: factor from Pa, name
 
 
@@ -59,8 +58,7 @@ class OtherModel(Record):
 
     Attributes:
         material: the law.
-        contents: model of what is in the bubble, "equilibrium" or "kinetic".
-        damage: "none", "first-rebound" or "strain".
+        bubble: what is assumed of it: its numbers, or "free".
         log_evidence: natural logarithm of p(frames | model), to be compared with that of the answer.
         evidence_error: its standard error; null where it has none.
         rmse_over_rmax: root mean square of measured minus simulated radius, over R_max.
@@ -71,8 +69,7 @@ class OtherModel(Record):
     """
 
     material: str
-    contents: str
-    damage: str = "none"
+    bubble: Bubble
     log_evidence: Finite = None
     evidence_error: Finite = None
     rmse_over_rmax: Finite = None
@@ -86,20 +83,14 @@ class OtherModel(Record):
         return getattr(self, _KEYS[name]) if name in _KEYS else self.other_parameters.get(name, Quantity())
 
     @property
-    def bubble(self) -> str:
-        """What is assumed of it: 'kinetic, damage, walls'."""
-        more = {word: name in self.other_parameters for word, name in _WALLS.items()}
-        return bubble_name(self.contents, self.damage, **more)
-
-    @property
     def model(self) -> str:
-        """'nhkv, kinetic, damage'."""
-        return f"{self.material}, {self.bubble}"
+        """'nhkv, real'."""
+        return f"{self.material}, {self.bubble.name}"
 
     @property
     def in_words(self) -> str:
-        """'nhkv, kinetic contents, damage'."""
-        return self.model.replace(self.contents, f"{self.contents} contents", 1)
+        """'nhkv, real bubble'."""
+        return f"{self.material}, {self.bubble.title}"
 
 
 class CurveRecord(Record):
@@ -115,8 +106,7 @@ class CurveRecord(Record):
         strain_rate_per_s: mean strain rate at the wall between R_max and the first collapse, 1/s.
         stretch: R_max/R_0, inferred or given.
         material: the law.
-        contents: model of what is in the bubble, "equilibrium" or "kinetic".
-        damage: of the elastic part: "none", "first-rebound" or "strain".
+        bubble: what is assumed of it: its numbers, or "free".
         method: how the answer was found: "bdt", "amortised", "verified", "laplace" or "least_squares".
         shear_modulus_Pa: G, Pa.
         viscosity_Pa_s: mu, Pa s; null of a law whose viscosity is not one number.
@@ -149,8 +139,7 @@ class CurveRecord(Record):
     strain_rate_per_s: Finite
     stretch: Quantity
     material: str
-    contents: str = "equilibrium"
-    damage: str = "none"
+    bubble: Bubble = FIELD
     method: str
     shear_modulus_Pa: Quantity
     viscosity_Pa_s: Quantity
@@ -189,7 +178,7 @@ class CurveRecord(Record):
 
     @property
     def model(self) -> str:
-        """'nhkv, kinetic, damage'."""
+        """'nhkv, real'."""
         return self.itself.model
 
     @property
@@ -242,7 +231,7 @@ def curve_record(curve: RadiusCurve, posterior: Posterior) -> CurveRecord:
         **{name: getattr(checks, name) for name in _DIFFERENCES},
         max_radius_m=_measured(curve, "max_radius"), time_of_max_s=_measured(curve, "time_of_max"),
         strain_rate_per_s=_measured(curve, "strain_rate"), material=posterior.material, method=posterior.method,
-        contents=posterior.bubble.contents, damage=posterior.bubble.damage,
+        bubble=posterior.bubble,
         stretch=stretch, shear_modulus_Pa=G, viscosity_Pa_s=mu, other_parameters=values,
         window=Compared(collapses=checks.collapses, t_star_end=checks.t_star_end), doubts=list(posterior.checks.doubts),
         verdict=verdict, message=message or ("" if answered else "no parameters were found"), notes=list(curve.notes),
@@ -286,7 +275,7 @@ def _other(one: OtherAnswer) -> OtherModel:
     known = {key: values.pop(name, Quantity()) for name, key in _KEYS.items()}
     evidence = one.evidence or Evidence(np.nan)
     return OtherModel(
-        material=one.material, contents=one.bubble.contents, damage=one.bubble.damage, log_evidence=evidence.log,
+        material=one.material, bubble=one.bubble, log_evidence=evidence.log,
         evidence_error=evidence.error, rmse_over_rmax=one.rmse_over_rmax, **known, other_parameters=values,
     )  # fmt: skip
 

@@ -106,19 +106,20 @@ def _model(answered: list[CurveRecord], cited: list[Source]) -> list[str]:
         "The wall follows the equation of Keller and Miksis [Keller1980], with heat and mass transfer between gas, "
         "vapour and medium [Estrada2018]."
     ]
-    for model in dict.fromkeys((curve.material, curve.contents, curve.damage) for curve in answered):
-        material, contents, damage = model
+    for model in dict.fromkeys((curve.material, curve.bubble) for curve in answered):
+        material, bubble = model
         sources = [source for part in material.split("+") for source in of_law(part.strip())]
         cited += sources
         keys = list(dict.fromkeys(source.key for source in sources))
         law = digits.MATERIALS.get(material, material).partition(" (")[0] + (f" [{', '.join(keys)}]" if keys else "")
         vapour = "vapour in equilibrium at the wall"
-        if contents == "kinetic":
+        if bubble.contents == "kinetic":
             vapour = f"vapour that condenses at a finite rate, with its diffusivity by [{DIFFUSIVITY.key}]"
             cited.append(DIFFUSIVITY)
-        count = sum((c.material, c.contents, c.damage) == model for c in answered)
-        hurt = "" if damage == "none" else f", damaged ({damage})"
-        said.append(f"The medium of {digits.counted(count, 'curve')}: {law}{hurt}; {vapour}.")
+        damped = "; the surroundings damp the motion (confinement damping)" * (bubble.confinement_damping != 0)
+        count = sum((c.material, c.bubble) == model for c in answered)
+        hurt = "" if bubble.damage == "none" else f", damaged ({bubble.damage})"
+        said.append(f"The medium of {digits.counted(count, 'curve')}: {law}{hurt}; {vapour}{damped}.")
     return said
 
 

@@ -58,14 +58,12 @@ class ModelSlopes(Record):
 
     Attributes:
         material: the law.
-        contents: model of what is in the bubble.
-        damage: "none", "first-rebound" or "strain".
+        bubble: what is assumed of it, by its name.
         slopes: by natural name.
     """
 
     material: str
-    contents: str
-    damage: str
+    bubble: str
     slopes: dict[str, Slope]
 
 
@@ -84,7 +82,7 @@ class GroupRecord(Record):
         viscosity_Pa_s: mu, Pa s.
         other_parameters: all others by natural name, SI.
         verdicts: how many curves have each.
-        models: how many answers have each, by "law, contents".
+        models: how many answers have each, by "law, bubble".
         slopes: d ln(value)/d ln R_max of what should be a constant, by natural name.
         other_slopes: of the models that all of these shots have besides their answer.
         population: the material behind the shots, from their intervals; left out for a single shot, or where none
@@ -123,7 +121,7 @@ class GroupRecord(Record):
         """On the models that are mixed, on the slopes of the answers, and on those of each other model."""
         models = ", ".join(f"{count} {model}" for model, count in self.models.items())
         mixed = [f"the means are over answers of different models: {models}"] if len(self.models) > 1 else []
-        others = [f"with {one.material}, {one.contents}: {in_words(one.slopes)}" for one in self.other_slopes]
+        others = [f"with {one.material}, {one.bubble}: {in_words(one.slopes)}" for one in self.other_slopes]
         return mixed + ([in_words(self.slopes)] if self.slopes else []) + others
 
     @property
@@ -196,7 +194,7 @@ def in_words(slopes: dict[str, Slope]) -> str:
         said.append(f"{about(name).symbol} {way.format(one.words)}")
     most = max(slopes.values(), key=lambda one: one.n)
     shots = f"{most.n} shots" + (f", {most.n_trusted} of them trusted" if most.n_trusted < most.n else "")
-    wrong = ": a constant of the material does not, so doubt the law or the contents model (1 group in 10 by chance)"
+    wrong = ": a constant of the material does not, so doubt the law or the bubble (1 group in 10 by chance)"
     return f"{', '.join(said)} over {shots}" + wrong * any(one.sign for one in slopes.values())
 
 
@@ -228,6 +226,6 @@ def _other_slopes(shots: list[CurveRecord]) -> list[ModelSlopes]:
     for model, first in (answers[0] if answers else {}).items():
         if all(model in by_model for by_model in answers) and not (one_model and model == shots[0].model):
             slopes = _slopes(shots, [by_model[model] for by_model in answers])
-            known = {"material": first.material, "contents": first.contents, "damage": first.damage}
+            known = {"material": first.material, "bubble": first.bubble.name}
             found += [ModelSlopes(**known, slopes=slopes)] if slopes else []
     return found

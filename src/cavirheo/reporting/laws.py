@@ -132,8 +132,8 @@ def print_table(document: Laws) -> None:
     """A line per law of each curve, then of each group; then what is doubtful of the curves."""
     heads = ("law", "log evidence", "probability", "G Pa", "µ Pa s", "RMSE %", "verdict")
     answers = [law.answer for one in document.curves for law in one.laws.values() if law.answer]
-    contents = ", ".join(dict.fromkeys(answer.contents for answer in answers))
-    title = f"{_TITLE}; contents: {contents}" if contents else _TITLE
+    bubbles = ", ".join(dict.fromkeys(answer.bubble.title for answer in answers))
+    title = f"{_TITLE}; {bubbles}" if bubbles else _TITLE
     table = terminal.table("curve", heads, left=("law", "verdict"), title=title)
     rows = [(one, one.name, "") for one in document.curves]
     rows += [(one, f"{one.name}: {one.shots} shots", "bold") for one in document.groups]

@@ -101,11 +101,10 @@ class Result(Document):
     def model_key(self) -> list[str]:
         """What is to be said of them below a table."""
         answered = {curve.model: curve.itself for curve in self.curves if curve.answered}
-        words = {one.contents: f"{one.contents} ({digits.CONTENTS.get(one.contents, '')})" for one in answered.values()}
-        said = [f"contents of the bubble: {', '.join(words.values())}"] if words else []
+        said = list(dict.fromkeys(one.bubble.sentence for one in answered.values()))
         if len(answered) == 1:
             (one,) = answered.values()
-            said = [f"model: {one.in_words} ({digits.CONTENTS.get(one.contents, '')})"]
+            said = [f"model: {one.material}. {one.bubble.sentence}"]
         return said + ["µ of a law that thins or yields: at a shear rate of 1e5 1/s"] * (AT_RATE in self.parameters)
 
     def to_dataframe(self) -> Any:

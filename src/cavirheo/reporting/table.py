@@ -162,7 +162,7 @@ def write_parquet(path: str | Path, result: Result) -> None:
 def rows_of(result: Result) -> tuple[list[str], list[dict[str, Any]]]:
     """(names of the columns, a row for each curve)."""
     quantities = ["stretch", "shear_modulus_Pa", "viscosity_Pa_s"]
-    plain = ["max_radius_m", *quantities, "rmse_over_rmax", "collapses", "t_star_end", "verdict", "message", "contents"]
+    plain = ["max_radius_m", *quantities, "rmse_over_rmax", "collapses", "t_star_end", "verdict", "message", "bubble"]
     units = {name: described(name)[1].replace(" ", "_") for name in result.parameters}
     others = {name: f"{name}_{unit}" if unit else name for name, unit in units.items()}
     ends = {"median": "", "q05": "_q05", "q95": "_q95"}
@@ -174,7 +174,7 @@ def rows_of(result: Result) -> tuple[list[str], list[dict[str, Any]]]:
         known = {key: getattr(record, key) for key in quantities}
         known |= {others[name]: value for name, value in record.other_parameters.items()}
         values = {key + end: getattr(value, part) for key, value in known.items() for part, end in ends.items()}
-        rows.append(vars(record) | vars(record.window) | values)
+        rows.append(vars(record) | {"bubble": record.bubble.name} | vars(record.window) | values)
     return head, rows
 
 

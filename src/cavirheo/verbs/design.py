@@ -21,6 +21,7 @@ def design(
     viscosity: Annotated[_Range, Option(help="Pa s", metavar="LOW HIGH")] = None,
     stretch: Annotated[_Range, Option(help="R_max/R_0  [default: 4 10]", metavar="LOW HIGH")] = None,
     material: Annotated[str, Option(help="a law of `cavirheo laws`", autocompletion=options.sum_names)] = "nhkv",
+    bubbles: options.Bubbles = options.FROM_OPTIONS,
     rmax_um: Annotated[tuple[float, float], Option(help="R_max of the rig, um", metavar="LOW HIGH")] = (50, 400),
     frame_rates_khz: Annotated[str, Option(help="frame rates of the camera, kHz, with commas")] = "100,250,500,1000",
     frames: Annotated[int, Option(help="of a recording", min=10)] = 128,
@@ -72,7 +73,8 @@ def design(
     with run.bar("simulating", sizes * len(rates) * draws) as advance:
         made = designed(
             known, group=group,
-            ranges={name: pair for name, pair in given.items() if pair}, material=material, medium=liquid,
+            ranges={name: pair for name, pair in given.items() if pair}, material=material,
+            bubble=bubbles or "real", medium=liquid,
             max_radius=[1e-6 * end for end in rmax_um], frame_rate=rates, frames=frames,
             noise=noise, relative_noise=0.01 * noise_percent,
             exposure=1e-6 * exposure_us, wanted=0.01 * wanted_percent, spread=spread, sizes=sizes, draws=draws,

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -39,10 +38,10 @@ def fit(
     weights: Annotated[
         str, Option(help="equal, motion (frames beside collapses count less), or learnt from the residuals")
     ] = "learnt",
-    bubble: options.Bubble = options.FROM_OPTIONS,
+    bubbles: options.Bubbles = options.FROM_OPTIONS,
     others: Annotated[
         bool,
-        Option("--others/--no-others", help="fit the other vapour model, too, and report disagreement"),
+        Option("--others/--no-others", help="fit the field's bubble beside the real one, or the other way round"),
     ] = True,
     joint: Annotated[bool, Option("--joint", help="the shots of a group share one material")] = False,
     verify: options.Verify = "none",
@@ -58,6 +57,7 @@ def fit(
     run: Run = options.FROM_OPTIONS,
 ) -> None:
     """The field's conventional fit: least squares of simulated on measured radius histories, with intervals."""
+    from cavirheo.bubble import REAL
     from cavirheo.cluster import connected
     from cavirheo.inference.fit import fit_many
     from cavirheo.inference.law import Family
@@ -75,18 +75,20 @@ def fit(
     collapses, known = options.window_of(window), options.stretch_of(stretch)
     law = None if material == "auto" else Family(material)
     solid = f"--damage needs a law with an elastic part, {material} has none"
-    require(bubble.damage == "none" or law is None or law.elastic, solid, "physics.damage_without_elasticity")
+    bubbles = bubbles or (REAL,)
+    undamaged = all(one.damage == "none" for one in bubbles)
+    require(undamaged or law is None or law.elastic, solid, "physics.damage_without_elasticity")
     camera: dict[str, Any] = {} if free is None else {"free": free}
     camera["scale_bound"] = scale_percent / 100
     camera["t0_bound"] = None if t0_us is None else t0_us * 1e-6
     end = None if window_us is None else window_us * 1e-6
     cut: dict[str, Any] = {"window": collapses, "end": end, "weights": weights}
-    either = replace(bubble, contents="kinetic") if bubble.contents == "auto" else bubble
-    Options(stretch=known, **camera, **cut, bubble=either)
+    for one in bubbles:
+        Options(stretch=known, **camera, **cut, bubble=one)
     Outputs(out, *DOCUMENTS, inputs=files)
     shared: dict[str, Any] = {"medium": liquid, "stretch": known, "seed": seed}
     settings = {"material": material, "others": others, "joint": joint, "trust_input": reading.trust_input}
-    settings |= {**cut, **shared, **camera, **asdict(bubble)}
+    settings |= {**cut, **shared, **camera, "bubble": bubbles}
     first = Step("fitting", fit_many, settings, apart=not joint)
     after: dict[str, Any] = {"verify": verify, "discrepancy": not exact_law, **shared, **camera}
     with connected(scheduler, run.say) as executor:

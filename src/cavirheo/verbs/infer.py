@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +15,7 @@ def infer(
     material: options.Material = None,
     stretch: options.KnownStretch = None,
     window: options.ReadWindow = None,
-    bubble: options.Bubble = options.FROM_OPTIONS,
+    bubbles: options.Bubbles = options.FROM_OPTIONS,
     verify: options.VerifyAuto = "auto",
     exact_law: options.ExactLaw = False,
     seed: options.Seed = 0,
@@ -36,7 +35,6 @@ def infer(
     from cavirheo.inference.model import Network
     from cavirheo.inference.options import check_wall
     from cavirheo.inference.posterior_model import network_of
-    from cavirheo.inference.reconstruct import check_stretch
     from cavirheo.parallel import Step
     from cavirheo.reporting import DOCUMENTS
     from cavirheo.writing.document import Outputs
@@ -44,21 +42,22 @@ def infer(
     files = run.files(files)
     paper = options.for_paper(figures)
     options.check_verify(verify, reading.exposure_us, exact_law, files)
-    check_stretch(stretch)
-    check_models(model, material, bubble, verify)
+    check_models(model, material, bubbles, verify, stretch)
     network = network_of(model)
     single = isinstance(network, Network)
     Outputs(out, *DOCUMENTS, inputs=files)
     shared: dict[str, Any] = {"medium": liquid, "stretch": stretch}
     settings = {"model": model, "window": window, "trust_input": reading.trust_input, **shared}
-    checked: dict[str, Any] = {"seed": seed, "discrepancy": not exact_law, "contents": bubble.contents}
+    checked: dict[str, Any] = {"seed": seed, "discrepancy": not exact_law}
     if not single:
-        settings |= {"material": material, "verify": verify, **checked, **asdict(bubble)}
+        settings |= {"material": material, "verify": verify, "bubble": bubbles, **checked}
+    else:
+        checked["bubble"] = bubbles
     first = Step("inferring", infer_many, settings, made_with=network.sha256)
     after = verify if single and verify != "auto" else "none"
     with connected(scheduler, run.say) as executor:
         curves = run.read(files, liquid, reading, column)
-        if bubble.wall_distance is not None:
+        for bubble in bubbles or ():
             check_wall(bubble, curves)
         run.report(
             curves, first, out, pictures=pictures, paper=paper, verify=after, executor=executor, **checked, **shared

@@ -58,13 +58,14 @@ def _of_draws(about: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
 
     losses = dict(zip(map(tuple, about["kinds"]), about.get("loss_by_kind", ()), strict=False))
     laws = dict.fromkeys(law for law, _ in about["kinds"])
-    contents = {law: " or ".join(contents for of, contents in about["kinds"] if of == law) for law in laws}
+    bubbles = {law: " or ".join(bubble for of, bubble in about["kinds"] if of == law) for law in laws}
     yield from _under(
-        "answers", [f"{law} ({', '.join(Family(law).parameters)}), contents {contents[law]}" for law in laws]
+        "answers", [f"{law} ({', '.join(Family(law).parameters)}), bubble {bubbles[law]}" for law in laws]
     )
     names = dict.fromkeys(name for law in laws for name in Family(law).parameters)
-    kinetic = ["accommodation"] * any(contents == "kinetic" for _, contents in about["kinds"])
-    yield "", "with each: stretch, R_max, clock and scale" + "; kinetic: accommodation" * bool(kinetic)
+    kinetic = ["accommodation"] * any(bubble == "real" for _, bubble in about["kinds"])
+    real = "; real bubble: accommodation and confinement damping"
+    yield "", "with each: stretch, R_max, clock and scale" + real * bool(kinetic)
     yield from _under("ranges", map(_range, [*names, "stretch", *kinetic]))
     units = {"max_radius_um": ("R_max", "um"), "frame_interval_us": ("time between frames", "us")}
     trained = []
@@ -77,7 +78,7 @@ def _of_draws(about: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
     yield "training", _time(how) + _counted(how, "held_out", " curves held out")
     yield "loss", f"{how['loss']:.4g} (-log density of the truth, curves held out)"
     for law in laws:
-        each = ", ".join(f"{contents} {loss:g}" for (of, contents), loss in losses.items() if of == law)
+        each = ", ".join(f"{bubble} {loss:g}" for (of, bubble), loss in losses.items() if of == law)
         if each:
             yield "", f"{law} {each}"
     coverage = about.get("coverage", {})
@@ -103,7 +104,7 @@ def _of_values(about: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
         answers.append(said)
     yield from _under("answers", answers)
     medium, camera = problem["medium"], problem["camera"]
-    yield "law", f"{about['material']}, contents equilibrium"
+    yield "law", f"{about['material']}, field's bubble"
     inner = ", ".join(f"{name} {low:g} to {high:g}" for name, (low, high) in problem["prior"].items()
                       if not any(name == output["name"] for output in about["outputs"]))  # fmt: skip
     yield "trained on", f"R_max {1e6 * problem['reference_max_radius']:g} um" + (f", {inner}" if inner else "")

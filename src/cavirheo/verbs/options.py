@@ -15,14 +15,17 @@ from cavirheo.errors import InputError, require
 from cavirheo.verbs.run import Reading, Run
 
 if TYPE_CHECKING:
+    from cavirheo.bubble import Bubble
     from cavirheo.physics.media import Medium as Liquid
-    from cavirheo.posterior import Bubble as Bubble
+
+    Bubbles = tuple[Bubble, ...] | None
 else:
-    Liquid = Bubble = Any
+    Liquid = Bubble = Bubbles = Any
 
 _LEVELS = ("auto", "full", "map", "none")  # of verification
 _CONTENTS = ("equilibrium", "kinetic")
 _DAMAGES = ("first-rebound", "strain")
+_BUBBLES = ("real", "field", "auto")
 
 
 def values(*words: str, commas: bool = False) -> Callable[[str], list[str]]:
@@ -122,14 +125,8 @@ _LAW = "a law of `cavirheo laws`, or auto  [default: nhkv]"
 Material = Annotated[str | None, Option(help=_LAW, autocompletion=law_names)]
 KnownStretch = Annotated[float | None, Option(help="R_max/R_0 if it is known; otherwise it is inferred")]
 ReadWindow = Annotated[int | None, Option(help="number of collapses to compare  [default: 3]", min=1)]
-_EITHER = "model of the vapour: equilibrium (the field's), kinetic, or auto (the evidence chooses)"
-EitherContents = Annotated[str, Option(help=_EITHER, autocompletion=values(*_CONTENTS, "auto"))]
-_BOTH = "models of the vapour: equilibrium, kinetic, or both with a comma"
-ManyContents = Annotated[str, Option(help=_BOTH, autocompletion=values(*_CONTENTS, commas=True))]
-_HURT = "models of softening: none, first-rebound, strain, with commas"
-ManyDamages = Annotated[str, Option(help=_HURT, autocompletion=values("none", *_DAMAGES, commas=True))]
 ManyLaws = Annotated[str, Option(help="two or more laws, with commas", autocompletion=many_law_names)]
-WallDistanceUm = Annotated[float | None, Option(help="distance to one rigid wall, instead of --confinement-inertia")]
+WallDistanceUm = Annotated[float | None, Option(help="um to one rigid wall, instead of --confinement-inertia")]
 Shots = Annotated[str | None, Option(help="shots of every file, such as '1,4-7' (the first is 1)  [default: all]")]
 _WANTED = "wanted half-width of the 90 % interval, % of the value"
 WantedPercent = Annotated[float, Option(help=_WANTED, min=0.1, max=99.0)]
@@ -140,19 +137,26 @@ Scheduler = Annotated[str | None, Option(help=_SCHEDULER)]
 _MEDIUM = "named constants: water, bu2026, estrada2018, ..."
 FROM_OPTIONS: Any = None  # default of an argument of a verb that is made of the options of its kind
 _Number = float | None
+_BUBBLE = "real (vapour condenses at a finite rate, damped by its surroundings), field (equilibrium, unbounded) or auto"
+_BUBBLE_HELP = f"{_BUBBLE}: the evidence chooses"
+_MANY_BUBBLES = f"{_BUBBLE.removesuffix(' or auto')}, or both with a comma"
 _DAMAGE = "softening of the gel: none, first-rebound or strain"
-Damage = Annotated[str, Option(help=_DAMAGE, autocompletion=values("none", *_DAMAGES))]
-_RATE = "coefficient of kinetic contents, up to 10  [default: free]"
+_HURT = "softening of the gel: none, first-rebound, strain, with commas"
+_RATE = "accommodation coefficient of kinetic contents, up to 10; or free"
 _INERTIA = "R_max sum(s/d) over image bubbles; or free"
 _EXCESS = "vapour at R_max above saturation, Pa; or free"
-_RADIATION = "2 pi (R_max^2/A) c/U_c of a tube around it; or free"
-_AROUND: dict[str, tuple[Any, Any]] = {
-    "accommodation": (Annotated[str | None, Option(help=_RATE)], None),
-    "confinement_inertia": (Annotated[str, Option(help=_INERTIA)], "0"),
+_DAMPING = "2 pi (R_max^2/A) c/U_c of a tube around it; or free"
+_Word = str | None
+_OVERRIDES: dict[str, tuple[Any, Any]] = {
+    "contents": (
+        Annotated[_Word, Option(help=_KINETIC, autocompletion=values(*_CONTENTS))], None,
+    ),
+    "accommodation": (Annotated[_Word, Option(help=_RATE)], None),
+    "confinement_damping": (Annotated[_Word, Option(help=_DAMPING)], None),
+    "confinement_inertia": (Annotated[_Word, Option(help=_INERTIA)], None),
     "wall_distance_um": (WallDistanceUm, None),
-    "vapour_excess": (Annotated[str, Option(help=_EXCESS)], "0"),
-    "confinement_damping": (Annotated[str, Option(help=_RADIATION)], "0"),
-}
+    "vapour_excess": (Annotated[_Word, Option(help=_EXCESS)], None),
+}  # fmt: skip
 _KINDS: dict[str, dict[str, tuple[Any, Any]]] = {  # argument: its options, each with type and default
     "liquid": {
         "medium": (Annotated[str, Option(help=_MEDIUM, autocompletion=medium_names)], "water"),
@@ -176,8 +180,28 @@ _KINDS: dict[str, dict[str, tuple[Any, Any]]] = {  # argument: its options, each
         "group": (Group, "auto"),
         "trust_input": (TrustInput, False),
     },
-    "bubble": {"contents": (EitherContents, "equilibrium"), "damage": (Damage, "none"), **_AROUND},
-    "around": _AROUND,
+    "bubbles": {
+        "bubble": (Annotated[_Word, Option(help=_BUBBLE_HELP, autocompletion=values(*_BUBBLES))], None),
+        **_OVERRIDES,
+        "damage": (
+            Annotated[str, Option(help=_DAMAGE, autocompletion=values("none", *_DAMAGES))],
+            "none",
+        ),
+    },
+    "many_bubbles": {
+        "bubble": (
+            Annotated[str, Option(help=_MANY_BUBBLES, autocompletion=values(*_BUBBLES[:2], commas=True))],
+            "real",
+        ),
+        **_OVERRIDES,
+        "damage": (
+            Annotated[
+                str,
+                Option(help=_HURT, autocompletion=values("none", *_DAMAGES, commas=True)),
+            ],
+            "none",
+        ),
+    },
     "run": {
         "json": (Annotated[bool, Option("--json", help="print the JSON document instead of the table")], False),
         "quiet": (Quiet, False),
@@ -186,8 +210,8 @@ _KINDS: dict[str, dict[str, tuple[Any, Any]]] = {  # argument: its options, each
 
 
 def with_kinds(verb: Callable[..., None]) -> Callable[..., None]:
-    """A verb whose arguments `liquid`, `reading`, `bubble`, `around` and `run`, if it has them, are given by their
-    options.
+    """A verb whose arguments `liquid`, `reading`, `bubbles`, `many_bubbles` and `run`, if it has them, are given by
+    their options.
 
     Numbers that are not finite are refused for every verb alike.
     """
@@ -206,7 +230,7 @@ def with_kinds(verb: Callable[..., None]) -> Callable[..., None]:
             for one in value if isinstance(value, tuple) else (value,):
                 fine = not isinstance(one, float) or math.isfinite(one)
                 require(fine, f"--{name.replace('_', '-')} must be a finite number, got {one}", "option.finite")
-        own = {name: value for name, value in given.items() if name in takes}
+        own = {name: value for name, value in given.items() if name in takes and name not in kinds}
         verb(**own, **{kind: _made(kind, {name: given[name] for name in names}) for kind, names in kinds.items()})
 
     run.__signature__ = inspect.Signature(list(parameters.values()))  # type: ignore[attr-defined]
@@ -219,15 +243,37 @@ def _made(kind: str, of: dict[str, Any]) -> Any:
         from cavirheo.physics.media import medium
 
         return medium(of.pop("medium"), unusual=of.pop("trust_input"), **of)
-    if kind in ("bubble", "around"):
-        from cavirheo.posterior import Bubble
-
-        distance = of.pop("wall_distance_um")
-        of["accommodation"] = of["accommodation"] or "free"
-        for name in ("accommodation", "confinement_inertia", "vapour_excess", "confinement_damping"):
-            of[name] = _number_or("free", f"--{name.replace('_', '-')}", of[name], float)
-        return Bubble(**of, wall_distance=None if distance is None else distance * 1e-6)
+    if kind in ("bubbles", "many_bubbles"):
+        return _bubbles(several=kind == "many_bubbles", **of)
     return Run(**of) if kind == "run" else Reading(**of)
+
+
+def _bubbles(
+    bubble: str | None, damage: str, contents: str | None, accommodation: str | None, confinement_damping: str | None,
+    confinement_inertia: str | None, wall_distance_um: float | None, vapour_excess: str | None, *, several: bool,
+) -> tuple[Bubble, ...] | None:  # fmt: skip
+    """The bubbles that the options ask for; None where they ask for nothing, so that the network decides. Raises
+    InputError: a word that is none, or numbers that cannot be."""
+    from dataclasses import replace
+
+    from cavirheo.bubble import CONTENTS, DAMAGES, bubbles_of
+
+    changes: dict[str, Any] = {"contents": contents}
+    numbers = {"accommodation": accommodation, "confinement_damping": confinement_damping}
+    numbers |= {"confinement_inertia": confinement_inertia, "vapour_excess": vapour_excess}
+    changes |= {name: _number_or("free", f"--{name.replace('_', '-')}", text, float) for name, text in numbers.items()}
+    changes["wall_distance"] = None if wall_distance_um is None else wall_distance_um * 1e-6
+    given = {name: value for name, value in changes.items() if value is not None}
+    told = f"--contents must be {' or '.join(CONTENTS)}, got {contents!r}"
+    require(contents in (None, *CONTENTS), told, "option.contents")
+    damages = [word.strip() for word in damage.split(",")] if several else [damage]
+    told = f"--damage must be {', '.join(DAMAGES)}, got {damage!r}"
+    require(set(damages) <= set(DAMAGES), told, "option.damage")
+    if bubble is None and not given and damages == [DAMAGES[0]]:
+        return None
+    words = [word.strip() for word in (bubble or "real").split(",")] if several else [bubble or "real"]
+    found = (one for word in words for one in bubbles_of(word))
+    return tuple(replace(one, damage=hurt, **given) for one in found for hurt in damages)
 
 
 def window_of(text: str | None) -> int | Literal["all"] | None:

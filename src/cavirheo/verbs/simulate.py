@@ -55,9 +55,13 @@ def simulate(
     damage_by: Annotated[str, Option(help="first-rebound, or strain (factors at a tenfold contraction)")] = (
         "first-rebound"
     ),
-    confinement_inertia: Annotated[float, Option(help="R_max sum(s/d) over image bubbles: R_max/2h for one wall at h")] = 0.0,
+    confinement_inertia: Annotated[
+        float, Option(help="R_max sum(s/d) over image bubbles: R_max/2h for one wall at h")
+    ] = 0.0,
     wall_distance_um: options.WallDistanceUm = None,
-    confinement_damping: Annotated[float, Option(help="2 pi (R_max^2/A) c/U_c of a tube of cross-section A around")] = 0.0,
+    confinement_damping: Annotated[
+        float, Option(help="2 pi (R_max^2/A) c/U_c of a tube of cross-section A around")
+    ] = 0.0,
     vapour_excess: Annotated[float, Option(help="vapour at R_max above saturation, Pa")] = 0.0,
     relaxed: Annotated[bool, Option("--relaxed", help="laws with memory start unstressed")] = False,
     precise: Annotated[bool, Option("--precise", help="ten times as accurate, five times as long")] = False,

@@ -19,7 +19,7 @@ def watch(
     column: options.Column = None,
     stretch: options.KnownStretch = None,
     window: options.ReadWindow = None,
-    bubble: options.Bubble = options.FROM_OPTIONS,
+    bubbles: options.Bubbles = options.FROM_OPTIONS,
     verify: options.VerifyAuto = "auto",
     exact_law: options.ExactLaw = False,
     seed: options.Seed = 0,
@@ -38,7 +38,6 @@ def watch(
     from cavirheo.inference import check_models, infer_many
     from cavirheo.inference.law import Family
     from cavirheo.inference.posterior_model import network_of
-    from cavirheo.inference.reconstruct import check_stretch
     from cavirheo.parallel import Step, aside, cores
     from cavirheo.physics.simulate import load_solver
     from cavirheo.reading.column import is_size, read_column
@@ -48,10 +47,9 @@ def watch(
 
     require(folder.is_dir(), f"{folder} is no folder: give the one where recordings arrive", "watch.folder")
     options.check_verify(verify, reading.exposure_us, exact_law, [folder])
-    check_stretch(stretch)
     told = f"--rmax-um must be a positive radius in micrometres, got {reading.rmax_um}"
     require(reading.rmax_um is None or reading.rmax_um > 0, told, "option.rmax_um")
-    check_models(model, material, bubble, verify)
+    check_models(model, material, bubbles, verify, stretch)
     if material not in (None, "auto"):
         Family(material)
     told = "--exclude is of one recording: leave the frames out with `cavirheo measure`, and watch for what it writes"
@@ -59,7 +57,7 @@ def watch(
     if column is not None and not is_size(column):
         read_column(column)
     settings: dict[str, Any] = {"model": model, "material": material, "window": window, "stretch": stretch}
-    settings |= {"medium": liquid, "verify": verify, "discrepancy": not exact_law, "seed": seed, **asdict(bubble)}
+    settings |= {"medium": liquid, "verify": verify, "discrepancy": not exact_law, "seed": seed, "bubble": bubbles}
     step = Step(
         "inferring", infer_many, settings | {"trust_input": reading.trust_input}, made_with=network_of(model).sha256
     )

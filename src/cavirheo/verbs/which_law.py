@@ -14,9 +14,7 @@ from cavirheo.verbs.run import Reading, Run
 def which_law(
     files: options.Curves,
     laws: options.ManyLaws = "nhkv,newtonian,power-law,carreau-yasuda,qkv,fung + newtonian,zener",
-    contents: options.ManyContents = "equilibrium",
-    damage: options.ManyDamages = "none",
-    around: options.Bubble = options.FROM_OPTIONS,
+    many_bubbles: options.Bubbles = options.FROM_OPTIONS,
     window: Annotated[
         str | None, Option(help="number of collapses to compare, or 'all'  [default: 3, or all if there are fewer]")
     ] = None,
@@ -36,21 +34,23 @@ def which_law(
 ) -> None:
     """Which of several laws explains the curves best? Evidence by importance sampling, 1 to 30 s a curve and law."""
     from cavirheo import reporting
+    from cavirheo.bubble import REAL
     from cavirheo.cluster import connected
     from cavirheo.inference.options import Options
     from cavirheo.inference.verify.evidence import explained, models, plans, ranked, weighed
     from cavirheo.parallel import cores
     from cavirheo.reporting.drawing import prepare
     from cavirheo.reporting.laws import Laws, firmly, print_table, records
-    from cavirheo.reporting.paper import laws_figure, names, write
+    from cavirheo.reporting.paper import laws_figure, write
+    from cavirheo.reporting.paper import names as file_names
     from cavirheo.unfinished import Unfinished
     from cavirheo.writing import document
 
     files = run.files(files)
     paper = options.for_paper(figures)
-    given = [[name.strip() for name in text.split(",") if name.strip()] for text in (laws, contents, damage)]
+    names = [name.strip() for name in laws.split(",") if name.strip()]
     looked_at, known = options.window_of(window), options.stretch_of(stretch)
-    chosen = models(*given, around=around)
+    chosen = models(names, many_bubbles or (REAL,))
     Options(window=looked_at, stretch=known)
     outputs = document.Outputs(out, "laws.json", inputs=files)
     document.Outputs(out, *reporting.DOCUMENTS, inputs=files)
@@ -73,7 +73,7 @@ def which_law(
     if note:
         run.stop(note, out / "laws.json" if answered else None)
     if paper:
-        stems = names([one.name for one in made.curves], [one.name for one in made.groups], "laws-")
+        stems = file_names([one.name for one in made.curves], [one.name for one in made.groups], "laws-")
         for stem, one in zip(stems, [*made.curves, *made.groups], strict=True):
             write(outputs, stem, laws_figure(one))
     outputs.finish()

@@ -38,7 +38,6 @@ MATERIALS = {
     "newtonian": "Newtonian fluid (no elasticity: G is not asked for)",
     "qkv": "quadratic Kelvin-Voigt",
 }
-CONTENTS = {"equilibrium": "field's model", "kinetic": "finite-rate condensation"}  # of the bubble
 METHODS = {
     "bdt": "Bubble Dynamics Transformer: a point answer, no interval",
     "amortised": "posterior network",

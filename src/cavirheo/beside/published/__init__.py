@@ -158,11 +158,12 @@ def _step(about: ReferenceSet, model: str, fit: str | None, trust_input: bool) -
     network, material = _network(about, model)
     if not fit:
         how = {"model": which, **options} | ({"material": material} if isinstance(network, PosteriorModel) else {})
+        how["bubble"] = "field"  # what published values assume
         return which, Step(f"inferring {about.name}", infer_many, how, network.sha256)
     from cavirheo.inference.fit import fit_many
 
     law = "newtonian" if material == "newtonian" else fit
-    options |= {"material": law, "windows": False}
+    options |= {"material": law, "windows": False, "bubble": "field"}
     return f"least squares, {law}", Step(f"fitting {about.name}", fit_many, options)
 
 

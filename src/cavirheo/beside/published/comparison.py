@@ -91,7 +91,7 @@ class ComparedSet(Record):
         name: of the set.
         files: that were read.
         model: the network, or the fit, that answered it.
-        contents: of the bubble, by our answers.
+        bubbles: what our answers assume of the bubble, by name.
         settings: that the file of references gives for it.
         medium: the constants used, SI.
         report: its report.html, from the folder of the document; null where there is none.
@@ -109,7 +109,7 @@ class ComparedSet(Record):
     name: str
     files: list[str]
     model: str
-    contents: list[str] = []
+    bubbles: list[str] = []
     settings: dict[str, Any]
     medium: dict[str, Any]
     report: str | None
@@ -152,10 +152,9 @@ class Comparison(Document):
         return ((about, row) for about in self.sets for row in about.quantities or [ComparedQuantity()])
 
     @property
-    def contents(self) -> str:
-        """Of the bubble, in our answers: 'equilibrium (field's model)'."""
-        used = dict.fromkeys(name for about in self.sets for name in about.contents)
-        return ", ".join(f"{name} ({digits.CONTENTS.get(name, '')})" for name in used)
+    def bubbles(self) -> str:
+        """What our answers assume: "field's bubble"."""
+        return ", ".join(dict.fromkeys(name for about in self.sets for name in about.bubbles))
 
     @property
     def answers(self) -> list[str]:
@@ -178,7 +177,7 @@ def compared_set(
     rows = [_quantity(quantity, about, curves, references) for quantity in (G, MU)]
     return ComparedSet(
         name=about.name,
-        contents=list(dict.fromkeys(curve.contents for curve in curves if curve.answered)),
+        bubbles=list(dict.fromkeys(curve.bubble.title for curve in curves if curve.answered)),
         settings=about.settings,
         quantities=[row for row in rows if row.published or row.ours.mean is not None],  # a liquid has no G
         n_shots=len(curves),
@@ -331,7 +330,7 @@ def _key(comparison: Comparison) -> str:
     if comparison.reference_methods:
         words += f"Error to {' or '.join(comparison.reference_methods)}: |mean − its mean| / its mean, in %. "
     words += "RMSE: measured minus simulated, % of R_max, median (smallest–largest)."
-    return words + (f" Contents of the bubble: {comparison.contents}." if comparison.contents else "")
+    return words + (f" Our answers assume the {comparison.bubbles}." if comparison.bubbles else "")
 
 
 def _escaped(text: str) -> str:

@@ -42,8 +42,8 @@ def figure(comparison: Comparison) -> Figure:
     handles = {text: handle for axes in panels for handle, text in zip(*axes.get_legend_handles_labels(), strict=True)}
     order = sorted(handles, key=[*methods, TRUSTED, ALL, *handles].index)
     look: Any = {"loc": "outside upper center", "ncols": min(len(order), 4), "frameon": False, "fontsize": 9}
-    if comparison.contents:
-        drawing.supxlabel(f"{OURS}: contents of the bubble {comparison.contents}", fontsize=8, color=INK)
+    if comparison.bubbles:
+        drawing.supxlabel(f"{OURS}: {comparison.bubbles}", fontsize=8, color=INK)
     for text in drawing.legend([handles[text] for text in order], order, **look).get_texts():
         text.set_parse_math(False)
     return drawing

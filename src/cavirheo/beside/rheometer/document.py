@@ -165,13 +165,13 @@ def _bubbles(group: GroupRecord, curves: list[CurveRecord]) -> BesideRow:
     trusted = group.n_trusted  # None: a document from before means were over trusted answers alone
     counted = [c for c in curves if (c.answered if trusted is None else c.verdict == "ok")]
     methods = dict.fromkeys(curve.method for curve in curves)
-    contents = dict.fromkeys(f"{curve.contents} contents" for curve in curves if curve.answered)
+    bubbles = dict.fromkeys(curve.bubble.title for curve in curves if curve.answered)
     stretches = _known(curve.stretch.median for curve in counted)
     return _row(
         group,
         [curve.strain_rate_per_s for curve in counted],
         material=group.name,
-        method=f"bubble, {', '.join([*methods, *contents])}",
+        method=", ".join([*bubbles, *methods]) or "bubble",
         n=group.n if trusted is None else trusted,
         doubtful=group.n - group.verdicts.get("ok", 0),
         failed=group.n_failed,

@@ -12,6 +12,7 @@ from typing import Any, Concatenate, ParamSpec, Protocol
 import numpy as np
 from threadpoolctl import threadpool_limits
 
+from cavirheo.bubble import Bubble, Requested, bubbles_of, rival_of
 from cavirheo.curve import RadiusCurve, several
 from cavirheo.errors import expect_whole, require
 from cavirheo.inference import AUTO, check_level, doubts
@@ -27,7 +28,7 @@ from cavirheo.parallel import cores, each
 from cavirheo.parameters import LOG10, units
 from cavirheo.physics.media import WATER, Medium
 from cavirheo.physics.media import medium as named
-from cavirheo.posterior import CONTENTS, Bubble, Posterior
+from cavirheo.posterior import Posterior
 
 __all__ = ["fit", "fit_many"]
 
@@ -48,13 +49,7 @@ def fit_many(
     scale_bound: float = SCALE_BOUND,
     weights: str = "learnt",
     windows: bool = True,
-    contents: str = "equilibrium",
-    accommodation: float | str = "free",
-    damage: str = "none",
-    confinement_inertia: float | str = 0.0,
-    wall_distance: float | None = None,
-    vapour_excess: float | str = 0.0,
-    confinement_damping: float | str = 0.0,
+    bubble: Requested = "real",
     others: bool = True,
     draws: bool = True,
     joint: bool = False,
@@ -83,17 +78,10 @@ def fit_many(
         t0_bound: s, largest |t0|; default half a frame interval. scale_bound: largest deviation of the others from 1.
         weights: "equal", "motion" (frames count less where the wall moves fast) or "learnt" (the residuals tell).
         windows: fit windows of 1, 2, 3 and all collapses too, for comparison: `Posterior.windows`.
-        contents: of the bubble, "equilibrium" (the field's model), "kinetic" (vapour condenses at a finite rate), or
-            "auto": both, the evidence decides as for materials.
-        others: fit the other contents, too; what they and other valleys answer is in `Posterior.others`.
+        bubble: "real" (vapour condenses at a finite rate, and the surroundings damp the motion), "field" (equilibrium
+            contents, unbounded liquid), "auto" (both, and the evidence chooses as for materials), or a `Bubble`.
+        others: fit the other of these two bubbles, too; what it and other valleys answer is in `Posterior.others`.
         draws: without them a point alone, from one round of the search: where a verification can begin.
-        accommodation: of kinetic contents, above 0 and at most 10, or "free", from 0.01 to 1.
-        damage: "none"; "first-rebound": from there on the law has another modulus and stress-free radius; or "strain":
-            both follow the largest contraction so far.
-        confinement_inertia: as in `simulate`, or "free".
-        wall_distance: as in `simulate`.
-        vapour_excess: as in `simulate`, or "free".
-        confinement_damping: as in `simulate`, or "free".
         joint: curves of one group (meta "group") share the material; stretch and what is free are each shot's own.
         trust_input: doubts about the recording or its settings are said, but decide no verdict.
         verify: as that of `infer`; not of a joint fit, for it looks at each shot by itself.
@@ -116,26 +104,21 @@ def fit_many(
     require(not joint or verify == "none", told, "option.joint")
     expect_whole(seed, "seed", 0, "option.seed")
     curves, medium = several(curves), named(medium)
-    require(
-        contents in (*CONTENTS, "auto"),
-        f"contents must be {', '.join(CONTENTS)} or auto, got {contents!r}",
-        "option.contents",
-    )
-    told = "a joint fit is of one law and one model of the contents: leave out joint, or auto"
-    require(not joint or "auto" not in (material, contents), told, "option.joint_auto")
+    bubbles = bubbles_of(bubble)
+    told = "a joint fit is of one law and one bubble: leave out joint, or auto"
+    several_models = material == "auto" or len(bubbles) > 1
+    require(not joint or not several_models, told, "option.joint_auto")
     told = "without draws there is no evidence to choose by: leave out draws=False, or joint and auto"
-    require(draws or not (joint or "auto" in (material, contents)), told, "option.draws")
-    asked = CONTENTS if contents == "auto" else (contents,)
+    require(draws or not (joint or several_models), told, "option.draws")
 
-    given = Bubble(contents, accommodation, damage, confinement_inertia, wall_distance, vapour_excess, confinement_damping)
-
-    def options_of(way: str) -> Options:
-        clock, bubble = FREED if free is None else free, given.with_contents(way)
+    def options_of(bubble: Bubble) -> Options:
+        clock = FREED if free is None else free
         return Options(window, end, stretch, clock, t0_bound, scale_bound, weights, windows, bubble)
 
-    laws = softened(AUTO if material == "auto" else (material,), damage)
-    models = [(Family(law), options_of(way)) for law, way in product(laws, asked)]
-    check_wall(given, curves)
+    laws = softened(AUTO if material == "auto" else (material,), bubbles[0].damage)
+    models = [(Family(law), options_of(one)) for law, one in product(laws, bubbles)]
+    for one_bubble in bubbles:
+        check_wall(one_bubble, curves)
     threads = cores(workers)
     inner = max(threads // max(len(curves), 1), 1)
 
@@ -153,8 +136,9 @@ def fit_many(
         try:
             alone, rest = _simplest(_fitted(curve, models, medium, inner, seed, draws=draws))
             rejected = len(rest)
-            unasked = [way for way in CONTENTS if way not in asked] if others and alone.evidence else []
-            more = [(alone.shot.family, replace(options_of(way), windows=False)) for way in unasked]
+            rival = rival_of(alone.shot.options.bubble) if others and alone.evidence else None
+            unasked = [rival] if rival and rival not in bubbles else []
+            more = [(alone.shot.family, replace(options_of(one), windows=False)) for one in unasked]
             rest += _fitted(curve, more, medium, inner, seed, alone)
             answer = posterior(alone.fit, alone.found, alone.laplace, 0, alone, common(alone.shot), seed)
             beside = [posterior(one.fit, one.found, one.laplace, 0, one, {}, seed) for one in rest]

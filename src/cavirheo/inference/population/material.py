@@ -10,9 +10,10 @@ import numpy as np
 from scipy.special import expit
 
 from cavirheo.arrays import Floats
+from cavirheo.bubble import Bubble
 from cavirheo.errors import require
 from cavirheo.parameters import about, open_sides
-from cavirheo.posterior import Bubble, Evidence, in_words
+from cavirheo.posterior import Evidence, in_words
 from cavirheo.writing import digits, export
 from cavirheo.writing.document import Quantity
 
@@ -176,7 +177,7 @@ class Population:
     def against(self, other: Population) -> dict[str, Difference]:
         """This material over the other, by parameter that both have. Raises InputError: one has no draws.
 
-        Both must rest on one law and contents, and an error that they share (the radius scale) is in neither."""
+        Both must rest on one law and bubble, and an error that they share (the radius scale) is in neither."""
         found = {}
         for name in (name for name in self.names if name in other.names):
             mine, its = self.centre[:, self._column(name)], other.centre[:, other._column(name)]

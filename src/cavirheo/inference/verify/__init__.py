@@ -10,17 +10,17 @@ from typing import Any, TypedDict, Unpack
 import numpy as np
 from threadpoolctl import threadpool_limits
 
+from cavirheo.bubble import Requested, bubbles_of, rival_of
 from cavirheo.curve import RadiusCurve, several
 from cavirheo.errors import InputError, expect, reason
 from cavirheo.inference.doubts import doubted
 from cavirheo.inference.others import DECISIVE, chosen_among, compared, itself, model_of
 from cavirheo.inference.posterior_model import PosteriorModel
 from cavirheo.inference.verify.soon import glanced
-from cavirheo.inference.verify.tuning import TUNING
 from cavirheo.inference.verify.work import Level, Verification, Work
 from cavirheo.parallel import cores, each
 from cavirheo.physics.media import Medium
-from cavirheo.posterior import CONTENTS, OtherAnswer, Posterior, Verdict
+from cavirheo.posterior import OtherAnswer, Posterior, Verdict
 
 __all__ = ["Verification", "VerificationOptions", "verify", "verify_many"]
 
@@ -46,19 +46,19 @@ def verify(
     curve: RadiusCurve,
     answer: Posterior,
     *,
-    contents: str | None = None,
+    bubble: Requested | None = None,
     workers: int | None = None,
     **settings: Unpack[VerificationOptions],
 ) -> Posterior:
     """`verify_many` of one curve."""
-    return verify_many([curve], [answer], contents=contents, workers=workers, **settings)[0]
+    return verify_many([curve], [answer], bubble=bubble, workers=workers, **settings)[0]
 
 
 def verify_many(
     curves: Sequence[RadiusCurve],
     answers: Sequence[Posterior | Sequence[Posterior]],
     *,
-    contents: str | None = None,
+    bubble: Requested | None = None,
     workers: int | None = None,
     done: Callable[[int, Posterior], None] | None = None,
     **settings: Unpack[VerificationOptions],
@@ -67,9 +67,9 @@ def verify_many(
     likelihood has weighted; on all cores, in their order. `settings` are those of `Verification`.
 
     `done` is called with the index and the answer of each as it is found. Law and window are the answer's. A failed
-    answer stays as it is; one whose verification fails says so. contents: of the bubble, instead of the answer's; with
-    "auto" both are verified. Of several answers for a curve, or both contents, the simplest is given whose evidence is
-    not smaller than the largest by more than 3.
+    answer stays as it is; one whose verification fails says so. bubble: as of `infer`, instead of the answer's. Of
+    several answers for a curve, or several bubbles, the simplest is given whose evidence is not smaller than the
+    largest by more than 3.
     """
     curves = several(curves)
     candidates: list[Any] = [list(one) if isinstance(one, list | tuple) else [one] for one in answers]
@@ -78,11 +78,11 @@ def verify_many(
     inner = max(cores(workers) // max(len(curves), 1), 1)
     how: dict[str, Any] = {**settings}  # a medium by its name, too
     chosen = Verification(workers=inner, **how)
+    bubbles = () if bubble is None else bubbles_of(bubble)
 
     def one(pair: tuple[RadiusCurve, list[Posterior]]) -> Posterior:
         (curve, given), began = pair, time.perf_counter()
-        ways = CONTENTS if contents == "auto" else (contents,) if contents else ()
-        models = [replace(a, bubble=a.bubble.with_contents(way)) for a in given for way in ways] or given
+        models = [replace(a, bubble=one) for a in given for one in bubbles] or given
         found, problems = list[Posterior](), list[Posterior]()
         for model in models:
             if model.checks.verdict == "failed":
@@ -98,7 +98,7 @@ def verify_many(
             return replace(problems[0], seconds=problems[0].seconds + time.perf_counter() - began)
         best = _simplest(found)
         if len(models) == 1 and chosen.level == "auto":
-            best = replace(best, others=(*best.others, *_other_contents(chosen, curve, best)))
+            best = replace(best, others=(*best.others, *_other_bubble(chosen, curve, best)))
         told = "; ".join(filter(None, [best.checks.message, *chosen_among(best, found), *compared(best)]))
         doubts, checked = list(given[0].checks.doubts), given[0].checks.verdict != "check_input"
         checks = doubted(replace(best.checks, message=told), doubts, trust_input=checked)
@@ -121,17 +121,16 @@ def _simplest(found: Sequence[Posterior]) -> Posterior:
     return replace(best, others=(*others, *map(itself, rest)))
 
 
-def _other_contents(settings: Verification, curve: RadiusCurve, answer: Posterior) -> list[OtherAnswer]:
-    """What the other contents of the bubble answer at a glance, where these leave a misfit that is no noise and the
-    network knows the others."""
-    misfit = answer.diagnostics.predictive
-    if settings.network is None or not misfit or misfit["p_value"] >= TUNING.rejected:
+def _other_bubble(settings: Verification, curve: RadiusCurve, answer: Posterior) -> list[OtherAnswer]:
+    """What the field's bubble answers at a glance beside the real one, or the other way round; nothing where the
+    network does not know it."""
+    rival = rival_of(answer.bubble)
+    if settings.network is None or rival is None:
         return []
-    (way,) = set(CONTENTS) - {answer.bubble.contents}
     try:
-        work = Work(settings, curve, replace(answer, bubble=answer.bubble.with_contents(way)))
+        work = Work(settings, curve, replace(answer, bubble=rival))
         network = settings.network.proposal(work.shot, work.prior, settings.discrepancy)
         found = glanced(work.target, network, settings.seed)
-    except InputError:  # the network does not know them
+    except InputError:  # the network does not know it
         return []
     return [found] if found else []

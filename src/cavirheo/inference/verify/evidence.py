@@ -16,6 +16,7 @@ import numpy as np
 from scipy.special import softmax
 
 from cavirheo.arrays import Floats
+from cavirheo.bubble import REAL, Bubble, Requested, bubbles_of
 from cavirheo.curve import RadiusCurve, several
 from cavirheo.errors import require
 from cavirheo.inference import DEFAULT, infer_many
@@ -28,7 +29,7 @@ from cavirheo.inference.verify import verify_many
 from cavirheo.inference.verify.tuning import TUNING
 from cavirheo.parallel import Step
 from cavirheo.physics.media import WATER, Medium
-from cavirheo.posterior import Bubble, Evidence, Posterior
+from cavirheo.posterior import Evidence, Posterior
 
 
 @dataclass(frozen=True)
@@ -106,37 +107,28 @@ class Ranking:
         return self.contenders[0] if self.contenders else None
 
 
-_HURT = {"none": [], "first-rebound": ["damage"]}  # words of a model's name
-_MORE = {"kinetic": 1, "damage": 2, "damage by strain": 2}  # parameters by word
+Model = tuple[str, Bubble]  # law and bubble
 
 
-def models(
-    laws: Sequence[str],
-    contents: Sequence[str] = ("equilibrium",),
-    damage: Sequence[str] = ("none",),
-    *,
-    around: Bubble = Bubble(),  # noqa: B008  it is frozen
-) -> dict[str, dict[str, Any]]:
-    """Every law with all contents and damages, as `fit_many` takes them, by the name in a ranking: "nhkv", or
-    "nhkv, kinetic" where the contents are not the same in all, "nhkv, kinetic, damage". The rest of the bubble is as
-    `around` has it, in all of them; its accommodation in those of kinetic contents.
+def models(laws: Sequence[str], bubbles: Sequence[Bubble] = (REAL,)) -> dict[str, Model]:
+    """Every law with every bubble, by the name in a ranking: "nhkv", or "nhkv, real" where there are several bubbles.
 
     A law without an elastic part goes without damage. Raises InputError: fewer than two models, one twice, a law that
-    is unknown, an accommodation without kinetic contents.
+    is unknown, a number of a bubble out of its domain.
     """
-    told = f"give two or more different models to choose from, got {', '.join([*laws, *contents, *damage]) or 'none'}"
-    unlike = all(len(set(names)) == len(names) > 0 for names in (laws, contents, damage))
-    found: dict[str, dict[str, Any]] = {}
-    Options(bubble=replace(around, contents="kinetic" if "kinetic" in contents else "equilibrium"))
-    for law, content, hurt in product(laws, contents, damage) if unlike else ():
-        bubble = replace(around, contents="auto", damage=hurt).with_contents(content)
+    words = ", ".join([*laws, *(one.name for one in bubbles)]) or "none"
+    told = f"give two or more different models to choose from, got {words}"
+    unlike = all(len(set(several)) == len(several) > 0 for several in (laws, bubbles))
+    found: dict[str, Model] = {}
+    for law, bubble in product(laws, bubbles) if unlike else ():
         Options(bubble=bubble)
-        way = {"material": law, **vars(bubble)}
-        words = [law, *([content] if len(contents) > 1 else []), *_HURT.get(hurt, [f"damage by {hurt}"])]
-        if Family(law).elastic or hurt == "none":
-            found[", ".join(words)] = way
+        if Family(law).elastic or bubble.damage == "none":
+            found[f"{law}, {bubble.name}" if len(bubbles) > 1 else law] = law, bubble
     require(len(found) >= 2, told, "option.laws")
     return found
+
+
+_MORE = {"real": 2, "kinetic": 1, "damage": 2, "damage by strain": 2}  # parameters by word of a bubble's name
 
 
 def _size(model: str) -> int:
@@ -145,28 +137,20 @@ def _size(model: str) -> int:
     return len(Family(law).parameters) + sum(_MORE.get(word, 0) for word in more)
 
 
-def by_network(way: Mapping[str, Any], stretch: float | str | None = None) -> bool:
-    """Whether `infer_many` weighs this model of `models` from the draws of the shipped network, which takes a fraction
-    of a fit and what follows it."""
+def by_network(model: Model, stretch: float | str | None = None) -> bool:
+    """Whether `infer_many` weighs this model from the draws of the shipped network, which takes a fraction of a fit and
+    what follows it."""
     from cavirheo.inference.posterior_model import PosteriorModel, network_of
 
     network = network_of(DEFAULT)
-    known = isinstance(network, PosteriorModel) and network.knows(way["material"], way["contents"])
-    bubble = Bubble(**{name: value for name, value in way.items() if name != "material"})
-    return known and bubble.plain and not isinstance(stretch, str)
+    return isinstance(network, PosteriorModel) and network.knows(*model) and not isinstance(stretch, str)
 
 
 def rank_laws(
     curves: Sequence[RadiusCurve],
     laws: Sequence[str],
     *,
-    contents: Sequence[str] | str = ("equilibrium",),
-    damage: Sequence[str] | str = ("none",),
-    accommodation: float | str = "free",
-    confinement_inertia: float | str = 0.0,
-    wall_distance: float | None = None,
-    vapour_excess: float | str = 0.0,
-    confinement_damping: float | str = 0.0,
+    bubble: Requested = "real",
     medium: Medium = WATER,
     window: int | str | None = None,
     stretch: float | str | None = None,
@@ -177,9 +161,8 @@ def rank_laws(
     **options: Any,
 ) -> tuple[list[Ranking], list[Ranking]]:
     """The laws of each curve, and of each group of more than one: the sum over shots each with its own parameters.
-    With several `contents` or `damage` each law is taken with each of them (`models`); what is around the bubble
-    (`accommodation` to `confinement_damping`, as `fit_many` has them) is the same for all. What the shipped network knows is
-    weighed as `infer` does (`by_network`); another law is fitted, and if its Laplace evidence is far below the best
+    bubble: as of `infer`; of several, each law is taken with each of them (`models`). What the shipped network knows
+    is weighed as `infer` does (`by_network`); another law is fitted, and if its Laplace evidence is far below the best
     of its curve (TUNING.hopeless) it keeps that.
 
     `options` are those of `Verification`; `ranges` may hold parameters of some of the laws only. `done` is called with
@@ -187,14 +170,9 @@ def rank_laws(
     unknown, or a setting out of its domain.
     """
     laws = [laws] if isinstance(laws, str) else laws
-    contents, damage = ([one] if isinstance(one, str) else one for one in (contents, damage))
-    around = Bubble(
-        accommodation=accommodation, confinement_inertia=confinement_inertia, wall_distance=wall_distance,
-        vapour_excess=vapour_excess, confinement_damping=confinement_damping,
-    )  # fmt: skip
     shared: dict[str, Any] = {"medium": medium, "stretch": stretch, "seed": seed}
     curves = several(curves)
-    steps = plans(models(laws, contents, damage, around=around), window, trust_input, **shared, **options)
+    steps = plans(models(laws, bubbles_of(bubble)), window, trust_input, **shared, **options)
     found = weighed(curves, steps, _InMemory(workers))
     if done:
         for i, answer in (pair for answers in found.values() for pair in answers.items()):
@@ -203,7 +181,7 @@ def rank_laws(
 
 
 def plans(
-    chosen: Mapping[str, Mapping[str, Any]], window: int | str | None = None, trust_input: bool = False, *,
+    chosen: Mapping[str, Model], window: int | str | None = None, trust_input: bool = False, *,
     medium: Medium = WATER, stretch: float | str | None = None, seed: int = 0,
     ranges: Mapping[str, Sequence[float]] | None = None, **options: Any,
 ) -> dict[str, tuple[Step, ...]]:  # fmt: skip
@@ -213,22 +191,22 @@ def plans(
     shared = {"medium": medium, "stretch": stretch, "seed": seed}
     asked = {"window": window, "trust_input": trust_input, **shared}
     found: dict[str, tuple[Step, ...]] = {}
-    for law, way in chosen.items():
-        if not ranges and options.keys() <= {"draws", "discrepancy"} and by_network(way, stretch):
-            inferring = {"material": way["material"], "contents": way["contents"], **asked, **options}
-            found[law] = (Step(f"weighing {law}", infer_many, inferring),)
+    for name, (law, bubble) in chosen.items():
+        model = {"material": law, "bubble": bubble}
+        if not ranges and options.keys() <= {"draws", "discrepancy"} and by_network((law, bubble), stretch):
+            found[name] = (Step(f"weighing {name}", infer_many, {**model, **asked, **options}),)
             continue
-        known = (*Family(way["material"]).parameters, "stretch")
-        fitting = {**way, **asked, "windows": False, "others": False, "draws": False}
+        known = (*Family(law).parameters, "stretch")
+        fitting = {**model, **asked, "windows": False, "others": False, "draws": False}
         weighing = {
             **shared,
-            "ranges": {name: pair for name, pair in (ranges or {}).items() if name in known},
+            "ranges": {parameter: pair for parameter, pair in (ranges or {}).items() if parameter in known},
             **options,
         }
         climbing = {**weighing, "level": "map", "scanned": TUNING.law_scanned}
-        found[law] = (
-            Step(f"fitting {law}", fit_many, fitting), Step(f"climbing {law}", verify_many, climbing),
-            Step(f"weighing {law}", verify_many, {**weighing, "level": "auto"}),
+        found[name] = (
+            Step(f"fitting {name}", fit_many, fitting), Step(f"climbing {name}", verify_many, climbing),
+            Step(f"weighing {name}", verify_many, {**weighing, "level": "auto"}),
         )  # fmt: skip
     return found
 

@@ -9,6 +9,7 @@ from typing import Any, Literal
 import numpy as np
 
 from cavirheo.arrays import Floats, log_sum
+from cavirheo.bubble import FIELD, Bubble
 from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError, SolverError, expect, expect_whole, require
 from cavirheo.inference.experiment import FINE, Experiment
@@ -29,7 +30,7 @@ from cavirheo.parameters import natural_name, units
 from cavirheo.physics.media import WATER, Medium
 from cavirheo.physics.media import medium as named
 from cavirheo.physics.scales import ACCOMMODATION
-from cavirheo.posterior import Bubble, Diagnostics, Evidence, OtherAnswer, Posterior, Verdict
+from cavirheo.posterior import Diagnostics, Evidence, OtherAnswer, Posterior, Verdict
 from cavirheo.prior import log_normal
 
 _CARRIED = ("cavirheo", "medium", "model", "model_sha256", "problem_id", "source_sha256", "windows", "options")
@@ -81,7 +82,7 @@ class Verification:
         expect_whole(self.draws, "draws of a posterior", 10, "option.draws")
         expect_whole(self.seed, "seed", 0, "option.seed")
         expect(self.ranges or {}, Mapping, 'ranges such as {"shear_modulus": [1e2, 1e5]}')
-        self.options(None, Bubble())
+        self.options(None, FIELD)
 
     def options(self, end: float | None, bubble: Bubble) -> Options:
         """Of the experiment on a window that ends at `end`, s. Raises InputError."""

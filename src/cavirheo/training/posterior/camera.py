@@ -3,7 +3,8 @@
 Each time that a curve is shown, another camera films it: 20 to 400 frames at 0.1 to 10 us, any phase of the clock,
 exposures of up to a frame, a scale that is wrong by half a per cent, noise of 0.1 to 5 % of R_max (or hardly any),
 in half of them a slow discrepancy of radius and clock (inference/noise.py), frames that are missing, growth recorded or
-not, and any end after the first collapse. Compiled, for it takes place before every step of the training.
+not (then R_max lies up to a frame from the first one), and any end after the first collapse. Compiled, for it takes
+place before every step of the training.
 """
 
 # ruff: noqa: NPY002  compiled code has a generator of its own, which each call seeds
@@ -30,7 +31,7 @@ _ROOM = 3 * MOST
 
 @dataclass(frozen=True)
 class Filmed:
-    """inputs: (m, SIZE). z: (m, 8). kind: (m,). discrepancy: (m,) 0 or 1. noise: (m,) true size of the white part."""
+    """inputs: (m, SIZE). z: (m, 9). kind: (m,). discrepancy: (m,) 0 or 1. noise: (m,) true size of the white part."""
 
     inputs: NDArray[np.float32]
     z: NDArray[np.float32]
@@ -45,23 +46,23 @@ def film(shots: CurveStore, index: NDArray[np.int64], seed: int) -> Filmed:
     top = shots.max_radius[index].astype(float)
     t_c = WATER.time_scale(1.0) * top
     time, radius = np.empty((m, _ROOM)), np.empty((m, _ROOM))
-    about = np.zeros((m, 9))
+    about = np.zeros((m, 10))
     _film(shots.time[index], shots.radius[index], t_c, seed, time, radius, about)
     read, frame, noise = about[:, 2], about[:, 3], about[:, 5]
     with np.errstate(divide="ignore", invalid="ignore"):
-        width_t, width_r = half_widths(frame / read, noise)
-        late, more = -about[:, 1] / read / width_t, (1.0 / read - 1.0) / width_r
-    good = (about[:, 0] > 0) & (np.abs(late) < 1.0) & (np.abs(more) < 1.0)  # what the priors allow
-    count, _, read, frame, exposure, noise, discrepancy, scale, true_noise = about[good].T
+        width_t, width_r = half_widths(frame / read, noise, about[:, 9])
+        early, more = -about[:, 1] / read / width_t, (1.0 / read - 1.0) / width_r
+    good = (about[:, 0] > 0) & (np.abs(early) < 1.0) & (np.abs(more) < 1.0)  # what the priors allow
+    count, _, read, frame, exposure, noise, discrepancy, scale, true_noise, late = about[good].T
     count = count.astype(np.int64)
     sample = np.repeat(np.arange(len(count)), count)
     flat = np.concatenate([np.arange(c) for c in count]) if len(count) else np.empty(0, np.int64)
     rows = np.flatnonzero(good)[sample]
     given = {"max_radius": top[good] * read / scale, "frame": frame / read, "exposure": exposure / read, "noise": noise}
-    inputs = cells(sample, time[rows, flat], radius[rows, flat], discrepancy=discrepancy, **given)
+    inputs = cells(sample, time[rows, flat], radius[rows, flat], discrepancy=discrepancy, late=late, **given)
     z = shots.z[index][good].copy()
     z[:, SLOTS.index("max_radius_factor")] = 3.0 * more[good]
-    z[:, SLOTS.index("time_origin")] = late[good]
+    z[:, SLOTS.index("time_origin")] = early[good]
     z[:, SLOTS.index("radius_scale")] = (scale - 1.0) / SCALE
     kind = shots.kind[index][good].astype(np.int64)
     return Filmed(inputs, z, kind, discrepancy.astype(np.float32), true_noise)
@@ -91,8 +92,9 @@ def _solve(a: float, b: float, c: float, d: float, e: float, f: float, x: float,
 
 
 @compiled
-def _maximum(time: Any, radius: Any, n: int) -> tuple[float, float]:
-    """(time, radius) of the maximum as landmarks.fit_maximum reads it, without skew; radius 0 if there is none."""
+def _maximum(time: Any, radius: Any, n: int) -> tuple[float, float, float]:
+    """(time, radius, 1 if no growth is seen) of the maximum as landmarks.fit_maximum reads it, without skew; radius 0
+    if there is none."""
     smooth = np.empty(n)
     for i in range(n):
         a, b, c = radius[max(i - 1, 0)], radius[i], radius[min(i + 1, n - 1)]
@@ -114,7 +116,7 @@ def _maximum(time: Any, radius: Any, n: int) -> tuple[float, float]:
     while last < n and smooth[last] > level:
         last += 1
     if last == n:
-        return 0.0, 0.0
+        return 0.0, 0.0, 0.0
     first = peak
     while first > 0 and smooth[first - 1] > level:
         first -= 1
@@ -123,7 +125,7 @@ def _maximum(time: Any, radius: Any, n: int) -> tuple[float, float]:
         first, last = max(peak - 1, 0), min(peak + 3, n)
     unit = time[last - 1] - time[first]
     if not unit > 0:
-        return 0.0, 0.0
+        return 0.0, 0.0, 0.0
     zero, one = time[peak], smooth[peak]
     s0 = s1 = s2 = s3 = s4 = r0 = r1 = r2 = 0.0  # the parabola through them
     top = 0.0
@@ -158,8 +160,8 @@ def _maximum(time: Any, radius: Any, n: int) -> tuple[float, float]:
         top += d0
         a = max(a + min(max(d1, -0.5 * a), a), 1e-6)
     if not (0.9 < top < 1.15 and start - 1.0 <= centre <= stop):
-        return 0.0, 0.0
-    return zero + centre * unit, top * one
+        return 0.0, 0.0, 0.0
+    return zero + centre * unit, top * one, 0.0 if grown else 1.0
 
 
 @compiled
@@ -192,7 +194,7 @@ def _film(nodes: Any, values: Any, t_c: Any, seed: int, out_time: Any, out_radiu
         slowest = np.log(max(min(SLOWEST / t_c[m], end / FEWEST), end / MOST * 1.01))
         frame = np.exp(quickest + (slowest - quickest) * np.random.random())
         grows = np.random.random() < 0.6
-        phase = np.random.random() - 0.5
+        phase = np.random.random() - 0.5 if grows else 2.0 * np.random.random() - 1.0
         before = int(min(1.0 + 8.0 * np.random.random(), 3.0 / frame, 60.0)) if grows else 0
         if grows:
             before = int(min(max(before, 0.6 / frame * np.random.random() + 1.0), 200.0))
@@ -246,7 +248,7 @@ def _film(nodes: Any, values: Any, t_c: Any, seed: int, out_time: Any, out_radiu
             kept += 1
         if kept < 12:
             continue
-        origin, read = _maximum(time, radius, kept)
+        origin, read, no_growth = _maximum(time, radius, kept)
         if read < 0.7 or read > 1.4:
             continue
         first = 0
@@ -264,3 +266,4 @@ def _film(nodes: Any, values: Any, t_c: Any, seed: int, out_time: Any, out_radiu
         noise = 1.4826 * np.sort(third[: left - 3])[(left - 3) // 2] / np.sqrt(20.0)
         about[m, 0], about[m, 1], about[m, 2], about[m, 3], about[m, 4] = left, origin, read, frame, exposure
         about[m, 5], about[m, 6], about[m, 7], about[m, 8] = noise, 1.0 if disturbed else 0.0, scale, white
+        about[m, 9] = no_growth

@@ -39,10 +39,11 @@ _HALVED = 1000  # numbers in an array, from which it is kept at half precision
 class Answering(nn.Module):
     """Draws of one recording, or given ones, and their density.
 
-    cells: (1, SIZE). kind: (1, kinds), zeros and a one. has: (8,) 1 for the slots of that kind, else 0. choice: (draws,
-    8, parts) from Gumbel's distribution and normal: (draws, 8) from the standard normal one, of which draws are made.
-    given: (draws, 8), taken instead where `take` (1,) is 1. Returns z (draws, 8), log density (draws,) and log odds of
-    the kinds (1, kinds).
+    cells: (1, SIZE). kind: (1, kinds), zeros and a one. has: (9,) 1 for the slots of that kind, else 0. counted: (9,) 1
+    for the slots whose density is asked for. choice: (draws, 9, parts) from Gumbel's distribution and normal: (draws,
+    9) from the standard normal one, of which draws are made. given: (draws, 9), taken instead where `take` (9,) is 1.
+    Returns z (draws, 9), log density of the counted slots given those before them (draws,), and log odds of the kinds
+    (1, kinds).
     """
 
     def __init__(self, network: PosteriorNetwork) -> None:
@@ -50,8 +51,9 @@ class Answering(nn.Module):
         self.network = network
 
     def forward(
-        self, cells: Tensor, kind: Tensor, has: Tensor, choice: Tensor, normal: Tensor, given: Tensor, take: Tensor
-    ) -> tuple[Tensor, ...]:
+        self, cells: Tensor, kind: Tensor, has: Tensor, counted: Tensor, choice: Tensor, normal: Tensor, given: Tensor,
+        take: Tensor,
+    ) -> tuple[Tensor, ...]:  # fmt: skip
         net = self.network
         read, guess = net.encode(cells)
         read = read + torch.einsum("bk,kdh->bdh", kind, net.kind)
@@ -61,9 +63,9 @@ class Answering(nn.Module):
             share, mean, width = net.slot(k, read[:, k].expand(normal.shape[0], -1), found)
             part = torch.argmax(share + choice[:, k], dim=1, keepdim=True)
             at = torch.gather(mean, 1, part)[:, 0], torch.gather(width, 1, part)[:, 0]
-            z = take * given[:, k] + (1.0 - take) * (at[0] + torch.exp(at[1]) * normal[:, k])
+            z = take[k] * given[:, k] + (1.0 - take[k]) * (at[0] + torch.exp(at[1]) * normal[:, k])
             terms = share - width - 0.5 * (((z[:, None] - mean) * torch.exp(-width)) ** 2 + LOG_2PI)
-            log_density = log_density + has[k] * torch.logsumexp(terms, dim=1)
+            log_density = log_density + counted[k] * torch.logsumexp(terms, dim=1)
             found.append(has[k] * z)
         return torch.stack(found, dim=1), log_density, torch.log_softmax(guess, dim=-1)
 
@@ -138,7 +140,9 @@ def coverage(
         uniform = torch.rand((draws, len(SLOTS), network.parts), generator=rng).clamp(1e-9)
         normal, cells = torch.randn((draws, len(SLOTS)), generator=rng), torch.from_numpy(check.inputs[i : i + 1])
         one = torch.eye(len(kinds))[kind : kind + 1]
-        z, _, _ = answering(cells, one, has, -torch.log(-torch.log(uniform)), normal, normal, torch.zeros(1))
+        z, _, _ = answering(
+            cells, one, has, has, -torch.log(-torch.log(uniform)), normal, normal, torch.zeros(len(SLOTS))
+        )
         below = (z < torch.from_numpy(check.z[i])).float().mean(dim=0)
         for k in used(*kinds[kind]):
             inside[SLOTS[k]].append(float(below[k]))
@@ -155,16 +159,16 @@ def write_onnx(network: PosteriorNetwork, path: Path) -> None:
     logging.getLogger("torch.onnx").setLevel(logging.ERROR)
     kinds = len(network.kind)
     d = len(SLOTS)
-    random = torch.zeros(5, d, network.parts), torch.zeros(5, d), torch.zeros(5, d), torch.zeros(1)
-    example = torch.zeros(1, SIZE), torch.zeros(1, kinds), torch.ones(d), *random
+    random = torch.zeros(5, d, network.parts), torch.zeros(5, d), torch.zeros(5, d), torch.zeros(d)
+    example = torch.zeros(1, SIZE), torch.zeros(1, kinds), torch.ones(d), torch.ones(d), *random
     draws = torch.export.Dim("draws", min=2)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         program = torch.onnx.export(
             Answering(network.eval()), example,
-            input_names=["cells", "kind", "has", "choice", "normal", "given", "take"],
+            input_names=list(INPUTS),
             output_names=["z", "log_density", "guess"], opset_version=OPSET, dynamo=True, verbose=False,
-            dynamic_shapes=(None, None, None, {0: draws}, {0: draws}, {0: draws}, None),
+            dynamic_shapes=(None, None, None, None, {0: draws}, {0: draws}, {0: draws}, None),
         )  # fmt: skip
     assert program is not None
     content = without_notes(program.model_proto)

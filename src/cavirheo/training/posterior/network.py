@@ -24,7 +24,7 @@ class _Residual(nn.Module):
 
 
 class PosteriorNetwork(nn.Module):
-    """Density of the slots z of one of `kinds` laws and contents, given a recording's cells.
+    """Density of the slots z of one of `kinds` laws and bubbles, given a recording's cells.
 
     Slot k is a mixture of `parts` Gaussians whose shares, means and widths a small network makes of what the encoder
     read, the kind, and the slots before it. One encoder reads for all kinds.
@@ -51,7 +51,7 @@ class PosteriorNetwork(nn.Module):
         self.register_buffer("earlier", torch.tril(torch.ones(d, d), -1)[:, :, None])
 
     def encode(self, inputs: Tensor) -> tuple[Tensor, Tensor]:
-        """(m, 8, hidden) of inputs (m, SIZE), and (m, kinds) log odds of the kinds."""
+        """(m, 9, hidden) of inputs (m, SIZE), and (m, kinds) log odds of the kinds."""
         x = self.first(inputs)
         for block in self.blocks:
             x = block(x)
@@ -59,8 +59,8 @@ class PosteriorNetwork(nn.Module):
         return self.read(x).unflatten(1, (len(SLOTS), -1)), self.guess(x)
 
     def mixtures(self, read: Tensor, kind: Tensor, z: Tensor) -> tuple[Tensor, Tensor, Tensor]:
-        """Log shares, means and log widths, each (m, 8, parts), of each slot given the slots before it in z (m, 8);
-        read (m, 8, hidden), kind (m,)."""
+        """Log shares, means and log widths, each (m, 9, parts), of each slot given the slots before it in z (m, 9);
+        read (m, 9, hidden), kind (m,)."""
         before = self.before * self.earlier  # [k, j]: of slot j for slot k
         hidden = read + self.kind[kind] + torch.einsum("mj,kjh->mkh", z.clamp(-6.0, 6.0), before)
         hidden = nn.functional.silu(hidden)
@@ -77,7 +77,7 @@ class PosteriorNetwork(nn.Module):
         return _parts(hidden @ self.out[k] + self.out_bias[k])
 
     def log_density(self, read: Tensor, kind: Tensor, z: Tensor) -> Tensor:
-        """(m, 8) of each slot in z, given those before it."""
+        """(m, 9) of each slot in z, given those before it."""
         share, mean, width = self.mixtures(read, kind, z)
         off = (z[:, :, None] - mean) * torch.exp(-width)
         return torch.logsumexp(share - width - 0.5 * (off**2 + LOG_2PI), dim=-1)

@@ -5,16 +5,15 @@ from __future__ import annotations
 import tomllib
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Annotated, Any, ClassVar
+from typing import Annotated, Any, ClassVar, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, PositiveFloat, PositiveInt, ValidationError
 
 from cavirheo.errors import InputError, explained, require
 from cavirheo.files import read_bytes
 from cavirheo.inference.law import Family
-from cavirheo.inference.slots import SLOTS, used
+from cavirheo.inference.slots import BUBBLES, CAMERA, SLOTS, used
 from cavirheo.parameters import PARAMETERS
-from cavirheo.physics.scales import CONTENTS
 from cavirheo.training.recipe import LARGEST, DataTable, ExportTable, Seed
 
 
@@ -34,18 +33,19 @@ class More(_Table):
 
 
 class PosteriorTable(_Table):
-    """laws: share of the curves by name. contents: of the bubble, equally often. max_radius_um: ends of its range.
-    more: where a share of the curves is drawn from."""
+    """laws, bubbles: shares of the curves by name. max_radius_um: ends of its range. more: where a share of the curves
+    is drawn from."""
 
     laws: dict[str, PositiveFloat] = Field(min_length=1)
-    contents: tuple[str, ...] = Field(CONTENTS, min_length=1)
+    bubbles: dict[Literal["field", "real"], PositiveFloat] = Field({"field": 0.35, "real": 0.65}, min_length=1)
     max_radius_um: tuple[PositiveFloat, PositiveFloat] = (25.0, 650.0)
     more: More | None = None
 
     @property
     def kinds(self) -> list[tuple[str, str, float]]:
-        """(law, contents, share) in the network's order."""
-        return [(law, way, share / len(self.contents)) for law, share in self.laws.items() for way in self.contents]
+        """(law, bubble, share) in the network's order."""
+        laws, bubbles = self.laws.items(), self.bubbles.items()
+        return [(law, bubble, share * of_bubble) for law, share in laws for bubble, of_bubble in bubbles]
 
 
 class Sizes(_Table):
@@ -88,11 +88,16 @@ class PosteriorRecipe(_Table):
         return self.posterior.model_dump(mode="json", exclude_none=True)
 
 
+def searched(law: str, bubble: str) -> tuple[str, ...]:
+    """What is drawn uniformly in log10 for a curve of this law and bubble, R_max apart."""
+    return (*Family(law).parameters, "stretch", *(["accommodation"] if "accommodation" in BUBBLES[bubble] else []))
+
+
 def _check_more(table: PosteriorTable) -> None:
     """Raises InputError: a range of what is not drawn, or beyond that which is."""
     known = {"max_radius": tuple(1e-6 * end for end in table.max_radius_um)}
-    for law, contents, _ in table.kinds:
-        names = [*Family(law).parameters, "stretch", *(["accommodation"] if contents == "kinetic" else [])]
+    for law, bubble, _ in table.kinds:
+        names = searched(law, bubble)
         known |= {name: tuple(10.0**end for end in PARAMETERS[name].searched or ()) for name in names}
     for name, pair in ((table.more.model_extra or {}) if table.more else {}).items():
         told = f"more.{name} must be one of {', '.join(known)}, with [low, high] in its range, got {pair}"
@@ -119,11 +124,10 @@ def posterior_recipe(path: str | Path) -> PosteriorRecipe | None:
         low, high = recipe.posterior.max_radius_um
         require(low < high, f"max_radius_um must be [low, high] with low < high, got {low:g}, {high:g}", "recipe.value")
         _check_more(recipe.posterior)
-        for law, contents, _ in recipe.posterior.kinds:
-            require(contents in CONTENTS, f"contents must be {' or '.join(CONTENTS)}, got {contents!r}", "recipe.value")
+        for law, bubble, _ in recipe.posterior.kinds:
             try:
-                own = [*Family(law).parameters, "stretch", *(["accommodation"] if contents == "kinetic" else [])]
-                fits = len(used(law, contents)) == len(own) + len(SLOTS) - 5
+                own = {*Family(law).parameters, "stretch", *BUBBLES[bubble], *CAMERA}
+                fits = len({*used(law, bubble)}) == len(own)
             except ValueError:
                 fits = False
             told = f"the law {law!r} has parameters that share a slot or have none (slots: {', '.join(SLOTS)})"

@@ -17,12 +17,13 @@ from typing import Any
 import h5py
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import ndtri
 
 from cavirheo.arrays import Floats
 from cavirheo.errors import InputError, require
 from cavirheo.inference.cells import END
 from cavirheo.inference.law import Family
-from cavirheo.inference.slots import SLOTS, to_slots
+from cavirheo.inference.slots import SLOTS, damping, slot, to_slots
 from cavirheo.parallel import Executor, Threads
 from cavirheo.parameters import PARAMETERS
 from cavirheo.physics.media import WATER
@@ -30,7 +31,7 @@ from cavirheo.physics.simulate import ROUGH, simulate
 from cavirheo.prior import uniforms
 from cavirheo.reading import limits
 from cavirheo.training.dataset import Generated
-from cavirheo.training.posterior.recipe import More, PosteriorRecipe
+from cavirheo.training.posterior.recipe import More, PosteriorRecipe, searched
 from cavirheo.training.rows import StoredRows
 from cavirheo.training.shards import Survey, fill, size_and_sha256, write_hdf5
 from cavirheo.writing.document import into
@@ -49,8 +50,8 @@ _COLUMNS = {"time": np.uint16, "radius": np.uint16, "z": np.float32, "kind": np.
 
 @dataclass(frozen=True)
 class CurveStore:
-    """Many curves. time, radius: (n, NODES) as whole numbers, perhaps on the disk; z: (n, 8) slots; kind: (n,) index of
-    law and contents; max_radius: (n,) m."""
+    """Many curves. time, radius: (n, NODES) as whole numbers, perhaps on the disk; z: (n, 9) slots; kind: (n,) index of
+    law and bubble; max_radius: (n,) m."""
 
     time: NDArray[np.uint16] | StoredRows
     radius: NDArray[np.uint16] | StoredRows
@@ -74,12 +75,11 @@ def _curve(
     often: More | None = None,
 ) -> tuple[Any, ...] | None:
     """Curve `index`: (time, radius, z, kind, max_radius), or None if its simulation failed."""
-    draws = uniforms(seed, index, 8)
+    draws = uniforms(seed, index, 9)
     shares = np.cumsum([share for *_, share in kinds])
     kind = int(np.searchsorted(shares, draws[0] * shares[-1], side="right"))
-    law, contents, _ = kinds[kind]
-    family = Family(law)
-    names = (*family.parameters, "stretch", *(["accommodation"] if contents == "kinetic" else []))
+    law, bubble, _ = kinds[kind]
+    family, names = Family(law), searched(law, bubble)
     bounds = np.array([PARAMETERS[name].searched for name in names])
     if often is not None and draws[7] < often.share:
         radii = often.ranges.get("max_radius", radii)
@@ -87,13 +87,18 @@ def _curve(
             bounds[i] = np.log10(often.ranges[name]) if name in often.ranges else bounds[i]
     log10 = bounds[:, 0] + draws[2 : 2 + len(names)] * (bounds[:, 1] - bounds[:, 0])
     max_radius = float(radii[0] * (radii[1] / radii[0]) ** draws[1])
-    more: dict[str, Any] = {"accommodation": float(10.0 ** log10[-1])} if contents == "kinetic" else {}
+    z = to_slots(names, log10[None])[0]
+    more: dict[str, Any] = {}
+    if bubble == "real":
+        z[slot("confinement_damping")] = ndtri(draws[8])
+        more = {"contents": "kinetic", "accommodation": float(10.0 ** log10[-1])}
+        more["confinement_damping"] = float(damping(z[slot("confinement_damping")]))
     law_size = len(family.parameters)
     times = np.linspace(0.0, END, STEPS + 1) * WATER.time_scale(max_radius)
     try:
         run = simulate(
             family.material(log10[:law_size]), max_radius=max_radius, stretch=float(10.0 ** log10[law_size]),
-            time=times, contents=contents, throw=False, **more, **ROUGH,
+            time=times, throw=False, **more, **ROUGH,
         )  # fmt: skip
     except InputError:
         return None
@@ -102,7 +107,7 @@ def _curve(
     radius = run.radius / max_radius
     chosen = nodes(radius)
     kept = np.round(np.clip(radius[chosen] / TOP, 0.0, 1.0) * 65535).astype(np.uint16)
-    return chosen.astype(np.uint16), kept, to_slots(names, log10[None])[0], kind, max_radius
+    return chosen.astype(np.uint16), kept, z, kind, max_radius
 
 
 def nodes(radius: Floats) -> NDArray[np.int64]:
@@ -208,7 +213,8 @@ def survey(data_dir: str | Path) -> Survey:
     settings, total = json.loads(head["posterior"]), int(head["total"])
     low, high = settings["max_radius_um"]
     about = [f"{law}: {share:.0%} of the curves" for law, share in settings["laws"].items()]
-    about.append(f"contents {', '.join(settings['contents'])}; R_max {low:g} to {high:g} um")
+    about += [f"bubble {name}: {share:.0%}" for name, share in settings["bubbles"].items()]
+    about.append(f"R_max {low:g} to {high:g} um")
     statuses = {"ok": good} | ({"failed, left out": failed} if failed else {})
     told = str(head["made_by"]), int(head["seed"]), total, about, statuses
     return Survey(*told, len(paths), -(-total // SHARD) - len(paths), *size_and_sha256(paths))

@@ -35,7 +35,7 @@ CLIP = 2.0
 
 
 def masks(kinds: Sequence[tuple[str, str]]) -> Tensor:
-    """(kinds, 8) which slots a kind has."""
+    """(kinds, 9) which slots a kind has."""
     found = torch.zeros(len(kinds), len(SLOTS))
     for i, kind in enumerate(kinds):
         found[i, used(*kind)] = 1.0
@@ -48,7 +48,7 @@ class PosteriorTraining:
     def __init__(self, recipe: PosteriorRecipe, shots: CurveStore, folder: Path) -> None:
         schedule = recipe.training
         torch.manual_seed(schedule.seed)
-        kinds = [(law, contents) for law, contents, _ in recipe.posterior.kinds]
+        kinds = [(law, bubble) for law, bubble, _ in recipe.posterior.kinds]
         self.shots, self.kinds, self.folder, self.schedule = shots, kinds, folder, schedule
         self.identity = recipe.settings() | recipe.network.model_dump() | {"curves": len(shots.kind)}
         self.network = PosteriorNetwork(len(kinds), **recipe.network.model_dump())
