@@ -35,7 +35,7 @@ ARMS = Viscoelastic(NeoHookean(1e3), Newtonian(0.01), (Maxwell(0.1, 2e-6), Upper
         ("zener(7e3, 0.1, 2e-6)", Zener(7e3, 0.1, 2e-6)),
         (
             "qsls(7e3, 0.1, 2e-6, stiffening=0.3) + newtonian(0.01)",
-            Viscoelastic(Quadratic(7e3, 0.3), Newtonian(0.01), [TotalRelaxation(0.1, 2e-6)]),
+            Viscoelastic(Quadratic(7e3, 0.3), Newtonian(0.01), [TotalRelaxation(0.1, 2e-6, grown=False)]),
         ),
         ("ucm(0.1, relaxation_time=2e-6)", UpperConvectedMaxwell(0.1, 2e-6)),
         ("maxwell(0.1, 2e-6) + nhkv(1e3, 0.01) + ucm(0.2, 1e-5)", ARMS),

@@ -12,6 +12,7 @@ from cavirheo.errors import InputError, SolverError
 from cavirheo.physics import growth
 from cavirheo.physics.elastic import Fung, Gent, Linear, NeoHookean, Quadratic
 from cavirheo.physics.growth import remembered
+from cavirheo.physics.laws import parse
 from cavirheo.physics.materials import (
     NeoHookeanKelvinVoigt,
     OldroydB,
@@ -234,15 +235,26 @@ def test_total_stress_relaxes_as_the_field_writes_it(stiffening, retardation):
 def test_without_relaxation_time_it_is_the_spring_beside_the_dashpot(start, stiffening):
     """Without sound, where the start has no stress: with sound the stress that comes within tau kicks the wall by
     S/(rho c), however short tau is."""
-    parent = QuadraticKelvinVoigt(5e3, 0.05, stiffening)
+    parent, spring = QuadraticKelvinVoigt(5e3, 0.05, stiffening), Quadratic(5e3, stiffening)
     expected = simulate(parent, motion=start["motion"], **GEL).radius
     found = [
-        simulate(QuadraticStandardLinearSolid(5e3, 0.05, tau, stiffening), **start, **GEL).radius
+        simulate(Viscoelastic(spring, None, [TotalRelaxation(0.05, tau)]), **start, **GEL).radius
         for tau in (1e-8, 1e-9, 1e-10)
     ]
     errors = [np.abs(radius - expected).max() / 150e-6 for radius in found]
     assert errors[2] < 1e-3
     assert errors[1] < 0.2 * errors[0]
+
+
+@pytest.mark.parametrize("beside", ["", " + newtonian(0.01)", " + ucm(0.1, 3e-6)"])
+def test_the_fields_law_starts_without_stress(beside):
+    """Of spring and dashpot; other arms keep what the growth left in them."""
+    law = parse(f"qsls(5e3, 0.05, 3e-6, 0.02){beside}")
+    start, relaxed = (simulate(law, relaxed=relaxed, **GEL).stress[0] for relaxed in (False, True))
+    assert relaxed == 0
+    assert (start == 0) == ("ucm" not in beside)
+    open_to_growth = Viscoelastic(Quadratic(5e3, 0.02), law.viscous, [TotalRelaxation(0.05, 3e-6), *law.memory[1:]])
+    assert simulate(open_to_growth, **GEL).stress[0] < start - 1e3
 
 
 def test_of_a_linear_spring_it_is_a_spring_beside_an_arm():

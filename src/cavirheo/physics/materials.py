@@ -131,10 +131,10 @@ class StandardLinearSolid(Zener):
 class QuadraticStandardLinearSolid(Material):
     """qSLS: the stress of a quadratic spring and a dashpot together relaxes at a fixed place, the field's Zener model.
 
-    For tau -> 0 it is qKV. With stiffening 0 it is IMRv2's `stress = 3`, else its `stress = 4`, both without
-    retardation; a dashpot beside it ("qsls + newtonian") is the retardation. Their bubbles start without any stress:
-    `simulate(..., relaxed=True)`. Hua and Johnsen 2013, doi:10.1063/1.4817673, with the spring of Yang et al. 2020,
-    doi:10.1016/j.eml.2020.100839.
+    With stiffening 0 it is IMRv2's `stress = 3`, else its `stress = 4`, both without retardation; a dashpot beside it
+    ("qsls + newtonian") is the retardation. As there the bubble starts without any stress, also that of the spring
+    (`TotalRelaxation` in physics/memory.py leaves the choice). Hua and Johnsen 2013, doi:10.1063/1.4817673, with the
+    spring of Yang et al. 2020, doi:10.1016/j.eml.2020.100839.
     """
 
     shear_modulus: float = field(metadata=NOT_NEGATIVE)
@@ -144,7 +144,7 @@ class QuadraticStandardLinearSolid(Material):
     name: ClassVar[str] = "qsls"
 
     def parts(self) -> Parts:
-        arm = TotalRelaxation(self.viscosity, self.relaxation_time)
+        arm = TotalRelaxation(self.viscosity, self.relaxation_time, grown=False)
         return Parts(Quadratic(self.shear_modulus, self.stiffening), None, (arm,))
 
 

@@ -27,6 +27,11 @@ class Arm(Material):
     terms: ClassVar[tuple[tuple[float, float], ...]] = ()  # C_k/modulus and n_k
     follows: ClassVar[bool] = False  # whether the elastic part of the material acts through this arm alone
 
+    @property
+    def starts_stressed(self) -> bool:
+        """Whether the growth to R_max leaves stress in it, where the simulation does not start relaxed."""
+        return True
+
     def parts(self) -> Parts:
         return Parts(memory=(self,))
 
@@ -68,7 +73,14 @@ class TotalRelaxation(Maxwell):
 
     and S -> S_el - 4 mu U/R for tau -> 0. With Z = R^3 S it is the Zener model of IMRv2 and PyIMR; of a linear spring
     G it is that spring beside a Maxwell arm of viscosity mu - G tau. Hua and Johnsen 2013, doi:10.1063/1.4817673.
+
+    grown: False: it starts without stress at R_max, as in these codes, and so without that of the elastic part.
     """
 
     viscosity: float = field(metadata=POSITIVE)
+    grown: bool = True
     follows: ClassVar[bool] = True
+
+    @property
+    def starts_stressed(self) -> bool:
+        return self.grown
