@@ -357,7 +357,9 @@ def test_a_set_without_a_recording_has_its_published_values(fake, run, folder, t
     assert closed.quantities[0].relative_errors == {"IMR": {"BDT": pytest.approx(0.3)}}
     (note,) = closed.notes
     assert note in " ".join(out.split())
-    assert "0 of 0" not in out + (tmp_path / "c" / "comparison.md").read_text(encoding="utf-8")
+    text = (tmp_path / "c" / "comparison.md").read_text(encoding="utf-8")
+    assert "0 of 0" not in out + text
+    assert f"- closed: {note}\n" in text
 
 
 def test_published_values_can_be_read():
