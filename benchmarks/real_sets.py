@@ -88,7 +88,7 @@ def main() -> None:
     lines = ["# Conventional fits of real sets", "", *(f"{line}" for line in (__doc__ or "").splitlines()[4:] if line)]
     lines += ["", "| " + " | ".join(COLUMNS) + " |", "|" + "---|" * len(COLUMNS)]
     for about in read_references(given.references):
-        if given.sets in about.name:
+        if given.sets in about.name and about.recorded:
             for cells in rows(about, given.folder, given.references):
                 lines.append("| " + " | ".join(cells) + " |")
                 print(lines[-1], flush=True)

@@ -72,7 +72,7 @@ def write_shots(folder: Path) -> None:
     (folder / "VIDEOS").mkdir()
     video(folder / "VIDEOS/first.mp4", 500e3, 2.5)
     published = (row for row in (ROOT / "examples/published_values.csv").open(encoding="utf-8") if row[0] != "#")
-    for row in [row for row in csv.DictReader(published) if row["files"]]:
+    for row in [row for row in csv.DictReader(published) if row["files"] not in ("", "-")]:
         medium = MEDIA[row["medium"]] if row["medium"] else cavirheo.Medium(density=float(row["density"]))
         for data in ("PATH/TO/DATA", "MEASUREMENTS"):
             shot(folder / data / row["files"].replace("*", "first"), stiff, medium)

@@ -126,7 +126,7 @@ def test_nothing_reads_provenance():
 
 def test_modules_stay_short():
     lines = {name: len(path.read_text("utf-8").splitlines()) for name, path in modules().items()}
-    assert lines.pop(SOLVER) <= 700
+    assert lines.pop(SOLVER) <= 720
     assert {name: n for name, n in lines.items() if n > LONGEST} == {}
 
 

@@ -345,19 +345,84 @@ def test_the_table_fits_and_the_picture_shows_every_value(fake, folder, tmp_path
     assert "std reaches below 0" in legend
 
 
+def test_a_set_without_a_recording_has_its_published_values(fake, run, folder, tmp_path):
+    """It is no mistake, and no shot of it is missing."""
+    (folder / "two.csv").write_text(
+        f"{HEAD}\nopen,gel_a/shot?.csv,,IMR,G_kPa,8,1.5\nclosed,-,,IMR,G_kPa,30,4\nclosed,,,BDT,G_kPa,39,12\n"
+    )
+    status, out, err = run("compare", "data", "--references", "data/two.csv", "-o", "c")
+    assert status == 0, err
+    _, closed = read(tmp_path / "c").sets
+    assert (closed.n_shots, closed.problems, closed.report) == (0, [], None)
+    assert closed.quantities[0].relative_errors == {"IMR": {"BDT": pytest.approx(0.3)}}
+    (note,) = closed.notes
+    assert note in " ".join(out.split())
+    text = (tmp_path / "c" / "comparison.md").read_text(encoding="utf-8")
+    assert "0 of 0" not in out + text
+    assert f"- closed: {note}\n" in text
+
+
 def test_published_values_can_be_read():
     sets = {about.name: about for about in read_references(PUBLISHED)}
-    assert len(sets) == 6
+    assert [name for name, about in sets.items() if not about.recorded] == [
+        "agarose 1.0 %", "agarose 5.0 %", "gelatin 6 %", "gelatin 10 %", "gelatin 14 %", "PAAm 3 %", "PAAm 8 %",
+    ]  # fmt: skip
+    assert len(sets) == 13
     assert sets["stiff polyacrylamide"].medium.name == "estrada2018"
     assert sets["PAAm-alginate 0.3 %"].values["IMR", G].mean == 6440.0
     assert ("IMR", G) not in sets["PEG 8000 40 w/v %"].values
     assert sets["agarose 2.5 %"].medium.density == 1025
 
 
+def published_cells() -> dict[str, dict[tuple[str, str], str]]:
+    """'6.44 ± 1.64' by set and (method, quantity), as the file has them; 'files' by set."""
+    with PUBLISHED.open(newline="", encoding="utf-8") as file:
+        rows = list(csv.DictReader(line for line in file if line[0] != "#"))
+    found: dict[str, dict[tuple[str, str], str]] = {row["set"]: {} for row in rows}
+    for row in rows:
+        found[row["set"]][row["method"], row["quantity"]] = " ± ".join(filter(None, (row["mean"], row["std"])))
+    return found
+
+
+@pytest.mark.repository
+def test_the_page_has_the_published_values():
+    """docs/reproduction.md: all of them, with errors to IMR and the mark of sets that have no open recording."""
+    text = (ROOT / "docs" / "reproduction.md").read_text(encoding="utf-8")
+    sections = {part.partition("\n")[0]: part.splitlines() for part in text.split("\n## ")}
+    whole, real = (
+        [[cell.strip() for cell in line.strip("|").split("|")] for line in sections[name] if line[:2] == "| "][1:]
+        for name in ("The paper's tables", "Real measurements")
+    )
+    cells, recorded = published_cells(), {about.name: about.recorded for about in read_references(PUBLISHED)}
+
+    def error(of: dict[tuple[str, str], str], quantity: str) -> str:
+        imr, bdt = (float(of[m, quantity].split()[0]) if (m, quantity) in of else None for m in ("IMR", "BDT"))
+        percent = None if imr is None or bdt is None else 100 * abs(bdt - imr) / imr
+        return "–" if percent is None else f"{percent:.0f}" if percent >= 9.95 else f"{percent:.2g}"
+
+    assert whole == [
+        [
+            name,
+            *(of.get(("IMR", "G_kPa"), "–"), of.get(("BDT", "G_kPa"), "–"), error(of, "G_kPa")),
+            *(of["IMR", "mu_Pa_s"], of["BDT", "mu_Pa_s"], error(of, "mu_Pa_s")),
+            "yes" if recorded[name] else "none",
+        ]
+        for name, of in cells.items()
+        if ("BDT", "mu_Pa_s") in of
+    ]
+    assert {row[0] for row in real} == {name for name in cells if recorded[name]}
+    for name, label, imr, bdt, rheometer, *_, errors, _, _ in real:
+        quantity = {"G (kPa)": "G_kPa", "µ (Pa s)": "mu_Pa_s"}[label]
+        of = cells[name]
+        assert [imr, bdt] == [of.get((method, quantity), "–") for method in ("IMR", "BDT")]
+        assert number(rheometer.replace("–", "")) == number(of.get(("rheometer", quantity), ""))
+        assert errors.split(", ")[0] == error(of, quantity)
+
+
 def test_published_sets_are_found(fake, real_data, tmp_path, monkeypatch):
     monkeypatch.setattr(style, "available", lambda: False)
     result = compare(real_data, PUBLISHED, tmp_path / "c")
-    assert [about.n_shots for about in result.sets] == [5, 20, 20, 11, 11, 20]
+    assert [about.n_shots for about in result.sets if about.recorded] == [5, 20, 20, 11, 11, 20]
     assert not any(about.problems for about in result.sets)
 
 

@@ -95,6 +95,7 @@ def test_other_laws():
         pytest.param(
             "zener", "zener(8e3, 0.05, 1e-6)", {"shear_modulus": 8e3, "viscosity": 0.05}, marks=pytest.mark.slow
         ),
+        pytest.param("qsls", "qsls(4e3, 0.08, 5e-6, 0.02)", {"viscosity": 0.08}, marks=pytest.mark.slow),
     ],
 )
 def test_a_law_of_each_family_is_recovered(name, law, expected):

@@ -10,10 +10,10 @@ import pytest
 from cavirheo.errors import InputError
 from cavirheo.parameters import PARAMETERS
 from cavirheo.physics import elastic, materials, memory, viscous
-from cavirheo.physics.elastic import Gent, Linear, NeoHookean, Ogden, StrainEnergy, Yeoh
+from cavirheo.physics.elastic import Gent, Linear, NeoHookean, Ogden, Quadratic, StrainEnergy, Yeoh
 from cavirheo.physics.laws import EXAMPLE, LAWS, combine, parse, summary, usage
 from cavirheo.physics.materials import Material, NeoHookeanKelvinVoigt, Viscoelastic, Zener
-from cavirheo.physics.memory import Arm, Maxwell, UpperConvectedMaxwell
+from cavirheo.physics.memory import Arm, Maxwell, TotalRelaxation, UpperConvectedMaxwell
 from cavirheo.physics.viscous import CarreauYasuda, Newtonian, PowerLaw, Viscosity
 
 GEL = Viscoelastic(Gent(2e3, 40.0), CarreauYasuda(0.5, 0.01, 1e-4, 0.4))
@@ -33,6 +33,10 @@ ARMS = Viscoelastic(NeoHookean(1e3), Newtonian(0.01), (Maxwell(0.1, 2e-6), Upper
         ("neo-hookean(1e3) + newtonian(0.1)", Viscoelastic(NeoHookean(1e3), Newtonian(0.1))),
         ("power-law(2, 0.6)", PowerLaw(2.0, 0.6)),
         ("zener(7e3, 0.1, 2e-6)", Zener(7e3, 0.1, 2e-6)),
+        (
+            "qsls(7e3, 0.1, 2e-6, stiffening=0.3) + newtonian(0.01)",
+            Viscoelastic(Quadratic(7e3, 0.3), Newtonian(0.01), [TotalRelaxation(0.1, 2e-6, grown=False)]),
+        ),
         ("ucm(0.1, relaxation_time=2e-6)", UpperConvectedMaxwell(0.1, 2e-6)),
         ("maxwell(0.1, 2e-6) + nhkv(1e3, 0.01) + ucm(0.2, 1e-5)", ARMS),
     ],
@@ -74,8 +78,9 @@ def test_units_and_defaults_are_shown():
 
 
 def test_no_law_is_forgotten():
-    """All but the two that hold a Python function, the one that holds others and a base; parameters have units."""
-    unnamed = {StrainEnergy, Viscosity, Viscoelastic, Arm}
+    """All but the two that hold a Python function, the one that holds others, the arm that takes the elastic part of
+    its material along, and a base; parameters have units."""
+    unnamed = {StrainEnergy, Viscosity, Viscoelastic, TotalRelaxation, Arm}
     here = {
         law
         for module in (elastic, viscous, memory, materials)

@@ -23,6 +23,7 @@ from cavirheo.physics.materials import (
     NeoHookeanKelvinVoigt,
     OldroydB,
     QuadraticKelvinVoigt,
+    QuadraticStandardLinearSolid,
     StandardLinearSolid,
     Viscoelastic,
     Zener,
@@ -74,10 +75,14 @@ def resistance(material, medium, radius):
     p, t_c = medium.pressure, medium.time_scale(radius)
     solid = material.elastic.shear_modulus / p if material.elastic else 0.0
     fluid = material.viscous.viscosity / (p * t_c) if material.viscous else 0.0
-    N, D = np.polynomial.Polynomial([solid, fluid]), np.polynomial.Polynomial([1.0])
-    for arm in material.memory:  # mu s/(1 + tau s)
+    alone = not any(arm.follows for arm in material.memory)
+    N, D = np.polynomial.Polynomial([alone * solid, fluid]), np.polynomial.Polynomial([1.0])
+    for arm in material.memory:  # mu s/(1 + tau s), or (G + mu s)/(1 + tau s) of one that takes the spring along
         fading = np.polynomial.Polynomial([1.0, arm.relaxation_time / t_c])
-        N, D = N * fading + D * np.polynomial.Polynomial([0.0, arm.viscosity / (p * t_c)]), D * fading
+        N, D = (
+            N * fading + D * np.polynomial.Polynomial([arm.follows * solid, arm.viscosity / (p * t_c)]),
+            D * fading,
+        )
     return N, D
 
 
@@ -168,6 +173,7 @@ RINGING = [
     (Zener(2e4, 0.1, 3e-6), 100e-6),
     (Zener(2e4, 0.1, 3e-5), 100e-6),
     (StandardLinearSolid(2e4, 0.1, 3e-6), 100e-6),
+    (QuadraticStandardLinearSolid(2e4, 0.3, 1e-5, 0.3), 100e-6),
     (UpperConvectedMaxwell(0.1, 1e-5), 100e-6),
     (Maxwell(0.1, 1e-5), 100e-6),
     (OldroydB(0.1, 1e-5, 2e-6), 100e-6),
@@ -678,6 +684,7 @@ COLLAPSE = dict(stretch=5.0, max_radius=150e-6)
     [
         (GEL, COLLAPSE, 4.5),
         slow(Zener(1e4, 0.1, 3e-6), COLLAPSE, 4.2),
+        slow(QuadraticStandardLinearSolid(1e4, 0.1, 3e-6, 0.1), COLLAPSE, 4.2),
         slow(ARMS, COLLAPSE, 4.2),
         slow(GEL, {**COLLAPSE, "medium": DRY}, 4.8),
         slow(ARMS, {**DRIVEN, "medium": DRY, "motion": "gilmore"}, 4.8),
@@ -686,7 +693,7 @@ COLLAPSE = dict(stretch=5.0, max_radius=150e-6)
         slow(ARMS, {**DRIVEN, "polytropic": 1.4}, 4.8),
         (ARMS, {**DRIVEN, "polytropic": 1.4, "motion": "gilmore"}, 4.8),
     ],
-    ids=["gel", "zener", "arms", "dry", "dry-driven", "driven", "polytropic", "polytropic-driven", "gilmore"],
+    ids=["gel", "zener", "qsls", "arms", "dry", "dry-driven", "driven", "polytropic", "polytropic-driven", "gilmore"],
 )
 def test_order_of_convergence_in_time(material, way, least):
     """Errors against a much tighter run, over the number of steps: order 5, with memories and driving too.

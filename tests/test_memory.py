@@ -10,11 +10,20 @@ from scipy.optimize import brentq
 
 from cavirheo.errors import InputError, SolverError
 from cavirheo.physics import growth
-from cavirheo.physics.elastic import Gent, Linear, NeoHookean
+from cavirheo.physics.elastic import Fung, Gent, Linear, NeoHookean, Quadratic
 from cavirheo.physics.growth import remembered
-from cavirheo.physics.materials import NeoHookeanKelvinVoigt, OldroydB, StandardLinearSolid, Viscoelastic, Zener
+from cavirheo.physics.laws import parse
+from cavirheo.physics.materials import (
+    NeoHookeanKelvinVoigt,
+    OldroydB,
+    QuadraticKelvinVoigt,
+    QuadraticStandardLinearSolid,
+    StandardLinearSolid,
+    Viscoelastic,
+    Zener,
+)
 from cavirheo.physics.media import WATER, Medium
-from cavirheo.physics.memory import Maxwell, UpperConvectedMaxwell
+from cavirheo.physics.memory import Maxwell, TotalRelaxation, UpperConvectedMaxwell
 from cavirheo.physics.scales import dimensionless
 from cavirheo.physics.simulate import simulate
 from cavirheo.physics.viscous import Newtonian
@@ -36,7 +45,7 @@ def path(t):
 
 def along(arm, times):
     """Stress (Pa) of an arm that is relaxed at t = 0, along the path, from its terms."""
-    C, n, fading = arm.table().T
+    C, n, fading, _ = arm.table().T
 
     def rate(t, m):
         R, U = path(t)
@@ -63,7 +72,7 @@ def test_an_arm_is_its_spring_with_a_fading_reference(arm, parent):
 @each_arm
 def test_step_strain_relaxes_exponentially(arm, parent):
     """After a sudden stretch the stress falls from the spring's to zero within tau, whatever the strain."""
-    C, n, fading = arm.table().T
+    C, n, fading, _ = arm.table().T
     for L in (0.2, 0.9, 1.1, 4.0):
         m = L**-n - 1
         assert C @ m == pytest.approx(parent(arm.modulus).closed(L)[0], rel=1e-12)
@@ -77,7 +86,7 @@ def test_dissipation_is_not_negative(swing):
     w = 2 * np.pi * np.array([1.3e5, 3.1e5])
     logR = swing / 2 * (np.cos(np.outer(t, w)) - 1).sum(axis=1)
     rate = -swing / 2 * np.sin(np.outer(t, w)) @ w
-    C, n, fading = UpperConvectedMaxwell(0.2, TAU).table().T
+    C, n, fading, _ = UpperConvectedMaxwell(0.2, TAU).table().T
     m = np.zeros((t.size, 2))
     for k in range(2):  # 1 + m = mean of past R^n over R^n
         past = cumulative_trapezoid(np.exp(t * fading[k] + n[k] * logR) * fading[k], t, initial=0.0) + 1.0
@@ -174,6 +183,112 @@ def test_parts_add():
     )
 
 
+# --- relaxation of the total stress at a fixed place (qSLS)
+
+
+def following(stiffening, retardation, G=0.1, mu=0.2, De=0.3):
+    """R and S by scipy from the equation of Z as the field writes it (IMRv2, stress 3 and 4), Keller-Miksis with a dry
+    adiabatic gas, and from `simulate`."""
+    liquid = Medium(surface_tension=0.0, vapour_reference_pressure=0.0)
+    R_max, stretch = 100e-6, 3.0
+    t_c, p = liquid.time_scale(R_max), liquid.pressure
+    C = liquid.sound_speed / liquid.velocity_scale
+    solvent, t = mu * retardation, np.linspace(0, 3, 61)
+
+    def rate(t, y):
+        R, U, Z = y
+        q = 1 / (stretch * R)
+        strain = (3 * stiffening - 1) * (5 - q**4 - 4 * q) / 2
+        strain += 2 * stiffening * (27 / 40 + q**8 / 8 + q**5 / 5 + q**2 - 2 / q)
+        Z_dot = -(Z - R**3 * G * strain) / De - 4 * (mu - solvent) / De * R**2 * U
+        S = Z / R**3 - 4 * solvent * U / R
+        S_dot = Z_dot / R**3 - 3 * U / R**4 * Z + 4 * solvent * (U / R) ** 2
+        gas = stretch**-3 * R**-4.2
+        force = (1 + U / C) * (gas + S - 1) + R / C * (-4.2 * gas * U / R + S_dot) - 1.5 * (1 - U / (3 * C)) * U * U
+        return [U, force / ((1 - U / C) * R + 4 * solvent / C), Z_dot]
+
+    y = solve_ivp(rate, (0, 3), [1.0, 0.0, 0.0], t_eval=t, rtol=1e-11, atol=1e-13, method="DOP853").y
+    law = Viscoelastic(
+        Quadratic(G * p, stiffening),
+        Newtonian(solvent * p * t_c) if retardation else None,
+        [TotalRelaxation((mu - solvent) * p * t_c, De * t_c)],
+    )
+    run = simulate(
+        law, max_radius=R_max, stretch=stretch, time=t * t_c, medium=liquid, polytropic=1.4, relaxed=True, rtol=1e-10
+    )
+    return (y[0], y[2] / y[0] ** 3 - 4 * solvent * y[1] / y[0]), (run.radius / R_max, run.stress / p)
+
+
+@pytest.mark.parametrize(("stiffening", "retardation"), [(0.0, 0.0), (0.05, 0.0), (0.2, 0.3)])
+def test_total_stress_relaxes_as_the_field_writes_it(stiffening, retardation):
+    (R, S), (radius, stress) = following(stiffening, retardation)
+    assert radius == pytest.approx(R, abs=1e-7)
+    assert stress == pytest.approx(S, abs=1e-6 * np.abs(S).max())
+    assert R.min() < 0.5
+    assert S[0] == stress[0] == 0  # spring and dashpot: no stress at all at the start
+
+
+@pytest.mark.parametrize(
+    "start", [{"relaxed": True, "motion": "rayleigh-plesset"}, {"motion": "keller-miksis"}], ids=["relaxed", "grown"]
+)
+@pytest.mark.parametrize("stiffening", [0.0, 0.02])
+def test_without_relaxation_time_it_is_the_spring_beside_the_dashpot(start, stiffening):
+    """Without sound, where the start has no stress: with sound the stress that comes within tau kicks the wall by
+    S/(rho c), however short tau is."""
+    parent, spring = QuadraticKelvinVoigt(5e3, 0.05, stiffening), Quadratic(5e3, stiffening)
+    expected = simulate(parent, motion=start["motion"], **GEL).radius
+    found = [
+        simulate(Viscoelastic(spring, None, [TotalRelaxation(0.05, tau)]), **start, **GEL).radius
+        for tau in (1e-8, 1e-9, 1e-10)
+    ]
+    errors = [np.abs(radius - expected).max() / 150e-6 for radius in found]
+    assert errors[2] < 1e-3
+    assert errors[1] < 0.2 * errors[0]
+
+
+@pytest.mark.parametrize("beside", ["", " + newtonian(0.01)", " + ucm(0.1, 3e-6)"])
+def test_the_fields_law_starts_without_stress(beside):
+    """Of spring and dashpot; other arms keep what the growth left in them."""
+    law = parse(f"qsls(5e3, 0.05, 3e-6, 0.02){beside}")
+    start, relaxed = (simulate(law, relaxed=relaxed, **GEL).stress[0] for relaxed in (False, True))
+    assert relaxed == 0
+    assert (start == 0) == ("ucm" not in beside)
+    open_to_growth = Viscoelastic(Quadratic(5e3, 0.02), law.viscous, [TotalRelaxation(0.05, 3e-6), *law.memory[1:]])
+    assert simulate(open_to_growth, **GEL).stress[0] < start - 1e3
+
+
+def test_of_a_linear_spring_it_is_a_spring_beside_an_arm():
+    """Of viscosity mu - G tau; also where the bubble has grown from R_0."""
+    G, mu, tau = 5e3, 0.05, 3e-6
+    whole = Viscoelastic(Linear(G), None, [TotalRelaxation(mu, tau)])
+    beside = StandardLinearSolid(G, mu - G * tau, tau)
+    one, other = (simulate(law, rtol=1e-7, **GEL) for law in (whole, beside))
+    assert one.radius == pytest.approx(other.radius, abs=1e-5 * 150e-6)
+    assert one.stress == pytest.approx(other.stress, abs=1e-4 * np.abs(other.stress).max())
+    assert one.stress[0] == pytest.approx(other.stress[0], rel=1e-4)
+    assert one.stress[0] < -1e3
+
+
+def test_total_stress_along_a_path_is_a_fading_mean():
+    """R^3 S(t) = int e^(-(t-s)/tau) R(s)^3 [S_el - 4 mu U/R](s) ds/tau from a start without stress, any elastic law."""
+    spring, mu = Fung(3e3, 0.01), 0.2
+    C, n, fading, follows = TotalRelaxation(mu, TAU).table()[0]
+
+    def rate(t, m):
+        R, U = path(t)
+        return -(m - follows * spring.stress(R / 60e-6)) * fading - n * (1 + m) * U / R
+
+    times = np.array([1e-6, 3.7e-6, 4e-6, 9e-6, 20e-6])
+    m = solve_ivp(rate, (0, times[-1]), [0.0], t_eval=times, rtol=1e-11, atol=1e-13, method="DOP853").y[0]
+
+    def past(s, t):
+        R, U = path(s)
+        return np.exp(-(t - s) / TAU) / TAU * R**3 * (spring.stress(R / 60e-6) - 4 * mu * U / R)
+
+    expected = [quad(past, 0, t, args=(t,), limit=500)[0] / path(t)[0] ** 3 for t in times]
+    assert C * m == pytest.approx(expected, rel=1e-7)
+
+
 # --- the state at R_max
 
 
@@ -229,6 +344,8 @@ def test_growth_that_cannot_be_is_a_status():
         (lambda: OldroydB(1.0, 1e-6, 2e-6), "retardation_time"),
         (lambda: OldroydB(1.0, 0.0, 0.0), "relaxation_time"),
         (lambda: Zener(-1.0, 1.0, 1e-6), "shear_modulus"),
+        (lambda: QuadraticStandardLinearSolid(1e3, 0.0, 1e-6, 0.1), "viscosity"),
+        (lambda: Viscoelastic(NeoHookean(1e3), None, 2 * [TotalRelaxation(0.1, 1e-6)]), "followed_twice"),
         (lambda: Viscoelastic(None, None, [Newtonian(1.0)]), "not_Arm"),
         (lambda: Viscoelastic(), "no_law"),
     ],

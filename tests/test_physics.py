@@ -13,11 +13,11 @@ from cavirheo.errors import InputError, SolverError
 from cavirheo.physics import simulate as forward
 from cavirheo.physics import solver
 from cavirheo.physics.driving import Pulse
-from cavirheo.physics.elastic import Fung, Gent, NeoHookean
+from cavirheo.physics.elastic import Fung, Gent, NeoHookean, Quadratic
 from cavirheo.physics.grid import NO_SHELLS, wall_clustered
 from cavirheo.physics.materials import NeoHookeanKelvinVoigt, QuadraticKelvinVoigt, Viscoelastic
 from cavirheo.physics.media import ESTRADA2018, MEDIA, WATER, Medium, medium
-from cavirheo.physics.memory import Maxwell, UpperConvectedMaxwell
+from cavirheo.physics.memory import Maxwell, TotalRelaxation, UpperConvectedMaxwell
 from cavirheo.physics.scales import MOTIONS, dimensionless
 from cavirheo.physics.simulate import simulate, simulate_many
 from cavirheo.physics.tableau import RODAS5P
@@ -50,6 +50,7 @@ GELS = [
     Viscoelastic(Fung(2e4, 1.5), CarreauYasuda(3.0, 0.01, 1e-5, 0.3)),
     HerschelBulkley(500.0, 2.0, 0.5),
     ARMS,
+    Viscoelastic(Quadratic(4e4, 0.7), Newtonian(0.1), [TotalRelaxation(0.3, 2e-6), Maxwell(0.1, 4e-5)]),
 ]
 WAYS = [dict(motion=m, driving=Pulse(-3e6, 1e5, 2e-6)) for m in MOTIONS] + [dict(polytropic=1.4)]
 KINETIC = [

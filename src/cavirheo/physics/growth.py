@@ -84,8 +84,10 @@ def _turn(numbers: Numbers, velocity: float, rtol: float) -> tuple[float, Floats
         return np.inf, out[0, 4:]
     i, step = np.array([after - 1, after]), _TIME[after] - _TIME[after - 1]
     R, U, m = out[i, :1], out[i, 1:2], out[i, 4:]
-    fading = -m * numbers.memory[:, 2] - numbers.memory[:, 1] * (1 + m) * U / R
-    (y0, y1), (slope0, slope1) = np.hstack([R, m]), step * np.hstack([U, fading])
+    power, fading, follows = numbers.memory[:, 1:].T
+    E = np.array([solver.spring(numbers, float(radius))[:1] for radius in R[:, 0]]) if numbers.delayed else 0.0
+    rates = (follows * E - m) * fading - power * (1 + m) * U / R
+    (y0, y1), (slope0, slope1) = np.hstack([R, m]), step * np.hstack([U, rates])
     x = U[0, 0] / (U[0, 0] - U[1, 0])  # on the cubic through values and slopes at both instants
     here = (1 - x) ** 2 * ((1 + 2 * x) * y0 + x * slope0) + x**2 * ((3 - 2 * x) * y1 - (1 - x) * slope1)
     return float(here[0]), here[1:]

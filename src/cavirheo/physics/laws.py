@@ -30,6 +30,7 @@ KINDS: dict[str, dict[str, Callable[..., Material]]] = {
     "with memory": {
         "maxwell": memory.Maxwell, "ucm": memory.UpperConvectedMaxwell, "oldroyd-b": materials.OldroydB,
         "zener": materials.Zener, "sls": materials.StandardLinearSolid,
+        "qsls": materials.QuadraticStandardLinearSolid,
     },
 }  # fmt: skip
 LAWS = {name: law for laws in KINDS.values() for name, law in laws.items()}

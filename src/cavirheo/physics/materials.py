@@ -11,7 +11,7 @@ from typing import ClassVar
 from cavirheo.errors import InputError, require
 from cavirheo.physics.elastic import Elastic, Linear, NeoHookean, Quadratic
 from cavirheo.physics.law import NOT_NEGATIVE, POSITIVE, Material, Parts
-from cavirheo.physics.memory import Arm, Maxwell, UpperConvectedMaxwell
+from cavirheo.physics.memory import Arm, Maxwell, TotalRelaxation, UpperConvectedMaxwell
 from cavirheo.physics.viscous import Newtonian, Viscous
 
 
@@ -38,6 +38,9 @@ class Viscoelastic(Material):
             if part is not None and not isinstance(part, kind):
                 why = "a material takes an elastic law, a viscous law and a list of Maxwell arms, in this order"
                 raise InputError(f"{why}; got {part!r} where {kind.__name__} stands", f"physics.not_{kind.__name__}")
+        following = sum(arm.follows for arm in self.memory)
+        why = f"the elastic part can act through one arm alone, got {following} that take it along"
+        require(following < 2, why, "physics.followed_twice")
         some = bool(self.elastic or self.viscous or self.memory)
         require(some, "a material needs at least one law; an ideal fluid is Newtonian(0)", "physics.no_law")
 
@@ -122,6 +125,27 @@ class StandardLinearSolid(Zener):
 
     def parts(self) -> Parts:
         return Parts(Linear(self.shear_modulus), None, (Maxwell(self.viscosity, self.relaxation_time),))
+
+
+@dataclass(frozen=True)
+class QuadraticStandardLinearSolid(Material):
+    """qSLS: the stress of a quadratic spring and a dashpot together relaxes at a fixed place, the field's Zener model.
+
+    With stiffening 0 it is IMRv2's `stress = 3`, else its `stress = 4`, both without retardation; a dashpot beside it
+    ("qsls + newtonian") is the retardation. As there the bubble starts without any stress, also that of the spring
+    (`TotalRelaxation` in physics/memory.py leaves the choice). Hua and Johnsen 2013, doi:10.1063/1.4817673, with the
+    spring of Yang et al. 2020, doi:10.1016/j.eml.2020.100839.
+    """
+
+    shear_modulus: float = field(metadata=NOT_NEGATIVE)
+    viscosity: float = field(metadata=POSITIVE)
+    relaxation_time: float = field(metadata=POSITIVE)
+    stiffening: float = field(metadata=NOT_NEGATIVE)
+    name: ClassVar[str] = "qsls"
+
+    def parts(self) -> Parts:
+        arm = TotalRelaxation(self.viscosity, self.relaxation_time, grown=False)
+        return Parts(Quadratic(self.shear_modulus, self.stiffening), None, (arm,))
 
 
 MATERIALS: dict[str, type] = {m.name: m for m in (Newtonian, NeoHookeanKelvinVoigt, QuadraticKelvinVoigt)}

@@ -35,7 +35,8 @@ class Numbers(NamedTuple):
     whole: Floats  # (n, 7) the same below the smallest radius so far, before damage; (0, 7) without damage
     damage: Floats  # (3,) both factors of a tenfold contraction; the smallest R/R_max so far (physics/damage.py), or 0
     viscous: Floats  # (m, 7) table of S_v/p_inf over t_c U/R, for U >= 0
-    memory: Floats  # (k, 3) modulus C_k/p_inf, power n_k, t_c/tau of each relaxing term (physics/memory.py)
+    memory: Floats  # (k, 4) C_k/p_inf, power n_k, t_c/tau, p_inf/C_k or 0, of each relaxing term (physics/memory.py)
+    delayed: bool  # the elastic part acts through a relaxing term alone
     driving: Floats  # (n, 7) table of the far-field pressure above ambient, over p_inf, over t/t_c
     polytropic: float  # exponent of the gas where the contents are polytropic
     tait: float  # exponent of the liquid in Gilmore's equation; 0: Keller-Miksis
@@ -145,7 +146,7 @@ def dimensionless(
     )
     elastic, viscous = (table_of(part) if part else ABSENT for part in parts[:2])
     elastic, whole, hurt = damage.tables(elastic, stretch) if damage else (elastic, np.zeros((0, 7)), np.zeros(3))
-    arms = [arm.table() * [1 / p, 1.0, max_radius / U_c] for arm in parts.memory]
+    arms = [arm.table() * [1 / p, 1.0, max_radius / U_c, p] for arm in parts.memory]
     return Numbers(
         **{name: float(value) for name, value in fields.items()},  # ints would compile the solver anew
         varying=kinetic,
@@ -153,6 +154,7 @@ def dimensionless(
         whole=scaled(whole, 1.0, 1 / p),
         damage=hurt,
         viscous=scaled(viscous, max_radius / U_c, 1 / p),
-        memory=np.concatenate([np.zeros((0, 3)), *arms]),
+        memory=np.concatenate([np.zeros((0, 4)), *arms]),
+        delayed=any(arm.follows for arm in parts.memory),
         driving=scaled(driving.table() if driving else ABSENT, U_c / max_radius, 1 / p),
     )

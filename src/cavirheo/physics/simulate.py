@@ -89,7 +89,7 @@ def simulate(
         vapour_excess: Pa of vapour above saturation at the start.
         damage: of the elastic part, at the first rebound or by strain (physics/damage.py).
         relaxed: laws with memory start unstressed; otherwise with what the growth from R_0 to R_max leaves
-            (physics/growth.py).
+            (physics/growth.py), but for those that always start so (`qsls`).
         fields: keep temperature and vapour in the bubble, `Simulation.contents`.
         precise: ten times as accurate and five times as long as the default, whose error is 1e-4 of R_max in
             the median and up to 2e-3 in the most violent collapses (benchmarks/solver.md).
@@ -145,10 +145,11 @@ def simulate(
     why = where = ""
     try:
         memory = np.zeros(terms)
-        if terms and not relaxed:
+        stressed = np.array([arm.starts_stressed for arm in material.memory for _ in arm.terms], dtype=bool)
+        if stressed.any() and not relaxed:
             from cavirheo.physics.growth import remembered  # its scipy takes a third of a second to import
 
-            memory = remembered(numbers, rtol)
+            memory = np.where(stressed, remembered(numbers, rtol), 0.0)
         start = np.concatenate([[1.0, 0.0, numbers.pressure], memory])
         ways = (times / t_c, float(rtol) * (KINETIC if numbers.rate < np.inf else 1.0), most, False)
         code = solver.integrate(numbers, grid, RODAS5P, start, *ways, out, shells, stats)

@@ -69,12 +69,19 @@ def soften(numbers, R):
 
 
 @compiled
-def stress(numbers, R, rate):
-    """S at radius R and rate g = U/R, and its derivatives dS/dR, d2S/dR2, dS/dg, d2S/dg2."""
+def spring(numbers, R):
+    """S_el at radius R, and its derivatives dS_el/dR, d2S_el/dR2."""
     lam = numbers.stretch
     E, E1, E2 = look_up(numbers.whole if numbers.damage[2] > R else numbers.elastic, R * lam)
+    return E, E1 * lam, E2 * lam * lam
+
+
+@compiled
+def stress(numbers, R, rate):
+    """S without memories at radius R and rate g = U/R, and its derivatives dS/dR, d2S/dR2, dS/dg, d2S/dg2."""
+    E, E_R, E_RR = (0.0, 0.0, 0.0) if numbers.delayed else spring(numbers, R)
     V, V1, V2 = look_up(numbers.viscous, abs(rate))  # odd in the rate
-    return E + math.copysign(1.0, rate) * V, E1 * lam, E2 * lam * lam, V1, math.copysign(1.0, rate) * V2
+    return E + math.copysign(1.0, rate) * V, E_R, E_RR, V1, math.copysign(1.0, rate) * V2
 
 
 @compiled
@@ -101,12 +108,13 @@ def accelerate(numbers, t, R, U, p, p_dot, memory):
     v = p_dot + U / (We * R * R) + S_R * U - (S_g * rate + 2 * loss * U) * rate  # the rate of b without its R'' part
     v_R = -2 * U / (We * R * R * R) + S_RR * U + bend * rate / R - 2 * loss * rate * rate
     v_U = 1 / (We * R * R) + S_R - bend / R - 4 * loss * rate
+    E, E_R, _ = spring(numbers, R) if numbers.delayed else (0.0, 0.0, 0.0)
     for k in range(memory.size):
-        modulus, power, fading = numbers.memory[k]
+        modulus, power, fading, follows = numbers.memory[k]
         s = power * modulus * (1 + memory[k]) / R
         b += modulus * memory[k]
-        v -= modulus * memory[k] * fading + s * U
-        v_R += s * rate
+        v -= modulus * (memory[k] - follows * E) * fading + s * U
+        v_R += s * rate + modulus * follows * E_R * fading
         v_U -= s
     f, f_t, f_tt = look_up(numbers.driving, t)
     if n == 0:  # i = 1/c, w the factor of the pressure's rate
@@ -193,8 +201,10 @@ def derivatives(t, y, numbers, grid, theta, gas, F, H, out):
     out[2 * M] = U
     out[2 * M + 1] = accelerate(numbers, t, R, U, p, p_dot, memory)[0]
     out[2 * M + 2] = R * R * R * p_dot + 3 * P * U / R
+    E = spring(numbers, R)[0] if numbers.delayed else 0.0
     for k in range(memory.size):
-        out[2 * M + 3 + k] = -memory[k] * numbers.memory[k, 2] - numbers.memory[k, 1] * (1 + memory[k]) * U / R
+        _, power, fading, follows = numbers.memory[k]
+        out[2 * M + 3 + k] = (follows * E - memory[k]) * fading - power * (1 + memory[k]) * U / R
     if M == 0:
         return p_dot, z
     drift = (kappa - 1) * numbers.chi / (kappa * p * R)
@@ -430,11 +440,12 @@ def factorise(t, y, numbers, grid, p_dot, z, shift, blocks, border, recall, schu
         q_a = q_b = zN_a = zN_b = zG_a = zG_b = z_N = z_G = z_R = 0.0
     # row of U
     _, u_R, u_U, u_t, u_p, u_q = accelerate(numbers, t, R, U, p, p_dot, y[2 * M + 3 :])
+    E_R = spring(numbers, R)[1] if numbers.delayed else 0.0
     for k in range(recall.shape[0]):
-        modulus, power, fading = numbers.memory[k]
+        modulus, power, fading, follows = numbers.memory[k]
         pull = power * (1 + y[2 * M + 3 + k]) / R
         recall[k, 0] = 1 / (shift + fading + power * U / R)
-        recall[k, 1], recall[k, 2] = pull * U / R, -pull
+        recall[k, 1], recall[k, 2] = pull * U / R + follows * E_R * fading, -pull
         recall[k, 3] = modulus * (u_p - u_q * (fading + power * U / R))
         u_R += recall[k, 0] * recall[k, 1] * recall[k, 3]
         u_U += recall[k, 0] * recall[k, 2] * recall[k, 3]

@@ -7,9 +7,10 @@
            two encoder layers, normalised after each residual sum         (batch, 100, 64)
            mean over the tokens, dense, softplus, one linear unit         (batch, 1)
 
-What the description leaves open, chosen here: eight numbers per attention head (64 = 8 x 8), ReLU inside
-the feed-forward layers, dropout on both residual paths but not on the attention weights, and Keras' initial
-weights (Glorot uniform, zero biases, embeddings uniform within 0.05).
+The paper's feed-forward layers have softplus, too; those of the shipped networks have ReLU (`activation` of a recipe).
+What the description leaves open, chosen here: eight numbers per attention head (64 = 8 x 8), dropout on both residual
+paths but not on the attention weights, and Keras' initial weights (Glorot uniform, zero biases, embeddings uniform
+within 0.05).
 """
 
 from __future__ import annotations

@@ -46,7 +46,7 @@ class DataTable(_Section):
 
 
 class NetworkTable(_Section):
-    """Sizes of the Bubble Dynamics Transformer; two choices that its description leaves open are marked."""
+    """Sizes of the Bubble Dynamics Transformer; one choice that its description leaves open is marked."""
 
     # names in the prior's scale; empty: all parameters but the stretch
     outputs: Annotated[tuple[str, ...], Field(strict=False)] = ()
@@ -55,7 +55,7 @@ class NetworkTable(_Section):
     heads: Size = 8
     head_width: Size = 8  # open: 64 over 8 heads; 64 per head is the other reading
     feed_forward: Size = 128
-    activation: Literal["relu", "softplus", "gelu"] = "relu"  # open: of the feed-forward layers
+    activation: Literal["relu", "softplus", "gelu"] = "relu"  # of the feed-forward layers; the paper: softplus
     layers: Annotated[int, Field(gt=0, le=100)] = 2
     dropout: Annotated[float, Field(ge=0, lt=1)] = 0.1
     norm_epsilon: PositiveFloat = 1e-6

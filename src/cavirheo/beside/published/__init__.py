@@ -50,8 +50,9 @@ def compare(
 ) -> Comparison:
     """Infer or fit every set that `references` names; write the comparison and a report per set into `out`.
 
-    A set whose files are missing or unreadable keeps its row and says so in `problems`. Answers are kept as they are
-    found (unfinished.py); after Ctrl-C the comparison is of those, and its notes begin with "interrupted".
+    A set whose files are missing or unreadable keeps its row and says so in `problems`; one without recordings
+    (references.py) has its published values alone. Answers are kept as they are found (unfinished.py); after Ctrl-C
+    the comparison is of those, and its notes begin with "interrupted".
 
     Args:
         folder: what the files of the sets are relative to.
@@ -171,6 +172,8 @@ def shots_of(
     about: ReferenceSet, folder: Path, references: Path
 ) -> tuple[list[RadiusCurve], list[Path], list[str], list[str]]:
     """(curves, files, problems, what was left out) of a set."""
+    if not about.recorded:
+        return [], [], [], ["no open recording: published values alone"]
     name = about.settings.get("files", about.name)
     try:
         matches = [folder / name] if (folder / name).exists() else sorted(folder.glob(name))

@@ -9,7 +9,7 @@ from typing import Any, get_args
 
 import numpy as np
 
-from cavirheo.beside.published.references import MU, OURS, G, MethodValue, ReferenceSet
+from cavirheo.beside.published.references import MU, NO_FILES, OURS, G, MethodValue, ReferenceSet
 from cavirheo.posterior import Verdict
 from cavirheo.reporting.answer import CurveRecord
 from cavirheo.writing import digits, terminal
@@ -124,6 +124,11 @@ class ComparedSet(Record):
     material: list[str] = []
     _if_any = ("material",)
 
+    @property
+    def recorded(self) -> bool:
+        """Whether there are recordings of it to be answered."""
+        return self.settings.get("files") != NO_FILES
+
     def remarks(self) -> list[str]:
         """What is to be known besides: doubtful and failed shots, problems, files left out."""
         found = [*self.material]
@@ -233,7 +238,7 @@ def print_table(comparison: Comparison) -> None:
         factor, label = in_units[row.quantity]
         head = ["" if about is before else about.name, label]
         counts = [cell if wide else cell.replace(" (", "\n(") for cell in _counts(about)]
-        for method in (*row.published, *row.answers()):
+        for method in (*row.published, *(row.answers() if about.recorded else [])):
             cells = [*head, method, _written(row, method, factor)]
             cells += [_error(row, reference, method) for reference in comparison.reference_methods]
             ours = method not in row.published
@@ -264,7 +269,7 @@ def markdown(comparison: Comparison) -> str:
     parts += ["", _key(comparison), ""]
     for about in comparison.sets:
         others = {key: value for key, value in about.settings.items() if key not in ("files", "density", "model")}
-        said = [f"model {about.model}", f"density {about.medium['density']:g} kg/m³"]
+        said = [f"model {about.model}", f"density {about.medium['density']:g} kg/m³"] if about.recorded else []
         said += [*(f"{key} {value}" for key, value in others.items()), *about.remarks()]
         parts.append(f"- {_escaped(about.name)}: {'; '.join(map(_escaped, said))}")
     parts += [f"- {_escaped(note)}" for note in comparison.notes]
@@ -319,7 +324,8 @@ def _counts(about: ComparedSet) -> list[str]:
         places = max(1 - floor(log10(spread[0])), 0) if spread[0] > 0 else 1
         middle, low, high = (f"{value:.{places}f}" for value in spread)
         words = f"{middle} ({low}–{high})"
-    return [f"{about.n_answered} of {about.n_shots}", str(about.verdicts.get("ok", 0)), words]
+    shots = [f"{about.n_answered} of {about.n_shots}", str(about.verdicts.get("ok", 0))] if about.recorded else ["", ""]
+    return [*shots, words]
 
 
 def _key(comparison: Comparison) -> str:

@@ -7,8 +7,8 @@ One line per set, method and quantity, so that a method is added by adding lines
     gel 1 %,,,IMR,mu_Pa_s,0.020,0.009,
     gel 1 %,,,rheometer,G_kPa,1.30,,
 
-A line without method, quantity, mean and std only names a set. Settings stand on one line of a set or on all. Empty
-lines and lines that begin with # are left out.
+A line without method, quantity, mean and std only names a set; `-` as its files says that it has no recordings, only
+published values. Settings stand on one line of a set or on all. Empty lines and lines that begin with # are left out.
 """
 
 from __future__ import annotations
@@ -28,6 +28,7 @@ from cavirheo.writing.document import Record, Spread
 NO_SETS = "references.no_set_column"  # code of the error that a table of something else gives
 _MOST = 500  # sets of one file
 OURS = "cavirheo"  # the method's name for our own answers
+NO_FILES = "-"  # in the column files: a set of which there are published values alone
 G, MU = "shear_modulus_Pa", "viscosity_Pa_s"
 _UNITS = {
     **dict.fromkeys(("G_Pa", "shear_modulus_Pa"), (G, 1.0)),
@@ -47,7 +48,7 @@ class _ReferenceLine(BaseModel):
     quantity: str | None = None
     mean: Annotated[float, Field(ge=1e-18, le=1e18)] | None = None  # beyond, ratios would overflow
     std: Annotated[float, Field(ge=0, le=1e18)] | None = None
-    files: str | None = None  # file, subfolder or glob in the folder; default: the name of the set
+    files: str | None = None  # file, subfolder or glob in the folder, or NO_FILES; default: the name of the set
     shots: str | None = None  # of every file, "1,4-7"
     model: str | None = None
     medium: str | None = None
@@ -94,6 +95,11 @@ class ReferenceSet:
     given: dict[str, str] = field(default_factory=dict)
     values: dict[tuple[str, str], MethodValue] = field(default_factory=dict)
     medium: Medium = field(default_factory=Medium)
+
+    @property
+    def recorded(self) -> bool:
+        """Whether there are recordings of it to be answered."""
+        return self.settings.get("files") != NO_FILES
 
     def published(self) -> dict[str, dict[str, Spread]]:
         """The values by method and parameter."""
