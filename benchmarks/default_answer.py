@@ -2,7 +2,7 @@
 compares with `full`, and how many simulations it takes. No curve of the training is used.
 
 python benchmarks/default_answer.py OUT [-n 40] [--kind calibration|prior|early|liquid] [--full]
-python benchmarks/default_answer.py OUT --real FOLDER [-n 5]     # real sets, n shots of each, beside `full`
+python benchmarks/default_answer.py OUT --real FOLDER [-n 100] [--bubble field] [--material auto]     # real sets
 python benchmarks/default_answer.py OUT --time [-n 20]           # seconds of one shot and of n, and of the command
 
 OUT.jsonl keeps a line per recording: the same call goes on where it stopped. OUT.md is the table.
@@ -16,15 +16,17 @@ import os
 import subprocess
 import sys
 import time
-from contextlib import suppress
+from collections import Counter
 from pathlib import Path
 from tempfile import TemporaryDirectory
+from typing import Any
 
 import numpy as np
 
 from cavirheo import RadiusCurve, read_curves
 from cavirheo.inference import infer_many
 from cavirheo.inference.law import Family
+from cavirheo.parameters import open_sides
 from cavirheo.physics.simulate import simulate
 from cavirheo.prior import uniforms
 
@@ -96,43 +98,78 @@ def measure(kind: str, number: int, full: bool) -> dict | None:
     return line
 
 
-REAL = {  # folder, law
-    "paam_alginate_0p3": "nhkv", "pa_stiff": "nhkv", "agarose_0p5": "nhkv", "agarose_2p5": "fung + newtonian",
-    "peg8000_10wv": "newtonian", "peg8000_40wv": "power-law", "water_laser": "newtonian",
+REAL = {  # files of the sets of one material each, as FOLDER has them
+    "alginate": "paam_alginate_0p3/*.mat", "stiff PA": "pa_stiff/RofT_shifted_20_shots.mat",
+    "agarose 0.5 %": "agarose_0p5/Rt_nondim_exp.mat", "agarose 2.5 %": "agarose_2p5/Rt_nondim_exp.mat",
+    "PEGDA S3": "pegda_S3/*.mat", "PEGDA S4": "pegda_S4/*.mat",
+    "PEG 40 %": "peg8000_40wv/*.mat", "PEG 10 %": "peg8000_10wv/*.mat",
 }  # fmt: skip
+LAW = ("shear_modulus", "viscosity")
+GAUSSIAN_90 = 3.29  # standard deviations from the lower to the upper end of a 90 % interval
 
 
-def real(folder: Path, n: int) -> list[str]:
-    """How many shots of real sets have an interval, and how far medians are from those of `full`, in its standard
-    deviations."""
-    rows = ["| set, law | shots | few simulations enough | interval | medians within 0.3 | largest | median s |"]
-    rows.append("|---" * 7 + "|")
-    for name, law in REAL.items():
-        curves = []
-        for file in sorted((folder / name).iterdir()):
-            with suppress(Exception):  # a figure, a table of something else
-                curves += read_curves(file)
-        curves = curves[:: max(len(curves) // n, 1)][:n]
-        few, held, off, seconds = 0, 0, list[float](), list[float]()
-        for curve in curves:
+def real(folder: Path, out: Path, n: int, **options: Any) -> list[str]:
+    """The answers of at most n shots of each set, kept in OUT.jsonl; then `real_table`."""
+    kept = out.with_suffix(".jsonl")
+    lines = [json.loads(line) for line in kept.read_text().splitlines()] if kept.exists() else []
+    done = {(line["set"], line["shot"]) for line in lines}
+    for name, pattern in REAL.items():
+        curves = [curve for file in sorted(folder.glob(pattern)) for curve in read_curves(file)]
+        for number, curve in enumerate(curves[:: max(len(curves) // n, 1)][:n]):
+            if (name, number) in done:
+                continue
             began = time.perf_counter()
-            soon = infer_many([curve], material=law, trust_input=True)[0]
-            seconds.append(time.perf_counter() - began)
-            few += bool(soon.provenance.get("few_simulations"))
-            held += soon.log_weight is not None
-            full = infer_many([curve], material=law, verify="full", trust_input=True)[0]
-            for parameter in Family(law).parameters:
-                both = [one.interval(parameter) for one in (soon, full)]
-                if None not in both:
-                    deviation = np.log(both[1][1] / both[1][0]) / 3.29
-                    off.append(abs(np.log(soon.median(parameter) / full.median(parameter))) / deviation)
-        if off:
-            within, largest = f"{np.mean(np.array(off) < 0.3):.0%}", f"{max(off):.2f}"
-            rows.append(
-                f"| {name}, {law} | {len(curves)} | {few} | {held} | {within} | {largest} | {np.median(seconds):.1f} |"
-            )
-            print(rows[-1], flush=True)
-    return rows
+            (answer,) = infer_many([curve], **options)
+            seconds, about = time.perf_counter() - began, answer.diagnostics
+            line = {"set": name, "shot": number, "seconds": seconds, "verdict": answer.checks.verdict}
+            line |= {
+                "rmse": answer.checks.rmse_over_rmax,
+                "message": answer.checks.message,
+                "material": answer.material,
+            }
+            line |= {"bubble": answer.bubble.name, "ess": about.effective_sample_size, "simulations": about.simulations}
+            line["rebound"] = len(curve.collapse_times()) > 0
+            line["log_evidence"] = answer.evidence.log if answer.evidence else None
+            line["intervals"] = {one: answer.interval(one) for one in answer.parameters} if len(answer.theta) else {}
+            line["medians"] = {one: answer.median(one) for one in answer.parameters}
+            line["best"] = dict(answer.best)
+            line["others"] = [(one.bubble.name, one.evidence.log if one.evidence else None, one.intervals.get("viscosity"))
+                              for one in answer.others]  # fmt: skip
+            lines.append(line)
+            with kept.open("a") as file:
+                file.write(json.dumps(line) + "\n")
+            print(name, number, line["verdict"], f"{line['rmse'] or np.nan:.3f}, {seconds:.1f} s", flush=True)
+    return real_table(lines)
+
+
+def real_table(lines: list[dict]) -> list[str]:
+    """A row for each set. Scatter over width: standard deviation of log10 of the medians over the median standard
+    deviation that the shots' own intervals state, of shots whose interval is bounded by the curve on both sides."""
+    heads = ["set", "shots", "ok", "undetermined", "other verdicts", "RMSE, %", "G, kPa", "µ, Pa s"]
+    heads += ["scatter over width of G", "of µ", "s a shot"]
+    rows = ["| " + " | ".join(heads) + " |", "|---" * len(heads) + "|"]
+    for name in dict.fromkeys(line["set"] for line in lines):
+        mine = [line for line in lines if line["set"] == name]
+        verdicts = Counter(line["verdict"] for line in mine)
+        rest = ", ".join(f"{verdict} {k}" for verdict, k in verdicts.items() if verdict not in ("ok", "undetermined"))
+        cells = [name, str(len(mine)), str(verdicts["ok"]), str(verdicts["undetermined"]), rest]
+        cells.append(f"{100 * np.median([line['rmse'] for line in mine if line['rmse']]):.2f}")
+        ratios = []
+        for parameter, factor in zip(LAW, (1e-3, 1.0), strict=True):
+            bounded = [line for line in mine if line["verdict"] in ("ok", "undetermined")]
+            ends = [(line["medians"][parameter], line["intervals"].get(parameter)) for line in bounded]
+            ends = [(median, pair) for median, pair in ends if pair and not any(open_sides(parameter, *pair))]
+            logs = np.log10([median for median, _ in ends])
+            widths = [np.log10(pair[1] / pair[0]) / GAUSSIAN_90 for _, pair in ends]
+            several = len(ends) > 2
+            values = factor * 10**logs
+            cells.append(f"{np.median(values):.3g} ± {np.std(values, ddof=1):.2g} ({len(ends)})" if several else "")
+            ratios.append(f"{np.std(logs, ddof=1) / np.median(widths):.2g}" if several else "")
+        cells += [*ratios, f"{np.median([line['seconds'] for line in mine]):.1f}"]
+        rows.append("| " + " | ".join(cells) + " |")
+    seen = [line for line in lines if line["rebound"]]
+    good = sum(line["verdict"] in ("ok", "undetermined") for line in seen)
+    return [*rows, "", f"{good} of {len(seen)} shots with a rebound are ok or undetermined with a bound."]
 
 
 def timed(n: int) -> list[str]:
@@ -216,10 +253,13 @@ if __name__ == "__main__":
     parser.add_argument("--kind", choices=KINDS, action="append")
     parser.add_argument("--full", action="store_true")
     parser.add_argument("--real", type=Path)
+    parser.add_argument("--bubble")
+    parser.add_argument("--material")
     parser.add_argument("--time", action="store_true")
     given = parser.parse_args()
     if given.real or given.time:
-        text = "\n".join(real(given.real, given.n) if given.real else timed(given.n)) + "\n"
+        options = {"bubble": given.bubble, "material": given.material}
+        text = "\n".join(real(given.real, given.out, given.n, **options) if given.real else timed(given.n)) + "\n"
         given.out.with_suffix(".md").write_text(text)
         sys.exit(print(text))
     kept = given.out.with_suffix(".jsonl")
