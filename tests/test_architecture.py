@@ -24,7 +24,7 @@ ROOMS = (  # from the ground up: a room imports those below it, and only those t
     ("parallel", "errors"),
     ("parameters", "errors"),
     ("landmarks", "errors"),
-    ("writing", "errors files"),
+    ("writing", "errors files parameters"),
     ("prior", "errors parameters"),
     ("posterior", "errors writing parameters"),
     ("curve", "errors parameters landmarks writing"),

@@ -186,13 +186,13 @@ def test_markdown_and_csv_say_what_the_record_says(fake, folder, tmp_path):
     ]  # fmt: skip
     assert rows[0] == {
         "Set": "gel ¦ a", "Quantity": "G (kPa)", "IMR": "8.0 ± 1.5", "BDT": "6", "rheometer": "2",
-        "cavirheo, ok": "6.0 ± 1.4", "cavirheo, all": "7.0 ± 2.0",
-        "BDT to IMR, %": "25", "rheometer to IMR, %": "75", "cavirheo, ok to IMR, %": "25",
+        "cavirheo, trusted": "6.0 ± 1.4", "cavirheo, all": "7.0 ± 2.0",
+        "BDT to IMR, %": "25", "rheometer to IMR, %": "75", "cavirheo, trusted to IMR, %": "25",
         "cavirheo, all to IMR, %": "12", "IMR to rheometer, %": "300", "BDT to rheometer, %": "200",
-        "cavirheo, ok to rheometer, %": "200", "cavirheo, all to rheometer, %": "250",
-        "Shots": "3 of 4", "ok": "2", "RMSE, % of R_max": "1.0 (0.5–2.0)",
+        "cavirheo, trusted to rheometer, %": "200", "cavirheo, all to rheometer, %": "250",
+        "Shots": "3 of 4", "trusted": "2", "RMSE, % of R_max": "1.0 (0.5–2.0)",
     }  # fmt: skip
-    assert rows[3]["cavirheo, ok"] == rows[3]["cavirheo, all"] == "4.00"
+    assert rows[3]["cavirheo, trusted"] == rows[3]["cavirheo, all"] == "4.00"
     assert rows[1]["IMR"] == "0.020 ± 0.009"
     with (tmp_path / "c" / "comparison.csv").open(newline="", encoding="utf-8") as file:
         table_rows = list(csv.DictReader(file))
@@ -328,9 +328,9 @@ def test_the_table_fits_and_the_picture_shows_every_value(fake, folder, tmp_path
         print_table(result)
         text = capsys.readouterr().out
         assert max(map(len, text.splitlines())) <= width
-        assert len(text.splitlines()) < 46
+        assert len(text.splitlines()) < 47
         assert "(0.5–2.0)" in text
-    (trusted,) = (line for line in text.splitlines() if "cavirheo, ok" in line and "6.0 ± 1.4" in line)
+    (trusted,) = (line for line in text.splitlines() if "cavirheo, trusted" in line and "6.0 ± 1.4" in line)
     (everything,) = (line for line in text.splitlines() if "cavirheo, all" in line and "7.0 ± 2.0" in line)
     assert "3 of 4" in trusted
     assert trusted.split()[5:7] == ["25", "200"]  # errors to IMR and to the rheometer, %
@@ -339,7 +339,14 @@ def test_the_table_fits_and_the_picture_shows_every_value(fake, folder, tmp_path
     drawn = picture.figure(result)
     assert [axes.get_xscale() for axes in drawn.axes] == ["log", "log"]
     legend = [text.get_text() for text in drawn.legends[0].get_texts()]
-    assert legend == ["IMR", "BDT", "rheometer", "cavirheo, ok", "cavirheo: shot, ok", "cavirheo: shot, not ok"]
+    assert legend == [
+        "IMR",
+        "BDT",
+        "rheometer",
+        "cavirheo, trusted",
+        "cavirheo: shot, trusted",
+        "cavirheo: shot, not trusted",
+    ]
     result.sets[0].quantities[0].ours_ok.std = 8e3
     legend = [text.get_text() for text in picture.figure(result).legends[0].get_texts()]
     assert "std reaches below 0" in legend

@@ -119,6 +119,7 @@ def test_all_answers_of_a_curve_stand_side_by_side(tmp_path):
     assert row["evidence"] == {"log": -15.0, "error": None}
     kinetic, _, second = row["other_models"]
     assert (kinetic["material"], kinetic["contents"], kinetic["log_evidence"]) == ("nhkv", "kinetic", -3.0)
+    assert kinetic["viscosity_Pa_s"].pop("bound") is None
     assert kinetic["viscosity_Pa_s"] == pytest.approx({"median": 0.003, "q05": 0.0024, "q95": 0.0036})
     assert kinetic["other_parameters"]["accommodation"]["median"] == 0.07
     assert (second["material"], second["contents"]) == (row["material"], row["contents"])

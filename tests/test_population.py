@@ -222,16 +222,103 @@ def test_a_column_has_a_slope():
         population(made).trend("viscosity")
 
 
-def test_a_bound_is_no_value():
-    """Shots that only say that mu is below a value: the material's interval is said so."""
-    rng = np.random.default_rng(0)
-    answers = []
-    for k in range(6):
-        theta = np.column_stack([3.8 + 0.05 * rng.standard_normal(600), rng.uniform(-4.0, -2.5, 600)])
-        answers.append(replace(seen(CENTRE, 0.05, seed=k), theta=theta, checks=Checks("outside_training_range")))
-    found = population(answers)
-    assert len(found.shots) == 6
+def one_sided(n, viscosity, error, *, seed=0, spread=0.05, tilt=0.0) -> tuple[list[Posterior], np.ndarray]:
+    """Shots of 6.3 kPa with `spread` decades whose mu is measured with a normal `error` (n,) in Pa s: one that is not
+    far above the error is only bounded. log10 of G is traded for mu by `tilt` decades per Pa s. With the measured mu
+    (n,), Pa s."""
+    rng, logs = np.random.default_rng(seed), np.linspace(-4.0, 1.0, 5001)
+    answers, measured = [], []
+    for deviation in np.broadcast_to(error, n):
+        modulus = CENTRE[0] + spread * rng.standard_normal() + 0.05 * rng.standard_normal()
+        measured.append(viscosity + deviation * rng.standard_normal())
+        share = np.cumsum(np.exp(-0.5 * ((10.0**logs - measured[-1]) / deviation) ** 2))
+        mu = np.interp(rng.uniform(size=1000), share / share[-1], logs)
+        theta = np.column_stack([modulus + tilt * (viscosity - 10.0**mu) + 0.05 * rng.standard_normal(1000), mu])
+        one = replace(seen(CENTRE, 0.05), theta=theta)
+        answers.append(replace(one, checks=Checks("undetermined" if one.bound("viscosity") else "ok")))
+    return answers, np.array(measured)
+
+
+def bounds(answers) -> list[str | None]:
+    return [one.bound("viscosity") for one in answers]
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_shots_that_only_bound_a_parameter_tell_the_others_as_well(seed):
+    """Gels whose mu is too small for their recordings: G as of gels whose mu is known, and of mu a bound."""
+    bounded, _ = one_sided(12, 1e-5, 0.01, seed=seed, tilt=3.0)
+    known, _ = one_sided(12, 0.03, 0.002, seed=seed, tilt=3.0)
+    assert bounds(bounded).count("upper") >= 10
+    assert bounds(known) == [None] * 12
+    found, clear = population(bounded), population(known)
+    assert len(found.shots) == 12
+    low, _, high = np.log10(found.interval("shear_modulus"))
+    assert low < CENTRE[0] < high
+    ends = np.log10(clear.interval("shear_modulus"))
+    assert high - low < 1.1 * (ends[2] - ends[0])
+    assert clear.bound("viscosity") is None
+    assert found.bound("viscosity") == found.quantity("viscosity").bound == "upper"
+    assert found.interval("viscosity")[2] < np.median([one.interval("viscosity")[1] for one in bounded])
     assert "µ below" in found.line
+    assert "in µ" not in found.line  # nor is its scatter known
+    assert found.determined == ["shear_modulus"]
+    assert list(found.against(clear)) == ["shear_modulus"]
+
+
+@pytest.mark.parametrize(
+    ("viscosity", "error"), [(1e-5, 0.01), (1e-3, 0.005), (0.012, 0.01), (0.01, [0.002, 0.02] * 6)]
+)
+def test_bounds_multiply_as_on_a_grid(viscosity, error):
+    """One mu for all shots: the product of their likelihoods, which are known in closed form."""
+    logs, ends = np.linspace(-4.0, 1.0, 5001), []
+    for seed in (0, 1, 3):
+        answers, measured = one_sided(12, viscosity, error, seed=seed, spread=0.0)
+        off = (10.0 ** logs[:, None] - measured) / np.broadcast_to(error, 12)
+        share = np.cumsum(np.exp(-0.5 * np.sum(off**2, axis=1)))
+        exact = np.interp([0.5, 0.95], share / share[-1], logs)
+        ends.append(np.log10(population(answers).if_common("viscosity"))[1:] - exact)
+    assert np.all(np.abs(ends) < [0.25, 0.12])
+
+
+def test_bounds_and_values_of_one_material_agree():
+    """Half of the shots determine mu and half bound it: the material's mu holds the truth and is of all of them."""
+    inside = 0
+    for seed in range(5):
+        answers, _ = one_sided(12, 0.01, [0.002, 0.02] * 6, seed=seed, tilt=3.0)
+        assert bounds(answers).count("upper") >= 5
+        found, half = population(answers), population(answers[::2])
+        assert found.bound("viscosity") is None
+        low, _, high = found.interval("viscosity")
+        inside += low < 0.01 < high
+        assert found.interval("viscosity")[1] == pytest.approx(half.interval("viscosity")[1], rel=0.3)
+        assert high < 1.05 * half.interval("viscosity")[2]
+    assert inside >= 4
+
+
+def test_a_shot_that_says_nothing_of_a_parameter_changes_nothing():
+    known = shots(5)
+    rng = np.random.default_rng(3)
+    silent = []
+    for k in range(4):
+        theta = np.column_stack([CENTRE[0] + 0.05 * rng.standard_normal(800), rng.uniform(-4.0, 1.0, 800)])
+        silent.append(replace(seen(CENTRE, 0.05, seed=k), theta=theta, checks=Checks("undetermined")))
+    assert {one.bound("viscosity") for one in silent} == {"undetermined"}
+    found, alone = population(known + silent), population(known)
+    assert len(found.shots) == 9
+    assert np.allclose(np.log10(found.interval("viscosity")), np.log10(alone.interval("viscosity")), atol=0.02)
+
+
+def test_a_bound_from_below_mirrors_one_from_above():
+    rng = np.random.default_rng(5)
+    log_p = np.zeros(1000)
+    theta = np.column_stack([0.05 * rng.standard_normal(1000), rng.uniform(-4.0, -2.5, 1000)])
+    ends = np.array([[-5.0, -4.0], [5.0, 1.0]])
+    above = likelihood(theta, log_p, log_p, (None, "upper"), ends)
+    below = likelihood(-theta, log_p, log_p, (None, "lower"), -ends[::-1])
+    assert np.allclose(above.mean, -below.mean, atol=1e-3)
+    assert np.allclose(above.share, below.share, rtol=1e-3)
+    assert above.mean[0, 1] == pytest.approx(-2.5, abs=0.03)
+    assert above.share[0] == pytest.approx(1.0 / 1.5, rel=0.03)  # of the draws, on each decade below the bound
 
 
 def test_the_seed_decides_all():

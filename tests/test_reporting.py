@@ -17,7 +17,7 @@ import pytest
 from cavirheo import reporting
 from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError
-from cavirheo.posterior import Checks, Diagnostics, Evidence, Posterior, WindowAnswer
+from cavirheo.posterior import Checks, Diagnostics, Evidence, Posterior, WindowAnswer, in_words
 from cavirheo.reporting import drawing, group, html, picture, read_json, result, table, write_report
 from cavirheo.reporting.answer import curve_record
 from cavirheo.reporting.record import Answered
@@ -110,9 +110,9 @@ def test_json_keeps_the_contract(pairs, tmp_path):
     assert wanted <= row.keys()
     assert row["name"] == "shot[1]"
     assert row["max_radius_m"] == pytest.approx(2.6e-4, rel=0.02)
-    assert row["shear_modulus_Pa"] == {"median": pytest.approx(6100.0), "q05": None, "q95": None}
-    assert row["viscosity_Pa_s"] == {"median": pytest.approx(0.021), "q05": None, "q95": None}
-    assert row["stretch"] == {"median": 9.1, "q05": None, "q95": None}
+    assert row["shear_modulus_Pa"] == {"median": pytest.approx(6100.0), "q05": None, "q95": None, "bound": None}
+    assert row["viscosity_Pa_s"] == {"median": pytest.approx(0.021), "q05": None, "q95": None, "bound": None}
+    assert row["stretch"] == {"median": 9.1, "q05": None, "q95": None, "bound": None}
     assert row["window"] == {"collapses": 2, "t_star_end": 2.6}
     (group,) = document["groups"]
     assert group["name"] == "shots"
@@ -388,6 +388,70 @@ def test_table_fits_its_terminal(width, draws):
     assert "failed" in text
     assert " ".join(text.split()).count("words") == 30  # the message stands below in full
     assert (text.split("RMSE:")[0].count("[") > 3) == (draws > 1)  # intervals, beside the names, where there are any
+
+
+def bounding(curve, top=-2.0) -> Posterior:
+    """G as ever, and a viscosity that is anything below 10**top."""
+    made, rng = answer(curve, draws=800, verdict="undetermined"), np.random.default_rng(1)
+    return replace(made, theta=np.column_stack([made.theta[:, 0], rng.uniform(-4.0, top, 800)]))
+
+
+@pytest.mark.parametrize("width", [80, 140])
+def test_a_bound_is_said_as_a_bound_and_counts(tmp_path, width):
+    """Of five shots that count three determine mu: one count for the table, the group and the material."""
+    curves = [bubble(f"shot[{k}]") for k in range(5)]
+    pairs = [
+        (c, answer(c, G=6e3 + 50 * k, draws=800) if k < 3 else bounding(c, -2.0 - 0.01 * k))
+        for k, c in enumerate(curves)
+    ]
+    write_report(tmp_path, pairs, COMMAND, draw=False)
+    document = read_json(tmp_path / "result.json")
+    (group,), rows = document.groups, document.curves
+    assert [row.viscosity_Pa_s.bound for row in rows] == [None] * 3 + ["upper"] * 2
+    assert [row.shear_modulus_Pa.bound for row in rows] == [None] * 5
+    assert rows[3].viscosity_Pa_s.q95 == pytest.approx(0.93 * 10**-2.03, rel=0.2)
+    assert all(row.trusted for row in rows)
+    assert group.n_trusted == group.population.n == 5
+    assert (group.shear_modulus_Pa.n, group.viscosity_Pa_s.n) == (5, 3)
+    assert group.viscosity_Pa_s.mean == pytest.approx(np.mean([row.viscosity_Pa_s.median for row in rows[:3]]))
+    assert "5 of 5 shots belong" in group.population.line
+    text = " ".join(printed(document, width).split())
+    assert "below 0.00" in text
+    assert "undetermined" in text
+    assert "(n = 3)" in text
+    assert "trusted of" not in text  # all are
+    assert "µ below 0.00" in table.line(rows[3])
+    assert "Pa s (95 %)" in table.line(rows[3])
+    page = "".join(Page((tmp_path / "report.html").read_text(encoding="utf-8")).text)
+    assert page.count("below 0.00") >= 4  # table and article, of two shots
+    with (tmp_path / "result.csv").open(encoding="utf-8") as file:
+        assert [row["viscosity_Pa_s_bound"] for row in csv.DictReader(file)] == [""] * 3 + ["upper"] * 2
+
+
+def test_a_parameter_at_its_bound_without_an_interval_is_in_no_mean():
+    curves = [bubble(f"shot[{k}]") for k in range(3)]
+    stuck = replace(
+        answer(curves[2], mu=1e-4, verdict="undetermined"), diagnostics=Diagnostics(at_bound=("viscosity",))
+    )
+    (group,) = result([*((c, answer(c)) for c in curves[:2]), (curves[2], stuck)], COMMAND).groups
+    assert (group.n_trusted, group.shear_modulus_Pa.n, group.viscosity_Pa_s.n) == (3, 3, 2)
+    assert group.viscosity_Pa_s.mean == pytest.approx(0.021)
+
+
+@pytest.mark.parametrize(
+    ("ends", "bound", "said"),
+    [
+        ((1.2e-4, 1e-3, 0.03), "upper", "does not bound µ from below: any value below 0.030 Pa s follows it as well"),
+        ((0.03, 1.0, 9.0), "lower", "does not bound µ from above: any value above 0.030 Pa s follows it as well"),
+        ((1.2e-4, 0.1, 9.0), "undetermined", "does not determine µ"),
+    ],
+)
+def test_what_is_not_bounded_is_said_in_plain_words(ends, bound, said):
+    value = Quantity(q05=ends[0], median=ends[1], q95=ends[2], bound=bound)
+    assert said in digits.unbounded("viscosity", value)
+    assert value.determined is None
+    words = {"upper": "µ below 0.030 Pa s (95 %)", "lower": "µ above 0.030 Pa s (95 %)"}
+    assert in_words("viscosity", ends) == words.get(bound, "µ undetermined")
 
 
 def test_table_tells_apart_names_that_differ_in_the_middle():

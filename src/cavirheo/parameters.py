@@ -10,7 +10,7 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping
 from math import inf
-from typing import NamedTuple
+from typing import Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -19,6 +19,9 @@ from cavirheo.arrays import Floats
 from cavirheo.errors import require
 
 LOG10 = "log10_"
+Bound = Literal["upper", "lower", "undetermined"]
+"""What is known of a value whose interval reaches an end of its range: that it is below the interval's upper end, above
+its lower end, or nothing."""
 
 
 class Parameter(NamedTuple):
@@ -129,7 +132,12 @@ def about(name: str) -> Parameter:
     """The entry of a parameter, by its name in any scale and of any law of a sum. Raises KeyError: an unknown one."""
     if name == AT_RATE:
         return Parameter("µ at 1e5/s", "Pa s")
-    return PARAMETERS[re.sub(r"_\d+$", "", natural_name(name))]
+    return PARAMETERS[_base(name)]
+
+
+def _base(name: str) -> str:
+    """Without its scale and the number of its law in a sum."""
+    return re.sub(r"_\d+$", "", natural_name(name))
 
 
 def of_the_law(name: str) -> bool:
@@ -143,12 +151,20 @@ def reaches(low: float, high: float, ends: tuple[float, float]) -> tuple[bool, b
     return bool(low - ends[0] < room), bool(ends[1] - high < room)
 
 
-def open_sides(name: str, low: float, high: float) -> tuple[bool, bool]:
-    """`reaches` of an interval in natural values, SI, and the range that is searched."""
-    searched = about(name).searched
-    if searched is None or not 0 < low < high:
-        return False, False
-    return reaches(float(np.log10(low)), float(np.log10(high)), searched)
+def bound_of(low: float, high: float, ends: tuple[float, float]) -> Bound | None:
+    """What is left of an interval that `reaches` an end of a range, in the scale of that range; None: all of it."""
+    below, above = reaches(low, high, ends)
+    if below and above:
+        return "undetermined"
+    return "upper" if below else "lower" if above else None
+
+
+def searched_bound(name: str, low: float, high: float) -> Bound | None:
+    """`bound_of` an interval in natural values, SI, in the range that is searched; None where there is no range."""
+    known = PARAMETERS.get(_base(name))
+    if known is None or known.searched is None or not 0 < low < high:
+        return None
+    return bound_of(float(np.log10(low)), float(np.log10(high)), known.searched)
 
 
 def units(names: tuple[str, ...]) -> tuple[str, ...]:

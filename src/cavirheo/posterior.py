@@ -12,12 +12,17 @@ import numpy as np
 from cavirheo.arrays import Floats, unscaled
 from cavirheo.bubble import FIELD, Bubble
 from cavirheo.errors import InputError, require
-from cavirheo.parameters import about, natural, natural_name, open_sides
+from cavirheo.parameters import LOG10, Bound, about, bound_of, natural, natural_name, scaled, searched_bound
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-Verdict = Literal["ok", "check_input", "model_does_not_fit", "outside_training_range", "no_interval", "failed"]
+    from cavirheo.writing.document import Quantity
+
+Verdict = Literal[
+    "ok", "check_input", "model_does_not_fit", "undetermined", "outside_training_range", "no_interval", "failed"
+]
+TRUSTED: frozenset[Verdict] = frozenset(("ok", "undetermined"))  # count in a material; what they determine in a mean
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -204,13 +209,10 @@ class Posterior:
     def __repr__(self) -> str:
         """Material, method and verdict, then a line per parameter: median, 90 % interval, unit."""
         from cavirheo.writing import digits
-        from cavirheo.writing.document import Quantity
 
         lines = [f"Posterior({self.material}, {self.method}, {len(self.theta)} draws): {self.checks!r}"]
         for name, unit in self.parameters.items():
-            low, high = self.interval(name) or (None, None)
-            text = digits.quantity(Quantity(median=self.median(name), q05=low, q95=high))
-            lines.append(f"  {name:<18}{text}" + ("" if unit == "1" else f" {unit}"))
+            lines.append(f"  {name:<18}{digits.measured(self.quantity(name), unit='' if unit == '1' else unit)}")
         if self.stretch is not None and "stretch" not in self.parameters:
             lines.append(f"  {'stretch':<18}{digits.significant(self.stretch)}")
         return "\n".join(lines)
@@ -252,6 +254,23 @@ class Posterior:
         tail = (1.0 - level) / 2.0
         low, high = weighted_quantile(draws, np.array([tail, 1.0 - tail]), self.log_weight)
         return float(low), float(high)
+
+    def bound(self, name: str) -> Bound | None:
+        """Where the central 90 % interval reaches an end of the range of `prior`, else of the search: "upper" (the value
+        is below the interval's upper end), "lower" (above its lower end) or "undetermined" (nothing is known); None
+        for an interval within the range, or none. Raises InputError: as `draws`."""
+        ends, known = self.interval(name), LOG10 + name if LOG10 + name in self.names else name
+        if ends and known in self.prior:
+            low, high, *_ = self.prior[known]
+            return bound_of(scaled(known, ends[0]), scaled(known, ends[1]), (low, high))
+        return searched_bound(name, *ends) if ends else None
+
+    def quantity(self, name: str) -> Quantity:
+        """Median, interval and bound in natural units; empty if the answer failed. Raises InputError: as `draws`."""
+        from cavirheo.writing.document import Quantity
+
+        low, high = self.interval(name) or (None, None)
+        return Quantity(median=self.median(name), q05=low, q95=high, bound=self.bound(name))
 
     def median(self, name: str) -> float | None:
         """Posterior median in natural units; None if the answer failed. Raises InputError: as `draws`."""
@@ -308,17 +327,10 @@ def in_words(name: str, interval: tuple[float, float, float]) -> str:
     from cavirheo.writing.document import Quantity
 
     (low, median, high), known = interval, about(name)
-    factor, unit = digits.modulus_unit([median]) if known.unit == "Pa" else (1.0, known.unit.removeprefix("1"))
-    unit = f" {unit}" if unit else ""
-    if low == high:  # a value without an interval
-        return f"{known.symbol} {digits.quantity(Quantity(median=median), factor)}{unit}"
-    below, above = open_sides(name, low, high)
-    if below and above:
-        return f"{known.symbol} undetermined"
-    if below or above:
-        end = digits.significant(factor * (high if below else low), 2)
-        return f"{known.symbol} {'below' if below else 'above'} {end}{unit} (95 %)"
-    return f"{known.symbol} {digits.quantity(Quantity(median=median, q05=low, q95=high), factor)}{unit}"
+    value = Quantity(median=median)  # without an interval, where its ends are one
+    if low < high:
+        value = Quantity(median=median, q05=low, q95=high, bound=searched_bound(name, low, high))
+    return f"{known.symbol} {digits.measured(value, *digits.unit_for(known.unit, median))}"
 
 
 def intervals(

@@ -27,13 +27,14 @@ from cavirheo.inference.law import Family
 from cavirheo.inference.noise import Noise, correlation_time
 from cavirheo.inference.options import FREE, Options, fixed_bubble
 from cavirheo.inference.reconstruct import MISFIT, Window, reconstruct, window
-from cavirheo.parameters import LOG10, PARAMETERS, STRETCH_RANGE, reaches
+from cavirheo.parameters import LOG10, PARAMETERS, STRETCH_RANGE, bound_of
 from cavirheo.physics.damage import Damage
 from cavirheo.physics.media import WATER, Medium
 from cavirheo.physics.scales import ACCOMMODATION
 from cavirheo.physics.simulate import ROUGH, simulate
 from cavirheo.posterior import Checks, Verdict, weighted_quantile
 from cavirheo.prior import Prior
+from cavirheo.writing.document import Quantity
 
 Accuracy = Mapping[str, Any]  # options of `simulate`
 
@@ -362,17 +363,17 @@ class Experiment:
         clean = self.curve.noise < CLEAN * self.max_radius
         return counted.checks(self.view, self.time_scale, verdict, messages, LEFT if clean else MISFIT)
 
-    def open_ends(self, x: Floats, low: Floats, high: Floats, log_weight: Floats | None = None) -> dict[str, str]:
+    def unbounded(self, x: Floats, low: Floats, high: Floats, log_weight: Floats | None = None) -> dict[str, Quantity]:
         """Parameters of the law and the stretch whose central 90 % of x (draws, d) reach an end of their range, low to
-        high (d,): there the range decides, not the curve."""
-        found: dict[str, str] = {}
+        high (d,): there the range decides, not the recording. SI, each with the bound that is left."""
+        found: dict[str, Quantity] = {}
         for name, values, a, b in zip(self.names, x.T, low, high, strict=True):
             if name not in (*self.family.parameters, "stretch") or len(x) < 2:
                 continue
-            bottom, top = weighted_quantile(values, np.array([0.05, 0.95]), log_weight)
-            sides = zip(("below", "above"), reaches(bottom, top, (a, b)), strict=True)
-            if ends := [f"{name} from {side}" for side, reached in sides if reached]:
-                found[name] = ", ".join(ends)
+            ends = weighted_quantile(values, np.array([0.05, 0.5, 0.95]), log_weight)
+            if bound := bound_of(ends[0], ends[2], (a, b)):
+                q05, median, q95 = (10.0**ends).tolist()
+                found[name] = Quantity(median=median, q05=q05, q95=q95, bound=bound)
         return found
 
     @property

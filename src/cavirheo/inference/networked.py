@@ -27,6 +27,7 @@ from cavirheo.parameters import LOG10, natural_name, units
 from cavirheo.physics.media import WATER, Medium
 from cavirheo.posterior import Checks, Diagnostics, Posterior
 from cavirheo.prior import log_normal
+from cavirheo.writing import digits
 
 DRAWS = 1000
 TRIED = 8  # of the draws, those that the network takes for the likeliest, simulated to check the answer
@@ -109,7 +110,9 @@ class Networked:
         if self.checked:
             missed = [float(np.mean(shot.difference(x[i], QUICK) ** 2)) for i in likeliest]
             best = x[likeliest[int(np.argmin(np.nan_to_num(missed, nan=np.inf)))]]
-            checks = shot.checks(best, "ok", [UNVERIFIED])
+            unbounded = shot.unbounded(x, proposal.prior.low, proposal.prior.high)
+            messages = [UNVERIFIED, *(digits.unbounded(name, value) for name, value in unbounded.items())]
+            checks = shot.checks(best, "undetermined" if unbounded else "ok", messages)
         values, log_q = shot.best(best), log_q - shot.log_stretched(theta)
         return Posterior(
             names, units(names), theta, checks, law, "amortised", {}, log_q, best=values, stretch=values["stretch"],

@@ -13,8 +13,9 @@ from cavirheo.arrays import Floats
 from cavirheo.bubble import FIELD, Bubble
 from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError
-from cavirheo.parameters import AT_RATE, BUBBLE, RATE, about, of_the_law
+from cavirheo.parameters import AT_RATE, BUBBLE, RATE, about, of_the_law, searched_bound
 from cavirheo.posterior import (
+    TRUSTED,
     Checks,
     Diagnostics,
     Evidence,
@@ -167,7 +168,12 @@ class CurveRecord(Record):
 
     @property
     def trusted(self) -> bool:
-        return self.verdict == "ok"
+        """Whether it counts in means and in the material of its group."""
+        return self.verdict in TRUSTED
+
+    def determined(self, name: str) -> float | None:
+        """The median of a parameter by its natural name, SI, if it is a value and not a bound alone."""
+        return None if name in self.diagnostics.at_bound else self.itself.quantity(name).determined
 
     @property
     def itself(self) -> OtherModel:
@@ -217,8 +223,7 @@ def curve_record(curve: RadiusCurve, posterior: Posterior) -> CurveRecord:
     def quantity(name: str) -> Quantity:
         if not answered or name not in posterior.parameters:
             return Quantity()
-        low, high = posterior.interval(name) or (None, None)
-        return Quantity(median=posterior.median(name), q05=low, q95=high)
+        return posterior.quantity(name)
 
     values = {name: quantity(name) for name in ("shear_modulus", "viscosity", "stretch", *posterior.parameters)}
     if answered:
@@ -269,7 +274,8 @@ def _other(one: OtherAnswer) -> OtherModel:
 
     names = dict.fromkeys((*one.intervals, *(name for name in BUBBLE if one.best.get(name))))
     values = {name: Quantity(median=finite(one.best.get(name))) for name in names}
-    values |= {name: Quantity(q05=low, median=median, q95=high) for name, (low, median, high) in one.intervals.items()}
+    for name, (low, median, high) in one.intervals.items():
+        values[name] = Quantity(q05=low, median=median, q95=high, bound=searched_bound(name, low, high))
     if (viscosity := viscosity_at(one.material, RATE, one.best)) is not None:
         values[AT_RATE] = Quantity(median=viscosity)
     known = {key: values.pop(name, Quantity()) for name, key in _KEYS.items()}

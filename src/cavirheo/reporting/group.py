@@ -33,7 +33,7 @@ class Slope(Quantity):
         q05: lower end of its 90 % interval.
         q95: its upper end.
         n: shots that it is over.
-        n_trusted: how many of them have the verdict ok.
+        n_trusted: how many of them are trusted (verdict ok or undetermined).
     """
 
     n: int
@@ -70,13 +70,14 @@ class ModelSlopes(Record):
 class GroupRecord(Record):
     """The shots of one file or folder.
 
-    Means and models are over the n_trusted with verdict ok; those of documents where this is null, over all n. Slopes
-    are over the trusted, too; where these are too few, over those that the model does not fit as well.
+    Models are over the n_trusted with verdict ok or undetermined, and the mean of each parameter over those of them
+    that determine it; both of documents where this is null, over all n. Slopes are over such values, too; where the
+    trusted are too few, over those that the model does not fit as well.
 
     Attributes:
         name: of the file or folder.
         n: shots that were answered.
-        n_trusted: shots with the verdict ok; null in documents of before.
+        n_trusted: shots with the verdict ok or undetermined; null in documents of before.
         n_failed: shots without an answer.
         shear_modulus_Pa: G, Pa.
         viscosity_Pa_s: mu, Pa s.
@@ -115,6 +116,11 @@ class GroupRecord(Record):
     def viscosity(self) -> Spread:
         """Or that at 1e5 1/s, where it is not one number."""
         return self.spread("viscosity" if self.viscosity_Pa_s.mean is not None else AT_RATE)
+
+    def mean(self, value: Spread, factor: float = 1.0) -> str:
+        """'6.4 ± 1.6'; '0.041 ± 0.006 (n = 3)' where fewer shots determine it than are trusted."""
+        fewer = value.mean is not None and value.n not in (None, self.n_trusted)
+        return digits.spread(value, factor) + (f" (n = {value.n})" if fewer else "")
 
     @property
     def remarks(self) -> list[str]:
@@ -160,7 +166,7 @@ def slopes(members: Sequence[CurveRecord]) -> dict[str, Slope]:
 def _sloped(members: Sequence[CurveRecord]) -> list[CurveRecord]:
     """The trusted; where these are too few, also those that the model does not fit."""
     trusted = [record for record in members if record.trusted]
-    followed = [record for record in members if record.verdict in ("ok", "model_does_not_fit")]
+    followed = [record for record in members if record.trusted or record.verdict == "model_does_not_fit"]
     return trusted if len(trusted) >= FEWEST else followed
 
 
@@ -181,9 +187,13 @@ def theil_sen(x: Floats, y: Floats) -> tuple[float, float, float]:
 
 def _slopes(shots: Sequence[CurveRecord], answers: Sequence[OtherModel]) -> dict[str, Slope]:
     """By the name of what should be a constant."""
-    radii, trusted = [record.max_radius_m for record in shots], sum(record.trusted for record in shots)
-    found = {name: slope(radii, [one.quantity(name).median for one in answers], trusted) for name in CONSTANTS}
-    return {name: slope for name, slope in found.items() if slope}
+    radii, found = [record.max_radius_m for record in shots], dict[str, Slope]()
+    for name in CONSTANTS:
+        values = [one.quantity(name).determined for one in answers]
+        trusted = sum(one.trusted and value is not None for one, value in zip(shots, values, strict=True))
+        if one := slope(radii, values, trusted):
+            found[name] = one
+    return found
 
 
 def in_words(slopes: dict[str, Slope]) -> str:
@@ -199,15 +209,16 @@ def in_words(slopes: dict[str, Slope]) -> str:
 
 
 def group_of(name: str, members: list[CurveRecord], population: PopulationRecord | None = None) -> GroupRecord:
-    """The material, the mean over the trusted curves, their slopes, and how many have which verdict."""
+    """The material, the mean of each parameter over the trusted curves that determine it, their slopes, and how many
+    have which verdict."""
     trusted = [record for record in members if record.trusted]
     n = sum(record.answered for record in members)
     more = dict.fromkeys(key for record in trusted for key in record.other_parameters if key not in CAMERA)
     return GroupRecord(
         name=name, n=n, n_trusted=len(trusted), n_failed=len(members) - n,
-        shear_modulus_Pa=spread_of([record.shear_modulus_Pa.median for record in trusted]),
-        viscosity_Pa_s=spread_of([record.viscosity_Pa_s.median for record in trusted]),
-        other_parameters={key: spread_of([one.itself.quantity(key).median for one in trusted]) for key in more},
+        shear_modulus_Pa=spread_of([record.determined("shear_modulus") for record in trusted]),
+        viscosity_Pa_s=spread_of([record.determined("viscosity") for record in trusted]),
+        other_parameters={key: spread_of([one.determined(key) for one in trusted]) for key in more},
         verdicts=dict(Counter(record.verdict for record in members)),
         models=dict(Counter(record.model for record in trusted)),
         slopes=slopes(members), other_slopes=_other_slopes(_sloped(members)),

@@ -98,13 +98,12 @@ class PopulationRecord(Record):
         return ends[:, 1], np.diag(variance(ends)), np.outer(spread, spread) * np.array(rho)
 
     def still_wanted(self, shots: Sequence[CurveRecord], wanted: float) -> int | None:
-        """How many more shots like these, of which as many count, bring the 90 % intervals of G and mu to +- `wanted`
-        of the value; None: more than 10,000, or there is no material."""
+        """How many more shots like these, of which as many count, bring the 90 % intervals of G and mu, as far as these
+        are determined, to +- `wanted` of the value; None: more than 10,000, or neither is."""
         from cavirheo.inference.design import shared, shots_wanted, variance
-        from cavirheo.inference.population import USED
 
-        names = [name for name in _KEYS if self.centre(name).median is not None]
-        seen = [row.logs(names) for row in shots if row.verdict in USED]
+        names = [name for name in _KEYS if self.centre(name).determined is not None]
+        seen = [row.logs(names) for row in shots if row.trusted]
         if not (names and (seen := [logs for logs in seen if np.all(np.isfinite(logs))])):
             return None
         _, covariance, scatter = self.known(names)
@@ -114,13 +113,13 @@ class PopulationRecord(Record):
 
     def contour(self, level: float = 0.9) -> Floats | None:
         """(n, 2) mu and G, SI, around this part of all shots that belong, at the medians of centre, spread and
-        correlation; None unless the law has both."""
+        correlation; None unless both are determined."""
         pair = [
             (self.centre(name), self.spreads_decades.get(name, Quantity())) for name in ("viscosity", "shear_modulus")
         ]
-        if any(centre.median is None or spread.median is None for centre, spread in pair):
+        if any(centre.determined is None or spread.median is None for centre, spread in pair):
             return None
-        (mu, of_mu), (modulus, of_modulus) = ((centre.median, spread.median) for centre, spread in pair)
+        (mu, of_mu), (modulus, of_modulus) = ((centre.determined, spread.median) for centre, spread in pair)
         rho = next(iter(self.correlation.values()), Quantity()).median or 0.0
         turn, reach = np.linspace(0.0, 2.0 * np.pi, 121), np.sqrt(-2.0 * np.log(1.0 - level))
         x, y = reach * np.cos(turn), reach * (rho * np.cos(turn) + np.sqrt(1.0 - rho**2) * np.sin(turn))
@@ -194,7 +193,7 @@ def population_record(found: Population | None, column: str = "") -> PopulationR
     }  # fmt: skip
     if not len(found.centre):
         return PopulationRecord(**about)
-    values = {name: _quantity(found.interval(name)) for name in found.names}
+    values = {name: found.quantity(name) for name in found.names}
     known: dict[str, Any] = {key: values.pop(name) for name, key in _KEYS.items() if name in values}
     low, middle, high = np.quantile(np.sqrt(np.mean(found.spread**2, axis=1)), [0.05, 0.5, 0.95]).tolist()
     evidence, scattered = found.evidence, found.scattered
@@ -242,18 +241,21 @@ def _over_size(at: float, slopes: Mapping[str, Quantity]) -> str:
     return f"the material over R_max: {'; '.join(said)}; its values are those at R_max = {size} µm"
 
 
-def differences(found: Mapping[str, Population | None]) -> list[GroupDifference]:
-    """Of each two of the first groups whose materials rest on one model."""
-    known = [(name, one) for name, one in found.items() if one is not None and len(one.centre)][:_MOST]
-    return [
-        GroupDifference(first=b, second=a, parameters={
-            name: Apart(ratio=_quantity(apart.ratio), probability_higher=apart.probability_higher,
-                        probability_differs=apart.probability_differs)
-            for name, apart in its.against(one).items()
-        })
-        for (a, one), (b, its) in combinations(known, 2)
-        if (one.material, one.bubble) == (its.material, its.bubble)
-    ]  # fmt: skip
+def differences(materials: Mapping[str, Population | None]) -> list[GroupDifference]:
+    """Of each two of the first groups whose materials rest on one model and determine a parameter."""
+    known = [(name, one) for name, one in materials.items() if one is not None and len(one.centre)][:_MOST]
+    found: list[GroupDifference] = []
+    for (a, one), (b, its) in combinations(known, 2):
+        apart = its.against(one) if (one.material, one.bubble) == (its.material, its.bubble) else {}
+        parameters = {
+            name: Apart(
+                ratio=_quantity(each.ratio), probability_higher=each.probability_higher,
+                probability_differs=each.probability_differs,
+            )
+            for name, each in apart.items()
+        }  # fmt: skip
+        found += [GroupDifference(first=b, second=a, parameters=parameters)] if parameters else []
+    return found
 
 
 def _quantity(interval: tuple[float, float, float]) -> Quantity:

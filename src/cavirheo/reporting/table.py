@@ -47,6 +47,8 @@ def print_table(result: Result, console: Console | None = None) -> None:
     key = "RMSE: measured minus simulated, % of R_max"
     if any(record.viscosity.q05 is not None for record in result.curves):
         key += "; [ , ]: central 90 % interval"
+    if any(value.bound for record in result.curves for value in (record.shear_modulus_Pa, record.viscosity)):
+        key += "; below, above: a bound (95 %) and no value"
     for line in (key, *result.model_key):
         console.print(Text(line, "dim"))
     for more in (parameters_table(result), windows_table(result)):
@@ -115,7 +117,7 @@ def models_table(record: CurveRecord, factor: float, unit: str) -> Table:
     heads = [f"G\n{unit}", "µ\nPa s", "λ", "RMSE\n%", "log\nevidence"]
     table = terminal.table("model", heads, title=f"{record.name}: the answer, then other models and solutions")
     for row in model_rows(record, factor):
-        table.add_row(*(cell.replace(" [", "\n[") for cell in row))
+        table.add_row(*(cell.replace(" [", "\n[").replace(" (", "\n(") for cell in row))
     return table
 
 
@@ -126,7 +128,7 @@ def _cells(record: CurveRecord, factor: float, wide: bool) -> list[str]:
     window += f", t* ≤ {digits.significant(end, 2)}" if wide and end is not None else ""
     return [
         digits.micrometres(record.max_radius_m),
-        digits.quantity(record.stretch) if wide else digits.quantity(record.stretch).split(" ")[0],
+        digits.quantity(record.stretch, joint=" " if wide else "\n").split("\n")[0],
         digits.quantity(record.shear_modulus_Pa, factor, joint=joint),
         digits.quantity(record.viscosity, joint=joint),
         digits.percent(record.rmse_over_rmax),
@@ -138,7 +140,10 @@ def _cells(record: CurveRecord, factor: float, wide: bool) -> list[str]:
 def _group_cells(group: GroupRecord, factor: float) -> list[str]:
     counts = group.basis.replace(" trusted ", " trusted\n") or f"n = {group.n}"
     counts += f"\n{group.n_failed} failed" if group.n_failed else ""
-    G, mu = digits.spread(group.shear_modulus_Pa, factor), digits.spread(group.viscosity)
+    G, mu = (
+        group.mean(value, scale).replace(" (", "\n(")
+        for value, scale in ((group.shear_modulus_Pa, factor), (group.viscosity, 1.0))
+    )
     return ["", "", G, mu, "", "", counts]
 
 
@@ -165,7 +170,7 @@ def rows_of(result: Result) -> tuple[list[str], list[dict[str, Any]]]:
     plain = ["max_radius_m", *quantities, "rmse_over_rmax", "collapses", "t_star_end", "verdict", "message", "bubble"]
     units = {name: described(name)[1].replace(" ", "_") for name in result.parameters}
     others = {name: f"{name}_{unit}" if unit else name for name, unit in units.items()}
-    ends = {"median": "", "q05": "_q05", "q95": "_q95"}
+    ends = {"median": "", "q05": "_q05", "q95": "_q95", "bound": "_bound"}
     head = ["name", "group", "source", "material", "method"]
     for name in (*plain, *others.values()):
         head += [name + end for end in ends.values()] if name in (*quantities, *others.values()) else [name]

@@ -27,6 +27,7 @@ LOOKS = {
     "ok": Look("ok", "#00694d", "green"),
     "check_input": Look("check input", "#7a5c00", "bright_yellow"),
     "model_does_not_fit": Look("does not fit", "#a34a00", "yellow"),
+    "undetermined": Look("undetermined", "#1f5f8b", "cyan"),
     "outside_training_range": Look("outside range", "#8a3068", "magenta"),
     "no_interval": Look("no interval", "#5f4bb6", "bright_magenta"),
     "failed": Look("failed", "#b00020", "red"),
@@ -46,6 +47,7 @@ METHODS = {
     "laplace": "maximum of the posterior, Gaussian about it (Laplace)",
 }
 MISSING = "–"
+_SIDES = {"upper": "below", "lower": "above"}  # of a bound, where the value is
 
 
 def modulus_unit(moduli: Iterable[float | None]) -> tuple[float, str]:
@@ -53,11 +55,21 @@ def modulus_unit(moduli: Iterable[float | None]) -> tuple[float, str]:
     return (1e-3, "kPa") if max((G for G in moduli if G is not None), default=1e3) >= 1e3 else (1.0, "Pa")
 
 
+def unit_for(unit: str, value: float | None) -> tuple[float, str]:
+    """(factor from SI, its name) of the unit in which a value stands in a sentence: kPa, and none of a plain number."""
+    return modulus_unit([value]) if unit == "Pa" else (1.0, "" if unit == "1" else unit)
+
+
 def quantity(value: Quantity, factor: float = 1.0, *, unit: str = "", joint: str = " ") -> str:
-    """'6.1 [5.4, 6.9]' to the digits that the interval leaves; '6.44' where there is none; `unit` after the median."""
+    """'6.1 [5.4, 6.9]' to the digits that the interval leaves; '6.44' where there is none; 'below 0.030 (95 %)' where
+    it is open to one side, 'undetermined' where to both. `unit` after the number, `joint` before brackets."""
     unit = f" {unit}" if unit else ""
     if value.median is None:
         return MISSING
+    if value.bound == "undetermined":
+        return value.bound
+    if value.bound and (end := value.q95 if value.bound == "upper" else value.q05) is not None:
+        return f"{_SIDES[value.bound]} {significant(end * factor, 2)}{unit}{joint}(95 %)"
     if value.q05 is None or value.q95 is None:
         return significant(value.median * factor) + unit
     half = (value.q95 - value.q05) / 2.0
@@ -69,6 +81,27 @@ def quantity(value: Quantity, factor: float = 1.0, *, unit: str = "", joint: str
     wide = "e" in middle or high > 100.0 * abs(value.median * factor)
     above = significant(high, count) if wide else f"{high:.{places}f}"
     return f"{middle}{unit}{joint}[{significant(value.q05 * factor, count)}, {above}]"
+
+
+def measured(value: Quantity, factor: float = 1.0, unit: str = "") -> str:
+    """'6.1 [5.4, 6.9] kPa', 'below 0.030 Pa s (95 %)': `quantity` in a sentence, the unit behind an interval."""
+    if value.bound:
+        return quantity(value, factor, unit=unit)
+    return quantity(value, factor) + (f" {unit}" if unit else "")
+
+
+def unbounded(name: str, value: Quantity) -> str:
+    """'the recording does not bound µ from below: any value below 0.030 Pa s follows it as well', of a parameter by its
+    natural name, in SI, that has a bound alone."""
+    from cavirheo.parameters import about
+
+    symbol, unit, *_ = about(name)
+    if value.bound == "undetermined":
+        return f"the recording does not determine {symbol}: values all over the range that is searched follow it"
+    end = value.q95 if value.bound == "upper" else value.q05
+    words = measured(value, *unit_for(unit, end)).removesuffix(" (95 %)")
+    side = "below" if value.bound == "upper" else "above"
+    return f"the recording does not bound {symbol} from {side}: any value {words} follows it as well"
 
 
 def spread(value: Spread, factor: float = 1.0) -> str:

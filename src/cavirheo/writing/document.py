@@ -28,6 +28,7 @@ from pydantic_core import to_json
 
 from cavirheo.errors import InputError, require
 from cavirheo.files import read_bytes
+from cavirheo.parameters import Bound
 from cavirheo.writing import digits
 
 LARGEST = 500_000_000  # bytes of a document that is read
@@ -83,11 +84,20 @@ class Quantity(Record):
         median: of the posterior, or the value of a point answer.
         q05: lower end of the central 90 % interval; null for a point answer.
         q95: its upper end; null for a point answer.
+        bound: what is known where the interval reaches an end of the range of the prior or the search: "upper", that
+            the value is below q95 (95 %), "lower", that it is above q05 (95 %), or "undetermined", nothing; null where
+            the interval lies inside the range, for a point answer, and where there is no range.
     """
 
     median: float | None = None
     q05: float | None = None
     q95: float | None = None
+    bound: Bound | None = None
+
+    @property
+    def determined(self) -> float | None:
+        """The median, if it is a value; None where there is a bound alone."""
+        return self.median if self.bound is None else None
 
 
 class Spread(Record):
@@ -97,11 +107,13 @@ class Spread(Record):
         mean: of the values.
         std: their standard deviation with n - 1 below it; null for n < 2.
         median: of the values.
+        n: how many they are; null where there is none, or their number is not known.
     """
 
     mean: float | None = None
     std: float | None = None
     median: float | None = None
+    n: int | None = None
 
 
 def spread_of(values: list[float | None]) -> Spread:
@@ -111,7 +123,8 @@ def spread_of(values: list[float | None]) -> Spread:
         return Spread()
     with np.errstate(over="ignore", invalid="ignore"):  # of numbers near the largest there is none
         std = finite(float(np.std(known, ddof=1))) if len(known) > 1 else None
-        return Spread(mean=finite(float(np.mean(known))), std=std, median=finite(float(np.median(known))))
+        middle = finite(float(np.median(known)))
+        return Spread(mean=finite(float(np.mean(known))), std=std, median=middle, n=len(known))
 
 
 @contextmanager

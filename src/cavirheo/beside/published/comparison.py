@@ -10,12 +10,13 @@ from typing import Any, get_args
 import numpy as np
 
 from cavirheo.beside.published.references import MU, NO_FILES, OURS, G, MethodValue, ReferenceSet
-from cavirheo.posterior import Verdict
+from cavirheo.posterior import TRUSTED, Verdict
 from cavirheo.reporting.answer import CurveRecord
 from cavirheo.writing import digits, terminal
 from cavirheo.writing.document import Document, Record, Spread, spread_of, write_rows
 
-TRUSTED, ALL = f"{OURS}, ok", f"{OURS}, all"  # how our two means are called where they differ
+COUNTED, ALL = f"{OURS}, trusted", f"{OURS}, all"  # how our two means are called where they differ
+_NATURAL = {G: "shear_modulus", MU: "viscosity"}
 _VERDICTS: tuple[Verdict, ...] = get_args(Verdict)
 
 
@@ -25,8 +26,8 @@ class ComparedQuantity(Record):
     Attributes:
         quantity: "shear_modulus_Pa" or "viscosity_Pa_s".
         published: values by method, SI.
-        ours: over all answered shots.
-        ours_ok: over the trusted shots (verdict ok) alone.
+        ours: over all answered shots that determine it.
+        ours_ok: over the trusted shots (verdict ok or undetermined) that determine it.
         relative_errors: by reference and method, |mean - mean of the reference| / that mean, of `ours`.
     """
 
@@ -37,12 +38,12 @@ class ComparedQuantity(Record):
     relative_errors: dict[str, dict[str, float]] = {}
 
     def value(self, method: str) -> MethodValue:
-        ours = {OURS: self.ours, ALL: self.ours, TRUSTED: self.ours_ok}
+        ours = {OURS: self.ours, ALL: self.ours, COUNTED: self.ours_ok}
         return (ours | self.published).get(method, MethodValue())
 
     def answers(self) -> list[str]:
         """What our means are called: over the trusted shots; where others were answered, over all, too."""
-        return [OURS] if self.ours.n == self.ours_ok.n else [TRUSTED, ALL]
+        return [OURS] if self.ours.n == self.ours_ok.n else [COUNTED, ALL]
 
     def error(self, reference: str, method: str) -> float | None:
         """|mean - mean of the reference| / that mean; None where one of the two is not known."""
@@ -55,8 +56,8 @@ class ComparedShot(Record):
 
     Attributes:
         name: of the curve.
-        shear_modulus_Pa: G, Pa.
-        viscosity_Pa_s: mu, Pa s.
+        shear_modulus_Pa: G, Pa; null where the shot only bounds it.
+        viscosity_Pa_s: mu, Pa s; null where the shot only bounds it.
         rmse_over_rmax: root mean square of measured minus simulated radius, over R_max.
         verdict: "ok", or what is wrong.
         message: why.
@@ -68,6 +69,11 @@ class ComparedShot(Record):
     rmse_over_rmax: float | None
     verdict: Verdict
     message: str
+
+    @property
+    def trusted(self) -> bool:
+        """Whether it counts in our means."""
+        return self.verdict in TRUSTED
 
 
 class ComparedRange(Record):
@@ -180,11 +186,12 @@ def compared_set(
     errors = [c.rmse_over_rmax for c in curves if c.answered and c.rmse_over_rmax is not None]
     spread = {"median": np.median(errors), "smallest": min(errors), "largest": max(errors)} if errors else {}
     rows = [_quantity(quantity, about, curves, references) for quantity in (G, MU)]
+    inferred = {name for name in (G, MU) for c in curves if c.answered and getattr(c, name).median is not None}
     return ComparedSet(
         name=about.name,
         bubbles=list(dict.fromkeys(curve.bubble.title for curve in curves if curve.answered)),
         settings=about.settings,
-        quantities=[row for row in rows if row.published or row.ours.mean is not None],  # a liquid has no G
+        quantities=[row for row in rows if row.published or row.quantity in inferred],  # a liquid has no G
         n_shots=len(curves),
         n_answered=sum(curve.answered for curve in curves),
         verdicts={verdict: verdicts.count(verdict) for verdict in dict.fromkeys(verdicts)},
@@ -196,15 +203,15 @@ def compared_set(
 
 def _shot(curve: CurveRecord) -> ComparedShot:
     plain: dict[str, Any] = {name: getattr(curve, name) for name in ComparedShot.model_fields}
-    return ComparedShot(**plain | {name: plain[name].median for name in (G, MU)})
+    return ComparedShot(**plain | {name: curve.determined(_NATURAL[name]) for name in (G, MU)})
 
 
 def _quantity(
     quantity: str, about: ReferenceSet, curves: Sequence[CurveRecord], references: Sequence[str]
 ) -> ComparedQuantity:
     published = {method: value for (method, which), value in about.values.items() if which == quantity}
-    answered = [(getattr(c, quantity).median, c.verdict == "ok") for c in curves if c.answered]
-    ours, trusted = ([value for value, fine in answered if fine or not only] for only in (False, True))
+    answered = [(c.determined(_NATURAL[quantity]), c.trusted) for c in curves if c.answered]
+    ours, trusted = ([value for value, counts in answered if counts or not only] for only in (False, True))
     row = ComparedQuantity(quantity=quantity, published=published, ours=_mean(ours), ours_ok=_mean(trusted))
     for reference in references:
         if reference in published:
@@ -231,7 +238,7 @@ def print_table(comparison: Comparison) -> None:
     console = terminal.console()
     wide, in_units = console.width >= 100, units(comparison)
     heads = ["", "method", "mean ± std", *(f"error to\n{reference}, %" for reference in comparison.reference_methods)]
-    heads += ["shots", "ok", "RMSE\n% of R_max" if wide else "RMSE\n% of\nR_max"]
+    heads += ["shots", "trusted", "RMSE\n% of R_max" if wide else "RMSE\n% of\nR_max"]
     table = terminal.table("set", heads, left=heads[:2], gap=int(wide))
     before = None
     for about, row in comparison.rows():
@@ -259,7 +266,7 @@ def markdown(comparison: Comparison) -> str:
     methods = [*comparison.methods, *names]
     pairs = [(to, m) for to, method in comparison.errors() for m in (names if method == OURS else [method])]
     head = ["Set", "Quantity", *methods, *(f"{method} to {to}, %" for to, method in pairs)]
-    head += ["Shots", "ok", "RMSE, % of R_max"]
+    head += ["Shots", "trusted", "RMSE, % of R_max"]
     lines = [head, ["---"] * len(head)]
     for about, row in comparison.rows():
         factor, label = in_units[row.quantity]
@@ -324,14 +331,15 @@ def _counts(about: ComparedSet) -> list[str]:
         places = max(1 - floor(log10(spread[0])), 0) if spread[0] > 0 else 1
         middle, low, high = (f"{value:.{places}f}" for value in spread)
         words = f"{middle} ({low}–{high})"
-    shots = [f"{about.n_answered} of {about.n_shots}", str(about.verdicts.get("ok", 0))] if about.recorded else ["", ""]
+    trusted = str(sum(shot.trusted for shot in about.shots))
+    shots = [f"{about.n_answered} of {about.n_shots}", trusted] if about.recorded else ["", ""]
     return [*shots, words]
 
 
 def _key(comparison: Comparison) -> str:
-    words = "Mean ± standard deviation over the shots with the verdict ok. "
+    words = "Mean ± standard deviation over the trusted shots that determine it. "
     if len(comparison.answers) > 1:
-        words = f"{TRUSTED}: mean ± standard deviation over the shots with the verdict ok. "
+        words = f"{COUNTED}: {words[0].lower()}{words[1:]}"
         words += f"{ALL}: over all answered shots, doubtful ones included. "
     if comparison.reference_methods:
         words += f"Error to {' or '.join(comparison.reference_methods)}: |mean − its mean| / its mean, in %. "

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 from cavirheo.beside.panels import plain_ticks
-from cavirheo.beside.published.comparison import ALL, TRUSTED, ComparedSet, Comparison, units
+from cavirheo.beside.published.comparison import ALL, COUNTED, ComparedSet, Comparison, units
 from cavirheo.beside.published.references import MU, OURS, G, MethodValue
 from cavirheo.writing import digits
 from cavirheo.writing.style import BLUE, INK, VERMILLION
@@ -23,7 +23,7 @@ _ROOM = 0.78  # of the height of a set, for its methods
 def figure(comparison: Comparison) -> Figure:
     """Mean ± standard deviation; ours is over the trusted shots, hollow where there are none.
 
-    Our shots are dots, hollow where the verdict is not ok. Needs matplotlib.
+    Our shots are dots, hollow where they are not trusted. Needs matplotlib.
     """
     from matplotlib.figure import Figure
 
@@ -40,7 +40,7 @@ def figure(comparison: Comparison) -> Figure:
     panels[0].set_yticks(range(len(names)), names, parse_math=False)
     panels[0].set_ylim(len(names) - 0.5, -0.5)
     handles = {text: handle for axes in panels for handle, text in zip(*axes.get_legend_handles_labels(), strict=True)}
-    order = sorted(handles, key=[*methods, TRUSTED, ALL, *handles].index)
+    order = sorted(handles, key=[*methods, COUNTED, ALL, *handles].index)
     look: Any = {"loc": "outside upper center", "ncols": min(len(order), 4), "frameon": False, "fontsize": 9}
     if comparison.bubbles:
         drawing.supxlabel(f"{OURS}: {comparison.bubbles}", fontsize=8, color=INK)
@@ -63,7 +63,7 @@ def _panel(axes: Axes, comparison: Comparison, quantity: str, factor: float, met
                 _draw_mean(axes, method, value, factor, heights[method], style)
             _draw_shots(axes, about, quantity, factor, heights[OURS] + 0.5 * step)
             name = next((name for name in row.answers() if row.value(name).mean is not None), OURS)
-            label = TRUSTED if name == OURS and len(comparison.answers) > 1 else name
+            label = COUNTED if name == OURS and len(comparison.answers) > 1 else name
             _draw_mean(axes, label, row.value(name), factor, heights[OURS], (VERMILLION, "o"))
         if not rows:
             look: Any = {"fontsize": 8, "color": "#999999", "va": "center"}
@@ -77,8 +77,8 @@ def _panel(axes: Axes, comparison: Comparison, quantity: str, factor: float, met
 
 
 def _draw_shots(axes: Axes, about: ComparedSet, quantity: str, factor: float, height: float) -> None:
-    for face, label in ((VERMILLION, f"{OURS}: shot, ok"), ("none", f"{OURS}: shot, not ok")):
-        shots = [shot for shot in about.shots if (shot.verdict == "ok") == (face != "none")]
+    for face, label in ((VERMILLION, f"{OURS}: shot, trusted"), ("none", f"{OURS}: shot, not trusted")):
+        shots = [shot for shot in about.shots if shot.trusted == (face != "none")]
         values = [getattr(shot, quantity) * factor for shot in shots if getattr(shot, quantity) is not None]
         if values:
             look: Any = {"ms": 3, "mec": VERMILLION, "mew": 0.7, "alpha": 0.7, "mfc": face, "zorder": 2}

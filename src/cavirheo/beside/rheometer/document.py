@@ -163,7 +163,7 @@ def _itself(document: Rheometry) -> BesideRow:
 def _bubbles(group: GroupRecord, curves: list[CurveRecord]) -> BesideRow:
     """The row of a group: its means, and the regime of the shots that they are over."""
     trusted = group.n_trusted  # None: a document from before means were over trusted answers alone
-    counted = [c for c in curves if (c.answered if trusted is None else c.verdict == "ok")]
+    counted = [c for c in curves if (c.answered if trusted is None else c.trusted)]
     methods = dict.fromkeys(curve.method for curve in curves)
     bubbles = dict.fromkeys(curve.bubble.title for curve in curves if curve.answered)
     stretches = _known(curve.stretch.median for curve in counted)
@@ -173,7 +173,7 @@ def _bubbles(group: GroupRecord, curves: list[CurveRecord]) -> BesideRow:
         material=group.name,
         method=", ".join([*bubbles, *methods]) or "bubble",
         n=group.n if trusted is None else trusted,
-        doubtful=group.n - group.verdicts.get("ok", 0),
+        doubtful=group.n - sum(curve.trusted for curve in curves),
         failed=group.n_failed,
         regime_unit="1/s",
         deformation=f"λ = {_span(stretches, 2)}" if stretches else "large strain",
@@ -286,7 +286,7 @@ def _beside(rows: Sequence[BesideRow]) -> Table:
     heads = ["method", "n", f"G\n{unit}", "µ\nPa s", "ω or strain rate,\ndeformation"]
     table = terminal.table("material", heads, left=(heads[0], heads[-1]))
     for name, row in zip(digits.shortened([row.material for row in rows]), rows, strict=True):
-        doubts = {"not ok": row.doubtful, "failed": row.failed}
+        doubts = {"not trusted": row.doubtful, "failed": row.failed}
         regime = _span([row.regime_from, row.regime_to], 2)
         unit = "" if row.regime_from is None else f" {row.regime_unit}"
         table.add_row(

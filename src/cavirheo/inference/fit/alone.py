@@ -20,6 +20,7 @@ from cavirheo.inference.verify.mode import Mode, Target, climb, modes, same, val
 from cavirheo.inference.verify.sampler import Sample, sample
 from cavirheo.parameters import LOG10, units
 from cavirheo.posterior import Checks, Diagnostics, Evidence, OtherAnswer, Posterior, Verdict, WindowAnswer
+from cavirheo.writing import digits
 
 LIQUIDS = ("newtonian", "power-law")  # laws to try where there may be no shear modulus
 DRAWS = 4096
@@ -238,13 +239,12 @@ def _checks(
     """The same check as that of `infer`: the answer simulated anew and laid over the window."""
     shot, columns = fit.shots[k], fit.columns[k]
     low, high = fit.bounds[columns].T
-    ends = shot.open_ends(drawn, low, high, log_weight)
-    outside = ends or set(bound) & {*shot.family.parameters, "stretch"}
-    verdict: Verdict = "outside_training_range" if outside else "ok"
-    messages = list(bound.values())
-    if wide := [text for name, text in ends.items() if name not in bound]:
-        messages.append(f"the interval reaches the end of the range searched: {', '.join(wide)}")
-    if "shear_modulus" in ends and "below" in ends["shear_modulus"]:
+    unbounded = shot.unbounded(drawn, low, high, log_weight)
+    at_end = unbounded or set(bound) & {*shot.family.parameters, "stretch"}
+    verdict: Verdict = "undetermined" if at_end else "ok"
+    messages = [text for name, text in bound.items() if name not in unbounded]
+    messages += [digits.unbounded(name, value) for name, value in unbounded.items()]
+    if "shear_modulus" in unbounded and unbounded["shear_modulus"].bound != "lower":
         messages.append("the shear modulus may be nothing: for a liquid try " + " or ".join(LIQUIDS))
     if shot.options.stretch == "plateau" and not shot.stretch_prior:
         messages.append("the curve has no late plateau: the stretch was fitted freely")

@@ -17,14 +17,13 @@ from cavirheo.inference.population.likelihood import FEW, Likelihood, Likelihood
 from cavirheo.inference.population.material import Population
 from cavirheo.inference.population.scatter import Scatter
 from cavirheo.inference.verify.sampler import Sample
-from cavirheo.parameters import LOG10, about, of_the_law
-from cavirheo.posterior import Evidence, Posterior
+from cavirheo.parameters import LOG10, about, natural_name, of_the_law
+from cavirheo.posterior import TRUSTED, Evidence, Posterior
 from cavirheo.prior import Prior
 
 __all__ = ["Population", "population"]
 
 FEWEST = 3  # shots of a population
-USED = ("ok", "outside_training_range")  # verdicts: a shot that only bounds the material says that much of it
 _DRAWS = 4000  # of a population
 _WORTH = 200.0  # effective draws of a population, below which that is said
 
@@ -98,6 +97,7 @@ def population(
         **made, doubts=tuple(doubts), centre=centre, spread=spread, correlation=correlation,
         slope=None if x is None else slope / unit,
         along_at=None if column is None else float(np.mean(column[kept])),
+        prior={name: (float(a), float(b)) for name, a, b in zip(made["names"], low, high, strict=True)},
         common=one.parts(_resampled(drawn_one, seed))[0],
         stray=several.strays(u[:: max(_DRAWS // 1000, 1)]), gain=_evidence(drawn, like.log_size),
         gain_of_one=_evidence(drawn_one, like.log_size), shot_evidence=tuple(answers[i].evidence for i in kept),
@@ -128,7 +128,7 @@ def _sorted_out(
     for i, answer in enumerate(answers):
         if len(answer.theta) < 2:
             why[i] = "failed" if answer.checks.verdict == "failed" else "without an interval"
-        elif only_trusted and answer.checks.verdict not in USED:
+        elif only_trusted and answer.checks.verdict not in TRUSTED:
             why[i] = "not trusted"
         elif column is not None and not np.isfinite(column[i]):
             why[i] = "without a value along the column"
@@ -148,7 +148,7 @@ def _sorted_out(
             why[i] = "of another model"
         elif draws in seen:
             why[i] = "a copy of another"
-        elif one := likelihood(theta, _log_weight(answer), _log_prior(answer, law)):
+        elif one := _likelihood(answer, law):
             kept, found = [*kept, i], [*found, one]
             seen.add(draws)
         else:
@@ -156,8 +156,11 @@ def _sorted_out(
     return kept, dict(Counter(why.values())), found
 
 
-def _log_weight(answer: Posterior) -> Floats:
-    return np.zeros(len(answer.theta)) if answer.log_weight is None else answer.log_weight
+def _likelihood(answer: Posterior, law: Sequence[int]) -> Likelihood | None:
+    names = tuple(answer.names[k] for k in law)
+    log_weight = np.zeros(len(answer.theta)) if answer.log_weight is None else answer.log_weight
+    bounds = [answer.bound(natural_name(name)) for name in names]
+    return likelihood(answer.theta[:, law], log_weight, _log_prior(answer, law), bounds, _ends(answer, names))
 
 
 def _log_prior(answer: Posterior, law: Sequence[int]) -> Floats:

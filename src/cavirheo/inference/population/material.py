@@ -12,8 +12,8 @@ from scipy.special import expit
 from cavirheo.arrays import Floats
 from cavirheo.bubble import Bubble
 from cavirheo.errors import require
-from cavirheo.parameters import about, open_sides
-from cavirheo.posterior import Evidence, in_words
+from cavirheo.parameters import Bound, about, bound_of
+from cavirheo.posterior import Evidence
 from cavirheo.writing import digits, export
 from cavirheo.writing.document import Quantity
 
@@ -61,6 +61,7 @@ class Population:
         gain_of_one: the same without spread.
         shot_evidence: of each shot by itself.
         along_at: value of the column at which the centre is the material, where there is a slope.
+        prior: (low, high) of the centre, log10 of SI, by name.
     """
 
     names: tuple[str, ...]
@@ -79,6 +80,7 @@ class Population:
     gain_of_one: Evidence | None = None
     shot_evidence: tuple[Evidence | None, ...] = ()
     along_at: float | None = None
+    prior: Mapping[str, tuple[float, float]] = field(default_factory=dict)
 
     def __repr__(self) -> str:
         """The line for a paper, then what is to be known besides."""
@@ -94,6 +96,22 @@ class Population:
         """(low, median, high) of the material's parameter, SI. Raises InputError: no such parameter, or no draws."""
         low, middle, high = (10.0 ** _quantiles(self.centre[:, self._column(name)], level)).tolist()
         return low, middle, high
+
+    def bound(self, name: str) -> Bound | None:
+        """What is known of a parameter that the shots only bound: "upper", "lower" or "undetermined", as
+        `Posterior.bound`; None where its interval lies inside the range. Raises InputError: as `interval`."""
+        low, high = _quantiles(self.centre[:, self._column(name)], 0.9)[[0, 2]].tolist()
+        return bound_of(low, high, self.prior[name]) if name in self.prior else None
+
+    def quantity(self, name: str) -> Quantity:
+        """`interval` and `bound` of a parameter. Raises InputError: as `interval`."""
+        low, middle, high = self.interval(name)
+        return Quantity(median=middle, q05=low, q95=high, bound=self.bound(name))
+
+    @property
+    def determined(self) -> list[str]:
+        """Parameters that the shots determine, and not only bound; none without draws."""
+        return [name for name in self.names if len(self.centre) and self.bound(name) is None]
 
     def if_common(self, name: str, level: float = 0.9) -> tuple[float, float, float]:
         """(low, median, high) of the material's parameter, SI, if all shots that belong had it exactly; as `interval`.
@@ -143,7 +161,7 @@ class Population:
             return "no material: " + "; ".join(self.doubts)
         values = ", ".join(map(self._value, self.names))
         belong = f"{len(self.shots) - len(self.strays)} of {len(self.shots)} shots belong"
-        return f"{values}; {self._scatter_in_words()}; {belong}"
+        return "; ".join(filter(None, [values, self._scatter_in_words(), belong]))
 
     @property
     def remarks(self) -> list[str]:
@@ -154,32 +172,32 @@ class Population:
         return said + [f"left out of the material: {left}"] * bool(left) + list(self.doubts) * bool(len(self.centre))
 
     def _value(self, name: str) -> str:
-        low, middle, high = self.interval(name)
-        if any(open_sides(name, low, high)):
-            return in_words(name, (low, middle, high))
-        known = about(name)
-        factor, unit = digits.modulus_unit([middle]) if known.unit == "Pa" else (1.0, known.unit.removeprefix("1"))
-        text = digits.quantity(Quantity(median=middle, q05=low, q95=high), factor, unit=unit)
-        return f"{known.symbol} = {text.replace('[', '[90 %: ')}"
+        value, known = self.quantity(name), about(name)
+        factor, unit = digits.unit_for(known.unit, value.median)
+        text = digits.quantity(value, factor, unit=unit)
+        return f"{known.symbol} {text}" if value.bound else f"{known.symbol} = {text.replace('[', '[90 %: ')}"
 
     def _scatter_in_words(self) -> str:
-        symbols = [about(name).symbol for name in self.names]
-        scattered = self.scattered
-        if scattered and scattered.log < 0.0:
-            most = [digits.significant(100 * relative_scatter(self.scatter(name)[2]), 2) for name in self.names]
-            below = ", ".join(f"{symbol} {one} %" for symbol, one in zip(symbols, most, strict=True))
-            return f"no scatter of the shots beyond their intervals is seen (below {below})"
-        middle = [digits.significant(100 * relative_scatter(self.scatter(name)[1]), 2) for name in self.names]
-        if len(middle) == 1:
-            return f"shots scatter by {middle[0]} %"
-        return "shots scatter by " + ", ".join(f"{one} % in {s}" for s, one in zip(symbols, middle, strict=True))
+        """Of the parameters that are determined: of others the scatter is not known."""
+        names, scattered = self.determined, self.scattered
+        symbols = [about(name).symbol for name in names]
+        none = bool(scattered and scattered.log < 0.0)
+        known = [self.scatter(name)[2 if none else 1] for name in names]
+        percent = [digits.significant(100 * relative_scatter(decades), 2) for decades in known]
+        if none:
+            below = ", ".join(f"{symbol} {one} %" for symbol, one in zip(symbols, percent, strict=True))
+            return "no scatter of the shots beyond their intervals is seen" + f" (below {below})" * bool(below)
+        if len(self.names) == 1:
+            return "".join(f"shots scatter by {one} %" for one in percent)
+        within = ", ".join(f"{one} % in {symbol}" for symbol, one in zip(symbols, percent, strict=True))
+        return f"shots scatter by {within}" if within else ""
 
     def against(self, other: Population) -> dict[str, Difference]:
-        """This material over the other, by parameter that both have. Raises InputError: one has no draws.
+        """This material over the other, by parameter that both determine. Raises InputError: one has no draws.
 
         Both must rest on one law and bubble, and an error that they share (the radius scale) is in neither."""
         found = {}
-        for name in (name for name in self.names if name in other.names):
+        for name in (name for name in self.determined if name in other.determined):
             mine, its = self.centre[:, self._column(name)], other.centre[:, other._column(name)]
             count = min(len(mine), len(its))
             apart = mine[:count] - its[:count]
@@ -197,6 +215,7 @@ class Population:
         return {
             "material": self.material, "bubble": self.bubble.name, "line": self.line, "remarks": self.remarks,
             "shots": list(self.shots), "left_out": dict(self.left_out), "strays": self.strays,
+            "bound": {name: bound for name in self.names if made and (bound := self.bound(name))},
             "centre": {name: self.interval(name) for name in self.names if made},
             "common": {name: self.if_common(name) for name in self.names if made},
             "spread_decades": {name: self.scatter(name) for name in self.names if made},

@@ -5,7 +5,8 @@ Of shot i, with Gaussians of share w, mean m and covariance V for its likelihood
     p(frames_i | c, S) = (1 - STRAY) sum w N(m; c + b x_i, V + S) + STRAY sum w N(m; c + b x_i, V + S + WIDE^2),
 
 c the centre in log10, S the covariance of the spread, b the slope along a column x, if there is one. A shot that does
-not belong has the second, broad density. Hierarchical inference from the draws of single events, as for gravitational
+not belong has the second, broad density. Of a shot that only bounds a parameter N is a normal distribution function of
+it (likelihood.py). Hierarchical inference from the draws of single events, as for gravitational
 waves: Mandel, Farr and Gair 2019, doi:10.1093/mnras/stz896.
 """
 
@@ -17,7 +18,7 @@ import numpy as np
 from scipy.optimize import minimize
 
 from cavirheo.arrays import Floats
-from cavirheo.inference.population.likelihood import Likelihoods, log_gaussian
+from cavirheo.inference.population.likelihood import Likelihoods
 from cavirheo.inference.verify.sampler import Mixture, Sample, sample
 from cavirheo.prior import Prior, log_normal
 
@@ -75,12 +76,10 @@ class Scatter:
         centre, spread, correlation, slope = self.parts(u)
         scatter = spread[:, :, None] * correlation * spread[:, None, :]
         x = np.zeros(len(shots.shot)) if self.column is None else self.column[shots.shot]
-        off = [shots.mean[:, i] - centre[:, i, None] - slope[:, i, None] * x for i in range(d)]
+        along = slope[:, None] * x[:, None]
         found = []
         for share, wide in ((1.0 - STRAY, 0.0), (STRAY, WIDE**2)):
-            inner = scatter + wide * np.eye(d)
-            covariance = [[shots.covariance[:, i, j] + inner[:, i, j, None] for j in range(i + 1)] for i in range(d)]
-            log_p = shots.log_share + log_gaussian(off, covariance)
+            log_p = shots.log_density(centre, along, scatter + wide * np.eye(d))
             found.append(np.log(share) + _log_sum(log_p, shots.first))
         return found[0], found[1]
 

@@ -32,6 +32,7 @@ from cavirheo.physics.media import medium as named
 from cavirheo.physics.scales import ACCOMMODATION
 from cavirheo.posterior import Diagnostics, Evidence, OtherAnswer, Posterior, Verdict
 from cavirheo.prior import log_normal
+from cavirheo.writing import digits
 
 _CARRIED = ("cavirheo", "medium", "model", "model_sha256", "problem_id", "source_sha256", "windows", "options")
 
@@ -254,10 +255,9 @@ class Work:
         self, at: Floats, predictive: dict[str, Any] | None, excess: float, x: Floats, log_weight: Floats | None
     ) -> Verdict:
         verdict: Verdict = "ok"
-        if ends := self.shot.open_ends(x, self.prior.low, self.prior.high, log_weight):
-            verdict = "outside_training_range"
-            named = ", ".join(ends.values())
-            self.messages.append(f"the curve does not bound {named}: there the prior's range does")
+        if unbounded := self.shot.unbounded(x, self.prior.low, self.prior.high, log_weight):
+            verdict = "undetermined"
+            self.messages += [digits.unbounded(name, value) for name, value in unbounded.items()]
         if predictive and predictive["p_value"] < TUNING.rejected:
             which = min(predictive["p"], key=predictive["p"].get)
             seen = excess >= TUNING.systematic_seen
