@@ -24,6 +24,11 @@ from cavirheo.arrays import Floats
 from cavirheo.errors import InputError, require
 
 RAYLEIGH = sqrt(pi / 6) * gamma(5 / 6) / gamma(4 / 3)  # collapse time of an empty bubble over R_max sqrt(rho/p): 0.9147
+_KNEE = 0.005  # of R_max: residuals of the fit of the maximum beyond it count less
+_STEEP, _FEWEST = 0.7, 6  # of the first radii: samples above it tell whether these fall; so many are needed
+_SERIES = 0.004  # of R_max: what the series leaves of a fall in a viscous material
+_SKEW = 0.5  # of the time of the fall to _STEEP: some agarose, recorded from R_max, falls as if it began at 0.36
+_EVIDENCE = 12.0  # chi-square of a maximum a frame before the first sample over that of the best one
 _NEAR_MAXIMUM = 0.9  # samples above this fraction of R_max enter its fit
 AT_MAXIMUM = 0.97  # a recording whose first radius is above this shows no growth
 
@@ -71,9 +76,11 @@ def fit_maximum(time: Floats, radius: Floats, stated: float | None) -> tuple[flo
         # No growth recorded: the maximum is at the time the file states, else at the first frame, unless the data
         # clearly say otherwise, by more than two frames.
         at = x[0] if stated is None else (stated - time[peak]) / unit
-        centre, top, cost = _fit_series(x, y, centre=at)
-        free = _fit_series(x, y) if n > 4 else (at, top, cost)
-        if _clearly_better(free[2], cost, n - 3) and abs(free[0] - at) > 2.0 * frame and x[0] <= free[0] <= x[-1]:
+        centre, top, _ = _fit_series(x, y, centre=at)
+        knee = max(_KNEE, 3.0 * scatter(radius) / smooth[peak])
+        fixed = _fit_series(x, y, centre=at, knee=knee)
+        free = _fit_series(x, y, knee=knee) if n > 4 else fixed
+        if _clearly_better(free[2], fixed[2], n - 3) and abs(free[0] - at) > 2.0 * frame and x[0] <= free[0] <= x[-1]:
             centre, top, _ = free
     if not (x[0] - 2.0 * frame <= centre <= x[-1] and 0.9 < top < 1.15):  # noise beat the fit: keep the time
         centre, top, _ = _fit_series(x, y, centre=0.0)
@@ -82,17 +89,39 @@ def fit_maximum(time: Floats, radius: Floats, stated: float | None) -> tuple[flo
     return float(time[peak] + centre * unit), float(top * smooth[peak])
 
 
+def scatter(radius: Floats) -> float:
+    """Standard deviation of the noise of samples (n,) from one to the next; 0 below 8. From third differences, which
+    cancel the motion except at the few collapses, by their median absolute value."""
+    return float(1.4826 * np.median(np.abs(np.diff(radius, 3))) / np.sqrt(20.0)) if len(radius) > 7 else 0.0
+
+
+def frames_missed(time: Floats, radius: Floats, noise: float) -> float:
+    """Frames by which the maximum lies before the first of samples (n,) that fall from there on; 0 unless they say
+    clearly (by _EVIDENCE) that it is more than one, and more than the skew of real falls (_SKEW). noise: standard
+    deviation of the radius, m."""
+    top = float(radius[:3].max())
+    fallen = radius < _STEEP * top
+    count = int(np.argmax(fallen)) if fallen.any() else len(radius)
+    if count < _FEWEST:
+        return 0.0
+    x, y = (time[:count] - time[0]) / (time[count - 1] - time[0]), radius[:count] / top
+    frame, deviation = float(np.median(np.diff(x))), max(noise / top, _SERIES)
+    free, at_most = (_fit_series(x, y, centre=at, knee=4.0 * deviation) for at in (None, -frame))
+    clear = free[0] < -max(frame, _SKEW) and at_most[2] - free[2] > _EVIDENCE * deviation**2
+    return -free[0] / frame if clear else 0.0
+
+
 def _clearly_better(cost: float, than: float, freedom: int) -> bool:
     """Whether one more parameter lowers the sum of squares beyond chance (four standard deviations)."""
     return freedom > 0 and than > cost * (1.0 + 16.0 / freedom)
 
 
 def _fit_series(
-    x: Floats, y: Floats, *, centre: float | None = None, skewed: bool = False
+    x: Floats, y: Floats, *, centre: float | None = None, skewed: bool = False, knee: float = _KNEE
 ) -> tuple[float, float, float]:
     """Fit y = top (1 - a s^2 - (2/3) a^2 s^4) + k s^3, s = x - centre, by reweighted Gauss-Newton: (centre, top, cost).
 
-    A given `centre` is kept; k = 0 unless `skewed`. cost is the sum of squared residuals, weighted down beyond 0.5 %.
+    A given `centre` is kept; k = 0 unless `skewed`. cost is the sum of squared residuals, weighted down beyond `knee`.
     """
     c2, c1, _ = np.polyfit(x, y, 2)
     free = centre is None
@@ -106,7 +135,7 @@ def _fit_series(
         shape = 1.0 - u - u * u * 2.0 / 3.0
         slope = -top * (1.0 + u * 4.0 / 3.0)  # d model/d u
         residual = y - top * shape - k * s**3
-        weight = 1.0 / np.sqrt(1.0 + (residual / 0.005) ** 2)
+        weight = 1.0 / np.sqrt(1.0 + (residual / knee) ** 2)
         cost = float(np.sum(weight * residual**2))
         columns = [shape, slope * s * s]
         columns += [-2.0 * a * slope * s - 3.0 * k * s * s] if free else []

@@ -78,7 +78,8 @@ class Amortised:
 
     def _doubts(self, curve: RadiusCurve) -> list[str]:
         said, names = doubts.plain(curve, self.medium), self.model.outputs
-        for difference, other in doubts.readings(curve):
+        if spiking := doubts.without_spikes(curve):
+            difference, other = spiking
             with suppress(InputError):  # read so it is no curve: nothing to compare
                 change = self.network_alone(other) - self.network_alone(curve)
                 factors = {natural_name(name): 10.0**d for name, d in zip(names, change, strict=True)}

@@ -39,8 +39,8 @@ def cells(
 
     sample: (n,) to which of them a frame belongs. time: (n,) t* after R_max, from 0, ascending in each recording.
     radius: (n,) R/R_max. Of each recording, (m,): max_radius in m, frame interval and exposure in t_c, noise from frame
-    to frame over R_max, discrepancy: 1 where more than white noise lies between frames and simulation, and late: 1 where no
-    growth is recorded.
+    to frame over R_max, discrepancy (1 where more than white noise lies between frames and simulation) and late (1
+    where no growth is recorded).
     """
     m = len(max_radius)
     place = np.minimum(time * (CELLS / END), CELLS - 1e-9)

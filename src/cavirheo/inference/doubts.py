@@ -1,19 +1,23 @@
 """What is doubtful about a recording and its settings: an answer that rests on a doubt is never `ok`.
 
-Some doubts the curve shows by itself (a scale or a rate that no bubble has). Others count only where they move the
-answer: the recording is then read once more as it may have been, and the answers are compared.
+Some doubts the curve shows by itself: a scale or a rate that explains it better than a material does (scale.py), or a
+maximum that was missed. Frames that stand out count only where they move the answer: the recording is then read once
+more without them, and the answers are compared. A maximum between two frames, or up to a frame before the first, is no
+doubt: the prior of the clock and of R_max holds it (experiment.py), and so does the interval.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from cavirheo.curve import RadiusCurve
-from cavirheo.errors import reason
+from cavirheo.errors import InputError, reason
+from cavirheo.inference import scale
 from cavirheo.physics.media import Medium
 from cavirheo.posterior import Checks, Verdict
 
@@ -21,13 +25,40 @@ if TYPE_CHECKING:
     from cavirheo.inference.experiment import Experiment
 
 REBOUND = 3  # frames after the first collapse, from which a rebound is seen
-FACTOR = 1.5  # by which a parameter must move to be doubtful: half of what one missing frame does to a soft gel
+FACTOR = 1.5  # by which a parameter must move to be doubtful
 
 
 def plain(curve: RadiusCurve, medium: Medium) -> list[str]:
     """What the curve shows by itself, a sentence each."""
-    warning = curve.scale_warning(medium.density, medium.pressure)
-    return [*curve.doubts, *([warning] if warning else [])]
+    with suppress(InputError):  # no R_max: the curve is not answered
+        return [*curve.doubts, *_of_maximum(curve), *of_scale(curve, medium)]
+    return [*curve.doubts]
+
+
+def _of_maximum(curve: RadiusCurve) -> list[str]:
+    """A sentence if R_max lies further before the first frame than the clock of an answer is free."""
+    missed = curve.frames_missed
+    told = f"check the recording: its first radii fall as they do {missed:.2g} frames after R_max"
+    return [f"{told}: begin it at R_max or before, or add --trust-input"] if missed else []
+
+
+def of_scale(curve: RadiusCurve, medium: Medium) -> list[str]:
+    """A sentence if a wrong scale or frame rate explains the time of the first collapse, and a stiffness does not."""
+    found = scale.compare(curve, medium)
+    if found is None or not found.doubtful:
+        return []
+    fast = found.ratio < 1.0
+    low, high = sorted(found.factor if fast else (1.0 / factor for factor in found.factor))
+    large, short = ("large (a diameter given as radius?)", "short") if fast else ("small (a radius in pixels?)", "long")
+    cause = "stiff gel with its small stretch" if fast else "material"
+    seen = f"the first collapse comes {found.ratio:.2g} Rayleigh times after R_max ({curve.max_radius * 1e6:.4g} um)"
+    mend = "give the true R_max (--rmax-um) or frame rate (--frame-rate-hz), or add --trust-input if both are right"
+    if found.wrong > scale.FOLLOWS:
+        return [f"check the scale of radius and time: {seen}, which no material shows: {mend}"]
+    return [
+        f"check the scale of radius and time: {seen}, and no {cause} follows the curve as well as a soft material does "
+        f"if radii are {low:.2g} to {high:.2g} times too {large} or times that much too {short}: {mend}"
+    ]
 
 
 def of_walls(shot: Experiment) -> list[str]:
@@ -45,19 +76,15 @@ def of_walls(shot: Experiment) -> list[str]:
     ]
 
 
-def readings(curve: RadiusCurve, *, spikes: bool = True) -> Iterator[tuple[str, RadiusCurve]]:
-    """(what would be different, the curve as it may have been); `spikes`: also without the frames that stand out."""
-    if curve.begins_late:
-        frame = float(np.median(np.diff(curve.time)))
-        earlier = (curve.time_of_max - frame, curve.max_radius)
-        yield "no growth is recorded, and if R_max was one frame before the first", replace(curve, maximum=earlier)
-    if spikes and (wrong := curve.spikes()):
-        radius = curve.radius.copy()
-        radius[wrong] = np.nan
-        yield (
-            f"{len(wrong)} frames stand out by more than 20 % of R_max, and without them",
-            replace(curve, radius=radius),
-        )
+def without_spikes(curve: RadiusCurve) -> tuple[str, RadiusCurve] | None:
+    """(what would be different, the curve without the frames that stand out), None if none does."""
+    wrong = curve.spikes()
+    if not wrong:
+        return None
+    radius = curve.radius.copy()
+    radius[wrong] = np.nan
+    told = f"{len(wrong)} frames stand out by more than 20 % of R_max, and without them"
+    return told, replace(curve, radius=radius)
 
 
 def moved(difference: str, factors: Mapping[str, float]) -> list[str]:

@@ -50,7 +50,7 @@ SHARPEST = 1e-3  # of R_max: the solver's own error; less noise is not believed
 BETA, ZETA, EXCESS = 0.3, 0.3, 0.03
 LARGEST = 10.0 / 3.0  # of them
 SIGMAS = 3.0  # standard deviations of these within their bounds
-CLEAN = 1.5e-4  # of R_max: frame-to-frame noise of a curve that no camera took: a simulation must follow it,
+CLEAN = 1.5e-4  # of R_max: deviation of the radius of a curve that no camera took: a simulation must follow it,
 LEFT = 1e-3  # of R_max RMS: by so much or less
 STATED = 0.1  # of a stretch that the file states: its standard deviation, if none is stated
 TIMED = (0.0, 0.1, 0.2, 0.3, 0.5, 0.7, 1.0, 1.4, 2.0)  # motion within a frame that may be noise, over radius noise
@@ -360,8 +360,15 @@ class Experiment:
         material, bubble = self.family.material(x[: self.law]), self.simulated(natural)
         found = reconstruct(view, material, self.medium, natural["stretch"], **bubble)
         counted = replace(found, drawn_radius=found.drawn_radius / scale).of(self.counted)
-        clean = self.curve.noise < CLEAN * self.max_radius
-        return counted.checks(self.view, self.time_scale, verdict, messages, LEFT if clean else MISFIT)
+        return counted.checks(self.view, self.time_scale, verdict, messages, LEFT if self.clean else MISFIT)
+
+    @property
+    def clean(self) -> bool:
+        """Whether the curve is no measurement: the deviation of its radii is smaller than a camera's. The stated one
+        counts before that from frame to frame: a mean of trials is smooth, and a measurement."""
+        stated = self.curve.radius_std[self.curve.radius_std > 0]
+        deviation = float(np.median(stated)) if len(stated) else self.curve.noise
+        return deviation < CLEAN * self.max_radius
 
     def unbounded(self, x: Floats, low: Floats, high: Floats, log_weight: Floats | None = None) -> dict[str, Quantity]:
         """Parameters of the law and the stretch whose central 90 % of x (draws, d) reach an end of their range, low to

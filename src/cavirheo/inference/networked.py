@@ -120,11 +120,12 @@ class Networked:
         )  # fmt: skip
 
     def _doubts(self, curve: RadiusCurve, found: Posterior) -> list[str]:
-        """What the curve shows by itself, and readings of it that would move the network's answer."""
+        """What the curve shows by itself, and whether frames that stand out move the network's answer."""
         said = doubts.plain(curve, self.medium)
         if found.log_q is None:
             return said
-        for difference, other in doubts.readings(curve):
+        if spiking := doubts.without_spikes(curve):
+            difference, other = spiking
             with suppress(InputError):  # read so it is no curve: nothing to compare
                 shot = self._experiment(other)
                 proposal, u = self._drawn(shot)

@@ -58,6 +58,7 @@ _RATE = re.compile(
 _CAMERA = (1e3, 1e10)  # frames per second that may show the collapse of a bubble
 _DIGIT = re.compile(r"\d").search
 _SEPARATOR = -1000.0
+_PROVEN = (0.55, 1.6)  # Rayleigh times of a first collapse that prove the units of time and radius
 _ADVICE = "begin the file with a header line such as time_us,radius_um"
 
 
@@ -286,10 +287,8 @@ def _without_header(table: Floats, density: float, pressure: float) -> list[Radi
         note = "no header: columns taken as time and two radii of one bubble (semi-axes), which differ by "
         note += f"{middle:.2g} % (median) and {most:.2g} % (most): their mean is used"
     curve = make_curve(time, radius, notes=(note,))
-    try:
-        proven = len(curve.collapse_times()) > 0 and curve.scale_warning(density, pressure) is None
-    except InputError:
-        proven = False
+    ratio = curve.rayleigh_ratio(density, pressure)
+    proven = ratio is not None and _PROVEN[0] <= ratio <= _PROVEN[1]
     require(proven, f"no header, and the numbers do not prove their units; {_ADVICE}", "table.header")
     return [curve]
 

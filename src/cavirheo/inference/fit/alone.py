@@ -116,22 +116,7 @@ class Alone:
 
     def doubts(self) -> list[str]:
         """About the curve, whether or not it was fitted with others."""
-        shot, x = self.shot, self.found.x
-        said = [*doubts.plain(shot.curve, shot.medium), *doubts.of_walls(shot)]
-        if shot.free.get("time_origin", (0.0, 0.0))[1] >= shot.frame:  # the interval holds such a clock already
-            return said
-        for difference, other in doubts.readings(shot.curve, spikes=False):  # spikes do not count in a fit
-            there = Experiment(other, shot.family, shot.medium, shot.options)
-            there.set_window(None, (shot.view.end + shot.frame) * (1.0 + 1e-9))  # to the same frame
-            # one Gauss-Newton step from the minimum to that of the same frames on the other clock
-            slope, seen, moved = self.fit.jacobian(x, FINE, central=False), shot.predict(x), there.predict(x)
-            if seen and moved:
-                frames = len(seen.radius)
-                change = (moved.radius[-frames:] - seen.radius) / (shot.sigma * shot.noise_factor)
-                step = np.linalg.lstsq(slope[:frames], change, rcond=None)[0]
-                factors = dict(zip(shot.family.parameters, (10.0 ** np.clip(step, -9, 9)).tolist(), strict=False))
-                said += doubts.moved(difference, factors)
-        return said
+        return [*doubts.plain(self.shot.curve, self.shot.medium), *doubts.of_walls(self.shot)]
 
     def _window_answer(self, x: Floats) -> WindowAnswer:
         shot = self.shot

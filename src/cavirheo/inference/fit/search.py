@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from cavirheo.arrays import Floats
-from cavirheo.inference.experiment import CLEAN, QUICK
+from cavirheo.inference.experiment import QUICK
 from cavirheo.inference.fit.least_squares import SEARCH, LeastSquares, Minimum
 from cavirheo.inference.fit.starts import STARTS, Scan
 
@@ -62,7 +62,7 @@ class Search:
         shot, (best, *_) = self.shot, self.minima
         left = self.fit.residuals(best.x, QUICK)[: len(shot.sigma)][shot.counted] * shot.sigma[shot.counted]
         rmse, noise = np.sqrt(np.mean(left**2)), self.shot.curve.noise / self.shot.max_radius
-        if noise < CLEAN:
+        if shot.clean:
             return bool(rmse < max(ABOVE * noise, FOLLOWED))
         return bool(rmse < ABOVE * min(noise, NOISIEST) or rounds > 0)
 
