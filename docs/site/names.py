@@ -75,7 +75,7 @@ ANSWERS = Page(
             {
                 "cavirheo.reporting.record": "Result",
                 "cavirheo.reporting.answer": "CurveRecord OtherModel Compared",
-                "cavirheo.reporting.group": "GroupRecord ModelSlopes Slope",
+                "cavirheo.reporting.group": "GroupModel GroupRecord Slope",
                 "cavirheo.reporting.material": "PopulationRecord GroupDifference Apart",
                 "cavirheo.reporting.laws": "Laws WeighedLaws WeighedLaw ComparedLaws",
                 "cavirheo.beside.design": "Design",

@@ -84,6 +84,12 @@ class OtherModel(Record):
         return getattr(self, _KEYS[name]) if name in _KEYS else self.other_parameters.get(name, Quantity())
 
     @property
+    def viscosity(self) -> Quantity:
+        """Or that at 1e5 1/s, where it is not one number."""
+        at_rate = self.other_parameters.get(AT_RATE, Quantity())
+        return at_rate if self.viscosity_Pa_s.median is None else self.viscosity_Pa_s
+
+    @property
     def model(self) -> str:
         """'nhkv, real'."""
         return f"{self.material}, {self.bubble.name}"
@@ -202,8 +208,7 @@ class CurveRecord(Record):
     @property
     def viscosity(self) -> Quantity:
         """Or that at 1e5 1/s, where it is not one number."""
-        at_rate = self.other_parameters.get(AT_RATE, Quantity())
-        return at_rate if self.viscosity_Pa_s.median is None else self.viscosity_Pa_s
+        return self.itself.viscosity
 
 
 def curve_record(curve: RadiusCurve, posterior: Posterior) -> CurveRecord:

@@ -8,7 +8,7 @@ same at all sizes, and a few shots in a false valley do not move it.
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 
 import numpy as np
 
@@ -53,18 +53,36 @@ class Slope(Quantity):
         return f"{median:.{places}f} [{low:.{places}f}, {high:.{places}f}]"
 
 
-class ModelSlopes(Record):
-    """Those of one model which all shots have.
+class GroupModel(Record):
+    """What another model answers for the shots of a group, each by itself.
 
     Attributes:
         material: the law.
         bubble: what is assumed of it, by its name.
-        slopes: by natural name.
+        n: how many of the trusted shots have an answer of it.
+        shear_modulus_Pa: G, Pa, over those that determine it.
+        viscosity_Pa_s: mu, Pa s; of a law whose viscosity is not one number that at 1e5 1/s.
+        log_evidence: that of this model minus that of the answer, summed over the shots that have both; null where
+            none has.
+        slopes: by natural name, where all of the shots have an answer of it.
     """
 
     material: str
     bubble: str
-    slopes: dict[str, Slope]
+    n: int
+    shear_modulus_Pa: Spread
+    viscosity_Pa_s: Spread
+    log_evidence: float | None = None
+    slopes: dict[str, Slope] = {}
+
+    @property
+    def words(self) -> str:
+        """ "with nhkv, field's bubble: G 6.5 ± 0.8 kPa, µ 0.036 ± 0.003 Pa s; evidence e^-12"."""
+        factor, unit = digits.modulus_unit([self.shear_modulus_Pa.mean])
+        known = (("G", self.shear_modulus_Pa, factor, unit), ("µ", self.viscosity_Pa_s, 1.0, "Pa s"))
+        values = [f"{symbol} {digits.spread(one, by)} {of}" for symbol, one, by, of in known if one.mean is not None]
+        said = f"with {self.material}, {self.bubble} bubble: {', '.join(values) or 'nothing is determined'}"
+        return said + ("" if self.log_evidence is None else f"; evidence e^{self.log_evidence:.0f}")
 
 
 class GroupRecord(Record):
@@ -85,7 +103,7 @@ class GroupRecord(Record):
         verdicts: how many curves have each.
         models: how many answers have each, by "law, bubble".
         slopes: d ln(value)/d ln R_max of what should be a constant, by natural name.
-        other_slopes: of the models that all of these shots have besides their answer.
+        other_models: what other models answer for these shots, such as the field's bubble beside the real one.
         population: the material behind the shots, from their intervals; left out for a single shot, or where none
             has an interval.
         published: values of other methods, by method and parameter, SI; left out unless they were given. A
@@ -102,7 +120,7 @@ class GroupRecord(Record):
     verdicts: dict[str, int]
     models: dict[str, int] = {}
     slopes: dict[str, Slope] = {}
-    other_slopes: list[ModelSlopes] = []
+    other_models: list[GroupModel] = []
     population: PopulationRecord | None = None
     published: dict[str, dict[str, Spread]] = {}
     _if_any = ("population", "published")
@@ -124,10 +142,10 @@ class GroupRecord(Record):
 
     @property
     def remarks(self) -> list[str]:
-        """On the models that are mixed, on the slopes of the answers, and on those of each other model."""
+        """On the models that are mixed, on the slopes of the answers, and on what each other model answers."""
         models = ", ".join(f"{count} {model}" for model, count in self.models.items())
         mixed = [f"the means are over answers of different models: {models}"] if len(self.models) > 1 else []
-        others = [f"with {one.material}, {one.bubble}: {in_words(one.slopes)}" for one in self.other_slopes]
+        others = [one.words for one in self.other_models]
         return mixed + ([in_words(self.slopes)] if self.slopes else []) + others
 
     @property
@@ -221,22 +239,36 @@ def group_of(name: str, members: list[CurveRecord], population: PopulationRecord
         other_parameters={key: spread_of([one.determined(key) for one in trusted]) for key in more},
         verdicts=dict(Counter(record.verdict for record in members)),
         models=dict(Counter(record.model for record in trusted)),
-        slopes=slopes(members), other_slopes=_other_slopes(_sloped(members)),
+        slopes=slopes(members), other_models=_other_models(trusted, _sloped(members)),
         population=population,
     )  # fmt: skip
 
 
-def _other_slopes(shots: list[CurveRecord]) -> list[ModelSlopes]:
-    """Of every model that all of these have; of each the valley with the largest evidence."""
-    answers: list[dict[str, OtherModel]] = []
-    for record in shots:
-        others = {one.model: one for one in sorted(record.other_models, key=evidence)}
-        answers.append(others | {record.model: record.itself})
-    one_model = len({record.model for record in shots}) == 1
+def _other_models(trusted: list[CurveRecord], sloped: list[CurveRecord]) -> list[GroupModel]:
+    """Of each model that a trusted shot has besides its answer, of each shot the valley with the largest evidence; the
+    slopes are over `sloped`."""
+    others = [(record, _by_model(record.other_models)) for record in trusted]
+    sloped_others, own = [_by_model(record.other_models) for record in sloped], {record.model for record in trusted}
     found = []
-    for model, first in (answers[0] if answers else {}).items():
-        if all(model in by_model for by_model in answers) and not (one_model and model == shots[0].model):
-            slopes = _slopes(shots, [by_model[model] for by_model in answers])
-            known = {"material": first.material, "bubble": first.bubble.name}
-            found += [ModelSlopes(**known, slopes=slopes)] if slopes else []
+    for model, first in _by_model(one for _, models in others for one in models.values()).items():
+        pairs = [(record, models[model]) for record, models in others if model in models]
+        if own == {model}:  # another valley of the model itself
+            continue
+        gains = [
+            there.log_evidence - record.evidence.log
+            for record, there in pairs if there.log_evidence is not None and record.evidence is not None
+        ]  # fmt: skip
+        answers, complete = [one for _, one in pairs], all(model in models for models in sloped_others)
+        found.append(GroupModel(
+            material=first.material, bubble=first.bubble.name, n=len(pairs),
+            shear_modulus_Pa=spread_of([one.quantity("shear_modulus").determined for one in answers]),
+            viscosity_Pa_s=spread_of([one.viscosity.determined for one in answers]),
+            log_evidence=float(np.sum(gains)) if gains else None,
+            slopes=_slopes(sloped, [models[model] for models in sloped_others]) if complete else {},
+        ))  # fmt: skip
     return found
+
+
+def _by_model(answers: Iterable[OtherModel]) -> dict[str, OtherModel]:
+    """By model, the valley with the largest evidence."""
+    return {one.model: one for one in sorted(answers, key=evidence)}
