@@ -875,7 +875,7 @@ def reading() -> Any:
                 **{
                     name: told_by(curve, name) for name in (
                         "max_radius", "time_of_max", "collapse_times", "noise", "spikes", "strain_rate",
-                        "stretch_from_tail", "scale_warning",
+                        "stretch_from_tail", "rayleigh_ratio",
                     )
                 },
             })  # fmt: skip

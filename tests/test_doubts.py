@@ -155,8 +155,8 @@ def test_the_doubt_of_a_scale_says_how_far_it_is_off_and_what_to_type():
     for said, factor, cause in ((large, 2.0, "too large (a diameter"), (small, 2.5, "too small (a radius in pixels")):
         assert cause in said
         assert "--rmax-um" in said
-        low, high = (float(number) for number in said.split("radii are ")[1].split(" times")[0].split(" to "))
-        assert 0.95 * low <= factor <= 1.05 * high
+        factors = [float(number) for number in said.split("radii are ")[1].split(" times")[0].split(" to ")]
+        assert 0.95 * factors[0] <= factor <= 1.05 * factors[-1]
 
 
 def test_no_open_recording_is_doubted_but_the_one_of_a_wrong_scale(real_data):

@@ -48,7 +48,8 @@ def of_scale(curve: RadiusCurve, medium: Medium) -> list[str]:
     if found is None or not found.doubtful:
         return []
     fast = found.ratio < 1.0
-    low, high = sorted(found.factor if fast else (1.0 / factor for factor in found.factor))
+    factors = sorted(found.factor if fast else (1.0 / factor for factor in found.factor))
+    by = " to ".join(dict.fromkeys(f"{factor:.2g}" for factor in factors))
     large, short = ("large (a diameter given as radius?)", "short") if fast else ("small (a radius in pixels?)", "long")
     cause = "stiff gel with its small stretch" if fast else "material"
     seen = f"the first collapse comes {found.ratio:.2g} Rayleigh times after R_max ({curve.max_radius * 1e6:.4g} um)"
@@ -57,7 +58,7 @@ def of_scale(curve: RadiusCurve, medium: Medium) -> list[str]:
         return [f"check the scale of radius and time: {seen}, which no material shows: {mend}"]
     return [
         f"check the scale of radius and time: {seen}, and no {cause} follows the curve as well as a soft material does "
-        f"if radii are {low:.2g} to {high:.2g} times too {large} or times that much too {short}: {mend}"
+        f"if radii are {by} times too {large} or times that much too {short}: {mend}"
     ]
 
 
