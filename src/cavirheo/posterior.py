@@ -299,9 +299,9 @@ class Posterior:
         return float(low), float(high)
 
     def bound(self, name: str) -> Bound | None:
-        """Where the central 90 % interval reaches an end of the range of `prior`, else of the search: "upper" (the value
-        is below the interval's upper end), "lower" (above its lower end) or "undetermined" (nothing is known); None
-        for an interval within the range, or none. Raises InputError: as `draws`."""
+        """Where the central 90 % interval reaches an end of the range of `prior`, else of the search: "upper" (the
+        value is below the interval's upper end), "lower" (above its lower end) or "undetermined" (nothing is known);
+        None for an interval within the range, or none. Raises InputError: as `draws`."""
         ends, known = self.interval(name), LOG10 + name if LOG10 + name in self.names else name
         if ends and known in self.prior:
             low, high, *_ = self.prior[known]
