@@ -1,7 +1,7 @@
 """Is the material of many shots right? Coverage, strays, pairs, time and memory of `cavirheo.population`.
 
     python benchmarks/population.py coverage [--groups 200] [--seed 1]
-    python benchmarks/population.py strays | pairs | width | none | timing | network | real
+    python benchmarks/population.py strays | pairs | width | none | bounds | timing | network | real
 
 Shots of known truth are made without simulating bubbles: a likelihood that is Gaussian in log10 G and log10 mu, or in G
 and mu themselves (skewed in the logarithm), sampled with importance weights against the shot's prior. `network` uses
@@ -188,6 +188,34 @@ def none(groups: int, seed: int) -> None:
               f"{np.mean(np.array(said) > 0):.0%}; centre within 90 %: {np.mean(hits):.0%}")  # fmt: skip
 
 
+def bounds(groups: int, seed: int) -> None:
+    """12 gels of 6.3 kPa with a scatter of 0.05 decades, whose mu is measured with a normal error in Pa s, so that many
+    shots only bound it; log10 of G is traded for mu by 3 decades per Pa s."""
+    logs = np.linspace(-4.0, 1.0, 5001)
+    for mu, errors in ((0.03, [0.002]), (1e-5, [0.01]), (1e-3, [0.005]), (0.01, [0.002, 0.02])):
+        bounded, within, held, known, widths = 0, 0, 0, 0, []
+        for i in range(groups):
+            rng, answers = np.random.default_rng([seed, i]), []
+            for error in errors * (12 // len(errors)):
+                stiffness, truth = np.array([3.8, np.log10(mu)]) + 0.05 * rng.standard_normal(2)
+                measured = 10.0**truth + error * rng.standard_normal()
+                share = np.cumsum(np.exp(-0.5 * ((10.0**logs - measured) / error) ** 2))
+                drawn = np.interp(rng.uniform(size=1000), share / share[-1], logs)
+                stiffness += 0.05 * rng.standard_normal() + 3.0 * (10.0**truth - 10.0**drawn)
+                theta = np.column_stack([stiffness + 0.05 * rng.standard_normal(1000), drawn])
+                answers.append(Posterior(NAMES, ("Pa", "Pa s"), theta, Checks("ok"), "nhkv", "verified", prior=RANGES))
+            found = population(answers, seed=i)
+            low, _, high = np.log10(found.interval(G))
+            bounded += sum(answer.bound(MU) == "upper" for answer in answers)
+            within, widths = within + (low < 3.8 < high), [*widths, high - low]
+            known += found.bound(MU) is None
+            ends = found.interval(MU)
+            held += ends[0] < mu < ends[2] if found.bound(MU) is None else mu < ends[2]
+        print(f"mu {mu:g}, errors {errors}: {bounded / groups:.1f} of 12 shots bound it; G within 90 % "
+              f"{within}/{groups}, width {np.median(widths):.3f} decades; mu is a value in {known}, "
+              f"interval or bound holds it in {held}/{groups}")  # fmt: skip
+
+
 def timing(groups: int, seed: int) -> None:
     """Seconds and memory of 50 and of 1,000 shots, their answers being there."""
     for n in (8, 50, 1000):
@@ -268,7 +296,7 @@ def real(groups: int, seed: int) -> None:
 
 
 def main() -> None:
-    verbs = {verb.__name__: verb for verb in (coverage, strays, pairs, width, none, timing, network, real)}
+    verbs = {verb.__name__: verb for verb in (coverage, strays, pairs, width, none, bounds, timing, network, real)}
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("what", choices=verbs)
     parser.add_argument("--groups", type=int, default=200)
