@@ -86,6 +86,11 @@ class Prior:
         i = self.names.index(name)
         return float(self.low[i]), float(self.high[i])
 
+    def of(self, names: Sequence[str]) -> Prior:
+        """The prior of these parameters alone, which is independent of that of the others."""
+        at = [self.names.index(name) for name in names]
+        return Prior(tuple(names), *(values[at] for values in (self.low, self.high, self.mean, self.std)))
+
     def sample(self, draws: int | range, seed: int) -> Floats:
         """(draws, parameters) of a uniform prior; draw i depends on (seed, i) alone: any part can be drawn anywhere."""
         indices = range(draws) if isinstance(draws, int) else draws

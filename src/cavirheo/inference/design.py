@@ -32,9 +32,9 @@ from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError, SolverError, expect_whole, require
 from cavirheo.inference.experiment import LARGEST, QUICK, SIGMAS, ZETA, Experiment
 from cavirheo.inference.law import Family
-from cavirheo.inference.noise import SHAPE, Noise
+from cavirheo.inference.noise import SHAPE, MarginalNoise
 from cavirheo.inference.options import FREE, SCALE_BOUND, Options, fixed_bubble
-from cavirheo.inference.verify.mode import INSIDE, Target, climb
+from cavirheo.inference.verify.mode import Target, climb
 from cavirheo.parallel import each
 from cavirheo.parameters import INTERVAL, PARAMETERS, RADIUS
 from cavirheo.physics.media import WATER, Medium
@@ -132,12 +132,12 @@ def expected(
     """Of a recording whose truth is known. Raises InputError: it cannot be read."""
     options = Options(free=tuple(FREE), bubble=bubble)
     shot = Experiment(curve, family, medium, options, exposure=float(curve.exposure or 0.0))
-    prior = shot.prior()
-    target = Target(shot, prior, shot.noise(discrepancy))
-    mode = climb(target, prior.to_u(shot.from_best(truth), INSIDE), QUICK, most=TURNS)
+    target = Target(shot, shot.prior(), shot.noise(discrepancy))
+    mode = climb(target, target.start(shot.from_best(truth)), QUICK, most=TURNS)
     if mode is None:
         raise SolverError(f"{curve.name}: the simulation failed")
     size, (u, covariance) = shot.law, linearised(target.noise, mode.u, mode.residual, mode.jacobian)
+    prior = target.prior
     covariance, slope, middle = covariance[:size, :size], prior.slope(u)[:size], prior.to_x(u)[:size]
     information = (np.linalg.inv(covariance) - np.eye(size)) / np.outer(slope, slope)
     moved = np.diag(10.0 ** (np.log10([truth[name] for name in family.parameters]) - middle))
@@ -162,7 +162,7 @@ def interval(middle: float, deviation: float, low: float, high: float) -> tuple[
     return float(first), float(last)
 
 
-def linearised(noise: Noise, u: Floats, residual: Floats, jacobian: Floats) -> tuple[Floats, Floats]:
+def linearised(noise: MarginalNoise, u: Floats, residual: Floats, jacobian: Floats) -> tuple[Floats, Floats]:
     """Mean (d,) and covariance (d, d) of the posterior in u, if the frames are linear in it: residual (n,) and jacobian
     (n, d) at u (d,).
 

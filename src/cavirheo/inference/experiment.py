@@ -22,6 +22,7 @@ from cavirheo.arrays import Bools, Floats
 from cavirheo.bubble import FROM_NOTHING
 from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError, require
+from cavirheo.inference.camera import FINEST, MOST, NAMES, PER_FRAME, Camera
 from cavirheo.inference.cells import half_widths
 from cavirheo.inference.law import Family
 from cavirheo.inference.noise import Noise, correlation_time
@@ -321,6 +322,40 @@ class Experiment:
         seen = np.empty((2, len(instants)))
         seen[:, order] = run.radius / (scale * self.max_radius), np.abs(run.velocity) / (scale * self.max_radius)
         return Prediction(*(np.asarray(values.reshape(-1, len(nodes)) @ shares) for values in seen))
+
+    @property
+    def camera(self) -> Camera:
+        """What clock, radius scale and R_max factor may do to the frames that count."""
+        units = (1.0 / np.sqrt(3.0), 1.0 / SIGMAS, 1.0 / SIGMAS)  # of a uniform clock, and of what is cut at SIGMAS
+        widths = [
+            self.free[name][1] * unit if name in self.free else 0.0 for name, unit in zip(NAMES, units, strict=True)
+        ]
+        nodes, shares = (_NODES, _SHARES) if self.exposure else (np.zeros(1), np.ones(1))
+        time, measured = self.since[self.counted], self.measured[self.counted]
+        step = min(self.frame / PER_FRAME, FINEST * self.time_scale)
+        step = max(step, float(np.max(time, initial=0.0)) / MOST)
+        return Camera(time, measured, np.array(widths), self.exposure * nodes, shares, step)
+
+    def extended(
+        self, x: Floats, camera: Camera, noise: Noise, accuracy: Accuracy = FINE
+    ) -> tuple[Floats, Floats]:  # fmt: skip
+        """(size,) extended residual (camera.py) of x (d,), whose clock, scale and factor do not count, and the
+        curvature (m, m) about the most likely ones; NaN where the simulation failed."""
+        natural, m = self.natural(x), len(camera.free)
+        try:
+            run = simulate(
+                self.family.material(x[: self.law]), max_radius=self.max_radius, stretch=natural["stretch"],
+                time=camera.grid, medium=self.medium, throw=False, **self.simulated(natural), **accuracy,
+            )  # fmt: skip
+            good = run.ok and bool(np.all(np.isfinite(run.radius)))
+        except InputError:  # parameters that exclude each other: as a failed simulation
+            good = False
+        with self._counting:
+            self.runs += 1
+            self.failures += not good
+        if not good:
+            return np.full(camera.size, np.nan), np.full((m, m), np.nan)
+        return camera.extended(run.radius / self.max_radius, run.velocity / self.max_radius, noise)
 
     def residual(self, prediction: Prediction | None) -> Floats:
         """(m,) (measured - simulated)/sigma; a failed simulation misses by R_max everywhere: large, but finite."""

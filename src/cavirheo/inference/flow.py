@@ -14,7 +14,7 @@ Its draws are a proposal: what they are worth the simulations say (inference/ver
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from typing import Any
 
 import numpy as np
@@ -57,10 +57,10 @@ class Flow:
             given[:, k], take[k] = value, 1.0
         return self._run(inputs, kind, np.zeros(len(SLOTS)), choice, normal, given, take)[0]
 
-    def log_density(self, inputs: Any, kind: int, z: Floats, fixed: Mapping[int, float]) -> Floats:
-        """(draws,) of z (draws, 9) but for the slots that are `fixed`."""
+    def log_density(self, inputs: Any, kind: int, z: Floats, without: Collection[int]) -> Floats:
+        """(draws,) of z (draws, 9), each slot given those before it, without some slots."""
         counted = np.zeros(len(SLOTS))
-        counted[[k for k in used(*self.kinds[kind]) if k not in fixed]] = 1.0
+        counted[[k for k in used(*self.kinds[kind]) if k not in without]] = 1.0
         nothing = np.zeros((len(z), len(SLOTS), self.parts))
         return self._run(inputs, kind, counted, nothing, z, z, np.ones(len(SLOTS)))[1]
 
@@ -100,18 +100,20 @@ class NetworkProposal:
         # column of x, slot, and (middle, width) of x over z, of each that is free
         self.camera: list[tuple[int, int, float, float]] = []
         for name, (middle, width) in camera.items():
-            if name in shot.free:
+            if name in prior.names:
                 own_middle, own_width, _ = shot.free[name]
-                place = shot.names.index(name), slot(name)
+                place = prior.names.index(name), slot(name)
                 self.camera.append((*place, (middle - own_middle) / own_width, width / own_width))
         self.fixed: dict[int, float] = {slot(name): 0.0 for name in camera if name not in shot.free}
+        # free, but integrated out: they come last, so that the density of the others is that without them
+        self.integrated: list[int] = [slot(name) for name in camera if name in shot.free and name not in prior.names]
         values = {name: np.log10(value) for name, value in shot.bubble.items() if name == "accommodation"}
         values |= {"stretch": np.log10(shot.stretch)} if shot.stretch else {}
         known = to_slots(tuple(values), np.array([list(values.values())]).reshape(1, -1))[0]
         self.fixed |= {slot(name): float(known[slot(name)]) for name in values}
         self.damping: int | None = None  # its column
-        if "confinement_damping" in shot.free:
-            self.damping = shot.names.index("confinement_damping")
+        if "confinement_damping" in prior.names:
+            self.damping = prior.names.index("confinement_damping")
         elif bubble == "real":
             given = damping_to_slot(shot.bubble.get("confinement_damping", 0.0))
             self.fixed[slot("confinement_damping")] = given
@@ -145,13 +147,13 @@ class NetworkProposal:
             z[:, slot("confinement_damping")], by_x[self.damping] = u[:, self.damping], False
         for place, value in self.fixed.items():
             z[:, place] = value
-        log_q += self.flow.log_density(self.inputs, self.kind, z, self.fixed) - self.log_share
+        log_q += self.flow.log_density(self.inputs, self.kind, z, [*self.fixed, *self.integrated]) - self.log_share
         return np.asarray(log_q + np.sum(np.log(self.prior.slope(u))[:, by_x], axis=1))
 
     def _drawn(self, count: int, rng: np.random.Generator) -> Floats:
         """Those of `count` draws that are within the bounds, (k, d)."""
         z = self.flow.sample(self.inputs, self.kind, count, rng, self.fixed)
-        x = np.zeros((count, len(self.shot.names)))
+        x = np.zeros((count, len(self.prior.names)))
         x[:, : len(self.names)] = from_slots(self.names, z)[0] + self.shift
         for column, place, middle, width in self.camera:
             x[:, column] = middle + width * z[:, place]

@@ -30,6 +30,7 @@ SHAPE = 2.0  # A: the frame-to-frame noise is a good guess of the noise, but no 
 RATIOS = (1.0, 3.0, 10.0)  # r: discrepancy of the radius over noise
 CLOCKS = (0.0, 1.0, 4.0)  # s/r
 TIMES = (0.1, 0.5, 2.0)  # tau/t_c: a collapse, half of the first fall, the whole window
+UNSEEN = 1e6  # deviation of the number of an extended residual that has no distribution
 ABSENT = 1.0 / 6.0  # prior probability that there is no discrepancy
 
 
@@ -146,6 +147,77 @@ class Noise:
             "discrepancy_probability": float(1.0 - np.sum(share[0])),
             "discrepancy_over_rmax": float(np.sqrt(np.sum(share * variance * moved))),
         }
+
+
+class MarginalNoise:
+    """The distribution of extended residuals (k, n + m + 1), which hold m pulls and the logarithm of the rest of an
+    integral over the camera (camera.py) beside the n frames that `frames` is about.
+
+    parts, power, constants, joint: of `frames`. pull: k^2 of the frames, by which the pulls' squares are multiplied
+    where the frames' are to be divided by it.
+    """
+
+    def __init__(self, frames: Noise, pulls: int) -> None:
+        self.frames, self.pulls, self.pull = frames, pulls, 1.0
+        self.deviation: Floats = np.concatenate([frames.deviation, np.ones(pulls), [UNSEEN]])
+        self.size: int = len(self.deviation)
+
+    @property
+    def parts(self) -> list[_Covariance]:
+        return self.frames.parts
+
+    @property
+    def power(self) -> float:
+        return self.frames.power
+
+    @property
+    def constants(self) -> Floats:
+        return self.frames.constants
+
+    def joint(self, squares: Floats) -> Floats:
+        """As that of `frames`."""
+        return self.frames.joint(squares)
+
+    def factor(self, squares: Floats) -> float:
+        """As that of `frames`."""
+        return self.frames.factor(squares)
+
+    def split(self, residuals: Floats) -> tuple[Floats, Floats, Floats]:
+        """Frames (..., n), pulls (..., m) and the logarithm of the rest (...,)."""
+        n = self.frames.size
+        return residuals[..., :n], residuals[..., n : n + self.pulls], residuals[..., n + self.pulls]
+
+    def log_density(self, residuals: Floats) -> Floats:
+        """(k,) of extended residuals (k, size); -inf where one is not finite."""
+        frames, pulls, rest = self.split(residuals)
+        found = self.frames.log_density(frames) - 0.5 * np.sum(pulls**2, axis=1) + rest
+        return np.where(np.isfinite(found), found, -np.inf)
+
+    def newton(self, residual: Floats, jacobian: Floats) -> tuple[Floats, Floats]:
+        """As that of `frames`, of an extended residual (size,) with the derivatives (size, d)."""
+        frames, pulls, _ = self.split(residual)
+        by_frames, by_pulls, by_rest = (part.T for part in self.split(jacobian.T))
+        gradient, curvature = self.frames.newton(frames, by_frames)
+        return gradient - by_pulls.T @ pulls + by_rest, curvature + by_pulls.T @ by_pulls
+
+    def only(self, residuals: Floats, least: float) -> MarginalNoise:
+        """As that of `frames`; its `pull` is that of the first of the residuals."""
+        frames = self.split(residuals)[0]
+        found = copy(self)
+        found.frames = self.frames.only(frames, least)
+        squares = np.array([frames[0] @ part.solve(frames[:1].T)[:, 0] for part in found.frames.parts])
+        found.pull = found.frames.factor(squares)
+        return found
+
+    def solved(self, columns: Floats) -> list[Floats]:
+        """C^-1 columns, (size, k), for each grid point; that of the pulls is `pull`, that of the rest is nothing."""
+        frames, pulls, _ = (part.T for part in self.split(columns.T))
+        nothing = np.zeros((1, columns.shape[1]))
+        return [np.concatenate([part, self.pull * pulls, nothing]) for part in self.frames.solved(frames)]
+
+    def describe(self, residual: Floats) -> dict[str, float]:
+        """As that of `frames`."""
+        return self.frames.describe(self.split(residual)[0])
 
 
 def correlation_time(residual: Floats) -> float:

@@ -129,7 +129,7 @@ def _other_bubble(settings: Verification, curve: RadiusCurve, answer: Posterior)
         return []
     try:
         work = Work(settings, curve, replace(answer, bubble=rival))
-        network = settings.network.proposal(work.shot, work.prior, settings.discrepancy)
+        network = settings.network.proposal(work.shot, work.target.prior, settings.discrepancy)
         found = glanced(work.target, network, settings.seed)
     except InputError:  # the network does not know it
         return []

@@ -9,7 +9,7 @@ import numpy as np
 from cavirheo.arrays import Floats, log_sum
 from cavirheo.inference.experiment import FINE, QUICK, Accuracy
 from cavirheo.inference.verify.mode import Mode, Simulated, Target, climb, modes, ridge, same
-from cavirheo.inference.verify.sampler import Mixture, Sample, effective_size
+from cavirheo.inference.verify.sampler import Mixture, Sample, effective_size, tempered
 from cavirheo.inference.verify.surrogate import Surrogate
 from cavirheo.inference.verify.tuning import TUNING
 
@@ -25,7 +25,10 @@ class Blend:
         self.pool, self.log_surrogate, self.log_mixture = pool, log_surrogate, mixture.log_density(pool)
         self.log_weight = log_surrogate - self.log_mixture
         self.log_cut = np.log(TUNING.surrogate_cut) + log_mean(self.log_weight)
-        self.log_norm = log_mean(np.minimum(self.log_weight - self.log_cut, 0.0))
+        kept = np.minimum(self.log_weight - self.log_cut, 0.0)
+        self.log_norm = log_mean(kept)
+        # of the part by rejection, which is nearly all of the density where the surrogate is
+        self.log_norm_error = float(np.sqrt(max(1.0 / effective_size(kept) - 1.0 / len(kept), 0.0)))
 
     def draw(self, count: int, rng: np.random.Generator) -> Floats:
         """(count, d)"""
@@ -75,6 +78,8 @@ class Explorer:
         self.value = np.empty(0)
         self.modes, self.climbed = list(modes), 0
         self.places: list[Mode] = []
+        self.surrogate: Surrogate | None = None  # of the last proposal, and how many draws were weighed before it
+        self.weighed, self.misled = 0, False
         for mode in modes:
             self._settle(mode)  # best first
         self.mixture = self.start
@@ -107,14 +112,32 @@ class Explorer:
         self.value = np.concatenate([self.value, value[good]])
 
     def thorough(self, rounds: int = 0) -> None:
-        """From now on follow ridges, that of the highest simulation first, and learn from so many rough rounds."""
+        """From now on follow ridges, that of the highest simulation first, and learn from so many rough rounds. What a
+        mixture has learnt from draws that are worth little is forgotten."""
         self.rounds = rounds
-        if not self.follow:
-            self.follow, self.places = True, []
+        if not self.follow or self.climbed:
+            self.follow, self.places, self.climbed = True, [], 0
             found = modes(self.target, [self.u[np.argmax(self.value)], *(mode.u for mode in self.modes)])
             self.modes = found or self.modes
             for mode in self.modes:
                 self._settle(mode)
+            self.mixture = self.start
+
+    @property
+    def highest(self) -> Floats:
+        """(d,) u of the largest log posterior that was met, at a mode or a simulation."""
+        mode = max(self.modes, key=lambda mode: mode.log_posterior)
+        met = np.max(self.value, initial=-np.inf) > mode.log_posterior
+        return np.asarray(self.u[np.argmax(self.value)] if met else mode.u)
+
+    def residuals_of(self, u: Floats) -> Floats:
+        """(k, size) of what was simulated at u (k, d); NaN where nothing was, or it failed."""
+        known = {row.tobytes(): i for i, row in enumerate(self.u)}
+        found = np.full((len(u), self.residual.shape[1]), np.nan)
+        for k, row in enumerate(np.ascontiguousarray(u)):
+            if (i := known.get(row.tobytes())) is not None:
+                found[k] = self.residual[i]
+        return found
 
     def also(self, modes: Sequence[Mode]) -> None:
         """Take up further modes that are not known yet."""
@@ -127,6 +150,8 @@ class Explorer:
         """The next proposal; before the first, rounds of rough simulations where the posterior and its tails seem to
         be, and one more for each other valley found there."""
         rounds = 0
+        if counted and self._misled(counted):
+            return self._adapted(counted, rng)
         if counted and len(counted.u) > TUNING.lost_after and counted.ess < TUNING.lost * len(counted.u):
             self.thorough()
         while counted is None and rounds < self.rounds + self.climbed:
@@ -139,11 +164,32 @@ class Explorer:
         proposal = self._learnt(rng, counted)
         if not isinstance(proposal, Blend):
             return proposal
+        self.surrogate, self.weighed = proposal.surrogate, len(counted.u) if counted else 0
         while (met := effective_size(proposal.log_weight)) < TUNING.norm_enough:
             if len(proposal.pool) >= TUNING.norm_draws:
                 break
             proposal = proposal.normed(TUNING.pool, rng)
         return proposal if met > TUNING.norm_met else proposal.mixture
+
+    def _misled(self, counted: Sample) -> bool:
+        """Whether the surrogate was wrong about draws that were made by it: the camera may have two solutions for one
+        simulation, and the frames then jump from one to the other."""
+        if self.surrogate is not None:
+            off = self.surrogate(counted.u[self.weighed :]) - counted.log_target[self.weighed :]
+            off = off[np.isfinite(off)]
+            if len(off) >= TUNING.misled_fewest:
+                scatter = 1.4826 * float(np.median(np.abs(off - np.median(off))))
+                self.misled = self.misled or scatter > TUNING.misled
+            self.surrogate = None
+        return self.misled
+
+    def _adapted(self, counted: Sample, rng: np.random.Generator) -> Mixture:
+        """A mixture that follows the weighted draws themselves, with as many components as they are worth."""
+        d = counted.u.shape[1]
+        log_weight = tempered(counted.log_weight, min(TUNING.adapted * d, 0.25 * len(counted.u)))
+        count = int(np.clip(effective_size(log_weight) / (2.0 * d), 1, TUNING.adapted_components))
+        mixture = Mixture.through(counted.u, log_weight, count, rng)
+        return mixture.beside(self.start, TUNING.adapted_modes).widened()
 
     def _other_valley(self) -> None:
         """Climb from the best simulation if it lies above all modes, which must then be beside the highest."""

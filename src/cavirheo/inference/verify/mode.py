@@ -9,8 +9,9 @@ from typing import NamedTuple
 import numpy as np
 
 from cavirheo.arrays import Floats
+from cavirheo.inference.camera import NAMES, Camera, rescaled
 from cavirheo.inference.experiment import FINE, FORWARD, QUICK, Accuracy, Experiment
-from cavirheo.inference.noise import Noise
+from cavirheo.inference.noise import MarginalNoise, Noise
 from cavirheo.inference.verify.tuning import TUNING
 from cavirheo.parallel import each
 from cavirheo.posterior import Evidence, OtherAnswer, intervals
@@ -21,24 +22,63 @@ _RESISTING = 0.3  # accommodation below which condensation resists more than wha
 
 
 class Target:
-    """log p(frames | x(u)) + log p(u) of one experiment; -inf where the simulation failed."""
+    """log p(frames | x(u)) + log p(u) of one experiment, clock, scale and R_max factor being integrated (camera.py);
+    -inf where the simulation failed.
+
+    prior: of what is sampled. columns: where its parameters are among those of the experiment.
+    """
 
     def __init__(self, experiment: Experiment, prior: Prior, noise: Noise, workers: int = 1) -> None:
+        """prior: of all parameters of the experiment."""
         self.experiment: Experiment = experiment
-        self.prior: Prior = prior
-        self.noise: Noise = noise
+        self.whole: Prior = prior
+        self.camera: Camera = experiment.camera
+        self.prior: Prior = prior.of([name for name in prior.names if name not in NAMES])
+        self.columns: list[int] = [prior.names.index(name) for name in self.prior.names]
+        self.noise: MarginalNoise = MarginalNoise(noise, len(self.camera.free))
         self.workers: int = workers
 
     def start(self, x: Floats) -> Floats:
-        """(..., d) u of x (..., d), where a climb can begin."""
-        return self.prior.to_u(x, INSIDE)
+        """(..., d) u of x (..., all), where a climb can begin."""
+        return self.prior.to_u(x[..., self.columns], INSIDE)
 
     def residuals(self, u: Floats, accuracy: Accuracy) -> Floats:
-        """(k, n) measured minus simulated, over R_max, at u (k, d); NaN where the simulation failed."""
-        return np.array(each(lambda x: self.experiment.difference(x, accuracy), self.prior.to_x(u), self.workers))
+        """(k, size) extended residuals at u (k, d); NaN where the simulation failed."""
+        shot, frames = self.experiment, self.noise.frames
+
+        def one(x: Floats) -> Floats:
+            return shot.extended(x, self.camera, frames, accuracy)[0]
+
+        return np.array(each(one, self.with_camera(u), self.workers))
+
+    def with_camera(self, u: Floats, z: Floats | None = None) -> Floats:
+        """x (k, all) of u (k, d) with clock, scale and factor in units of their prior, z (k, m) or nothing; what of the
+        law goes with the bubble's size is that of its true size."""
+        x = np.zeros((len(u), len(self.whole.names)))
+        x[:, self.columns] = self.prior.to_x(u)
+        if z is not None and len(self.camera.free):
+            values, law = self.camera.natural(z), self.experiment.law
+            for name, (middle, width, _) in self.experiment.free.items():
+                if name in NAMES:
+                    x[:, self.whole.names.index(name)] = (values[name] - middle) / width
+            size = values["radius_scale"] * values["max_radius_factor"]
+            x[:, :law] = rescaled(self.experiment.family.parameters, x[:, :law], size)
+        return x
+
+    def completed(self, u: Floats, residuals: Floats, at: Floats, seed: int) -> tuple[Floats, Floats]:
+        """x (k, all) of u (k, d) with extended residuals (k, size), the camera drawn from its distribution given each,
+        whose spread is that at u `at` (d,), and the log density (k,) of these draws over x."""
+        free, shot = self.camera.free, self.experiment
+        middle = np.nan_to_num(self.camera.z(residuals))
+        curvature = shot.extended(self.with_camera(at[None])[0], self.camera, self.noise.frames)[1]
+        if not len(free) or not np.all(np.isfinite(curvature)):
+            return self.with_camera(u, middle), np.zeros(len(u))
+        z, log_density = self.camera.draw(middle, curvature, np.random.Generator(np.random.Philox(seed).jumped(2)))
+        widths = np.array([shot.free[NAMES[i]][1] for i in free]) / self.camera.widths[free]
+        return self.with_camera(u, z), log_density + float(np.sum(np.log(widths)))
 
     def log_posterior(self, u: Floats, residual: Floats) -> Floats:
-        """(k,) of u (k, d), where the residuals are (k, n); -inf where one is not finite."""
+        """(k,) of u (k, d), where the extended residuals are (k, size); -inf where one is not finite."""
         return self.noise.log_density(residual) + log_normal(u)
 
     def linear(self, u: Floats) -> Floats:
@@ -52,8 +92,10 @@ class Target:
         return v
 
     def jacobian(self, u: Floats, residual: Floats, accuracy: Accuracy) -> Floats:
-        """(n, d) of the simulated frames by u: differences towards u = 0, steps as those of a fit."""
-        moves = np.minimum(FORWARD * self.experiment.steps / self.prior.slope(u), 0.3) * np.where(u > 0, -1.0, 1.0)
+        """(size, d) of the simulated frames by u, the camera following: differences towards u = 0, steps as those of a
+        fit."""
+        steps = self.experiment.steps[self.columns]
+        moves = np.minimum(FORWARD * steps / self.prior.slope(u), 0.3) * np.where(u > 0, -1.0, 1.0)
         moved = self.residuals(u + np.diag(moves), accuracy)
         return np.nan_to_num((residual - moved) / moves[:, None]).T
 
@@ -87,9 +129,11 @@ class Mode:
 
 def valley(target: Target, mode: Mode) -> OtherAnswer:
     """What the Gaussian about a mode answers, beside another one's."""
-    shot, to_x = target.experiment, target.prior.to_x
-    told = intervals(*shot.answer(to_x(mode.draws(TUNING.draws, 0))))
-    best, rmse = shot.best(to_x(mode.u)), float(np.sqrt(np.mean(mode.residual**2)))
+    shot, z = target.experiment, target.camera.z(mode.residual)
+    draws = mode.draws(TUNING.draws, 0)
+    told = intervals(*shot.answer(target.with_camera(draws, np.tile(z, (len(draws), 1)))))
+    best, frames = shot.best(target.with_camera(mode.u[None], z[None])[0]), target.noise.split(mode.residual)[0]
+    rmse = float(np.sqrt(np.mean(frames**2)))
     return OtherAnswer(shot.family.name, shot.options.bubble, best, told, Evidence(mode.log_evidence), rmse)
 
 
@@ -117,6 +161,7 @@ def climb(
     damping = 1e-3
     lowest = max((mode.log_posterior for mode in known), default=-np.inf)
     lowest -= TUNING.climb_hopeless * TUNING.lowest_mode
+    gain = np.inf
     for turn in range(most + 1):
         if any((u - mode.u) @ np.linalg.solve(mode.covariance, u - mode.u) < TUNING.same_mode**2 for mode in known):
             return None
@@ -127,7 +172,7 @@ def climb(
         hoped = 0.5 * float(gradient @ np.linalg.solve(curvature, gradient))
         if turn > 2 and value + hoped < lowest:
             return None
-        if turn == most or hoped < TUNING.climb_gain:
+        if turn == most or min(hoped, gain) < TUNING.climb_gain:
             break
         for _ in range(5):
             step = -np.linalg.solve(curvature + damping * np.diag(np.diag(curvature)), gradient)
@@ -141,8 +186,6 @@ def climb(
             break
         gain, u, residual, value = reached - value, there, tried, reached
         damping = max(damping / 8.0, 1e-6)
-        if gain < TUNING.climb_gain:
-            break
     value += 0.5 * float(rope @ (u - start)) ** 2
     return Mode(u, value, np.asarray(np.linalg.inv(free), dtype=float), residual, jacobian)
 
@@ -168,6 +211,7 @@ def secant(target: Target, known: Simulated) -> tuple[Mode, Simulated]:
     simulations, where one with finite differences costs one a parameter. (Ralston and Jennrich 1978,
     doi:10.1080/00401706.1978.10489610)
     """
+    gain = np.inf
     for left in reversed(range(TUNING.secant_steps + 1)):
         top = int(np.argmax(known.value))
         u, residual, value = (values[np.isfinite(known.value)] for values in known)
@@ -180,13 +224,11 @@ def secant(target: Target, known: Simulated) -> tuple[Mode, Simulated]:
         gradient, curvature = target.noise.newton(known.residual[top], jacobian)
         gradient, curvature = gradient + known.u[top], curvature + np.eye(len(gradient))
         step = -np.linalg.solve(curvature, gradient)
-        if not left or -0.5 * float(gradient @ step) < TUNING.climb_gain:
+        if not left or min(-0.5 * float(gradient @ step), gain) < TUNING.climb_gain:
             break
         tried = Simulated.at(target, np.clip(known.u[top] + np.outer((1.0, 0.4), step), -5.0, 5.0))
         known = Simulated(*(np.concatenate(pair) for pair in zip(known, tried, strict=True)))
-        if np.max(known.value) - known.value[top] < TUNING.climb_gain:
-            break
-    top = int(np.argmax(known.value))
+        gain = float(np.max(known.value) - known.value[top])
     covariance = np.asarray(np.linalg.inv(curvature), dtype=float)
     return Mode(known.u[top], float(known.value[top]), covariance, known.residual[top], jacobian), known
 
@@ -218,10 +260,19 @@ def same(mode: Mode, other: Mode) -> bool:
     return bool(off @ np.linalg.solve(other.covariance + mode.covariance, off) < TUNING.same_mode**2)
 
 
-def modes(target: Target, starts: Sequence[Floats], further: Sequence[Floats] = ()) -> list[Mode]:
-    """Distinct maxima from the starts (d,) in u, and from `further` ones where they lead elsewhere; best first, without
-    those far below."""
-    found: list[Mode] = []
+def misfit(target: Target, mode: Mode) -> float:
+    """What a simulation at a mode misses beyond the noise from frame to frame, RMS over R_max."""
+    shot = target.experiment
+    beyond = float(np.mean(target.noise.split(mode.residual)[0] ** 2)) - (shot.curve.noise / shot.max_radius) ** 2
+    return float(np.sqrt(max(beyond, 0.0)))
+
+
+def modes(
+    target: Target, starts: Sequence[Floats], further: Sequence[Floats] = (), known: Sequence[Mode] = ()
+) -> list[Mode]:
+    """Distinct maxima from the starts (d,) in u, from `further` ones where they lead elsewhere, and those that are
+    `known`; best first, without those far below."""
+    found = list(known)
     for start in (*starts, *further):
         mode = climb(target, start, QUICK, known=found)
         if mode is None:

@@ -10,7 +10,7 @@ doi:10.1111/j.1467-9469.2011.00756.x).
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Protocol
 
@@ -34,6 +34,18 @@ class Mixture:
         """A component about each place, and a tenth of the draws twice as wide."""
         share = np.exp(np.asarray(log_share) - log_sum(log_share))
         return cls(share, np.array(means), np.array(covariances)).widened(0.1, 2.0)
+
+    @classmethod
+    def through(cls, u: Floats, log_weight: Floats, count: int, rng: np.random.Generator) -> Mixture:
+        """`count` components fitted to weighted draws u (k, d)."""
+        weight = np.exp(log_weight - log_sum(log_weight))
+        middle = weight @ u
+        scale = ((u - middle).T * weight) @ (u - middle) * count ** (-2.0 / u.shape[1]) + 1e-12 * np.eye(u.shape[1])
+        places = u[rng.choice(len(u), count, p=weight)]
+        found = cls(np.full(count, 1.0 / count), places, np.array([scale] * count))
+        for _ in range(TUNING.adapted_fits):
+            found = found.fitted(u, log_weight)
+        return found
 
     def widened(self, part: float = TUNING.wide_share, factor: float = TUNING.wide_factor) -> Mixture:
         """With `part` of the draws from the same components, wider: fitted shapes lose their tails."""
@@ -96,11 +108,13 @@ class Mixture:
 
 @dataclass(frozen=True, eq=False)
 class Sample:
-    """Draws u (k, d), log density of target and proposal (k,); the mean of exp(log_weight) is the evidence."""
+    """Draws u (k, d), log density of target and proposal (k,); the mean of exp(log_weight) is the evidence.
+    common: standard error of what all log weights share, the norm of a proposal or a correction of the target."""
 
     u: Floats
     log_target: Floats
     log_q: Floats
+    common: float = 0.0
 
     @property
     def log_weight(self) -> Floats:
@@ -112,13 +126,15 @@ class Sample:
 
     @property
     def log_evidence(self) -> tuple[float, float]:
-        """Log of the mean weight and its standard error; (-inf, inf) if all weights vanish."""
+        """Log of the mean weight and its standard error, that of the scatter of the weights and what is common to
+        them; (-inf, inf) if all weights vanish."""
         top = np.max(self.log_weight)
         if not np.isfinite(top):
             return -np.inf, np.inf
         scaled = np.exp(self.log_weight - top)
         mean = float(np.mean(scaled))
-        return float(top + np.log(mean)), float(np.std(scaled, ddof=1) / np.sqrt(len(scaled)) / mean)
+        scatter = np.std(scaled, ddof=1) / np.sqrt(len(scaled)) / mean
+        return float(top + np.log(mean)), float(np.hypot(scatter, self.common))
 
     @cached_property
     def tail(self) -> tuple[float, float]:
@@ -148,9 +164,23 @@ class Sample:
         index, unseen = self.tail
         return not (index > TUNING.tail_reliable and unseen > TUNING.tail_unseen)
 
+    @property
+    def distrust(self) -> str:
+        """Why the draws are not worth an interval, a sentence; empty if they are."""
+        if self.ess >= TUNING.effective_fewest and self.reliable:
+            return ""
+        index, unseen = self.tail
+        return (
+            f"the interval is not to be trusted and left out: {len(self.u)} weighted draws are worth {self.ess:.0f} "
+            f"(at least {TUNING.effective_fewest:.0f} are needed; tail index {index:.2f}, at most "
+            f"{TUNING.tail_reliable} unless at most {TUNING.tail_unseen:.0%} of the weight is still to be met, here "
+            f"{unseen:.1%})"
+        )
+
 
 class Proposal(Protocol):
-    """A density that can be drawn from; it must be normalised."""
+    """A density that can be drawn from; it must be normalised. One whose norm is known by draws alone has its standard
+    error in `log_norm_error`."""
 
     def draw(self, count: int, rng: np.random.Generator) -> Floats: ...
 
@@ -201,7 +231,18 @@ def sample(
         drawn = len(u) - before
         hopeless = drawn >= patience and found.ess * most < least * drawn
         if drawn >= most or (drawn >= fewest * each and (good or hopeless)):
-            return found
+            return replace(found, common=_of_norms(found, proposals, log_share + densities))
+
+
+def _of_norms(found: Sample, proposals: Sequence[Proposal], log_parts: Floats) -> float:
+    """Standard error of the log evidence from that of the proposals' norms: each by the share of the weight that it
+    answers for; log_parts (proposals, k): of each in the density at the draws."""
+    if not np.any(np.isfinite(found.log_weight)):
+        return 0.0
+    weight = np.exp(found.log_weight - log_sum(found.log_weight))
+    share = np.exp(log_parts - found.log_q) @ weight
+    errors = np.array([getattr(proposal, "log_norm_error", 0.0) for proposal in proposals])
+    return float(np.linalg.norm(share * errors))
 
 
 def _needed(found: Sample, each: int, enough: float) -> int:

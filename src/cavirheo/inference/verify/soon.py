@@ -22,19 +22,21 @@ from cavirheo.arrays import Floats, unscaled
 from cavirheo.errors import SolverError
 from cavirheo.inference.experiment import BRISK, FINE, Accuracy
 from cavirheo.inference.verify.explore import Blend, Explorer, log_mean
-from cavirheo.inference.verify.mode import Mode, Simulated, Target, climb, modes, secant, valley
+from cavirheo.inference.verify.mode import Mode, Simulated, Target, climb, misfit, modes, secant, valley
 from cavirheo.inference.verify.sampler import Proposal, Sample, sample, tempered
 from cavirheo.inference.verify.tuning import TUNING
 from cavirheo.posterior import Evidence, OtherAnswer, intervals
 
 
 class Weighed(NamedTuple):
-    """drawn: the weighted draws. best: the highest mode at its maximum; None if it is to be climbed to. modes: all that
-    were found. few: whether few simulations were enough. apart: how many standard errors the network's own evidence is
-    above that of the others; None if its draws are worth too little. rough: standard deviation of the error of the log
-    weights by rough simulations; None if these were not used."""
+    """drawn: the weighted draws. residual: (k, size) their extended residuals. best: the maximum beside the highest
+    simulation; None if the default one fails there. modes: all that were found. few: whether few simulations were
+    enough. apart: how many standard errors the network's own evidence is above that of the others; None if its draws
+    are worth too little. rough: standard deviation of the error of the log weights by rough simulations; None if these
+    were not used."""
 
     drawn: Sample
+    residual: Floats
     best: Mode | None
     modes: list[Mode]
     few: bool
@@ -46,8 +48,9 @@ class Mended(Target):
     """A target of rough simulations and what they miss of the default ones; accuracies are not told apart."""
 
     def __init__(self, target: Target) -> None:
-        super().__init__(target.experiment, target.prior, target.noise, target.workers)
+        super().__init__(target.experiment, target.whole, target.noise.frames, target.workers)
         self.exact, self.missed, self.rough = target, np.zeros(target.noise.size), True
+        self.learnt = np.empty((0, len(target.prior.names)))  # u of what taught it
 
     def residuals(self, u: Floats, accuracy: Accuracy = BRISK) -> Floats:
         """(k, n) measured minus simulated, over R_max, at u (k, d); NaN where the simulation failed."""
@@ -56,7 +59,7 @@ class Mended(Target):
     def mend(self, at: Simulated) -> None:
         """Learn what rough simulations miss, the mean of it at likely places; where it changes too much, no more of
         them."""
-        fine = self.exact.residuals(at.u, FINE)
+        fine, self.learnt = self.exact.residuals(at.u, FINE), at.u
         good = np.all(np.isfinite(fine - at.residual), axis=1)
         self.rough = bool(np.count_nonzero(good) > TUNING.mended / 2)
         if not self.rough:
@@ -68,7 +71,10 @@ class Mended(Target):
         self.rough = bool(np.cov(wrong, aweights=trust) < TUNING.mended_begun**2)
 
     def again(self, u: Floats, residual: Floats) -> Simulated:
-        """What was known at u (k, d), with residuals (k, n), before something was learnt."""
+        """What was known at u (k, d), with rough residuals (k, n), before something was learnt: with it, or by default
+        simulations where rough ones are refused."""
+        if not self.rough:
+            return Simulated.at(self, u)
         residual = residual + self.missed
         return Simulated(u, residual, self.log_posterior(u, residual))
 
@@ -81,17 +87,24 @@ class Mended(Target):
         ]
 
     def checked(self, drawn: Sample, seed: int) -> tuple[Sample, float]:
-        """The draws with log targets that default simulations of some agree with, and the standard deviation of what
-        these found wrong; all that have a weight are simulated anew if that is too much, all if one of them fails."""
-        if not self.rough:
+        """The draws with log targets that default simulations of some agree with, none of which taught the correction,
+        and the standard deviation of what these found wrong; all that have a weight are simulated anew if that is too
+        much, all if one of them fails."""
+        if not self.rough or not np.any(np.isfinite(drawn.log_weight)):
             return drawn, 0.0
         weight = unscaled(drawn.log_weight)
+        new = ~np.any(np.all(drawn.u[:, None] == self.learnt, axis=2), axis=1)
+        chance = np.where(new, weight, 0.0)
+        count = min(TUNING.mended_checked, int(np.count_nonzero(chance)))
         rng = np.random.Generator(np.random.Philox(seed))
-        some = rng.choice(len(weight), TUNING.mended_checked, p=weight / np.sum(weight))
-        wrong = Simulated.at(self.exact, drawn.u[some]).value - drawn.log_target[some]
-        error = float(np.std(wrong, ddof=1)) if np.all(np.isfinite(wrong)) else np.inf
+        wrong, error = np.array([]), np.inf
+        if count > 1:
+            some = rng.choice(len(weight), count, replace=False, p=chance / np.sum(chance))
+            wrong = Simulated.at(self.exact, drawn.u[some]).value - drawn.log_target[some]
+            error = float(np.std(wrong, ddof=1)) if np.all(np.isfinite(wrong)) else np.inf
         if error <= TUNING.mended_enough:
-            return replace(drawn, log_target=drawn.log_target + np.mean(wrong)), error
+            common = float(np.hypot(drawn.common, error / np.sqrt(count)))
+            return replace(drawn, log_target=drawn.log_target + np.mean(wrong), common=common), error
         heaviest = np.argsort(-weight)
         counted = 1 + np.searchsorted(np.cumsum(weight[heaviest]), TUNING.mended_heavy * np.sum(weight))
         again, value = heaviest[:counted] if np.isfinite(error) else heaviest, drawn.log_target.copy()
@@ -110,13 +123,14 @@ class Mended(Target):
 
 def weighed(
     target: Target, network: Proposal | None, starts: Callable[[], list[Floats]],
-    scanned: Callable[[], list[Floats]], *, draws: int, seed: int,
+    scanned: Callable[[], list[Floats]], windowed: Callable[[], list[Floats]] = list, *, draws: int, seed: int,
 ) -> Weighed:  # fmt: skip
     """Draws from few simulations if they can be trusted, else from as many as level "full" has, or, where an evidence
     is all that is wanted, from some more rough ones.
 
-    starts: where to climb from without a network; scanned: the same from all over the ranges. draws: at most so many
-    with weights. Raises SolverError: no start could be simulated.
+    starts: where to climb from without a network; scanned: the same from all over the ranges; windowed: where a search
+    over windows that grow ends, for modes that leave more than noise. draws: at most so many with weights. Raises
+    SolverError: no start could be simulated.
     """
     known, found, near = None, list[Mode](), Mended(target)
     if network:
@@ -128,7 +142,9 @@ def weighed(
         found = modes(near, starts(), scanned())
     if not found:
         raise SolverError(f"no start of {target.experiment.family.name} could be simulated")
-    near.mend(_likely(near, found[0], known, seed))
+    if misfit(target, found[0]) > TUNING.searched_above:
+        found = modes(near, windowed(), known=found)
+    near.mend(_likely(near, found[0], None if searched else known, seed))
     found = near.lifted(found)
     explorer = Explorer(near, found, TUNING.auto_learning, follow=searched)
     own = None
@@ -146,14 +162,16 @@ def weighed(
     drawn, error = near.checked(drawn, seed)
     apart = None
     if own is not None and own.ess >= TUNING.own_worth:
-        rest = Sample(*(values[len(own.u) :] for values in (drawn.u, drawn.log_target, drawn.log_q)))
+        n = len(own.u)
+        rest = Sample(drawn.u[n:], drawn.log_target[n:], drawn.log_q[n:], drawn.common)
         apart = _standard_errors(own, rest)
     if drawn.ess >= enough and drawn.reliable and (apart is None or apart <= TUNING.agree):
-        best = near.highest(explorer.u[np.argmax(explorer.value)])
-        return Weighed(drawn, best, explorer.modes, True, apart, error)
+        return Weighed(
+            drawn, explorer.residuals_of(drawn.u), near.highest(explorer.highest), explorer.modes, True, apart, error
+        )
     if not quick:
         explorer.target = target  # default simulations from here on
-        if own is not None:
+        if own is not None and near.rough:
             own = replace(own, log_target=Simulated.at(target, own.u).value)
     explorer.thorough(TUNING.law_learning if quick else TUNING.learning_rounds)
     explorer.also(modes(explorer.target, [], scanned()))
@@ -164,7 +182,8 @@ def weighed(
     guard = (network, own) if network and own is not None else None
     drawn = sample(explorer, explorer.propose, seed=seed + 1, first=guard, **sizes)
     checked = near.checked(drawn, seed) if quick else (drawn, None)
-    return Weighed(checked[0], None, explorer.modes, False, apart, checked[1])
+    best = near.highest(explorer.highest) if quick else climb(target, explorer.highest, FINE)
+    return Weighed(checked[0], explorer.residuals_of(drawn.u), best, explorer.modes, False, apart, checked[1])
 
 
 def glanced(target: Target, network: Proposal, seed: int) -> OtherAnswer | None:
@@ -182,7 +201,8 @@ def glanced(target: Target, network: Proposal, seed: int) -> OtherAnswer | None:
     answer = valley(target, mode)
     if not isinstance(seen, Blend):
         return replace(answer, evidence=Evidence(mode.log_evidence, TUNING.laplace))
-    told = intervals(*target.experiment.answer(target.prior.to_x(seen.pool)), seen.log_weight)
+    pool = target.with_camera(seen.pool, np.tile(target.camera.z(mode.residual), (len(seen.pool), 1)))
+    told = intervals(*target.experiment.answer(pool), seen.log_weight)
     return replace(answer, intervals=told, evidence=Evidence(log_mean(seen.log_weight), TUNING.laplace))
 
 

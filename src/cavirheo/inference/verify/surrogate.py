@@ -14,8 +14,9 @@ from numpy.typing import NDArray
 from scipy.linalg import solve_triangular
 
 from cavirheo.arrays import Floats, log_sum
-from cavirheo.inference.noise import Noise
+from cavirheo.inference.noise import MarginalNoise
 from cavirheo.inference.verify.mode import Target
+from cavirheo.inference.verify.sampler import tempered
 from cavirheo.inference.verify.tuning import TUNING
 from cavirheo.parallel import each
 from cavirheo.prior import log_normal
@@ -32,9 +33,10 @@ class Surrogate:
         kept = np.argsort(-value, kind="stable")[: TUNING.surrogate_simulations]
         likely = kept[value[kept] > value[kept[0]] - TUNING.flat_height]
         self.target: Target = target
-        self.noise: Noise = target.noise.only(residual[likely], TUNING.grid_share)
+        self.hope: float = TUNING.hope
+        self.noise: MarginalNoise = target.noise.only(residual[likely], TUNING.grid_share)
         v, residual, below = target.linear(u[kept]), residual[kept], value[kept[0]] - value[kept]
-        weight = np.exp(-below / TUNING.flat_height)
+        weight = np.exp(tempered(-below / TUNING.flat_height, TUNING.whitened * u.shape[1]))
         self.centre: Floats = weight @ v / np.sum(weight)
         off = v - self.centre
         self.unit: Floats = np.sqrt(weight @ off**2 / np.sum(weight)) + 1e-12 * np.abs(self.centre)
@@ -63,6 +65,7 @@ class Surrogate:
         values, axes = np.linalg.eigh(size[:, None] * forms[:, :-1, :-1] * size)
         small = 1e-12 * np.trace(forms, axis1=1, axis2=2)[:, None, None] * np.eye(len(best))
         across = np.swapaxes(axes, 1, 2) @ (size[:, None] * forms[:, :-1])
+        self.rest: float = float(target.noise.split(residual[0])[2])  # of the integral over the camera: hardly changes
         self.stiff: Floats = np.maximum(values, 0.0)  # (covariances, directions)
         # side by side, for one product with all of them
         self.roots: Floats = np.concatenate([*np.linalg.cholesky(forms + small)], axis=1)
@@ -83,7 +86,7 @@ class Surrogate:
         others, root_inverse = self.single
         known = self._kernel(z.astype(np.float32), others) @ root_inverse
         variance = np.maximum(2.0 + np.sum(z**2, axis=1) / z.shape[1] - np.sum(known**2, axis=1), 0.0)
-        variance *= TUNING.hope / self.scale
+        variance *= self.hope / self.scale
         mean = np.column_stack([known @ self.coefficients, np.ones(len(z))])
         apart, count = (len(z), *self.stiff.shape), self.stiff.shape[1]
         # (C + V S V')^-1 and its determinant by Woodbury, S the variance of the processes
@@ -93,9 +96,9 @@ class Surrogate:
         squares -= variance * np.einsum("kpc,kpc->pk", soft, soft / grown)
         # by some at a time, so that no product is too large
         log_det = sum(np.log(np.prod(grown[:, :, i : i + _TOGETHER], axis=2)) for i in range(0, count, _TOGETHER))
-        half_log_det = 0.5 / TUNING.hope * np.transpose(log_det)
+        half_log_det = 0.5 / self.hope * np.transpose(log_det)
         joint = self.noise.joint(np.maximum(squares, 0.0)) - half_log_det
-        value[near] = log_sum(joint, axis=0) + log_normal(u[near])
+        value[near] = log_sum(joint, axis=0) + self.rest + log_normal(u[near])
         return value
 
     def _whitened(self, u: Floats) -> Floats:

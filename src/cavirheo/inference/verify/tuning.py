@@ -23,9 +23,9 @@ class Tuning:
     own_worth: float = 5.0  # effective size of them, from which their evidence says something
     secant_steps: int = 4  # to the maximum, at most
     secant_firm: float = 0.03  # how firmly a direction that the draws do not tell stays
-    auto_draws: int = 840  # most further simulations whose weights count,
+    auto_draws: int = 1600  # most further simulations whose weights count,
     auto_per_round: int = 40
-    auto_patience: int = 420  # draws after which so many must be on the way to being enough
+    auto_patience: int = 1200  # draws after which so many must be on the way to being enough
     auto_learning: int = 0  # after so many rounds of rough ones
     auto_enough: float = 102.0  # effective draws at which it ends
     lost: float = 0.06  # effective draws over draws, below which the search
@@ -42,6 +42,8 @@ class Tuning:
     scanned: int = 96  # coarse simulations all over the ranges
     scanned_climbed: float = 1.0 / 32.0  # how many of them are climbed from
     same_start: float = 0.005  # starts nearer to each other are one
+
+    searched_above: float = 0.015  # of R_max: misfit beyond noise, from which windows that grow are searched, too
 
     # climbing to a mode, damped Gauss-Newton
     climb_gain: float = 0.03  # expected gain of height at which it ends
@@ -75,6 +77,12 @@ class Tuning:
     fit_well: float = 0.3  # effective draws over the pool, from which the mixture fits
     flatter: float = 0.5  # power of the surrogate that teaches, for what it misses
     taught_share: float = 0.8  # of the rough simulations from that power, the others from the mixture
+    misled: float = 1.5  # scatter of what a surrogate finds wrong of its own draws, from which it is left alone,
+    misled_fewest: int = 10  # told by so many
+    adapted: float = 6.0  # effective draws for each coordinate that a mixture is then fitted to,
+    adapted_components: int = 10  # with so many components at most,
+    adapted_fits: int = 4  # in so many calls of the fit,
+    adapted_modes: float = 0.1  # and so much of it stays with the modes
     norm_enough: float = 500.0  # effective draws of them that tell the norm of a surrogate well enough,
     norm_draws: int = 5000  # of so many at most,
     norm_met: float = 50.0  # and below which the mixture is drawn from
@@ -87,6 +95,7 @@ class Tuning:
     # the surrogate, a Gaussian process of the frames
     kernel_length: float = 8.0  # in standard deviations of the (flattened) posterior
     flat_height: float = 10.0  # below the best, at which a simulation counts 1/e in them
+    whitened: float = 4.0  # effective simulations for each coordinate, at least, that give its units
     nugget: float = 1e-3  # of a simulation; grows with its distance below the best,
     nugget_height: float = 3.0  # measured in this height,
     nugget_most: float = 300.0  # up to this factor

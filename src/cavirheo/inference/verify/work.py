@@ -14,13 +14,14 @@ from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError, SolverError, expect, expect_whole, require
 from cavirheo.inference.experiment import FINE, Experiment
 from cavirheo.inference.fit.least_squares import LeastSquares
+from cavirheo.inference.fit.search import Search
 from cavirheo.inference.fit.starts import STARTS, Scan
 from cavirheo.inference.law import Family
 from cavirheo.inference.options import FREE, SCALE_BOUND, Options
 from cavirheo.inference.others import model_of
 from cavirheo.inference.posterior_model import PosteriorModel
 from cavirheo.inference.verify.explore import Explorer
-from cavirheo.inference.verify.mode import Mode, Target, climb, modes, same, valley
+from cavirheo.inference.verify.mode import INSIDE, Mode, Target, climb, misfit, modes, same, valley
 from cavirheo.inference.verify.predictive import predictive_check
 from cavirheo.inference.verify.sampler import Sample, sample
 from cavirheo.inference.verify.soon import weighed
@@ -109,19 +110,23 @@ class Work:
         climbed = self.answer.method == "laplace"  # its modes are those that a scan finds
         scanned = list if climbed else self.scanned
         if self.settings.level == "auto":
+            fitted = climbed or self.answer.method == "least_squares"  # its windows have grown
+            windowed = list if fitted else self.windowed
             how, network = self.settings, None
             try:
                 if how.network:
-                    network = how.network.proposal(self.shot, self.prior, how.discrepancy)
+                    network = how.network.proposal(self.shot, self.target.prior, how.discrepancy)
             except InputError as outside:
                 self.messages.append(f"{outside}; the search began all over the ranges")
             sizes = {"draws": how.draws, "seed": how.seed}
-            drawn, top, found, soon, apart, rough = weighed(self.target, network, self.starts, scanned, **sizes)
+            drawn, residuals, top, found, soon, apart, rough = weighed(
+                self.target, network, self.starts, scanned, windowed, **sizes
+            )
             about: dict[str, Any] = {"few_simulations": soon, "evidences_apart_in_standard_errors": apart}
             about["log_weight_error"] = rough
             best = top or self._best(found)
-            u = drawn.u if self._trusted(drawn) else best.u[None]
-            return self._answer(u, drawn, best, Evidence(*drawn.log_evidence), found, about)
+            evidence = Evidence(*drawn.log_evidence)
+            return self._answer(self._kept(drawn, residuals, best), drawn, best, evidence, found, about)
         found, most, seed = modes(self.target, self.starts(), scanned()), self.settings.draws, self.settings.seed
         if not found:
             raise SolverError(f"no start of {self.shot.family.name} could be simulated")
@@ -129,14 +134,18 @@ class Work:
             best = self._best(found)
             u = best.draws(TUNING.draws, seed)
             evidence = Evidence(float(log_sum([mode.log_evidence for mode in found])))
-            return self._answer(u, None, best, evidence, found)
+            return self._answer((u, np.tile(best.residual, (len(u), 1))), None, best, evidence, found)
         enough = min(TUNING.effective_enough, max(most / 4, TUNING.effective_fewest))
         explorer = Explorer(self.target, found)
         each = min(TUNING.draws_per_round, most)
         drawn = sample(explorer, explorer.propose, seed=seed, each=each, most=most, enough=enough)
-        best, (log, error) = self._best(explorer.modes), drawn.log_evidence
-        u = drawn.u if self._trusted(drawn) else best.u[None]
-        return self._answer(u, drawn, best, Evidence(log, error), explorer.modes)
+        best = climb(self.target, explorer.highest, FINE) or self._best(explorer.modes)
+        kept = self._kept(drawn, explorer.residuals_of(drawn.u), best)
+        return self._answer(kept, drawn, best, Evidence(*drawn.log_evidence), explorer.modes)
+
+    def _kept(self, drawn: Sample, residuals: Floats, best: Mode) -> tuple[Floats, Floats]:
+        """u (k, d) and extended residuals (k, size) of the draws, or of the maximum where they are not trusted."""
+        return (drawn.u, residuals) if self._trusted(drawn) else (best.u[None], best.residual[None])
 
     def _best(self, found: Sequence[Mode]) -> Mode:
         """The highest of rough modes that the default solver can simulate, at its maximum."""
@@ -188,17 +197,33 @@ class Work:
         missed = np.full(len(measured), np.nan)
         frames = [missed if p is None else p.radius[counted] for p in scan.found]
         u = self.target.start(scan.points)
-        value = self.target.log_posterior(u, measured - np.array(frames))
+        value = self.target.noise.frames.log_density(measured - np.array(frames)) + log_normal(u)
         climbed = int(TUNING.scanned_climbed * len(value))
         return [u[i] for i in np.argsort(-value)[:climbed] if np.isfinite(value[i])]
 
+    def windowed(self) -> list[Floats]:
+        """u of the minima that a fit's search finds, over windows that grow by a collapse: a long one has many minima,
+        for a rebound can slip by a period."""
+        shot = self.shot
+        shorter = [(n, shot.cut[1]) for n in range(1, min(shot.view.collapses, 4))]
+        try:
+            search = Search(LeastSquares([shot], self.target.workers), [*shorter, shot.cut], once=True)
+        except SolverError:
+            return []
+        finally:
+            shot.set_window(*shot.cut)
+        return [self.target.start(minimum.x) for minimum in search.minima]
+
     def _answer(
-        self, u: Floats, drawn: Sample | None, best: Mode, evidence: Evidence, found: Sequence[Mode],
-        more: Mapping[str, Any] | None = None,
+        self, kept: tuple[Floats, Floats], drawn: Sample | None, best: Mode, evidence: Evidence,
+        found: Sequence[Mode], more: Mapping[str, Any] | None = None,
     ) -> Posterior:  # fmt: skip
-        """The Posterior of u (k, d): weighted draws, the maximum where they are not to be trusted, or a Gaussian."""
-        shot, prior, noise, settings = self.shot, self.prior, self.target.noise, self.settings
-        x = prior.to_x(u)
+        """The Posterior of u (k, d) with extended residuals: weighted draws, the maximum where they are not to be
+        trusted, or a Gaussian."""
+        shot, prior, noise, settings, target = self.shot, self.prior, self.target.noise, self.settings, self.target
+        (u, residuals), z = kept, target.camera.z(best.residual)
+        (at,) = target.with_camera(best.u[None], z[None])
+        x, log_camera = target.completed(u, residuals, best.u, settings.seed) if len(u) > 1 else (at[None], np.zeros(1))
         names, theta = shot.answer(x)
         log_q = log_weight = None
         about: dict[str, Any] = {"modes": len(found), **(more or {})}
@@ -210,11 +235,11 @@ class Work:
             worth = {"draws": len(drawn.u), "effective_sample_size": drawn.ess, "tail_index": drawn.tail[0]}
         if drawn and len(u) > 1:  # from u to the answer's parameters
             log_weight = drawn.log_weight
-            log_q = drawn.log_q + prior.log_density(x) - log_normal(u) - shot.log_stretched(theta)
-        predictive = predictive_check(best.residual, best.jacobian, noise.deviation, settings.seed)
-        beyond = float(np.mean(best.residual**2)) - (shot.curve.noise / shot.max_radius) ** 2
-        excess = float(np.sqrt(max(beyond, 0.0)))
-        at = prior.to_x(best.u)
+            log_q = drawn.log_q + target.prior.log_density(target.prior.to_x(u)) - log_normal(u)
+            log_q += log_camera - shot.log_stretched(theta)
+        frames, slopes = noise.split(best.residual)[0], noise.split(best.jacobian.T)[0].T
+        predictive = predictive_check(frames, slopes, noise.frames.deviation, settings.seed)
+        excess = misfit(self.target, best)
         values = shot.best(at)
         told = {
             "stretch_source": "given" if shot.stretch else "inferred with the other parameters",
@@ -241,15 +266,8 @@ class Work:
 
     def _trusted(self, drawn: Sample) -> bool:
         """Whether the draws are worth an interval; if not, that is said."""
-        if drawn.ess >= TUNING.effective_fewest and drawn.reliable:
-            return True
-        self.messages.append(
-            f"the interval is not to be trusted and left out: {len(drawn.u)} weighted draws are worth {drawn.ess:.0f} "
-            f"(at least {TUNING.effective_fewest:.0f} are needed; tail index {drawn.tail[0]:.2f}, at most "
-            f"{TUNING.tail_reliable} unless at most {TUNING.tail_unseen:.0%} of the weight is still to be met, here "
-            f"{drawn.tail[1]:.1%})"
-        )
-        return False
+        self.messages += [drawn.distrust] * bool(drawn.distrust)
+        return not drawn.distrust
 
     def _verdict(
         self, at: Floats, predictive: dict[str, Any] | None, excess: float, x: Floats, log_weight: Floats | None
@@ -272,7 +290,7 @@ class Work:
             elif seen:
                 text += ", which the interval allows for"
             self.messages.append(text)
-        u, below = self.prior.to_u(at), self.prior.cdf(at)
+        u, below = self.prior.to_u(at, INSIDE), self.prior.cdf(at)
         for i, name in enumerate(self.prior.names):
             if name in self.shot.free and abs(u[i]) > TUNING.pulled:
                 self.messages.append(f"{name} is pulled to the end of its prior ({below[i]:.1%} below it)")

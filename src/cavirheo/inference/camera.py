@@ -1,0 +1,150 @@
+"""Clock, radius scale and R_max of a recording, integrated for each simulation: none of them costs a simulation.
+
+They move the frames of a bubble that is already solved. In units of t_c its radius is f R*((t - t_0)/(s f t_c)) with
+clock t_0, radius scale s and R_max factor f: size enters R* only through small numbers (surface tension, heat and mass
+transfer, the speed of sound), which change by less than the 1.5 % that s and f may. What does scale is what goes with
+p t_c: a viscosity or a relaxation time of the law is s f times that of the simulation (`rescaled`).
+
+For each simulation the most likely (t_0, s, f) = p is found by Gauss-Newton steps on the frames, and the integral over
+p is Laplace's about it, H the curvature of -log(likelihood x prior) there:
+
+    p(frames | simulation) = p(frames | p) prior(p) (2 pi)^(m/2) |H|^(-1/2).
+
+The clock is not linearised about one value for all simulations: that is what bends posteriors. Its prior is normal
+here, with the standard deviation of the uniform one within its bound.
+
+A residual is extended by what is needed of the camera: its first n numbers are the frames, measured minus simulated
+over R_max; then p in units of its prior's standard deviations, as m pulls; then the logarithm of what the integral has
+besides likelihood and exp(-pulls^2/2).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cavirheo.arrays import Floats
+from cavirheo.inference.noise import Noise
+
+NAMES = ("time_origin", "radius_scale", "max_radius_factor")
+WITH_TIME = ("viscosity", "consistency", "zero_rate", "infinite_rate", "relaxation_time", "retardation_time", "time")
+FINEST = 0.004  # t_c between the instants at which a simulation is kept,
+PER_FRAME = 3.0  # or so many for each frame
+MOST = 4000  # of them
+STEPS = 8  # Gauss-Newton steps, at most,
+GAIN = 0.01  # until one gains less than this in log density
+SHARE = 0.01  # of a size of the discrepancy in the noise, below which a step leaves it out
+_LOG_2PI = float(np.log(2.0 * np.pi))
+
+
+@dataclass(frozen=True, eq=False)
+class Camera:
+    """What the camera may have changed of (n,) frames.
+
+    time: (n,) s after the R_max that was read. measured: (n,) R/R_max. widths: standard deviations of t_0 (s), s and
+    f; 0 for one that is exact. instants: (k,) offsets in s within an exposure, and their shares.
+    step: s between the instants at which a simulation is needed.
+    """
+
+    time: Floats
+    measured: Floats
+    widths: Floats
+    instants: Floats
+    shares: Floats
+    step: float
+
+    @property
+    def free(self) -> NDArray[np.int64]:
+        """(m,) indices of what is not exact."""
+        return np.flatnonzero(self.widths > 0)
+
+    @property
+    def size(self) -> int:
+        """Numbers of an extended residual."""
+        return len(self.time) + len(self.free) + 1
+
+    @property
+    def grid(self) -> Floats:
+        """(k,) s after R_max at which a simulation is needed, all frames with any clock and scale between them."""
+        end = (float(np.max(self.time)) + 3.0 * self.widths[0] + float(np.max(self.instants))) * 1.05
+        return np.asarray(self.step * np.arange(int(np.ceil(end / self.step)) + 3))
+
+    def extended(self, radius: Floats, speed: Floats, noise: Noise) -> tuple[Floats, Floats]:
+        """(size,) extended residual of a simulation, R/R_max and its derivative (1/s) on `grid`, and the curvature H
+        (m, m) in units of the prior."""
+        m = len(self.free)
+        z, value = np.zeros(m), -np.inf
+        residual, jacobian = self._residual(radius, speed, z)
+        near = noise.only(residual[None], SHARE) if m else noise
+        for _ in range(STEPS if m else 0):
+            gradient, curvature = near.newton(residual, jacobian)
+            step = -np.linalg.solve(curvature + np.eye(m), gradient + z)
+            value = float(near.log_density(residual[None])[0]) - 0.5 * float(z @ z)
+            for length in (1.0, 0.3, 0.1):
+                there = z + length * step
+                tried, slopes = self._residual(radius, speed, there)
+                gain = float(near.log_density(tried[None])[0]) - 0.5 * float(there @ there) - value
+                if gain > 0.0:
+                    z, residual, jacobian = there, tried, slopes
+                    break
+            if gain < GAIN:
+                break
+        curvature = near.newton(residual, jacobian)[1] + np.eye(m) if m else np.zeros((0, 0))
+        rest = -0.5 * float(np.linalg.slogdet(curvature)[1])  # each prior and each integral has a (2 pi)^(1/2)
+        return np.concatenate([residual, z, [rest]]), curvature
+
+    def _residual(self, radius: Floats, speed: Floats, z: Floats) -> tuple[Floats, Floats]:
+        """(n,) measured minus simulated, and the simulated frames' derivatives (n, m) by z."""
+        p = np.array([0.0, 1.0, 1.0])
+        p[self.free] += self.widths[self.free] * z
+        clock, scale, factor = p
+        since = (self.time[:, None] + self.instants - clock) / (scale * factor)
+        seen, slope = _at(radius, speed, self.step, since)
+        moved = slope * since
+        columns = (-slope / scale, -moved * factor / scale, seen - moved)
+        by_p = np.stack([column @ self.shares for column in columns], axis=1)
+        return self.measured - factor * (seen @ self.shares), by_p[:, self.free] * self.widths[self.free]
+
+    def natural(self, z: Floats) -> dict[str, Floats]:
+        """time_origin (s), radius_scale and max_radius_factor from z (..., m)."""
+        values = {name: np.full(z.shape[:-1], 0.0 if name == NAMES[0] else 1.0) for name in NAMES}
+        for k, i in enumerate(self.free):
+            values[NAMES[i]] = values[NAMES[i]] + self.widths[i] * z[..., k]
+        return values
+
+    def z(self, residuals: Floats) -> Floats:
+        """(..., m) the most likely clock, scale and factor, in units of their prior, of extended residuals."""
+        return residuals[..., len(self.time) : self.size - 1]
+
+    def draw(self, middle: Floats, curvature: Floats, rng: np.random.Generator) -> tuple[Floats, Floats]:
+        """z (k, m) of Gaussians of this curvature (m, m) about `middle` (k, m), and the log density (k,) of each."""
+        k, m = middle.shape
+        off = rng.standard_normal((k, m))
+        height = 0.5 * float(np.linalg.slogdet(curvature)[1]) - 0.5 * m * _LOG_2PI
+        spread = np.linalg.cholesky(np.linalg.inv(curvature)).T
+        return middle + off @ spread, height - 0.5 * np.sum(off**2, axis=1)
+
+
+def rescaled(names: Sequence[str], x: Floats, size: Floats) -> Floats:
+    """log10 values x (k, d) of a law's parameters for bubbles that are `size` (k,) times as large as the simulated
+    ones: what goes with p t_c grows with them."""
+    x = np.array(x)
+    for i, name in enumerate(names):
+        if name.rstrip("_0123456789") in WITH_TIME:
+            x[:, i] += np.log10(size)
+    return x
+
+
+def _at(radius: Floats, speed: Floats, step: float, time: Floats) -> tuple[Floats, Floats]:
+    """Radius and its derivative at any times, even and odd about 0, by cubic Hermite pieces of regular instants."""
+    away = np.abs(time)
+    i = np.minimum((away / step).astype(np.int64), len(radius) - 2)
+    t = np.minimum(away / step - i, 1.0)
+    first, rise, begin, end = radius[i], radius[i + 1] - radius[i], speed[i] * step, speed[i + 1] * step
+    square, cube = 3.0 * rise - 2.0 * begin - end, begin + end - 2.0 * rise
+    seen = first + t * (begin + t * (square + t * cube))
+    slope = (begin + t * (2.0 * square + 3.0 * t * cube)) / step
+    return seen, np.sign(time) * slope
