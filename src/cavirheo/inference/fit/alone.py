@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -18,13 +19,14 @@ from cavirheo.inference.options import FREE
 from cavirheo.inference.verify.explore import Explorer
 from cavirheo.inference.verify.mode import Mode, Target, climb, modes, same, valley
 from cavirheo.inference.verify.sampler import Sample, sample
+from cavirheo.inference.verify.tuning import TUNING
 from cavirheo.parameters import LOG10, units
 from cavirheo.posterior import Checks, Diagnostics, Evidence, OtherAnswer, Posterior, Verdict, WindowAnswer
 from cavirheo.writing import digits
 
 LIQUIDS = ("newtonian", "power-law")  # laws to try where there may be no shear modulus
 DRAWS = 4096
-EACH, MOST, ENOUGH, FEWEST = 60, 480, 80.0, 15.0  # weighted draws: of a round, in all; effective ones: goal, least
+EACH, MOST = 60, 1200  # weighted draws: of a round, in all
 LEARNING = 2  # rounds of simulations before, that learn where to draw
 AS_NEAR = 1.5  # costs of minima, below which the evidence chooses between them
 FAR = 3.0  # standard deviations of the draws: a minimum so far from them is of another solution
@@ -39,7 +41,8 @@ class Alone:
     `draws` only found and valleys, both rough: a verification goes on from there."""
 
     laplace: Laplace | None = None
-    sample: Sample | None = None
+    sample: Sample | None = None  # weighted draws, and all parameters (k, d) of each
+    drawn: Floats | None = None
     evidence: Evidence | None = None
 
     def __init__(
@@ -70,11 +73,11 @@ class Alone:
         )  # fmt: skip
         self.found = self.fit.polish(chosen[0].x if chosen else best)
         if enough:
-            self.sample = self._sampled(seed, [minimum.x for minimum in search.minima])
-        if target and chosen and self.sample and not _among(target.prior.to_u(self.found.x), self.sample):
+            self._sampled(seed, [minimum.x for minimum in search.minima])
+        if target and chosen and self.sample and not _among(target.start(self.found.x), self.sample):
             # the best values must be those of the solution that has the interval; the minimum before is a valley
-            likeliest = self.sample.u[np.argmax(self.sample.log_target)]
-            self.found = self.fit.polish(target.prior.to_x(likeliest))
+            assert self.drawn is not None
+            self.found = self.fit.polish(self.drawn[np.argmax(self.sample.log_target)])
             if mode := climb(target, target.start(self.found.x), QUICK):
                 chosen = next((one for one in weighed if same(mode, one[1])), (self.found, mode))
         self.laplace = laplace(self.fit, self.found.x)
@@ -92,13 +95,13 @@ class Alone:
                 found.append((minimum, mode))
         return found
 
-    def _sampled(self, seed: int, beside: Sequence[Floats]) -> Sample | None:
-        """Draws weighted by the likelihood of rough simulations, of weights that are known now but for a factor.
+    def _sampled(self, seed: int, beside: Sequence[Floats]) -> None:
+        """Find draws weighted by the likelihood of rough simulations, of weights that are known now but for a factor.
 
         A Gaussian would be too narrow: what a shift of the clock does to the frames beside a collapse is far from
         linear, so posteriors are curved and have shelves. A shelf, such as a viscosity that may be as small as it
-        likes, is found by what is learnt from simulations (explore.py), not by following a maximum. None: the weights
-        are not worth an interval.
+        likes, is found by what is learnt from simulations (explore.py), not by following a maximum. None are kept if
+        they are not worth an interval.
         """
         shot = self.shot
         deviation = (shot.sigma * shot.noise_factor)[shot.counted]
@@ -107,12 +110,16 @@ class Alone:
         there = [target.start(x) for x in (self.found.x, *beside)]
         maxima = modes(target, there[:1], there[1:])
         if not maxima:
-            return None
+            return
         explorer = Explorer(target, maxima, LEARNING, follow=False)
         found = sample(
-            lambda u: explorer(u, QUICK), explorer.propose, seed=seed, each=EACH, most=MOST, enough=ENOUGH, fewest=2
-        )
-        return found if found.ess >= FEWEST else None
+            lambda u: explorer(u, QUICK), explorer.propose, seed=seed, each=EACH, most=MOST,
+            enough=TUNING.auto_enough, fewest=2,
+        )  # fmt: skip
+        if found.distrust:
+            return
+        self.sample = found
+        self.drawn, _ = target.completed(found.u, explorer.residuals_of(found.u), explorer.highest, seed)
 
     def doubts(self) -> list[str]:
         """About the curve, whether or not it was fitted with others."""
@@ -156,11 +163,11 @@ def posterior(
     weighted = None if joint else alone.sample
     x, log_weight = found.x[columns], weighted.log_weight if weighted else None
     covariance = worth.covariance[np.ix_(columns, columns)] if worth else None
-    if weighted:
-        drawn = shot.prior().to_x(weighted.u)
+    if weighted and alone.drawn is not None:
+        drawn = alone.drawn
         covariance = np.cov(drawn.T, aweights=unscaled(weighted.log_weight))
-    elif worth is None or (joint and not found.converged):
-        drawn = x[None]  # no interval about a point that is no minimum
+    elif worth is None or not joint or not found.converged:
+        drawn = x[None]  # no interval about a point that is no minimum, or without draws that are worth one
     else:
         drawn = draws(found.x, worth.covariance, fit.bounds, DRAWS, seed, worth.freedom)[:, columns]
     names, theta = shot.answer(drawn)
@@ -185,6 +192,9 @@ def posterior(
         "residual_variance_over_assumed": worth.variance[k] if worth else None,
     }  # fmt: skip
     checks = _checks(fit, found, k, bound, drawn, log_weight)
+    if len(drawn) == 1 and worth is not None and checks.verdict == "ok":
+        told_why = "; ".join(filter(None, [checks.message, "the weighted draws are worth too little for an interval"]))
+        checks = replace(checks, verdict="no_interval", message=told_why)
     return Posterior(
         names, units(names), theta, checks, fit.family.name, "least_squares", provenance,
         best=best, stretch=best["stretch"], windows=alone.windows, diagnostics=diagnostics, log_weight=log_weight,

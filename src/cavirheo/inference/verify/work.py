@@ -12,8 +12,8 @@ from cavirheo.arrays import Floats, log_sum
 from cavirheo.bubble import FIELD, Bubble
 from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError, SolverError, expect, expect_whole, require
-from cavirheo.inference.experiment import FINE, Experiment
-from cavirheo.inference.fit.least_squares import LeastSquares
+from cavirheo.inference.experiment import FINE, QUICK, Experiment
+from cavirheo.inference.fit.least_squares import SEARCH, LeastSquares
 from cavirheo.inference.fit.search import Search
 from cavirheo.inference.fit.starts import STARTS, Scan
 from cavirheo.inference.law import Family
@@ -240,6 +240,9 @@ class Work:
         frames, slopes = noise.split(best.residual)[0], noise.split(best.jacobian.T)[0].T
         predictive = predictive_check(frames, slopes, noise.frames.deviation, settings.seed)
         excess = misfit(self.target, best)
+        if predictive and predictive["p_value"] < TUNING.rejected:  # how near can the model come?
+            at, nearest = self._nearest(at)
+            excess = min(excess, nearest)
         values = shot.best(at)
         told = {
             "stretch_source": "given" if shot.stretch else "inferred with the other parameters",
@@ -263,6 +266,17 @@ class Work:
             evidence=evidence, diagnostics=Diagnostics(**told), bubble=self.answer.bubble,
             others=self._others(best, found), prior=shot.of_law(prior),
         )  # fmt: skip
+
+    def _nearest(self, x: Floats) -> tuple[Floats, float]:
+        """x (all,) of least squares from x, or itself where that is no nearer, and its misfit beyond noise: a verdict
+        is about the best that the model can do."""
+        shot = self.shot
+        fit = LeastSquares([shot], self.target.workers)
+        found = fit.minimise(np.clip(x, *fit.bounds.T), QUICK, {**SEARCH, "max_nfev": TUNING.nearest_steps}).x
+        missed = [float(np.mean(shot.difference(one) ** 2)) for one in (x, found)]
+        nearest = int(np.argmin(np.nan_to_num(missed, nan=np.inf)))
+        beyond = missed[nearest] - (shot.curve.noise / shot.max_radius) ** 2
+        return (x, found)[nearest], float(np.sqrt(max(beyond, 0.0)))
 
     def _trusted(self, drawn: Sample) -> bool:
         """Whether the draws are worth an interval; if not, that is said."""
