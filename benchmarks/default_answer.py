@@ -26,7 +26,6 @@ import numpy as np
 from cavirheo import RadiusCurve, read_curves
 from cavirheo.inference import infer_many
 from cavirheo.inference.law import Family
-from cavirheo.parameters import open_sides
 from cavirheo.physics.simulate import simulate
 from cavirheo.prior import uniforms
 
@@ -131,10 +130,13 @@ def real(folder: Path, out: Path, n: int, **options: Any) -> list[str]:
             line["rebound"] = len(curve.collapse_times()) > 0
             line["log_evidence"] = answer.evidence.log if answer.evidence else None
             line["intervals"] = {one: answer.interval(one) for one in answer.parameters} if len(answer.theta) else {}
+            line["bounds"] = {one: answer.bound(one) for one in answer.parameters} if len(answer.theta) > 1 else {}
             line["medians"] = {one: answer.median(one) for one in answer.parameters}
             line["best"] = dict(answer.best)
-            line["others"] = [(one.bubble.name, one.evidence.log if one.evidence else None, one.intervals.get("viscosity"))
-                              for one in answer.others]  # fmt: skip
+            line["others"] = [
+                (one.bubble.name, one.evidence.log if one.evidence else None, one.intervals.get("viscosity"))
+                for one in answer.others
+            ]  # fmt: skip
             lines.append(line)
             with kept.open("a") as file:
                 file.write(json.dumps(line) + "\n")
@@ -157,8 +159,8 @@ def real_table(lines: list[dict]) -> list[str]:
         ratios = []
         for parameter, factor in zip(LAW, (1e-3, 1.0), strict=True):
             bounded = [line for line in mine if line["verdict"] in ("ok", "undetermined")]
-            ends = [(line["medians"][parameter], line["intervals"].get(parameter)) for line in bounded]
-            ends = [(median, pair) for median, pair in ends if pair and not any(open_sides(parameter, *pair))]
+            bounded = [line for line in bounded if line["bounds"].get(parameter, "failed") is None]
+            ends = [(line["medians"][parameter], line["intervals"][parameter]) for line in bounded]
             logs = np.log10([median for median, _ in ends])
             widths = [np.log10(pair[1] / pair[0]) / GAUSSIAN_90 for _, pair in ends]
             several = len(ends) > 2

@@ -1,4 +1,4 @@
-"""`fit` and `fit_many` as tests call them: of the contents that are asked for alone, which takes half the time."""
+"""`fit` and `fit_many` as tests call them: of the field's bubble alone, with which their shots are simulated."""
 
 from __future__ import annotations
 
@@ -9,8 +9,8 @@ from cavirheo import Posterior, RadiusCurve
 
 
 def fit(curve: RadiusCurve, *args: Any, **options: Any) -> Posterior:
-    return cavirheo.fit(curve, *args, **{"others": False, **options})
+    return cavirheo.fit(curve, *args, **{"others": False, "bubble": "field", **options})
 
 
 def fit_many(curves: list[RadiusCurve], *args: Any, **options: Any) -> list[Posterior]:
-    return cavirheo.fit_many(curves, *args, **{"others": False, **options})
+    return cavirheo.fit_many(curves, *args, **{"others": False, "bubble": "field", **options})

@@ -29,6 +29,7 @@ from cavirheo.app import steps
 from cavirheo.app.session import PageSettings, Session, VisitorLimits, Visitors
 from cavirheo.app.steps import examples, export, fit, glance, infer, name_materials, sliders, trial
 from cavirheo.app.words import answers, facts, found
+from cavirheo.bubble import FIELD
 from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError
 from cavirheo.inference.trial import band
@@ -144,8 +145,7 @@ def test_only_the_endpoint_is_public(client):
         ({"rmax_um": -1.0}, "-1"),
         ({"window": -1}, "-1"),
         ({"verify": "surely"}, "surely"),
-        ({"contents": "helium"}, "helium"),
-        ({"contents": "kinetic", "model": "bdt-viscous"}, "equilibrium"),
+        ({"bubble": "helium"}, "helium"),
     ],
 )
 def test_bad_settings_are_told_to_programs(client, options, named):
@@ -175,10 +175,10 @@ def test_a_call_by_curl_gives_no_more_than_it_means(served, tmp_path):
     assert "object at" not in str(said)
 
 
-def test_programs_choose_the_contents_of_the_bubble(client, tmp_path):
-    document = ask(client, single(tmp_path / "one.csv"), contents="kinetic", verify="none")
-    assert document["command"] == "cavirheo infer one.csv --contents kinetic --verify none"
-    assert [record["contents"] for record in document["curves"]] == ["kinetic"]
+def test_programs_choose_the_bubble(client, tmp_path):
+    document = ask(client, single(tmp_path / "one.csv"), bubble="field", verify="none")
+    assert document["command"] == "cavirheo infer one.csv --bubble field --verify none"
+    assert [record["bubble"]["contents"] for record in document["curves"]] == ["equilibrium"]
 
 
 def test_damaged_and_too_many_files_leave_the_server_answering(client, tmp_path):
@@ -574,17 +574,17 @@ def test_a_short_call_of_a_program_does_not_wait_for_a_long_one(served, client, 
 
 
 @pytest.mark.slow
-def test_the_conventional_fit_and_the_sliders_have_the_contents_of_the_answer(session):
-    session.add([SOFT], PageSettings(contents="kinetic", verify="none"), copy=True)
+def test_the_conventional_fit_and_the_sliders_have_the_bubble_of_the_answer(session):
+    session.add([SOFT], PageSettings(bubble="field", verify="none"), copy=True)
     infer(session, ["soft_gel[1]"])
     answers, _, answer, record = session.find("soft_gel[1]")
-    assert answers.document.command == "cavirheo infer soft_gel.csv --contents kinetic --verify none (1 of 5 shots)"
-    assert record.contents == "kinetic"
+    assert answers.document.command == "cavirheo infer soft_gel.csv --bubble field --verify none (1 of 5 shots)"
+    assert record.bubble == FIELD
     start = sliders(session, "soft_gel[1]")
     found, _ = trial(session, "soft_gel[1]", [start[key]["value"] for key in start])
     assert found.rmse_over_rmax == pytest.approx(answer.checks.rmse_over_rmax, rel=0.01)
     fit(session, "soft_gel[1]")
-    assert answers.fits["soft_gel[1]"].bubble.contents == "kinetic"
+    assert answers.fits["soft_gel[1]"].bubble == FIELD
 
 
 @pytest.mark.slow

@@ -501,18 +501,18 @@ def test_materials_are_typed_beside_their_files(visit, tmp_path):
 
 
 @pytest.mark.slow
-def test_the_contents_of_the_bubble_are_chosen(visit, tmp_path):
+def test_the_bubble_is_chosen(visit, tmp_path):
     page = visit(WIDE)
     drop(page, _one_shot(tmp_path / "one.csv"))
     page.click("#to-prepare")
     page.click("#to-infer")
     quick(page)
-    page.get_by_label("finite-rate condensation").check()
+    page.get_by_label("the field's: equilibrium contents").check()
     page.click("#infer")
     answered(page, 1)
     document = json.loads((take(page, tmp_path) / "result.json").read_text())
-    assert [record["contents"] for record in document["curves"]] == ["kinetic"]
-    assert "--contents kinetic" in document["command"]
+    assert [record["bubble"]["contents"] for record in document["curves"]] == ["equilibrium"]
+    assert "--bubble field" in document["command"]
 
 
 @pytest.mark.slow

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from fits import fit, fit_many
 
+from cavirheo.bubble import BUBBLES, FIELD, REAL, Bubble, bubbles_of
 from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError
 from cavirheo.inference import infer
@@ -19,7 +20,7 @@ from cavirheo.inference.verify.evidence import models, rank_laws
 from cavirheo.physics.damage import Damage
 from cavirheo.physics.materials import NeoHookeanKelvinVoigt
 from cavirheo.physics.simulate import simulate
-from cavirheo.posterior import Bubble, Posterior
+from cavirheo.posterior import Posterior
 from cavirheo.reporting.answer import curve_record
 from cavirheo.unfinished import keep, read_kept
 
@@ -38,21 +39,21 @@ def shot(seed=0, noise=1e-6, **way):
 @pytest.mark.parametrize(
     ("true", "fitted", "expected"),
     [
-        (dict(contents="kinetic"), dict(contents="kinetic"), dict(accommodation=0.07)),
-        (dict(confinement_inertia=0.2), dict(confinement_inertia="free"), dict(confinement_inertia=0.2)),
-        (dict(confinement_damping=0.3), dict(confinement_damping="free"), dict(confinement_damping=0.3)),
+        (dict(contents="kinetic"), Bubble("kinetic"), dict(accommodation=0.07)),
+        (dict(confinement_inertia=0.2), Bubble(confinement_inertia="free"), dict(confinement_inertia=0.2)),
+        (dict(confinement_damping=0.3), Bubble(confinement_damping="free"), dict(confinement_damping=0.3)),
         pytest.param(
-            dict(vapour_excess=3e3), dict(vapour_excess="free"), dict(vapour_excess=3e3), marks=pytest.mark.slow
+            dict(vapour_excess=3e3), Bubble(vapour_excess="free"), dict(vapour_excess=3e3), marks=pytest.mark.slow
         ),
         pytest.param(
             dict(damage=Damage(0.2, 2.0), contents="kinetic"),
-            dict(damage="first-rebound", contents="kinetic", accommodation=0.07),
+            Bubble("kinetic", 0.07, "first-rebound"),
             dict(damage_modulus=0.2, damage_radius=2.0),
             marks=pytest.mark.slow,
         ),
         pytest.param(
             dict(damage=Damage(0.4, 1.5, "strain")),
-            dict(damage="strain"),
+            Bubble(damage="strain"),
             dict(damage_modulus=0.4, damage_radius=1.5),
             marks=pytest.mark.slow,
         ),
@@ -60,7 +61,7 @@ def shot(seed=0, noise=1e-6, **way):
     ids=str,
 )
 def test_a_fit_finds_what_was_simulated(true, fitted, expected):
-    answer = fit(shot(noise=0.1e-6, **true), **fitted, **QUICKLY)
+    answer = fit(shot(noise=0.1e-6, **true), bubble=fitted, **QUICKLY)
     assert answer.best["shear_modulus"] == pytest.approx(5e3, rel=0.1)
     for name, value in expected.items():
         assert answer.best[name] == pytest.approx(value, rel=0.15), answer
@@ -69,7 +70,8 @@ def test_a_fit_finds_what_was_simulated(true, fitted, expected):
 
 
 def test_what_is_given_is_not_inferred():
-    answer = fit(shot(contents="kinetic"), contents="kinetic", accommodation=0.05, wall_distance=2e-3, **QUICKLY)
+    given = Bubble("kinetic", 0.05, wall_distance=2e-3)
+    answer = fit(shot(contents="kinetic"), bubble=given, **QUICKLY)
     assert not {"accommodation", "confinement_inertia"} & set(answer.parameters)
     assert answer.best["accommodation"] == 0.05
     assert answer.best["confinement_inertia"] == pytest.approx(250e-6 / 4e-3)
@@ -78,13 +80,13 @@ def test_what_is_given_is_not_inferred():
 def test_the_answer_carries_its_model(tmp_path):
     """Into verification, result.json and what an unfinished run keeps."""
     curve = shot(seed=1, contents="kinetic")
-    answer = fit(curve, contents="kinetic", **QUICKLY)
+    answer = fit(curve, bubble=Bubble("kinetic"), **QUICKLY)
     verified = verify(curve, answer, level="map")
     assert verified.bubble == answer.bubble == Bubble("kinetic")
     assert verified.best["accommodation"] == pytest.approx(0.07, rel=0.2)
     low, high = verified.interval("accommodation")
     assert low < 0.07 < high
-    assert curve_record(curve, verified).contents == "kinetic"
+    assert curve_record(curve, verified).bubble == Bubble("kinetic")
     assert curve_record(curve, verified).other_parameters["accommodation"].median == pytest.approx(0.07, rel=0.2)
     keep(tmp_path / "a.npz", verified)
     assert read_kept(tmp_path / "a.npz", Posterior).bubble == verified.bubble
@@ -106,8 +108,8 @@ def test_every_free_parameter_has_a_proper_prior():
     assert experiment.predict(x[0]) is not None
 
 
-def test_the_default_is_the_model_of_the_field():
-    experiment = Experiment(shot(), Family("nhkv"))
+def test_the_bubble_of_the_field_has_no_parameter_of_its_own():
+    experiment = Experiment(shot(), Family("nhkv"), options=Options(bubble=FIELD))
     assert experiment.names == ("shear_modulus", "viscosity", "stretch", "time_origin", "max_radius_factor")
     assert experiment.simulated(experiment.natural(np.zeros(3))) == {"contents": "equilibrium"}
 
@@ -115,20 +117,19 @@ def test_the_default_is_the_model_of_the_field():
 @pytest.mark.slow
 def test_the_evidence_tells_the_contents_apart():
     curve = shot(contents="kinetic", noise=2e-6)
-    (single,), _ = rank_laws([curve], ["nhkv"], contents=["equilibrium", "kinetic"], trust_input=True)
-    assert single.log_evidence["nhkv, kinetic"] > single.log_evidence["nhkv, equilibrium"]
+    (single,), _ = rank_laws([curve], ["nhkv"], bubble="auto", trust_input=True)
+    assert single.log_evidence["nhkv, real"] > single.log_evidence["nhkv, field"]
 
 
 def test_models_of_a_ranking():
-    found = models(["nhkv", "newtonian"], ["equilibrium", "kinetic"], ["none", "first-rebound"])
+    softening = replace(REAL, damage="first-rebound")
+    found = models(["nhkv", "newtonian"], [FIELD, REAL, softening])
     assert list(found) == [
-        "nhkv, equilibrium", "nhkv, equilibrium, damage", "nhkv, kinetic", "nhkv, kinetic, damage",
-        "newtonian, equilibrium", "newtonian, kinetic",
+        "nhkv, field", "nhkv, real", "nhkv, real, damage", "newtonian, field", "newtonian, real",
     ]  # fmt: skip
-    assert list(models(["nhkv", "newtonian"])) == ["nhkv", "newtonian"]
-    assert len(models(["nhkv"], damage=["none", "first-rebound", "strain"])) == 3
-    assert models(["nhkv"], ["equilibrium", "kinetic"])["nhkv, kinetic"]["contents"] == "kinetic"
-    for few in ((["nhkv"],), (["newtonian"], ["kinetic"], ["none", "first-rebound"]), (["nhkv", "nhkv"],)):
+    assert found["nhkv, real, damage"] == ("nhkv", softening)
+    assert models(["nhkv", "newtonian"]) == {"nhkv": ("nhkv", REAL), "newtonian": ("newtonian", REAL)}
+    for few in ((["nhkv"],), (["newtonian"], [REAL, softening]), (["nhkv", "nhkv"],), (["nhkv"], [REAL, REAL])):
         with pytest.raises(InputError):
             models(*few)
 
@@ -136,15 +137,16 @@ def test_models_of_a_ranking():
 @pytest.mark.parametrize(
     ("way", "code"),
     [
-        (dict(contents="dry"), "option.contents"),
-        (dict(accommodation=0.07), "option.idle"),
-        (dict(contents="kinetic", accommodation=11.0), "physics.accommodation"),
-        (dict(contents="kinetic", accommodation="some"), "physics.accommodation"),
-        (dict(confinement_inertia=9.0), "physics.confinement_inertia"),
-        (dict(confinement_inertia="free", wall_distance=1e-3), "physics.two_walls"),
-        (dict(vapour_excess=-1.0), "physics.vapour_excess"),
-        (dict(damage="always"), "option.damage"),
-        (dict(material="newtonian", damage="first-rebound"), "physics.damage_without_elasticity"),
+        (dict(bubble=Bubble("dry")), "physics.contents"),
+        (dict(bubble="dry"), "option.bubble"),
+        (dict(bubble=Bubble(accommodation=0.07)), "option.idle"),
+        (dict(bubble=Bubble("kinetic", 11.0)), "physics.accommodation"),
+        (dict(bubble=Bubble("kinetic", "some")), "physics.accommodation"),
+        (dict(bubble=Bubble(confinement_inertia=9.0)), "physics.confinement_inertia"),
+        (dict(bubble=Bubble(confinement_inertia="free", wall_distance=1e-3)), "physics.two_walls"),
+        (dict(bubble=Bubble(vapour_excess=-1.0)), "physics.vapour_excess"),
+        (dict(bubble=Bubble(damage="always")), "option.damage"),
+        (dict(material="newtonian", bubble=Bubble(damage="first-rebound")), "physics.damage_without_elasticity"),
     ],
     ids=str,
 )
@@ -158,23 +160,24 @@ def test_a_wall_within_the_bubble():
     """It fails the curve; where it does so to all, nothing is begun."""
     large = shot()
     small = replace(large, radius=large.radius / 2, maximum=(0.0, 125e-6))
-    answers = fit_many([large, small], wall_distance=200e-6, **QUICKLY)
+    answers = fit_many([large, small], bubble=Bubble(wall_distance=200e-6), **QUICKLY)
     assert [answer.checks.verdict == "failed" for answer in answers] == [True, False]
     assert "wall_distance" in answers[0].checks.message
     with pytest.raises(InputError) as raised:
-        fit_many([large, large], wall_distance=200e-6)
+        fit_many([large, large], bubble=Bubble(wall_distance=200e-6))
     assert raised.value.code == "physics.wall_too_near"
 
 
 @pytest.mark.parametrize(
     ("way", "code"),
     [
-        (dict(accommodation=0.07), "option.idle"),
-        (dict(damage="strain", material="newtonian"), "physics.damage_without_elasticity"),
-        (dict(damage="strain", model="bdt-viscoelastic"), "option.bubble"),
-        (dict(confinement_inertia=0.2, verify="none"), "option.bubble"),
-        (dict(confinement_inertia=0.2, wall_distance=1e-3), "physics.two_walls"),
-        (dict(confinement_damping=-1.0), "physics.confinement_damping"),
+        (dict(bubble=Bubble(accommodation=0.07)), "option.idle"),
+        (dict(bubble=Bubble(damage="strain"), material="newtonian"), "physics.damage_without_elasticity"),
+        (dict(bubble=Bubble(damage="strain"), model="bdt-viscoelastic"), "option.bubble"),
+        (dict(bubble=REAL, model="bdt-viscoelastic"), "option.bubble"),
+        (dict(bubble=Bubble(confinement_inertia=0.2), verify="none"), "option.bubble"),
+        (dict(bubble=Bubble(confinement_inertia=0.2, wall_distance=1e-3)), "physics.two_walls"),
+        (dict(bubble=Bubble(confinement_damping=-1.0)), "physics.confinement_damping"),
     ],
 )
 def test_infer_refuses_a_bubble_that_cannot_be(way, code):
@@ -186,18 +189,53 @@ def test_infer_refuses_a_bubble_that_cannot_be(way, code):
 def test_infer_searches_where_the_network_does_not_know_the_bubble():
     """A wall beside the bubble: without it G is wrong."""
     curve = shot(confinement_inertia=0.25, noise=1e-6)
-    beside = infer(curve, confinement_inertia=0.25, trust_input=True)
+    beside = infer(curve, bubble=Bubble(confinement_inertia=0.25), trust_input=True)
     assert "began all over the ranges" in beside.checks.message
     assert beside.bubble == Bubble(confinement_inertia=0.25)
     for name, true in (("shear_modulus", 5e3), ("viscosity", 0.01)):
         low, high = beside.interval(name)
         assert low < true < high
-    low, high = infer(curve, trust_input=True).interval("shear_modulus")
+    low, high = infer(curve, bubble="field", trust_input=True).interval("shear_modulus")
     assert not low < 5e3 < high
 
 
-def test_a_given_accommodation_is_of_kinetic_contents_alone():
-    given = Bubble("auto", 0.1, confinement_inertia=0.2)
-    assert given.with_contents("kinetic") == Bubble("kinetic", 0.1, confinement_inertia=0.2)
-    assert given.with_contents("equilibrium") == Bubble(confinement_inertia=0.2)
-    assert Bubble(accommodation=0.1).with_contents("equilibrium").accommodation == 0.1  # which is refused
+def test_bubbles_by_their_names():
+    assert {name: bubbles_of(name) for name in BUBBLES} == {"real": (REAL,), "field": (FIELD,)}
+    assert bubbles_of("auto") == (FIELD, REAL)
+    assert bubbles_of([REAL, FIELD, REAL]) == (REAL, FIELD)
+    assert [one.name for one in (REAL, FIELD, Bubble("kinetic"))] == ["real", "field", "kinetic"]
+    assert replace(REAL, damage="strain").name == "real, damage by strain"
+    assert Bubble(confinement_damping=0.2, wall_distance=1e-3).name == "field, confinement damping, confinement inertia"
+    for wrong in ("moon", [], [REAL, "field"], None, 3):
+        with pytest.raises(InputError) as error:
+            bubbles_of(wrong)
+        assert error.value.code == "option.bubble"
+
+
+def test_the_field_stands_beside_the_real_bubble_and_the_other_way_round():
+    """Its values are those of an answer with it alone, so that tables of papers can be compared."""
+    curve = shot(contents="kinetic", noise=1e-6)
+    for ask, other in (("real", FIELD), ("field", REAL)):
+        answer = infer(curve, bubble=ask, trust_input=True)
+        (beside,) = [one for one in answer.others if one.bubble == other]
+        alone = infer(curve, bubble=other, trust_input=True)
+        low, _, high = beside.intervals["shear_modulus"]
+        assert low < alone.median("shear_modulus") < high
+        assert abs(beside.evidence.log - alone.evidence.log) < 8
+    assert infer(curve, bubble="auto", trust_input=True).bubble == REAL
+
+
+def test_the_real_bubble_finds_what_it_was_and_nothing_where_there_is_none():
+    real = shot(contents="kinetic", confinement_damping=0.4, noise=1e-6)
+    answer = infer(real, trust_input=True)
+    assert answer.bubble == REAL
+    for name, true in (
+        ("shear_modulus", 5e3),
+        ("viscosity", 0.01),
+        ("accommodation", 0.07),
+        ("confinement_damping", 0.4),
+    ):
+        low, high = answer.interval(name)
+        assert low < true < high, name
+    undamped = infer(shot(contents="kinetic", noise=1e-6), trust_input=True)
+    assert undamped.interval("confinement_damping")[0] < 0.02

@@ -9,6 +9,7 @@ import pytest
 from conftest import BDT
 
 from cavirheo import InputError, infer_many, load, read_curves
+from cavirheo.bubble import FIELD, REAL
 from cavirheo.physics.laws import LAWS
 from cavirheo.posterior import Evidence
 from cavirheo.reporting import result
@@ -46,9 +47,7 @@ def test_the_paragraph_says_the_model_and_cites_only_what_was_used(run, answered
 
 def test_sources_of_every_law_of_a_sum_and_of_kinetic_contents(answered):
     found = load(answered)
-    curve = found.curves[0].model_copy(
-        update={"material": "fung + newtonian", "contents": "kinetic", "method": "verified"}
-    )
+    curve = found.curves[0].model_copy(update={"material": "fung + newtonian", "bubble": REAL, "method": "verified"})
     paragraph, sources = methods(found.model_copy(update={"curves": [curve, found.curves[1]]}))
     keys = [source.key for source in sources]
     assert {"Fung1967", "Fuller1966", "Cornuet2012", "Bu2025"} <= set(keys)
@@ -58,7 +57,7 @@ def test_sources_of_every_law_of_a_sum_and_of_kinetic_contents(answered):
 
 
 def test_models_that_were_compared_by_evidence_are_said(document):
-    rival = OtherModel(material="newtonian", contents="equilibrium", log_evidence=-3.0)
+    rival = OtherModel(material="newtonian", bubble=FIELD, log_evidence=-3.0)
     curve = document.curves[0].model_copy(update={"other_models": [rival], "evidence": Evidence(2.0)})
     paragraph, sources = methods(document.model_copy(update={"curves": [curve]}))
     assert "compared by their evidence [Kass1995]: newtonian, equilibrium; nhkv, equilibrium." in paragraph
@@ -76,7 +75,7 @@ def fields(bibtex: str) -> dict[str, str]:
 
 @pytest.mark.parametrize("law", LAWS)
 def test_every_law_has_full_references(law, document):
-    curves = [curve.model_copy(update={"material": law, "contents": "kinetic"}) for curve in document.curves]
+    curves = [curve.model_copy(update={"material": law, "bubble": REAL}) for curve in document.curves]
     paragraph, sources = methods(document.model_copy(update={"curves": curves}))
     assert {source.key for source in of_law(law)} <= {source.key for source in sources}
     assert len(of_law(law)) == len(re.findall("doi:", LAWS[law].__doc__ or ""))

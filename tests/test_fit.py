@@ -9,6 +9,7 @@ import pytest
 from fits import fit, fit_many
 
 from cavirheo import (
+    Bubble,
     InputError,
     NeoHookeanKelvinVoigt,
     Newtonian,
@@ -188,7 +189,7 @@ def test_the_interval_of_a_viscosity_that_may_be_nothing_has_its_shelf():
     rng, time = np.random.default_rng(1), np.arange(70) * 1e-6
     run = simulate(NeoHookeanKelvinVoigt(4e3, 0.003), max_radius=3e-4, stretch=8.0, time=time, contents="kinetic")
     curve = RadiusCurve(time, run.radius + 0.007 * 3e-4 * rng.normal(size=70), maximum=(0.0, 3e-4))
-    answer = fit(curve, contents="kinetic", windows=False, others=False, trust_input=True)
+    answer = fit(curve, bubble=Bubble("kinetic"), windows=False, others=False, trust_input=True)
     low, high = answer.interval("viscosity")
     assert low < 5e-4 < 3e-3 < high < 0.02
 
@@ -306,7 +307,7 @@ def test_starts_fill_the_box():
         ({"weights": "heavy"}, "option.weights"),
         ({"t0_bound": 0.0}, "option.t0_bound"),
         ({"scale_bound": 0.5}, "option.scale_bound"),
-        ({"draws": False, "contents": "auto"}, "option.draws"),
+        ({"draws": False, "bubble": "auto"}, "option.draws"),
     ],
 )
 def test_bad_options_are_named(options, code):

@@ -15,7 +15,8 @@ from cavirheo.beside.published.comparison import Comparison, compared_set, markd
 from cavirheo.beside.published.references import ReferenceSet
 from cavirheo.beside.rheometer.document import beside as rheometer_rows
 from cavirheo.beside.rheometer.document import rheometry
-from cavirheo.posterior import Bubble, Evidence, OtherAnswer, Posterior
+from cavirheo.bubble import Bubble
+from cavirheo.posterior import Evidence, OtherAnswer, Posterior
 from cavirheo.reporting import picture, read_json, result, table, write_report
 from cavirheo.reporting.group import slope, theil_sen
 from cavirheo.writing import terminal
@@ -65,17 +66,16 @@ def test_the_model_stands_in_table_page_picture_and_csv(tmp_path):
     )  # fmt: skip
     document = write_report(tmp_path, [(curve, posterior)], COMMAND, ())
     row = json.loads((tmp_path / "result.json").read_text(encoding="utf-8"))["curves"][0]
-    assert (row["contents"], row["damage"]) == ("kinetic", "first-rebound")
+    assert (row["bubble"]["contents"], row["bubble"]["damage"]) == ("kinetic", "first-rebound")
     assert row["other_parameters"]["accommodation"]["median"] == pytest.approx(0.07, abs=0.005)
-    model = "nhkv, kinetic contents, damage, walls"
-    assert model in printed(document, 80)
-    assert model in " ".join(words(curve_picture(curve, posterior)))
+    assert KINETIC.sentence in " ".join(printed(document, 80).split())
+    assert "bubble with kinetic contents, damage" in " ".join(words(curve_picture(curve, posterior)))
     page = " ".join("".join(Page((tmp_path / "report.html").read_text(encoding="utf-8")).text).split())
-    assert model in page
-    assert "finite-rate condensation" in page
+    assert KINETIC.sentence in page
+    assert "condenses at a finite rate" in page
     with (tmp_path / "result.csv").open(newline="", encoding="utf-8") as file:
         (line,) = csv.DictReader(file)
-    assert line["contents"] == "kinetic"
+    assert line["bubble"] == KINETIC.name
     for name in ("accommodation", "damage_modulus", "damage_radius", "confinement_inertia"):
         assert float(line[f"{name}_q05"]) < float(line[name]) < float(line[f"{name}_q95"])
         assert float(line[name]) == row["other_parameters"][name]["median"]
@@ -83,7 +83,9 @@ def test_the_model_stands_in_table_page_picture_and_csv(tmp_path):
 
 def test_what_is_given_of_the_bubble_is_recorded_without_an_interval(tmp_path):
     curve = bubble()
-    given = replace(answer(curve), bubble=Bubble("kinetic", 0.5), best={"accommodation": 0.5, "confinement_inertia": 0.0})
+    given = replace(
+        answer(curve), bubble=Bubble("kinetic", 0.5), best={"accommodation": 0.5, "confinement_inertia": 0.0}
+    )
     (row,) = result([(curve, given)], COMMAND).curves
     assert row.other_parameters == {"accommodation": Quantity(median=0.5)}
     (plain,) = result([(curve, answer(curve))], COMMAND).curves
@@ -101,7 +103,7 @@ def test_the_rows_name_what_a_run_mixes(width):
     assert "kinetic" in contents.split("RMSE:")[0]
     assert "nhkv" not in contents.split("RMSE:")[0]
     assert "power-law" in laws.split("RMSE:")[0]
-    assert "equilibrium" not in laws.split("RMSE:")[0]
+    assert "field" not in laws.split("RMSE:")[0]
     assert max(map(len, (contents + laws).splitlines())) <= width
 
 
@@ -118,14 +120,14 @@ def test_all_answers_of_a_curve_stand_side_by_side(tmp_path):
     row = json.loads((tmp_path / "result.json").read_text(encoding="utf-8"))["curves"][0]
     assert row["evidence"] == {"log": -15.0, "error": None}
     kinetic, _, second = row["other_models"]
-    assert (kinetic["material"], kinetic["contents"], kinetic["log_evidence"]) == ("nhkv", "kinetic", -3.0)
+    assert (kinetic["material"], kinetic["bubble"]["contents"], kinetic["log_evidence"]) == ("nhkv", "kinetic", -3.0)
     assert kinetic["viscosity_Pa_s"].pop("bound") is None
     assert kinetic["viscosity_Pa_s"] == pytest.approx({"median": 0.003, "q05": 0.0024, "q95": 0.0036})
     assert kinetic["other_parameters"]["accommodation"]["median"] == 0.07
-    assert (second["material"], second["contents"]) == (row["material"], row["contents"])
+    assert (second["material"], second["bubble"]) == (row["material"], row["bubble"])
     rows = table.model_rows(document.curves[0], 1e-3)
     assert [cells[0] for cells in rows] == [
-        "nhkv, equilibrium", "nhkv, kinetic", "nhkv, equilibrium", "qkv, kinetic"
+        "nhkv, field", "nhkv, kinetic", "nhkv, field", "qkv, kinetic"
     ]  # fmt: skip
     assert [cells[-1] for cells in rows] == ["0", "+12.0", "-1.0", "-15.0"]
     console = terminal.console(width=80, file=io.StringIO(), force_terminal=False)
@@ -284,10 +286,13 @@ def test_models_that_all_shots_have_get_their_slopes_too(tmp_path):
         pairs[k] = curve, replace(made, others=(changed, *rest))
     document = write_report(tmp_path, pairs, COMMAND, ())
     (about,) = document.groups
-    (other,) = about.other_slopes
-    assert (other.material, other.contents) == ("nhkv", "kinetic")
+    other, law = about.other_models
+    assert (other.material, other.bubble, other.n) == ("nhkv", "kinetic", len(pairs))
+    assert other.viscosity_Pa_s.mean == pytest.approx(0.0035, abs=1e-4)
+    assert other.log_evidence == pytest.approx(sum(-3.0 - made.evidence.log for _, made in pairs))
+    assert (law.material, law.n, law.slopes) == ("qkv", len(pairs) - 1, {})
     assert 0.1 < other.slopes["viscosity"].median < 0.5  # of the valley with the larger evidence
-    assert "with nhkv, kinetic" in " ".join(printed(document, 80).split())
+    assert "with nhkv, kinetic bubble: G 5.0 ± 0 kPa" in " ".join(printed(document, 80).split())
     assert "R_max^" in (tmp_path / "report.html").read_text(encoding="utf-8")
     assert read_json(tmp_path / "result.json") == document
 
@@ -310,7 +315,7 @@ def test_the_interval_of_a_slope_holds_what_it_says(count):
 # --- the command line and the other tables ---------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("words", [("--material", "auto"), ("--contents", "auto")])
+@pytest.mark.parametrize("words", [("--material", "auto"), ("--bubble", "auto")])
 def test_fit_leaves_the_choice_of_a_model_to_the_fit(words, run, monkeypatch):
     asked = {}
 
@@ -322,7 +327,7 @@ def test_fit_leaves_the_choice_of_a_model_to_the_fit(words, run, monkeypatch):
     status, _, said = run("fit", EXAMPLES / "soft_gel.csv", "--shots", 1, "--no-pictures", "-o", "out", *words)
     assert status == 0, said
     assert (asked["material"] == "auto") == ("--material" in words)
-    assert (asked["contents"] == "auto") == ("--contents" in words)
+    assert (len(asked["bubble"]) == 2) == ("--bubble" in words)
 
 
 def test_doubts_of_a_group_are_said_once_whatever_else_is_said_of_its_shots():
@@ -335,7 +340,7 @@ def test_doubts_of_a_group_are_said_once_whatever_else_is_said_of_its_shots():
     assert all(f"{word} is at its bound" in said for word in "abc")
 
 
-def test_tables_beside_the_answers_name_the_contents(tmp_path):
+def test_tables_beside_the_answers_name_the_bubble(tmp_path):
     curve = bubble()
     document = result([(curve, replace(answer(curve), bubble=Bubble("kinetic")))], COMMAND)
     made = rheometry([], [], material="gel", tolerance=0.05, at_rad_per_s=1.0, command="", date="")
@@ -344,5 +349,5 @@ def test_tables_beside_the_answers_name_the_contents(tmp_path):
     about = ReferenceSet("gel", "line 2")
     other = {"files": [], "model": "m", "medium": {"density": 998.0}, "report": None, "problems": [], "notes": []}
     compared = compared_set(about, document.curves, [], **other)
-    assert compared.contents == ["kinetic"]
+    assert compared.bubbles == ["bubble with kinetic contents"]
     assert "kinetic" in markdown(Comparison(command="", methods=[], reference_methods=[], sets=[compared]))

@@ -16,6 +16,7 @@ from scipy.integrate import quad
 from scipy.stats import invgamma, multivariate_normal, norm
 
 from cavirheo import InputError, NeoHookeanKelvinVoigt, RadiusCurve, infer, simulate
+from cavirheo.bubble import FIELD, REAL, Bubble
 from cavirheo.inference import experiment, verify
 from cavirheo.inference.experiment import BRISK, FINE, QUICK, Experiment
 from cavirheo.inference.law import Family
@@ -32,7 +33,7 @@ from cavirheo.inference.verify.surrogate import Surrogate
 from cavirheo.inference.verify.tuning import TUNING
 from cavirheo.inference.verify.work import Work
 from cavirheo.physics.materials import Zener
-from cavirheo.posterior import Bubble, Checks, Evidence, OtherAnswer, Posterior
+from cavirheo.posterior import Checks, Evidence, OtherAnswer, Posterior
 from cavirheo.prior import Prior, log_normal
 from cavirheo.reporting import read_json
 
@@ -582,7 +583,7 @@ def test_what_the_curve_does_not_bound_is_said():
     assert "the recording does not bound G from below" in answer.checks.message
 
 
-def test_a_verified_answer_says_what_other_contents_answer(fitted):
+def test_a_verified_answer_says_what_another_bubble_answers(fitted):
     curve, answer = fitted
     rival = OtherAnswer("nhkv", Bubble("kinetic"), answer.best, {}, Evidence(999.0), 0.01)
     found = verify.verify(curve, replace(answer, others=(rival,)), level="map")
@@ -680,29 +681,28 @@ def test_a_law_that_the_network_knows_is_weighed_as_by_infer(monkeypatch):
     ((found,), _) = rank_laws([curve], ["nhkv", "newtonian"], seed=3)
     assert found.answers["nhkv"].evidence == infer(curve, seed=3).evidence
     assert found.chosen == "nhkv"
-    known = models(["nhkv", "fung+newtonian"], ["equilibrium", "kinetic"])
-    assert all(evidence.by_network(way) for way in known.values())
-    assert not evidence.by_network(known["nhkv, kinetic"], "plateau")
-    for way in ({"damage": "strain"}, {"material": "zener"}, {"confinement_damping": "free"}, {"accommodation": 0.1}):
-        assert not evidence.by_network(known["nhkv, kinetic"] | way)
+    known = models(["nhkv", "fung+newtonian"], [FIELD, REAL, replace(REAL, accommodation=0.1)])
+    assert all(evidence.by_network(model) for model in known.values())
+    assert not evidence.by_network(known["nhkv, real"], "plateau")
+    for bubble in (replace(REAL, damage="strain"), Bubble(confinement_damping="free"), Bubble(confinement_inertia=0.2)):
+        assert not evidence.by_network(("nhkv", bubble))
+    assert not evidence.by_network(("zener", REAL))
 
 
 def test_every_law_is_fitted_with_what_is_around_the_bubble(monkeypatch):
-    """What is given of it reaches the fits; an accommodation those of kinetic contents alone."""
     seen = []
 
     def fitted(curves, **how):
-        seen.append({name: how[name] for name in ("contents", "accommodation", "wall_distance", "vapour_excess")})
+        seen.append(how["bubble"])
         raise InputError("enough")
 
     monkeypatch.setattr(evidence, "fit_many", fitted)
-    given = {"accommodation": 0.1, "wall_distance": 1e-3, "vapour_excess": "free"}
-    for contents, rate in (("equilibrium", "free"), ("kinetic", 0.1)):
-        with pytest.raises(InputError, match="enough"):
-            rank_laws([shot()], ["zener"], contents=sorted({contents, "kinetic"}), damage=["none", "strain"], **given)
-        assert seen.pop() == {**given, "contents": contents, "accommodation": rate}
+    given = Bubble("kinetic", 0.1, wall_distance=1e-3, vapour_excess="free")
+    with pytest.raises(InputError, match="enough"):
+        rank_laws([shot()], ["zener"], bubble=[given, replace(given, damage="strain")])
+    assert seen == [given]
     with pytest.raises(InputError) as error:
-        rank_laws([shot()], ["nhkv", "newtonian"], accommodation=0.1)
+        rank_laws([shot()], ["nhkv", "newtonian"], bubble=Bubble(accommodation=0.1))
     assert error.value.code == "option.idle"
 
 
@@ -844,7 +844,7 @@ def test_which_law_from_the_command_line(run, tmp_path, monkeypatch, light):
     ("words", "told"),
     [
         ("--laws nhkv", "nhkv"),
-        ("--laws nhkv,newtonian --accommodation 0.1", "without kinetic contents"),
+        ("--laws nhkv,newtonian --bubble field --accommodation 0.1", "without kinetic contents"),
         ("--laws nhkv,newtonian --confinement-inertia 0.1 --wall-distance-um 500", "not both"),
         ("--laws nhkv,newtonian --vapour-excess much", "--vapour-excess must be a number"),
         ("--laws nhkv,newtonian --confinement-damping -1", "-1"),

@@ -15,11 +15,11 @@ import jinja2
 import pytest
 
 import cavirheo
+from cavirheo.bubble import BUBBLES, CONTENTS
 from cavirheo.inference import LEVELS
 from cavirheo.inference.law import ABLE
 from cavirheo.inference.model import card, shipped
 from cavirheo.physics.media import MEDIA
-from cavirheo.posterior import CONTENTS
 from cavirheo.reporting.sources import BDT, IMR
 from cavirheo.verbs import _FOUND, options, versions
 
@@ -134,13 +134,13 @@ def test_shells_complete_commands_and_options():
         ("cavirheo fit --material ogd", set()),  # cannot be fitted
         ("cavirheo simulate --material ogd", {"ogden"}),
         ("cavirheo which-law --laws nhkv,n", {"nhkv,neo-hookean", "nhkv,newtonian"}),
-        ("cavirheo which-law --contents kinetic,", {"kinetic,equilibrium"}),
+        ("cavirheo which-law --bubble real,", {"real,field"}),
         ("cavirheo infer --model ", {*shipped()}),
         ("cavirheo evaluate po", {"posterior"}),
         ("cavirheo fit --medium ", {*MEDIA}),
         ("cavirheo infer --verify ", {*LEVELS}),
         ("cavirheo fit --verify ", {*LEVELS} - {"auto"}),
-        ("cavirheo infer --contents ", {*CONTENTS, "auto"}),
+        ("cavirheo infer --bubble ", {*BUBBLES, "auto"}),
         ("cavirheo simulate --contents ", {*CONTENTS}),
     ],
 )

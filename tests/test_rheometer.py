@@ -536,7 +536,7 @@ def test_beside_bubbles(run, tmp_path):
     assert warning.startswith("# The regimes differ")
     table = [dict(zip(lines[0].split(","), re.split(r",(?! )", line), strict=True)) for line in lines[1:3]]
     assert [row["material"] for row in table] == ["soft gel", "gel"]
-    assert [row["method"] for row in table] == ['"rheometer, µ at 1 rad/s"', '"bubble, bdt, equilibrium contents"']
+    assert [row["method"] for row in table] == ['"rheometer, µ at 1 rad/s"', '"field\'s bubble, bdt"']
     assert [row["regime_unit"] for row in table] == ["rad/s", "1/s"]
     assert float(table[1]["shear_modulus_Pa_std"]) == 500
     assert (table[1]["n"], table[1]["failed"]) == ("2", "1")

@@ -257,8 +257,8 @@ def test_show_tells_what_the_card_of_a_shipped_network_knows(run, tmp_path, name
         assert str(part) in out
     assert "NOT the file" not in out
     if name == "posterior":
-        for law, contents in about["kinds"]:
-            assert re.search(rf"{re.escape(law)} \(.*contents .*{contents}", out)
+        for law, bubble in about["kinds"]:
+            assert re.search(rf"{re.escape(law)} \(.*bubble .*{bubble}", out)
         for part in ("36352000 recordings", "R_max 30 to 602 um", "shear_modulus 10 to 1e+07 Pa", "-2.596"):
             assert part in out
         assert out.count("in the 90 % interval") == len(about["coverage"]["by_slot"])

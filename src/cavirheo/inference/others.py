@@ -12,8 +12,8 @@ DECISIVE = 3.0  # of log evidence (a factor of 20): a model so far above another
 
 
 def compared(answer: Posterior) -> list[str]:
-    """A sentence on another model if its evidence is larger by more than DECISIVE, or if other contents of the bubble
-    give a G or a viscosity whose 90 % interval does not meet the answer's; and one on each other valley of the same
+    """A sentence on another model if its evidence is larger by more than DECISIVE, or if another bubble that the evidence
+    does not reject gives a G or a viscosity whose 90 % interval does not meet the answer's; and one on each other valley of the same
     model whose evidence is not smaller by more than DECISIVE.
 
     Of several such models the one with the largest evidence is named, by its best valley.
@@ -24,7 +24,7 @@ def compared(answer: Posterior) -> list[str]:
     for one in sorted(answer.others, key=_log):
         best[model_of(one)] = one
     best.pop(model_of(here), None)
-    rivals = [one for one in best.values() if _surely_above(one, here) or _other_contents_disagree(one, here)]
+    rivals = [one for one in best.values() if _surely_above(one, here) or _other_bubble_disagrees(one, here)]
     said = [_sides(here, max(rivals, key=_log))] if rivals else []
     return said + [
         f"two solutions of the same model: {_values(here, stretch=True)}, or {_values(one, stretch=True)}"
@@ -79,9 +79,9 @@ def _surely_above(one: OtherAnswer, other: OtherAnswer) -> bool:
     return _above(one, other) > DECISIVE + ((one.evidence and one.evidence.error) or 0.0)
 
 
-def _other_contents_disagree(one: OtherAnswer, here: OtherAnswer) -> bool:
-    """Whether only the contents differ, and a parameter of the law beyond both intervals."""
-    if one.material != here.material or one.bubble.contents == here.bubble.contents:
+def _other_bubble_disagrees(one: OtherAnswer, here: OtherAnswer) -> bool:
+    """Whether only the bubble differs, is not rejected, and a parameter of the law lies beyond both intervals."""
+    if one.material != here.material or one.bubble == here.bubble or _above(one, here) < -DECISIVE:
         return False
     shared = [name for name in one.intervals if name in here.intervals and of_the_law(name)]
     pairs = [(one.intervals[name], here.intervals[name]) for name in shared]
