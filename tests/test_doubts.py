@@ -209,7 +209,7 @@ def test_a_first_collapse_alone_does_not_tell_the_viscosity_of_a_liquid():
     assert "--confinement-inertia free" in said(fall)[0]
     assert said(whole) == said(fall, "nhkv") == said(fall, confinement_inertia="free") == []
     assert said(fall, wall_distance=1e-3) == said(fall, confinement_damping=0.3) == []
-    answer = cavirheo.infer(fall, material="newtonian", verify="none")
+    answer = cavirheo.infer(fall, material="newtonian", bubble="field", verify="none")
     assert answer.checks.verdict == "check_input"
     assert "read the upper end of µ alone" in answer.checks.message
     assert cavirheo.infer(fall, material="newtonian", verify="none", trust_input=True).checks.verdict != "check_input"

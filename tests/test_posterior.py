@@ -22,6 +22,7 @@ from cavirheo.inference.experiment import BRISK, FINE, QUICK, Experiment
 from cavirheo.inference.law import Family
 from cavirheo.inference.noise import SHAPE, Noise
 from cavirheo.inference.options import FREE, Options
+from cavirheo.inference.others import LAPLACE
 from cavirheo.inference.verify import Verification, evidence, explore, predictive, verify_many, work
 from cavirheo.inference.verify.evidence import models, rank_laws, ranked
 from cavirheo.inference.verify.explore import Blend, Explorer
@@ -671,7 +672,7 @@ def test_draws_are_spent_on_laws_that_can_win_alone(monkeypatch):
     monkeypatch.setattr(evidence, "verify_many", verified)
     ((found,), _) = rank_laws([shot()], list(logs))
     assert full == ["nhkv", "qkv"]
-    assert found.error == {"newtonian": TUNING.laplace, "nhkv": 0.1, "qkv": 0.1}
+    assert found.error == {"newtonian": LAPLACE, "nhkv": 0.1, "qkv": 0.1}
     assert found.chosen == "nhkv"
 
 

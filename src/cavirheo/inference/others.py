@@ -2,19 +2,42 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
+
+import numpy as np
 
 from cavirheo.parameters import of_the_law
-from cavirheo.posterior import OtherAnswer, Posterior, in_words, intervals
+from cavirheo.posterior import Evidence, OtherAnswer, Posterior, in_words, intervals
 
+LAPLACE = 5.0  # standard error of the log of Laplace's integral against that of draws (benchmarks/evidence.md)
 _Interval = tuple[float, float, float]  # 5 %, 50 %, 95 %
 DECISIVE = 3.0  # of log evidence (a factor of 20): a model so far above another is preferred, a nearer one possible
 
 
+def contenders(evidence: Sequence[Evidence | None], sizes: Sequence[int]) -> list[int]:
+    """Indices of the models that the evidence cannot tell from the best, the one with the fewest parameters first: the
+    only rule by which models are chosen.
+
+    A model is within reach if its log evidence lies below the largest by no more than DECISIVE and the standard error
+    of the difference; of Laplace's integrals that is LAPLACE each.
+    """
+    known = {i: one for i, one in enumerate(evidence) if one is not None and np.isfinite(one.log)}
+    if not known:
+        return []
+    top = max(known.values(), key=lambda one: one.log)
+
+    def reach(one: Evidence) -> float:
+        first, second = (LAPLACE if error is None else error for error in (one.error, top.error))
+        return DECISIVE + (0.0 if one is top else float(np.hypot(first, second)))
+
+    near = [i for i, one in known.items() if top.log - one.log <= reach(one)]
+    return sorted(near, key=lambda i: (sizes[i], -known[i].log))
+
+
 def compared(answer: Posterior) -> list[str]:
-    """A sentence on another model if its evidence is larger by more than DECISIVE, or if another bubble that the evidence
-    does not reject gives a G or a viscosity whose 90 % interval does not meet the answer's; and one on each other valley of the same
-    model whose evidence is not smaller by more than DECISIVE.
+    """A sentence on another model if its evidence is larger by more than DECISIVE, or if another bubble that the
+    evidence does not reject gives a G or a viscosity whose 90 % interval does not meet the answer's; and one on each
+    other valley of the same model whose evidence is not smaller by more than DECISIVE.
 
     Of several such models the one with the largest evidence is named, by its best valley.
     """

@@ -92,10 +92,21 @@ _NEAR = 0.1  # of a constant that all its curves share: the weights allow for no
 _VAPOUR, _OF_VAPOUR = 2.0, ("vapour_reference_pressure", "vapour_reference_temperature")  # from 14 to 37 degrees C
 
 
-@lru_cache(maxsize=4)
 def load_posterior(name: str = DEFAULT) -> PosteriorModel:
-    """The shipped posterior network of this name, or the one in a file whose name ends in .onnx. Raises InputError."""
-    return PosteriorModel(path_of(name))
+    """The shipped posterior network of this name, or the one in a file whose name ends in .onnx, as the file is now.
+    Raises InputError."""
+    path = path_of(name)
+    try:
+        state = path.stat()
+    except OSError:
+        return PosteriorModel(path)  # which says what is wrong
+    return _loaded(path, state.st_mtime_ns, state.st_size)
+
+
+@lru_cache(maxsize=4)
+def _loaded(path: Path, *_: int) -> PosteriorModel:
+    """The model in a file of this time and size."""
+    return PosteriorModel(path)
 
 
 def network_of(name: str) -> Network | PosteriorModel:

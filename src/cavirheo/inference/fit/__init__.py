@@ -22,8 +22,7 @@ from cavirheo.inference.fit.covariance import laplace
 from cavirheo.inference.fit.least_squares import SEARCH, LeastSquares
 from cavirheo.inference.law import Family, softened
 from cavirheo.inference.options import FREED, SCALE_BOUND, Options, check_wall
-from cavirheo.inference.others import DECISIVE, chosen_among, compared, itself, model_of
-from cavirheo.inference.verify.tuning import TUNING
+from cavirheo.inference.others import chosen_among, compared, contenders, itself, model_of
 from cavirheo.parallel import cores, each
 from cavirheo.parameters import LOG10, units
 from cavirheo.physics.media import WATER, Medium
@@ -250,9 +249,7 @@ def _simplest(fits: list[Alone]) -> tuple[Alone, list[Alone]]:
     """The fit with the fewest parameters of those that the evidence cannot tell from the best, and the others."""
     if len(fits) == 1:
         return fits[0], []
-    heights = [single.evidence.log if single.evidence else -np.inf for single in fits]
-    near = [i for i, height in enumerate(heights) if height >= max(heights) - DECISIVE - TUNING.laplace]
-    chosen = min(near, key=lambda i: (len(fits[i].shot.names), -heights[i]))
+    chosen, *_ = contenders([one.evidence for one in fits], [len(one.shot.names) for one in fits]) or [0]
     return fits[chosen], [single for i, single in enumerate(fits) if i != chosen]
 
 

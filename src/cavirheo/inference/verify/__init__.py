@@ -7,14 +7,13 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from typing import Any, TypedDict, Unpack
 
-import numpy as np
 from threadpoolctl import threadpool_limits
 
 from cavirheo.bubble import Requested, bubbles_of, rival_of
 from cavirheo.curve import RadiusCurve, several
 from cavirheo.errors import InputError, expect, reason
 from cavirheo.inference.doubts import doubted
-from cavirheo.inference.others import DECISIVE, chosen_among, compared, itself, model_of
+from cavirheo.inference.others import chosen_among, compared, contenders, itself, model_of
 from cavirheo.inference.posterior_model import PosteriorModel
 from cavirheo.inference.verify.soon import glanced
 from cavirheo.inference.verify.work import Level, Verification, Work
@@ -100,7 +99,8 @@ def verify_many(
         if len(models) == 1 and chosen.level == "auto":
             best = replace(best, others=(*best.others, *_other_bubble(chosen, curve, best)))
         told = "; ".join(filter(None, [best.checks.message, *chosen_among(best, found), *compared(best)]))
-        doubts, checked = list(given[0].checks.doubts), given[0].checks.verdict != "check_input"
+        own = next((one for one in models if model_of(one) == model_of(best)), given[0])
+        doubts, checked = list(own.checks.doubts), own.checks.verdict != "check_input"
         checks = doubted(replace(best.checks, message=told), doubts, trust_input=checked)
         before = sum(answer.seconds for answer in given)
         return replace(best, checks=checks, seconds=before + time.perf_counter() - began)
@@ -111,11 +111,8 @@ def verify_many(
 
 
 def _simplest(found: Sequence[Posterior]) -> Posterior:
-    """The one with the fewest parameters of those whose evidence is not smaller than the largest by more than DECISIVE;
-    with what the others answer."""
-    heights = [one.evidence.log if one.evidence else -np.inf for one in found]
-    near = [i for i, height in enumerate(heights) if height >= max(heights) - DECISIVE]
-    chosen = min(near, key=lambda i: (len(found[i].names), -heights[i]))
+    """The simplest of those that the evidence cannot tell from the best, with what the others answer."""
+    chosen, *_ = contenders([one.evidence for one in found], [len(one.names) for one in found]) or [0]
     best, rest = found[chosen], [one for i, one in enumerate(found) if i != chosen]
     others = [one for one in best.others if model_of(one) not in {model_of(other) for other in rest}]
     return replace(best, others=(*others, *map(itself, rest)))

@@ -23,7 +23,7 @@ from cavirheo.inference import DEFAULT, infer_many
 from cavirheo.inference.fit import fit_many
 from cavirheo.inference.law import Family
 from cavirheo.inference.options import Options
-from cavirheo.inference.others import DECISIVE, chosen_among, compared, itself, model_of
+from cavirheo.inference.others import LAPLACE, chosen_among, compared, contenders, itself, model_of
 from cavirheo.inference.population import Population, with_slope_if_any
 from cavirheo.inference.verify import verify_many
 from cavirheo.inference.verify.tuning import TUNING
@@ -65,6 +65,7 @@ class Ranking:
             group as a whole.
         column: that which the material may change with.
         members: of a group, which of the curves are in it, by their place.
+        sizes: how many parameters each law has with its bubble.
     """
 
     name: str
@@ -75,6 +76,7 @@ class Ranking:
     populations: Mapping[str, Population] = field(default_factory=dict)
     column: str = ""
     members: tuple[int, ...] = ()
+    sizes: Mapping[str, int] = field(default_factory=dict)
 
     @property
     def log_evidence(self) -> dict[str, float | None]:
@@ -94,12 +96,9 @@ class Ranking:
 
     @property
     def contenders(self) -> list[str]:
-        """The laws that cannot be told from the best: log evidence within 3 and the standard errors, simplest first."""
-        known = {law: (found.log, found.error or 0.0) for law, found in self.evidence.items() if found}
-        top, least = max(known.values(), key=lambda pair: pair[0], default=(0.0, 0.0))
-        allowed = {law: DECISIVE + TUNING.scatter * np.hypot(least, pair[1]) for law, pair in known.items()}
-        near = [law for law in known if top - known[law][0] <= allowed[law]]
-        return sorted(near, key=lambda law: (_size(law), -known[law][0]))
+        """The laws that cannot be told from the best, simplest first (`others.contenders`)."""
+        laws = list(self.evidence)
+        return [laws[i] for i in contenders(list(self.evidence.values()), [self.sizes.get(law, 0) for law in laws])]
 
     @property
     def chosen(self) -> str | None:
@@ -126,15 +125,6 @@ def models(laws: Sequence[str], bubbles: Sequence[Bubble] = (REAL,)) -> dict[str
             found[f"{law}, {bubble.name}" if len(bubbles) > 1 else law] = law, bubble
     require(len(found) >= 2, told, "option.laws")
     return found
-
-
-_MORE = {"real": 2, "kinetic": 1, "damage": 2, "damage by strain": 2}  # parameters by word of a bubble's name
-
-
-def _size(model: str) -> int:
-    """How many parameters a model has, by its name."""
-    law, *more = model.split(", ")
-    return len(Family(law).parameters) + sum(_MORE.get(word, 0) for word in more)
 
 
 def by_network(model: Model, stretch: float | str | None = None) -> bool:
@@ -261,7 +251,8 @@ def ranked(
     for i, curve in enumerate(curves):
         answers = {law: answers[i] for law, answers in found.items()}
         evidence = {law: _evidence(answer) for law, answer in answers.items()}
-        singles.append(Ranking(curve.name, evidence, 1, answers))
+        sizes = {law: len(answer.names) for law, answer in answers.items()}
+        singles.append(Ranking(curve.name, evidence, 1, answers, sizes=sizes))
     title = next((name for curve in curves for name in curve.column), "")
     groups: dict[Any, list[int]] = {}
     for i, curve in enumerate(curves):
@@ -299,7 +290,7 @@ def _evidence(answer: Posterior) -> Evidence | None:
     if found is None or not np.isfinite(found.log):
         return None
     if found.error is None:
-        return Evidence(found.log, TUNING.laplace)
+        return Evidence(found.log, LAPLACE)
     return found if answer.log_weight is not None else Evidence(found.log, max(found.error, TUNING.unsure))
 
 
@@ -323,7 +314,7 @@ def _together(name: str, members: list[tuple[Ranking, float]], column: str) -> R
         )
         for law in (evidence if complete else ())
     }
-    return Ranking(name, evidence, len(complete), {}, tuple(pairs), materials, column)
+    return Ranking(name, evidence, len(complete), {}, tuple(pairs), materials, column, sizes=members[0][0].sizes)
 
 
 def _pair(first: str, second: str, differences: Floats) -> Pair:

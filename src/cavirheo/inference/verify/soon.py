@@ -21,6 +21,7 @@ import numpy as np
 from cavirheo.arrays import Floats, unscaled
 from cavirheo.errors import SolverError
 from cavirheo.inference.experiment import BRISK, FINE, Accuracy
+from cavirheo.inference.others import LAPLACE
 from cavirheo.inference.verify.explore import Blend, Explorer, log_mean
 from cavirheo.inference.verify.mode import Mode, Simulated, Target, climb, misfit, modes, secant, valley
 from cavirheo.inference.verify.sampler import Proposal, Sample, sample, tempered
@@ -200,10 +201,10 @@ def glanced(target: Target, network: Proposal, seed: int) -> OtherAnswer | None:
     seen = explorer.propose(np.random.Generator(np.random.Philox(seed)), None)
     answer = valley(target, mode)
     if not isinstance(seen, Blend):
-        return replace(answer, evidence=Evidence(mode.log_evidence, TUNING.laplace))
+        return replace(answer, evidence=Evidence(mode.log_evidence, LAPLACE))
     pool = target.with_camera(seen.pool, np.tile(target.camera.z(mode.residual), (len(seen.pool), 1)))
     told = intervals(*target.experiment.answer(pool), seen.log_weight)
-    return replace(answer, intervals=told, evidence=Evidence(log_mean(seen.log_weight), TUNING.laplace))
+    return replace(answer, intervals=told, evidence=Evidence(log_mean(seen.log_weight), LAPLACE))
 
 
 def _begun(near: Mended, network: Proposal, seed: int) -> tuple[Floats, Simulated, Mode | None]:

@@ -121,9 +121,7 @@ class Tuning:
     law_rounds: int = 2  # and after so many rounds of draws these must be on the way to
     law_least: float = 60.0  # effective ones
     hopeless: float = 25.0  # Laplace's log evidence below the best of the curve, from which no draws are spent on it
-    laplace: float = 5.0  # its standard error against that of draws (benchmarks/evidence.md)
     unsure: float = 1.0  # standard error where weights are not to be trusted
-    scatter: float = 3.0  # standard errors that are added to it
 
 
 TUNING = Tuning()
