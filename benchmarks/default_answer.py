@@ -113,7 +113,7 @@ def real(folder: Path, out: Path, n: int, **options: Any) -> list[str]:
     lines = [json.loads(line) for line in kept.read_text().splitlines()] if kept.exists() else []
     done = {(line["set"], line["shot"]) for line in lines}
     for name, pattern in REAL.items():
-        curves = [curve for file in sorted(folder.glob(pattern)) for curve in read_curves(file)]
+        curves = [one for file in sorted(folder.glob(pattern)) for one in read_curves(file) if not one.unusable]
         for number, curve in enumerate(curves[:: max(len(curves) // n, 1)][:n]):
             if (name, number) in done:
                 continue

@@ -60,7 +60,7 @@ def test_models_that_were_compared_by_evidence_are_said(document):
     rival = OtherModel(material="newtonian", bubble=FIELD, log_evidence=-3.0)
     curve = document.curves[0].model_copy(update={"other_models": [rival], "evidence": Evidence(2.0)})
     paragraph, sources = methods(document.model_copy(update={"curves": [curve]}))
-    assert "compared by their evidence [Kass1995]: newtonian, equilibrium; nhkv, equilibrium." in paragraph
+    assert "compared by their evidence [Kass1995]: newtonian, field; nhkv, field." in paragraph
     assert "Kass1995" in [source.key for source in sources]
     without = rival.model_copy(update={"log_evidence": None})
     curve = curve.model_copy(update={"other_models": [without]})

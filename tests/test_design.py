@@ -108,11 +108,11 @@ def quick(monkeypatch):
         size = (setting.max_radius / 1e-4) ** 2 * setting.frame_rate / 1e6
         return design.Expected(np.diag([100.0, 400.0]) * size, NORMAL_90 / np.sqrt([100.0 * size, 400.0 * size]))
 
-    def reached(setting, family, law, stretch, medium, *, seed, workers):
+    def reached(setting, family, law, stretch, medium, *, seed, bubble, workers):
         told = np.tile(one(setting).half_width, (len(law), 1))
         return told, told * [2.0, 1.5]
 
-    def expectations(settings, family, law, stretch, medium, *, seed, workers, done):
+    def expectations(settings, family, law, stretch, medium, *, seed, bubble, workers, done):
         readable = [setting.frame_rate > 1.5e5 for setting in settings]
         return [[one(s)] * len(law) if fine else [None] * len(law) for s, fine in zip(settings, readable, strict=True)]
 
@@ -320,12 +320,12 @@ class Wide:
 def weak(monkeypatch):
     """The network `Wide` in the place of the shipped one, and recordings without a simulation."""
 
-    def film(setting, family, law, stretch, medium=None, seed=0):
+    def film(setting, family, law, stretch, medium=None, seed=0, **_):
         curve = bubble("designed", G=10.0 ** law[0], mu=10.0 ** law[1])
         return curve, {}
 
     monkeypatch.setattr(Setting, "film", film)
-    monkeypatch.setattr(network_design, "expected", lambda *_: design.Expected(np.eye(2), np.full(2, 0.05)))
+    monkeypatch.setattr(network_design, "expected", lambda *_, **__: design.Expected(np.eye(2), np.full(2, 0.05)))
     monkeypatch.setattr(network_design, "Networked", Wide)
     return load_posterior()
 

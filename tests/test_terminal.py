@@ -259,7 +259,8 @@ def test_show_tells_what_the_card_of_a_shipped_network_knows(run, tmp_path, name
     if name == "posterior":
         for law, bubble in about["kinds"]:
             assert re.search(rf"{re.escape(law)} \(.*bubble .*{bubble}", out)
-        for part in ("36352000 recordings", "R_max 30 to 602 um", "shear_modulus 10 to 1e+07 Pa", "-2.596"):
+        told = f"{how['samples']} recordings", f"{how['loss']:.4g}"
+        for part in (*told, "R_max 30 to 602 um", "shear_modulus 10 to 1e+07 Pa"):
             assert part in out
         assert out.count("in the 90 % interval") == len(about["coverage"]["by_slot"])
     else:

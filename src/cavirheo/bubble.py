@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from numbers import Real
 
 from cavirheo.errors import brief, require
 
@@ -24,13 +25,16 @@ class Bubble:
 
     Attributes:
         contents: "equilibrium" (vapour at the wall is saturated) or "kinetic" (it condenses at a finite rate).
-        accommodation: coefficient of kinetic contents, above 0 and at most 10; free from 0.01 to 1.
+        accommodation: coefficient of kinetic contents, 1: above 0 and at most 10; free from 0.01 to 1.
         damage: "none"; "first-rebound": from there on the law has another modulus and stress-free radius; or "strain":
             both follow the largest contraction so far. Its two factors are inferred.
         confinement_inertia: beta, as in `simulate`.
         wall_distance: m, of one rigid wall, instead of the confinement inertia.
         vapour_excess: Pa above saturation at R_max.
         confinement_damping: zeta, as in `simulate`.
+
+    Raises:
+        InputError: contents or damage that are not known, or what is neither a number nor "free".
     """
 
     contents: str = "equilibrium"
@@ -40,6 +44,16 @@ class Bubble:
     wall_distance: float | None = None
     vapour_excess: float | str = 0.0
     confinement_damping: float | str = 0.0
+
+    def __post_init__(self) -> None:
+        told = f"contents must be {' or '.join(CONTENTS)}, got {self.contents!r}"
+        require(self.contents in CONTENTS, told, "physics.contents")
+        told = f"damage must be {', '.join(DAMAGES)}, got {self.damage!r}"
+        require(self.damage in DAMAGES, told, "option.damage")
+        for name in ("accommodation", *FROM_NOTHING):
+            value = getattr(self, name)
+            told = f"{name} must be a number or 'free', got {value!r}"
+            require(value == FREE or isinstance(value, Real), told, f"physics.{name}")
 
     @property
     def name(self) -> str:

@@ -41,7 +41,7 @@ _LOG_2PI = float(np.log(2.0 * np.pi))
 
 
 @dataclass(frozen=True, eq=False)
-class Camera:
+class CameraNuisances:
     """What the camera may have changed of (n,) frames.
 
     time: (n,) s after the R_max that was read. measured: (n,) R/R_max. widths: standard deviations of t_0 (s), s and

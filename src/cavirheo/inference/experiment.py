@@ -22,7 +22,7 @@ from cavirheo.arrays import Bools, Floats
 from cavirheo.bubble import FROM_NOTHING
 from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError, require
-from cavirheo.inference.camera import FINEST, MOST, NAMES, PER_FRAME, Camera
+from cavirheo.inference.camera import FINEST, MOST, NAMES, PER_FRAME, CameraNuisances
 from cavirheo.inference.cells import half_widths
 from cavirheo.inference.law import Family
 from cavirheo.inference.noise import Noise, correlation_time
@@ -324,7 +324,7 @@ class Experiment:
         return Prediction(*(np.asarray(values.reshape(-1, len(nodes)) @ shares) for values in seen))
 
     @property
-    def camera(self) -> Camera:
+    def camera(self) -> CameraNuisances:
         """What clock, radius scale and R_max factor may do to the frames that count."""
         units = (1.0 / np.sqrt(3.0), 1.0 / SIGMAS, 1.0 / SIGMAS)  # of a uniform clock, and of what is cut at SIGMAS
         widths = [
@@ -334,10 +334,10 @@ class Experiment:
         time, measured = self.since[self.counted], self.measured[self.counted]
         step = min(self.frame / PER_FRAME, FINEST * self.time_scale)
         step = max(step, float(np.max(time, initial=0.0)) / MOST)
-        return Camera(time, measured, np.array(widths), self.exposure * nodes, shares, step)
+        return CameraNuisances(time, measured, np.array(widths), self.exposure * nodes, shares, step)
 
     def extended(
-        self, x: Floats, camera: Camera, noise: Noise, accuracy: Accuracy = FINE
+        self, x: Floats, camera: CameraNuisances, noise: Noise, accuracy: Accuracy = FINE
     ) -> tuple[Floats, Floats]:  # fmt: skip
         """(size,) extended residual (camera.py) of x (d,), whose clock, scale and factor do not count, and the
         curvature (m, m) about the most likely ones; NaN where the simulation failed."""

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from numbers import Integral, Real
+from numbers import Integral
 from typing import Any
 
 import numpy as np
 
-from cavirheo.bubble import DAMAGES, FIELD, FROM_NOTHING, Bubble
+from cavirheo.bubble import FIELD, FROM_NOTHING, Bubble
 from cavirheo.curve import RadiusCurve
 from cavirheo.errors import require
 from cavirheo.inference.reconstruct import check_stretch
@@ -70,15 +70,10 @@ class Options:
         object.__setattr__(self, "free", tuple(self.free))
         if not isinstance(self.stretch, str):
             check_stretch(self.stretch)
-        bubble, unknown = self.bubble, "{} must be a number or 'free', got {!r}"
+        bubble = self.bubble
         given = {name: getattr(bubble, name) for name in ("accommodation", *FROM_NOTHING)}
-        for name, value in given.items():
-            fine = value == "free" or isinstance(value, Real)
-            require(fine, unknown.format(name, value), f"physics.{name}")
         known = {"accommodation": ACCOMMODATION}
         check_bubble(bubble.contents, **{name: known.get(name, 0.0) if x == "free" else x for name, x in given.items()})
-        told = f"damage must be {', '.join(DAMAGES)}, got {bubble.damage!r}"
-        require(bubble.damage in DAMAGES, told, "option.damage")
         both = "give either confinement_inertia or wall_distance, not both"
         require(bubble.wall_distance is None or bubble.confinement_inertia == 0, both, "physics.two_walls")
         idle = "an accommodation changes nothing without kinetic contents: give those too"

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -28,14 +28,15 @@ def print_table(result: Result, console: Console | None = None) -> None:
 
     console = console or terminal.console()
     wide, answers = console.width >= _WIDE, [record.itself for record in result.curves if record.answered]
-    mixed = [name for name in ("material", "bubble") if len({getattr(one, name) for one in answers}) > 1]
+    named: list[Callable[[Any], str]] = [lambda one: one.material, lambda one: one.bubble.name]
+    mixed = [name for name in named if len({name(one) for one in answers}) > 1]
     factor, unit = result.modulus_unit
     heads = [*(["model"] if mixed else []), "R_max\nµm", "λ", f"G\n{unit}", "µ\nPa s", "RMSE\n%"]
     heads += ["collapses" if wide else "col-\nlapses", "verdict"]
     table = terminal.table("curve", heads, left=("model", "verdict"), gap=int(wide))
     for name, record in zip(digits.shortened([record.name for record in result.curves]), result.curves, strict=True):
         *row, verdict = _cells(record, factor, wide)
-        row[:0] = [", ".join(getattr(record.itself, part) for part in mixed)] if mixed else []
+        row[:0] = [", ".join(name(record) for name in mixed)] if mixed else []
         table.add_row(name, *row, Text(verdict, digits.LOOKS[record.verdict].terminal))
     for group in result.groups:
         if group.population and group.population.found:

@@ -174,7 +174,7 @@ def posterior(
     best, bound = shot.best(x), at_bound(fit, found.x, k)
     diagnostics = Diagnostics(
         stretch_source=_stretch_source(shot),
-        free={name: best[name] for name in shot.free},
+        free={name: best[name] for name in shot.free if name in FREE.values()},
         **_widths(shot, covariance),
         frames=len(shot.measured),
         frames_per_independent_residual=worth.correlation[k] if worth else None,

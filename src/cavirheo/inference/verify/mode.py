@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from cavirheo.arrays import Floats
-from cavirheo.inference.camera import NAMES, Camera, rescaled
+from cavirheo.inference.camera import NAMES, CameraNuisances, rescaled
 from cavirheo.inference.experiment import FINE, FORWARD, QUICK, Accuracy, Experiment
 from cavirheo.inference.noise import MarginalNoise, Noise
 from cavirheo.inference.verify.tuning import TUNING
@@ -32,7 +32,7 @@ class Target:
         """prior: of all parameters of the experiment."""
         self.experiment: Experiment = experiment
         self.whole: Prior = prior
-        self.camera: Camera = experiment.camera
+        self.camera: CameraNuisances = experiment.camera
         self.prior: Prior = prior.of([name for name in prior.names if name not in NAMES])
         self.columns: list[int] = [prior.names.index(name) for name in self.prior.names]
         self.noise: MarginalNoise = MarginalNoise(noise, len(self.camera.free))
