@@ -34,8 +34,8 @@ WITH_TIME = ("viscosity", "consistency", "zero_rate", "infinite_rate", "relaxati
 FINEST = 0.004  # t_c between the instants at which a simulation is kept,
 PER_FRAME = 3.0  # or so many for each frame
 MOST = 4000  # of them
-STEPS = 8  # Gauss-Newton steps, at most,
-GAIN = 0.01  # until one gains less than this in log density
+STEPS = 20  # Gauss-Newton steps, at most,
+GAIN = 1e-7  # until one gains less than this in log density: frames are differentiated by what is sampled
 SHARE = 0.01  # of a size of the discrepancy in the noise, below which a step leaves it out
 _LOG_2PI = float(np.log(2.0 * np.pi))
 
@@ -83,7 +83,7 @@ class CameraNuisances:
             gradient, curvature = near.newton(residual, jacobian)
             step = -np.linalg.solve(curvature + np.eye(m), gradient + z)
             value = float(near.log_density(residual[None])[0]) - 0.5 * float(z @ z)
-            for length in (1.0, 0.3, 0.1):
+            for length in (1.0, 0.5, 0.2, 0.05):
                 there = z + length * step
                 tried, slopes = self._residual(radius, speed, there)
                 gain = float(near.log_density(tried[None])[0]) - 0.5 * float(there @ there) - value

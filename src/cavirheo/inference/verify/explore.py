@@ -9,7 +9,7 @@ import numpy as np
 from cavirheo.arrays import Floats, log_sum
 from cavirheo.inference.experiment import FINE, QUICK, Accuracy
 from cavirheo.inference.verify.mode import Mode, Simulated, Target, climb, modes, ridge, same
-from cavirheo.inference.verify.sampler import Mixture, Sample, effective_size, tempered
+from cavirheo.inference.verify.sampler import Mixture, Proposal, Sample, effective_size, tempered
 from cavirheo.inference.verify.surrogate import Surrogate
 from cavirheo.inference.verify.tuning import TUNING
 
@@ -60,6 +60,24 @@ class Blend:
         return np.concatenate([self.pool[chosen], self.mixture.draw(count - free, rng)])
 
 
+class Guarded:
+    """Draws from a mixture, and a share of them from a proposal that knows the whole posterior roughly: no weight can
+    be larger than that share allows."""
+
+    def __init__(self, mixture: Mixture, guard: Proposal, share: float) -> None:
+        self.mixture, self.guard, self.share = mixture, guard, share
+
+    def draw(self, count: int, rng: np.random.Generator) -> Floats:
+        """(count, d)"""
+        guards = int(np.ceil(self.share * count))
+        return np.concatenate([self.mixture.draw(count - guards, rng), self.guard.draw(guards, rng)])
+
+    def log_density(self, u: Floats) -> Floats:
+        """(k,) at u (k, d)."""
+        parts = np.log(1.0 - self.share) + self.mixture.log_density(u), np.log(self.share) + self.guard.log_density(u)
+        return np.logaddexp(*parts)
+
+
 def log_mean(log_value: Floats) -> float:
     """log of the mean of exp(log_value)."""
     return float(log_sum(log_value) - np.log(len(log_value)))
@@ -79,7 +97,8 @@ class Explorer:
         self.modes, self.climbed = list(modes), 0
         self.places: list[Mode] = []
         self.surrogate: Surrogate | None = None  # of the last proposal, and how many draws were weighed before it
-        self.weighed, self.misled = 0, False
+        self.weighed, self.misled, self.guarded = 0, False, 0
+        self.network: Proposal | None = None  # knows the whole posterior roughly, where modes know a part
         for mode in modes:
             self._settle(mode)  # best first
         self.mixture = self.start
@@ -146,11 +165,14 @@ class Explorer:
                 self.modes.append(mode)
                 self._settle(mode)
 
-    def propose(self, rng: np.random.Generator, counted: Sample | None) -> Blend | Mixture:
+    def propose(self, rng: np.random.Generator, counted: Sample | None) -> Proposal:
         """The next proposal; before the first, rounds of rough simulations where the posterior and its tails seem to
         be, and one more for each other valley found there."""
         rounds = 0
         if counted and self._misled(counted):
+            self.guarded += 1
+            if self.network is not None and self.guarded <= TUNING.guarded:
+                return self.network
             return self._adapted(counted, rng)
         if counted and len(counted.u) > TUNING.lost_after and counted.ess < TUNING.lost * len(counted.u):
             self.thorough()
@@ -182,6 +204,12 @@ class Explorer:
                 self.misled = self.misled or scatter > TUNING.misled
             self.surrogate = None
         return self.misled
+
+    def settled(self, counted: Sample, rng: np.random.Generator) -> Proposal:
+        """What has been learnt from weighted draws, as a proposal for others: draws that a proposal was fitted to
+        exaggerate their own weight."""
+        mixture = self._adapted(counted, rng)
+        return mixture if self.network is None else Guarded(mixture, self.network, TUNING.guard_share)
 
     def _adapted(self, counted: Sample, rng: np.random.Generator) -> Mixture:
         """A mixture that follows the weighted draws themselves, with as many components as they are worth."""

@@ -148,6 +148,7 @@ def weighed(
     near.mend(_likely(near, found[0], None if searched else known, seed))
     found = near.lifted(found)
     explorer = Explorer(near, found, TUNING.auto_learning, follow=searched)
+    explorer.network = network
     own = None
     if network and known:
         known = near.again(known.u, known.residual)
@@ -160,6 +161,12 @@ def weighed(
     patience = TUNING.law_patience if quick else TUNING.auto_patience
     sizes |= {"fewest": 1, "least": enough, "patience": patience}
     drawn = sample(explorer, explorer.propose, seed=seed, enough=enough, first=guard, **sizes)
+    if explorer.misled:
+        before, own = drawn, None
+        sizes |= {"each": TUNING.settled_per_round}
+        drawn = sample(
+            explorer, lambda rng, now: explorer.settled(now or before, rng), seed=seed + 2, enough=enough, **sizes
+        )
     drawn, error = near.checked(drawn, seed)
     apart = None
     if own is not None and own.ess >= TUNING.own_worth:
