@@ -35,7 +35,9 @@ FINEST = 0.004  # t_c between the instants at which a simulation is kept,
 PER_FRAME = 3.0  # or so many for each frame
 MOST = 4000  # of them
 STEPS = 20  # Gauss-Newton steps, at most,
-GAIN = 1e-7  # until one gains less than this in log density: frames are differentiated by what is sampled
+ROUGH_GAIN, GAIN = 0.1, 1e-5  # until one gains less in log density: all of them, the best one
+CLOCKS = (0.0, -1.2, -0.6, 0.6, 1.2)  # where these steps begin, in standard deviations of the clock,
+CLIMBED = 2  # from so many of them, the most likely
 SHARE = 0.01  # of a size of the discrepancy in the noise, below which a step leaves it out
 _LOG_2PI = float(np.log(2.0 * np.pi))
 
@@ -76,25 +78,39 @@ class CameraNuisances:
         """(size,) extended residual of a simulation, R/R_max and its derivative (1/s) on `grid`, and the curvature H
         (m, m) in units of the prior."""
         m = len(self.free)
-        z, value = np.zeros(m), -np.inf
-        residual, jacobian = self._residual(radius, speed, z)
-        near = noise.only(residual[None], SHARE) if m else noise
-        for _ in range(STEPS if m else 0):
-            gradient, curvature = near.newton(residual, jacobian)
-            step = -np.linalg.solve(curvature + np.eye(m), gradient + z)
-            value = float(near.log_density(residual[None])[0]) - 0.5 * float(z @ z)
-            for length in (1.0, 0.5, 0.2, 0.05):
-                there = z + length * step
-                tried, slopes = self._residual(radius, speed, there)
-                gain = float(near.log_density(tried[None])[0]) - 0.5 * float(there @ there) - value
-                if gain > 0.0:
-                    z, residual, jacobian = there, tried, slopes
-                    break
-            if gain < GAIN:
-                break
+        starts = np.zeros((len(CLOCKS) if m and not self.free[0] else 1, m))
+        if len(starts) > 1:  # frames beside a collapse may have two clocks
+            starts[:, 0] = CLOCKS
+        residuals = np.array([self._residual(radius, speed, z)[0] for z in starts])
+        near = noise.only(residuals, SHARE) if m else noise
+        heights = near.log_density(residuals) - 0.5 * np.sum(starts**2, axis=1)
+        ends = [self._climbed(radius, speed, near, starts[i], ROUGH_GAIN) for i in np.argsort(-heights)[:CLIMBED]]
+        _, z, residual, jacobian = self._climbed(radius, speed, near, max(ends, key=lambda end: end[0])[1], GAIN)
         curvature = near.newton(residual, jacobian)[1] + np.eye(m) if m else np.zeros((0, 0))
         rest = -0.5 * float(np.linalg.slogdet(curvature)[1])  # each prior and each integral has a (2 pi)^(1/2)
         return np.concatenate([residual, z, [rest]]), curvature
+
+    def _climbed(
+        self, radius: Floats, speed: Floats, noise: Noise, z: Floats, least: float
+    ) -> tuple[float, Floats, Floats, Floats]:  # fmt: skip
+        """Log of likelihood times exp(-z^2/2) at its maximum from z (m,), that z, its residual and derivatives."""
+        residual, jacobian = self._residual(radius, speed, z)
+        height, gradient, curvature = noise.expanded(residual, jacobian)
+        value = height - 0.5 * float(z @ z)
+        for _ in range(STEPS if len(z) else 0):
+            step, gain = -np.linalg.solve(curvature + np.eye(len(z)), gradient + z), 0.0
+            for length in (1.0, 0.5, 0.2, 0.05):
+                there = z + length * step
+                tried, slopes = self._residual(radius, speed, there)
+                expansion = noise.expanded(tried, slopes)
+                reached = expansion[0] - 0.5 * float(there @ there)
+                if reached > value:
+                    gain, z, residual, jacobian, value = reached - value, there, tried, slopes, reached
+                    _, gradient, curvature = expansion
+                    break
+            if gain < least:
+                break
+        return value, z, residual, jacobian
 
     def _residual(self, radius: Floats, speed: Floats, z: Floats) -> tuple[Floats, Floats]:
         """(n,) measured minus simulated, and the simulated frames' derivatives (n, m) by z."""
