@@ -5,7 +5,8 @@
 #
 # ## Three shots
 # No measured liquid comes with cavirheo, so these shots are simulated.
-# The liquid has 60 mPa s, the camera takes a million frames per second, and each radius is off by 1 µm at random.
+# The liquid has 60 mPa s, vapour condenses at a finite rate, as in real bubbles, the camera takes a million frames per
+# second, and each radius is off by 1 µm at random.
 
 # %%
 import csv
@@ -22,18 +23,16 @@ with open("liquid.csv", "w", newline="") as file:
     rows = csv.writer(file)
     rows.writerow(["shot", "time_us", "radius_um"])
     for shot, size in enumerate((180e-6, 240e-6, 310e-6), 1):
-        bubble = cavirheo.simulate(liquid, max_radius=size, stretch=6.0, time=time)
+        bubble = cavirheo.simulate(liquid, max_radius=size, stretch=6.0, time=time, contents="kinetic")
         radius = bubble.radius + 1e-6 * noise.standard_normal(time.size)
         rows.writerows((shot, f"{t * 1e6:.1f}", f"{R * 1e6:.2f}") for t, R in zip(time, radius, strict=True))
 
 # %% [markdown]
 # ## Infer with the right law
 # `--material newtonian` says that it is a liquid.
-# `--trust-input` says that the recordings are as they should be: these begin at R_max, and without the growth cavirheo
-# cannot know that the first frame shows the maximum.
 
 # %%
-# !cavirheo infer liquid.csv --material newtonian --trust-input -o liquid
+# !cavirheo infer liquid.csv --material newtonian -o liquid
 
 # %% [markdown]
 # Each row has the median of µ and its 90 % interval.
@@ -45,7 +44,7 @@ with open("liquid.csv", "w", newline="") as file:
 # It contains the liquid as a limit, with G = 0; here is the first shot with it.
 
 # %%
-# !cavirheo infer liquid.csv --shots 1 --trust-input -o as-gel
+# !cavirheo infer liquid.csv --shots 1 -o as-gel
 
 # %% [markdown]
 # The viscosity is the same within its interval.
