@@ -16,7 +16,6 @@ import argparse
 import json
 import time
 from collections.abc import Callable
-from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -29,7 +28,6 @@ from cavirheo.inference.fit import fit_many
 from cavirheo.inference.law import Family
 from cavirheo.inference.options import Options
 from cavirheo.parameters import LOG10
-from cavirheo.physics.materials import NeoHookeanKelvinVoigt
 from cavirheo.physics.media import WATER
 from cavirheo.physics.simulate import ROUGH, simulate
 from cavirheo.physics.viscous import Newtonian
@@ -42,6 +40,7 @@ BUBBLES: dict[str, Model] = {
     "field": {}, "kinetic": {"contents": "kinetic"}, "damping": {"confinement_damping": "free"},
     "real": {"contents": "kinetic", "confinement_damping": "free"},
 }  # fmt: skip
+FREED = ("accommodation", "confinement_damping")  # what the real bubble has beyond the field's
 WALLS: Model = {"confinement_inertia": "free"}
 RHEOMETER = {"PEG 10 w/v %": 0.0064, "PEG 40 w/v %": 0.130, "water": 0.001}  # Pa s
 PUBLISHED = {"PEG 10 w/v %": (0.047, 0.016), "PEG 40 w/v %": (0.111, 0.023)}  # Pa s, mean and standard deviation (IMR)
@@ -228,11 +227,16 @@ def ahead(curve: RadiusCurve, material: str, model: Model) -> dict[str, Any]:
 
 
 def run_ahead(kept: Kept, sets: Sets) -> None:
-    """The field's bubble against the real one, in every shot that shows a second collapse."""
+    """The field's bubble against the real one, in every shot that shows a second collapse; and against one that has
+    the median accommodation and damping of the other shots of the set, so with no more parameters than the field's."""
     for name in (name for name in SETS if name in sets):
+        real = {i: kept.found.get(f"fit/{name}/real/{i}", {}).get("best") for i in range(len(sets[name]))}
         for i, curve in enumerate(sets[name]):
-            for bubble in ("field", "real") if len(curve.collapse_times()) > 1 else ():
-                kept(f"ahead/{name}/{bubble}/{i}", ahead, curve, SETS[name].material, BUBBLES[bubble])
+            others = [best for j, best in real.items() if best and j != i]
+            given = {x: float(np.median([best[x] for best in others])) for x in FREED} if others else {}
+            bubbles = {"field": BUBBLES["field"], "real": BUBBLES["real"], "others": {**BUBBLES["real"], **given}}
+            for bubble, model in bubbles.items() if len(curve.collapse_times()) > 1 else ():
+                kept(f"ahead/{name}/{bubble}/{i}", ahead, curve, SETS[name].material, model)
 
 
 def verified(curve: RadiusCurve, model: Model) -> dict[str, Any]:
@@ -246,23 +250,7 @@ def run_water(kept: Kept, sets: Sets) -> None:
             kept(f"water/{model}/{i}", verified, curve, options)
 
 
-def run_controls(kept: Kept, _: Sets) -> None:
-    """Simulated gels of either bubble, answered with both: ten of each, 0.7 % noise, 1 MHz."""
-    rng, frames = np.random.default_rng(1), np.arange(100) * 1e-6
-    real: Model = {"contents": "kinetic", "confinement_damping": 0.2}
-    for truth, bubble, viscosity in (("real", real, 0.01), ("field", {}, 0.03)):
-        for i in range(10):
-            gel = NeoHookeanKelvinVoigt(float(np.exp(rng.uniform(np.log(3e3), np.log(1e4)))), viscosity)
-            top = float(rng.uniform(2e-4, 4e-4))
-            run = simulate(gel, max_radius=top, stretch=8.0, time=frames, **bubble)
-            radius = np.maximum(run.radius + 0.007 * top * rng.normal(size=len(frames)), 0.01 * top)
-            curve = replace(RadiusCurve(time=frames, radius=radius), maximum=(0.0, top))
-            kept(f"control/{truth}/{i}", asdict, gel)
-            for model in ("field", "real"):
-                kept(f"control/{truth}/{i}/{model}", one, curve, "nhkv", BUBBLES[model])
-
-
-RUNS = {"growth": run_growth, "fits": run_fits, "ahead": run_ahead, "controls": run_controls, "water": run_water}
+RUNS = {"growth": run_growth, "fits": run_fits, "ahead": run_ahead, "water": run_water}
 
 
 def main() -> None:

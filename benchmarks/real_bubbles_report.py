@@ -25,12 +25,11 @@ from cavirheo.writing import style
 COLUMNS = {
     "peg": "PEG 8000 in water | shots | rheometer | IMR | bubble | µ, Pa s | µ over the rheometer's | scatter, decades | d ln µ/d ln R_max | RMSE, % | RMSE < 2 %",  # noqa: E501
     "sets": "set | shots | RMSE, field | RMSE, real | real smaller | `ok`, field | `ok`, real | log evidence of real over field | real preferred",  # noqa: E501
-    "ahead": "set | shots | RMS ahead, field | RMS ahead, real | real nearer",
-    "chosen": "set left out | chosen by the other sets | gain over field in the set left out | largest gain there",
+    "ahead": "set | shots | field | real | real nearer | real, values of the other shots | nearer",
+    "chosen": "set left out | chosen by the other sets | their mean gain of log evidence | gain in the set left out",
     "fits": "set | bubble | shots | RMSE, % | RMSE of cycles 1, 2, 3 | G, kPa | µ, Pa s | accommodation | ζ | log evidence over field",  # noqa: E501
     "growth": "set | shots | even | γ | ζ | A, mm² | d ln ζ/d ln R_max",
     "seen": "set | shots | ζ of the fit | ζ of growth and collapse | correlation",
-    "controls": "simulated | answered with | G over truth | µ over truth | interval of G holds | interval of µ holds | accommodation | ζ",  # noqa: E501
     "water": "free besides µ, λ, clock, R_max | interval of µ holds 0.001 | its upper end, Pa s | RMSE, %",
 }
 COLOURS = {
@@ -123,34 +122,29 @@ def set_rows(found: Found) -> Iterable[list[Any]]:
 
 
 def ahead_rows(ahead: Found) -> Iterable[list[Any]]:
-    nearer = total = 0
+    totals = np.zeros(3, dtype=int)
     for group, bubbles in ahead.items():
-        old, new = pair(bubbles, "ahead")
-        nearer, total = nearer + int(np.sum(new < old)), total + len(old)
-        yield [group, len(old), spread(old), spread(new), int(np.sum(new < old))]
-    yield ["all", total, "", "", nearer]
+        shots = common(bubbles, ("field", "real", "others"))
+        field, real, others = (of([bubbles[b][i] for i in shots], "ahead") for b in ("field", "real", "others"))
+        counts = [len(shots), int(np.sum(real < field)), int(np.sum(others < field))]
+        totals += counts
+        yield [group, counts[0], spread(field), spread(real), counts[1], spread(others), counts[2]]
+    yield ["all", totals[0], "", "", totals[1], "", totals[2]]
 
 
-def gains(found: Found) -> dict[str, dict[str, float]]:
-    """Mean log evidence over the field's bubble in a shot, of each bubble and set; no shot counts beyond +-10, so that
+def gains(found: Found) -> dict[str, float]:
+    """Mean log evidence of the real bubble over the field's in a shot of each set; no shot counts beyond +-10, so that
     a few shots that one bubble cannot follow do not choose for all."""
-    result = {}
-    for group, bubbles in found.items():
-        shots = common(bubbles, BUBBLES)
-        if shots:
-            field = of([bubbles["field"][i] for i in shots], "evidence")
-            more = {b: of([bubbles[b][i] for i in shots], "evidence") - field for b in BUBBLES}
-            result[group] = {b: float(np.nanmean(np.clip(values, -10, 10))) for b, values in more.items()}
-    return result
+    pairs = {group: pair(bubbles, "evidence") for group, bubbles in found.items()}
+    return {group: float(np.mean(np.clip(real - field, -10, 10))) for group, (field, real) in pairs.items()}
 
 
 def chosen_rows(found: Found) -> Iterable[list[Any]]:
     """The bubble that the other sets choose, in the set that is left out."""
     known = gains(found)
     for group, own in known.items():
-        rest = {b: np.mean([g[b] for name, g in known.items() if name != group]) for b in BUBBLES}
-        choice, best = max(rest, key=lambda b: rest[b]), max(own, key=lambda b: own[b])
-        yield [group, choice, f"{own[choice]:+.1f}", f"{own[best]:+.1f} ({best})"]
+        rest = float(np.mean([gain for name, gain in known.items() if name != group]))
+        yield [group, "real" if rest > 0 else "field", f"{rest:+.1f}", f"{own:+.1f}"]
 
 
 # --- tables of the notes
@@ -195,23 +189,6 @@ def seen_rows(kept: Mapping[str, Any], found: Found) -> Iterable[list[Any]]:
             yield [group, len(both), spread(ours), spread(other), f"{np.corrcoef(ours, other)[0, 1]:.2f}"]
 
 
-def control_rows(kept: Mapping[str, Any]) -> Iterable[list[Any]]:
-    for truth in ("real", "field"):
-        for bubble in ("field", "real"):
-            keys = [f"control/{truth}/{i}" for i in range(10)]
-            pairs = [
-                (kept[key], kept[f"{key}/{bubble}"]) for key in keys if kept.get(f"{key}/{bubble}", {}).get("best")
-            ]
-            records = [answer for _, answer in pairs]
-            ratios, holds = [], []
-            for name in ("shear_modulus", "viscosity"):
-                ratios.append(np.array([answer["best"][name] / true[name] for true, answer in pairs]))
-                inside = [(answer["intervals"][name] or (np.inf, 0.0), true[name]) for true, answer in pairs]
-                holds.append(f"{sum(low <= value <= high for (low, high), value in inside)} of {len(pairs)}")
-            more = (spread(of(records, name)) for name in ("accommodation", "confinement_damping"))
-            yield [truth, bubble, *map(spread, ratios), *holds, *more]
-
-
 def water_rows(kept: Mapping[str, Any]) -> Iterable[list[Any]]:
     for model in WATER_MODELS:
         answers = [r for n, r in kept.items() if n.startswith(f"water/{model}/") and "best" in r]
@@ -240,7 +217,7 @@ def draw_peg(found: Found) -> Any:
             fine = of(records, "rmse") < 2
             R, mu = of(records, "rmax_um"), of(records, "viscosity")
             how: dict[str, Any] = {"ls": "", "color": colour, "marker": mark, "ms": 4.5}
-            axes.plot(R[fine], mu[fine], label=f"{bubble} bubble", **how)
+            axes.plot(R[fine], mu[fine], label=f"{bubble} bubble" if fine.any() else "", **how)
             axes.plot(R[~fine], mu[~fine], mfc="white", label="" if fine.any() else f"{bubble} bubble", **how)
         axes.axhline(RHEOMETER[group], color=style.INK, lw=1, label="rheometer")
         axes.set_yscale("log")
@@ -323,7 +300,7 @@ def main() -> None:
     rows = {
         "peg": peg_rows(kept, found), "sets": set_rows(found), "ahead": ahead_rows(ahead),
         "chosen": chosen_rows(found), "fits": fit_rows(found), "growth": growth_rows(kept),
-        "seen": seen_rows(kept, found), "controls": control_rows(kept), "water": water_rows(kept),
+        "seen": seen_rows(kept, found), "water": water_rows(kept),
     }  # fmt: skip
     tables = {name: table(COLUMNS[name], lines) for name, cells in rows.items() if (lines := list(cells))}
     for path in given.pages:
