@@ -141,7 +141,7 @@ def one(job: tuple[int, bool, bool, str, bool, float]) -> dict:
     if way == "fit":
         alone: dict[str, Any] = {"free": ("t0", "scale", "rmax"), "windows": False, "others": False, "workers": 1}
         with narrowed(ranges):
-            answer = fit(curve, contents=contents, trust_input=True, seed=seed, **alone)
+            answer = fit(curve, bubble=Bubble(contents), trust_input=True, seed=seed, **alone)
     elif way == "default":
         network = load_posterior()
         start = Networked(network, bubble=Bubble(contents), trust_input=True, checked=False)

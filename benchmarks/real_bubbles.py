@@ -1,14 +1,13 @@
-"""Real recordings and what the field's model of the bubble lacks: the fits behind docs/real-bubbles.md.
+"""Real recordings, answered with the field's bubble and with the real one: the fits behind docs/real-bubbles.md.
 
     python benchmarks/real_bubbles.py FOLDER --keep results.json [--only fits,ahead] [--sets PEG,PA] [--shots 5]
 
-FOLDER holds a folder for each set of SETS, which says the files, the models that are fitted, and whether shots are left
-out by a rule that sees the recording only. Every answer is kept in the file of --keep as it is found, and none is
-computed twice; benchmarks/real_bubbles_report.py makes tables and pictures of that file.
+FOLDER holds a folder for each set of SETS. No shot is left out, and nothing is set for a set but its law. Every answer
+is kept in the file of --keep as it is found, and none is computed twice; benchmarks/real_bubbles_report.py makes tables
+and pictures of that file.
 
-Fits are those of `cavirheo fit` over three collapses, lambda free of what a file states. chi2 is the mean square of
-(measured - simulated)/sigma with the weights "motion", the same for all models. A model with further parameters must
-fit better; whether by enough tells the evidence, and predictions (`run_ahead`) have no parameter to spare.
+Fits are those of `cavirheo fit` with its defaults, over three collapses or as many as were recorded. The evidence says
+whether a bubble with further parameters is worth them; predictions (`run_ahead`) have no parameter to spare.
 """
 
 from __future__ import annotations
@@ -17,7 +16,6 @@ import argparse
 import json
 import time
 from collections.abc import Callable
-from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -25,65 +23,53 @@ import numpy as np
 
 from cavirheo.arrays import Floats
 from cavirheo.curve import RadiusCurve
-from cavirheo.inference import infer_many
 from cavirheo.inference.experiment import Experiment
 from cavirheo.inference.fit import fit_many
 from cavirheo.inference.law import Family
-from cavirheo.inference.noise import Noise
 from cavirheo.inference.options import Options
-from cavirheo.physics.materials import NeoHookeanKelvinVoigt
+from cavirheo.parameters import LOG10
 from cavirheo.physics.media import WATER
-from cavirheo.physics.simulate import simulate
+from cavirheo.physics.simulate import ROUGH, simulate
 from cavirheo.physics.viscous import Newtonian
 from cavirheo.posterior import Posterior
 from cavirheo.reading import read_curves
 
 Model = dict[str, Any]
-USUAL: Model = {"stretch": "free", "windows": False, "others": False, "trust_input": True, "workers": 1}
-KINETIC: Model = {"contents": "kinetic"}
+USUAL: Model = {"windows": False, "others": False, "trust_input": True, "workers": 1}
+BUBBLES: dict[str, Model] = {
+    "field": {}, "kinetic": {"contents": "kinetic"}, "damping": {"confinement_damping": "free"},
+    "real": {"contents": "kinetic", "confinement_damping": "free"},
+}  # fmt: skip
+FREED = ("accommodation", "confinement_damping")  # what the real bubble has beyond the field's
 WALLS: Model = {"confinement_inertia": "free"}
-SOUND: Model = {"sound": True}  # confinement_damping of the cross-section that growth and collapse in PEG 10 show
-THIN: Model = {"material": "power-law"}
 RHEOMETER = {"PEG 10 w/v %": 0.0064, "PEG 40 w/v %": 0.130, "water": 0.001}  # Pa s
+PUBLISHED = {"PEG 10 w/v %": (0.047, 0.016), "PEG 40 w/v %": (0.111, 0.023)}  # Pa s, mean and standard deviation (IMR)
 LATE = (3.0, 8.0, 0.25)  # a shot rises late if the median of R/R_max between the first two t* exceeds the third
-RATE = 1e5  # 1/s, at which the viscosity of a shear-thinning law is stated
+DRAWN = 100  # draws of an answer that predict what comes later
 SPEED = WATER.sound_speed / WATER.velocity_scale
 
 
 class Set(NamedTuple):
-    """A set of recordings: files, law, what is fitted; are late risers left out, is the clock free by a frame."""
+    """A set of recordings: its files and its law, the simplest that there is."""
 
     files: str
     material: str
-    models: dict[str, Model]
-    late: bool = False
-    clock: bool = False
 
 
-GEL: dict[str, Model] = {"equilibrium": {}, "kinetic": KINETIC}
-MOTION: Model = {"weights": "motion"}  # those that chi2 is stated with, instead of the learnt ones
-WEIGHED: dict[str, Model] = {**GEL, "equilibrium, motion": MOTION, "kinetic, motion": {**KINETIC, **MOTION}}
-HURT: Model = {**KINETIC, "damage": "strain"}
-FUNG: Model = {"material": "fung + newtonian"}
-DAMAGE: dict[str, Model] = {"first-rebound": {"damage": "first-rebound"}, "strain": {"damage": "strain"}}
-LIQUID: dict[str, Model] = {
-    **GEL, "kinetic, walls": {**KINETIC, **WALLS}, "sound": SOUND, "kinetic, sound": {**KINETIC, **SOUND},
-    "kinetic, walls, sound": {**KINETIC, **WALLS, **SOUND}, "power-law": THIN, "power-law, sound": {**THIN, **SOUND},
-    "power-law, free sound": {**THIN, "confinement_damping": "free"},
-}  # fmt: skip
 SETS = {
-    "stiff PA": Set("pa_stiff/*[!E].mat", "nhkv", WEIGHED, clock=True),  # not the file in a wrong scale
-    "alginate": Set("paam_alginate_0p3/*.mat", "nhkv", WEIGHED, clock=True),
-    "agarose 0.5 %": Set("agarose_0p5/2E*.mat", "nhkv", {**GEL, **DAMAGE, "kinetic, strain": HURT}),
-    "agarose 2.5 %": Set("agarose_2p5/2E*.mat", "nhkv", {"equilibrium": {}, "fung": FUNG, **DAMAGE}),
-    "PEG 40 w/v %": Set("peg8000_40wv/*.mat", "newtonian", LIQUID),
-    "PEG 10 w/v %": Set("peg8000_10wv/*.mat", "newtonian", LIQUID, late=True),
-}  # fmt: skip
-PURE_WATER = Set("water_laser/*.csv", "newtonian", {})
+    "PEG 40 w/v %": Set("peg8000_40wv/*.mat", "newtonian"),
+    "PEG 10 w/v %": Set("peg8000_10wv/*.mat", "newtonian"),
+    "stiff PA": Set("pa_stiff/*[!E].mat", "nhkv"),  # not the file in a wrong scale
+    "alginate": Set("paam_alginate_0p3/*.mat", "nhkv"),
+    "agarose 0.5 %": Set("agarose_0p5/2E*.mat", "nhkv"),
+    "agarose 2.5 %": Set("agarose_2p5/2E*.mat", "nhkv"),
+    "PEGDA 0.05": Set("pegda_S3/*.mat", "nhkv"),
+    "PEGDA 0.10": Set("pegda_S4/*.mat", "nhkv"),
+}
+PURE_WATER = Set("water_laser/*.csv", "newtonian")
 WATER_MODELS: dict[str, Model] = {
-    "clock, R_max": {}, "walls": WALLS, "sound": {"confinement_damping": "free"},
-    "walls, sound": {**WALLS, "confinement_damping": "free"},
-    "kinetic, walls, sound": {**KINETIC, **WALLS, "confinement_damping": "free"},
+    "clock, R_max": BUBBLES["field"], "walls": WALLS, "damping": BUBBLES["damping"],
+    "walls, damping": {**WALLS, **BUBBLES["damping"]}, "kinetic, walls, damping": {**WALLS, **BUBBLES["real"]},
 }  # fmt: skip
 
 
@@ -141,22 +127,15 @@ def cross_section(found: list[list[float]], viscosity: float) -> float:
 # --- one fit
 
 
-def fitted(curve: RadiusCurve, law: str, area: float = np.inf, **model: Any) -> Posterior:
-    if model.pop("sound", False):
-        model["confinement_damping"] = 2 * np.pi * curve.max_radius**2 / area * SPEED
-    return fit_many([curve], **{**USUAL, "material": law, **model})[0]
+def fitted(curve: RadiusCurve, law: str, **model: Any) -> Posterior:
+    return fit_many([curve], law, **{**USUAL, **model})[0]
 
 
-def laid(curve: RadiusCurve, answer: Posterior, **window: Any) -> tuple[Experiment, Floats]:
-    """The experiment with the weights "motion" of the simulated motion, and measured minus simulated over R_max."""
-    wide = 2 * float(np.median(np.diff(curve.time)))  # so that no clock is clipped
-    options = Options(stretch="free", weights="motion", t0_bound=wide, scale_bound=0.19, bubble=answer.bubble, **window)
-    shot = Experiment(curve, Family(answer.material), options=options)
+def laid(curve: RadiusCurve, answer: Posterior) -> tuple[Experiment, Floats]:
+    """The experiment over three collapses, and measured minus simulated over R_max of an answer to any window."""
+    shot = Experiment(curve, Family(answer.material), options=Options(bubble=answer.bubble))
     seen = shot.predict(shot.from_best(answer.best))
-    if seen is None:
-        return shot, np.full(len(shot.measured), np.nan)
-    shot.weigh(seen.speed)
-    return shot, shot.measured - seen.radius
+    return shot, np.full(len(shot.measured), np.nan) if seen is None else shot.measured - seen.radius
 
 
 def rms(values: Floats) -> float:
@@ -164,21 +143,17 @@ def rms(values: Floats) -> float:
 
 
 def record(curve: RadiusCurve, answer: Posterior) -> dict[str, Any]:
-    """One answer for JSON. cycles: RMS residual from collapse to collapse; density: log, residuals correlated."""
+    """One answer for JSON. cycles: RMS residual from collapse to collapse, % of R_max."""
     if not answer.best:
         return {"verdict": "failed", "message": answer.checks.message}
     shot, missed = laid(curve, answer)
-    kept, best = shot.counted, {name: float(value) for name, value in answer.best.items()}
-    if "viscosity" not in best:  # of a power law
-        best["viscosity"] = best["consistency"] * RATE ** (best["exponent"] - 1)
+    kept = shot.counted
     part = np.searchsorted(curve.collapse_times() - curve.time_of_max, shot.since)
-    noise = Noise(shot.sigma[kept], shot.since[kept], shot.time_scale, True)
+    names = [name for name in ("shear_modulus", "viscosity") if name in answer.parameters]
     return {
-        "rmax_um": 1e6 * curve.max_radius,
-        "rmse": 100 * rms(missed[kept]),
-        "chi2": rms((missed / shot.sigma)[kept]) ** 2,
-        "density": float(noise.log_density(missed[None, kept])[0]), "verdict": answer.checks.verdict, "best": best,
-        "interval": answer.interval("viscosity") if "viscosity" in answer.parameters else None,
+        "rmax_um": 1e6 * curve.max_radius, "rmse": 100 * rms(missed[kept]), "verdict": answer.checks.verdict,
+        "best": {name: float(value) for name, value in answer.best.items()},
+        "intervals": {name: answer.interval(name) for name in names},
         "evidence": answer.evidence.log if answer.evidence else None,
         "cycles": [100 * rms(missed[kept & (part == k)]) for k in range(part[kept].max() + 1)],
     }  # fmt: skip
@@ -199,7 +174,7 @@ class Kept:
             began = time.process_time()
             self.found[name] = made = make(*given, **more)
             self.path.write_text(json.dumps(self.found), encoding="utf-8")
-            short = {k: made[k] for k in ("rmse", "chi2", "interval") if k in made} if isinstance(made, dict) else ""
+            short = {k: made[k] for k in ("rmse", "ahead", "evidence") if k in made} if isinstance(made, dict) else ""
             print(f"{name} {short} {time.process_time() - began:.1f} s", flush=True)
         return self.found[name]
 
@@ -212,29 +187,60 @@ def run_growth(kept: Kept, sets: Sets) -> None:
         kept(f"growth/{name}", lambda shots: [(1e6 * c.max_radius, *growth(c)) for c in shots], curves)
 
 
-def one(curve: RadiusCurve, material: str, area: float, model: Model) -> dict[str, Any]:
-    return record(curve, fitted(curve, material, area, **model))
-
-
-def freed(curve: RadiusCurve, model: Model) -> Model:
-    """The model with the clock free by a frame."""
-    return {**model, "t0_bound": float(np.median(np.diff(curve.time)))}
+def one(curve: RadiusCurve, material: str, model: Model) -> dict[str, Any]:
+    return record(curve, fitted(curve, material, **model))
 
 
 def run_fits(kept: Kept, sets: Sets) -> None:
-    """Every model of a set in every shot that does not rise late; after `run_growth`, of PEG 10 at least."""
-    name = "PEG 10 w/v %"
-    area = cross_section(kept.found[f"growth/{name}"], RHEOMETER[name])
-    for name, about in SETS.items():
-        for i, curve in enumerate(sets.get(name, [])):
-            if not kept(f"late/{name}/{i}", lambda c, rule: rule and rises_late(c), curve, about.late):
-                for model, options in about.models.items():
-                    way = freed(curve, options) if about.clock else options
-                    kept(f"fit/{name}/{model}/{i}", one, curve, about.material, area, way)
+    """Every bubble in every shot."""
+    for name in (name for name in SETS if name in sets):
+        for i, curve in enumerate(sets[name]):
+            kept(f"late/{name}/{i}", rises_late, curve)
+            for bubble, model in BUBBLES.items():
+                kept(f"fit/{name}/{bubble}/{i}", one, curve, SETS[name].material, model)
+
+
+def ahead(curve: RadiusCurve, material: str, model: Model) -> dict[str, Any]:
+    """RMS of the frames after the first rebound's maximum, % of R_max, predicted from a fit to those before: by the
+    mean over its draws, and by its best values."""
+    answer = fitted(curve, material, window=1, **model)
+    if not answer.best:
+        return {"verdict": "failed", "message": answer.checks.message}
+    shot, missed = laid(curve, answer)
+    shot.set_window(1)
+    last = shot.since[-1]
+    shot.set_window(*shot.cut)
+    later = shot.counted & (shot.since > last)
+    share = None if answer.log_weight is None else np.exp(answer.log_weight - np.max(answer.log_weight))
+    chosen = np.random.default_rng(0).choice(
+        len(answer.theta), min(DRAWN, len(answer.theta)), p=None if share is None else share / share.sum()
+    )
+    runs = []
+    for row in answer.theta[chosen]:
+        values = zip(answer.names, row, strict=True)
+        drawn = {n.removeprefix(LOG10): float(10**v if n.startswith(LOG10) else v) for n, v in values}
+        seen = shot.predict(shot.from_best({**answer.best, **drawn}), ROUGH)
+        runs += [] if seen is None else [seen.radius]
+    mean = rms((shot.measured - np.mean(runs, axis=0))[later]) if runs else np.nan
+    found = {"frames": int(np.sum(later)), "ahead": 100 * mean, "ahead_best": 100 * rms(missed[later])}
+    return {**found, "best": {name: float(value) for name, value in answer.best.items()}}
+
+
+def run_ahead(kept: Kept, sets: Sets) -> None:
+    """The field's bubble against the real one, in every shot that shows a second collapse; and against one that has
+    the median accommodation and damping of the other shots of the set, so with no more parameters than the field's."""
+    for name in (name for name in SETS if name in sets):
+        real = {i: kept.found.get(f"fit/{name}/real/{i}", {}).get("best") for i in range(len(sets[name]))}
+        for i, curve in enumerate(sets[name]):
+            others = [best for j, best in real.items() if best and j != i]
+            given = {x: float(np.median([best[x] for best in others])) for x in FREED} if others else {}
+            bubbles = {"field": BUBBLES["field"], "real": BUBBLES["real"], "others": {**BUBBLES["real"], **given}}
+            for bubble, model in bubbles.items() if len(curve.collapse_times()) > 1 else ():
+                kept(f"ahead/{name}/{bubble}/{i}", ahead, curve, SETS[name].material, model)
 
 
 def verified(curve: RadiusCurve, model: Model) -> dict[str, Any]:
-    return record(curve, fitted(curve, "newtonian", verify="full", **model))
+    return record(curve, fitted(curve, "newtonian", stretch="free", verify="full", **model))
 
 
 def run_water(kept: Kept, sets: Sets) -> None:
@@ -244,50 +250,7 @@ def run_water(kept: Kept, sets: Sets) -> None:
             kept(f"water/{model}/{i}", verified, curve, options)
 
 
-def ahead(curve: RadiusCurve, accommodation: float) -> dict[str, Any]:
-    """Both models of the contents with equally many parameters: of three collapses; and RMS of the frames after the
-    first rebound's maximum predicted from those before."""
-    found: dict[str, Any] = {}
-    for name, model in (("equilibrium", MOTION), ("kinetic", {**KINETIC, **MOTION, "accommodation": accommodation})):
-        found[name] = record(curve, fitted(curve, "nhkv", **freed(curve, model)))
-        early = fitted(curve, "nhkv", window=1, **freed(curve, model))
-        shot, missed = laid(curve, early)
-        later = shot.counted & (shot.since > laid(curve, early, window=1)[0].view.end)
-        found[name]["ahead"] = 100 * rms(missed[later])
-    return found
-
-
-def run_ahead(kept: Kept, sets: Sets) -> None:
-    """Leave one out: the accommodation is the median of that of the other shots of the set."""
-    for name in ("stiff PA", "alginate"):
-        kinetic = {i: kept.found.get(f"fit/{name}/kinetic, motion/{i}") for i in range(len(sets.get(name, [])))}
-        for i, mine in kinetic.items():
-            if mine and "best" in mine:
-                others = [f["best"]["accommodation"] for j, f in kinetic.items() if j != i and f and "best" in f]
-                kept(f"ahead/{name}/{i}", ahead, sets[name][i], float(np.median(others)))
-
-
-def inferred(curve: RadiusCurve, contents: str) -> dict[str, Any]:
-    return record(curve, infer_many([curve], contents=contents, trust_input=True, workers=1)[0])
-
-
-def run_controls(kept: Kept, _: Sets) -> None:
-    """Simulated gels of either contents, answered with both by fit and infer: ten of each, 0.7 % noise, 1 MHz."""
-    rng, frames = np.random.default_rng(1), np.arange(100) * 1e-6
-    for truth, contents, viscosity in (("kinetic", KINETIC, 0.003), ("equilibrium", {}, 0.03)):
-        for i in range(10):
-            gel = NeoHookeanKelvinVoigt(float(np.exp(rng.uniform(np.log(3e3), np.log(1e4)))), viscosity)
-            top = float(rng.uniform(2e-4, 4e-4))
-            run = simulate(gel, max_radius=top, stretch=8.0, time=frames, **contents)
-            radius = np.maximum(run.radius + 0.007 * top * rng.normal(size=len(frames)), 0.01 * top)
-            curve = replace(RadiusCurve(time=frames, radius=radius), maximum=(0.0, top))
-            kept(f"control/{truth}/{i}", asdict, gel)
-            for model, options in GEL.items():
-                kept(f"control/{truth}/{i}/{model}", one, curve, "nhkv", np.inf, options)
-                kept(f"control/{truth}/{i}/infer {model}", inferred, curve, model)
-
-
-RUNS = {"growth": run_growth, "fits": run_fits, "ahead": run_ahead, "controls": run_controls, "water": run_water}
+RUNS = {"growth": run_growth, "fits": run_fits, "ahead": run_ahead, "water": run_water}
 
 
 def main() -> None:

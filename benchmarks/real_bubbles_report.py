@@ -1,9 +1,10 @@
-"""Tables and pictures of docs/real-bubbles.md from what benchmarks/real_bubbles.py kept.
+"""Tables and pictures of docs/real-bubbles.md and its notes from what benchmarks/real_bubbles.py kept.
 
-    python benchmarks/real_bubbles_report.py results.json docs/real-bubbles.md
+    python benchmarks/real_bubbles_report.py results.json docs/real-bubbles.md docs/real-bubbles-notes.md
 
-Replaces what stands between `<!-- table: NAME -->` and `<!-- end -->` of the page, and the pictures in the folder
-beside it that has its name. No recording is drawn: summaries of residuals, fitted parameters and evidence only.
+Replaces what stands between `<!-- table: NAME -->` and `<!-- end -->` of the pages, where the file has what a table
+needs, and the pictures in docs/real-bubbles. No recording is drawn: summaries of residuals, fitted parameters and
+evidence only.
 """
 
 from __future__ import annotations
@@ -16,42 +17,41 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from real_bubbles import RHEOMETER, SPEED, WATER_MODELS, cross_section, resistance
+from real_bubbles import BUBBLES, PUBLISHED, RHEOMETER, SETS, SPEED, WATER_MODELS, cross_section, resistance
 from scipy.stats import t as student
 
 from cavirheo.writing import style
 
-PARAMETERS = {
-    "accommodation": "alpha",
-    "confinement_inertia": "beta",
-    "exponent": "n",
-    "damage_modulus": "m",
-    "damage_radius": "r",
-}
 COLUMNS = {
+    "peg": "PEG 8000 in water | shots | rheometer | IMR | bubble | µ, Pa s | µ over the rheometer's | scatter, decades | d ln µ/d ln R_max | RMSE, % | RMSE < 2 %",  # noqa: E501
+    "sets": "set | shots | RMSE, field | RMSE, real | real smaller | `ok`, field | `ok`, real | log evidence of real over field | real preferred",  # noqa: E501
+    "ahead": "set | shots | field | real | real nearer | real, values of the other shots | nearer",
+    "chosen": "set left out | chosen by the other sets | their mean gain of log evidence | gain in the set left out",
+    "fits": "set | bubble | shots | RMSE, % | RMSE of cycles 1, 2, 3 | G, kPa | µ, Pa s | accommodation | ζ | log evidence over field",  # noqa: E501
     "growth": "set | shots | even | γ | ζ | A, mm² | d ln ζ/d ln R_max",
-    "fits": "set | model | shots | RMSE, % | chi2/frame | RMSE of cycles 1, 2, 3 | G, kPa | µ, Pa s | others | log evidence over equilibrium",  # noqa: E501
-    "seen": "set | shots | ζ of the fit | ζ of growth and collapse | ratio | correlation",
-    "peg": "set | model | µ, Pa s | over rheometer | scatter, decades | d ln µ/d ln R_max | RMSE < 2 %",
-    "ahead": "set | shots | chi2: equilibrium, kinetic | better | log density | better | RMS ahead, % | better",
-    "controls": "simulated | answered with | G over truth | µ over truth | interval of µ holds | accommodation | chi2/frame",  # noqa: E501
+    "seen": "set | shots | ζ of the fit | ζ of growth and collapse | correlation",
     "water": "free besides µ, λ, clock, R_max | interval of µ holds 0.001 | its upper end, Pa s | RMSE, %",
 }
-Found = dict[str, dict[str, dict[int, dict[str, Any]]]]  # set, model, shot
+COLOURS = {
+    "PEG 40 w/v %": style.BLUE, "PEG 10 w/v %": "#56b4e9", "stiff PA": style.VERMILLION, "alginate": "#e69f00",
+    "agarose 0.5 %": "#009e73", "agarose 2.5 %": "#cc79a7", "PEGDA 0.05": style.INK, "PEGDA 0.10": style.PALE,
+}  # fmt: skip
+Found = dict[str, dict[str, dict[int, dict[str, Any]]]]  # set, bubble, shot
 
 
-def fits(kept: Mapping[str, Any]) -> Found:
-    found: Found = defaultdict(lambda: defaultdict(dict))
-    for name, record in kept.items():
-        if name.startswith("fit/") and "best" in record:
-            group, model, shot = name.removeprefix("fit/").rsplit("/", 2)
-            found[group][model][int(shot)] = record
-    return found
+def found_of(kept: Mapping[str, Any], kind: str, needs: str) -> Found:
+    """Records of a kind that have what is needed, sets in the order of SETS."""
+    found: Found = {name: defaultdict(dict) for name in SETS}
+    for key, record in kept.items():
+        if key.startswith(f"{kind}/") and record.get(needs) is not None and record.get("best"):
+            group, bubble, shot = key.removeprefix(f"{kind}/").rsplit("/", 2)
+            found[group][bubble][int(shot)] = record
+    return {group: bubbles for group, bubbles in found.items() if bubbles}
 
 
-def common(models: Mapping[str, dict[int, Any]]) -> list[int]:
-    """The shots that every model answered: only they are compared."""
-    return sorted(set.intersection(*(set(shots) for shots in models.values())))
+def common(bubbles: Mapping[str, dict[int, Any]], names: Iterable[str]) -> list[int]:
+    """The shots that each of the bubbles answered: only they are compared."""
+    return sorted(set.intersection(*(set(bubbles.get(name, {})) for name in names)))
 
 
 def of(records: Iterable[Mapping[str, Any]], name: str) -> np.ndarray:
@@ -60,17 +60,24 @@ def of(records: Iterable[Mapping[str, Any]], name: str) -> np.ndarray:
     return np.array([np.nan if value is None else value for value in values], dtype=float)
 
 
+def pair(bubbles: Mapping[str, dict[int, Any]], name: str) -> tuple[np.ndarray, np.ndarray]:
+    """A number of the shots that both answered: field, real."""
+    shots = common(bubbles, ("field", "real"))
+    field, real = (of([bubbles[bubble][i] for i in shots], name) for bubble in ("field", "real"))
+    return field, real
+
+
 def spread(values: np.ndarray, digits: int = 2) -> str:
-    """Median (least to largest)."""
+    """Median (quartiles)."""
     known = values[np.isfinite(values)]
     if not len(known):
         return ""
-    middle, low, high = (f"{v:.{digits}g}" for v in (np.median(known), known.min(), known.max()))
+    low, middle, high = (f"{v:.{digits}g}" for v in np.quantile(known, [0.25, 0.5, 0.75]))
     return f"{middle} ({low} to {high})"
 
 
 def slope(radius: np.ndarray, values: np.ndarray) -> str:
-    """d ln value/d ln R_max with its 90 % interval."""
+    """d ln value/d ln R_max with its 90 % interval, by least squares."""
     (x, y), n = np.log([radius, values]), len(radius)
     if n < 4:
         return ""
@@ -84,96 +91,109 @@ def table(columns: str, rows: Iterable[Iterable[Any]]) -> str:
     return "\n".join([*lines, *("| " + " | ".join(str(cell) for cell in row) + " |" for row in rows)])
 
 
-# --- tables
+# --- tables of the page
+
+
+def peg_rows(kept: Mapping[str, Any], found: Found) -> Iterable[list[Any]]:
+    for group in (name for name in PUBLISHED if name in found):
+        both = common(found[group], ("field", "real"))
+        steady = [i for i in both if not kept[f"late/{group}/{i}"]]
+        parts = [("", both), *([(", no late rise", steady)] if len(steady) < len(both) else [])]
+        for (word, shots), bubble in ((part, bubble) for part in parts for bubble in ("field", "real")):
+            records = [found[group][bubble][i] for i in shots]
+            R, mu, rmse = (of(records, name) for name in ("rmax_um", "viscosity", "rmse"))
+            mean, std = PUBLISHED[group]
+            yield [
+                group + word, len(shots), f"{RHEOMETER[group]:g}", f"{mean:g} ± {std:g}", bubble, spread(mu),
+                f"{np.median(mu) / RHEOMETER[group]:.2g}", f"{np.std(np.log10(mu), ddof=1):.2f}", slope(R, mu),
+                f"{np.median(rmse):.2g}", f"{np.count_nonzero(rmse < 2)} of {len(rmse)}",
+            ]  # fmt: skip
+
+
+def set_rows(found: Found) -> Iterable[list[Any]]:
+    for group, bubbles in found.items():
+        shots = common(bubbles, ("field", "real"))
+        (old, new), (low, high) = pair(bubbles, "rmse"), pair(bubbles, "evidence")
+        ok = [sum(bubbles[bubble][i]["verdict"] == "ok" for i in shots) for bubble in ("field", "real")]
+        yield [
+            group, len(shots), spread(old), spread(new), int(np.sum(new < old)), *ok,
+            spread(high - low), int(np.sum(high > low)),
+        ]  # fmt: skip
+
+
+def ahead_rows(ahead: Found) -> Iterable[list[Any]]:
+    totals = np.zeros(3, dtype=int)
+    for group, bubbles in ahead.items():
+        shots = common(bubbles, ("field", "real", "others"))
+        field, real, others = (of([bubbles[b][i] for i in shots], "ahead") for b in ("field", "real", "others"))
+        counts = [len(shots), int(np.sum(real < field)), int(np.sum(others < field))]
+        totals += counts
+        yield [group, counts[0], spread(field), spread(real), counts[1], spread(others), counts[2]]
+    yield ["all", totals[0], "", "", totals[1], "", totals[2]]
+
+
+def gains(found: Found) -> dict[str, float]:
+    """Mean log evidence of the real bubble over the field's in a shot of each set; no shot counts beyond +-10, so that
+    a few shots that one bubble cannot follow do not choose for all."""
+    pairs = {group: pair(bubbles, "evidence") for group, bubbles in found.items()}
+    return {group: float(np.mean(np.clip(real - field, -10, 10))) for group, (field, real) in pairs.items()}
+
+
+def chosen_rows(found: Found) -> Iterable[list[Any]]:
+    """The bubble that the other sets choose, in the set that is left out."""
+    known = gains(found)
+    for group, own in known.items():
+        rest = float(np.mean([gain for name, gain in known.items() if name != group]))
+        yield [group, "real" if rest > 0 else "field", f"{rest:+.1f}", f"{own:+.1f}"]
+
+
+# --- tables of the notes
+
+
+def fit_rows(found: Found) -> Iterable[list[Any]]:
+    for group, bubbles in found.items():
+        names = [bubble for bubble in BUBBLES if bubble in bubbles]
+        shots = common(bubbles, names)
+        field = of([bubbles["field"][i] for i in shots], "evidence")
+        for bubble in names:
+            records = [bubbles[bubble][i] for i in shots]
+            later = [[c[k] for c in (r["cycles"] for r in records) if len(c) > k] for k in range(3)]
+            yield [
+                group, bubble, len(shots), spread(of(records, "rmse")),
+                ", ".join(f"{np.median(values):.1f}" for values in later if values),
+                spread(of(records, "shear_modulus") / 1e3), spread(of(records, "viscosity")),
+                *(spread(of(records, name)) for name in ("accommodation", "confinement_damping")),
+                f"{np.nanmedian(of(records, 'evidence') - field):+.0f}",
+            ]  # fmt: skip
 
 
 def growth_rows(kept: Mapping[str, Any]) -> Iterable[list[Any]]:
-    for name, shots in sorted((n.removeprefix("growth/"), s) for n, s in kept.items() if n.startswith("growth/")):
-        R, even, gamma = np.array([shot for shot in shots if np.isfinite(shot[2])]).reshape(-1, 3).T
+    for name in (*SETS, "water"):
+        R, even, gamma = np.array([shot for shot in kept[f"growth/{name}"] if np.isfinite(shot[2])]).reshape(-1, 3).T
         if len(R) < 4:
             continue
         viscosity = RHEOMETER.get(name, 0.0)
         zeta = np.array([resistance(1e-6 * r, g, viscosity) for r, g in zip(R, gamma, strict=True)])
-        area = f"{1e6 * cross_section(shots, viscosity):.0f}"
+        area = f"{1e6 * cross_section(kept[f'growth/{name}'], viscosity):.0f}"
         yield [name, len(R), spread(even, 3), spread(gamma), spread(zeta), area, slope(R, np.maximum(zeta, 1e-3))]
-
-
-def fit_rows(found: Found) -> Iterable[list[Any]]:
-    for group, models in found.items():
-        shots = common(models)
-        first = of([models["equilibrium"][i] for i in shots], "evidence")
-        for model, answers in models.items():
-            records = [answers[i] for i in shots]
-            gain = of(records, "evidence") - first
-            later = [[c[k] for c in (r["cycles"] for r in records) if len(c) > k] for k in range(3)]
-            more = [f"{word} {spread(of(records, name))}" for name, word in PARAMETERS.items()]
-            yield [
-                group, model, len(shots), spread(of(records, "rmse")), spread(of(records, "chi2")),
-                ", ".join(f"{np.median(values):.1f}" for values in later if values),
-                spread(of(records, "shear_modulus") / 1e3), spread(of(records, "viscosity")),
-                "; ".join(word for word in more if word.count(" ") > 0 and word.split(" ", 1)[1]),
-                f"{np.median(gain):+.0f}" if np.isfinite(gain).any() else "",
-            ]  # fmt: skip
-
-
-def peg_rows(found: Found) -> Iterable[list[Any]]:
-    for group in ("PEG 40 w/v %", "PEG 10 w/v %"):
-        models = found.get(group, {})
-        for model, answers in models.items():
-            records = [answers[i] for i in common(models)]
-            R, mu, rmse = (of(records, name) for name in ("rmax_um", "viscosity", "rmse"))
-            ratio = np.median(mu) / RHEOMETER[group]
-            scatter = np.std(np.log10(mu), ddof=1) if len(mu) > 1 else np.nan
-            below = f"{np.count_nonzero(rmse < 2)} of {len(rmse)}"
-            yield [group, model, spread(mu), f"{ratio:.2g}", f"{scatter:.2f}", slope(R, mu), below]
 
 
 def seen_rows(kept: Mapping[str, Any], found: Found) -> Iterable[list[Any]]:
     """zeta that a fit finds after R_max, beside that of growth and collapse of the same shot."""
-    for group, models in found.items():
-        answers, shots = models.get("power-law, free sound", {}), kept[f"growth/{group}"]
-        ours = of(answers.values(), "confinement_damping")
-        theirs = np.array([resistance(1e-6 * shots[i][0], shots[i][2], RHEOMETER[group]) for i in answers])
-        if len(ours) > 3:
-            ratio, alike = spread(ours / theirs), np.corrcoef(ours, theirs)[0, 1]
-            yield [group, len(ours), spread(ours), spread(theirs), ratio, f"{alike:.2f}"]
-
-
-def ahead_rows(kept: Mapping[str, Any]) -> Iterable[list[Any]]:
-    groups: dict[str, list[dict[str, Any]]] = defaultdict(list)
-    for name, record in kept.items():
-        if name.startswith("ahead/") and all("best" in record[model] for model in record):
-            groups[name.removeprefix("ahead/").rsplit("/", 1)[0]].append(record)
-    for group, records in groups.items():
-        cells: list[Any] = [group, len(records)]
-        for name, sign in (("chi2", -1), ("density", 1), ("ahead", -1)):
-            old, new = (np.array([record[model][name] for record in records]) for model in ("equilibrium", "kinetic"))
-            cells += [f"{np.median(old):.3g}, {np.median(new):.3g}", int(np.sum(sign * (new - old) > 0))]
-        yield cells
-
-
-def control_rows(kept: Mapping[str, Any]) -> Iterable[list[Any]]:
-    for truth in ("kinetic", "equilibrium"):
-        for model in ("equilibrium", "infer equilibrium", "kinetic", "infer kinetic"):
-            pairs = [(kept[f"control/{truth}/{i}"], kept.get(f"control/{truth}/{i}/{model}"))
-                     for i in range(10) if f"control/{truth}/{i}" in kept]  # fmt: skip
-            known = [(true, answer) for true, answer in pairs if answer and "best" in answer]
-            if known:
-                records = [answer for _, answer in known]
-                G, mu = (np.array([a["best"][n] / t[n] for t, a in known]) for n in ("shear_modulus", "viscosity"))
-                held = sum(
-                    bool(a["interval"]) and a["interval"][0] <= t["viscosity"] <= a["interval"][1] for t, a in known
-                )
-                cells = [spread(G), spread(mu), f"{held} of {len(known)}", spread(of(records, "accommodation"))]
-                how = model.replace("infer ", "") + (", by `infer`" if "infer" in model else ", by `fit`")
-                yield [truth, how, *cells, spread(of(records, "chi2"))]
+    for group, bubbles in found.items():
+        answers, shots = bubbles.get("real", {}), kept[f"growth/{group}"]
+        theirs = {i: resistance(1e-6 * shots[i][0], shots[i][2], RHEOMETER.get(group, 0.0)) for i in answers}
+        both = [i for i, value in theirs.items() if np.isfinite(value)]
+        if len(both) > 3:
+            ours, other = of([answers[i] for i in both], "confinement_damping"), np.array([theirs[i] for i in both])
+            yield [group, len(both), spread(ours), spread(other), f"{np.corrcoef(ours, other)[0, 1]:.2f}"]
 
 
 def water_rows(kept: Mapping[str, Any]) -> Iterable[list[Any]]:
     for model in WATER_MODELS:
         answers = [r for n, r in kept.items() if n.startswith(f"water/{model}/") and "best" in r]
         if answers:
-            low, high = np.array([r["interval"] or (np.nan, np.nan) for r in answers]).T  # no draws: not held
+            low, high = np.array([r["intervals"]["viscosity"] or (np.nan, np.nan) for r in answers]).T  # no draws
             held = np.count_nonzero((low <= RHEOMETER["water"]) & (high >= RHEOMETER["water"]))
             yield [model, f"{held} of {len(answers)}", spread(high), spread(of(answers, "rmse"))]
 
@@ -185,6 +205,69 @@ def axes_of(places: int, height: float, labels: list[tuple[str, str]]) -> tuple[
     figure, width = style.new_figure(height), 1 / places
     drawn = [(0.085 + width * k, 0.46 / height, width - 0.1, 1 - 0.76 / height) for k in range(places)]
     return figure, [style.new_axes(figure, place, *label) for place, label in zip(drawn, labels, strict=True)]
+
+
+def draw_peg(found: Found) -> Any:
+    """Viscosity of each shot over its R_max, between rheometer and the field's mean."""
+    figure, panels = axes_of(len(PUBLISHED), 3.2, [("R_max (µm)", "viscosity (Pa s)")] * len(PUBLISHED))
+    for (group, (mean, std)), axes in zip(PUBLISHED.items(), panels, strict=True):
+        axes.axhspan(mean - std, mean + std, color=style.PALE, alpha=0.2, lw=0, label="IMR, published")
+        for bubble, colour, mark in (("field", style.PALE, "o"), ("real", style.VERMILLION, "s")):
+            records = list(found.get(group, {}).get(bubble, {}).values())
+            fine = of(records, "rmse") < 2
+            R, mu = of(records, "rmax_um"), of(records, "viscosity")
+            how: dict[str, Any] = {"ls": "", "color": colour, "marker": mark, "ms": 4.5}
+            axes.plot(R[fine], mu[fine], label=f"{bubble} bubble" if fine.any() else "", **how)
+            axes.plot(R[~fine], mu[~fine], mfc="white", label="" if fine.any() else f"{bubble} bubble", **how)
+        axes.axhline(RHEOMETER[group], color=style.INK, lw=1, label="rheometer")
+        axes.set_yscale("log")
+        axes.yaxis.set_minor_formatter("")
+        if RHEOMETER[group] > 0.05:
+            axes.set_yticks([0.05, 0.1, 0.2, 0.4], ["0.05", "0.1", "0.2", "0.4"])
+        axes.set_title(group, fontsize=8.5)
+    panels[0].legend(fontsize=7, frameon=False)
+    return figure
+
+
+def draw_sets(found: Found) -> Any:
+    """RMSE of every shot with both bubbles."""
+    figure, (axes,) = axes_of(1, 3.2, [("", "RMSE (% of R_max)")])
+    for k, (_, bubbles) in enumerate(found.items()):
+        for values, colour, aside in zip(
+            pair(bubbles, "rmse"), (style.PALE, style.VERMILLION), (-0.17, 0.17), strict=True
+        ):
+            x = k + aside + np.linspace(-0.1, 0.1, len(values))
+            axes.plot(x, values, ".", color=colour, ms=4.5)
+            axes.plot([k + aside - 0.14, k + aside + 0.14], [np.median(values)] * 2, color=style.BLACK, lw=1.2)
+    axes.axhline(2, color=style.INK, lw=0.7, ls=":")
+    axes.set_ylim(0, None)
+    axes.set_xticks(range(len(found)), [name.replace(" ", "\n", 1) for name in found], fontsize=7.5)
+    axes.set_title("each shot, and the median of a set; grey: the field's bubble, red: the real one", fontsize=8.5)
+    return figure
+
+
+def draw_ahead(ahead: Found) -> Any:
+    """Frames after the first rebound, predicted by both bubbles."""
+    height = 4.2
+    figure = style.new_figure(height)
+    labels = "field's bubble: RMS ahead (% of R_max)", "real bubble: RMS ahead (% of R_max)"
+    axes = style.new_axes(figure, (0.09, 0.5 / height, 0.5, 1 - 0.6 / height), *labels)
+    for group, bubbles in ahead.items():
+        axes.plot(*pair(bubbles, "ahead"), "o", color=COLOURS[group], ms=4.5, label=group)
+    ends = [0.5, 40]
+    axes.plot(ends, ends, color=style.INK, lw=0.8)
+    for scale, limit, ticks in (
+        (axes.set_xscale, axes.set_xlim, axes.set_xticks),
+        (axes.set_yscale, axes.set_ylim, axes.set_yticks),
+    ):
+        scale("log")
+        limit(*ends)
+        ticks([0.5, 1, 2, 5, 10, 20, 40], ["0.5", "1", "2", "5", "10", "20", "40"])
+    axes.minorticks_off()
+    axes.text(0.97, 0.05, "real nearer", transform=axes.transAxes, ha="right", fontsize=8, color=style.INK)
+    axes.text(0.03, 0.95, "field nearer", transform=axes.transAxes, va="top", fontsize=8, color=style.INK)
+    axes.legend(fontsize=8, frameon=False, loc="upper left", bbox_to_anchor=(1.04, 1.0))
+    return figure
 
 
 def draw_growth(kept: Mapping[str, Any]) -> Any:
@@ -207,97 +290,30 @@ def draw_growth(kept: Mapping[str, Any]) -> Any:
     return figure
 
 
-def usual(models: Iterable[str]) -> list[str]:
-    return [model for model in models if not model.endswith("motion")]
-
-
-def best_of(models: Mapping[str, dict[int, Any]]) -> str:
-    """The model with the largest median evidence, of those that were fitted with the default's weights."""
-    shots = common(models)
-    return max(usual(models), key=lambda model: np.nanmedian(of([models[model][i] for i in shots], "evidence")))
-
-
-def draw_cycles(found: Found) -> Any:
-    figure, (axes,) = axes_of(1, 3.2, [("", "RMS residual of a cycle (% of R_max)")])
-    labels = []
-    for k, (group, models) in enumerate(found.items()):
-        best, shots = best_of(models), common(models)
-        labels.append(f"{group}\n{best}")
-        for model, colour, aside in (("equilibrium", style.PALE, -0.06), (best, style.VERMILLION, 0.06)):
-            for cycle in range(3):
-                values = [c[cycle] for c in (models[model][i]["cycles"] for i in shots) if len(c) > cycle]
-                x = k + (cycle - 1) * 0.27 + aside
-                axes.plot([x, x], [min(values), max(values)], color=colour, lw=1.2)
-                axes.plot([x], [np.median(values)], "o", color=colour, ms=4.5)
-                axes.text(x - aside, 0.02, "123"[cycle], fontsize=6.5, ha="center", color=style.INK)
-    axes.set_xticks(range(len(labels)), labels, fontsize=6)
-    axes.set_ylim(0, None)
-    axes.set_title("grey: the field's model; red: the model that the evidence prefers; cycles 1, 2, 3", fontsize=8)
-    return figure
-
-
-def draw_peg(found: Found) -> Any:
-    groups = [group for group in ("PEG 40 w/v %", "PEG 10 w/v %") if group in found]
-    figure, panels = axes_of(len(groups), 3.2, [("R_max (µm)", "viscosity (Pa s)")] * len(groups))
-    shown = {
-        "equilibrium": (style.PALE, "o"), "kinetic, walls": (style.BLUE, "^"),
-        "kinetic, walls, sound": ("#009e73", "D"), "power-law, sound": (style.VERMILLION, "s"),
-    }  # fmt: skip
-    for group, axes in zip(groups, panels, strict=True):
-        for model, (colour, mark) in shown.items():
-            records = list(found[group].get(model, {}).values())
-            points = of(records, "rmax_um"), of(records, "viscosity")
-            axes.plot(*points, ls="", color=colour, marker=mark, ms=4, label=model)
-        axes.axhline(RHEOMETER[group], color=style.INK, lw=1)
-        axes.set_yscale("log")
-        if RHEOMETER[group] > 0.05:
-            axes.set_yticks([0.05, 0.1, 0.2, 0.4], ["0.05", "0.1", "0.2", "0.4"])
-        axes.yaxis.set_minor_formatter("")
-        axes.set_title(f"{group}; line: rheometer", fontsize=8)
-    panels[0].legend(fontsize=7, frameon=False)
-    return figure
-
-
-def draw_evidence(found: Found) -> Any:
-    rows = [(group, model) for group, models in found.items() for model in usual(models) if model != "equilibrium"]
-    figure = style.new_figure(0.22 * len(rows) + 0.9)
-    height = 0.22 * len(rows) + 0.9
-    axes = style.new_axes(
-        figure, (0.34, 0.5 / height, 0.63, 1 - 0.6 / height), "log evidence over equilibrium, each shot", ""
-    )
-    for k, (group, model) in enumerate(rows):
-        both = [i for i in found[group][model] if i in found[group]["equilibrium"]]
-        gain = of([found[group][model][i] for i in both], "evidence")
-        gain -= of([found[group]["equilibrium"][i] for i in both], "evidence")
-        axes.plot(gain, np.full(len(gain), -k), "|", color=style.BLUE, ms=8)
-        axes.plot([np.nanmedian(gain)], [-k], "o", color=style.VERMILLION, ms=4)
-    axes.set_xscale("symlog", linthresh=3)
-    axes.axvline(0, color=style.INK, lw=0.8)
-    axes.set_yticks([-k for k in range(len(rows))], [f"{group}: {model}" for group, model in rows], fontsize=7.5)
-    return figure
-
-
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("results", type=Path)
-    parser.add_argument("page", type=Path)
+    parser.add_argument("pages", type=Path, nargs="+")
     given = parser.parse_args()
     kept = json.loads(given.results.read_text("utf-8"))
-    found = fits(kept)
+    found, ahead = found_of(kept, "fit", "evidence"), found_of(kept, "ahead", "ahead")
     rows = {
-        "growth": growth_rows(kept), "seen": seen_rows(kept, found), "fits": fit_rows(found), "peg": peg_rows(found),
-        "ahead": ahead_rows(kept), "controls": control_rows(kept), "water": water_rows(kept),
+        "peg": peg_rows(kept, found), "sets": set_rows(found), "ahead": ahead_rows(ahead),
+        "chosen": chosen_rows(found), "fits": fit_rows(found), "growth": growth_rows(kept),
+        "seen": seen_rows(kept, found), "water": water_rows(kept),
     }  # fmt: skip
-    page = given.page.read_text("utf-8")
-    for name, cells in rows.items():
-        before, after = f"<!-- table: {name} -->\n", "<!-- end -->"
-        head, _, rest = page.partition(before)
-        page = head + before + table(COLUMNS[name], cells) + "\n" + after + rest.partition(after)[2]
-    given.page.write_text(page, encoding="utf-8")
-    (folder := given.page.with_suffix("")).mkdir(exist_ok=True)
+    tables = {name: table(COLUMNS[name], lines) for name, cells in rows.items() if (lines := list(cells))}
+    for path in given.pages:
+        page = path.read_text("utf-8")
+        for name, text in tables.items():
+            before, after = f"<!-- table: {name} -->\n", "<!-- end -->"
+            if before in page:
+                head, _, rest = page.partition(before)
+                page = head + before + text + "\n" + after + rest.partition(after)[2]
+        path.write_text(page, encoding="utf-8")
+    (folder := given.pages[0].parent / "real-bubbles").mkdir(exist_ok=True)
     pictures = {
-        "growth": draw_growth(kept), "cycles": draw_cycles(found), "peg": draw_peg(found),
-        "evidence": draw_evidence(found),
+        "peg": draw_peg(found), "sets": draw_sets(found), "ahead": draw_ahead(ahead), "growth": draw_growth(kept),
     }  # fmt: skip
     for name, figure in pictures.items():
         style.drawn(figure, 110).save(folder / f"{name}.png", optimize=True)
