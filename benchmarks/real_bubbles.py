@@ -16,12 +16,14 @@ import argparse
 import json
 import time
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from cavirheo.arrays import Floats
+from cavirheo.bubble import FIELD, FREE, REAL, Bubble
 from cavirheo.curve import RadiusCurve
 from cavirheo.inference.experiment import Experiment
 from cavirheo.inference.fit import fit_many
@@ -34,14 +36,14 @@ from cavirheo.physics.viscous import Newtonian
 from cavirheo.posterior import Posterior
 from cavirheo.reading import read_curves
 
-Model = dict[str, Any]
-USUAL: Model = {"windows": False, "others": False, "trust_input": True, "workers": 1}
-BUBBLES: dict[str, Model] = {
-    "field": {}, "kinetic": {"contents": "kinetic"}, "damping": {"confinement_damping": "free"},
-    "real": {"contents": "kinetic", "confinement_damping": "free"},
-}  # fmt: skip
+USUAL: dict[str, Any] = {"windows": False, "others": False, "trust_input": True, "workers": 1}
+BUBBLES = {
+    "field": FIELD,
+    "kinetic": Bubble("kinetic"),
+    "damping": Bubble(confinement_damping=FREE),
+    "real": REAL,
+}
 FREED = ("accommodation", "confinement_damping")  # what the real bubble has beyond the field's
-WALLS: Model = {"confinement_inertia": "free"}
 RHEOMETER = {"PEG 10 w/v %": 0.0064, "PEG 40 w/v %": 0.130, "water": 0.001}  # Pa s
 PUBLISHED = {"PEG 10 w/v %": (0.047, 0.016), "PEG 40 w/v %": (0.111, 0.023)}  # Pa s, mean and standard deviation (IMR)
 LATE = (3.0, 8.0, 0.25)  # a shot rises late if the median of R/R_max between the first two t* exceeds the third
@@ -67,10 +69,13 @@ SETS = {
     "PEGDA 0.10": Set("pegda_S4/*.mat", "nhkv"),
 }
 PURE_WATER = Set("water_laser/*.csv", "newtonian")
-WATER_MODELS: dict[str, Model] = {
-    "clock, R_max": BUBBLES["field"], "walls": WALLS, "damping": BUBBLES["damping"],
-    "walls, damping": {**WALLS, **BUBBLES["damping"]}, "kinetic, walls, damping": {**WALLS, **BUBBLES["real"]},
-}  # fmt: skip
+WATER_MODELS = {
+    "clock, R_max": FIELD,
+    "walls": Bubble(confinement_inertia=FREE),
+    "damping": BUBBLES["damping"],
+    "walls, damping": Bubble(confinement_damping=FREE, confinement_inertia=FREE),
+    "kinetic, walls, damping": replace(REAL, confinement_inertia=FREE),
+}
 
 
 def read_set(folder: Path, about: Set) -> list[RadiusCurve]:
@@ -187,8 +192,8 @@ def run_growth(kept: Kept, sets: Sets) -> None:
         kept(f"growth/{name}", lambda shots: [(1e6 * c.max_radius, *growth(c)) for c in shots], curves)
 
 
-def one(curve: RadiusCurve, material: str, model: Model) -> dict[str, Any]:
-    return record(curve, fitted(curve, material, **model))
+def one(curve: RadiusCurve, material: str, bubble: Bubble) -> dict[str, Any]:
+    return record(curve, fitted(curve, material, bubble=bubble))
 
 
 def run_fits(kept: Kept, sets: Sets) -> None:
@@ -196,14 +201,14 @@ def run_fits(kept: Kept, sets: Sets) -> None:
     for name in (name for name in SETS if name in sets):
         for i, curve in enumerate(sets[name]):
             kept(f"late/{name}/{i}", rises_late, curve)
-            for bubble, model in BUBBLES.items():
-                kept(f"fit/{name}/{bubble}/{i}", one, curve, SETS[name].material, model)
+            for word, bubble in BUBBLES.items():
+                kept(f"fit/{name}/{word}/{i}", one, curve, SETS[name].material, bubble)
 
 
-def ahead(curve: RadiusCurve, material: str, model: Model) -> dict[str, Any]:
+def ahead(curve: RadiusCurve, material: str, bubble: Bubble) -> dict[str, Any]:
     """RMS of the frames after the first rebound's maximum, % of R_max, predicted from a fit to those before: by the
     mean over its draws, and by its best values."""
-    answer = fitted(curve, material, window=1, **model)
+    answer = fitted(curve, material, window=1, bubble=bubble)
     if not answer.best:
         return {"verdict": "failed", "message": answer.checks.message}
     shot, missed = laid(curve, answer)
@@ -234,20 +239,20 @@ def run_ahead(kept: Kept, sets: Sets) -> None:
         for i, curve in enumerate(sets[name]):
             others = [best for j, best in real.items() if best and j != i]
             given = {x: float(np.median([best[x] for best in others])) for x in FREED} if others else {}
-            bubbles = {"field": BUBBLES["field"], "real": BUBBLES["real"], "others": {**BUBBLES["real"], **given}}
-            for bubble, model in bubbles.items() if len(curve.collapse_times()) > 1 else ():
-                kept(f"ahead/{name}/{bubble}/{i}", ahead, curve, SETS[name].material, model)
+            bubbles = {"field": FIELD, "real": REAL, "others": replace(REAL, **given)}
+            for word, bubble in bubbles.items() if len(curve.collapse_times()) > 1 else ():
+                kept(f"ahead/{name}/{word}/{i}", ahead, curve, SETS[name].material, bubble)
 
 
-def verified(curve: RadiusCurve, model: Model) -> dict[str, Any]:
-    return record(curve, fitted(curve, "newtonian", stretch="free", verify="full", **model))
+def verified(curve: RadiusCurve, bubble: Bubble) -> dict[str, Any]:
+    return record(curve, fitted(curve, "newtonian", stretch="free", verify="full", bubble=bubble))
 
 
 def run_water(kept: Kept, sets: Sets) -> None:
     """First collapses in water by the posterior of `--verify full`: does the interval of mu hold 0.001 Pa s?"""
-    for model, options in WATER_MODELS.items():
+    for word, bubble in WATER_MODELS.items():
         for i, curve in enumerate(sets.get("water", [])):
-            kept(f"water/{model}/{i}", verified, curve, options)
+            kept(f"water/{word}/{i}", verified, curve, bubble)
 
 
 RUNS = {"growth": run_growth, "fits": run_fits, "ahead": run_ahead, "water": run_water}
