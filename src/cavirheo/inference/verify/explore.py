@@ -197,8 +197,9 @@ class Explorer:
         """Whether the surrogate was wrong about draws that were made by it: the camera may have two solutions for one
         simulation, and the frames then jump from one to the other."""
         if self.surrogate is not None:
-            off = self.surrogate(counted.u[self.weighed :]) - counted.log_target[self.weighed :]
-            off = off[np.isfinite(off)]
+            u, value = counted.u[self.weighed :], counted.log_target[self.weighed :]
+            good = np.isfinite(value)
+            off = self.surrogate(u[good]) - value[good]
             if len(off) >= TUNING.misled_fewest:
                 scatter = 1.4826 * float(np.median(np.abs(off - np.median(off))))
                 self.misled = self.misled or scatter > TUNING.misled
