@@ -1,5 +1,6 @@
 """The default answer on simulated recordings: how often it has an interval, whether that holds the truth, how it
-compares with `full`, and how many simulations it takes. No curve of the training is used.
+compares with `full`, and how many simulations it takes. No curve of the training is used. Simulated recordings are of
+the field's bubble and answered with it (--time: as `infer` is); calibration.py has those of the real one.
 
 python benchmarks/default_answer.py OUT [-n 40] [--kind calibration|prior|early|liquid] [--full]
 python benchmarks/default_answer.py OUT --real FOLDER [-n 100] [--bubble field] [--material auto]     # real sets
@@ -81,7 +82,7 @@ def measure(kind: str, number: int, full: bool) -> dict | None:
     line: dict = {"kind": kind, "number": number, "truth": truth}
     for level in ("none", "auto", *(["full"] if full else [])):
         began, processor = time.perf_counter(), time.process_time()
-        answer = infer_many([curve], material=law, verify=level, trust_input=True)[0]
+        answer = infer_many([curve], material=law, bubble="field", verify=level, trust_input=True)[0]
         told = answer.diagnostics
         line[level] = {
             "verdict": answer.checks.verdict, "seconds": time.perf_counter() - began,

@@ -5,11 +5,11 @@
 
 Truths: NHKV, qKV with stiffening 0.5 and 1, Newtonian and Zener (relaxation time 1 to 10 us); log10 G 3 to 30 kPa,
 log10 mu 20 to 200 mPa s, stretch 5 to 9, R_max 150 to 350 um; the camera of benchmarks/calibration.py with 0.5 %
-noise. Fits and posteriors over 3 collapses. "Right": the law that `which-law` chooses, the simplest that is not
-clearly worse than the best, is the true one, or one of fewer parameters. "Wrong": it is another. Zener with a
-relaxation time that the curve cannot see is NHKV, and qkv of a stretch that hardly strains is NHKV, so a simpler
-law is not an error if the true one is among those that cannot be told from the best. One line a shot is added to
-OUT.jsonl; a later call goes on.
+noise. Fits and posteriors over 3 collapses, with the field's bubble, as the shots are. "Right": the law that
+`which-law` chooses, the simplest that is not clearly worse than the best, is the true one, or one of fewer parameters.
+"Wrong": it is another. Zener with a relaxation time that the curve cannot see is NHKV, and qkv of a stretch that hardly
+strains is NHKV, so a simpler law is not an error if the true one is among those that cannot be told from the best. One
+line a shot is added to OUT.jsonl; a later call goes on.
 """
 
 from __future__ import annotations
@@ -46,7 +46,7 @@ def shot(truth: str, seed: int) -> RadiusCurve:
 
 def one(job: tuple[str, int, bool]) -> dict:
     truth, seed, discrepancy = job
-    ((found,), _) = rank_laws([shot(truth, seed)], LAWS, discrepancy=discrepancy, seed=seed, workers=1)
+    ((found,), _) = rank_laws([shot(truth, seed)], LAWS, bubble="field", discrepancy=discrepancy, seed=seed, workers=1)
     return {
         "truth": truth,
         "seed": seed,

@@ -231,7 +231,7 @@ def timing(groups: int, seed: int) -> None:
 
 
 def network(groups: int, seed: int) -> None:
-    """Simulated bubbles of one material each, answered by the posterior network without verification."""
+    """Simulated field's bubbles of one material each, answered so by the posterior network without verification."""
     from calibration import film
 
     from cavirheo import NeoHookeanKelvinVoigt, infer_many
@@ -247,7 +247,7 @@ def network(groups: int, seed: int) -> None:
             law = NeoHookeanKelvinVoigt(10.0**log_G, 10.0**log_mu)
             top, stretch = rng.uniform(150e-6, 350e-6), rng.uniform(5.0, 9.0)
             curves.append(film(law, top, stretch, 0.005, rng, f"shot {k + 1}")[1])
-        answers = infer_many(curves, verify="none", workers=1)
+        answers = infer_many(curves, bubble="field", verify="none", workers=1)
         found = population(answers, only_trusted=False)
         print(i, n, centre.round(3), spread.round(3), found, flush=True)
         for k, name in enumerate((G, MU)):

@@ -6,6 +6,7 @@ FOLDER and the CSV file are those of `cavirheo compare` (docs/how-to/compare.md)
 Its columns files, medium, density, stretch and rmax_um hold here, too.
 A set without a published G is fitted as Newtonian, the others as NHKV.
 Each set is fitted over 1 and 3 collapses; clock and R_max are free as by default.
+The bubble is the field's, as in the published values.
 "Shots" is mean and standard deviation of the fits of single shots, with RMSE (% of R_max, median) and verdicts.
 "Joint" is one material for all shots: median and 90 % interval.
 """
@@ -72,7 +73,7 @@ def rows(about: ReferenceSet, folder: Path, references: Path) -> Iterator[list[s
     for window in (1, 3):
         answers = fit_many(
             curves, law, medium=about.medium, stretch=about.settings.get("stretch"), window=window, windows=False,
-            others=False, joint=True,
+            bubble="field", others=False, joint=True,
         )  # fmt: skip
         head = [f"{about.name} ({law}, {len(curves)} shots, {about.medium.density:g} kg/m³)", published(about)]
         yield [*head, str(window), *row(answers, len(curves))]

@@ -107,7 +107,8 @@ def main() -> None:
     print(f"{options.shots} shots, noise {options.noise:g} R_max, model {model.name}")
     for way in ("network alone, equal Ca and Re", "default answer"):
         if way == "default answer":
-            answers = infer_many(curves, material=problem.material_name, medium=problem.medium, trust_input=True)
+            how = {"material": problem.material_name, "medium": problem.medium, "bubble": "field", "trust_input": True}
+            answers = infer_many(curves, **how)
             found = np.array([[scaled(name, a.median(natural_name(name))) for name in model.outputs] for a in answers])
         else:
             answers, estimator = [], Amortised(model, problem.medium)

@@ -32,11 +32,12 @@ def main() -> None:
         curves = [curve for _, found, _ in sets_below(given.real) for curve in found][:: given.every]
     else:
         curves = [case.noisy(given.noise, number) for number, case in enumerate(cases(given.n, 1))]
-    verify_many(curves[:1], [fit(curves[0])])  # compiles
+    bubble = "real" if given.real else "field"  # as the shots are
+    verify_many(curves[:1], [fit(curves[0], bubble=bubble)])  # compiles
     cores, rows, without = os.cpu_count() or 1, [], 0
     for curve in curves:
         began, spent = time.perf_counter(), time.process_time()
-        fitted = fit(curve)
+        fitted = fit(curve, bubble=bubble)
         middle = time.perf_counter()
         (answer,) = verify_many([curve], [fitted])
         end = time.perf_counter()

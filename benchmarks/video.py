@@ -152,10 +152,10 @@ def row(kind: str, all_of: dict[str, np.ndarray]) -> str:
 
 def inferred(kind: str, curve: cavirheo.RadiusCurve, shot: Shot) -> tuple[str, np.ndarray]:
     """A row, and (fit: G, mu, lambda relative errors; whether the 90 % intervals of `infer` hold G and mu)."""
-    answer = cavirheo.fit(curve)
+    answer = cavirheo.fit(curve, bubble="field")
     truth = {"shear_modulus": shot.G, "viscosity": shot.mu, "stretch": shot.stretch}
     errors = [answer.median(name) / true - 1.0 for name, true in truth.items()]
-    checked = cavirheo.infer(curve)
+    checked = cavirheo.infer(curve, bubble="field")
     held = []
     for name in ("shear_modulus", "viscosity"):
         low, high = checked.interval(name) or (np.nan, np.nan)

@@ -7,6 +7,7 @@ import os
 import re
 import subprocess
 import sys
+from dataclasses import replace
 from itertools import count
 from pathlib import Path
 
@@ -16,6 +17,7 @@ import typer
 from conftest import BDT
 from recordings import write_mraw
 
+from cavirheo.bubble import FIELD, REAL, Bubble
 from cavirheo.posterior import Checks, Posterior
 from cavirheo.verbs import app
 
@@ -60,6 +62,16 @@ ODD = [
     "infer shot.csv --json=1",
     "infer shot.csv -q",
     "infer shot.csv --window 1 --window",
+    "infer shot.csv --bubble real,field",
+    "infer shot.csv --bubble field --accommodation 0.1",
+    "infer shot.csv --contents equilibrium --accommodation 0.1",
+    "infer shot.csv --confinement-inertia 0.1 --wall-distance-um 900",
+    "infer shot.csv --bubble real --model bdt-viscoelastic",
+    "infer shot.csv --bubble auto --verify none",
+    "infer shot.csv --damage strain --verify none",
+    "which-law shot.csv --bubble auto,moon",
+    "which-law shot.csv --bubble real,",
+    "design --bubble auto",
     "fit shot.csv --joint --verify map",
     "fit shot.csv --free t1",
     "fit shot.csv --window 0",
@@ -219,6 +231,48 @@ def test_a_seed_reaches_the_draws(run, lab_answers, monkeypatch):
             *words,
         )
     assert seeds == [0, 7]
+
+
+BUBBLES = {  # options, and the bubbles that they ask for
+    "--bubble real": (REAL,),
+    "--bubble field": (FIELD,),
+    "--bubble auto": (FIELD, REAL),
+    "--accommodation 0.1": (replace(REAL, accommodation=0.1),),
+    "--confinement-damping 0": (Bubble("kinetic", confinement_damping=0.0),),
+    "--contents equilibrium": (Bubble(confinement_damping="free"),),
+    "--bubble field --confinement-damping 0.2": (Bubble(confinement_damping=0.2),),
+    "--bubble field --confinement-inertia free": (Bubble(confinement_inertia="free"),),
+    "--wall-distance-um 900": (replace(REAL, wall_distance=9e-4),),
+    "--vapour-excess 2000 --damage strain": (replace(REAL, vapour_excess=2e3, damage="strain"),),
+}
+SEVERAL = {  # of which-law
+    "--bubble real,field": (REAL, FIELD),
+    "--bubble field --damage none,strain": (FIELD, Bubble(damage="strain")),
+    "--bubble real,field --confinement-damping 0": (Bubble("kinetic"), FIELD),
+}
+
+
+@pytest.mark.parametrize(
+    ("verb", "words", "asked"),
+    [
+        ("infer", "", None),  # the network decides
+        *((verb, "", (REAL,)) for verb in ("fit", "which-law")),
+        *((verb, words, asked) for verb in ("infer", "fit") for words, asked in BUBBLES.items()),
+        *(("which-law", words, asked) for words, asked in SEVERAL.items()),
+    ],
+)
+def test_the_options_of_the_bubble_are_a_bubble(lab, monkeypatch, verb, words, asked):
+    class AskedError(Exception):
+        pass
+
+    def stop(_, bubbles=None, **settings):
+        raise AskedError(settings.get("bubble", bubbles))
+
+    computes = {"infer": "infer_many", "fit": "fit.fit_many", "which-law": "verify.evidence.models"}
+    monkeypatch.setattr(f"cavirheo.inference.{computes[verb]}", stop)
+    with pytest.raises(AskedError) as told:
+        lab(verb, "shot.csv", *words.split(), "--no-pictures", "-o", "r")
+    assert told.value.args == (asked,)
 
 
 def test_trust_input_and_group_reach_the_answers(run, lab_answers):

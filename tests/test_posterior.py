@@ -552,6 +552,21 @@ def test_the_calibration_benchmark_catches_an_overconfident_posterior():
     assert calibration.coverage(ranks[0.6], 0.9) < 0.8
 
 
+def test_the_calibration_benchmark_says_which_bubble_it_answers_with_and_how_sure_its_shares_are():
+    truth, _ = calibration.shot(0, simulated="real")
+    assert {"accommodation", "confinement_damping"} <= set(truth)
+    assert not {"accommodation", "confinement_damping"} & set(calibration.shot(0)[0])
+    setting = dict(zip(calibration.SETTINGS, ("real", "field", "default", False, False, np.inf), strict=True))
+    row = {"ess": 200.0, "seconds": 1.0, "p_value": 0.5, "simulations": 300, "few": True, "verdict": "ok"}
+    ends = {"viscosity": [0.01, 0.1], "radius_scale": [0.99, 1.02]}
+    rows = [row | setting | {"ranks": dict.fromkeys(ends, k / 100), "intervals": ends} for k in range(100)]
+    told = calibration.tables([*rows, row | setting | {"bubble": "real", "ranks": None, "intervals": None}])
+    assert "Simulated: real bubble; answered by infer with the field's." in told
+    assert "| viscosity | 51.0% ± 5.0 | 91.0% ± 3.0 | 1 decades |" in told
+    assert "| radius_scale | 51.0% ± 5.0 | 91.0% ± 3.0 | 0.03 |" in told
+    assert "answered by infer with the real bubble.\n\n1 shots, 0 with an interval" in told
+
+
 # the predictive check
 
 
