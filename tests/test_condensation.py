@@ -16,7 +16,7 @@ from test_limits import DRY, GEL, HOT, IDEAL, dense, draws, exact_wave, largest,
 
 from cavirheo.errors import InputError
 from cavirheo.physics import simulate as forward
-from cavirheo.physics.damage import DAMAGES, Damage
+from cavirheo.physics.damage import KINDS, Damage
 from cavirheo.physics.driving import Pulse
 from cavirheo.physics.elastic import NeoHookean
 from cavirheo.physics.materials import NeoHookeanKelvinVoigt, Zener
@@ -253,7 +253,7 @@ def test_sound_along_a_tube_lengthens_the_fall_as_viscosity_near_the_largest_rad
 # --- damage
 
 
-@pytest.mark.parametrize("by", DAMAGES)
+@pytest.mark.parametrize("by", KINDS)
 def test_damage_that_changes_nothing(by):
     way = dict(time=TIME, **COLLAPSE)
     plain, same = (simulate(GEL, rtol=1e-8, damage=d, **way) for d in (None, Damage(1.0, 1.0, by)))

@@ -33,6 +33,7 @@ from cavirheo.physics.damage import Damage
 from cavirheo.physics.media import WATER, Medium
 from cavirheo.physics.scales import ACCOMMODATION
 from cavirheo.physics.simulate import ROUGH, simulate
+from cavirheo.physics.simulation import Simulation
 from cavirheo.posterior import Checks, Verdict, weighted_quantile
 from cavirheo.prior import Prior
 from cavirheo.writing.document import Quantity
@@ -125,8 +126,7 @@ class Experiment:
         if self.stretch_prior:
             value, deviation = self.stretch_prior
             self.plateau = float(np.log10(value)), deviation / (value * _LN10)
-        frame, noise = np.array(self.frame / self.time_scale), np.array(curve.noise / self.max_radius)
-        usual, read = map(float, half_widths(frame, noise, np.array(float(curve.begins_late))))
+        usual, read = self.usual_half_widths
         clock, read = options.t0_bound or usual * self.time_scale, max(options.scale_bound, read)
         # (middle, half-width, unit of the steps of finite differences) of clock and scales, and which are free
         widths = {
@@ -202,6 +202,13 @@ class Experiment:
             noise = np.maximum(noise, SHARPEST)
             self.noise_factor = float(np.sqrt(correlation_time(missed[self.counted])))
         self.sigma: Floats = np.where(self.counted, np.hypot(noise, motion), np.inf)
+
+    @property
+    def usual_half_widths(self) -> tuple[float, float]:
+        """Half-widths of the priors of the clock, in t_c, and of the factor of R_max, where none are given."""
+        curve, frame = self.curve, self.frame / self.time_scale
+        clock, read = half_widths(*map(np.array, (frame, curve.noise / self.max_radius, float(curve.begins_late))))
+        return float(clock), float(read)
 
     def natural(self, x: Floats) -> dict[str, Any]:
         """stretch, time_origin (s), radius_scale and max_radius_factor from x (d,), or from (d, draws)."""
@@ -295,33 +302,39 @@ class Experiment:
 
         The bubble starts from rest at t_max + t_0; instants before are mirrored (R is even to third order there).
         """
-        seen = self._seen(x, accuracy, counted)
-        with self._counting:
-            self.runs += 1
-            self.failures += seen is None
-        return seen
-
-    def _seen(self, x: Floats, accuracy: Accuracy, counted: bool) -> Prediction | None:
-        natural = self.natural(x)
-        nodes, shares = (_NODES, _SHARES) if self.exposure else (np.zeros(1), np.ones(1))
+        natural, (nodes, shares) = self.natural(x), self._exposed
         since = self.since[self.counted] if counted else self.since
         instants = np.abs(since[:, None] - natural["time_origin"] + self.exposure * nodes).ravel()
         order = np.argsort(instants, kind="stable")
         scale = natural["radius_scale"]
-        try:
-            run = simulate(
-                self.family.material(x[: self.law]),
-                max_radius=self.max_radius * scale * natural["max_radius_factor"],
-                stretch=natural["stretch"], time=instants[order], medium=self.medium, throw=False,
-                **self.simulated(natural), **accuracy,
-            )  # fmt: skip
-        except InputError:  # parameters that exclude each other: as a failed simulation
-            return None
-        if not run.ok or not np.all(np.isfinite(run.radius)):
+        run = self._run(x, natural, self.max_radius * scale * natural["max_radius_factor"], instants[order], accuracy)
+        if run is None:
             return None
         seen = np.empty((2, len(instants)))
         seen[:, order] = run.radius / (scale * self.max_radius), np.abs(run.velocity) / (scale * self.max_radius)
         return Prediction(*(np.asarray(values.reshape(-1, len(nodes)) @ shares) for values in seen))
+
+    def _run(
+        self, x: Floats, natural: Mapping[str, Any], max_radius: float, time: Floats, accuracy: Accuracy
+    ) -> Simulation | None:  # fmt: skip
+        """The bubble of x (d,) and its natural values at these times, s; None, and counted, where that failed."""
+        try:
+            run = simulate(
+                self.family.material(x[: self.law]), max_radius=max_radius, stretch=natural["stretch"], time=time,
+                medium=self.medium, throw=False, **self.simulated(natural), **accuracy,
+            )  # fmt: skip
+            good = run.ok and bool(np.all(np.isfinite(run.radius)))
+        except InputError:  # parameters that exclude each other: as a failed simulation
+            good = False
+        with self._counting:
+            self.runs += 1
+            self.failures += not good
+        return run if good else None
+
+    @property
+    def _exposed(self) -> tuple[Floats, Floats]:
+        """Instants within an exposure, over its length, and their shares."""
+        return (_NODES, _SHARES) if self.exposure else (np.zeros(1), np.ones(1))
 
     @property
     def camera(self) -> CameraNuisances:
@@ -330,7 +343,7 @@ class Experiment:
         widths = [
             self.free[name][1] * unit if name in self.free else 0.0 for name, unit in zip(NAMES, units, strict=True)
         ]
-        nodes, shares = (_NODES, _SHARES) if self.exposure else (np.zeros(1), np.ones(1))
+        nodes, shares = self._exposed
         time, measured = self.since[self.counted], self.measured[self.counted]
         step = min(self.frame / PER_FRAME, FINEST * self.time_scale)
         step = max(step, float(np.max(time, initial=0.0)) / MOST)
@@ -341,19 +354,8 @@ class Experiment:
     ) -> tuple[Floats, Floats]:  # fmt: skip
         """(size,) extended residual (camera.py) of x (d,), whose clock, scale and factor do not count, and the
         curvature (m, m) about the most likely ones; NaN where the simulation failed."""
-        natural, m = self.natural(x), len(camera.free)
-        try:
-            run = simulate(
-                self.family.material(x[: self.law]), max_radius=self.max_radius, stretch=natural["stretch"],
-                time=camera.grid, medium=self.medium, throw=False, **self.simulated(natural), **accuracy,
-            )  # fmt: skip
-            good = run.ok and bool(np.all(np.isfinite(run.radius)))
-        except InputError:  # parameters that exclude each other: as a failed simulation
-            good = False
-        with self._counting:
-            self.runs += 1
-            self.failures += not good
-        if not good:
+        run, m = self._run(x, self.natural(x), self.max_radius, camera.grid, accuracy), len(camera.free)
+        if run is None:
             return np.full(camera.size, np.nan), np.full((m, m), np.nan)
         return camera.extended(run.radius / self.max_radius, run.velocity / self.max_radius, noise)
 
@@ -367,6 +369,11 @@ class Experiment:
         seen = self.predict(x, accuracy, counted=True)
         measured = self.measured[self.counted]
         return np.full(len(measured), np.nan) if seen is None else measured - seen.radius
+
+    def misfit(self, difference: Floats) -> float:
+        """What measured minus simulated (n,), over R_max, has beyond the noise from frame to frame, RMS."""
+        beyond = float(np.mean(difference**2)) - (self.curve.noise / self.max_radius) ** 2
+        return float(np.sqrt(max(beyond, 0.0)))
 
     def noise(self, discrepancy: bool) -> Noise:
         """The distribution of the frames that count about the simulation (noise.py).

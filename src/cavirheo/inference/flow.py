@@ -22,7 +22,7 @@ import numpy as np
 from cavirheo.arrays import Floats
 from cavirheo.bubble import Bubble
 from cavirheo.errors import require
-from cavirheo.inference.cells import SCALE, cells, half_widths
+from cavirheo.inference.cells import SCALE, cells
 from cavirheo.inference.experiment import Experiment
 from cavirheo.inference.session import started
 from cavirheo.inference.slots import SLOTS, damping_to_slot, from_slots, slot, to_slots, used
@@ -48,11 +48,8 @@ class Flow:
     ) -> Floats:
         """Draws z (count, 9), 0 in slots that the kind has not, and as given in the slots that are `fixed`."""
         choice = rng.gumbel(size=(count, len(SLOTS), self.parts))
-        normal, given, take = (
-            rng.standard_normal((count, len(SLOTS))),
-            np.zeros((count, len(SLOTS))),
-            np.zeros(len(SLOTS)),
-        )
+        normal = rng.standard_normal((count, len(SLOTS)))
+        given, take = np.zeros((count, len(SLOTS))), np.zeros(len(SLOTS))
         for k, value in fixed.items():
             given[:, k], take[k] = value, 1.0
         return self._run(inputs, kind, np.zeros(len(SLOTS)), choice, normal, given, take)[0]
@@ -89,12 +86,9 @@ class NetworkProposal:
         self.kind: int = flow.kinds.index((plain(shot.family.name), bubble))
         self.names: tuple[str, ...] = (*shot.family.parameters, *shot.logs)
         self.inputs: Any = read(shot, discrepancy)
-        width_t, width_r = half_widths(
-            np.array(shot.frame / shot.time_scale), np.array(shot.curve.noise / shot.max_radius),
-            np.array(float(shot.curve.begins_late)),
-        )  # fmt: skip
+        width_t, width_r = shot.usual_half_widths
         camera = {
-            "max_radius_factor": (1.0, float(width_r) / 3.0), "time_origin": (0.0, float(width_t) * shot.time_scale),
+            "max_radius_factor": (1.0, width_r / 3.0), "time_origin": (0.0, width_t * shot.time_scale),
             "radius_scale": (1.0, SCALE),
         }  # fmt: skip
         # column of x, slot, and (middle, width) of x over z, of each that is free
@@ -165,7 +159,7 @@ class NetworkProposal:
 
 
 def kind_of(bubble: Bubble) -> str:
-    """Which of the bubbles that a network knows (slots.BUBBLES) this one is; empty: none of them."""
+    """Which of the bubbles that a network knows (slots.BUBBLE_SLOTS) this one is; empty: none of them."""
     around = bubble.damage != "none" or bubble.confinement_inertia != 0 or bubble.vapour_excess != 0
     if around or bubble.wall_distance is not None:
         return ""

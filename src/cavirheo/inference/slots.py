@@ -29,7 +29,7 @@ SLOTS = (
     "time_origin", "radius_scale",
 )  # fmt: skip
 CAMERA = SLOTS[6:]
-BUBBLES = {"field": (), "real": ("confinement_damping", "accommodation")}  # slots of each bubble that a network knows
+BUBBLE_SLOTS = {"field": (), "real": ("confinement_damping", "accommodation")}  # beside those of all
 _SHARED = {"consistency": "viscosity", "stiffening": "shape", "exponent": "shape"}
 _RATE_DECADES = 5.0  # of the shear rate, 1/s, at which a power law's viscosity is taken
 _AT_RATE = (-1.5, 2.0)  # middle and half-width of log10 of that viscosity
@@ -43,8 +43,8 @@ def slot(name: str) -> int:
 
 
 def used(law: str, bubble: str) -> list[int]:
-    """The slots of a law (`Family`) with this bubble (of BUBBLES), camera included, ascending."""
-    return sorted(map(slot, [*Family(law).parameters, "stretch", *BUBBLES[bubble], *CAMERA]))
+    """The slots of a law (`Family`) with this bubble (of BUBBLE_SLOTS), camera included, ascending."""
+    return sorted(map(slot, [*Family(law).parameters, "stretch", *BUBBLE_SLOTS[bubble], *CAMERA]))
 
 
 def to_slots(names: tuple[str, ...], log10: Floats) -> Floats:

@@ -7,12 +7,13 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from cavirheo.arrays import Floats
+from cavirheo.bubble import DAMAGES
 from cavirheo.errors import require
 from cavirheo.physics.law import check as check_domains
 from cavirheo.physics.law import domain
 from cavirheo.physics.table import hermite, read, scaled
 
-DAMAGES = ("first-rebound", "strain")
+KINDS = DAMAGES[1:]  # without "none"
 
 
 @dataclass(frozen=True)
@@ -33,7 +34,7 @@ class Damage:
 
     modulus: float = field(metadata=domain("between 0 and 1", lambda x: 0 <= x <= 1))
     radius: float = field(default=1.0, metadata=domain("between 1 and 20", lambda x: 1 <= x <= 20))
-    by: str = field(default=DAMAGES[0], metadata=domain(" or ".join(DAMAGES), lambda x: x in DAMAGES))
+    by: str = field(default=KINDS[0], metadata=domain(" or ".join(KINDS), lambda x: x in KINDS))
 
     def __post_init__(self) -> None:
         check_domains(self)

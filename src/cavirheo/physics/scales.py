@@ -11,6 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from cavirheo.arrays import Floats
+from cavirheo.bubble import CONTENTS
 from cavirheo.errors import InputError, require
 from cavirheo.physics.damage import Damage
 from cavirheo.physics.driving import Driving
@@ -55,7 +56,6 @@ class Numbers(NamedTuple):
 
 TAIT = 7.15  # exponent of water in Tait's equation of state: Gilmore 1952
 STRETCH = domain("at least 1 (the bubble starts at its largest radius)", lambda x: 1 <= x < inf)
-CONTENTS = ("equilibrium", "kinetic")
 ACCOMMODATION = 0.07  # of vapour at the wall: the median of real gels (docs/method/physics.md, section 3.5)
 _ACCOMMODATION = domain("above 0 and at most 10", lambda x: 0 < x <= 10)
 _INERTIA = domain("above -0.5 and at most 3", lambda x: -0.5 < x <= 3)

@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike
 
 from cavirheo import parallel
 from cavirheo.arrays import Floats
+from cavirheo.bubble import CONTENTS
 from cavirheo.errors import InputError, SolverError, brief, expect, expect_whole, require
 from cavirheo.parameters import DURATION, RADIUS
 from cavirheo.physics import cache, solver
@@ -21,7 +22,7 @@ from cavirheo.physics.grid import NO_SHELLS, Grid, wall_clustered
 from cavirheo.physics.law import POSITIVE, Material, domain, within
 from cavirheo.physics.media import WATER, Medium
 from cavirheo.physics.media import medium as named
-from cavirheo.physics.scales import ACCOMMODATION, CONTENTS, MOTIONS, Numbers, dimensionless, inertia_of
+from cavirheo.physics.scales import ACCOMMODATION, MOTIONS, Numbers, dimensionless, inertia_of
 from cavirheo.physics.simulation import INSIST, Contents, Simulation
 from cavirheo.physics.tableau import RODAS5P
 from cavirheo.physics.viscous import Newtonian

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from typer import Argument, Option
 
+from cavirheo.bubble import CONTENTS, DAMAGES
 from cavirheo.errors import InputError, require
 from cavirheo.verbs.run import Reading, Run
 
@@ -23,8 +24,6 @@ else:
     Liquid = Bubble = Bubbles = Any
 
 _LEVELS = ("auto", "full", "map", "none")  # of verification
-_CONTENTS = ("equilibrium", "kinetic")
-_DAMAGES = ("first-rebound", "strain")
 _BUBBLES = ("real", "field", "auto")
 
 
@@ -120,7 +119,7 @@ _BLUR = "exposure time of a frame, us, centred on its time: --verify blurs the s
 _GROUP = "shots of one material: file, folder, name (soft_1, soft_2), none, or auto: a file, or single-shot files"
 Group = Annotated[str, Option(help=_GROUP)]
 _KINETIC = "model of the vapour: equilibrium (the field's model) or kinetic (condenses at a finite rate)"
-Contents = Annotated[str, Option(help=_KINETIC, autocompletion=values(*_CONTENTS))]
+Contents = Annotated[str, Option(help=_KINETIC, autocompletion=values(*CONTENTS))]
 _LAW = "a law of `cavirheo laws`, or auto  [default: nhkv]"
 Material = Annotated[str | None, Option(help=_LAW, autocompletion=law_names)]
 KnownStretch = Annotated[float | None, Option(help="R_max/R_0 if it is known; otherwise it is inferred")]
@@ -149,7 +148,7 @@ _DAMPING = "2 pi (R_max^2/A) c/U_c of a tube around it; or free"
 _Word = str | None
 _OVERRIDES: dict[str, tuple[Any, Any]] = {
     "contents": (
-        Annotated[_Word, Option(help=_KINETIC, autocompletion=values(*_CONTENTS))], None,
+        Annotated[_Word, Option(help=_KINETIC, autocompletion=values(*CONTENTS))], None,
     ),
     "accommodation": (Annotated[_Word, Option(help=_RATE)], None),
     "confinement_damping": (Annotated[_Word, Option(help=_DAMPING)], None),
@@ -184,7 +183,7 @@ _KINDS: dict[str, dict[str, tuple[Any, Any]]] = {  # argument: its options, each
         "bubble": (Annotated[_Word, Option(help=_BUBBLE_HELP, autocompletion=values(*_BUBBLES))], None),
         **_OVERRIDES,
         "damage": (
-            Annotated[str, Option(help=_DAMAGE, autocompletion=values("none", *_DAMAGES))],
+            Annotated[str, Option(help=_DAMAGE, autocompletion=values(*DAMAGES))],
             "none",
         ),
     },
@@ -197,7 +196,7 @@ _KINDS: dict[str, dict[str, tuple[Any, Any]]] = {  # argument: its options, each
         "damage": (
             Annotated[
                 str,
-                Option(help=_HURT, autocompletion=values("none", *_DAMAGES, commas=True)),
+                Option(help=_HURT, autocompletion=values(*DAMAGES, commas=True)),
             ],
             "none",
         ),
@@ -256,7 +255,7 @@ def _bubbles(
     InputError: a word that is none, or numbers that cannot be."""
     from dataclasses import replace
 
-    from cavirheo.bubble import CONTENTS, DAMAGES, bubbles_of
+    from cavirheo.bubble import bubbles_of
 
     changes: dict[str, Any] = {"contents": contents}
     numbers = {"accommodation": accommodation, "confinement_damping": confinement_damping}

@@ -116,8 +116,8 @@ def fit_many(
 
     laws = softened(AUTO if material == "auto" else (material,), bubbles[0].damage)
     models = [(Family(law), options_of(one)) for law, one in product(laws, bubbles)]
-    for one_bubble in bubbles:
-        check_wall(one_bubble, curves)
+    for kind in bubbles:
+        check_wall(kind, curves)
     threads = cores(workers)
     inner = max(threads // max(len(curves), 1), 1)
 

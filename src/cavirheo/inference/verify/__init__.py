@@ -79,9 +79,9 @@ def verify_many(
     chosen = Verification(workers=inner, **how)
     bubbles = () if bubble is None else bubbles_of(bubble)
 
-    def one(pair: tuple[RadiusCurve, list[Posterior]]) -> Posterior:
+    def verified(pair: tuple[RadiusCurve, list[Posterior]]) -> Posterior:
         (curve, given), began = pair, time.perf_counter()
-        models = [replace(a, bubble=one) for a in given for one in bubbles] or given
+        models = [replace(answer, bubble=kind) for answer in given for kind in bubbles] or given
         found, problems = list[Posterior](), list[Posterior]()
         for model in models:
             if model.checks.verdict == "failed":
@@ -99,7 +99,7 @@ def verify_many(
         if len(models) == 1 and chosen.level == "auto":
             best = replace(best, others=(*best.others, *_other_bubble(chosen, curve, best)))
         told = "; ".join(filter(None, [best.checks.message, *chosen_among(best, found), *compared(best)]))
-        own = next((one for one in models if model_of(one) == model_of(best)), given[0])
+        own = next((model for model in models if model_of(model) == model_of(best)), given[0])
         doubts, checked = list(own.checks.doubts), own.checks.verdict != "check_input"
         checks = doubted(replace(best.checks, message=told), doubts, trust_input=checked)
         before = sum(answer.seconds for answer in given)
@@ -107,7 +107,7 @@ def verify_many(
 
     # BLAS' own threads would only wait for each other beside these
     with threadpool_limits(1, "blas"):
-        return each(one, zip(curves, candidates, strict=True), workers, done)
+        return each(verified, zip(curves, candidates, strict=True), workers, done)
 
 
 def _simplest(found: Sequence[Posterior]) -> Posterior:

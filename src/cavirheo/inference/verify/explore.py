@@ -85,12 +85,14 @@ def log_mean(log_value: Floats) -> float:
 
 class Explorer:
     """Proposals for the posterior of a shot that learn from every simulation, from its modes on. follow: simulate
-    around the modes and along their ridges before."""
+    around the modes and along their ridges before. network: knows the whole posterior roughly, where modes know a
+    part."""
 
     def __init__(
-        self, target: Target, modes: Sequence[Mode], rounds: int = TUNING.learning_rounds, *, follow: bool = True
-    ) -> None:
-        self.target, self.rounds, self.follow = target, rounds, follow
+        self, target: Target, modes: Sequence[Mode], rounds: int = TUNING.learning_rounds, *, follow: bool = True,
+        network: Proposal | None = None,
+    ) -> None:  # fmt: skip
+        self.target, self.rounds, self.follow, self.network = target, rounds, follow, network
         self.u = np.empty((0, len(target.prior.names)))
         self.residual = np.empty((0, target.noise.size))
         self.value = np.empty(0)
@@ -98,7 +100,6 @@ class Explorer:
         self.places: list[Mode] = []
         self.surrogate: Surrogate | None = None  # of the last proposal, and how many draws were weighed before it
         self.weighed, self.misled, self.guarded = 0, False, 0
-        self.network: Proposal | None = None  # knows the whole posterior roughly, where modes know a part
         for mode in modes:
             self._settle(mode)  # best first
         self.mixture = self.start

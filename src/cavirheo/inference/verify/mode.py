@@ -260,13 +260,6 @@ def same(mode: Mode, other: Mode) -> bool:
     return bool(off @ np.linalg.solve(other.covariance + mode.covariance, off) < TUNING.same_mode**2)
 
 
-def misfit(target: Target, mode: Mode) -> float:
-    """What a simulation at a mode misses beyond the noise from frame to frame, RMS over R_max."""
-    shot = target.experiment
-    beyond = float(np.mean(target.noise.split(mode.residual)[0] ** 2)) - (shot.curve.noise / shot.max_radius) ** 2
-    return float(np.sqrt(max(beyond, 0.0)))
-
-
 def modes(
     target: Target, starts: Sequence[Floats], further: Sequence[Floats] = (), known: Sequence[Mode] = ()
 ) -> list[Mode]:

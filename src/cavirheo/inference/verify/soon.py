@@ -23,7 +23,7 @@ from cavirheo.errors import SolverError
 from cavirheo.inference.experiment import BRISK, FINE, Accuracy
 from cavirheo.inference.others import LAPLACE
 from cavirheo.inference.verify.explore import Blend, Explorer, log_mean
-from cavirheo.inference.verify.mode import Mode, Simulated, Target, climb, misfit, modes, secant, valley
+from cavirheo.inference.verify.mode import Mode, Simulated, Target, climb, modes, secant, valley
 from cavirheo.inference.verify.sampler import Proposal, Sample, sample, tempered
 from cavirheo.inference.verify.tuning import TUNING
 from cavirheo.posterior import Evidence, OtherAnswer, intervals
@@ -143,12 +143,11 @@ def weighed(
         found = modes(near, starts(), scanned())
     if not found:
         raise SolverError(f"no start of {target.experiment.family.name} could be simulated")
-    if misfit(target, found[0]) > TUNING.searched_above:
+    if target.experiment.misfit(target.noise.split(found[0].residual)[0]) > TUNING.searched_above:
         found = modes(near, windowed(), known=found)
     near.mend(_likely(near, found[0], None if searched else known, seed))
     found = near.lifted(found)
-    explorer = Explorer(near, found, TUNING.auto_learning, follow=searched)
-    explorer.network = network
+    explorer = Explorer(near, found, TUNING.auto_learning, follow=searched, network=network)
     own = None
     if network and known:
         known = near.again(known.u, known.residual)

@@ -33,7 +33,6 @@ class Surrogate:
         kept = np.argsort(-value, kind="stable")[: TUNING.surrogate_simulations]
         likely = kept[value[kept] > value[kept[0]] - TUNING.flat_height]
         self.target: Target = target
-        self.hope: float = TUNING.hope
         self.noise: MarginalNoise = target.noise.only(residual[likely], TUNING.grid_share)
         v, residual, below = target.linear(u[kept]), residual[kept], value[kept[0]] - value[kept]
         weight = np.exp(tempered(-below / TUNING.flat_height, TUNING.whitened * u.shape[1]))
@@ -86,7 +85,7 @@ class Surrogate:
         others, root_inverse = self.single
         known = self._kernel(z.astype(np.float32), others) @ root_inverse
         variance = np.maximum(2.0 + np.sum(z**2, axis=1) / z.shape[1] - np.sum(known**2, axis=1), 0.0)
-        variance *= self.hope / self.scale
+        variance *= TUNING.hope / self.scale
         mean = np.column_stack([known @ self.coefficients, np.ones(len(z))])
         apart, count = (len(z), *self.stiff.shape), self.stiff.shape[1]
         # (C + V S V')^-1 and its determinant by Woodbury, S the variance of the processes
@@ -96,7 +95,7 @@ class Surrogate:
         squares -= variance * np.einsum("kpc,kpc->pk", soft, soft / grown)
         # by some at a time, so that no product is too large
         log_det = sum(np.log(np.prod(grown[:, :, i : i + _TOGETHER], axis=2)) for i in range(0, count, _TOGETHER))
-        half_log_det = 0.5 / self.hope * np.transpose(log_det)
+        half_log_det = 0.5 / TUNING.hope * np.transpose(log_det)
         joint = self.noise.joint(np.maximum(squares, 0.0)) - half_log_det
         value[near] = log_sum(joint, axis=0) + self.rest + log_normal(u[near])
         return value

@@ -21,7 +21,7 @@ from cavirheo.inference.options import FREE, SCALE_BOUND, Options
 from cavirheo.inference.others import model_of
 from cavirheo.inference.posterior_model import PosteriorModel
 from cavirheo.inference.verify.explore import Explorer
-from cavirheo.inference.verify.mode import INSIDE, Mode, Target, climb, misfit, modes, same, valley
+from cavirheo.inference.verify.mode import INSIDE, Mode, Target, climb, modes, same, valley
 from cavirheo.inference.verify.predictive import predictive_check
 from cavirheo.inference.verify.sampler import Sample, sample
 from cavirheo.inference.verify.soon import weighed
@@ -239,7 +239,7 @@ class Work:
             log_q += log_camera - shot.log_stretched(theta)
         frames, slopes = noise.split(best.residual)[0], noise.split(best.jacobian.T)[0].T
         predictive = predictive_check(frames, slopes, noise.frames.deviation, settings.seed)
-        excess = misfit(self.target, best)
+        excess = shot.misfit(frames)
         if predictive and predictive["p_value"] < TUNING.rejected:  # how near can the model come?
             at, nearest = self._nearest(at)
             excess = min(excess, nearest)
@@ -273,10 +273,9 @@ class Work:
         shot = self.shot
         fit = LeastSquares([shot], self.target.workers)
         found = fit.minimise(np.clip(x, *fit.bounds.T), QUICK, {**SEARCH, "max_nfev": TUNING.nearest_steps}).x
-        missed = [float(np.mean(shot.difference(one) ** 2)) for one in (x, found)]
-        nearest = int(np.argmin(np.nan_to_num(missed, nan=np.inf)))
-        beyond = missed[nearest] - (shot.curve.noise / shot.max_radius) ** 2
-        return (x, found)[nearest], float(np.sqrt(max(beyond, 0.0)))
+        missed = [shot.difference(one) for one in (x, found)]
+        nearest = int(np.argmin(np.nan_to_num([np.mean(one**2) for one in missed], nan=np.inf)))
+        return (x, found)[nearest], shot.misfit(missed[nearest])
 
     def _trusted(self, drawn: Sample) -> bool:
         """Whether the draws are worth an interval; if not, that is said."""

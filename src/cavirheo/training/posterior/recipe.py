@@ -12,7 +12,7 @@ from pydantic import BaseModel, ConfigDict, Field, PositiveFloat, PositiveInt, V
 from cavirheo.errors import InputError, explained, require
 from cavirheo.files import read_bytes
 from cavirheo.inference.law import Family
-from cavirheo.inference.slots import BUBBLES, CAMERA, SLOTS, used
+from cavirheo.inference.slots import BUBBLE_SLOTS, CAMERA, SLOTS, used
 from cavirheo.parameters import PARAMETERS
 from cavirheo.training.recipe import LARGEST, DataTable, ExportTable, Seed
 
@@ -90,7 +90,7 @@ class PosteriorRecipe(_Table):
 
 def searched(law: str, bubble: str) -> tuple[str, ...]:
     """What is drawn uniformly in log10 for a curve of this law and bubble, R_max apart."""
-    return (*Family(law).parameters, "stretch", *(["accommodation"] if "accommodation" in BUBBLES[bubble] else []))
+    return (*Family(law).parameters, "stretch", *(["accommodation"] if "accommodation" in BUBBLE_SLOTS[bubble] else []))
 
 
 def _check_more(table: PosteriorTable) -> None:
@@ -126,7 +126,7 @@ def posterior_recipe(path: str | Path) -> PosteriorRecipe | None:
         _check_more(recipe.posterior)
         for law, bubble, _ in recipe.posterior.kinds:
             try:
-                own = {*Family(law).parameters, "stretch", *BUBBLES[bubble], *CAMERA}
+                own = {*Family(law).parameters, "stretch", *BUBBLE_SLOTS[bubble], *CAMERA}
                 fits = len({*used(law, bubble)}) == len(own)
             except ValueError:
                 fits = False
