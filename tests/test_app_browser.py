@@ -58,6 +58,7 @@ WALL = """(() => {
 EXAMPLES = Path(__file__).parent.parent / "examples"
 WIDE, PHONE = (1440, 900), (390, 844)
 MANY = 20
+VERIFIED = {"ok", "undetermined"}  # verdicts of a recording that nothing speaks against
 
 
 @pytest.fixture(scope="module")
@@ -247,15 +248,17 @@ def test_the_network_answers_first_and_is_not_trusted(visit, monkeypatch):
     assert fits_the_screen(page)
     held["soft_gel[1]"].set()
     page.wait_for_selector("#answers :text('1 of 5 shots done')")
-    assert badges.all_inner_texts() == ["ok"] + ["not yet verified"] * 4
+    first, *rest = badges.all_inner_texts()
+    assert first in VERIFIED
+    assert rest == ["not yet verified"] * 4
     page.click("#stop")
     page.wait_for_selector("#answers :text('Stopped: 1 of 5')")
-    assert badges.all_inner_texts() == ["ok"]
+    assert badges.all_inner_texts() == [first]
     for one in held.values():
         one.set()
     page.click("#infer")
     answered(page, 5)
-    assert badges.all_inner_texts() == ["ok"] * 5
+    assert {*badges.all_inner_texts()} <= VERIFIED
     assert page.locator("#answers :text('not yet')").count() == 0
 
 

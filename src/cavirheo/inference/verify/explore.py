@@ -98,8 +98,8 @@ class Explorer:
         self.value = np.empty(0)
         self.modes, self.climbed = list(modes), 0
         self.places: list[Mode] = []
-        self.surrogate: Surrogate | None = None  # of the last proposal, and how many draws were weighed before it
-        self.weighed, self.misled, self.guarded = 0, False, 0
+        self.surrogate: Surrogate | None = None  # of the last proposal, and how many simulations it knew
+        self.known, self.misled = 0, False
         for mode in modes:
             self._settle(mode)  # best first
         self.mixture = self.start
@@ -166,15 +166,15 @@ class Explorer:
                 self.modes.append(mode)
                 self._settle(mode)
 
-    def propose(self, rng: np.random.Generator, counted: Sample | None) -> Proposal:
+    def propose(self, rng: np.random.Generator, counted: Sample | None) -> Proposal | None:
         """The next proposal; before the first, rounds of rough simulations where the posterior and its tails seem to
-        be, and one more for each other valley found there."""
+        be, and one more for each other valley found there. None where the last one was wrong about its own draws: what
+        it was made from is too little, and these are known now."""
         rounds = 0
-        if counted and self._misled(counted):
-            self.guarded += 1
-            if self.network is not None and self.guarded <= TUNING.guarded:
-                return self.network
-            return self._adapted(counted, rng)
+        if counted is None:
+            self.surrogate, self.misled = None, False
+        elif self._misled():
+            return None
         if counted and len(counted.u) > TUNING.lost_after and counted.ess < TUNING.lost * len(counted.u):
             self.thorough()
         while counted is None and rounds < self.rounds + self.climbed:
@@ -187,19 +187,19 @@ class Explorer:
         proposal = self._learnt(rng, counted)
         if not isinstance(proposal, Blend):
             return proposal
-        self.surrogate, self.weighed = proposal.surrogate, len(counted.u) if counted else 0
+        self.surrogate, self.known = proposal.surrogate, len(self.u)
         while (met := effective_size(proposal.log_weight)) < TUNING.norm_enough:
             if len(proposal.pool) >= TUNING.norm_draws:
                 break
             proposal = proposal.normed(TUNING.pool, rng)
         return proposal if met > TUNING.norm_met else proposal.mixture
 
-    def _misled(self, counted: Sample) -> bool:
-        """Whether the surrogate was wrong about draws that were made by it: the camera may have two solutions for one
-        simulation, and the frames then jump from one to the other."""
+    def _misled(self) -> bool:
+        """Whether the surrogate was wrong about draws that were made by it: it knew too little, or the camera has two
+        solutions for one simulation, and the frames then jump from one to the other."""
         if self.surrogate is not None:
-            u, value = counted.u[self.weighed :], counted.log_target[self.weighed :]
-            good = np.isfinite(value)
+            u, value = self.u[self.known :], self.value[self.known :]
+            good = value > np.max(self.value) - TUNING.flat_height
             off = self.surrogate(u[good]) - value[good]
             if len(off) >= TUNING.misled_fewest:
                 scatter = 1.4826 * float(np.median(np.abs(off - np.median(off))))

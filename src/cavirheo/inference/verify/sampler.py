@@ -188,7 +188,7 @@ class Proposal(Protocol):
 
 
 Density = Callable[[Floats], Floats]  # log, (k,) at (k, d)
-Propose = Callable[[np.random.Generator, "Sample | None"], Proposal]
+Propose = Callable[[np.random.Generator, "Sample | None"], Proposal | None]
 
 
 def sample(
@@ -202,7 +202,7 @@ def sample(
 
     `first` is a proposal whose draws count already, and no more are taken from it: it guards against what the others
     never meet. A good proposal stays: one that is made from the draws that it then weighs loses a few per cent of the
-    tails.
+    tails. A proposal of None ends the rounds.
     """
     rng = np.random.Generator(np.random.Philox(seed))
     proposals: list[Proposal] = []
@@ -215,9 +215,12 @@ def sample(
     while True:
         new = len(proposals) == bool(first)
         if found is None or new or found.ess < TUNING.good_proposal * len(found.u) or not found.reliable:
-            proposals.append(propose(rng, None if new else found))
+            proposal = propose(rng, None if new else found)
+            if proposal is None:
+                break
+            proposals.append(proposal)
             counts.append(0)
-            densities.append(proposals[-1].log_density(found.u) if found else np.empty(0))
+            densities.append(proposal.log_density(found.u) if found else np.empty(0))
         size = each if found is None or new else _needed(found, each, enough)
         u = proposals[-1].draw(min(size, most - sum(counts) + before), rng)
         counts[-1] += len(u)
@@ -231,7 +234,11 @@ def sample(
         drawn = len(u) - before
         hopeless = drawn >= patience and found.ess * most < least * drawn
         if drawn >= most or (drawn >= fewest * each and (good or hopeless)):
-            return replace(found, common=_of_norms(found, proposals, log_share + densities))
+            break
+    if found is None:
+        raise ValueError("the first proposal must not be None")
+    log_share = np.log(np.array(counts) / len(found.u))[:, None]
+    return replace(found, common=_of_norms(found, proposals, log_share + densities))
 
 
 def _of_norms(found: Sample, proposals: Sequence[Proposal], log_parts: Floats) -> float:

@@ -159,7 +159,10 @@ def weighed(
     quick = draws <= TUNING.law_draws  # an evidence is wanted, of one law of many
     patience = TUNING.law_patience if quick else TUNING.auto_patience
     sizes |= {"fewest": 1, "least": enough, "patience": patience}
-    drawn = sample(explorer, explorer.propose, seed=seed, enough=enough, first=guard, **sizes)
+    for turn in range(TUNING.relearnt + 1):
+        drawn = sample(explorer, explorer.propose, seed=seed + 1000 * turn, enough=enough, first=guard, **sizes)
+        if not explorer.misled:
+            break
     if explorer.misled:
         before, own = drawn, None
         sizes |= {"each": TUNING.settled_per_round}

@@ -77,10 +77,10 @@ class Tuning:
     fit_well: float = 0.3  # effective draws over the pool, from which the mixture fits
     flatter: float = 0.5  # power of the surrogate that teaches, for what it misses
     taught_share: float = 0.8  # of the rough simulations from that power, the others from the mixture
-    misled: float = 1.5  # scatter of what a surrogate finds wrong of its own draws, from which it is left alone,
-    misled_fewest: int = 10  # told by so many
-    guarded: int = 5  # rounds of the network's draws that follow, so that no part of the posterior is left out
-    guard_share: float = 0.15  # of the draws that count in the end, which are from the network then, too,
+    misled: float = 1.0  # scatter of what a surrogate finds wrong of its own draws, from which these only teach another
+    misled_fewest: int = 8  # told by so many,
+    relearnt: int = 6  # so many times. Then it is left alone: mixtures that follow the weighted draws are used,
+    guard_share: float = 0.15  # with so many of the draws from the network,
     settled_per_round: int = 100  # so many at a time
     adapted: float = 6.0  # effective draws for each coordinate that a mixture is then fitted to,
     adapted_components: int = 10  # with so many components at most,
