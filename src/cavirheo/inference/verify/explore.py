@@ -99,7 +99,7 @@ class Explorer:
         self.modes, self.climbed = list(modes), 0
         self.places: list[Mode] = []
         self.surrogate: Surrogate | None = None  # of the last proposal, and how many simulations it knew
-        self.known, self.misled = 0, False
+        self.known, self.misled = 0, 0
         for mode in modes:
             self._settle(mode)  # best first
         self.mixture = self.start
@@ -166,15 +166,14 @@ class Explorer:
                 self.modes.append(mode)
                 self._settle(mode)
 
-    def propose(self, rng: np.random.Generator, counted: Sample | None) -> Proposal | None:
+    def propose(self, rng: np.random.Generator, counted: Sample | None) -> Proposal:
         """The next proposal; before the first, rounds of rough simulations where the posterior and its tails seem to
-        be, and one more for each other valley found there. None where the last one was wrong about its own draws: what
-        it was made from is too little, and these are known now."""
+        be, and one more for each other valley found there."""
         rounds = 0
         if counted is None:
-            self.surrogate, self.misled = None, False
-        elif self._misled():
-            return None
+            self.surrogate, self.misled = None, 0
+        elif self._misled() > TUNING.relearnt:
+            return self.settled(counted, rng)
         if counted and len(counted.u) > TUNING.lost_after and counted.ess < TUNING.lost * len(counted.u):
             self.thorough()
         while counted is None and rounds < self.rounds + self.climbed:
@@ -194,16 +193,16 @@ class Explorer:
             proposal = proposal.normed(TUNING.pool, rng)
         return proposal if met > TUNING.norm_met else proposal.mixture
 
-    def _misled(self) -> bool:
-        """Whether the surrogate was wrong about draws that were made by it: it knew too little, or the camera has two
-        solutions for one simulation, and the frames then jump from one to the other."""
+    def _misled(self) -> int:
+        """How many surrogates were wrong about draws that were made by them: they knew too little, or the camera has
+        two solutions for one simulation, and the frames then jump from one to the other."""
         if self.surrogate is not None:
             u, value = self.u[self.known :], self.value[self.known :]
             good = value > np.max(self.value) - TUNING.flat_height
             off = self.surrogate(u[good]) - value[good]
             if len(off) >= TUNING.misled_fewest:
                 scatter = 1.4826 * float(np.median(np.abs(off - np.median(off))))
-                self.misled = self.misled or scatter > TUNING.misled
+                self.misled += scatter > TUNING.misled
             self.surrogate = None
         return self.misled
 

@@ -159,15 +159,17 @@ def weighed(
     quick = draws <= TUNING.law_draws  # an evidence is wanted, of one law of many
     patience = TUNING.law_patience if quick else TUNING.auto_patience
     sizes |= {"fewest": 1, "least": enough, "patience": patience}
-    for turn in range(TUNING.relearnt + 1):
-        drawn = sample(explorer, explorer.propose, seed=seed + 1000 * turn, enough=enough, first=guard, **sizes)
-        if not explorer.misled:
-            break
-    if explorer.misled:
+
+    def taught(rng: np.random.Generator, counted: Sample | None) -> Proposal | None:
+        proposal = explorer.propose(rng, counted)
+        return None if explorer.misled > TUNING.relearnt else proposal
+
+    drawn = sample(explorer, taught, seed=seed, enough=enough, first=guard, **sizes)
+    if explorer.misled > TUNING.relearnt:
         before, own = drawn, None
         sizes |= {"each": TUNING.settled_per_round}
         drawn = sample(
-            explorer, lambda rng, now: explorer.settled(now or before, rng), seed=seed + 2, enough=enough, **sizes
+            explorer, lambda rng, now: explorer.settled(before.beside(now), rng), seed=seed + 2, enough=enough, **sizes
         )
     drawn, error = near.checked(drawn, seed)
     apart = None
