@@ -1,9 +1,10 @@
 """Clock, radius scale and R_max of a recording, integrated for each simulation: none of them costs a simulation.
 
 They move the frames of a bubble that is already solved. In units of t_c its radius is f R*((t - t_0)/(s f t_c)) with
-clock t_0, radius scale s and R_max factor f: size enters R* only through small numbers (surface tension, heat and mass
-transfer, the speed of sound), which change by less than the 1.5 % that s and f may. What does scale is what goes with
-p t_c: a viscosity or a relaxation time of the law is s f times that of the simulation (`rescaled`).
+clock t_0, radius scale s and R_max factor f. What goes with p t_c scales with size: a viscosity or a relaxation time of
+the law is s f times that of the simulation (`rescaled`). Else size enters R* through heat and mass transfer, and hardly
+through surface tension and sound: 1 % of size changes R* by 0.15 % of R_max RMS. Where frames are sharp enough to tell
+(`sharp`), a second simulation gives R* to first order in size.
 
 For each simulation the most likely (t_0, s, f) = p is found by Gauss-Newton steps on the frames, and the integral over
 p is Laplace's about it, H the curvature of -log(likelihood x prior) there:
@@ -22,12 +23,15 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from cavirheo.arrays import Floats
 from cavirheo.inference.noise import Noise
+from cavirheo.physics.cache import compiled
 
 NAMES = ("time_origin", "radius_scale", "max_radius_factor")
 WITH_TIME = ("viscosity", "consistency", "zero_rate", "infinite_rate", "relaxation_time", "retardation_time", "time")
@@ -38,8 +42,20 @@ STEPS = 20  # Gauss-Newton steps, at most,
 ROUGH_GAIN, GAIN = 0.1, 1e-5  # until one gains less in log density: all of them, the best one
 CLOCKS = (0.0, -1.2, -0.6, 0.6, 1.2)  # where these steps begin, in standard deviations of the clock,
 CLIMBED = 2  # from so many of them, the most likely
+OTHER_SIZE = 0.02  # by which the bubble of the second simulation is larger
+BY_SIZE = 0.15  # RMS change of R* for a relative change of size, about,
+SEEN = 0.25  # of the noise, from which such a change counts
 SHARE = 0.01  # of a size of the discrepancy in the noise, below which a step leaves it out
 _LOG_2PI = float(np.log(2.0 * np.pi))
+
+
+class Curves(NamedTuple):
+    """A simulation at regular instants: R/R_max, its derivative (1/s), and the derivative of R/R_max by the logarithm
+    of the bubble's size, or nothing."""
+
+    radius: Floats
+    speed: Floats
+    by_size: Floats
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,7 +74,7 @@ class CameraNuisances:
     shares: Floats
     step: float
 
-    @property
+    @cached_property
     def free(self) -> NDArray[np.int64]:
         """(m,) indices of what is not exact."""
         return np.flatnonzero(self.widths > 0)
@@ -68,40 +84,43 @@ class CameraNuisances:
         """Numbers of an extended residual."""
         return len(self.time) + len(self.free) + 1
 
-    @property
+    @cached_property
     def grid(self) -> Floats:
         """(k,) s after R_max at which a simulation is needed, all frames with any clock and scale between them."""
         end = (float(np.max(self.time)) + 3.0 * self.widths[0] + float(np.max(self.instants))) * 1.05
         return np.asarray(self.step * np.arange(int(np.ceil(end / self.step)) + 3))
 
-    def extended(self, radius: Floats, speed: Floats, noise: Noise) -> tuple[Floats, Floats]:
-        """(size,) extended residual of a simulation, R/R_max and its derivative (1/s) on `grid`, and the curvature H
-        (m, m) in units of the prior."""
+    def sharp(self, noise: Noise) -> bool:
+        """Whether frames with this noise tell what the size of the bubble changes besides time and what scales."""
+        return BY_SIZE * float(np.hypot(*self.widths[1:])) > SEEN * float(np.median(noise.deviation))
+
+    def extended(self, run: Curves, noise: Noise) -> tuple[Floats, Floats]:
+        """(size,) extended residual of a simulation on `grid` and the curvature H (m, m) in units of the prior."""
         m = len(self.free)
         starts = np.zeros((len(CLOCKS) if m and not self.free[0] else 1, m))
         if len(starts) > 1:  # frames beside a collapse may have two clocks
             starts[:, 0] = CLOCKS
-        residuals = np.array([self._residual(radius, speed, z)[0] for z in starts])
+        residuals = np.array([self._residual(run, z)[0] for z in starts])
         near = noise.only(residuals, SHARE) if m else noise
         heights = near.log_density(residuals) - 0.5 * np.sum(starts**2, axis=1)
-        ends = [self._climbed(radius, speed, near, starts[i], ROUGH_GAIN) for i in np.argsort(-heights)[:CLIMBED]]
-        _, z, residual, jacobian = self._climbed(radius, speed, near, max(ends, key=lambda end: end[0])[1], GAIN)
+        ends = [self._climbed(run, near, starts[i], ROUGH_GAIN) for i in np.argsort(-heights)[:CLIMBED]]
+        _, z, residual, jacobian = self._climbed(run, near, max(ends, key=lambda end: end[0])[1], GAIN)
         curvature = near.newton(residual, jacobian)[1] + np.eye(m) if m else np.zeros((0, 0))
         rest = -0.5 * float(np.linalg.slogdet(curvature)[1])  # each prior and each integral has a (2 pi)^(1/2)
         return np.concatenate([residual, z, [rest]]), curvature
 
     def _climbed(
-        self, radius: Floats, speed: Floats, noise: Noise, z: Floats, least: float
+        self, run: Curves, noise: Noise, z: Floats, least: float
     ) -> tuple[float, Floats, Floats, Floats]:  # fmt: skip
         """Log of likelihood times exp(-z^2/2) at its maximum from z (m,), that z, its residual and derivatives."""
-        residual, jacobian = self._residual(radius, speed, z)
+        residual, jacobian = self._residual(run, z)
         height, gradient, curvature = noise.expanded(residual, jacobian)
         value = height - 0.5 * float(z @ z)
         for _ in range(STEPS if len(z) else 0):
             step, gain = -np.linalg.solve(curvature + np.eye(len(z)), gradient + z), 0.0
             for length in (1.0, 0.5, 0.2, 0.05):
                 there = z + length * step
-                tried, slopes = self._residual(radius, speed, there)
+                tried, slopes = self._residual(run, there)
                 expansion = noise.expanded(tried, slopes)
                 reached = expansion[0] - 0.5 * float(there @ there)
                 if reached > value:
@@ -112,17 +131,12 @@ class CameraNuisances:
                 break
         return value, z, residual, jacobian
 
-    def _residual(self, radius: Floats, speed: Floats, z: Floats) -> tuple[Floats, Floats]:
+    def _residual(self, run: Curves, z: Floats) -> tuple[Floats, Floats]:
         """(n,) measured minus simulated, and the simulated frames' derivatives (n, m) by z."""
         p = np.array([0.0, 1.0, 1.0])
         p[self.free] += self.widths[self.free] * z
-        clock, scale, factor = p
-        since = (self.time[:, None] + self.instants - clock) / (scale * factor)
-        seen, slope = _at(radius, speed, self.step, since)
-        moved = slope * since
-        columns = (-slope / scale, -moved * factor / scale, seen - moved)
-        by_p = np.stack([column @ self.shares for column in columns], axis=1)
-        return self.measured - factor * (seen @ self.shares), by_p[:, self.free] * self.widths[self.free]
+        seen = _seen(*run, self.step, self.time, self.instants, self.shares, *p)
+        return self.measured - seen[0], (seen[1:][self.free] * self.widths[self.free, None]).T
 
     def natural(self, z: Floats) -> dict[str, Floats]:
         """time_origin (s), radius_scale and max_radius_factor from z (..., m)."""
@@ -150,17 +164,40 @@ def rescaled(names: Sequence[str], x: Floats, size: Floats) -> Floats:
     x = np.array(x)
     for i, name in enumerate(names):
         if name.rstrip("_0123456789") in WITH_TIME:
-            x[:, i] += np.log10(size)
+            power = 10.0 ** x[:, names.index("exponent")] if name == "consistency" else 1.0
+            x[:, i] += power * np.log10(size)
     return x
 
 
-def _at(radius: Floats, speed: Floats, step: float, time: Floats) -> tuple[Floats, Floats]:
-    """Radius and its derivative at any times, even and odd about 0, by cubic Hermite pieces of regular instants."""
-    away = np.abs(time)
-    i = np.minimum((away / step).astype(np.int64), len(radius) - 2)
-    t = np.minimum(away / step - i, 1.0)
-    first, rise, begin, end = radius[i], radius[i + 1] - radius[i], speed[i] * step, speed[i + 1] * step
-    square, cube = 3.0 * rise - 2.0 * begin - end, begin + end - 2.0 * rise
-    seen = first + t * (begin + t * (square + t * cube))
-    slope = (begin + t * (2.0 * square + 3.0 * t * cube)) / step
-    return seen, np.sign(time) * slope
+@compiled
+def _seen(
+    radius: Floats, speed: Floats, by_size: Floats, step: float, time: Floats, instants: Floats, shares: Floats,
+    clock: float, scale: float, factor: float,
+) -> Floats:  # fmt: skip
+    """(4, n) frames of a simulation, even about 0, and their derivatives by clock, scale and factor: cubic Hermite
+    pieces of regular instants; lines of what size changes."""
+    found = np.zeros((4, len(time)))
+    grown = scale * factor - 1.0
+    for n in range(len(time)):
+        for k in range(len(instants)):
+            since = (time[n] + instants[k] - clock) / (scale * factor)
+            away = abs(since) / step
+            i = min(int(away), len(radius) - 2)
+            t = min(away - i, 1.0)
+            rise, begin, end = radius[i + 1] - radius[i], speed[i] * step, speed[i + 1] * step
+            square, cube = 3.0 * rise - 2.0 * begin - end, begin + end - 2.0 * rise
+            seen = radius[i] + t * (begin + t * (square + t * cube))
+            slope = (begin + t * (2.0 * square + 3.0 * t * cube)) / step
+            larger = 0.0
+            if len(by_size):
+                larger = by_size[i] + t * (by_size[i + 1] - by_size[i])
+                seen += grown * larger
+                slope += grown * (by_size[i + 1] - by_size[i]) / step
+            if since < 0.0:
+                slope = -slope
+            moved = slope * since
+            found[0, n] += shares[k] * factor * seen
+            found[1, n] -= shares[k] * slope / scale
+            found[2, n] += shares[k] * factor * (factor * larger - moved / scale)
+            found[3, n] += shares[k] * (seen - moved + factor * scale * larger)
+    return found

@@ -22,7 +22,16 @@ from cavirheo.arrays import Bools, Floats
 from cavirheo.bubble import FROM_NOTHING
 from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError, require
-from cavirheo.inference.camera import FINEST, MOST, NAMES, PER_FRAME, CameraNuisances
+from cavirheo.inference.camera import (
+    FINEST,
+    MOST,
+    NAMES,
+    OTHER_SIZE,
+    PER_FRAME,
+    CameraNuisances,
+    Curves,
+    rescaled,
+)  # fmt: skip
 from cavirheo.inference.cells import half_widths
 from cavirheo.inference.law import Family
 from cavirheo.inference.noise import Noise, correlation_time
@@ -354,10 +363,20 @@ class Experiment:
     ) -> tuple[Floats, Floats]:  # fmt: skip
         """(size,) extended residual (camera.py) of x (d,), whose clock, scale and factor do not count, and the
         curvature (m, m) about the most likely ones; NaN where the simulation failed."""
-        run, m = self._run(x, self.natural(x), self.max_radius, camera.grid, accuracy), len(camera.free)
+        natural, m, by_size = self.natural(x), len(camera.free), np.zeros(0)
+        failed = np.full(camera.size, np.nan), np.full((m, m), np.nan)
+        run = self._run(x, natural, self.max_radius, camera.grid, accuracy)
         if run is None:
-            return np.full(camera.size, np.nan), np.full((m, m), np.nan)
-        return camera.extended(run.radius / self.max_radius, run.velocity / self.max_radius, noise)
+            return failed
+        if camera.sharp(noise):
+            size = 1.0 + OTHER_SIZE
+            law = rescaled(self.family.parameters, x[None, : self.law], np.array([size]))[0]
+            x = np.concatenate([law, x[self.law :]])
+            other = self._run(x, natural, size * self.max_radius, size * camera.grid, accuracy)
+            if other is None:
+                return failed
+            by_size = (other.radius / size - run.radius) / (self.max_radius * OTHER_SIZE)
+        return camera.extended(Curves(run.radius / self.max_radius, run.velocity / self.max_radius, by_size), noise)
 
     def residual(self, prediction: Prediction | None) -> Floats:
         """(m,) (measured - simulated)/sigma; a failed simulation misses by R_max everywhere: large, but finite."""
