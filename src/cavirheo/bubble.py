@@ -70,8 +70,7 @@ class Bubble:
     @property
     def title(self) -> str:
         """'real bubble', "field's bubble, damage"."""
-        base, *more = self.name.split(", ")
-        return ", ".join([_TITLES[base], *more])
+        return title_of(self.name)
 
     @property
     def sentence(self) -> str:
@@ -80,6 +79,12 @@ class Bubble:
         around = "its surroundings damp it" if self.confinement_damping != 0 else "nothing around it damps it"
         title = self.title
         return f"{title[0].upper()}{title[1:]}: {vapour}, and {around}."
+
+
+def title_of(name: str) -> str:
+    """'real bubble', "field's bubble, damage", of a bubble's name."""
+    base, *more = name.split(", ")
+    return ", ".join([_TITLES.get(base, f"{base} bubble"), *more])
 
 
 FIELD = Bubble()

@@ -13,6 +13,7 @@ from collections.abc import Iterable, Sequence
 import numpy as np
 
 from cavirheo.arrays import Floats
+from cavirheo.bubble import title_of
 from cavirheo.parameters import AT_RATE, CAMERA, about
 from cavirheo.reporting.answer import CurveRecord, OtherModel, evidence
 from cavirheo.reporting.material import PopulationRecord
@@ -77,12 +78,16 @@ class GroupModel(Record):
 
     @property
     def words(self) -> str:
-        """ "with nhkv, field's bubble: G 6.5 ± 0.8 kPa, µ 0.036 ± 0.003 Pa s; evidence e^-12"."""
+        """ "with nhkv, field's bubble: G 6.5 ± 0.8 kPa, µ 0.036 ± 0.003 Pa s; evidence e^12 for the answer"."""
         factor, unit = digits.modulus_unit([self.shear_modulus_Pa.mean])
         known = (("G", self.shear_modulus_Pa, factor, unit), ("µ", self.viscosity_Pa_s, 1.0, "Pa s"))
         values = [f"{symbol} {digits.spread(one, by)} {of}" for symbol, one, by, of in known if one.mean is not None]
-        said = f"with {self.material}, {self.bubble} bubble: {', '.join(values) or 'nothing is determined'}"
-        return said + ("" if self.log_evidence is None else f"; evidence e^{self.log_evidence:.0f}")
+        said = f"with {self.material}, {title_of(self.bubble)}: {', '.join(values) or 'nothing is determined'}"
+        if self.log_evidence is None:
+            return said
+        return (
+            f"{said}; evidence e^{abs(self.log_evidence):.0f} for {'this' if self.log_evidence > 0 else 'the answer'}"
+        )
 
 
 class GroupRecord(Record):
