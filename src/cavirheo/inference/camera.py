@@ -4,7 +4,7 @@ They move the frames of a bubble that is already solved. In units of t_c its rad
 clock t_0, radius scale s and R_max factor f. What goes with p t_c scales with size: a viscosity or a relaxation time of
 the law is s f times that of the simulation (`rescaled`). Else size enters R* through heat and mass transfer, and hardly
 through surface tension and sound: 1 % of size changes R* by 0.15 % of R_max RMS. Where frames are sharp enough to tell
-(`sharp`), a second simulation gives R* to first order in size.
+(`resolves_size`), a second simulation gives R* to first order in size.
 
 For each simulation the most likely (t_0, s, f) = p is found by Gauss-Newton steps on the frames, and the integral over
 p is Laplace's about it, H the curvature of -log(likelihood x prior) there:
@@ -42,16 +42,16 @@ STEPS = 20  # Gauss-Newton steps, at most,
 ROUGH_GAIN, GAIN = 0.1, 1e-5  # until one gains less in log density: all of them, the best one
 CLOCKS = (0.0, -1.2, -0.6, 0.6, 1.2)  # where these steps begin, in standard deviations of the clock,
 CLIMBED = 2  # from so many of them, the most likely
-OTHER_SIZE = 0.02  # by which the bubble of the second simulation is larger
-BY_SIZE = 0.15  # RMS change of R* for a relative change of size, about,
-SEEN = 0.25  # of the noise, from which such a change counts
+SIZE_STEP = 0.02  # by which the bubble of the second simulation is larger
+SIZE_EFFECT = 0.15  # RMS change of R* over a relative change of size, about,
+SIZE_SHARE = 0.25  # of the noise, from which such a change counts
 SHARE = 0.01  # of a size of the discrepancy in the noise, below which a step leaves it out
 _LOG_2PI = float(np.log(2.0 * np.pi))
 
 
-class Curves(NamedTuple):
+class SimulatedCurve(NamedTuple):
     """A simulation at regular instants: R/R_max, its derivative (1/s), and the derivative of R/R_max by the logarithm
-    of the bubble's size, or nothing."""
+    of the bubble's size, 0 where that does not count."""
 
     radius: Floats
     speed: Floats
@@ -90,11 +90,11 @@ class CameraNuisances:
         end = (float(np.max(self.time)) + 3.0 * self.widths[0] + float(np.max(self.instants))) * 1.05
         return np.asarray(self.step * np.arange(int(np.ceil(end / self.step)) + 3))
 
-    def sharp(self, noise: Noise) -> bool:
+    def resolves_size(self, noise: Noise) -> bool:
         """Whether frames with this noise tell what the size of the bubble changes besides time and what scales."""
-        return BY_SIZE * float(np.hypot(*self.widths[1:])) > SEEN * float(np.median(noise.deviation))
+        return SIZE_EFFECT * float(np.hypot(*self.widths[1:])) > SIZE_SHARE * float(np.median(noise.deviation))
 
-    def extended(self, run: Curves, noise: Noise) -> tuple[Floats, Floats]:
+    def extended(self, run: SimulatedCurve, noise: Noise) -> tuple[Floats, Floats]:
         """(size,) extended residual of a simulation on `grid` and the curvature H (m, m) in units of the prior."""
         m = len(self.free)
         starts = np.zeros((len(CLOCKS) if m and not self.free[0] else 1, m))
@@ -110,7 +110,7 @@ class CameraNuisances:
         return np.concatenate([residual, z, [rest]]), curvature
 
     def _climbed(
-        self, run: Curves, noise: Noise, z: Floats, least: float
+        self, run: SimulatedCurve, noise: Noise, z: Floats, least: float
     ) -> tuple[float, Floats, Floats, Floats]:  # fmt: skip
         """Log of likelihood times exp(-z^2/2) at its maximum from z (m,), that z, its residual and derivatives."""
         residual, jacobian = self._residual(run, z)
@@ -131,7 +131,7 @@ class CameraNuisances:
                 break
         return value, z, residual, jacobian
 
-    def _residual(self, run: Curves, z: Floats) -> tuple[Floats, Floats]:
+    def _residual(self, run: SimulatedCurve, z: Floats) -> tuple[Floats, Floats]:
         """(n,) measured minus simulated, and the simulated frames' derivatives (n, m) by z."""
         p = np.array([0.0, 1.0, 1.0])
         p[self.free] += self.widths[self.free] * z
@@ -186,13 +186,9 @@ def _seen(
             t = min(away - i, 1.0)
             rise, begin, end = radius[i + 1] - radius[i], speed[i] * step, speed[i + 1] * step
             square, cube = 3.0 * rise - 2.0 * begin - end, begin + end - 2.0 * rise
-            seen = radius[i] + t * (begin + t * (square + t * cube))
-            slope = (begin + t * (2.0 * square + 3.0 * t * cube)) / step
-            larger = 0.0
-            if len(by_size):
-                larger = by_size[i] + t * (by_size[i + 1] - by_size[i])
-                seen += grown * larger
-                slope += grown * (by_size[i + 1] - by_size[i]) / step
+            larger = by_size[i] + t * (by_size[i + 1] - by_size[i])
+            seen = radius[i] + t * (begin + t * (square + t * cube)) + grown * larger
+            slope = (begin + t * (2.0 * square + 3.0 * t * cube) + grown * (by_size[i + 1] - by_size[i])) / step
             if since < 0.0:
                 slope = -slope
             moved = slope * since

@@ -26,12 +26,12 @@ from cavirheo.inference.camera import (
     FINEST,
     MOST,
     NAMES,
-    OTHER_SIZE,
     PER_FRAME,
+    SIZE_STEP,
     CameraNuisances,
-    Curves,
+    SimulatedCurve,
     rescaled,
-)  # fmt: skip
+)
 from cavirheo.inference.cells import half_widths
 from cavirheo.inference.law import Family
 from cavirheo.inference.noise import Noise, correlation_time
@@ -363,20 +363,21 @@ class Experiment:
     ) -> tuple[Floats, Floats]:  # fmt: skip
         """(size,) extended residual (camera.py) of x (d,), whose clock, scale and factor do not count, and the
         curvature (m, m) about the most likely ones; NaN where the simulation failed."""
-        natural, m, by_size = self.natural(x), len(camera.free), np.zeros(0)
+        natural, m, by_size = self.natural(x), len(camera.free), np.zeros(len(camera.grid))
         failed = np.full(camera.size, np.nan), np.full((m, m), np.nan)
         run = self._run(x, natural, self.max_radius, camera.grid, accuracy)
         if run is None:
             return failed
-        if camera.sharp(noise):
-            size = 1.0 + OTHER_SIZE
+        if camera.resolves_size(noise):
+            size = 1.0 + SIZE_STEP
             law = rescaled(self.family.parameters, x[None, : self.law], np.array([size]))[0]
             x = np.concatenate([law, x[self.law :]])
             other = self._run(x, natural, size * self.max_radius, size * camera.grid, accuracy)
             if other is None:
                 return failed
-            by_size = (other.radius / size - run.radius) / (self.max_radius * OTHER_SIZE)
-        return camera.extended(Curves(run.radius / self.max_radius, run.velocity / self.max_radius, by_size), noise)
+            by_size = (other.radius / size - run.radius) / (self.max_radius * SIZE_STEP)
+        curve = SimulatedCurve(run.radius / self.max_radius, run.velocity / self.max_radius, by_size)
+        return camera.extended(curve, noise)
 
     def residual(self, prediction: Prediction | None) -> Floats:
         """(m,) (measured - simulated)/sigma; a failed simulation misses by R_max everywhere: large, but finite."""

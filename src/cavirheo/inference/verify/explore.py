@@ -99,7 +99,7 @@ class Explorer:
         self.modes, self.climbed = list(modes), 0
         self.places: list[Mode] = []
         self.surrogate: Surrogate | None = None  # of the last proposal, and how many simulations it knew
-        self.known, self.misled = 0, 0
+        self.known, self.wrong_surrogates = 0, 0
         for mode in modes:
             self._settle(mode)  # best first
         self.mixture = self.start
@@ -171,8 +171,9 @@ class Explorer:
         be, and one more for each other valley found there."""
         rounds = 0
         if counted is None:
-            self.surrogate, self.misled = None, 0
-        elif self._misled() > TUNING.relearnt:
+            self.surrogate, self.wrong_surrogates = None, 0
+        self._check_surrogate()
+        if counted and self.surrogates_fail:
             return self.settled(counted, rng)
         if counted and len(counted.u) > TUNING.lost_after and counted.ess < TUNING.lost * len(counted.u):
             self.thorough()
@@ -193,18 +194,22 @@ class Explorer:
             proposal = proposal.normed(TUNING.pool, rng)
         return proposal if met > TUNING.norm_met else proposal.mixture
 
-    def _misled(self) -> int:
-        """How many surrogates were wrong about draws that were made by them: they knew too little, or the camera has
-        two solutions for one simulation, and the frames then jump from one to the other."""
+    @property
+    def surrogates_fail(self) -> bool:
+        """Whether too many surrogates were wrong: the camera may have two solutions for one simulation, and the frames
+        then jump from one to the other."""
+        return self.wrong_surrogates > TUNING.wrong_surrogates
+
+    def _check_surrogate(self) -> None:
+        """Count the last surrogate if it was wrong about draws that were made by it."""
         if self.surrogate is not None:
             u, value = self.u[self.known :], self.value[self.known :]
             good = value > np.max(self.value) - TUNING.flat_height
             off = self.surrogate(u[good]) - value[good]
-            if len(off) >= TUNING.misled_fewest:
+            if len(off) >= TUNING.wrong_fewest:
                 scatter = 1.4826 * float(np.median(np.abs(off - np.median(off))))
-                self.misled += scatter > TUNING.misled
+                self.wrong_surrogates += scatter > TUNING.wrong_scatter
             self.surrogate = None
-        return self.misled
 
     def settled(self, counted: Sample, rng: np.random.Generator) -> Proposal:
         """What has been learnt from weighted draws, as a proposal for others: draws that a proposal was fitted to

@@ -246,8 +246,7 @@ def sample(
         hopeless = drawn >= patience and found.ess * most < least * drawn
         if drawn >= most or (drawn >= fewest * each and (good or hopeless)):
             break
-    if found is None:
-        raise ValueError("the first proposal must not be None")
+    assert found is not None  # the first proposal is one
     log_share = np.log(np.array(counts) / len(found.u))[:, None]
     return replace(found, common=_of_norms(found, proposals, log_share + densities))
 

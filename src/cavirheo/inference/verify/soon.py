@@ -162,10 +162,10 @@ def weighed(
 
     def taught(rng: np.random.Generator, counted: Sample | None) -> Proposal | None:
         proposal = explorer.propose(rng, counted)
-        return None if explorer.misled > TUNING.relearnt else proposal
+        return None if explorer.surrogates_fail else proposal
 
     drawn = sample(explorer, taught, seed=seed, enough=enough, first=guard, **sizes)
-    if explorer.misled > TUNING.relearnt:
+    if explorer.surrogates_fail:
         before, own = drawn, None
         sizes |= {"each": TUNING.settled_per_round}
         drawn = sample(

@@ -77,9 +77,9 @@ class Tuning:
     fit_well: float = 0.3  # effective draws over the pool, from which the mixture fits
     flatter: float = 0.5  # power of the surrogate that teaches, for what it misses
     taught_share: float = 0.8  # of the rough simulations from that power, the others from the mixture
-    misled: float = 1.0  # scatter of what a surrogate finds wrong of its own draws, from which it was wrong of them,
-    misled_fewest: int = 8  # told by so many
-    relearnt: int = 4  # so many may be wrong. Then they are left alone: mixtures follow the weighted draws,
+    wrong_scatter: float = 1.0  # of surrogate minus log posterior of its own draws, from which it is wrong,
+    wrong_fewest: int = 8  # told by so many draws
+    wrong_surrogates: int = 4  # so many may be; then mixtures that follow the weighted draws are proposed,
     guard_share: float = 0.15  # with so many of the draws from the network,
     settled_per_round: int = 100  # so many at a time
     adapted: float = 6.0  # effective draws for each coordinate that a mixture is then fitted to,
