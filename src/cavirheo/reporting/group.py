@@ -85,7 +85,7 @@ class GroupModel(Record):
         said = f"with {self.material}, {title_of(self.bubble)}: {', '.join(values) or 'nothing is determined'}"
         if self.log_evidence is None:
             return said
-        preferred = "this" if self.log_evidence > 0 else "the answer"
+        preferred = "this model" if self.log_evidence > 0 else "the answer"
         return f"{said}; evidence e^{abs(self.log_evidence):.0f} for {preferred}"
 
 
