@@ -292,7 +292,7 @@ def test_models_that_all_shots_have_get_their_slopes_too(tmp_path):
     assert other.log_evidence is None  # the answers have none
     assert (law.material, law.n, law.slopes) == ("qkv", len(pairs) - 1, {})
     assert 0.1 < other.slopes["viscosity"].median < 0.5  # of the valley with the larger evidence
-    assert "with nhkv, kinetic bubble: G 5.00 ± 0 kPa" in " ".join(printed(document, 80).split())
+    assert "with nhkv, bubble with kinetic contents: G 5.00 ± 0 kPa" in " ".join(printed(document, 80).split())
     assert "R_max^" in (tmp_path / "report.html").read_text(encoding="utf-8")
     assert read_json(tmp_path / "result.json") == document
 
