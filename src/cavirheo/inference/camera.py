@@ -30,7 +30,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cavirheo.arrays import Floats
-from cavirheo.inference.noise import Noise
+from cavirheo.inference.noise import SHAPE, Noise, expanded, products
 from cavirheo.physics.cache import compiled
 
 NAMES = ("time_origin", "radius_scale", "max_radius_factor")
@@ -92,7 +92,7 @@ class CameraNuisances:
 
     def resolves_size(self, noise: Noise) -> bool:
         """Whether frames with this noise tell what the size of the bubble changes besides time and what scales."""
-        return SIZE_EFFECT * float(np.hypot(*self.widths[1:])) > SIZE_SHARE * float(np.median(noise.deviation))
+        return SIZE_EFFECT * float(np.hypot(*self.widths[1:])) > SIZE_SHARE * noise.typical
 
     def extended(self, run: SimulatedCurve, noise: Noise) -> tuple[Floats, Floats]:
         """(size,) extended residual of a simulation on `grid` and the curvature H (m, m) in units of the prior."""
@@ -100,43 +100,9 @@ class CameraNuisances:
         starts = np.zeros((len(CLOCKS) if m and not self.free[0] else 1, m))
         if len(starts) > 1:  # frames beside a collapse may have two clocks
             starts[:, 0] = CLOCKS
-        residuals = np.array([self._residual(run, z)[0] for z in starts])
-        near = noise.only(residuals, SHARE) if m else noise
-        heights = near.log_density(residuals) - 0.5 * np.sum(starts**2, axis=1)
-        ends = [self._climbed(run, near, starts[i], ROUGH_GAIN) for i in np.argsort(-heights)[:CLIMBED]]
-        _, z, residual, jacobian = self._climbed(run, near, max(ends, key=lambda end: end[0])[1], GAIN)
-        curvature = near.newton(residual, jacobian)[1] + np.eye(m) if m else np.zeros((0, 0))
-        rest = -0.5 * float(np.linalg.slogdet(curvature)[1])  # each prior and each integral has a (2 pi)^(1/2)
-        return np.concatenate([residual, z, [rest]]), curvature
-
-    def _climbed(
-        self, run: SimulatedCurve, noise: Noise, z: Floats, least: float
-    ) -> tuple[float, Floats, Floats, Floats]:  # fmt: skip
-        """Log of likelihood times exp(-z^2/2) at its maximum from z (m,), that z, its residual and derivatives."""
-        residual, jacobian = self._residual(run, z)
-        height, gradient, curvature = noise.expanded(residual, jacobian)
-        value = height - 0.5 * float(z @ z)
-        for _ in range(STEPS if len(z) else 0):
-            step, gain = -np.linalg.solve(curvature + np.eye(len(z)), gradient + z), 0.0
-            for length in (1.0, 0.5, 0.2, 0.05):
-                there = z + length * step
-                tried, slopes = self._residual(run, there)
-                expansion = noise.expanded(tried, slopes)
-                reached = expansion[0] - 0.5 * float(there @ there)
-                if reached > value:
-                    gain, z, residual, jacobian, value = reached - value, there, tried, slopes, reached
-                    _, gradient, curvature = expansion
-                    break
-            if gain < least:
-                break
-        return value, z, residual, jacobian
-
-    def _residual(self, run: SimulatedCurve, z: Floats) -> tuple[Floats, Floats]:
-        """(n,) measured minus simulated, and the simulated frames' derivatives (n, m) by z."""
-        p = np.array([0.0, 1.0, 1.0])
-        p[self.free] += self.widths[self.free] * z
-        seen = _seen(*run, self.step, self.time, self.instants, self.shares, *p)
-        return self.measured - seen[0], (seen[1:][self.free] * self.widths[self.free, None]).T
+        camera = self.time, self.measured, self.widths, self.free, self.instants, self.shares, self.step
+        residual, curvature = _integrated(*run, *camera, starts, *noise.covariances, noise.constants, noise.power)
+        return residual, curvature
 
     def natural(self, z: Floats) -> dict[str, Floats]:
         """time_origin (s), radius_scale and max_radius_factor from z (..., m)."""
@@ -167,6 +133,91 @@ def rescaled(names: Sequence[str], x: Floats, size: Floats) -> Floats:
             power = 10.0 ** x[:, names.index("exponent")] if name == "consistency" else 1.0
             x[:, i] += power * np.log10(size)
     return x
+
+
+@compiled
+def _integrated(
+    radius: Floats, speed: Floats, by_size: Floats, time: Floats, measured: Floats, widths: Floats,
+    free: NDArray[np.int64], instants: Floats, shares: Floats, step: float, starts: Floats, weight: Floats,
+    moved: Floats, rank: NDArray[np.int64], factor: Floats, constants: Floats, power: float,
+) -> tuple[Floats, Floats]:  # fmt: skip
+    """What `CameraNuisances.extended` gives, from starts z (k, m) of the steps and the noise's covariances."""
+    m, residuals = len(free), np.empty((len(time), len(starts)))
+    for k in range(len(starts)):
+        seen = _framed(radius, speed, by_size, time, measured, widths, free, instants, shares, step, starts[k])
+        residuals[:, k] = seen[:, m]
+    known = products(residuals, weight, moved, rank, factor)
+    heights, worth = np.empty(len(starts)), np.zeros(len(rank))
+    for k in range(len(starts)):
+        terms = constants - power * np.log1p(known[:, k, k] / (2.0 * SHAPE))
+        share = np.exp(terms - np.max(terms))
+        heights[k] = np.max(terms) + np.log(np.sum(share)) - 0.5 * np.sum(starts[k] ** 2)
+        worth = np.maximum(worth, share / np.sum(share))
+    if m:
+        kept = np.flatnonzero(worth > SHARE)
+        moved, rank, factor, constants = moved[kept], rank[kept], factor[kept], constants[kept]
+    order = np.argsort(-heights)
+    top, best = -np.inf, starts[order[0]]
+    tries = min(CLIMBED, len(starts))
+    for k in range(tries + 1):  # a glance from each of the likeliest, then all the way from the better end
+        z, least = (starts[order[k]], ROUGH_GAIN) if k < tries else (best, GAIN)
+        seen = _framed(radius, speed, by_size, time, measured, widths, free, instants, shares, step, z)
+        height, gradient, curvature = expanded(seen, weight, moved, rank, factor, constants, power)
+        value = height - 0.5 * np.sum(z**2)
+        for _ in range(STEPS if m else 0):
+            direction, gain = _solved(curvature, gradient + z)[0], 0.0
+            for length in (1.0, 0.5, 0.2, 0.05):
+                there = z - length * direction
+                tried = _framed(radius, speed, by_size, time, measured, widths, free, instants, shares, step, there)
+                height, slope, curved = expanded(tried, weight, moved, rank, factor, constants, power)
+                reached = height - 0.5 * np.sum(there**2)
+                if reached > value:
+                    gain, z, seen, value, gradient, curvature = reached - value, there, tried, reached, slope, curved
+                    break
+            if gain < least:
+                break
+        if value > top or k == tries:
+            top, best = value, z
+    rest = -0.5 * _solved(curvature, best)[1]  # each prior and each integral has a (2 pi)^(1/2)
+    return np.concatenate((seen[:, m], best, np.array([rest]))), curvature + np.eye(m)
+
+
+@compiled
+def _solved(curvature: Floats, vector: Floats) -> tuple[Floats, float]:
+    """(C + 1)^-1 v and log |C + 1| by Cholesky's factor, C (m, m) and v (m,)."""
+    m, found, log_det = len(vector), vector.copy(), 0.0
+    root = np.zeros((m, m))
+    for i in range(m):
+        for j in range(i + 1):
+            left = curvature[i, j] + (1.0 if i == j else 0.0)
+            for k in range(j):
+                left -= root[i, k] * root[j, k]
+            root[i, j] = np.sqrt(left) if i == j else left / root[j, j]
+        log_det += 2.0 * np.log(root[i, i])
+        for k in range(i):
+            found[i] -= root[i, k] * found[k]
+        found[i] /= root[i, i]
+    for i in range(m - 1, -1, -1):
+        for k in range(i + 1, m):
+            found[i] -= root[k, i] * found[k]
+        found[i] /= root[i, i]
+    return found, log_det
+
+
+@compiled
+def _framed(
+    radius: Floats, speed: Floats, by_size: Floats, time: Floats, measured: Floats, widths: Floats,
+    free: NDArray[np.int64], instants: Floats, shares: Floats, step: float, z: Floats,
+) -> Floats:  # fmt: skip
+    """(n, m + 1) the simulated frames' derivatives by z (m,), and measured minus simulated."""
+    p, m = np.array([0.0, 1.0, 1.0]), len(free)
+    p[free] += widths[free] * z
+    seen = _seen(radius, speed, by_size, step, time, instants, shares, p[0], p[1], p[2])
+    found = np.empty((len(time), m + 1))
+    for k in range(m):
+        found[:, k] = seen[1 + free[k]] * widths[free[k]]
+    found[:, m] = measured - seen[0]
+    return found
 
 
 @compiled

@@ -171,8 +171,7 @@ def linearised(noise: MarginalNoise, u: Floats, residual: Floats, jacobian: Floa
     """
     size, both = len(u), np.column_stack([jacobian, residual])
     middles, spreads, heights = [], [], []
-    for solved, constant in zip(noise.solved(both), noise.constants, strict=True):
-        product = both.T @ solved
+    for product, constant in zip(noise.products(both), noise.constants, strict=True):
         curved, slope, square = product[:size, :size], product[:size, -1], float(product[-1, -1])
         for _ in range(ROUNDS):  # the frames' own size decides their weight (Student's t)
             weight = noise.power / (SHAPE + 0.5 * square)

@@ -17,60 +17,33 @@ for each of them, frame by frame. Kennedy and O'Hagan 2001, doi:10.1111/1467-986
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from copy import copy
-from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.linalg import cholesky_banded
-from scipy.linalg.lapack import dpbtrs
 from scipy.special import gammaln
 
 from cavirheo.arrays import Floats, log_sum
+from cavirheo.physics.cache import compiled
 
 SHAPE = 2.0  # A: the frame-to-frame noise is a good guess of the noise, but no more
 RATIOS = (1.0, 3.0, 10.0)  # r: discrepancy of the radius over noise
 CLOCKS = (0.0, 1.0, 4.0)  # s/r
 TIMES = (0.1, 0.5, 2.0)  # tau/t_c: a collapse, half of the first fall, the whole window
 UNSEEN = 1e6  # deviation of the number of an extended residual that has no distribution
-DENSE = 450  # frames, up to which an inverse is kept
 ABSENT = 1.0 / 6.0  # prior probability that there is no discrepancy
-
-
-class _Covariance:
-    """C = D + sum of (h K h') over the columns h of `moved` (n, m) for one grid point; without columns, white noise."""
-
-    def __init__(self, deviation: Floats, time: Floats, tau: float, moved: Floats) -> None:
-        self.weight, self.moved = 1.0 / deviation**2, moved
-        self.log_det = 2.0 * float(np.sum(np.log(deviation)))
-        self.factor: Floats | None = None
-        if count := moved.shape[1]:
-            rho = np.exp(-np.diff(time) / tau)
-            gain = -np.expm1(-2.0 * np.diff(time) / tau)  # 1 - rho^2
-            band = np.zeros((count + 1, moved.size))
-            inverse = np.ones(len(time))
-            inverse[1:] += rho**2 / gain
-            inverse[:-1] += rho**2 / gain
-            for i in range(count):
-                band[-1, i::count] = inverse + self.weight * moved[:, i] ** 2
-                band[0, count + i :: count] = -rho / gain
-            if count == 2:
-                band[1, 1::2] = self.weight * moved[:, 0] * moved[:, 1]
-            self.factor = cholesky_banded(band)
-            self.log_det += count * float(np.sum(np.log(gain))) + 2.0 * float(np.sum(np.log(self.factor[-1])))
-
-    def solve(self, columns: Floats) -> Floats:
-        """C^-1 columns, (n, k)."""
-        weighted = columns * self.weight[:, None]
-        if self.factor is None:
-            return weighted
-        along = (self.moved[:, :, None] * weighted[:, None]).reshape(self.moved.size, -1)
-        off = dpbtrs(self.factor, along)[0].reshape(*self.moved.shape, -1)  # cho_solve_banded without its checks
-        return np.asarray(weighted - self.weight[:, None] * np.sum(self.moved[:, :, None] * off, axis=1))
 
 
 class Noise:
     """The distribution of (n,) residuals at (n,) times, s, with assumed deviations (n,) and, with a discrepancy, the
-    wall's velocities (n,), 1/s; tau and the clock in units of `scale`, s."""
+    wall's velocities (n,), 1/s; tau and the clock in units of `scale`, s.
+
+    typical: the median deviation. covariances: those of the grid points. constants: (grid,) what a log density has
+    besides e' C^-1 e.
+    """
 
     def __init__(
         self, deviation: Floats, time: Floats, scale: float, discrepancy: bool, velocity: Floats | float = 0.0
@@ -79,51 +52,34 @@ class Noise:
         self.size: int = len(deviation)
         some = [(r, r * s, tau * scale) for r in RATIOS for s in CLOCKS for tau in TIMES] if discrepancy else []
         self.grid: list[tuple[float, float, float]] = [(0.0, 0.0, 1.0), *some]
-        sigma = float(np.median(deviation))
-        shapes = sigma * np.stack([np.ones(self.size), np.broadcast_to(velocity * scale, self.size)], axis=1)
-        moved = [(tau, self._moved(shapes, r, s)) for r, s, tau in self.grid]
-        self.parts: list[_Covariance] = [_Covariance(deviation, time, *one) for one in moved]
+        self.typical: float = float(np.median(deviation))
+        shapes = self.typical * np.stack([np.ones(self.size), np.broadcast_to(velocity * scale, self.size)], axis=1)
+        self.covariances, log_det = Covariances.of(deviation, time, [(shapes * (r, s), tau) for r, s, tau in self.grid])
         share = [ABSENT] + [(1.0 - ABSENT) / len(some)] * len(some) if some else [1.0]
         self.log_prior: Floats = np.log(share)
         self.power: float = SHAPE + 0.5 * self.size
         constant = gammaln(self.power) - gammaln(SHAPE) - 0.5 * self.size * np.log(2.0 * np.pi * SHAPE)
-        self.constants: Floats = constant - 0.5 * np.array([part.log_det for part in self.parts]) + self.log_prior
-
-    @cached_property
-    def inverses(self) -> Floats | None:
-        """(parts, n, n) C^-1 of each: one product with all of them takes a tenth of as many banded solves. None for
-        more frames than that holds for."""
-        return np.array([part.solve(np.eye(self.size)) for part in self.parts]) if self.size <= DENSE else None
-
-    def solved_together(self, columns: Floats) -> Floats:
-        """(parts, n, k) C^-1 columns, (n, k)."""
-        return np.array(self.solved(columns)) if self.inverses is None else np.asarray(self.inverses @ columns)
-
-    @staticmethod
-    def _moved(shapes: Floats, *sizes: float) -> Floats:
-        return (shapes * sizes)[:, np.array(sizes) > 0]
+        self.constants: Floats = constant - 0.5 * log_det + self.log_prior
 
     def only(self, residuals: Floats, least: float) -> Noise:
         """With the grid points alone that have a share of `least` in the density of any of residuals (k, n)."""
-        share = np.max(self._weighed(residuals.T)[1], axis=1)
+        share = np.max(self._weighed(residuals)[1], axis=1)
         found = copy(self)
-        found.parts = [part for part, most in zip(self.parts, share, strict=True) if most > least]
+        found.covariances = self.covariances.some(np.flatnonzero(share > least))
         found.constants = self.constants[share > least]
-        if self.inverses is not None:
-            found.__dict__["inverses"] = self.inverses[share > least]
         return found
 
-    def solved(self, columns: Floats) -> list[Floats]:
-        """C^-1 columns, (n, k), for each grid point."""
-        return [part.solve(columns) for part in self.parts]
+    def products(self, columns: Floats) -> Floats:
+        """(grid, k, k) columns' C^-1 columns, of (n, k)."""
+        return np.asarray(products(np.ascontiguousarray(columns), *self.covariances))
 
     def joint(self, squares: Floats) -> Floats:
         """(grid, k) log joint density of grid point and residual, from e' C^-1 e (grid, k)."""
         return np.asarray(self.constants[:, None] - self.power * np.log1p(squares / (2.0 * SHAPE)))
 
     def _weighed(self, residuals: Floats) -> tuple[Floats, Floats, Floats]:
-        """log density (k,) of residuals (n, k), the share of each grid point in it and e' C^-1 e, both (grid, k)."""
-        squares = np.sum(residuals * self.solved_together(residuals), axis=1)
+        """log density (k,) of residuals (k, n), the share of each grid point in it and e' C^-1 e, both (grid, k)."""
+        squares = np.array([self.products(residual[:, None])[:, 0, 0] for residual in residuals]).T
         terms = self.joint(squares)
         total = log_sum(terms, axis=0)
         return total, np.exp(terms - total), squares
@@ -138,30 +94,21 @@ class Noise:
         found = np.full(len(residuals), -np.inf)
         good = np.all(np.isfinite(residuals), axis=1)
         if np.any(good):
-            found[good] = self._weighed(residuals[good].T)[0]
+            found[good] = self._weighed(residuals[good])[0]
         return found
 
     def newton(self, residual: Floats, jacobian: Floats) -> tuple[Floats, Floats]:
         """Gradient (d,) and Gauss-Newton curvature (d, d) of -log density of measured minus simulated, (n,), with the
         simulated's `jacobian` (n, d)."""
-        return self.expanded(residual, jacobian)[1:]
-
-    def expanded(self, residual: Floats, jacobian: Floats) -> tuple[float, Floats, Floats]:
-        """Log density of a residual (n,), and what `newton` gives."""
         both = np.column_stack([jacobian, residual])
-        products = both.T @ self.solved_together(both)
-        squares = products[:, -1, -1]
-        terms = self.joint(squares[:, None])[:, 0]
-        total = float(log_sum(terms))
-        weight = np.exp(terms - total) * self.power / (SHAPE + 0.5 * squares)
-        product = np.tensordot(weight, products, 1)
-        return total, -product[:-1, -1], product[:-1, :-1]
+        _, gradient, curvature = expanded(both, *self.covariances, self.constants, self.power)
+        return gradient, curvature
 
     def describe(self, residual: Floats) -> dict[str, float]:
         """The noise over that assumed, the probability of a discrepancy, and its standard deviation, of a (n,)."""
-        _, share, squares = self._weighed(residual[:, None])
+        _, share, squares = self._weighed(residual[None])
         variance = (SHAPE + 0.5 * squares) / (self.power - 1.0)
-        moved = np.array([np.sum(part.moved**2) for part in self.parts])[:, None] / self.size
+        moved = np.sum(self.covariances.moved**2, axis=(1, 2))[:, None] / self.size
         return {
             "noise_over_assumed": float(np.sqrt(np.sum(share * variance))),
             "discrepancy_probability": float(1.0 - np.sum(share[0])),
@@ -169,11 +116,112 @@ class Noise:
         }
 
 
+class Covariances(NamedTuple):
+    """C = D + sum of (h K h') over the columns h of a (n, m) `moved`, for each of some grid points; without columns,
+    white noise.
+
+    weight: (n,) of D^-1. moved: (grid, n, 2). rank: (grid,) how many of its columns are not 0. factor: (grid, 3, 2 n)
+    the upper Cholesky factor of P + H' D^-1 H, diagonal by diagonal, the main one last and inverted.
+    """
+
+    weight: Floats
+    moved: Floats
+    rank: NDArray[np.int64]
+    factor: Floats
+
+    @classmethod
+    def of(cls, deviation: Floats, time: Floats, grid: Sequence[tuple[Floats, float]]) -> tuple[Covariances, Floats]:
+        """Of deviations (n,) at times (n,) and (moved (n, 2), tau) of each grid point, with their log |C| (grid,)."""
+        n, weight = len(time), 1.0 / deviation**2
+        rank = np.array([np.count_nonzero(np.any(moved != 0.0, axis=0)) for moved, _ in grid])
+        factor, log_det = np.zeros((len(grid), 3, 2 * n)), np.full(len(grid), 2.0 * float(np.sum(np.log(deviation))))
+        for k, (moved, tau) in enumerate(grid):
+            columns = int(rank[k])
+            if not columns:
+                continue
+            rho = np.exp(-np.diff(time) / tau)
+            gain = -np.expm1(-2.0 * np.diff(time) / tau)  # 1 - rho^2
+            band, inverse = np.zeros((columns + 1, columns * n)), np.ones(n)
+            inverse[1:] += rho**2 / gain
+            inverse[:-1] += rho**2 / gain
+            for i in range(columns):
+                band[-1, i::columns] = inverse + weight * moved[:, i] ** 2
+                band[0, columns + i :: columns] = -rho / gain
+            if columns == 2:
+                band[1, 1::2] = weight * moved[:, 0] * moved[:, 1]
+            found = cholesky_banded(band)
+            log_det[k] += columns * float(np.sum(np.log(gain))) + 2.0 * float(np.sum(np.log(found[-1])))
+            found[-1] = 1.0 / found[-1]
+            factor[k, 2 - columns :, : columns * n] = found
+        return cls(weight, np.array([moved for moved, _ in grid]), rank, factor), log_det
+
+    def some(self, which: NDArray[np.int64]) -> Covariances:
+        """Those of some grid points."""
+        return Covariances(self.weight, self.moved[which], self.rank[which], self.factor[which])
+
+
+@compiled
+def products(columns: Floats, weight: Floats, moved: Floats, rank: NDArray[np.int64], factor: Floats) -> Floats:
+    """(grid, k, k) columns' C^-1 columns of (n, k), by Woodbury's identity; the others are those of `Covariances`."""
+    n, k = columns.shape
+    white = np.zeros((k, k))
+    for i in range(n):
+        for a in range(k):
+            for b in range(a + 1):
+                white[a, b] += columns[i, a] * weight[i] * columns[i, b]
+    found = np.empty((len(rank), k, k))
+    row, one_before, two_before = np.empty(k), np.empty(k), np.empty(k)
+    for p in range(len(rank)):
+        found[p] = white
+        m = rank[p]
+        one_before[:] = 0.0
+        two_before[:] = 0.0
+        for j in range(m * n):  # forward substitution, row by row
+            i = j // m
+            h = moved[p, i, j - m * i] * weight[i]
+            near, far = factor[p, 1, j], factor[p, 0, j]
+            for a in range(k):
+                row[a] = (h * columns[i, a] - near * one_before[a] - far * two_before[a]) * factor[p, 2, j]
+            for a in range(k):
+                for b in range(a + 1):
+                    found[p, a, b] -= row[a] * row[b]
+            for a in range(k):
+                two_before[a] = one_before[a]
+                one_before[a] = row[a]
+        for a in range(k):
+            for b in range(a):
+                found[p, b, a] = found[p, a, b]
+    return found
+
+
+@compiled
+def expanded(
+    columns: Floats, weight: Floats, moved: Floats, rank: NDArray[np.int64], factor: Floats, constants: Floats,
+    power: float,
+) -> tuple[float, Floats, Floats]:  # fmt: skip
+    """Log density of a residual (n,), the last of the columns (n, d + 1), and gradient (d,) and Gauss-Newton curvature
+    (d, d) of its negative by what the other columns are the simulated frames' derivatives by."""
+    d = columns.shape[1] - 1
+    known = products(columns, weight, moved, rank, factor)
+    terms = constants - power * np.log1p(known[:, d, d] / (2.0 * SHAPE))
+    top = np.max(terms)
+    share = np.exp(terms - top)
+    whole = np.sum(share)
+    gradient, curvature = np.zeros(d), np.zeros((d, d))
+    for p in range(len(rank)):
+        trust = share[p] / whole * power / (SHAPE + 0.5 * known[p, d, d])
+        for a in range(d):
+            gradient[a] -= trust * known[p, a, d]
+            for b in range(d):
+                curvature[a, b] += trust * known[p, a, b]
+    return top + np.log(whole), gradient, curvature
+
+
 class MarginalNoise:
     """The distribution of extended residuals (k, n + m + 1), which hold m pulls and the logarithm of the rest of an
     integral over the camera (camera.py) beside the n frames that `frames` is about.
 
-    parts, power, constants, joint: of `frames`. pull: k^2 of the frames, by which the pulls' squares are multiplied
+    power, constants, joint: of `frames`. pull: k^2 of the frames, by which the pulls' squares are multiplied
     where the frames' are to be divided by it.
     """
 
@@ -181,10 +229,6 @@ class MarginalNoise:
         self.frames, self.pulls, self.pull = frames, pulls, 1.0
         self.deviation: Floats = np.concatenate([frames.deviation, np.ones(pulls), [UNSEEN]])
         self.size: int = len(self.deviation)
-
-    @property
-    def parts(self) -> list[_Covariance]:
-        return self.frames.parts
 
     @property
     def power(self) -> float:
@@ -225,15 +269,13 @@ class MarginalNoise:
         frames = self.split(residuals)[0]
         found = copy(self)
         found.frames = self.frames.only(frames, least)
-        squares = np.array([frames[0] @ part.solve(frames[:1].T)[:, 0] for part in found.frames.parts])
-        found.pull = found.frames.factor(squares)
+        found.pull = found.frames.factor(found.frames.products(frames[0][:, None])[:, 0, 0])
         return found
 
-    def solved(self, columns: Floats) -> list[Floats]:
-        """C^-1 columns, (size, k), for each grid point; that of the pulls is `pull`, that of the rest is nothing."""
+    def products(self, columns: Floats) -> Floats:
+        """As that of `frames`, of (size, k); the pulls have `pull` for C^-1, the rest nothing."""
         frames, pulls, _ = (part.T for part in self.split(columns.T))
-        nothing = np.zeros((1, columns.shape[1]))
-        return [np.concatenate([part, self.pull * pulls, nothing]) for part in self.frames.solved(frames)]
+        return self.frames.products(frames) + self.pull * pulls.T @ pulls
 
     def describe(self, residual: Floats) -> dict[str, float]:
         """As that of `frames`."""

@@ -52,7 +52,10 @@ class Kept(caching.NullCache):
 
     def __init__(self, function: Callable[..., Any]) -> None:
         file = Path(inspect.getfile(function)).absolute()
-        self.begin, self.source = f"{file.stem}.{function.__name__}", _source(file)
+        others = [getattr(value, "_cache", None) for value in function.__globals__.values()]
+        called = sorted({one.source for one in others if isinstance(one, Kept)})  # of functions that it may call
+        self.begin: str = f"{file.stem}.{function.__name__}"
+        self.source: str = _source(file, *called)
         named, of_user = getattr(config, "CACHE_DIR", ""), AppDirs("numba", appauthor=False).user_cache_dir
         part = f"{file.parent.name}_{hashlib.sha256(str(file.parent).encode()).hexdigest()[:16]}"
         self.folders = [Path(named, part)] if named else []
@@ -93,9 +96,9 @@ class Kept(caching.NullCache):
 
 
 @cache
-def _source(file: Path) -> str:
-    """Of the whole file: a function is compiled together with those that it calls."""
-    return hashlib.sha256(file.read_bytes()).hexdigest()[:16]
+def _source(file: Path, *called: str) -> str:
+    """Of the whole file and of those of what it calls: a function is compiled together with these."""
+    return hashlib.sha256(b"".join([file.read_bytes(), *map(str.encode, called)])).hexdigest()[:16]
 
 
 @cache

@@ -58,7 +58,7 @@ class Surrogate:
         size = np.sqrt(trust @ left_out / np.sum(trust)) + 1e-9  # of each process, (directions,)
         # for each covariance C of the noise: e' C^-1 e as a quadratic form of the directions, and its axes in units of
         # the processes' sizes
-        forms = np.array([columns.T @ solved for solved in self.noise.solved(columns)])
+        forms = self.noise.products(columns)
         best = np.append(along[0], 1.0)
         self.scale: float = self.noise.factor(forms @ best @ best)  # k^2, as at the best
         values, axes = np.linalg.eigh(size[:, None] * forms[:, :-1, :-1] * size)
