@@ -324,7 +324,7 @@ def test_an_interval_as_wide_as_the_range_is_no_ok():
     """The best value lies inside the range, but the interval runs to its end: a gel too soft for its curve to tell."""
     answer = fit(shot(NeoHookeanKelvinVoigt(300.0, 0.05), end=35e-6, noise=0.01), windows=False, window=1)
     low, high = answer.interval("shear_modulus")
-    assert low < 15 < 100 < answer.best["shear_modulus"] < high
+    assert low < 20 < 100 < answer.best["shear_modulus"] < high
     assert answer.checks.verdict == "undetermined"
     assert answer.bound("shear_modulus") == "upper"
     assert answer.bound("viscosity") is None

@@ -83,10 +83,11 @@ def _known_stretch(curve: RadiusCurve, wanted: float | str | None) -> tuple[floa
 
 
 class Prediction(NamedTuple):
-    """A simulation as the camera would have measured it; both (m,), over the measured R_max."""
+    """A simulation as the camera would have measured it; all (m,), over the measured R_max."""
 
     radius: Floats
     speed: Floats  # |dR/dt|, 1/s
+    velocity: Floats  # its derivative by the time of the frame, 1/s: before R_max the bubble is mirrored
 
 
 class Experiment:
@@ -313,14 +314,16 @@ class Experiment:
         """
         natural, (nodes, shares) = self.natural(x), self._exposed
         since = self.since[self.counted] if counted else self.since
-        instants = np.abs(since[:, None] - natural["time_origin"] + self.exposure * nodes).ravel()
+        instants = (since[:, None] - natural["time_origin"] + self.exposure * nodes).ravel()
+        side, instants = np.sign(instants), np.abs(instants)
         order = np.argsort(instants, kind="stable")
         scale = natural["radius_scale"]
         run = self._run(x, natural, self.max_radius * scale * natural["max_radius_factor"], instants[order], accuracy)
         if run is None:
             return None
-        seen = np.empty((2, len(instants)))
-        seen[:, order] = run.radius / (scale * self.max_radius), np.abs(run.velocity) / (scale * self.max_radius)
+        seen = np.empty((3, len(instants)))
+        seen[:, order] = np.array([run.radius, np.abs(run.velocity), run.velocity]) / (scale * self.max_radius)
+        seen[2] *= side
         return Prediction(*(np.asarray(values.reshape(-1, len(nodes)) @ shares) for values in seen))
 
     def _run(
@@ -383,6 +386,22 @@ class Experiment:
         """(m,) (measured - simulated)/sigma; a failed simulation misses by R_max everywhere: large, but finite."""
         difference = self.measured - prediction.radius if prediction is not None else np.ones(len(self.measured))
         return np.asarray(difference / (self.sigma * self.noise_factor))
+
+    def camera_slopes(self, x: Floats, seen: Prediction, by_law: Floats) -> Floats:
+        """(m, camera) derivatives of the residual by clock, scale and factor in x, those that are free, without another
+        simulation: bubbles of all sizes are alike (camera.py). seen: at x. by_law: (m, law) derivatives of it by the
+        law's parameters."""
+        natural = self.natural(x)
+        power = rescaled(self.family.parameters, x[None, : self.law], np.array([10.0]))[0] - x[: self.law]
+        later, weight = seen.velocity * (self.since - natural["time_origin"]), 1.0 / (self.sigma * self.noise_factor)
+        same = by_law @ power / _LN10  # a larger bubble in the same law is as one in a thinner law
+        slopes = {
+            "time_origin": seen.velocity * weight,
+            "radius_scale": (later * weight - same) / natural["radius_scale"],
+            "max_radius_factor": ((later - seen.radius) * weight - same) / natural["max_radius_factor"],
+        }
+        found = [slopes[name] * self.free[name][1] for name in self.names if name in slopes]
+        return np.array(found).reshape(len(found), len(self.since)).T
 
     def difference(self, x: Floats, accuracy: Accuracy = FINE) -> Floats:
         """(n,) measured minus simulated, over R_max, of the frames that count; NaN where the simulation failed."""

@@ -27,8 +27,8 @@ def laplace(fit: LeastSquares, x: Floats) -> Laplace:
     s^2 is chi^2 over the degrees of freedom of a shot, tau the correlation time: m frames are worth m/tau independent
     ones. A range of width w counts as a Gaussian of variance w^2/12, that of a uniform prior.
     """
-    residual = fit.residuals(x, FINE)
-    J = fit.jacobian(x, FINE, central=True, at=residual)
+    seen = fit.at(x, FINE)
+    residual, J = fit.weighted(x, seen), fit.jacobian(x, FINE, central=True, at=seen)
     precision: Any = np.diag(12.0 / (fit.bounds[:, 1] - fit.bounds[:, 0]) ** 2)
     variances, taus, independent = [], [], 0.0
     share = fit.common / len(fit.shots)  # of the common parameters, that each shot pays with degrees of freedom

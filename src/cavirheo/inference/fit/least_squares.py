@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cavirheo.arrays import Floats
+from cavirheo.inference.camera import NAMES
 from cavirheo.inference.experiment import FINE, FORWARD, QUICK, Accuracy, Experiment, Prediction
 from cavirheo.inference.law import Family
 from cavirheo.parallel import each
@@ -64,31 +65,45 @@ class LeastSquares:
 
     def residuals(self, x: Floats, accuracy: Accuracy) -> Floats:
         """(all frames + priors,) weighted residuals."""
-        parts = [shot.residual(seen) for shot, seen in zip(self.shots, self.at(x, accuracy), strict=True)]
+        return self.weighted(x, self.at(x, accuracy))
+
+    def weighted(self, x: Floats, seen: Sequence[Prediction | None]) -> Floats:
+        """(all frames + priors,) weighted residuals, of what each shot's camera has seen at x."""
+        parts = [shot.residual(one) for shot, one in zip(self.shots, seen, strict=True)]
         return np.concatenate([*parts, [(x[column] - mean) / width for column, mean, width in self.priors]])
 
-    def jacobian(self, x: Floats, accuracy: Accuracy, *, central: bool, at: Floats | None = None) -> Floats:
-        """(residuals, parameters) by finite differences, without a side whose simulation fails; `at`: those at x."""
+    def jacobian(
+        self, x: Floats, accuracy: Accuracy, *, central: bool, at: Sequence[Prediction | None] | None = None
+    ) -> Floats:
+        """(residuals, parameters) by finite differences, without a side whose simulation fails; `at`: what each camera
+        has seen at x. Those by clock and scales cost no simulation in a search."""
         middle = np.mean(self.bounds, axis=1)
+        at = self.at(x, accuracy) if at is None else at
+        here, rows = self.weighted(x, at), self.rows
         moves: list[tuple[int, int, float, Floats]] = []  # shot, column, step, x of the shot
+        alike = [accuracy is QUICK and not central and one is not None for one in at]
         for k, (shot, own) in enumerate(zip(self.shots, self.columns, strict=True)):
             steps = ((CENTRAL if central else FORWARD) * shot.steps).tolist()
-            for i, (column, step) in enumerate(zip(own, steps, strict=True)):
+            for i, (name, column, step) in enumerate(zip(shot.names, own, steps, strict=True)):
+                if alike[k] and name in NAMES:
+                    continue
                 for sign in (1.0, -1.0) if central else (1.0 if x[column] < middle[column] else -1.0,):
                     there = x[own]
                     there[i] += sign * step
                     moves.append((k, column, sign * step, there))
         found = self.predictions([(self.shots[k], there) for k, _, _, there in moves], accuracy)
-        at = self.residuals(x, accuracy) if at is None else at
         sides: dict[tuple[int, int], list[tuple[float, Floats]]] = {}
         for (k, column, step, _), prediction in zip(moves, found, strict=True):
             if prediction is not None:
                 sides.setdefault((k, column), []).append((step, self.shots[k].residual(prediction)))
-        result = np.zeros((len(at), len(x)))
-        rows = self.rows
+        result = np.zeros((len(here), len(x)))
         for (k, column), sampled in sides.items():
-            (a, first), (b, second) = sampled if len(sampled) == 2 else (*sampled, (0.0, at[rows[k]]))
+            (a, first), (b, second) = sampled if len(sampled) == 2 else (*sampled, (0.0, here[rows[k]]))
             result[rows[k], column] = (first - second) / (a - b)
+        for k, (shot, own, seen) in enumerate(zip(self.shots, self.columns, at, strict=True)):
+            if alike[k] and seen is not None:
+                columns = [column for name, column in zip(shot.names, own, strict=True) if name in NAMES]
+                result[rows[k], columns] = shot.camera_slopes(x[own], seen, result[rows[k], : self.common])
         for row, (column, _, width) in enumerate(self.priors, rows[-1].stop):
             result[row, column] = 1.0 / width
         return result
@@ -105,24 +120,24 @@ class LeastSquares:
 
         low, high = self.bounds.T
         inside = 1e-6 * (high - low)
-        last: list[Floats] = []  # residuals at the current point
+        last: list[Prediction | None] = []  # what each camera has seen at the current point
         slopes: list[tuple[Floats, Floats, Floats]] = []  # x, residuals, Jacobian: by differences, then updated
 
         def fun(x: Floats) -> Floats:
-            last[:] = [self.residuals(x, accuracy)]
-            return last[0]
+            last[:] = self.at(x, accuracy)
+            return self.weighted(x, last)
 
         def jac(x: Floats) -> Floats:
             if any(np.all(np.abs(x - other) < SAME * (high - low)) for other in known):
                 raise KnownMinimumError
-            (at,) = last
+            at = self.weighted(x, last)
             if len(slopes) == 1:
                 ((x0, at0, slope),) = slopes
                 move = x - x0
                 slope = slope + np.outer(at - at0 - slope @ move, move) / (move @ move)
             else:
                 slopes.clear()
-                slope = self.jacobian(x, accuracy, central=False, at=at)
+                slope = self.jacobian(x, accuracy, central=False, at=last)
             slopes.append((x.copy(), at, slope))
             return slope.copy()
 

@@ -63,7 +63,7 @@ class Scan:
     def best(self, shot: Experiment, count: int, known: list[Floats]) -> list[Floats]:
         """Points with the smallest cost in the present window of the shot, apart from each other and from the known."""
         m = len(shot.since)
-        costs = [np.sum(shot.residual(p and Prediction(p.radius[:m], p.speed[:m])) ** 2) for p in self.found]
+        costs = [np.sum(shot.residual(p and Prediction(*(values[:m] for values in p))) ** 2) for p in self.found]
         width = (self.bounds[:, 1] - self.bounds[:, 0])[self.searched]
         chosen: list[Floats] = []
         for i in np.argsort(costs):
