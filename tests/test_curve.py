@@ -186,6 +186,25 @@ def test_collapses_are_found_in_order_and_not_in_noise():
     assert np.all(np.diff(noisy) > 0)
 
 
+@pytest.mark.parametrize("digit", [2e-6, 5e-6, 2e-5])
+def test_the_noise_of_rounded_radii_is_at_least_that_of_the_rounding(digit):
+    curve = measured(start=0.0, noise=1e-4)
+    rounded = RadiusCurve(curve.time, np.maximum(np.round(curve.radius / digit), 1.0) * digit)
+    missed = float(np.std(rounded.radius - curve.radius))
+    assert 0.8 * missed < rounded.noise < 2.5 * missed
+    assert curve.noise < 4e-4 * R_MAX
+
+
+def test_another_bubble_after_the_first_ends_it():
+    first, second = measured(start=0.0, end=4.0), measured(start=-0.7, end=4.0)
+    begins = first.time[-1] + 0.04 * T_C
+    after = begins + second.time - second.time[0]
+    both = RadiusCurve(np.append(first.time, after), np.append(first.radius, 0.9 * second.radius))
+    assert both.max_radius == pytest.approx(R_MAX, rel=1e-3)
+    assert both.drifts_from == pytest.approx(begins, abs=0.6 * T_C)
+    assert both.drifts_from < begins + 0.2 * T_C
+
+
 def test_a_spiking_frame_is_told_and_makes_no_collapse():
     curve = measured()
     radius = curve.radius.copy()

@@ -111,6 +111,19 @@ def test_a_wrong_model_is_refused():
     assert infer(drift).checks.verdict == "model_does_not_fit"
 
 
+def test_rounded_radii_and_a_second_bubble_are_no_wrong_answer():
+    """Radii to 10 um; and a bubble of another pulse, late in the recording."""
+    curve = shot(G=8e3, mu=0.03)
+    rounded = replace(curve, radius=np.maximum(np.round(curve.radius / 1e-5), 1.0) * 1e-5)
+    again = np.append(curve.time, curve.time + curve.time[-1] + 1e-6), np.append(curve.radius, 0.8 * curve.radius)
+    answers = cavirheo.infer_many([rounded, RadiusCurve(*again, meta={"name": "two"})])
+    for answer in answers:
+        low, high = answer.interval("shear_modulus")
+        assert low < 8e3 < high
+        assert answer.checks.verdict in ("ok", "undetermined")
+    assert "another bubble" in answers[1].checks.message
+
+
 def test_outside_the_training_range_is_said():
     answer = infer(shot(mu=0.05, stretch=2.0, G=8e3))
     assert answer.checks.verdict in ("outside_training_range", "model_does_not_fit")

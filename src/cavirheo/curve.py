@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from dataclasses import KW_ONLY, dataclass, field, replace
 from functools import cached_property
-from math import log
+from math import log, sqrt
 from numbers import Real
 from typing import TYPE_CHECKING, Any, ClassVar, Generic, Protocol, TypeVar
 
@@ -209,8 +209,9 @@ class RadiusCurve:
 
     @cached_property
     def noise(self) -> float:
-        """Standard deviation of the radius noise from frame to frame after R_max, m (landmarks.scatter); 0 below 9."""
-        return landmarks.scatter(self._after_max[1][1:])
+        """Standard deviation of the radius noise from frame to frame after R_max, m (landmarks.scatter); 0 below 9
+        frames. That of rounded radii is at least that of the rounding."""
+        return max(landmarks.scatter(self._after_max[1][1:]), landmarks.rounding(self._finite[1]) / sqrt(12.0))
 
     def _require(self, fine: bool, message: str, code: str) -> None:
         require(fine, f"{self.name}: {message}", f"curve.{code}")

@@ -16,6 +16,7 @@ Measured on simulated shots with 0.5 % noise and 10 or 25 frames per R_max sqrt(
 
 from __future__ import annotations
 
+from itertools import pairwise
 from math import gamma, pi, sqrt
 
 import numpy as np
@@ -93,6 +94,15 @@ def scatter(radius: Floats) -> float:
     """Standard deviation of the noise of samples (n,) from one to the next; 0 below 8. From third differences, which
     cancel the motion except at the few collapses, by their median absolute value."""
     return float(1.4826 * np.median(np.abs(np.diff(radius, 3))) / np.sqrt(20.0)) if len(radius) > 7 else 0.0
+
+
+def rounding(radius: Floats) -> float:
+    """Step of which all radii (n,) are multiples, m; 0 where they have no common one."""
+    steps = np.diff(np.unique(radius))
+    if not len(steps):
+        return 0.0
+    multiples = np.append(radius, steps) / np.min(steps)
+    return float(np.min(steps)) if np.all(np.abs(multiples - np.round(multiples)) < 1e-2) else 0.0
 
 
 def frames_missed(time: Floats, radius: Floats, noise: float) -> float:
@@ -190,13 +200,14 @@ def drift(time: Floats, radius: Floats, minima: list[int], maxima: list[int], ri
     """Index from which a radius drifts upwards, by more than `rise`, as no oscillating bubble does; None: it does not.
 
     Either a rebound goes higher than the one before, or, a period after the last collapse, the running median over a
-    period rises: the bubble breaks up, or others come before it.
+    period rises: the bubble breaks up, others come before it, or another laser pulse has made the next one.
     """
     if not minima:
         return None
-    peaks = [i for i in maxima if i < minima[-1]]
-    if len(minima) > 1 and peaks and np.max(radius[minima[-1] :]) > radius[peaks[-1]] + rise:
-        return minima[-1]
+    for collapse, following in pairwise([*minima[1:], len(radius)]):
+        before = [i for i in maxima if i < collapse]
+        if before and np.max(radius[collapse:following]) > radius[before[-1]] + rise:
+            return collapse
     period = time[minima[-1]] - time[minima[-2]] if len(minima) > 1 else 2.0 * (time[minima[0]] - time[0])
     late = int(np.searchsorted(time, time[minima[-1]] + period))
     width = max(int(np.searchsorted(time, time[minima[-1]] + period)) - minima[-1], 5)

@@ -467,11 +467,15 @@ class Experiment:
     @property
     def left_out(self) -> list[str]:
         """What is said where frames do not count."""
-        time = self.since + self.curve.time_of_max
-        drifting = time >= (np.inf if self.curve.drifts_from is None else self.curve.drifts_from)
-        spikes, drift = np.count_nonzero(~self.counted & ~drifting), np.count_nonzero(drifting)
+        spikes = np.count_nonzero(~self.counted & ~self._drifting(self.since + self.curve.time_of_max))
         said = [f"{spikes} frames above both neighbours by 20 % of R_max do not count"] if spikes else []
-        first = self.since[drifting][0] * 1e6 if drift else 0.0
-        return said + (
-            [f"{drift} frames from {first:.4g} us on do not count: the radius drifts upwards"] if drift else []
-        )
+        others = self.curve.time[self._drifting(self.curve.time)]
+        if len(others):
+            from_there = f"{len(others)} frames from {1e6 * (others[0] - self.curve.time_of_max):.4g} us after R_max on"
+            said.append(f"{from_there} do not count: the radius rises again there, as by another bubble")
+        return said
+
+    def _drifting(self, time: Floats) -> Bools:
+        """Which frames at these times (m,), s, are those of a radius that rises again."""
+        first = self.curve.drifts_from
+        return time >= (np.inf if first is None else first)
