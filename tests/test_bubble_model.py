@@ -252,3 +252,18 @@ def test_the_real_bubble_finds_what_it_was_and_nothing_where_there_is_none():
         assert low < true < high, name
     undamped = infer(shot(contents="kinetic", noise=1e-6), trust_input=True)
     assert undamped.interval("confinement_damping")[0] < 0.02
+
+
+def test_a_gel_that_breaks_is_answered_with_damage_and_one_that_does_not_without():
+    """As agarose of 2.5 % does: nothing but damage explains it, and the modulus is that before."""
+    gel = NeoHookeanKelvinVoigt(1e5, 0.05)
+    way = dict(max_radius=250e-6, stretch=6.0, contents="kinetic", accommodation=0.3, confinement_damping=0.3)
+    noise = 1e-6 * np.random.default_rng(2).normal(size=TIME.size)
+    for damage in (Damage(0.3, 1.7, "strain"), None):
+        broken = {"damage": damage} if damage else {}
+        curve = RadiusCurve(TIME, simulate(gel, time=TIME, **way, **broken).radius + noise, maximum=(0.0, 250e-6))
+        answer = infer(curve, trust_input=True)
+        low, high = answer.interval("shear_modulus")
+        assert (answer.bubble.name, low < 1e5 < high) == ("real, damage by strain" if damage else "real", True)
+        assert answer.checks.verdict == "ok"
+        assert ("rejected: real bubble" in answer.checks.message) == bool(damage)

@@ -89,6 +89,7 @@ def title_of(name: str) -> str:
 
 FIELD = Bubble()
 REAL = Bubble("kinetic", confinement_damping=FREE)
+DAMAGED = Bubble("kinetic", confinement_damping=FREE, damage="strain")
 BUBBLES = {"real": REAL, "field": FIELD}
 AUTO = "auto"  # both, and the evidence chooses
 Requested = Bubble | str | Sequence[Bubble]

@@ -9,13 +9,15 @@ from typing import Any, TypedDict, Unpack
 
 from threadpoolctl import threadpool_limits
 
-from cavirheo.bubble import Requested, bubbles_of, rival_of
+from cavirheo.bubble import DAMAGED, REAL, Requested, bubbles_of, rival_of
 from cavirheo.curve import RadiusCurve, several
-from cavirheo.errors import InputError, expect, reason
+from cavirheo.errors import InputError, SolverError, expect, reason
 from cavirheo.inference.doubts import doubted
+from cavirheo.inference.law import Family
 from cavirheo.inference.others import chosen_among, compared, contenders, itself, model_of
 from cavirheo.inference.posterior_model import PosteriorModel
 from cavirheo.inference.verify.soon import glanced
+from cavirheo.inference.verify.tuning import TUNING
 from cavirheo.inference.verify.work import Level, Verification, Work
 from cavirheo.parallel import cores, each
 from cavirheo.physics.media import Medium
@@ -95,9 +97,11 @@ def verify_many(
                 problems.append(replace(model, checks=replace(model.checks, verdict=verdict, message=message)))
         if not found:
             return replace(problems[0], seconds=problems[0].seconds + time.perf_counter() - began)
-        best = _simplest(found)
         if len(models) == 1 and chosen.level == "auto":
+            (best,) = found
             best = replace(best, others=(*best.others, *_other_bubble(chosen, curve, best)))
+            found = [best, *_damaged(chosen, curve, best)]
+        best = _simplest(found)
         told = "; ".join(filter(None, [best.checks.message, *chosen_among(best, found), *compared(best)]))
         own = next((model for model in models if model_of(model) == model_of(best)), given[0])
         doubts, checked = list(own.checks.doubts), own.checks.verdict != "check_input"
@@ -114,8 +118,23 @@ def _simplest(found: Sequence[Posterior]) -> Posterior:
     """The simplest of those that the evidence cannot tell from the best, with what the others answer."""
     chosen, *_ = contenders([one.evidence for one in found], [len(one.names) for one in found]) or [0]
     best, rest = found[chosen], [one for i, one in enumerate(found) if i != chosen]
-    others = [one for one in best.others if model_of(one) not in {model_of(other) for other in rest}]
-    return replace(best, others=(*others, *map(itself, rest)))
+    known = {model_of(one) for one in found}
+    valleys = [one for one in best.others if model_of(one) == model_of(best)]
+    others = [one for answer in (best, *rest) for one in answer.others if model_of(one) not in known]
+    return replace(best, others=(*valleys, *others, *map(itself, rest)))
+
+
+def _damaged(settings: Verification, curve: RadiusCurve, answer: Posterior) -> list[Posterior]:
+    """The answer with damage by strain, where the real bubble in an elastic law leaves more than noise: strong gels
+    break in the first collapse (docs/real-bubbles-notes.md)."""
+    asked = answer.bubble == REAL and Family(answer.material).elastic and "shear_modulus" in answer.parameters
+    left = answer.diagnostics.systematic_misfit_over_rmax or 0.0
+    if not asked or left < TUNING.searched_above or len(answer.theta) < 2 or answer.bound("shear_modulus"):
+        return []
+    try:
+        return [Work(replace(settings, network=None), curve, replace(answer, bubble=DAMAGED, others=())).posterior()]
+    except (InputError, SolverError):
+        return []
 
 
 def _other_bubble(settings: Verification, curve: RadiusCurve, answer: Posterior) -> list[OtherAnswer]:

@@ -43,7 +43,8 @@ class Tuning:
     scanned_climbed: float = 1.0 / 32.0  # how many of them are climbed from
     same_start: float = 0.005  # starts nearer to each other are one
 
-    searched_above: float = 0.015  # of R_max: misfit beyond noise, from which windows that grow are searched, too
+    searched_above: float = 0.015  # of R_max: misfit beyond noise, from which windows that grow are searched, too, and
+    # damage is tried
 
     # climbing to a mode, damped Gauss-Newton
     climb_gain: float = 0.03  # expected gain of height at which it ends

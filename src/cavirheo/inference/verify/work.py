@@ -27,10 +27,9 @@ from cavirheo.inference.verify.sampler import Sample, sample
 from cavirheo.inference.verify.soon import weighed
 from cavirheo.inference.verify.tuning import TUNING
 from cavirheo.parallel import cores
-from cavirheo.parameters import natural_name, units
+from cavirheo.parameters import PARAMETERS, natural_name, units
 from cavirheo.physics.media import WATER, Medium
 from cavirheo.physics.media import medium as named
-from cavirheo.physics.scales import ACCOMMODATION
 from cavirheo.posterior import Diagnostics, Evidence, OtherAnswer, Posterior, Verdict
 from cavirheo.prior import log_normal
 from cavirheo.writing import digits
@@ -165,13 +164,15 @@ class Work:
         return *models, *(valley(self.target, mode) for mode in found if not same(mode, best))
 
     def starts(self) -> list[Floats]:
-        """u of the answer, of its other windows and of other valleys of its model; nuisances that it does not give are
-        at their middle."""
+        """u of the answer, of its other windows and of other valleys of its model; what it does not give of the bubble
+        and the camera is at its middle."""
         answer, found, free = self.answer, list[Floats](), self.shot.free
         here = {"stretch": answer.stretch} | {name: answer.median(name) for name in answer.parameters}
         bests = [here, answer.best, *(window.best for window in answer.windows.values())]
         bests += [x.best for x in answer.others if (x.material, x.bubble) == (answer.material, answer.bubble)]
-        for given in ({"accommodation": ACCOMMODATION, **best} for best in bests):
+        of_bubble = [name for name in self.shot.logs if name != "stretch"]
+        usual: dict[str, Any] = {name: 10.0 ** np.mean(PARAMETERS[name].started or 0.0) for name in of_bubble}
+        for given in (usual | {**best} for best in bests):
             values = [1.0 if name in free else given.get(name) or 0.0 for name in self.prior.names]
             if all(value > 0 for value in values):
                 x = self.shot.starts(np.log10(values))
