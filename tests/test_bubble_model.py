@@ -228,10 +228,10 @@ def test_bubbles_by_their_names():
 def test_the_field_stands_beside_the_real_bubble_and_the_other_way_round():
     """Its values are those of an answer with it alone, so that tables of papers can be compared."""
     curve = shot(contents="kinetic", noise=1e-6)
-    for ask, other in (("real", FIELD), ("field", REAL)):
-        answer = infer(curve, bubble=ask, trust_input=True)
-        (beside,) = [one for one in answer.others if one.bubble == other]
-        alone = infer(curve, bubble=other, trust_input=True)
+    answers = {kind: infer(curve, bubble=kind, trust_input=True) for kind in (REAL, FIELD)}
+    for ask, other in ((REAL, FIELD), (FIELD, REAL)):
+        (beside,) = [one for one in answers[ask].others if one.bubble == other]
+        alone = answers[other]
         low, _, high = beside.intervals["shear_modulus"]
         assert low < alone.median("shear_modulus") < high
         assert abs(beside.evidence.log - alone.evidence.log) < 8

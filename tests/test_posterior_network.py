@@ -134,6 +134,16 @@ def test_the_default_answer_agrees_with_full():
             assert 0.7 < widths[0] / widths[1] < 1.4
 
 
+def test_an_answer_says_how_a_wrong_scale_would_move_it():
+    """Per cent of R_max, against answers of the curve that is enlarged."""
+    curve = shot(NeoHookeanKelvinVoigt(6e3, 0.05), stretch=7.0)
+    answer = cavirheo.infer(curve, trust_input=True)
+    larger = cavirheo.infer(curve.with_max_radius(1.03 * curve.max_radius), trust_input=True)
+    found = (larger.median("shear_modulus") / answer.median("shear_modulus") - 1.0) / 0.03
+    assert answer.diagnostics.modulus_over_scale == pytest.approx(found, rel=0.4)
+    assert found > 5.0
+
+
 def test_the_networks_own_answer_says_that_it_is_not_verified():
     answer = cavirheo.infer(shot(), bubble="field", verify="none", trust_input=True)
     assert answer.method == "amortised"

@@ -241,7 +241,7 @@ def curve():
 
 @pytest.mark.parametrize("free", ["t0, scale", ["t0", "scale"]])
 def test_what_is_free_may_be_written_as_on_the_command_line(curve, free):
-    answer = cavirheo.fit(curve, window=1, windows=False, free=free, seed=np.int64(3))
+    answer = cavirheo.fit(curve, bubble="field", window=1, windows=False, free=free, seed=np.int64(3))
     assert set(answer.diagnostics.free) == {"time_origin", "radius_scale"}
 
 

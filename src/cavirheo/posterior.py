@@ -142,6 +142,8 @@ class Diagnostics:
         systematic_misfit_over_rmax: what no simulation follows, over R_max.
         simulations: how many were run.
         failed_simulations: how many of them failed.
+        modulus_over_scale: relative change of G over that of R_max or of the frame rate; over that of the density it
+            is half as large.
     """
 
     stretch_source: str = ""
@@ -158,6 +160,7 @@ class Diagnostics:
     systematic_misfit_over_rmax: float | None = None
     simulations: int | None = None
     failed_simulations: int | None = None
+    modulus_over_scale: float | None = None
 
 
 @dataclass(frozen=True, eq=False, repr=False)

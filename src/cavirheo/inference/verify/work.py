@@ -36,6 +36,8 @@ from cavirheo.writing import digits
 
 _CARRIED = ("cavirheo", "medium", "model", "model_sha256", "problem_id", "source_sha256", "windows", "options")
 
+SCALED = 0.002  # relative change of R_max, for the slope of G
+
 Level = Literal["auto", "map", "full"]
 
 
@@ -251,6 +253,7 @@ class Work:
             "simulations": shot.runs, "failed_simulations": shot.failures, **worth,
         }  # fmt: skip
         told |= {"predictive": predictive} if predictive else {}
+        told |= {"modulus_over_scale": self._modulus_over_scale(best)}
         provenance = {key: value for key, value in self.answer.provenance.items() if key in _CARRIED}
         provenance |= told | about | noise.describe(best.residual) | {
             "verify": settings.level, "discrepancy": settings.discrepancy, "prior": prior.to_dict(),
@@ -267,6 +270,23 @@ class Work:
             evidence=evidence, diagnostics=Diagnostics(**told), bubble=self.answer.bubble,
             others=self._others(best, found), prior=shot.of_law(prior),
         )  # fmt: skip
+
+    def _modulus_over_scale(self, best: Mode) -> float | None:
+        """Relative change of G over that of R_max, by one Gauss-Newton step from the maximum: frames of a larger bubble
+        are nearer to R_max in t_c. None for a law without it, or where a simulation failed."""
+        shot, target, names = self.shot, self.target, self.prior.names
+        if "shear_modulus" not in names:
+            return None
+        x, camera = target.with_camera(best.u[None])[0], target.camera
+        sides = [replace(camera, time=camera.time * (1.0 + side * SCALED)) for side in (-0.5, 0.5)]
+        nearer, farther = (shot.extended(x, one, target.noise.frames)[0] for one in sides)
+        moved = best.residual + nearer - farther
+        if not np.all(np.isfinite(moved)):
+            return None
+        (here, curvature), (there, _) = (target.noise.newton(one, best.jacobian) for one in (best.residual, moved))
+        step = np.linalg.solve(curvature + np.eye(len(best.u)), here - there)
+        i = target.prior.names.index("shear_modulus")
+        return float(np.expm1(np.log(10.0) * target.prior.slope(best.u)[i] * step[i]) / SCALED)
 
     def _nearest(self, x: Floats) -> tuple[Floats, float]:
         """x (all,) of least squares from x, or itself where that is no nearer, and its misfit beyond noise: a verdict
