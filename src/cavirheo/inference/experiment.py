@@ -45,6 +45,7 @@ from cavirheo.physics.simulate import ROUGH, simulate
 from cavirheo.physics.simulation import Simulation
 from cavirheo.posterior import Checks, Verdict, weighted_quantile
 from cavirheo.prior import Prior
+from cavirheo.writing import digits
 from cavirheo.writing.document import Quantity
 
 Accuracy = Mapping[str, Any]  # options of `simulate`
@@ -450,9 +451,10 @@ class Experiment:
         """What is said where frames do not count."""
         time = self.since + self.curve.time_of_max
         drifting = time >= (np.inf if self.curve.drifts_from is None else self.curve.drifts_from)
-        spikes, drift = np.count_nonzero(~self.counted & ~drifting), np.count_nonzero(drifting)
-        said = [f"{spikes} frames above both neighbours by 20 % of R_max do not count"] if spikes else []
+        spikes, drift = (int(np.count_nonzero(one)) for one in (~self.counted & ~drifting, drifting))
+        said = [f"spikes are left out: {digits.counted(spikes, 'frame')} above both neighbours by 20 % of R_max"]
         first = self.since[drifting][0] * 1e6 if drift else 0.0
-        return said + (
-            [f"{drift} frames from {first:.4g} us on do not count: the radius drifts upwards"] if drift else []
-        )
+        counted = digits.counted(drift, "frame")
+        return said * bool(spikes) + [
+            f"the end is left out, where the radius drifts upwards: {counted} from {first:.4g} us on"
+        ] * bool(drift)
