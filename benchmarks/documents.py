@@ -27,7 +27,8 @@ EXAMPLES = Path(__file__).resolve().parent.parent / "examples"
 
 def answers(count: int, together: int) -> Pairs:
     curves = [*read_curves(EXAMPLES / "soft_gel.csv"), *read_curves(EXAMPLES / "stiff_gel.mat")]
-    known = list(zip(curves, infer_many(curves, verify="none"), strict=True))
+    own = infer_many(curves, verify="none")  # as if simulations had weighed them
+    known = [(c, replace(one, checks=replace(one.checks, verdict="ok"))) for c, one in zip(curves, own, strict=True)]
     rng, pairs = np.random.default_rng(0), []
     for k in range(count):
         curve, answer = known[k % len(known)]

@@ -60,8 +60,17 @@ def test_models_that_were_compared_by_evidence_are_said(document):
     rival = OtherModel(material="newtonian", bubble=FIELD, log_evidence=-3.0)
     curve = document.curves[0].model_copy(update={"other_models": [rival], "evidence": Evidence(2.0)})
     paragraph, sources = methods(document.model_copy(update={"curves": [curve]}))
-    assert "compared by their evidence [Kass1995]: newtonian, field; nhkv, field." in paragraph
+    assert "Values are those of nhkv, field's bubble." in paragraph
+    assert "with newtonian, field's bubble: it rejects the given values in no curve" in paragraph
     assert "Kass1995" in [source.key for source in sources]
+    better = rival.model_copy(update={"log_evidence": 30.0})
+    worse = curve.model_copy(update={"other_models": [better], "verdict": "other_model_preferred"})
+    told, _ = methods(document.model_copy(update={"curves": [worse, document.curves[1]]}))
+    assert "it prefers newtonian, field's bubble in 1 of 1 curve" in told
+    assert "1 of 2 curves passed" in told
+    assert "1 other model preferred" in told
+    bare = [one.model_copy(update={"verdict": "unverified"}) for one in document.curves]
+    assert "0 of 2 curves passed" in methods(document.model_copy(update={"curves": bare}))[0]
     without = rival.model_copy(update={"log_evidence": None})
     curve = curve.model_copy(update={"other_models": [without]})
     assert "evidence" not in methods(document.model_copy(update={"curves": [curve]}))[0]
@@ -118,7 +127,7 @@ def test_a_group_is_said_by_its_material_else_by_mean_and_deviation(document):
     table = f"G = {G.mean / 1e3:.2f} +- {G.std / 1e3:.2f} kPa, µ = {mu.mean:.3f} +- {mu.std:.3f} Pa s"
     assert f"soft_gel: {table} (mean and standard deviation of 2 shots)." in paragraph
     assert "Hogg2010" not in paragraph
-    line = "G = 5.8 kPa [90 %: 5.1, 6.6], µ = 0.040 Pa s [90 %: 0.035, 0.046]; 7 of 8 shots belong"
+    line = "G = 5.8 kPa [90 %: 5.1, 6.6], µ = 0.040 Pa s [90 %: 0.035, 0.046]; 8 of 8 shots count"
     spreads = {"shear_modulus": Quantity(median=0.1)}
     material = PopulationRecord(line=line, model="nhkv, equilibrium", n=8, spreads_decades=spreads)
     paragraph, sources = methods(

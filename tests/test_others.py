@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from cavirheo.inference.others import compared
+from cavirheo.inference.others import compared, judged
 from cavirheo.posterior import Bubble, Checks, Evidence, OtherAnswer, Posterior, in_words
 from cavirheo.unfinished import keep, read_kept
 
@@ -16,15 +16,17 @@ DRAWS = np.random.default_rng(0).standard_normal((2000, 2))
 def posterior(*others, G=5000.0, mu=0.04, evidence=-10.0, **fields) -> Posterior:
     theta = np.column_stack([np.log10([G, mu]) + 0.05 * DRAWS, np.full(2000, 8.0)])
     names, units = ("log10_shear_modulus", "log10_viscosity", "stretch"), ("Pa", "Pa s", "1")
-    about = {"evidence": None if evidence is None else Evidence(evidence), "others": others} | fields
+    about = {"evidence": None if evidence is None else Evidence(evidence, 0.1), "others": others} | fields
     return Posterior(names, units, theta, Checks("ok"), "nhkv", "least_squares", **about)
 
 
-def other(G=5000.0, mu=0.04, log=-10.0, *, bubble=KINETIC, material="nhkv", width=1.2, stretch=8.0) -> OtherAnswer:
+def other(
+    G=5000.0, mu=0.04, log=-10.0, *, error=0.1, bubble=KINETIC, material="nhkv", width=1.2, stretch=8.0
+) -> OtherAnswer:
     values = {"shear_modulus": G, "viscosity": mu, "stretch": stretch}
     values |= {"accommodation": 0.07} if bubble.contents == "kinetic" else {}
     intervals = {name: (value / width, value, value * width) for name, value in values.items() if value}
-    return OtherAnswer(material, bubble, values, intervals, None if log is None else Evidence(log), 0.01)
+    return OtherAnswer(material, bubble, values, intervals, None if log is None else Evidence(log, error), 0.01)
 
 
 @pytest.mark.parametrize(
@@ -54,24 +56,45 @@ def test_a_sentence_for_each_thing_that_matters(others, sentences):
     assert len(set(said)) == len(said)
 
 
+@pytest.mark.parametrize(
+    ("rival", "verdict"),
+    [
+        (other(log=-6.0), "other_model_preferred"),
+        (other(log=-6.0, error=5.0), "ok"),  # at a glance: not sure enough
+        (other(log=-1.0, error=5.0), "other_model_preferred"),
+        (other(log=-2.5, error=None), "ok"),  # as uncertain as where a model is chosen
+        (other(mu=0.01), "ok"),  # another value, not preferred
+        (other(log=-6.0, bubble=FIELD), "ok"),  # another solution of the same model
+    ],
+)
+def test_an_answer_whose_model_the_evidence_rejects_is_not_ok(rival, verdict):
+    answer = posterior(rival)
+    assert judged(answer).verdict == verdict
+    unsure = replace(answer, checks=Checks("undetermined", "said before"))
+    found = judged(unsure)
+    assert found.verdict == ("undetermined" if verdict == "ok" else verdict)
+    assert ("another model" in found.message.split("; ")[0]) == (verdict != "ok")  # it is said first
+    assert judged(replace(answer, checks=Checks("model_does_not_fit"))).verdict == "model_does_not_fit"
+
+
 def test_the_sentence_names_both_models_their_values_and_the_evidence():
     (said,) = compared(posterior(other(mu=2e-3, log=2.0, width=30.0), evidence=-10.0))
-    field, kinetic = said.split(", but ")
+    kinetic, field = said.split(", instead of ")
     assert "field's bubble" in field
     assert "G 5.0" in field
     assert "kPa" in field
     assert "µ 0.040 [" in field
     assert "kinetic contents" in kinetic
     assert "µ below 0.060 Pa s (95 %)" in kinetic  # its interval begins at the lower end of the range
-    assert "e^12 for the second" in kinetic
+    assert "the evidence prefers another model by a factor of e^12" in kinetic
     (turned,) = compared(posterior(other(mu=0.04, log=-12.0, bubble=FIELD), mu=0.002, bubble=KINETIC))
-    assert turned.index("kinetic contents") < turned.index("field's bubble")
-    assert "e^2 for the first" in turned
+    assert turned.index("field's bubble") < turned.index("kinetic contents")
+    assert "prefers this answer by a factor of e^2" in turned
 
 
 def test_both_valleys_are_said_with_their_stretch():
     (said,) = compared(posterior(other(G=20e3, mu=0.02, log=-11.0, bubble=FIELD, stretch=5.0)))
-    for part in ("G 5.0", "G 20 [", "λ 8.0", "λ 5.0", "e^1 for the first"):
+    for part in ("G 5.0", "G 20 [", "λ 8.0", "λ 5.0", "the first by a factor of e^1"):
         assert part in said
 
 
@@ -79,7 +102,7 @@ def test_laws_without_a_viscosity_are_compared_by_what_they_have():
     thin = other(bubble=FIELD, log=-2.0, material="power-law")
     values = {"consistency": (5.0, 10.0, 20.0), "exponent": (0.4, 0.43, 0.46), "stretch": (5.0, 5.2, 5.4)}
     (said,) = compared(posterior(replace(thin, intervals=values)))
-    assert "power-law: K 10 [5.0, 20] Pa s^n, n 0.430 [0.400, 0.460]" in said
+    assert "power-law with K 10 [5.0, 20] Pa s^n, n 0.430 [0.400, 0.460]" in said
     assert compared(posterior(thin, evidence=None)) == []
 
 

@@ -14,12 +14,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cavirheo import reporting
+from cavirheo import population, reporting
+from cavirheo.bubble import REAL
 from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError
-from cavirheo.posterior import Checks, Diagnostics, Evidence, Posterior, WindowAnswer, in_words
+from cavirheo.posterior import Checks, Diagnostics, Evidence, OtherAnswer, Posterior, WindowAnswer, in_words
 from cavirheo.reporting import drawing, group, html, picture, read_json, result, table, write_report
 from cavirheo.reporting.answer import curve_record
+from cavirheo.reporting.found import next_step
 from cavirheo.reporting.record import Answered
 from cavirheo.unfinished import InOrder
 from cavirheo.writing import digits, style, terminal
@@ -132,8 +134,8 @@ def test_group_takes_mean_and_sample_deviation(pairs):
     ("doubtful", "mean", "basis"),
     [
         ((), 7.0e3, ""),
-        ((1,), 6.5e3, "mean of 2 trusted of 3 answered"),
-        ((0, 1, 2), None, "no mean: none trusted of 3 answered"),
+        ((1,), 6.5e3, "2 of 3 shots count"),
+        ((0, 1, 2), None, "0 of 3 shots count"),
     ],
 )
 def test_only_trusted_answers_are_averaged_and_the_rest_is_counted(doubtful, mean, basis, tmp_path):
@@ -154,6 +156,73 @@ def test_only_trusted_answers_are_averaged_and_the_rest_is_counted(doubtful, mea
     inside = drawn.axes[1].collections[2].get_facecolors()
     assert (inside == 1.0).all(axis=1).sum() == len(doubtful)  # rings
     assert ("not trusted" in words(drawn)) == bool(doubtful)
+
+
+@pytest.mark.parametrize("verdict", ["unverified", "other_model_preferred"])
+def test_what_no_simulation_weighed_counts_in_nothing_and_a_rejected_model_is_said_first(verdict, tmp_path):
+    """One count for the headline, the row of the group and the page; a rejected model counts, after a warning."""
+    curves = [bubble(f"s{k}", top=(2.6 + 0.1 * k) * 1e-4) for k in range(5)]
+    answers = [answer(c, 6e3 + 100 * k, draws=400, verdict=verdict if k < 2 else "ok") for k, c in enumerate(curves)]
+    there = OtherAnswer("nhkv", REAL, {"viscosity": 0.03}, {}, Evidence(20.0), 0.01)
+    answers = [replace(one, evidence=Evidence(0.0, 0.1), others=(there,)) for one in answers]
+    document = write_report(tmp_path, list(zip(curves, answers, strict=True)), COMMAND, (), draw=False)
+    (group,), count = document.groups, 3 if verdict == "unverified" else 5
+    assert group.n_trusted == group.population.n == group.shear_modulus_Pa.n == count
+    assert f"{count} of 5 shots count" in group.headline
+    assert group.basis == ("3 of 5 shots count" if count == 3 else "")
+    text = " ".join(printed(document, 120).split())
+    first = "the evidence prefers another model in 2 of 5 shots: nhkv, real bubble"
+    assert group.headline.startswith(first) == text.startswith(f"shots: {first}") == (count == 5)
+    page = " ".join((tmp_path / "report.html").read_text(encoding="utf-8").split())
+    assert (first in page) == (count == 5)
+    assert page.count(digits.VERDICTS[verdict]) > 2
+    assert len(population(answers, only_trusted=False).shots) == 5  # if it is asked for
+
+
+def test_twenty_shots_that_do_not_fit_say_what_to_do_in_ten_lines():
+    told = [f"cause {cause}: {{}} % of R_max" for cause in "abcdefghijkl"]
+    curves = [bubble(f"s{k}") for k in range(20)]
+    said = ["; ".join(told[: 12 - k % 12]).format(*[k] * 12) for k in range(20)]
+    shots = [answer(c, verdict="model_does_not_fit", message=one) for c, one in zip(curves, said, strict=True)]
+    document = result(list(zip(curves, shots, strict=True)), "cavirheo infer a.mat --material nhkv -o out")
+    lines = [line for line in printed(document, 200).split("\n") if "cause" in line]
+    assert lines[0] == "• 20 of 20 curves: cause a"
+    assert len(lines) == table.MOST
+    assert "2 more remarks in the report" in printed(document, 200)
+    asked = {"material": "nhkv", "bubble": None}
+    step = next_step(document, asked, Path("out"))
+    assert step.startswith("next: 20 of 20 shots")
+    assert step.endswith("cavirheo infer a.mat --material auto -o out-auto")
+    assert next_step(document, asked | {"material": "auto"}, Path("out")) == ""
+    assert next_step(document, {"model": "bdt-viscous"}, Path("out")) == ""
+    for row in document.curves[:10]:
+        row.verdict = "ok"
+    assert next_step(document, asked, Path("out")) == ""
+
+
+def test_lines_of_several_groups_stay_apart():
+    curves = [bubble(f"s{k}", group=name, source=name) for name in ("soft", "stiff") for k in range(2)]
+    model = group.GroupModel(material="nhkv", bubble="field", n=2, shear_modulus_Pa=Spread(), viscosity_Pa_s=Spread())
+    document = result([(c, answer(c)) for c in curves], COMMAND)
+    for one, G in zip(document.groups, (5830.0, 30480.0), strict=True):
+        one.other_models = [model.model_copy(update={"shear_modulus_Pa": Spread(mean=G, std=600.0)})]
+    text = printed(document, 140)
+    assert "soft: with nhkv, field's bubble: G 5.83 ± 0.60 kPa" in text
+    assert "stiff: with nhkv, field's bubble: G 30.48 ± 0.60 kPa" in text
+
+
+@pytest.mark.parametrize(
+    ("ends", "said"),
+    [
+        ((1.0, 3.0), "µ rises as"),
+        ((-0.5, 0.9), "no change of µ"),
+        ((-24.7, 12.7), "whether µ changes"),
+        ((-3.0, -1.0), "µ falls"),
+    ],
+)
+def test_a_slope_that_tells_nothing_is_not_called_none(ends, said):
+    one = group.Slope(median=sum(ends) / 2, q05=ends[0], q95=ends[1], n=9, n_trusted=9)
+    assert group.in_words({"viscosity": one}).startswith(said)
 
 
 def test_group_of_one_has_no_deviation(pairs):
@@ -383,8 +452,7 @@ def test_table_fits_its_terminal(width, draws):
     text = "\n".join(lines)
     first = "".join(line.split(" ")[0] for line in text.split("RMSE:")[0].splitlines())
     assert all(first.count(f"{long}[{k}]") == 1 for k in (1, 2, 3)), text  # folded, not cut
-    assert "mean of 1" in text
-    assert "trusted" in text
+    assert "1 of 3" in text
     assert "failed" in text
     assert " ".join(text.split()).count("words") == 30  # the message stands below in full
     assert (text.split("RMSE:")[0].count("[") > 3) == (draws > 1)  # intervals, beside the names, where there are any
@@ -414,12 +482,12 @@ def test_a_bound_is_said_as_a_bound_and_counts(tmp_path, width):
     assert group.n_trusted == group.population.n == 5
     assert (group.shear_modulus_Pa.n, group.viscosity_Pa_s.n) == (5, 3)
     assert group.viscosity_Pa_s.mean == pytest.approx(np.mean([row.viscosity_Pa_s.median for row in rows[:3]]))
-    assert "5 of 5 shots belong" in group.population.line
+    assert "5 of 5 shots count" in group.headline
     text = " ".join(printed(document, width).split())
     assert "below 0.00" in text
     assert "undetermined" in text
     assert "(n = 3)" in text
-    assert "trusted of" not in text  # all are
+    assert group.basis == ""  # all count
     assert "µ below 0.00" in table.line(rows[3])
     assert "Pa s (95 %)" in table.line(rows[3])
     page = "".join(Page((tmp_path / "report.html").read_text(encoding="utf-8")).text)
@@ -441,8 +509,8 @@ def test_a_parameter_at_its_bound_without_an_interval_is_in_no_mean():
 @pytest.mark.parametrize(
     ("ends", "bound", "said"),
     [
-        ((1.2e-4, 1e-3, 0.03), "upper", "does not bound µ from below: any value below 0.030 Pa s follows it as well"),
-        ((0.03, 1.0, 9.0), "lower", "does not bound µ from above: any value above 0.030 Pa s follows it as well"),
+        ((1.2e-4, 1e-3, 0.03), "upper", "an upper limit of µ alone: any value below 0.030 Pa s follows it as well"),
+        ((0.03, 1.0, 9.0), "lower", "a lower limit of µ alone: any value above 0.030 Pa s follows it as well"),
         ((1.2e-4, 0.1, 9.0), "undetermined", "does not determine µ"),
     ],
 )

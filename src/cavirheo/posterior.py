@@ -20,9 +20,12 @@ if TYPE_CHECKING:
     from cavirheo.writing.document import Quantity
 
 Verdict = Literal[
-    "ok", "check_input", "model_does_not_fit", "undetermined", "outside_training_range", "no_interval", "failed"
-]
-TRUSTED: frozenset[Verdict] = frozenset(("ok", "undetermined"))  # count in a material; what they determine in a mean
+    "ok", "check_input", "model_does_not_fit", "other_model_preferred", "undetermined", "unverified",
+    "outside_training_range", "no_interval", "failed",
+]  # fmt: skip
+TRUSTED: frozenset[Verdict] = frozenset(
+    ("ok", "undetermined", "other_model_preferred")
+)  # count in a material, and what they determine in a mean
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -138,7 +141,8 @@ class Diagnostics:
         draws: how many were weighted.
         effective_sample_size: how many independent draws these are worth.
         tail_index: generalised Pareto shape of the largest weights.
-        predictive: of the posterior-predictive check: p_value; p and observed by statistic.
+        predictive: of the posterior-predictive check: p_value, and the least that it can be; p and observed by
+            statistic.
         systematic_misfit_over_rmax: what no simulation follows, over R_max.
         simulations: how many were run.
         failed_simulations: how many of them failed.

@@ -127,7 +127,7 @@ class Page(film.FilmPart):
             self.fields["verify"] = gr.Radio(_LEVELS, value="auto", label="Uncertainty")
         with gr.Row():
             self.infer, self.stop = button("Infer all chosen shots"), _stop()
-        self.which = gr.Button("Most shots do not fit: let the evidence choose the law", visible=False)
+        self.which = gr.Button("Most shots ask for another law: let the evidence choose it", visible=False)
         self.answers = html(words.part("quiet", words.NONE), min_height=120, js_on_load=words.script("table.js"))
         self.cloud, self.timer = plot(visible=False), gr.Timer(1.0, active=False)
         values = "Published values or a rheometer's sweeps beside them"

@@ -24,6 +24,7 @@ from cavirheo.reporting import interactive as plots
 from cavirheo.reporting import result
 from cavirheo.reporting.answer import curve_record
 from cavirheo.reporting.bundle import zipped
+from cavirheo.reporting.found import unexplained
 from cavirheo.reporting.record import Pairs
 
 SLIDERS = {  # label, factor from SI
@@ -151,10 +152,10 @@ def trial(session: Session, name: str, values: Sequence[float | None]) -> tuple[
 
 
 def unfit(session: Session) -> bool:
-    """Whether most answers are not followed by their simulation, and another law could be asked."""
-    verdicts = [record.verdict for record in session.answers.document.curves] if session.answers else []
+    """Whether most answers ask for another law, and it could be asked."""
+    records = session.answers.document.curves if session.answers else []
     asked = session.settings.material in (None, "auto") or session.stale
-    return not asked and verdicts.count("model_does_not_fit") > len(verdicts) / 2
+    return not asked and unexplained(records) > len(records) / 2
 
 
 def export(session: Session, progress: Report) -> tuple[Path, list[Path]]:

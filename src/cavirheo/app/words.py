@@ -15,7 +15,7 @@ from cavirheo.inference.model import card, shipped
 from cavirheo.reporting import html
 from cavirheo.reporting.answer import curve_record
 from cavirheo.reporting.citing import TITLE, methods_if_any
-from cavirheo.reporting.found import cells, notes, pooled, warnings
+from cavirheo.reporting.found import causes, cells, notes, pooled, warnings
 from cavirheo.reporting.record import result_of
 from cavirheo.writing import digits
 from cavirheo.writing.terminal import once
@@ -82,7 +82,8 @@ def answers(session: Session) -> str:
     """The answers: materials, groups, shots, what is said of them, and whether settings were changed since; in a run
     those that are known so far."""
     found, soon = session.answers, list(session.soon.values())
-    verified = sum(row is not None and row.verdict != "unverified" for row in soon)
+    final = "" if session.settings.verify == "none" else "unverified"  # verdict of those that simulations verify
+    verified = sum(row is not None and row.verdict != final for row in soon)
     if soon:
         found = Answers([], result_of([row for row in soon if row], ""), [], session.settings)
     if found is None:
@@ -91,7 +92,7 @@ def answers(session: Session) -> str:
     factor, unit = document.modulus_unit
     groups = html.groups_table(document.groups, factor, unit), [one.words for one in document.differences]
     shots = html.curves_table(document.curves, factor, unit, title="Shots", linked=False)
-    said = once((record.name, record.message) for record in document.curves)
+    said = causes(document.curves)
     about = found.density, html.reading(document.curves), *methods_if_any(document)
     done = (verified, len(soon)), len(document.curves), found.not_run, pooled(document)
     return part("answers", session.stale and not soon, *done, *groups, shots, said, *about)

@@ -45,6 +45,7 @@ from cavirheo.physics.simulate import ROUGH, simulate
 from cavirheo.physics.simulation import Simulation
 from cavirheo.posterior import Checks, Verdict, weighted_quantile
 from cavirheo.prior import Prior
+from cavirheo.writing import digits
 from cavirheo.writing.document import Quantity
 
 Accuracy = Mapping[str, Any]  # options of `simulate`
@@ -467,13 +468,15 @@ class Experiment:
     @property
     def left_out(self) -> list[str]:
         """What is said where frames do not count."""
-        spikes = np.count_nonzero(~self.counted & ~self._drifting(self.since + self.curve.time_of_max))
-        said = [f"{spikes} frames above both neighbours by 20 % of R_max do not count"] if spikes else []
+        spikes = int(np.count_nonzero(~self.counted & ~self._drifting(self.since + self.curve.time_of_max)))
+        said = [f"spikes are left out: {digits.counted(spikes, 'frame')} above both neighbours by 20 % of R_max"]
         others = self.curve.time[self._drifting(self.curve.time)]
-        if len(others):
-            from_there = f"{len(others)} frames from {1e6 * (others[0] - self.curve.time_of_max):.4g} us after R_max on"
-            said.append(f"{from_there} do not count: the radius rises again there, as by another bubble")
-        return said
+        first = 1e6 * (others[0] - self.curve.time_of_max) if len(others) else 0.0
+        counted = digits.counted(len(others), "frame")
+        return said * bool(spikes) + [
+            f"the end is left out, where the radius rises again as by another bubble: {counted} from {first:.4g} us "
+            "after R_max on"
+        ] * bool(len(others))
 
     def _drifting(self, time: Floats) -> Bools:
         """Which frames at these times (m,), s, are those of a radius that rises again."""

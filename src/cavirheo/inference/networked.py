@@ -100,19 +100,19 @@ class Networked:
             middle = shot.starts(np.zeros((1, len(shot.names))))
             middle[:, : shot.law] = np.mean(shot.family.bounds(started=True), axis=1)
             names, theta = shot.answer(middle)
-            checks = Checks("ok", t_star_end=t_star)  # a verification says why
+            checks = Checks("unverified", t_star_end=t_star)  # a verification says why
             return Posterior(names, units(names), theta, checks, law, "amortised", diagnostics=about)
         x = proposal.prior.to_x(u)
         names, theta = shot.answer(x)
         log_q = proposal.log_density(u) - log_normal(u) + proposal.prior.log_density(x)
         likeliest = np.argsort(-log_q)[:TRIED]
-        best, checks = x[likeliest[0]], Checks("ok", t_star_end=t_star)
+        best, checks = x[likeliest[0]], Checks("unverified", t_star_end=t_star)
         if self.checked:
             missed = [float(np.mean(shot.difference(x[i], QUICK) ** 2)) for i in likeliest]
             best = x[likeliest[int(np.argmin(np.nan_to_num(missed, nan=np.inf)))]]
             unbounded = shot.unbounded(x, proposal.prior.low, proposal.prior.high)
             messages = [UNVERIFIED, *(digits.unbounded(name, value) for name, value in unbounded.items())]
-            checks = shot.checks(best, "undetermined" if unbounded else "ok", messages)
+            checks = shot.checks(best, "unverified", messages)
         values, log_q = shot.best(best), log_q - shot.log_stretched(theta)
         return Posterior(
             names, units(names), theta, checks, law, "amortised", {}, log_q, best=values, stretch=values["stretch"],

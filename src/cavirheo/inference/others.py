@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
+from dataclasses import replace
 
 import numpy as np
 
 from cavirheo.parameters import of_the_law
-from cavirheo.posterior import Evidence, OtherAnswer, Posterior, in_words, intervals
+from cavirheo.posterior import Checks, Evidence, OtherAnswer, Posterior, Verdict, in_words, intervals
 
 LAPLACE = 5.0  # standard error of the log of Laplace's integral against that of draws (benchmarks/evidence.md)
 _Interval = tuple[float, float, float]  # 5 %, 50 %, 95 %
+_FOLLOWED = ("ok", "undetermined")  # verdicts of answers that their simulation follows
 DECISIVE = 3.0  # of log evidence (a factor of 20): a model so far above another is preferred, a nearer one possible
 
 
@@ -25,17 +27,29 @@ def contenders(evidence: Sequence[Evidence | None], sizes: Sequence[int]) -> lis
     if not known:
         return []
     top = max(known.values(), key=lambda one: one.log)
-
-    def reach(one: Evidence) -> float:
-        first, second = (LAPLACE if error is None else error for error in (one.error, top.error))
-        return DECISIVE + (0.0 if one is top else float(np.hypot(first, second)))
-
-    near = [i for i, one in known.items() if top.log - one.log <= reach(one)]
+    near = [i for i, one in known.items() if one is top or top.log - one.log <= _reach(one, top)]
     return sorted(near, key=lambda i: (sizes[i], -known[i].log))
 
 
+def _reach(one: Evidence, other: Evidence) -> float:
+    """By how much two log evidences must differ so that the smaller is rejected."""
+    first, second = (LAPLACE if error is None else error for error in (one.error, other.error))
+    return DECISIVE + float(np.hypot(first, second))
+
+
+def judged(answer: Posterior, said: Iterable[str] = ()) -> Checks:
+    """Its checks with these sentences and those of `compared`, each once. The verdict of an answer that its simulation
+    follows is "other_model_preferred" where the evidence rejects its model."""
+    checks, here = answer.checks, itself(answer)
+    rejected = any(_surely_above(one, here) for one in _others(answer))
+    verdict: Verdict = "other_model_preferred" if rejected and checks.verdict in _FOLLOWED else checks.verdict
+    new = (sentence for sentence in (*said, *compared(answer)) if sentence not in checks.message)
+    told = [*new, checks.message] if verdict == "other_model_preferred" else [checks.message, *new]
+    return replace(checks, verdict=verdict, message="; ".join(filter(None, told)))
+
+
 def compared(answer: Posterior) -> list[str]:
-    """A sentence on another model if its evidence is larger by more than DECISIVE, or if another bubble that the
+    """A sentence on another model if the evidence prefers it, whatever the errors, or if another bubble that the
     evidence does not reject gives a G or a viscosity whose 90 % interval does not meet the answer's; and one on each
     other valley of the same model whose evidence is not smaller by more than DECISIVE.
 
@@ -43,18 +57,21 @@ def compared(answer: Posterior) -> list[str]:
     """
     here = itself(answer)
     valleys = [one for one in answer.others if model_of(one) == model_of(here)]
-    best: dict[tuple[str, str], OtherAnswer] = {}
-    for one in sorted(answer.others, key=_log):
-        best[model_of(one)] = one
-    best.pop(model_of(here), None)
-    rivals = [one for one in best.values() if _surely_above(one, here) or _other_bubble_disagrees(one, here)]
+    rivals = [one for one in _others(answer) if _surely_above(one, here) or _other_bubble_disagrees(one, here)]
     said = [_sides(here, max(rivals, key=_log))] if rivals else []
     return said + [
-        f"two solutions of the same model: {_values(here, stretch=True)}, or {_values(one, stretch=True)}"
-        + _verdict(one, here)
+        f"two solutions of the same model follow the recording: {_values(here, stretch=True)}, or "
+        f"{_values(one, stretch=True)}{_preferred(one, here, 'the second', 'the first')}"
         for one in valleys
         if _above(one, here) >= -DECISIVE and _elsewhere(one, here)
     ]
+
+
+def _others(answer: Posterior) -> list[OtherAnswer]:
+    """Of each other model the valley with the largest evidence."""
+    best = {model_of(one): one for one in sorted(answer.others, key=_log)}
+    best.pop(model_of(answer), None)
+    return list(best.values())
 
 
 def chosen_among(answer: Posterior, candidates: Iterable[Posterior]) -> list[str]:
@@ -68,12 +85,12 @@ def chosen_among(answer: Posterior, candidates: Iterable[Posterior]) -> list[str
         "law": any(one.material != here.material for one in rivals),
         "bubble": any(one.bubble.name != here.bubble.name for one in rivals),
     }
-    parts: dict[str, list[str]] = {"possible, too": [], "rejected": []}
+    parts: dict[str, list[str]] = {"also possible": [], "rejected": []}
     for one in rivals:
         gain = _above(one, here)
-        parts["rejected" if gain < -DECISIVE else "possible, too"].append(f"{_named(one, **tells)} (e^{gain:.0f})")
-    said = [f"{words}: {'; '.join(some)}" for words, some in parts.items() if some]
-    return [f"chosen by evidence: {_named(here, **tells)}; {'; '.join(said)}"]
+        parts["rejected" if gain < -DECISIVE else "also possible"].append(f"{_named(one, **tells)} e^{gain:.0f}")
+    said = [f"{words}: {', '.join(some)}" for words, some in parts.items() if some]
+    return [f"chosen by evidence: {_named(here, **tells)} ({', '.join(said)})"]
 
 
 def itself(answer: Posterior) -> OtherAnswer:
@@ -98,8 +115,10 @@ def _above(one: OtherAnswer, other: OtherAnswer) -> float:
 
 
 def _surely_above(one: OtherAnswer, other: OtherAnswer) -> bool:
-    """By more than DECISIVE, whatever the error of its evidence."""
-    return _above(one, other) > DECISIVE + ((one.evidence and one.evidence.error) or 0.0)
+    """Whether the evidence rejects the other beside this one, by the rule of `contenders`."""
+    if not (one.evidence and other.evidence):
+        return False
+    return _above(one, other) > _reach(one.evidence, other.evidence)
 
 
 def _other_bubble_disagrees(one: OtherAnswer, here: OtherAnswer) -> bool:
@@ -123,9 +142,13 @@ def _elsewhere(one: OtherAnswer, here: OtherAnswer) -> bool:
 
 
 def _sides(here: OtherAnswer, there: OtherAnswer) -> str:
-    """Each by what tells them apart, law or bubble, and its values."""
+    """Both by what tells them apart, law or bubble, and their values; which is preferred, and by how much."""
     tells: dict[str, bool] = {"law": here.material != there.material, "bubble": here.bubble.name != there.bubble.name}
-    return ", but ".join(f"{_named(one, **tells)}: {_values(one)}" for one in (here, there)) + _verdict(there, here)
+    first, second = (f"{_named(one, **tells)} with {_values(one)}" for one in (here, there))
+    if _surely_above(there, here):
+        return f"the evidence prefers another model{_by(there, here)}: {second}, instead of {first}"
+    words = "another model is not rejected and gives other values"
+    return f"{words}: {second}, instead of {first}{_preferred(there, here, 'the other', 'this answer')}"
 
 
 def _named(one: OtherAnswer, *, law: bool, bubble: bool) -> str:
@@ -140,10 +163,14 @@ def _values(one: OtherAnswer, *, stretch: bool = False) -> str:
     return words if one.intervals else f"{words} (no interval)"
 
 
-def _verdict(there: OtherAnswer, here: OtherAnswer) -> str:
-    """'; evidence e^12 for the second'; nothing where one has no evidence."""
+def _preferred(there: OtherAnswer, here: OtherAnswer, other: str, this: str) -> str:
+    """' (the evidence prefers the second by a factor of e^12)'; nothing where one has no evidence."""
     gain = _above(there, here)
-    rough = "about " * bool(there.evidence and (there.evidence.error or 0.0) >= DECISIVE)
     if abs(gain) < 0.5:
-        return f"; evidence {rough}equal"
-    return f"; evidence {rough}e^{abs(gain):.0f} for the {'second' if gain > 0 else 'first'}" if gain == gain else ""
+        return " (the evidence is equal)"
+    return f" (the evidence prefers {other if gain > 0 else this}{_by(there, here)})" if gain == gain else ""
+
+
+def _by(there: OtherAnswer, here: OtherAnswer) -> str:
+    rough = "about " * bool(there.evidence and (there.evidence.error or 0.0) >= DECISIVE)
+    return f" by a factor of {rough}e^{abs(_above(there, here)):.0f}"

@@ -194,6 +194,12 @@ class CurveRecord(Record):
         return self.itself.model
 
     @property
+    def preferred(self) -> OtherModel | None:
+        """The model that the evidence prefers to that of the answer, where it rejects this."""
+        rivals = [one for one in self.other_models if one.model != self.model and one.log_evidence is not None]
+        return max(rivals, key=evidence, default=None) if self.verdict == "other_model_preferred" else None
+
+    @property
     def remark(self) -> str:
         """The message without doubts that decide the verdict, which are said before all others."""
         said = "; ".join(self.doubts) or self.message

@@ -71,13 +71,7 @@ def methods(result: Result) -> tuple[str, list[Source]]:
         )
         cited.append(POPULATION)
     said += [_group(group, [result.curves[i] for i in of], result) for group, of in result.members()]
-    trusted = sum(curve.trusted for curve in answered)
-    means = "; means are over these" if any("mean and standard" in one for one in said) else ""
-    said.append(
-        f"{trusted} of {digits.counted(len(result.curves), 'curve')} passed the checks of the program (reconstruction "
-        f"error, bounds of the ranges, plausibility of the recording){means}."
-    )
-    said.append(f"Command: {result.command}")
+    said += [_passed(result.curves), f"Command: {result.command}"]
     unique: dict[str, Source] = {}
     for source in cited:
         unique.setdefault(source.key, source)
@@ -124,13 +118,32 @@ def _model(answered: list[CurveRecord], cited: list[Source]) -> list[str]:
 
 
 def _rivals(answered: list[CurveRecord], cited: list[Source]) -> list[str]:
-    """The models beside which the answers stand with an evidence."""
-    own = {curve.model for curve in answered if curve.evidence}
-    rivals = {other.model for curve in answered for other in curve.other_models if other.log_evidence is not None} - own
-    if not (own and rivals):
+    """The models beside which the answers stand with an evidence, whose the values are, and what is preferred."""
+    compared = [one for one in answered if one.evidence]
+    own = {one.model: one.itself.in_words for one in compared}
+    others = (other for one in compared for other in one.other_models if other.log_evidence is not None)
+    rivals = {other.in_words for other in others if other.model not in own}
+    if not rivals:
         return []
     cited.append(EVIDENCE)
-    return [f"Models were compared by their evidence [{EVIDENCE.key}]: {'; '.join(sorted(own | rivals))}."]
+    preferred = Counter(other.in_words for one in compared if (other := one.preferred))
+    found = [f"it prefers {model} in {n} of {digits.counted(len(compared), 'curve')}" for model, n in preferred.items()]
+    return [
+        f"Values are those of {' or '.join(own.values())}. The evidence [{EVIDENCE.key}] compares this with "
+        f"{', '.join(sorted(rivals))}: {', '.join(found) or 'it rejects the given values in no curve'}."
+    ]
+
+
+def _passed(curves: Sequence[CurveRecord]) -> str:
+    """How many passed the checks, and what is wrong with the others; those that count besides."""
+    verdicts = Counter("ok" if one.verdict == "undetermined" else one.verdict for one in curves)
+    others = [f"{n} {digits.VERDICTS[verdict]}" for verdict, n in verdicts.items() if verdict != "ok"]
+    wrong = f"; verdicts of the others: {', '.join(others)}" * bool(others)
+    count = digits.counting(sum(one.trusted for one in curves), len(curves))
+    return (
+        f"{verdicts['ok']} of {digits.counted(len(curves), 'curve')} passed the checks of the program (reconstruction "
+        f"error, bounds of the ranges, plausibility of the recording){wrong}. {count} in values of groups."
+    )
 
 
 def _medium(command: str, cited: list[Source]) -> list[str]:
@@ -197,8 +210,8 @@ def _intervals(answered: list[CurveRecord]) -> bool:
 def _group(group: GroupRecord, members: Sequence[CurveRecord], result: Result) -> str:
     """Its material with the interval, which is the line of the table; of a single trusted shot its values; else the
     mean and the standard deviation of the trusted ones. Nothing where none is trusted."""
-    if group.population and group.population.found:
-        return f"{group.name}: {group.population.line}."
+    if group.headline:
+        return f"{group.name}: {group.headline}."
     trusted, n = [one for one in members if one.trusted], group.n if group.n_trusted is None else group.n_trusted
     values = []
     for name in parameters_of(trusted):
@@ -208,7 +221,8 @@ def _group(group: GroupRecord, members: Sequence[CurveRecord], result: Result) -
             text = f"{digits.spread(group.spread(name), factor).replace('±', '+-')} {unit}".rstrip()
         values += [f"{symbol} = {text}"] if digits.MISSING not in text else []
     over = f" (mean and standard deviation of {n} shots)" if n > 1 else ""
-    return f"{group.name}: {', '.join(values)}{over}." if values and n else ""
+    first = f"{group.warning}; " if group.warning else ""
+    return f"{group.name}: {first}{', '.join(values)}{over}." if values and n else ""
 
 
 def _range(values: list[float]) -> str:

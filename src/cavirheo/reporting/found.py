@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import re
+import shlex
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -13,10 +17,15 @@ from cavirheo.inference import doubts
 from cavirheo.inference.population.material import relative_scatter
 from cavirheo.physics.media import WATER
 from cavirheo.reading.shots import stem_of
+from cavirheo.reporting.answer import CurveRecord
 from cavirheo.reporting.record import Result
 from cavirheo.writing import digits
 from cavirheo.writing.terminal import once
 
+_DETAILS = re.compile(r": | \(")  # begin what a sentence says of one curve alone
+_NUMBER = re.compile(r"\d+(\.\d+)?")
+_NO_STIFFNESS = ("upper", "undetermined")  # bounds of G
+_LONGEST = 300  # letters of a command that is worth to be written again
 WIDE = 0.4  # scatter of G from shot to shot, of its mean: a gel made once has less
 
 
@@ -45,6 +54,59 @@ def warnings(curves: Sequence[RadiusCurve]) -> dict[str, list[str]]:
 def notes(curves: Sequence[RadiusCurve]) -> dict[str, list[str]]:
     """What was recognised, converted or left out, each once with the shots that it concerns."""
     return once((curve.name, note) for curve in curves for note in curve.notes)
+
+
+def causes(records: Sequence[CurveRecord]) -> dict[str, list[str]]:
+    """What the messages of answers say, the most frequent first, with the names that each concerns: the sentence of
+    one curve as it is, of several what it has before its details."""
+    found: dict[str, list[tuple[str, str]]] = {}
+    for one in records:
+        for sentence in one.remark.split("; ") if one.answered else [one.remark]:
+            head = _DETAILS.split(sentence, maxsplit=1)[0]
+            found.setdefault(_NUMBER.sub("", head), []).append((one.name, sentence))
+    said: dict[str, list[str]] = {}
+    for mine in sorted((mine for head, mine in found.items() if head), key=len, reverse=True):
+        whole = dict.fromkeys(sentence for _, sentence in mine)
+        said |= once((name, text if len(whole) == 1 else _DETAILS.split(text, maxsplit=1)[0]) for name, text in mine)
+    return said
+
+
+def unexplained(records: Sequence[CurveRecord]) -> int:
+    """How many answers ask for another law: their simulation does not follow, or no stiffness is seen."""
+    soft = [one for one in records if one.verdict == "undetermined" and one.shear_modulus_Pa.bound in _NO_STIFFNESS]
+    return len(soft) + sum(one.verdict == "model_does_not_fit" for one in records)
+
+
+def next_step(document: Result, asked: Mapping[str, Any], out: Path) -> str:
+    """The command that helps where most answers ask for another law or bubble; "" where none does. asked: the options
+    of `infer_many` or `fit_many`."""
+    if "material" not in asked or asked.get("verify") == "none" or asked.get("joint"):
+        return ""
+    records, options = document.curves, []
+    other, rejected = unexplained(records), sum(one.preferred is not None for one in records)
+    if other > len(records) / 2 and asked["material"] != "auto":
+        options += ["--material auto"]
+    if rejected > len(records) / 2 and len(asked.get("bubble") or ("real",)) == 1:
+        options += ["--bubble auto"]
+    if not options:
+        return ""
+    new = f"{' '.join(options)} -o {shlex.quote(f'{out}-auto')}"
+    whole = _without(document.command, "-o", "--out", *(one.partition(" ")[0] for one in options))
+    many = digits.counted(len(records), "shot")
+    why = f"{other + rejected} of {many} ask for another model, and the evidence can choose it"
+    return f"next: {why}: {whole if len(whole) < _LONGEST else 'the same command with'} {new}"
+
+
+def _without(command: str, *options: str) -> str:
+    """A command line without these options and their values."""
+    words, kept = iter(shlex.split(command)), list[str]()
+    for word in words:
+        name, equals, _ = word.partition("=")
+        if name not in options:
+            kept.append(word)
+        elif not equals:
+            next(words, None)
+    return shlex.join(kept)
 
 
 def pooled(document: Result) -> list[tuple[str, str, list[str]]]:

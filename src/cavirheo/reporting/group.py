@@ -16,7 +16,7 @@ from cavirheo.arrays import Floats
 from cavirheo.bubble import title_of
 from cavirheo.parameters import AT_RATE, CAMERA, about
 from cavirheo.reporting.answer import CurveRecord, OtherModel, evidence
-from cavirheo.reporting.material import PopulationRecord
+from cavirheo.reporting.material import PopulationRecord, over_size
 from cavirheo.writing import digits
 from cavirheo.writing.document import Quantity, Record, Spread, spread_of
 
@@ -34,7 +34,7 @@ class Slope(Quantity):
         q05: lower end of its 90 % interval.
         q95: its upper end.
         n: shots that it is over.
-        n_trusted: how many of them are trusted (verdict ok or undetermined).
+        n_trusted: how many of them are trusted (`TRUSTED` of cavirheo.posterior).
     """
 
     n: int
@@ -78,7 +78,7 @@ class GroupModel(Record):
 
     @property
     def words(self) -> str:
-        """ "with nhkv, field's bubble: G 6.5 ± 0.8 kPa, µ 0.036 ± 0.003 Pa s; evidence e^12 for the answer"."""
+        """ "with nhkv, field's bubble: G 6.5 ± 0.8 kPa; the evidence prefers the answer by a factor of e^12"."""
         factor, unit = digits.modulus_unit([self.shear_modulus_Pa.mean])
         known = (("G", self.shear_modulus_Pa, factor, unit), ("µ", self.viscosity_Pa_s, 1.0, "Pa s"))
         values = [f"{symbol} {digits.spread(one, by)} {of}" for symbol, one, by, of in known if one.mean is not None]
@@ -86,26 +86,29 @@ class GroupModel(Record):
         if self.log_evidence is None:
             return said
         preferred = "this model" if self.log_evidence > 0 else "the answer"
-        return f"{said}; evidence e^{abs(self.log_evidence):.0f} for {preferred}"
+        return f"{said}; the evidence prefers {preferred} by a factor of e^{abs(self.log_evidence):.0f}"
 
 
 class GroupRecord(Record):
     """The shots of one file or folder.
 
-    Models are over the n_trusted with verdict ok or undetermined, and the mean of each parameter over those of them
+    Models are over the n_trusted, and the mean of each parameter over those of them
     that determine it; both of documents where this is null, over all n. Slopes are over such values, too; where the
     trusted are too few, over those that the model does not fit as well.
 
     Attributes:
         name: of the file or folder.
         n: shots that were answered.
-        n_trusted: shots with the verdict ok or undetermined; null in documents of before.
+        n_trusted: those with a verdict that counts (ok, undetermined, other_model_preferred); null in documents of
+            before.
         n_failed: shots without an answer.
         shear_modulus_Pa: G, Pa.
         viscosity_Pa_s: mu, Pa s.
         other_parameters: all others by natural name, SI.
         verdicts: how many curves have each.
         models: how many answers have each, by "law, bubble".
+        preferred: how many shots there are whose evidence prefers each other model to that of the answer, by "law,
+            bubble" in words; left out where there is none.
         slopes: d ln(value)/d ln R_max of what should be a constant, by natural name.
         other_models: what other models answer for these shots, such as the field's bubble beside the real one.
         population: the material behind the shots, from their intervals; left out for a single shot, or where none
@@ -123,11 +126,12 @@ class GroupRecord(Record):
     other_parameters: dict[str, Spread] = {}
     verdicts: dict[str, int]
     models: dict[str, int] = {}
+    preferred: dict[str, int] = {}
     slopes: dict[str, Slope] = {}
     other_models: list[GroupModel] = []
     population: PopulationRecord | None = None
     published: dict[str, dict[str, Spread]] = {}
-    _if_any = ("population", "published")
+    _if_any = ("preferred", "population", "published")
 
     def spread(self, name: str) -> Spread:
         """Of a parameter by its natural name."""
@@ -141,7 +145,7 @@ class GroupRecord(Record):
 
     def mean(self, value: Spread, factor: float = 1.0) -> str:
         """'6.4 ± 1.6'; '0.041 ± 0.006 (n = 3)' where fewer shots determine it than are trusted."""
-        fewer = value.mean is not None and value.n not in (None, self.n_trusted)
+        fewer = value.mean is not None and value.n not in (None, self.n_counted)
         return digits.spread(value, factor) + (f" (n = {value.n})" if fewer else "")
 
     @property
@@ -150,7 +154,13 @@ class GroupRecord(Record):
         models = ", ".join(f"{count} {model}" for model, count in self.models.items())
         mixed = [f"the means are over answers of different models: {models}"] if len(self.models) > 1 else []
         others = [one.words for one in self.other_models]
-        return mixed + ([in_words(self.slopes)] if self.slopes else []) + others
+        first = [self.warning] if self.warning and not self.headline else []
+        return first + mixed + ([in_words(self.slopes)] if self.slopes else []) + others
+
+    @property
+    def lines(self) -> list[str]:
+        """All that is said of it after the numbers."""
+        return [*self.remarks, *(self.population.below if self.population else [])]
 
     @property
     def shots(self) -> str:
@@ -158,11 +168,28 @@ class GroupRecord(Record):
         return digits.counted(self.n, "shot") + (f", {self.n_failed} failed" if self.n_failed else "")
 
     @property
+    def n_counted(self) -> int | None:
+        """Shots that the material rests on, or else the means; null in documents of before."""
+        return self.population.n if self.population and self.population.found else self.n_trusted
+
+    @property
     def basis(self) -> str:
-        """'mean of 3 trusted of 5 answered'; nothing where all that were answered are trusted."""
-        if self.n_trusted is None or self.n_trusted == self.n:
-            return ""
-        return f"{f'mean of {self.n_trusted}' if self.n_trusted else 'no mean: none'} trusted of {self.n} answered"
+        """'3 of 5 shots count', as the line of the material says it; nothing where all do."""
+        total = self.n + self.n_failed
+        return "" if self.n_counted in (None, total) else digits.counting(self.n_counted or 0, total)
+
+    @property
+    def warning(self) -> str:
+        """'the evidence prefers another model in 3 of 5 shots: nhkv, real bubble'; nothing where it does in none."""
+        of = f"{sum(self.preferred.values())} of {digits.counted(self.n + self.n_failed, 'shot')}"
+        models = " or ".join(self.preferred)
+        return f"the evidence prefers another model in {of}: {models}" if models else ""
+
+    @property
+    def headline(self) -> str:
+        """The line for a paper, after what must be known before it is used; nothing without a material."""
+        found = self.population and self.population.found
+        return "; ".join(filter(None, [self.warning, self.population.line])) if self.population and found else ""
 
 
 def slope(radius: Sequence[float | None], values: Sequence[float | None], trusted: int = 0) -> Slope | None:
@@ -220,13 +247,10 @@ def _slopes(shots: Sequence[CurveRecord], answers: Sequence[OtherModel]) -> dict
 
 def in_words(slopes: dict[str, Slope]) -> str:
     """One line: what rises or falls with R_max, and what does not."""
-    said = []
-    for name, one in slopes.items():
-        way = {1: "rises as R_max^{}", -1: "falls as R_max^{}", 0: "has no trend with R_max (power {})"}[one.sign]
-        said.append(f"{about(name).symbol} {way.format(one.words)}")
+    said = [over_size(about(name).symbol, one, one.words) for name, one in slopes.items()]
     most = max(slopes.values(), key=lambda one: one.n)
     shots = f"{most.n} shots" + (f", {most.n_trusted} of them trusted" if most.n_trusted < most.n else "")
-    wrong = ": a constant of the material does not, so doubt the law or the bubble (1 group in 10 by chance)"
+    wrong = ", and a constant should not: doubt the law or the bubble (by chance so in 1 group of 10)"
     return f"{', '.join(said)} over {shots}" + wrong * any(one.sign for one in slopes.values())
 
 
@@ -243,6 +267,7 @@ def group_of(name: str, members: list[CurveRecord], population: PopulationRecord
         other_parameters={key: spread_of([one.determined(key) for one in trusted]) for key in more},
         verdicts=dict(Counter(record.verdict for record in members)),
         models=dict(Counter(record.model for record in trusted)),
+        preferred=dict(Counter(one.in_words for record in members if (one := record.preferred))),
         slopes=slopes(members), other_models=_other_models(trusted, _sloped(members)),
         population=population,
     )  # fmt: skip

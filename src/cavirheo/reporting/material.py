@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from cavirheo.reporting.answer import CurveRecord
 
 _KEYS = {"shear_modulus": "shear_modulus_Pa", "viscosity": "viscosity_Pa_s"}  # of the centre, by parameter
+FLAT = 1.0  # power of R_max: an interval within +- this is flatter than proportional; a wider one tells nothing
 _MOST = 6  # groups that are compared, each with each
 
 
@@ -221,9 +222,10 @@ def _trends(column: str, at: float, slopes: Mapping[str, Quantity]) -> list[str]
     said = []
     for name, one in slopes.items():
         low, middle, high = (end or 0.0 for end in (one.q05, one.median, one.q95))
-        way = "rises" if low > 0 else "falls" if high < 0 else "has no trend"
+        sure = low > 0 or high < 0
+        way = "rises" if low > 0 else "falls" if high < 0 else "may or may not change"
         factor = digits.significant(10.0 ** min(abs(middle), 99.0), 2)
-        times = f", a factor of {factor}" * (way != "has no trend")
+        times = f", a factor of {factor}" * sure
         said.append(f"{described(name)[0]} {way}: {digits.quantity(one)} decades per unit{times}")
     return [f"with {column}: {'; '.join(said)}; the material is that at {column} = {digits.significant(at)}"]
 
@@ -232,13 +234,19 @@ def _over_size(at: float, slopes: Mapping[str, Quantity]) -> str:
     """'the material over R_max: G rises as R_max^0.30 [0.10, 0.50]; ...'."""
     from cavirheo.reporting.answer import described
 
-    said = []
-    for name, one in slopes.items():
-        power = digits.quantity(one)
-        way = "rises" if (one.q05 or 0.0) > 0 else "falls" if (one.q95 or 0.0) < 0 else ""
-        said.append(f"{described(name)[0]} " + (f"{way} as R_max^{power}" if way else f"has no trend (power {power})"))
+    said = [over_size(described(name)[0], one, digits.quantity(one)) for name, one in slopes.items()]
     size = digits.micrometres(1e-6 * 10.0**at)
     return f"the material over R_max: {'; '.join(said)}; its values are those at R_max = {size} µm"
+
+
+def over_size(symbol: str, power: Quantity, words: str) -> str:
+    """'µ rises as R_max^0.30 [0.10, 0.50]', of a power of R_max and its words; what it says where it may be nothing."""
+    low, high = power.q05 or 0.0, power.q95 or 0.0
+    if low > 0 or high < 0:
+        return f"{symbol} {'rises' if low > 0 else 'falls'} as R_max^{words}"
+    if max(-low, high) < FLAT:
+        return f"no change of {symbol} with R_max is seen (as R_max^{words})"
+    return f"whether {symbol} changes with R_max cannot be told (as R_max^{words})"
 
 
 def differences(materials: Mapping[str, Population | None]) -> list[GroupDifference]:

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from cavirheo.parameters import AT_RATE, CAMERA
 from cavirheo.reporting.answer import CurveRecord, Unit, described, evidence, in_unit, parameters_of
+from cavirheo.reporting.found import causes, next_step
 from cavirheo.reporting.group import GroupRecord
 from cavirheo.reporting.record import Result
 from cavirheo.writing import digits, terminal
@@ -17,13 +18,21 @@ if TYPE_CHECKING:
     from rich.console import Console
     from rich.table import Table
 
+MOST = 10  # lines on groups and curves below the table, but at least half as many on curves
 FITS = ("least_squares", "laplace")  # methods whose answer is a maximum
 _WINDOWS = {"1": "1 collapse", "2": "2 collapses", "3": "3 collapses", "all": "whole recording"}
 _WIDE = 110  # columns; below this an interval stands under its median, and only those of G and mu are shown
 
 
-def print_table(result: Result, console: Console | None = None) -> None:
-    """One row per curve, one per group (mean ± standard deviation), then the messages in full."""
+def print_table(
+    result: Result,
+    console: Console | None = None,
+    *,
+    asked: Mapping[str, Any] | None = None,
+    out: Path = Path(),
+) -> None:
+    """One row per curve, one per group (mean ± standard deviation), what is said of groups and curves, and the next
+    step, where the options of the run (`asked`) and its folder are given."""
     from rich.text import Text
 
     console = console or terminal.console()
@@ -39,8 +48,8 @@ def print_table(result: Result, console: Console | None = None) -> None:
         row[:0] = [", ".join(name(record) for name in mixed)] if mixed else []
         table.add_row(name, *row, Text(verdict, digits.LOOKS[record.verdict].terminal))
     for group in result.groups:
-        if group.population and group.population.found:
-            console.print(Text(f"{group.name}: {group.population.line}", "bold"), soft_wrap=False)
+        if group.headline:
+            console.print(Text(f"{group.name}: {group.headline}", "bold"), soft_wrap=False)
     table.add_section()
     for name, group in zip(digits.shortened([group.name for group in result.groups]), result.groups, strict=True):
         table.add_row(name, *[""] * bool(mixed), *_group_cells(group, factor), style="bold")
@@ -56,12 +65,23 @@ def print_table(result: Result, console: Console | None = None) -> None:
         if more is not None:
             console.print(more)
     terminal.print_doubts(console, doubts(result.curves))
-    others = terminal.once((one.name, one.remark) for one in result.curves)
-    trends = terminal.once((group.name, trend) for group in result.groups for trend in group.remarks)
+    said = [(group.name, line) for group in result.groups for line in group.lines]
     notes = [note for note in result.notes if not note.startswith("not read: ")]  # said on stderr already
-    terminal.print_remarks(console, others, most=2)
-    materials = [f"{one.name}: {said}" for one in result.groups if one.population for said in one.population.below]
-    terminal.print_remarks(console, trends, [*materials, *(one.words for one in result.differences), *notes])
+    _print_most(console, said, MOST)
+    terminal.print_remarks(console, {}, [*(one.words for one in result.differences), *notes])
+    whole, several = digits.counted(len(result.curves), "curve"), causes(result.curves).items()
+    curves = [(f"{len(of)} of {whole}" if len(of) > 2 else ", ".join(of), one) for one, of in several]
+    _print_most(console, curves, max(MOST - len(said), MOST // 2))
+    if step := next_step(result, asked or {}, out):
+        console.print(Text(digits.printable(step), "bold"), soft_wrap=True)  # a command that can be copied
+
+
+def _print_most(console: Console, remarks: Sequence[tuple[str, str]], most: int) -> None:
+    """A line for each (who, sentence), at most so many; the rest is counted."""
+    for who, sentence in remarks[:most]:
+        terminal.print_remarks(console, {sentence: [who]})
+    if (more := len(remarks) - most) > 0:
+        terminal.print_remarks(console, {}, [f"{digits.counted(more, 'more remark')} in the report"])
 
 
 def line(record: CurveRecord) -> str:
@@ -139,13 +159,13 @@ def _cells(record: CurveRecord, factor: float, wide: bool) -> list[str]:
 
 
 def _group_cells(group: GroupRecord, factor: float) -> list[str]:
-    counts = group.basis.replace(" trusted ", " trusted\n") or f"n = {group.n}"
-    counts += f"\n{group.n_failed} failed" if group.n_failed else ""
+    counts = [f"{n} other model preferred" for n in [sum(group.preferred.values())] if n]
+    counts += [group.basis or f"n = {group.n}", *([f"{group.n_failed} failed"] if group.n_failed else [])]
     G, mu = (
         group.mean(value, scale).replace(" (", "\n(")
         for value, scale in ((group.shear_modulus_Pa, factor), (group.viscosity, 1.0))
     )
-    return ["", "", G, mu, "", "", counts]
+    return ["", "", G, mu, "", "", "\n".join(counts)]
 
 
 def write_csv(path: str | Path, result: Result) -> None:

@@ -9,6 +9,7 @@ from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from datetime import datetime
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NoReturn
 
@@ -173,7 +174,7 @@ class Run:
         with self.bar("drawing", len(curves) if pictures else 0) as advance:
             result = write_report(out, pairs, self.command, done=advance, **how)
         kept.remove()
-        self.show(result, print_table)
+        self.show(result, partial(print_table, asked=first.settings, out=out))
         failed = any(record.verdict in ("failed", "check_input") for record in result.curves)
         self.end(f"{len(curves)} curves in {{seconds}}; report: {out / 'report.html'}", failed)
 

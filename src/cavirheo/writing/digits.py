@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from math import ceil, floor, isfinite, log10
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from cavirheo import errors
 
@@ -27,12 +27,13 @@ LOOKS = {
     "ok": Look("ok", "#00694d", "green"),
     "check_input": Look("check input", "#7a5c00", "bright_yellow"),
     "model_does_not_fit": Look("does not fit", "#a34a00", "yellow"),
+    "other_model_preferred": Look("other model preferred", "#8a4b2a", "yellow"),
     "undetermined": Look("undetermined", "#1f5f8b", "cyan"),
+    "unverified": Look("not verified", "#5b6675", "bright_black"),
     "outside_training_range": Look("outside range", "#8a3068", "magenta"),
     "no_interval": Look("no interval", "#5f4bb6", "bright_magenta"),
     "failed": Look("failed", "#b00020", "red"),
 }
-UNVERIFIED = Look("not yet verified", "#5b6675", "dim")  # no verdict: of a network, before simulations give one
 VERDICTS = {verdict: look.words for verdict, look in LOOKS.items()}
 MATERIALS = {
     "nhkv": "neo-Hookean Kelvin-Voigt",
@@ -91,8 +92,8 @@ def measured(value: Quantity, factor: float = 1.0, unit: str = "") -> str:
 
 
 def unbounded(name: str, value: Quantity) -> str:
-    """'the recording does not bound µ from below: any value below 0.030 Pa s follows it as well', of a parameter by its
-    natural name, in SI, that has a bound alone."""
+    """'the recording gives an upper limit of µ alone: any value below 0.030 Pa s follows it as well', of a parameter by
+    its natural name, in SI, that has a bound alone."""
     from cavirheo.parameters import about
 
     symbol, unit, *_ = about(name)
@@ -100,8 +101,8 @@ def unbounded(name: str, value: Quantity) -> str:
         return f"the recording does not determine {symbol}: values all over the range that is searched follow it"
     end = value.q95 if value.bound == "upper" else value.q05
     words = measured(value, *unit_for(unit, end)).removesuffix(" (95 %)")
-    side = "below" if value.bound == "upper" else "above"
-    return f"the recording does not bound {symbol} from {side}: any value {words} follows it as well"
+    limit = "an upper limit" if value.bound == "upper" else "a lower limit"
+    return f"the recording gives {limit} of {symbol} alone: any value {words} follows it as well"
 
 
 def spread(value: Spread, factor: float = 1.0) -> str:
@@ -131,6 +132,17 @@ def significant(value: float, count: int = 3) -> str:
 def counted(count: int, what: str) -> str:
     """'1 shot', '2 shots'."""
     return f"{count} {what}" + ("" if count == 1 else "s")
+
+
+def counting(count: int, total: int) -> str:
+    """'4 of 5 shots count': of a group, those that its material or its means rest on."""
+    return f"{count} of {counted(total, 'shot')} count{'s' * (total == 1)}"
+
+
+def chance(predictive: Mapping[str, Any]) -> str:
+    """'p = 0.04' of a predictive check; 'p < 0.0015' where it is the least that its replicates can give."""
+    p = predictive["p_value"]
+    return f"p {'=' if p > predictive.get('least', 0.0) else '<'} {p:.2g}"
 
 
 def ranges(numbers: Sequence[int]) -> str:

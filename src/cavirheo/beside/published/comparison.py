@@ -27,7 +27,7 @@ class ComparedQuantity(Record):
         quantity: "shear_modulus_Pa" or "viscosity_Pa_s".
         published: values by method, SI.
         ours: over all answered shots that determine it.
-        ours_ok: over the trusted shots (verdict ok or undetermined) that determine it.
+        ours_ok: over the trusted shots that determine it.
         relative_errors: by reference and method, |mean - mean of the reference| / that mean, of `ours`.
     """
 

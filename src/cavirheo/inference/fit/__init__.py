@@ -22,7 +22,7 @@ from cavirheo.inference.fit.covariance import laplace
 from cavirheo.inference.fit.least_squares import SEARCH, LeastSquares
 from cavirheo.inference.law import Family, softened
 from cavirheo.inference.options import FREED, SCALE_BOUND, Options, check_wall
-from cavirheo.inference.others import chosen_among, compared, contenders, itself, model_of
+from cavirheo.inference.others import chosen_among, compared, contenders, itself, judged, model_of
 from cavirheo.parallel import cores, each
 from cavirheo.parameters import LOG10, units
 from cavirheo.physics.media import WATER, Medium
@@ -142,9 +142,8 @@ def fit_many(
             answer = posterior(alone.fit, alone.found, alone.laplace, 0, alone, common(alone.shot), seed)
             beside = [posterior(one.fit, one.found, one.laplace, 0, one, {}, seed) for one in rest]
             answer = replace(answer, others=(*answer.others, *map(itself, beside)))
-            said = chosen_among(answer, beside[:rejected]) + compared(answer)
-            told = "; ".join(filter(None, [answer.checks.message, *said]))
-            answer = doubted(replace(answer, checks=replace(answer.checks, message=told)), alone)
+            checks = judged(answer, chosen_among(answer, beside[:rejected]))
+            answer = doubted(replace(answer, checks=checks), alone)
         except Exception as error:  # of this curve alone
             family, options = models[0]
             names = tuple(LOG10 + name for name in family.parameters)
@@ -173,7 +172,7 @@ def fit_many(
             by_itself = {"verdict": checks.verdict, "rmse_over_rmax": checks.rmse_over_rmax, "best": before.best}
             provenance = answer.provenance | {"alone": by_itself}
             rivals = tuple(one for one in before.others if model_of(one) != model_of(before))
-            told = "; ".join(f"by itself: {said}" for said in compared(replace(before, others=rivals)))
+            told = "; ".join(f"{said}, of this shot by itself" for said in compared(replace(before, others=rivals)))
             checks = replace(answer.checks, message="; ".join(filter(None, [answer.checks.message, told])))
             about: Any = {"checks": checks, "others": (*answer.others, *rivals), "provenance": provenance}
             answers[i] = doubted(replace(answer, seconds=before.seconds + seconds, **about), members[i])

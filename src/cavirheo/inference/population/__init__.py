@@ -20,6 +20,7 @@ from cavirheo.inference.verify.sampler import Sample
 from cavirheo.parameters import LOG10, about, natural_name, of_the_law
 from cavirheo.posterior import TRUSTED, Evidence, Posterior
 from cavirheo.prior import Prior
+from cavirheo.writing import digits
 
 __all__ = ["Population", "population"]
 
@@ -75,10 +76,10 @@ def population(
         "shots": tuple(shots[i] for i in kept), "left_out": left_out,
     }  # fmt: skip
     if len(kept) < FEWEST:
-        doubt = f"{len(kept)} of {len(answers)} shots count; a material and its scatter need {FEWEST}"
+        doubt = f"{digits.counting(len(kept), len(answers))}, and a material with its scatter needs {FEWEST}"
         return Population(**made, doubts=(doubt,))
-    rough = [f"{shots[i]}: {one.effective:.0f}" for i, one in zip(kept, found, strict=True) if one.effective < FEW]
-    doubts = [f"fewer than {FEW:.0f} effective draws, so that intervals are rough: {', '.join(rough)}"] * bool(rough)
+    rough = [f"{shots[i]} ({one.effective:.0f})" for i, one in zip(kept, found, strict=True) if one.effective < FEW]
+    doubts = [f"rough intervals of shots with fewer than {FEW:.0f} effective draws: {', '.join(rough)}"] * bool(rough)
     ends = np.array([_ends(answers[i], law) for i in kept])
     low, high = np.min(ends[:, 0], axis=0), np.max(ends[:, 1], axis=0)
     like, x, unit = Likelihoods.of(found), None, 1.0
@@ -90,7 +91,7 @@ def population(
     one = Scatter(like, low, high, column=x, spread=False)
     drawn, drawn_one = several.sample(seed), one.sample(seed)
     if drawn.ess < _WORTH or not drawn.reliable:
-        doubts.append(f"the population's own draws are worth {drawn.ess:.0f} alone: take its intervals for rough")
+        doubts.append(f"the intervals of the material are rough: its draws are worth {drawn.ess:.0f} independent ones")
     u = _resampled(drawn, seed)
     centre, spread, correlation, slope = several.parts(u)
     return Population(
@@ -129,7 +130,7 @@ def _sorted_out(
         if len(answer.theta) < 2:
             why[i] = "failed" if answer.checks.verdict == "failed" else "without an interval"
         elif only_trusted and answer.checks.verdict not in TRUSTED:
-            why[i] = "not trusted"
+            why[i] = digits.VERDICTS[answer.checks.verdict]
         elif column is not None and not np.isfinite(column[i]):
             why[i] = "without a value along the column"
     models = [(answer.material, answer.bubble.name) for answer in answers]

@@ -156,20 +156,22 @@ class Population:
 
     @property
     def line(self) -> str:
-        """'G = 5.8 kPa [90 %: 5.1, 6.6], shots scatter by 12 % in G; 7 of 8 shots belong'."""
+        """'G = 5.8 kPa [90 %: 5.1, 6.6]; shots scatter by 12 % in G; 8 of 9 shots count, 1 of them seems to be of
+        another material'."""
         if not len(self.centre):
             return "no material: " + "; ".join(self.doubts)
         values = ", ".join(map(self._value, self.names))
-        belong = f"{len(self.shots) - len(self.strays)} of {len(self.shots)} shots belong"
-        return "; ".join(filter(None, [values, self._scatter_in_words(), belong]))
+        count, away = digits.counting(len(self.shots), len(self.shots) + sum(self.left_out.values())), len(self.strays)
+        other = f", {away} of them seem{'s' * (away == 1)} to be of another material" * bool(away)
+        return "; ".join(filter(None, [values, self._scatter_in_words(), count + other]))
 
     @property
     def remarks(self) -> list[str]:
         """Sentences below the line: who does not belong, what was left out, doubts."""
         away = [f"{name} ({'> 99' if p > 0.99 else f'{100 * p:.0f}'} %)" for name, p in self.strays.items()]
-        said = [f"does not belong (probability): {', '.join(away)}"] * bool(away)
+        said = [f"of another material than the other shots, with this probability: {', '.join(away)}"] * bool(away)
         left = ", ".join(f"{count} {why}" for why, count in self.left_out.items())
-        return said + [f"left out of the material: {left}"] * bool(left) + list(self.doubts) * bool(len(self.centre))
+        return said + [f"shots that do not count: {left}"] * bool(left) + list(self.doubts) * bool(len(self.centre))
 
     def _value(self, name: str) -> str:
         value, known = self.quantity(name), about(name)
@@ -185,8 +187,8 @@ class Population:
         known = [self.scatter(name)[2 if none else 1] for name in names]
         percent = [digits.significant(100 * relative_scatter(decades), 2) for decades in known]
         if none:
-            below = ", ".join(f"{symbol} {one} %" for symbol, one in zip(symbols, percent, strict=True))
-            return "no scatter of the shots beyond their intervals is seen" + f" (below {below})" * bool(below)
+            below = ", ".join(f"{one} % in {symbol}" for symbol, one in zip(symbols, percent, strict=True))
+            return "shots agree within their intervals" + f" (they scatter by less than {below}: 95 %)" * bool(below)
         if len(self.names) == 1:
             return "".join(f"shots scatter by {one} %" for one in percent)
         within = ", ".join(f"{one} % in {symbol}" for symbol, one in zip(symbols, percent, strict=True))

@@ -14,7 +14,7 @@ from cavirheo.curve import RadiusCurve, several
 from cavirheo.errors import InputError, SolverError, expect, reason
 from cavirheo.inference.doubts import doubted
 from cavirheo.inference.law import Family
-from cavirheo.inference.others import chosen_among, compared, contenders, itself, model_of
+from cavirheo.inference.others import chosen_among, contenders, itself, judged, model_of
 from cavirheo.inference.posterior_model import PosteriorModel
 from cavirheo.inference.verify.soon import glanced
 from cavirheo.inference.verify.tuning import TUNING
@@ -102,10 +102,9 @@ def verify_many(
             best = replace(best, others=(*best.others, *_other_bubble(chosen, curve, best)))
             found = [best, *_damaged(chosen, curve, best)]
         best = _simplest(found)
-        told = "; ".join(filter(None, [best.checks.message, *chosen_among(best, found), *compared(best)]))
         own = next((model for model in models if model_of(model) == model_of(best)), given[0])
         doubts, checked = list(own.checks.doubts), own.checks.verdict != "check_input"
-        checks = doubted(replace(best.checks, message=told), doubts, trust_input=checked)
+        checks = doubted(judged(best, chosen_among(best, found)), doubts, trust_input=checked)
         before = sum(answer.seconds for answer in given)
         return replace(best, checks=checks, seconds=before + time.perf_counter() - began)
 

@@ -23,7 +23,7 @@ from cavirheo.inference import DEFAULT, infer_many
 from cavirheo.inference.fit import fit_many
 from cavirheo.inference.law import Family
 from cavirheo.inference.options import Options
-from cavirheo.inference.others import LAPLACE, chosen_among, compared, contenders, itself, model_of
+from cavirheo.inference.others import LAPLACE, chosen_among, contenders, itself, judged, model_of
 from cavirheo.inference.population import Population, with_slope_if_any
 from cavirheo.inference.verify import verify_many
 from cavirheo.inference.verify.tuning import TUNING
@@ -278,9 +278,7 @@ def explained(singles: Sequence[Ranking], groups: Sequence[Ranking]) -> list[Pos
         answer = replace(answer, others=(*others, *(itself(other) for other in rest if other.evidence)))
         by_others = [f"chosen by the evidence of the group: {chosen}"] if i in by_group else []
         own = chosen_among(answer, rest) if chosen == one.chosen else by_others
-        before = answer.checks.message
-        told = filter(None, [before, *own, *(said for said in compared(answer) if said not in before)])
-        found.append(replace(answer, checks=replace(answer.checks, message="; ".join(told))))
+        found.append(replace(answer, checks=judged(answer, own)))
     return found
 
 

@@ -50,4 +50,4 @@ def predictive_check(residual: Floats, jacobian: Floats, deviation: Floats, seed
     extreme = {name: np.count_nonzero(values >= observed[name]) for name, values in replicated.items()}
     p = {name: float((1 + count) / (1 + TUNING.replicates)) for name, count in extreme.items()}
     worst = min(1.0, len(p) * min(p.values()))  # the most extreme of three has been looked at (Bonferroni)
-    return {"p": p, "observed": observed, "p_value": worst}
+    return {"p": p, "observed": observed, "p_value": worst, "least": len(p) / (1 + TUNING.replicates)}

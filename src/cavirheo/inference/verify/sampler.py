@@ -181,11 +181,14 @@ class Sample:
         if self.ess >= TUNING.effective_fewest and self.reliable:
             return ""
         index, unseen = self.tail
-        return (
+        said = (
             f"the interval is not to be trusted and left out: {len(self.u)} weighted draws are worth {self.ess:.0f} "
-            f"(at least {TUNING.effective_fewest:.0f} are needed; tail index {index:.2f}, at most "
-            f"{TUNING.tail_reliable} unless at most {TUNING.tail_unseen:.0%} of the weight is still to be met, here "
-            f"{unseen:.1%})"
+            f"independent ones, and {TUNING.effective_fewest:.0f} are needed"
+        )
+        if self.reliable:
+            return said
+        return (
+            f"{said}, and a few of them carry the weight: about {unseen:.1%} of it is not met (tail index {index:.2f})"
         )
 
 

@@ -37,6 +37,11 @@ from cavirheo.writing import digits
 _CARRIED = ("cavirheo", "medium", "model", "model_sha256", "problem_id", "source_sha256", "windows", "options")
 
 SCALED = 0.002  # relative change of R_max, for the slope of G
+_HINTS = {  # by nuisance: what to check where it runs to the end of its prior
+    "time_origin": ": check the times of the frames, and that R_max was recorded",
+    "radius_scale": ": check the µm per pixel",
+    "max_radius_factor": ": check that R_max was recorded",
+}
 
 Level = Literal["auto", "map", "full"]
 
@@ -311,13 +316,14 @@ class Work:
             verdict = "undetermined"
             self.messages += [digits.unbounded(name, value) for name, value in unbounded.items()]
         if predictive and predictive["p_value"] < TUNING.rejected:
-            which = min(predictive["p"], key=predictive["p"].get)
             seen = excess >= TUNING.systematic_seen
-            size = f"a systematic misfit of {excess:.1%} of R_max" if seen else "though no larger than noise"
-            text = f"residuals are not independent noise ({which}, p = {predictive['p_value']:.2g}): {size}"
+            size = f"systematically by {excess:.1%} of R_max" if seen else "though not by more than its size"
+            text = (
+                f"the simulation misses the frames by more than independent noise: {size} ({digits.chance(predictive)})"
+            )
             if not self.settings.discrepancy:
                 verdict = "model_does_not_fit"
-                text += "; the law was taken as exact, so the interval is too narrow"
+                text += ", and the law was taken as exact, so the interval is too narrow"
             elif excess > TUNING.systematic:
                 verdict = "model_does_not_fit"
                 text += f" (limit {TUNING.systematic:.0%})"
@@ -327,6 +333,8 @@ class Work:
         u, below = self.prior.to_u(at, INSIDE), self.prior.cdf(at)
         for i, name in enumerate(self.prior.names):
             if name in self.shot.free and abs(u[i]) > TUNING.pulled:
-                self.messages.append(f"{name} is pulled to the end of its prior ({below[i]:.1%} below it)")
+                end, hint = "lower" if below[i] < 0.5 else "upper", _HINTS.get(name, "")
+                said = f"{name.replace('_', ' ')} is at the {end} end of what is expected"
+                self.messages.append(said.replace("max radius factor", "R_max") + hint)
         self.messages += self.shot.left_out
         return verdict
