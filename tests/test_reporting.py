@@ -721,6 +721,25 @@ def test_long_names_of_any_script_become_files(tmp_path):
     assert longest.read_text() == "x"
 
 
+def largest(value, keys=()):
+    """The content of a document with the largest numbers there are, below these keys alone."""
+    if isinstance(value, dict):
+        return {key: item if key == "schema" else largest(item, (*keys, key)) for key, item in value.items()}
+    if isinstance(value, list):
+        return [largest(item, keys) for item in value]
+    return 1e308 if isinstance(value, float) and keys[-1] in ("q95", "std", "rmse_over_rmax", "max_radius_m") else value
+
+
+def test_numbers_near_the_largest_are_shown(run, tmp_path):
+    curve = bubble()
+    write_report(tmp_path, [(curve, answer(curve, draws=400))] * 3, COMMAND, ())
+    file = tmp_path / "result.json"
+    file.write_text(json.dumps(largest(json.loads(file.read_text(encoding="utf-8")))), encoding="utf-8")
+    status, out, err = run("show", file)
+    assert (status, err) == (0, "")
+    assert "e+308" in out
+
+
 def test_no_cell_of_a_table_is_a_formula(tmp_path):
     names = ["=1+1", "+a", "-a", "@a", "＝1", "'=1", "'a", "-1.5", "a"]
     document.write_rows(tmp_path / "a.csv", ["shot", "=n"], [{"shot": name, "=n": -1.5} for name in names])
