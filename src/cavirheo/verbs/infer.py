@@ -40,9 +40,8 @@ def infer(
     from cavirheo.writing.document import Outputs
 
     files = run.files(files)
-    paper = options.for_paper(figures)
+    paper, known = options.for_paper(figures), options.known_stretch(stretch)
     options.check_verify(verify, reading.exposure_us, exact_law, files)
-    known = options.known_stretch(stretch)
     check_models(model, material, bubbles, verify, known)
     network = network_of(model)
     single = isinstance(network, Network)
