@@ -18,6 +18,7 @@ import json
 import math
 import os
 import re
+import shutil
 import sys
 import tempfile
 import zipfile
@@ -152,6 +153,7 @@ def page(path: str) -> list[str]:
 
 def answered(*words: object, text: bool = False) -> dict[str, Any]:
     """What `infer` or `fit` says and writes; `text`: the page and the CSV, too."""
+    shutil.rmtree("out", ignore_errors=True)  # that of other words
     told = run(*words, "-o", "out")
     found: dict[str, Any] = {"told": told}
     if Path("out").exists():

@@ -300,9 +300,9 @@ def test_files_are_taken_over_read_again_and_told_apart(session, tmp_path):
     assert [curve.name for curve in session.curves] == ["a", "a (2)"]
     assert {curve.meta["group"] for curve in session.curves} == {"your files"}
     tops = [curve.max_radius for curve in session.curves]
-    session.prepare(PageSettings(rmax_um=300))
-    assert [curve.max_radius for curve in session.curves] == pytest.approx([300e-6, 300e-6])
-    session.prepare(PageSettings())
+    with pytest.raises(InputError) as refused:
+        session.prepare(PageSettings(rmax_um=300))  # they differ by half
+    assert refused.value.code == "option.several_scales"
     assert [curve.max_radius for curve in session.curves] == pytest.approx(tops)
     assert all(str(tmp_path) not in str(curve.meta) and "/tmp" not in str(curve.meta) for curve in session.curves)
 

@@ -116,8 +116,8 @@ def test_a_confirmed_curve_is_replaced_and_stands_beside_others(session, seen, t
     assert [one.name for one in session.curves] == ["shot", "other"]
     assert np.isnan(session.curves[0].radius[19])
     assert session.command().startswith("cavirheo infer shot.tif other.csv (shot.tif: --frame-rate-hz")
-    session.prepare(PageSettings(rmax_um=150.0))
-    assert session.curves[0].max_radius == pytest.approx(150e-6)
+    with pytest.raises(InputError):  # it is not that of the other shot
+        session.prepare(PageSettings(rmax_um=150.0))
     session.clear()
     assert (session.films, session.film, session.files) == ({}, "", [])
 

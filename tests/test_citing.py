@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -12,6 +13,7 @@ from cavirheo import InputError, infer_many, load, read_curves
 from cavirheo.bubble import FIELD, REAL
 from cavirheo.physics.laws import LAWS
 from cavirheo.posterior import Evidence
+from cavirheo.reading import write_csv
 from cavirheo.reporting import result
 from cavirheo.reporting.answer import OtherModel
 from cavirheo.reporting.citing import methods
@@ -183,3 +185,26 @@ def test_what_cannot_be_cited_is_refused_and_nothing_is_replaced(run, answered, 
     assert caught.value.code == "cite.nothing"
     (tmp_path / "other.json").write_text('{"x": 1}')
     assert run("cite", "other.json")[0] == 2
+
+
+def test_a_prior_that_the_file_states_is_named_and_can_be_left_out(run, tmp_path):
+    curve = read_curves(EXAMPLE)[0]
+    write_csv(tmp_path / "stated.csv", replace(curve, meta={**curve.meta, "stretch": 9.0, "stretch_std": 0.4}))
+    (again,) = read_curves(tmp_path / "stated.csv")
+    assert (again.stretch, again.stretch_std) == (9.0, 0.4)
+    words = ["infer", "stated.csv", "--verify", "map", "--no-pictures"]
+    _, out, _ = run(*words)
+    (row,) = load("cavirheo-result").curves
+    assert row.stretch_prior["mean"] == 9.0
+    assert row.stretch_prior["std"] >= 0.4
+    paragraph = methods(load("cavirheo-result"))[0]
+    assert all("file states (9 ±" in " ".join(said.split()) for said in (out, row.message, paragraph))
+    assert "λ" not in paragraph.partition("uniform in the logarithm")[2].partition(")")[0]
+    run(*words, "--stretch", "free", "-o", "free")
+    (free,) = load("free").curves
+    assert free.stretch_prior == {}
+    assert "file states" not in methods(load("free"))[0]
+    assert free.stretch.median != row.stretch.median
+    laws = ("which-law", "stated.csv", "--laws", "nhkv,newtonian", "--stretch", "free", "--no-pictures", "-o", "laws")
+    assert run(*laws)[0] in (0, 1)
+    assert load("laws/result.json").curves[0].stretch_prior == {}

@@ -30,7 +30,7 @@ EXAMPLE = ROOT / "examples" / "soft_gel.csv"
 
 def infer(run, *words: object, status: int = 0) -> tuple[list[dict], list[dict], str]:
     """Rows of curves and groups, and what was said on stderr."""
-    found, _, err = run("infer", *words, *BDT, "-o", "r")
+    found, _, err = run("infer", *words, *BDT, "-o", "r", "--replace")
     assert found == status, err
     assert "Traceback" not in err
     document = json.loads(Path("r", "result.json").read_text())

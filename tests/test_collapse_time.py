@@ -362,7 +362,7 @@ class TestCommand:
         assert status == 1
         assert "not both" in out
         assert "equally good pairs" in out
-        assert run("collapse-time", path, "--viscosity", 0.1)[0] == 0
+        assert run("collapse-time", path, "--viscosity", 0.1, "-o", "known")[0] == 0
 
     def test_curves(self, run, tmp_path):
         time = np.arange(0.0, 110e-6, 1e-6)
@@ -372,7 +372,7 @@ class TestCommand:
         status, out, _ = run("collapse-time", "shot0.csv", "shot1.csv", "--stretch", 7)
         assert status == 0
         assert "lambda: given" in out
-        status, out, _ = run("collapse-time", "shot0.csv", "--stretch", 7, "--material", "nh")
+        status, out, _ = run("collapse-time", "shot0.csv", "--stretch", 7, "--material", "nh", "--replace")
         assert status == 0
 
     def test_unusable_row_is_status_1_unreadable_file_2(self, run, tmp_path):
@@ -381,7 +381,7 @@ class TestCommand:
         status, out, _ = run("collapse-time", path)
         assert status == 1
         assert "left out" in out
-        status, _, err = run("collapse-time", path, "missing.csv")
+        status, _, err = run("collapse-time", path, "missing.csv", "--replace")
         assert status == 2
         assert err.count("missing.csv does not exist") == 1
 

@@ -166,9 +166,9 @@ def test_nothing_is_dropped(fake, run, folder, tmp_path):
         assert word in " ".join(out.split())
     (folder / "gel_a" / "torn.mat").unlink()
     (folder / "less.csv").write_text(f"{HEAD}\ngel_a,,,,,,\n")
-    assert run("compare", "data", "--references", "data/less.csv", "-o", "c")[0] == 1
+    assert run("compare", "data", "--references", "data/less.csv", "-o", "less")[0] == 1
     (folder / "gel_a" / "three.csv").unlink()
-    assert run("compare", "data", "--references", "data/less.csv", "-o", "c")[0] == 0
+    assert run("compare", "data", "--references", "data/less.csv", "-o", "less")[0] == 0
 
 
 def test_markdown_and_csv_say_what_the_record_says(fake, folder, tmp_path):

@@ -169,6 +169,7 @@ def test_what_is_known_comes_from_the_trusted_answers(quick, tmp_path):
     with pytest.raises(InputError) as error:
         cavirheo.design(result_of([*rows, other], "x"))
     assert error.value.code == "design.groups"
+    assert "--group" in str(error.value)
     assert cavirheo.design(result_of([*rows, other], "x"), group="y").shots_before == 1
     with pytest.raises(InputError) as error:
         cavirheo.design(result_of(rows[2:], "x"))

@@ -187,16 +187,16 @@ def test_json_is_the_document_and_nothing_else(lab, monkeypatch):
     status, out, err = lab("collapse-time", "times.csv", "--json", "--no-pictures", "-o", "r")
     assert (status, err) == (0, "")
     assert out == Path("r", "collapse-time.json").read_text(encoding="utf-8")
-    status, out, err = lab("collapse-time", "times.csv", "nowhere.csv", "--json", "--no-pictures", "-o", "r")
+    status, out, err = lab("collapse-time", "times.csv", "nowhere.csv", "--json", "--no-pictures", "-o", "s")
     assert status == 2
-    assert out == Path("r", "collapse-time.json").read_text(encoding="utf-8")
+    assert out == Path("s", "collapse-time.json").read_text(encoding="utf-8")
     assert err.startswith("error: nowhere.csv")
 
 
 def test_quiet_says_errors_alone(lab):
     assert lab("rheometer", "sweep.csv", "--quiet", "-o", "r") == (0, "", "")
     assert Path("r", "rheometer.json").exists()
-    status, out, err = lab("rheometer", "sweep.csv", "nowhere.csv", "--quiet", "-o", "r")
+    status, out, err = lab("rheometer", "sweep.csv", "nowhere.csv", "--quiet", "-o", "s")
     assert (status, out, err.count("\n")) == (2, "", 1)
 
 
@@ -226,6 +226,7 @@ def test_a_seed_reaches_the_draws(run, lab_answers, monkeypatch):
             "full",
             "--no-pictures",
             "--quiet",
+            "--replace",
             "-o",
             "r",
             *words,
@@ -304,7 +305,7 @@ def test_folders_patterns_and_stdin_are_files(run, lab_answers, tmp_path, monkey
     with shot.open(encoding="utf-8") as content:
         monkeypatch.setattr(sys, "stdin", content)
         for words in (["gel"], ["g*/*.csv"], ["frames.csv", "--frame-rate-hz", 1e6], ["-"]):
-            status, out, err = run("infer", *words, *BDT, "--no-pictures", "--json", "-o", "r")
+            status, out, err = run("infer", *words, *BDT, "--no-pictures", "--json", "-o", "r", "--replace")
             assert (status, err) == (0, ""), words
             (row,) = json.loads(out)["curves"]
             assert row["max_radius_m"] == pytest.approx(267e-6, rel=0.01)

@@ -28,6 +28,7 @@ from cavirheo.posterior import Evidence, Posterior
 from cavirheo.reading import write_csv
 from cavirheo.reporting import picture, read_json, write_report
 from cavirheo.unfinished import Step, Unfinished, keep, read_kept
+from cavirheo.writing.claim import LOCK, Claim, claimed
 from cavirheo.writing.document import LIST, Outputs
 
 EXAMPLES = Path(__file__).parent.parent / "examples"
@@ -82,6 +83,70 @@ def test_the_measurement_beside_is_not_replaced(run, inputs):
     (inputs / "shot.csv").rename(inputs / "result.csv")
     before = contents(inputs)
     status, _, err = run("infer", "result.csv", "--verify", "none", "-o", ".")
+    assert (status, err.count("\n")) == (2, 1)
+    assert contents(inputs) == before
+
+
+@pytest.mark.parametrize("name", VERBS)
+def test_answers_of_another_run_are_not_replaced(run, inputs, name):
+    with claimed(Claim("cavirheo of yesterday", {})):
+        Outputs(inputs / "out", name).write(name, Path.write_text, "answers")
+    before = contents(inputs)
+    status, _, err = run(*VERBS[name], "-o", "out")
+    assert (status, err.count("\n")) == (2, 1)
+    assert all(words in err for words in ("cavirheo of yesterday", "-o", "--replace"))
+    assert contents(inputs) == before
+
+
+def test_a_run_knows_its_own_answers_again(run, tmp_path):
+    for name, curve in zip(("a.csv", "b.csv"), read_curves(EXAMPLE), strict=False):
+        write_csv(tmp_path / name, curve)
+    words = ["--model", "bdt-viscoelastic", "--no-pictures", "--quiet"]
+    assert run("infer", "a.csv", *words)[0] == 0
+    before = contents(tmp_path)
+    for other in (["b.csv"], ["a.csv", "--density", 1050], ["a.csv", "b.csv"]):
+        assert run("infer", *other, *words)[0] == 2
+    assert contents(tmp_path) == before
+    assert run("infer", tmp_path / "a.csv", *words, "--json")[0] == 0
+    assert run("infer", "b.csv", *words, "--replace")[0] == 0
+    assert read_json(tmp_path / "cavirheo-result" / "result.json").curves[0].name == "b"
+
+
+def test_an_interrupted_run_leaves_the_earlier_answers(run, tmp_path, monkeypatch):
+    def stopped(*_: object, **__: object) -> None:
+        raise KeyboardInterrupt
+
+    write_csv(tmp_path / "a.csv", read_curves(EXAMPLE)[0])
+    words = ["infer", "a.csv", "--model", "bdt-viscoelastic", "--no-pictures"]
+    assert run(*words)[0] == 0
+    before = contents(tmp_path)
+    monkeypatch.setattr("cavirheo.inference.infer_many", stopped)
+    for again in (words, [*words, "--seed", 1, "--replace"]):
+        status, _, err = run(*again)
+        assert status == 130
+        assert "earlier answers stay" in err
+    assert contents(tmp_path) == before
+
+
+def test_two_runs_at_once_do_not_share_a_folder(run, inputs):
+    with claimed(Claim("cavirheo elsewhere", {})):
+        Outputs(inputs / "out", "r")
+        before = contents(inputs)
+        status, _, err = run("infer", "shot.csv", "-o", "out")
+        assert (status, err.count("\n")) == (2, 1)
+        assert "cavirheo elsewhere" in err
+        assert contents(inputs) == before
+    assert not (inputs / "out").exists()
+    (inputs / "out").mkdir()
+    put(inputs / "out" / LOCK, "process 1: killed")
+    with claimed(Claim("cavirheo", {})):
+        Outputs(inputs / "out", "r")
+
+
+@pytest.mark.parametrize("verb", ["infer", "generate"])
+def test_a_folder_has_a_name(run, inputs, verb):
+    before = contents(inputs)
+    status, _, err = run(verb, "shot.csv", "-o", "")
     assert (status, err.count("\n")) == (2, 1)
     assert contents(inputs) == before
 
@@ -321,8 +386,12 @@ def test_an_interrupted_run_goes_on_where_it_was(tmp_path):
     assert asked[3:] == [("second", 5)]  # another setting
     answers([replace(curves[0], radius=curves[0].radius * 1.001)])
     assert asked[4:] == [("first", 1), ("second", 1)]  # another curve
-    put(tmp_path / "unfinished" / "notes.txt", "mine")
+    (tmp_path / "unfinished" / "notes.txt").write_text("mine")
+    before = len(contents(tmp_path))
     run.remove()
+    assert len(contents(tmp_path)) == before - 10  # five curves, two steps; what the other runs kept is theirs
+    answers(curves, seed=1)[0].remove()
+    answers([replace(curves[0], radius=curves[0].radius * 1.001)])[0].remove()
     assert contents(tmp_path) == {"unfinished/notes.txt": b"mine"}
     (tmp_path / "unfinished" / "notes.txt").unlink()
     run.remove()

@@ -822,7 +822,18 @@ def test_verify_from_the_command_line(run, tmp_path):
 @pytest.mark.slow
 def test_the_exposure_from_the_command_line(run, tmp_path):
     write_gel(tmp_path)
-    shared = ("fit", "gel.csv", "--no-others", "--verify", "map", "-o", "f", "--trust-input", "--exposure-us")
+    shared = (
+        "fit",
+        "gel.csv",
+        "--no-others",
+        "--verify",
+        "map",
+        "-o",
+        "f",
+        "--replace",
+        "--trust-input",
+        "--exposure-us",
+    )
     status, _, err = run(*shared, "0.4")
     assert status == 0, err
     (row,) = read_json(tmp_path / "f" / "result.json").curves

@@ -19,12 +19,13 @@ from cavirheo.bubble import REAL
 from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError
 from cavirheo.posterior import Checks, Diagnostics, Evidence, OtherAnswer, Posterior, WindowAnswer, in_words
+from cavirheo.reading.column import read_column
 from cavirheo.reporting import drawing, group, html, picture, read_json, result, table, write_report
 from cavirheo.reporting.answer import curve_record
 from cavirheo.reporting.found import next_step
 from cavirheo.reporting.record import Answered
 from cavirheo.unfinished import InOrder
-from cavirheo.writing import digits, style, terminal
+from cavirheo.writing import digits, document, style, terminal
 from cavirheo.writing.document import Quantity, Spread, write_json
 
 pytestmark = pytest.mark.needs("matplotlib")  # most reports have pictures
@@ -774,6 +775,48 @@ def test_write_report_names_files_safely_and_apart(tmp_path):
     }  # fmt: skip
     assert read_json(tmp_path / "new" / "out" / "result.json") == written
     assert list(tmp_path.iterdir()) == [tmp_path / "new"]
+
+
+def test_long_names_of_any_script_become_files(tmp_path):
+    names = ["漢" * 82, "漢" * 82 + "b", "é" * 120, "=" + "x" * 240]
+    pairs = [(c := bubble(name), answer(c)) for name in names]
+    write_report(tmp_path, pairs, COMMAND, ("png", "svg"))
+    assert len(list(tmp_path.glob("*.png"))) == len(list(tmp_path.glob("*.svg"))) == len(names)
+    assert [row.name for row in read_json(tmp_path / "result.json").curves] == names
+    longest = tmp_path / ("漢" * 83 + ".csv")
+    with document.whole(longest) as part:
+        part.write_text("x")
+    assert longest.read_text() == "x"
+
+
+def largest(value, keys=()):
+    """The content of a document with the largest numbers there are, below these keys alone."""
+    if isinstance(value, dict):
+        return {key: item if key == "schema" else largest(item, (*keys, key)) for key, item in value.items()}
+    if isinstance(value, list):
+        return [largest(item, keys) for item in value]
+    return 1e308 if isinstance(value, float) and keys[-1] in ("q95", "std", "rmse_over_rmax", "max_radius_m") else value
+
+
+def test_numbers_near_the_largest_are_shown(run, tmp_path):
+    curve = bubble()
+    write_report(tmp_path, [(curve, answer(curve, draws=400))] * 3, COMMAND, ())
+    file = tmp_path / "result.json"
+    file.write_text(json.dumps(largest(json.loads(file.read_text(encoding="utf-8")))), encoding="utf-8")
+    status, out, err = run("show", file)
+    assert (status, err) == (0, "")
+    assert "e+308" in out
+
+
+def test_no_cell_of_a_table_is_a_formula(tmp_path):
+    names = ["=1+1", "+a", "-a", "@a", "＝1", "'=1", "'a", "-1.5", "a"]
+    document.write_rows(tmp_path / "a.csv", ["shot", "=n"], [{"shot": name, "=n": -1.5} for name in names])
+    with (tmp_path / "a.csv").open(newline="", encoding="utf-8") as file:
+        head, *rows = csv.reader(file)
+    assert not any(cell.startswith(tuple("=+@＝")) for cell in (*head, *(row[0] for row in rows)))
+    assert [row[0] for row in rows if row[0].startswith("-")] == ["-1.5"]
+    assert {row[1] for row in rows} == {"-1.5"}
+    assert list(read_column(tmp_path / "a.csv")[1]) == names
 
 
 def test_without_matplotlib_the_report_says_so(pairs, tmp_path, monkeypatch):

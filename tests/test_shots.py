@@ -148,3 +148,46 @@ def test_a_unit_that_is_told_by_its_size_is_said_once_for_its_group(run):
     assert len(found.curves) == 2
     assert all("um" in remark or "us" in remark for remark in found.remarks)
     assert len(found.remarks) == 2  # of time and of radius
+
+
+def sized(path: Path, factors: dict[str, float], sizes: dict[str, str] | None = None) -> Path:
+    """A table of one motion at several scales, with a column of R_max where sizes are given."""
+    title, last = "shot,time_us,radius_um", ",rmax_um" if sizes else ""
+    rows = [title + last]
+    for name, factor in factors.items():
+        more = f",{sizes[name]}" if sizes else ""
+        rows += [f"{name},{1e6 * t},{1e6 * factor * r}{more}" for t, r in zip(TIME, RADIUS, strict=True)]
+    path.write_text("\n".join(rows), encoding="utf-8")
+    return path
+
+
+def test_one_r_max_is_not_that_of_shots_of_several_sizes(run, tmp_path):
+    """A wrong scale is one factor."""
+    several = sized(tmp_path / "several.csv", {"a": 1.0, "b": 1.5})
+    words = ["infer", *BDT, "--no-pictures", "--quiet", "--rmax-um", 300]
+    status, _, err = run(*words, several)
+    assert (status, err.count("\n")) == (2, 1)
+    assert all(word in err for word in ("300", "several[a]", "several[b]", "rmax_um"))
+    alone = [sized(tmp_path / f"{name}.csv", {name: factor}) for name, factor in (("a", 1.0), ("b", 1.5))]
+    assert run(*words, *alone)[0] == 2
+    same = sized(tmp_path / "same.csv", {"a": 1.0, "b": 1.005})
+    assert run(*words, same)[0] in (0, 1)
+    written = json.loads(Path("cavirheo-result/result.json").read_text(encoding="utf-8"))
+    factor = 300e-6 / read_curves(same)[0].max_radius
+    assert any(f"scaled by {factor:.3g}"[:14] in note for note in written["notes"])
+    assert [row["max_radius_m"] for row in written["curves"]] == pytest.approx([300e-6] * 2)
+
+
+def test_a_column_gives_each_shot_its_r_max(tmp_path):
+    shots = {"a": 1.0, "b": 1.5, "c": 1.0}
+    file = sized(tmp_path / "sized.csv", shots, {"a": "310", "b": "450.5", "c": ""})
+    found = read_shots([file])
+    own = read_curves(sized(tmp_path / "plain.csv", shots))[2].max_radius
+    assert [curve.max_radius for curve in found.curves] == pytest.approx([310e-6, 450.5e-6, own])
+    assert any("rmax_um" in remark for remark in found.remarks)
+    lines = file.read_text(encoding="utf-8").replace(",310\n", ",311\n", 1)
+    file.write_text(lines, encoding="utf-8")
+    assert "rmax_um" in read_shots([file]).problems[0]
+    text = sized(file, {"x": 1.0}, {"x": "3"}).read_text(encoding="utf-8")
+    file.write_text(text.replace("rmax_um", "Rmax"), encoding="utf-8")
+    assert any("not used" in note for note in read_shots([file]).curves[0].notes)

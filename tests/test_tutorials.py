@@ -65,6 +65,20 @@ def test_a_tutorial_says_what_is_so(stem, tmp_path):
     assert after.ru_utime - before.ru_utime < LONGEST.get(stem, USUAL)
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize("stem", ["gel", "liquid"])
+def test_a_tutorial_runs_plain(stem, tmp_path):
+    if any(find_spec(name) is None for name in NEEDS[stem]):
+        pytest.skip("an extra is not installed")
+    path = os.pathsep.join([str(Path(sys.executable).parent), os.environ["PATH"]])
+    surroundings = os.environ | {"PYTHONPATH": str(ROOT / "src"), "PATH": path, "MPLBACKEND": "Agg"}
+    done = subprocess.run(
+        [sys.executable, SCRIPTS[stem]], cwd=tmp_path, env=surroundings, capture_output=True, text=True
+    )
+    assert done.returncode == 0, done.stderr
+    assert "Traceback" not in done.stderr
+
+
 TINY = """# %% [markdown]
 # # Tiny
 # A number.
@@ -75,7 +89,7 @@ print("printed")
 value
 
 # %%
-# !echo from the shell
+run("echo from the shell", shell=True, check=True)
 """
 
 
@@ -96,7 +110,9 @@ def test_a_page_and_a_notebook_show_what_ran(tmp_path):
     ast.parse(book["cells"][1]["source"])
 
 
-@pytest.mark.parametrize("wrong", ["1 / 0", "# !false", "# !cavirheo infer nowhere.csv"])
+@pytest.mark.parametrize(
+    "wrong", ["1 / 0", *(f'run("{line}", shell=True, check=True)' for line in ("false", "cavirheo infer nowhere.csv"))]
+)
 def test_a_cell_that_fails_leaves_no_page(wrong, tmp_path):
     script = tmp_path / "bad.py"
     script.write_text(f"# %%\n{wrong}\n")

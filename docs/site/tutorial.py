@@ -2,8 +2,9 @@
 
     python docs/site/tutorial.py examples/tutorials/liquid.py build/liquid
 
-A cell begins with `# %%` (code) or `# %% [markdown]` (text, commented); a code line `# !COMMAND` is of the shell, as in
-a notebook `!COMMAND`. Nothing that a page shows as output was written by hand.
+A cell begins with `# %%` (code) or `# %% [markdown]` (text, commented); a line `run("COMMAND", shell=True, check=True)`
+(of subprocess, so that the script runs as it is) is of the shell, as in a notebook `!COMMAND`. Nothing that a page
+shows as output was written by hand.
 """
 
 from __future__ import annotations
@@ -22,7 +23,8 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, NamedTuple
 
-SHELL = "# !"
+SHELL = re.compile(r'^run\("(.*)", shell=True, check=True\)$', re.MULTILINE)
+IMPORT = "from subprocess import run\n"  # is for these lines alone
 WIDTH = "100"  # columns of a table in the terminal, and of a page
 
 
@@ -42,7 +44,7 @@ def cells(script: str) -> Iterator[Cell]:
         if kind:
             yield Cell(kind, re.sub(r"^# ?", "", text, flags=re.MULTILINE).strip())
         else:
-            yield Cell("code", text.strip())
+            yield Cell("code", text.replace(IMPORT, "").strip())
 
 
 def run(cell: Cell, names: dict[str, Any]) -> Cell:
@@ -50,9 +52,8 @@ def run(cell: Cell, names: dict[str, Any]) -> Cell:
     its code raises, and RuntimeError for a command that fails."""
     if cell.kind != "code":
         return cell
-    if cell.text.startswith(SHELL):
-        commands = [line.removeprefix(SHELL) for line in cell.text.splitlines()]
-        return cell._replace(output="".join(map(_shell, commands)))
+    if SHELL.match(cell.text):
+        return cell._replace(output="".join(map(_shell, SHELL.findall(cell.text))))
     body = ast.parse(cell.text).body
     last = body.pop() if isinstance(body[-1], ast.Expr) else None
     with contextlib.redirect_stdout(io.StringIO()) as said:
@@ -79,8 +80,7 @@ def page(found: list[Cell], stem: str) -> str:
         if cell.kind == "markdown":
             made.append(cell.text)
             continue
-        shell = cell.text.startswith(SHELL)
-        code = cell.text.replace(SHELL, "") if shell else cell.text
+        shell, code = SHELL.match(cell.text), SHELL.sub(r"\1", cell.text)
         made.append(f"```{'' if shell else 'python'}\n{code}\n```")
         if cell.output:
             made.append(f"```text\n{cell.output.rstrip()}\n```")
@@ -97,7 +97,7 @@ def notebook(found: list[Cell]) -> str:
     """nbformat 4.5, with the outputs."""
     made = []
     for number, cell in enumerate(found):
-        text = cell.text.replace(SHELL, "!") if cell.text.startswith(SHELL) else cell.text
+        text = SHELL.sub(r"!\1", cell.text)
         one: dict[str, Any] = {"id": f"cell-{number}", "cell_type": cell.kind, "metadata": {}, "source": text}
         if cell.kind == "code":
             shown = [{"image/png": base64.b64encode(content).decode()} for content in cell.pictures]

@@ -20,6 +20,7 @@ import shutil
 import socket
 import subprocess
 from importlib.resources import files
+from subprocess import run
 
 shutil.copy(files("cavirheo") / "app" / "examples" / "soft_gel.csv", ".")
 with socket.socket() as free:
@@ -40,14 +41,14 @@ cluster = [subprocess.Popen(command, **silent) for command in commands]
 # A worker that differs is refused by name.
 
 # %%
-# !cavirheo cluster check --scheduler $CLUSTER
+run("cavirheo cluster check --scheduler $CLUSTER", shell=True, check=True)
 
 # %% [markdown]
 # ## Infer on the cluster
 # `--scheduler` is the only option that is new.
 
 # %%
-# !cavirheo infer soft_gel.csv --shots 1 --scheduler $CLUSTER -o by-cluster
+run("cavirheo infer soft_gel.csv --shots 1 --scheduler $CLUSTER -o by-cluster", shell=True, check=True)
 
 # %% [markdown]
 # ## The answer is the same
@@ -55,7 +56,7 @@ cluster = [subprocess.Popen(command, **silent) for command in commands]
 # No number differs, because an answer does not depend on what computed it.
 
 # %%
-# !cavirheo infer soft_gel.csv --shots 1 --quiet -o here
+run("cavirheo infer soft_gel.csv --shots 1 --quiet -o here", shell=True, check=True)
 
 # %%
 import cavirheo

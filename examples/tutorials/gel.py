@@ -9,6 +9,7 @@
 # %%
 import shutil
 from importlib.resources import files
+from subprocess import run
 
 shots = files("cavirheo") / "app" / "examples"
 for name in ("bubble.mp4", "stiff_gel.mat"):
@@ -20,7 +21,7 @@ for name in ("bubble.mp4", "stiff_gel.mat"):
 # So give the frame rate of the camera, the scale, and the exposure of a frame.
 
 # %%
-# !cavirheo measure bubble.mp4 --fps 500000 --um-per-px 4 --exposure-us 0.4 -o measured
+run("cavirheo measure bubble.mp4 --fps 500000 --um-per-px 4 --exposure-us 0.4 -o measured", shell=True, check=True)
 
 # %% [markdown]
 # Look at the circles before you use a radius.
@@ -40,7 +41,7 @@ figure
 # `infer` takes the file that was written; it would also take the recording itself.
 
 # %%
-# !cavirheo infer measured/measured.csv -o one-shot
+run("cavirheo infer measured/measured.csv -o one-shot", shell=True, check=True)
 
 # %% [markdown]
 # The true values are 10 kPa and 0.06 Pa s.
@@ -53,7 +54,7 @@ figure
 # `stiff_gel.mat` holds five shots of another gel, of 30 kPa and 0.08 Pa s.
 
 # %%
-# !cavirheo infer stiff_gel.mat --figures paper -o gel
+run("cavirheo infer stiff_gel.mat --figures paper -o gel", shell=True, check=True)
 
 # %% [markdown]
 # The first line is the one for a paper: the material, with the scatter of its shots.
@@ -91,7 +92,7 @@ figure
 # It names the model, the window, the priors and the versions, and whom to cite.
 
 # %%
-# !cavirheo cite gel
+run("cavirheo cite gel", shell=True, check=True)
 
 # %% [markdown]
 # ## Your own gel

@@ -10,6 +10,7 @@
 
 # %%
 import csv
+from subprocess import run
 
 import matplotlib.pyplot as plt
 import numpy as np
@@ -32,7 +33,7 @@ with open("liquid.csv", "w", newline="") as file:
 # `--material newtonian` says that it is a liquid.
 
 # %%
-# !cavirheo infer liquid.csv --material newtonian -o liquid
+run("cavirheo infer liquid.csv --material newtonian -o liquid", shell=True, check=True)
 
 # %% [markdown]
 # Each row has the median of µ and its 90 % interval.
@@ -44,7 +45,7 @@ with open("liquid.csv", "w", newline="") as file:
 # It contains the liquid as a limit, with G = 0; here is the first shot with it.
 
 # %%
-# !cavirheo infer liquid.csv --shots 1 -o as-gel
+run("cavirheo infer liquid.csv --shots 1 -o as-gel", shell=True, check=True)
 
 # %% [markdown]
 # The viscosity is the same within its interval.
@@ -72,5 +73,4 @@ figure
 #
 # ## Your own liquid
 # Replace `liquid.csv` by your file ([formats](../../docs/how-to/your-shots.md)), and give the density with `--density`.
-# If your shots show the growth before R_max, leave `--trust-input` out.
 # If the viscosity changes with the shear rate, ask [`which-law`](../../docs/how-to/which-law.md).

@@ -1,13 +1,36 @@
-"""Files are looked at before they are read: a pipe or a device would never end, and gigabytes would fill the memory."""
+"""Files are looked at before they are read: a pipe or a device would never end, and gigabytes would fill the memory.
+And what a cell of a table may begin with."""
 
 from __future__ import annotations
 
 import json
+import re
 from pathlib import Path
 from stat import S_ISREG
 from typing import Any
 
 from cavirheo.errors import InputError, require
+
+# what a spreadsheet would compute when it opens the file, wide characters included, and quotes before it
+_FORMULA = re.compile("'*[=+@\uff1d\uff0b\uff0d\uff20-]")
+
+
+def as_cell(text: str) -> str:
+    """The text of a cell, after a ' if a spreadsheet would take it for a formula; a number is none."""
+    return f"'{text}" if _FORMULA.match(text) and not _is_number(text) else text
+
+
+def from_cell(cell: str) -> str:
+    """The text that `as_cell` wrote."""
+    return cell[1:] if cell[:1] == "'" and _FORMULA.match(cell) else cell
+
+
+def _is_number(text: str) -> bool:
+    try:
+        float(text)
+    except ValueError:
+        return False
+    return True
 
 
 def read_bytes(path: str | Path, most: int) -> bytes:

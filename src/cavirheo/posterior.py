@@ -192,6 +192,7 @@ class Posterior:
         others: what other models and other valleys answer, if they were looked at.
         prior: of the law's parameters, by name as in `names`: (low, high), flat between, or (low, high, mean, standard
             deviation) of a normal; without those for which it is not known.
+        stretch_prior: mean and standard deviation of the stretch, where the file or the late plateau states it.
     """
 
     names: tuple[str, ...]
@@ -212,6 +213,7 @@ class Posterior:
     bubble: Bubble = FIELD
     others: tuple[OtherAnswer, ...] = ()
     prior: Mapping[str, tuple[float, ...]] = field(default_factory=dict)
+    stretch_prior: tuple[float, float] | None = None
 
     def __repr__(self) -> str:
         """Material, method and verdict, then a line per parameter: median, 90 % interval, unit."""

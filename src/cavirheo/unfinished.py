@@ -29,7 +29,6 @@ _TYPES = (Posterior, Checks, WindowAnswer, Evidence, Diagnostics, Bubble, OtherA
 _KINDS: dict[str, Any] = {kind.__name__: kind for kind in _TYPES}
 _Kept = TypeVar("_Kept")
 _Item = TypeVar("_Item")
-_NAME = "[0-9a-f]" * 64 + ".npz"
 HELD = 500  # answers of a run; of more, none is held that can be read again
 
 
@@ -82,6 +81,7 @@ class Unfinished:
         self.folder, self.shown, self.interrupted = Path(out) / "unfinished", shown, False
         self.executor = executor
         self._own: set[Path] = set()  # written by this run
+        self._places: set[Path] = set()  # of all that this run may keep
         way = f"{self.folder} must be a folder, for answers are kept there: give another place with -o"
         require(self.folder.is_dir() or not self.folder.exists(), way, "document.folder")
 
@@ -92,7 +92,7 @@ class Unfinished:
         may have more memory.
         """
         *before, step = steps
-        places = [self.folder / f"{_key(curve, steps)}.npz" for curve in curves] if step.apart else []
+        places = self._kept_at(curves, steps)
         many = step.apart and len(curves) > HELD
         found: dict[int, Posterior] = {}  # in memory
         files: dict[int, Path] = {}
@@ -107,6 +107,8 @@ class Unfinished:
         if taken and self.shown:
             said = f"{taken} of {len(curves)} answers are taken from {self.folder}"
             say(f"{said}, where an unfinished run left them")
+        for end in range(1, len(steps)):
+            self._kept_at(curves, steps[:end])
         left = [i for i in range(len(curves)) if i not in there]
         mine = [curves[i] for i in left]
         begun = self.answers(mine, *before) if before and left else {}
@@ -117,14 +119,14 @@ class Unfinished:
             if step.apart:
                 place = places[left[k]]
                 failed = answer.checks.verdict == "failed"
+                if failed or not many:  # first, for an interruption may come at any moment
+                    found[left[k]] = answer
                 if not failed:
                     with into(self.folder):
                         keep(place, answer)
                     self._own.add(place)
-                if many and not failed:
-                    files[left[k]] = place
-                else:
-                    found[left[k]] = answer
+                    if many:
+                        files[left[k]] = place
             advance()
 
         executor = self.executor or (Threads() if many else None)
@@ -143,15 +145,22 @@ class Unfinished:
             self.interrupted = True
         return KeptAnswers(found, files) if many else dict(sorted(found.items()))
 
+    def _kept_at(self, curves: Sequence[RadiusCurve], steps: Sequence[Step]) -> list[Path]:
+        """Where the answers of the last step are kept; nowhere if it answers all curves at once."""
+        found = [self.folder / f"{_key(curve, steps)}.npz" for curve in curves] if steps[-1].apart else []
+        self._places.update(found)
+        return found
+
     def note(self, answered: int, asked: int) -> str:
         """What is to be said of a run that was interrupted; nothing of another."""
         said = f"interrupted: {answered} of {asked} answered; the same command again answers the rest"
         return said if self.interrupted else ""
 
     def remove(self) -> None:
-        """To be called when all documents are complete."""
-        for path in (*self.folder.glob(_NAME), *self.folder.glob(f".{_NAME}.part.npz")):
+        """To be called when all documents are complete. What another run left here is kept for it."""
+        for path in self._places:
             path.unlink(missing_ok=True)
+            path.with_name(f".{path.name}.part.npz").unlink(missing_ok=True)
         with suppress(OSError):  # there is none, or something else is in it
             self.folder.rmdir()
 

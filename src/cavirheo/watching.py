@@ -151,8 +151,9 @@ class Watch:
         named = [{key: getattr(curve, key) for key in keys} for curve, _ in pairs]
         rows = [row.model_copy(update=about) for row, about in zip(made, named, strict=True)]
         result = result_of(rows, self.command, [answer for _, answer in pairs], date=self.date, notes=notes)
-        self.outputs.write("result.json", write_json, result)
-        self.outputs.write("result.csv", table.write_csv, result)
+        if pairs or not self.outputs.holds("result.json"):  # earlier answers stay until there are others
+            self.outputs.write("result.json", write_json, result)
+            self.outputs.write("result.csv", table.write_csv, result)
         newest = self._latest.answers[-1] if self._latest and self._latest.answers else None
         latest = next((k for k, (_, answer) in enumerate(pairs) if answer is newest), len(pairs) - 1)
         self.page.write(live.PAGE, live.write, result, latest, *(pairs[latest] if pairs else ()), wanted=self.wanted)
@@ -208,7 +209,10 @@ class Watch:
     def _read(self, path: Path, state: State) -> Watched | None:
         """What is in a file; None if it is to be tried again. One that stays as it is and cannot be read is a curve
         that says why."""
-        curves, problems, remarks = self.read(path)
+        try:
+            curves, problems, remarks = self.read(path)
+        except InputError as error:  # a setting that is wrong for this file
+            curves, problems, remarks = Recordings([], [f"{path}: {error}"], [])
         if _state(path) != state:
             return None  # it is being written
         known = self.files.get(str(path))

@@ -40,7 +40,7 @@ _NUMBERS = {  # settings that need not be given
     "sound_speed": "Sound speed (m/s)", "surface_tension": "Surface tension (N/m)", "pressure": "Pressure (Pa)",
     "temperature": "Temperature (K)",
 }  # fmt: skip
-_EMPTY = {"rmax_um": "as measured", "stretch": "fitted"}  # what an empty field means
+_EMPTY = {"rmax_um": "as measured", "stretch": "fitted; free: without the file's prior"}  # what an empty field means
 _RESIZE = "() => setTimeout(() => document.querySelectorAll('.js-plotly-plot').forEach(p => Plotly.Plots.resize(p)))"
 _PRESS = "() => document.querySelector('#{}').click()"
 _ADDRESS = "link => history.replaceState(null, '', link || location.pathname)"

@@ -29,6 +29,7 @@ from cavirheo.reading.shots import check_max_radius
 from cavirheo.reporting.answer import CurveRecord
 from cavirheo.reporting.record import Pairs, Published, Result
 from cavirheo.video.measurement import Measurement
+from cavirheo.writing.document import short_name
 
 YOURS = "your files"  # the folder of a visitor, which names the group of single-shot files
 
@@ -64,7 +65,7 @@ class PageSettings:
     pressure: float | None = None
     temperature: float | None = None
     rmax_um: float | None = None
-    stretch: float | None = None
+    stretch: float | str | None = None  # or "free"
     window: int | None = None
     group: str = "auto"  # whose shots are one material
     model: str = DEFAULT
@@ -74,7 +75,8 @@ class PageSettings:
 
     def __post_init__(self) -> None:
         check_level(self.verify)
-        check_stretch(self.stretch)
+        if self.stretch != "free":
+            check_stretch(self.stretch)
         unknown = f"unknown model {self.model!r}; known here: {', '.join(shipped())}"
         require(self.model in shipped(), unknown, "app.unknown_model")
         if self.model in shipped("point"):
@@ -89,7 +91,7 @@ class PageSettings:
         given, wrong = dict[str, Any](), dict[str, str]()
         for one, value in zip(fields(cls), values, strict=True):
             try:
-                numeric, name = one.type == "float | None", one.name.replace("_", " ")
+                numeric, name = "float" in str(one.type) and value != "free", one.name.replace("_", " ")
                 alone: dict[str, Any] = {one.name: number_of(value, name) if numeric else value or None}
                 _, given = cls(**alone).reading, given | alone
             except InputError as error:
@@ -286,7 +288,7 @@ class Session:
         """A path of this name in the visitor's folder, numbered where the name is taken."""
         to, numbers = self.folder / YOURS / name, count(2)
         while to.exists():
-            to = to.with_name(f"{Path(name).stem} ({next(numbers)}){Path(name).suffix}")
+            to = to.with_name(f"{short_name(Path(name).stem)} ({next(numbers)}){Path(name).suffix}")
         return to
 
 

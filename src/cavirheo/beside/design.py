@@ -299,7 +299,7 @@ def _answers(result: Result, group: str | None, family: Family) -> tuple[GroupRe
     told = f"no trusted answer of {family.name} with an interval among the {len(result.curves)} of the result"
     told += f" in the group {group!r} (groups: {', '.join(one.name for one in result.groups)})" if group else ""
     require(bool(found), told + ": give ranges instead", "design.no_answer")
-    told = f"the result has several materials ({names}): name the group of one"
+    told = f"the result has several materials ({names}): name the group of one with --group NAME"
     require(len(found) < 2, told, "design.groups")
     return found[0]
 

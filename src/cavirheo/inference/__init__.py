@@ -43,7 +43,7 @@ def bubbles_for(model: str | Path, requested: Requested | None) -> tuple[Bubble,
 
 
 def check_models(
-    model: str | Path, material: str | None, bubble: Requested | None, verify: str, stretch: float | None = None
+    model: str | Path, material: str | None, bubble: Requested | None, verify: str, stretch: float | str | None = None
 ) -> None:
     """Raises InputError for a law, or a bubble, that cannot be or that this network cannot answer at this level of
     verification."""
@@ -80,7 +80,7 @@ def infer(
     model: str | Path = DEFAULT,
     material: str | None = None,
     medium: Medium | str = WATER,
-    stretch: float | None = None,
+    stretch: float | str | None = None,
     window: int | None = None,
     trust_input: bool = False,
     bubble: Requested | None = None,
@@ -98,7 +98,8 @@ def infer(
             fung + newtonian that the evidence does not reject.
         medium: constants of the liquid or gel, or the name of a set; its density sets G of soft gels as much as
             anything.
-        stretch: R_max/R_0 if it is known; fitted otherwise.
+        stretch: R_max/R_0 if it is known; otherwise fitted, and what the file states of it is its prior; "free":
+            without this prior.
         window: collapses over which answer and measurement are compared (and the stretch fitted); default: all that
             the network reads.
         trust_input: doubts about the recording or its settings are said, but decide no verdict.
@@ -133,7 +134,7 @@ def infer_many(
     model: str | Path = DEFAULT,
     material: str | None = None,
     medium: Medium | str = WATER,
-    stretch: float | None = None,
+    stretch: float | str | None = None,
     window: int | None = None,
     trust_input: bool = False,
     bubble: Requested | None = None,
@@ -169,7 +170,8 @@ def infer_many(
 
     network = network_of(str(model))
     if isinstance(network, Network):
-        estimator = Amortised(network, liquid, stretch, window, trust_input)
+        known: Any = None if stretch == "free" else stretch
+        estimator = Amortised(network, liquid, known, window, trust_input)
         if verify in ("auto", "none"):
             return each(estimator.infer, curves, workers, done)
         from cavirheo.inference.verify import verify_many

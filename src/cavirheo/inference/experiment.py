@@ -214,6 +214,16 @@ class Experiment:
             self.noise_factor = float(np.sqrt(correlation_time(missed[self.counted])))
         self.sigma: Floats = np.where(self.counted, np.hypot(noise, motion), np.inf)
 
+    def stretch_source(self, free: str = "inferred with the other parameters") -> str:
+        """Where the stretch comes from, in words. free: where nothing is known of it."""
+        if self.stretch:
+            return "given"
+        if self.stretch_prior is None:
+            return free
+        value, deviation = self.stretch_prior
+        source = "late plateau" if self.options.stretch else "stretch that the file states"
+        return f"fitted, with the {source} ({value:.3g} ± {deviation:.2g}) as prior"
+
     @property
     def usual_half_widths(self) -> tuple[float, float]:
         """Half-widths of the priors of the clock, in t_c, and of the factor of R_max, where none are given."""

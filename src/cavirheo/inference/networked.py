@@ -46,7 +46,7 @@ class Networked:
     material: str = "nhkv"
     bubble: Bubble = REAL
     medium: Medium = WATER
-    stretch: float | None = None
+    stretch: float | str | None = None
     window: int | None = None
     trust_input: bool = False
     discrepancy: bool = True

@@ -134,8 +134,8 @@ def reconstruct(view: Window, material: Material, medium: Medium, stretch: float
     return Reconstruction(residual, view.since_max + curve.time_of_max, times + curve.time_of_max, run.radius)
 
 
-def check_stretch(stretch: float | None) -> None:
+def check_stretch(stretch: float | str | None) -> None:
     """Raises InputError for a stretch that no bubble at its largest radius has."""
     told = f"stretch = R_max/R_0 must lie between 1 and 100, got {stretch!r}"
-    number = stretch is None or isinstance(stretch, Real)
-    require(number and (stretch is None or 1 < stretch < 100), told, "option.stretch")
+    fine = stretch is None or (isinstance(stretch, Real) and 1 < stretch < 100)
+    require(fine, told, "option.stretch")

@@ -10,11 +10,14 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
+import numpy as np
+
 from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError, require
 from cavirheo.parameters import RADIUS
 from cavirheo.reading import read_curves
 
+ONE_SCALE = 0.02  # by which factors of one scale may differ: R_max is read off the frames
 GROUPINGS = ("auto", "file", "folder", "name", "none")
 # the number of a shot at the end of a name, with what stands before it; a decimal number is no shot's
 _NUMBER = re.compile(r"(?:[^\w.,]|_)*(?<![.,])\d+(?: \(\d+\))?[)\]]?$")
@@ -38,13 +41,14 @@ def read_shots(
     curves share get their folders before them.
 
     Args:
-        max_radius: m, the true R_max: rescales every curve.
+        max_radius: m, the true R_max: rescales every curve, by one factor.
         group: whose shots are one material: "file" (of one file), "folder" (of all files of a folder), "name" (of
             the files of a folder whose names differ in the number at their end), "none" (each by itself), "auto" (of
             one file; single-shot files of one folder together).
 
     Raises:
-        InputError: `max_radius` is no radius of a bubble, or `group` is none of these.
+        InputError: `max_radius` is no radius of a bubble, or would scale curves by different factors; or `group` is
+            none of these.
     """
     require(group in GROUPINGS, f"group must be one of {', '.join(GROUPINGS)}, got {group!r}", "option.group")
     check_max_radius(max_radius)
@@ -62,7 +66,10 @@ def read_shots(
         for hint in curve.hints:
             about.setdefault(hint, {})[curve.group] = None
     remarks += [f"{', '.join(groups)}: {hint}" for hint, groups in about.items()]
-    return Recordings([_scaled(curve, max_radius) for curve in curves] if max_radius else curves, problems, remarks)
+    if max_radius:
+        curves, said = _scaled(curves, max_radius)
+        remarks += said
+    return Recordings(curves, problems, remarks)
 
 
 def _once(curves: list[RadiusCurve]) -> tuple[list[RadiusCurve], list[str]]:
@@ -118,10 +125,22 @@ def stem_of(file: str) -> str:
     return _NUMBER.sub("", Path(file).stem)
 
 
-def _scaled(curve: RadiusCurve, max_radius: float) -> RadiusCurve:
-    with suppress(InputError):  # without a maximum there is nothing to scale; the answer will say why
-        return curve.with_max_radius(max_radius)
-    return curve
+def _scaled(curves: list[RadiusCurve], max_radius: float) -> tuple[list[RadiusCurve], list[str]]:
+    """The curves with this R_max, and by which factor their radii are scaled. Raises InputError: there are several."""
+    made, factors = list(curves), dict[str, float]()
+    for k, curve in enumerate(curves):
+        with suppress(InputError):  # without a maximum there is nothing to scale; the answer will say why
+            made[k] = curve.with_max_radius(max_radius)
+            factors[curve.name] = float(np.nanmax(made[k].radius) / np.nanmax(curve.radius))
+    if not factors:
+        return made, []
+    low, high = min(factors, key=factors.__getitem__), max(factors, key=factors.__getitem__)
+    given, ends = f"--rmax-um {1e6 * max_radius:g}", f"{factors[low]:.4g} ({low}) to {factors[high]:.4g} ({high})"
+    told = f"{given} would scale the shots by {ends}, but a wrong scale is one factor for all of them: give the R_max "
+    told += "of each shot in a column rmax_um of the file, or each shot in a run of its own"
+    require(factors[high] <= (1.0 + ONE_SCALE) * factors[low], told, "option.several_scales")
+    pixels = any(curve.unscaled for curve in curves)
+    return made, [given + ("" if pixels else f": radii scaled by {factors[high]:.4g}")]
 
 
 def check_max_radius(given: float | None) -> None:

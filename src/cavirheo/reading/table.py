@@ -3,13 +3,15 @@
 A header names its columns `time_us,radius_um`, in any case and in several languages, with s, ms, us, ns and m, mm, um,
 px written `time_s`, `t [us]`, `R (microns)`, or in the row below. Numbers of frames with a frame rate may stand for
 the times, diameters for the radii. Several curves: a column `curve` or `shot`, or one column of radii for each
-(`R1_um,R2_um`, `Shot 1 (um)`). Optional: `radius_std_um`.
+(`R1_um,R2_um`, `Shot 1 (um)`). Optional: `radius_std_um`; and of each curve `rmax_um`, the true R_max, and `stretch`
+with `stretch_std`, what is known of R_max/R_0.
 """
 
 from __future__ import annotations
 
 import re
 from collections.abc import Iterable
+from contextlib import suppress
 from dataclasses import replace
 from functools import lru_cache
 from pathlib import Path
@@ -20,11 +22,12 @@ import numpy as np
 from cavirheo.arrays import Floats
 from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError, require
+from cavirheo.parameters import RADIUS
 from cavirheo.reading import limits
 from cavirheo.reading.clean import RADIUS_UNITS, TIME_UNITS, UNIT_WORDS, make_curve
 from cavirheo.reading.layout import Table, find_table, numbers
 from cavirheo.reading.marks import Cells, is_number
-from cavirheo.reading.tabular import read_sheets
+from cavirheo.reading.tabular import Row, read_sheets
 from cavirheo.reading.titles import column_of, plain_title, plain_unit
 
 _KINDS = {
@@ -36,6 +39,9 @@ _KINDS = {
         "radius": "r radius rt rnew bubbleradius radiusofbubble radiusofthebubble meanradius averageradius "
         "equivalentradius blasenradius rayon rayonbulle rayondebulle rayondelabulle radio radioburbuja "
         "radiodeburbuja radiodelaburbuja raggio raio 半径 半徑 気泡半径 气泡半径 氣泡半徑",
+        "max_radius": "rmax truermax maxradius maximumradius",
+        "stretch": "stretch lambdamax lambdamaxmean",
+        "stretch_std": "stretchstd lambdamaxstd",
         "radius_std": "radiusstd rstd radiussd rsd",
         "diameter": "d diameter bubblediameter meandiameter equivalentdiameter durchmesser blasendurchmesser "
         "diametre diametrebulle diametredebulle diametredelabulle diametro 直径 直徑 気泡直径 气泡直径",
@@ -140,7 +146,8 @@ def _with_header(table: Table, frame_rate: float | None) -> list[RadiusCurve]:
     columns = [_read_title(title)._replace(at=k) for k, title in enumerate(table.titles)]
     rows, notes = table.rows, list(table.notes)
     require(len(rows) > 0, "a header but no rows of data", "table.empty")
-    shot, std = (_only(columns, kind) for kind in ("curve", "radius_std"))
+    shot, std, top = (_only(columns, kind) for kind in ("curve", "radius_std", "max_radius"))
+    stretched = [one for kind in ("stretch", "stretch_std") if (one := _only(columns, kind))]
     radii, said = _radii(columns)
     clock, time_unit, how, doubts = _clock(columns, rows, table.above, frame_rate)
     units = {column.unit for column in radii}
@@ -170,9 +177,43 @@ def _with_header(table: Table, frame_rate: float | None) -> list[RadiusCurve]:
             about: dict[str, Any] = {"label": name} if shot or len(radii) > 1 else {}
             about |= {} if deviation is None else {"radius_std": deviation[mine]}
             about |= {"time_unit": time_unit, "radius_unit": column.unit}
-            curve = make_curve(clock[mine], radius[mine], notes=tuple(notes), **about)
-            made.append(replace(curve, doubts=(*doubts, *curve.doubts)) if doubts else curve)
+            lasting, more = _stated_stretch(stretched, [rows[k] for k in mine])
+            curve = make_curve(clock[mine], radius[mine], notes=(*notes, *more), **about, **lasting)
+            curve = replace(curve, doubts=(*doubts, *curve.doubts)) if doubts else curve
+            made.append(_with_size(curve, top, [rows[k] for k in mine]) if top else curve)
     return made
+
+
+def _with_size(curve: RadiusCurve, column: CurveColumn, rows: list[Row]) -> RadiusCurve:
+    """Scaled to the R_max of a column, if its cells hold one. Raises InputError: two, or no radius of a bubble."""
+    if column.unit not in RADIUS_UNITS or column.unit == "px":
+        return curve.with_notes(f"the column {column.title!r} is not used: it names no unit of length, as rmax_um does")
+    values = numbers(rows, column.at)
+    known = sorted({float(value) for value in values if np.isfinite(value)})
+    told = f"{column.title!r} has {len(known)} values for one curve, {known[:2]}: expected its R_max in every row"
+    require(len(known) < 2, told, "table.several_sizes")
+    if not known:
+        return curve
+    RADIUS.check(column.title, size := known[0] * RADIUS_UNITS[str(column.unit)], "curve.max_radius")
+    hint = f"R_max of each shot as the column {column.title!r} has it: radii scaled to it"
+    curve = replace(curve, meta={**curve.meta, "hints": (*curve.hints, hint)})
+    with suppress(InputError):  # without a maximum there is nothing to scale; the answer will say why
+        return curve.with_max_radius(size)
+    return curve
+
+
+def _stated_stretch(columns: list[CurveColumn], rows: list[Row]) -> tuple[dict[str, Any], list[str]]:
+    """What columns state of the stretch of one curve, and notes; one that changes from frame to frame is another."""
+    found, said = dict[str, Any](), list[str]()
+    for column in columns:
+        values = {float(value) for value in numbers(rows, column.at) if np.isfinite(value)}
+        if len(values) == 1:
+            found[column.kind] = values.pop()
+        elif values:
+            said.append(f"the column {column.title!r} is not used: it changes from frame to frame")
+    if "stretch" in found:
+        said.append(f"the file states the stretch {found['stretch']:.4g} +- {found.get('stretch_std', np.nan):.2g}")
+    return found, said
 
 
 def _only(columns: list[CurveColumn], kind: str) -> CurveColumn | None:
@@ -294,10 +335,14 @@ def _without_header(table: Floats, density: float, pressure: float) -> list[Radi
 
 
 def write_csv(path: str | Path, curve: RadiusCurve) -> None:
-    """Write `time_us,radius_um` (and `radius_std_um` where known), one row per frame, ten digits, nan for no radius."""
+    """Write `time_us,radius_um` (and `radius_std_um`, and what the file stated of the stretch, where known), one row
+    per frame, ten digits, nan for no radius."""
     columns = {"time_us": curve.time, "radius_um": curve.radius}
     if np.isfinite(curve.radius_std).any():
         columns["radius_std_um"] = curve.radius_std
-    rows = np.column_stack(list(columns.values())) * 1e6
+    columns = {name: 1e6 * values for name, values in columns.items()}
+    for name, value in (("stretch", curve.stretch), ("stretch_std", curve.stretch_std)):
+        columns |= {} if value is None else {name: np.full(len(curve.time), value)}
+    rows = np.column_stack(list(columns.values()))
     with Path(path).open("wb") as file:
         np.savetxt(file, rows, fmt="%.10g", delimiter=",", header=",".join(columns), comments="")

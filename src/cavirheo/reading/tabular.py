@@ -18,6 +18,7 @@ from pathlib import Path
 from typing import Literal, NamedTuple
 
 from cavirheo.errors import InputError, require, without_unseen
+from cavirheo.files import from_cell
 from cavirheo.reading import limits
 from cavirheo.reading.marks import Cells, is_number, with_points
 
@@ -167,6 +168,6 @@ def _split(lines: list[str], separator: str | None) -> Iterator[tuple[int, Cells
         for cells in reader:
             total += len(cells)
             limits.few(total, limits.SAMPLES, "cells")
-            yield reader.line_num, [cell.strip() for cell in cells]
+            yield reader.line_num, [from_cell(cell.strip()) for cell in cells]
     except csv.Error as error:
         raise InputError(f"line {reader.line_num}: {error}", "tabular.csv") from None

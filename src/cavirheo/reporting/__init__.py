@@ -12,7 +12,7 @@ from cavirheo.curve import RadiusCurve
 from cavirheo.errors import require
 from cavirheo.reporting.record import Answered, Pairs, Published, Result, read_json, result
 from cavirheo.writing import style
-from cavirheo.writing.document import Outputs, write_json
+from cavirheo.writing.document import Outputs, short_name, write_json
 
 __all__ = ["file_names", "outputs", "read_json", "result", "write_report"]
 
@@ -178,10 +178,10 @@ def _noted(document: Result, name: str, shown: str) -> str:
 
 
 def file_names(names: Sequence[str]) -> list[str]:
-    """A safe file name for each, different also where letter case does not count."""
+    """A safe file name for each, short enough for an ending, different also where letter case does not count."""
     taken = dict.fromkeys(("result", "report"), "")
     for name in names:
-        stem = re.sub(r"[^\w.+-]+", "_", name).strip("._")[:100] or "curve"
+        stem = short_name(re.sub(r"[^\w.+-]+", "_", name).strip("._")[:100]) or "curve"
         unique = next(n for n in chain([stem], (f"{stem}-{k}" for k in count(2))) if n.lower() not in taken)
         taken[unique.lower()] = unique
     return list(taken.values())[2:]

@@ -134,6 +134,7 @@ class CurveRecord(Record):
         other_models: what other models and other valleys answer, if they were looked at.
         diagnostics: how the answer was found.
         column: title and value of the column declared by the user; left out where there is none.
+        stretch_prior: mean and std of the stretch as the file or the late plateau states it; left out where none does.
         provenance: model, settings, versions and hash of the source, for people alone.
     """
 
@@ -165,8 +166,9 @@ class CurveRecord(Record):
     other_models: list[OtherModel] = []
     diagnostics: Diagnostics = Diagnostics()
     column: dict[str, float] = {}
+    stretch_prior: dict[str, float] = {}
     provenance: dict[str, Any]
-    _if_any = ("column",)
+    _if_any = ("column", "stretch_prior")
 
     @property
     def answered(self) -> bool:
@@ -229,6 +231,9 @@ def curve_record(curve: RadiusCurve, posterior: Posterior) -> CurveRecord:
         if broken or not posterior.theta.size:
             verdict = "failed"
     answered = verdict != "failed"
+    known = posterior.stretch_prior if answered else None
+    if known:
+        message = "; ".join(filter(None, [message, f"λ was {posterior.diagnostics.stretch_source}"]))
     checks = posterior.checks if answered else Checks("failed")
 
     def quantity(name: str) -> Quantity:
@@ -251,7 +256,8 @@ def curve_record(curve: RadiusCurve, posterior: Posterior) -> CurveRecord:
         stretch=stretch, shear_modulus_Pa=G, viscosity_Pa_s=mu, other_parameters=values,
         window=Compared(collapses=checks.collapses, t_star_end=checks.t_star_end), doubts=list(posterior.checks.doubts),
         verdict=verdict, message=message or ("" if answered else "no parameters were found"), notes=list(curve.notes),
-        column=dict(curve.column), seconds=finite(posterior.seconds) or 0.0, evidence=posterior.evidence,
+        column=dict(curve.column), stretch_prior={"mean": known[0], "std": known[1]} if known else {},
+        seconds=finite(posterior.seconds) or 0.0, evidence=posterior.evidence,
         other_models=[_other(one) for one in posterior.others],
         windows={key: _known(window) for key, window in posterior.windows.items()},
         diagnostics=_known(posterior.diagnostics), provenance=_plain(posterior.provenance),

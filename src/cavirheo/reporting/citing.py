@@ -184,18 +184,22 @@ def _window(answered: list[CurveRecord]) -> list[str]:
 
 
 def _prior(answered: list[CurveRecord]) -> list[str]:
+    sources = Counter(curve.diagnostics.stretch_source for curve in answered if curve.stretch_prior)
+    stated = [f"The stretch of {digits.counted(n, 'curve')} was {source}." for source, n in sources.items()]
     if not any(curve.method in ("verified", "laplace", "amortised") for curve in answered):
-        return []
+        return stated
     found = []
     names = [name for curve in answered for name in ("shear_modulus", "viscosity") if _median(curve, name)]
-    for name in dict.fromkeys([*names, "stretch"]):
+    names += [] if all(curve.stretch_prior for curve in answered) else ["stretch"]
+    for name in dict.fromkeys(names):
         about = PARAMETERS[name]
         if about.searched:
             low, high = (10.0**end for end in about.searched)
             found.append(f"{about.symbol} {low:.3g} to {high:.3g}{'' if about.unit == '1' else ' ' + about.unit}")
     return [
         f"Priors are uniform in the logarithm ({', '.join(found)}); time origin, radius scale and R_max were free "
-        "within their doubts."
+        "within their doubts.",
+        *stated,
     ]
 
 

@@ -15,7 +15,7 @@ from cavirheo.writing.terminal import say
 
 def generate(
     recipe: Annotated[Path, Argument(help="TOML file, see recipes/")],
-    out: options.Out,
+    out: options.Growing,
     n: Annotated[int | None, Option("-n", help="curves; default: as in the recipe", min=1)] = None,
     seed: Annotated[int | None, Option(help="default: as in the recipe", min=0)] = None,
     workers: Annotated[int | None, Option(help="threads; default: all cores", min=1)] = None,

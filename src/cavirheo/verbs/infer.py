@@ -40,13 +40,13 @@ def infer(
     from cavirheo.writing.document import Outputs
 
     files = run.files(files)
-    paper = options.for_paper(figures)
+    paper, known = options.for_paper(figures), options.known_stretch(stretch)
     options.check_verify(verify, reading.exposure_us, exact_law, files)
-    check_models(model, material, bubbles, verify, stretch)
+    check_models(model, material, bubbles, verify, known)
     network = network_of(model)
     single = isinstance(network, Network)
     Outputs(out, *DOCUMENTS, inputs=files)
-    shared: dict[str, Any] = {"medium": liquid, "stretch": stretch}
+    shared: dict[str, Any] = {"medium": liquid, "stretch": known}
     settings = {"model": model, "window": window, "trust_input": reading.trust_input, **shared}
     checked: dict[str, Any] = {"seed": seed, "discrepancy": not exact_law}
     if not single:

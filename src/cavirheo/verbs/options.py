@@ -5,15 +5,18 @@ from __future__ import annotations
 import functools
 import inspect
 import math
+import os
 from collections.abc import Callable, Iterable
+from contextlib import nullcontext
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
-from typer import Argument, Option
+from typer import Argument, BadParameter, Option
 
 from cavirheo.bubble import CONTENTS, DAMAGES
 from cavirheo.errors import InputError, require
-from cavirheo.verbs.run import Reading, Run
+from cavirheo.verbs.run import Reading, Run, command_line
+from cavirheo.writing.claim import Claim, claimed
 
 if TYPE_CHECKING:
     from cavirheo.bubble import Bubble
@@ -23,6 +26,8 @@ if TYPE_CHECKING:
 else:
     Liquid = Bubble = Bubbles = Any
 
+# options that change no answer
+_SHOWING = ("out", "replace", "json", "quiet", "pictures", "figures", "scheduler", "once", "patience")
 _LEVELS = ("auto", "full", "map", "none")  # of verification
 _BUBBLES = ("real", "field", "auto")
 
@@ -97,7 +102,20 @@ Curves = Annotated[
 ]
 _MODEL = "shipped model (see `cavirheo models`) or a path to an .onnx file"
 ModelName = Annotated[str, Option("--model", help=_MODEL, autocompletion=model_names)]
-Out = Annotated[Path, Option("-o", "--out", help="folder for the results")]
+
+
+def _folder(text: object) -> Path:
+    """Raises a mistake of usage: no name."""
+    if not str(text).strip():
+        raise BadParameter("a folder must have a name; leave the option out for the usual one", param_hint="-o")
+    return Path(str(text))
+
+
+_OUT: Any = Option("-o", "--out", help="folder for the results", parser=_folder, metavar="FOLDER")
+Out = Annotated[Path, _OUT]  # of documents: a run holds it, and --replace goes with it
+_GROWING: Any = Option("-o", "--out", help="folder, which may hold a part", parser=_folder, metavar="FOLDER")
+Growing = Annotated[Path, _GROWING]  # of work that another call goes on with
+Replace = Annotated[bool, Option("--replace", help="write over the answers of another run in that folder")]
 _VERIFY = "map: maximum of the posterior; full: draws weighted by simulations; none: as the model answers"
 Verify = Annotated[str, Option(help=_VERIFY, autocompletion=values(*_LEVELS[1:]))]
 _AUTO = "auto: weighted draws from few simulations; full: from many; map: maximum of the posterior; none: network alone"
@@ -122,7 +140,8 @@ _KINETIC = "model of the vapour: equilibrium (the field's model) or kinetic (con
 Contents = Annotated[str, Option(help=_KINETIC, autocompletion=values(*CONTENTS))]
 _LAW = "a law of `cavirheo laws`, or auto  [default: nhkv]"
 Material = Annotated[str | None, Option(help=_LAW, autocompletion=law_names)]
-KnownStretch = Annotated[float | None, Option(help="R_max/R_0 if it is known; otherwise it is inferred")]
+_STRETCH = "R_max/R_0 if it is known; free: without the prior that a file states  [default: with it]"
+KnownStretch = Annotated[str | None, Option(help=_STRETCH, autocompletion=values("free"))]
 ReadWindow = Annotated[int | None, Option(help="number of collapses to compare  [default: 3]", min=1)]
 ManyLaws = Annotated[str, Option(help="two or more laws, with commas", autocompletion=many_law_names)]
 WallDistanceUm = Annotated[float | None, Option(help="um to one rigid wall, instead of --confinement-inertia")]
@@ -210,11 +229,12 @@ _KINDS: dict[str, dict[str, tuple[Any, Any]]] = {  # argument: its options, each
 
 def with_kinds(verb: Callable[..., None]) -> Callable[..., None]:
     """A verb whose arguments `liquid`, `reading`, `bubbles`, `many_bubbles` and `run`, if it has them, are given by
-    their options.
+    their options; one that writes documents into a folder also has `--replace`, and holds that folder.
 
     Numbers that are not finite are refused for every verb alike.
     """
     takes = inspect.signature(verb, eval_str=True).parameters
+    documents = "out" in takes and takes["out"].annotation == Out
     kinds = {kind: _KINDS[kind] for kind in takes if kind in _KINDS}
     parameters: dict[str, inspect.Parameter] = {}
     for parameter in takes.values():
@@ -222,6 +242,8 @@ def with_kinds(verb: Callable[..., None]) -> Callable[..., None]:
             parameters[name] = parameter.replace(name=name, annotation=annotation, default=default)
         if parameter.name not in kinds:
             parameters[parameter.name] = parameter
+        if parameter.name == "out" and documents:
+            parameters["replace"] = parameter.replace(name="replace", annotation=Replace, default=False)
 
     @functools.wraps(verb)
     def run(**given: Any) -> None:
@@ -230,11 +252,24 @@ def with_kinds(verb: Callable[..., None]) -> Callable[..., None]:
                 fine = not isinstance(one, float) or math.isfinite(one)
                 require(fine, f"--{name.replace('_', '-')} must be a finite number, got {one}", "option.finite")
         own = {name: value for name, value in given.items() if name in takes and name not in kinds}
-        verb(**own, **{kind: _made(kind, {name: given[name] for name in names}) for kind, names in kinds.items()})
+        with claimed(_claim(verb.__name__, given)) if documents else nullcontext():
+            verb(**own, **{kind: _made(kind, {name: given[name] for name in names}) for kind, names in kinds.items()})
 
     run.__signature__ = inspect.Signature(list(parameters.values()))  # type: ignore[attr-defined]
     run.__annotations__ = {name: parameter.annotation for name, parameter in parameters.items()}
     return run
+
+
+def _claim(verb: str, given: dict[str, Any]) -> Claim:
+    """The same for two calls that ask for the same answers, from whichever folder."""
+
+    def named(value: Any) -> Any:
+        if isinstance(value, list | tuple):
+            return [named(one) for one in value]
+        return os.path.realpath(value) if isinstance(value, Path) else value
+
+    request = {name: named(value) for name, value in given.items() if name not in _SHOWING}
+    return Claim(command_line(), {"verb": verb, **request}, given["replace"])
 
 
 def _made(kind: str, of: dict[str, Any]) -> Any:
@@ -273,6 +308,11 @@ def _bubbles(
     words = [word.strip() for word in (bubble or "real").split(",")] if several else [bubble or "real"]
     found = (one for word in words for one in bubbles_of(word))
     return tuple(replace(one, damage=hurt, **given) for one in found for hurt in damages)
+
+
+def known_stretch(text: str | None) -> float | Literal["free"] | None:
+    """R_max/R_0, without a prior, or with that of the file. Raises InputError."""
+    return _number_or("free", "--stretch", text, float)
 
 
 def window_of(text: str | None) -> int | Literal["all"] | None:

@@ -17,6 +17,7 @@ import typer
 
 from cavirheo.errors import InputError, require
 from cavirheo.writing import terminal
+from cavirheo.writing.claim import current
 
 if TYPE_CHECKING:
     from cavirheo.curve import RadiusCurve
@@ -68,13 +69,18 @@ class Reading:
         return found._replace(curves=[curve.with_exposure(self.exposure_us * 1e-6) for curve in found.curves])
 
 
+def command_line() -> str:
+    """What was typed, as documents have it."""
+    return shlex.join(["cavirheo", *sys.argv[1:]])
+
+
 class Run:
     """Begins when it is made. `command` and `date` are as documents have them; `unreadable` counts files, named in
     `notes`."""
 
     def __init__(self, *, json: bool = False, quiet: bool = False) -> None:
         self.began = time.perf_counter()
-        self.command = shlex.join(["cavirheo", *sys.argv[1:]])
+        self.command = command_line()
         self.date = datetime.now().astimezone().strftime("%Y-%m-%d %H:%M %Z")
         self.unreadable = 0
         self.notes: list[str] = []  # on the run as a whole
@@ -88,12 +94,14 @@ class Run:
 
     def files(self, given: list[Path]) -> list[Path]:
         """Those that folders, patterns and `-` (standard input) stand for; one without a file is refused by itself."""
-        from cavirheo.reading.files import expand
+        from cavirheo.reading.files import expand, sha256
 
         found: list[Path] = []
         for one in given:
             try:
                 found += expand([one], self.say)
+                if str(one) == "-" and (claim := current()):
+                    claim.inputs.append(sha256(found[-1]))
             except InputError as error:
                 self.refuse([str(error)])
         self.need(found, "file")
@@ -153,7 +161,7 @@ class Run:
         from cavirheo.reporting.table import print_table
         from cavirheo.unfinished import InOrder, Unfinished
 
-        outputs(out, curves, ("png",) if pictures else (), paper=paper)
+        folder = outputs(out, curves, ("png",) if pictures else (), paper=paper)
         if pictures:
             prepare()
         steps, kept = [first], Unfinished(out, shown=not self.quiet, executor=executor)
@@ -165,6 +173,8 @@ class Run:
         asked, note = list(found), kept.note(len(found), len(curves))
         pairs = Answered([curves[i] for i in asked], InOrder(len(asked), lambda k: found[asked[k]]))
         if note:
+            if folder.holds("report.html"):
+                self.stop(f"{note}; until then the earlier answers stay", out / "result.json")
             if asked:
                 notes = [note, *self.notes]
                 write_report(out, pairs, self.command, date=self.date, notes=notes, complete=False)

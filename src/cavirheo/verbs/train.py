@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 def train(
     recipe: Annotated[Path, Argument(help="TOML file, see recipes/")],
     data: Annotated[Path, Argument(help="folder written by `cavirheo generate`")],
-    out: options.Out,
+    out: options.Growing,
     threads: Annotated[int | None, Option(help="threads; default: torch's choice", min=1, max=1024)] = None,
     device: Annotated[str | None, Option(help="cpu or cuda; default: cuda if there is one")] = None,
     quiet: options.Quiet = False,

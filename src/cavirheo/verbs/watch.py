@@ -49,14 +49,15 @@ def watch(
     options.check_verify(verify, reading.exposure_us, exact_law, [folder])
     told = f"--rmax-um must be a positive radius in micrometres, got {reading.rmax_um}"
     require(reading.rmax_um is None or reading.rmax_um > 0, told, "option.rmax_um")
-    check_models(model, material, bubbles, verify, stretch)
+    known = options.known_stretch(stretch)
+    check_models(model, material, bubbles, verify, known)
     if material not in (None, "auto"):
         Family(material)
     told = "--exclude is of one recording: leave the frames out with `cavirheo measure`, and watch for what it writes"
     require(reading.exclude is None, told, "option.exclude")
     if column is not None and not is_size(column):
         read_column(column)
-    settings: dict[str, Any] = {"model": model, "material": material, "window": window, "stretch": stretch}
+    settings: dict[str, Any] = {"model": model, "material": material, "window": window, "stretch": known}
     settings |= {"medium": liquid, "verify": verify, "discrepancy": not exact_law, "seed": seed, "bubble": bubbles}
     step = Step(
         "inferring", infer_many, settings | {"trust_input": reading.trust_input}, made_with=network_of(model).sha256

@@ -18,9 +18,9 @@ def which_law(
     window: Annotated[
         str | None, Option(help="number of collapses to compare, or 'all'  [default: 3, or all if there are fewer]")
     ] = None,
-    stretch: Annotated[str | None, Option(help="R_max/R_0, or 'plateau': late radius as prior; inferred otherwise")] = (
-        None
-    ),
+    stretch: Annotated[
+        str | None, Option(help="R_max/R_0; plateau: late radius as prior; free  [default: prior of the file]")
+    ] = None,
     exact_law: options.ExactLaw = False,
     column: options.Column = None,
     seed: options.Seed = 0,
@@ -53,7 +53,7 @@ def which_law(
     chosen = models(names, many_bubbles or (REAL,))
     Options(window=looked_at, stretch=known)
     outputs = document.Outputs(out, "laws.json", inputs=files)
-    document.Outputs(out, *reporting.DOCUMENTS, inputs=files)
+    report = document.Outputs(out, *reporting.DOCUMENTS, inputs=files)
     if pictures:
         prepare()
     with connected(scheduler, run.say) as executor:
@@ -68,6 +68,8 @@ def which_law(
     by_curve, by_group = records(answered, singles, groups)
     notes = [*([note] if note else []), *run.notes]
     made = Laws(command=run.command, notes=notes, curves=by_curve, groups=by_group)
+    if note and report.holds("report.html"):
+        run.stop(f"{note}; until then the earlier answers stay", out / "laws.json")
     if answered:
         outputs.write("laws.json", document.write_json, made)
     if note:

@@ -75,7 +75,7 @@ def quantity(value: Quantity, factor: float = 1.0, *, unit: str = "", joint: str
         return significant(value.median * factor) + unit
     half = (value.q95 - value.q05) / 2.0
     relative = half / abs(value.median) if value.median else 1.0
-    count = min(max(ceil(-log10(relative)) + 1, 2), 4) if relative > 0 else 4
+    count = min(max(ceil(-log10(min(relative, 1.0))) + 1, 2), 4) if relative > 0 else 4
     middle = significant(value.median * factor, count)
     high = value.q95 * factor
     places = len(middle.partition(".")[2])

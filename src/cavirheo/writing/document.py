@@ -27,11 +27,12 @@ from pydantic import (
 from pydantic_core import to_json
 
 from cavirheo.errors import InputError, require
-from cavirheo.files import read_bytes
+from cavirheo.files import as_cell, read_bytes
 from cavirheo.parameters import Bound
-from cavirheo.writing import digits
+from cavirheo.writing import claim, digits
 
 LARGEST = 500_000_000  # bytes of a document that is read
+NAME = 120  # bytes of a name to which an ending, a number and the mark of a part are added
 LIST = ".cavirheo"  # in a folder that we wrote into: what we wrote there
 
 
@@ -144,13 +145,22 @@ def _told(folder: str | Path) -> Iterator[None]:
         raise InputError(f"cannot write into {folder}: {why}", "document.folder") from None
 
 
+def short_name(name: str, most: int = NAME) -> str:
+    """The beginning of a name, of so many bytes: folders take 143 to 255 for a file."""
+    return name.encode("utf-8", "replace")[:most].decode("utf-8", "ignore")
+
+
 @contextmanager
 def whole(path: Path) -> Iterator[Path]:
     """A file to write beside `path`, which takes its place when it is complete and is gone if it never is.
 
     Its name is hidden, ours alone, and keeps the ending, by which some choose what they write.
     """
-    temporary = path.with_name(f".{path.name}.part{path.suffix}")
+    name = path.name
+    if (short := short_name(name, 2 * NAME)) != name:
+        name = f"{short_name(short)}-{hashlib.sha256(os.fsencode(name)).hexdigest()[:16]}"
+    ending = path.suffix if len(os.fsencode(path.suffix)) < 20 else ""
+    temporary = path.with_name(f".{name}.part{ending}")
     try:
         yield temporary
         temporary.replace(path)
@@ -164,11 +174,12 @@ class Outputs:
     `.cavirheo` in the folder has a line for every file that we wrote, with its SHA-256. The line is there before the
     file has its name, so that a run which is killed leaves nothing that the next would not know. A file that is not
     listed as it is now was written, or changed, by somebody else. The first of `names` tells one kind of run from
-    others, which may use the same folder.
+    others, which may use the same folder. A line names the run, too: a command holds the folder (writing/claim.py), and
+    replaces what another run of its kind wrote only if it is told to.
 
     Raises:
         InputError: at once, and again before each file is written: the folder cannot be written, or one of `names` is
-            there and not ours, or is one of `inputs`.
+            there and not ours, or is one of `inputs`. At once: another run holds the folder, or its answers are there.
     """
 
     def __init__(self, folder: str | Path, *names: str, inputs: Iterable[str | Path] = ()) -> None:
@@ -177,14 +188,18 @@ class Outputs:
         self._inputs = {os.path.realpath(path) for path in inputs}
         self._written: set[str] = set()
         self._listed: dict[str, list[dict[str, str]]] = {}
+        self._claim = claim.current()
         new = [path for path in (self.folder, *self.folder.parents) if not os.path.exists(path)]
         with into(self.folder):  # tried, without a trace
+            if self._claim:
+                self._claim.hold(self.folder, new)
             with TemporaryFile(dir=self.folder, buffering=0) as file:
                 file.write(bytes(4096))
             self._read()
-            for path in new:
+            for path in [] if self._claim else new:
                 path.rmdir()
         self.check(*names)
+        self._leave_others(names)
 
     def check(self, *names: str) -> None:
         """Raises InputError: one of these is there and must not be replaced."""
@@ -194,7 +209,7 @@ class Outputs:
             require(os.path.realpath(path) not in self._inputs, read, "document.input")
             foreign = f"{path} is there and is not as cavirheo wrote it, so it is not replaced: {mend}"
             with _told(self.folder):
-                require(not os.path.lexists(path) or self._ours(name), foreign, "document.foreign")
+                require(not _is_there(path) or self.holds(name), foreign, "document.foreign")
 
     def write(self, name: str, writer: Callable[..., object], *content: Any, **how: Any) -> None:
         """`writer(path, *content, **how)` into the file of this name."""
@@ -203,6 +218,8 @@ class Outputs:
             with whole(self.folder / name) as temporary:
                 writer(temporary, *content, **how)
                 entry = {"kind": self.kind, "name": name, "sha256": _sha256(temporary)}
+                if self._claim:
+                    entry |= {"run": self._claim.key, "command": digits.elide(self._claim.command, 100)}
                 with (self.folder / LIST).open("a", encoding="utf-8") as file:
                     file.write("\n" + json.dumps(entry))  # on a line of its own, even after one that was cut short
                 self._listed.setdefault(name, []).append(entry)
@@ -228,24 +245,53 @@ class Outputs:
         with into(self.folder):
             for name in set(self._listed) - self._written:
                 path, kind = self.folder / name, self._listed[name][-1]["kind"]
-                if kind == self.kind and self._ours(name) and os.path.realpath(path) not in self._inputs:
+                if kind == self.kind and self.holds(name) and os.path.realpath(path) not in self._inputs:
                     path.unlink()
             there = [entries[-1] for name, entries in self._listed.items() if os.path.lexists(self.folder / name)]
             with whole(self.folder / LIST) as temporary:
                 temporary.write_text("\n".join(map(json.dumps, there)), encoding="utf-8")
 
-    def _ours(self, name: str) -> bool:
-        path, known = self.folder / name, [entry["sha256"] for entry in self._listed.get(name, ())]
-        return bool(known) and path.is_file() and not path.is_symlink() and _sha256(path) in known
+    def _leave_others(self, names: Sequence[str]) -> None:
+        """Raises InputError: what this run would replace or remove is another run's."""
+        if self._claim is None or self._claim.replace:
+            return
+        for name, entries in self._listed.items():
+            near = name in names or entries[-1]["kind"] == self.kind
+            entry = self._entry(name) if near and entries[-1]["run"] != self._claim.key else None
+            if entry and entry["run"] != self._claim.key:
+                whose = f" ({entry['command']})" if entry["command"] else ""
+                told = f"{self.folder} holds the answers of another run{whose}, which would be lost"
+                raise InputError(f"{told}: name another folder by -o, or give --replace", "document.other_run")
+
+    def holds(self, name: str) -> bool:
+        """Whether this file is there as we wrote it."""
+        return self._entry(name) is not None
+
+    def _entry(self, name: str) -> dict[str, str] | None:
+        """The line of this file as it is now; None if it is not there, or not as we wrote it."""
+        path, known = self.folder / name, self._listed.get(name, [])
+        if not known or not path.is_file() or path.is_symlink():
+            return None
+        digest = _sha256(path)
+        return next((entry for entry in reversed(known) if entry["sha256"] == digest), None)
 
     def _read(self) -> None:
         """What is listed, by name; a line that is cut short is none, nor is one of a file elsewhere."""
         path = self.folder / LIST
         for line in path.read_text(encoding="utf-8", errors="replace").splitlines() if path.exists() else ():
             with suppress(ValueError, TypeError, KeyError):
-                entry = {key: str(json.loads(line)[key]) for key in ("kind", "name", "sha256")}
+                given = {"run": "", "command": "", **json.loads(line)}
+                entry = {key: str(given[key]) for key in ("kind", "name", "sha256", "run", "command")}
                 if Path(entry["name"]).name == entry["name"]:
                     self._listed.setdefault(entry["name"], []).append(entry)
+
+
+def _is_there(path: Path) -> bool:
+    """Raises OSError: a name that no file can have."""
+    with suppress(FileNotFoundError):
+        path.lstat()
+        return True
+    return False
 
 
 def _undrawn(name: str, error: Exception) -> str:
@@ -288,8 +334,13 @@ def read_json(path: str | Path, kind: type[Kind]) -> Kind:
 
 
 def write_rows(path: str | Path, head: Sequence[str], rows: Iterable[Mapping[str, Any]]) -> None:
-    """CSV: a line per row, of its entries those in `head`; empty where there is none."""
+    """CSV: a line per row, of its entries those in `head`; empty where there is none. No text is a formula
+    (`files.as_cell`)."""
     with Path(path).open("w", newline="", encoding="utf-8") as file:
-        writer = csv.DictWriter(file, head, lineterminator="\n")
-        writer.writeheader()
-        writer.writerows({key: _printable(row.get(key)) for key in head} for row in rows)
+        writer = csv.writer(file, lineterminator="\n")
+        writer.writerow(map(_cell, head))
+        writer.writerows([_cell(row.get(key)) for key in head] for row in rows)
+
+
+def _cell(value: Any) -> Any:
+    return as_cell(digits.printable(value)) if isinstance(value, str) else _printable(value)

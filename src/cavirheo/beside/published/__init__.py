@@ -86,12 +86,12 @@ def compare(
     found = [shots_of(about, folder, references) for about in sets]
     names = file_names([*_OUTPUTS, *(about.name for about in sets)])[len(_OUTPUTS) :]
     written, kept = Outputs(out, *_OUTPUTS, inputs=[references]), Unfinished(out, shown=progress)
-    for name, (curves, *_) in zip(names, found, strict=True):
-        outputs(out / name, curves)
+    places = [outputs(out / name, curves) for name, (curves, *_) in zip(names, found, strict=True)]
     aside(load_solver)
     steps = [_step(about, model, fit, trust_input) for about in sets]
     answers = [kept.answers(curves, step) for (curves, *_), (_, step) in zip(found, steps, strict=True)]
     note = kept.note(sum(map(len, answers)), sum(len(curves) for curves, *_ in found))
+    earlier = bool(note) and any(place.holds("report.html") for place in places)  # stay until all is answered
     notes = [note] if note else []
     records: list[ComparedSet] = []
     for about, name, (which, _), answered, (curves, files, problems, left_out) in zip(
@@ -99,7 +99,8 @@ def compare(
     ):
         pairs = [(curves[i], answer) for i, answer in answered.items()]
         how: dict[str, Any] = {"notes": notes, "complete": not note, "draw": pictures}
-        document = write_report(out / name, pairs, command, published={"": about.published()}, **how) if pairs else None
+        how["published"] = {"": about.published()}
+        document = write_report(out / name, pairs, command, **how) if pairs and not earlier else None
         rows, groups = (document.curves, document.groups) if document else ([], [])
         material = [one.line for group in groups if (one := group.population) and one.found]
         records.append(compared_set(
@@ -117,6 +118,9 @@ def compare(
         from cavirheo.beside.published.picture import figure
 
         comparison.notes += written.picture("comparison.png", style.save_png, figure, comparison)
+    if earlier:
+        comparison.notes[0] += "; until then the earlier answers stay"
+        return comparison
     written.write("comparison.csv", write_csv, comparison)
     written.write("comparison.md", Path.write_text, markdown(comparison), encoding="utf-8")
     written.write("comparison.json", write_json, comparison)
@@ -194,5 +198,8 @@ def shots_of(
     scale = about.settings["rmax_um"] * 1e-6 if "rmax_um" in about.settings else None
     density, pressure = about.medium.density, about.medium.pressure
     how: Any = {"density": density, "pressure": pressure, "shots": about.settings.get("shots")}
-    curves, problems, again = read_shots(files, max_radius=scale, **how)
+    try:
+        curves, problems, again = read_shots(files, max_radius=scale, **how)
+    except InputError as error:  # a scale that is none of these shots
+        return [], files, [str(error)], notes
     return curves, files, problems, notes + again

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from math import floor, log10
+from math import floor, isfinite, log10
 from pathlib import Path
 from typing import Any, get_args
 
@@ -327,7 +327,7 @@ def _counts(about: ComparedSet) -> list[str]:
     """Answered of all shots; the trusted ones; RMSE: median (smallest–largest), % of R_max."""
     spread = [100 * value for _, value in about.rmse_over_rmax if value is not None]
     words = digits.MISSING
-    if spread:
+    if len(spread) == 3 and all(map(isfinite, spread)):
         places = max(1 - floor(log10(spread[0])), 0) if spread[0] > 0 else 1
         middle, low, high = (f"{value:.{places}f}" for value in spread)
         words = f"{middle} ({low}–{high})"

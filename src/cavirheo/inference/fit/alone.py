@@ -173,7 +173,7 @@ def posterior(
     names, theta = shot.answer(drawn)
     best, bound = shot.best(x), at_bound(fit, found.x, k)
     diagnostics = Diagnostics(
-        stretch_source=_stretch_source(shot),
+        stretch_source=shot.stretch_source("fitted"),
         free={name: best[name] for name in shot.free if name in FREE.values()},
         **_widths(shot, covariance),
         frames=len(shot.measured),
@@ -200,6 +200,7 @@ def posterior(
         best=best, stretch=best["stretch"], windows=alone.windows, diagnostics=diagnostics, log_weight=log_weight,
         bubble=shot.options.bubble, evidence=None if joint else alone.evidence,
         others=() if joint else tuple(alone.valleys), prior=shot.of_law(shot.prior()),
+        stretch_prior=shot.stretch_prior,
     )  # fmt: skip
 
 
@@ -216,16 +217,6 @@ def _widths(shot: Experiment, covariance: Floats | None) -> dict[str, Any]:
         for j, other in enumerate(shot.names[:i])
     }
     return {"one_sigma": one_sigma, "correlations": correlations}
-
-
-def _stretch_source(shot: Experiment) -> str:
-    if shot.stretch:
-        return "given"
-    if shot.stretch_prior:
-        value, deviation = shot.stretch_prior
-        source = "late plateau" if shot.options.stretch else "stretch that the file states"
-        return f"fitted, with the {source} ({value:.3g} ± {deviation:.2g}) as prior"
-    return "fitted"
 
 
 def _checks(

@@ -133,7 +133,7 @@ def by_network(model: Model, stretch: float | str | None = None) -> bool:
     from cavirheo.inference.posterior_model import PosteriorModel, network_of
 
     network = network_of(DEFAULT)
-    return isinstance(network, PosteriorModel) and network.knows(*model) and not isinstance(stretch, str)
+    return isinstance(network, PosteriorModel) and network.knows(*model) and stretch != "plateau"
 
 
 def rank_laws(

@@ -253,7 +253,7 @@ class Work:
             excess = min(excess, nearest)
         values = shot.best(at)
         told = {
-            "stretch_source": "given" if shot.stretch else "inferred with the other parameters",
+            "stretch_source": shot.stretch_source(),
             "systematic_misfit_over_rmax": excess,
             "simulations": shot.runs, "failed_simulations": shot.failures, **worth,
         }  # fmt: skip
@@ -273,7 +273,7 @@ class Work:
             names, units(names), theta, checks, shot.family.name, "verified" if drawn else "laplace", provenance,
             log_q, log_weight, best=values, stretch=values["stretch"], windows=self.answer.windows,
             evidence=evidence, diagnostics=Diagnostics(**told), bubble=self.answer.bubble,
-            others=self._others(best, found), prior=shot.of_law(prior),
+            others=self._others(best, found), prior=shot.of_law(prior), stretch_prior=shot.stretch_prior,
         )  # fmt: skip
 
     def _modulus_over_scale(self, best: Mode) -> float | None:
