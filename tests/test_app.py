@@ -37,6 +37,7 @@ from cavirheo.parallel import Once
 from cavirheo.reading import read_curves, write_csv
 from cavirheo.reading.apart import Reader
 from cavirheo.reporting import interactive, live
+from cavirheo.reporting.bundle import write_bundle
 
 SOFT = examples()["soft_gel.csv"]
 SWEEPS = Path(__file__).parent.parent / "examples"
@@ -518,6 +519,24 @@ def test_trials_are_simulations_or_say_that_they_failed(session):
     assert failed == {"x": [[], []], "y": [[], []]}
 
 
+def test_an_exported_simulation_carries_the_values_that_draw_it(session, tmp_path):
+    """Typed into the sliders they give the RMSE that is shown, and the page says them too."""
+    session.add([SOFT], PageSettings(), copy=True)
+    kept = infer(session, ["soft_gel[1]"])
+    write_bundle(tmp_path, kept.pairs, "x", [], lambda: None)
+    (path,) = (tmp_path / "simulated").iterdir()
+    assert "best-draw" in path.name
+    said = path.read_text(encoding="utf-8").splitlines()[0]
+    typed = [float(re.search(rf"{symbol} = ([\d.]+)", said)[1]) for symbol in ("G", "µ", "λ")]
+    found, _ = trial(session, "soft_gel[1]", typed)
+    (record,) = kept.document.curves
+    assert found.rmse_over_rmax == pytest.approx(record.rmse_over_rmax, rel=0.005)
+    assert record.best["shear_modulus"] == pytest.approx(1e3 * typed[0], rel=1e-3)
+    assert said.partition(", ")[2] in facts(session, "soft_gel[1]")
+    (simulated,) = read_curves(path)
+    assert simulated.radius[0] == pytest.approx(kept.pairs[0][1].checks.reconstruction_radius[0])
+
+
 def test_the_band_of_the_draws_holds_the_answer_and_a_density_matters(session):
     session.add([SOFT], PageSettings(), copy=True)
     kept = infer(session, ["soft_gel[1]"])
@@ -628,7 +647,7 @@ def test_the_zip_holds_what_the_command_line_writes_and_the_curves(session, run,
         *documents, *(f"least-squares/{name}" for name in documents),
         *(f"soft_gel_{k}.{kind}" for k in (1, 3) for kind in ("png", "svg")),
         *(f"least-squares/soft_gel_3.{kind}" for kind in ("png", "svg")),
-        *(f"{kind}/soft_gel_{k}.csv" for k in (1, 3) for kind in ("processed", "simulated")),
+        *(f"processed/soft_gel_{k}.csv" for k in (1, 3)), *(f"simulated/soft_gel_{k}-best-draw.csv" for k in (1, 3)),
     }  # fmt: skip
     document = json.loads((folder / "result.json").read_text())
     ((method, values),) = document["groups"][0]["published"].items()
@@ -640,7 +659,7 @@ def test_the_zip_holds_what_the_command_line_writes_and_the_curves(session, run,
     assert all(said in answers(session) for said in (method, "at 1 rad/s"))
     record = document["curves"][0]
     (processed,) = read_curves(folder / "processed" / "soft_gel_1.csv")
-    (simulated,) = read_curves(folder / "simulated" / "soft_gel_1.csv")
+    (simulated,) = read_curves(folder / "simulated" / "soft_gel_1-best-draw.csv")
     assert processed.max_radius == pytest.approx(record["max_radius_m"], rel=1e-6)
     frames = (processed.time >= simulated.time[0]) & (processed.time <= simulated.time[-1]) & (processed.radius > 0)
     left = processed.radius[frames] - np.interp(processed.time[frames], simulated.time, simulated.radius)

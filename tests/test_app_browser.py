@@ -210,7 +210,7 @@ def test_five_steps_on_a_shipped_example(visit, tmp_path):
     page.wait_for_selector("#facts :text('least squares')")
     page.wait_for_selector("#stop-fit", state="hidden")
     page.wait_for_function("document.querySelector('#check-plot .js-plotly-plot')?.data?.length > 7")
-    assert {"sliders", "measured", "simulation of the answer", "least squares"} <= traces(page).keys()
+    assert {"sliders", "measured", "simulation: best draw", "least squares"} <= traces(page).keys()
     assert fits_the_screen(page)
 
     folder = take(page, tmp_path)
@@ -333,7 +333,7 @@ def test_errors_are_told_and_mended(visit, tmp_path):
     page.click("#to-check")
     page.wait_for_selector("#facts .message.failed")
     page.wait_for_selector("#check-plot .js-plotly-plot")
-    assert "simulation of the answer" not in traces(page)
+    assert not any(name.startswith("simulation") for name in traces(page))
     page.get_by_role("tab", name="3 Infer").click()
     page.get_by_role("tab", name="2 Prepare").click()
     page.wait_for_timeout(500)  # nobody types in the moment in which the steps change

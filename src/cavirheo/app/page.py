@@ -21,6 +21,7 @@ from cavirheo.inference.trial import band, seen
 from cavirheo.physics.media import MEDIA
 from cavirheo.reading.camera import Camera
 from cavirheo.reporting import interactive as plots
+from cavirheo.writing import digits
 
 _LEVELS = [
     ("weighed by simulations", "auto"), ("not verified (fastest)", "none"), ("Gaussian", "map"), ("full (slow)", "full")
@@ -327,7 +328,8 @@ class Page(film.FilmPart):
     def _show(self, session: Session, name: str) -> list[Any]:
         ranges = steps.sliders(session, name).values()
         moved = [gr.Slider(visible=found is not None, **(found or {})) for found in ranges]  # type: ignore[arg-type]
-        return [*self._answered(session, name), {"words": ""}, *moved]
+        start = words.part("start", session.find(name)[3].simulated)
+        return [*self._answered(session, name), {"words": start}, *moved]
 
     def _fit(self, session: Session, name: str, trial: dict[str, Any], **_: Any) -> list[Any]:
         session.work.ready()
@@ -339,7 +341,8 @@ class Page(film.FilmPart):
         answers, curve, posterior, _ = session.find(name)
         fit = answers.fits.get(name)
         drawn = band(curve, posterior, *answers.settings.compared)
-        figure = plots.checked(curve, posterior.checks, fit.checks if fit else None, trial, drawn)
+        named = digits.simulated(posterior.method)
+        figure = plots.checked(curve, posterior.checks, named, fit.checks if fit else None, trial, drawn)
         return [figure, words.facts(session, name)]
 
     def _try(self, session: Session, name: str, *values: float | None) -> dict[str, Any]:

@@ -19,7 +19,7 @@ import numpy as np
 
 from cavirheo.arrays import Floats
 from cavirheo.curve import RadiusCurve
-from cavirheo.errors import InputError, require
+from cavirheo.errors import InputError, printable, require
 from cavirheo.reading import limits
 from cavirheo.reading.clean import RADIUS_UNITS, TIME_UNITS, UNIT_WORDS, make_curve
 from cavirheo.reading.layout import Table, find_table, numbers
@@ -293,11 +293,13 @@ def _without_header(table: Floats, density: float, pressure: float) -> list[Radi
     return [curve]
 
 
-def write_csv(path: str | Path, curve: RadiusCurve) -> None:
-    """Write `time_us,radius_um` (and `radius_std_um` where known), one row per frame, ten digits, nan for no radius."""
+def write_csv(path: str | Path, curve: RadiusCurve, remark: str = "") -> None:
+    """Write `time_us,radius_um` (and `radius_std_um` where known), one row per frame, ten digits, nan for no radius.
+    remark: a line above them, after "# "."""
     columns = {"time_us": curve.time, "radius_um": curve.radius}
     if np.isfinite(curve.radius_std).any():
         columns["radius_std_um"] = curve.radius_std
     rows = np.column_stack(list(columns.values())) * 1e6
     with Path(path).open("wb") as file:
+        file.write(f"# {printable(remark)}\n".encode() if remark else b"")
         np.savetxt(file, rows, fmt="%.10g", delimiter=",", header=",".join(columns), comments="")

@@ -90,11 +90,11 @@ def prepared(curve: RadiusCurve, seen: Window) -> go.Figure:
 
 
 def checked(
-    curve: RadiusCurve, answer: Checks, fit: Checks | None = None, trial: dict[str, Any] | None = None,
-    band: Band | None = None,
+    curve: RadiusCurve, answer: Checks, simulated_as: str, fit: Checks | None = None,
+    trial: dict[str, Any] | None = None, band: Band | None = None,
 ) -> go.Figure:  # fmt: skip
-    """A measured curve, the simulations of its answers over it, what is left between, a trial's `lines`, and the band
-    in which the draws' simulations run."""
+    """A measured curve, the simulation of its answer over it under this name, that of a conventional fit, what is left
+    between, a trial's `lines`, and the band in which the draws' simulations run."""
     figure = make_subplots(rows=2, shared_xaxes=True, row_heights=[0.68, 0.32], vertical_spacing=0.06)
     figure.layout.template, figure.layout.height = _STYLE, 520
     _lines(figure, trial or lines(Checks("failed")), GREEN, "solid", "sliders")  # TRIAL
@@ -111,7 +111,7 @@ def checked(
         x, y = [*x, *x[::-1]], [*high, *low[::-1]]
         figure.add_scatter(x=x, y=y, name="90 % of the draws", hoverinfo="skip", row=1, col=1, **shape)
     _measured(figure, curve, inside)
-    drawn = ("simulation of the answer", VERMILLION, "solid", answer), ("least squares", BLUE, "dash", fit)
+    drawn = (simulated_as, VERMILLION, "solid", answer), ("least squares", BLUE, "dash", fit)
     for name, colour, dash, checks in drawn:
         if checks and checks.reconstruction_time is not None:
             _lines(figure, lines(checks, curve.time_of_max), colour, dash, name)

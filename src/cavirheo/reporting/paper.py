@@ -46,7 +46,7 @@ def figures(pairs: Pairs, document: Result) -> Iterator[tuple[str, Figure]]:
     for (curve, answer), record in zip(pairs, records, strict=True):
         stem = next(stems)
         if record.answered:
-            yield stem, curve_figure(curve, answer.checks)
+            yield stem, curve_figure(curve, answer.checks, digits.simulated(answer.method))
     for group, indices in document.members():
         stem, shown = next(stems), [i for i in indices if records[i].answered]
         if len(shown) > 1:
@@ -54,8 +54,8 @@ def figures(pairs: Pairs, document: Result) -> Iterator[tuple[str, Figure]]:
             yield stem, group_figure([(c, a.checks, r) for c, a, r in shots], group, unit)
 
 
-def curve_figure(curve: RadiusCurve, checks: Checks) -> Figure:
-    """One column: the measured radii, the simulation of the answer, and what is left between."""
+def curve_figure(curve: RadiusCurve, checks: Checks, simulated_as: str) -> Figure:
+    """One column: the measured radii, the simulation of this name, and what is left between."""
     figure = _figure(ONE, 68.0)
     upper = _axes(figure, (14.0, 25.0, 68.0, 41.0), "", "$R$ (µm)")
     lower = _axes(figure, (14.0, 10.0, 68.0, 12.0), f"time after {_RMAX} (µs)", f"residual\n(% {_RMAX})")
@@ -65,7 +65,7 @@ def curve_figure(curve: RadiusCurve, checks: Checks) -> Figure:
     dots: Any = {"ls": "", "ms": 2.4, "mew": 0.5, "mfc": "none"}
     upper.plot(time[~inside], radius[~inside], "o", mec=_UNCOMPARED, **dots)
     upper.plot(time[inside], radius[inside], "o", mec="black", label="measured", **dots)
-    upper.plot(simulated, 1e6 * _of(checks.reconstruction_radius), color=style.VERMILLION, lw=1.0, label="simulated")
+    upper.plot(simulated, 1e6 * _of(checks.reconstruction_radius), color=style.VERMILLION, lw=1.0, label=simulated_as)
     upper.legend(frameon=False, fontsize=_SMALL, handlelength=1.2, borderpad=0.0, loc="upper right")
     lower.axhline(0.0, color="black", lw=0.5)
     lower.plot(compared, 100.0 * _of(checks.residual_over_rmax), "o", mec="black", **dots)
