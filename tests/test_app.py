@@ -25,7 +25,7 @@ if find_spec("gradio") is None:
 
 from test_hostile import FILES
 
-from cavirheo.app import steps
+from cavirheo.app import steps, words
 from cavirheo.app.session import PageSettings, Session, VisitorLimits, Visitors
 from cavirheo.app.steps import examples, export, fit, glance, infer, name_materials, sliders, trial
 from cavirheo.app.words import answers, facts, found
@@ -386,6 +386,36 @@ def test_the_command_can_be_typed(session, tmp_path):
     assert infer(session, [name]).document.command == "cavirheo infer 'my gel.csv' --rmax-um 300.0"
 
 
+def test_odd_input_is_taken_where_the_visitor_vouches_for_it(session, tmp_path):
+    odd, vouched = fields_of(density="1.05"), fields_of(density="1.05", trust_input=True)
+    said = words.told(PageSettings.of(odd)[1]["density"])
+    assert "vouch" in said
+    assert not any(word in said for word in ("unusual", "--"))
+    settings, wrong = PageSettings.of(vouched)
+    assert wrong == {}
+    assert settings.liquid.density == 1.05
+    session.add([single(tmp_path / "gel.csv", 0.4)], PageSettings())  # too fast for so small a bubble
+    assert infer(session, ["gel"]).document.curves[0].verdict == "check_input"
+    assert "--" not in answers(session)
+    session.prepare(PageSettings(trust_input=True))
+    made = infer(session, ["gel"]).document
+    assert made.curves[0].verdict != "check_input"
+    assert made.command == "cavirheo infer gel.csv --trust-input"
+
+
+@pytest.mark.parametrize(("law", "rated"), [("newtonian", False), ("power-law", True)])
+def test_a_law_without_modulus_is_named_and_drawn_over_the_radius(session, law, rated):
+    session.add([SOFT], PageSettings(material=law, verify="none"), copy=True)
+    made = infer(session, [f"soft_gel[{k}]" for k in (1, 2, 3)])
+    assert f"{law}, real bubble" in answers(session)
+    assert ("at 10<sup>5</sup> 1/s" in answers(session)) == rated
+    figure = interactive.cloud(made.pairs, made.document)
+    assert "R<sub>max</sub>" in figure.layout.xaxis.title.text
+    assert ("10<sup>5</sup>" in figure.layout.yaxis.title.text) == rated
+    (marks,) = figure.data
+    assert list(marks.x) == pytest.approx([1e6 * row.max_radius_m for row in made.document.curves])
+
+
 @pytest.mark.slow
 def test_a_stop_keeps_what_is_done_and_names_the_rest(session, monkeypatch):
     session.add([SOFT], PageSettings(verify="none"), copy=True)
@@ -550,7 +580,8 @@ def test_the_band_of_the_draws_holds_the_answer_and_a_density_matters(session):
     assert 2.0 < change < 12.0  # a denser liquid is slower, which a stiffer gel makes up for
     shown = interactive.cloud(kept.pairs, kept.document)
     (medians,) = [one for one in shown.data if one.text is not None]
-    assert medians.x[0] == pytest.approx(answer.median("viscosity"))
+    assert medians.y[0] == pytest.approx(answer.median("viscosity"))  # over G, as in the report
+    assert medians.x[0] == pytest.approx(answer.median("shear_modulus") / 1000)
     assert not steps.unfit(session)
     for record in kept.document.curves:
         record.verdict = "model_does_not_fit"

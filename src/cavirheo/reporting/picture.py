@@ -264,7 +264,7 @@ def _scatter(
     style.around(axes, x=not over_size)
     if axes.get_legend_handles_labels()[0]:
         key = {"frameon": False, "fontsize": 8, "handletextpad": 0.3, "columnspacing": 1.0, "borderpad": 0.0}
-        axes.legend(loc="lower left", bbox_to_anchor=(-0.2 if group.published else -0.1, 1.01), ncols=2, **key)
+        axes.legend(loc="lower right", bbox_to_anchor=(1.0, 1.01), ncols=2, **key)
 
 
 def _material(axes: Any, group: GroupRecord, unit: Unit, across: str, upper: str) -> bool:
