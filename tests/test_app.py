@@ -25,7 +25,7 @@ if find_spec("gradio") is None:
 
 from test_hostile import FILES
 
-from cavirheo.app import steps
+from cavirheo.app import steps, words
 from cavirheo.app.session import PageSettings, Session, VisitorLimits, Visitors
 from cavirheo.app.steps import examples, export, fit, glance, infer, name_materials, sliders, trial
 from cavirheo.app.words import answers, facts, found
@@ -37,6 +37,7 @@ from cavirheo.parallel import Once
 from cavirheo.reading import read_curves, write_csv
 from cavirheo.reading.apart import Reader
 from cavirheo.reporting import interactive, live
+from cavirheo.reporting.bundle import write_bundle
 
 SOFT = examples()["soft_gel.csv"]
 SWEEPS = Path(__file__).parent.parent / "examples"
@@ -385,6 +386,36 @@ def test_the_command_can_be_typed(session, tmp_path):
     assert infer(session, [name]).document.command == "cavirheo infer 'my gel.csv' --rmax-um 300.0"
 
 
+def test_odd_input_is_taken_where_the_visitor_vouches_for_it(session, tmp_path):
+    odd, vouched = fields_of(density="1.05"), fields_of(density="1.05", trust_input=True)
+    said = words.told(PageSettings.of(odd)[1]["density"])
+    assert "vouch" in said
+    assert not any(word in said for word in ("unusual", "--"))
+    settings, wrong = PageSettings.of(vouched)
+    assert wrong == {}
+    assert settings.liquid.density == 1.05
+    session.add([single(tmp_path / "gel.csv", 0.4)], PageSettings())  # too fast for so small a bubble
+    assert infer(session, ["gel"]).document.curves[0].verdict == "check_input"
+    assert "--" not in answers(session)
+    session.prepare(PageSettings(trust_input=True))
+    made = infer(session, ["gel"]).document
+    assert made.curves[0].verdict != "check_input"
+    assert made.command == "cavirheo infer gel.csv --trust-input"
+
+
+@pytest.mark.parametrize(("law", "rated"), [("newtonian", False), ("power-law", True)])
+def test_a_law_without_modulus_is_named_and_drawn_over_the_radius(session, law, rated):
+    session.add([SOFT], PageSettings(material=law, verify="none"), copy=True)
+    made = infer(session, [f"soft_gel[{k}]" for k in (1, 2, 3)])
+    assert f"{law}, real bubble" in answers(session)
+    assert ("at 10<sup>5</sup> 1/s" in answers(session)) == rated
+    figure = interactive.cloud(made.pairs, made.document)
+    assert "R<sub>max</sub>" in figure.layout.xaxis.title.text
+    assert ("10<sup>5</sup>" in figure.layout.yaxis.title.text) == rated
+    (marks,) = figure.data
+    assert list(marks.x) == pytest.approx([1e6 * row.max_radius_m for row in made.document.curves])
+
+
 @pytest.mark.slow
 def test_a_stop_keeps_what_is_done_and_names_the_rest(session, monkeypatch):
     session.add([SOFT], PageSettings(verify="none"), copy=True)
@@ -518,6 +549,24 @@ def test_trials_are_simulations_or_say_that_they_failed(session):
     assert failed == {"x": [[], []], "y": [[], []]}
 
 
+def test_an_exported_simulation_carries_the_values_that_draw_it(session, tmp_path):
+    """Typed into the sliders they give the RMSE that is shown, and the page says them too."""
+    session.add([SOFT], PageSettings(), copy=True)
+    kept = infer(session, ["soft_gel[1]"])
+    write_bundle(tmp_path, kept.pairs, "x", [], lambda: None)
+    (path,) = (tmp_path / "simulated").iterdir()
+    assert "best-draw" in path.name
+    said = path.read_text(encoding="utf-8").splitlines()[0]
+    typed = [float(re.search(rf"{symbol} = ([\d.]+)", said)[1]) for symbol in ("G", "µ", "λ")]
+    found, _ = trial(session, "soft_gel[1]", typed)
+    (record,) = kept.document.curves
+    assert found.rmse_over_rmax == pytest.approx(record.rmse_over_rmax, rel=0.005)
+    assert record.best["shear_modulus"] == pytest.approx(1e3 * typed[0], rel=1e-3)
+    assert said.partition(", ")[2] in facts(session, "soft_gel[1]")
+    (simulated,) = read_curves(path)
+    assert simulated.radius[0] == pytest.approx(kept.pairs[0][1].checks.reconstruction_radius[0])
+
+
 def test_the_band_of_the_draws_holds_the_answer_and_a_density_matters(session):
     session.add([SOFT], PageSettings(), copy=True)
     kept = infer(session, ["soft_gel[1]"])
@@ -531,7 +580,8 @@ def test_the_band_of_the_draws_holds_the_answer_and_a_density_matters(session):
     assert 2.0 < change < 12.0  # a denser liquid is slower, which a stiffer gel makes up for
     shown = interactive.cloud(kept.pairs, kept.document)
     (medians,) = [one for one in shown.data if one.text is not None]
-    assert medians.x[0] == pytest.approx(answer.median("viscosity"))
+    assert medians.y[0] == pytest.approx(answer.median("viscosity"))  # over G, as in the report
+    assert medians.x[0] == pytest.approx(answer.median("shear_modulus") / 1000)
     assert not steps.unfit(session)
     for record in kept.document.curves:
         record.verdict = "model_does_not_fit"
@@ -628,7 +678,7 @@ def test_the_zip_holds_what_the_command_line_writes_and_the_curves(session, run,
         *documents, *(f"least-squares/{name}" for name in documents),
         *(f"soft_gel_{k}.{kind}" for k in (1, 3) for kind in ("png", "svg")),
         *(f"least-squares/soft_gel_3.{kind}" for kind in ("png", "svg")),
-        *(f"{kind}/soft_gel_{k}.csv" for k in (1, 3) for kind in ("processed", "simulated")),
+        *(f"processed/soft_gel_{k}.csv" for k in (1, 3)), *(f"simulated/soft_gel_{k}-best-draw.csv" for k in (1, 3)),
     }  # fmt: skip
     document = json.loads((folder / "result.json").read_text())
     ((method, values),) = document["groups"][0]["published"].items()
@@ -640,7 +690,7 @@ def test_the_zip_holds_what_the_command_line_writes_and_the_curves(session, run,
     assert all(said in answers(session) for said in (method, "at 1 rad/s"))
     record = document["curves"][0]
     (processed,) = read_curves(folder / "processed" / "soft_gel_1.csv")
-    (simulated,) = read_curves(folder / "simulated" / "soft_gel_1.csv")
+    (simulated,) = read_curves(folder / "simulated" / "soft_gel_1-best-draw.csv")
     assert processed.max_radius == pytest.approx(record["max_radius_m"], rel=1e-6)
     frames = (processed.time >= simulated.time[0]) & (processed.time <= simulated.time[-1]) & (processed.radius > 0)
     left = processed.radius[frames] - np.interp(processed.time[frames], simulated.time, simulated.radius)

@@ -118,7 +118,7 @@ def _foreign(url, address):
 
 def drop(page, *files):
     page.set_input_files("#upload input[type=file]", [str(file) for file in files])
-    page.wait_for_selector("#found table, #found .failed-message")
+    page.wait_for_selector("#found table, #refused .failed-message")
 
 
 def drag(page, name, share):
@@ -210,7 +210,7 @@ def test_five_steps_on_a_shipped_example(visit, tmp_path):
     page.wait_for_selector("#facts :text('least squares')")
     page.wait_for_selector("#stop-fit", state="hidden")
     page.wait_for_function("document.querySelector('#check-plot .js-plotly-plot')?.data?.length > 7")
-    assert {"sliders", "measured", "simulation of the answer", "least squares"} <= traces(page).keys()
+    assert {"sliders", "measured", "simulation: best draw", "least squares"} <= traces(page).keys()
     assert fits_the_screen(page)
 
     folder = take(page, tmp_path)
@@ -321,11 +321,11 @@ def test_errors_are_told_and_mended(visit, tmp_path):
     huge.write_bytes(b"time_us,radius_um\n" + b"1,2\n" * 400_000)
     short.write_text("time_us,radius_um\n" + "".join(f"{k},{100 - k * k}\n" for k in range(3)))
     drop(page, bad)
-    assert "bad.mat" in page.inner_text("#found .failed-message")
+    assert "bad.mat" in page.inner_text("#refused .failed-message")
     page.set_input_files("#upload input[type=file]", str(huge))
     page.wait_for_selector(".toast-body.error")
-    page.click("#clear")
-    page.wait_for_selector("#found .failed-message", state="detached")
+    page.click("#clear")  # nothing is loaded that could be lost
+    page.wait_for_selector("#refused .failed-message", state="detached")
     drop(page, short)
     page.click("#infer-now")
     page.wait_for_selector("#answers .badge.failed")
@@ -333,7 +333,7 @@ def test_errors_are_told_and_mended(visit, tmp_path):
     page.click("#to-check")
     page.wait_for_selector("#facts .message.failed")
     page.wait_for_selector("#check-plot .js-plotly-plot")
-    assert "simulation of the answer" not in traces(page)
+    assert not any(name.startswith("simulation") for name in traces(page))
     page.get_by_role("tab", name="3 Infer").click()
     page.get_by_role("tab", name="2 Prepare").click()
     page.wait_for_timeout(500)  # nobody types in the moment in which the steps change
@@ -359,7 +359,17 @@ def test_what_is_wrong_is_said_at_its_field_and_nowhere_else(visit):
     page.wait_for_selector("#wrong [role=alert]:has-text('between 1 and 100')")
     page.wait_for_selector("#stop", state="hidden")
     page.get_by_role("tab", name="1 Data").click()  # the message covers no step
+    page.focus("#clear")
+    page.keyboard.press("Enter")
+    page.wait_for_selector("#lost :text('soft_gel.csv')")
+    page.wait_for_function("document.activeElement.id === 'keep'")
+    page.keyboard.press("Enter")
+    page.wait_for_selector("#sure", state="hidden")
+    assert page.locator("#found table").count() == 1
     page.click("#clear")
+    page.click("#delete")
+    page.wait_for_selector("#found table", state="detached")
+    assert not page.locator("#sure").is_visible()
     page.wait_for_selector("#wrong [role=alert]", state="detached")
     assert page.locator(".toast-body").count() == 0
 
@@ -435,6 +445,9 @@ def test_the_first_screen_says_what_can_be_done(visit, size):
     page.get_by_role("button", name="soft_gel.csv").click()
     page.wait_for_selector("#to-prepare:enabled")
     page.click("#clear")
+    page.wait_for_selector("#delete")
+    assert fits_the_screen(page)
+    page.click("#delete")
     page.wait_for_selector("#to-prepare:disabled")
 
 
@@ -589,7 +602,7 @@ def test_a_class_with_one_file(visit, tmp_path):
         page.bring_to_front()  # a page behind others draws nothing
         page.wait_for_selector("#found tbody tr")
         assert page.locator("#found tbody td:first-child").all_inner_texts() == ["one"]
-        assert page.locator("#found .failed-message").count() == 0
+        assert page.locator("#refused .failed-message").count() == 0
 
 
 def test_a_file_that_is_dropped_while_another_loads(visit, tmp_path):

@@ -1,6 +1,7 @@
 """The step of a recording in the browser app, without a browser: measured apart, frames left out, confirmed."""
 
 import json
+from dataclasses import replace
 from importlib.util import find_spec
 
 import numpy as np
@@ -103,6 +104,14 @@ def test_the_answer_names_what_was_excluded(session, seen):
     document = infer(session, ["shot"]).document
     assert "excluded by hand: frames 6, 12-14" in document.curves[0].notes
     assert str(session.folder) not in json.dumps(document.model_dump(mode="json"))
+
+
+def test_a_radius_from_a_part_of_the_outline_says_so_unfolded(seen):
+    assert "of the outline" not in said_of(seen)
+    cut = replace(seen.found, track=replace(seen.found.track, arc=np.full_like(seen.found.track.arc, 0.29)))
+    seen.found = seen.kept = cut
+    told = said_of(seen)
+    assert "29 % of the outline" in told[: told.index("<details>")]
 
 
 def test_a_confirmed_curve_is_replaced_and_stands_beside_others(session, seen, tmp_path):

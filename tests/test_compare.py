@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import json
+from itertools import pairwise
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -347,6 +348,15 @@ def test_the_table_fits_and_the_picture_shows_every_value(fake, folder, tmp_path
         "cavirheo: shot, trusted",
         "cavirheo: shot, not trusted",
     ]
+    for wide in (1.0, 5.0, 200.0, 1e4):  # numbers of an axis never touch, from one decade to many
+        result.sets[0].quantities[0].published["IMR"].mean = 8e3 * wide
+        drawn = picture.figure(result)
+        style.drawn(drawn, 100)
+        for axes in drawn.axes:
+            boxes = [one.get_window_extent() for one in axes.get_xticklabels() if one.get_text()]
+            inside = sorted((one.x0, one.x1) for one in boxes if axes.bbox.x0 <= one.x1 and one.x0 <= axes.bbox.x1)
+            assert len(inside) > 1
+            assert all(a[1] + 3 < b[0] for a, b in pairwise(inside)), (wide, axes.get_xlabel())
     result.sets[0].quantities[0].ours_ok.std = 8e3
     legend = [text.get_text() for text in picture.figure(result).legends[0].get_texts()]
     assert "std reaches below 0" in legend

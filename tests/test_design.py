@@ -143,6 +143,25 @@ def test_the_best_setting_and_its_shots(quick):
     assert made.known["shear_modulus"].median == pytest.approx(6.3e3, rel=0.3)
 
 
+def test_the_setting_with_the_fewest_shots_is_next_where_gains_do_not_differ(quick, monkeypatch):
+    """Of two settings whose mean gains differ by less than the error of so few draws."""
+
+    def noisy(settings, family, law, stretch, medium, *, seed, bubble, workers, done):
+        rare, steady = [1.0] * (len(law) - 1) + [1e9], [4.0] * len(law)
+        about = np.diag([100.0, 400.0])
+        width = NORMAL_90 / np.sqrt([100.0, 400.0])
+        return [[design.Expected(about * one, width / np.sqrt(one)) for one in each] for each in (rare, steady)]
+
+    monkeypatch.setattr(beside, "expectations", noisy)
+    made = cavirheo.design(ranges=RANGES, max_radius=(2e-4, 2e-4), frame_rate=(5e5, 1e6), check=0)
+    rare, steady = made.settings
+    assert rare.gain_nats > steady.gain_nats
+    assert rare.gain_error_nats > rare.gain_nats - steady.gain_nats
+    assert (made.best, made.fewest) == (1, 1)
+    assert steady.gain_error_nats == pytest.approx(0.0, abs=1e-9)
+    assert steady.half_width_ends_percent["viscosity"][1] == pytest.approx(steady.half_width_percent["viscosity"])
+
+
 def row(G: float, mu: float, width: float, verdict: str = "ok") -> CurveRecord:
     def quantity(value):
         return {"median": value, "q05": value / 10**width, "q95": value * 10**width}

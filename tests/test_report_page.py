@@ -122,6 +122,25 @@ def test_a_curve_and_its_picture_are_shown_when_they_are_asked_for(page):
     page.wait_for_function("document.querySelectorAll('tr.open').length === 2")
 
 
+@pytest.mark.parametrize("wide", [1200, 390])
+def test_of_several_curves_each_is_a_line_that_its_link_and_print_open(chromium, tmp_path, wide):
+    curves = [bubble(f"shot[{k}]", top=(2.6 + 0.01 * k) * 1e-4) for k in range(12)]
+    write_report(tmp_path, [(one, answer(one)) for one in curves], "x")
+    page = chromium.new_page(viewport={"width": wide, "height": 800})
+    page.goto((tmp_path / "report.html").as_uri())
+    assert page.locator("article:visible").count() == 0
+    assert page.evaluate("document.documentElement.scrollHeight") < 3500
+    reading = page.get_by_text("How to read this")
+    assert reading.bounding_box()["y"] < page.get_by_text("shot[0]").last.bounding_box()["y"]
+    page.get_by_role("link", name="shot[7]").click()
+    assert page.locator("article:visible h3").all_inner_texts() == ["shot[7]"]
+    shown = page.locator("article:visible img").bounding_box()
+    assert 0 <= shown["x"] <= wide - shown["width"]  # no part of a figure is cut off
+    page.emulate_media(media="print")
+    assert page.locator("article:visible").count() == 12
+    page.close()
+
+
 def test_without_script_all_is_there_but_the_pictures(chromium, report):
     context = chromium.new_context(java_script_enabled=False)
     page = context.new_page()

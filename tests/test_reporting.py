@@ -593,12 +593,12 @@ def test_picture_shows_measurement_answer_and_residual(pairs):
     measured, outside = lines(upper)["measured"], lines(upper)["measured, not compared"]
     assert np.isfinite(measured[:, 1]).sum() == 60
     assert np.isfinite(measured[:, 1]).sum() + np.isfinite(outside[:, 1]).sum() == np.isfinite(curve.radius).sum()
-    simulated = lines(upper)["simulation of the answer"]
+    simulated = lines(upper)["simulation: answer"]
     assert simulated[:, 1] == pytest.approx(posterior.checks.reconstruction_radius * 1e6)
     assert simulated[0, 0] == pytest.approx((posterior.checks.reconstruction_time[0] - curve.time_of_max) * 1e6)
     assert lines(lower)["residual"][:, 1] == pytest.approx(100.0 * posterior.checks.residual_over_rmax)
     assert np.array(t_star.get_xlim()) * posterior.checks.time_scale * 1e6 == pytest.approx(upper.get_xlim())
-    for part in ("shot[1]", "G = 6.10 kPa", "µ = 0.0210 Pa s", "λ = 9.10", "ok", "t*", "simulation of the answer"):
+    for part in ("shot[1]", "G = 6.10 kPa", "µ = 0.0210 Pa s", "λ = 9.10", "ok", "t*", "simulation: answer"):
         assert part in " ".join(words(drawn))
 
 

@@ -46,7 +46,7 @@ def public(visitors: Visitors) -> Callable[..., Any]:
     def infer(
         files: list[gr.FileData], model: str = DEFAULT, medium: str = "water", density: float | None = None,
         rmax_um: float | None = None, stretch: float | str | None = None, window: int | None = None,
-        verify: str = "auto", material: str = "nhkv", bubble: str = "real",
+        verify: str = "auto", material: str = "nhkv", bubble: str = "real", trust_input: bool = False,
     ) -> dict:  # fmt: skip
         """Measured radius histories in, the content of result.json out; options as those of `cavirheo infer`."""
         given: dict[str, Any] = {**locals()}

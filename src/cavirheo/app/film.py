@@ -130,7 +130,8 @@ def said(film: Clip) -> str:
     if film.found is None:
         return words.part("film", (), {}, {}, "")
     found = curve(film)
-    doubts = once((film.path.name, words.told(doubt)) for doubt in found.doubts)
+    cut = f"{film.found.cut}: the radius rests on that part alone" * bool(film.found.cut)
+    doubts = once((film.path.name, words.told(doubt)) for doubt in (*filter(None, [cut]), *found.doubts))
     state = "" if film.curve is None else "confirmed" if film.command == options(film) else "changed"
     return words.part("film", cells(found), warnings([found]) | doubts, notes([found]), state)
 

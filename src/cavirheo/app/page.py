@@ -21,6 +21,7 @@ from cavirheo.inference.trial import band, seen
 from cavirheo.physics.media import MEDIA
 from cavirheo.reading.camera import Camera
 from cavirheo.reporting import interactive as plots
+from cavirheo.writing import digits
 
 _LEVELS = [
     ("weighed by simulations", "auto"), ("not verified (fastest)", "none"), ("Gaussian", "map"), ("full (slow)", "full")
@@ -43,6 +44,7 @@ _NUMBERS = {  # settings that need not be given
 _EMPTY = {"rmax_um": "as measured", "stretch": "fitted; free: without the file's prior"}  # what an empty field means
 _RESIZE = "() => setTimeout(() => document.querySelectorAll('.js-plotly-plot').forEach(p => Plotly.Plots.resize(p)))"
 _PRESS = "() => document.querySelector('#{}').click()"
+_FOCUS = "() => setTimeout(() => document.querySelector('#{}')?.focus(), 100)"
 _ADDRESS = "link => history.replaceState(null, '', link || location.pathname)"
 _GLANCES: dict[str, Any] = {"concurrency_id": "glances", "concurrency_limit": 2, "show_progress": "hidden"}
 _RUNS: dict[str, Any] = {"concurrency_id": "runs", "concurrency_limit": 2}  # of all visitors together
@@ -89,6 +91,11 @@ class Page(film.FilmPart):
                 with gr.Row():
                     self.clear, self.to_prepare = _small("Start over"), _small("Prepare first", interactive=False)
                 self.infer_now = button("Infer all shots", interactive=False)
+        with gr.Column(visible=False) as self.sure:
+            self.lost = html()
+            with gr.Row():
+                self.keep, self.delete = gr.Button("Keep them"), gr.Button("Delete them", variant="stop")
+        self.refused = html()
         self.welcome = html(words.welcome())
         self._film()
         with gr.Row(visible=False) as self.loaded:
@@ -105,6 +112,8 @@ class Page(film.FilmPart):
                     self.fields["medium"] = gr.Dropdown(list(MEDIA), value="water", label="Medium", min_width=120)
                     self._numbers("density")
                 self._numbers("rmax_um", "stretch")
+                vouch = "I vouch for scale, frame rate and medium, however odd they look"
+                self.fields["trust_input"] = gr.Checkbox(label=vouch)
                 with gr.Accordion("More about the liquid", open=False):
                     self._numbers("sound_speed", "surface_tension")
                     self._numbers("pressure", "temperature")
@@ -161,8 +170,8 @@ class Page(film.FilmPart):
             self.published,
         ]  # fmt: skip
         shown = [
-            self.found, self.welcome, self.overview, self.overview_normalised, self.chosen, self.shown,
-            self.loaded, self.link, *self.state, *self._wire_film(),
+            self.refused, self.sure, self.found, self.welcome, self.overview, self.overview_normalised,
+            self.chosen, self.shown, self.loaded, self.link, *self.state, *self._wire_film(),
         ]  # fmt: skip
         wrong = self.validated(lambda session, *texts: film.unready(session.current, *texts))
         checked: dict[str, Any] = {"validator": wrong, "show_progress_on": [self.film_told]}
@@ -173,7 +182,10 @@ class Page(film.FilmPart):
         many(sent.then, self._load, settings, shown, show_progress_on=[self.found])
         for name, example in self.examples.items():
             self.on(example.click, partial(self._example, name), settings, shown)
-        self.on(self.clear.click, self._clear, [], shown)
+        asked = self.on(self.clear.click, partial(self._ask, len(shown)), [], [*shown, self.lost])
+        asked.success(None, js=_FOCUS.format("keep"), api_visibility="private")
+        self.on(self.keep.click, lambda _: gr.Column(visible=False), [], [self.sure])
+        self.on(self.delete.click, self._clear, [], shown)
         viewed = [self.prepared, self.dropped]
         self.on(self.shown.change, self._view, [self.shown], viewed, **LATEST)
         # a reload sets one by one, which is no input; a text that is pasted is none either
@@ -249,6 +261,12 @@ class Page(film.FilmPart):
             session.film, session.films[name].camera = name, Camera(500_000.0, 4.0, 0.4)
         return self._loaded(session)
 
+    def _ask(self, parts: int, session: Session) -> list[Any]:
+        """Whether to delete what is there; where nothing is, nothing is asked."""
+        if not session.files and not session.films:
+            return [*self._clear(session), ""]
+        return [gr.skip(), gr.Column(visible=True), *[gr.skip()] * (parts - 2), words.lost(session)]
+
     def _clear(self, session: Session) -> list[Any]:
         session.clear()
         return self._loaded(session)
@@ -258,7 +276,8 @@ class Page(film.FilmPart):
         figures = plots.overview(session.curves, session.settings.liquid) if names else (None, None)
         anything = bool(names or session.films)
         return [
-            words.found(session), gr.HTML(visible=not anything), *figures,
+            words.part("refused", session.problems), gr.Column(visible=False), words.found(session),
+            gr.HTML(visible=not anything), *figures,
             gr.CheckboxGroup(choices=names, value=names), gr.Dropdown(choices=names, value=next(iter(names), None)),
             gr.Row(visible=bool(names)), f"?session={session.link}" if anything else "",
             *self._state(session, drawn=True), *self._filmed(session),
@@ -269,11 +288,12 @@ class Page(film.FilmPart):
         loaded, found = bool(session.curves), session.answers
         answered = found is not None and not session.stale
         cloud = {"value": plots.cloud(found.pairs, found.document)} if drawn and found else {}
+        shown = found is not None and any(row.viscosity.median is not None for row in found.document.curves)
         return [
             *(gr.Tab(interactive=able) for able in (loaded, loaded, answered, answered)),
             gr.Button(interactive=loaded), gr.Button(interactive=loaded), words.answers(session),
             gr.Button(interactive=answered), gr.Button(visible=steps.unfit(session)),
-            gr.Plot(visible=answered, **cloud), gr.UploadButton(visible=answered),
+            gr.Plot(visible=answered and shown, **cloud), gr.UploadButton(visible=answered),
         ]  # fmt: skip
 
     def _confirm(self, session: Session, *_: str) -> list[Any]:
@@ -327,7 +347,8 @@ class Page(film.FilmPart):
     def _show(self, session: Session, name: str) -> list[Any]:
         ranges = steps.sliders(session, name).values()
         moved = [gr.Slider(visible=found is not None, **(found or {})) for found in ranges]  # type: ignore[arg-type]
-        return [*self._answered(session, name), {"words": ""}, *moved]
+        start = words.part("start", session.find(name)[3].simulated)
+        return [*self._answered(session, name), {"words": start}, *moved]
 
     def _fit(self, session: Session, name: str, trial: dict[str, Any], **_: Any) -> list[Any]:
         session.work.ready()
@@ -339,7 +360,8 @@ class Page(film.FilmPart):
         answers, curve, posterior, _ = session.find(name)
         fit = answers.fits.get(name)
         drawn = band(curve, posterior, *answers.settings.compared)
-        figure = plots.checked(curve, posterior.checks, fit.checks if fit else None, trial, drawn)
+        named = digits.simulated(posterior.method)
+        figure = plots.checked(curve, posterior.checks, named, fit.checks if fit else None, trial, drawn)
         return [figure, words.facts(session, name)]
 
     def _try(self, session: Session, name: str, *values: float | None) -> dict[str, Any]:

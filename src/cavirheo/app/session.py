@@ -72,8 +72,10 @@ class PageSettings:
     material: str | None = "nhkv"  # None for a network that knows one law
     bubble: str = "real"
     verify: str = "auto"
+    trust_input: bool = False  # scale, frame rate and medium are as they are given, however odd they look
 
     def __post_init__(self) -> None:
+        object.__setattr__(self, "trust_input", bool(self.trust_input))
         check_level(self.verify)
         if self.stretch != "free":
             check_stretch(self.stretch)
@@ -89,11 +91,12 @@ class PageSettings:
         """From what stands in the fields of the page, in their order; why it cannot be, by field, "" for all together:
         settings are the usual ones then."""
         given, wrong = dict[str, Any](), dict[str, str]()
+        vouched = {"trust_input": dict(zip((one.name for one in fields(cls)), values, strict=True))["trust_input"]}
         for one, value in zip(fields(cls), values, strict=True):
             try:
                 numeric, name = "float" in str(one.type) and value != "free", one.name.replace("_", " ")
                 alone: dict[str, Any] = {one.name: number_of(value, name) if numeric else value or None}
-                _, given = cls(**alone).reading, given | alone
+                _, given = cls(**(vouched | alone)).reading, given | alone
             except InputError as error:
                 wrong[one.name] = str(error)
         try:
@@ -105,7 +108,7 @@ class PageSettings:
     def liquid(self) -> Medium:
         """Raises InputError."""
         names = ("density", "sound_speed", "surface_tension", "pressure", "temperature")
-        return medium(self.medium, **{name: getattr(self, name) for name in names})
+        return medium(self.medium, unusual=self.trust_input, **{name: getattr(self, name) for name in names})
 
     @property
     def reading(self) -> dict[str, Any]:
@@ -248,7 +251,7 @@ class Session:
         words = ["cavirheo", "infer", *(path.name for path in self.files)]
         for name, value in vars(self.settings).items():
             if value not in (None, getattr(PageSettings, name)):
-                words += [f"--{name.replace('_', '-')}", str(value)]
+                words += [f"--{name.replace('_', '-')}", *([] if value is True else [str(value)])]
         films = [film for film in self.films.values() if film.path in self.files]
         said = [film.command if len(self.files) == 1 else f" ({film.path.name}:{film.command})" for film in films]
         return shlex.join(words) + "".join(said)

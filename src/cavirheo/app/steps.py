@@ -50,7 +50,9 @@ def _found(session: Session, names: Sequence[str], verify: str) -> list[tuple[Ra
     many = f"full uncertainty for {len(chosen)} shots; at most {session.limits.full} at once: choose fewer in step 2, "
     fine = verify != "full" or len(chosen) <= session.limits.full
     require(fine, f"{many}or use the command line (cavirheo infer --verify full)", "app.too_many_full")
-    options: dict[str, Any] = {name: getattr(settings, name) for name in ("stretch", "window", *ANSWERED)}
+    options: dict[str, Any] = {
+        name: getattr(settings, name) for name in ("stretch", "window", "trust_input", *ANSWERED)
+    }
     options |= {"medium": settings.liquid, "verify": verify}
     soon, workers = session.soon, max((os.cpu_count() or 1) // len(chosen), 1)
     mark = {"verdict": "unverified", "message": ""} if verify != settings.verify else {}
@@ -104,7 +106,9 @@ def _pooled(session: Session, pairs: Pairs, command: str, left: list[str], setti
         with suppress(InputError):  # other groups than when they were given
             set_beside(document.groups, values)
     known = settings.model == DEFAULT
-    matters = denser(pairs, settings.liquid, stretch=settings.stretch, window=settings.window) if known else ""
+    matters = ""
+    with suppress(InputError):  # a density that is at the end of what is taken
+        matters = denser(pairs, settings.liquid, stretch=settings.stretch, window=settings.window) if known else ""
     return Answers(pairs, document, left, settings, matters)
 
 
@@ -123,6 +127,7 @@ def fit(session: Session, name: str | None) -> None:
     with session.lock:
         (answers, curve, posterior, _), settings = session.find(name), session.settings
     options: dict[str, Any] = {"window": settings.window, "stretch": settings.stretch, "medium": settings.liquid}
+    options |= {"trust_input": settings.trust_input}
     if settings.material is None:  # a network that reads its own window
         options["end"] = seen(curve, *settings.compared).end * (1.0 + 1e-9)
 

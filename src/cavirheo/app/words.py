@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from base64 import b64encode
+from collections.abc import Sequence
 from importlib.metadata import version
 from importlib.resources import files
 from typing import Any
@@ -13,7 +14,7 @@ from cavirheo.errors import InputError
 from cavirheo.inference import AUTO, DEFAULT
 from cavirheo.inference.model import card, shipped
 from cavirheo.reporting import html
-from cavirheo.reporting.answer import curve_record
+from cavirheo.reporting.answer import CurveRecord, curve_record
 from cavirheo.reporting.citing import TITLE, methods_if_any
 from cavirheo.reporting.found import causes, cells, notes, pooled, warnings
 from cavirheo.reporting.record import result_of
@@ -47,10 +48,38 @@ def welcome() -> str:
     return part("welcome", f"data:image/png;base64,{b64encode(image).decode()}", f"{TITLE}, version {VERSION}")
 
 
+_HERE = {  # by what stands in messages: an option of the command line or of Python, and what the page has for it
+    "Medium(..., unusual=True), --trust-input": "vouch for it in step 2",
+    " (if it is meant: unusual=True)": "",
+    "add --trust-input": "vouch for it in step 2",
+    "(--rmax-um)": "(step 2)",
+    "--rmax-um": "R_max in step 2",
+    "(--frame-rate-hz)": "(in the file)",
+    "--roi": "cavirheo measure --roi",
+    "; give --um-per-px": ": type it",
+}
+
+
 def told(error: Exception | str) -> str:
     """The message, with the field of the page instead of the option of the command line."""
-    said = str(error).replace("--rmax-um", "R_max in step 2").replace("--roi", "cavirheo measure --roi")
-    return said.replace("; give --um-per-px", ": type it")
+    said = str(error)
+    for option, field in _HERE.items():
+        said = said.replace(option, field)
+    return said
+
+
+def _told(records: Sequence[CurveRecord]) -> list[CurveRecord]:
+    """The rows with messages as `told`."""
+    return [
+        one.model_copy(update={"message": told(one.message), "doubts": [told(doubt) for doubt in one.doubts]})
+        for one in records
+    ]
+
+
+def lost(session: Session) -> str:
+    """What starting over deletes."""
+    files = dict.fromkeys([*(path.name for path in session.files), *session.films])
+    return part("lost", [*files], len(session.answers.pairs) if session.answers else 0)
 
 
 def models() -> list[tuple[str, str]]:
@@ -70,12 +99,15 @@ def found(session: Session) -> str:
     curves = session.curves
     rows = [(one, digits.elide(one.name, 36), session.named.get(one.name, one.group), cells(one)) for one in curves]
     pooled = sum(one.group == YOURS for one in curves)
-    return part("found", session.problems, rows, warnings(curves), notes(curves), session.waiting, pooled)
+    said = {told(text): names for text, names in warnings(curves).items()}
+    materials = len({material for *_, material, _ in rows})
+    return part("found", rows, said, notes(curves), session.waiting, pooled, materials)
 
 
 def prepared(curve: RadiusCurve, error: InputError | None = None) -> str:
     """The warnings on a curve, or why it cannot be shown, and what was done to it."""
-    return part("prepared", {told(error): [curve.name]} if error else warnings([curve]), notes([curve]))
+    said = {str(error): [curve.name]} if error else warnings([curve])
+    return part("prepared", {told(text): names for text, names in said.items()}, notes([curve]))
 
 
 def answers(session: Session) -> str:
@@ -91,8 +123,10 @@ def answers(session: Session) -> str:
     document = found.document
     factor, unit = document.modulus_unit
     groups = html.groups_table(document.groups, factor, unit), [one.words for one in document.differences]
-    shots = html.curves_table(document.curves, factor, unit, title="Shots", linked=False)
-    said = causes(document.curves)
+    rows, models = _told(document.curves), {row.itself.in_words for row in document.curves if row.answered}
+    title = f"Shots: {next(iter(models))}" if len(models) == 1 else "Shots"
+    shots = html.curves_table(rows, factor, unit, title=title, linked=False)
+    said = causes(rows)
     about = found.density, html.reading(document.curves), *methods_if_any(document)
     done = (verified, len(soon)), len(document.curves), found.not_run, pooled(document)
     return part("answers", session.stale and not soon, *done, *groups, shots, said, *about)
@@ -101,6 +135,7 @@ def answers(session: Session) -> str:
 def facts(session: Session, name: str) -> str:
     """The answer, and the conventional fit if there is one, as rows of one table; then all facts of the answer."""
     answers, curve, answer, record = session.find(name)
+    (record,) = _told([record])
     factor, unit = answers.document.modulus_unit
     table, failed, frames = "", {}, list[int]()
     if posterior := answers.fits.get(name):

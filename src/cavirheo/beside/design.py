@@ -41,6 +41,7 @@ from cavirheo.writing.document import Document, Quantity
 STRETCHES = (4.0, 10.0)  # where nothing is known of it
 RADII, RATES = (50e-6, 400e-6), (1e5, 2.5e5, 5e5, 1e6)
 CHECKED = 10_000  # added to the seed, for recordings of their own
+SURE = 2.0  # standard errors, by which a gain must be larger to be
 NARROWEST = 0.01  # decades, to which a stretch is known from shot to shot
 
 
@@ -82,7 +83,8 @@ class Design(Document):
     @property
     def _said(self) -> list[str]:
         best = self.settings[self.best]
-        lines = [f"next: {_words(best)}; one shot adds {best.gain_nats:.2f} nats about {', '.join(_law(best))}"]
+        told = f"one shot adds {best.gain_nats:.2f} ± {best.gain_error_nats:.2f} nats about {', '.join(_law(best))}"
+        lines = [f"next: {_words(best)}; {told}"]
         if self.fewest is None:
             return [*lines, f"no setting reaches ± {self.wanted_percent:g} % with 10,000 shots"]
         few = self.settings[self.fewest]
@@ -175,7 +177,8 @@ def design(
         settings, family, law, stretches, liquid, seed=seed, bubble=bubbles[0], workers=workers, done=done
     )
     half = float(np.log10(1.0 + wanted))
-    rows = [_row(*pair, family, about, half) for pair in zip(settings, found, strict=True)]
+    gains = np.array([_gains(one, about) for one in found])
+    rows = [_row(*made, family, about, half) for made in zip(settings, found, gains, strict=True)]
     require(any(row.readable for row in rows), "no recording of these settings can be read", "design.unreadable")
     counted = {i: row.shots for i, row in enumerate(rows) if row.shots is not None}
     least = min(counted.values(), default=0)
@@ -183,6 +186,9 @@ def design(
     scatter = np.sqrt(np.diag(about.scatter))
     best = max(range(len(rows)), key=lambda i: rows[i].gain_nats)
     fewest = max((i for i in counted if counted[i] == least), key=lambda i: rows[i].gain_nats, default=None)
+    if fewest is not None:  # as good within the error of so few draws: then it is also the next one
+        less = gains[best] - gains[fewest]
+        best = fewest if np.mean(less) <= SURE * _error(less) else best
     checked = []
     for i in dict.fromkeys((best, best if fewest is None else fewest)) if check else ():
         these = law[:check], stretches[:check], liquid
@@ -210,20 +216,37 @@ class _Known(NamedTuple):
 
 
 def _row(
-    setting: Setting, found: Sequence[Expected | None], family: Family, known: _Known, half: float
+    setting: Setting, found: Sequence[Expected | None], gains: Floats, family: Family, known: _Known, half: float
 ) -> DesignedSetting:
     read = [one for one in found if one is not None]
     share = len(read) / len(found)
     told = [shared(one.information, known.scatter) for one in read]
     half_widths = [one.half_width for one in read] or [np.full(len(known.mean), np.nan)]
+    middles = np.median(
+        np.array(half_widths)[np.random.default_rng(0).integers(len(half_widths), size=(200, len(half_widths)))], axis=1
+    )
+    low, high = 100.0 * (10.0 ** np.quantile(middles, (0.16, 0.84), axis=0) - 1.0)
     percent = 100.0 * (10.0 ** np.median(half_widths, axis=0) - 1.0)
+    ends = zip(low.tolist(), high.tolist(), strict=True)
     return DesignedSetting(
         max_radius_m=setting.max_radius, frame_rate_hz=setting.frame_rate, frames=setting.frames,
         noise_m=setting.sigma, readable=share,
         half_width_percent=dict(zip(family.parameters, percent, strict=True)),
+        half_width_ends_percent=dict(zip(family.parameters, ends, strict=True)),
         shots=_shots(told, share, known, half),
-        gain_nats=sum(gain(one, known.covariance) for one in told) / len(found),
+        gain_nats=float(np.mean(gains)), gain_error_nats=_error(gains),
     )  # fmt: skip
+
+
+def _gains(found: Sequence[Expected | None], known: _Known) -> list[float]:
+    """Of each draw; nothing where its recording cannot be read."""
+    told = [None if one is None else shared(one.information, known.scatter) for one in found]
+    return [0.0 if one is None else gain(one, known.covariance) for one in told]
+
+
+def _error(values: Floats) -> float:
+    """Standard error of the mean."""
+    return float(np.std(values, ddof=1) / np.sqrt(len(values)))
 
 
 def _shots(told: Sequence[Floats], share: float, known: _Known, half: float) -> int | None:

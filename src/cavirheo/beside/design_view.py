@@ -39,24 +39,29 @@ def print_table(document: Design) -> None:
 
 def picture(document: Design) -> Figure:
     """The shots that are wanted, and the half-width of each parameter, over R_max and frame rate; the next
-    setting is ringed."""
+    setting is ringed. Bars: the error of so few draws."""
     from matplotlib.ticker import LogLocator, NullLocator
 
     names = list(document.settings[0].half_width_percent)
     rates = sorted({one.frame_rate_hz for one in document.settings})
-    panels: list[tuple[str, list[Any], str]] = [  # and the word in a panel without a point
-        (f"{described(name)[0]}: ± % of one shot", [one.half_width_percent[name] for one in document.settings], "none")
+    panels: list[tuple[str, list[Any], str, str]] = [  # the word in a panel without a point, and whose ends are shown
+        (
+            f"{described(name)[0]}: ± % of one shot",
+            [one.half_width_percent[name] for one in document.settings],
+            "none",
+            name,
+        )
         for name in names
     ]
     shots = [one.shots for one in document.settings]
     word = "already reached" if 0 in shots else "reached by no setting"
-    panels.append((f"shots for ± {document.wanted_percent:g} %", shots, word))
+    panels.append((f"shots for ± {document.wanted_percent:g} %", shots, word, ""))
     figure = new_figure(3.0)
     write(figure, 0.07, 0.93, f"{document.material}: which shot next", size=11, weight="bold")
     write(figure, 0.07, 0.865, digits.elide(document.said[0], 110), size=8.5, color=INK)
     tones = shades(np.linspace(0.0, 1.0, len(rates)))
     wide = 0.86 / len(panels)
-    for k, (title, values, empty) in enumerate(panels):
+    for k, (title, values, empty, name) in enumerate(panels):
         axes = new_axes(figure, (0.07 + k * wide, 0.16, wide - 0.06, 0.58), "R_max (µm)", "")
         axes.set_title(title, fontsize=9, color=INK, loc="left")
         seen = [value for value in values if value]
@@ -64,6 +69,10 @@ def picture(document: Design) -> Figure:
             at = [i for i, one in enumerate(document.settings) if one.frame_rate_hz == rate and values[i]]
             x, y = [1e6 * document.settings[i].max_radius_m for i in at], [values[i] for i in at]
             axes.plot(x, y, "o-", color=tone, ms=4, lw=1.3, label=f"{1e-3 * rate:g} kfps")
+            ends = [document.settings[i].half_width_ends_percent.get(name) for i in at]
+            if x and all(one and None not in one for one in ends):
+                low, high = np.array(ends, dtype=float).T
+                axes.vlines(x, low, high, color=tone, lw=0.9)
             if document.best in at:
                 place = at.index(document.best)
                 axes.plot(x[place], y[place], "o", ms=10, mfc="none", mec="black")

@@ -16,8 +16,10 @@ class DesignedSetting(Record):
         readable: share of recordings that can be read.
         half_width_percent: by parameter, half of the 90 % interval of one shot over the median, that of the middle
             draw.
+        half_width_ends_percent: by parameter, between which the middle draw is with 68 % for so few draws (bootstrap).
         shots: how many bring all parameters to what is wanted; null: more than 10,000.
-        gain_nats: expected information gain of one shot about the law's parameters.
+        gain_nats: expected information gain of one shot about the law's parameters, mean over the draws.
+        gain_error_nats: its standard error.
     """
 
     max_radius_m: float
@@ -26,8 +28,10 @@ class DesignedSetting(Record):
     noise_m: float
     readable: float
     half_width_percent: dict[str, Finite]
+    half_width_ends_percent: dict[str, tuple[Finite, Finite]] = {}
     shots: int | None
     gain_nats: float
+    gain_error_nats: float = 0.0
 
 
 class CheckedSetting(Record):

@@ -21,7 +21,7 @@ import numpy as np
 
 from cavirheo.arrays import Floats
 from cavirheo.curve import RadiusCurve
-from cavirheo.errors import InputError, require
+from cavirheo.errors import InputError, printable, require
 from cavirheo.parameters import RADIUS
 from cavirheo.reading import limits
 from cavirheo.reading.clean import RADIUS_UNITS, TIME_UNITS, UNIT_WORDS, make_curve
@@ -334,9 +334,9 @@ def _without_header(table: Floats, density: float, pressure: float) -> list[Radi
     return [curve]
 
 
-def write_csv(path: str | Path, curve: RadiusCurve) -> None:
+def write_csv(path: str | Path, curve: RadiusCurve, remark: str = "") -> None:
     """Write `time_us,radius_um` (and `radius_std_um`, and what the file stated of the stretch, where known), one row
-    per frame, ten digits, nan for no radius."""
+    per frame, ten digits, nan for no radius. remark: a line above them, after "# "."""
     columns = {"time_us": curve.time, "radius_um": curve.radius}
     if np.isfinite(curve.radius_std).any():
         columns["radius_std_um"] = curve.radius_std
@@ -345,4 +345,5 @@ def write_csv(path: str | Path, curve: RadiusCurve) -> None:
         columns |= {} if value is None else {name: np.full(len(curve.time), value)}
     rows = np.column_stack(list(columns.values()))
     with Path(path).open("wb") as file:
+        file.write(f"# {printable(remark)}\n".encode() if remark else b"")
         np.savetxt(file, rows, fmt="%.10g", delimiter=",", header=",".join(columns), comments="")

@@ -11,7 +11,7 @@ from pathlib import Path
 from cavirheo.curve import RadiusCurve
 from cavirheo.errors import require
 from cavirheo.reporting.record import Answered, Pairs, Published, Result, read_json, result
-from cavirheo.writing import style
+from cavirheo.writing import digits, style
 from cavirheo.writing.document import Outputs, short_name, write_json
 
 __all__ = ["file_names", "outputs", "read_json", "result", "write_report"]
@@ -136,7 +136,7 @@ def _traces(pairs: Answered, done: Callable[[], None] | None) -> Iterator[str]:
 
     for curve, answer in pairs:
         try:
-            made = trace(curve, answer.checks)
+            made = trace(curve, answer.checks, digits.simulated(answer.method))
         except Exception as error:  # costs nothing but itself
             made = f"no picture ({type(error).__name__}: {error})"
         if done:

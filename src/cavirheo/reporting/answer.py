@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from typing import Any
 
@@ -13,7 +13,7 @@ from cavirheo.arrays import Floats
 from cavirheo.bubble import FIELD, Bubble
 from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError
-from cavirheo.parameters import AT_RATE, BUBBLE, RATE, about, of_the_law, searched_bound
+from cavirheo.parameters import AT_RATE, BUBBLE, CAMERA, RATE, about, of_the_law, searched_bound
 from cavirheo.posterior import (
     TRUSTED,
     Checks,
@@ -29,6 +29,7 @@ from cavirheo.writing import digits
 from cavirheo.writing.document import Finite, Quantity, Record, finite
 
 _DIFFERENCES = ("rmse_over_rmax", "mae_over_rmax", "max_difference_over_rmax")
+_AS_MEASURED = {"time_origin": 0.0, "radius_scale": 1.0, "max_radius_factor": 1.0}
 _KEYS = {"shear_modulus": "shear_modulus_Pa", "viscosity": "viscosity_Pa_s", "stretch": "stretch"}  # by parameter
 
 
@@ -120,6 +121,8 @@ class CurveRecord(Record):
         other_parameters: what was inferred besides G, mu and the stretch, or given of the bubble, by natural name,
             SI; of a
             law whose viscosity is not one number also that at a shear rate of 1e5 1/s.
+        best: values, SI, of the simulation that is drawn and compared: the law's parameters, the stretch, and what the
+            bubble, the clock, the radius scale and R_max were taken to be; no medians.
         rmse_over_rmax: root mean square of measured minus simulated radius, over R_max.
         mae_over_rmax: mean absolute difference, over R_max.
         max_difference_over_rmax: largest absolute difference, over R_max.
@@ -152,6 +155,7 @@ class CurveRecord(Record):
     shear_modulus_Pa: Quantity
     viscosity_Pa_s: Quantity
     other_parameters: dict[str, Quantity] = {}
+    best: Mapping[str, Finite] = {}
     rmse_over_rmax: Finite
     mae_over_rmax: Finite
     max_difference_over_rmax: Finite
@@ -178,6 +182,14 @@ class CurveRecord(Record):
     def trusted(self) -> bool:
         """Whether it counts in means and in the material of its group."""
         return self.verdict in TRUSTED
+
+    @property
+    def simulated(self) -> str:
+        """'best draw: G = 5.412 kPa, µ = 0.02981 Pa s, λ = 8.324, t_0 = 0.12 µs': whose values are drawn over the
+        measurement, and which; empty where none are known."""
+        words = [_word(name, value) for name, value in self.best.items() if value is not None]
+        name = digits.simulated(self.method).removeprefix("simulation: ")
+        return f"{name}: {', '.join(filter(None, words))}" if any(words) else ""
 
     def determined(self, name: str) -> float | None:
         """The median of a parameter by its natural name, SI, if it is a value and not a bound alone."""
@@ -253,7 +265,7 @@ def curve_record(curve: RadiusCurve, posterior: Posterior) -> CurveRecord:
         max_radius_m=_measured(curve, "max_radius"), time_of_max_s=_measured(curve, "time_of_max"),
         strain_rate_per_s=_measured(curve, "strain_rate"), material=posterior.material, method=posterior.method,
         bubble=posterior.bubble,
-        stretch=stretch, shear_modulus_Pa=G, viscosity_Pa_s=mu, other_parameters=values,
+        stretch=stretch, shear_modulus_Pa=G, viscosity_Pa_s=mu, other_parameters=values, best=_simulated(posterior),
         window=Compared(collapses=checks.collapses, t_star_end=checks.t_star_end), doubts=list(posterior.checks.doubts),
         verdict=verdict, message=message or ("" if answered else "no parameters were found"), notes=list(curve.notes),
         column=dict(curve.column), stretch_prior={"mean": known[0], "std": known[1]} if known else {},
@@ -262,6 +274,21 @@ def curve_record(curve: RadiusCurve, posterior: Posterior) -> CurveRecord:
         windows={key: _known(window) for key, window in posterior.windows.items()},
         diagnostics=_known(posterior.diagnostics), provenance=_plain(posterior.provenance),
     )  # fmt: skip
+
+
+def _simulated(posterior: Posterior) -> dict[str, float]:
+    """The values of the simulation that is drawn; none where nothing is."""
+    drawn = posterior.checks.verdict != "failed" and posterior.checks.reconstruction_time is not None
+    return {name: float(value) for name, value in posterior.best.items()} if drawn else {}
+
+
+def _word(name: str, value: float) -> str:
+    """'G = 5.412 kPa'; nothing of a clock, a scale or an R_max that is as measured."""
+    if value == _AS_MEASURED.get(name):
+        return ""
+    symbol, unit = described(name)
+    factor, unit = (1e6, "µs") if unit == "s" and name in CAMERA else digits.unit_for(unit, value)
+    return f"{symbol} = {digits.significant(factor * value, 4)}{' ' * bool(unit)}{unit}"
 
 
 def _given(posterior: Posterior) -> dict[str, float]:

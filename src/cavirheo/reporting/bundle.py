@@ -16,6 +16,7 @@ from cavirheo.parallel import Once
 from cavirheo.reading import write_csv
 from cavirheo.reporting import file_names, write_report
 from cavirheo.reporting.record import Pairs, Result
+from cavirheo.writing import digits
 from cavirheo.writing.document import LIST
 
 _PICTURES = ("png", "svg")
@@ -49,10 +50,12 @@ def write_bundle(folder: Path, pairs: Pairs, command: str, fits: Pairs, done: Ca
     for kind in ("processed", "simulated"):
         (folder / kind).mkdir()
     names = file_names([record.name for record in document.curves])
-    for stem, (curve, posterior) in zip(names, pairs, strict=True):
+    for stem, (curve, posterior), record in zip(names, pairs, document.curves, strict=True):
         write_csv(folder / "processed" / f"{stem}.csv", curve)
         time, radius = posterior.checks.reconstruction_time, posterior.checks.reconstruction_radius
         if time is not None and radius is not None:
             # a drawn point beside a frame, which ten digits of a microsecond do not tell from it
             kept = np.diff(time, prepend=-np.inf) > 1e-15
-            write_csv(folder / "simulated" / f"{stem}.csv", RadiusCurve(time[kept], radius[kept]))
+            drawn = digits.simulated(posterior.method).removeprefix("simulation: ").replace(" ", "-")
+            place = folder / "simulated" / f"{stem}-{drawn}.csv"
+            write_csv(place, RadiusCurve(time[kept], radius[kept]), f"simulation of {record.name}, {record.simulated}")

@@ -24,6 +24,8 @@ from cavirheo.reporting.trace import MARK
 from cavirheo.writing import digits
 from cavirheo.writing.document import Quantity
 
+FOLDED = 6  # curves: of more each is folded to a line, which its link in the table opens
+
 if TYPE_CHECKING:
     from jinja2 import Environment, Template
 
@@ -119,6 +121,6 @@ def _templates(package: str) -> Environment:
         loader=PackageLoader(package, ""), autoescape=True, undefined=StrictUndefined,
         keep_trailing_newline=True, finalize=_printable,
     )  # fmt: skip
-    made.globals.update(digits=digits, LOOKS=digits.LOOKS, FITS=FITS, MARK=MARK, Quantity=Quantity)
+    made.globals.update(digits=digits, LOOKS=digits.LOOKS, FITS=FITS, MARK=MARK, Quantity=Quantity, FOLDED=FOLDED)
     made.globals.update(named_parameter=_named)
     return made

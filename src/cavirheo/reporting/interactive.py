@@ -24,9 +24,10 @@ from cavirheo.inference.reconstruct import Window
 from cavirheo.inference.trial import Band
 from cavirheo.physics.media import Medium
 from cavirheo.posterior import Checks
+from cavirheo.reporting.answer import CurveRecord
 from cavirheo.reporting.record import Pairs, Result
 from cavirheo.writing import digits
-from cavirheo.writing.document import Spread
+from cavirheo.writing.document import Quantity, Spread
 from cavirheo.writing.style import BLUE, INK, VERMILLION, shades
 
 GREEN, MEASURED, PALE = "#00875f", "#222222", "#b4b4b4"
@@ -36,6 +37,8 @@ _TIME = f"time after {_RMAX} (µs)"
 _STYLE = json.loads(Path(__file__).with_name("figure.json").read_text(encoding="utf-8"))
 _GROUPS = (BLUE, VERMILLION, GREEN, "#7b4fa3", "#8a6d00", MEASURED)
 _MARKS = ("square", "diamond", "triangle-up", "cross")  # of published values
+_SIDES = {"upper": "triangle-left", "lower": "triangle-right"}  # of a bound of G
+_UPS = {"upper": "triangle-down", "lower": "triangle-up"}  # of µ
 _MOST_POINTS = 2000  # of a drawn curve
 
 
@@ -90,11 +93,11 @@ def prepared(curve: RadiusCurve, seen: Window) -> go.Figure:
 
 
 def checked(
-    curve: RadiusCurve, answer: Checks, fit: Checks | None = None, trial: dict[str, Any] | None = None,
-    band: Band | None = None,
+    curve: RadiusCurve, answer: Checks, simulated_as: str, fit: Checks | None = None,
+    trial: dict[str, Any] | None = None, band: Band | None = None,
 ) -> go.Figure:  # fmt: skip
-    """A measured curve, the simulations of its answers over it, what is left between, a trial's `lines`, and the band
-    in which the draws' simulations run."""
+    """A measured curve, the simulation of its answer over it under this name, that of a conventional fit, what is left
+    between, a trial's `lines`, and the band in which the draws' simulations run."""
     figure = make_subplots(rows=2, shared_xaxes=True, row_heights=[0.68, 0.32], vertical_spacing=0.06)
     figure.layout.template, figure.layout.height = _STYLE, 520
     _lines(figure, trial or lines(Checks("failed")), GREEN, "solid", "sliders")  # TRIAL
@@ -111,7 +114,7 @@ def checked(
         x, y = [*x, *x[::-1]], [*high, *low[::-1]]
         figure.add_scatter(x=x, y=y, name="90 % of the draws", hoverinfo="skip", row=1, col=1, **shape)
     _measured(figure, curve, inside)
-    drawn = ("simulation of the answer", VERMILLION, "solid", answer), ("least squares", BLUE, "dash", fit)
+    drawn = (simulated_as, VERMILLION, "solid", answer), ("least squares", BLUE, "dash", fit)
     for name, colour, dash, checks in drawn:
         if checks and checks.reconstruction_time is not None:
             _lines(figure, lines(checks, curve.time_of_max), colour, dash, name)
@@ -122,64 +125,101 @@ def checked(
 
 
 def cloud(pairs: Pairs, document: Result) -> go.Figure:
-    """G over mu: draws and medians of all shots, coloured by group, those that are not trusted hollow; of each group
-    the contour that holds 90 % of its shots, and published values. Answers without G or mu are left out."""
+    """µ over G, as the report has it: draws and medians of all shots, coloured by group, those that are not trusted
+    hollow, bounds as triangles; of each group the contour that holds 90 % of its shots, and published values. µ over
+    R_max with its intervals where the law of any shot has no G. Shots without a µ are left out."""
     factor, unit = document.modulus_unit
-    figure = figure_of("µ (Pa s)", f"G ({unit})", hovermode="closest", height=420)
+    rows = document.curves
+    known = [row.viscosity.median is not None for row in rows]
+    elastic = all(row.shear_modulus_Pa.median is not None for row, any_ in zip(rows, known, strict=True) if any_)
+    rated = any(row.viscosity_Pa_s.median is None for row, any_ in zip(rows, known, strict=True) if any_)
+    along = f"G ({unit})" if elastic else f"{_RMAX} (µm)"
+    up = f"µ{' at 10<sup>5</sup> 1/s' * rated} (Pa s)"
+    figure = figure_of(along, up, hovermode="closest", height=420)
     for axis in (figure.update_xaxes, figure.update_yaxes):
         axis(type="log", rangemode="normal", tickformat="~g", nticks=8)
     for (group, members), colour in zip(document.members(), cycle(_GROUPS), strict=False):
-        shots = [i for i in members if {"log10_shear_modulus", "log10_viscosity"} <= {*pairs[i][1].names}]
+        shots = [i for i in members if known[i]]
         look: dict[str, Any] = {"legendgroup": group.name, "name": digits.elide(group.name, 40)}
-        contour = group.population.contour() if group.population else None
+        contour = group.population.contour() if elastic and group.population else None
         if contour is not None:
             line = {"color": colour, "width": 2}
-            x, y = contour.T
+            y, x = contour.T
             words = look | {"name": f"90 % of shots, {look['name']}"}
-            figure.add_scatter(x=x, y=factor * y, mode="lines", line=line, hoverinfo="skip", **words)
+            figure.add_scatter(x=factor * x, y=y, mode="lines", line=line, hoverinfo="skip", **words)
         drawn = [pairs[i][1] for i in shots]
-        several = [one for one in drawn if len(one.theta) > 1]
+        both = {"log10_viscosity", "log10_shear_modulus"}
+        several = [one for one in drawn if elastic and len(one.theta) > 1 and both <= {*one.names}]
         if several:
-            rows = [np.random.default_rng(0).choice(len(one.theta), 80, p=one.weights) for one in several]
+            some = [np.random.default_rng(0).choice(len(one.theta), 80, p=one.weights) for one in several]
             x, y = (
-                np.concatenate([one.draws(name)[some] for one, some in zip(several, rows, strict=True)])
-                for name in ("viscosity", "shear_modulus")
+                np.concatenate([one.draws(name)[which] for one, which in zip(several, some, strict=True)])
+                for name in ("shear_modulus", "viscosity")
             )
             marker: Any = {"color": colour, "size": 3, "opacity": 0.25}
             figure.add_scatter(
-                x=x, y=factor * y, mode="markers", marker=marker, hoverinfo="skip", showlegend=False, **look
+                x=factor * x, y=y, mode="markers", marker=marker, hoverinfo="skip", showlegend=False, **look
             )  # fmt: skip
-        if drawn:
-            symbols = ["circle" if document.curves[i].trusted else "circle-open" for i in shots]
-            x, y = ([one.median(name) for one in drawn] for name in ("viscosity", "shear_modulus"))
-            names = [document.curves[i].name for i in shots]
-            figure.add_scatter(
-                x=x, y=[factor * (one or np.nan) for one in y], mode="markers", text=names,
-                marker={"color": colour, "size": 9, "symbol": symbols, "line": {"color": INK, "width": 1}}, **look,
-                hovertemplate="%{text}: G %{y:.3g} " + unit + ", µ %{x:.3g} Pa s<extra></extra>",
-            )  # fmt: skip
+        if shots:
+            _medians(figure, [rows[i] for i in shots], factor if elastic else None, f"{along}, {up}", colour, look)
+            places = [row.viscosity.median if elastic else row.max_radius_m for row in (rows[i] for i in shots)]
+            across = [(1.0 if elastic else 1e6) * (one or np.nan) for one in places]
             for mark, (method, values) in zip(cycle(_MARKS), group.published.items(), strict=False):
-                _published(figure, f"{look['name']}, {method}", values, factor, x, {"color": colour, "symbol": mark})
+                marked = {"color": colour, "symbol": mark}
+                _published(figure, f"{look['name']}, {method}", values, factor if elastic else None, across, marked)
     return figure
 
 
+def _medians(
+    figure: go.Figure, rows: Sequence[CurveRecord], factor: float | None, axes: str, colour: str, look: dict[str, Any]
+) -> None:
+    """A mark for each shot, over R_max with its interval where there is no factor of G; of a bound its end."""
+    along = [row.shear_modulus_Pa if factor else Quantity(median=row.max_radius_m) for row in rows]
+    up = [row.viscosity for row in rows]
+    x, y = [(factor or 1e6) * _end(one) for one in along], [_end(one) for one in up]
+    symbols = [
+        (_SIDES.get(G.bound or "") or _UPS.get(mu.bound or "") or "circle") + "-open" * (not row.trusted)
+        for row, G, mu in zip(rows, along, up, strict=True)
+    ]
+    bars: dict[str, Any] = {}
+    if not factor:
+        above, below = (
+            [(one.q95 or end) - end for one, end in zip(up, y, strict=True)],
+            [end - (one.q05 or end) for one, end in zip(up, y, strict=True)],
+        )
+        bars = {"error_y": {"array": above, "arrayminus": below, "thickness": 1, "width": 0}}
+    marker = {"color": colour, "size": 9, "symbol": symbols, "line": {"color": INK, "width": 1}}
+    figure.add_scatter(
+        x=x, y=y, mode="markers", text=[row.name for row in rows], marker=marker, **look, **bars,
+        hovertemplate="%{text}: %{x:.3g}, %{y:.3g} (" + axes + ")<extra></extra>",
+    )  # fmt: skip
+
+
+def _end(value: Quantity) -> float:
+    """The median, or the end that is left of a bound."""
+    end = {"upper": value.q95, "lower": value.q05}.get(value.bound or "", value.median)
+    return np.nan if end is None or value.bound == "undetermined" else end
+
+
 def _published(
-    figure: go.Figure, name: str, values: Mapping[str, Spread], factor: float, across: Sequence[float | None],
+    figure: go.Figure, name: str, values: Mapping[str, Spread], factor: float | None, across: Sequence[float],
     look: dict[str, Any],
 ) -> None:  # fmt: skip
-    """G over mu of another method; of one that has no mu a line `across` the shots."""
+    """µ of another method over its G; of one that has but one of them, or where there is no factor of G, a line
+    `across` the shots."""
     modulus, viscosity = values.get("shear_modulus", Spread()), values.get("viscosity", Spread())
-    if modulus.mean is None:
-        return
-    y, up = factor * modulus.mean, factor * (modulus.std or 0.0)
-    if viscosity.mean is None:
-        ends = [one for one in across if one]
-        line = {"color": look["color"], "dash": "dot"}
+    x = None if modulus.mean is None or factor is None else factor * modulus.mean
+    y, ends = viscosity.mean, [one for one in across if np.isfinite(one)]
+    line = {"color": look["color"], "dash": "dot"}
+    if x is not None and y is not None:
+        wide = (factor or 1.0) * (modulus.std or 0.0)
+        bars: dict[str, Any] = {"error_x": {"array": [wide]}, "error_y": {"array": [viscosity.std or 0.0]}}
+        marker = {"size": 13, "line": {"color": INK, "width": 1.5}, **look}
+        figure.add_scatter(x=[x], y=[y], mode="markers", marker=marker, name=name, **bars)
+    elif ends and x is not None:
+        figure.add_scatter(x=[x, x], y=[0.8 * min(ends), 1.25 * max(ends)], mode="lines", line=line, name=name)
+    elif ends and y is not None and factor is None:
         figure.add_scatter(x=[0.8 * min(ends), 1.25 * max(ends)], y=[y, y], mode="lines", line=line, name=name)
-        return
-    bars: dict[str, Any] = {"error_x": {"array": [viscosity.std or 0.0]}, "error_y": {"array": [up]}}
-    marker = {"size": 13, "line": {"color": INK, "width": 1.5}, **look}
-    figure.add_scatter(x=[viscosity.mean], y=[y], mode="markers", marker=marker, name=name, **bars)
 
 
 def lines(found: Checks, start: float = 0.0) -> dict[str, Any]:

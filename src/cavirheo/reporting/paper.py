@@ -46,7 +46,7 @@ def figures(pairs: Pairs, document: Result) -> Iterator[tuple[str, Figure]]:
     for (curve, answer), record in zip(pairs, records, strict=True):
         stem = next(stems)
         if record.answered:
-            yield stem, curve_figure(curve, answer.checks)
+            yield stem, curve_figure(curve, answer.checks, digits.simulated(answer.method))
     for group, indices in document.members():
         stem, shown = next(stems), [i for i in indices if records[i].answered]
         if len(shown) > 1:
@@ -54,18 +54,18 @@ def figures(pairs: Pairs, document: Result) -> Iterator[tuple[str, Figure]]:
             yield stem, group_figure([(c, a.checks, r) for c, a, r in shots], group, unit)
 
 
-def curve_figure(curve: RadiusCurve, checks: Checks) -> Figure:
-    """One column: the measured radii, the simulation of the answer, and what is left between."""
+def curve_figure(curve: RadiusCurve, checks: Checks, simulated_as: str) -> Figure:
+    """One column: the measured radii, the simulation of this name, and what is left between."""
     figure = _figure(ONE, 68.0)
-    upper = _axes(figure, (14.0, 25.0, 68.0, 41.0), "", "$R$ (µm)")
-    lower = _axes(figure, (14.0, 10.0, 68.0, 12.0), f"time after {_RMAX} (µs)", f"residual\n(% {_RMAX})")
+    upper = _axes(figure, (18.0, 25.0, 64.0, 41.0), "", "$R$ (µm)")
+    lower = _axes(figure, (18.0, 10.0, 64.0, 12.0), f"time after {_RMAX} (µs)", f"residual\n(% {_RMAX})")
     time, compared = 1e6 * (curve.time - curve.time_of_max), 1e6 * (_of(checks.compared_time) - curve.time_of_max)
     simulated = 1e6 * (_of(checks.reconstruction_time) - curve.time_of_max)
     radius, inside = 1e6 * curve.radius, (time >= compared[0] - 1e-3) & (time <= compared[-1] + 1e-3)
     dots: Any = {"ls": "", "ms": 2.4, "mew": 0.5, "mfc": "none"}
     upper.plot(time[~inside], radius[~inside], "o", mec=_UNCOMPARED, **dots)
     upper.plot(time[inside], radius[inside], "o", mec="black", label="measured", **dots)
-    upper.plot(simulated, 1e6 * _of(checks.reconstruction_radius), color=style.VERMILLION, lw=1.0, label="simulated")
+    upper.plot(simulated, 1e6 * _of(checks.reconstruction_radius), color=style.VERMILLION, lw=1.0, label=simulated_as)
     upper.legend(frameon=False, fontsize=_SMALL, handlelength=1.2, borderpad=0.0, loc="upper right")
     lower.axhline(0.0, color="black", lw=0.5)
     lower.plot(compared, 100.0 * _of(checks.residual_over_rmax), "o", mec="black", **dots)
@@ -73,19 +73,23 @@ def curve_figure(curve: RadiusCurve, checks: Checks) -> Figure:
     view = max(time[0], compared[0] - span) - 0.02 * span, min(time[-1], compared[-1] + 0.5 * span) + 0.02 * span
     upper.set(xlim=view, ylim=(0.0, 1.06 * float(np.nanmax(radius))), xticklabels=[])
     lower.set_xlim(view)
-    figure.align_ylabels([upper, lower])
+    for axes in (upper, lower):  # both names left of the widest numbers, within the page
+        axes.yaxis.set_label_coords(-9.5 / 64.0, 0.5)
     return figure
 
 
 def group_figure(shots: Sequence[tuple[RadiusCurve, Checks, CurveRecord]], group: GroupRecord, unit: Unit) -> Figure:
     """Two columns: all shots over each other, and their answers with the material; open marks are not trusted."""
     figure = _figure(TWO, 62.0)
-    left = _axes(figure, (13.0, 11.0, 86.0, 45.0), "$t^* = t\\sqrt{p/\\rho}/R_\\mathrm{max}$", f"$R$ / {_RMAX}")
+    left = _axes(figure, (13.0, 11.0, 74.0, 45.0), "$t^* = t\\sqrt{p/\\rho}/R_\\mathrm{max}$", f"$R$ / {_RMAX}")
     tones = style.shades(np.linspace(0.0, 0.85, len(shots))[np.argsort(np.argsort([c.max_radius for c, *_ in shots]))])
     for (curve, checks, _), tone in zip(shots, tones, strict=True):
         if checks.time_scale:
             t_star = (curve.time - curve.time_of_max) / checks.time_scale
             left.plot(t_star, curve.radius / curve.max_radius, color=tone, lw=0.8)
+    _size_key(
+        figure, sorted((1e6 * curve.max_radius, tuple(tone)) for (curve, *_), tone in zip(shots, tones, strict=True))
+    )
     end = max((record.window.t_star_end or 0.0 for *_, record in shots), default=0.0) or 1.0
     left.set(xlim=(-1.1, 1.1 * end), ylim=(0.0, 1.06))
 
@@ -106,6 +110,19 @@ def group_figure(shots: Sequence[tuple[RadiusCurve, Checks, CurveRecord]], group
     for axes, letter in ((left, "a"), (right, "b")):
         axes.set_title(letter, loc="left", fontsize=_LARGE, fontweight="bold")
     return figure
+
+
+def _size_key(figure: Figure, sizes: Sequence[tuple[float, Any]]) -> None:
+    """Which tone is which R_max: a cell for each shot, the smallest at the bottom."""
+    bar = _axes(figure, (89.0, 11.0, 2.0, 38.0), "", "")
+    bar.imshow([[tone] for _, tone in sizes], aspect="auto", origin="lower")
+    shown = sorted({0, len(sizes) // 2, len(sizes) - 1})
+    bar.set_xticks([])
+    bar.set_yticks(shown, [f"{sizes[i][0]:.0f}" for i in shown])
+    bar.yaxis.tick_right()
+    bar.tick_params(length=0.0)
+    bar.spines[:].set_visible(False)
+    bar.set_title(f"{_RMAX}\n(µm)", fontsize=_SMALL, loc="left")
 
 
 def laws_figure(weighed: WeighedLaws) -> Figure:

@@ -1,4 +1,4 @@
-"""Pictures of the answers: the measured points, the simulation of the answer over them, and what is left between."""
+"""Pictures of the answers: the measured points, the simulation of the best draw over them, and what is left between."""
 
 from __future__ import annotations
 
@@ -61,7 +61,7 @@ class CurvePicture:
 
         dots: dict[str, Any] = {"ls": "", "marker": "o", "mew": 0}
         looks = [("measured", {"color": BLACK, **dots}), ("measured, not compared", {"color": OUTSIDE, **dots})]
-        looks.append(("simulation of the answer", {"color": VERMILLION, "lw": 1.5}))
+        looks.append((digits.simulated(""), {"color": VERMILLION, "lw": 1.5}))
         self.lines: list[Any] = []
         self.key: list[tuple[Any, Any]] = []
         for row, (label, look) in enumerate(looks):
@@ -93,6 +93,8 @@ class CurvePicture:
         answered, look = record.answered, digits.LOOKS[record.verdict]
         self.name.set_text(digits.printable(digits.elide(record.name, 60)))
         self.verdict.set(text=look.words, color=look.colour)
+        self.lines[2].set_label(said := digits.simulated(record.method))
+        self.key[2][1].set_text(said)
         reason = [] if answered else textwrap.wrap(digits.printable(record.message), 100, max_lines=3, placeholder=" …")
         self.reason.set(text="\n".join(reason), color=look.colour)
         self.upper.set_position(_UPPER if answered else _WHOLE)
@@ -144,7 +146,7 @@ class CurvePicture:
 
 class Lines(NamedTuple):
     """What a picture of a curve shows, in the units of its axes: time and radius of the frames and whether they were
-    compared; the simulation of the answer; the residual of the compared frames, %; the ends of the axes."""
+    compared; the simulation that is drawn; the residual of the compared frames, %; the ends of the axes."""
 
     time: Floats
     radius: Floats
@@ -262,7 +264,7 @@ def _scatter(
     style.around(axes, x=not over_size)
     if axes.get_legend_handles_labels()[0]:
         key = {"frameon": False, "fontsize": 8, "handletextpad": 0.3, "columnspacing": 1.0, "borderpad": 0.0}
-        axes.legend(loc="lower left", bbox_to_anchor=(-0.2 if group.published else -0.1, 1.01), ncols=2, **key)
+        axes.legend(loc="lower right", bbox_to_anchor=(1.0, 1.01), ncols=2, **key)
 
 
 def _material(axes: Any, group: GroupRecord, unit: Unit, across: str, upper: str) -> bool:

@@ -129,7 +129,7 @@
     const bottom = TOP + UPPER, zero = bottom + GAP + LOWER / 2, end = answered ? zero + LOWER / 2 : bottom;
     svg.setAttribute("viewBox", `0 0 ${LEFT + WIDE + 10} ${end + 40}`);
     svg.setAttribute("role", "img");
-    svg.setAttribute("aria-label", "measured radius over time" + (answered ? ", simulation of the answer and residual" : ""));
+    svg.setAttribute("aria-label", "measured radius over time" + (answered ? `, ${about.line} and residual` : ""));
     const places = (text, top, tall) => {
       const all = numbers(text), n = all.length / 2;
       return Array.from({ length: n }, (_, k) => [LEFT + all[k] / 65535 * WIDE, top + tall * (1 - all[n + k] / 65535)]);
@@ -165,7 +165,7 @@
     }
     part("text", { x: LEFT + WIDE / 2, y: end + 34, "text-anchor": "middle" }, about.labels[0]);
     part("text", { x: LEFT, y: 14 }, answered
-      ? "dots: measured, grey where not compared; line: simulation of the answer; below: their difference, band ± RMSE"
+      ? `dots: measured, grey where not compared; line: ${about.line}; below: their difference, band ± RMSE`
       : "dots: measured");
     figure.append(svg);
   }

@@ -19,11 +19,12 @@ _MOST = 2000  # frames that are shown
 _WHOLE = 65535
 
 
-def trace(curve: RadiusCurve, checks: Checks) -> str:
+def trace(curve: RadiusCurve, checks: Checks, simulated_as: str) -> str:
     """MARK and a JSON object; "" of a curve without a measured radius.
 
-    x, y: ends of the axes; labels; measured, outside (not compared), simulated, residual: points (x, y) as 16-bit
-    numbers between the ends of their axes, base64; reach of the residuals and rmse, in % of R_max.
+    x, y: ends of the axes; labels; line: what it is (`simulated_as`); measured, outside (not compared), simulated,
+    residual: points (x, y) as 16-bit numbers between the ends of their axes, base64; reach of the residuals and rmse,
+    in % of R_max.
     """
     if not np.isfinite(curve.radius).any():
         return ""
@@ -42,6 +43,7 @@ def trace(curve: RadiusCurve, checks: Checks) -> str:
     thin = _thinned(lines.simulated / (right - left), lines.drawn / lines.top)
     made = {
         "x": [float(f"{end:.6g}") for end in lines.view], "y": float(f"{lines.top:.6g}"), "labels": lines.labels,
+        "line": simulated_as,
         "measured": points(time[inside], radius[inside], 0.0, lines.top),
         "outside": points(time[~inside], radius[~inside], 0.0, lines.top),
         "simulated": points(lines.simulated[thin], lines.drawn[thin], 0.0, lines.top),

@@ -23,6 +23,7 @@ from cavirheo.writing import digits
 _PIXEL = 1e-6  # m, that stands in for a pixel until there is a scale
 _DIFFERS = 0.01  # of the rate or the exposure: the camera and the user mean different ones
 _TWINS = 0.2  # of the measured frames
+_CUT = 0.9  # of the outline at R_max: seen less far, it is said
 _BURNT = 0.3  # of the background, at the brightest value
 _HOW = "give it: --fps of measure, --frame-rate-hz of infer, fit and which-law, frame_rate= in Python"
 _NO_RATE = f"how fast it was recorded is not known, for a video file states how fast it is played; {_HOW}"
@@ -65,6 +66,12 @@ class Measurement:
     def notes(self) -> tuple[str, ...]:
         """What the recording tells, and what became of its frames."""
         return (*self.told, *_counted(self))
+
+    @property
+    def cut(self) -> str:
+        """How little of the largest outline is within the frame, where it is little."""
+        seen = self.track.arc[int(np.nanargmax(self.track.radius))]
+        return f"at R_max {100 * seen:.0f} % of the outline is within the frame" if seen < _CUT else ""
 
     def without(self, frames: str | Iterable[int]) -> Measurement:
         """The same with these frames left out: "12,40-45" or numbers, from 1 in the recording. The others stay as they
@@ -215,9 +222,7 @@ def _counted(found: Measurement) -> list[str]:
     said += [f"{n} {flag} ({FLAGS[flag]})" for flag, n in counts.items() if flag not in ("ok", "before", "excluded")]
     if listed := found.options.get("exclude"):
         said.append(f"excluded by hand: frames {listed}")
-    top = int(np.nanargmax(track.radius))
-    if track.arc[top] < 0.9:
-        said.append(f"at R_max {100 * track.arc[top]:.0f} % of the outline is within the frame")
+    said += [found.cut] if found.cut else []
     hint = track.exposure_hint
     if found.exposure.value is None and hint and isfinite(hint):
         said.append(

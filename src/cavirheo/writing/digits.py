@@ -47,6 +47,12 @@ METHODS = {
     "least_squares": "least squares on the simulation",
     "laplace": "maximum of the posterior, Gaussian about it (Laplace)",
 }
+SIMULATED = {  # by method, whose values the simulation has that is drawn over a measurement
+    "amortised": "best draw",
+    "verified": "best draw",
+    "least_squares": "best fit",
+    "laplace": "maximum",
+}
 MISSING = "–"
 _SIDES = {"upper": "below", "lower": "above"}  # of a bound, where the value is
 
@@ -150,6 +156,11 @@ def ranges(numbers: Sequence[int]) -> str:
     ends = [k for k, n in enumerate(numbers) if k == 0 or n > numbers[k - 1] + 1] + [len(numbers)]
     runs = [(numbers[low], numbers[high - 1]) for low, high in pairwise(ends)]
     return ", ".join(str(low) if low == high else f"{low}-{high}" for low, high in runs)
+
+
+def simulated(method: str) -> str:
+    """'simulation: best draw': what is drawn over a measurement, of an answer by this method."""
+    return f"simulation: {SIMULATED.get(method, 'answer')}"
 
 
 def percent(value: float | None) -> str:

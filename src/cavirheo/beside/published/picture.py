@@ -68,7 +68,8 @@ def _panel(axes: Axes, comparison: Comparison, quantity: str, factor: float, met
         if not rows:
             look: Any = {"fontsize": 8, "color": "#999999", "va": "center"}
             axes.text(0.02, place, "not determined", transform=axes.get_yaxis_transform(), **look)
-    plain_ticks(axes.xaxis, (1, 2, 5))
+    low, high = axes.get_xlim()
+    plain_ticks(axes.xaxis, (1, 2, 5) if high < 40.0 * low else (1, 3) if high < 1e3 * low else (1,))
     axes.tick_params(labelsize=9, labelcolor=INK, color="#888888")
     axes.tick_params(axis="y", length=0)
     axes.grid(axis="x", color="#dddddd", lw=0.6, zorder=0)
