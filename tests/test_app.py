@@ -775,3 +775,11 @@ def test_the_space_asks_for_what_the_package_needs():
     project = tomllib.loads((root / "pyproject.toml").read_text())["project"]
     needed = [*project["dependencies"], *project["optional-dependencies"]["app"]]
     assert set(needed) <= set((root / "space" / "requirements.txt").read_text().splitlines())
+
+
+def test_the_field_of_the_stretch_takes_a_number_or_free():
+    names = [one.name for one in fields(PageSettings)]
+    for typed, stretch in (("free", "free"), ("8", 8.0), ("", None)):
+        values = [typed if name == "stretch" else getattr(PageSettings(), name) for name in names]
+        settings, wrong = PageSettings.of(values)
+        assert (settings.stretch, wrong) == (stretch, {})
