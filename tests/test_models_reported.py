@@ -227,7 +227,7 @@ def test_a_viscosity_that_grows_with_the_bubble_is_said():
     assert f"µ rises as R_max^{found.words}" in said
     assert "doubt the law" in said
     steady = " ".join(printed(result(group(0.0), COMMAND), 80).split())
-    assert "no trend" in steady
+    assert "no change of" in steady
     assert "doubt the law" not in steady
     drawn = picture.group_picture(pairs, document.curves, about, KILOPASCAL)
     over_size = drawn.axes[2]

@@ -149,7 +149,6 @@ class Answers:
     document: Result  # of the pairs, in their order
     not_run: list[str]  # chosen shots that a stop left out
     settings: PageSettings  # that they stand on
-    density: str = ""  # what it matters
     fits: dict[str, Posterior] = field(default_factory=dict)  # conventional fits that were made since, by name
 
 

@@ -17,7 +17,7 @@ from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError, require
 from cavirheo.inference import DEFAULT, infer_many
 from cavirheo.inference.fit import fit_many
-from cavirheo.inference.trial import denser, reach, seen, tried
+from cavirheo.inference.trial import reach, seen, tried
 from cavirheo.posterior import Checks, Posterior
 from cavirheo.reading.apart import Report
 from cavirheo.reporting import interactive as plots
@@ -105,11 +105,7 @@ def _pooled(session: Session, pairs: Pairs, command: str, left: list[str], setti
     for values in session.published:
         with suppress(InputError):  # other groups than when they were given
             set_beside(document.groups, values)
-    known = settings.model == DEFAULT
-    matters = ""
-    with suppress(InputError):  # a density that is at the end of what is taken
-        matters = denser(pairs, settings.liquid, stretch=settings.stretch, window=settings.window) if known else ""
-    return Answers(pairs, document, left, settings, matters)
+    return Answers(pairs, document, left, settings)
 
 
 def name_materials(session: Session, names: Sequence[str]) -> None:

@@ -127,7 +127,7 @@ def answers(session: Session) -> str:
     title = f"Shots: {next(iter(models))}" if len(models) == 1 else "Shots"
     shots = html.curves_table(rows, factor, unit, title=title, linked=False)
     said = causes(rows)
-    about = found.density, html.reading(document.curves), *methods_if_any(document)
+    about = html.reading(document.curves), *methods_if_any(document)
     done = (verified, len(soon)), len(document.curves), found.not_run, pooled(document)
     return part("answers", session.stale and not soon, *done, *groups, shots, said, *about)
 

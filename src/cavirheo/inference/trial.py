@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from contextlib import suppress
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -22,7 +21,6 @@ from cavirheo.physics.media import Medium
 from cavirheo.posterior import Checks, Posterior
 
 DRAWS = 40  # of a posterior, that its band is made of
-GROUPS = 6  # whose dependence on the density is said
 Band = tuple[Floats, Floats, Floats]
 
 
@@ -95,28 +93,6 @@ def band(curve: RadiusCurve, posterior: Posterior, *compared: Any) -> Band | Non
     with suppress(InputError, SolverError):
         return AnswerTrial(curve, posterior, *compared).band()
     return None
-
-
-def denser(pairs: Sequence[tuple[RadiusCurve, Posterior]], medium: Medium, **options: Any) -> str:
-    """How far a density that is 1 % off moves G: of the first shot of each group (of the first GROUPS) whose answer has
-    draws of it, by the posterior network alone, with these options of `infer_many`; empty where there is no such shot.
-    """
-    from cavirheo.inference import infer_many
-
-    shots: dict[str, tuple[RadiusCurve, Posterior]] = {}
-    for curve, answer in pairs:
-        if len(answer.theta) > 1 and "log10_shear_modulus" in answer.names:
-            shots.setdefault(curve.group, (curve, answer))
-    said = []
-    for group, (curve, answer) in list(shots.items())[:GROUPS]:
-        how: dict[str, Any] = {
-            "material": answer.material, "bubble": answer.bubble, "verify": "none", "workers": 1, **options
-        }  # fmt: skip
-        liquids = medium, replace(medium, density=1.01 * medium.density)
-        before, after = (infer_many([curve], medium=one, **how)[0].median("shear_modulus") for one in liquids)
-        if before and after:
-            said.append(f"{group} {100.0 * (after / before - 1.0):+.1f} %")
-    return f"density {medium.density:.6g} kg/m³; were it 1 % more, G would change: {', '.join(said)}" if said else ""
 
 
 def reach(posterior: Posterior, name: str, factor: float = 1.0) -> dict[str, float] | None:

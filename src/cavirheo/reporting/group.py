@@ -21,6 +21,7 @@ from cavirheo.writing import digits
 from cavirheo.writing.document import Quantity, Record, Spread, spread_of
 
 FEWEST = 5  # shots that are asked for a slope
+SENSITIVE = 3.0  # relative change of G over that of the scale, from which it is said
 MOST = 1000  # of them: a slope looks at all pairs, and of more shots at so many, evenly over the sizes
 CONSTANTS = ("viscosity", AT_RATE, "shear_modulus")
 _SAME = 1e-6  # of their mean: values that differ by less are one value, as those of a joint fit
@@ -113,6 +114,8 @@ class GroupRecord(Record):
         other_models: what other models answer for these shots, such as the field's bubble beside the real one.
         population: the material behind the shots, from their intervals; left out for a single shot, or where none
             has an interval.
+        modulus_over_scale: relative change of G over that of R_max or of the frame rate, of the middle shot; half as
+            large for the density.
         published: values of other methods, by method and parameter, SI; left out unless they were given. A
             viscosity_at_1_rad_per_s is that of a rheometer at this frequency.
     """
@@ -130,8 +133,9 @@ class GroupRecord(Record):
     slopes: dict[str, Slope] = {}
     other_models: list[GroupModel] = []
     population: PopulationRecord | None = None
+    modulus_over_scale: float | None = None
     published: dict[str, dict[str, Spread]] = {}
-    _if_any = ("preferred", "population", "published")
+    _if_any = ("preferred", "population", "modulus_over_scale", "published")
 
     def spread(self, name: str) -> Spread:
         """Of a parameter by its natural name."""
@@ -150,12 +154,22 @@ class GroupRecord(Record):
 
     @property
     def remarks(self) -> list[str]:
-        """On the models that are mixed, on the slopes of the answers, and on what each other model answers."""
+        """On the models that are mixed, on the slopes of the answers, on the scale that G rests on, and on what each
+        other model answers."""
         models = ", ".join(f"{count} {model}" for model, count in self.models.items())
         mixed = [f"the means are over answers of different models: {models}"] if len(self.models) > 1 else []
         others = [one.words for one in self.other_models]
         first = [self.warning] if self.warning and not self.headline else []
-        return first + mixed + ([in_words(self.slopes)] if self.slopes else []) + others
+        return first + mixed + ([in_words(self.slopes)] if self.slopes else []) + self._scale + others
+
+    @property
+    def _scale(self) -> list[str]:
+        """How far G rests on what nobody infers."""
+        slope = self.modulus_over_scale
+        if slope is None or abs(slope) < SENSITIVE:
+            return []
+        by_radius, by_density = f"{slope:+.0f} %", f"{slope / 2.0:+.0f} %"
+        return [f"1 % more in R_max or in the frame rate would change G by {by_radius}, in the density by {by_density}"]
 
     @property
     def lines(self) -> list[str]:
@@ -260,6 +274,8 @@ def group_of(name: str, members: list[CurveRecord], population: PopulationRecord
     trusted = [record for record in members if record.trusted]
     n = sum(record.answered for record in members)
     more = dict.fromkeys(key for record in trusted for key in record.other_parameters if key not in CAMERA)
+    firm = [record.diagnostics for record in trusted if record.determined("shear_modulus") is not None]
+    slopes_of_scale = [one.modulus_over_scale for one in firm if one.modulus_over_scale is not None]
     return GroupRecord(
         name=name, n=n, n_trusted=len(trusted), n_failed=len(members) - n,
         shear_modulus_Pa=spread_of([record.determined("shear_modulus") for record in trusted]),
@@ -269,7 +285,7 @@ def group_of(name: str, members: list[CurveRecord], population: PopulationRecord
         models=dict(Counter(record.model for record in trusted)),
         preferred=dict(Counter(one.in_words for record in members if (one := record.preferred))),
         slopes=slopes(members), other_models=_other_models(trusted, _sloped(members)),
-        population=population,
+        population=population, modulus_over_scale=float(np.median(slopes_of_scale)) if slopes_of_scale else None,
     )  # fmt: skip
 
 
