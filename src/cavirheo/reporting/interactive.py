@@ -137,7 +137,7 @@ def cloud(pairs: Pairs, document: Result) -> go.Figure:
     up = f"µ{' at 10<sup>5</sup> 1/s' * rated} (Pa s)"
     figure = figure_of(along, up, hovermode="closest", height=420)
     for axis in (figure.update_xaxes, figure.update_yaxes):
-        axis(type="log", rangemode="normal", tickformat="~g", nticks=8)
+        axis(type="log", rangemode="normal", tickformat="~g", nticks=8, automargin=True, title_standoff=12)
     for (group, members), colour in zip(document.members(), cycle(_GROUPS), strict=False):
         shots = [i for i in members if known[i]]
         look: dict[str, Any] = {"legendgroup": group.name, "name": digits.elide(group.name, 40)}
