@@ -468,11 +468,11 @@ def test_a_glance_of_the_network_is_never_trusted(session, tmp_path):
     row = session.soon["one"]
     assert row.shear_modulus_Pa.q05 < row.shear_modulus_Pa.median < row.shear_modulus_Pa.q95
     assert not row.trusted
-    assert "not verified" in answers(session)
+    assert "Answers marked" in answers(session)
     assert session.answers is None
     assert [record.verdict for record in infer(session, ["one", "short"]).document.curves] == ["ok", "failed"]
     assert session.soon == {}
-    assert "not verified" not in answers(session)
+    assert "Answers marked" not in answers(session)
 
 
 def test_one_run_at_a_time_and_none_for_what_has_changed(session, monkeypatch):
@@ -725,7 +725,7 @@ def test_the_wall_shows_the_last_answers_of_this_app(served):
     address, visitors = served
     assert "waiting" in get(f"{address}live")
     one = visitors.of("who asks")
-    one.add([SOFT], PageSettings(verify="none"), copy=True)
+    one.add([SOFT], PageSettings(verify="map"), copy=True)
     infer(one, ["soft_gel[1]", "soft_gel[2]", "soft_gel[3]"])
     visitors.of("another, without answers")
     page = get(f"{address}live")

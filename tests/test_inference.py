@@ -120,7 +120,7 @@ def test_rounded_radii_and_a_second_bubble_are_no_wrong_answer():
     for answer in answers:
         low, high = answer.interval("shear_modulus")
         assert low < 8e3 < high
-        assert answer.checks.verdict in ("ok", "undetermined")
+        assert answer.checks.verdict in ("ok", "undetermined", "other_model_preferred")
     assert "another bubble" in answers[1].checks.message
 
 
