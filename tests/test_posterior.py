@@ -930,3 +930,11 @@ def test_against_emcee(seed, monkeypatch):
         print(f"{seed} {name}: {(middle - np.median(x[:, i])) / sd:+.3f} sd, width {width / sd:.3f}, tau {tau:.0f}")
         assert middle == pytest.approx(np.median(x[:, i]), abs=0.1 * sd)
         assert width == pytest.approx(sd, rel=0.15)
+
+
+def test_what_draws_miss_is_no_share_above_all():
+    """Weights whose tail has no mean: more is still to be met than was."""
+    weight = 3.0 * np.sort(np.random.default_rng(0).exponential(size=400))
+    told = Sample(np.zeros((400, 1)), weight, np.zeros(400)).distrust
+    assert "more than was met" in told
+    assert "inf" not in told

@@ -187,9 +187,8 @@ class Sample:
         )
         if self.reliable:
             return said
-        return (
-            f"{said}, and a few of them carry the weight: about {unseen:.1%} of it is not met (tail index {index:.2f})"
-        )
+        missed = "more than was met" if not unseen < 1.0 else f"about {unseen:.0%} of it"
+        return f"{said}, and a few of them carry the weight: {missed} is still to be met (tail index {index:.2f})"
 
 
 class Proposal(Protocol):
