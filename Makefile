@@ -10,7 +10,7 @@ demo: $(VENV)/demo.done
 
 # on two processes, a file of tests on one of them
 test: $(VENV)/test.done lint
-	$(BIN)/python -m pytest -m "not slow and not hostile" -n 2 --dist loadfile
+	$(BIN)/python -m pytest -m "not slow and not hostile" -n 2 --dist loadfile --no-loadscope-reorder
 
 test-slow: $(VENV)/test.done
 	$(BIN)/python -m pytest -m slow

@@ -260,10 +260,8 @@ EXAMPLES = {  # script: what it prints
     "posterior_interval": r"draws are worth \d{3,} independent ones",
     "compare_laws": r"chosen: nhkv",
 }
-MARKS = {
-    "posterior_interval": [pytest.mark.slow],
-    "compare_laws": [pytest.mark.slow],
-}
+LONG = ("posterior_interval", "compare_laws", "group_to_table", "fit_a_window")  # the others run at once
+MARKS = dict.fromkeys(LONG, [pytest.mark.slow])
 
 
 @pytest.mark.parametrize("script", [pytest.param(script, marks=MARKS.get(script, [])) for script in EXAMPLES])
