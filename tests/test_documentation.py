@@ -261,7 +261,7 @@ EXAMPLES = {  # script: what it prints
     "compare_laws": r"chosen: nhkv",
 }
 LONG = ("posterior_interval", "compare_laws", "group_to_table", "fit_a_window")  # the others run at once
-MARKS = dict.fromkeys(LONG, [pytest.mark.slow])
+MARKS = {script: [pytest.mark.slow] for script in LONG}
 
 
 @pytest.mark.parametrize("script", [pytest.param(script, marks=MARKS.get(script, [])) for script in EXAMPLES])
