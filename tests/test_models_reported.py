@@ -351,3 +351,16 @@ def test_tables_beside_the_answers_name_the_bubble(tmp_path):
     compared = compared_set(about, document.curves, [], **other)
     assert compared.bubbles == ["bubble with kinetic contents"]
     assert "kinetic" in markdown(Comparison(command="", methods=[], reference_methods=[], sets=[compared]))
+
+
+@pytest.mark.parametrize(("each", "said"), [(1.0, False), (6.0, True)])
+def test_evidence_that_no_shot_shows_alone_is_said_first_of_all_together(each, said):
+    """Seven shots with e^6 each for another bubble: none is rejected by itself."""
+    pairs = [
+        (curve, replace(made, evidence=Evidence(0.0, 0.1), others=(beside(log=each),)))
+        for curve, made in group(2.4)
+    ]
+    about = result(pairs, COMMAND).groups[0]
+    assert not about.preferred
+    assert ("all shots together" in about.warning) == said
+    assert about.headline.startswith(about.warning)

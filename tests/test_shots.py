@@ -191,3 +191,13 @@ def test_a_column_gives_each_shot_its_r_max(tmp_path):
     text = sized(file, {"x": 1.0}, {"x": "3"}).read_text(encoding="utf-8")
     file.write_text(text.replace("rmax_um", "Rmax"), encoding="utf-8")
     assert any("not used" in note for note in read_shots([file]).curves[0].notes)
+
+
+def test_a_column_of_sizes_says_by_how_much_it_scales(tmp_path):
+    """A wrong R_max moves G by a multiple of its error: the factor stands in the remarks of the curve's reading."""
+    radius = 100.0 * np.abs(np.cos(np.linspace(0.0, 3.0, 40))) + 5.0
+    for size, told in ((150.0, "scaled by 1.4"), (105.0, "scaled to it")):
+        rows = "".join(f"{k},{r:.4f},{size}\n" for k, r in enumerate(radius))
+        (tmp_path / "one.csv").write_text("time_us,radius_um,rmax_um\n" + rows)
+        (curve,) = read_curves(tmp_path / "one.csv")
+        assert any(told in hint for hint in curve.hints)

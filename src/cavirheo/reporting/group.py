@@ -86,8 +86,15 @@ class GroupModel(Record):
         said = f"with {self.material}, {title_of(self.bubble)}: {', '.join(values) or 'nothing is determined'}"
         if self.log_evidence is None:
             return said
-        preferred = "this model" if self.log_evidence > 0 else "the answer"
+        preferred = "it to the answer" if self.log_evidence > 0 else "the answer"
         return f"{said}; the evidence prefers {preferred} by a factor of e^{abs(self.log_evidence):.0f}"
+
+    @property
+    def preferred(self) -> bool:
+        """Whether the evidence of all shots together rejects the answers beside it; that of each is of a glance."""
+        from cavirheo.inference.others import DECISIVE, LAPLACE
+
+        return self.log_evidence is not None and self.log_evidence > DECISIVE + LAPLACE * float(np.sqrt(self.n))
 
 
 class GroupRecord(Record):
@@ -194,10 +201,14 @@ class GroupRecord(Record):
 
     @property
     def warning(self) -> str:
-        """'the evidence prefers another model in 3 of 5 shots: nhkv, real bubble'; nothing where it does in none."""
+        """'the evidence prefers another model in 3 of 5 shots: nhkv, real bubble', or that of all shots together where
+        it does so in none; nothing where it does not."""
         of = f"{sum(self.preferred.values())} of {digits.counted(self.n + self.n_failed, 'shot')}"
         models = " or ".join(self.preferred)
-        return f"the evidence prefers another model in {of}: {models}" if models else ""
+        if models:
+            return f"the evidence prefers another model in {of}: {models}"
+        together = [f"{one.material}, {title_of(one.bubble)}" for one in self.other_models if one.preferred]
+        return f"the evidence of all shots together prefers another model: {' or '.join(together)}" if together else ""
 
     @property
     def headline(self) -> str:
