@@ -357,8 +357,7 @@ def test_tables_beside_the_answers_name_the_bubble(tmp_path):
 def test_evidence_that_no_shot_shows_alone_is_said_first_of_all_together(each, said):
     """Seven shots with e^6 each for another bubble: none is rejected by itself."""
     pairs = [
-        (curve, replace(made, evidence=Evidence(0.0, 0.1), others=(beside(log=each),)))
-        for curve, made in group(2.4)
+        (curve, replace(made, evidence=Evidence(0.0, 0.1), others=(beside(log=each),))) for curve, made in group(2.4)
     ]
     about = result(pairs, COMMAND).groups[0]
     assert not about.preferred

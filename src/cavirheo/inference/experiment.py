@@ -222,7 +222,7 @@ class Experiment:
             return free
         value, deviation = self.stretch_prior
         source = "late plateau" if self.options.stretch else "stretch that the file states"
-        return f"fitted, with the {source} ({value:.3g} ± {deviation:.2g}) as prior"
+        return f"fitted, with the {source} ({value:.3g}, taken as ± {deviation:.2g}) as prior"
 
     @property
     def usual_half_widths(self) -> tuple[float, float]:

@@ -82,7 +82,8 @@ def analytic_modulus(
     Z = beta Y give beta = s^2/(1 + 2 s Y).
     """
     lost, Be, Y = _terms(max_radius, stretch, viscosity, medium)
-    s = ((rayleigh_time(max_radius, medium) / np.asarray(time, dtype=float)) ** 2 + lost) ** -0.5
+    with np.errstate(invalid="ignore"):  # a fall that is slower than any
+        s = ((rayleigh_time(max_radius, medium) / np.asarray(time, dtype=float)) ** 2 + lost) ** -0.5
     return np.asarray(((1 + 2 * s * Y) / (s * s) - 1) * medium.pressure / Be)
 
 

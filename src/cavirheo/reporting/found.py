@@ -93,7 +93,7 @@ def next_step(document: Result, asked: Mapping[str, Any], out: Path) -> str:
     new = f"{' '.join(options)} -o {shlex.quote(f'{out}-auto')}"
     whole = _without(document.command, "-o", "--out", *(one.partition(" ")[0] for one in options))
     many = digits.counted(len(records), "shot")
-    why = f"{other + rejected} of {many} ask for another model, and the evidence can choose it"
+    why = f"another model may follow {other + rejected} of {many} better, and the evidence can choose it"
     return f"next: {why}: {whole if len(whole) < _LONGEST else 'the same command with'} {new}"
 
 

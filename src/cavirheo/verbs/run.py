@@ -160,6 +160,7 @@ class Run:
         from cavirheo.reporting.record import Answered
         from cavirheo.reporting.table import print_table
         from cavirheo.unfinished import InOrder, Unfinished
+        from cavirheo.writing import digits
 
         folder = outputs(out, curves, ("png",) if pictures else (), paper=paper)
         if pictures:
@@ -186,7 +187,7 @@ class Run:
         kept.remove()
         self.show(result, partial(print_table, asked=first.settings, out=out))
         failed = any(record.verdict in ("failed", "check_input") for record in result.curves)
-        self.end(f"{len(curves)} curves in {{seconds}}; report: {out / 'report.html'}", failed)
+        self.end(f"{digits.counted(len(curves), 'curve')} in {{seconds}}; report: {out / 'report.html'}", failed)
 
     def show(self, document: Document, table: Callable[[Any], None]) -> None:
         """The result on stdout: as `table` prints it, or the document as it is in its file (--json)."""

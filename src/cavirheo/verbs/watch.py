@@ -44,6 +44,7 @@ def watch(
     from cavirheo.reporting import live, write_report
     from cavirheo.reporting.table import print_line, print_table
     from cavirheo.watching import Watch
+    from cavirheo.writing import digits
 
     require(folder.is_dir(), f"{folder} is no folder: give the one where recordings arrive", "watch.folder")
     options.check_verify(verify, reading.exposure_us, exact_law, [folder])
@@ -84,4 +85,4 @@ def watch(
     run.show(result, print_table)
     run.unreadable = watching.unreadable
     failed = any(record.verdict in ("failed", "check_input") for record in result.curves)
-    run.end(f"{len(pairs)} curves in {{seconds}}; report: {out / 'report.html'}", failed)
+    run.end(f"{digits.counted(len(pairs), 'curve')} in {{seconds}}; report: {out / 'report.html'}", failed)

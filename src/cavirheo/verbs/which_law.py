@@ -44,7 +44,7 @@ def which_law(
     from cavirheo.reporting.paper import laws_figure, write
     from cavirheo.reporting.paper import names as file_names
     from cavirheo.unfinished import Unfinished
-    from cavirheo.writing import document
+    from cavirheo.writing import digits, document
 
     files = run.files(files)
     paper = options.for_paper(figures)
@@ -87,4 +87,7 @@ def which_law(
     run.show(made, print_table)
     verdicts = {answer.checks.verdict for one in singles for answer in one.answers.values()}
     failed = "check_input" in verdicts or any(one.chosen is None for one in singles)
-    run.end(f"{len(curves)} curves in {{seconds}}; {out / 'laws.json'}; report: {out / 'report.html'}", failed)
+    run.end(
+        f"{digits.counted(len(curves), 'curve')} in {{seconds}}; {out / 'laws.json'}; report: {out / 'report.html'}",
+        failed,
+    )
