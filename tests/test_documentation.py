@@ -260,7 +260,13 @@ EXAMPLES = {  # script: what it prints
     "posterior_interval": r"draws are worth \d{3,} independent ones",
     "compare_laws": r"chosen: nhkv",
 }
-LONG = ("posterior_interval", "compare_laws", "group_to_table", "fit_a_window")  # the others run at once
+LONG = (
+    "posterior_interval",
+    "compare_laws",
+    "group_to_table",
+    "fit_a_window",
+    "measure_a_video",
+)  # the others run at once
 MARKS = {script: [pytest.mark.slow] for script in LONG}
 
 

@@ -464,3 +464,10 @@ def test_a_window_ends_at_most_a_period_after_its_last_collapse():
     end = curve.window(last).time[-1]
     assert collapses[-1] < end <= collapses[-1] + (collapses[-1] - collapses[-2]) + 1e-6
     assert end < curve.time[-1] - 50e-6
+
+
+def test_a_stretch_that_no_bubble_has_is_said_to_be_left_out():
+    curve = shot(noise=0.01)
+    wrong = replace(curve, meta={**curve.meta, "stretch": -8.7})
+    answer = fit(wrong, bubble="field", windows=False, window=1)
+    assert "-8.7 is no R_max/R_0" in answer.checks.message

@@ -280,6 +280,7 @@ def test_bounds_multiply_as_on_a_grid(viscosity, error):
     assert np.all(np.abs(ends) < [0.25, 0.12])
 
 
+@pytest.mark.slow
 def test_bounds_and_values_of_one_material_agree():
     """Half of the shots determine mu and half bound it: the material's mu holds the truth and is of all of them."""
     inside = 0

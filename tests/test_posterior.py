@@ -695,6 +695,7 @@ def test_draws_are_spent_on_laws_that_can_win_alone(monkeypatch):
     assert found.chosen == "nhkv"
 
 
+@pytest.mark.slow
 def test_a_law_that_the_network_knows_is_weighed_as_by_infer(monkeypatch):
     monkeypatch.setattr(evidence, "fit_many", lambda *_, **__: pytest.fail("a law of the network was fitted"))
     curve = shot()

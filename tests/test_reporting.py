@@ -192,7 +192,8 @@ def test_twenty_shots_that_do_not_fit_say_what_to_do_in_ten_lines():
     assert "2 more remarks in the report" in printed(document, 200)
     asked = {"material": "nhkv", "bubble": None}
     step = next_step(document, asked, Path("out"))
-    assert step.startswith("next: 20 of 20 shots")
+    assert step.startswith("next: ")
+    assert "20 of 20 shots" in step
     assert step.endswith("cavirheo infer a.mat --material auto -o out-auto")
     assert next_step(document, asked | {"material": "auto"}, Path("out")) == ""
     assert next_step(document, {"model": "bdt-viscous"}, Path("out")) == ""

@@ -483,10 +483,18 @@ class Experiment:
         others = self.curve.time[self._drifting(self.curve.time)]
         first = 1e6 * (others[0] - self.curve.time_of_max) if len(others) else 0.0
         counted = digits.counted(len(others), "frame")
-        return said * bool(spikes) + [
+        return [*self._unused_stretch, *said * bool(spikes)] + [
             f"the end is left out, where the radius rises again as by another bubble: {counted} from {first:.4g} us "
             "after R_max on"
         ] * bool(len(others))
+
+    @property
+    def _unused_stretch(self) -> list[str]:
+        """What is said of a stretch that the file states, if no bubble has it."""
+        stated, (low, high) = self.curve.stretch, STRETCH_RANGE
+        if stated is None or self.options.stretch is not None or low < stated < high:
+            return []
+        return [f"the file's stretch is left out: {stated:.4g} is no R_max/R_0 between {low:g} and {high:g}"]
 
     def _drifting(self, time: Floats) -> Bools:
         """Which frames at these times (m,), s, are those of a radius that rises again."""
