@@ -30,7 +30,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cavirheo.arrays import Floats
-from cavirheo.inference.noise import SHAPE, Noise, expanded, products
+from cavirheo.inference.noise import Noise, expanded, products, summed
 from cavirheo.physics.cache import compiled
 
 NAMES = ("time_origin", "radius_scale", "max_radius_factor")
@@ -101,8 +101,10 @@ class CameraNuisances:
         if len(starts) > 1:  # frames beside a collapse may have two clocks
             starts[:, 0] = CLOCKS
         camera = self.time, self.measured, self.widths, self.free, self.instants, self.shares, self.step
-        residual, curvature = _integrated(*run, *camera, starts, *noise.covariances, noise.constants, noise.power)
-        return residual, curvature
+        found: tuple[Floats, Floats] = _integrated(
+            *run, *camera, starts, *noise.covariances, noise.constants, noise.power
+        )
+        return found
 
     def natural(self, z: Floats) -> dict[str, Floats]:
         """time_origin (s), radius_scale and max_radius_factor from z (..., m)."""
@@ -149,10 +151,9 @@ def _integrated(
     known = products(residuals, weight, moved, rank, factor)
     heights, worth = np.empty(len(starts)), np.zeros(len(rank))
     for k in range(len(starts)):
-        terms = constants - power * np.log1p(known[:, k, k] / (2.0 * SHAPE))
-        share = np.exp(terms - np.max(terms))
-        heights[k] = np.max(terms) + np.log(np.sum(share)) - 0.5 * np.sum(starts[k] ** 2)
-        worth = np.maximum(worth, share / np.sum(share))
+        height, share = summed(known[:, k, k], constants, power)
+        heights[k] = height - 0.5 * np.sum(starts[k] ** 2)
+        worth = np.maximum(worth, share)
     if m:
         kept = np.flatnonzero(worth > SHARE)
         moved, rank, factor, constants = moved[kept], rank[kept], factor[kept], constants[kept]

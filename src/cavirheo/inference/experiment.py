@@ -186,8 +186,7 @@ class Experiment:
         self._radius_sigma = np.where(known, stated, max(noise, FLOOR))
         self._sharpest = np.maximum(np.where(known, stated, noise), SHARPEST)
         self.counted: Bools = ~np.isin(cut.time[finite], self.curve.time[self.curve.spikes()])
-        if self.curve.drifts_from is not None:
-            self.counted &= cut.time[finite] < self.curve.drifts_from
+        self.counted &= ~self._drifting(cut.time[finite])
         seen = np.abs(np.gradient(self.measured, self.since)) if len(self.since) > 2 else np.zeros(len(self.since))
         self.noise_factor: float = 1.0
         self.weigh(seen)
@@ -377,21 +376,28 @@ class Experiment:
     ) -> tuple[Floats, Floats]:  # fmt: skip
         """(size,) extended residual (camera.py) of x (d,), whose clock, scale and factor do not count, and the
         curvature (m, m) about the most likely ones; NaN where the simulation failed."""
-        natural, m, by_size = self.natural(x), len(camera.free), np.zeros(len(camera.grid))
-        failed = np.full(camera.size, np.nan), np.full((m, m), np.nan)
+        curve, m = self.sampled(x, camera, noise, accuracy), len(camera.free)
+        if curve is None:
+            return np.full(camera.size, np.nan), np.full((m, m), np.nan)
+        return camera.extended(curve, noise)
+
+    def sampled(
+        self, x: Floats, camera: CameraNuisances, noise: Noise, accuracy: Accuracy = FINE
+    ) -> SimulatedCurve | None:
+        """The bubble of x (d,) on the camera's grid, as `extended` has it; None where the simulation failed."""
+        natural, by_size = self.natural(x), np.zeros(len(camera.grid))
         run = self._run(x, natural, self.max_radius, camera.grid, accuracy)
         if run is None:
-            return failed
+            return None
         if camera.resolves_size(noise):
             size = 1.0 + SIZE_STEP
             law = rescaled(self.family.parameters, x[None, : self.law], np.array([size]))[0]
             x = np.concatenate([law, x[self.law :]])
             other = self._run(x, natural, size * self.max_radius, size * camera.grid, accuracy)
             if other is None:
-                return failed
+                return None
             by_size = (other.radius / size - run.radius) / (self.max_radius * SIZE_STEP)
-        curve = SimulatedCurve(run.radius / self.max_radius, run.velocity / self.max_radius, by_size)
-        return camera.extended(curve, noise)
+        return SimulatedCurve(run.radius / self.max_radius, run.velocity / self.max_radius, by_size)
 
     def residual(self, prediction: Prediction | None) -> Floats:
         """(m,) (measured - simulated)/sigma; a failed simulation misses by R_max everywhere: large, but finite."""

@@ -203,18 +203,25 @@ def expanded(
     (d, d) of its negative by what the other columns are the simulated frames' derivatives by."""
     d = columns.shape[1] - 1
     known = products(columns, weight, moved, rank, factor)
-    terms = constants - power * np.log1p(known[:, d, d] / (2.0 * SHAPE))
-    top = np.max(terms)
-    share = np.exp(terms - top)
-    whole = np.sum(share)
+    total, share = summed(known[:, d, d], constants, power)
     gradient, curvature = np.zeros(d), np.zeros((d, d))
     for p in range(len(rank)):
-        trust = share[p] / whole * power / (SHAPE + 0.5 * known[p, d, d])
+        trust = share[p] * power / (SHAPE + 0.5 * known[p, d, d])
         for a in range(d):
             gradient[a] -= trust * known[p, a, d]
             for b in range(d):
                 curvature[a, b] += trust * known[p, a, b]
-    return top + np.log(whole), gradient, curvature
+    return total, gradient, curvature
+
+
+@compiled
+def summed(squares: Floats, constants: Floats, power: float) -> tuple[float, Floats]:
+    """Log density of a residual with these e' C^-1 e (grid,), and the share of each grid point in it, (grid,)."""
+    terms = constants - power * np.log1p(squares / (2.0 * SHAPE))
+    top = np.max(terms)
+    share = np.exp(terms - top)
+    whole = np.sum(share)
+    return top + np.log(whole), share / whole
 
 
 class MarginalNoise:

@@ -16,8 +16,8 @@ from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError, require
 from cavirheo.parameters import RADIUS
 from cavirheo.reading import read_curves
+from cavirheo.reading.table import ONE_SCALE
 
-ONE_SCALE = 0.02  # by which factors of one scale may differ: R_max is read off the frames
 GROUPINGS = ("auto", "file", "folder", "name", "none")
 # the number of a shot at the end of a name, with what stands before it; a decimal number is no shot's
 _NUMBER = re.compile(r"(?:[^\w.,]|_)*(?<![.,])\d+(?: \(\d+\))?[)\]]?$")

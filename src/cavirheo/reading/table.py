@@ -30,7 +30,7 @@ from cavirheo.reading.marks import Cells, is_number
 from cavirheo.reading.tabular import Row, read_sheets
 from cavirheo.reading.titles import column_of, plain_title, plain_unit
 
-_ALIKE = 0.02  # factors of radii so near to 1 are no news
+ONE_SCALE = 0.02  # by which factors of one scale may differ: R_max is read off the frames
 _KINDS = {
     plain_title(word): kind
     for kind, words in {
@@ -198,7 +198,9 @@ def _with_size(curve: RadiusCurve, column: CurveColumn, rows: list[Row]) -> Radi
     RADIUS.check(column.title, size := known[0] * RADIUS_UNITS[str(column.unit)], "curve.max_radius")
     with suppress(InputError):  # without a maximum there is nothing to scale; the answer will say why
         factor = size / curve.max_radius
-        scaled = "radii scaled to it" if abs(factor - 1.0) < _ALIKE else f"radii of {curve.name} scaled by {factor:.3g}"
+        scaled = (
+            "radii scaled to it" if abs(factor - 1.0) < ONE_SCALE else f"radii of {curve.name} scaled by {factor:.3g}"
+        )
         hint = f"R_max of each shot as the column {column.title!r} has it: {scaled}"
         curve = replace(curve, meta={**curve.meta, "hints": (*curve.hints, hint)})
         return curve.with_max_radius(size)

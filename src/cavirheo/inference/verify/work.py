@@ -282,12 +282,13 @@ class Work:
         shot, target, names = self.shot, self.target, self.prior.names
         if "shear_modulus" not in names:
             return None
-        x, camera = target.with_camera(best.u[None])[0], target.camera
-        sides = [replace(camera, time=camera.time * (1.0 + side * SCALED)) for side in (-0.5, 0.5)]
-        nearer, farther = (shot.extended(x, one, target.noise.frames)[0] for one in sides)
-        moved = best.residual + nearer - farther
-        if not np.all(np.isfinite(moved)):
+        camera, noise = target.camera, target.noise.frames
+        bubble = shot.sampled(target.with_camera(best.u[None])[0], camera, noise)
+        if bubble is None:
             return None
+        sides = [replace(camera, time=camera.time * (1.0 + side * SCALED)) for side in (-0.5, 0.5)]
+        nearer, farther = (one.extended(bubble, noise)[0] for one in sides)
+        moved = best.residual + nearer - farther
         (here, curvature), (there, _) = (target.noise.newton(one, best.jacobian) for one in (best.residual, moved))
         step = np.linalg.solve(curvature + np.eye(len(best.u)), here - there)
         i = target.prior.names.index("shear_modulus")
