@@ -116,6 +116,7 @@ class OtherAnswer:
         intervals: (5 %, 50 %, 95 %) of the parameters by natural name, SI.
         evidence: to be compared with that of the answer.
         rmse_over_rmax: root mean square of measured minus simulated radius, over R_max.
+        weight: share of it in the answer, which is an average over both models; 0 where it has none.
     """
 
     material: str
@@ -124,6 +125,7 @@ class OtherAnswer:
     intervals: Mapping[str, tuple[float, float, float]]
     evidence: Evidence | None
     rmse_over_rmax: float | None
+    weight: float = 0.0
 
 
 @dataclass(frozen=True)

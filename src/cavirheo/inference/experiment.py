@@ -268,6 +268,17 @@ class Experiment:
                 x[i] = np.log10(best.get(name, ACCOMMODATION if name == "accommodation" else 1.0))
         return np.clip(x, *self.bounds.T)
 
+    def as_limit(self, x: Floats, names: Sequence[str]) -> Floats:
+        """(draws, all) of x (draws, names) of the same curve, law and camera in a bubble where nothing resists, which
+        is the limit of this one: the accommodation at the end of its range, the damping none."""
+        found = np.tile(self.bounds[:, 0], (len(x), 1))
+        for i, name in enumerate(self.names):
+            if name in names:
+                found[:, i] = x[:, names.index(name)]
+            elif name == "accommodation":
+                found[:, i] = self.bounds[i, 1]
+        return found
+
     def best(self, x: Floats) -> dict[str, float]:
         """Every parameter by its natural name in SI, what was held fixed included."""
         law = dict(zip(self.family.parameters, (10.0 ** x[: self.law]).tolist(), strict=True))

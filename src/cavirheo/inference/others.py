@@ -4,13 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 
+from cavirheo.arrays import Floats, log_sum
 from cavirheo.parameters import of_the_law
 from cavirheo.posterior import Checks, Evidence, OtherAnswer, Posterior, Verdict, in_words, intervals
 
 LAPLACE = 5.0  # standard error of the log of Laplace's integral against that of draws (benchmarks/evidence.md)
+LIMIT = 0.2  # prior probability that nothing resists in a real bubble: then it is the field's
+SEEN = 1e-3  # probability of that, from which it counts
 _Interval = tuple[float, float, float]  # 5 %, 50 %, 95 %
 _FOLLOWED = ("ok", "undetermined")  # verdicts of answers that their simulation follows
 DECISIVE = 3.0  # of log evidence (a factor of 20): a model so far above another is preferred, a nearer one possible
@@ -35,6 +39,26 @@ def _reach(one: Evidence, other: Evidence) -> float:
     """By how much two log evidences must differ so that the smaller is rejected."""
     first, second = (LAPLACE if error is None else error for error in (one.error, other.error))
     return DECISIVE + float(np.hypot(first, second))
+
+
+class Averaged(NamedTuple):
+    """log_weight: (k + m,) of both models' draws, whose sum is the evidence. probability: of the limit."""
+
+    log_weight: Floats
+    evidence: Evidence
+    probability: float
+
+
+def averaged(log_weight: Floats, evidence: Evidence, limit_weight: Floats, limit: Evidence) -> Averaged:
+    """The weighted draws (k,) of a model beside those (m,) of its limit, which has the prior probability LIMIT: each
+    by the probability of its model (Hoeting et al. 1999, doi:10.1214/ss/1009212519)."""
+    whole, part = np.log(1.0 - LIMIT) + evidence.log, np.log(LIMIT) + limit.log
+    log = float(np.logaddexp(whole, part))
+    probability = float(np.exp(part - log))
+    both = [log_weight - log_sum(log_weight) + whole, limit_weight - log_sum(limit_weight) + part]
+    errors = evidence.error, limit.error
+    error = None if None in errors else float(np.hypot(*np.array(errors) * (1.0 - probability, probability)))
+    return Averaged(np.concatenate(both), Evidence(log, error), probability)
 
 
 def judged(answer: Posterior, said: Iterable[str] = ()) -> Checks:

@@ -119,7 +119,8 @@ class Alone:
         if found.distrust:
             return
         self.sample = found
-        self.drawn, _ = target.completed(found.u, explorer.residuals_of(found.u), explorer.highest, seed)
+        z = target.camera.z(explorer.residuals_of(found.u))
+        self.drawn, _ = target.completed(found.u, z, explorer.highest, seed)
 
     def doubts(self) -> list[str]:
         """About the curve, whether or not it was fitted with others."""

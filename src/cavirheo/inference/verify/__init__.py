@@ -9,19 +9,18 @@ from typing import Any, TypedDict, Unpack
 
 from threadpoolctl import threadpool_limits
 
-from cavirheo.bubble import DAMAGED, REAL, Requested, bubbles_of, rival_of
+from cavirheo.bubble import DAMAGED, REAL, Requested, bubbles_of
 from cavirheo.curve import RadiusCurve, several
 from cavirheo.errors import InputError, SolverError, expect, reason
 from cavirheo.inference.doubts import doubted
 from cavirheo.inference.law import Family
 from cavirheo.inference.others import chosen_among, contenders, itself, judged, model_of
 from cavirheo.inference.posterior_model import PosteriorModel
-from cavirheo.inference.verify.soon import glanced
 from cavirheo.inference.verify.tuning import TUNING
 from cavirheo.inference.verify.work import Level, Verification, Work
 from cavirheo.parallel import cores, each
 from cavirheo.physics.media import Medium
-from cavirheo.posterior import OtherAnswer, Posterior, Verdict
+from cavirheo.posterior import Posterior, Verdict
 
 __all__ = ["Verification", "VerificationOptions", "verify", "verify_many"]
 
@@ -99,7 +98,6 @@ def verify_many(
             return replace(problems[0], seconds=problems[0].seconds + time.perf_counter() - began)
         if len(models) == 1 and chosen.level == "auto":
             (best,) = found
-            best = replace(best, others=(*best.others, *_other_bubble(chosen, curve, best)))
             found = [best, *_damaged(chosen, curve, best)]
         best = _simplest(found)
         own = next((model for model in models if model_of(model) == model_of(best)), given[0])
@@ -119,7 +117,7 @@ def _simplest(found: Sequence[Posterior]) -> Posterior:
     best, rest = found[chosen], [one for i, one in enumerate(found) if i != chosen]
     known = {model_of(one) for one in found}
     valleys = [one for one in best.others if model_of(one) == model_of(best)]
-    others = [one for answer in (best, *rest) for one in answer.others if model_of(one) not in known]
+    others = [one for one in best.others if model_of(one) not in known]
     return replace(best, others=(*valleys, *others, *map(itself, rest)))
 
 
@@ -134,18 +132,3 @@ def _damaged(settings: Verification, curve: RadiusCurve, answer: Posterior) -> l
         return [Work(replace(settings, network=None), curve, replace(answer, bubble=DAMAGED, others=())).posterior()]
     except (InputError, SolverError):
         return []
-
-
-def _other_bubble(settings: Verification, curve: RadiusCurve, answer: Posterior) -> list[OtherAnswer]:
-    """What the field's bubble answers at a glance beside the real one, or the other way round; nothing where the
-    network does not know it."""
-    rival = rival_of(answer.bubble)
-    if settings.network is None or rival is None:
-        return []
-    try:
-        work = Work(settings, curve, replace(answer, bubble=rival))
-        network = settings.network.proposal(work.shot, work.target.prior, settings.discrepancy)
-        found = glanced(work.target, network, settings.seed)
-    except InputError:  # the network does not know it
-        return []
-    return [found] if found else []

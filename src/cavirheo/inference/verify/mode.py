@@ -65,11 +65,11 @@ class Target:
             x[:, :law] = rescaled(self.experiment.family.parameters, x[:, :law], size)
         return x
 
-    def completed(self, u: Floats, residuals: Floats, at: Floats, seed: int) -> tuple[Floats, Floats]:
-        """x (k, all) of u (k, d) with extended residuals (k, size), the camera drawn from its distribution given each,
-        whose spread is that at u `at` (d,), and the log density (k,) of these draws over x."""
+    def completed(self, u: Floats, z: Floats, at: Floats, seed: int) -> tuple[Floats, Floats]:
+        """x (k, all) of u (k, d) whose most likely camera is z (k, m), the camera drawn from its distribution given
+        each, whose spread is that at u `at` (d,), and the log density (k,) of these draws over x."""
         free, shot = self.camera.free, self.experiment
-        middle = np.nan_to_num(self.camera.z(residuals))
+        middle = np.nan_to_num(z)
         curvature = shot.extended(self.with_camera(at[None])[0], self.camera, self.noise.frames)[1]
         if not len(free) or not np.all(np.isfinite(curvature)):
             return self.with_camera(u, middle), np.zeros(len(u))

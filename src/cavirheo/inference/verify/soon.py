@@ -198,24 +198,55 @@ def weighed(
     return Weighed(checked[0], explorer.residuals_of(drawn.u), best, explorer.modes, False, apart, checked[1])
 
 
-def glanced(target: Target, network: Proposal, seed: int) -> OtherAnswer | None:
-    """What a model answers at a glance, to be set beside another's: intervals and evidence as a surrogate of the
-    simulations of the network's own draws has them. None: hardly any could be simulated."""
+class Preview(NamedTuple):
+    """What a model answers by few simulations. answer: to be set beside another's; the error of its evidence is LAPLACE
+    where it is not to be relied on. x: (k, all) draws. log_weight: (k,) of them, whose mean is the evidence."""
+
+    answer: OtherAnswer
+    x: Floats
+    log_weight: Floats
+
+
+def preview(target: Target, network: Proposal, seed: int) -> Preview | None:
+    """A model's answer as a surrogate of the simulations of the network's own draws has it, and further simulations of
+    some likely places tell how wrong its evidence is; where there is no surrogate, that of the Gaussian about the
+    maximum. None: hardly any could be simulated."""
     near = Mended(target)
     _, known, rough = _begun(near, network, seed)
     if rough is None:
         return None
     near.mend(_likely(near, rough, known, seed))
     (mode,) = near.lifted([rough])
-    explorer = Explorer(near, [mode], 0, follow=False)
-    explorer.learn(*near.again(known.u, known.residual))
-    seen = explorer.propose(np.random.Generator(np.random.Philox(seed)), None)
-    answer = valley(target, mode)
-    if not isinstance(seen, Blend):
-        return replace(answer, evidence=Evidence(mode.log_evidence, LAPLACE))
-    pool = target.with_camera(seen.pool, np.tile(target.camera.z(mode.residual), (len(seen.pool), 1)))
-    told = intervals(*target.experiment.answer(pool), seen.log_weight)
-    return replace(answer, intervals=told, evidence=Evidence(log_mean(seen.log_weight), LAPLACE))
+    explorer, known = Explorer(near, [mode], 0, follow=False), near.again(known.u, known.residual)
+    explorer.learn(*known)
+    rng = np.random.Generator(np.random.Philox(seed))
+    seen = explorer.propose(rng, None)
+    u, log_weight, error = mode.draws(TUNING.draws, seed), np.full(TUNING.draws, mode.log_evidence), LAPLACE
+    if isinstance(seen, Blend):
+        u, log_weight = seen.pool, seen.log_weight
+        weight = unscaled(log_weight)
+        count = min(TUNING.preview_checked, int(np.count_nonzero(weight)))
+        some = rng.choice(len(u), count, replace=False, p=weight / np.sum(weight))
+        wrong = Simulated.at(near, u[some]).value - seen.log_surrogate[some]
+        scatter = float(np.std(wrong, ddof=1)) if count > 1 and np.all(np.isfinite(wrong)) else np.inf
+        if scatter <= TUNING.preview_enough:
+            log_weight, error = (
+                log_weight + np.mean(wrong),
+                float(np.hypot(scatter / np.sqrt(count), seen.log_norm_error)),
+            )
+    x, _ = target.completed(u, _camera_of(target, known, mode, u), mode.u, seed)
+    evidence, told = Evidence(log_mean(log_weight), error), intervals(*target.experiment.answer(x), log_weight)
+    return Preview(replace(valley(target, mode), intervals=told, evidence=evidence), x, log_weight)
+
+
+def _camera_of(target: Target, known: Simulated, mode: Mode, u: Floats) -> Floats:
+    """(k, m) the most likely clock, scale and factor at u (k, d), linear in it as in known simulations."""
+    good = np.isfinite(known.value)
+    z, value = target.camera.z(known.residual[good]), known.value[good]
+    weight = np.exp(0.5 * tempered(value - np.max(value), 2.0 * u.shape[1]))[:, None]
+    off, here = weight * (known.u[good] - mode.u), target.camera.z(mode.residual)
+    slope = np.linalg.lstsq(off, weight * (z - here), rcond=1e-3)[0]
+    return np.asarray(here + (u - mode.u) @ slope)
 
 
 def _begun(near: Mended, network: Proposal, seed: int) -> tuple[Floats, Simulated, Mode | None]:

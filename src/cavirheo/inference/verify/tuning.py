@@ -38,6 +38,11 @@ class Tuning:
     mended_heavy: float = 0.998  # share of the weight whose draws are then simulated anew
     agree: float = 3.0  # standard errors, by which the network's evidence may be the larger one
 
+    # a preview of another bubble, by the network's own draws alone
+    preview_checked: int = 8  # likely places that are simulated beside
+    preview_enough: float = 0.5  # standard deviation of what these find wrong in log weights: else it is not relied on
+    preview_reach: float = 10.0  # log evidence below the answer's, from which it is then sampled as the answer is
+
     # where searches start
     scanned: int = 96  # coarse simulations all over the ranges
     scanned_climbed: float = 1.0 / 32.0  # how many of them are climbed from

@@ -9,7 +9,7 @@ from typing import Any, Literal
 import numpy as np
 
 from cavirheo.arrays import Floats, log_sum
-from cavirheo.bubble import FIELD, Bubble
+from cavirheo.bubble import FIELD, REAL, Bubble, rival_of
 from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError, SolverError, expect, expect_whole, require
 from cavirheo.inference.experiment import FINE, QUICK, Experiment
@@ -18,19 +18,19 @@ from cavirheo.inference.fit.search import Search
 from cavirheo.inference.fit.starts import STARTS, Scan
 from cavirheo.inference.law import Family
 from cavirheo.inference.options import FREE, SCALE_BOUND, Options
-from cavirheo.inference.others import model_of
+from cavirheo.inference.others import LAPLACE, SEEN, averaged, model_of
 from cavirheo.inference.posterior_model import PosteriorModel
 from cavirheo.inference.verify.explore import Explorer
 from cavirheo.inference.verify.mode import INSIDE, Mode, Target, climb, modes, same, valley
 from cavirheo.inference.verify.predictive import predictive_check
 from cavirheo.inference.verify.sampler import Sample, sample
-from cavirheo.inference.verify.soon import weighed
+from cavirheo.inference.verify.soon import Preview, preview, weighed
 from cavirheo.inference.verify.tuning import TUNING
 from cavirheo.parallel import cores
 from cavirheo.parameters import PARAMETERS, natural_name, units
 from cavirheo.physics.media import WATER, Medium
 from cavirheo.physics.media import medium as named
-from cavirheo.posterior import Diagnostics, Evidence, OtherAnswer, Posterior, Verdict
+from cavirheo.posterior import Diagnostics, Evidence, OtherAnswer, Posterior, Verdict, intervals
 from cavirheo.prior import log_normal
 from cavirheo.writing import digits
 
@@ -43,6 +43,7 @@ _HINTS = {  # by nuisance: what to check where it runs to the end of its prior
     "max_radius_factor": ": check that R_max was recorded",
 }
 
+_Sampled = tuple[tuple[Floats, Floats], Sample | None, Mode, Evidence, Sequence[Mode], Mapping[str, Any]]
 Level = Literal["auto", "map", "full"]
 
 
@@ -113,6 +114,10 @@ class Work:
         self.messages: list[str] = []
 
     def posterior(self) -> Posterior:
+        """The answer."""
+        return self._answer(*self._sampled())
+
+    def _sampled(self) -> _Sampled:
         climbed = self.answer.method == "laplace"  # its modes are those that a scan finds
         scanned = list if climbed else self.scanned
         if self.settings.level == "auto":
@@ -132,7 +137,7 @@ class Work:
             about["log_weight_error"] = rough
             best = top or self._best(found)
             evidence = Evidence(*drawn.log_evidence)
-            return self._answer(self._kept(drawn, residuals, best), drawn, best, evidence, found, about)
+            return self._kept(drawn, residuals, best), drawn, best, evidence, found, about
         found, most, seed = modes(self.target, self.starts(), scanned()), self.settings.draws, self.settings.seed
         if not found:
             raise SolverError(f"no start of {self.shot.family.name} could be simulated")
@@ -140,14 +145,46 @@ class Work:
             best = self._best(found)
             u = best.draws(TUNING.draws, seed)
             evidence = Evidence(float(log_sum([mode.log_evidence for mode in found])))
-            return self._answer((u, np.tile(best.residual, (len(u), 1))), None, best, evidence, found)
+            return (u, np.tile(best.residual, (len(u), 1))), None, best, evidence, found, {}
         enough = min(TUNING.effective_enough, max(most / 4, TUNING.effective_fewest))
         explorer = Explorer(self.target, found)
         each = min(TUNING.draws_per_round, most)
         drawn = sample(explorer, explorer.propose, seed=seed, each=each, most=most, enough=enough)
         best = climb(self.target, explorer.highest, FINE) or self._best(explorer.modes)
         kept = self._kept(drawn, explorer.residuals_of(drawn.u), best)
-        return self._answer(kept, drawn, best, Evidence(*drawn.log_evidence), explorer.modes)
+        return kept, drawn, best, Evidence(*drawn.log_evidence), explorer.modes, {}
+
+    def _beside(self, evidence: Evidence) -> tuple[Preview, Sequence[str]] | None:
+        """What the field's bubble answers beside the real one, or the other way round, and the names of its x; None
+        where the network does not know it. The field's, whose draws may count beside these, is sampled as they are
+        where its preview cannot be relied on and may be within reach of their evidence."""
+        rival, how = rival_of(self.answer.bubble), self.settings
+        network = how.network
+        if network is None or rival is None:
+            return None
+        known = (*self.shot.family.parameters, "stretch")
+        how = replace(how, ranges={name: pair for name, pair in (how.ranges or {}).items() if name in known})
+        work = Work(how, self.shot.curve, replace(self.answer, bubble=rival))
+        try:
+            proposal = network.proposal(work.shot, work.target.prior, how.discrepancy)
+        except InputError:  # the network does not know it
+            return None
+        found = preview(work.target, proposal, how.seed)
+        if found is None or found.answer.evidence is None:
+            return None
+        log, error = found.answer.evidence.log, found.answer.evidence.error
+        if rival == FIELD and error == LAPLACE and log > evidence.log - TUNING.preview_reach:
+            found = work._alike() or found
+        return found, work.shot.names
+
+    def _alike(self) -> Preview | None:
+        """The answer in the form of a preview; None where its draws are not worth an interval."""
+        (u, residuals), drawn, best, evidence, *_ = self._sampled()
+        if drawn is None or len(u) < 2:
+            return None
+        x, _ = self.target.completed(u, self.target.camera.z(residuals), best.u, self.settings.seed)
+        told = intervals(*self.shot.answer(x), drawn.log_weight)
+        return Preview(replace(valley(self.target, best), intervals=told, evidence=evidence), x, drawn.log_weight)
 
     def _kept(self, drawn: Sample, residuals: Floats, best: Mode) -> tuple[Floats, Floats]:
         """u (k, d) and extended residuals (k, size) of the draws, or of the maximum where they are not trusted."""
@@ -224,27 +261,41 @@ class Work:
 
     def _answer(
         self, kept: tuple[Floats, Floats], drawn: Sample | None, best: Mode, evidence: Evidence,
-        found: Sequence[Mode], more: Mapping[str, Any] | None = None,
+        found: Sequence[Mode], more: Mapping[str, Any],
     ) -> Posterior:  # fmt: skip
         """The Posterior of u (k, d) with extended residuals: weighted draws, the maximum where they are not to be
         trusted, or a Gaussian."""
         shot, prior, noise, settings, target = self.shot, self.prior, self.target.noise, self.settings, self.target
         (u, residuals), z = kept, target.camera.z(best.residual)
         (at,) = target.with_camera(best.u[None], z[None])
-        x, log_camera = target.completed(u, residuals, best.u, settings.seed) if len(u) > 1 else (at[None], np.zeros(1))
-        names, theta = shot.answer(x)
+        x, log_camera = at[None], np.zeros(1)
+        if len(u) > 1:
+            x, log_camera = target.completed(u, target.camera.z(residuals), best.u, settings.seed)
         log_q = log_weight = None
-        about: dict[str, Any] = {"modes": len(found), **(more or {})}
         worth: dict[str, Any] = {}
-        if drawn is None:
-            about["log_evidence_laplace"] = evidence.log
-        else:
-            about |= {"log_evidence": evidence.log, "log_evidence_error": evidence.error}
+        others = self._others(best, found)
+        if drawn is not None:
             worth = {"draws": len(drawn.u), "effective_sample_size": drawn.ess, "tail_index": drawn.tail[0]}
         if drawn and len(u) > 1:  # from u to the answer's parameters
             log_weight = drawn.log_weight
             log_q = drawn.log_q + target.prior.log_density(target.prior.to_x(u)) - log_normal(u)
-            log_q += log_camera - shot.log_stretched(theta)
+            log_q += log_camera - shot.log_stretched(shot.answer(x)[1])
+        if drawn and (beside := self._beside(evidence)):
+            (other, limit, limit_weight), limit_names = beside
+            known = other.evidence
+            if log_weight is not None and known and known.error != LAPLACE and self.answer.bubble == REAL:
+                both = averaged(log_weight, evidence, limit_weight, known)
+                other = replace(other, weight=both.probability)
+                if both.probability > SEEN:
+                    evidence, log_weight, log_q = both.evidence, both.log_weight, None
+                    x = np.concatenate([x, shot.as_limit(limit, limit_names)])
+            others = (*others, other)
+        about: dict[str, Any] = {"modes": len(found), **more}
+        if drawn is None:
+            about["log_evidence_laplace"] = evidence.log
+        else:
+            about |= {"log_evidence": evidence.log, "log_evidence_error": evidence.error}
+        names, theta = shot.answer(x)
         frames, slopes = noise.split(best.residual)[0], noise.split(best.jacobian.T)[0].T
         predictive = predictive_check(frames, slopes, noise.frames.deviation, settings.seed)
         excess = shot.misfit(frames)
@@ -273,7 +324,7 @@ class Work:
             names, units(names), theta, checks, shot.family.name, "verified" if drawn else "laplace", provenance,
             log_q, log_weight, best=values, stretch=values["stretch"], windows=self.answer.windows,
             evidence=evidence, diagnostics=Diagnostics(**told), bubble=self.answer.bubble,
-            others=self._others(best, found), prior=shot.of_law(prior), stretch_prior=shot.stretch_prior,
+            others=others, prior=shot.of_law(prior), stretch_prior=shot.stretch_prior,
         )  # fmt: skip
 
     def _modulus_over_scale(self, best: Mode) -> float | None:
