@@ -97,6 +97,50 @@ def test_a_recording_that_starts_at_the_maximum_is_no_doubt():
     assert (answer.checks.doubts, answer.checks.verdict) == ((), "ok")
 
 
+def seen(curve):
+    """What is said of the frames themselves."""
+    return [doubt for doubt in doubts.plain(curve, WATER) if "check the frames" in doubt]
+
+
+def test_frames_that_stand_several_times_are_a_doubt():
+    """As a camera or an export repeats them: on a longer clock, or in place of every second frame."""
+    curve = recorded(NeoHookeanKelvinVoigt(6e3, 0.03), 7.0, frames=100)
+    half = replace(curve, radius=np.repeat(curve.radius[::2], 2))
+    (said,) = seen(half)
+    assert "50 of 100 radii equal the one before" in said
+    assert "stand twice: keep one of each" in said
+    step = 1e-6 * np.arange(300)
+    assert "stand 3 times" in seen(RadiusCurve(step, np.repeat(curve.radius, 3)))[0]
+    some = replace(curve, radius=curve.radius[np.floor(0.85 * np.arange(100)).astype(int)])
+    assert "keep the first of equal ones" in seen(some)[0]
+    rounded = replace(half, radius=np.round(half.radius, 6))
+    assert "stand twice" in seen(rounded)[0]
+    assert infer(half).checks.verdict == "check_input"
+
+
+@pytest.mark.parametrize("step", [1e-6, 2.76e-6, 1e-5])
+@pytest.mark.parametrize("noise", [0.0, 0.006, 0.03])
+def test_a_rounded_recording_is_no_doubt(step, noise):
+    """Its frames are alike where the bubble is slow, round the maximum and at rest."""
+    for frames in (40, 100, 300):
+        curve = recorded(NeoHookeanKelvinVoigt(6e3, 0.03), 7.0, frames=frames, noise=noise)
+        rounded = replace(curve, radius=np.maximum(np.round(curve.radius / step), 1.0) * step)
+        assert np.count_nonzero(np.diff(rounded.radius) == 0) > 0 or step < 5e-6
+        assert seen(rounded) == []
+
+
+def test_a_recording_that_runs_backwards_is_a_doubt():
+    whole = recorded(NeoHookeanKelvinVoigt(6e3, 0.03), 7.0, frames=100)
+    grown = read_curves(SOFT)[0]
+    for curve in (whole, grown):
+        assert doubts.plain(curve, WATER) == []
+        said = doubts.plain(replace(curve, radius=curve.radius[::-1]), WATER)
+        assert any("collapses come before R_max" in doubt and "backwards" in doubt for doubt in said)
+    answer = infer(replace(grown, radius=grown.radius[::-1]))
+    assert "time seems to run backwards" in answer.checks.message
+    assert answer.checks.verdict in ("check_input", "failed")
+
+
 def test_what_simulate_writes_is_no_doubt(run):
     command = "simulate --shear-modulus 4000 --viscosity 0.05 --rmax-um 250 --stretch 7 --duration-us 130"
     assert run(*command.split(), "-o", "simulated.csv")[0] == 0

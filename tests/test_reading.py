@@ -195,6 +195,32 @@ def test_what_is_cleaned_is_counted(tmp_path):
         assert said in text
 
 
+def test_a_number_that_no_recording_has_is_not_called_nan(tmp_path):
+    t, r = TIME * 1e6, RADIUS * 1e6
+    r[50], t[-1] = 1e300, -2e12
+    (curve,) = read_curves(text_table(tmp_path / "a.csv", "time_us,radius_um", t, r))
+    assert (len(curve.time), np.flatnonzero(np.isnan(curve.radius)).tolist()) == (len(t) - 1, [50])
+    text = "\n".join(curve.notes)
+    assert "1 of 179 radii are numbers that no recording has (the first: 1e+300)" in text
+    assert "1 of 180 times are numbers that no recording has (the first: -2e+12)" in text
+    assert "NaN" not in text
+
+
+def test_swapped_columns_are_suspected(tmp_path):
+    """Without titles the even steps and the collapse time tell which is which; titles that contradict them do not."""
+    t, r = (TIME - TIME[0]) * 1e6, RADIUS * 1e6
+    (bare,) = read_curves(text_table(tmp_path / "bare.csv", "", r, t))
+    assert np.allclose(bare.radius, RADIUS, rtol=1e-6)
+    assert any("taken as radius and time" in note for note in bare.notes)
+    savemat(tmp_path / "a.mat", {"Rnew": TIME - TIME[0], "t": RADIUS})
+    for path in (text_table(tmp_path / "a.csv", "time_us,radius_um", r, t), tmp_path / "a.mat"):
+        (curve,) = read_curves(path)
+        with pytest.raises(InputError, match="time and radius seem to be swapped"):
+            _ = curve.max_radius
+    (late,) = read_curves(text_table(tmp_path / "late.csv", "time_us,radius_um", t[::-1], r[::-1]))
+    assert np.allclose(late.radius, RADIUS, rtol=1e-6)  # rows from the last frame to the first are sorted
+
+
 @pytest.mark.parametrize(
     ("header", "factor", "says", "usable"),
     [
@@ -433,7 +459,11 @@ def bad_files(folder):
     with h5py.File(folder / "other.h5", "w") as file:
         file["speed"] = np.arange(3.0)
     with zipfile.ZipFile(folder / "other.xlsx", "w") as archive:
+        archive.writestr("[Content_Types].xml", "<a/>")
         archive.writestr("word/document.xml", "<a/>")
+    with zipfile.ZipFile(folder / "shots.zip", "w") as archive:
+        archive.writestr("gel_1.csv", "time_us,radius_um\n1,2\n")
+        archive.writestr("gel_2.csv", "time_us,radius_um\n1,2\n")
 
 
 @pytest.fixture(scope="module")
@@ -468,6 +498,7 @@ def bad(tmp_path_factory):
         ("huge.h5", "limits.shape", "10000000000000"),
         ("other.h5", "hdf5.datasets", "speed"),
         ("other.xlsx", "tabular.workbook", ""),
+        ("shots.zip", "tabular.archive", "a zip archive of 2 files (gel_1.csv, gel_2.csv), and no workbook: unpack it"),
     ],
 )
 def test_bad_files_are_refused_in_words(bad, name, code, names):

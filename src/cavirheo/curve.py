@@ -23,7 +23,6 @@ if TYPE_CHECKING:
 
 T = TypeVar("T")
 _FEWEST_FRAMES = 5  # below this no maximum is fitted
-_SMALLEST_REBOUND = 0.03  # of R_max, that makes a minimum a collapse
 _DRIFT = 0.05  # of R_max, that a late radius may rise
 _SPIKE = 0.2  # of R_max above both neighbours: no bubble moves like that (down it does, in a collapse)
 
@@ -204,8 +203,7 @@ class RadiusCurve:
         radius = self._after_max[1].copy()
         for i in spikes(radius, _SPIKE * radius[0]):
             radius[i] = max(radius[i - 1], radius[i + 1])
-        smallest = _SMALLEST_REBOUND * radius[0]
-        return turning_points(radius, float(np.clip(6.0 * self.noise, smallest, 4.0 * smallest)))
+        return turning_points(radius, landmarks.rebound(float(radius[0]), self.noise))
 
     @cached_property
     def noise(self) -> float:

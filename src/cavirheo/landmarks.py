@@ -25,11 +25,13 @@ from cavirheo.arrays import Floats
 from cavirheo.errors import InputError, require
 
 RAYLEIGH = sqrt(pi / 6) * gamma(5 / 6) / gamma(4 / 3)  # collapse time of an empty bubble over R_max sqrt(rho/p): 0.9147
+_JUMP, _REPEATED = 0.01, 2  # of the largest radius: what moves; repeated samples that are none yet
 _KNEE = 0.005  # of R_max: residuals of the fit of the maximum beyond it count less
 _STEEP, _FEWEST = 0.7, 6  # of the first radii: samples above it tell whether these fall; so many are needed
 _SERIES = 0.004  # of R_max: what the series leaves of a fall in a viscous material
 _SKEW = 0.5  # of the time of the fall to _STEEP: some agarose, recorded from R_max, falls as if it began at 0.36
 _EVIDENCE = 12.0  # chi-square of a maximum a frame before the first sample over that of the best one
+_SMALLEST_REBOUND = 0.03  # of R_max, that makes a minimum a collapse
 _NEAR_MAXIMUM = 0.9  # samples above this fraction of R_max enter its fit
 AT_MAXIMUM = 0.97  # a recording whose first radius is above this shows no growth
 
@@ -103,6 +105,26 @@ def rounding(radius: Floats) -> float:
         return 0.0
     multiples = np.append(radius, steps) / np.min(steps)
     return float(np.min(steps)) if np.all(np.abs(multiples - np.round(multiples)) < 1e-2) else 0.0
+
+
+def repeated(radius: Floats) -> tuple[int, int] | None:
+    """(samples that equal the one before, times that each one stands, 0 if not alike) of samples (n,) that repeat more
+    often than rounding explains; None: they do not.
+
+    Where the radius moves on to one side by clearly more than the rounding, two equal samples are a chance of at most
+    about the step over the jumps before and after them.
+    """
+    start = np.flatnonzero(np.diff(radius, prepend=np.nan) != 0)
+    value, length = radius[start], np.diff(start, append=len(radius))
+    step, before, after = rounding(radius), np.diff(value)[:-1], np.diff(value)[1:]
+    slowest, whole = np.minimum(np.abs(before), np.abs(after)), np.abs(before + after)
+    moves = (before * after > 0) & (slowest > max(1.5 * step, _JUMP * float(np.max(radius, initial=0.0))))
+    lengths, by_chance = length[1:-1][moves], float(np.sum(step / whole[moves]))
+    held = lengths[lengths > 1]
+    if len(held) <= _REPEATED + 3.0 * by_chance:
+        return None
+    times = int(np.median(held))
+    return len(radius) - len(value), times if np.mean(lengths == times) > 0.9 else 0
 
 
 def frames_missed(time: Floats, radius: Floats, noise: float) -> float:
@@ -181,6 +203,28 @@ def turning_points(radius: Floats, threshold: float) -> tuple[list[int], list[in
             found[0 if sign > 0 else 1].append(extreme)
             extreme, sign = i, -sign
     return found
+
+
+def rebound(top: float, noise: float) -> float:
+    """By how much a radius must rise after a minimum that this is a collapse, of the maximum and the noise, m."""
+    return float(np.clip(6.0 * noise, _SMALLEST_REBOUND * top, 4.0 * _SMALLEST_REBOUND * top))
+
+
+def collapses_backwards(radius: Floats) -> int:
+    """How many collapses samples (n,) show before their largest, where they are several, more than after it, and each
+    maximum is higher than the one before: a bubble that loses energy does so if time runs backwards. Else 0."""
+    if len(radius) < _FEWEST:
+        return 0
+    smooth = _median_of_three(radius)
+    last = int(np.argmax(smooth))
+    least = rebound(float(smooth[last]), scatter(radius))
+    minima, maxima = turning_points(smooth[last::-1], least)
+    later, _ = turning_points(smooth[last:], least)
+    if len(minima) <= max(1, len(later)):
+        return 0
+    earlier = [float(smooth[last - i]) for i in maxima[:2]]  # the last one before the largest first
+    rises = earlier[-1] <= earlier[0] < smooth[last] - least
+    return len(minima) if rises else 0
 
 
 def collapse_time(time: Floats, radius: Floats, i: int) -> float:

@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from cavirheo import landmarks
 from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError, reason
 from cavirheo.inference import scale
@@ -30,9 +31,30 @@ FACTOR = 1.5  # by which a parameter must move to be doubtful
 
 def plain(curve: RadiusCurve, medium: Medium) -> list[str]:
     """What the curve shows by itself, a sentence each."""
+    said = [*curve.doubts, *_of_frames(curve)]
     with suppress(InputError):  # no R_max: the curve is not answered
-        return [*curve.doubts, *_of_maximum(curve), *of_scale(curve, medium)]
-    return [*curve.doubts]
+        said += [*_of_maximum(curve), *of_scale(curve, medium)]
+    return said
+
+
+def _of_frames(curve: RadiusCurve) -> list[str]:
+    """A sentence if frames stand several times, which flattens the curve and shifts its times; one if they stand in
+    reverse."""
+    radius, said = curve.radius[np.isfinite(curve.radius)], list[str]()
+    if found := landmarks.repeated(radius):
+        equal, times = found
+        often = {2: "twice"}.get(times, f"{times} times")
+        each = f"each frame seems to stand {often}: keep one of each"
+        cause = each if times else "frames seem to be repeated: keep the first of equal ones"
+        seen = f"{equal} of {len(radius)} radii equal the one before, also where the bubble moves fast"
+        said.append(f"check the frames: {seen}; {cause}, with its time, or add --trust-input")
+    if collapses := landmarks.collapses_backwards(radius):
+        seen = f"{collapses} collapses come before R_max, and after each the bubble is larger than before"
+        said.append(
+            f"check the order of the frames: {seen}; time seems to run backwards: give the radii in reverse, or add "
+            "--trust-input"
+        )
+    return said
 
 
 def _of_maximum(curve: RadiusCurve) -> list[str]:

@@ -31,6 +31,7 @@ UNIT_WORDS = {  # as titles.plain_unit writes them
     for word in words.split()
 }
 _PLAUSIBLE = (5e-6, 5e-3)  # m; the largest radius read as m, mm and um falls in here for one of them at most
+_FEWEST_STEPS = 5  # that tell even ones from chance
 _ABSURD = 1e9  # in any unit; larger numbers are damage and would overflow later
 _SAME_TIME = 1e-15  # s; closer frames are one, told apart by rounding only
 _NO_BUBBLE = 1e-9  # m; smaller numbers are what an empty frame leaves behind (denormals in one published file)
@@ -54,9 +55,10 @@ def make_curve(
 ) -> RadiusCurve:
     """Clean one curve: (n,) times and radii (and their deviations) in the given units; None = tell from the size.
 
-    Frames with NaN, infinite or absurd (1e9) radius are NaN; radii <= 0 become NaN; frames without a time are left
-    out; frames are sorted by time; frames of one time are averaged. Each is counted in the notes; a unit that the size
-    contradicts, and times out of order, are among the curve's `doubts` too. `meta`, `time_unscaled`: the curve's.
+    Frames with NaN or absurd (1e9) radius are NaN; radii <= 0 become NaN; frames without a time are left out; frames
+    are sorted by time; frames of one time are averaged. Each is counted in the notes; a unit that the size contradicts,
+    and times out of order, are among the curve's `doubts` too. The curve is `unusable` where time and radius are
+    swapped. `meta`, `time_unscaled`: the curve's.
 
     Raises:
         InputError: no unit of time is given and it cannot be told.
@@ -65,23 +67,30 @@ def make_curve(
     std = np.full(r.shape, np.nan) if radius_std is None else np.asarray(radius_std, dtype=np.float64).ravel()
     if len(t) != len(r) or len(std) != len(r):
         return unusable(f"{len(t)} times but {len(r)} radii", **meta)
+    if swapped(t, r):
+        back = f"the times go back in {np.count_nonzero(np.diff(t) < 0)} of {len(t) - 1} steps"
+        mend = "the radii rise in even steps, as times do: exchange the two columns, or their titles"
+        return unusable(f"time and radius seem to be swapped: {back}, and {mend}", **meta)
     said, hints = list(notes), list(meta.pop("hints", ()))
 
-    timed = np.abs(t) < _ABSURD
-    if not timed.all():
-        said.append(f"{np.count_nonzero(~timed)} of {len(t)} frames without a time left out")
-        t, r, std = t[timed], r[timed], std[timed]
+    said += _absurd("times", t)
+    timed, known = np.abs(t) < _ABSURD, ~np.isnan(t)
+    if not known.all():
+        said.append(f"{np.count_nonzero(~known)} of {len(t)} frames without a time left out")
+    t, r, std = t[timed], r[timed], std[timed]
     if time_unit is None:
         time_unit = _guess_time_unit(t)
         hints.append(f"no unit given for time: taken as {time_unit} from its span")
         said.append(hints[-1])
     t = t * TIME_UNITS[time_unit]
 
+    missing = np.count_nonzero(np.isnan(r))
+    said += _absurd("radii", r)
     r = np.where(np.abs(r) < _ABSURD, r, np.nan)
     scale, note, unscaled = _radius_scale(_largest(r), radius_unit)
     r, std = r * scale, std * scale
     std[~(std > 0)] = np.nan
-    missing, empty = np.count_nonzero(np.isnan(r)), r < _NO_BUBBLE
+    empty = r < _NO_BUBBLE
     r[empty] = np.nan
     said += [note] if note else []
     doubts = [note] if note and radius_unit else []
@@ -100,7 +109,7 @@ def make_curve(
         t, r, std = t[first], _averaged(r, first), _averaged(std, first)
     steps = np.diff(t)
     step = float(np.median(steps)) if len(steps) > 1 else 0.0
-    if step and np.mean(np.abs(steps - step) < 0.01 * step) > 0.5:  # most frames are evenly spaced
+    if step and _even(steps):
         meta.setdefault("frame_rate_hz", 1.0 / step)
     said += [unscaled] if unscaled else []
     meta |= {"hints": tuple(hints)} if hints else {}
@@ -109,6 +118,27 @@ def make_curve(
         return RadiusCurve(t, r, std, {**meta, "notes": tuple(said)}, **about)
     except InputError as error:  # of no bubble: the others of its file are answered
         return unusable(str(error), **meta)
+
+
+def swapped(time: Floats, radius: Floats) -> bool:
+    """Whether times (n,) go back while radii rise in even steps from the first to the last, as times do."""
+    steps = np.diff(radius[np.isfinite(radius)])
+    if len(steps) < _FEWEST_STEPS or not np.all(steps > 0) or not np.any(np.diff(time) < 0):
+        return False
+    return _even(steps)
+
+
+def _even(steps: Floats) -> bool:
+    """Whether most steps are as long as the median one."""
+    step = float(np.median(steps))
+    return bool(np.mean(np.abs(steps - step) < 0.01 * step) > 0.5)
+
+
+def _absurd(what: str, values: Floats) -> list[str]:
+    """A note where numbers are too large for any time or radius."""
+    wrong = values[np.abs(values) >= _ABSURD]
+    told = f"{len(wrong)} of {len(values)} {what} are numbers that no recording has (the first: {{:.4g}})"
+    return [told.format(wrong[0]) + ": taken as not measured"] if len(wrong) else []
 
 
 def _averaged(values: Floats, first: NDArray[np.intp]) -> Floats:

@@ -24,7 +24,7 @@ from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError, printable, require
 from cavirheo.parameters import RADIUS
 from cavirheo.reading import limits
-from cavirheo.reading.clean import RADIUS_UNITS, TIME_UNITS, UNIT_WORDS, make_curve
+from cavirheo.reading.clean import RADIUS_UNITS, TIME_UNITS, UNIT_WORDS, make_curve, swapped
 from cavirheo.reading.layout import Table, find_table, numbers
 from cavirheo.reading.marks import Cells, is_number
 from cavirheo.reading.tabular import Row, read_sheets
@@ -332,6 +332,9 @@ def _without_header(table: Floats, density: float, pressure: float) -> list[Radi
         require(middle < 10, f"three columns, no header, and the last two are not two radii; {_ADVICE}", "table.header")
         note = "no header: columns taken as time and two radii of one bubble (semi-axes), which differ by "
         note += f"{middle:.2g} % (median) and {most:.2g} % (most): their mean is used"
+    elif swapped(time, radius):
+        time, radius = radius, time
+        note = "no header: columns taken as radius and time, as only the second rises in even steps"
     curve = make_curve(time, radius, notes=(note,))
     ratio = curve.rayleigh_ratio(density, pressure)
     proven = ratio is not None and _PROVEN[0] <= ratio <= _PROVEN[1]

@@ -17,7 +17,8 @@ from pathlib import Path
 
 MEMORY = 400_000_000  # bytes
 _SECONDS = 30.0
-_TOO_MUCH = 3  # exit status of the child; what it then says begins with the code of the limit
+_TOO_MUCH, _NO_BOOK = 3, 4  # exit status of the child; what it then says begins with the code of the limit
+_PARTS = ("[Content_Types].xml", "mimetype", "content.xml", "xl/workbook.xml")  # a workbook has one of them
 
 
 def read_workbook(path: Path, most: int | None = None) -> list[tuple[str, list[tuple[int, list[str]]]]]:
@@ -25,14 +26,13 @@ def read_workbook(path: Path, most: int | None = None) -> list[tuple[str, list[t
     without their empty rows.
 
     Raises:
-        InputError: no workbook, damaged, or larger than is read ("limits.unpacked", "limits.cells", "limits.text",
-            "limits.memory", "limits.time").
+        InputError: no workbook, damaged, another archive ("tabular.archive"), or larger than is read ("limits.bytes",
+            "limits.unpacked", "limits.cells", "limits.text", "limits.memory", "limits.time").
     """
     from cavirheo.errors import InputError, require, without_unseen
     from cavirheo.reading import limits
 
-    limits.few(path.stat().st_size, limits.SHEET, "bytes of a workbook")
-    most_of = (most or 0, MEMORY, limits.UNPACKED, limits.CELLS, limits.TEXT)
+    most_of = (most or 0, MEMORY, limits.SHEET, limits.UNPACKED, limits.CELLS, limits.TEXT)
     command = [sys.executable, "-P", __file__, str(path), *map(str, most_of)]
     try:
         child = subprocess.run(command, capture_output=True, timeout=_SECONDS, check=False)
@@ -40,6 +40,8 @@ def read_workbook(path: Path, most: int | None = None) -> list[tuple[str, list[t
         what = f"reading the workbook takes more than {_SECONDS:.0f} s; save it as CSV"
         raise InputError(what, "limits.time") from None
     said = child.stderr.decode(errors="replace").strip().rpartition("\n")[2]
+    archive = f"a zip archive of {said}, and no workbook: unpack it, and give the files or the folder that holds them"
+    require(child.returncode != _NO_BOOK, archive, "tabular.archive")
     if child.returncode == _TOO_MUCH:
         code, _, what = said.partition(" ")
         raise InputError(f"the workbook {what} are not read; save the table alone as CSV", code)
@@ -57,7 +59,7 @@ def read_workbook(path: Path, most: int | None = None) -> list[tuple[str, list[t
     return sheets
 
 
-def _write_rows(path: str, most: int, unpacked: int, cells: int, text: int) -> None:
+def _write_rows(path: str, most: int, size: int, unpacked: int, cells: int, text: int) -> None:
     """What the child says: lines of JSON, each a list of (number of a row, its cells); (0, [name]) begins a sheet."""
     import zipfile
 
@@ -65,8 +67,14 @@ def _write_rows(path: str, most: int, unpacked: int, cells: int, text: int) -> N
 
     with open(path, "rb") as file:  # not by its path: then the ending would decide
         with suppress(zipfile.BadZipFile), zipfile.ZipFile(file) as archive:
+            names = archive.namelist()
+            if not set(names) & set(_PARTS):
+                shown = ascii(", ".join(names[:3])[:100])[1:-1] + ", ..." * (len(names) > 3)
+                print(f"{len(names)} file{'s' * (len(names) > 1)} ({shown})", file=sys.stderr)
+                sys.exit(_NO_BOOK)
             declared = sum(part.file_size for part in archive.infolist())
             _few(declared, unpacked, "limits.unpacked unpacks to", "bytes")
+        _few(file.seek(0, 2), size, "limits.bytes has", "bytes")
         file.seek(0)
         book = CalamineWorkbook.from_filelike(file)
     sheets = [one for one in book.sheets_metadata if one.typ == SheetTypeEnum.WorkSheet]
