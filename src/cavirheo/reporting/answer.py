@@ -339,6 +339,15 @@ def described(name: str) -> tuple[str, str]:
     return symbol, "" if unit == "1" else unit
 
 
+def meaning_of(name: str) -> str:
+    """'ζ (no unit): confinement damping, ...; no property of the material'; "" of what a law has itself."""
+    symbol, unit = described(name)
+    if name not in BUBBLE:
+        return ""
+    end = "" if name.startswith("damage") else "; no property of the material"
+    return f"{symbol} ({unit or 'no unit'}): {about(name).meaning}{end}"
+
+
 def in_unit(name: str, unit: Unit) -> tuple[str, float, str]:
     """Symbol of a parameter, factor from SI and the unit in which it is written; `unit`: that of moduli."""
     symbol, written = described(name)
