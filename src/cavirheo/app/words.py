@@ -94,14 +94,26 @@ def materials() -> list[tuple[str, str]]:
     return [(word, law) for law, word in words.items()] + [("whichever the evidence prefers (slower)", "auto")]
 
 
+def table(session: Session) -> list[tuple[str, tuple[str, ...]]]:
+    """Name and cells of each shot."""
+    return [(one.name, cells(one)) for one in session.curves]
+
+
 def found(session: Session) -> str:
-    """What was found in the files: a row per shot, the warnings in full, and the files that could not be read."""
-    curves = session.curves
-    rows = [(one, digits.elide(one.name, 36), session.named.get(one.name, one.group), cells(one)) for one in curves]
+    """What was found in the files: a row per shot."""
+    curves, typed = session.curves, {shot: f"{density:.10g}" for shot, density in session.densities.items()}
+    rows = [
+        (one, digits.elide(one.name, 36), session.named.get(one.name, one.group), typed.get(one.name, ""), cells(one))
+        for one in curves
+    ]
     pooled = sum(one.group == YOURS for one in curves)
-    said = {told(text): names for text, names in warnings(curves).items()}
-    materials = len({material for *_, material, _ in rows})
-    return part("found", rows, said, notes(curves), session.waiting, pooled, materials)
+    density = f"{session.settings.liquid.density:g}"
+    return part("found", rows, notes(curves), session.waiting, pooled, density)
+
+
+def warned(session: Session) -> str:
+    """The warnings on all shots, in full."""
+    return part("warned", {told(text): names for text, names in warnings(session.curves).items()})
 
 
 def prepared(curve: RadiusCurve, error: InputError | None = None) -> str:
