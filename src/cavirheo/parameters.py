@@ -106,10 +106,10 @@ PARAMETERS: dict[str, Parameter] = {
     "max_radius_factor": Parameter("R_max factor", "1"),
     "accommodation": Parameter(
         "accommodation", "1", (-2.0, 0.0), (-1.7, -0.5),
-        "share of the vapour molecules that condense where they hit the wall of the bubble, 0.01 to 1 (all of them)",
+        "share of the vapour that condenses where it hits the wall, 0.01 to 1 (all)",
     ),
     "damage_modulus": Parameter(
-        "damage", "1", (-2.0, 0.0), (-1.2, -0.1), "G of the torn gel over G before, 0.01 to 1 (nothing is torn)",
+        "damage", "1", (-2.0, 0.0), (-1.2, -0.1), "G of the torn gel over G before, 0.01 to 1 (not torn)",
     ),
     "damage_radius": Parameter(
         "R_0'/R_0", "1", (0.0, 1.0), (0.02, 0.7), "stress-free radius of the torn gel over that before, 1 to 10",
@@ -118,7 +118,7 @@ PARAMETERS: dict[str, Parameter] = {
         "β", "1", meaning="R_max over twice the distance of a rigid wall (below 0: of a free surface), 0 to 0.5",
     ),
     "confinement_damping": Parameter(
-        "ζ", "1", meaning="confinement damping, by which vessel and walls slow the bubble, usually 0 (none) to 0.6",
+        "ζ", "1", meaning="confinement damping: vessel and walls slow the bubble, usually 0 (not at all) to 0.6",
     ),
     "vapour_excess": Parameter(
         "Δp_v", "Pa", meaning="pressure of the vapour at R_max above saturation, usually 0",

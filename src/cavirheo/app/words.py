@@ -14,7 +14,7 @@ from cavirheo.errors import InputError
 from cavirheo.inference import AUTO, DEFAULT
 from cavirheo.inference.model import card, shipped
 from cavirheo.reporting import html
-from cavirheo.reporting.answer import CurveRecord, curve_record, meaning_of
+from cavirheo.reporting.answer import CurveRecord, curve_record, parameter_key
 from cavirheo.reporting.citing import TITLE, methods_if_any
 from cavirheo.reporting.found import causes, cells, notes, pooled, warnings
 from cavirheo.reporting.record import result_of
@@ -157,5 +157,5 @@ def facts(session: Session, name: str) -> str:
         failed = once((row.name, row.message) for row in records[1:] if not row.answered)
         times = (one.checks.compared_time for one in (answer, posterior))
         frames = [len(time) for time in times if time is not None]
-    key = [line for parameter in record.other_parameters if (line := meaning_of(parameter))]
+    key = parameter_key(record.other_parameters)
     return part("facts", table, frames, failed, html.article(0, record, factor, unit, ""), key)

@@ -18,7 +18,7 @@ from cavirheo.curve import RadiusCurve
 from cavirheo.parallel import processes
 from cavirheo.parameters import AT_RATE
 from cavirheo.posterior import Posterior
-from cavirheo.reporting.answer import CurveRecord, curve_record, meaning_of
+from cavirheo.reporting.answer import CurveRecord, curve_record
 from cavirheo.reporting.group import GroupRecord, group_of
 from cavirheo.reporting.material import (
     GroupDifference,
@@ -106,11 +106,6 @@ class Result(Document):
             (one,) = answered.values()
             said = [f"model: {one.material}. {one.bubble.sentence}"]
         return said + ["µ of a law that thins or yields: at a shear rate of 1e5 1/s"] * (AT_RATE in self.parameters)
-
-    @property
-    def parameter_key(self) -> list[str]:
-        """What the parameters are that a bubble has besides its law, a line each."""
-        return [line for name in self.parameters if (line := meaning_of(name))]
 
     def to_dataframe(self) -> Any:
         """The rows of result.csv as a pandas.DataFrame, a row for each curve. Raises InputError without pandas."""

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from cavirheo.parameters import AT_RATE, CAMERA
-from cavirheo.reporting.answer import CurveRecord, Unit, described, evidence, in_unit, parameters_of
+from cavirheo.reporting.answer import CurveRecord, Unit, described, evidence, in_unit, parameter_key, parameters_of
 from cavirheo.reporting.found import causes, next_step
 from cavirheo.reporting.group import TOGETHER, GroupRecord
 from cavirheo.reporting.record import Result
@@ -63,7 +63,7 @@ def print_table(
         console.print(Text(line, "dim"))
     if (more := parameters_table(result)) is not None:
         console.print(more)
-        for line in result.parameter_key:
+        for line in parameter_key(result.parameters):
             console.print(Text(line, "dim"))
     if (more := windows_table(result)) is not None:
         console.print(more)
