@@ -44,8 +44,8 @@ def script(name: str) -> str:
 
 def welcome() -> str:
     """What to bring, whom to cite, and a picture of an answer."""
-    image = (files("cavirheo.app") / "examples" / "answer.png").read_bytes()
-    return part("welcome", f"data:image/png;base64,{b64encode(image).decode()}", f"{TITLE}, version {VERSION}")
+    image = (files("cavirheo.app") / "examples" / "answer.webp").read_bytes()
+    return part("welcome", f"data:image/webp;base64,{b64encode(image).decode()}", f"{TITLE}, version {VERSION}")
 
 
 _HERE = {  # by what stands in messages: an option of the command line or of Python, and what the page has for it

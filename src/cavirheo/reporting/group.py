@@ -14,7 +14,6 @@ import numpy as np
 
 from cavirheo.arrays import Floats
 from cavirheo.bubble import title_of
-from cavirheo.inference.others import equal, rejects
 from cavirheo.parameters import AT_RATE, CAMERA, about
 from cavirheo.posterior import TRUSTED
 from cavirheo.reporting.answer import CurveRecord, OtherModel, evidence
@@ -83,6 +82,8 @@ class GroupModel(Record):
     @property
     def words(self) -> str:
         """ "with nhkv, field's bubble: G 6.5 ± 0.8 kPa; the evidence prefers the answer by a factor of e^12"."""
+        from cavirheo.inference.others import equal
+
         factor, unit = digits.modulus_unit([self.shear_modulus_Pa.mean])
         known = (("G", self.shear_modulus_Pa, factor, unit), ("µ", self.viscosity_Pa_s, 1.0, "Pa s"))
         values = [f"{symbol} {digits.spread(one, by)} {of}" for symbol, one, by, of in known if one.mean is not None]
@@ -97,6 +98,8 @@ class GroupModel(Record):
     @property
     def preferred(self) -> bool:
         """Whether the evidence of all shots together rejects the answers beside it; that of each is of a glance."""
+        from cavirheo.inference.others import rejects
+
         return self.log_evidence is not None and rejects(self.log_evidence, [None] * self.n)
 
 
