@@ -380,6 +380,32 @@ def test_materials_are_typed_and_pooled_anew_without_another_run(session, tmp_pa
     assert all(answer is kept[curve.name] for curve, answer in infer(session, names[:4]).pairs)  # not computed again
 
 
+def test_a_material_has_a_density_of_its_own(session, tmp_path):
+    for name, scale in (("light", 1.0), ("dense", 1.0001)):  # one recording given twice would be read once
+        session.add([single(tmp_path / f"{name}.csv", scale)], PageSettings(verify="none"))
+    session.add([examples()["stiff_gel.mat"]], PageSettings(verify="none"), copy=True)  # without seconds
+    names, time = [curve.name for curve in session.curves], session.curves[2].time
+    blank = [""] * len(names)
+    name_materials(session, ["light", "a gel", *blank[2:]], ["", "1050", "1100", *blank[3:]])
+    assert np.ptp(session.curves[2].time) == pytest.approx(np.ptp(time) * np.sqrt(1100 / 998))
+    document = infer(session, names[:2]).document
+    light, dense = document.curves
+    assert [one.provenance["medium"]["density"] for one in document.curves] == [998.0, 1050.0]
+    assert dense.shear_modulus_Pa.median > 1.1 * light.shear_modulus_Pa.median
+    assert document.command.endswith(f"(2 of {len(names)} shots) ('a gel': --density 1050)")
+    assert "density 998 kg/m3" in answers(session)
+    assert "the density of a gel is 1050 kg/m3" in answers(session)
+    assert 'value="1050"' in found(session)
+    name_materials(session, ["light", "a gel", *blank[2:]], ["", "1060", *blank[2:]])
+    assert session.stale
+    with refused("physics.unusual_density"):
+        name_materials(session, blank, ["", "1.05", *blank[2:]])
+    assert session.densities == {"dense": 1060.0}
+    name_materials(session, blank, ["", "1050", "1100", *blank[3:]])
+    assert not session.stale
+    trial(session, "dense", [5.0, 0.03, 6.0])
+
+
 def test_the_command_can_be_typed(session, tmp_path):
     session.add([single(tmp_path / "my gel.csv")], PageSettings(rmax_um=300.0))
     (name,) = [curve.name for curve in session.curves]

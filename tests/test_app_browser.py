@@ -26,6 +26,7 @@ for found, lacking in (
 from cavirheo.app import steps  # noqa: E402
 from cavirheo.app.session import VisitorLimits  # noqa: E402
 from cavirheo.app.steps import examples  # noqa: E402
+from cavirheo.inference import doubts  # noqa: E402
 from cavirheo.posterior import Checks, Posterior  # noqa: E402
 from cavirheo.reading import read_curves, write_csv  # noqa: E402
 from cavirheo.reporting import live, result  # noqa: E402
@@ -491,13 +492,13 @@ def test_materials_are_typed_beside_their_files(visit, tmp_path):
     drop(page, *(_one_shot(tmp_path / f"{name}.csv", 1.01 + 0.01 * k) for k, name in enumerate("abc")))
     page.get_by_role("button", name="soft_gel.csv").click()
     page.wait_for_selector("#found tbody tr >> nth=7")
-    boxes = page.locator("#found input")
+    boxes = page.locator("#found input[data-file]")
     assert [box.input_value() for box in boxes.all()] == ["your files"] * 3 + ["soft_gel"] * 5
     page.get_by_label("Material of b").fill("agarose 1 %")
     page.keyboard.press("Enter")
     page.get_by_label("Material of soft_gel[1]").fill("gel")  # the first of its file
     page.keyboard.press("Tab")
-    assert page.evaluate("document.activeElement.ariaLabel") == "Material of soft_gel[2]"
+    assert page.evaluate("document.activeElement.ariaLabel") == "Density of soft_gel[1], kg/m³"
     assert [box.input_value() for box in boxes.all()][3:] == ["gel"] * 5
     page.set_viewport_size({"width": PHONE[0], "height": PHONE[1]})
     assert fits_the_screen(page)
@@ -614,6 +615,39 @@ def test_a_file_that_is_dropped_while_another_loads(visit, tmp_path):
     page.wait_for_selector("#found tbody tr >> nth=1")
     assert page.locator("#found tbody td:first-child").all_inner_texts() == ["one", "other"]
     assert "taken as one material" in page.inner_text("#found")
+
+
+def test_the_table_of_files_does_not_wait_for_the_solver(visit, tmp_path, monkeypatch):
+    """Which is compiled on the first day, for a minute where the machine is busy."""
+    page, held = visit(WIDE), Event()
+    monkeypatch.setattr(doubts, "of_scale", lambda *_: ["check the scale"] if held.wait(60) else [])
+    drop(page, _one_shot(tmp_path / "one.csv"))
+    page.wait_for_selector("#infer-now:enabled")
+    assert page.locator("#warned .message").count() == 0
+    assert not held.is_set()
+    held.set()
+    page.wait_for_selector("#warned .message:has-text('check the scale')")
+
+
+def test_a_density_is_typed_for_a_material(visit, tmp_path):
+    page = visit(WIDE)
+    drop(page, *(_one_shot(tmp_path / f"{name}.csv", 1.01 + 0.01 * k) for k, name in enumerate("abc")))
+    page.wait_for_selector("#found tbody tr >> nth=2")
+    page.get_by_label("Material of c").fill("dense")
+    page.keyboard.press("Enter")
+    page.get_by_label("Density of a").fill("1050")
+    page.keyboard.press("Tab")
+    densities = page.locator("#found input.density")
+    assert [box.input_value() for box in densities.all()] == ["1050", "1050", ""]
+    assert page.evaluate("document.activeElement.ariaLabel") == "Material of b"  # the focus is not lost
+    page.get_by_label("Material of c").fill("your files")
+    page.keyboard.press("Enter")
+    assert densities.nth(2).input_value() == "1050"
+    page.get_by_label("Density of b").fill("1,050")
+    page.keyboard.press("Enter")
+    page.wait_for_selector("#wrong :text('two ways')")
+    page.set_viewport_size({"width": PHONE[0], "height": PHONE[1]})
+    assert fits_the_screen(page)
 
 
 @pytest.mark.slow

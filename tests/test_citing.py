@@ -147,6 +147,10 @@ def test_a_group_is_said_by_its_material_else_by_mean_and_deviation(document):
     ("command", "said"),
     [
         ("cavirheo infer a.csv -o r", "those of water: density 998 kg/m3, sound speed 1484 m/s"),
+        (
+            "cavirheo infer a.csv ('my: gel': --density 1050) (b: --density 900)",
+            "the density of my: gel is 1050 kg/m3; ",
+        ),
         ("cavirheo fit a.csv --medium=zhu2025", "those of zhu2025 [Zhu2025]: density 998.2 kg/m3"),
         (
             "cavirheo infer 'a b.csv' --medium yang2020 --density 1050",

@@ -162,6 +162,23 @@ def test_the_setting_with_the_fewest_shots_is_next_where_gains_do_not_differ(qui
     assert steady.half_width_ends_percent["viscosity"][1] == pytest.approx(steady.half_width_percent["viscosity"])
 
 
+def test_one_setting_is_next_and_a_shot_alone_is_told_apart_from_it(quick, monkeypatch):
+    """One setting tells most by a shot, nearly all about G; the other needs fewer shots for G and mu."""
+
+    def uneven(settings, family, law, stretch, medium, *, seed, bubble, workers, done):
+        about = [np.diag([1e9, 100.0]), np.diag([400.0, 400.0])]
+        return [[design.Expected(one, NORMAL_90 / np.sqrt(np.diag(one)))] * len(law) for one in about]
+
+    monkeypatch.setattr(beside, "expectations", uneven)
+    made = cavirheo.design(ranges=RANGES, max_radius=(2e-4, 2e-4), frame_rate=(5e5, 1e6), check=0)
+    assert (made.best, made.fewest, made.next) == (0, 1, 1)
+    following, alone = made.said
+    assert following.startswith(f"next: {made.settings[1].shots} shots at")
+    assert "1,000,000 frames/s" in following
+    assert "one shot only: R_max 200 µm at 500,000 frames/s" in alone
+    assert f"{made.settings[0].shots} such shots" in alone
+
+
 def row(G: float, mu: float, width: float, verdict: str = "ok") -> CurveRecord:
     def quantity(value):
         return {"median": value, "q05": value / 10**width, "q95": value * 10**width}

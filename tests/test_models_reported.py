@@ -3,6 +3,7 @@
 import csv
 import io
 import json
+import re
 from dataclasses import replace
 from pathlib import Path
 
@@ -19,6 +20,7 @@ from cavirheo.bubble import Bubble
 from cavirheo.posterior import Evidence, OtherAnswer, Posterior
 from cavirheo.reporting import picture, read_json, result, table, write_report
 from cavirheo.reporting.group import slope, theil_sen
+from cavirheo.reporting.html import groups_table
 from cavirheo.writing import terminal
 from cavirheo.writing.document import Quantity
 
@@ -73,6 +75,9 @@ def test_the_model_stands_in_table_page_picture_and_csv(tmp_path):
     page = " ".join("".join(Page((tmp_path / "report.html").read_text(encoding="utf-8")).text).split())
     assert KINETIC.sentence in page
     assert "condenses at a finite rate" in page
+    for said in (" ".join(printed(document, 80).split()), page):  # what the columns are
+        assert "accommodation (no unit; share of the vapour" in said
+        assert "accommodation and β: of bubble and vessel, no property of the material" in said
     with (tmp_path / "result.csv").open(newline="", encoding="utf-8") as file:
         (line,) = csv.DictReader(file)
     assert line["bubble"] == KINETIC.name
@@ -359,7 +364,21 @@ def test_evidence_that_no_shot_shows_alone_is_said_first_of_all_together(each, s
     pairs = [
         (curve, replace(made, evidence=Evidence(0.0, 0.1), others=(beside(log=each),))) for curve, made in group(2.4)
     ]
-    about = result(pairs, COMMAND).groups[0]
+    document = result(pairs, COMMAND)
+    about = document.groups[0]
     assert not about.preferred
     assert ("all shots together" in about.warning) == said
     assert about.headline.startswith(about.warning)
+    ((look, words),) = about.badges  # nor is the group ok at its badge
+    assert (look, "other model preferred" in words) == (("other_model_preferred", True) if said else ("ok", False))
+    (badge,) = re.findall(r'<span class="badge (\w+)"', groups_table(document.groups, 1.0, "Pa"))
+    assert badge == look
+    assert ("all together" in printed(document, 120)) == said
+
+
+def test_evidence_that_tells_nothing_is_said_to_be_equal():
+    pairs = [(curve, replace(made, others=(beside(log=0.1),))) for curve, made in group(2.4)[:2]]
+    pairs = [(curve, replace(made, evidence=Evidence(0.0, 0.1))) for curve, made in pairs]
+    (other,) = result(pairs, COMMAND).groups[0].other_models
+    assert "as likely as the answer" in other.words
+    assert "e^" not in other.words

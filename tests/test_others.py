@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from cavirheo.inference.others import compared, judged
+from cavirheo.inference.others import chosen_among, compared, judged
 from cavirheo.posterior import Bubble, Checks, Evidence, OtherAnswer, Posterior, in_words
 from cavirheo.unfinished import keep, read_kept
 
@@ -13,11 +13,11 @@ FIELD, KINETIC = Bubble(), Bubble("kinetic")
 DRAWS = np.random.default_rng(0).standard_normal((2000, 2))
 
 
-def posterior(*others, G=5000.0, mu=0.04, evidence=-10.0, **fields) -> Posterior:
+def posterior(*others, G=5000.0, mu=0.04, evidence=-10.0, material="nhkv", **fields) -> Posterior:
     theta = np.column_stack([np.log10([G, mu]) + 0.05 * DRAWS, np.full(2000, 8.0)])
     names, units = ("log10_shear_modulus", "log10_viscosity", "stretch"), ("Pa", "Pa s", "1")
     about = {"evidence": None if evidence is None else Evidence(evidence, 0.1), "others": others} | fields
-    return Posterior(names, units, theta, Checks("ok"), "nhkv", "least_squares", **about)
+    return Posterior(names, units, theta, Checks("ok"), material, "least_squares", **about)
 
 
 def other(
@@ -47,6 +47,9 @@ def other(
         ((other(log=-10.0), other(mu=0.001, log=-15.0)), 0),  # a worse valley of the other model
         ((other(G=20e3, stretch=5.0, bubble=FIELD),), 1),  # a valley of the same model
         ((other(G=20e3, stretch=5.0, bubble=FIELD, log=-13.5),), 0),
+        ((other(stretch=2.0, bubble=FIELD),), 0),  # another stretch, but G and mu that meet those of the answer
+        ((replace(other(G=20e3, bubble=FIELD), intervals={}),), 1),  # a value without an interval, beyond the answer's
+        ((replace(other(bubble=FIELD), intervals={}),), 0),
         ((other(G=20e3, stretch=5.0, bubble=FIELD), other(mu=0.01)), 2),
     ],
 )  # fmt: skip
@@ -96,6 +99,18 @@ def test_both_valleys_are_said_with_their_stretch():
     (said,) = compared(posterior(other(G=20e3, mu=0.02, log=-11.0, bubble=FIELD, stretch=5.0)))
     for part in ("G 5.0", "G 20 [", "λ 8.0", "λ 5.0", "the first by a factor of e^1"):
         assert part in said
+
+
+def test_models_that_the_evidence_cannot_tell_apart_are_called_equally_likely():
+    (said,) = compared(posterior(other(G=20e3, log=-10.4, bubble=FIELD)))
+    assert "equally likely" in said
+    rivals = {"zener": -10.9, "qkv": -8.0, "fung": -12.0, "newtonian": -40.0}
+    (said,) = chosen_among(
+        posterior(), [posterior(evidence=log, material=material) for material, log in rivals.items()]
+    )
+    for part in ("zener (equally likely)", "qkv (e^2 times more", "fung (e^2 times less", "newtonian (e^30 times less"):
+        assert part in said
+    assert "e^-" not in said
 
 
 def test_laws_without_a_viscosity_are_compared_by_what_they_have():

@@ -33,12 +33,14 @@ class Parameter(NamedTuple):
         searched: log10 of the SI values that a fit searches and a posterior takes as prior; None for one that is not
             fitted but keeps the default of its law.
         started: log10 of the values where searches start.
+        meaning: what it is and which values are usual, for who reads a table; of what a bubble has besides its law.
     """
 
     symbol: str
     unit: str
     searched: tuple[float, float] | None = None
     started: tuple[float, float] | None = None
+    meaning: str = ""
 
 
 class Plausible(NamedTuple):
@@ -102,13 +104,26 @@ PARAMETERS: dict[str, Parameter] = {
     "time_origin": Parameter("t_0", "s"),
     "radius_scale": Parameter("scale", "1"),
     "max_radius_factor": Parameter("R_max factor", "1"),
-    "accommodation": Parameter("accommodation", "1", (-2.0, 0.0), (-1.7, -0.5)),
-    "damage_modulus": Parameter("damage", "1", (-2.0, 0.0), (-1.2, -0.1)),
-    "damage_radius": Parameter("R_0'/R_0", "1", (0.0, 1.0), (0.02, 0.7)),
-    "confinement_inertia": Parameter("β", "1"),
-    "confinement_damping": Parameter("ζ", "1"),
-    "vapour_excess": Parameter("Δp_v", "Pa"),
-}
+    "accommodation": Parameter(
+        "accommodation", "1", (-2.0, 0.0), (-1.7, -0.5),
+        "share of the vapour that condenses where it hits the wall, 0.01 to 1 (all)",
+    ),
+    "damage_modulus": Parameter(
+        "damage", "1", (-2.0, 0.0), (-1.2, -0.1), "G of the torn gel over G before, 0.01 to 1 (not torn)",
+    ),
+    "damage_radius": Parameter(
+        "R_0'/R_0", "1", (0.0, 1.0), (0.02, 0.7), "stress-free radius of the torn gel over that before, 1 to 10",
+    ),
+    "confinement_inertia": Parameter(
+        "β", "1", meaning="R_max over twice the distance of a rigid wall (below 0: of a free surface), 0 to 0.5",
+    ),
+    "confinement_damping": Parameter(
+        "ζ", "1", meaning="confinement damping: vessel and walls slow the bubble, usually 0 (not at all) to 0.6",
+    ),
+    "vapour_excess": Parameter(
+        "Δp_v", "Pa", meaning="pressure of the vapour at R_max above saturation, usually 0",
+    ),
+}  # fmt: skip
 """Every parameter by its name; a new law enters those of its parameters that are not here."""
 CAMERA = ("time_origin", "radius_scale", "max_radius_factor")
 BUBBLE = (

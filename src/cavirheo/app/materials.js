@@ -1,10 +1,24 @@
-// What is typed in the table of files are the materials of its shots; the first shot of a file names all that were as it.
+// What is typed in the table of files are the materials of its shots and their densities. The first shot of a file names
+// all that were as it; a density holds for all shots of its material, and who joins a material takes its density.
 const was = (box) => box.dataset.was ?? box.defaultValue;
 element.addEventListener('change', ({target}) => {
-  const boxes = [...element.querySelectorAll('.found input')];
-  const mine = boxes.filter((one) => one.dataset.file === target.dataset.file), before = was(target);
-  for (const one of mine[0] === target ? mine : []) if (was(one) === before) one.value = target.value;
+  const boxes = [...element.querySelectorAll('.found input[data-file]')];
+  const densities = [...element.querySelectorAll('.found input.density')];
+  const material = (k) => boxes[k].value.trim() || boxes[k].placeholder;
+  if (densities.includes(target)) {
+    const mine = material(densities.indexOf(target));
+    densities.forEach((one, k) => { if (material(k) === mine) one.value = target.value; });
+  } else {
+    const mine = boxes.filter((one) => one.dataset.file === target.dataset.file), before = was(target);
+    const others = boxes.map((one, k) => k).filter((k) => boxes[k] !== target && material(k) === material(boxes.indexOf(target)));
+    const joined = others.length ? densities[others[0]].value : null;
+    for (const one of mine[0] === target ? mine : [target]) if (one === target || was(one) === before) {
+      one.value = target.value;
+      if (joined !== null) densities[boxes.indexOf(one)].value = joined;
+    }
+  }
   for (const one of boxes) one.dataset.was = one.value;
-  document.body.dataset.materials = JSON.stringify(boxes.map((one) => one.value));
+  const values = (list) => list.map((one) => one.value);
+  document.body.dataset.materials = JSON.stringify({names: values(boxes), densities: values(densities)});
   trigger('submit');
 });

@@ -100,7 +100,7 @@ class Page(film.FilmPart):
         self._film()
         with gr.Row(visible=False) as self.loaded:
             self.overview, self.overview_normalised = plot(), plot()
-        self.found = html(js_on_load=words.script("materials.js"))
+        self.warned, self.found = html(), html(js_on_load=words.script("materials.js"))
 
     def _prepare(self) -> None:
         with gr.Row():
@@ -187,7 +187,7 @@ class Page(film.FilmPart):
         self.on(self.keep.click, lambda _: gr.Column(visible=False), [], [self.sure])
         self.on(self.delete.click, self._clear, [], shown)
         viewed = [self.prepared, self.dropped]
-        self.on(self.shown.change, self._view, [self.shown], viewed, **LATEST)
+        self.on(self.shown.change, self._view, [self.shown], viewed, works=True, **LATEST)
         # a reload sets one by one, which is no input; a text that is pasted is none either
         kinds = [one.change if isinstance(one, gr.Textbox) else one.input for one in settings]
         checked = {"validator": self.validated(lambda _, shown, *values: ["", *_wrong(values)]), **LATEST}
@@ -209,7 +209,9 @@ class Page(film.FilmPart):
         js = "() => [document.body.dataset.{}]".format
         out = [self.steps, self.checked, *check]
         typed(self.answers.click, self._picked, [self.checked], out, js=js("picked"))
-        typed(self.found.submit, self._name, [self.link], self.state, js=js("materials"))
+        typed(self.found.change, self._warn, [], [self.warned], works=True)
+        out, materials = [self.found, *viewed, *self.state], "(_, shown) => [document.body.dataset.materials, shown]"
+        typed(self.found.submit, self._name, [self.link, self.shown], out, js=materials)
         self.on(self.published.upload, self._publish, [self.published], self.state, show_progress="hidden")
         given, fitted = [self.checked, self.trial], [self.check_plot, self.facts]
         self.on(self.fit.click, self._fit, given, fitted, works=True, show_progress_on=[self.check_plot], **_RUNS)
@@ -255,6 +257,10 @@ class Page(film.FilmPart):
                 session.add(paths, _settings(settings))
         return self._loaded(session)
 
+    def _warn(self, session: Session, **_: Any) -> list[Any]:
+        """What compares with simulations, so that the table need not wait for the solver."""
+        return [words.warned(session)]
+
     def _example(self, name: str, session: Session, *settings: Any) -> list[Any]:
         session.add([steps.examples()[name]], _settings(settings), copy=True)
         if name in session.films:
@@ -273,7 +279,8 @@ class Page(film.FilmPart):
 
     def _loaded(self, session: Session) -> list[Any]:
         names = [curve.name for curve in session.curves]
-        figures = plots.overview(session.curves, session.settings.liquid) if names else (None, None)
+        media = [session.settings_of(name).liquid for name in names]
+        figures = plots.overview(session.curves, media) if names else (None, None)
         anything = bool(names or session.films)
         return [
             words.part("refused", session.problems), gr.Column(visible=False), words.found(session),
@@ -301,10 +308,13 @@ class Page(film.FilmPart):
         session.film = next(iter(session.waiting), session.film)
         return self._loaded(session)
 
-    def _view(self, session: Session, name: str | None) -> list[Any]:
+    def _view(self, session: Session, name: str | None, **_: Any) -> list[Any]:
         for curve in (one for one in session.curves if one.name == name):
             try:
-                return [plots.prepared(curve, seen(curve, *session.settings.compared)), words.prepared(curve)]
+                return [
+                    plots.prepared(curve, seen(curve, *session.settings_of(curve.name).compared)),
+                    words.prepared(curve),
+                ]
             except InputError as error:
                 return [None, words.prepared(curve, error)]
         return [None, ""]
@@ -332,9 +342,12 @@ class Page(film.FilmPart):
         with session.lock:
             return [gr.Dropdown(choices=names, value=names[0]), *self._state(session, drawn=True)]
 
-    def _name(self, session: Session, materials: str) -> list[Any]:
-        steps.name_materials(session, json.loads(materials))
-        return self._state(session, drawn=True)
+    def _name(self, session: Session, materials: str, shown: str | None) -> list[Any]:
+        before, typed = words.table(session), json.loads(materials)
+        steps.name_materials(session, typed["names"], typed["densities"])
+        same = words.table(session) == before  # then the focus stays where it is
+        table = gr.skip() if same else words.found(session)
+        return [table, *self._view(session, shown), *self._state(session, drawn=True)]
 
     def _publish(self, session: Session, files: list[str]) -> list[Any]:
         with uploaded(files) as paths:
@@ -359,7 +372,7 @@ class Page(film.FilmPart):
     def _answered(self, session: Session, name: str, trial: dict[str, Any] | None = None) -> list[Any]:
         answers, curve, posterior, _ = session.find(name)
         fit = answers.fits.get(name)
-        drawn = band(curve, posterior, *answers.settings.compared)
+        drawn = band(curve, posterior, *session.settings_of(name).compared)
         named = digits.simulated(posterior.method)
         figure = plots.checked(curve, posterior.checks, named, fit.checks if fit else None, trial, drawn)
         return [figure, words.facts(session, name)]

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import shlex
 import shutil
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field, fields
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, fields, replace
 from itertools import count
 from pathlib import Path
 from secrets import token_urlsafe
@@ -104,6 +104,10 @@ class PageSettings:
         except InputError as error:
             return cls(), {"": str(error)}
 
+    def with_density(self, density: float | None) -> PageSettings:
+        """The same for a shot whose density is this; None: as it stands here."""
+        return self if density is None else replace(self, density=density)
+
     @property
     def liquid(self) -> Medium:
         """Raises InputError."""
@@ -149,6 +153,7 @@ class Answers:
     document: Result  # of the pairs, in their order
     not_run: list[str]  # chosen shots that a stop left out
     settings: PageSettings  # that they stand on
+    densities: Mapping[str, float] = field(default_factory=dict)  # and those that were typed, by shot
     fits: dict[str, Posterior] = field(default_factory=dict)  # conventional fits that were made since, by name
 
 
@@ -180,6 +185,7 @@ class Session:
         self.files: list[Path] = []
         self.curves: list[RadiusCurve] = []  # of all files, as the settings have them read
         self.named: dict[str, str] = {}  # materials that were typed, by shot
+        self.densities: dict[str, float] = {}  # kg/m3 that were typed, by shot
         self.published: list[dict[str, Published]] = []  # values of other methods, by set, of each upload
         self.problems: list[str] = []  # files that could not be read
         self.answers: Answers | None = None
@@ -236,8 +242,18 @@ class Session:
         self.settings, self.curves, self.problems, self.answers = settings, curves, problems, None
 
     def _read(self, files: Sequence[Path], settings: PageSettings) -> Found:
+        """Each shot as its own density has it read, which counts where a file has no seconds."""
         confirmed = {film.path: film.curve for film in self.films.values()}
-        return self.reader.read([confirmed.get(path) or path for path in files], **settings.reading)
+        given = [confirmed.get(path) or path for path in files]
+        curves, problems = self.reader.read(given, **settings.reading)
+        for density in set(self.densities.values()):
+            read = {one.name: one for one in self.reader.read(given, **settings.with_density(density).reading)[0]}
+            curves = [read.get(one.name, one) if self.densities.get(one.name) == density else one for one in curves]
+        return curves, problems
+
+    def settings_of(self, shot: str) -> PageSettings:
+        """With the density of its material, if one was typed."""
+        return self.settings.with_density(self.densities.get(shot))
 
     def grouped(self, pairs: Pairs) -> list[tuple[RadiusCurve, Posterior]]:
         """Curves as shots of the materials that were typed, or else of those that their files say."""
@@ -245,10 +261,10 @@ class Session:
         groups = read | {shot: (name, name) for shot, name in self.named.items()}
         return [(one.with_group(*groups.get(one.name, (one.group, one.group_source))), answer) for one, answer in pairs]
 
-    def command(self) -> str:
+    def command(self, settings: PageSettings) -> str:
         """The command line that means the same; of several files the recordings have their options after it."""
         words = ["cavirheo", "infer", *(path.name for path in self.files)]
-        for name, value in vars(self.settings).items():
+        for name, value in vars(settings).items():
             if value not in (None, getattr(PageSettings, name)):
                 words += [f"--{name.replace('_', '-')}", *([] if value is True else [str(value)])]
         films = [film for film in self.films.values() if film.path in self.files]
@@ -261,6 +277,14 @@ class Session:
             self.curves, _ = self._read(self.files, settings)
         self.settings = settings
 
+    def weigh(self, densities: Mapping[str, float]) -> None:
+        """The files are read again if the density of a shot is another. Raises InputError: one that no medium has."""
+        for density in set(densities.values()):
+            _ = self.settings.with_density(density).liquid
+        if densities != self.densities:
+            self.densities = dict(densities)
+            self.curves, _ = self._read(self.files, self.settings)
+
     def publish(self, paths: Sequence[Path]) -> None:
         """Values of other methods stand beside the answers: of files for `cavirheo compare`, or of the sweeps of one
         material for `cavirheo rheometer`. Raises InputError."""
@@ -271,7 +295,8 @@ class Session:
     @property
     def stale(self) -> bool:
         """Whether there are answers, but to other settings."""
-        return self.answers is not None and self.answers.settings != self.settings
+        found = self.answers
+        return found is not None and (found.settings, found.densities) != (self.settings, self.densities)
 
     def find(self, name: str | None) -> tuple[Answers, RadiusCurve, Posterior, CurveRecord]:
         """All answers, and the curve of this name with its own. Raises InputError: it is not answered, or not so."""

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import os
+import shlex
 import shutil
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import replace
 from itertools import count
@@ -14,7 +15,7 @@ from typing import Any
 from cavirheo.app.session import ANSWERED, Answers, PageSettings, Session
 from cavirheo.beside.values import set_beside
 from cavirheo.curve import RadiusCurve
-from cavirheo.errors import InputError, require
+from cavirheo.errors import InputError, number_of, require
 from cavirheo.inference import DEFAULT, infer_many
 from cavirheo.inference.fit import fit_many
 from cavirheo.inference.trial import reach, seen, tried
@@ -46,6 +47,7 @@ def _found(session: Session, names: Sequence[str], verify: str) -> list[tuple[Ra
     out. verify: as in `infer_many`; at another level than is asked an answer is not trusted. Raises InputError."""
     with session.lock:
         settings, chosen = session.settings, [curve for curve in session.curves if curve.name in names]
+        liquids = {curve.name: session.settings_of(curve.name).liquid for curve in chosen}
     require(bool(chosen), "no shots: load a file in step 1, and choose shots in step 2", "app.no_shots")
     many = f"full uncertainty for {len(chosen)} shots; at most {session.limits.full} at once: choose fewer in step 2, "
     fine = verify != "full" or len(chosen) <= session.limits.full
@@ -53,13 +55,14 @@ def _found(session: Session, names: Sequence[str], verify: str) -> list[tuple[Ra
     options: dict[str, Any] = {
         name: getattr(settings, name) for name in ("stretch", "window", "trust_input", *ANSWERED)
     }
-    options |= {"medium": settings.liquid, "verify": verify}
+    options["verify"] = verify
     soon, workers = session.soon, max((os.cpu_count() or 1) // len(chosen), 1)
     mark = {"verdict": "unverified", "message": ""} if verify != settings.verify else {}
 
     def one(curve: RadiusCurve) -> Posterior:
         alone = curve.with_group("", "")  # which material it is of does not matter
-        found = session.once(lambda: infer_many([curve], **options, workers=workers)[0], alone, options)
+        mine = options | {"medium": liquids[curve.name]}
+        found = session.once(lambda: infer_many([curve], **mine, workers=workers)[0], alone, mine)
         row = curve_record(*session.grouped([(curve, found)])[0])
         if row.answered or not mark:
             soon[curve.name] = row.model_copy(update=mark)
@@ -80,14 +83,12 @@ def infer(session: Session, names: Sequence[str]) -> Answers:
     """Answers of the chosen shots, into the session too; a stop leaves out those that are not done. Raises InputError:
     nothing chosen, too much, stopped before the first shot, or other files or settings than when it began."""
     with session.lock:
-        settings, curves, command = session.settings, session.curves, session.command()
+        settings, curves, densities = session.settings, session.curves, session.densities
     try:
         answers = _found(session, names, settings.verify)
         pairs = [(curve, answer) for curve, answer in answers if answer]
         left = [curve.name for curve, answer in answers if not answer]
-        if len(pairs) < len(curves):
-            command += f" ({len(pairs)} of {len(curves)} shots)"
-        made = _pooled(session, pairs, command, left, settings)
+        made = _pooled(session, pairs, left, settings, densities)
     finally:
         if not session.work.busy.locked():  # by the run before, which goes on
             session.soon = {}
@@ -97,31 +98,42 @@ def infer(session: Session, names: Sequence[str]) -> Answers:
         return session.answers
 
 
-def _pooled(session: Session, pairs: Pairs, command: str, left: list[str], settings: PageSettings) -> Answers:
+def _pooled(
+    session: Session, pairs: Pairs, left: list[str], settings: PageSettings, densities: Mapping[str, float]
+) -> Answers:
     """Answers with all that is said of their groups."""
-    pairs = session.grouped(pairs)
+    pairs, command = session.grouped(pairs), session.command(settings)
+    if len(pairs) < len(session.curves):
+        command += f" ({len(pairs)} of {len(session.curves)} shots)"
+    own = [(curve.group, densities[curve.name]) for curve, _ in pairs if curve.name in densities]
+    command += "".join(f" ({shlex.quote(group)}: --density {density:g})" for group, density in dict.fromkeys(own))
     typed = ", ".join(f"{shot} = {material}" for shot, material in session.named.items())
     document = result(pairs, command, notes=[f"materials that were typed: {typed}"] if typed else [])
     for values in session.published:
         with suppress(InputError):  # other groups than when they were given
             set_beside(document.groups, values)
-    return Answers(pairs, document, left, settings)
+    return Answers(pairs, document, left, settings, densities)
 
 
-def name_materials(session: Session, names: Sequence[str]) -> None:
-    """What each loaded shot is a shot of, "" for what its file says; the answers that are there are pooled so."""
-    require(len(names) == len(session.curves), "the files were changed: reload the page", "app.changed")
+def name_materials(session: Session, names: Sequence[str], densities: Sequence[str] = ()) -> None:
+    """What each loaded shot is a shot of, "" for what its file says; the answers that are there are pooled so. With the
+    density of each in kg/m3, "" for that of the settings; then the files are read again. Raises InputError."""
+    fine = len(names) == len(session.curves) and len(densities) in (0, len(names))
+    require(fine, "the files were changed: reload the page", "app.changed")
+    if densities:
+        typed = {one.name: number_of(text, "density") for one, text in zip(session.curves, densities, strict=True)}
+        session.weigh({shot: density for shot, density in typed.items() if density is not None})
     given = zip(session.curves, names, strict=True)
     session.named = {curve.name: name.strip()[:60] for curve, name in given if name.strip() not in ("", curve.group)}
     if old := session.answers:
-        made = _pooled(session, old.pairs, old.document.command, old.not_run, old.settings)
+        made = _pooled(session, old.pairs, old.not_run, old.settings, old.densities)
         session.answers = replace(made, fits=old.fits)
 
 
 def fit(session: Session, name: str | None) -> None:
     """The conventional fit of one answered curve: same law, bubble, medium, window and stretch. Raises InputError."""
     with session.lock:
-        (answers, curve, posterior, _), settings = session.find(name), session.settings
+        (answers, curve, posterior, _), settings = session.find(name), session.settings_of(name or "")
     options: dict[str, Any] = {"window": settings.window, "stretch": settings.stretch, "medium": settings.liquid}
     options |= {"trust_input": settings.trust_input}
     if settings.material is None:  # a network that reads its own window
@@ -148,7 +160,7 @@ def trial(session: Session, name: str, values: Sequence[float | None]) -> tuple[
     where it fails, why, and nothing to draw."""
     _, curve, posterior, _ = session.find(name)
     given = {key: v / SLIDERS[key][1] for key, v in zip(SLIDERS, values, strict=True) if v is not None}
-    found = tried(curve, posterior, given, *session.settings.compared)
+    found = tried(curve, posterior, given, *session.settings_of(name).compared)
     return found, plots.lines(found, 0.0 if found.verdict == "failed" else curve.time_of_max)
 
 

@@ -14,7 +14,7 @@ from cavirheo.errors import InputError
 from cavirheo.inference import AUTO, DEFAULT
 from cavirheo.inference.model import card, shipped
 from cavirheo.reporting import html
-from cavirheo.reporting.answer import CurveRecord, curve_record
+from cavirheo.reporting.answer import CurveRecord, curve_record, parameter_key
 from cavirheo.reporting.citing import TITLE, methods_if_any
 from cavirheo.reporting.found import causes, cells, notes, pooled, warnings
 from cavirheo.reporting.record import result_of
@@ -44,8 +44,8 @@ def script(name: str) -> str:
 
 def welcome() -> str:
     """What to bring, whom to cite, and a picture of an answer."""
-    image = (files("cavirheo.app") / "examples" / "answer.png").read_bytes()
-    return part("welcome", f"data:image/png;base64,{b64encode(image).decode()}", f"{TITLE}, version {VERSION}")
+    image = (files("cavirheo.app") / "examples" / "answer.webp").read_bytes()
+    return part("welcome", f"data:image/webp;base64,{b64encode(image).decode()}", f"{TITLE}, version {VERSION}")
 
 
 _HERE = {  # by what stands in messages: an option of the command line or of Python, and what the page has for it
@@ -94,14 +94,26 @@ def materials() -> list[tuple[str, str]]:
     return [(word, law) for law, word in words.items()] + [("whichever the evidence prefers (slower)", "auto")]
 
 
+def table(session: Session) -> list[tuple[str, tuple[str, ...]]]:
+    """Name and cells of each shot."""
+    return [(one.name, cells(one)) for one in session.curves]
+
+
 def found(session: Session) -> str:
-    """What was found in the files: a row per shot, the warnings in full, and the files that could not be read."""
-    curves = session.curves
-    rows = [(one, digits.elide(one.name, 36), session.named.get(one.name, one.group), cells(one)) for one in curves]
+    """What was found in the files: a row per shot."""
+    curves, typed = session.curves, {shot: f"{density:.10g}" for shot, density in session.densities.items()}
+    rows = [
+        (one, digits.elide(one.name, 36), session.named.get(one.name, one.group), typed.get(one.name, ""), cells(one))
+        for one in curves
+    ]
     pooled = sum(one.group == YOURS for one in curves)
-    said = {told(text): names for text, names in warnings(curves).items()}
-    materials = len({material for *_, material, _ in rows})
-    return part("found", rows, said, notes(curves), session.waiting, pooled, materials)
+    density = f"{session.settings.liquid.density:g}"
+    return part("found", rows, notes(curves), session.waiting, pooled, density)
+
+
+def warned(session: Session) -> str:
+    """The warnings on all shots, in full."""
+    return part("warned", {told(text): names for text, names in warnings(session.curves).items()})
 
 
 def prepared(curve: RadiusCurve, error: InputError | None = None) -> str:
@@ -145,4 +157,5 @@ def facts(session: Session, name: str) -> str:
         failed = once((row.name, row.message) for row in records[1:] if not row.answered)
         times = (one.checks.compared_time for one in (answer, posterior))
         frames = [len(time) for time in times if time is not None]
-    return part("facts", table, frames, failed, html.article(0, record, factor, unit, ""))
+    key = parameter_key(record.other_parameters)
+    return part("facts", table, frames, failed, html.article(0, record, factor, unit, ""), key)

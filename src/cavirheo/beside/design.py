@@ -57,8 +57,9 @@ class Design(Document):
         known: what is known of the parameters and the stretch before, SI.
         shots_before: answers of the result.json that this rests on.
         settings: one for each R_max and frame rate.
-        best: index of the setting with the largest gain.
-        fewest: index of the setting with the fewest shots; null where none reaches what is wanted.
+        best: index of the setting with the largest gain: where one shot tells most.
+        fewest: index of the setting with the fewest shots, which is to be taken next; null where none reaches what is
+            wanted.
         checked: recordings simulated there and answered, if that was asked for.
     """
 
@@ -75,6 +76,12 @@ class Design(Document):
     checked: list[CheckedSetting] = []
 
     @property
+    def next(self) -> int:
+        """Index of the setting to take next: where what is wanted needs the fewest shots; where none reaches it, where
+        one shot tells most."""
+        return self.best if self.fewest is None else self.fewest
+
+    @property
     def said(self) -> list[str]:
         """The next setting, how many shots, and what answers of recordings there say."""
         checked = (_checked_words(self.settings[one.setting], one, self.wanted_percent) for one in self.checked)
@@ -82,18 +89,30 @@ class Design(Document):
 
     @property
     def _said(self) -> list[str]:
-        best = self.settings[self.best]
-        told = f"one shot adds {best.gain_nats:.2f} ± {best.gain_error_nats:.2f} nats about {', '.join(_law(best))}"
-        lines = [f"next: {_words(best)}; {told}"]
+        setting, best, wanted = (
+            self.settings[self.next],
+            self.settings[self.best],
+            f"± {self.wanted_percent:g} % (90 %)",
+        )
+        law = " and ".join(_law(best))
         if self.fewest is None:
-            return [*lines, f"no setting reaches ± {self.wanted_percent:g} % with 10,000 shots"]
-        few = self.settings[self.fewest]
-        if few.shots == 0:
+            line = f"next: {_words(setting)}, where one shot tells most about {law} ({_gain(setting)})"
+            return [line, f"no setting reaches ± {self.wanted_percent:g} % with 10,000 shots"]
+        if setting.shots == 0:
             by = f" by {digits.counted(self.shots_before, 'shot')}" * bool(self.shots_before)
-            return [*lines, f"± {self.wanted_percent:g} % (90 %) is already reached{by}"]
-        count = digits.counted(few.shots or 0, "shot")
+            return [f"next: nothing, {wanted} is already reached{by}; one shot more tells most at {_words(best)}"]
         more = " more" * bool(self.shots_before)
-        return [*lines, f"fewest: {count}{more} at {_words(few)} for ± {self.wanted_percent:g} % (90 %)"]
+        lines = [
+            f"next: {digits.counted(setting.shots or 0, 'shot')}{more} at {_words(setting)}, for {wanted} of {law}"
+        ]
+        if best is setting:
+            return [*lines, f"one shot there tells most, too ({_gain(best)})"]
+        series = "more than 10,000" if best.shots is None else str(best.shots)
+        return [
+            *lines,
+            f"if you take one shot only: {_words(best)}, where it tells most ({_gain(best)}; there {_gain(setting)}); "
+            f"{wanted} of {law} would need {series} such shots",
+        ]
 
 
 def design(
@@ -377,6 +396,11 @@ def _quantity(logs: Floats) -> Quantity:
 
 def _law(setting: DesignedSetting) -> list[str]:
     return [described(name)[0] for name in setting.half_width_percent]
+
+
+def _gain(setting: DesignedSetting) -> str:
+    """'2.10 ± 0.05 nats'."""
+    return f"{setting.gain_nats:.2f} ± {setting.gain_error_nats:.2f} nats"
 
 
 def _words(setting: DesignedSetting) -> str:

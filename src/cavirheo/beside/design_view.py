@@ -73,8 +73,8 @@ def picture(document: Design) -> Figure:
             if x and all(one and None not in one for one in ends):
                 low, high = np.array(ends, dtype=float).T
                 axes.vlines(x, low, high, color=tone, lw=0.9)
-            if document.best in at:
-                place = at.index(document.best)
+            if document.next in at:
+                place = at.index(document.next)
                 axes.plot(x[place], y[place], "o", ms=10, mfc="none", mec="black")
         if not seen:
             axes.set(xticks=[], yticks=[], xlabel="")

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -31,14 +31,14 @@ def contenders(evidence: Sequence[Evidence | None], sizes: Sequence[int]) -> lis
     if not known:
         return []
     top = max(known.values(), key=lambda one: one.log)
-    near = [i for i, one in known.items() if one is top or top.log - one.log <= _reach(one, top)]
+    near = [i for i, one in known.items() if one is top or not rejects(top.log - one.log, (one.error, top.error))]
     return sorted(near, key=lambda i: (sizes[i], -known[i].log))
 
 
-def _reach(one: Evidence, other: Evidence) -> float:
-    """By how much two log evidences must differ so that the smaller is rejected."""
-    first, second = (LAPLACE if error is None else error for error in (one.error, other.error))
-    return DECISIVE + float(np.hypot(first, second))
+def rejects(gain: float, errors: Iterable[float | None]) -> bool:
+    """Whether a log evidence, of one shot or summed over shots, that is larger by `gain` rejects the smaller one.
+    errors: the standard error of each term of the difference, None for a Laplace integral."""
+    return gain > DECISIVE + float(np.linalg.norm([LAPLACE if error is None else error for error in errors]))
 
 
 class Averaged(NamedTuple):
@@ -75,7 +75,8 @@ def judged(answer: Posterior, said: Iterable[str] = ()) -> Checks:
 def compared(answer: Posterior) -> list[str]:
     """A sentence on another model if the evidence prefers it, whatever the errors, or if another bubble that the
     evidence does not reject gives a G or a viscosity whose 90 % interval does not meet the answer's; and one on each
-    other valley of the same model whose evidence is not smaller by more than DECISIVE.
+    other valley of the same model whose evidence is not smaller by more than DECISIVE and whose interval of a parameter
+    of the law does not meet the answer's.
 
     Of several such models the one with the largest evidence is named, by its best valley.
     """
@@ -87,7 +88,7 @@ def compared(answer: Posterior) -> list[str]:
         f"two solutions of the same model follow the recording: {_values(here, stretch=True)}, or "
         f"{_values(one, stretch=True)}{_preferred(one, here, 'the second', 'the first')}"
         for one in valleys
-        if _above(one, here) >= -DECISIVE and _elsewhere(one, here)
+        if _above(one, here) >= -DECISIVE and _apart(_ends(one), _ends(here))
     ]
 
 
@@ -112,9 +113,10 @@ def chosen_among(answer: Posterior, candidates: Iterable[Posterior]) -> list[str
     parts: dict[str, list[str]] = {"also possible": [], "rejected": []}
     for one in rivals:
         gain = _above(one, here)
-        parts["rejected" if gain < -DECISIVE else "also possible"].append(f"{_named(one, **tells)} e^{gain:.0f}")
+        words = "equally likely" if equal(gain) else f"e^{abs(gain):.0f} times {'more' if gain > 0 else 'less'} likely"
+        parts["rejected" if gain < -DECISIVE else "also possible"].append(f"{_named(one, **tells)} ({words})")
     said = [f"{words}: {', '.join(some)}" for words, some in parts.items() if some]
-    return [f"chosen by evidence: {_named(here, **tells)} ({', '.join(said)})"]
+    return [f"chosen by evidence: {_named(here, **tells)}, {', '.join(said)}"]
 
 
 def itself(answer: Posterior) -> OtherAnswer:
@@ -133,6 +135,11 @@ def _log(one: OtherAnswer) -> float:
     return one.evidence.log if one.evidence else -float("inf")
 
 
+def equal(gain: float) -> bool:
+    """Whether two models that differ by so much of log evidence are equally likely, as far as a reader is concerned."""
+    return abs(gain) < 1.0
+
+
 def _above(one: OtherAnswer, other: OtherAnswer) -> float:
     """How far its log evidence lies above that of the other; NaN where one has none."""
     return one.evidence.log - other.evidence.log if one.evidence and other.evidence else float("nan")
@@ -142,27 +149,20 @@ def _surely_above(one: OtherAnswer, other: OtherAnswer) -> bool:
     """Whether the evidence rejects the other beside this one, by the rule of `contenders`."""
     if not (one.evidence and other.evidence):
         return False
-    return _above(one, other) > _reach(one.evidence, other.evidence)
+    return rejects(_above(one, other), (one.evidence.error, other.evidence.error))
 
 
 def _other_bubble_disagrees(one: OtherAnswer, here: OtherAnswer) -> bool:
     """Whether only the bubble differs, is not rejected, and a parameter of the law lies beyond both intervals."""
     if one.material != here.material or one.bubble == here.bubble or _above(one, here) < -DECISIVE:
         return False
-    shared = [name for name in one.intervals if name in here.intervals and of_the_law(name)]
-    pairs = [(one.intervals[name], here.intervals[name]) for name in shared]
-    return _apart(pairs)
+    return _apart(one.intervals, here.intervals)
 
 
-def _apart(pairs: Iterable[tuple[_Interval, _Interval]]) -> bool:
-    """Whether two intervals of a pair do not meet."""
+def _apart(one: Mapping[str, _Interval], other: Mapping[str, _Interval]) -> bool:
+    """Whether two intervals of a parameter of the law do not meet."""
+    pairs = [(one[name], other[name]) for name in one if name in other and of_the_law(name)]
     return any(a[2] < b[0] or b[2] < a[0] for a, b in pairs)
-
-
-def _elsewhere(one: OtherAnswer, here: OtherAnswer) -> bool:
-    """Whether a valley is another solution for its reader: an interval beyond the answer's, or none to compare."""
-    shared = [(one.intervals[name], here.intervals[name]) for name in one.intervals if name in here.intervals]
-    return not shared or _apart(shared)
 
 
 def _sides(here: OtherAnswer, there: OtherAnswer) -> str:
@@ -180,9 +180,13 @@ def _named(one: OtherAnswer, *, law: bool, bubble: bool) -> str:
     return ", ".join([one.material] * law + [one.bubble.title] * bubble)
 
 
+def _ends(one: OtherAnswer) -> Mapping[str, _Interval]:
+    """Its intervals; without any, each best value as both ends of one."""
+    return one.intervals or {name: (value, value, value) for name, value in one.best.items()}
+
+
 def _values(one: OtherAnswer, *, stretch: bool = False) -> str:
-    told = one.intervals or {name: (value, value, value) for name, value in one.best.items()}
-    shown = {name: ends for name, ends in told.items() if of_the_law(name) or (stretch and name == "stretch")}
+    shown = {name: ends for name, ends in _ends(one).items() if of_the_law(name) or (stretch and name == "stretch")}
     words = ", ".join(in_words(name, ends) for name, ends in shown.items())
     return words if one.intervals else f"{words} (no interval)"
 
@@ -190,8 +194,8 @@ def _values(one: OtherAnswer, *, stretch: bool = False) -> str:
 def _preferred(there: OtherAnswer, here: OtherAnswer, other: str, this: str) -> str:
     """' (the evidence prefers the second by a factor of e^12)'; nothing where one has no evidence."""
     gain = _above(there, here)
-    if abs(gain) < 0.5:
-        return " (the evidence is equal)"
+    if equal(gain):
+        return " (equally likely)"
     return f" (the evidence prefers {other if gain > 0 else this}{_by(there, here)})" if gain == gain else ""
 
 

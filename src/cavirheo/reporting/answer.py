@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from contextlib import suppress
 from typing import Any
 
@@ -337,6 +337,19 @@ def described(name: str) -> tuple[str, str]:
     except KeyError:
         return name, ""
     return symbol, "" if unit == "1" else unit
+
+
+def meaning_of(name: str) -> str:
+    """'no unit; confinement damping: ...' of what a bubble has besides its law; "" of a parameter of the law."""
+    return f"{described(name)[1] or 'no unit'}; {about(name).meaning}" if name in BUBBLE else ""
+
+
+def parameter_key(names: Iterable[str]) -> list[str]:
+    """Lines below a table with these: what those are that a bubble has besides its law, and whose they are."""
+    known = {described(name)[0]: (name, meaning) for name in names if (meaning := meaning_of(name))}
+    own = [symbol for symbol, (name, _) in known.items() if not name.startswith("damage")]
+    end = [f"{' and '.join(own)}: of bubble and vessel, no property of the material"] if own else []
+    return [f"{symbol} ({meaning})" for symbol, (_, meaning) in known.items()] + end
 
 
 def in_unit(name: str, unit: Unit) -> tuple[str, float, str]:

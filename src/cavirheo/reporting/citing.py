@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import shlex
 from collections import Counter
 from collections.abc import Sequence
@@ -31,6 +32,9 @@ from cavirheo.writing import digits
 # whose command tells the medium: water, unless these options say otherwise
 _VERBS = ("infer", "fit", "which-law", "watch")
 _CONSTANTS = ("density", "sound_speed", "surface_tension", "pressure", "temperature")
+_OWN_DENSITY = re.compile(
+    r" \(((?:'[^']*'|\"'\"|[^\s'])+): --density ([\d.e+]+)\)"
+)  # of a material, as the app writes it
 TITLE = "cavirheo: inertial microcavitation rheometry from a bubble radius history"
 
 _HOW = {  # by method, what was done and whose method it is
@@ -155,6 +159,8 @@ def _medium(command: str, cited: list[Source]) -> list[str]:
     values = f"density {liquid.density:g} kg/m3, sound speed {liquid.sound_speed:g} m/s, surface tension "
     values += f"{liquid.surface_tension:g} N/m, pressure {liquid.pressure:g} Pa, temperature {liquid.temperature:g} K"
     other = " with changes" if name != liquid.name else ""
+    for group, density in _OWN_DENSITY.findall(command):
+        values += f"; the density of {' '.join(shlex.split(group))} is {density} kg/m3"
     return [f"Constants of the medium are those of {name}{f' [{source.key}]' if source else ''}{other}: {values}."]
 
 
@@ -162,7 +168,7 @@ def _liquid(command: str) -> Medium | None:
     """That of the options of a command line of ours."""
     given: dict[str, str] = {}
     with suppress(ValueError, InputError):
-        words = shlex.split(command)
+        words = shlex.split(_OWN_DENSITY.sub("", command))
         if len(words) < 2 or words[0] != "cavirheo" or words[1] not in _VERBS:
             return None
         for word, after in zip(words, [*words[1:], ""], strict=True):

@@ -15,6 +15,7 @@ import numpy as np
 from cavirheo.arrays import Floats
 from cavirheo.bubble import title_of
 from cavirheo.parameters import AT_RATE, CAMERA, about
+from cavirheo.posterior import TRUSTED
 from cavirheo.reporting.answer import CurveRecord, OtherModel, evidence
 from cavirheo.reporting.material import PopulationRecord, over_size
 from cavirheo.writing import digits
@@ -24,6 +25,7 @@ FEWEST = 5  # shots that are asked for a slope
 SENSITIVE = 3.0  # relative change of G over that of the scale, from which it is said
 MOST = 1000  # of them: a slope looks at all pairs, and of more shots at so many, evenly over the sizes
 CONSTANTS = ("viscosity", AT_RATE, "shear_modulus")
+TOGETHER = "all together: other model preferred"
 _SAME = 1e-6  # of their mean: values that differ by less are one value, as those of a joint fit
 
 
@@ -80,21 +82,25 @@ class GroupModel(Record):
     @property
     def words(self) -> str:
         """ "with nhkv, field's bubble: G 6.5 ± 0.8 kPa; the evidence prefers the answer by a factor of e^12"."""
+        from cavirheo.inference.others import equal
+
         factor, unit = digits.modulus_unit([self.shear_modulus_Pa.mean])
         known = (("G", self.shear_modulus_Pa, factor, unit), ("µ", self.viscosity_Pa_s, 1.0, "Pa s"))
         values = [f"{symbol} {digits.spread(one, by)} {of}" for symbol, one, by, of in known if one.mean is not None]
         said = f"with {self.material}, {title_of(self.bubble)}: {', '.join(values) or 'nothing is determined'}"
         if self.log_evidence is None:
             return said
+        if equal(self.log_evidence):
+            return f"{said}; as likely as the answer"
         preferred = "it to the answer" if self.log_evidence > 0 else "the answer"
         return f"{said}; the evidence prefers {preferred} by a factor of e^{abs(self.log_evidence):.0f}"
 
     @property
     def preferred(self) -> bool:
         """Whether the evidence of all shots together rejects the answers beside it; that of each is of a glance."""
-        from cavirheo.inference.others import DECISIVE, LAPLACE
+        from cavirheo.inference.others import rejects
 
-        return self.log_evidence is not None and self.log_evidence > DECISIVE + LAPLACE * float(np.sqrt(self.n))
+        return self.log_evidence is not None and rejects(self.log_evidence, [None] * self.n)
 
 
 class GroupRecord(Record):
@@ -207,8 +213,26 @@ class GroupRecord(Record):
         models = " or ".join(self.preferred)
         if models:
             return f"the evidence prefers another model in {of}: {models}"
-        together = [f"{one.material}, {title_of(one.bubble)}" for one in self.other_models if one.preferred]
-        return f"the evidence of all shots together prefers another model: {' or '.join(together)}" if together else ""
+        models = " or ".join(self.preferred_together)
+        return f"the evidence of all shots together prefers another model: {models}" if models else ""
+
+    @property
+    def preferred_together(self) -> list[str]:
+        """Models that only the evidence of all shots together prefers, in words."""
+        if self.preferred:
+            return []
+        return [f"{one.material}, {title_of(one.bubble)}" for one in self.other_models if one.preferred]
+
+    @property
+    def badges(self) -> list[tuple[str, str]]:
+        """(verdict whose look it has, words) of each count of verdicts: what counts by itself is not "ok" where all
+        shots together prefer another model."""
+        found = []
+        for verdict, count in self.verdicts.items():
+            warned = bool(self.preferred_together) and verdict in TRUSTED
+            words = f"{count} {digits.LOOKS[verdict].words}" + f", {TOGETHER}" * warned
+            found.append(("other_model_preferred" if warned else verdict, words))
+        return found
 
     @property
     def headline(self) -> str:

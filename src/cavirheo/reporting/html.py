@@ -15,7 +15,7 @@ from importlib.resources import files
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from cavirheo.reporting.answer import CurveRecord, described
+from cavirheo.reporting.answer import CurveRecord, described, meaning_of, parameter_key
 from cavirheo.reporting.group import GroupRecord
 from cavirheo.reporting.material import GroupDifference
 from cavirheo.reporting.record import Result
@@ -122,5 +122,5 @@ def _templates(package: str) -> Environment:
         keep_trailing_newline=True, finalize=_printable,
     )  # fmt: skip
     made.globals.update(digits=digits, LOOKS=digits.LOOKS, FITS=FITS, MARK=MARK, Quantity=Quantity, FOLDED=FOLDED)
-    made.globals.update(named_parameter=_named)
+    made.globals.update(named_parameter=_named, meaning_of=meaning_of, parameter_key=parameter_key)
     return made

@@ -42,17 +42,18 @@ _UPS = {"upper": "triangle-down", "lower": "triangle-up"}  # of µ
 _MOST_POINTS = 2000  # of a drawn curve
 
 
-def overview(curves: Sequence[RadiusCurve], medium: Medium) -> tuple[go.Figure, go.Figure]:
-    """All curves in µs and µm, and as R/R_max over t*, darker where R_max is smaller; unusable ones are left out."""
+def overview(curves: Sequence[RadiusCurve], media: Sequence[Medium]) -> tuple[go.Figure, go.Figure]:
+    """All curves in µs and µm, and as R/R_max over t* in the medium of each, darker where R_max is smaller; unusable
+    ones are left out."""
     usable = []
-    for curve in curves:
+    for curve, medium in zip(curves, media, strict=True):
         with suppress(InputError):
-            usable.append((curve, curve.max_radius))
-    radii = np.array([top for _, top in usable])
+            usable.append((curve, medium, curve.max_radius))
+    radii = np.array([top for *_, top in usable])
     tones = shades((radii - radii.min()) / (np.ptp(radii) or 1.0)) if usable else radii
     look = {"showlegend": False, "hovermode": "closest"}
     plain, scaled = figure_of(_TIME, "R (µm)", **look), figure_of(f"t* = t √(p/ρ) / {_RMAX}", f"R / {_RMAX}", **look)
-    for (curve, top), colour in zip(usable, tones, strict=True):
+    for (curve, medium, top), colour in zip(usable, tones, strict=True):
         line: Any = {"color": "rgb({},{},{})".format(*(255 * colour).astype(int)), "width": 1.2}
         time, radius = _thin(*curve.normalised(medium))
         t_c = medium.time_scale(top)

@@ -7,9 +7,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from cavirheo.parameters import AT_RATE, CAMERA
-from cavirheo.reporting.answer import CurveRecord, Unit, described, evidence, in_unit, parameters_of
+from cavirheo.reporting.answer import CurveRecord, Unit, described, evidence, in_unit, parameter_key, parameters_of
 from cavirheo.reporting.found import causes, next_step
-from cavirheo.reporting.group import GroupRecord
+from cavirheo.reporting.group import TOGETHER, GroupRecord
 from cavirheo.reporting.record import Result
 from cavirheo.writing import digits, terminal
 from cavirheo.writing.document import spread_of, write_rows
@@ -61,9 +61,12 @@ def print_table(
         key += "; below, above: a bound (95 %) and no value"
     for line in (key, *result.model_key):
         console.print(Text(line, "dim"))
-    for more in (parameters_table(result), windows_table(result)):
-        if more is not None:
-            console.print(more)
+    if (more := parameters_table(result)) is not None:
+        console.print(more)
+        for line in parameter_key(result.parameters):
+            console.print(Text(line, "dim"))
+    if (more := windows_table(result)) is not None:
+        console.print(more)
     terminal.print_doubts(console, doubts(result.curves))
     said = [(group.name, line) for group in result.groups for line in group.lines]
     notes = [note for note in result.notes if not note.startswith("not read: ")]  # said on stderr already
@@ -160,6 +163,7 @@ def _cells(record: CurveRecord, factor: float, wide: bool) -> list[str]:
 
 def _group_cells(group: GroupRecord, factor: float) -> list[str]:
     counts = [f"{n} other model preferred" for n in [sum(group.preferred.values())] if n]
+    counts += TOGETHER.split(": ") if group.preferred_together else []  # in two lines
     counts += [group.basis or f"n = {group.n}", *([f"{group.n_failed} failed"] if group.n_failed else [])]
     G, mu = (
         group.mean(value, scale).replace(" (", "\n(")

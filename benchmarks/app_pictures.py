@@ -1,0 +1,60 @@
+"""Pictures of the browser app as it is: the check of a shot (docs/app.png) and the answer on its first page.
+
+    python benchmarks/app_pictures.py    # 20 s; needs Chromium and the extras [app] and [dev]
+
+The answer is the picture of the report of soft_gel[1].
+"""
+
+from __future__ import annotations
+
+import re
+import shutil
+from base64 import b64decode
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+from playwright.sync_api import sync_playwright
+
+from cavirheo import infer, read_curves
+from cavirheo.app import steps
+from cavirheo.app.server import running
+from cavirheo.reporting import write_report
+
+ROOT = Path(__file__).parents[1]
+ANSWER = ROOT / "src" / "cavirheo" / "app" / "examples" / "answer.webp"
+SIZE = {"width": 1260, "height": 1170}
+SHOT = "soft_gel.csv"
+
+
+def check(address: str, path: Path) -> None:
+    """Step 4 of a shot with its conventional fit."""
+    with sync_playwright() as driver:
+        browser = driver.chromium.launch(executable_path=shutil.which("chromium"), args=["--no-sandbox"])
+        page = browser.new_page(viewport=SIZE)  # type: ignore[arg-type]
+        page.goto(address)
+        page.get_by_role("button", name=SHOT).click()
+        page.click("#infer-now:enabled", timeout=120_000)
+        page.click("#to-check:enabled", timeout=120_000)
+        page.wait_for_selector("#check-plot .js-plotly-plot")
+        page.click("#fit")
+        page.wait_for_selector("#facts :text('least squares')", timeout=120_000)
+        page.mouse.move(0, 0)  # off the button
+        page.wait_for_timeout(1000)
+        page.screenshot(path=path)
+        browser.close()
+
+
+def answer(path: Path) -> None:
+    """The first shot's picture of a report, as it is embedded there."""
+    curve = read_curves(steps.examples()[SHOT])[0]
+    with TemporaryDirectory() as folder:
+        write_report(folder, [(curve, infer(curve))], "")
+        page = (Path(folder) / "report.html").read_text(encoding="utf-8")
+    (picture,) = re.findall(r'src="data:image/\w+;base64,([^"]+)"', page)
+    path.write_bytes(b64decode(picture))
+
+
+if __name__ == "__main__":
+    answer(ANSWER)
+    with running() as (address, _):
+        check(address, ROOT / "docs" / "app.png")
