@@ -99,7 +99,7 @@ def test_a_stray_is_named_and_moves_little():
     clean, spoilt = population(shots(8)), population(shots(8, away=[2]), names=list("abcdefgh"))
     assert list(spoilt.strays) == ["c"]
     assert "8 of 8 shots count, 1 of them" in spoilt.line
-    assert any("of another material" in said and "c (" in said for said in spoilt.remarks)
+    assert any("of another material" in said and "c (probability" in said for said in spoilt.remarks)
     assert clean.strays == {}
     for name in ("shear_modulus", "viscosity"):
         assert abs(np.log10(spoilt.interval(name)[1] / clean.interval(name)[1])) < 0.04

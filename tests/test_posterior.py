@@ -590,7 +590,7 @@ def test_a_wrong_law_is_rejected(fitted):
     curve = shot(Zener(2e4, 0.08, 6e-6), noise=0.004)
     wrong = verify.verify(curve, fit(curve, "newtonian", windows=False), discrepancy=False, level="map")
     assert wrong.checks.verdict == "model_does_not_fit"
-    assert "more than independent noise" in wrong.checks.message
+    assert "more than noise explains" in wrong.checks.message
     assert wrong.diagnostics.predictive["p_value"] < 0.01
 
 

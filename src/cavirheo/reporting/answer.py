@@ -68,6 +68,7 @@ class OtherModel(Record):
         viscosity_Pa_s: mu, Pa s; null where it is not one number.
         stretch: R_max/R_0.
         other_parameters: all others by natural name, SI, as in a row.
+        weight: share of it in the answer, where that is an average over both models.
     """
 
     material: str
@@ -79,6 +80,7 @@ class OtherModel(Record):
     viscosity_Pa_s: Quantity = Quantity()
     stretch: Quantity = Quantity()
     other_parameters: dict[str, Quantity] = {}
+    weight: float = 0.0
 
     def quantity(self, name: str) -> Quantity:
         """A parameter by its natural name; empty where the model has none."""
@@ -327,6 +329,7 @@ def _other(one: OtherAnswer) -> OtherModel:
     return OtherModel(
         material=one.material, bubble=one.bubble, log_evidence=evidence.log,
         evidence_error=evidence.error, rmse_over_rmax=one.rmse_over_rmax, **known, other_parameters=values,
+        weight=one.weight,
     )  # fmt: skip
 
 

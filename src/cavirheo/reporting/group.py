@@ -68,6 +68,7 @@ class GroupModel(Record):
         viscosity_Pa_s: mu, Pa s; of a law whose viscosity is not one number that at 1e5 1/s.
         log_evidence: that of this model minus that of the answer, summed over the shots that have both; null where
             none has.
+        weight: mean share of it in the answers, where these are averages over both models.
         slopes: by natural name, where all of the shots have an answer of it.
     """
 
@@ -77,6 +78,7 @@ class GroupModel(Record):
     shear_modulus_Pa: Spread
     viscosity_Pa_s: Spread
     log_evidence: float | None = None
+    weight: float = 0.0
     slopes: dict[str, Slope] = {}
 
     @property
@@ -100,7 +102,8 @@ class GroupModel(Record):
         """Whether the evidence of all shots together rejects the answers beside it; that of each is of a glance."""
         from cavirheo.inference.others import rejects
 
-        return self.log_evidence is not None and rejects(self.log_evidence, [None] * self.n)
+        averaged = self.weight > 0.5  # the answers are mostly this model's
+        return not averaged and self.log_evidence is not None and rejects(self.log_evidence, [None] * self.n)
 
 
 class GroupRecord(Record):
@@ -344,6 +347,7 @@ def _other_models(trusted: list[CurveRecord], sloped: list[CurveRecord]) -> list
             shear_modulus_Pa=spread_of([one.quantity("shear_modulus").determined for one in answers]),
             viscosity_Pa_s=spread_of([one.viscosity.determined for one in answers]),
             log_evidence=float(np.sum(gains)) if gains else None,
+            weight=float(np.mean([one.weight for one in answers])),
             slopes=_slopes(sloped, [models[model] for models in sloped_others]) if complete else {},
         ))  # fmt: skip
     return found

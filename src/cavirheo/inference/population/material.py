@@ -168,8 +168,9 @@ class Population:
     @property
     def remarks(self) -> list[str]:
         """Sentences below the line: who does not belong, what was left out, doubts."""
-        away = [f"{name} ({'> 99' if p > 0.99 else f'{100 * p:.0f}'} %)" for name, p in self.strays.items()]
-        said = [f"of another material than the other shots, with this probability: {', '.join(away)}"] * bool(away)
+        away = [f"{name} (probability {'> 99' if p > 0.99 else f'{100 * p:.0f}'} %)" for name, p in self.strays.items()]
+        unlike = f"probably of another material than the other shots, and hardly counted: {', '.join(away)}"
+        said = [unlike] * bool(away)
         left = ", ".join(f"{count} {why}" for why, count in self.left_out.items())
         return said + [f"shots that do not count: {left}"] * bool(left) + list(self.doubts) * bool(len(self.centre))
 

@@ -369,16 +369,15 @@ class Work:
             self.messages += [digits.unbounded(name, value) for name, value in unbounded.items()]
         if predictive and predictive["p_value"] < TUNING.rejected:
             seen = excess >= TUNING.systematic_seen
-            size = f"systematically by {excess:.1%} of R_max" if seen else "though not by more than its size"
-            text = (
-                f"the simulation misses the frames by more than independent noise: {size} ({digits.chance(predictive)})"
-            )
+            size = f"by {100 * excess:.1f} %" if seen else f"by less than {100 * TUNING.systematic_seen:.2g} %"
+            text = f"the simulation differs from the frames by more than noise explains: {size} of R_max beyond the "
+            text += f"noise ({digits.chance(predictive)})"
             if not self.settings.discrepancy:
                 verdict = "model_does_not_fit"
                 text += ", and the law was taken as exact, so the interval is too narrow"
             elif excess > TUNING.systematic:
                 verdict = "model_does_not_fit"
-                text += f" (limit {TUNING.systematic:.0%})"
+                text += f" (limit {100 * TUNING.systematic:.0f} %)"
             elif seen:
                 text += ", which the interval allows for"
             self.messages.append(text)
