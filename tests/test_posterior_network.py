@@ -122,6 +122,23 @@ def test_the_default_answer_holds_the_truth_and_agrees_with_more_draws():
 
 
 @pytest.mark.slow
+def test_where_nothing_resists_the_answer_is_mostly_of_the_fields_bubble():
+    time = np.arange(100) * 1e-6
+    run = simulate(NeoHookeanKelvinVoigt(8e3, 0.05), max_radius=250e-6, stretch=7.0, time=time)
+    noise = 0.008 * 250e-6 * np.random.default_rng(3).standard_normal(100)
+    curve = RadiusCurve(time, run.radius + noise)
+    real, field = (cavirheo.infer(curve, bubble=bubble) for bubble in ("real", "field"))
+    (limit,) = (other for other in real.others if other.bubble == FIELD)
+    assert limit.weight > 0.5
+    assert real.evidence.log <= max(limit.evidence.log, field.evidence.log) + 0.5
+    assert real.interval("confinement_damping")[0] == 0.0
+    for name, truth in (("shear_modulus", 8e3), ("viscosity", 0.05)):
+        low, high = real.interval(name)
+        assert low < truth < high
+        widths = [np.log(np.divide(*answer.interval(name)[::-1])) for answer in (real, field)]
+        assert widths[0] < 1.6 * widths[1]
+
+
 def test_the_default_answer_agrees_with_full():
     for noise, seed in ((0.01, 1), (0.003, 2), (0.02, 3)):
         curve = shot(noise=noise, seed=seed)
