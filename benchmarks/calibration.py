@@ -36,7 +36,7 @@ from scipy.stats import chi2, kstest, truncnorm
 from cavirheo import NeoHookeanKelvinVoigt, RadiusCurve, fit, simulate
 from cavirheo.bubble import BUBBLES
 from cavirheo.inference.experiment import LARGEST, ZETA, Experiment
-from cavirheo.inference.networked import Networked
+from cavirheo.inference.network_answer import Networked
 from cavirheo.inference.posterior_model import load_posterior
 from cavirheo.inference.verify import verify
 from cavirheo.physics.materials import Material

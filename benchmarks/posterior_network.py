@@ -16,9 +16,9 @@ import numpy as np
 
 from cavirheo import RadiusCurve, infer
 from cavirheo.bubble import FIELD
-from cavirheo.inference.networked import Networked
+from cavirheo.inference.latent import SLOTS, slot, used
+from cavirheo.inference.network_answer import Networked
 from cavirheo.inference.posterior_model import load_posterior
-from cavirheo.inference.slots import SLOTS, slot, used
 from cavirheo.physics.materials import MATERIALS
 from cavirheo.physics.simulate import simulate_many
 from cavirheo.prior import uniforms

@@ -21,8 +21,8 @@ from pathlib import Path
 
 import numpy as np
 
-from cavirheo.beside.published import shots_of
-from cavirheo.beside.published.references import MU, G, ReferenceSet, read_references
+from cavirheo.companions.published import shots_of
+from cavirheo.companions.published.references import MU, G, ReferenceSet, read_references
 from cavirheo.inference.fit import fit_many
 from cavirheo.posterior import Posterior
 from cavirheo.writing import digits

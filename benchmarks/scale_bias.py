@@ -18,7 +18,7 @@ from scipy.optimize import least_squares
 
 from cavirheo.curve import RadiusCurve
 from cavirheo.inference import infer_many
-from cavirheo.inference.amortised import Amortised
+from cavirheo.inference.bdt import Amortised
 from cavirheo.inference.model import DEFAULT, load
 from cavirheo.parameters import LOG10, natural_name, scaled
 from cavirheo.physics.materials import MATERIALS

@@ -32,11 +32,11 @@ from cavirheo.app.words import answers, facts, found
 from cavirheo.bubble import FIELD
 from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError
-from cavirheo.inference.trial import band
+from cavirheo.inference.what_if import band
 from cavirheo.parallel import Once
 from cavirheo.reading import read_curves, write_csv
-from cavirheo.reading.apart import Reader
-from cavirheo.reporting import interactive, live
+from cavirheo.reading.subprocess_reader import Reader
+from cavirheo.reporting import browser_figures, wall_page
 from cavirheo.reporting.bundle import write_bundle
 
 SOFT = examples()["soft_gel.csv"]
@@ -435,7 +435,7 @@ def test_a_law_without_modulus_is_named_and_drawn_over_the_radius(session, law, 
     made = infer(session, [f"soft_gel[{k}]" for k in (1, 2, 3)])
     assert f"{law}, real bubble" in answers(session)
     assert ("at 10<sup>5</sup> 1/s" in answers(session)) == rated
-    figure = interactive.cloud(made.pairs, made.document)
+    figure = browser_figures.cloud(made.pairs, made.document)
     assert "R<sub>max</sub>" in figure.layout.xaxis.title.text
     assert ("10<sup>5</sup>" in figure.layout.yaxis.title.text) == rated
     (marks,) = figure.data
@@ -605,7 +605,7 @@ def test_the_band_of_the_draws_holds_the_answer_and_a_density_matters(session):
     change = kept.document.groups[0].modulus_over_scale  # a denser liquid is slower, which a stiffer gel makes up for
     assert 5.0 < change < 25.0
     assert f"{change:+.0f} %" in answers(session)
-    shown = interactive.cloud(kept.pairs, kept.document)
+    shown = browser_figures.cloud(kept.pairs, kept.document)
     (medians,) = [one for one in shown.data if one.text is not None]
     assert medians.y[0] == pytest.approx(answer.median("viscosity"))  # over G, as in the report
     assert medians.x[0] == pytest.approx(answer.median("shear_modulus") / 1000)
@@ -763,7 +763,7 @@ def test_the_wall_shows_the_last_answers_of_this_app(served):
 
 def test_the_wall_shows_a_watched_folder_wherever_the_app_listens(running, tmp_path):
     for folder, host in ((tmp_path, "127.0.0.1"), (tmp_path, "0.0.0.0"), (None, "0.0.0.0")):
-        (tmp_path / live.PAGE).unlink(missing_ok=True)
+        (tmp_path / wall_page.PAGE).unlink(missing_ok=True)
         with running(host, folder=folder) as (address, _):
             place = f"http://127.0.0.1:{address.rstrip('/').rpartition(':')[2]}/live"
             if folder is None:  # visitors from elsewhere must not see each other's answers
@@ -771,7 +771,7 @@ def test_the_wall_shows_a_watched_folder_wherever_the_app_listens(running, tmp_p
                     get(place)
                 continue
             assert "waiting" in get(place)
-            (folder / live.PAGE).write_text("<h1>shot 7</h1>")
+            (folder / wall_page.PAGE).write_text("<h1>shot 7</h1>")
             with urllib.request.urlopen(place) as answer:
                 assert answer.read() == b"<h1>shot 7</h1>"
                 assert "default-src 'self'" in answer.headers["content-security-policy"]

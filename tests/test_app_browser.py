@@ -26,10 +26,10 @@ for found, lacking in (
 from cavirheo.app import steps  # noqa: E402
 from cavirheo.app.session import VisitorLimits  # noqa: E402
 from cavirheo.app.steps import examples  # noqa: E402
-from cavirheo.inference import doubts  # noqa: E402
+from cavirheo.inference import input_checks  # noqa: E402
 from cavirheo.posterior import Checks, Posterior  # noqa: E402
 from cavirheo.reading import read_curves, write_csv  # noqa: E402
-from cavirheo.reporting import live, result  # noqa: E402
+from cavirheo.reporting import result, wall_page  # noqa: E402
 from cavirheo.reporting.material import PopulationRecord  # noqa: E402
 from cavirheo.writing.digits import MISSING  # noqa: E402
 
@@ -620,7 +620,7 @@ def test_a_file_that_is_dropped_while_another_loads(visit, tmp_path):
 def test_the_table_of_files_does_not_wait_for_the_solver(visit, tmp_path, monkeypatch):
     """Which is compiled on the first day, for a minute where the machine is busy."""
     page, held = visit(WIDE), Event()
-    monkeypatch.setattr(doubts, "of_scale", lambda *_: ["check the scale"] if held.wait(60) else [])
+    monkeypatch.setattr(input_checks, "of_scale", lambda *_: ["check the scale"] if held.wait(60) else [])
     drop(page, _one_shot(tmp_path / "one.csv"))
     page.wait_for_selector("#infer-now:enabled")
     assert page.locator("#warned .message").count() == 0
@@ -844,7 +844,7 @@ def test_the_page_for_the_wall(wall, browser, tmp_path, size):
         curves = [replace(curve, meta={"name": f"{name} {k}", "group": name, "source": name}) for k in range(4)]
         shown = result(list(zip(curves, answers, strict=True)), "x")
         shown.groups[0].population = MATERIAL
-        live.write(folder / live.PAGE, shown, 3, curves[3], answers[3])
+        wall_page.write(folder / wall_page.PAGE, shown, 3, curves[3], answers[3])
         page.goto(f"{address}live") if not message else page.wait_for_selector(".said")
         seen = page.evaluate(WALL)
         assert seen["beyond"] == []

@@ -32,8 +32,8 @@ from cavirheo.app.session import PageSettings, Session, VisitorLimits
 from cavirheo.app.steps import infer
 from cavirheo.errors import InputError, number_of
 from cavirheo.reading import read_curves
-from cavirheo.reading.apart import Reader
 from cavirheo.reading.camera import Camera
+from cavirheo.reading.subprocess_reader import Reader
 from cavirheo.video.picture import sheet_address
 
 CAMERA = Camera(RATE, SCALE)

@@ -36,21 +36,21 @@ ROOMS = (  # from the ground up: a room imports those below it, and only those t
         "training",
         "errors files parallel parameters prior bubble posterior curve reading physics problem inference writing",
     ),
-    ("unfinished", "errors parallel bubble posterior curve writing"),
+    ("answer_store", "errors parallel bubble posterior curve writing"),
     ("cluster", "errors files parallel physics"),
     ("reporting", "errors physics parallel parameters bubble posterior curve reading inference writing"),
-    ("watching", "errors parallel bubble posterior curve reading reporting unfinished writing"),
+    ("watch", "errors parallel bubble posterior curve reading reporting answer_store writing"),
     (
-        "beside",
+        "companions",
         "errors parallel parameters landmarks bubble posterior curve reading physics inference reporting writing "
-        "unfinished",
+        "answer_store",
     ),
     (
         "app",
         "errors parallel parameters bubble posterior curve video reading physics problem inference reporting writing "
-        "beside",
+        "companions",
     ),
-    ("loading", "errors files reporting training beside video writing"),
+    ("loading", "errors files reporting training companions video writing"),
 )
 MAY_USE = {room: {"arrays", *below.split()} - {room} for room, below in ROOMS}
 FREE = ("verbs", "__main__", "__init__")  # the command line and the package's face see every room
@@ -131,7 +131,7 @@ def test_only_training_names_torch():
 def test_inference_needs_no_extra(missing):
     code = (
         f"import sys; sys.modules.update(dict.fromkeys({missing!r})); "
-        "import cavirheo.inference.amortised, cavirheo.inference.verify, cavirheo.verbs, cavirheo.reporting; "
+        "import cavirheo.inference.bdt, cavirheo.inference.verify, cavirheo.verbs, cavirheo.reporting; "
         "from cavirheo import infer, read_curves"
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)

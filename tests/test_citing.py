@@ -16,7 +16,7 @@ from cavirheo.posterior import Evidence
 from cavirheo.reading import write_csv
 from cavirheo.reporting import result
 from cavirheo.reporting.answer import OtherModel
-from cavirheo.reporting.citing import methods
+from cavirheo.reporting.citation import methods
 from cavirheo.reporting.material import PopulationRecord
 from cavirheo.reporting.sources import MEDIA, of_law
 from cavirheo.writing.document import Quantity

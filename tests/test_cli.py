@@ -13,6 +13,7 @@ from conftest import BDT
 from scipy.io import savemat
 
 from cavirheo import NeoHookeanKelvinVoigt, read_curves, simulate
+from cavirheo.answer_store import Step
 from cavirheo.inference.model import path_of
 from cavirheo.physics import laws
 from cavirheo.physics.driving import Trace
@@ -21,7 +22,6 @@ from cavirheo.physics.materials import Viscoelastic
 from cavirheo.physics.viscous import Cross
 from cavirheo.posterior import Checks, Posterior
 from cavirheo.reading import write_csv
-from cavirheo.unfinished import Step
 from cavirheo.verbs.run import Run
 
 ROOT = Path(__file__).parent.parent

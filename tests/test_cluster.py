@@ -23,6 +23,7 @@ pytest.importorskip("distributed", reason="needs the extra [cluster]")
 from distributed import Client, LocalCluster
 
 from cavirheo import InputError
+from cavirheo.answer_store import Step, Unfinished
 from cavirheo.cluster import connected
 from cavirheo.cluster.check import Identity, admitted, identity, reports
 from cavirheo.cluster.executor import SECONDS_PER_THREAD, Workers, _batch, seconds_for
@@ -34,7 +35,6 @@ from cavirheo.problem import TrainingProblem
 from cavirheo.reading import read_curves
 from cavirheo.training import dataset
 from cavirheo.training.dataset import generate
-from cavirheo.unfinished import Step, Unfinished
 
 ROOT = Path(__file__).parent.parent
 EXAMPLE = ROOT / "examples" / "soft_gel.csv"

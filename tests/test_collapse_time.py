@@ -10,7 +10,7 @@ import pytest
 from files import write_xlsx
 from scipy.io import savemat
 
-from cavirheo.beside.collapse_times import column, read_groups, read_table
+from cavirheo.companions.collapse_times import column, read_groups, read_table
 from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError, SolverError
 from cavirheo.inference.collapse_time import CollapseEstimate, Shots, estimate, shot, unusable

@@ -12,10 +12,10 @@ import numpy as np
 import pytest
 
 from cavirheo import read_curves
-from cavirheo.beside import published
-from cavirheo.beside.published import compare, picture
-from cavirheo.beside.published.comparison import Comparison, print_table
-from cavirheo.beside.published.references import MU, G, read_references
+from cavirheo.companions import published
+from cavirheo.companions.published import compare, picture
+from cavirheo.companions.published.comparison import Comparison, print_table
+from cavirheo.companions.published.references import MU, G, read_references
 from cavirheo.errors import InputError
 from cavirheo.posterior import Checks, Posterior
 from cavirheo.reading import write_csv

@@ -12,8 +12,8 @@ from test_reporting import bubble
 
 import cavirheo
 from cavirheo import InputError
-from cavirheo.beside import design as beside
-from cavirheo.beside import network_design
+from cavirheo.companions import design as beside
+from cavirheo.companions import network_design
 from cavirheo.inference import design
 from cavirheo.inference.design import NORMAL_90, Setting, expected, gain, linearised, shared, shots_wanted
 from cavirheo.inference.law import Family
@@ -272,7 +272,7 @@ def test_a_picture_that_fails_costs_only_itself(quick, run, tmp_path, monkeypatc
 
 def test_the_ring_of_the_next_setting_is_within_the_picture(quick):
     pytest.importorskip("matplotlib")
-    from cavirheo.beside.design_view import picture
+    from cavirheo.companions.design_view import picture
 
     figure = picture(cavirheo.design(ranges=RANGES, frame_rate=(1e6,), sizes=3))
     for axes in figure.axes:

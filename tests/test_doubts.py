@@ -13,7 +13,7 @@ from fits import fit
 
 import cavirheo
 from cavirheo import NeoHookeanKelvinVoigt, Newtonian, RadiusCurve, read_curves, simulate
-from cavirheo.inference import amortised, doubts
+from cavirheo.inference import bdt, input_checks
 from cavirheo.inference.experiment import Experiment
 from cavirheo.inference.law import Family
 from cavirheo.inference.options import Options
@@ -99,7 +99,7 @@ def test_a_recording_that_starts_at_the_maximum_is_no_doubt():
 
 def seen(curve):
     """What is said of the frames themselves."""
-    return [doubt for doubt in doubts.plain(curve, WATER) if "check the frames" in doubt]
+    return [doubt for doubt in input_checks.plain(curve, WATER) if "check the frames" in doubt]
 
 
 def test_frames_that_stand_several_times_are_a_doubt():
@@ -133,8 +133,8 @@ def test_a_recording_that_runs_backwards_is_a_doubt():
     whole = recorded(NeoHookeanKelvinVoigt(6e3, 0.03), 7.0, frames=100)
     grown = read_curves(SOFT)[0]
     for curve in (whole, grown):
-        assert doubts.plain(curve, WATER) == []
-        said = doubts.plain(replace(curve, radius=curve.radius[::-1]), WATER)
+        assert input_checks.plain(curve, WATER) == []
+        said = input_checks.plain(replace(curve, radius=curve.radius[::-1]), WATER)
         assert any("collapses come before R_max" in doubt and "backwards" in doubt for doubt in said)
     answer = infer(replace(grown, radius=grown.radius[::-1]))
     assert "time seems to run backwards" in answer.checks.message
@@ -174,7 +174,7 @@ def test_a_stiff_gel_is_no_doubt(modulus, stretch):
     """Its first collapse comes early, and no soft material moves like it on any clock."""
     curve = recorded(NeoHookeanKelvinVoigt(modulus, 0.05), stretch, 150e-6)
     assert curve.rayleigh_ratio() < 0.75
-    assert doubts.plain(curve, WATER) == []
+    assert input_checks.plain(curve, WATER) == []
 
 
 def test_stiff_gels_are_told_from_soft_ones_misread():
@@ -187,15 +187,15 @@ def test_stiff_gels_are_told_from_soft_ones_misread():
     ]
 
     def doubted(curves):
-        return sum(bool(doubts.plain(curve, WATER)) for curve in curves)
+        return sum(bool(input_checks.plain(curve, WATER)) for curve in curves)
 
     assert (doubted(stiff) <= 1, doubted(misread) >= 27, doubted(soft)) == (True, True, 0)
 
 
 def test_the_doubt_of_a_scale_says_how_far_it_is_off_and_what_to_type():
     curve = recorded(NeoHookeanKelvinVoigt(8e3, 0.05), 7.0)
-    (large,) = doubts.plain(RadiusCurve(curve.time, 2.0 * curve.radius), WATER)
-    (small,) = doubts.plain(RadiusCurve(curve.time, 0.4 * curve.radius), WATER)
+    (large,) = input_checks.plain(RadiusCurve(curve.time, 2.0 * curve.radius), WATER)
+    (small,) = input_checks.plain(RadiusCurve(curve.time, 0.4 * curve.radius), WATER)
     for said, factor, cause in ((large, 2.0, "too large (a diameter"), (small, 2.5, "too small (a radius in pixels")):
         assert cause in said
         assert "--rmax-um" in said
@@ -208,7 +208,7 @@ def test_no_open_recording_is_doubted_but_the_one_of_a_wrong_scale(real_data):
         if path.parent.name == "collapse_times":
             continue
         for curve in read_curves(path, density=1025.0 if "agarose_2p5" in str(path) else 998.0):
-            said = doubts.plain(curve, WATER)
+            said = input_checks.plain(curve, WATER)
             assert bool(said) == ("WRONG_SCALE" in path.name), (curve.name, said)
 
 
@@ -248,7 +248,7 @@ def test_a_first_collapse_alone_does_not_tell_the_viscosity_of_a_liquid():
 
     def said(curve, law="newtonian", **around):
         options = Options(window=1, bubble=Bubble(**around))
-        return doubts.of_walls(Experiment(curve, Family(law), options=options))
+        return input_checks.of_walls(Experiment(curve, Family(law), options=options))
 
     assert "--confinement-inertia free" in said(fall)[0]
     assert said(whole) == said(fall, "nhkv") == said(fall, confinement_inertia="free") == []
@@ -261,14 +261,14 @@ def test_a_first_collapse_alone_does_not_tell_the_viscosity_of_a_liquid():
 
 def test_any_exception_of_one_curve_stays_with_it(monkeypatch):
     curves = read_curves(SOFT)[:2]
-    whole = amortised.Amortised._doubts
+    whole = bdt.Amortised._doubts
 
     def broken(self, curve):
         if curve.name == curves[0].name:
             raise ZeroDivisionError("by zero")
         return whole(self, curve)
 
-    monkeypatch.setattr(amortised.Amortised, "_doubts", broken)
+    monkeypatch.setattr(bdt.Amortised, "_doubts", broken)
     bad, good = infer_many(curves)
     assert (bad.checks.verdict, good.checks.verdict) == ("failed", "ok")
     assert "ZeroDivisionError" in bad.checks.message

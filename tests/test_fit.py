@@ -21,8 +21,8 @@ from cavirheo import (
 from cavirheo.inference import experiment
 from cavirheo.inference.experiment import FINE, FLOOR, Experiment
 from cavirheo.inference.fit import TOGETHER, least_squares
-from cavirheo.inference.fit.alone import LIQUIDS
 from cavirheo.inference.fit.covariance import correlation_time, draws
+from cavirheo.inference.fit.curve_fit import LIQUIDS
 from cavirheo.inference.fit.least_squares import LeastSquares
 from cavirheo.inference.fit.search import Search
 from cavirheo.inference.fit.starts import Scan, spread_starts

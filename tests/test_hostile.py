@@ -13,9 +13,9 @@ import pytest
 from files import save_v73, write_ods, write_xlsx
 from scipy.io import savemat
 
-from cavirheo.beside.collapse_times import read_table
-from cavirheo.beside.published.references import read_references
-from cavirheo.beside.rheometer.read import read_sweeps
+from cavirheo.companions.collapse_times import read_table
+from cavirheo.companions.published.references import read_references
+from cavirheo.companions.rheometer.read import read_sweeps
 from cavirheo.errors import InputError
 from cavirheo.reading import limits, read_curves, workbook
 from cavirheo.reading.trace import read_trace

@@ -20,14 +20,14 @@ import pytest
 from fits import fit
 
 from cavirheo import read_curves
-from cavirheo.beside import published
+from cavirheo.answer_store import Step, Unfinished, keep, read_kept
+from cavirheo.companions import published
 from cavirheo.errors import InputError
 from cavirheo.parallel import Once, each
 from cavirheo.physics import simulate
 from cavirheo.posterior import Evidence, Posterior
 from cavirheo.reading import write_csv
 from cavirheo.reporting import picture, read_json, write_report
-from cavirheo.unfinished import Step, Unfinished, keep, read_kept
 from cavirheo.writing.claim import LOCK, Claim, claimed
 from cavirheo.writing.document import LIST, Outputs
 

@@ -18,21 +18,21 @@ from scipy.stats import invgamma, multivariate_normal, norm
 from cavirheo import InputError, NeoHookeanKelvinVoigt, RadiusCurve, infer, simulate
 from cavirheo.bubble import FIELD, REAL, Bubble
 from cavirheo.inference import experiment, verify
+from cavirheo.inference.alternatives import LAPLACE
 from cavirheo.inference.experiment import BRISK, FINE, QUICK, Experiment
 from cavirheo.inference.law import Family
 from cavirheo.inference.noise import SHAPE, Noise
 from cavirheo.inference.options import FREE, Options
-from cavirheo.inference.others import LAPLACE
-from cavirheo.inference.verify import Verification, evidence, explore, predictive, verify_many, work
+from cavirheo.inference.verify import Verification, evidence, predictive, proposals, verification, verify_many
+from cavirheo.inference.verify.adaptive_sampling import Mended
 from cavirheo.inference.verify.evidence import models, rank_laws, ranked
-from cavirheo.inference.verify.explore import Blend, Explorer
 from cavirheo.inference.verify.mode import Simulated, Target, climb, modes, same
 from cavirheo.inference.verify.predictive import predictive_check
+from cavirheo.inference.verify.proposals import Blend, Explorer
 from cavirheo.inference.verify.sampler import Mixture, Sample, effective_size, sample
-from cavirheo.inference.verify.soon import Mended
 from cavirheo.inference.verify.surrogate import Surrogate
 from cavirheo.inference.verify.tuning import TUNING
-from cavirheo.inference.verify.work import Work
+from cavirheo.inference.verify.verification import Work
 from cavirheo.physics.materials import Zener
 from cavirheo.posterior import Checks, Evidence, OtherAnswer, Posterior
 from cavirheo.prior import Prior, log_normal
@@ -89,7 +89,7 @@ def full(fitted):
 def light(monkeypatch):
     """Less is learnt before draws count: for what does not depend on how good they are."""
     less = replace(TUNING, learning_rounds=1, mixture_fits=2, pool=500, norm_draws=1000)
-    monkeypatch.setattr(explore, "TUNING", less)
+    monkeypatch.setattr(proposals, "TUNING", less)
 
 
 # likelihood
@@ -405,7 +405,7 @@ def test_a_last_round_takes_as_many_draws_as_are_missing():
 
 def test_a_surrogate_that_its_mixture_hardly_meets_is_not_drawn_from(monkeypatch):
     """It would take for ever; the draws come from the mixture, and their weights tell."""
-    monkeypatch.setattr(explore, "TUNING", replace(TUNING, mixture_fits=1, pool=500, norm_draws=2000))
+    monkeypatch.setattr(proposals, "TUNING", replace(TUNING, mixture_fits=1, pool=500, norm_draws=2000))
     target, _ = two_valleys()
     (mode,) = modes(target, [np.array([-0.4, -0.2])])
     explorer = Explorer(target, [mode])
@@ -628,7 +628,7 @@ def test_what_cannot_be_verified_keeps_its_answer(fitted):
 def test_a_matrix_that_breaks_loses_one_shot_alone(fitted, monkeypatch):
     """The other shots of the call keep their verified answers."""
     curve, answer = fitted
-    solve, calls = work.modes, []
+    solve, calls = verification.modes, []
 
     def once_singular(*given):
         calls.append(1)
@@ -636,7 +636,7 @@ def test_a_matrix_that_breaks_loses_one_shot_alone(fitted, monkeypatch):
             raise np.linalg.LinAlgError("Singular matrix")
         return solve(*given)
 
-    monkeypatch.setattr(work, "modes", once_singular)
+    monkeypatch.setattr(verification, "modes", once_singular)
     broken, whole = verify_many([curve, curve], [answer, answer], level="map", workers=1)
     assert "Singular matrix" in broken.checks.message
     assert broken.median("viscosity") == answer.median("viscosity")
@@ -905,8 +905,8 @@ def test_against_emcee(seed, monkeypatch):
     _, curve = calibration.shot(seed)
     answer = fit(curve, window="all", windows=False)
     settings = {"discrepancy": False, "ranges": calibration.RANGES, "draws": 6000, "seed": seed}
-    monkeypatch.setattr(work, "TUNING", replace(TUNING, effective_enough=2500.0))
-    monkeypatch.setattr(work, "FINE", QUICK)
+    monkeypatch.setattr(verification, "TUNING", replace(TUNING, effective_enough=2500.0))
+    monkeypatch.setattr(verification, "FINE", QUICK)
     monkeypatch.setattr(Explorer.__call__, "__defaults__", (QUICK,))
     found = verify.verify(curve, answer, **settings)
     job = Work(Verification(**settings), curve, answer)

@@ -13,14 +13,14 @@ import pytest
 import cavirheo
 from cavirheo import InputError, NeoHookeanKelvinVoigt, Newtonian, RadiusCurve, simulate
 from cavirheo.bubble import FIELD, REAL, Bubble
-from cavirheo.inference.cells import CELLS, CHANNELS, SCALARS, SIZE, cells
+from cavirheo.inference.bins import CELLS, CHANNELS, SCALARS, SIZE, cells
 from cavirheo.inference.experiment import Experiment
+from cavirheo.inference.latent import CAMERA, SLOTS, damping, damping_to_slot, from_slots, slot, to_slots, used
 from cavirheo.inference.law import Family
-from cavirheo.inference.networked import Networked
+from cavirheo.inference.network_answer import Networked
 from cavirheo.inference.options import FREE, Options
 from cavirheo.inference.posterior_model import load_posterior
-from cavirheo.inference.slots import CAMERA, SLOTS, damping, damping_to_slot, from_slots, slot, to_slots, used
-from cavirheo.inference.verify import soon, verify_many
+from cavirheo.inference.verify import adaptive_sampling, verify_many
 from cavirheo.inference.verify.mode import Target
 from cavirheo.inference.verify.sampler import Mixture
 from cavirheo.inference.verify.tuning import TUNING
@@ -225,7 +225,9 @@ def planted(network, draws=400):
     """The posterior of a shot weighed with a network that answers wrongly."""
     here = experiment(shot())
     target = Target(here, here.prior(), here.noise(True), 2)
-    return soon.weighed(target, network(target), lambda: [target.start(TRUE)], lambda: [], draws=draws, seed=1)
+    return adaptive_sampling.weighed(
+        target, network(target), lambda: [target.start(TRUE)], lambda: [], draws=draws, seed=1
+    )
 
 
 TRUE = np.array([np.log10(8e3), np.log10(0.05), np.log10(6.5), 0.0, 0.0, 0.0])  # x of `shot`, of the field's bubble
@@ -267,7 +269,7 @@ def test_evidences_that_disagree_are_not_signed():
 
     class Wrong:
         def __init__(self, target):
-            (mode,) = soon.modes(target, [target.start(TRUE)])
+            (mode,) = adaptive_sampling.modes(target, [target.start(TRUE)])
             self.mixture = Mixture(np.ones(1), mode.u[None], mode.covariance[None])
 
         def draw(self, count, rng):

@@ -11,14 +11,14 @@ from scipy.io import savemat
 
 from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError
-from cavirheo.inference import doubts
+from cavirheo.inference import input_checks
 from cavirheo.physics.driving import Trace
 from cavirheo.physics.media import WATER
 from cavirheo.reading import read_curves, write_csv
 from cavirheo.reading.files import expand, tidy
-from cavirheo.reading.layout import numbers
+from cavirheo.reading.header import column_of, plain_unit
+from cavirheo.reading.sheet import numbers
 from cavirheo.reading.tabular import kind_of, read_sheets, text_sheet
-from cavirheo.reading.titles import column_of, plain_unit
 from cavirheo.reading.trace import read_trace
 
 R_MAX = 200e-6
@@ -235,7 +235,7 @@ def test_swapped_columns_are_suspected(tmp_path):
 )
 def test_wrong_units_are_recognised(tmp_path, header, factor, says, usable):
     (curve,) = read_curves(text_table(tmp_path / "a.csv", header, TIME * 1e6, RADIUS * factor))
-    assert any(says in note for note in (*curve.notes, *doubts.of_scale(curve, WATER)))
+    assert any(says in note for note in (*curve.notes, *input_checks.of_scale(curve, WATER)))
     if not usable:
         with pytest.raises(InputError) as error:
             _ = curve.max_radius
@@ -748,8 +748,8 @@ def test_a_sheet_with_a_heading_and_decimal_commas(tmp_path):
 
 def test_other_tables_are_read_alike(tmp_path):
     """A pressure trace, a table of collapse times and a sweep with heading, unit row, decimal commas and a mean."""
-    from cavirheo.beside.collapse_times import read_table
-    from cavirheo.beside.rheometer.read import read_sweeps
+    from cavirheo.companions.collapse_times import read_table
+    from cavirheo.companions.rheometer.read import read_sweeps
 
     (tmp_path / "p.csv").write_text("Ultrasound\nZeit;Druck\nµs;kPa\n0,0;0,5\n1,5;-2,5\nMittelwert;-1,0\n")
     time, pressure, notes = read_trace(tmp_path / "p.csv")

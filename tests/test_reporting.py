@@ -15,16 +15,16 @@ import numpy as np
 import pytest
 
 from cavirheo import population, reporting
+from cavirheo.answer_store import InOrder
 from cavirheo.bubble import REAL
 from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError
 from cavirheo.posterior import Checks, Diagnostics, Evidence, OtherAnswer, Posterior, WindowAnswer, in_words
 from cavirheo.reading.column import read_column
-from cavirheo.reporting import drawing, group, html, picture, read_json, result, table, write_report
+from cavirheo.reporting import group, html, picture, picture_files, read_json, result, table, write_report
 from cavirheo.reporting.answer import curve_record
-from cavirheo.reporting.found import next_step
+from cavirheo.reporting.input_remarks import next_step
 from cavirheo.reporting.record import Answered
-from cavirheo.unfinished import InOrder
 from cavirheo.writing import digits, document, style, terminal
 from cavirheo.writing.document import Quantity, Spread, write_json
 
@@ -893,7 +893,7 @@ def test_importing_is_cheap(module, heavy):
 @pytest.mark.parametrize("workers", [1, 2])
 def test_a_picture_that_fails_costs_nothing_but_itself(pairs, tmp_path, monkeypatch, workers):
     """Whether one process draws them or several."""
-    monkeypatch.setattr(drawing, "_MANY", 2)
+    monkeypatch.setattr(picture_files, "_MANY", 2)
     (curve, posterior), *others = pairs
     broken = replace(posterior, checks=replace(posterior.checks, reconstruction_radius=np.ones(3)))  # of other length
     done: list[int] = []
@@ -913,7 +913,7 @@ def test_a_picture_that_fails_costs_nothing_but_itself(pairs, tmp_path, monkeypa
 
 
 def test_the_same_pictures_by_one_process_and_by_several(pairs, tmp_path, monkeypatch):
-    monkeypatch.setattr(drawing, "_MANY", 2)
+    monkeypatch.setattr(picture_files, "_MANY", 2)
     for workers in (1, 2):
         write_report(tmp_path / str(workers), pairs, COMMAND, date="2025-01-02", workers=workers)
     one, two = ({path.name: path.read_bytes() for path in (tmp_path / k).iterdir()} for k in "12")

@@ -11,10 +11,10 @@ import numpy as np
 import pytest
 from files import write_xlsx
 
-from cavirheo.beside.rheometer import frequency_sweep, read_sweeps, strain_sweep
-from cavirheo.beside.rheometer.document import beside, rheometry
-from cavirheo.beside.rheometer.read import SweepColumn, read_title
-from cavirheo.beside.rheometer.sweeps import FrequencySweep, StrainSweep, Sweep
+from cavirheo.companions.rheometer import frequency_sweep, read_sweeps, strain_sweep
+from cavirheo.companions.rheometer.document import beside, rheometry
+from cavirheo.companions.rheometer.read import SweepColumn, read_title
+from cavirheo.companions.rheometer.sweeps import FrequencySweep, StrainSweep, Sweep
 from cavirheo.errors import InputError
 from cavirheo.reporting import read_json
 from cavirheo.reporting.record import Result

@@ -15,7 +15,8 @@ import h5py
 import numpy as np
 import pytest
 
-from cavirheo import InputError, unfinished
+from cavirheo import InputError, answer_store
+from cavirheo.answer_store import Step, Unfinished, keep, read_kept
 from cavirheo.parallel import Threads
 from cavirheo.posterior import Checks, Posterior
 from cavirheo.prior import Prior
@@ -24,7 +25,6 @@ from cavirheo.reading import read_curves
 from cavirheo.training.dataset import columns, generate, load, survey
 from cavirheo.training.rows import StoredRows, blocks
 from cavirheo.training.shards import write_hdf5
-from cavirheo.unfinished import Step, Unfinished, keep, read_kept
 from cavirheo.writing.terminal import speed
 
 ROOT = Path(__file__).parent.parent
@@ -156,7 +156,7 @@ def test_of_many_answers_none_is_held_that_can_be_read_again(tmp_path, monkeypat
     curves = read_curves(ROOT / "examples" / "soft_gel.csv")
     steps = Step("one", asked, {"failing": (curves[2].name,)}), Step("two", after, {})
     few = Unfinished(tmp_path / "few", shown=False, executor=executor).answers(curves, steps[0])
-    monkeypatch.setattr(unfinished, "HELD", 3)
+    monkeypatch.setattr(answer_store, "HELD", 3)
     kept = Unfinished(tmp_path / "many", shown=False, executor=executor)
     many = kept.answers(curves, steps[0])
     assert list(many) == list(few) == list(range(len(curves)))

@@ -22,7 +22,7 @@ from broken_recipes import RECIPES, RIGHT
 
 from cavirheo.errors import InputError
 from cavirheo.inference import session
-from cavirheo.inference.amortised import Amortised
+from cavirheo.inference.bdt import Amortised
 from cavirheo.inference.flow import INPUTS
 from cavirheo.inference.graph import check_graph
 from cavirheo.inference.model import Network, card, path_of, shipped

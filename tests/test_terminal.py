@@ -12,9 +12,9 @@ import numpy as np
 import pytest
 
 from cavirheo import loading, read_curves
-from cavirheo.beside import collapse_times
-from cavirheo.beside.published import comparison
-from cavirheo.beside.rheometer import document as rheometer
+from cavirheo.companions import collapse_times
+from cavirheo.companions.published import comparison
+from cavirheo.companions.rheometer import document as rheometer
 from cavirheo.inference.model import card, path_of
 from cavirheo.posterior import Checks, Posterior, WindowAnswer
 from cavirheo.reading import write_csv

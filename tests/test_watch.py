@@ -19,14 +19,14 @@ import pytest
 from conftest import BDT
 from recordings import SCALE, film, write_mraw
 
-from cavirheo import read_curves, watching
+from cavirheo import read_curves, watch
+from cavirheo.answer_store import Step
 from cavirheo.curve import RadiusCurve
 from cavirheo.posterior import Checks, Posterior
 from cavirheo.reading import write_csv
 from cavirheo.reading.shots import read_shots
-from cavirheo.reporting import live, read_json
-from cavirheo.unfinished import Step
-from cavirheo.watching import Watch
+from cavirheo.reporting import read_json, wall_page
+from cavirheo.watch import Watch
 
 EXAMPLE = Path(__file__).parent.parent / "examples" / "soft_gel.csv"
 
@@ -83,7 +83,7 @@ class Bench:
 
 @pytest.fixture
 def bench(tmp_path, monkeypatch) -> Bench:
-    monkeypatch.setattr(watching, "LOOK", 0.02)
+    monkeypatch.setattr(watch, "LOOK", 0.02)
     return Bench(tmp_path, patience=0.2)
 
 
@@ -198,12 +198,12 @@ def test_many_files_at_once(bench, curve, count):
 
 def test_the_page_shows_the_latest_shot(bench, curve):
     bench.watch.write()
-    assert "waiting" in (bench.place / "out" / live.PAGE).read_text()
+    assert "waiting" in (bench.place / "out" / wall_page.PAGE).read_text()
     write(bench.folder, curve, 1)
     bench.settle()
     write_csv(bench.folder / "a<b>.csv", replace(curve, radius=curve.radius * 1.01))
     bench.settle()
-    page = (bench.place / "out" / live.PAGE).read_text()
+    page = (bench.place / "out" / wall_page.PAGE).read_text()
     assert "<h1>a&lt;b&gt;</h1>" in page
     assert "<circle" in page
     assert not re.search("https?://|<script", page)

@@ -12,17 +12,17 @@ from test_posterior_network import TRUE, experiment, shot
 
 import cavirheo
 from cavirheo import InputError, Newtonian
+from cavirheo.inference.alternatives import contenders
 from cavirheo.inference.experiment import FINE, QUICK
-from cavirheo.inference.fit import alone
+from cavirheo.inference.fit import curve_fit
 from cavirheo.inference.model import shipped
-from cavirheo.inference.others import contenders
 from cavirheo.inference.posterior_model import load_posterior
+from cavirheo.inference.verify import adaptive_sampling, verify_many
 from cavirheo.inference.verify import mode as mode_of
-from cavirheo.inference.verify import soon, verify_many
-from cavirheo.inference.verify.explore import Blend
+from cavirheo.inference.verify.adaptive_sampling import Mended
 from cavirheo.inference.verify.mode import Target, climb
+from cavirheo.inference.verify.proposals import Blend
 from cavirheo.inference.verify.sampler import Mixture, Sample, sample
-from cavirheo.inference.verify.soon import Mended
 from cavirheo.inference.verify.surrogate import Surrogate
 from cavirheo.inference.verify.tuning import TUNING
 from cavirheo.posterior import Evidence
@@ -44,7 +44,7 @@ def test_where_rough_simulations_are_refused_what_was_known_is_simulated_anew():
     """Draws of a network, which came before, kept the weights of rough simulations."""
     near = mended(lambda x: 0.5 * x[0] * np.ones(20), PLACES)
     assert not near.rough
-    rough = near.exact.residuals(PLACES, soon.BRISK)
+    rough = near.exact.residuals(PLACES, adaptive_sampling.BRISK)
     again = near.again(PLACES, rough)
     fine = near.exact.residuals(PLACES, FINE)
     assert np.array_equal(again.value, near.exact.log_posterior(PLACES, fine))
@@ -61,7 +61,7 @@ def test_a_network_whose_draws_all_fail_is_no_exception(monkeypatch):
     monkeypatch.setattr(Target, "residuals", residuals)
     d = len(target.prior.names)
     far = Mixture(np.ones(1), np.full((1, d), 20.0), 0.1 * np.eye(d)[None])
-    found = soon.weighed(target, far, lambda: [target.start(TRUE)], list, draws=200, seed=1)
+    found = adaptive_sampling.weighed(target, far, lambda: [target.start(TRUE)], list, draws=200, seed=1)
     assert found.drawn.ess > 20
 
 
@@ -152,7 +152,7 @@ def test_a_network_whose_file_changed_is_read_anew(tmp_path):
 
 
 def test_a_fit_gives_no_interval_from_draws_that_are_worth_too_little(monkeypatch):
-    monkeypatch.setattr(alone, "MOST", 60)  # worth more than 15, less than 100
+    monkeypatch.setattr(curve_fit, "MOST", 60)  # worth more than 15, less than 100
     answer = cavirheo.fit(shot(), bubble="field", windows=False, others=False, workers=1, trust_input=True)
     assert answer.interval("shear_modulus") is None
     assert answer.checks.verdict == "no_interval"

@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     __version__: str
-    from cavirheo.beside.design import design as design
     from cavirheo.bubble import Bubble as Bubble
+    from cavirheo.companions.design import design as design
     from cavirheo.curve import RadiusCurve as RadiusCurve
     from cavirheo.errors import InputError as InputError
     from cavirheo.errors import SolverError as SolverError
@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     from cavirheo.reading.recordings import measure as measure
 
 _HOME = {
-    "design": "beside.design",
+    "design": "companions.design",
     "Bubble": "bubble",
     "RadiusCurve": "curve",
     "InputError": "errors",

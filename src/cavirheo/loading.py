@@ -18,11 +18,11 @@ Wanted = TypeVar("Wanted", bound="Document | Dataset")
 
 _KINDS = {  # a key that no other document has, and the class of the document
     "measured_with": ("video.document", "Measured"),
-    "sets": ("beside.published.comparison", "Comparison"),
-    "strain_sweeps": ("beside.rheometer.document", "Rheometry"),
-    "wanted_percent": ("beside.design", "Design"),
-    "worst": ("beside.network_design", "NetworkDesign"),
-    "medium": ("beside.collapse_times", "CollapseTimes"),
+    "sets": ("companions.published.comparison", "Comparison"),
+    "strain_sweeps": ("companions.rheometer.document", "Rheometry"),
+    "wanted_percent": ("companions.design", "Design"),
+    "worst": ("companions.network_design", "NetworkDesign"),
+    "medium": ("companions.collapse_times", "CollapseTimes"),
     "laws": ("reporting.laws", "Laws"),
     "curves": ("reporting.record", "Result"),
 }

@@ -68,7 +68,7 @@ def refusing(*calls: Callable[[], object]) -> None:
 
 
 def collapse_times(path: Path) -> None:
-    from cavirheo.beside.collapse_times import read_groups
+    from cavirheo.companions.collapse_times import read_groups
     from cavirheo.physics.media import WATER
 
     groups, problems, *_ = read_groups([path], WATER)
@@ -84,8 +84,8 @@ def said(path: Path, problems: list[str]) -> None:
 
 
 def sweeps(path: Path) -> None:
-    from cavirheo.beside.rheometer import document, read
-    from cavirheo.beside.rheometer.sweeps import StrainSweep, frequency_sweep, strain_sweep
+    from cavirheo.companions.rheometer import document, read
+    from cavirheo.companions.rheometer.sweeps import StrainSweep, frequency_sweep, strain_sweep
 
     strain, frequency = [], []
     for one in read.read_sweeps(path):
@@ -106,7 +106,7 @@ def pressure(path: Path) -> None:
 
 
 def references(path: Path) -> None:
-    from cavirheo.beside.published.references import read_references
+    from cavirheo.companions.published.references import read_references
 
     read_references(path)
 

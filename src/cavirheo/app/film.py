@@ -19,11 +19,11 @@ from cavirheo.arrays import Bools
 from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError, require
 from cavirheo.reading import camera, noted
-from cavirheo.reading.apart import Report
 from cavirheo.reading.camera import Camera
 from cavirheo.reading.recordings import history
-from cavirheo.reporting.found import cells, notes, warnings
-from cavirheo.reporting.interactive import filmed
+from cavirheo.reading.subprocess_reader import Report
+from cavirheo.reporting.browser_figures import filmed
+from cavirheo.reporting.input_remarks import cells, notes, warnings
 from cavirheo.video.measurement import Measurement
 from cavirheo.video.picture import COLOURS, GREY, frame_address
 from cavirheo.video.track import FLAGS

@@ -17,10 +17,10 @@ from cavirheo.app.events import AT_ONCE, LATEST, button, html, line, plot
 from cavirheo.app.session import PageSettings, Session, Visitors
 from cavirheo.errors import InputError, require
 from cavirheo.inference import DEFAULT
-from cavirheo.inference.trial import band, seen
+from cavirheo.inference.what_if import band, seen
 from cavirheo.physics.media import MEDIA
 from cavirheo.reading.camera import Camera
-from cavirheo.reporting import interactive as plots
+from cavirheo.reporting import browser_figures as plots
 from cavirheo.writing import digits
 
 _LEVELS = [

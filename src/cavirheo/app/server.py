@@ -30,7 +30,7 @@ from cavirheo.app.session import VisitorLimits, Visitors
 from cavirheo.errors import InputError
 from cavirheo.parallel import of_memory
 from cavirheo.physics.simulate import load_solver
-from cavirheo.reporting import live
+from cavirheo.reporting import wall_page
 
 _FONTS = ["system-ui", "-apple-system", "Segoe UI", "Roboto", "Helvetica Neue", "Arial", "sans-serif"]
 _THEME = gr.themes.Default(
@@ -84,7 +84,7 @@ def _wall(visitors: Visitors, folder: Path | None) -> Route:
     def shown(_: Request) -> HTMLResponse:
         own = None if folder else visitors.latest()
         given = (own.document, len(own.pairs) - 1, *own.pairs[-1]) if own else ()
-        return HTMLResponse(live.read(folder) if folder else live.page(*given))
+        return HTMLResponse(wall_page.read(folder) if folder else wall_page.page(*given))
 
     return Route("/live", shown)
 

@@ -13,7 +13,7 @@ from tempfile import TemporaryDirectory
 from threading import Lock, RLock, Timer
 from typing import Any
 
-from cavirheo.beside.values import set_beside, values_of
+from cavirheo.companions.values import set_beside, values_of
 from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError, number_of, require
 from cavirheo.inference import DEFAULT, check_level, check_models
@@ -22,10 +22,10 @@ from cavirheo.inference.reconstruct import check_stretch
 from cavirheo.parallel import Once, Stoppable
 from cavirheo.physics.media import Medium, medium
 from cavirheo.posterior import Posterior
-from cavirheo.reading.apart import Found, Reader
 from cavirheo.reading.camera import Camera
 from cavirheo.reading.recordings import is_recording
 from cavirheo.reading.shots import check_max_radius
+from cavirheo.reading.subprocess_reader import Found, Reader
 from cavirheo.reporting.answer import CurveRecord
 from cavirheo.reporting.record import Pairs, Published, Result
 from cavirheo.video.measurement import Measurement

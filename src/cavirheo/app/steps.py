@@ -13,19 +13,19 @@ from pathlib import Path
 from typing import Any
 
 from cavirheo.app.session import ANSWERED, Answers, PageSettings, Session
-from cavirheo.beside.values import set_beside
+from cavirheo.companions.values import set_beside
 from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError, number_of, require
 from cavirheo.inference import DEFAULT, infer_many
 from cavirheo.inference.fit import fit_many
-from cavirheo.inference.trial import reach, seen, tried
+from cavirheo.inference.what_if import reach, seen, tried
 from cavirheo.posterior import Checks, Posterior
-from cavirheo.reading.apart import Report
-from cavirheo.reporting import interactive as plots
+from cavirheo.reading.subprocess_reader import Report
+from cavirheo.reporting import browser_figures as plots
 from cavirheo.reporting import result
 from cavirheo.reporting.answer import curve_record
 from cavirheo.reporting.bundle import zipped
-from cavirheo.reporting.found import unexplained
+from cavirheo.reporting.input_remarks import unexplained
 from cavirheo.reporting.record import Pairs
 
 SLIDERS = {  # label, factor from SI

@@ -15,8 +15,8 @@ from cavirheo.inference import AUTO, DEFAULT
 from cavirheo.inference.model import card, shipped
 from cavirheo.reporting import html
 from cavirheo.reporting.answer import CurveRecord, curve_record, parameter_key
-from cavirheo.reporting.citing import TITLE, methods_if_any
-from cavirheo.reporting.found import causes, cells, notes, pooled, warnings
+from cavirheo.reporting.citation import TITLE, methods_if_any
+from cavirheo.reporting.input_remarks import causes, cells, notes, pooled, warnings
 from cavirheo.reporting.record import result_of
 from cavirheo.writing import digits
 from cavirheo.writing.terminal import once

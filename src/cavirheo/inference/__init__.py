@@ -10,7 +10,7 @@ from typing import Any
 from cavirheo.bubble import FIELD, Bubble, Requested, bubbles_of
 from cavirheo.curve import RadiusCurve, several
 from cavirheo.errors import expect_whole, require
-from cavirheo.inference.amortised import Amortised
+from cavirheo.inference.bdt import Amortised
 from cavirheo.inference.law import softened
 from cavirheo.inference.model import Network, card, path_of
 from cavirheo.inference.options import Options, check_wall
@@ -178,7 +178,7 @@ def infer_many(
 
         answers, settings["level"] = each(estimator.infer, curves, workers), verify
         return verify_many(curves, answers, bubble=bubbles, workers=workers, done=done, **settings)
-    from cavirheo.inference.networked import Networked
+    from cavirheo.inference.network_answer import Networked
 
     laws = softened(_laws(material), bubbles[0].damage)
     alone: Any = settings | {"window": window, "trust_input": trust_input, "checked": verify == "none"}

@@ -22,6 +22,7 @@ from cavirheo.arrays import Bools, Floats
 from cavirheo.bubble import FROM_NOTHING
 from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError, require
+from cavirheo.inference.bins import half_widths
 from cavirheo.inference.camera import (
     FINEST,
     MOST,
@@ -32,7 +33,6 @@ from cavirheo.inference.camera import (
     SimulatedCurve,
     rescaled,
 )
-from cavirheo.inference.cells import half_widths
 from cavirheo.inference.law import Family
 from cavirheo.inference.noise import Noise, correlation_time
 from cavirheo.inference.options import FREE, Options, fixed_bubble

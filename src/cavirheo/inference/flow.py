@@ -1,7 +1,7 @@
 """A posterior network answers: draws of the parameters with their density, for any recording, in milliseconds.
 
 The network (training/posterior) reads the frames of an experiment's window, whatever the camera, and gives the density
-of the slots (slots.py) one after the other, each a mixture of Gaussians given those before it. It was trained in
+of the slots (latent.py) one after the other, each a mixture of Gaussians given those before it. It was trained in
 water; in another medium the same Cauchy and Reynolds numbers make nearly the same curve:
 
     G = G_water p/p_water,   mu = mu_water (p t_c)/(p t_c)_water,   t_c at the shot's R_max.
@@ -22,10 +22,10 @@ import numpy as np
 from cavirheo.arrays import Floats
 from cavirheo.bubble import Bubble
 from cavirheo.errors import require
-from cavirheo.inference.cells import SCALE, cells
+from cavirheo.inference.bins import SCALE, cells
 from cavirheo.inference.experiment import Experiment
+from cavirheo.inference.latent import SLOTS, damping_to_slot, from_slots, slot, to_slots, used
 from cavirheo.inference.session import started
-from cavirheo.inference.slots import SLOTS, damping_to_slot, from_slots, slot, to_slots, used
 from cavirheo.physics.media import WATER
 from cavirheo.prior import Prior
 

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError, as_path, require
 from cavirheo.reading.files import guarded, sha256, shown
-from cavirheo.reading.select import Chosen, selected
+from cavirheo.reading.selection import Chosen, selected
 from cavirheo.reading.table import write_csv
 from cavirheo.video.frames import is_recording
 

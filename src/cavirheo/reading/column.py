@@ -20,7 +20,7 @@ import numpy as np
 from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError, require
 from cavirheo.reading.files import guarded
-from cavirheo.reading.marks import Cells, is_number
+from cavirheo.reading.number_format import Cells, is_number
 from cavirheo.reading.tabular import Row, read_sheets
 
 SIZE = "R_max"  # the word

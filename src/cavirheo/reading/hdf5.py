@@ -15,7 +15,7 @@ import numpy as np
 from cavirheo.curve import RadiusCurve
 from cavirheo.errors import require
 from cavirheo.reading import limits
-from cavirheo.reading.clean import make_curve
+from cavirheo.reading.samples import make_curve
 from cavirheo.reading.table import column
 
 _EXPECTED = "datasets time and radius (s, m), or time_us and radius_um, in the root or one group per curve"

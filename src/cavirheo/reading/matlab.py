@@ -22,7 +22,7 @@ from cavirheo.arrays import Floats
 from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError, require
 from cavirheo.reading import limits
-from cavirheo.reading.clean import make_curve, unusable
+from cavirheo.reading.samples import make_curve, unusable
 
 _CELLS = ("R_nondim_All", "t_nondim_All")
 _ONE_EACH = "RmaxList lambda_max_mean lambda_max_std P_inf rho Rnew t deltax deltat R Rmax shift_normRnew"

@@ -24,11 +24,11 @@ from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError, printable, require
 from cavirheo.parameters import RADIUS
 from cavirheo.reading import limits
-from cavirheo.reading.clean import RADIUS_UNITS, TIME_UNITS, UNIT_WORDS, make_curve, swapped
-from cavirheo.reading.layout import Table, find_table, numbers
-from cavirheo.reading.marks import Cells, is_number
+from cavirheo.reading.header import column_of, plain_title, plain_unit
+from cavirheo.reading.number_format import Cells, is_number
+from cavirheo.reading.samples import RADIUS_UNITS, TIME_UNITS, UNIT_WORDS, make_curve, swapped
+from cavirheo.reading.sheet import Table, find_table, numbers
 from cavirheo.reading.tabular import Row, read_sheets
-from cavirheo.reading.titles import column_of, plain_title, plain_unit
 
 ONE_SCALE = 0.02  # by which factors of one scale may differ: R_max is read off the frames
 _KINDS = {

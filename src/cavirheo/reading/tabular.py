@@ -5,7 +5,7 @@ separate, they may be decimal. UTF-8 (with or without mark), UTF-16 (with or wit
 with # or % are comments, except the titles over columns of numbers (numpy.savetxt writes them so).
 Workbooks: .xlsx, .xls, .xlsb, .ods; the visible sheets in the order of their tabs.
 
-What a row means is the caller's (layout.py): `is_header` says which rows name the columns it looks for.
+What a row means is the caller's (sheet.py): `is_header` says which rows name the columns it looks for.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from typing import Literal, NamedTuple
 from cavirheo.errors import InputError, require, without_unseen
 from cavirheo.files import from_cell
 from cavirheo.reading import limits
-from cavirheo.reading.marks import Cells, is_number, with_points
+from cavirheo.reading.number_format import Cells, is_number, with_points
 
 IsHeader = Callable[[Cells], bool]
 

@@ -6,12 +6,12 @@ from pathlib import Path
 
 from cavirheo.arrays import Floats
 from cavirheo.errors import require
-from cavirheo.reading.clean import TIME_UNITS, UNIT_WORDS
 from cavirheo.reading.files import guarded
-from cavirheo.reading.layout import find_table, numbers
-from cavirheo.reading.marks import Cells
+from cavirheo.reading.header import column_of, plain_title
+from cavirheo.reading.number_format import Cells
+from cavirheo.reading.samples import TIME_UNITS, UNIT_WORDS
+from cavirheo.reading.sheet import find_table, numbers
 from cavirheo.reading.tabular import read_sheets
-from cavirheo.reading.titles import column_of, plain_title
 
 _KINDS = {
     plain_title(word): kind

@@ -149,7 +149,7 @@ def _drawn(
     done: Callable[[], None] | None,
 ) -> Iterator[str]:  # fmt: skip
     """What the report shows of its curves, drawn when it is asked for; files are saved meanwhile."""
-    from cavirheo.reporting.drawing import Drawing, curve_pictures
+    from cavirheo.reporting.picture_files import Drawing, curve_pictures
 
     records, unit = document.curves, document.modulus_unit
     given = zip(pairs, records, strict=True)
@@ -165,7 +165,7 @@ def _drawn(
 
 def _of_groups(pairs: Answered, document: Result) -> Iterator[str]:
     """What the report shows of its groups; of very many curves only the first groups."""
-    from cavirheo.reporting.drawing import group_pictures
+    from cavirheo.reporting.picture_files import group_pictures
 
     members = document.members()[: GROUPS if len(pairs) > MANY else None]
     for name, shown in group_pictures(pairs, members, document.curves, document.modulus_unit):

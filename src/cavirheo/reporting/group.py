@@ -84,7 +84,7 @@ class GroupModel(Record):
     @property
     def words(self) -> str:
         """ "with nhkv, field's bubble: G 6.5 ± 0.8 kPa; the evidence prefers the answer by a factor of e^12"."""
-        from cavirheo.inference.others import equal
+        from cavirheo.inference.alternatives import equal
 
         factor, unit = digits.modulus_unit([self.shear_modulus_Pa.mean])
         known = (("G", self.shear_modulus_Pa, factor, unit), ("µ", self.viscosity_Pa_s, 1.0, "Pa s"))
@@ -100,7 +100,7 @@ class GroupModel(Record):
     @property
     def preferred(self) -> bool:
         """Whether the evidence of all shots together rejects the answers beside it; that of each is of a glance."""
-        from cavirheo.inference.others import rejects
+        from cavirheo.inference.alternatives import rejects
 
         averaged = self.weight > 0.5  # the answers are mostly this model's
         return not averaged and self.log_evidence is not None and rejects(self.log_evidence, [None] * self.n)

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Any
 
 from cavirheo.parameters import AT_RATE, CAMERA
 from cavirheo.reporting.answer import CurveRecord, Unit, described, evidence, in_unit, parameter_key, parameters_of
-from cavirheo.reporting.found import causes, next_step
 from cavirheo.reporting.group import TOGETHER, GroupRecord
+from cavirheo.reporting.input_remarks import causes, next_step
 from cavirheo.reporting.record import Result
 from cavirheo.writing import digits, terminal
 from cavirheo.writing.document import spread_of, write_rows

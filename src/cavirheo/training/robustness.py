@@ -19,7 +19,7 @@ from cavirheo.arrays import Floats
 from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError
 from cavirheo.inference import infer_many
-from cavirheo.inference.amortised import Amortised
+from cavirheo.inference.bdt import Amortised
 from cavirheo.inference.model import Network
 from cavirheo.parallel import Executor, one_of
 from cavirheo.parameters import natural_name, scaled

@@ -16,7 +16,7 @@ def cite(
 ) -> None:
     """What a paper must say about a result: models, window, priors, method, versions; and the references as BibTeX."""
     from cavirheo.loading import load
-    from cavirheo.reporting.citing import methods
+    from cavirheo.reporting.citation import methods
     from cavirheo.reporting.record import Result
     from cavirheo.writing.document import whole
 

@@ -42,8 +42,8 @@ def collapse_time(
     run: Run = options.FROM_OPTIONS,
 ) -> None:
     """G and µ from the times of the first collapse alone: one answer per table, or per file or folder of curves."""
-    from cavirheo.beside import collapse_times
-    from cavirheo.reading.select import shot_numbers
+    from cavirheo.companions import collapse_times
+    from cavirheo.reading.selection import shot_numbers
     from cavirheo.writing import style
     from cavirheo.writing.document import Outputs, write_json
 

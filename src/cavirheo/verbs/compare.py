@@ -32,8 +32,8 @@ def compare(
     run: Run = options.FROM_OPTIONS,
 ) -> None:
     """Published values of many sets beside ours, with relative errors: tables, a picture and a report per set."""
-    from cavirheo.beside.published import compare as compare_sets
-    from cavirheo.beside.published.comparison import print_table
+    from cavirheo.companions.published import compare as compare_sets
+    from cavirheo.companions.published.comparison import print_table
 
     result = compare_sets(
         folder, references, out, model=model, fit=fit_law, reference_methods=reference_method or [],

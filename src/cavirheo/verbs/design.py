@@ -49,8 +49,8 @@ def design(
     run: Run = options.FROM_OPTIONS,
 ) -> None:
     """Which shot to take next, and how many: expected intervals over R_max and frame rate."""
-    from cavirheo.beside.design import design as designed
-    from cavirheo.beside.design_view import picture, print_table
+    from cavirheo.companions.design import design as designed
+    from cavirheo.companions.design_view import picture, print_table
     from cavirheo.parallel import aside
     from cavirheo.physics.simulate import load_solver
     from cavirheo.writing import style
@@ -92,7 +92,7 @@ def design(
 
 
 def _for_training(model: str, material: str, recordings: int, seed: int, out: Path, run: Run) -> None:
-    from cavirheo.beside.network_design import network_design, print_table, recipe
+    from cavirheo.companions.network_design import network_design, print_table, recipe
     from cavirheo.inference.posterior_model import load_posterior
     from cavirheo.parallel import aside
     from cavirheo.physics.simulate import load_solver

@@ -36,7 +36,7 @@ def measure(
     run: Run = options.FROM_OPTIONS,
 ) -> None:
     """Radii of a bubble, with standard deviations, from a high-speed recording."""
-    from cavirheo.inference import doubts
+    from cavirheo.inference import input_checks
     from cavirheo.physics.media import WATER
     from cavirheo.reading.recordings import examine
     from cavirheo.video import document
@@ -58,7 +58,7 @@ def measure(
             return stack.enter_context(run.bar("measuring", count, unit="frames"))
 
         found, curve = examine(path, begin=begin, **settings)
-    odd = doubts.plain(curve, WATER)
+    odd = input_checks.plain(curve, WATER)
     made = document.describe(found, curve, odd, command=run.command, date=run.date, notes=list(found.notes))
     outputs.write("measured.csv", document.write_csv, found)
     made.notes += outputs.picture("contact.png", picture.save_sheet, picture.contact_sheet, found)

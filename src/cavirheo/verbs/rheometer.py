@@ -28,7 +28,7 @@ def rheometer(
     run: Run = options.FROM_OPTIONS,
 ) -> None:
     """Linear range, plateau modulus and viscosity from the oscillatory sweeps of a rheometer, beside bubbles."""
-    from cavirheo.beside.rheometer import document, read, sweeps
+    from cavirheo.companions.rheometer import document, read, sweeps
     from cavirheo.reporting import read_json
     from cavirheo.writing import style
     from cavirheo.writing.document import Outputs, write_json
@@ -56,7 +56,7 @@ def rheometer(
     if rows:
         outputs.write("table.csv", document.write_table, rows)
     if drawing:
-        from cavirheo.beside.rheometer.picture import write_pictures
+        from cavirheo.companions.rheometer.picture import write_pictures
 
         made.notes += write_pictures(outputs, made)
     outputs.write("rheometer.json", write_json, made)

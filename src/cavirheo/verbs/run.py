@@ -49,7 +49,7 @@ class Reading:
             value, option = getattr(self, name), f"--{name.replace('_', '-')}"
             require(value is None or value > 0, f"{option} must be a positive {what}, got {value}", f"option.{name}")
         if self.shots is not None:
-            from cavirheo.reading.select import shot_numbers
+            from cavirheo.reading.selection import shot_numbers
 
             shot_numbers(self.shots)
 
@@ -154,12 +154,12 @@ class Run:
     ) -> None:
         """The end of `infer` and `fit`: the curves answered by the first step, the answers verified (`settings` are
         those of `verify_many`), documents into `out`, the table, the exit status."""
+        from cavirheo.answer_store import InOrder, Unfinished
         from cavirheo.parallel import Step, cores
         from cavirheo.reporting import outputs, write_report
-        from cavirheo.reporting.drawing import prepare
+        from cavirheo.reporting.picture_files import prepare
         from cavirheo.reporting.record import Answered
         from cavirheo.reporting.table import print_table
-        from cavirheo.unfinished import InOrder, Unfinished
         from cavirheo.writing import digits
 
         folder = outputs(out, curves, ("png",) if pictures else (), paper=paper)

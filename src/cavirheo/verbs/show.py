@@ -18,12 +18,12 @@ if TYPE_CHECKING:
 _TABLES = {  # by the class of a document: who prints its table
     "Result": "reporting.table.print_all",
     "Laws": "reporting.laws.print_table",
-    "Comparison": "beside.published.comparison.print_table",
-    "Rheometry": "beside.rheometer.document.print_rheometry",
+    "Comparison": "companions.published.comparison.print_table",
+    "Rheometry": "companions.rheometer.document.print_rheometry",
     "Measured": "video.document.print_table",
-    "Design": "beside.design_view.print_table",
-    "NetworkDesign": "beside.network_design.print_table",
-    "CollapseTimes": "beside.collapse_times.print_table",
+    "Design": "companions.design_view.print_table",
+    "NetworkDesign": "companions.network_design.print_table",
+    "CollapseTimes": "companions.collapse_times.print_table",
 }
 
 
@@ -146,7 +146,7 @@ def _show_model(path: Path) -> None:
 
 def _show_curves(path: Path, shots: str | None) -> None:
     """What `infer` would read: a row per curve, then what was recognised and what is doubtful."""
-    from cavirheo.inference import doubts
+    from cavirheo.inference import input_checks
     from cavirheo.physics.media import WATER
     from cavirheo.reading import read_curves
     from cavirheo.writing import digits, terminal
@@ -166,6 +166,6 @@ def _show_curves(path: Path, shots: str | None) -> None:
         table.add_row(curve.name, frames, rate, *(ends or [digits.MISSING] * 2), *top)
     console.print(f"{path}: {digits.counted(len(curves), 'measured curve')}\n")
     console.print(table)
-    terminal.print_doubts(console, ((one.name, doubt) for one in curves for doubt in doubts.plain(one, WATER)))
+    terminal.print_doubts(console, ((one.name, doubt) for one in curves for doubt in input_checks.plain(one, WATER)))
     terminal.print_remarks(console, terminal.once(remarks))
     terminal.print_remarks(console, terminal.once((one.name, note) for one in curves for note in one.notes))

@@ -41,9 +41,9 @@ def watch(
     from cavirheo.parallel import Step, aside, cores
     from cavirheo.physics.simulate import load_solver
     from cavirheo.reading.column import is_size, read_column
-    from cavirheo.reporting import live, write_report
+    from cavirheo.reporting import wall_page, write_report
     from cavirheo.reporting.table import print_line, print_table
-    from cavirheo.watching import Watch
+    from cavirheo.watch import Watch
     from cavirheo.writing import digits
 
     require(folder.is_dir(), f"{folder} is no folder: give the one where recordings arrive", "watch.folder")
@@ -70,7 +70,7 @@ def watch(
     )  # fmt: skip
     aside(load_solver)
     result = watching.write()
-    page = f"{out / live.PAGE} shows the latest" + ("" if once else "; Ctrl-C ends")
+    page = f"{out / wall_page.PAGE} shows the latest" + ("" if once else "; Ctrl-C ends")
     run.say(f"watching {folder}: {len(result.curves)} answered before; {page}")
     try:
         while watching.once() or watching.pause() or not once:

@@ -15,14 +15,14 @@ from threadpoolctl import threadpool_limits
 from cavirheo.bubble import Bubble, Requested, bubbles_of, rival_of
 from cavirheo.curve import RadiusCurve, several
 from cavirheo.errors import expect_whole, require
-from cavirheo.inference import AUTO, check_level, doubts
+from cavirheo.inference import AUTO, check_level, input_checks
+from cavirheo.inference.alternatives import chosen_among, compared, contenders, itself, judged, model_of
 from cavirheo.inference.experiment import QUICK, Experiment
-from cavirheo.inference.fit.alone import Alone, posterior
 from cavirheo.inference.fit.covariance import laplace
+from cavirheo.inference.fit.curve_fit import Alone, posterior
 from cavirheo.inference.fit.least_squares import SEARCH, LeastSquares
 from cavirheo.inference.law import Family, softened
 from cavirheo.inference.options import FREED, SCALE_BOUND, Options, check_wall
-from cavirheo.inference.others import chosen_among, compared, contenders, itself, judged, model_of
 from cavirheo.parallel import cores, each
 from cavirheo.parameters import LOG10, units
 from cavirheo.physics.media import WATER, Medium
@@ -128,7 +128,7 @@ def fit_many(
         return {"cavirheo": version("cavirheo"), **about}
 
     def doubted(answer: Posterior, alone: Alone) -> Posterior:
-        return replace(answer, checks=doubts.doubted(answer.checks, alone.doubts(), trust_input))
+        return replace(answer, checks=input_checks.doubted(answer.checks, alone.doubts(), trust_input))
 
     def one(curve: RadiusCurve) -> tuple[Posterior, Alone | None]:
         began = time.perf_counter()
@@ -147,7 +147,7 @@ def fit_many(
         except Exception as error:  # of this curve alone
             family, options = models[0]
             names = tuple(LOG10 + name for name in family.parameters)
-            nothing, checks = np.empty((0, len(names))), doubts.failed(error, curve, medium)
+            nothing, checks = np.empty((0, len(names))), input_checks.failed(error, curve, medium)
             about = {"medium": asdict(medium), "options": asdict(options), "source_sha256": curve.source_sha256}
             alone, bubble = None, options.bubble
             answer = Posterior(

@@ -12,12 +12,12 @@ from threadpoolctl import threadpool_limits
 from cavirheo.bubble import DAMAGED, REAL, Requested, bubbles_of
 from cavirheo.curve import RadiusCurve, several
 from cavirheo.errors import InputError, SolverError, expect, reason
-from cavirheo.inference.doubts import doubted
+from cavirheo.inference.alternatives import chosen_among, contenders, itself, judged, model_of
+from cavirheo.inference.input_checks import doubted
 from cavirheo.inference.law import Family
-from cavirheo.inference.others import chosen_among, contenders, itself, judged, model_of
 from cavirheo.inference.posterior_model import PosteriorModel
 from cavirheo.inference.verify.tuning import TUNING
-from cavirheo.inference.verify.work import Level, Verification, Work
+from cavirheo.inference.verify.verification import Level, Verification, Work
 from cavirheo.parallel import cores, each
 from cavirheo.physics.media import Medium
 from cavirheo.posterior import Posterior, Verdict

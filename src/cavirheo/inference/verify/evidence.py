@@ -20,10 +20,10 @@ from cavirheo.bubble import REAL, Bubble, Requested, bubbles_of
 from cavirheo.curve import RadiusCurve, several
 from cavirheo.errors import require
 from cavirheo.inference import DEFAULT, infer_many
+from cavirheo.inference.alternatives import LAPLACE, chosen_among, contenders, itself, judged, model_of
 from cavirheo.inference.fit import fit_many
 from cavirheo.inference.law import Family
 from cavirheo.inference.options import Options
-from cavirheo.inference.others import LAPLACE, chosen_among, contenders, itself, judged, model_of
 from cavirheo.inference.population import Population, with_slope_if_any
 from cavirheo.inference.verify import verify_many
 from cavirheo.inference.verify.tuning import TUNING

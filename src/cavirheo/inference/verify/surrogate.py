@@ -4,7 +4,7 @@ The residuals of all frames, in their few common directions, are Gaussian proces
 Williams 2006, ch. 2 and 5.4.2, gaussianprocess.org/gpml): a Matern function and a linear trend, of coordinates in which
 frames are nearly linear, whitened by the posterior. (In u they are not: a stress is linear in a modulus, not in its
 logarithm.) The process' own variance is added to that of the noise: where little is known the surrogate neither claims
-a likely place nor excludes one. It only shapes proposals (explore.py): what counts is simulated.
+a likely place nor excludes one. It only shapes proposals (proposals.py): what counts is simulated.
 """
 
 from __future__ import annotations

@@ -18,8 +18,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cavirheo.arrays import Floats
-from cavirheo.inference.cells import END, SCALE, cells, half_widths
-from cavirheo.inference.slots import SLOTS
+from cavirheo.inference.bins import END, SCALE, cells, half_widths
+from cavirheo.inference.latent import SLOTS
 from cavirheo.physics.cache import compiled
 from cavirheo.physics.media import WATER
 from cavirheo.training.posterior.store import STEPS, TOP, CurveStore

@@ -18,11 +18,11 @@ import torch
 from onnx import TensorProto, helper, numpy_helper
 from torch import Tensor, nn
 
+from cavirheo.inference.bins import SIZE
 from cavirheo.inference.card import PosteriorCard
-from cavirheo.inference.cells import SIZE
 from cavirheo.inference.flow import INPUTS
 from cavirheo.inference.graph import check_graph
-from cavirheo.inference.slots import SLOTS, used
+from cavirheo.inference.latent import SLOTS, used
 from cavirheo.physics.media import WATER
 from cavirheo.training.export import OPSET, without_notes
 from cavirheo.training.posterior.camera import FASTEST, FEWEST, MOST, SLOWEST, Filmed

@@ -8,8 +8,8 @@ from collections.abc import Sequence
 import torch
 from torch import Tensor, nn
 
-from cavirheo.inference.cells import SIZE
-from cavirheo.inference.slots import SLOTS
+from cavirheo.inference.bins import SIZE
+from cavirheo.inference.latent import SLOTS
 
 LOG_2PI = math.log(2.0 * math.pi)
 

@@ -11,8 +11,8 @@ from pydantic import BaseModel, ConfigDict, Field, PositiveFloat, PositiveInt, V
 
 from cavirheo.errors import InputError, explained, require
 from cavirheo.files import read_bytes
+from cavirheo.inference.latent import BUBBLE_SLOTS, CAMERA, SLOTS, used
 from cavirheo.inference.law import Family
-from cavirheo.inference.slots import BUBBLE_SLOTS, CAMERA, SLOTS, used
 from cavirheo.parameters import PARAMETERS
 from cavirheo.training.recipe import LARGEST, DataTable, ExportTable, Seed
 

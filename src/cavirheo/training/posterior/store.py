@@ -21,9 +21,9 @@ from scipy.special import ndtri
 
 from cavirheo.arrays import Floats
 from cavirheo.errors import InputError, require
-from cavirheo.inference.cells import END
+from cavirheo.inference.bins import END
+from cavirheo.inference.latent import SLOTS, damping, slot, to_slots
 from cavirheo.inference.law import Family
-from cavirheo.inference.slots import SLOTS, damping, slot, to_slots
 from cavirheo.parallel import Executor, Threads
 from cavirheo.parameters import PARAMETERS
 from cavirheo.physics.media import WATER

@@ -18,7 +18,7 @@ from torch import Tensor
 
 from cavirheo.arrays import Floats
 from cavirheo.errors import require
-from cavirheo.inference.slots import SLOTS, used
+from cavirheo.inference.latent import SLOTS, used
 from cavirheo.training.dataset import difference
 from cavirheo.training.posterior.camera import Filmed, film
 from cavirheo.training.posterior.network import PosteriorNetwork

@@ -1,7 +1,7 @@
 """Level "auto": weighted draws from a few hundred simulations where a network's draws show the way.
 
 The network's own draws are simulated first. They lead to the maximum and to what is around it, and their weights give
-an evidence by themselves. The draws that count come from what the simulations teach (explore.py). They are trusted if
+an evidence by themselves. The draws that count come from what the simulations teach (proposals.py). They are trusted if
 they are worth enough and if the network's own evidence is not larger than theirs: an effective size alone does not show
 what a proposal never met. (That it is smaller only says that the network misses what they have.)
 
@@ -20,10 +20,10 @@ import numpy as np
 
 from cavirheo.arrays import Floats, unscaled
 from cavirheo.errors import SolverError
+from cavirheo.inference.alternatives import LAPLACE
 from cavirheo.inference.experiment import BRISK, FINE, Accuracy
-from cavirheo.inference.others import LAPLACE
-from cavirheo.inference.verify.explore import Blend, Explorer, log_mean
 from cavirheo.inference.verify.mode import Mode, Simulated, Target, climb, modes, secant, valley
+from cavirheo.inference.verify.proposals import Blend, Explorer, log_mean
 from cavirheo.inference.verify.sampler import Proposal, Sample, sample, tempered
 from cavirheo.inference.verify.tuning import TUNING
 from cavirheo.posterior import Evidence, OtherAnswer, intervals

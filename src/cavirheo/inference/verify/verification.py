@@ -12,19 +12,19 @@ from cavirheo.arrays import Floats, log_sum
 from cavirheo.bubble import FIELD, REAL, Bubble, rival_of
 from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError, SolverError, expect, expect_whole, require
+from cavirheo.inference.alternatives import LAPLACE, SEEN, averaged, model_of
 from cavirheo.inference.experiment import FINE, QUICK, Experiment
 from cavirheo.inference.fit.least_squares import SEARCH, LeastSquares
 from cavirheo.inference.fit.search import Search
 from cavirheo.inference.fit.starts import STARTS, Scan
 from cavirheo.inference.law import Family
 from cavirheo.inference.options import FREE, SCALE_BOUND, Options
-from cavirheo.inference.others import LAPLACE, SEEN, averaged, model_of
 from cavirheo.inference.posterior_model import PosteriorModel
-from cavirheo.inference.verify.explore import Explorer
+from cavirheo.inference.verify.adaptive_sampling import Preview, preview, weighed
 from cavirheo.inference.verify.mode import INSIDE, Mode, Target, climb, modes, same, valley
 from cavirheo.inference.verify.predictive import predictive_check
+from cavirheo.inference.verify.proposals import Explorer
 from cavirheo.inference.verify.sampler import Sample, sample
-from cavirheo.inference.verify.soon import Preview, preview, weighed
 from cavirheo.inference.verify.tuning import TUNING
 from cavirheo.parallel import cores
 from cavirheo.parameters import PARAMETERS, natural_name, units

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-from cavirheo.beside.panels import plain_ticks
-from cavirheo.beside.published.comparison import ALL, COUNTED, ComparedSet, Comparison, units
-from cavirheo.beside.published.references import MU, OURS, G, MethodValue
+from cavirheo.companions.panels import plain_ticks
+from cavirheo.companions.published.comparison import ALL, COUNTED, ComparedSet, Comparison, units
+from cavirheo.companions.published.references import MU, OURS, G, MethodValue
 from cavirheo.writing import digits
 from cavirheo.writing.style import BLUE, INK, VERMILLION
 

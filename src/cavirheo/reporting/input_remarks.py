@@ -13,7 +13,7 @@ import numpy as np
 
 from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError
-from cavirheo.inference import doubts
+from cavirheo.inference import input_checks
 from cavirheo.inference.population.material import relative_scatter
 from cavirheo.physics.media import WATER
 from cavirheo.reading.shots import stem_of
@@ -45,7 +45,7 @@ def warnings(curves: Sequence[RadiusCurve]) -> dict[str, list[str]]:
     for curve in curves:
         try:
             _ = curve.max_radius
-            said.append((curve.name, "; ".join(doubts.of_scale(curve, WATER))))
+            said.append((curve.name, "; ".join(input_checks.of_scale(curve, WATER))))
         except InputError as error:
             said.append((curve.name, str(error).removeprefix(f"{curve.name}: ")))
     return once(said)

@@ -14,9 +14,9 @@ import numpy as np
 
 from cavirheo.arrays import Floats
 from cavirheo.errors import InputError, require
-from cavirheo.reading.marks import Cells, is_number, number
+from cavirheo.reading.header import plain_title
+from cavirheo.reading.number_format import Cells, is_number, number
 from cavirheo.reading.tabular import IsHeader, Row, Sheet
-from cavirheo.reading.titles import plain_title
 
 Column = Callable[[str], tuple[Any, str | None]]  # (kind, unit) of a title; a kind that is false is not known
 

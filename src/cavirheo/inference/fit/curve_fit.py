@@ -9,15 +9,15 @@ from typing import Any
 import numpy as np
 
 from cavirheo.arrays import Floats, unscaled
-from cavirheo.inference import doubts
+from cavirheo.inference import input_checks
 from cavirheo.inference.experiment import FINE, QUICK, Experiment
 from cavirheo.inference.fit.covariance import Laplace, draws, laplace
 from cavirheo.inference.fit.least_squares import LeastSquares, Minimum
 from cavirheo.inference.fit.search import Search
 from cavirheo.inference.noise import Noise
 from cavirheo.inference.options import FREE
-from cavirheo.inference.verify.explore import Explorer
 from cavirheo.inference.verify.mode import Mode, Target, climb, modes, same, valley
+from cavirheo.inference.verify.proposals import Explorer
 from cavirheo.inference.verify.sampler import Sample, sample
 from cavirheo.inference.verify.tuning import TUNING
 from cavirheo.parameters import LOG10, units
@@ -100,7 +100,7 @@ class Alone:
 
         A Gaussian would be too narrow: what a shift of the clock does to the frames beside a collapse is far from
         linear, so posteriors are curved and have shelves. A shelf, such as a viscosity that may be as small as it
-        likes, is found by what is learnt from simulations (explore.py), not by following a maximum. None are kept if
+        likes, is found by what is learnt from simulations (proposals.py), not by following a maximum. None are kept if
         they are not worth an interval.
         """
         shot = self.shot
@@ -124,7 +124,7 @@ class Alone:
 
     def doubts(self) -> list[str]:
         """About the curve, whether or not it was fitted with others."""
-        return [*doubts.plain(self.shot.curve, self.shot.medium), *doubts.of_walls(self.shot)]
+        return [*input_checks.plain(self.shot.curve, self.shot.medium), *input_checks.of_walls(self.shot)]
 
     def _window_answer(self, x: Floats) -> WindowAnswer:
         shot = self.shot

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from cavirheo.arrays import Floats
-from cavirheo.beside.panels import headed, plain_ticks, two_panels
-from cavirheo.beside.rheometer.document import Rheometry
+from cavirheo.companions.panels import headed, plain_ticks, two_panels
+from cavirheo.companions.rheometer.document import Rheometry
 from cavirheo.writing import digits
 from cavirheo.writing.document import Outputs, spread_of
 from cavirheo.writing.style import BLUE, INK, VERMILLION, save_png, write

@@ -19,13 +19,13 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from cavirheo.arrays import Floats
-from cavirheo.beside.rheometer.sweeps import FrequencySweep, StrainSweep
+from cavirheo.companions.rheometer.sweeps import FrequencySweep, StrainSweep
 from cavirheo.errors import InputError, printable, require
 from cavirheo.reading.files import guarded, sha256, shown
-from cavirheo.reading.layout import numbers, refuse_wider, without_summary
-from cavirheo.reading.marks import is_number
+from cavirheo.reading.header import column_of, plain_unit
+from cavirheo.reading.number_format import is_number
+from cavirheo.reading.sheet import numbers, refuse_wider, without_summary
 from cavirheo.reading.tabular import Row, Sheet, read_sheets
-from cavirheo.reading.titles import column_of, plain_unit
 
 # Titles as exported, without accents, spaces and capitals; in English, German and French, as the programs speak.
 _VOCABULARY = (  # column; 0, or 1 where another title of the column is more exact; a symbol that may be part of it

@@ -11,8 +11,9 @@ from datetime import datetime
 from pathlib import Path
 from typing import Any
 
-from cavirheo.beside.published.comparison import ComparedSet, Comparison, compared_set, markdown, write_csv
-from cavirheo.beside.published.references import G, ReferenceSet, read_references
+from cavirheo.answer_store import Unfinished
+from cavirheo.companions.published.comparison import ComparedSet, Comparison, compared_set, markdown, write_csv
+from cavirheo.companions.published.references import G, ReferenceSet, read_references
 from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError, require
 from cavirheo.inference import infer_many
@@ -23,10 +24,9 @@ from cavirheo.inference.reconstruct import check_stretch
 from cavirheo.parallel import Step, aside
 from cavirheo.physics.simulate import load_solver
 from cavirheo.reading.files import MEASUREMENTS
-from cavirheo.reading.select import shot_numbers
+from cavirheo.reading.selection import shot_numbers
 from cavirheo.reading.shots import read_shots
 from cavirheo.reporting import file_names, outputs, write_report
-from cavirheo.unfinished import Unfinished
 from cavirheo.writing import style
 from cavirheo.writing.document import Outputs, write_json
 
@@ -51,7 +51,7 @@ def compare(
     """Infer or fit every set that `references` names; write the comparison and a report per set into `out`.
 
     A set whose files are missing or unreadable keeps its row and says so in `problems`; one without recordings
-    (references.py) has its published values alone. Answers are kept as they are found (unfinished.py); after Ctrl-C
+    (references.py) has its published values alone. Answers are kept as they are found (answer_store.py); after Ctrl-C
     the comparison is of those, and its notes begin with "interrupted".
 
     Args:
@@ -115,7 +115,7 @@ def compare(
         methods=methods, reference_methods=against, sets=records,
     )  # fmt: skip
     if pictures and style.available() and not note:
-        from cavirheo.beside.published.picture import figure
+        from cavirheo.companions.published.picture import figure
 
         comparison.notes += written.picture("comparison.png", style.save_png, figure, comparison)
     if earlier:

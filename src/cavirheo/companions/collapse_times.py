@@ -12,23 +12,23 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from cavirheo.beside.collapse_groups import MEASURED, CollapseGroup, CollapseShot
-from cavirheo.beside.panels import headed, one_panel, two_panels
+from cavirheo.companions.collapse_groups import MEASURED, CollapseGroup, CollapseShot
+from cavirheo.companions.panels import headed, one_panel, two_panels
 from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError, printable, require
-from cavirheo.inference import doubts
+from cavirheo.inference import input_checks
 from cavirheo.inference.collapse_time import CollapseEstimate, CollapseValue, shot, unusable
 from cavirheo.physics.collapse import analytic_time, rayleigh_time
 from cavirheo.physics.media import Medium
-from cavirheo.reading.clean import TIME_UNITS, UNIT_WORDS
 from cavirheo.reading.files import guarded, sha256, shown
-from cavirheo.reading.layout import Table, find_table, numbers
+from cavirheo.reading.header import column_of
 from cavirheo.reading.matfile import read_matfile
 from cavirheo.reading.matlab import read_hdf5
-from cavirheo.reading.select import Chosen, selected
+from cavirheo.reading.samples import TIME_UNITS, UNIT_WORDS
+from cavirheo.reading.selection import Chosen, selected
+from cavirheo.reading.sheet import Table, find_table, numbers
 from cavirheo.reading.shots import read_shots
 from cavirheo.reading.tabular import read_sheets
-from cavirheo.reading.titles import column_of
 from cavirheo.reporting import file_names
 from cavirheo.writing import digits, terminal
 from cavirheo.writing.document import Document, Outputs, Quantity, write_rows
@@ -102,7 +102,7 @@ def read_groups(
         members.setdefault((curve.group, curve.group_source), []).append(curve)
     for (name, source), mine in members.items():
         sha256 = mine[0].source_sha256 if source == mine[0].source else ""
-        doubtful = [f"{curve.name}: {doubt}" for curve in mine for doubt in doubts.plain(curve, medium)]
+        doubtful = [f"{curve.name}: {doubt}" for curve in mine for doubt in input_checks.plain(curve, medium)]
         shots = [_read_off(curve, stretch) for curve in mine]
         groups.append(CollapseGroup(name=name, source=source, source_sha256=sha256 or "", doubts=doubtful, shots=shots))
     return groups, problems + unread, again

@@ -4,7 +4,7 @@ The network knows one R_max, medium and grid of times (TrainingProblem.to_shot c
 enough: surface tension, heat and mass transfer do not scale, and a 60 um bubble read as a 245 um one looks 0.3 to 0.4
 decades too viscous (docs/method/physics.md, section 1), so other sizes are outside the network's range. The stretch,
 which it does not give, is fitted, and the simulation of the answer is compared with the curve. The posterior network
-(networked.py) knows all sizes.
+(network_answer.py) knows all sizes.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ import numpy as np
 from cavirheo.arrays import Floats
 from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError, expect_whole, require
-from cavirheo.inference import doubts
+from cavirheo.inference import input_checks
 from cavirheo.inference.model import Network
 from cavirheo.inference.reconstruct import MISFIT, check_stretch, fit_stretch, reconstruct, window
 from cavirheo.parameters import natural, natural_name, scaled, units
@@ -62,9 +62,9 @@ class Amortised:
         found: dict[str, Any] = {}
         try:
             theta, checks, found = _Reading(self, curve).answer()
-            checks = doubts.doubted(checks, self._doubts(curve), self.trust_input)
+            checks = input_checks.doubted(checks, self._doubts(curve), self.trust_input)
         except Exception as error:  # of this curve alone
-            theta, checks = np.empty((0, len(names))), doubts.failed(error, curve, self.medium)
+            theta, checks = np.empty((0, len(names))), input_checks.failed(error, curve, self.medium)
         provenance = {
             "cavirheo": version("cavirheo"),
             "model": self.model.name,
@@ -77,13 +77,13 @@ class Amortised:
         return Posterior(names, units(names), theta, checks, material, "bdt", provenance, seconds=seconds, **found)
 
     def _doubts(self, curve: RadiusCurve) -> list[str]:
-        said, names = doubts.plain(curve, self.medium), self.model.outputs
-        if spiking := doubts.without_spikes(curve):
+        said, names = input_checks.plain(curve, self.medium), self.model.outputs
+        if spiking := input_checks.without_spikes(curve):
             difference, other = spiking
             with suppress(InputError):  # read so it is no curve: nothing to compare
                 change = self.network_alone(other) - self.network_alone(curve)
                 factors = {natural_name(name): 10.0**d for name, d in zip(names, change, strict=True)}
-                said += doubts.moved(difference, factors)
+                said += input_checks.moved(difference, factors)
         return said
 
     def network_alone(self, curve: RadiusCurve) -> Floats:

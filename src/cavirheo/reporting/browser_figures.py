@@ -21,7 +21,7 @@ from cavirheo.arrays import Bools, Floats
 from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError
 from cavirheo.inference.reconstruct import Window
-from cavirheo.inference.trial import Band
+from cavirheo.inference.what_if import Band
 from cavirheo.physics.media import Medium
 from cavirheo.posterior import Checks
 from cavirheo.reporting.answer import CurveRecord

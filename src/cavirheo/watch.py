@@ -14,6 +14,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from types import MappingProxyType
 
+from cavirheo.answer_store import keep, key_of, read_kept
 from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError
 from cavirheo.parallel import Step, cores
@@ -21,10 +22,9 @@ from cavirheo.posterior import Posterior
 from cavirheo.reading.column import given, is_size, listed, read_column, with_size
 from cavirheo.reading.files import header_of, measurements, pixels_of, shown
 from cavirheo.reading.shots import Recordings, read_shots
-from cavirheo.reporting import DOCUMENTS, live, table
+from cavirheo.reporting import DOCUMENTS, table, wall_page
 from cavirheo.reporting.answer import CurveRecord, curve_record
 from cavirheo.reporting.record import Result, result_of
-from cavirheo.unfinished import keep, key_of, read_kept
 from cavirheo.writing.document import Outputs, into, write_json
 
 LOOK = 0.4  # s between two looks at the folder; a file that did not change from one to the next may be complete
@@ -71,14 +71,14 @@ class Watch:
         self, folder: Path, out: Path, step: Step, read: Callable[[Path], Recordings], reading: object = None, *,
         group: str = "auto", column: Path | None = None, command: str = "", date: str | None = None,
         say: Callable[[str], None] = lambda _: None, show: Callable[[CurveRecord], None] = lambda _: None,
-        patience: float = PATIENCE, wanted: float = live.WANTED,
+        patience: float = PATIENCE, wanted: float = wall_page.WANTED,
     ) -> None:  # fmt: skip
         self.folder, self.step, self.read, self.group, self.patience = folder, step, read, group, patience
         self.sizes = column is not None and is_size(column)
         self.column = None if self.sizes else column
         self._column_then = _state(self.column)
         self.say, self.show, self.command, self.date, self.wanted = say, show, command, date, wanted
-        self.outputs, self.page = Outputs(out, *DOCUMENTS), Outputs(out, live.PAGE)
+        self.outputs, self.page = Outputs(out, *DOCUMENTS), Outputs(out, wall_page.PAGE)
         self.kept = out / "watched" / key_of([step.identity, reading])[:16]  # other settings, other answers
         self.files: dict[str, Watched] = {}
         self.owner: dict[bytes, str] = {}  # the file of each recording
@@ -156,7 +156,9 @@ class Watch:
             self.outputs.write("result.csv", table.write_csv, result)
         newest = self._latest.answers[-1] if self._latest and self._latest.answers else None
         latest = next((k for k, (_, answer) in enumerate(pairs) if answer is newest), len(pairs) - 1)
-        self.page.write(live.PAGE, live.write, result, latest, *(pairs[latest] if pairs else ()), wanted=self.wanted)
+        self.page.write(
+            wall_page.PAGE, wall_page.write, result, latest, *(pairs[latest] if pairs else ()), wanted=self.wanted
+        )
         return result
 
     def _with_column(self, curves: list[RadiusCurve], remarks: list[str]) -> list[RadiusCurve]:

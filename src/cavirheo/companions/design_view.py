@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from cavirheo.beside.design import Design, width
+from cavirheo.companions.design import Design, width
 from cavirheo.reporting.answer import described
 from cavirheo.writing import digits, terminal
 from cavirheo.writing.style import INK, new_axes, new_figure, shades, write

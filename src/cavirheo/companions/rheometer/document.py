@@ -13,7 +13,7 @@ from itertools import takewhile
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from cavirheo.beside.rheometer.sweeps import FrequencySweep, StrainSweep, Sweep, frequency_sweep, strain_sweep
+from cavirheo.companions.rheometer.sweeps import FrequencySweep, StrainSweep, Sweep, frequency_sweep, strain_sweep
 from cavirheo.reporting.answer import CurveRecord
 from cavirheo.reporting.group import GroupRecord
 from cavirheo.reporting.record import Published, Result

@@ -17,7 +17,7 @@ from cavirheo.arrays import Floats
 from cavirheo.bubble import REAL, Bubble
 from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError
-from cavirheo.inference import doubts
+from cavirheo.inference import input_checks
 from cavirheo.inference.experiment import QUICK, Experiment
 from cavirheo.inference.flow import NetworkProposal
 from cavirheo.inference.law import Family
@@ -68,11 +68,11 @@ class Networked:
         try:
             shot = self._experiment(curve)
             found = self._answer(shot)
-            said = [*self._doubts(curve, found), *doubts.of_walls(shot)]
-            checks = doubts.doubted(found.checks, said, self.trust_input)
+            said = [*self._doubts(curve, found), *input_checks.of_walls(shot)]
+            checks = input_checks.doubted(found.checks, said, self.trust_input)
             found = replace(found, checks=checks)
         except Exception as error:  # of this curve alone
-            checks = doubts.failed(error, curve, self.medium)
+            checks = input_checks.failed(error, curve, self.medium)
             found = Posterior(names, units(names), np.empty((0, len(names))), checks, self.material, "amortised")
         seconds = time.perf_counter() - began
         return replace(found, bubble=self.bubble, provenance=provenance | found.provenance, seconds=seconds)
@@ -121,10 +121,10 @@ class Networked:
 
     def _doubts(self, curve: RadiusCurve, found: Posterior) -> list[str]:
         """What the curve shows by itself, and whether frames that stand out move the network's answer."""
-        said = doubts.plain(curve, self.medium)
+        said = input_checks.plain(curve, self.medium)
         if found.log_q is None:
             return said
-        if spiking := doubts.without_spikes(curve):
+        if spiking := input_checks.without_spikes(curve):
             difference, other = spiking
             with suppress(InputError):  # read so it is no curve: nothing to compare
                 shot = self._experiment(other)
@@ -132,5 +132,5 @@ class Networked:
                 theta = shot.answer(proposal.prior.to_x(u))[1]
                 change = np.median(theta, axis=0) - np.median(found.theta, axis=0)
                 logs = [(name, 10.0**d) for name, d in zip(found.names, change, strict=True) if LOG10 in name]
-                said += doubts.moved(difference, {natural_name(name): factor for name, factor in logs})
+                said += input_checks.moved(difference, {natural_name(name): factor for name, factor in logs})
         return said

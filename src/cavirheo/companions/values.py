@@ -6,9 +6,9 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from cavirheo.beside.published.references import NO_SETS, read_references
-from cavirheo.beside.rheometer import document
-from cavirheo.beside.rheometer.read import read_sweeps
+from cavirheo.companions.published.references import NO_SETS, read_references
+from cavirheo.companions.rheometer import document
+from cavirheo.companions.rheometer.read import read_sweeps
 from cavirheo.errors import InputError, require
 from cavirheo.reporting.group import GroupRecord
 from cavirheo.reporting.record import Published

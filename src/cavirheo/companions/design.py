@@ -14,8 +14,8 @@ import numpy as np
 from scipy.special import ndtri
 
 from cavirheo.arrays import Floats
-from cavirheo.beside.designed import CheckedSetting, DesignedSetting
 from cavirheo.bubble import FIELD, Bubble, Requested, bubbles_of
+from cavirheo.companions.designed import CheckedSetting, DesignedSetting
 from cavirheo.errors import require
 from cavirheo.inference.design import (
     Expected,

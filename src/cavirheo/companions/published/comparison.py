@@ -9,7 +9,7 @@ from typing import Any, get_args
 
 import numpy as np
 
-from cavirheo.beside.published.references import MU, NO_FILES, OURS, G, MethodValue, ReferenceSet
+from cavirheo.companions.published.references import MU, NO_FILES, OURS, G, MethodValue, ReferenceSet
 from cavirheo.posterior import TRUSTED, Verdict
 from cavirheo.reporting.answer import CurveRecord
 from cavirheo.writing import digits, terminal
