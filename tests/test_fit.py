@@ -91,7 +91,7 @@ def test_other_laws():
         pytest.param(
             "fung + newtonian", "fung(2e3, 0.02) + newtonian(0.05)", {"viscosity": 0.05}, marks=pytest.mark.slow
         ),
-        ("power-law", "power-law(3, 0.7)", {"consistency": 3.0, "exponent": 0.7}),
+        ("power-law", "power-law(3, 0.7)", {"reference_viscosity": 3.0 * 1e5**-0.3, "exponent": 0.7}),
         pytest.param("cross", "cross(0.3, 0.02, 1e-5)", {}, marks=pytest.mark.slow),
         pytest.param(
             "zener", "zener(8e3, 0.05, 1e-6)", {"shear_modulus": 8e3, "viscosity": 0.05}, marks=pytest.mark.slow

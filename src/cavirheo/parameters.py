@@ -91,7 +91,10 @@ PARAMETERS: dict[str, Parameter] = {
     "viscosity": Parameter("µ", "Pa s", (-4.0, 1.0), (-2.3, -0.3)),
     "zero_rate": Parameter("mu_0", "Pa s", (-4.0, 3.0), (-1.5, 1.0)),
     "infinite_rate": Parameter("mu_inf", "Pa s", (-4.0, 1.0), (-3.0, -1.0)),
-    "consistency": Parameter("K", "Pa s^n", (-4.0, 5.0), (-2.0, 2.0)),
+    "consistency": Parameter("K", "Pa s^n"),  # inferred as the reference viscosity
+    "reference_viscosity": Parameter(
+        "µ_ref", "Pa s", (-4.0, 1.0), (-2.3, -0.3), "K (1e5 1/s)^(n-1): viscosity of a power law at 1e5 1/s",
+    ),
     "yield_stress": Parameter("tau_y", "Pa", (0.0, 5.7), (2.0, 4.5)),
     "exponent": Parameter("n", "1", (-1.3, 0.5), (-0.6, 0.1)),
     "rest_rate": Parameter("m", "1/s"),

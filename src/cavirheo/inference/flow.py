@@ -32,7 +32,7 @@ from cavirheo.prior import Prior
 _POOL, _LEAST = 1000, 0.01  # draws by which the share within the bounds is found, and the smallest share
 INPUTS = ("cells", "kind", "has", "counted", "choice", "normal", "given", "take")
 _PRESSURE = ("shear_modulus",)  # what scales with p, and what with p t_c
-_PRESSURE_TIME = ("viscosity", "consistency")
+_PRESSURE_TIME = ("viscosity", "reference_viscosity")
 
 
 class Flow:

@@ -11,7 +11,7 @@ import numpy as np
 from cavirheo.arrays import Floats
 from cavirheo.errors import expect, require
 from cavirheo.parameters import PARAMETERS
-from cavirheo.physics.laws import LAWS, combine
+from cavirheo.physics.laws import LAWS, combine, with_consistency
 from cavirheo.physics.materials import Material
 
 
@@ -19,9 +19,15 @@ def _parameters(law: str) -> list[Field[Any]]:
     return [f for f in fields(LAWS[law]) if f.init]  # type: ignore[arg-type]
 
 
+def _inferred(name: str) -> str:
+    """The parameter in whose place one of a law is inferred: of a power law that at rates that bubbles have, for its
+    consistency is that at 1 1/s, and then follows the exponent."""
+    return "reference_viscosity" if name == "consistency" else name
+
+
 def _unfittable(law: str) -> list[str]:
     """Parameters that neither have a range nor a default."""
-    return [f.name for f in _parameters(law) if not PARAMETERS[f.name].searched and f.default is MISSING]
+    return [f.name for f in _parameters(law) if not PARAMETERS[_inferred(f.name)].searched and f.default is MISSING]
 
 
 ABLE = [law for law in LAWS if not _unfittable(law)]
@@ -43,7 +49,8 @@ class Family:
     """All materials of a law, or of a sum of laws ("gent + newtonian"): log10 of the parameters -> Material.
 
     A parameter that two laws of a sum have is followed by the number of the later one: viscosity, viscosity_2. One
-    without a range (parameters.py) keeps the default of its law.
+    without a range (parameters.py) keeps the default of its law. In place of a consistency K stands the reference
+    viscosity K (1e5 1/s)^(n-1).
 
     Raises:
         InputError: unknown law, one with a parameter for which no range is set, or laws that no material can have both.
@@ -61,7 +68,7 @@ class Family:
             hint = f" (its {', '.join(_unfittable(law))} cannot be given a range)" if law in LAWS else hint
             told = f"cannot fit the material {law!r}{hint}; known, also as sums: {', '.join(ABLE)}"
             require(law in ABLE, told, "law.not_fittable")
-            own = [f.name for f in _parameters(law) if PARAMETERS[f.name].searched]
+            own = [name for f in _parameters(law) if PARAMETERS[name := _inferred(f.name)].searched]
             names += [f"{name}_{number}" if name in names else name for name in own]
             terms.append((law, own))
         object.__setattr__(self, "_terms", terms)
@@ -71,7 +78,8 @@ class Family:
     def material(self, log10: Floats) -> Material:
         """The material of (parameters,) log10 values. Raises InputError where they exclude each other."""
         values = iter(10.0**log10)
-        return combine([LAWS[law](**{name: float(next(values)) for name in own}) for law, own in self._terms])
+        terms = [(law, {name: float(next(values)) for name in own}) for law, own in self._terms]
+        return combine([LAWS[law](**with_consistency(given)) for law, given in terms])
 
     @property
     def elastic(self) -> bool:

@@ -116,7 +116,7 @@ class Networked:
         values, log_q = shot.best(best), log_q - shot.log_stretched(theta)
         return Posterior(
             names, units(names), theta, checks, law, "amortised", {}, log_q, best=values, stretch=values["stretch"],
-            diagnostics=about, prior={} if "consistency" in shot.names else shot.of_law(shot.prior()),
+            diagnostics=about, prior=shot.of_law(shot.prior()),
         )  # fmt: skip
 
     def _doubts(self, curve: RadiusCurve, found: Posterior) -> list[str]:
