@@ -16,7 +16,8 @@ from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
 
 from cavirheo.physics.driving import Pulse, Trace
-from cavirheo.physics.elastic import Elastic, NeoHookean, Quadratic
+from cavirheo.physics.elastic import NeoHookean, Quadratic
+from cavirheo.physics.law import Elastic
 from cavirheo.physics.materials import OldroydB, Viscoelastic
 from cavirheo.physics.media import Medium
 from cavirheo.physics.memory import TotalRelaxation

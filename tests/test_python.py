@@ -273,7 +273,7 @@ def test_the_version_is_that_of_the_installation():
 
 PUBLIC = (
     "bubble curve posterior prior problem physics.media physics.simulation physics.driving physics.elastic "
-    "physics.viscous physics.memory physics.materials inference.collapse_time inference.verify "
+    "physics.law physics.viscous physics.memory physics.materials inference.collapse_time inference.verify "
     "inference.population.material"
 )
 

@@ -14,8 +14,9 @@ from cavirheo.arrays import Floats
 from cavirheo.bubble import CONTENTS
 from cavirheo.errors import InputError, require
 from cavirheo.physics.damage import Damage
+from cavirheo.physics.domain import NOT_NEGATIVE, POSITIVE, domain, within
 from cavirheo.physics.driving import Driving
-from cavirheo.physics.law import NOT_NEGATIVE, POSITIVE, Material, domain, table_of, within
+from cavirheo.physics.law import Material, table_of
 from cavirheo.physics.media import Medium
 from cavirheo.physics.table import scaled
 

@@ -17,9 +17,10 @@ from cavirheo.errors import InputError, SolverError, brief, expect, expect_whole
 from cavirheo.parameters import DURATION, RADIUS
 from cavirheo.physics import cache, solver
 from cavirheo.physics.damage import Damage
+from cavirheo.physics.domain import POSITIVE, domain, within
 from cavirheo.physics.driving import Driving
 from cavirheo.physics.grid import NO_SHELLS, Grid, wall_clustered
-from cavirheo.physics.law import POSITIVE, Material, domain, within
+from cavirheo.physics.law import Material
 from cavirheo.physics.media import WATER, Medium
 from cavirheo.physics.media import medium as named
 from cavirheo.physics.scales import ACCOMMODATION, MOTIONS, Numbers, dimensionless, inertia_of
