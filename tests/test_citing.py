@@ -10,7 +10,7 @@ import pytest
 from conftest import BDT
 
 from cavirheo import InputError, infer_many, load, read_curves
-from cavirheo.bubble import FIELD, REAL
+from cavirheo.physics.bubble import FIELD, REAL
 from cavirheo.physics.laws import LAWS
 from cavirheo.posterior import Evidence
 from cavirheo.reading import write_csv

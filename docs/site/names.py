@@ -120,6 +120,7 @@ LAWS = Page(
         Group("Media", {"cavirheo.physics.media": "medium MEDIA WATER BU2026 ESTRADA2018 ZHU2025 YANG2020"}),
         Group("Driving", {"cavirheo.physics.driving": "Pulse Trace Driving"}),
         Group("Damage", {"cavirheo.physics.damage": "Damage"}),
+        Group("Accuracy", {"cavirheo.physics.accuracy": "Accuracy DEFAULT PRECISE ROUGH"}),
         Group("Parameters", {"cavirheo.parameters": "Parameter PARAMETERS"}),
     ),
 )

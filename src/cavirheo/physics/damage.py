@@ -7,13 +7,12 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from cavirheo.arrays import Floats
-from cavirheo.bubble import DAMAGES
 from cavirheo.errors import require
 from cavirheo.physics.domain import check as check_domains
 from cavirheo.physics.domain import domain
 from cavirheo.physics.table import hermite, read, scaled
 
-KINDS = DAMAGES[1:]  # without "none"
+KINDS = ("first-rebound", "strain")  # when damage happens
 
 
 @dataclass(frozen=True)
