@@ -12,11 +12,11 @@ import pytest
 from scipy.stats import binom
 from test_reporting import COMMAND, KILOPASCAL, Page, answer, bubble, curve_picture, printed, words
 
-from cavirheo.bubble import Bubble
 from cavirheo.companions.published.comparison import Comparison, compared_set, markdown
 from cavirheo.companions.published.references import ReferenceSet
 from cavirheo.companions.rheometer.document import beside as rheometer_rows
 from cavirheo.companions.rheometer.document import rheometry
+from cavirheo.physics.bubble import Bubble
 from cavirheo.posterior import Evidence, OtherAnswer, Posterior
 from cavirheo.reporting import picture, read_json, result, table, write_report
 from cavirheo.reporting.group import slope, theil_sen

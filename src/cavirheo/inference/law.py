@@ -11,6 +11,7 @@ import numpy as np
 from cavirheo.arrays import Floats
 from cavirheo.errors import expect, require
 from cavirheo.parameters import PARAMETERS
+from cavirheo.physics.bubble import Damage
 from cavirheo.physics.laws import LAWS, combine, with_consistency
 from cavirheo.physics.materials import Material
 
@@ -33,7 +34,7 @@ def _unfittable(law: str) -> list[str]:
 ABLE = [law for law in LAWS if not _unfittable(law)]
 
 
-def softened(laws: Sequence[str], damage: str) -> list[str]:
+def softened(laws: Sequence[str], damage: str | Damage) -> list[str]:
     """Those of the laws that can have such damage: all without one, else those with an elastic part. Raises InputError:
     none can."""
     if damage == "none":

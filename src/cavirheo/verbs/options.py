@@ -13,13 +13,13 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from typer import Argument, BadParameter, Option
 
-from cavirheo.bubble import CONTENTS, DAMAGES
 from cavirheo.errors import InputError, require
+from cavirheo.physics.bubble import CONTENTS, DAMAGES
 from cavirheo.verbs.run import Reading, Run, command_line
 from cavirheo.writing.claim import Claim, claimed
 
 if TYPE_CHECKING:
-    from cavirheo.bubble import Bubble
+    from cavirheo.physics.bubble import Bubble
     from cavirheo.physics.media import Medium as Liquid
 
     Bubbles = tuple[Bubble, ...] | None
@@ -290,7 +290,7 @@ def _bubbles(
     InputError: a word that is none, or numbers that cannot be."""
     from dataclasses import replace
 
-    from cavirheo.bubble import bubbles_of
+    from cavirheo.physics.bubble import bubbles_of
 
     changes: dict[str, Any] = {"contents": contents}
     numbers = {"accommodation": accommodation, "confinement_damping": confinement_damping}

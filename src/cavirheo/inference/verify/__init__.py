@@ -9,7 +9,6 @@ from typing import Any, TypedDict, Unpack
 
 from threadpoolctl import threadpool_limits
 
-from cavirheo.bubble import DAMAGED, REAL, Requested, bubbles_of
 from cavirheo.curve import RadiusCurve, several
 from cavirheo.errors import InputError, SolverError, expect, reason
 from cavirheo.inference.alternatives import chosen_among, contenders, itself, judged, model_of
@@ -19,6 +18,7 @@ from cavirheo.inference.posterior_model import PosteriorModel
 from cavirheo.inference.verify.tuning import TUNING
 from cavirheo.inference.verify.verification import Level, Verification, Work
 from cavirheo.parallel import cores, each
+from cavirheo.physics.bubble import DAMAGED, REAL, Requested, bubbles_of
 from cavirheo.physics.media import Medium
 from cavirheo.posterior import Posterior, Verdict
 

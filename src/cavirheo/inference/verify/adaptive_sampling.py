@@ -21,11 +21,12 @@ import numpy as np
 from cavirheo.arrays import Floats, unscaled
 from cavirheo.errors import SolverError
 from cavirheo.inference.alternatives import LAPLACE
-from cavirheo.inference.experiment import BRISK, FINE, Accuracy
+from cavirheo.inference.experiment import FINE
 from cavirheo.inference.verify.mode import Mode, Simulated, Target, climb, modes, secant, valley
 from cavirheo.inference.verify.proposals import Blend, Explorer, log_mean
 from cavirheo.inference.verify.sampler import Proposal, Sample, sample, tempered
 from cavirheo.inference.verify.tuning import TUNING
+from cavirheo.physics.accuracy import BRISK, Accuracy
 from cavirheo.posterior import Evidence, OtherAnswer, intervals
 
 

@@ -9,7 +9,6 @@ from typing import Any, Literal
 import numpy as np
 
 from cavirheo.arrays import Floats, log_sum
-from cavirheo.bubble import FIELD, REAL, Bubble, rival_of
 from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError, SolverError, expect, expect_whole, require
 from cavirheo.inference.alternatives import LAPLACE, SEEN, averaged, model_of
@@ -28,6 +27,7 @@ from cavirheo.inference.verify.sampler import Sample, sample
 from cavirheo.inference.verify.tuning import TUNING
 from cavirheo.parallel import cores
 from cavirheo.parameters import CAMERA, PARAMETERS, natural_name, units
+from cavirheo.physics.bubble import FIELD, REAL, Bubble, rival_of
 from cavirheo.physics.media import WATER, Medium
 from cavirheo.physics.media import medium as named
 from cavirheo.posterior import Diagnostics, Evidence, OtherAnswer, Posterior, Verdict, intervals
