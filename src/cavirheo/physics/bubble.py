@@ -36,7 +36,10 @@ class Damage:
     moment is declared. by="strain": m = modulus^e, r = radius^e, e = log10(R(0)/R_min) with R_min the smallest radius
     so far, so modulus and radius are the factors of a tenfold contraction (docs/method/physics.md, section 4.5).
 
-    modulus: 0 (1e-6 by strain) to 1. radius: at least 1.
+    Attributes:
+        modulus: m, 0 (1e-6 by strain) to 1.
+        radius: r, 1 to 20.
+        by: "first-rebound" or "strain".
 
     Raises:
         InputError: a factor out of its domain, or damage by nothing known.
