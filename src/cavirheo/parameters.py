@@ -141,6 +141,12 @@ AT_RATE, RATE = "viscosity_at_1e5_per_s", 1e5  # of a law whose viscosity is not
 AT_END = 0.25  # of an interval's width: an end nearer to the range's is the range's
 
 
+def inferred_as(name: str) -> str:
+    """The parameter that is inferred in place of one of a law: the reference viscosity in place of a consistency, for
+    that is a viscosity at 1 1/s, far below the rates that bubbles have, and follows the exponent."""
+    return "reference_viscosity" if name == "consistency" else name
+
+
 def natural_name(name: str) -> str:
     """The parameter behind a name in the prior's scale: log10_viscosity -> viscosity."""
     return name.removeprefix(LOG10)

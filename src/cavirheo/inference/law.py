@@ -10,7 +10,7 @@ import numpy as np
 
 from cavirheo.arrays import Floats
 from cavirheo.errors import expect, require
-from cavirheo.parameters import PARAMETERS
+from cavirheo.parameters import PARAMETERS, inferred_as
 from cavirheo.physics.bubble import Damage
 from cavirheo.physics.laws import LAWS, combine, with_consistency
 from cavirheo.physics.materials import Material
@@ -20,15 +20,9 @@ def _parameters(law: str) -> list[Field[Any]]:
     return [f for f in fields(LAWS[law]) if f.init]  # type: ignore[arg-type]
 
 
-def _inferred(name: str) -> str:
-    """The parameter in whose place one of a law is inferred: of a power law that at rates that bubbles have, for its
-    consistency is that at 1 1/s, and then follows the exponent."""
-    return "reference_viscosity" if name == "consistency" else name
-
-
 def _unfittable(law: str) -> list[str]:
     """Parameters that neither have a range nor a default."""
-    return [f.name for f in _parameters(law) if not PARAMETERS[_inferred(f.name)].searched and f.default is MISSING]
+    return [f.name for f in _parameters(law) if not PARAMETERS[inferred_as(f.name)].searched and f.default is MISSING]
 
 
 ABLE = [law for law in LAWS if not _unfittable(law)]
@@ -69,7 +63,7 @@ class Family:
             hint = f" (its {', '.join(_unfittable(law))} cannot be given a range)" if law in LAWS else hint
             told = f"cannot fit the material {law!r}{hint}; known, also as sums: {', '.join(ABLE)}"
             require(law in ABLE, told, "law.not_fittable")
-            own = [name for f in _parameters(law) if PARAMETERS[name := _inferred(f.name)].searched]
+            own = [name for f in _parameters(law) if PARAMETERS[name := inferred_as(f.name)].searched]
             names += [f"{name}_{number}" if name in names else name for name in own]
             terms.append((law, own))
         object.__setattr__(self, "_terms", terms)

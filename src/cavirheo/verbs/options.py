@@ -73,14 +73,14 @@ def medium_names(incomplete: str) -> list[str]:
 
 def _laws() -> list[str]:
     """`ABLE` of inference/law, which takes a second to import: those whose parameters have a range or a default."""
-    from cavirheo.parameters import PARAMETERS
+    from cavirheo.parameters import PARAMETERS, inferred_as
     from cavirheo.physics.laws import LAWS
 
     takes = {name: inspect.signature(law).parameters.values() for name, law in LAWS.items()}
     return [
         name
         for name, given in takes.items()
-        if all(PARAMETERS[one.name].searched or one.default is not one.empty for one in given)
+        if all(PARAMETERS[inferred_as(one.name)].searched or one.default is not one.empty for one in given)
     ]
 
 
