@@ -367,10 +367,11 @@ def evidence(one: OtherModel) -> float:
 
 
 def parameters_of(records: Sequence[CurveRecord]) -> list[str]:
-    """The law's that some of these have, G and the viscosity first."""
+    """The law's that some of these have, G and the viscosity first; a reference viscosity only where it is not the
+    viscosity at that rate."""
     names = dict.fromkeys(["shear_modulus", "viscosity", *(name for one in records for name in one.other_parameters)])
     known = [name for name in names if any(one.itself.quantity(name).median is not None for one in records)]
-    return [name for name in known if of_the_law(name)]
+    return [name for name in known if of_the_law(name) and (name != "reference_viscosity" or "yield_stress" in known)]
 
 
 def _measured(curve: RadiusCurve, name: str) -> float | None:
