@@ -16,10 +16,11 @@ from cavirheo.physics.driving import Trace
 from cavirheo.physics.media import WATER
 from cavirheo.reading import read_curves, write_csv
 from cavirheo.reading.files import expand, tidy
-from cavirheo.reading.header import column_of, plain_unit
-from cavirheo.reading.sheet import numbers
+from cavirheo.reading.shots import read_shots
+from cavirheo.reading.columns import read_columns
 from cavirheo.reading.tabular import kind_of, read_sheets, text_sheet
 from cavirheo.reading.trace import read_trace
+from cavirheo.reading.vocabulary import Quantity, Vocabulary
 
 R_MAX = 200e-6
 T_C = R_MAX * np.sqrt(998.0 / 101325.0)
@@ -353,9 +354,20 @@ def test_dialects_of_text(text, found):
     assert {row.number: " ".join(row.cells) for row in rows} == {k: v.replace("|", " ") for k, v in found.items()}
 
 
-def test_decimal_commas_and_points_in_one_row_are_refused():
+WORDS = Vocabulary(
+    {
+        "G": Quantity("g'", {"Pa": 1.0, "mPa": 1e-3, "MPa": 1e6}, unit="Pa"),
+        "speed": Quantity("elan", {"rads": 1.0, "s-1": np.nan}),
+        "name": Quantity("name"),
+    },
+    "expected G' (Pa) and elan (rad/s)",
+)
+
+
+def test_decimal_commas_and_points_in_one_row_are_refused(tmp_path):
+    (tmp_path / "a.csv").write_text("G';name\n1.5;a\n2,000;b\n")
     with pytest.raises(InputError) as error:
-        numbers(text_sheet("a;b\n1.5;2,000\n", is_header).rows[1:], 1)
+        _ = read_columns(tmp_path / "a.csv", WORDS, ("G",))[0].column("G").numbers
     assert error.value.code == "tabular.comma"
 
 
@@ -366,17 +378,49 @@ def test_decimal_commas_and_points_in_one_row_are_refused():
         ("G’ [mPa]", "G", "mPa"),
         ("G' [mpa]", "G", "mpa"),
         ("Élan in rad/s", "speed", "rads"),
-        ("elan_rad_s^-1", None, None),
+        ("elan_rad_s^-1", "", None),
         ("elan [s^−1]", "speed", "s-1"),
         ("ELAN, RAD/S", "speed", "rads"),
-        ("elan*", None, None),
-        ("elan/limit", None, None),
+        ("elan*", "", None),
+        ("elan/limit", "", None),
         ("elan", "speed", None),
+        ("12.5", "", None),
     ],
 )
 def test_what_a_title_says(title, kind, unit):
-    units = {"G": {"Pa", "mPa", "MPa"}, "speed": {plain_unit("rad/s"), plain_unit("s^-1")}}
-    assert column_of(title, {"g'": "G", "elan": "speed"}, units) == (kind, unit)
+    assert WORDS.name(title) == (kind, unit, "")
+
+
+def test_columns_in_si_with_texts_and_notes(tmp_path):
+    text = "by hand\nname,G',elan,other\n,kPa,rad/s,\na,1,-,x\n-b,2,3,y\nmean,1.5,3,\n"
+    (tmp_path / "a.csv").write_text(text.replace("kPa", "MPa"))
+    (table,) = read_columns(tmp_path / "a.csv", WORDS, ("G", "speed"))
+    assert [column.name.kind for column in table.columns] == ["name", "G", "speed"]
+    assert table.column("name").text == ["a", "-b"]
+    assert table.column("G").si.tolist() == [1e6, 2e6]
+    assert np.array_equal(table.column("speed").si, [np.nan, 3], equal_nan=True)
+    said = "1 line above the titles left out", "units from the row below the titles: MPa, rad/s", "1 line of mean at the"
+    assert all(any(note.startswith(one) for note in table.notes) for one in said)
+
+
+@pytest.mark.parametrize(
+    ("text", "need", "code"),
+    [
+        ("G',elan\n1,2\n", "speed", "tabular.no_unit"),
+        ("G',elan (s^-1)\n1,2\n", "speed", "tabular.no_unit"),
+        ("G' (psi),elan\n1,2\n", "G", "tabular.unit"),
+        ("G',elan\npsi,rad/s\n1,2\n", "G", "tabular.unit"),
+        ("G',G' (MPa)\n1,2\n", "G", "tabular.twice"),
+        ("G'\n1\n", "speed", "tabular.columns"),
+        ("", "speed", "tabular.empty"),
+        ("G'\n1\nten\n", "G", "tabular.number"),
+    ],
+)
+def test_columns_that_cannot_be_read(tmp_path, text, need, code):
+    (tmp_path / "a.csv").write_text(text)
+    with pytest.raises(InputError) as error:
+        _ = read_columns(tmp_path / "a.csv", WORDS, (need,))[0].column(need).si
+    assert error.value.code == code
 
 
 def test_neither_text_nor_workbook(tmp_path):
@@ -763,6 +807,18 @@ def test_other_tables_are_read_alike(tmp_path):
     (sweep,) = read_sweeps(tmp_path / "s.csv")
     assert sweep.points == 4
     assert any("Mean" in note for note in sweep.notes)
+
+
+def test_a_curve_is_built_once(tmp_path, monkeypatch):
+    """What a reader adds to a curve is a label; the samples are checked once and what is read off them stays known."""
+    built = []
+    check = RadiusCurve.__post_init__
+    monkeypatch.setattr(RadiusCurve, "__post_init__", lambda curve: built.append(1) or check(curve))
+    (tmp_path / "a.csv").write_text("time_us,R1_um,R2_um\n" + lines(",", US, UM, 1.5 * UM))
+    savemat(tmp_path / "b.mat", bdt_variables())
+    text_table(tmp_path / "c.csv", "", US, UM)
+    found = read_shots(sorted(tmp_path.iterdir())).curves
+    assert len(found) == len(built) == 6
 
 
 def test_names_that_a_terminal_would_obey(tmp_path):

@@ -6,7 +6,6 @@ The content of a file decides, not its ending.
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -84,7 +83,7 @@ def read_curves(
         for k, curve in enumerate(found):
             name = path.stem if len(found) == 1 else f"{path.stem}[{curve.meta.get('label', k + 1)}]"
             origin = {"name": name, "group": path.stem, "source": shown(path), "source_sha256": digest}
-            found[k] = replace(curve, meta={**curve.meta, **origin})
+            found[k] = curve.labelled(**origin)
         return [noted(curve) for curve in selected(found, shots)]
 
 

@@ -1,0 +1,315 @@
+"""The one reader of tables: text of every dialect or a workbook goes in with a vocabulary, columns in SI come out.
+
+Titles are found below whatever stands above them, with units in them or in the row below. Rows of means, sums and the
+like at the end are no measurements; a first column without a title numbers the rows. Everything that is left out or
+recognised is counted in `notes`.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from itertools import takewhile
+from pathlib import Path
+
+import numpy as np
+
+from cavirheo.arrays import Floats
+from cavirheo.errors import InputError, require
+from cavirheo.reading.number_format import Cells, is_number, number
+from cavirheo.reading.tabular import Row, Sheet, read_sheets
+from cavirheo.reading.vocabulary import Name, Quantity, Vocabulary, plain_title, unit_of
+
+Need = Sequence[str] | Callable[[Cells], bool]
+_SUMMARIES = {  # as `plain_title` writes them
+    word
+    for words in (
+        "mean average avg median sum total std sd stdev stddev standarddeviation min max minimum maximum",
+        "mittel mittelwert durchschnitt summe gesamt standardabweichung moyenne mediane somme ecarttype",
+        "media promedio suma mediana desviacionestandar desviaciontipica 平均 平均值 合計 标准差 標準偏差",
+    )
+    for word in words.split()
+}
+_LISTED = 8  # titles in a message
+
+
+@dataclass(frozen=True, eq=False)
+class Column:
+    """One column of a table; what is in its cells is read when it is asked for.
+
+    Attributes:
+        table: that it is of.
+        at: its place, from 0.
+        title: as it is written, with a unit from the row below.
+        name: what the title names.
+    """
+
+    table: Table
+    at: int
+    title: str
+    name: Name
+
+    @property
+    def unit(self) -> str | None:
+        """That the title names, else that of the vocabulary for a title without one; None where it must name one."""
+        return self.name.unit if self.name.unit is not None else self._quantity.unit
+
+    @property
+    def text(self) -> list[str]:
+        """(rows,) cells; "" where there is none."""
+        return [cells[self.at] if self.at < len(cells) else "" for _, cells in self.table.rows]
+
+    @cached_property
+    def numbers(self) -> Floats:
+        """(rows,) in the unit of the column; NaN where a cell is missing. Raises InputError: a cell is no number."""
+        values = np.full(len(self.table.rows), np.nan)
+        for k, (row, cell) in enumerate(zip(self.table.rows, self.text, strict=True)):
+            try:
+                values[k] = number(cell)
+            except InputError as error:
+                mistake = error.code.removeprefix("tabular.")
+                told = f"row {row.number}: {error} (column {self.title!r})"
+                raise InputError(told, self.table.vocabulary.code(mistake)) from None
+        return values
+
+    @property
+    def si(self) -> Floats:
+        """(rows,) in SI. Raises InputError: a cell is no number, or the unit is missing or not known."""
+        return self.numbers * self.factor
+
+    @property
+    def factor(self) -> float:
+        """From the unit of the column to SI. Raises InputError: the unit is missing or not known."""
+        units, unit, vocabulary = self._quantity.units, self.unit, self.table.vocabulary
+        if not units:
+            return 1.0
+        missing = unit is None or np.isnan(units.get(unit, 1.0))
+        known = ", ".join([one for one in units if one.isascii()][:4])
+        mend = self._quantity.mend or f"write it into the title, as in {self.title.split()[0]} ({next(iter(units))})"
+        require(not missing, f"{self.title!r} has no unit: {mend}; {vocabulary.expected}", vocabulary.code("no_unit"))
+        unknown = f"{self.title!r} has the unknown unit {unit!r} ({known}); {vocabulary.expected}"
+        require(unit in units, unknown, vocabulary.code("unit"))
+        return units[str(unit)]
+
+    @property
+    def assumed(self) -> list[str]:
+        """A note where the vocabulary says the unit, and the title none."""
+        told = f"{self.title!r} has no unit: taken to be in {self._quantity.unit}"
+        return [told] if self.name.unit is None and self._quantity.unit else []
+
+    @property
+    def _quantity(self) -> Quantity:
+        return self.table.vocabulary.quantities[self.name.kind]
+
+
+@dataclass(frozen=True, eq=False)
+class Table:
+    """A table below its titles.
+
+    Attributes:
+        vocabulary: that it is read with.
+        titles: as they are written, with units from the row below.
+        rows: of data.
+        notes: what was left out or recognised.
+        above: the lines over the titles, and comments.
+        line: number of the line of the titles, from 1.
+        sheet: name of the sheet; "" of a text.
+    """
+
+    vocabulary: Vocabulary
+    titles: Cells
+    rows: list[Row]
+    notes: list[str]
+    above: list[str]
+    line: int = 1
+    sheet: str = ""
+
+    @cached_property
+    def columns(self) -> list[Column]:
+        """Those that the vocabulary knows."""
+        names = map(self.vocabulary.name, self.titles)
+        return [Column(self, at, self.titles[at], name) for at, name in enumerate(names) if name.kind]
+
+    def all(self, kind: str) -> list[Column]:
+        return [column for column in self.columns if column.name.kind == kind]
+
+    def one(self, *kinds: str) -> Column | None:
+        """The only column of the first of these kinds that has one. Raises InputError: there are two of it."""
+        mine = next(filter(None, map(self.all, kinds)), [])
+        require_one(self.vocabulary, mine)
+        return mine[0] if mine else None
+
+    def column(self, kind: str) -> Column:
+        """The only column of a kind that the table is known to have. Raises InputError: there are two."""
+        column = self.one(kind)
+        assert column is not None
+        return column
+
+    def part(self, rows: list[Row]) -> Table:
+        """The same with these rows alone."""
+        return replace(self, rows=rows)
+
+
+def require_one(vocabulary: Vocabulary, columns: Sequence[Column]) -> None:
+    """Raise InputError where there are two columns for one quantity."""
+    if len(columns) > 1:
+        kind, two = columns[0].name.kind, " and ".join(repr(column.title) for column in columns[:2])
+        told = f"two columns for {vocabulary.shown(kind)}: {two}; {vocabulary.quantities[kind].twice}"
+        raise InputError(told, vocabulary.code("twice"))
+
+
+def read_columns(path: Path, vocabulary: Vocabulary, need: Need) -> list[Table]:
+    """The table of a text file or of the first sheet of a workbook; all tables of all sheets where the vocabulary has
+    sections.
+
+    Args:
+        path: text of any dialect (tabular.py), .xlsx, .xls, .xlsb or .ods.
+        vocabulary: what columns may hold.
+        need: quantities whose titles are a header, "time|frame" for one of two; or what tells a header.
+
+    Returns:
+        The tables, at least one; each row has as many cells as there are titles, or fewer.
+
+    Raises:
+        InputError: no file that can be read (`read_sheets`), no such titles ("columns"), nothing below them ("rows", if
+            the vocabulary has a code for it), a row wider than the titles or two units of one column ("width", "units"); codes are the vocabulary's.
+    """
+
+    def is_header(cells: Cells) -> bool:
+        if callable(need):
+            return need(cells)
+        kinds = {vocabulary.name(cell).kind for cell in cells}
+        return all(not kinds.isdisjoint(one.split("|")) for one in need)
+
+    sheets = read_sheets(path, is_header, most=None if vocabulary.sections else 1, marks=vocabulary.marks)
+    tables = [table for sheet in sheets for table in _tables(sheet, vocabulary, is_header)]
+    rows = [row.cells for sheet in sheets for row in sheet.rows]
+    if not tables and vocabulary.bare and rows and all(map(is_number, rows[0])):
+        return [Table(vocabulary, [], sheets[0].rows, list(sheets[0].notes), [], sheet=sheets[0].name)]
+    require(bool(tables), *_no_titles(rows, vocabulary, need))
+    filled = "rows" not in vocabulary.codes or any(table.rows for table in tables)
+    require(filled, f"a header but no rows of data; {vocabulary.expected}", vocabulary.code("rows"))
+    return tables
+
+
+def _no_titles(rows: list[Cells], vocabulary: Vocabulary, need: Need) -> tuple[str, str]:
+    """(what is said where no row is a header, its code)."""
+    if not rows:
+        return f"no rows of data; {vocabulary.expected}", vocabulary.code("empty")
+    data = (k for k, row in enumerate(rows) if all(map(is_number, row)) and any(re.search(r"\d", c) for c in row))
+    near = max(next(data, 1) - 1, 0)
+    kinds = [{vocabulary.name(cell).kind for cell in row} - {""} for row in rows]
+    near = max(range(len(rows)), key=lambda k: (len(kinds[k]), k == near))
+    titles = ", ".join(repr(title[:30]) for title in rows[near][:_LISTED])
+    missing = [] if callable(need) else [one for one in need if kinds[near].isdisjoint(one.split("|"))]
+    names = " and ".join(vocabulary.shown(one.split("|")[0]) for one in missing)
+    said = f"no column{'s' * (len(missing) > 1)} for {names} among {titles}" if missing else f"the titles are {titles}"
+    return f"{said}; {vocabulary.expected}", vocabulary.code("columns")
+
+
+def _tables(sheet: Sheet, vocabulary: Vocabulary, is_header: Callable[[Cells], bool]) -> list[Table]:
+    starts = [k for k, row in enumerate(sheet.rows) if not all(map(is_number, row.cells)) and is_header(row.cells)]
+    if vocabulary.declared:
+        titles, rows = sheet.rows[0].cells if starts[:1] == [0] else [], sheet.rows[1:]
+        if len(titles) == 1:  # nothing separates columns
+            rows = [Row(row.number, [" ".join(row.cells)]) for row in rows]
+        return [_table(sheet, 0, titles, rows, vocabulary, [])] if titles else []
+    found = []
+    for at, end in zip(starts, [*starts[1:], None], strict=False):
+        titles, rows, notes = sheet.rows[at].cells, sheet.rows[at + 1 : end], []
+        if not vocabulary.sections:
+            rows, notes = sheet.rows[at + 1 :], [f"{_lines(at)} above the titles left out"] if at else []
+        titles, below = _with_units(titles, rows, vocabulary)
+        if below:
+            units = ", ".join(cell for row in below for cell in row.cells if cell)
+            notes.append(f"units from the row below the titles: {units}")
+        rows = rows[len(below) :]
+        if vocabulary.sections:
+            rows = list(takewhile(lambda row: not _begins_section(row), rows))
+        rows, said = _without_summary(rows)
+        notes += said
+        if _first_numbers_rows(titles, rows):
+            titles = ["", *titles]
+            notes.append("a first column without a title, which numbers the rows, left out")
+        found.append(_table(sheet, at, titles, rows, vocabulary, notes))
+        if not vocabulary.sections:
+            break
+    return found
+
+
+def _table(sheet: Sheet, at: int, titles: Cells, rows: list[Row], vocabulary: Vocabulary, notes: list[str]) -> Table:
+    """The table whose titles are in the row `at`. Raises InputError: a row has more cells than there are titles."""
+    for row, cells in rows:
+        why = f"row {row} has {len(cells)} cells, the header {len(titles)} (a decimal comma, or one in a text that needs "
+        require(not any(cells[len(titles) :]), why + "quotes?)", vocabulary.code("width"))
+    above = [" ".join(row.cells) for row in sheet.rows[: min(at, 1000)]]
+    place = {"above": [*sheet.comments, *above], "line": sheet.rows[at].number, "sheet": sheet.name}
+    return Table(vocabulary, titles, rows, [*sheet.notes, *notes], **place)
+
+
+def _lines(count: int) -> str:
+    return f"{count} line" + "s" * (count > 1)
+
+
+def _begins_section(row: Row) -> bool:
+    """Whether a row ends a table: "[step]", "Result:", "Frequency sweep - 2"."""
+    filled = [cell for cell in row.cells if cell]
+    return filled[0].startswith("[") or filled[0].endswith(":") or not any(map(is_number, filled))
+
+
+def _with_units(titles: Cells, rows: list[Row], vocabulary: Vocabulary) -> tuple[Cells, list[Row]]:
+    """(the titles with the units of the rows of words below them, these rows).
+
+    Raises InputError: a title names one unit and a row below it another.
+    """
+    titles, units = list(titles), list(takewhile(lambda row: _are_words(titles, row.cells, vocabulary), rows))
+    for _, cells in units:
+        for k, (title, cell) in enumerate(zip(titles, cells, strict=False)):
+            kind, unit, _ = vocabulary.name(title)
+            known, bare = vocabulary.units(kind), cell.strip("[]() ")
+            below = unit_of(bare, known)
+            if not known or (below is None and is_number(bare)):
+                continue
+            both = f"the column {title!r} has the unit {unit!r} in its title, and {cell!r} in the row below"
+            require(unit in (None, below or bare), both, vocabulary.code("units"))
+            titles[k] = title if unit else f"{title} ({bare})"
+    return titles, units
+
+
+def _are_words(titles: Cells, cells: Cells, vocabulary: Vocabulary) -> bool:
+    """Whether a row has words and units, not numbers, in the columns that are known."""
+    kinds = [vocabulary.name(title).kind for title in titles]
+    mine = [(cell, vocabulary.units(kind)) for kind, cell in zip(kinds, cells, strict=False) if kind and cell]
+    mine = [(cell, units) for cell, units in mine if unit_of(cell.strip("[]() "), units) is None or not is_number(cell)]
+    some = [cell for cell, _ in mine] or cells
+    return not all(map(is_number, cells)) and not any(is_number(cell) and re.search(r"\d", cell) for cell in some)
+
+
+def _without_summary(rows: list[Row]) -> tuple[list[Row], list[str]]:
+    """(the rows without those of a mean, a sum and the like at their end, a note if there were any).
+
+    A word that comes twice is the name of something.
+    """
+    words: list[str] = []
+    for row in reversed(rows):
+        word = next((cell for cell in row.cells if plain_title(cell) in _SUMMARIES), None)
+        if word is None:
+            break
+        words.insert(0, word)
+    if not words or len(set(map(plain_title, words))) < len(words):
+        return rows, []
+    return rows[: -len(words)], [f"{_lines(len(words))} of {', '.join(words)} at the end left out"]
+
+
+def _first_numbers_rows(titles: Cells, rows: list[Row]) -> bool:
+    """Whether each row has one cell more than there are titles, and the first ones count the rows.
+
+    Without any decimal point the further cell may as well come from decimal commas.
+    """
+    if len(rows) < 2 or not all(len(row.cells) == len(titles) + 1 for row in rows):
+        return False
+    firsts = [int(row.cells[0]) if row.cells[0].isdecimal() else -9 for row in rows]
+    counted = firsts == list(range(firsts[0], firsts[0] + len(rows))) and firsts[0] in (0, 1)
+    return counted and any(row.cells[-1] for row in rows) and any("." in cell for row in rows for cell in row.cells)
