@@ -1,7 +1,9 @@
 """Files in, curves out: every format on a file written here, bad files refused in words, and the published files."""
 
 import io
+import pickle
 import zipfile
+from pathlib import Path
 
 import h5py
 import numpy as np
@@ -15,12 +17,13 @@ from cavirheo.inference import input_checks
 from cavirheo.physics.driving import Trace
 from cavirheo.physics.media import WATER
 from cavirheo.reading import read_curves, write_csv
-from cavirheo.reading.files import expand, tidy
-from cavirheo.reading.shots import read_shots
 from cavirheo.reading.columns import read_columns
+from cavirheo.reading.files import expand, tidy
+from cavirheo.reading.message import decode, encode
+from cavirheo.reading.shots import Recordings, read_shots
 from cavirheo.reading.tabular import kind_of, read_sheets, text_sheet
 from cavirheo.reading.trace import read_trace
-from cavirheo.reading.vocabulary import Quantity, Vocabulary
+from cavirheo.reading.vocabulary import Term, Vocabulary
 
 R_MAX = 200e-6
 T_C = R_MAX * np.sqrt(998.0 / 101325.0)
@@ -356,9 +359,9 @@ def test_dialects_of_text(text, found):
 
 WORDS = Vocabulary(
     {
-        "G": Quantity("g'", {"Pa": 1.0, "mPa": 1e-3, "MPa": 1e6}, unit="Pa"),
-        "speed": Quantity("elan", {"rads": 1.0, "s-1": np.nan}),
-        "name": Quantity("name"),
+        "G": Term("g'", {"Pa": 1.0, "mPa": 1e-3, "MPa": 1e6}, unit="Pa"),
+        "speed": Term("elan", {"rads": 1.0, "s-1": np.nan}),
+        "name": Term("name"),
     },
     "expected G' (Pa) and elan (rad/s)",
 )
@@ -399,7 +402,11 @@ def test_columns_in_si_with_texts_and_notes(tmp_path):
     assert table.column("name").text == ["a", "-b"]
     assert table.column("G").si.tolist() == [1e6, 2e6]
     assert np.array_equal(table.column("speed").si, [np.nan, 3], equal_nan=True)
-    said = "1 line above the titles left out", "units from the row below the titles: MPa, rad/s", "1 line of mean at the"
+    said = (
+        "1 line above the titles left out",
+        "units from the row below the titles: MPa, rad/s",
+        "1 line of mean at the",
+    )
     assert all(any(note.startswith(one) for note in table.notes) for one in said)
 
 
@@ -807,6 +814,28 @@ def test_other_tables_are_read_alike(tmp_path):
     (sweep,) = read_sweeps(tmp_path / "s.csv")
     assert sweep.points == 4
     assert any("Mean" in note for note in sweep.notes)
+
+
+def test_a_message_of_a_reader_is_arrays_and_json(tmp_path):
+    """What was read comes back whole; what would be executed does not come through."""
+    (tmp_path / "a.csv").write_text("time_us,radius_um\n" + PLAIN)
+    sent = read_shots([tmp_path / "a.csv", tmp_path / "none.csv"])
+    message = encode(sent)
+    assert b"pickle" not in message
+    back = decode(message)
+    assert isinstance(back, Recordings)
+    assert back.problems == sent.problems
+    (one,), (other,) = back.curves, sent.curves
+    assert np.array_equal(one.radius, other.radius)
+    assert (one.meta, one.doubts, one.maximum) == (other.meta, other.doubts, other.maximum)
+    error = decode(encode(InputError("no", "a.b")))
+    assert (str(error), error.code) == ("no", "a.b")
+    assert decode(encode({"a": (1, [2.5, None], "x")})) == {"a": (1, [2.5, None], "x")}
+    with pytest.raises(TypeError):
+        encode(Path("x"))
+    for forged in (pickle.dumps(one), b'0 ["Path", ["dict", {}]]\n', b"1 0\n", b""):
+        with pytest.raises((ValueError, KeyError)):
+            decode(forged)
 
 
 def test_a_curve_is_built_once(tmp_path, monkeypatch):

@@ -21,13 +21,13 @@ from cavirheo.errors import InputError, require
 from cavirheo.reading.columns import read_columns
 from cavirheo.reading.files import guarded
 from cavirheo.reading.number_format import Cells, is_number
-from cavirheo.reading.vocabulary import Name, Quantity, Vocabulary
+from cavirheo.reading.vocabulary import Name, Term, Vocabulary
 
 SIZE = "R_max"  # the word
 LOG_SIZE = "log10(R_max/µm)"  # the column that it stands for
 _SHOWN = 5  # names in a message
 _DECLARED = Vocabulary(
-    {"any": Quantity("")},
+    {"any": Term("")},
     "expected a first line with two titles, such as shot,concentration_percent, and below it a name and a number each",
     dict.fromkeys(("columns", "empty"), "column.head") | dict.fromkeys(("number", "comma", "width"), "column.number"),
     other=lambda _: Name("any"),

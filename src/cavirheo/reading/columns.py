@@ -20,7 +20,7 @@ from cavirheo.arrays import Floats
 from cavirheo.errors import InputError, require
 from cavirheo.reading.number_format import Cells, is_number, number
 from cavirheo.reading.tabular import Row, Sheet, read_sheets
-from cavirheo.reading.vocabulary import Name, Quantity, Vocabulary, plain_title, unit_of
+from cavirheo.reading.vocabulary import Name, Term, Vocabulary, plain_title, unit_of
 
 Need = Sequence[str] | Callable[[Cells], bool]
 _SUMMARIES = {  # as `plain_title` writes them
@@ -54,7 +54,7 @@ class Column:
     @property
     def unit(self) -> str | None:
         """That the title names, else that of the vocabulary for a title without one; None where it must name one."""
-        return self.name.unit if self.name.unit is not None else self._quantity.unit
+        return self.name.unit if self.name.unit is not None else self._term.unit
 
     @property
     def text(self) -> list[str]:
@@ -82,12 +82,12 @@ class Column:
     @property
     def factor(self) -> float:
         """From the unit of the column to SI. Raises InputError: the unit is missing or not known."""
-        units, unit, vocabulary = self._quantity.units, self.unit, self.table.vocabulary
+        units, unit, vocabulary = self._term.units, self.unit, self.table.vocabulary
         if not units:
             return 1.0
         missing = unit is None or np.isnan(units.get(unit, 1.0))
         known = ", ".join([one for one in units if one.isascii()][:4])
-        mend = self._quantity.mend or f"write it into the title, as in {self.title.split()[0]} ({next(iter(units))})"
+        mend = self._term.mend or f"write it into the title, as in {self.title.split()[0]} ({next(iter(units))})"
         require(not missing, f"{self.title!r} has no unit: {mend}; {vocabulary.expected}", vocabulary.code("no_unit"))
         unknown = f"{self.title!r} has the unknown unit {unit!r} ({known}); {vocabulary.expected}"
         require(unit in units, unknown, vocabulary.code("unit"))
@@ -96,12 +96,12 @@ class Column:
     @property
     def assumed(self) -> list[str]:
         """A note where the vocabulary says the unit, and the title none."""
-        told = f"{self.title!r} has no unit: taken to be in {self._quantity.unit}"
-        return [told] if self.name.unit is None and self._quantity.unit else []
+        told = f"{self.title!r} has no unit: taken to be in {self._term.unit}"
+        return [told] if self.name.unit is None and self._term.unit else []
 
     @property
-    def _quantity(self) -> Quantity:
-        return self.table.vocabulary.quantities[self.name.kind]
+    def _term(self) -> Term:
+        return self.table.vocabulary.terms[self.name.kind]
 
 
 @dataclass(frozen=True, eq=False)
@@ -156,25 +156,25 @@ def require_one(vocabulary: Vocabulary, columns: Sequence[Column]) -> None:
     """Raise InputError where there are two columns for one quantity."""
     if len(columns) > 1:
         kind, two = columns[0].name.kind, " and ".join(repr(column.title) for column in columns[:2])
-        told = f"two columns for {vocabulary.shown(kind)}: {two}; {vocabulary.quantities[kind].twice}"
+        told = f"two columns for {vocabulary.shown(kind)}: {two}; {vocabulary.terms[kind].twice}"
         raise InputError(told, vocabulary.code("twice"))
 
 
 def read_columns(path: Path, vocabulary: Vocabulary, need: Need) -> list[Table]:
-    """The table of a text file or of the first sheet of a workbook; all tables of all sheets where the vocabulary has
-    sections.
+    """The table of a text file or of a workbook's first sheet; with sections all tables of all sheets.
 
     Args:
         path: text of any dialect (tabular.py), .xlsx, .xls, .xlsb or .ods.
         vocabulary: what columns may hold.
-        need: quantities whose titles are a header, "time|frame" for one of two; or what tells a header.
+        need: columns whose titles are a header, "time|frame" for one of two; or what tells a header.
 
     Returns:
-        The tables, at least one; each row has as many cells as there are titles, or fewer.
+        The tables, at least one; no row has more cells than there are titles.
 
     Raises:
-        InputError: no file that can be read (`read_sheets`), no such titles ("columns"), nothing below them ("rows", if
-            the vocabulary has a code for it), a row wider than the titles or two units of one column ("width", "units"); codes are the vocabulary's.
+        InputError: the file cannot be read (`read_sheets`), has no such titles ("columns") or nothing below them
+            ("rows", where the vocabulary has that code), a row is wider than the titles ("width"), or a column has two
+            units ("units"); with the codes of the vocabulary.
     """
 
     def is_header(cells: Cells) -> bool:
@@ -242,11 +242,11 @@ def _tables(sheet: Sheet, vocabulary: Vocabulary, is_header: Callable[[Cells], b
 def _table(sheet: Sheet, at: int, titles: Cells, rows: list[Row], vocabulary: Vocabulary, notes: list[str]) -> Table:
     """The table whose titles are in the row `at`. Raises InputError: a row has more cells than there are titles."""
     for row, cells in rows:
-        why = f"row {row} has {len(cells)} cells, the header {len(titles)} (a decimal comma, or one in a text that needs "
-        require(not any(cells[len(titles) :]), why + "quotes?)", vocabulary.code("width"))
-    above = [" ".join(row.cells) for row in sheet.rows[: min(at, 1000)]]
-    place = {"above": [*sheet.comments, *above], "line": sheet.rows[at].number, "sheet": sheet.name}
-    return Table(vocabulary, titles, rows, [*sheet.notes, *notes], **place)
+        why = f"row {row} has {len(cells)} cells, the header {len(titles)}"
+        mend = "is a comma decimal, or part of a text that needs quotes?"
+        require(not any(cells[len(titles) :]), f"{why}: {mend}", vocabulary.code("width"))
+    above = [*sheet.comments, *(" ".join(row.cells) for row in sheet.rows[: min(at, 1000)])]
+    return Table(vocabulary, titles, rows, [*sheet.notes, *notes], above, sheet.rows[at].number, sheet.name)
 
 
 def _lines(count: int) -> str:

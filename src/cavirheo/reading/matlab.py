@@ -21,13 +21,25 @@ from cavirheo.arrays import Floats
 from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError, require
 from cavirheo.reading import limits
+from cavirheo.reading.matfile import read_matfile
 from cavirheo.reading.samples import make_curve, unusable
 
 _CELLS = ("R_nondim_All", "t_nondim_All")
 _ONE_EACH = "RmaxList lambda_max_mean lambda_max_std P_inf rho Rnew t deltax deltat R Rmax shift_normRnew"
 WANTED = (*_CELLS, *_ONE_EACH.split())
 
+HDF5 = b"\x89HDF\r\n\x1a\n"
 Variables = dict[str, Any]  # name -> (…,) float array, or a list of them for a cell array
+
+
+def read_variables(path: Path, wanted: tuple[str, ...]) -> tuple[Variables, list[str]] | None:
+    """(the wanted variables, names of all) of a .mat of any version; None where the file is none. Raises InputError."""
+    with path.open("rb") as file:
+        head = file.read(128)
+    if head.startswith(b"MATLAB 7.3") or (path.suffix.lower() == ".mat" and head.startswith(HDF5)):
+        return read_hdf5(path, wanted)
+    five = head.startswith(b"MATLAB 5.0") or head[124:128] in (b"\x00\x01IM", b"\x01\x00MI")
+    return read_matfile(path, wanted) if five else None
 
 
 def read_hdf5(path: Path, wanted: Iterable[str]) -> tuple[Variables, list[str]]:

@@ -25,7 +25,7 @@ from cavirheo.reading import limits
 from cavirheo.reading.columns import Column, Table, read_columns, require_one
 from cavirheo.reading.number_format import is_number
 from cavirheo.reading.samples import RADIUS_UNITS, TIME_UNITS, make_curve, swapped
-from cavirheo.reading.vocabulary import Name, Quantity, Vocabulary, unit_of
+from cavirheo.reading.vocabulary import Name, Term, Vocabulary, unit_of
 
 ONE_SCALE = 0.02  # by which factors of one scale may differ: R_max is read off the frames
 _EITHER = {unit: np.nan for unit in (*TIME_UNITS, *RADIUS_UNITS)}  # the unit of another quantity is seen as a mistake
@@ -67,36 +67,36 @@ def _of_one_shot(title: str) -> Name:
 
 CURVES = Vocabulary(
     {
-        "time": Quantity("t time elapsedtime zeit temps tiempo tempo 時間 时间", _EITHER),
-        "frame": Quantity(
+        "time": Term("t time elapsedtime zeit temps tiempo tempo 時間 时间", _EITHER),
+        "frame": Term(
             "frame frames frameno framenumber framenr frameindex framenum image imageno imagenumber bild bildnr "
             "bildnummer fotograma cuadro numeroimage numerodimage フレーム フレーム番号 コマ 帧 帧号 帧数",
             _EITHER,
         ),
-        "radius": Quantity(
+        "radius": Term(
             "r radius rt rnew bubbleradius radiusofbubble radiusofthebubble meanradius averageradius equivalentradius "
             "blasenradius rayon rayonbulle rayondebulle rayondelabulle radio radioburbuja radiodeburbuja "
             "radiodelaburbuja raggio raio 半径 半徑 気泡半径 气泡半径 氣泡半徑",
             _EITHER,
             twice="the shots of a file are R1_um, R2_um, or have a column `shot`",
         ),
-        "max_radius": Quantity("rmax truermax maxradius maximumradius", _EITHER),
-        "stretch": Quantity("stretch lambdamax lambdamaxmean"),
-        "stretch_std": Quantity("stretchstd lambdamaxstd"),
-        "radius_std": Quantity("radiusstd rstd radiussd rsd", _EITHER),
-        "diameter": Quantity(
+        "max_radius": Term("rmax truermax maxradius maximumradius", _EITHER),
+        "stretch": Term("stretch lambdamax lambdamaxmean"),
+        "stretch_std": Term("stretchstd lambdamaxstd"),
+        "radius_std": Term("radiusstd rstd radiussd rsd", _EITHER),
+        "diameter": Term(
             "diameter bubblediameter meandiameter equivalentdiameter durchmesser blasendurchmesser diametre "
             "diametrebulle diametredebulle diametredelabulle diametro 直径 直徑 気泡直径 气泡直径",
             _EITHER,
             symbols="d",
         ),
-        "area": Quantity(
+        "area": Term(
             "area bubblearea flache blasenflache aire surface superficie 面積 面积",
             {f"{unit}2": np.nan for unit in RADIUS_UNITS},
             symbols="a",
         ),
-        "shot": Quantity(""),
-        "curve": Quantity("curve shot"),
+        "shot": Term(""),
+        "curve": Term("curve shot"),
     },
     _ADVICE,
     codes=dict.fromkeys(("empty", "rows"), "table.empty") | {"columns": "table.columns", "twice": "table.twice"},
@@ -114,7 +114,9 @@ def read(path: Path, density: float, pressure: float, frame_rate: float | None =
     """
     (table,) = read_columns(path, CURVES, _NEED)
     curves = _with_header(table, frame_rate) if table.titles else _without_header(table, density, pressure)
-    return [curve.with_notes("read from the first sheet of the workbook") for curve in curves] if table.sheet else curves
+    return (
+        [curve.with_notes("read from the first sheet of the workbook") for curve in curves] if table.sheet else curves
+    )
 
 
 def _with_header(table: Table, frame_rate: float | None) -> list[RadiusCurve]:

@@ -7,12 +7,12 @@ from pathlib import Path
 from cavirheo.arrays import Floats
 from cavirheo.reading.columns import read_columns
 from cavirheo.reading.files import guarded
-from cavirheo.reading.vocabulary import TIME_UNITS, Quantity, Vocabulary
+from cavirheo.reading.vocabulary import TIME_UNITS, Term, Vocabulary
 
 _TRACE = Vocabulary(
     {
-        "time": Quantity("t time zeit temps tiempo 時間 时间", TIME_UNITS),
-        "pressure": Quantity("p pressure druck pression presion 圧力 压力 壓力", {"Pa": 1.0, "kPa": 1e3, "MPa": 1e6}),
+        "time": Term("t time zeit temps tiempo 時間 时间", TIME_UNITS),
+        "pressure": Term("p pressure druck pression presion 圧力 压力 壓力", {"Pa": 1.0, "kPa": 1e3, "MPa": 1e6}),
     },
     "expected a pressure trace with the columns time_us,pressure_kPa",
     dict.fromkeys(("columns", "empty", "no_unit", "unit"), "trace.header") | {"twice": "trace.twice"},

@@ -44,7 +44,7 @@ class Name(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Quantity:
+class Term:
     """What a column may hold.
 
     Attributes:
@@ -72,7 +72,7 @@ class Vocabulary:
     """The quantities that a table may hold, by kind, and how it is laid out.
 
     Attributes:
-        quantities: by kind.
+        terms: by kind of column.
         expected: what a table must hold, for messages.
         codes: of errors, where they are not "tabular.…".
         other: what a title names that no word of the vocabulary does.
@@ -83,7 +83,7 @@ class Vocabulary:
         bare: a table of numbers alone is taken, too.
     """
 
-    quantities: Mapping[str, Quantity]
+    terms: Mapping[str, Term]
     expected: str
     codes: Mapping[str, str] = field(default_factory=dict)
     other: Callable[[str], Name] | None = None
@@ -105,7 +105,7 @@ class Vocabulary:
             kind = self._kinds.get(plain_title(text[: cut.start()]))
             if kind is None:
                 continue
-            written, units = text[cut.end() :].rstrip("]), "), self.quantities[kind].units
+            written, units = text[cut.end() :].rstrip("]), "), self.terms[kind].units
             unit = plain_unit(written)
             for known in (unit, unit.lower(), _ALIASES.get(unit), _ALIASES.get(unit.lower())):
                 if known is not None and known in units:
@@ -114,21 +114,21 @@ class Vocabulary:
                 named = Name(kind, written)
         plain = plain_title(text)
         kind = self._kinds.get(plain)
-        return Name(kind) if kind and plain not in self.quantities[kind].symbols.split() else named
+        return Name(kind) if kind and plain not in self.terms[kind].symbols.split() else named
 
     def code(self, mistake: str) -> str:
         return self.codes.get(mistake, f"tabular.{mistake}")
 
     def units(self, kind: str) -> Mapping[str, float]:
         """Of a kind; none of texts and of what is not known."""
-        return self.quantities[kind].units if kind else {}
+        return self.terms[kind].units if kind else {}
 
     def shown(self, kind: str) -> str:
-        return self.quantities[kind].shown or kind
+        return self.terms[kind].shown or kind
 
     @cached_property
     def _kinds(self) -> dict[str, str]:
-        words = ((kind, f"{one.words} {one.symbols}".split()) for kind, one in self.quantities.items())
+        words = ((kind, f"{one.words} {one.symbols}".split()) for kind, one in self.terms.items())
         return {plain_title(word): kind for kind, some in words for word in some}
 
 

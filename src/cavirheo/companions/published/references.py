@@ -23,7 +23,7 @@ from cavirheo.errors import InputError, require
 from cavirheo.physics.media import Medium, medium
 from cavirheo.reading.columns import read_columns
 from cavirheo.reading.files import guarded
-from cavirheo.reading.vocabulary import Quantity, Vocabulary
+from cavirheo.reading.vocabulary import Term, Vocabulary
 from cavirheo.writing.document import Record, Spread
 
 NO_SETS = "references.no_set_column"  # code of the error that a table of something else gives
@@ -71,7 +71,7 @@ _CONSTANTS = _SETTINGS[_SETTINGS.index("density") :]
 
 
 _VOCABULARY = Vocabulary(
-    {name: Quantity(name) for name in _COLUMNS},
+    {name: Term(name) for name in _COLUMNS},
     f"expected a first line of the titles {','.join(_COLUMNS)}, of which set is needed",
     {"columns": NO_SETS, "empty": NO_SETS, "rows": "references.no_set", "width": "references.cells"},
     marks="#",
