@@ -28,7 +28,7 @@ ROOMS = (  # from the ground up: a room imports those below it, and only those t
     ("posterior", "errors writing parameters bubble"),
     ("curve", "errors parameters landmarks writing"),
     ("video", "errors files curve landmarks writing"),
-    ("reading", "errors files parameters curve landmarks video"),
+    ("reading", "errors files parameters curve landmarks video writing"),
     ("physics", "errors writing parameters parallel landmarks bubble"),
     ("problem", "errors parameters prior physics"),
     ("inference", "errors files parallel parameters prior bubble posterior curve landmarks physics problem writing"),

@@ -485,6 +485,13 @@ def test_csv_round_trip(tmp_path):
     assert np.allclose(back.radius_std, 1e-6)
 
 
+def test_no_remark_above_a_curve_is_a_formula(tmp_path):
+    write_csv(tmp_path / "a.csv", RadiusCurve(TIME, RADIUS), "simulation of a,=1+1;@b\n, +c")
+    first, *_ = (tmp_path / "a.csv").read_text().splitlines()
+    assert first == "# simulation of a,'=1+1;'@b\\x0a, +c"
+    assert np.allclose(read_curves(tmp_path / "a.csv")[0].radius, RADIUS, rtol=1e-9)
+
+
 def bad_files(folder):
     (folder / "empty.mat").write_bytes(b"")
     (folder / "prose.txt").write_text("Dear reader,\nthis is a letter.\n")

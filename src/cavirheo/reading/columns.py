@@ -8,10 +8,10 @@ recognised is counted in `notes`.
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from itertools import takewhile
+from itertools import islice, takewhile
 from pathlib import Path
 
 import numpy as np
@@ -135,11 +135,9 @@ class Table:
     def all(self, kind: str) -> list[Column]:
         return [column for column in self.columns if column.name.kind == kind]
 
-    def one(self, *kinds: str) -> Column | None:
-        """The only column of the first of these kinds that has one. Raises InputError: there are two of it."""
-        mine = next(filter(None, map(self.all, kinds)), [])
-        require_one(self.vocabulary, mine)
-        return mine[0] if mine else None
+    def one(self, kind: str) -> Column | None:
+        """The only column of a kind, if there is one. Raises InputError: there are two."""
+        return only(self.all(kind))
 
     def column(self, kind: str) -> Column:
         """The only column of a kind that the table is known to have. Raises InputError: there are two."""
@@ -152,12 +150,14 @@ class Table:
         return replace(self, rows=rows)
 
 
-def require_one(vocabulary: Vocabulary, columns: Sequence[Column]) -> None:
-    """Raise InputError where there are two columns for one quantity."""
+def only(columns: Sequence[Column]) -> Column | None:
+    """The one column of one kind, if there is one. Raises InputError: there are two."""
     if len(columns) > 1:
-        kind, two = columns[0].name.kind, " and ".join(repr(column.title) for column in columns[:2])
+        vocabulary, kind = columns[0].table.vocabulary, columns[0].name.kind
+        two = " and ".join(repr(column.title) for column in columns[:2])
         told = f"two columns for {vocabulary.shown(kind)}: {two}; {vocabulary.terms[kind].twice}"
         raise InputError(told, vocabulary.code("twice"))
+    return columns[0] if columns else None
 
 
 def read_columns(path: Path, vocabulary: Vocabulary, need: Need) -> list[Table]:
@@ -188,16 +188,17 @@ def read_columns(path: Path, vocabulary: Vocabulary, need: Need) -> list[Table]:
     rows = [row.cells for sheet in sheets for row in sheet.rows]
     if not tables and vocabulary.bare and rows and all(map(is_number, rows[0])):
         return [Table(vocabulary, [], sheets[0].rows, list(sheets[0].notes), [], sheet=sheets[0].name)]
-    require(bool(tables), *_no_titles(rows, vocabulary, need))
+    if not tables:
+        raise _no_titles(rows, vocabulary, need)
     filled = "rows" not in vocabulary.codes or any(table.rows for table in tables)
     require(filled, f"a header but no rows of data; {vocabulary.expected}", vocabulary.code("rows"))
     return tables
 
 
-def _no_titles(rows: list[Cells], vocabulary: Vocabulary, need: Need) -> tuple[str, str]:
-    """(what is said where no row is a header, its code)."""
+def _no_titles(rows: list[Cells], vocabulary: Vocabulary, need: Need) -> InputError:
+    """That no row is a header: the row that is nearest to one, and what it lacks."""
     if not rows:
-        return f"no rows of data; {vocabulary.expected}", vocabulary.code("empty")
+        return InputError(f"no rows of data; {vocabulary.expected}", vocabulary.code("empty"))
     data = (k for k, row in enumerate(rows) if all(map(is_number, row)) and any(re.search(r"\d", c) for c in row))
     near = max(next(data, 1) - 1, 0)
     kinds = [{vocabulary.name(cell).kind for cell in row} - {""} for row in rows]
@@ -206,47 +207,43 @@ def _no_titles(rows: list[Cells], vocabulary: Vocabulary, need: Need) -> tuple[s
     missing = [] if callable(need) else [one for one in need if kinds[near].isdisjoint(one.split("|"))]
     names = " and ".join(vocabulary.shown(one.split("|")[0]) for one in missing)
     said = f"no column{'s' * (len(missing) > 1)} for {names} among {titles}" if missing else f"the titles are {titles}"
-    return f"{said}; {vocabulary.expected}", vocabulary.code("columns")
+    return InputError(f"{said}; {vocabulary.expected}", vocabulary.code("columns"))
 
 
-def _tables(sheet: Sheet, vocabulary: Vocabulary, is_header: Callable[[Cells], bool]) -> list[Table]:
-    starts = [k for k, row in enumerate(sheet.rows) if not all(map(is_number, row.cells)) and is_header(row.cells)]
-    if vocabulary.declared:
-        titles, rows = sheet.rows[0].cells if starts[:1] == [0] else [], sheet.rows[1:]
-        if len(titles) == 1:  # nothing separates columns
-            rows = [Row(row.number, [" ".join(row.cells)]) for row in rows]
-        return [_table(sheet, 0, titles, rows, vocabulary, [])] if titles else []
-    found = []
+def _tables(sheet: Sheet, vocabulary: Vocabulary, is_header: Callable[[Cells], bool]) -> Iterator[Table]:
+    """The tables of a sheet: one declared in its first line, the first one, or with sections each one."""
+    headers = (k for k, row in enumerate(sheet.rows) if not all(map(is_number, row.cells)) and is_header(row.cells))
+    starts = list(headers if vocabulary.sections else islice(headers, 1))
     for at, end in zip(starts, [*starts[1:], None], strict=False):
-        titles, rows, notes = sheet.rows[at].cells, sheet.rows[at + 1 : end], []
-        if not vocabulary.sections:
-            rows, notes = sheet.rows[at + 1 :], [f"{_lines(at)} above the titles left out"] if at else []
-        titles, below = _with_units(titles, rows, vocabulary)
-        if below:
-            units = ", ".join(cell for row in below for cell in row.cells if cell)
-            notes.append(f"units from the row below the titles: {units}")
-        rows = rows[len(below) :]
-        if vocabulary.sections:
-            rows = list(takewhile(lambda row: not _begins_section(row), rows))
-        rows, said = _without_summary(rows)
-        notes += said
-        if _first_numbers_rows(titles, rows):
-            titles = ["", *titles]
-            notes.append("a first column without a title, which numbers the rows, left out")
-        found.append(_table(sheet, at, titles, rows, vocabulary, notes))
-        if not vocabulary.sections:
-            break
-    return found
+        titles, rows, notes = sheet.rows[at].cells, sheet.rows[at + 1 : end], list(sheet.notes)
+        if vocabulary.declared:
+            if at:
+                return
+            if len(titles) == 1:  # nothing separates columns
+                rows = [Row(row.number, [" ".join(row.cells)]) for row in rows]
+        else:
+            notes += [f"{_lines(at)} above the titles left out"] if at and not vocabulary.sections else []
+            titles, rows, said = _measured(titles, rows, vocabulary)
+            notes += said
+        if wide := next((row for row in rows if any(row.cells[len(titles) :])), None):
+            why = f"row {wide.number} has {len(wide.cells)} cells, the header {len(titles)}"
+            mend = "is a comma decimal, or part of a text that needs quotes?"
+            raise InputError(f"{why}: {mend}", vocabulary.code("width"))
+        above = [*sheet.comments, *(" ".join(row.cells) for row in sheet.rows[: min(at, 1000)])]
+        yield Table(vocabulary, titles, rows, notes, above, sheet.rows[at].number, sheet.name)
 
 
-def _table(sheet: Sheet, at: int, titles: Cells, rows: list[Row], vocabulary: Vocabulary, notes: list[str]) -> Table:
-    """The table whose titles are in the row `at`. Raises InputError: a row has more cells than there are titles."""
-    for row, cells in rows:
-        why = f"row {row} has {len(cells)} cells, the header {len(titles)}"
-        mend = "is a comma decimal, or part of a text that needs quotes?"
-        require(not any(cells[len(titles) :]), f"{why}: {mend}", vocabulary.code("width"))
-    above = [*sheet.comments, *(" ".join(row.cells) for row in sheet.rows[: min(at, 1000)])]
-    return Table(vocabulary, titles, rows, [*sheet.notes, *notes], above, sheet.rows[at].number, sheet.name)
+def _measured(titles: Cells, rows: list[Row], vocabulary: Vocabulary) -> tuple[Cells, list[Row], list[str]]:
+    """(titles with units, the rows that are measurements, notes) of what stands below the titles."""
+    titles, below = _with_units(titles, rows, vocabulary)
+    units = ", ".join(cell for row in below for cell in row.cells if cell)
+    notes, rows = [f"units from the row below the titles: {units}"] if units else [], rows[len(below) :]
+    if vocabulary.sections:
+        rows = list(takewhile(lambda row: not _begins_section(row), rows))
+    rows, said = _without_summary(rows)
+    if _first_numbers_rows(titles, rows):
+        return ["", *titles], rows, [*notes, *said, "a first column without a title, which numbers the rows, left out"]
+    return titles, rows, notes + said
 
 
 def _lines(count: int) -> str:

@@ -19,13 +19,14 @@ import numpy as np
 
 from cavirheo.arrays import Floats
 from cavirheo.curve import RadiusCurve
-from cavirheo.errors import InputError, printable, require
+from cavirheo.errors import InputError, require
 from cavirheo.parameters import RADIUS
 from cavirheo.reading import limits
-from cavirheo.reading.columns import Column, Table, read_columns, require_one
+from cavirheo.reading.columns import Column, Table, only, read_columns
 from cavirheo.reading.number_format import is_number
 from cavirheo.reading.samples import RADIUS_UNITS, TIME_UNITS, make_curve, swapped
 from cavirheo.reading.vocabulary import Name, Term, Vocabulary, unit_of
+from cavirheo.writing.document import write_rows
 
 ONE_SCALE = 0.02  # by which factors of one scale may differ: R_max is read off the frames
 _EITHER = {unit: np.nan for unit in (*TIME_UNITS, *RADIUS_UNITS)}  # the unit of another quantity is seen as a mistake
@@ -211,7 +212,7 @@ def _radii(table: Table) -> tuple[list[Column], list[str]]:
         require({c.name.number.lstrip("0") for c in counted} == {""}, unclear, "table.twice")  # R0 is another radius
         counted = []
     if not counted:
-        require_one(CURVES, plain)
+        only(plain)
     mine = counted or plain
     require(len({c.title for c in mine}) == len(mine), f"two columns {mine[0].title!r}; number them", "table.twice")
     if len(mine) > 1:
@@ -309,7 +310,5 @@ def write_csv(path: str | Path, curve: RadiusCurve, remark: str = "") -> None:
     columns = {name: 1e6 * values for name, values in columns.items()}
     for name, value in (("stretch", curve.stretch), ("stretch_std", curve.stretch_std)):
         columns |= {} if value is None else {name: np.full(len(curve.time), value)}
-    rows = np.column_stack(list(columns.values()))
-    with Path(path).open("wb") as file:
-        file.write(f"# {printable(remark)}\n".encode() if remark else b"")
-        np.savetxt(file, rows, fmt="%.10g", delimiter=",", header=",".join(columns), comments="")
+    cells = zip(*([f"{value:.10g}" for value in values] for values in columns.values()), strict=True)
+    write_rows(path, list(columns), (dict(zip(columns, row, strict=True)) for row in cells), remark)
