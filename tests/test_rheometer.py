@@ -551,8 +551,7 @@ def test_the_row_of_bubbles_is_over_those_that_are_trusted(tmp_path):
     result.groups[0].n_trusted = 1
     result.groups[0].verdicts = {"ok": 1, "model_does_not_fit": 1, "failed": 1}
     result.curves[1].verdict = "model_does_not_fit"
-    head = {"material": "gel", "tolerance": 0.05, "at_rad_per_s": 1.0, "command": "cavirheo rheometer"}
-    _, row = beside(rheometry([], [], **head), result)
+    _, row = beside(rheometry([], "gel", command="cavirheo rheometer"), result)
     assert (row.n, row.doubtful, row.failed) == (1, 1, 1)
     assert (row.regime_from, row.regime_to, row.deformation) == (6e4, 6e4, "λ = 7.0")
 

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from cavirheo.companions.collapse_groups import MEASURED, CollapseGroup, CollapseShot
-from cavirheo.companions.panels import headed, one_panel, two_panels
+from cavirheo.companions.panels import headed, named_curves, one_panel, two_panels
 from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError, printable, require
 from cavirheo.inference import input_checks
@@ -274,5 +274,5 @@ def figure(group: CollapseGroup, best: CollapseEstimate, medium: Medium, unit: t
     margin = 0.02 * max(float(np.ptp(radius)), 10.0)
     for axes in (upper, lower):
         axes.set_xlim(radius.min() - 2 * margin, radius.max() + 2 * margin)
-    upper.legend(loc="lower right", bbox_to_anchor=(1.0, 0.985), ncols=3, fontsize=8.5, frameon=False, handlelength=1.6)
+    named_curves(upper, 3)
     return drawing

@@ -34,7 +34,7 @@ def values_of(_: object, *paths: str) -> dict[str, Any]:
     if sweeps:
         known = [sweep for path in sweeps for sweep in read_sweeps(path)]
         head: dict[str, Any] = {"command": "", "date": None, "notes": []}
-        made = document.of_sweeps(known, document.shared_name(sweeps), **head)
+        made = document.rheometry(known, document.shared_name(sweeps), **head)
         found[made.material] = {**found.get(made.material, {}), **document.published(made)}
     return TypeAdapter(dict[str, Published]).dump_python(found)
 
