@@ -37,18 +37,11 @@ _LISTED = 8  # titles in a message
 
 @dataclass(frozen=True, eq=False)
 class Column:
-    """One column of a table; what is in its cells is read when it is asked for.
-
-    Attributes:
-        table: that it is of.
-        at: its place, from 0.
-        title: as it is written, with a unit from the row below.
-        name: what the title names.
-    """
+    """One column of a table; what is in its cells is read when it is asked for."""
 
     table: Table
-    at: int
-    title: str
+    at: int  # its place, from 0
+    title: str  # as it is written, with a unit from the row below
     name: Name
 
     @property
@@ -76,7 +69,7 @@ class Column:
 
     @property
     def si(self) -> Floats:
-        """(rows,) in SI. Raises InputError: a cell is no number, or the unit is missing or not known."""
+        """(rows,) in SI. Raises InputError as `numbers` and `factor`."""
         return self.numbers * self.factor
 
     @property
@@ -106,25 +99,15 @@ class Column:
 
 @dataclass(frozen=True, eq=False)
 class Table:
-    """A table below its titles.
+    """A table below its titles."""
 
-    Attributes:
-        vocabulary: that it is read with.
-        titles: as they are written, with units from the row below.
-        rows: of data.
-        notes: what was left out or recognised.
-        above: the lines over the titles, and comments.
-        line: number of the line of the titles, from 1.
-        sheet: name of the sheet; "" of a text.
-    """
-
-    vocabulary: Vocabulary
-    titles: Cells
-    rows: list[Row]
-    notes: list[str]
-    above: list[str]
-    line: int = 1
-    sheet: str = ""
+    vocabulary: Vocabulary  # that it is read with
+    titles: Cells  # as they are written, with units from the row below
+    rows: list[Row]  # of data
+    notes: list[str]  # what was left out or recognised
+    above: list[str]  # the lines over the titles, and comments
+    line: int = 1  # number of that of the titles
+    sheet: str = ""  # its name in a workbook
 
     @cached_property
     def columns(self) -> list[Column]:
@@ -276,12 +259,12 @@ def _with_units(titles: Cells, rows: list[Row], vocabulary: Vocabulary) -> tuple
 
 
 def _are_words(titles: Cells, cells: Cells, vocabulary: Vocabulary) -> bool:
-    """Whether a row has words and units, not numbers, in the columns that are known."""
-    kinds = [vocabulary.name(title).kind for title in titles]
-    mine = [(cell, vocabulary.units(kind)) for kind, cell in zip(kinds, cells, strict=False) if kind and cell]
-    mine = [(cell, units) for cell, units in mine if unit_of(cell.strip("[]() "), units) is None or not is_number(cell)]
-    some = [cell for cell, _ in mine] or cells
-    return not all(map(is_number, cells)) and not any(is_number(cell) and re.search(r"\d", cell) for cell in some)
+    """Whether a row has words and units, not numbers, in the columns that have units."""
+    known = [vocabulary.units(vocabulary.name(title).kind) for title in titles]
+    mine = [(cell, units) for cell, units in zip(cells, known, strict=False) if units and cell]
+    some = [cell for cell, units in mine if unit_of(cell.strip("[]() "), units) is None or not is_number(cell)]
+    some = some or (cells if vocabulary.sections else [])
+    return not all(map(is_number, some)) and not any(is_number(cell) and re.search(r"\d", cell) for cell in some)
 
 
 def _without_summary(rows: list[Row]) -> tuple[list[Row], list[str]]:

@@ -45,52 +45,34 @@ class Name(NamedTuple):
 
 @dataclass(frozen=True)
 class Term:
-    """What a column may hold.
+    """What a column may hold."""
 
-    Attributes:
-        words: titles that name it, separated by spaces, as `plain_title` writes them.
-        units: factor to SI by unit, as `plain_unit` writes it; NaN for a unit that is known and cannot be used; empty
-            for texts and numbers that have no unit.
-        unit: of a title that names none; None where it must name one.
-        shown: its name in messages.
-        mend: how to write its unit, where it is missing.
-        twice: how to mend a table with two columns of it.
-        symbols: titles, as `words`, that count only with a unit.
-    """
-
-    words: str
-    units: Mapping[str, float] = field(default_factory=dict)
-    unit: str | None = None
-    shown: str = ""
-    mend: str = ""
-    twice: str = "keep the one that counts"
-    symbols: str = ""
+    words: str  # titles that name it, separated by spaces, as `plain_title` writes them
+    units: Mapping[str, float] = field(default_factory=dict)  # factor to SI of each; NaN: known, but cannot be used
+    unit: str | None = None  # of a title that names none; None where it must name one
+    shown: str = ""  # its name in messages
+    mend: str = ""  # how to write its unit, where it is missing
+    twice: str = "keep the one that counts"  # how to mend a table with two columns of it
+    symbols: str = ""  # titles, as `words`, that count only with a unit
 
 
 @dataclass(frozen=True, eq=False)
 class Vocabulary:
-    """The quantities that a table may hold, by kind, and how it is laid out.
+    """What the columns of a table may hold, by kind, and how the table is laid out.
 
-    Attributes:
-        terms: by kind of column.
-        expected: what a table must hold, for messages.
-        codes: of errors, where they are not "tabular.…".
-        other: what a title names that no word of the vocabulary does.
-        marks: that begin a comment.
-        declared: the table is typed by a person: its first line holds the titles, every other one counts. Else it is
-            measured: titles are found below other lines, and means and sums at its end are left out.
-        sections: a file holds several tables, each under its own titles.
-        bare: a table of numbers alone is taken, too.
+    A declared table is typed by a person: its first line has the titles, every other one counts. A measured one may
+    have other lines above its titles, units below them, and means and sums at its end. With sections a file holds
+    several tables, each under its own titles.
     """
 
     terms: Mapping[str, Term]
-    expected: str
-    codes: Mapping[str, str] = field(default_factory=dict)
-    other: Callable[[str], Name] | None = None
-    marks: str = "#%"
+    expected: str  # in a table, for messages
+    codes: Mapping[str, str] = field(default_factory=dict)  # of errors, where they are not "tabular.…"
+    other: Callable[[str], Name] | None = None  # what a title names that no term does
+    marks: str = "#%"  # that begin a comment
     declared: bool = False
     sections: bool = False
-    bare: bool = False
+    bare: bool = False  # whether numbers without titles are a table, too
 
     def name(self, title: str) -> Name:
         """What a title such as `time_us`, `R [um]`, `Shear Strain (%)` or `omega in rad/s` names."""
