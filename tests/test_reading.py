@@ -541,7 +541,7 @@ def bad(tmp_path_factory):
         ("prose.mat", "table.columns", "'Dear'"),
         ("blank.csv", "table.empty", "time_us,radius_um"),
         ("header.csv", "table.empty", ""),
-        ("words.csv", "tabular.number", "row 3: 'three'"),
+        ("words.csv", "tabular.number", "row 3, column 'radius_um': 'three'"),
         ("commas.csv", "tabular.width", "row 2 has 4 cells"),
         ("twice.csv", "table.twice", "radius"),
         ("swapped.csv", "table.units", "time in um and radius in us"),
@@ -691,7 +691,7 @@ ONE_SHOT = {  # the text, what its notes must say (nothing: it is ordinary)
     "empty last column": ("time_us,radius_um,\n" + PLAIN.replace("\n", ",\n"), ""),
     "quoted": ('"time_us","radius_um"\n' + lines('","', US, UM).replace("\n", '"\n"').join('""')[:-1], ""),
     "titles with spaces": ("Time (us)   Bubble radius (um)\n" + lines("   ", US, UM), ""),
-    "a first frame without numbers": ("time_us,R_um,shot\n,,A\n" + PLAIN.replace("\n", ",A\n"), "1 of 181 frames without"),
+    "an empty first frame": ("time_us,R_um,shot\n,,A\n" + PLAIN.replace("\n", ",A\n"), "1 of 181 frames without"),
     "numbered without a title": (",time_us,radius_um\n" + lines(",", FRAMES, US, UM), ""),
     "numbered beside the titles": ("".join(["time_us radius_um\n", *(f"{k} {row}\n" for k, row in enumerate(
         lines(" ", US, UM).splitlines(), 1))]), "a first column without a title"),

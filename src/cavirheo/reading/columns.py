@@ -63,7 +63,7 @@ class Column:
                 values[k] = number(cell)
             except InputError as error:
                 mistake = error.code.removeprefix("tabular.")
-                told = f"row {row.number}: {error} (column {self.title!r})"
+                told = f"row {row.number}, column {self.title!r}: {error}"
                 raise InputError(told, self.table.vocabulary.code(mistake)) from None
         return values
 
