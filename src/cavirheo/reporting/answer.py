@@ -10,10 +10,10 @@ import numpy as np
 from pydantic_core import to_jsonable_python
 
 from cavirheo.arrays import Floats
-from cavirheo.bubble import FIELD, Bubble
 from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError
 from cavirheo.parameters import AT_RATE, BUBBLE, CAMERA, RATE, about, of_the_law, searched_bound
+from cavirheo.physics.bubble import FIELD, Bubble
 from cavirheo.posterior import (
     TRUSTED,
     Checks,

@@ -210,7 +210,8 @@ def rows_of(result: Result) -> tuple[list[str], list[dict[str, Any]]]:
 
 def parameters_table(result: Result) -> Table | None:
     """For the terminal: what was inferred or given besides G, µ and λ, without the camera's."""
-    names = [name for name in result.parameters if name not in (*CAMERA, AT_RATE)]
+    twice = () if "yield_stress" in result.parameters else ("reference_viscosity",)  # else it is that at the rate
+    names = [name for name in result.parameters if name not in (*CAMERA, AT_RATE, *twice)]
     if not names:
         return None
     table = terminal.table("curve", ["\n".join(filter(None, described(name))) for name in names])

@@ -35,11 +35,11 @@ def which_law(
     """Which of several laws explains the curves best? Evidence by importance sampling, 1 to 30 s a curve and law."""
     from cavirheo import reporting
     from cavirheo.answer_store import Unfinished
-    from cavirheo.bubble import REAL
     from cavirheo.cluster import connected
     from cavirheo.inference.options import Options
     from cavirheo.inference.verify.evidence import explained, models, plans, ranked, weighed
     from cavirheo.parallel import cores
+    from cavirheo.physics.bubble import REAL
     from cavirheo.reporting.laws import Laws, firmly, print_table, records
     from cavirheo.reporting.paper import laws_figure, write
     from cavirheo.reporting.paper import names as file_names
