@@ -28,7 +28,7 @@ ROOMS = (  # from the ground up: a room imports those below it, and only those t
     ("posterior", "errors writing parameters physics"),
     ("curve", "errors parameters landmarks writing"),
     ("video", "errors files curve landmarks writing"),
-    ("reading", "errors files parameters curve landmarks video"),
+    ("reading", "errors files parameters curve landmarks video writing"),
     ("problem", "errors parameters prior physics"),
     ("inference", "errors files parallel parameters prior posterior curve landmarks physics problem writing"),
     (

@@ -10,7 +10,7 @@ import pytest
 from files import write_xlsx
 from scipy.io import savemat
 
-from cavirheo.companions.collapse_times import column, read_groups, read_table
+from cavirheo.companions.collapse_times import VOCABULARY, read_groups, read_table
 from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError, SolverError
 from cavirheo.inference.collapse_time import CollapseEstimate, Shots, estimate, shot, unusable
@@ -244,11 +244,11 @@ class TestReading:
             ("t_1 (s)", ("t_1", "s")),
             ("collapse time (us)", ("t_1", "us")),
             ("t1", ("t_1", None)),
-            ("temperature", (None, None)),
+            ("temperature", ("", None)),
         ],
     )
     def test_titles(self, text, expected):
-        assert column(text) == expected
+        assert VOCABULARY.name(text)[:2] == expected
 
     def test_layouts_agree(self, tmp_path):
         shots = table(6)

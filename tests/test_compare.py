@@ -253,8 +253,8 @@ def test_the_file_of_values_is_no_measurement(fake, folder, tmp_path):
 
 
 BAD = {  # text: (where, code, what is named)
-    "name,mean\na,1": ("line 1", "no_set_column", "name, mean"),
-    "": ("line 1", "no_set_column", "nothing"),
+    "name,mean\na,1": ("", "no_set_column", "'name', 'mean'"),
+    "": ("", "no_set_column", "no rows"),
     HEAD: ("", "no_set", ""),
     "set,densty\na,1": ("line 1, column densty", "head", "density"),
     "set,set\na,b": ("line 1, column set", "head", "2 times"),
@@ -266,7 +266,7 @@ BAD = {  # text: (where, code, what is named)
     f"{HEAD}\na,,,IMR,G_Pa,,1": ("line 2, column mean", "mean", "''"),
     f"{HEAD}\na,,,IMR,G_Pa,nan,1": ("line 2, column mean", "mean", "'nan'"),
     f"{HEAD}\na,,,IMR,G_Pa,1,-1": ("line 2, column std", "std", "'-1'"),
-    f"{HEAD}\na,,,IMR,G_Pa,1,2,Bu, 2025": ("line 2", "cells", "9 cells"),
+    f"{HEAD}\na,,,IMR,G_Pa,1,2,Bu, 2025": ("", "cells", "row 2 has 9 cells"),
     f"{HEAD}\na,,,IMR,G_Pa,1,\na,,,IMR,G_kPa,1,": ("line 3, column quantity", "quantity", "shear_modulus_Pa of 'a'"),
     f"{HEAD}\na,,,IMR,G_Pa,1,\na,,,imr,mu_Pa_s,1,": ("line 3, column method", "method", "'IMR' as in"),
     f"{HEAD}\na,,998,IMR,G_Pa,1,\na,,999,,,,": ("line 3, column density", "density", "r.csv, line 2"),

@@ -350,7 +350,7 @@ def test_doubts_of_a_group_are_said_once_whatever_else_is_said_of_its_shots():
 def test_tables_beside_the_answers_name_the_bubble(tmp_path):
     curve = bubble()
     document = result([(curve, replace(answer(curve), bubble=Bubble("kinetic")))], COMMAND)
-    made = rheometry([], [], material="gel", tolerance=0.05, at_rad_per_s=1.0, command="", date="")
+    made = rheometry([], "gel", command="", date="")
     _, row = rheometer_rows(made, document)
     assert "kinetic contents" in row.method
     about = ReferenceSet("gel", "line 2")

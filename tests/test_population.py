@@ -576,7 +576,7 @@ def read_back(made, folder):
         ("missing", TABLE.replace("shot 7,1.0\n", ""), {}, "shot 7"),
         ("constant", "shot,c\ngel,1\n", {}, "--group folder"),
         ("constant", TABLE, {"group": "gel {}"}, "--group folder"),
-        ("number", TABLE.replace("shot 7,1.0", "shot 7,much"), {}, "line 9"),
+        ("number", TABLE.replace("shot 7,1.0", "shot 7,much"), {}, "row 9"),
         ("twice", TABLE + "shot 7,3\n", {}, "shot 7"),
         ("head", "shot,c,d\nshot 1,1,2\n", {}, "concentration_percent"),
         ("head", "shot 1,1\nshot 2,2\n", {}, "concentration_percent"),

@@ -1,7 +1,9 @@
 """Files in, curves out: every format on a file written here, bad files refused in words, and the published files."""
 
 import io
+import pickle
 import zipfile
+from pathlib import Path
 
 import h5py
 import numpy as np
@@ -15,11 +17,13 @@ from cavirheo.inference import input_checks
 from cavirheo.physics.driving import Trace
 from cavirheo.physics.media import WATER
 from cavirheo.reading import read_curves, write_csv
+from cavirheo.reading.columns import read_columns
 from cavirheo.reading.files import expand, tidy
-from cavirheo.reading.header import column_of, plain_unit
-from cavirheo.reading.sheet import numbers
+from cavirheo.reading.message import decode, encode
+from cavirheo.reading.shots import Recordings, read_shots
 from cavirheo.reading.tabular import kind_of, read_sheets, text_sheet
 from cavirheo.reading.trace import read_trace
+from cavirheo.reading.vocabulary import Term, Vocabulary
 
 R_MAX = 200e-6
 T_C = R_MAX * np.sqrt(998.0 / 101325.0)
@@ -353,9 +357,20 @@ def test_dialects_of_text(text, found):
     assert {row.number: " ".join(row.cells) for row in rows} == {k: v.replace("|", " ") for k, v in found.items()}
 
 
-def test_decimal_commas_and_points_in_one_row_are_refused():
+WORDS = Vocabulary(
+    {
+        "G": Term("g'", {"Pa": 1.0, "mPa": 1e-3, "MPa": 1e6}, unit="Pa"),
+        "speed": Term("elan", {"rads": 1.0, "s-1": np.nan}),
+        "name": Term("name"),
+    },
+    "expected G' (Pa) and elan (rad/s)",
+)
+
+
+def test_decimal_commas_and_points_in_one_row_are_refused(tmp_path):
+    (tmp_path / "a.csv").write_text("G';name\n1.5;a\n2,000;b\n")
     with pytest.raises(InputError) as error:
-        numbers(text_sheet("a;b\n1.5;2,000\n", is_header).rows[1:], 1)
+        _ = read_columns(tmp_path / "a.csv", WORDS, ("G",))[0].column("G").numbers
     assert error.value.code == "tabular.comma"
 
 
@@ -366,17 +381,53 @@ def test_decimal_commas_and_points_in_one_row_are_refused():
         ("G’ [mPa]", "G", "mPa"),
         ("G' [mpa]", "G", "mpa"),
         ("Élan in rad/s", "speed", "rads"),
-        ("elan_rad_s^-1", None, None),
+        ("elan_rad_s^-1", "", None),
         ("elan [s^−1]", "speed", "s-1"),
         ("ELAN, RAD/S", "speed", "rads"),
-        ("elan*", None, None),
-        ("elan/limit", None, None),
+        ("elan*", "", None),
+        ("elan/limit", "", None),
         ("elan", "speed", None),
+        ("12.5", "", None),
     ],
 )
 def test_what_a_title_says(title, kind, unit):
-    units = {"G": {"Pa", "mPa", "MPa"}, "speed": {plain_unit("rad/s"), plain_unit("s^-1")}}
-    assert column_of(title, {"g'": "G", "elan": "speed"}, units) == (kind, unit)
+    assert WORDS.name(title) == (kind, unit, "")
+
+
+def test_columns_in_si_with_texts_and_notes(tmp_path):
+    text = "by hand\nname,G',elan,other\n,kPa,rad/s,\na,1,-,x\n-b,2,3,y\nmean,1.5,3,\n"
+    (tmp_path / "a.csv").write_text(text.replace("kPa", "MPa"))
+    (table,) = read_columns(tmp_path / "a.csv", WORDS, ("G", "speed"))
+    assert [column.name.kind for column in table.columns] == ["name", "G", "speed"]
+    assert table.column("name").text == ["a", "-b"]
+    assert table.column("G").si.tolist() == [1e6, 2e6]
+    assert np.array_equal(table.column("speed").si, [np.nan, 3], equal_nan=True)
+    said = (
+        "1 line above the titles left out",
+        "units from the row below the titles: MPa, rad/s",
+        "1 line of mean at the",
+    )
+    assert all(any(note.startswith(one) for note in table.notes) for one in said)
+
+
+@pytest.mark.parametrize(
+    ("text", "need", "code"),
+    [
+        ("G',elan\n1,2\n", "speed", "tabular.no_unit"),
+        ("G',elan (s^-1)\n1,2\n", "speed", "tabular.no_unit"),
+        ("G' (psi),elan\n1,2\n", "G", "tabular.unit"),
+        ("G',elan\npsi,rad/s\n1,2\n", "G", "tabular.unit"),
+        ("G',G' (MPa)\n1,2\n", "G", "tabular.twice"),
+        ("G'\n1\n", "speed", "tabular.columns"),
+        ("", "speed", "tabular.empty"),
+        ("G'\n1\nten\n", "G", "tabular.number"),
+    ],
+)
+def test_columns_that_cannot_be_read(tmp_path, text, need, code):
+    (tmp_path / "a.csv").write_text(text)
+    with pytest.raises(InputError) as error:
+        _ = read_columns(tmp_path / "a.csv", WORDS, (need,))[0].column(need).si
+    assert error.value.code == code
 
 
 def test_neither_text_nor_workbook(tmp_path):
@@ -434,6 +485,13 @@ def test_csv_round_trip(tmp_path):
     assert np.allclose(back.radius_std, 1e-6)
 
 
+def test_no_remark_above_a_curve_is_a_formula(tmp_path):
+    write_csv(tmp_path / "a.csv", RadiusCurve(TIME, RADIUS), "simulation of a,=1+1;@b\n, +c")
+    first, *_ = (tmp_path / "a.csv").read_text().splitlines()
+    assert first == "# simulation of a,'=1+1;'@b\\x0a, +c"
+    assert np.allclose(read_curves(tmp_path / "a.csv")[0].radius, RADIUS, rtol=1e-9)
+
+
 def bad_files(folder):
     (folder / "empty.mat").write_bytes(b"")
     (folder / "prose.txt").write_text("Dear reader,\nthis is a letter.\n")
@@ -483,7 +541,7 @@ def bad(tmp_path_factory):
         ("prose.mat", "table.columns", "'Dear'"),
         ("blank.csv", "table.empty", "time_us,radius_um"),
         ("header.csv", "table.empty", ""),
-        ("words.csv", "tabular.number", "row 3: 'three'"),
+        ("words.csv", "tabular.number", "row 3, column 'radius_um': 'three'"),
         ("commas.csv", "tabular.width", "row 2 has 4 cells"),
         ("twice.csv", "table.twice", "radius"),
         ("swapped.csv", "table.units", "time in um and radius in us"),
@@ -633,6 +691,7 @@ ONE_SHOT = {  # the text, what its notes must say (nothing: it is ordinary)
     "empty last column": ("time_us,radius_um,\n" + PLAIN.replace("\n", ",\n"), ""),
     "quoted": ('"time_us","radius_um"\n' + lines('","', US, UM).replace("\n", '"\n"').join('""')[:-1], ""),
     "titles with spaces": ("Time (us)   Bubble radius (um)\n" + lines("   ", US, UM), ""),
+    "an empty first frame": ("time_us,R_um,shot\n,,A\n" + PLAIN.replace("\n", ",A\n"), "1 of 181 frames without"),
     "numbered without a title": (",time_us,radius_um\n" + lines(",", FRAMES, US, UM), ""),
     "numbered beside the titles": ("".join(["time_us radius_um\n", *(f"{k} {row}\n" for k, row in enumerate(
         lines(" ", US, UM).splitlines(), 1))]), "a first column without a title"),
@@ -763,6 +822,40 @@ def test_other_tables_are_read_alike(tmp_path):
     (sweep,) = read_sweeps(tmp_path / "s.csv")
     assert sweep.points == 4
     assert any("Mean" in note for note in sweep.notes)
+
+
+def test_a_message_of_a_reader_is_arrays_and_json(tmp_path):
+    """What was read comes back whole; what would be executed does not come through."""
+    (tmp_path / "a.csv").write_text("time_us,radius_um\n" + PLAIN)
+    sent = read_shots([tmp_path / "a.csv", tmp_path / "none.csv"])
+    message = encode(sent)
+    assert b"pickle" not in message
+    back = decode(message)
+    assert isinstance(back, Recordings)
+    assert back.problems == sent.problems
+    (one,), (other,) = back.curves, sent.curves
+    assert np.array_equal(one.radius, other.radius)
+    assert (one.meta, one.doubts, one.maximum) == (other.meta, other.doubts, other.maximum)
+    error = decode(encode(InputError("no", "a.b")))
+    assert (str(error), error.code) == ("no", "a.b")
+    assert decode(encode({"a": (1, [2.5, None], "x")})) == {"a": (1, [2.5, None], "x")}
+    with pytest.raises(TypeError):
+        encode(Path("x"))
+    for forged in (pickle.dumps(one), b'0 ["Path", ["dict", {}]]\n', b"1 0\n", b""):
+        with pytest.raises((ValueError, KeyError)):
+            decode(forged)
+
+
+def test_a_curve_is_built_once(tmp_path, monkeypatch):
+    """What a reader adds to a curve is a label; the samples are checked once and what is read off them stays known."""
+    built = []
+    check = RadiusCurve.__post_init__
+    monkeypatch.setattr(RadiusCurve, "__post_init__", lambda curve: built.append(1) or check(curve))
+    (tmp_path / "a.csv").write_text("time_us,R1_um,R2_um\n" + lines(",", US, UM, 1.5 * UM))
+    savemat(tmp_path / "b.mat", bdt_variables())
+    text_table(tmp_path / "c.csv", "", US, UM)
+    found = read_shots(sorted(tmp_path.iterdir())).curves
+    assert len(found) == len(built) == 6
 
 
 def test_names_that_a_terminal_would_obey(tmp_path):

@@ -13,9 +13,10 @@ from files import write_xlsx
 
 from cavirheo.companions.rheometer import frequency_sweep, read_sweeps, strain_sweep
 from cavirheo.companions.rheometer.document import beside, rheometry
-from cavirheo.companions.rheometer.read import SweepColumn, read_title
+from cavirheo.companions.rheometer.read import VOCABULARY
 from cavirheo.companions.rheometer.sweeps import FrequencySweep, StrainSweep, Sweep
 from cavirheo.errors import InputError
+from cavirheo.reading.columns import Table
 from cavirheo.reporting import read_json
 from cavirheo.reporting.record import Result
 from cavirheo.writing import style
@@ -222,14 +223,15 @@ TITLES = {  # title: (kind, factor to SI; None where the unit is missing or unkn
 
 @pytest.mark.parametrize("title", TITLES)
 def test_titles(title):
-    column = SweepColumn(0, title, *read_title(title))
     kind, factor = TITLES[title]
-    assert column.kind == kind
+    columns = Table(VOCABULARY, [title], [], [], []).columns
+    alike = {"frequency": "omega", "shear strain": "strain"}
+    assert [alike.get(column.name.kind, column.name.kind) for column in columns] == [kind] * bool(kind)
     if factor is None:
         with pytest.raises(InputError):
-            column.factor()
-    else:
-        assert column.factor() == pytest.approx(factor)
+            _ = columns[0].factor
+    elif kind:
+        assert columns[0].factor == pytest.approx(factor)
 
 
 FREQUENCY_ROWS = list(zip(OMEGA, 1e3 + OMEGA, 5 * OMEGA, strict=True))
@@ -350,7 +352,7 @@ BAD = {  # content, code, what is named
     "no sweep": ("omega,G',G''\n" + "10,1000,50\n" * 9, "rheometer.no_sweep", "9 rows"),
     "few rows": ("omega,G',G''\n1,2,3\n5,,4\n9,4,5\n", "rheometer.no_sweep", "2 usable rows"),
     "decimal comma": ("omega,G',G''\n0,1,10,5\n0,2,11,6\n", "tabular.width", "row 2"),
-    "no number": ("omega,G',G''\n1,2,3\n2,3,x4\n3,4,5\n", "tabular.number", "row 3: 'x4'"),
+    "no number": ("omega,G',G''\n1,2,3\n2,3,x4\n3,4,5\n", "tabular.number", "row 3, column \"G''\": 'x4'"),
     "comma or point": ("omega;G';G''\n0.5;1,234;5\n1.5;2,000;5\n", "tabular.comma", "'1,234'"),
     "two sweeps": (
         "omega (rad/s),strain (%),G',G''\n"
@@ -549,8 +551,7 @@ def test_the_row_of_bubbles_is_over_those_that_are_trusted(tmp_path):
     result.groups[0].n_trusted = 1
     result.groups[0].verdicts = {"ok": 1, "model_does_not_fit": 1, "failed": 1}
     result.curves[1].verdict = "model_does_not_fit"
-    head = {"material": "gel", "tolerance": 0.05, "at_rad_per_s": 1.0, "command": "cavirheo rheometer"}
-    _, row = beside(rheometry([], [], **head), result)
+    _, row = beside(rheometry([], "gel", command="cavirheo rheometer"), result)
     assert (row.n, row.doubtful, row.failed) == (1, 1, 1)
     assert (row.regime_from, row.regime_to, row.deformation) == (6e4, 6e4, "λ = 7.0")
 

@@ -356,5 +356,5 @@ def test_a_column_may_grow_while_shots_arrive(bench, curve):
     write(bench.folder, curve, 3)
     bench.settle()
     assert bench.asked[-1] == "shot003"
-    assert "expected a name and a number" in bench.notes
-    assert sum("expected a name and a number" in said for said in bench.said) == 1
+    assert "'half' is not a number" in bench.notes
+    assert sum("'half' is not a number" in said for said in bench.said) == 1

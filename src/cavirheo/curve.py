@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
+from copy import copy
 from dataclasses import KW_ONLY, dataclass, field, replace
 from functools import cached_property
 from math import log, sqrt
@@ -50,6 +51,13 @@ def _numbers(name: str, values: Any) -> Floats:
     except (TypeError, ValueError):
         told = f"{name} must be a list or an array of numbers, got {type(values).__name__} {brief(values)}"
         raise InputError(told, f"curve.{name}") from None
+
+
+def _labels(meta: Mapping[str, Any]) -> dict[str, Any]:
+    """The entries of `meta` with every text as it may be shown, the name and the notes among them."""
+    shown = {key: printable(value) if isinstance(value, str) else value for key, value in meta.items()}
+    words = {"name": str(shown.get("name", "curve")), "notes": tuple(map(printable, shown.get("notes", ())))}
+    return {**words, **shown, **words}
 
 
 def several(curves: Iterable[RadiusCurve]) -> list[RadiusCurve]:
@@ -136,9 +144,7 @@ class RadiusCurve:
         for name, array in (("time", time), ("radius", radius), ("radius_std", std)):
             array.setflags(write=False)
             object.__setattr__(self, name, array)
-        meta = {key: printable(value) if isinstance(value, str) else value for key, value in self.meta.items()}
-        words = {"name": str(meta.get("name", "curve")), "notes": tuple(map(printable, meta.get("notes", ())))}
-        object.__setattr__(self, "meta", {**words, **meta, **words})
+        object.__setattr__(self, "meta", _labels(self.meta))
 
     def __repr__(self) -> str:
         rate = f" at {self.frame_rate:.4g}/s" if self.frame_rate else ""
@@ -214,17 +220,24 @@ class RadiusCurve:
     def _require(self, fine: bool, message: str, code: str) -> None:
         require(fine, f"{self.name}: {message}", f"curve.{code}")
 
+    def labelled(self, *, doubts: tuple[str, ...] | None = None, **meta: Any) -> RadiusCurve:
+        """The same samples with these entries of `meta`, or these doubts; what was read off them stays known."""
+        curve = copy(self)
+        object.__setattr__(curve, "meta", _labels({**self.meta, **meta}))
+        object.__setattr__(curve, "doubts", self.doubts if doubts is None else doubts)
+        return curve
+
     def with_notes(self, *notes: str) -> RadiusCurve:
         """The same curve with more notes."""
-        return replace(self, meta={**self.meta, "notes": self.notes + notes})
+        return self.labelled(notes=self.notes + notes)
 
     def with_group(self, name: str, source: str) -> RadiusCurve:
         """The same curve as a shot of another group; `source` is the file or folder that the group stands for."""
-        return replace(self, meta={**self.meta, "group": name, "group_source": source})
+        return self.labelled(group=name, group_source=source)
 
     def with_exposure(self, exposure: float) -> RadiusCurve:
         """The same curve, each frame exposed for `exposure` (s)."""
-        return replace(self, meta={**self.meta, "exposure_s": exposure})
+        return self.labelled(exposure_s=exposure)
 
     def with_max_radius(self, max_radius: float) -> RadiusCurve:
         """The curve scaled so that its fitted maximum is `max_radius` (m): for pixels, or a scale known better.

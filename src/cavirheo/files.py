@@ -20,6 +20,11 @@ def as_cell(text: str) -> str:
     return f"'{text}" if _FORMULA.match(text) and not _is_number(text) else text
 
 
+def as_remark(text: str) -> str:
+    """The text of a comment in a table, of which no part between separators is a formula."""
+    return "".join(part if part in ",;\t" else as_cell(part) for part in re.split("([,;\t])", text))
+
+
 def from_cell(cell: str) -> str:
     """The text that `as_cell` wrote."""
     return cell[1:] if cell[:1] == "'" and _FORMULA.match(cell) else cell

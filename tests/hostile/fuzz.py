@@ -85,15 +85,8 @@ def said(path: Path, problems: list[str]) -> None:
 
 def sweeps(path: Path) -> None:
     from cavirheo.companions.rheometer import document, read
-    from cavirheo.companions.rheometer.sweeps import StrainSweep, frequency_sweep, strain_sweep
 
-    strain, frequency = [], []
-    for one in read.read_sweeps(path):
-        (strain if isinstance(one, StrainSweep) else frequency).append(one)
-    head = dict(material="x", tolerance=0.05, at_rad_per_s=1.0, command="x", date="", notes=[])
-    made = document.rheometry(
-        [strain_sweep(s, 0.05) for s in strain], [frequency_sweep(s, 1.0) for s in frequency], **head
-    )
+    made = document.rheometry(read.read_sweeps(path), "x", command="x", date="", notes=[])
     made.model_dump_json()
 
 

@@ -13,7 +13,7 @@ from tempfile import TemporaryDirectory
 from threading import Lock, RLock, Timer
 from typing import Any
 
-from cavirheo.companions.values import set_beside, values_of
+from cavirheo.companions.values import published, set_beside, values_of
 from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError, number_of, require
 from cavirheo.inference import DEFAULT, check_level, check_models
@@ -288,7 +288,7 @@ class Session:
     def publish(self, paths: Sequence[Path]) -> None:
         """Values of other methods stand beside the answers: of files for `cavirheo compare`, or of the sweeps of one
         material for `cavirheo rheometer`. Raises InputError."""
-        found = self.reader.ask(paths, (values_of, *map(str, paths)))
+        found = published(self.reader.ask(paths, (values_of, *map(str, paths))))
         set_beside(self.answers.document.groups if self.answers else [], found)
         self.published.append(found)
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -37,6 +38,12 @@ class CollapseShot(Record):
     analytic: Finite = None
     exact: Finite = None
     message: str = ""
+
+    @classmethod
+    def of(cls, name: str, values: Sequence[float], origin: str, message: str = "") -> CollapseShot:
+        """From R_max, lambda and t_1 in SI, and where lambda comes from."""
+        fields: Any = dict(zip(MEASURED.values(), values, strict=True))
+        return cls(name=name, stretch_from=origin, message=message, **fields)
 
 
 class CollapseGroup(Record):

@@ -13,22 +13,19 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from cavirheo.companions.collapse_groups import MEASURED, CollapseGroup, CollapseShot
-from cavirheo.companions.panels import headed, one_panel, two_panels
+from cavirheo.companions.panels import headed, named_curves, one_panel, two_panels
 from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError, printable, require
 from cavirheo.inference import input_checks
 from cavirheo.inference.collapse_time import CollapseEstimate, CollapseValue, shot, unusable
 from cavirheo.physics.collapse import analytic_time, rayleigh_time
 from cavirheo.physics.media import Medium
+from cavirheo.reading.columns import read_columns
 from cavirheo.reading.files import guarded, sha256, shown
-from cavirheo.reading.header import column_of
-from cavirheo.reading.matfile import read_matfile
-from cavirheo.reading.matlab import read_hdf5
-from cavirheo.reading.samples import TIME_UNITS, UNIT_WORDS
+from cavirheo.reading.matlab import read_variables
 from cavirheo.reading.selection import Chosen, selected
-from cavirheo.reading.sheet import Table, find_table, numbers
 from cavirheo.reading.shots import read_shots
-from cavirheo.reading.tabular import read_sheets
+from cavirheo.reading.vocabulary import LENGTH_UNITS, TIME_UNITS, Term, Vocabulary
 from cavirheo.reporting import file_names
 from cavirheo.writing import digits, terminal
 from cavirheo.writing.document import Document, Outputs, Quantity, write_rows
@@ -38,18 +35,23 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 VARIABLE = "pIMR_array"
-_TITLES = {
-    **dict.fromkeys(("rmax", "maxradius", "maximumradius", "largestradius"), "R_max"),
-    **dict.fromkeys(("stretch", "lambda", "λ", "lmax", "lambdamax", "λmax", "rmaxr0", "rmaxreq"), "lambda"),
-    **dict.fromkeys(("t1", "collapsetime", "tcollapse", "firstcollapse"), "t_1"),
-    **dict.fromkeys(("shot", "curve", "name"), "name"),
-}
-_LENGTHS = {"m": 1.0, "mm": 1e-3, "um": 1e-6, "nm": 1e-9}
-_UNITS: dict[str, dict[str, float]] = {
-    kind: units | {word: units[unit] for word, unit in UNIT_WORDS.items() if unit in units}
-    for kind, units in (("R_max", _LENGTHS), ("t_1", TIME_UNITS))
-}
-_EXPECTED = "expected a header such as rmax_um,stretch,t1_us"
+VOCABULARY = Vocabulary(
+    {
+        "R_max": Term("rmax maxradius maximumradius largestradius", {**LENGTH_UNITS, "nm": 1e-9}),
+        "lambda": Term("stretch lambda λ lmax lambdamax λmax rmaxr0 rmaxreq"),
+        "t_1": Term("t1 collapsetime tcollapse firstcollapse", TIME_UNITS),
+        "name": Term("shot curve name"),
+    },
+    "expected a header such as rmax_um,stretch,t1_us",
+    dict.fromkeys(("no_unit", "unit"), "collapse_time.unit")
+    | {"twice": "collapse_time.twice", "rows": "collapse_time.no_rows"},
+)
+_OF_A_TABLE = (
+    "limits.",
+    "tabular.width",
+    "tabular.units",
+    "collapse_time.",
+)  # errors; after others there may be curves
 
 
 class CollapseTimes(Document):
@@ -108,17 +110,12 @@ def read_groups(
     return groups, problems + unread, again
 
 
-def _shot(name: str, of: Sequence[float], origin: str, message: str = "") -> CollapseShot:
-    fields: Any = dict(zip(MEASURED.values(), of, strict=True))
-    return CollapseShot(name=name, stretch_from=origin, message=message, **fields)
-
-
 def _read_off(curve: RadiusCurve, stretch: float | None) -> CollapseShot:
     try:
         found, origin = shot(curve, stretch)
     except InputError as error:
         return CollapseShot(name=curve.name, message=str(error).removeprefix(f"{curve.name}: "))
-    return _shot(curve.name, (found.max_radius[0], found.stretch[0], found.time[0]), origin)
+    return CollapseShot.of(curve.name, (found.max_radius[0], found.stretch[0], found.time[0]), origin)
 
 
 def read_table(path: Path, stretch: float | None = None, chosen: Chosen = None) -> CollapseGroup | None:
@@ -127,83 +124,41 @@ def read_table(path: Path, stretch: float | None = None, chosen: Chosen = None) 
     Raises:
         InputError: a table without a unit, with a cell that is no number, or no file that can be read.
     """
-    notes: list[str] = []
     with guarded(path):
-        if (array := _variable(path)) is not None:
-            expected = f"{VARIABLE} must be an array (n, 3) of numbers: R_max in m, lambda, t_1 in s"
-            fine = array.ndim == 2 and 3 in array.shape and array.size > 0
-            require(fine, f"{expected}; got the shape {array.shape}", "collapse_time.variable")
-            cells: dict[str, Any] = dict(zip(MEASURED, array.T if array.shape[1] == 3 else array, strict=True))
-            notes.append(f"variable {VARIABLE}: R_max in m, lambda, t_1 in s")
-        else:
+        columns, names, notes = _array(path), list[str](), [f"variable {VARIABLE}: R_max in m, lambda, t_1 in s"]
+        if columns is None:
             try:
-                sheet = read_sheets(path, _is_header, most=1)[0]
+                (table,) = read_columns(path, VOCABULARY, ("R_max", "t_1"))
             except InputError as error:
-                require(not error.code.startswith("limits."), str(error), error.code)
+                if error.code.startswith(_OF_A_TABLE):
+                    raise
                 return None  # the reader of curves knows more kinds of files, and says what is wrong
-            table = find_table(sheet, _is_header, column)
-            if table is None:
-                return None
-            cells = _columns(table, stretch is not None)
-            notes += table.notes
-        digest = sha256(path)
-    origin = "table"
-    if "lambda" not in cells:
-        cells["lambda"], origin = np.full(len(cells["t_1"]), stretch), "given"
-    elif stretch is not None:
-        notes.append("lambda of the table used, not the one given")
-    rows = np.stack([cells[kind] for kind in MEASURED], axis=1).astype(float).tolist()
-    names = cells.get("name") or [str(k) for k in range(1, len(rows) + 1)]
-    shots = [_shot(name, of, origin, unusable(*of)) for name, of in zip(names, rows, strict=True)]
-    with guarded(path):
-        shots = selected(shots, chosen)
-    return CollapseGroup(name=printable(path.stem), source=shown(path), source_sha256=digest, notes=notes, shots=shots)
+            columns = [column and column.si for column in map(table.one, MEASURED)]
+            name, notes = table.one("name"), table.notes
+            names = name.text if name else []
+        radius, given, time = columns
+        missing = f"no column for lambda = R_max/R_0; {VOCABULARY.expected}, or give --stretch"
+        require(given is not None or stretch is not None, missing, "collapse_time.no_stretch")
+        notes = notes + ["lambda of the table used, not the one given"] * (given is not None and stretch is not None)
+        rows = np.column_stack([radius, np.full(len(time), stretch) if given is None else given, time]).tolist()
+        names = names or [str(k) for k in range(1, len(rows) + 1)]
+        origin = "given" if given is None else "table"
+        shots = [CollapseShot.of(name, of, origin, unusable(*of)) for name, of in zip(names, rows, strict=True)]
+        about: Any = {"source": shown(path), "source_sha256": sha256(path), "notes": notes}
+        return CollapseGroup(name=printable(path.stem), shots=selected(shots, chosen), **about)
 
 
-def _variable(path: Path) -> np.ndarray | None:
-    """The array of a .mat of any version; None where there is none."""
-    with path.open("rb") as file:
-        head = file.read(128)
-    hdf5 = head.startswith(b"MATLAB 7.3")
-    if not hdf5 and head[124:128] not in (b"\x00\x01IM", b"\x01\x00MI"):
+def _array(path: Path) -> list[Any] | None:
+    """R_max, lambda and t_1, each (n,), of the variable in a .mat of any version; None where there is none."""
+    variables, names = read_variables(path, (VARIABLE,)) or ({}, [])
+    if VARIABLE not in names:
         return None
-    variables, names = (read_hdf5 if hdf5 else read_matfile)(path, (VARIABLE,))
-    value = variables.get(VARIABLE)
-    fine = isinstance(value, np.ndarray) or VARIABLE not in names
-    require(fine, f"{VARIABLE} must be an array (n, 3) of numbers, and is a cell array", "collapse_time.variable")
-    return value
-
-
-def column(title: str) -> tuple[str | None, str | None]:
-    """("R_max" | "lambda" | "t_1" | "name" | None, unit or None) of a title such as `t1_us`."""
-    return column_of(title, _TITLES, _UNITS)
-
-
-def _is_header(cells: list[str]) -> bool:
-    return {"R_max", "t_1"} <= {column(title)[0] for title in cells}
-
-
-def _columns(table: Table, known_stretch: bool) -> dict[str, Any]:
-    """Columns in SI by name."""
-    header, rows = table.titles, table.rows
-    columns: dict[str, Any] = {}
-    for at, title in enumerate(header):
-        kind, unit = column(title)
-        if kind is None:
-            continue
-        require(kind not in columns, f"two columns for {kind} in the header {header}", "collapse_time.twice")
-        units = _UNITS.get(kind, {unit or "": 1.0})
-        trouble = "has no unit" if unit is None else f"has the unknown unit {unit!r}"
-        known = f"{title!r} {trouble} ({', '.join(list(units)[:4])}); {_EXPECTED}"
-        require((unit or "") in units, known, "collapse_time.unit")
-        if kind == "name":
-            columns[kind] = [cells[at] if at < len(cells) else "" for _, cells in rows]
-        else:
-            columns[kind] = numbers(rows, at) * units[unit or ""]
-    missing = f"no column for lambda = R_max/R_0; {_EXPECTED}, or give --stretch"
-    require("lambda" in columns or known_stretch, missing, "collapse_time.no_stretch")
-    require(bool(rows), "a header but no rows of data", "collapse_time.no_rows")
-    return columns
+    array: Any = variables.get(VARIABLE)
+    shape: tuple[int, ...] = getattr(array, "shape", ())  # a cell array has none
+    expected = f"{VARIABLE} must be an array (n, 3) of numbers: R_max in m, lambda, t_1 in s"
+    fine = len(shape) == 2 and 3 in shape and 0 not in shape
+    require(fine, f"{expected}; got {f'the shape {shape}' if shape else 'a cell array'}", "collapse_time.variable")
+    return list(array.T if shape[1] == 3 else array)
 
 
 def write_csv(path: Path, document: CollapseTimes) -> None:
@@ -319,5 +274,5 @@ def figure(group: CollapseGroup, best: CollapseEstimate, medium: Medium, unit: t
     margin = 0.02 * max(float(np.ptp(radius)), 10.0)
     for axes in (upper, lower):
         axes.set_xlim(radius.min() - 2 * margin, radius.max() + 2 * margin)
-    upper.legend(loc="lower right", bbox_to_anchor=(1.0, 0.985), ncols=3, fontsize=8.5, frameon=False, handlelength=1.6)
+    named_curves(upper, 3)
     return drawing

@@ -35,6 +35,12 @@ def two_panels(figure: Figure, upper_y: str, x: str, lower_y: str) -> tuple[Axes
     return upper, lower
 
 
+def named_curves(axes: Axes, count: int, **how: Any) -> None:
+    """The names of so many curves in one line at the upper right of a panel, above the curves."""
+    place: Any = {"loc": "lower right", "bbox_to_anchor": (1.0, 0.985), "ncols": count}
+    axes.legend(**place, fontsize=8.5, frameon=False, handlelength=1.6, **how)
+
+
 def plain_ticks(axis: Any, steps: tuple[int, ...], most: int | None = None) -> None:
     """0.01, 1, 100 instead of powers, and such multiples of these."""
     from matplotlib.ticker import LogLocator

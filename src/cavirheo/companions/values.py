@@ -6,6 +6,8 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+from pydantic import TypeAdapter
+
 from cavirheo.companions.published.references import NO_SETS, read_references
 from cavirheo.companions.rheometer import document
 from cavirheo.companions.rheometer.read import read_sweeps
@@ -14,8 +16,9 @@ from cavirheo.reporting.group import GroupRecord
 from cavirheo.reporting.record import Published
 
 
-def values_of(_: object, *paths: str) -> dict[str, Published]:
-    """By set and method. Files without a column of sets are the sweeps of one material: work for a `Reader`.
+def values_of(_: object, *paths: str) -> dict[str, Any]:
+    """By set, method and parameter, as `published` takes them. Files without a column of sets are the sweeps of one
+    material: work for a `Reader`.
 
     Raises InputError: a file cannot be read, or is neither.
     """
@@ -31,9 +34,14 @@ def values_of(_: object, *paths: str) -> dict[str, Published]:
     if sweeps:
         known = [sweep for path in sweeps for sweep in read_sweeps(path)]
         head: dict[str, Any] = {"command": "", "date": None, "notes": []}
-        made = document.of_sweeps(known, document.shared_name(sweeps), **head)
+        made = document.rheometry(known, document.shared_name(sweeps), **head)
         found[made.material] = {**found.get(made.material, {}), **document.published(made)}
-    return found
+    return TypeAdapter(dict[str, Published]).dump_python(found)
+
+
+def published(values: dict[str, Any]) -> dict[str, Published]:
+    """What `values_of` found, checked. Raises ValueError: something else."""
+    return TypeAdapter(dict[str, Published]).validate_python(values)
 
 
 def set_beside(groups: Sequence[GroupRecord], sets: Mapping[str, Published]) -> None:

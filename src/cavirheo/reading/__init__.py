@@ -6,9 +6,8 @@ The content of a file decides, not its ending.
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError, as_path, require
@@ -83,21 +82,18 @@ def read_curves(
         digest = sha256(path)
         for k, curve in enumerate(found):
             name = path.stem if len(found) == 1 else f"{path.stem}[{curve.meta.get('label', k + 1)}]"
-            origin = {"name": name, "group": path.stem, "source": shown(path), "source_sha256": digest}
-            found[k] = replace(curve, meta={**curve.meta, **origin})
+            origin: dict[str, Any] = {"name": name, "group": path.stem, "source": shown(path), "source_sha256": digest}
+            found[k] = curve.labelled(**origin)
         return [noted(curve) for curve in selected(found, shots)]
 
 
 def _read(head: bytes, path: Path, density: float, pressure: float, frame_rate: float | None) -> list[RadiusCurve]:
     """The curves of a file that begins with `head`."""
-    from cavirheo.reading import hdf5, matfile, matlab, table, tabular
+    from cavirheo.reading import hdf5, matlab, table, tabular
 
-    is_hdf5 = head.startswith(b"\x89HDF\r\n\x1a\n")
-    if head.startswith(b"MATLAB 7.3") or (path.suffix.lower() == ".mat" and is_hdf5):
-        return matlab.curves(*matlab.read_hdf5(path, matlab.WANTED), density, pressure)
-    if head.startswith(b"MATLAB 5.0") or head[124:128] in (b"\x00\x01IM", b"\x01\x00MI"):
-        return matlab.curves(*matfile.read_matfile(path, matlab.WANTED), density, pressure)
-    if is_hdf5:
+    if found := matlab.read_variables(path, matlab.WANTED):
+        return matlab.curves(*found, density, pressure)
+    if head.startswith(matlab.HDF5):
         return hdf5.read(path)
     require(tabular.kind_of(head) != "binary", f"binary data of no known format; {_EXPECTED}", "reading.binary")
     return table.read(path, density, pressure, frame_rate)

@@ -12,20 +12,28 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
 from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError, require
+from cavirheo.reading.columns import read_columns
 from cavirheo.reading.files import guarded
 from cavirheo.reading.number_format import Cells, is_number
-from cavirheo.reading.tabular import Row, read_sheets
+from cavirheo.reading.vocabulary import Name, Term, Vocabulary
 
 SIZE = "R_max"  # the word
 LOG_SIZE = "log10(R_max/µm)"  # the column that it stands for
 _SHOWN = 5  # names in a message
+_DECLARED = Vocabulary(
+    {"any": Term("")},
+    "expected a first line with two titles, such as shot,concentration_percent, and below it a name and a number each",
+    dict.fromkeys(("columns", "empty"), "column.head") | dict.fromkeys(("number", "comma", "width"), "column.number"),
+    other=lambda _: Name("any"),
+    marks="#",
+    declared=True,
+)
 
 
 def with_column(curves: Sequence[RadiusCurve], path: str | Path) -> list[RadiusCurve]:
@@ -63,7 +71,7 @@ def with_size(curves: Sequence[RadiusCurve]) -> list[RadiusCurve]:
     for k, curve in enumerate(curves):
         with suppress(InputError):  # no scale, or no maximum
             value = float(np.log10(1e6 * curve.max_radius))
-            found[k] = replace(curve, meta={**curve.meta, "column": {LOG_SIZE: value}})
+            found[k] = curve.labelled(column={LOG_SIZE: value})
     return found
 
 
@@ -84,7 +92,7 @@ def given(
     here = {name for some in names for name in some}
     found = [next((values[name] for name in some if name in values), None) for some in names]
     with_values = [
-        curve if value is None else replace(curve, meta={**curve.meta, "column": {title: value}})
+        curve if value is None else curve.labelled(column={title: value})
         for curve, value in zip(curves, found, strict=True)
     ]
     without = [curve.name for curve, value in zip(curves, found, strict=True) if value is None]
@@ -100,25 +108,20 @@ def _names(curve: RadiusCurve) -> list[str]:
 def read_column(path: str | Path) -> tuple[str, dict[str, float]]:
     """The title of the numbers, and the number of each name. Raises InputError: the file is no such table."""
     path = Path(path)
-
-    def is_header(cells: Cells) -> bool:
-        return len(cells) == 2 and not any(map(is_number, cells))
-
     with guarded(path):
-        (sheet,) = read_sheets(path, is_header, most=1, marks="#")
-    (first, head), *rows = sheet.rows or [Row(1, [])]
-    told = f"{path}, line {first}: expected two titles, such as shot,concentration_percent; found {listed(head)}"
-    require(is_header(head) and all(head), told, "column.head")
-    values: dict[str, float] = {}
-    for number, cells in rows:
-        where = f"{path}, line {number}"
-        told = f"{where}: expected a name and a number, found {listed(cells)}"
-        require(len(cells) == 2 and is_number(cells[1]), told, "column.number")
-        value = float(cells[1])
-        require(bool(np.isfinite(value)), told, "column.number")
-        require(cells[0] not in values, f"{where}: {cells[0]} is there twice", "column.twice")
-        values[cells[0]] = value
-    return head[1], values
+        (table,) = read_columns(path, _DECLARED, _are_titles)
+        names, numbers = table.columns
+        values: dict[str, float] = {}
+        for (line, cells), name, value in zip(table.rows, names.text, numbers.numbers, strict=True):
+            told = f"line {line}: expected a name and a number, found {listed(cells)}"
+            require(len(cells) == 2 and bool(np.isfinite(value)), told, "column.number")
+            require(name not in values, f"line {line}: {name} is there twice", "column.twice")
+            values[name] = float(value)
+    return numbers.title, values
+
+
+def _are_titles(cells: Cells) -> bool:
+    return len(cells) == 2 and all(cells) and not any(map(is_number, cells))
 
 
 def listed(names: Sequence[str]) -> str:

@@ -12,7 +12,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -22,13 +21,25 @@ from cavirheo.arrays import Floats
 from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError, require
 from cavirheo.reading import limits
+from cavirheo.reading.matfile import read_matfile
 from cavirheo.reading.samples import make_curve, unusable
 
 _CELLS = ("R_nondim_All", "t_nondim_All")
 _ONE_EACH = "RmaxList lambda_max_mean lambda_max_std P_inf rho Rnew t deltax deltat R Rmax shift_normRnew"
 WANTED = (*_CELLS, *_ONE_EACH.split())
 
+HDF5 = b"\x89HDF\r\n\x1a\n"
 Variables = dict[str, Any]  # name -> (…,) float array, or a list of them for a cell array
+
+
+def read_variables(path: Path, wanted: tuple[str, ...]) -> tuple[Variables, list[str]] | None:
+    """(the wanted variables, names of all) of a .mat of any version; None where the file is none. Raises InputError."""
+    with path.open("rb") as file:
+        head = file.read(128)
+    if head.startswith(b"MATLAB 7.3") or (path.suffix.lower() == ".mat" and head.startswith(HDF5)):
+        return read_hdf5(path, wanted)
+    five = head.startswith(b"MATLAB 5.0") or head[124:128] in (b"\x00\x01IM", b"\x01\x00MI")
+    return read_matfile(path, wanted) if five else None
 
 
 def read_hdf5(path: Path, wanted: Iterable[str]) -> tuple[Variables, list[str]]:
@@ -117,27 +128,28 @@ def _bdt(variables: Variables, density: float, pressure: float) -> list[RadiusCu
         shared.append(f"the file states one stretch for all shots: {stretch:.4g} +- {spread or float('nan'):.2g}")
     listed = variables.get("RmaxList", np.empty(0)).ravel()
     per_radius = float(np.sqrt(density / pressure))  # s per m of R_max and unit of t*
+    began: dict[str, Any] = {"stated_time_of_max": 0.0}
+    units: dict[str, Any] = {"time_unit": "s", "radius_unit": "m"}
     made = []
     for k, (radius, time) in enumerate(zip(radii, times, strict=True)):
         cell = f"cell {k + 1} of {count}"
         largest = float(listed[k]) if k < len(listed) else np.nan
         if radius.size == 0 or time.size == 0:
-            curve = unusable(f"{cell} is empty", **stated)
+            curve = unusable(f"{cell} is empty", began, **stated)
         elif not len(listed):  # time and radius both wait for the user's R_max
             reason = "the file has no RmaxList, so radii and times are only known in units of R_max"
-            units: dict[str, Any] = {"time_unit": "s", "radius_unit": "m", "time_unscaled": True}
-            curve = make_curve(time * per_radius, radius, **units, **stated)
-            meta = {**curve.meta, "notes": (*shared, reason)}
-            curve = replace(curve, meta=meta, unscaled=reason)
+            waiting = {**began, "time_unscaled": True, "unscaled": reason}
+            curve = make_curve(time * per_radius, radius, about=waiting, **units, **stated)
+            curve = curve.labelled(notes=(*shared, reason))
         elif not largest > 0:
-            curve = unusable(f"{cell} has samples but RmaxList gives R_max = {largest:.4g} m", **stated)
+            curve = unusable(f"{cell} has samples but RmaxList gives R_max = {largest:.4g} m", began, **stated)
         else:
             scale = f"R_max = {largest * 1e6:.4g} um, density {density:.6g} kg/m3, {pressure:.6g} Pa"
             notes = (f"seconds from t* with {scale}", *shared)
             seconds, metres = time * (largest * per_radius), radius * largest
-            curve = make_curve(seconds, metres, time_unit="s", radius_unit="m", notes=notes, **stated)
-            curve = replace(curve, doubts=(*curve.doubts, *_density_hint(curve.frame_rate, density)))
-        made.append(replace(curve, stated_time_of_max=0.0))
+            curve = make_curve(seconds, metres, notes=notes, about=began, **units, **stated)
+            curve = curve.labelled(doubts=(*curve.doubts, *_density_hint(curve.frame_rate, density)))
+        made.append(curve)
     return made
 
 

@@ -81,7 +81,7 @@ def number(cell: str) -> float:
     if _is_float(cell):
         return float(cell)
     if not is_number(cell):
-        raise InputError(f"{cell[:30]!r} is not a number", "tabular.number")
+        raise InputError(f"{cell[:30]!r} is not a number; leave the cell empty where there is none", "tabular.number")
     if "," in cell and _NUMBER.fullmatch(cell):
         two = f"{cell.replace(',', '.')} or {cell.replace(',', '')}"
         why = f"{cell[:30]!r} could be {two}: is the comma decimal? export with decimal points only"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -10,26 +11,9 @@ from numpy.typing import ArrayLike, NDArray
 from cavirheo.arrays import Floats
 from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError
+from cavirheo.reading.vocabulary import LENGTH_UNITS, TIME_UNITS
 
-TIME_UNITS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
-RADIUS_UNITS = {"m": 1.0, "mm": 1e-3, "um": 1e-6, "px": 1e-6}  # px: a stand-in until R_max is given
-UNIT_WORDS = {  # as titles.plain_unit writes them
-    unit: unit for unit in (*TIME_UNITS, *RADIUS_UNITS)
-} | {
-    word: unit
-    for unit, words in {
-        "s": "sec second seconds sekunde sekunden seconde secondes segundo segundos 秒",
-        "ms": "msec millisecond milliseconds millisekunden millisecondes milisegundos ミリ秒 毫秒",
-        "us": "usec microsecond microseconds mikrosekunden microsecondes microsegundos マイクロ秒 微秒",
-        "ns": "nsec nanosecond nanoseconds nanosekunden nanosecondes nanosegundos ナノ秒 纳秒",
-        "m": "meter meters metre metres metros",
-        "mm": "millimeter millimeters millimetre millimetres milimetros ミリメートル 毫米",
-        "um": "micron microns micrometer micrometers micrometre micrometres mikrometer micrometros "
-        "マイクロメートル 微米",
-        "px": "pixel pixels pix pixeles ピクセル 像素",
-    }.items()
-    for word in words.split()
-}
+RADIUS_UNITS = {**LENGTH_UNITS, "px": 1e-6}  # px: a stand-in until R_max is given
 _PLAUSIBLE = (5e-6, 5e-3)  # m; the largest radius read as m, mm and um falls in here for one of them at most
 _FEWEST_STEPS = 5  # that tell even ones from chance
 _ABSURD = 1e9  # in any unit; larger numbers are damage and would overflow later
@@ -37,9 +21,10 @@ _SAME_TIME = 1e-15  # s; closer frames are one, told apart by rounding only
 _NO_BUBBLE = 1e-9  # m; smaller numbers are what an empty frame leaves behind (denormals in one published file)
 
 
-def unusable(reason: str, **meta: Any) -> RadiusCurve:
-    """A curve without samples that says why."""
-    return RadiusCurve(np.empty(0), np.empty(0), meta={**meta, "notes": (reason,)}, unusable=reason)
+def unusable(reason: str, about: Mapping[str, Any] | None = None, **meta: Any) -> RadiusCurve:
+    """A curve without samples that says why. about: its other fields."""
+    fields: dict[str, Any] = {**(about or {}), "unusable": reason}
+    return RadiusCurve(np.empty(0), np.empty(0), meta={**meta, "notes": (reason,)}, **fields)
 
 
 def make_curve(
@@ -49,8 +34,9 @@ def make_curve(
     *,
     time_unit: str | None = None,
     radius_unit: str | None = None,
-    notes: tuple[str, ...] = (),
-    time_unscaled: bool = False,
+    notes: Sequence[str] = (),
+    doubts: Sequence[str] = (),
+    about: Mapping[str, Any] | None = None,
     **meta: Any,
 ) -> RadiusCurve:
     """Clean one curve: (n,) times and radii (and their deviations) in the given units; None = tell from the size.
@@ -58,19 +44,20 @@ def make_curve(
     Frames with NaN or absurd (1e9) radius are NaN; radii <= 0 become NaN; frames without a time are left out; frames
     are sorted by time; frames of one time are averaged. Each is counted in the notes; a unit that the size contradicts,
     and times out of order, are among the curve's `doubts` too. The curve is `unusable` where time and radius are
-    swapped. `meta`, `time_unscaled`: the curve's.
+    swapped. about: other fields of the curve.
 
     Raises:
         InputError: no unit of time is given and it cannot be told.
     """
     t, r = (np.asarray(a, dtype=np.float64).ravel() for a in (time, radius))
     std = np.full(r.shape, np.nan) if radius_std is None else np.asarray(radius_std, dtype=np.float64).ravel()
+    fields = {**(about or {}), "doubts": tuple(doubts)}
     if len(t) != len(r) or len(std) != len(r):
-        return unusable(f"{len(t)} times but {len(r)} radii", **meta)
+        return unusable(f"{len(t)} times but {len(r)} radii", fields, **meta)
     if swapped(t, r):
         back = f"the times go back in {np.count_nonzero(np.diff(t) < 0)} of {len(t) - 1} steps"
         mend = "the radii rise in even steps, as times do: exchange the two columns, or their titles"
-        return unusable(f"time and radius seem to be swapped: {back}, and {mend}", **meta)
+        return unusable(f"time and radius seem to be swapped: {back}, and {mend}", fields, **meta)
     said, hints = list(notes), list(meta.pop("hints", ()))
 
     said += _absurd("times", t)
@@ -93,14 +80,14 @@ def make_curve(
     empty = r < _NO_BUBBLE
     r[empty] = np.nan
     said += [note] if note else []
-    doubts = [note] if note and radius_unit else []
+    doubtful = [*doubts, *([note] if note and radius_unit else [])]
     hints += [note] if note and not radius_unit else []
     said += [f"{missing} of {len(r)} frames without a radius (NaN)"] if missing else []
     said += [f"{empty.sum()} frames with radius <= 0 marked as not measured"] if empty.any() else []
 
     if backwards := np.count_nonzero(np.diff(t) < 0):
-        doubts.append(f"times not in order ({backwards} steps back): frames sorted")
-        said.append(doubts[-1])
+        doubtful.append(f"times not in order ({backwards} steps back): frames sorted")
+        said.append(doubtful[-1])
         order = np.argsort(t, kind="stable")
         t, r, std = t[order], r[order], std[order]
     first = np.flatnonzero(np.diff(t, prepend=-np.inf) > _SAME_TIME)
@@ -113,11 +100,12 @@ def make_curve(
         meta.setdefault("frame_rate_hz", 1.0 / step)
     said += [unscaled] if unscaled else []
     meta |= {"hints": tuple(hints)} if hints else {}
-    about: dict[str, Any] = {"unscaled": unscaled, "time_unscaled": time_unscaled, "doubts": tuple(doubts)}
     try:
-        return RadiusCurve(t, r, std, {**meta, "notes": tuple(said)}, **about)
+        return RadiusCurve(
+            t, r, std, {**meta, "notes": tuple(said)}, **{"unscaled": unscaled, **fields, "doubts": tuple(doubtful)}
+        )
     except InputError as error:  # of no bubble: the others of its file are answered
-        return unusable(str(error), **meta)
+        return unusable(str(error), fields, **meta)
 
 
 def swapped(time: Floats, radius: Floats) -> bool:

@@ -6,7 +6,6 @@ import re
 from collections import Counter
 from collections.abc import Sequence
 from contextlib import suppress
-from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -98,7 +97,7 @@ def _named_apart(curves: list[RadiusCurve]) -> list[RadiusCurve]:
         numbers = [f"{name} ({k})" for k in range(1, len(places) + 1)]
         apart = next((some for some in (*tails, endings) if len(set(some)) == len(places)), numbers)
         for k, new in zip(places, apart, strict=True):
-            curves[k] = replace(curves[k], meta={**curves[k].meta, "name": new})
+            curves[k] = curves[k].labelled(name=new)
     return curves
 
 

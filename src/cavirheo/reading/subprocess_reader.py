@@ -1,6 +1,7 @@
 """Files read in a process of its own: one that exhausts time or memory, or ends the process, ends nothing else.
 
-What goes to and fro is pickled between our own two processes; nothing that was uploaded is ever unpickled.
+It answers by arrays and JSON (message.py): whatever a file makes of the process that reads it, nothing that comes from
+there is executed.
 """
 
 from __future__ import annotations
@@ -20,6 +21,7 @@ import numpy as np
 
 from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError, require
+from cavirheo.reading.message import decode, encode
 from cavirheo.reading.recordings import examine
 from cavirheo.reading.shots import Recordings, read_shots
 from cavirheo.video.measurement import Measurement
@@ -79,7 +81,7 @@ class Reader:
                 while isinstance(answer, float):
                     say(answer, "of the frames")  # the share that is measured
                     require(self._pipe.poll(max(end - monotonic(), 0.0)), slow, "app.reading_too_slow")
-                    answer = self._pipe.recv()
+                    answer = _decoded(self._pipe.recv_bytes())
             except BaseException as error:
                 self._replace()
                 ended = f"{names}: damaged so badly that reading it ended the reader"
@@ -112,10 +114,15 @@ class Reader:
 
 def _named(curve: RadiusCurve) -> RadiusCurve:
     """The curve without the names of the server's folders."""
-    meta = {**curve.meta, "source": Path(curve.source).name}
-    if "group_source" in meta:
-        meta["group_source"] = meta["group"]
-    return replace(curve, meta=meta)
+    group: dict[str, Any] = {"group_source": curve.group} if "group_source" in curve.meta else {}
+    return curve.labelled(source=Path(curve.source).name, **group)
+
+
+def _decoded(message: bytes) -> Any:
+    try:
+        return decode(message)
+    except Exception as error:  # a reader that sends anything else is damaged
+        raise EOFError(f"no message of a reader ({type(error).__name__})") from error
 
 
 def _serve(pipe: Connection) -> None:
@@ -127,14 +134,14 @@ def _serve(pipe: Connection) -> None:
         while True:
             work, *given = pipe.recv()
             try:
-                answer: Any = work(pipe, *given)
+                answer = encode(work(pipe, *given))
             except InputError as error:
-                answer = error
+                answer = encode(error)
             except MemoryError:
-                answer = InputError("the file needs more memory than is allowed here", "app.out_of_memory")
+                answer = encode(InputError("the file needs more memory than is allowed here", "app.out_of_memory"))
             except Exception as error:
-                answer = InputError(f"the file cannot be read ({type(error).__name__}: {error})")
-            pipe.send(answer)
+                answer = encode(InputError(f"the file cannot be read ({type(error).__name__}: {error})"))
+            pipe.send_bytes(answer)
 
 
 def _read(_: Connection, files: list[str | RadiusCurve], options: dict[str, Any]) -> Recordings:
@@ -144,7 +151,7 @@ def _read(_: Connection, files: list[str | RadiusCurve], options: dict[str, Any]
 def _measure(pipe: Connection, path: str, images: str, most: float, options: dict[str, Any]) -> Measurement:
     def begin(frames: int) -> Callable[[], None]:
         done = count(1)
-        return lambda: pipe.send(next(done) / frames)
+        return lambda: pipe.send_bytes(encode(next(done) / frames))
 
     found, _ = examine(path, begin=begin, **options)
     seen = found.recording.frames

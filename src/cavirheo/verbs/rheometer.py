@@ -47,7 +47,7 @@ def rheometer(
         except InputError as error:
             run.refuse([str(error)])
     run.need(found, "sweep")
-    made = document.of_sweeps(
+    made = document.rheometry(
         found, name or document.shared_name(files), tolerance / 100, at,
         command=run.command, date=run.date, notes=[] if drawing or not pictures else [style.NO_PICTURES],
     )  # fmt: skip

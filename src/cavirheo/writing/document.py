@@ -26,8 +26,8 @@ from pydantic import (
 )
 from pydantic_core import to_json
 
-from cavirheo.errors import InputError, require
-from cavirheo.files import as_cell, read_bytes
+from cavirheo.errors import InputError, printable, require
+from cavirheo.files import as_cell, as_remark, read_bytes
 from cavirheo.parameters import Bound
 from cavirheo.writing import claim, digits
 
@@ -333,10 +333,11 @@ def read_json(path: str | Path, kind: type[Kind]) -> Kind:
         raise InputError(said, "document.other") from None
 
 
-def write_rows(path: str | Path, head: Sequence[str], rows: Iterable[Mapping[str, Any]]) -> None:
+def write_rows(path: str | Path, head: Sequence[str], rows: Iterable[Mapping[str, Any]], remark: str = "") -> None:
     """CSV: a line per row, of its entries those in `head`; empty where there is none. No text is a formula
-    (`files.as_cell`)."""
+    (`files.as_cell`). remark: a line above them, after "# "."""
     with Path(path).open("w", newline="", encoding="utf-8") as file:
+        file.write(f"# {as_remark(printable(remark))}\n" if remark else "")
         writer = csv.writer(file, lineterminator="\n")
         writer.writerow(map(_cell, head))
         writer.writerows([_cell(row.get(key)) for key in head] for row in rows)

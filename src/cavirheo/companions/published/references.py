@@ -21,8 +21,9 @@ from pydantic import BaseModel, ConfigDict, Field, NonNegativeFloat, PositiveFlo
 
 from cavirheo.errors import InputError, require
 from cavirheo.physics.media import Medium, medium
+from cavirheo.reading.columns import read_columns
 from cavirheo.reading.files import guarded
-from cavirheo.reading.tabular import Row, read_sheets
+from cavirheo.reading.vocabulary import Term, Vocabulary
 from cavirheo.writing.document import Record, Spread
 
 NO_SETS = "references.no_set_column"  # code of the error that a table of something else gives
@@ -67,6 +68,15 @@ class _ReferenceLine(BaseModel):
 _COLUMNS = tuple(_ReferenceLine.model_fields)
 _SETTINGS = _COLUMNS[_COLUMNS.index("files") : _COLUMNS.index("source")]
 _CONSTANTS = _SETTINGS[_SETTINGS.index("density") :]
+
+
+_VOCABULARY = Vocabulary(
+    {name: Term(name) for name in _COLUMNS},
+    f"expected a first line of the titles {','.join(_COLUMNS)}, of which set is needed",
+    {"columns": NO_SETS, "empty": NO_SETS, "rows": "references.no_set", "width": "references.cells"},
+    marks="#",
+    declared=True,
+)
 
 
 class MethodValue(Record):
@@ -117,27 +127,18 @@ def read_references(path: str | Path) -> list[ReferenceSet]:
         InputError: the file cannot be read or has a mistake (line, column, what was expected).
     """
     with guarded(Path(path)):
-        (sheet,) = read_sheets(Path(path), lambda cells: "set" in cells, most=1, marks="#")
-    (first, head), *rows = sheet.rows or [Row(1, [])]
-    found, expected = ", ".join(head) or "nothing", ",".join(_COLUMNS)
-    no_set = f"{path}, line {first}: no column set; found: {found}; expected {expected}"
-    require("set" in head, no_set, NO_SETS)
-    for name in head:
-        place = f"{path}, line {first}, column {name or '(empty)'}"
-        require(name in _COLUMNS, f"{place}: not known; expected one of {', '.join(_COLUMNS)}", "references.head")
-        require(head.count(name) == 1, f"{place}: {head.count(name)} times; expected once", "references.head")
+        (table,) = read_columns(Path(path), _VOCABULARY, ("set",))
+    names = [_VOCABULARY.name(title) for title in table.titles]
+    for title, (kind, unit, _) in zip(table.titles, names, strict=True):
+        place = f"{path}, line {table.line}, column {title or '(empty)'}"
+        known = bool(kind) and unit is None
+        require(known, f"{place}: not known; expected one of {', '.join(_COLUMNS)}", "references.head")
+        require(len(table.all(kind)) == 1, f"{place}: {len(table.all(kind))} times; expected once", "references.head")
     sets: dict[str, ReferenceSet] = {}
     methods: dict[str, tuple[str, str]] = {}
-    for number, cells in rows:
-        where = f"{path}, line {number}"
-        cells = cells if len(head) > 1 else [" ".join(cells)]  # names alone: nothing separates columns
-        wide = f"{where}: {len(cells)} cells, expected the {len(head)} of the header"
-        wide += '; text with a comma in it needs quotes: "a, b"'
-        require(not any(cells[len(head) :]), wide, "references.cells")
-        _take({name: cell for name, cell in zip(head, cells, strict=False) if cell}, where, sets, methods)
-    example = "gel_1,IMR,G_kPa,6.44,1.64"
-    none = f"{path}: no set; expected lines below the header, such as: {example}"
-    require(bool(sets), none, "references.no_set")
+    for number, cells in table.rows:
+        row = {name.kind: cell for name, cell in zip(names, cells, strict=False) if cell}
+        _take(row, f"{path}, line {number}", sets, methods)
     many = f"{path}: {len(sets)} sets; more than {_MOST} are not compared in one picture; split the file"
     require(len(sets) <= _MOST, many, "references.sets")
     for about in sets.values():

@@ -73,11 +73,15 @@ class BesideRow(Record):
     deformation: str
 
 
-def rheometry(strain: list[StrainSweep], frequency: list[FrequencySweep], **head: Any) -> Rheometry:
-    """The document; `head`: material, tolerance, at_rad_per_s, command, date, notes.
+def rheometry(
+    found: Sequence[Sweep], material: str, tolerance: float = 0.05, at: float = 1.0, **head: Any
+) -> Rheometry:
+    """The document of these sweeps as they were read; `head`: command, date, notes.
 
     G is the plateau of the frequency sweeps; without one, that of the strain sweeps of a solid.
     """
+    strain = [strain_sweep(one, tolerance) for one in found if isinstance(one, StrainSweep)]
+    frequency = [frequency_sweep(one, at) for one in found if isinstance(one, FrequencySweep)]
     solid = [s for s in strain if (s.plateau_storage_Pa or 0.0) > (s.plateau_loss_Pa or 0.0)]
     modulus, origin = spread_of([s.plateau_storage_Pa for s in frequency]), "plateau of the frequency sweep"
     if modulus.mean is None:
@@ -85,6 +89,9 @@ def rheometry(strain: list[StrainSweep], frequency: list[FrequencySweep], **head
         modulus = spread_of([s.plateau_storage_Pa for s in solid])
         origin = "plateau of the strain sweep" + (f" at {digits.significant(held[0])} rad/s" if held else "")
     document = Rheometry(
+        material=material,
+        tolerance=tolerance,
+        at_rad_per_s=at,
         shear_modulus_Pa=modulus,
         shear_modulus_from="no plateau" if modulus.mean is None else origin,
         viscosity_Pa_s=spread_of([sweep.viscosity_Pa_s for sweep in frequency]),
@@ -112,17 +119,6 @@ def write_csv(path: Path, document: Rheometry) -> None:
     fields = dict.fromkeys(["kind", *Sweep.model_fields, *StrainSweep.model_fields, *FrequencySweep.model_fields])
     head = [name for name in fields if name not in ("x", "storage", "loss", "notes")]
     write_rows(path, head, (sweep.model_dump() for sweep in document.sweeps))
-
-
-def of_sweeps(
-    found: Sequence[Sweep], material: str, tolerance: float = 0.05, at: float = 1.0, **head: Any
-) -> Rheometry:
-    """The document of these sweeps as they were read; `head`: command, date, notes."""
-    return rheometry(
-        [strain_sweep(one, tolerance) for one in found if isinstance(one, StrainSweep)],
-        [frequency_sweep(one, at) for one in found if isinstance(one, FrequencySweep)],
-        material=material, tolerance=tolerance, at_rad_per_s=at, **head,
-    )  # fmt: skip
 
 
 def shared_name(files: Sequence[Path]) -> str:
@@ -212,10 +208,8 @@ def write_table(path: Path, rows: Sequence[BesideRow]) -> None:
     """One line per row, and the warning below as a comment."""
     lines = []
     for row in rows:
-        line: dict[str, Any] = {}
-        for name, value in row:
-            line |= {name: value.mean, f"{name}_std": value.std} if isinstance(value, Spread) else {name: value}
-        lines.append(line)
+        cells = ({k: v.mean, f"{k}_std": v.std} if isinstance(v, Spread) else {k: v} for k, v in row)
+        lines.append({name: value for some in cells for name, value in some.items()})
     write_rows(path, list(lines[0]), lines)
     with path.open("a", encoding="utf-8") as file:
         file.write(f"# {warning(rows)}\n")

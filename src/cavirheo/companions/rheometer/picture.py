@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from cavirheo.arrays import Floats
-from cavirheo.companions.panels import headed, plain_ticks, two_panels
+from cavirheo.companions.panels import headed, named_curves, plain_ticks, two_panels
 from cavirheo.companions.rheometer.document import Rheometry
 from cavirheo.writing import digits
 from cavirheo.writing.document import Outputs, spread_of
@@ -28,15 +28,12 @@ _MARK: Any = {"ls": "none", "ms": 8, "mew": 1.4, "mec": INK, "mfc": "none", "zor
 def write_pictures(outputs: Outputs, document: Rheometry) -> list[str]:
     """strain-sweep.png and frequency-sweep.png: the sweeps of each kind laid over each other; what is to be said of one
     that cannot be drawn."""
-    said: list[str] = []
-    if document.strain_sweeps:
-        said += outputs.picture("strain-sweep.png", save_png, strain_figure, document)
-    if document.frequency_sweeps:
-        said += outputs.picture("frequency-sweep.png", save_png, frequency_figure, document)
-    return said
+    said = outputs.picture("strain-sweep.png", save_png, _strain, document) if document.strain_sweeps else []
+    frequency = "frequency-sweep.png", save_png, _frequency, document
+    return said + (outputs.picture(*frequency) if document.frequency_sweeps else [])
 
 
-def strain_figure(document: Rheometry) -> Figure:
+def _strain(document: Rheometry) -> Figure:
     """Moduli over strain with the linear range shaded; below, how far G' is from its plateau."""
     sweeps, band = document.strain_sweeps, 100 * document.tolerance
     figure, upper, lower, factor = _frame(
@@ -54,13 +51,12 @@ def strain_figure(document: Rheometry) -> Figure:
             axes.axvspan(first, last, color=_GREEN, alpha=0.09, lw=0, zorder=0)
         several = np.count_nonzero(np.isfinite(ends)) > 1
         _along(upper, np.sqrt(first * last), "linear range of all" if several else "linear range", _GREEN)
-    _logarithmic(lower, upper)
     lower.set_ylim(-5 * band, 5 * band)
     write(lower, 1.0, 1.06, f"band: ± {band:g} %", size=8, color=INK, ha="right")
     return figure
 
 
-def frequency_figure(document: Rheometry) -> Figure:
+def _frequency(document: Rheometry) -> Figure:
     """Moduli over angular frequency with the plateau of G'; below, G''/omega with the viscosity marked."""
     sweeps, at = document.frequency_sweeps, f"{document.at_rad_per_s:g} rad/s"
     figure, upper, lower, factor = _frame(
@@ -80,7 +76,6 @@ def frequency_figure(document: Rheometry) -> Figure:
         for axes in (upper, lower):
             axes.axvline(document.at_rad_per_s, color=INK, lw=0.8, ls=(0, (2, 3)), zorder=0)
         _along(upper, document.at_rad_per_s, at, INK)
-    _logarithmic(lower, upper)
     lower.set_yscale("log")
     low, high = lower.get_ylim()
     widen = max(np.sqrt(_NARROWEST * low / high), 1.0)  # or noise would fill the panel
@@ -97,12 +92,11 @@ def _frame(
     `said` are (words, field, unit, words without a value) of the answer.
     """
     factor, unit = digits.modulus_unit([sweep.plateau_storage_Pa for sweep in sweeps])
-    of_unit = {"%": 100.0, "Pa": factor}
-    answer = []
+    units, answer = {"%": (100.0, "%"), "Pa": (factor, unit)}, []
     for words, name, its, otherwise in said:
-        spread = spread_of([getattr(sweep, name) for sweep in sweeps])
-        shown = words.format(digits.spread(spread, of_unit.get(its, 1.0)))
-        answer.append(otherwise if spread.mean is None else f"{shown} {unit if its == 'Pa' else its}".rstrip())
+        spread, (of, named) = spread_of([getattr(sweep, name) for sweep in sweeps]), units.get(its, (1.0, its))
+        shown = f"{words.format(digits.spread(spread, of))} {named}".rstrip()
+        answer.append(otherwise if spread.mean is None else shown)
     figure = headed(material, kind if len(sweeps) == 1 else f"{len(sweeps)} {kind}s: mean ± std", answer)
     upper, lower = two_panels(figure, f"G′, G″ ({unit})", x, below)
     for name, colour, face, modulus in (("G′", BLUE, BLUE, "storage"), ("G″", VERMILLION, "white", "loss")):
@@ -110,8 +104,14 @@ def _frame(
         for k, sweep in enumerate(sweeps):
             y = factor * getattr(sweep, modulus)
             upper.plot(x_factor * sweep.x, y, "o-", label=None if k else name, zorder=2, **look)
-    place: Any = {"loc": "lower right", "bbox_to_anchor": (1.0, 0.985), "ncols": 2, "columnspacing": 1.2}
-    upper.legend(fontsize=8.5, frameon=False, handlelength=1.6, borderaxespad=0.1, **place)
+    named_curves(upper, 2, columnspacing=1.2, borderaxespad=0.1)
+    upper.loglog()
+    lower.semilogx()
+    lower.set_xlim(upper.get_xlim())
+    for axis in (upper.xaxis, upper.yaxis, lower.xaxis):
+        _ticks(axis)
+    for axes in (upper, lower):
+        axes.tick_params(which="minor", color="#bbbbbb", length=2)
     return figure, upper, lower, factor
 
 
@@ -128,16 +128,6 @@ def _mark(axes: Axes, sweeps: Sequence[Any], marker: str, *places: tuple[str, fl
 def _along(axes: Axes, x: float, text: str, colour: str) -> None:
     """A word over the axes at x."""
     axes.text(x, 1.02, text, transform=axes.get_xaxis_transform(), fontsize=8, color=colour, ha="center", va="bottom")
-
-
-def _logarithmic(lower: Axes, upper: Axes) -> None:
-    upper.set_yscale("log")
-    _ticks(upper.yaxis)
-    for axes in (upper, lower):
-        axes.set_xscale("log")
-        _ticks(axes.xaxis)
-        axes.tick_params(which="minor", color="#bbbbbb", length=2)
-    lower.set_xlim(upper.get_xlim())
 
 
 def _ticks(axis: Any) -> None:
