@@ -158,4 +158,4 @@ def facts(session: Session, name: str) -> str:
         times = (one.checks.compared_time for one in (answer, posterior))
         frames = [len(time) for time in times if time is not None]
     key = parameter_key(record.other_parameters)
-    return part("facts", table, frames, failed, html.article(0, record, factor, unit, ""), key)
+    return part("facts", table, frames, failed, html.article(record, factor, unit), key)
