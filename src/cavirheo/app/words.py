@@ -33,9 +33,7 @@ def part(name: str, *given: Any) -> str:
 
 def style() -> str:
     """The style of the page: that of the report for all that stands in .report, and its own."""
-    places = {"cavirheo.reporting": "report.css", "cavirheo.app": "app.css"}
-    report, page = ((files(room) / name).read_text(encoding="utf-8") for room, name in places.items())
-    return f".report {{\n{report}}}\n{page}"
+    return f".report {{\n{html.style()}}}\n{script('app.css')}"
 
 
 def script(name: str) -> str:

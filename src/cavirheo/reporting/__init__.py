@@ -20,8 +20,8 @@ from cavirheo.writing.document import Outputs, short_name, write_json
 __all__ = ["file_names", "outputs", "read_json", "result", "write_report"]
 
 MANY = 500  # curves: above, a Parquet table stands beside the documents
-GROUPS = 100  # of a run, whose pictures are in the report
-PAGE_POINTS = 400_000  # that the pictures of all curves, and those of all groups, have together
+GROUPS = 50  # of a run, whose pictures are in the report
+PAGE_POINTS = 240_000  # that the pictures of all curves, and those of all groups, have together
 DOCUMENTS = ("result.json", "result.csv", "report.html")
 
 
@@ -127,17 +127,18 @@ class Pictures:
 
 def _pictures(pairs: Answered, document: Result) -> Pictures:
     """Of very many curves the lines are simpler, and only the first groups have a picture."""
-    from cavirheo.reporting import svg
+    from cavirheo.reporting import html, svg
     from cavirheo.reporting.curve_lines import answer_lines
     from cavirheo.reporting.group_lines import group_lines
 
     made, records, unit = Pictures(), document.curves, document.modulus_unit
-    how: dict[str, Any] = {"points": min(svg.POINTS, PAGE_POINTS // max(len(pairs), 1)), "words": len(pairs) <= MANY}
+    most = min(svg.POINTS, PAGE_POINTS // max(len(pairs), 1))
+    how: dict[str, Any] = {"points": most, "brief": len(pairs) > html.DETAILED}
     for (curve, answer), record in zip(pairs, records, strict=True):
         lines = partial(answer_lines, curve, answer.checks, record)
         made.curves.append(made.draw(record.name, lines, svg.curve_svg, **how))
     members = [(group, indices) for group, indices in document.members() if group.n > 1][:GROUPS]
-    most = min(svg.GROUP_POINTS, PAGE_POINTS // (4 * max(len(members), 1)))
+    most = min(svg.GROUP_POINTS, PAGE_POINTS // (24 * max(len(members), 1)))
     for group, indices in members:
         shots = [(pairs[i][0], pairs[i][1].checks, records[i]) for i in indices if records[i].answered]
         made.groups.append(made.draw(group.name, partial(group_lines, shots, group, unit), svg.group_svg, points=most))

@@ -105,7 +105,7 @@ def write(
     sets = [(names(curves, groups), SCREEN, kinds)] if kinds else []
     sets += [(paper_names(curves, groups), PAPER, KINDS)] if "paper" in figures else []
     for stems, look, of in sets:
-        for stem, (name, draw) in zip(stems, _drawn(pairs, document, look), strict=True):
+        for stem, (name, draw) in zip(stems, drawn(pairs, document, look), strict=True):
             try:
                 with np.errstate(all="ignore"):  # of numbers near the largest there is
                     if (figure := draw()) is not None:
@@ -125,7 +125,7 @@ def save(folder: Outputs, stem: str, figure: Figure, kinds: Sequence[str] = KIND
         folder.write(f"{stem}.{kind}", style.save, figure, kind, dpi)
 
 
-def _drawn(pairs: Pairs, document: Result, look: FigureStyle) -> Iterator[tuple[str, Callable[[], Figure | None]]]:
+def drawn(pairs: Pairs, document: Result, look: FigureStyle) -> Iterator[tuple[str, Callable[[], Figure | None]]]:
     """Name, and what draws it, of each curve and group; there is no figure of a group of a single answer, and none for
     a paper of a curve without an answer."""
     records, unit = document.curves, document.modulus_unit

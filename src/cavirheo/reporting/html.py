@@ -15,11 +15,11 @@ from importlib.resources import files
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from cavirheo.reporting import svg
 from cavirheo.reporting.answer import CurveRecord, described, meaning_of, parameter_key
 from cavirheo.reporting.group import GroupRecord
 from cavirheo.reporting.material import GroupDifference
 from cavirheo.reporting.record import Result
-from cavirheo.reporting.svg import style
 from cavirheo.reporting.table import FITS, model_rows, window_cells, window_title
 from cavirheo.writing import digits
 from cavirheo.writing.document import Quantity
@@ -53,7 +53,7 @@ def write(
         articles.append(article(record, *unit, picture, **told) + _part("frames", sheet))
     page = template("report.html").render(
         result=result,
-        style=_beside("report.css") + style(),
+        style=style(),
         unit=unit,
         group_pictures=group_pictures,
         script=_beside("report.js") if len(curves) > FOLDED else "",
@@ -93,6 +93,12 @@ def _text(origin: Mapping[str, Any]) -> Markup:
     from markupsafe import Markup
 
     return Markup(escape(json.dumps(origin, indent=1, ensure_ascii=False), quote=False))  # quotes need six letters each
+
+
+def style() -> str:
+    """How tables, articles, verdicts and pictures look."""
+    badges = "".join(f".badge.{verdict} {{ background: {look.colour}; }}\n" for verdict, look in digits.LOOKS.items())
+    return _beside("report.css") + badges + svg.style()
 
 
 def _beside(name: str) -> str:

@@ -6,6 +6,7 @@ Coordinates are whole numbers, UNITS to a pixel. Colours are those of picture.cs
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from functools import cache
 from importlib.resources import files
 from typing import TYPE_CHECKING
@@ -45,9 +46,15 @@ class Picture:
         self.layers: list[tuple[str, str, str]] = []
         self.words: list[tuple[str, int, int, list[tuple[str, str]]]] = []
 
-    def panel(self, box: Box, x: Axis, y: Axis, *, along: bool = True) -> Panel:
-        """Axes in a box, with ticks and names; along: those of `x`, too."""
-        return Panel(self, box, x, y, along)
+    def panel(self, box: Box, x: Axis, y: Axis, *, along: bool = True, few: bool = False) -> Panel:
+        """Axes in a box, with ticks and names. along: those of `x`, too. few: few ticks, the last with the name, which
+        is a unit."""
+        panel = Panel(self, box, x, y)
+        panel.ticks_of_y(few)
+        self.axes.append(f"M{_units(box[0])} {_units(box[1])}v{_units(box[3])}h{_units(box[2])}")
+        if along:
+            panel.ticks_of_x(few)
+        return panel
 
     def write(self, kind: str, x: float, y: float, text: str) -> None:
         """Words whose baseline is y; kind: class of their look."""
@@ -70,27 +77,34 @@ class Picture:
 class Panel:
     """Axes of a picture, that place what is drawn into them."""
 
-    def __init__(self, picture: Picture, box: Box, x: Axis, y: Axis, along: bool) -> None:
+    def __init__(self, picture: Picture, box: Box, x: Axis, y: Axis) -> None:
         self.picture, self.box, self.x, self.y = picture, box, x, y
-        left, top, width, height = box
-        bottom = top + height
-        rows = y.ticks(max(int(height / 36), 3))
-        _, places = self.place(np.full(len(rows), x.low), np.array(rows))
-        picture.axes += [f"M{_units(left)} {place}h{_units(width)}" for place in places]
-        picture.ticks += [
-            ("end", _units(left - 5), place + _units(4), f"{row:g}") for row, place in zip(rows, places, strict=True)
-        ]
-        picture.write("name", 2, top - 6, y.label)
-        picture.axes.append(f"M{_units(left)} {_units(top)}v{_units(height)}h{_units(width)}")
-        if along:
-            columns = x.ticks(max(int(width / 60), 2))
-            places, _ = self.place(np.array(columns), np.full(len(columns), y.low))
-            picture.axes += [f"M{place} {_units(bottom)}v{_units(_TICK)}" for place in places]
-            picture.ticks += [
-                ("middle", place, _units(bottom + 15), f"{column:g}")
-                for column, place in zip(columns, places, strict=True)
-            ]
-            picture.write("name end", left + width, bottom + 31, x.label)
+
+    def ticks_of_y(self, few: bool) -> None:
+        """Numbers left of the axes, and lines along them unless they are few."""
+        left, top, width, height = self.box
+        rows = self.y.ticks(2 if few else max(int(height / 36), 3))
+        _, places = self.place(np.full(len(rows), self.x.low), np.array(rows))
+        self._number("end", np.full(len(rows), _units(left - 5)), places + _units(4), rows, self.y.label * few)
+        if not few:
+            self.picture.axes += [f"M{_units(left)} {place}h{_units(width)}" for place in places]
+            self.picture.write("name", 2, top - 6, self.y.label)
+
+    def ticks_of_x(self, few: bool) -> None:
+        """Numbers below the axes."""
+        left, top, width, height = self.box
+        bottom, columns = top + height, self.x.ticks(3 if few else max(int(width / 60), 2))
+        places, _ = self.place(np.array(columns), np.full(len(columns), self.y.low))
+        self._number("middle", places, np.full(len(places), _units(bottom + 15)), columns, self.x.label * few)
+        self.picture.axes += [f"M{place} {_units(bottom)}v{_units(_TICK)}" for place in places]
+        if not few:
+            self.picture.write("name end", left + width, bottom + 31, self.x.label)
+
+    def _number(self, anchor: str, x: np.ndarray, y: np.ndarray, values: Sequence[float], unit: str) -> None:
+        words = [f"{value:g}" for value in values]
+        if words and unit:
+            words[-1] += f" {unit}"
+        self.picture.ticks += [(anchor, *place) for place in zip(x.tolist(), y.tolist(), words, strict=True)]
 
     def place(self, x: Floats, y: Floats) -> tuple[np.ndarray, np.ndarray]:
         """In whole units of the picture."""
@@ -109,7 +123,8 @@ class Panel:
         """A line through the points, with no more than about `most` of them; it breaks where a number is NaN."""
         known, path = np.flatnonzero(np.isfinite(y)), ""
         for part in np.split(known, np.flatnonzero(np.diff(known) > 1) + 1) if len(known) else ():
-            kept = part[thinned(x[part] / (self.x.high - self.x.low), y[part] / (self.y.high - self.y.low), most)]
+            across, down = x[part] / (self.x.high - self.x.low), y[part] / (self.y.high - self.y.low)
+            kept = part[thinned(across, down, max(most * len(part) // len(known), 2))]
             first, *steps = _steps(*self.place(x[kept], y[kept]))
             path += f"M{first}l{' '.join(steps)}" if steps else f"M{first}z"
         self._layer(kind, path, colour)
@@ -123,7 +138,8 @@ class Panel:
         """(n, 3) lower ends, middles and upper ends along both axes."""
         across, down = self.place(x, y)
         parts = [
-            f"M{a} {m}H{b}M{k} {c}V{d}" for (a, k, b), (c, m, d) in zip(across.tolist(), down.tolist(), strict=True)
+            (f"M{a} {m}H{b}" if a < b else "") + (f"M{k} {c}V{d}" if d < c else "")
+            for (a, k, b), (c, m, d) in zip(across.tolist(), down.tolist(), strict=True)
         ]
         self._layer(kind, "".join(parts), colour)
 
@@ -148,37 +164,47 @@ class Panel:
 
 
 def curve_svg(
-    lines: CurveLines, width: float = WIDTH, height: float = HEIGHT, *, points: int = POINTS, words: bool = True
+    lines: CurveLines, width: float = WIDTH, height: float = HEIGHT, *, points: int = POINTS, brief: bool = False
 ) -> Markup:
     """The picture of a curve: measured points, the simulation over them, and below what is left between, with a band of
     ± RMSE. Without an answer it says so.
 
-    width and height: px; type keeps its size. points: about so many are drawn. words: with the key and t*.
+    width and height: px; type keeps its size. points: about so many are drawn. brief: of fewer bytes, without residual,
+    key and t*, and half as high.
     """
+    if brief:
+        return _brief(lines, width, height / 2, points)
     compared = len(lines.residual) > 0
     label = f"measured radius over time{f', {lines.simulated_as} and residual' if compared else ''}"
-    picture, t_star = Picture(width, height, label), lines.t_star_axis if words else None
-    x = lines.time_axis if words else lines.x
-    top = _ROW * (1 + words) + 2
+    picture, top = Picture(width, height, label), 2 * _ROW + 2
     across, inner = width - _LEFT - _RIGHT, height - _BELOW - top
     lower = round(0.26 * (inner - _ROW)) if compared else 0
     upper = inner - lower - (_ROW + 4) * compared
-    panel = picture.panel((_LEFT, top, across, upper), x, lines.y, along=not compared)
+    panel = picture.panel((_LEFT, top, across, upper), lines.time_axis, lines.y, along=not compared)
     _radii(panel, lines, points)
     if compared:
         box = _LEFT, height - _BELOW - lower, across, lower
-        _residuals(picture.panel(box, x, lines.difference), lines, points // 5)
-        if words and lines.rmse:
+        _residuals(picture.panel(box, lines.time_axis, lines.difference), lines, points // 5)
+        if lines.rmse:
             told = f"band: ± RMSE = {digits.significant(lines.rmse, 2)} %"
             picture.write("residual end", width - _RIGHT, box[1] - 6, told)
-    if t_star:
-        panel.along_top(t_star)
-    if words:
-        _key(picture, lines)
-    elif not lines.answered:
-        picture.write("failed end", width - _RIGHT, _ROW - 5, "no answer")
+    if axis := lines.t_star_axis:
+        panel.along_top(axis)
+    _key(picture, lines)
     if not len(lines.time):
         picture.write("name middle", _LEFT + across / 2, top + upper / 2, "no measured radius")
+    return picture.svg
+
+
+def _brief(lines: CurveLines, width: float, height: float, points: int) -> Markup:
+    """Units stand at the last numbers, not at the axes."""
+    picture = Picture(width, height, "R(t)")
+    box = _LEFT, 6, width - _LEFT - _RIGHT, height - 6 - 20
+    units = [axis.label.partition("(")[2].rstrip(")") for axis in (lines.x, lines.y)]
+    panel = picture.panel(box, replace(lines.x, label=units[0]), replace(lines.y, label=units[1]), few=True)
+    _radii(panel, lines, points)
+    if not lines.answered or not len(lines.time):
+        picture.write("failed end", width - _RIGHT, 22, "no answer" if len(lines.time) else "no measured radius")
     return picture.svg
 
 
