@@ -7,21 +7,20 @@ The answer is the picture of the report of soft_gel[1].
 
 from __future__ import annotations
 
-import re
 import shutil
-from base64 import b64decode
 from pathlib import Path
-from tempfile import TemporaryDirectory
 
 from playwright.sync_api import sync_playwright
 
 from cavirheo import infer, read_curves
 from cavirheo.app import steps
 from cavirheo.app.server import running
-from cavirheo.reporting import write_report
+from cavirheo.reporting.answer import curve_record
+from cavirheo.reporting.curve_lines import answer_lines
+from cavirheo.reporting.svg import curve_svg
 
 ROOT = Path(__file__).parents[1]
-ANSWER = ROOT / "src" / "cavirheo" / "app" / "examples" / "answer.webp"
+ANSWER = ROOT / "src" / "cavirheo" / "app" / "examples" / "answer.svg"
 SIZE = {"width": 1260, "height": 1170}
 SHOT = "soft_gel.csv"
 
@@ -45,13 +44,10 @@ def check(address: str, path: Path) -> None:
 
 
 def answer(path: Path) -> None:
-    """The first shot's picture of a report, as it is embedded there."""
+    """The first shot's picture of a report, as it stands there."""
     curve = read_curves(steps.examples()[SHOT])[0]
-    with TemporaryDirectory() as folder:
-        write_report(folder, [(curve, infer(curve))], "")
-        page = (Path(folder) / "report.html").read_text(encoding="utf-8")
-    (picture,) = re.findall(r'src="data:image/\w+;base64,([^"]+)"', page)
-    path.write_bytes(b64decode(picture))
+    answer = infer(curve)
+    path.write_text(curve_svg(answer_lines(curve, answer.checks, curve_record(curve, answer))), encoding="utf-8")
 
 
 if __name__ == "__main__":

@@ -181,12 +181,12 @@ def test_five_steps_on_a_shipped_example(visit, tmp_path):
     assert fits_the_screen(page)
 
     page.click("#to-prepare")
-    page.wait_for_selector("#prepared .js-plotly-plot")
+    page.wait_for_selector("#prepared svg.picture")
     for k in (2, 4, 5):
         page.get_by_label(f"soft_gel[{k}]", exact=True).uncheck()
     page.fill("#density input", "1050")
     page.press("#density input", "Tab")
-    page.wait_for_selector("#dropped li")
+    page.wait_for_selector("#prepared li")
 
     page.click("#to-infer")
     page.click("#infer")
@@ -279,7 +279,7 @@ def test_many_shots_in_three_clicks_on_a_phone_and_a_stop(visit, tmp_path):
         page.wait_for_selector(shown)
         assert fits_the_screen(page)
     page.get_by_role("tab", name="2 Prepare").click()
-    page.wait_for_selector("#prepared .js-plotly-plot")
+    page.wait_for_selector("#prepared svg.picture")
     assert fits_the_screen(page)
     tabs = page.locator("#steps [role=tab]")
     heights = tabs.evaluate_all("all => all.map(one => one.getBoundingClientRect().height)")
@@ -670,7 +670,7 @@ def test_the_keyboard_goes_the_whole_way(visit):
     for wanted, shown in (
         ("#upload *", "#upload"),
         ("button.sm", "#found table"),  # the first example
-        ("#to-prepare", "#prepared .js-plotly-plot"),
+        ("#to-prepare", "#prepared svg.picture"),
         ("#density input", "#density"),
         ("#to-infer", "#infer"),
         ("#infer", "#to-check:enabled"),
@@ -708,7 +708,7 @@ def test_no_rule_of_axe_is_violated_on_any_step(visit, size, monkeypatch):
     page.wait_for_selector("#overview .js-plotly-plot")
     look(1)
     page.click("#to-prepare")
-    page.wait_for_selector("#prepared .js-plotly-plot")
+    page.wait_for_selector("#prepared svg.picture")
     look(2)
     page.fill("#density input", "1,050")
     page.wait_for_selector("#density :text('two ways')")
@@ -752,7 +752,7 @@ def test_stop_goes_when_a_run_raises(visit):
     page.get_by_role("button", name="soft_gel.csv").click()
     page.wait_for_selector("#overview .js-plotly-plot")
     page.click("#to-prepare")
-    page.wait_for_selector("#prepared .js-plotly-plot")
+    page.wait_for_selector("#prepared svg.picture")
     for k in range(1, 6):
         page.get_by_label(f"soft_gel[{k}]", exact=True).uncheck()
     page.click("#to-infer")

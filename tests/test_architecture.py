@@ -187,4 +187,4 @@ def test_the_way_from_the_command_to_the_report_is_short(run, tmp_path):
     stations = [room for room in way if room != "verbs"]
     # files are found; options are checked; read; the documents' places are tried; answered, verified; held together;
     # documents; table
-    assert stations == ["reading", "inference", "reading", "reporting", "inference", *["reporting"] * 3]
+    assert stations == ["reading", "inference", "reading", "reporting", "inference", *["reporting"] * 2]

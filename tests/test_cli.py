@@ -60,7 +60,8 @@ def test_the_main_job(run, tmp_path):
     assert row["provenance"]["medium"]["density"] == 998.0
     assert result["groups"][0]["n"] == result["groups"][0]["n_trusted"] == 5
     assert (tmp_path / "result" / "report.html").read_text().startswith("<!doctype html>")
-    assert len(list((tmp_path / "result").glob("*.png"))) == 5
+    assert (tmp_path / "result" / "report.html").read_text().count("<svg") == 5 + 3  # the group's shots and answers
+    assert not list((tmp_path / "result").glob("*.png"))
 
 
 def test_options_reach_the_answer(run, shot):

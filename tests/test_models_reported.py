@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from scipy.stats import binom
-from test_reporting import COMMAND, KILOPASCAL, Page, answer, bubble, curve_picture, printed, words
+from test_reporting import COMMAND, KILOPASCAL, Page, answer, bubble, figure, lines_of_group, printed, words
 
 from cavirheo.companions.published.comparison import Comparison, compared_set, markdown
 from cavirheo.companions.published.references import ReferenceSet
@@ -18,7 +18,7 @@ from cavirheo.companions.rheometer.document import beside as rheometer_rows
 from cavirheo.companions.rheometer.document import rheometry
 from cavirheo.physics.bubble import Bubble
 from cavirheo.posterior import Evidence, OtherAnswer, Posterior
-from cavirheo.reporting import picture, read_json, result, table, write_report
+from cavirheo.reporting import read_json, result, table, write_report
 from cavirheo.reporting.group import slope, theil_sen
 from cavirheo.reporting.html import groups_table
 from cavirheo.writing import terminal
@@ -71,7 +71,7 @@ def test_the_model_stands_in_table_page_picture_and_csv(tmp_path):
     assert (row["bubble"]["contents"], row["bubble"]["damage"]) == ("kinetic", "first-rebound")
     assert row["other_parameters"]["accommodation"]["median"] == pytest.approx(0.07, abs=0.005)
     assert KINETIC.sentence in " ".join(printed(document, 80).split())
-    assert "nhkv, bubble wi" in " ".join(words(curve_picture(curve, posterior)))
+    assert "nhkv, bubble wi" in " ".join(words(figure(curve, posterior)))
     page = " ".join("".join(Page((tmp_path / "report.html").read_text(encoding="utf-8")).text).split())
     assert KINETIC.sentence in page
     assert "condenses at a finite rate" in page
@@ -181,10 +181,9 @@ def test_the_viscosity_of_a_law_that_thins_is_given_at_a_rate():
 def test_the_shots_of_any_law_have_a_picture(material, values):
     pairs = [(curve, with_parameters(answer(curve), material, **values)) for curve in shots()[:2]]
     document = result(pairs, COMMAND)
-    drawn = picture.group_picture(pairs, document.curves, document.groups[0], KILOPASCAL)
-    points = [axes.collections[2].get_offsets() for axes in drawn.axes[1:] if len(axes.collections) > 2]
-    assert points
-    assert all(np.isfinite(values).all() and len(values) == 2 for values in points)
+    panels = lines_of_group(pairs, document).answers
+    assert panels
+    assert all(np.isfinite([one.across, one.up]).all() and len(one.up) == 2 for one in panels)
     assert max(map(len, printed(document, 80).splitlines())) <= 80
 
 
@@ -203,8 +202,8 @@ def test_a_law_that_thins_and_one_that_does_not_are_drawn_together():
     pairs = list(zip(curves, made, strict=True))
     document = result(pairs, COMMAND)
     assert document.groups[0].models == {"nhkv, field": 2, "power-law, field": 2}
-    *_, over_size, _ = picture.group_picture(pairs, document.curves, document.groups[0], KILOPASCAL).axes
-    assert np.isfinite(over_size.collections[2].get_offsets()).all()
+    over_size = lines_of_group(pairs, document).answers[-1]
+    assert np.isfinite([over_size.across, over_size.up]).all()
     assert "different models" in printed(document, 100)
 
 
@@ -236,10 +235,9 @@ def test_a_viscosity_that_grows_with_the_bubble_is_said():
     steady = " ".join(printed(result(group(0.0), COMMAND), 80).split())
     assert "no change of" in steady
     assert "doubt the law" not in steady
-    drawn = picture.group_picture(pairs, document.curves, about, KILOPASCAL)
-    over_size = drawn.axes[2]
-    assert found.words in over_size.lines[0].get_label()
-    x, y = over_size.lines[0].get_xydata().T
+    over_size = lines_of_group(pairs, document).answers[1]
+    assert found.words in over_size.slope_words
+    x, y = over_size.slope.T
     assert np.polyfit(np.log(x), np.log(y), 1)[0] == pytest.approx(found.median)
 
 
@@ -252,8 +250,7 @@ def test_where_few_shots_are_trusted_the_slope_is_of_those_that_the_model_misses
     assert "1 of them trusted" in " ".join(about.remarks)
     pairs[0] = pairs[1]  # none is trusted
     document = result(pairs, COMMAND)
-    line = picture.group_picture(pairs, document.curves, document.groups[0], KILOPASCAL).axes[2].lines[0]
-    assert np.isfinite(line.get_xydata()).all()
+    assert np.isfinite(lines_of_group(pairs, document).answers[1].slope).all()
     assert 1.8 < about.slopes["viscosity"].median < 3.0
     (trusted,) = result(group(2.4), COMMAND).groups
     assert trusted.slopes["viscosity"].n_trusted == 7

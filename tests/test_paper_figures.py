@@ -13,7 +13,7 @@ pytest.importorskip("matplotlib")
 
 import cavirheo
 from cavirheo import InputError
-from cavirheo.reporting import paper, write_report
+from cavirheo.reporting import figures, write_report
 from cavirheo.reporting.laws import ComparedLaws, WeighedLaw, WeighedLaws
 from cavirheo.reporting.record import result
 from cavirheo.writing import style
@@ -47,7 +47,10 @@ def weighed(**evidence):
 def drawn(pairs):
     """(name, figure) of all kinds."""
     laws = weighed(nhkv=-10.0, newtonian=-400.0, a_law_with_a_name_that_goes_on_and_on=-12.5)
-    return [*paper.figures(pairs, result(pairs, "x")), ("paper-laws", paper.laws_figure(laws))]
+    document = result(pairs, "x")
+    stems = figures.paper_names([row.name for row in document.curves], [one.name for one in document.groups])
+    made = [draw() for _, draw in figures.drawn(pairs, document, figures.PAPER)]
+    return [*zip(stems, made, strict=True), ("paper-laws", figures.laws_figure(laws))]
 
 
 def test_every_answer_and_group_is_drawn(pairs, drawn):
@@ -93,7 +96,7 @@ def test_legible_in_grey(drawn):
 
 
 def test_the_order_of_laws_is_that_of_their_evidence():
-    figure = paper.laws_figure(weighed(best=-5.0, worst=-90.0, middle=-9.0))
+    figure = figures.laws_figure(weighed(best=-5.0, worst=-90.0, middle=-9.0))
     assert [label.get_text() for label in figure.axes[0].get_yticklabels()] == ["worst", "middle", "best"]
 
 
@@ -102,7 +105,7 @@ def test_files(pairs, tmp_path):
     from PIL import Image
 
     for folder in ("a", "b"):
-        write_report(tmp_path / folder, pairs, "x", (), paper=True)
+        write_report(tmp_path / folder, pairs, "x", ("paper",))
     stem = tmp_path / "a" / "paper-soft_gel_1"
     with Image.open(stem.with_suffix(".png")) as image:
         assert image.size[0] == pytest.approx(84 / 25.4 * 300, abs=1)
@@ -115,22 +118,22 @@ def test_files(pairs, tmp_path):
     made = sorted(path.name for path in (tmp_path / "a").glob("paper-*"))
     assert len(made) == 6 * 3
     assert all((tmp_path / "a" / name).read_bytes() == (tmp_path / "b" / name).read_bytes() for name in made)
-    write_report(tmp_path / "a", pairs, "x", ())  # the same folder, without them
+    write_report(tmp_path / "a", pairs, "x")  # the same folder, without them
     assert not list((tmp_path / "a").glob("paper-*"))
 
 
 def test_a_users_file_is_not_replaced(pairs, tmp_path):
     (tmp_path / "paper-soft_gel_2.pdf").write_text("mine")
     with pytest.raises(InputError, match=r"paper-soft_gel_2\.pdf"):
-        write_report(tmp_path, pairs, "x", paper=True)
+        write_report(tmp_path, pairs, "x", ("paper",))
     assert not (tmp_path / "result.json").exists()
 
 
 @pytest.mark.parametrize("verb", ["infer", "fit", "which-law"])
 def test_another_word_is_refused(verb, run):
     status, _, said = run(verb, EXAMPLE, "--figures", "poster", "-o", "out")
-    assert (status, said) == (2, "error: --figures must be 'paper', got 'poster'\n")
+    assert (status, said) == (2, "error: --figures must be of png, svg, pdf, paper, got 'poster'\n")
 
 
 def test_names_do_not_collide():
-    assert len(set(paper.names(["a", "group-a", "a"], ["a"]))) == 4
+    assert len(set(figures.paper_names(["a", "group-a", "a"], ["a"]))) == 4

@@ -15,9 +15,10 @@ from cavirheo.inference.population.scatter import SPREAD, STRAY, WIDE
 from cavirheo.inference.verify.evidence import ranked
 from cavirheo.posterior import Checks, Evidence, Posterior
 from cavirheo.reading.column import LOG_SIZE, with_column
-from cavirheo.reporting import html, picture, read_json, result, table
+from cavirheo.reporting import html, read_json, result, table
+from cavirheo.reporting.group_lines import group_lines
 from cavirheo.reporting.laws import Laws, print_table, records
-from cavirheo.reporting.paper import group_figure
+from cavirheo.reporting.svg import group_svg
 from cavirheo.writing.document import Quantity, Spread, write_json
 
 NAMES = ("log10_shear_modulus", "log10_viscosity")
@@ -401,49 +402,39 @@ def test_the_material_is_the_first_that_is_seen(reported, capsys, tmp_path):
     assert page.index("shots count") < page.index(escape(apart.words)) < page.index("<table")
 
 
-@pytest.mark.needs("matplotlib")
 def test_the_picture_has_the_materials_contour(reported):
     pairs, document = reported
     contour = document.groups[0].population.contour(0.5)
     inside = np.log10(contour).mean(axis=0)
     assert np.allclose(inside, CENTRE[::-1], atol=0.1)
-    drawn = picture.group_picture(pairs[:6], document.curves[:6], document.groups[0], document.modulus_unit)
-    labels = {text for axes in drawn.axes for text in axes.get_legend_handles_labels()[1]}
-    assert {"material", "90 % of shots", "IMR"} <= labels
+    answers = lines_of_group(pairs[:6], document.curves[:6], document).answers[0]
+    assert [mark.name for mark in answers.marks] == ["material", "IMR"]
+    assert len(answers.contour) > 100
+    assert "90 % of shots" in group_svg(lines_of_group(pairs[:6], document.curves[:6], document))
 
 
-@pytest.mark.needs("matplotlib")
-@pytest.mark.parametrize("paper", [False, True])
-def test_axes_begin_at_zero_only_where_answers_are_far_apart(reported, paper):
-    """Else all that is drawn lies close within the limits, the contour above the shots."""
+def lines_of_group(pairs, rows, document):
+    shots = [(curve, one.checks, row) for (curve, one), row in zip(pairs, rows, strict=True)]
+    return group_lines(shots, document.groups[0], document.modulus_unit)
+
+
+def test_axes_begin_at_zero_only_where_answers_are_far_apart(reported):
+    """Else all that is drawn lies close within the limits."""
     pairs, document = reported
     group, rows = document.groups[0], document.curves[:6]
-
-    def drawn(rows):
-        shots = [(curve, one.checks, row) for (curve, one), row in zip(pairs[:6], rows, strict=True)]
-        unit = document.modulus_unit
-        figure = group_figure(shots, group, unit) if paper else picture.group_picture(pairs[:6], rows, group, unit)
-        return next(one for one in figure.axes[1:] if one.get_xlabel() and one.get_ylabel())
-
-    axes = drawn(rows)
-    assert min(axes.get_xlim()[0], axes.get_ylim()[0]) > 0
+    answers = lines_of_group(pairs[:6], rows, document).answers[0]
+    assert min(answers.x.low, answers.y.low) > 0
     contour = group.population.contour() * [1.0, document.modulus_unit[0]]
     ends = [(one.viscosity_Pa_s.q05, document.modulus_unit[0] * one.shear_modulus_Pa.q05) for one in rows]
-    values = (
-        [] if paper else [(one["viscosity"].mean, 1e-3 * one["shear_modulus"].mean) for one in group.published.values()]
-    )
-    shown = np.vstack([contour, ends, *values])
-    for (low, high), (first, last) in zip(
-        (axes.get_ylim(), axes.get_xlim()), np.transpose([shown.min(0), shown.max(0)]), strict=True
-    ):
-        assert low < first
-        assert last < high
-        assert last - first > 0.4 * (high - low)
-    (line,) = [one for one in axes.lines if one.get_label() == "90 % of shots"]
-    assert line.zorder == 3
+    values = [(one["viscosity"].mean, 1e-3 * one["shear_modulus"].mean) for one in group.published.values()]
+    shown = np.vstack([contour, ends, values])
+    for axis, first, last in zip((answers.y, answers.x), shown.min(0), shown.max(0), strict=True):
+        assert axis.low < first
+        assert last < axis.high
+        assert last - first > 0.4 * (axis.high - axis.low)
     small = Quantity(median=1e2, q05=5e1, q95=2e2)
-    far = drawn([rows[0].model_copy(update={"shear_modulus_Pa": small}), *rows[1:]])
-    assert far.get_xlim()[0] == 0 < far.get_ylim()[0]
+    far = lines_of_group(pairs[:6], [rows[0].model_copy(update={"shear_modulus_Pa": small}), *rows[1:]], document)
+    assert far.answers[0].x.low == 0 < far.answers[0].y.low
 
 
 def test_points_and_single_shots_have_no_material():

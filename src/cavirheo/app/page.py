@@ -17,7 +17,7 @@ from cavirheo.app.events import AT_ONCE, LATEST, button, html, line, plot
 from cavirheo.app.session import PageSettings, Session, Visitors
 from cavirheo.errors import InputError, require
 from cavirheo.inference import DEFAULT
-from cavirheo.inference.what_if import band, seen
+from cavirheo.inference.what_if import band
 from cavirheo.physics.media import MEDIA
 from cavirheo.reading.camera import Camera
 from cavirheo.reporting import browser_figures as plots
@@ -119,7 +119,7 @@ class Page(film.FilmPart):
                     self._numbers("pressure", "temperature")
             with gr.Column(scale=3, min_width=300):
                 self.shown = gr.Dropdown(label="Shot shown")
-                self.prepared, self.dropped = plot(), html()
+                self.prepared = html()
         self.to_infer = button("Go on")
 
     def _numbers(self, *names: str) -> None:  # in fields for text: an empty gr.Number stalls the page
@@ -186,7 +186,7 @@ class Page(film.FilmPart):
         asked.success(None, js=_FOCUS.format("keep"), api_visibility="private")
         self.on(self.keep.click, lambda _: gr.Column(visible=False), [], [self.sure])
         self.on(self.delete.click, self._clear, [], shown)
-        viewed = [self.prepared, self.dropped]
+        viewed = [self.prepared]
         self.on(self.shown.change, self._view, [self.shown], viewed, works=True, **LATEST)
         # a reload sets one by one, which is no input; a text that is pasted is none either
         kinds = [one.change if isinstance(one, gr.Textbox) else one.input for one in settings]
@@ -309,15 +309,8 @@ class Page(film.FilmPart):
         return self._loaded(session)
 
     def _view(self, session: Session, name: str | None, **_: Any) -> list[Any]:
-        for curve in (one for one in session.curves if one.name == name):
-            try:
-                return [
-                    plots.prepared(curve, seen(curve, *session.settings_of(curve.name).compared)),
-                    words.prepared(curve),
-                ]
-            except InputError as error:
-                return [None, words.prepared(curve, error)]
-        return [None, ""]
+        shown = (one for one in session.curves if one.name == name)
+        return [next((words.prepared(one, session.settings_of(one.name)) for one in shown), "")]
 
     def _changed(self, session: Session, name: str | None, *settings: Any) -> list[Any]:
         session.prepare(_settings(settings))

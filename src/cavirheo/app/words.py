@@ -2,22 +2,24 @@
 
 from __future__ import annotations
 
-from base64 import b64encode
 from collections.abc import Sequence
 from importlib.metadata import version
 from importlib.resources import files
 from typing import Any
 
-from cavirheo.app.session import YOURS, Answers, Session
+from cavirheo.app.session import YOURS, Answers, PageSettings, Session
 from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError
 from cavirheo.inference import AUTO, DEFAULT
 from cavirheo.inference.model import card, shipped
+from cavirheo.inference.what_if import seen
 from cavirheo.reporting import html
 from cavirheo.reporting.answer import CurveRecord, curve_record, parameter_key
 from cavirheo.reporting.citation import TITLE, methods_if_any
+from cavirheo.reporting.curve_lines import preview_lines
 from cavirheo.reporting.input_remarks import causes, cells, notes, pooled, warnings
 from cavirheo.reporting.record import result_of
+from cavirheo.reporting.svg import curve_svg
 from cavirheo.writing import digits
 from cavirheo.writing.terminal import once
 
@@ -33,9 +35,7 @@ def part(name: str, *given: Any) -> str:
 
 def style() -> str:
     """The style of the page: that of the report for all that stands in .report, and its own."""
-    places = {"cavirheo.reporting": "report.css", "cavirheo.app": "app.css"}
-    report, page = ((files(room) / name).read_text(encoding="utf-8") for room, name in places.items())
-    return f".report {{\n{report}}}\n{page}"
+    return f".report {{\n{html.style()}}}\n{script('app.css')}"
 
 
 def script(name: str) -> str:
@@ -44,8 +44,7 @@ def script(name: str) -> str:
 
 def welcome() -> str:
     """What to bring, whom to cite, and a picture of an answer."""
-    image = (files("cavirheo.app") / "examples" / "answer.webp").read_bytes()
-    return part("welcome", f"data:image/webp;base64,{b64encode(image).decode()}", f"{TITLE}, version {VERSION}")
+    return part("welcome", script("examples/answer.svg"), f"{TITLE}, version {VERSION}")
 
 
 _HERE = {  # by what stands in messages: an option of the command line or of Python, and what the page has for it
@@ -116,10 +115,15 @@ def warned(session: Session) -> str:
     return part("warned", {told(text): names for text, names in warnings(session.curves).items()})
 
 
-def prepared(curve: RadiusCurve, error: InputError | None = None) -> str:
-    """The warnings on a curve, or why it cannot be shown, and what was done to it."""
-    said = {str(error): [curve.name]} if error else warnings([curve])
-    return part("prepared", {told(text): names for text, names in said.items()}, notes([curve]))
+def prepared(curve: RadiusCurve, settings: PageSettings) -> str:
+    """A curve with the frames that are compared, or why it cannot be shown; the warnings on it, and what was done to
+    it."""
+    picture, said = "", warnings([curve])
+    try:
+        picture = curve_svg(preview_lines(curve, seen(curve, *settings.compared).curve))
+    except InputError as error:
+        said = {str(error): [curve.name]}
+    return part("prepared", picture, {told(text): names for text, names in said.items()}, notes([curve]))
 
 
 def answers(session: Session) -> str:
@@ -158,4 +162,4 @@ def facts(session: Session, name: str) -> str:
         times = (one.checks.compared_time for one in (answer, posterior))
         frames = [len(time) for time in times if time is not None]
     key = parameter_key(record.other_parameters)
-    return part("facts", table, frames, failed, html.article(0, record, factor, unit, ""), key)
+    return part("facts", table, frames, failed, html.article(record, factor, unit), key)

@@ -20,7 +20,6 @@ from plotly.subplots import make_subplots
 from cavirheo.arrays import Bools, Floats
 from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError
-from cavirheo.inference.reconstruct import Window
 from cavirheo.inference.what_if import Band
 from cavirheo.physics.media import Medium
 from cavirheo.posterior import Checks
@@ -77,19 +76,6 @@ def filmed(
             name=flag, hovertemplate="frame %{customdata}: %{y:.4g} " + unit,
         )  # fmt: skip
     figure.add_vline(x=1e6 * time[shown - first], line={"color": MEASURED, "width": 1.5})
-    return figure
-
-
-def prepared(curve: RadiusCurve, seen: Window) -> go.Figure:
-    """The frames of a curve, and those that are compared (`seen`)."""
-    figure = figure_of(_TIME, "R (µm)")
-    view = seen.curve
-    _measured(figure, curve, (curve.time >= view.time[0]) & (curve.time <= view.time[-1]))
-    spikes = np.isin(np.arange(len(curve.time)), curve.spikes())
-    _dots(figure, curve, spikes, "stands out, kept", VERMILLION, 11, symbol="circle-open", line={"width": 2})
-    _dots(figure, curve, np.isnan(curve.radius), "no radius", VERMILLION, 8, symbol="line-ns-open")
-    begin, end = 1e6 * (curve.time[0] - curve.time_of_max), 1e6 * (view.time[-1] - curve.time_of_max)
-    figure.update_xaxes(range=[max(begin, -0.5 * end), 1.25 * end])
     return figure
 
 

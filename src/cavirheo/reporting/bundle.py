@@ -19,7 +19,7 @@ from cavirheo.reporting.record import Pairs, Result
 from cavirheo.writing import digits
 from cavirheo.writing.document import LIST
 
-_PICTURES = ("png", "svg")
+_FIGURES = ("png", "svg")
 _ZIPPED = Once(3)  # a class with one demo file waits for one zip
 
 
@@ -40,11 +40,11 @@ def zipped(pairs: Pairs, document: Result, fits: Pairs, done: Callable[[], None]
 
 def write_bundle(folder: Path, pairs: Pairs, command: str, fits: Pairs, done: Callable[[], None], **about: Any) -> None:
     """What `write_report` writes into `folder`, of conventional fits into least-squares/, and the processed and
-    simulated curves as CSV. about: date, notes and published, as there. done: called after each picture. Raises as
+    simulated curves as CSV. about: date, notes and published, as there. done: called after each figure. Raises as
     `write_report`."""
-    document = write_report(folder, pairs, command, _PICTURES, done=done, **about)
+    document = write_report(folder, pairs, command, _FIGURES, done=done, **about)
     if fits:
-        write_report(folder / "least-squares", fits, f"{command}; then fit", _PICTURES, done=done, **about)
+        write_report(folder / "least-squares", fits, f"{command}; then fit", _FIGURES, done=done, **about)
     for one in (folder, folder / "least-squares"):
         (one / LIST).unlink(missing_ok=True)  # it tells one run from the next; a bundle is of one
     for kind in ("processed", "simulated"):

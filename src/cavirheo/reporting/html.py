@@ -1,61 +1,104 @@
 """report.html: one file that needs nothing else, for a colleague, a notebook or the printer.
 
-No request to anywhere: the style and the pictures stand in the page. Its text is in report.html and parts.html beside
-this module (jinja2), where every word from a file or a command line is escaped. Only the page of very many curves has a
-script (report.js), which sorts and filters the rows and draws the picture that is asked for.
+No request to anywhere: the style and the pictures (SVG) stand in the page. Its text is in report.html and parts.html
+beside this module (jinja2), where every word from a file or a command line is escaped. The script (report.js) of a page
+of several curves only sorts and filters them; all is there without it.
 """
 
 from __future__ import annotations
 
 import json
-from collections.abc import Iterable, Sequence
+from collections.abc import Mapping, Sequence
 from functools import cache
 from html import escape
 from importlib.resources import files
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from cavirheo.reporting import svg
 from cavirheo.reporting.answer import CurveRecord, described, meaning_of, parameter_key
 from cavirheo.reporting.group import GroupRecord
 from cavirheo.reporting.material import GroupDifference
 from cavirheo.reporting.record import Result
 from cavirheo.reporting.table import FITS, model_rows, window_cells, window_title
-from cavirheo.reporting.trace import MARK
 from cavirheo.writing import digits
 from cavirheo.writing.document import Quantity
 
 FOLDED = 6  # curves: of more each is folded to a line, which its link in the table opens
+DETAILED = 500  # curves: of more each has its row, message and picture
 
 if TYPE_CHECKING:
     from jinja2 import Environment, Template
+    from markupsafe import Markup
 
 
 def write(
     path: str | Path,
     result: Result,
-    pictures: Iterable[str] = (),
-    group_pictures: Iterable[str] = (),
+    pictures: Sequence[str] = (),
+    group_pictures: Sequence[str] = (),
     sheets: Sequence[str] = (),
-    many: bool = False,
 ) -> None:
-    """The page of a result, curve by curve; `pictures`, an image's address for each or none, may be drawn meanwhile.
+    """The page of a result, curve by curve; `pictures`: SVG of each curve, or in plain words why there is none.
 
     `group_pictures`: those that stand before the curves. `sheets`: of each curve all frames of its recording, or "".
-    `many`: with the script that sorts, filters and draws.
+    What is the same for all curves is said once; of more than DETAILED curves each has its row, message and picture.
     """
-    unit, drawn = result.modulus_unit, iter(pictures)
-    page = template("report.html")
-    page.stream(
+    curves, unit = result.curves, result.modulus_unit
+    shared, brief = _shared(curves), len(curves) > DETAILED
+    articles = []
+    for k, record in enumerate(curves):
+        picture, sheet = pictures[k] if pictures else "", sheets[k] if sheets else ""
+        told: Any = {"shared": frozenset(shared), "brief": brief, "number": k}
+        articles.append(article(record, *unit, picture, **told) + _part("frames", sheet))
+    page = template("report.html").render(
         result=result,
-        style=_beside("report.css"),
+        style=style(),
         unit=unit,
         group_pictures=group_pictures,
-        script=_beside("report.js") if many else "",
-        articles=(
-            article(k, record, *unit, next(drawn, "")) + _part("frames", sheets[k] if sheets else "")
-            for k, record in enumerate(result.curves)
-        ),
-    ).dump(str(path))
+        script=_beside("report.js") if len(curves) > FOLDED else "",
+        articles=articles,
+        pictured=bool(pictures),
+        shared=shared,
+        origin=_text(_common([one.provenance for one in curves if one.answered or not shared])),
+        brief=brief,
+    )
+    Path(path).write_text(page, encoding="utf-8")
+
+
+def _shared(curves: Sequence[CurveRecord]) -> dict[str, str]:
+    """What is the same for all of several curves that are answered, by its name."""
+    told = [
+        {
+            "material": digits.MATERIALS.get(one.material, one.material),
+            "bubble": one.bubble.sentence,
+            "method": digits.METHODS.get(one.method, one.method),
+            "stretch": one.diagnostics.stretch_source,
+            "file": one.source,
+        }
+        for one in curves
+        if one.answered
+    ]
+    return {name: text for name, text in _common(told).items() if text} if len(told) > 1 else {}
+
+
+def _common(parts: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
+    """The entries that all of these have alike."""
+    first, *others = parts or [{}]
+    return {key: value for key, value in first.items() if all(key in one and one[key] == value for one in others)}
+
+
+def _text(origin: Mapping[str, Any]) -> Markup:
+    """As JSON."""
+    from markupsafe import Markup
+
+    return Markup(escape(json.dumps(origin, indent=1, ensure_ascii=False), quote=False))  # quotes need six letters each
+
+
+def style() -> str:
+    """How tables, articles, verdicts and pictures look."""
+    badges = "".join(f".badge.{verdict} {{ background: {look.colour}; }}\n" for verdict, look in digits.LOOKS.items())
+    return _beside("report.css") + badges + svg.style()
 
 
 def _beside(name: str) -> str:
@@ -80,16 +123,26 @@ def reading(curves: Sequence[CurveRecord]) -> str:
     return _part("reading", curves)
 
 
-def article(number: int, record: CurveRecord, factor: float, unit: str, picture: str) -> str:
-    """All that is known of one curve and its answer; `picture`: the address of an image, a `trace`, why there is none,
-    or ""."""
-    from markupsafe import Markup
+def article(
+    record: CurveRecord,
+    factor: float,
+    unit: str,
+    picture: str = "",
+    *,
+    shared: frozenset[str] = frozenset(),
+    brief: bool = False,
+    number: int | None = None,
+) -> str:
+    """What is known of one curve and its answer.
 
-    origin = {"source": record.source, **record.provenance, "seconds": round(record.seconds, 3)}
-    text = escape(json.dumps(origin, indent=1, ensure_ascii=False), quote=False)  # quotes need six letters each
+    picture: SVG, why there is none, or "". shared: names of facts that are said elsewhere. brief: its message and its
+    picture alone. number: of the curve in the page, which has the provenance and the name itself; None elsewhere.
+    """
+    if brief:
+        return _part("brief_article", number, record, picture)
     windows = window_title([record], (factor, unit)), window_cells(record, (factor, unit))
-    more = *windows, model_rows(record, factor), Markup(text)
-    return _part("article", number, record, factor, unit, picture, *more)
+    origin = "" if number is not None else _text({"source": record.source, **record.provenance})
+    return _part("article", number, record, factor, unit, picture, *windows, model_rows(record, factor), shared, origin)
 
 
 def template(name: str, package: str = "cavirheo.reporting") -> Template:
@@ -121,6 +174,6 @@ def _templates(package: str) -> Environment:
         loader=PackageLoader(package, ""), autoescape=True, undefined=StrictUndefined,
         keep_trailing_newline=True, finalize=_printable,
     )  # fmt: skip
-    made.globals.update(digits=digits, LOOKS=digits.LOOKS, FITS=FITS, MARK=MARK, Quantity=Quantity, FOLDED=FOLDED)
+    made.globals.update(digits=digits, LOOKS=digits.LOOKS, FITS=FITS, Quantity=Quantity, FOLDED=FOLDED)
     made.globals.update(named_parameter=_named, meaning_of=meaning_of, parameter_key=parameter_key)
     return made

@@ -67,7 +67,7 @@ def fit(
     from cavirheo.writing.document import Outputs
 
     files = run.files(files)
-    paper = options.for_paper(figures)
+    drawn = options.figures_of(figures)
     options.check_verify(verify, reading.exposure_us, exact_law, files)
     require(not joint or verify == "none", "--verify looks at each shot by itself: leave out --joint, or --verify")
     one_work = "--joint is one fit of all shots, which is not spread: leave out --scheduler, or --joint"
@@ -93,4 +93,4 @@ def fit(
     after: dict[str, Any] = {"verify": verify, "discrepancy": not exact_law, **shared, **camera}
     with connected(scheduler, run.say) as executor:
         curves = run.read(files, liquid, reading, column)
-        run.report(curves, first, out, pictures=pictures, paper=paper, executor=executor, **after)
+        run.report(curves, first, out, pictures=pictures, figures=drawn, executor=executor, **after)

@@ -40,7 +40,7 @@ def infer(
     from cavirheo.writing.document import Outputs
 
     files = run.files(files)
-    paper, known = options.for_paper(figures), options.known_stretch(stretch)
+    drawn, known = options.figures_of(figures), options.known_stretch(stretch)
     options.check_verify(verify, reading.exposure_us, exact_law, files)
     check_models(model, material, bubbles, verify, known)
     network = network_of(model)
@@ -60,5 +60,5 @@ def infer(
         for bubble in bubbles or ():
             check_wall(bubble, curves)
         run.report(
-            curves, first, out, pictures=pictures, paper=paper, verify=after, executor=executor, **checked, **shared
+            curves, first, out, pictures=pictures, figures=drawn, verify=after, executor=executor, **checked, **shared
         )

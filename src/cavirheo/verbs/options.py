@@ -126,8 +126,9 @@ ExactLaw = Annotated[
 ]
 Seed = Annotated[int, Option(help="seed of the random draws of the intervals", min=0, max=2**64 - 1)]
 Pictures = Annotated[bool, Option("--pictures/--no-pictures", help="draw pictures; --no-pictures is faster")]
-_PAPER = "paper: each curve and group also as PDF, SVG and PNG (300 dpi), 84 and 174 mm wide"
-Figures = Annotated[str | None, Option(help=_PAPER)]
+FIGURES = ("png", "svg", "pdf", "paper")
+_FIGURES = "files of each curve and group: png, svg, pdf, or paper (all three, 84 and 174 mm wide), such as 'png,paper'"
+Figures = Annotated[str | None, Option(help=_FIGURES)]
 Quiet = Annotated[bool, Option("--quiet", help="print errors only, no table and no progress")]
 _TRUST = "I checked scale, frame rate and constants: report doubts, but keep the verdict"
 TrustInput = Annotated[bool, Option("--trust-input", help=_TRUST)]
@@ -332,14 +333,16 @@ def _number_or(word: str, option: str, text: str | None, kind: type) -> Any:
         raise InputError(f"{option} must be a number or {word!r}, got {text!r}") from None
 
 
-def for_paper(figures: str | None) -> bool:
-    """Whether figures for a paper are wanted. Raises InputError: another word, or no matplotlib."""
+def figures_of(words: str | None) -> tuple[str, ...]:
+    """The kinds of figures that are asked for as files. Raises InputError: another word, or no matplotlib."""
     from cavirheo.writing.style import available
 
-    require(figures in (None, "paper"), f"--figures must be 'paper', got {figures!r}", "option.figures")
+    kinds = tuple(dict.fromkeys(word.strip() for word in (words or "").split(",") if word.strip()))
+    unknown = ", ".join(kind for kind in kinds if kind not in FIGURES)
+    require(not unknown, f"--figures must be of {', '.join(FIGURES)}, got {unknown!r}", "option.figures")
     needed = '--figures needs matplotlib: pip install "cavirheo[plot]"'
-    require(figures is None or available(), needed, "style.no_matplotlib")
-    return figures is not None
+    require(not kinds or available(), needed, "style.no_matplotlib")
+    return kinds
 
 
 def check_verify(level: str, exposure_us: float | None, exact_law: bool, files: Iterable[Path] = ()) -> None:

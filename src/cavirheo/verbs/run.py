@@ -6,7 +6,7 @@ import shlex
 import sys
 import time
 from collections.abc import Callable, Sequence
-from contextlib import AbstractContextManager
+from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass
 from datetime import datetime
 from functools import partial
@@ -147,7 +147,7 @@ class Run:
         out: Path,
         *,
         pictures: bool = True,
-        paper: bool = False,
+        figures: Sequence[str] = (),
         verify: str = "none",
         executor: Executor | None = None,
         **settings: Any,
@@ -157,14 +157,11 @@ class Run:
         from cavirheo.answer_store import InOrder, Unfinished
         from cavirheo.parallel import Step, cores
         from cavirheo.reporting import outputs, write_report
-        from cavirheo.reporting.picture_files import prepare
         from cavirheo.reporting.record import Answered
         from cavirheo.reporting.table import print_table
         from cavirheo.writing import digits
 
-        folder = outputs(out, curves, ("png",) if pictures else (), paper=paper)
-        if pictures:
-            prepare()
+        folder = outputs(out, curves, figures)
         steps, kept = [first], Unfinished(out, shown=not self.quiet, executor=executor)
         if verify != "none":
             from cavirheo.inference.verify import verify_many
@@ -181,9 +178,8 @@ class Run:
                 write_report(out, pairs, self.command, date=self.date, notes=notes, complete=False)
             self.stop(note, out / "result.json" if asked else None)
         how: dict[str, Any] = {"date": self.date, "notes": self.notes, "draw": pictures, "workers": cores()}
-        how["paper"] = paper
-        with self.bar("drawing", len(curves) if pictures else 0) as advance:
-            result = write_report(out, pairs, self.command, done=advance, **how)
+        with self.bar("drawing", unit="figures") if figures else nullcontext() as advance:
+            result = write_report(out, pairs, self.command, figures, done=advance, **how)
         kept.remove()
         self.show(result, partial(print_table, asked=first.settings, out=out))
         failed = any(record.verdict in ("failed", "check_input") for record in result.curves)

@@ -80,8 +80,7 @@ def watch(
         run.stop(f"interrupted: {len(result.curves)} answered; the same command again goes on", out / "result.json")
     pairs, notes = watching.answered()
     how: dict[str, Any] = {"date": run.date, "notes": notes, "draw": pictures, "workers": cores()}
-    with run.bar("drawing", len(pairs) if pictures else 0) as advance:
-        result = write_report(out, pairs, run.command, done=advance, **how)
+    result = write_report(out, pairs, run.command, **how)
     run.show(result, print_table)
     run.unreadable = watching.unreadable
     failed = any(record.verdict in ("failed", "check_input") for record in result.curves)

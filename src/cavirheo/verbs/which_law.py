@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import nullcontext
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -40,26 +41,22 @@ def which_law(
     from cavirheo.inference.verify.evidence import explained, models, plans, ranked, weighed
     from cavirheo.parallel import cores
     from cavirheo.physics.bubble import REAL
+    from cavirheo.reporting.figures import laws_figure, paper_names, save
     from cavirheo.reporting.laws import Laws, firmly, print_table, records
-    from cavirheo.reporting.paper import laws_figure, write
-    from cavirheo.reporting.paper import names as file_names
-    from cavirheo.reporting.picture_files import prepare
     from cavirheo.writing import digits, document
 
     files = run.files(files)
-    paper = options.for_paper(figures)
+    drawn = options.figures_of(figures)
     names = [name.strip() for name in laws.split(",") if name.strip()]
     looked_at, known = options.window_of(window), options.stretch_of(stretch)
     chosen = models(names, many_bubbles or (REAL,))
     Options(window=looked_at, stretch=known)
     outputs = document.Outputs(out, "laws.json", inputs=files)
     report = document.Outputs(out, *reporting.DOCUMENTS, inputs=files)
-    if pictures:
-        prepare()
     with connected(scheduler, run.say) as executor:
         kept = Unfinished(out, shown=not run.quiet, executor=executor)
         curves = run.read(files, liquid, reading, column)
-        reporting.outputs(out, curves, ("png",) if pictures else (), paper=paper)
+        reporting.outputs(out, curves, drawn)
         how: dict[str, Any] = {"medium": liquid, "stretch": known, "seed": seed, "discrepancy": not exact_law}
         found = weighed(curves, plans(chosen, looked_at, reading.trust_input, **how), kept.answers)
     complete = [i for i in range(len(curves)) if all(i in answers for answers in found.values())]
@@ -74,15 +71,15 @@ def which_law(
         outputs.write("laws.json", document.write_json, made)
     if note:
         run.stop(note, out / "laws.json" if answered else None)
-    if paper:
-        stems = file_names([one.name for one in made.curves], [one.name for one in made.groups], "laws-")
+    if "paper" in drawn:
+        stems = paper_names([one.name for one in made.curves], [one.name for one in made.groups], "laws-")
         for stem, one in zip(stems, [*made.curves, *made.groups], strict=True):
-            write(outputs, stem, laws_figure(one))
+            save(outputs, stem, laws_figure(one))
     outputs.finish()
     pairs = list(zip(answered, explained(singles, groups), strict=True))
-    with run.bar("drawing", len(curves) if pictures else 0) as advance:
-        how = {"date": run.date, "draw": pictures, "workers": cores(), "paper": paper}
-        reporting.write_report(out, pairs, run.command, done=advance, notes=[*firmly(made), *notes], **how)
+    how = {"date": run.date, "draw": pictures, "workers": cores(), "notes": [*firmly(made), *notes]}
+    with run.bar("drawing", unit="figures") if drawn else nullcontext() as advance:
+        reporting.write_report(out, pairs, run.command, drawn, done=advance, **how)
     kept.remove()
     run.show(made, print_table)
     verdicts = {answer.checks.verdict for one in singles for answer in one.answers.values()}

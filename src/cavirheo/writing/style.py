@@ -5,16 +5,13 @@ matplotlib is optional (`pip install "cavirheo[plot]"`) and imported when the fi
 
 from __future__ import annotations
 
-import base64
-import io
 import logging
 import warnings
 from collections.abc import Sequence
-from functools import cache
 from importlib.util import find_spec
 from pathlib import Path
 from threading import Lock
-from typing import IO, TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -28,10 +25,8 @@ if TYPE_CHECKING:
     from PIL.Image import Image
 
 BLUE, VERMILLION, INK, BLACK, PALE = "#0072b2", "#d55e00", "#444444", "#222222", "#888888"
-BOX = "#f4f1ea"  # behind an answer
 NO_PICTURES = 'pictures are left out: matplotlib is not installed; pip install "cavirheo[plot]"'
 DPI = 150  # of PNG files
-FAR = 3.0  # largest over smallest, above which axes begin at zero
 _settings = Lock()  # matplotlib reads its settings from a global while it draws
 # Where it can write no home it takes a temporary folder, of which no user need hear.
 _HOMELESS = ("mkdir -p failed for path", "%s is not a writable directory", "Matplotlib created a temporary")
@@ -66,18 +61,6 @@ def new_axes(figure: Figure, place: tuple[float, float, float, float], x_label: 
     return axes
 
 
-def around(axes: Axes, *, x: bool = True) -> None:
-    """Limits about all that is drawn of positive quantities: with zero where the smallest is far below the largest,
-    else close, so that what differs by little lies apart. x: of that axis, too."""
-    seen = axes.dataLim
-    for (low, high), place in ((seen.intervaly, axes.set_ylim), (seen.intervalx, axes.set_xlim if x else None)):
-        if place is None or not np.isfinite([low, high]).all() or high <= 0.0:
-            continue
-        begin = 0.0 if low < high / FAR else low
-        margin = 0.1 * (high - begin) or 0.1 * high
-        place(max(begin - margin, 0.0), high + margin)
-
-
 def write(where: Any, x: float, y: float, text: str, *, size: float, color: str = "#111111", **how: Any) -> Any:
     """Text in fractions of a figure or of axes; never read as mathematics, whatever a file calls its curves."""
     place = {"transform": where.transAxes} if hasattr(where, "transAxes") else {}
@@ -103,55 +86,15 @@ def save_png(path: str | Path, figure: Figure) -> None:
     drawn(figure).save(path, dpi=(DPI, DPI), compress_level=1)
 
 
-def save_svg(file: str | Path | IO[bytes], figure: Figure) -> None:
-    """With text as text, and the same bytes each time."""
-    import matplotlib
-
-    with _settings, matplotlib.rc_context({"svg.fonttype": "none", "svg.hashsalt": "cavirheo"}):
-        figure.savefig(file, format="svg", metadata={"Date": None})
-
-
-PAPER = ("pdf", "svg", "png")
-
-
-def save_paper(path: str | Path, figure: Figure, kind: str) -> None:
-    """For print, as one of PAPER: 300 dots per inch, and the same bytes each time."""
+def save(path: str | Path, figure: Figure, kind: str, dpi: int = DPI) -> None:
+    """As "png", "svg" or "pdf": with text as text, and the same bytes each time."""
     import matplotlib
 
     fonts: Any = {"pdf.fonttype": 42, "svg.fonttype": "none", "svg.hashsalt": "cavirheo"}
     undated = {"pdf": {"CreationDate": None}, "svg": {"Date": None}, "png": {}}
-    with _settings, matplotlib.rc_context(fonts):
-        figure.savefig(path, format=kind, dpi=300, metadata=undated[kind])
-
-
-def compact(image: Image, plain: tuple[str, ...], tones: tuple[str, ...], steps: tuple[float, ...]) -> Image:
-    """In these colours alone, `plain` ones and `tones` in steps from white: a third of the bytes."""
-    from PIL.Image import Dither
-
-    return image.quantize(palette=_palette(plain, tones, steps), dither=Dither.NONE)
-
-
-@cache
-def _palette(plain: tuple[str, ...], tones: tuple[str, ...], steps: tuple[float, ...]) -> Image:
-    from matplotlib.colors import to_rgba_array
-    from PIL import Image
-
-    fractions = np.array(steps)[:, None, None]
-    faded = (1.0 - fractions * (1.0 - to_rgba_array(tones)[:, :3])).reshape(-1, 3)
-    colours = np.vstack([to_rgba_array(plain)[:, :3], faded])
-    image = Image.new("P", (1, 1))
-    image.putpalette((255 * colours).round().astype(int).ravel().tolist())
-    return image
-
-
-def address(image: Image) -> str:
-    """The image itself, as an address that a page can show: WebP is two thirds of PNG, where it is known."""
-    from PIL import features
-
-    file, kind = io.BytesIO(), "webp" if features.check("webp") else "png"
-    how = {"lossless": True, "quality": 50, "method": 2} if kind == "webp" else {"compress_level": 6}
-    image.convert("RGB" if kind == "webp" else image.mode).save(file, kind, **how)
-    return f"data:image/{kind};base64,{base64.b64encode(file.getvalue()).decode()}"
+    with _settings, matplotlib.rc_context(fonts), warnings.catch_warnings():
+        warnings.simplefilter("ignore", UserWarning)  # letters that the font lacks: they are drawn as boxes
+        figure.savefig(path, format=kind, dpi=dpi, metadata=undated[kind])
 
 
 def shades(fractions: Floats | Sequence[float]) -> np.ndarray:
