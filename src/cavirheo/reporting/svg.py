@@ -83,7 +83,7 @@ class Panel:
     def ticks_of_y(self, few: bool) -> None:
         """Numbers left of the axes, and lines along them unless they are few."""
         left, top, width, height = self.box
-        rows = self.y.ticks(2 if few else max(int(height / 36), 3))
+        rows = self.y.ticks(2 if few else max(int(height / 36), 4))
         _, places = self.place(np.full(len(rows), self.x.low), np.array(rows))
         self._number("end", np.full(len(rows), _units(left - 5)), places + _units(4), rows, self.y.label * few)
         if not few:
@@ -93,7 +93,7 @@ class Panel:
     def ticks_of_x(self, few: bool) -> None:
         """Numbers below the axes."""
         left, top, width, height = self.box
-        bottom, columns = top + height, self.x.ticks(3 if few else max(int(width / 60), 2))
+        bottom, columns = top + height, self.x.ticks(3 if few else max(int(width / 55), 2))
         places, _ = self.place(np.array(columns), np.full(len(columns), self.y.low))
         self._number("middle", places, np.full(len(places), _units(bottom + 15)), columns, self.x.label * few)
         self.picture.axes += [f"M{place} {_units(bottom)}v{_units(_TICK)}" for place in places]
@@ -151,7 +151,7 @@ class Panel:
     def along_top(self, axis: Axis) -> None:
         """The ticks of a second axis along the top."""
         left, top, width, _ = self.box
-        for tick in axis.ticks(max(int(width / 50), 2)):
+        for tick in axis.ticks(max(int(width / 45), 2)):
             place = left + width * (tick - axis.low) / (axis.high - axis.low)
             self.picture.axes.append(f"M{_units(place)} {_units(top)}v{_units(-_TICK)}")
             if left + 30 < place < left + width - 25:  # the ends are those of the axes' names
@@ -228,7 +228,8 @@ def _residuals(panel: Panel, lines: CurveLines, most: int) -> None:
 def _key(picture: Picture, lines: CurveLines) -> None:
     """What dots and lines are, in their colours, in the row at the top."""
     parts = [("measured", "● measured")] if lines.compared.any() else []
-    parts += [("outside", "● not compared")] if lines.answered and not lines.compared.all() else []
+    grey = lines.answered and not lines.compared.all() and picture.width >= WIDTH  # else there is no room
+    parts += [("outside", "● not compared")] if grey else []
     parts += [("outlier", "○ stands out, kept")] if len(lines.outliers) else []
     parts += [("missing", "| no radius")] if len(lines.missing) else []
     parts += [("simulated", f"— {lines.simulated_as}")] if len(lines.simulated_time) else []
