@@ -296,6 +296,17 @@ def test_bounds_and_values_of_one_material_agree():
     assert inside >= 4
 
 
+def test_a_value_that_a_single_shot_gives_is_not_that_of_the_material():
+    """Of ten shots nine only bound mu: so does the material, and it is no value with an interval."""
+    answers, _ = one_sided(10, 0.01, [0.0005] + [0.02] * 9, seed=2)
+    assert bounds(answers)[0] is None
+    assert bounds(answers).count("upper") >= 8
+    found = population(answers)
+    assert found.bound("viscosity") == "upper"
+    assert "µ below" in found.line
+    assert population(one_sided(5, 0.01, [0.001] * 2 + [0.02] * 3, seed=1)[0]).bound("shear_modulus") is None
+
+
 def test_a_shot_that_says_nothing_of_a_parameter_changes_nothing():
     known = shots(5)
     rng = np.random.default_rng(3)

@@ -202,6 +202,20 @@ def test_twenty_shots_that_do_not_fit_say_what_to_do_in_ten_lines():
     assert next_step(document, asked, Path("out")) == ""
 
 
+@pytest.mark.parametrize(
+    "how", [{"frames_left_out": 2}, {"at_bound": ("radius_scale",)}, {"at_bound": ("max_radius_factor",)}]
+)
+def test_where_the_recording_is_at_fault_no_other_law_is_proposed(how):
+    asked, command = {"material": "nhkv", "bubble": None}, "cavirheo infer a.mat --material nhkv -o out"
+    shots = [(curve := bubble(f"s{k}"), answer(curve, verdict="model_does_not_fit")) for k in range(4)]
+    faulty = [(curve, replace(one, diagnostics=Diagnostics(**how))) for curve, one in shots]
+    step = next_step(result(faulty, command), asked, Path("out"))
+    assert "look at the recording" in step
+    assert "s0, s1, s2 and 1 more" in step
+    assert "--material auto" not in step
+    assert "--material auto" in next_step(result(faulty[:1] + shots[1:], command), asked, Path("out"))
+
+
 def test_lines_of_several_groups_stay_apart():
     curves = [bubble(f"s{k}", group=name, source=name) for name in ("soft", "stiff") for k in range(2)]
     model = group.GroupModel(material="nhkv", bubble="field", n=2, shear_modulus_Pa=Spread(), viscosity_Pa_s=Spread())

@@ -139,7 +139,9 @@ class Diagnostics:
         correlations: by "name, name".
         frames: how many were compared.
         frames_per_independent_residual: how many frames count as one.
-        at_bound: parameters that ended at the end of the range searched.
+        at_bound: parameters that ended at the end of the range searched; clock, scale and R_max factor at the end of
+            what is expected of a recording.
+        frames_left_out: how many do not count, because they stand out or rise again as by another bubble.
         draws: how many were weighted.
         effective_sample_size: how many independent draws these are worth.
         tail_index: generalised Pareto shape of the largest weights.
@@ -159,6 +161,7 @@ class Diagnostics:
     frames: int | None = None
     frames_per_independent_residual: float | None = None
     at_bound: tuple[str, ...] = ()
+    frames_left_out: int | None = None
     draws: int | None = None
     effective_sample_size: float | None = None
     tail_index: float | None = None

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from cavirheo.arrays import Floats
+from cavirheo.bubble import FIELD, REAL
 from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError, SolverError
 from cavirheo.inference.experiment import Experiment
@@ -46,15 +47,21 @@ class AnswerTrial:
             end = seen(curve, model, material, medium, collapses).end
         else:
             end = window(curve, end=frames[-1] - curve.time_of_max).end
-        options = Options(None, end * (1.0 + 1e-9), None, tuple(FREE), bubble=posterior.bubble)
-        exposure = float(curve.exposure or 0.0)
         self.posterior = posterior
-        self.shot: Experiment = Experiment(curve, Family(posterior.material), medium, options, exposure=exposure)
+        family, exposure = Family(posterior.material), float(curve.exposure or 0.0)
+        self.shot, self.limit = (
+            Experiment(curve, family, medium, Options(None, end * (1.0 + 1e-9), None, tuple(FREE), bubble=bubble),
+                       exposure=exposure)
+            for bubble in (posterior.bubble, FIELD)
+        )  # fmt: skip
 
     def checks(self, given: Mapping[str, float]) -> Checks:
-        """With these parameters (natural name, SI) in place of those of the answer. Raises InputError, SolverError."""
+        """With these parameters (natural name, SI) in place of those of the answer; without any damping a real bubble
+        is taken as its limit, the field's (`Experiment.as_limit`). Raises InputError, SolverError."""
         check_stretch(given.get("stretch"))
-        return self.shot.checks(self.shot.from_best({**self.posterior.best, **given}), "ok", [])
+        at_limit = self.posterior.bubble == REAL and given.get("confinement_damping") == 0.0
+        shot = self.limit if at_limit else self.shot
+        return shot.checks(shot.from_best({**self.posterior.best, **given}), "ok", [])
 
     def band(self, level: float = 0.9) -> Band | None:
         """(s on the measurement's clock, lower and upper radius (m)) of the central part of what the draws simulate;

@@ -15,6 +15,7 @@ from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError
 from cavirheo.inference import input_checks
 from cavirheo.inference.population.material import relative_scatter
+from cavirheo.parameters import CAMERA
 from cavirheo.physics.media import WATER
 from cavirheo.reading.shots import stem_of
 from cavirheo.reporting.answer import CurveRecord
@@ -77,11 +78,23 @@ def unexplained(records: Sequence[CurveRecord]) -> int:
     return len(soft) + sum(one.verdict == "model_does_not_fit" for one in records)
 
 
+def at_fault(record: CurveRecord) -> bool:
+    """Whether the recording itself may be why no simulation follows: frames that do not count, or its clock, scale or
+    R_max at the end of what is expected."""
+    how = record.diagnostics
+    return bool(how.frames_left_out) or any(name in CAMERA for name in how.at_bound)
+
+
 def next_step(document: Result, asked: Mapping[str, Any], out: Path) -> str:
-    """The command that helps where most answers ask for another law or bubble; "" where none does. asked: the options
-    of `infer_many` or `fit_many`."""
+    """The command that helps where most answers ask for another law or bubble, or the recording to look at before;
+    "" where none does. asked: the options of `infer_many` or `fit_many`."""
     if "material" not in asked or asked.get("verify") == "none" or asked.get("joint"):
         return ""
+    unlike = [one for one in document.curves if one.verdict == "model_does_not_fit"]
+    if len(unlike) > len(document.curves) / 2 and all(map(at_fault, unlike)):
+        names = ", ".join(one.name for one in unlike[:3]) + f" and {len(unlike) - 3} more" * (len(unlike) > 3)
+        look = "µm per pixel, frame rate, the frames at R_max and those that stand out"
+        return f"next: look at the recording ({look}) before another model is tried: {names}"
     records, options = document.curves, []
     other, rejected = unexplained(records), sum(one.preferred is not None for one in records)
     if other > len(records) / 2 and asked["material"] != "auto":

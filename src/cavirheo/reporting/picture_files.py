@@ -77,7 +77,7 @@ def prepare() -> None:
         with suppress(Exception):  # what fails here is said where a picture is wanted
             style.drawn(CurvePicture().figure, DPI)
 
-    threading.Thread(target=load, daemon=True).start()
+    threading.Thread(target=load).start()  # waited for at the end: matplotlib aborts a process that ends below it
 
 
 _artist = cache(_Artist)  # of a process that only draws

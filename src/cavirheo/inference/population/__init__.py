@@ -17,7 +17,7 @@ from cavirheo.inference.population.likelihood import FEW, Likelihood, Likelihood
 from cavirheo.inference.population.material import Population
 from cavirheo.inference.population.scatter import Scatter
 from cavirheo.inference.verify.sampler import Sample
-from cavirheo.parameters import LOG10, about, natural_name, of_the_law
+from cavirheo.parameters import LOG10, Bound, about, natural_name, of_the_law
 from cavirheo.posterior import TRUSTED, Evidence, Posterior
 from cavirheo.prior import Prior
 from cavirheo.writing import digits
@@ -99,6 +99,7 @@ def population(
         slope=None if x is None else slope / unit,
         along_at=None if column is None else float(np.mean(column[kept])),
         prior={name: (float(a), float(b)) for name, a, b in zip(made["names"], low, high, strict=True)},
+        shots_bound=_shots_bound([answers[i] for i in kept], made["names"]),
         common=one.parts(_resampled(drawn_one, seed))[0],
         stray=several.strays(u[:: max(_DRAWS // 1000, 1)]), gain=_evidence(drawn, like.log_size),
         gain_of_one=_evidence(drawn_one, like.log_size), shot_evidence=tuple(answers[i].evidence for i in kept),
@@ -162,6 +163,16 @@ def _likelihood(answer: Posterior, law: Sequence[int]) -> Likelihood | None:
     log_weight = np.zeros(len(answer.theta)) if answer.log_weight is None else answer.log_weight
     bounds = [answer.bound(natural_name(name)) for name in names]
     return likelihood(answer.theta[:, law], log_weight, _log_prior(answer, law), bounds, _ends(answer, names))
+
+
+def _shots_bound(answers: Sequence[Posterior], names: Sequence[str]) -> dict[str, Bound]:
+    """Of each parameter that most shots only bound, and fewer than FEWEST determine: what most of the former say."""
+    found = {}
+    for name in names:
+        said = [bound for answer in answers if (bound := answer.bound(name))]
+        if len(answers) - len(said) < min(FEWEST, len(said)):
+            found[name] = Counter(said).most_common(1)[0][0]
+    return found
 
 
 def _log_prior(answer: Posterior, law: Sequence[int]) -> Floats:

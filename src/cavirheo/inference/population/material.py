@@ -62,6 +62,7 @@ class Population:
         shot_evidence: of each shot by itself.
         along_at: value of the column at which the centre is the material, where there is a slope.
         prior: (low, high) of the centre, log10 of SI, by name.
+        shots_bound: what most shots say of a parameter that too few of them determine, by name.
     """
 
     names: tuple[str, ...]
@@ -81,6 +82,7 @@ class Population:
     shot_evidence: tuple[Evidence | None, ...] = ()
     along_at: float | None = None
     prior: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+    shots_bound: Mapping[str, Bound] = field(default_factory=dict)
 
     def __repr__(self) -> str:
         """The line for a paper, then what is to be known besides."""
@@ -99,9 +101,11 @@ class Population:
 
     def bound(self, name: str) -> Bound | None:
         """What is known of a parameter that the shots only bound: "upper", "lower" or "undetermined", as
-        `Posterior.bound`; None where its interval lies inside the range. Raises InputError: as `interval`."""
+        `Posterior.bound`; None where its interval lies inside the range, and at least three shots determine it by
+        themselves. Raises InputError: as `interval`."""
         low, high = _quantiles(self.centre[:, self._column(name)], 0.9)[[0, 2]].tolist()
-        return bound_of(low, high, self.prior[name]) if name in self.prior else None
+        reached = bound_of(low, high, self.prior[name]) if name in self.prior else None
+        return reached or self.shots_bound.get(name)
 
     def quantity(self, name: str) -> Quantity:
         """`interval` and `bound` of a parameter. Raises InputError: as `interval`."""

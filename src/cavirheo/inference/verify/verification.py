@@ -26,7 +26,7 @@ from cavirheo.inference.verify.proposals import Explorer
 from cavirheo.inference.verify.sampler import Sample, sample
 from cavirheo.inference.verify.tuning import TUNING
 from cavirheo.parallel import cores
-from cavirheo.parameters import PARAMETERS, natural_name, units
+from cavirheo.parameters import CAMERA, PARAMETERS, natural_name, units
 from cavirheo.physics.bubble import FIELD, REAL, Bubble, rival_of
 from cavirheo.physics.media import WATER, Medium
 from cavirheo.physics.media import medium as named
@@ -309,7 +309,11 @@ class Work:
             "simulations": shot.runs, "failed_simulations": shot.failures, **worth,
         }  # fmt: skip
         told |= {"predictive": predictive} if predictive else {}
-        told |= {"modulus_over_scale": self._modulus_over_scale(best)}
+        told |= {
+            "modulus_over_scale": self._modulus_over_scale(best),
+            "at_bound": tuple(name for name in self._pulled(at) if name in CAMERA),
+        }
+        told |= {"frames_left_out": int(np.count_nonzero(~shot.counted))}
         provenance = {key: value for key, value in self.answer.provenance.items() if key in _CARRIED}
         provenance |= told | about | noise.describe(best.residual) | {
             "verify": settings.level, "discrepancy": settings.discrepancy, "prior": prior.to_dict(),
@@ -381,11 +385,15 @@ class Work:
             elif seen:
                 text += ", which the interval allows for"
             self.messages.append(text)
-        u, below = self.prior.to_u(at, INSIDE), self.prior.cdf(at)
-        for i, name in enumerate(self.prior.names):
-            if name in self.shot.free and abs(u[i]) > TUNING.pulled:
-                end, hint = "lower" if below[i] < 0.5 else "upper", _HINTS.get(name, "")
-                said = f"{name.replace('_', ' ')} is at the {end} end of what is expected"
-                self.messages.append(said.replace("max radius factor", "R_max") + hint)
+        below = dict(zip(self.prior.names, self.prior.cdf(at), strict=True))
+        for name in self._pulled(at):
+            end, hint = "lower" if below[name] < 0.5 else "upper", _HINTS.get(name, "")
+            said = f"{name.replace('_', ' ')} is at the {end} end of what is expected"
+            self.messages.append(said.replace("max radius factor", "R_max") + hint)
         self.messages += self.shot.left_out
         return verdict
+
+    def _pulled(self, x: Floats) -> tuple[str, ...]:
+        """Which of the free parameters of bubble and camera are at the end of their prior, at x (all,)."""
+        u = zip(self.prior.names, self.prior.to_u(x, INSIDE), strict=True)
+        return tuple(name for name, value in u if name in self.shot.free and abs(value) > TUNING.pulled)
