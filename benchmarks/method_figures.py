@@ -15,8 +15,7 @@ import numpy as np
 from calibration import film
 
 from cavirheo import NeoHookeanKelvinVoigt, Newtonian, infer, infer_many, population, simulate
-from cavirheo.physics.bubble import FIELD, Bubble
-from cavirheo.physics.damage import Damage
+from cavirheo.physics.bubble import FIELD, Bubble, Damage
 from cavirheo.physics.laws import parse
 from cavirheo.posterior import Posterior
 from cavirheo.reporting.material import population_record

@@ -17,8 +17,7 @@ from cavirheo.inference.law import Family
 from cavirheo.inference.options import Options
 from cavirheo.inference.verify import verify
 from cavirheo.inference.verify.evidence import models, rank_laws
-from cavirheo.physics.bubble import ACCOMMODATION, BUBBLES, FIELD, REAL, Bubble, bubbles_of
-from cavirheo.physics.damage import Damage
+from cavirheo.physics.bubble import ACCOMMODATION, BUBBLES, FIELD, REAL, Bubble, Damage, bubbles_of
 from cavirheo.physics.materials import NeoHookeanKelvinVoigt
 from cavirheo.physics.simulate import simulate
 from cavirheo.posterior import Posterior

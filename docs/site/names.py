@@ -119,7 +119,7 @@ LAWS = Page(
         ),
         Group("Media", {"cavirheo.physics.media": "medium MEDIA WATER BU2026 ESTRADA2018 ZHU2025 YANG2020"}),
         Group("Driving", {"cavirheo.physics.driving": "Pulse Trace Driving"}),
-        Group("Damage", {"cavirheo.physics.damage": "Damage"}),
+        Group("Damage", {"cavirheo.physics.bubble": "Damage"}),
         Group("Accuracy", {"cavirheo.physics.accuracy": "Accuracy DEFAULT PRECISE ROUGH"}),
         Group("Parameters", {"cavirheo.parameters": "Parameter PARAMETERS"}),
     ),

@@ -38,8 +38,7 @@ from cavirheo.inference.options import FREE, Options, fixed_bubble
 from cavirheo.inference.reconstruct import MISFIT, Window, reconstruct, window
 from cavirheo.parameters import LOG10, PARAMETERS, STRETCH_RANGE, bound_of
 from cavirheo.physics.accuracy import DEFAULT, ROUGH, Accuracy
-from cavirheo.physics.bubble import ACCOMMODATION, FROM_NOTHING, Bubble
-from cavirheo.physics.damage import Damage
+from cavirheo.physics.bubble import ACCOMMODATION, FROM_NOTHING, Bubble, Damage
 from cavirheo.physics.media import WATER, Medium
 from cavirheo.physics.simulate import simulate
 from cavirheo.physics.simulation import Simulation

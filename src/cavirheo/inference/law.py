@@ -11,7 +11,7 @@ import numpy as np
 from cavirheo.arrays import Floats
 from cavirheo.errors import expect, require
 from cavirheo.parameters import PARAMETERS
-from cavirheo.physics.damage import Damage
+from cavirheo.physics.bubble import Damage
 from cavirheo.physics.laws import LAWS, combine
 from cavirheo.physics.materials import Material
 

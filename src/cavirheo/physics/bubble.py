@@ -1,18 +1,17 @@
-"""Bubble: what is assumed of the bubble besides the law of its surroundings and the medium."""
+"""Bubble: what is assumed of the bubble besides the law of its surroundings and the medium; and Damage."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from numbers import Real
 
 from cavirheo.errors import brief, require
-from cavirheo.physics.damage import KINDS, Damage
-from cavirheo.physics.domain import NOT_NEGATIVE, domain, within
+from cavirheo.physics.domain import NOT_NEGATIVE, check, domain, within
 
 MOTIONS = ("keller-miksis", "rayleigh-plesset", "gilmore")  # equations of the wall
 CONTENTS = ("equilibrium", "kinetic")  # models of what is in the bubble
-DAMAGES = ("none", *KINDS)  # of the elastic part
+DAMAGES = ("none", "first-rebound", "strain")  # of the elastic part
 FREE = "free"  # inferred with the other parameters
 FROM_NOTHING = ("confinement_inertia", "confinement_damping", "vapour_excess")  # numbers that are 0 by default
 ACCOMMODATION = 0.07  # of vapour at the wall: the median of real gels (docs/method/physics.md, section 3.5)
@@ -25,6 +24,32 @@ _DOMAINS = {
     "vapour_excess": NOT_NEGATIVE,
 }
 _EXPONENT = domain("between 0 and 10 (1 is isothermal)", lambda x: 0 < x < 10)
+
+
+@dataclass(frozen=True)
+class Damage:
+    """Any elastic law becomes softer and gets another stress-free radius, with two factors m and r:
+
+        S_el(R/R_0) becomes m S_el(R/(r R_0)).
+
+    by="first-rebound": from there on m = modulus, r = radius. That stands for damage, it is no law of damage: the
+    moment is declared. by="strain": m = modulus^e, r = radius^e, e = log10(R(0)/R_min) with R_min the smallest radius
+    so far, so modulus and radius are the factors of a tenfold contraction (docs/method/physics.md, section 4.5).
+
+    modulus: 0 (1e-6 by strain) to 1. radius: at least 1.
+
+    Raises:
+        InputError: a factor out of its domain, or damage by nothing known.
+    """
+
+    modulus: float = field(metadata=domain("between 0 and 1", lambda x: 0 <= x <= 1))
+    radius: float = field(default=1.0, metadata=domain("between 1 and 20", lambda x: 1 <= x <= 20))
+    by: str = field(default=DAMAGES[1], metadata=domain(" or ".join(DAMAGES[1:]), lambda x: x in DAMAGES[1:]))
+
+    def __post_init__(self) -> None:
+        check(self)
+        vanishes = f"modulus must be at least 1e-6 for damage by strain, got {self.modulus!r}"
+        require(self.by != "strain" or self.modulus >= 1e-6, vanishes, "physics.modulus")
 
 
 @dataclass(frozen=True)

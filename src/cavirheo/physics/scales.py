@@ -12,8 +12,8 @@ import numpy as np
 
 from cavirheo.arrays import Floats
 from cavirheo.errors import InputError, require
-from cavirheo.physics.bubble import FIELD, Bubble
-from cavirheo.physics.damage import Damage
+from cavirheo.physics.bubble import FIELD, Bubble, Damage
+from cavirheo.physics.damage import damaged
 from cavirheo.physics.domain import POSITIVE, domain, within
 from cavirheo.physics.driving import Driving
 from cavirheo.physics.law import Material, table_of
@@ -110,7 +110,9 @@ def dimensionless(
         base=pv if (driving or stretch > 20) and not kinetic else 0.0,  # p may fall below p_v where it is kinetic
     )
     elastic, viscous = (table_of(part) if part else ABSENT for part in parts[:2])
-    elastic, whole, hurt = damage.tables(elastic, stretch) if damage else (elastic, np.zeros((0, 7)), np.zeros(3))
+    whole, hurt = np.zeros((0, 7)), np.zeros(3)
+    if damage is not None:
+        elastic, whole, hurt = damaged(elastic, damage, stretch)
     arms = [arm.table() * [1 / p, 1.0, max_radius / U_c, p] for arm in parts.memory]
     return Numbers(
         **{name: float(value) for name, value in fields.items()},  # ints would compile the solver anew

@@ -77,7 +77,11 @@ def simulate(
     Source: docs/method/physics.md sections 1-4; Estrada et al. 2018, doi:10.1016/j.jmps.2017.12.006.
     """
     times, medium = _checked(time), named(medium)
-    _check(material, max_radius, float(times[-1]), bubble, driving, fields, accuracy, unusual)
+    _check(material, bubble, accuracy, driving, fields)
+    within(POSITIVE, "max_radius", max_radius)
+    if not unusual:
+        RADIUS.check("max_radius", max_radius, "physics.max_radius", INSIST)
+        DURATION.check("the last time", float(times[-1]), "physics.times_unit", INSIST)
     numbers = dimensionless(material, medium, max_radius, stretch, bubble=bubble, driving=driving)
     t_c = medium.time_scale(max_radius)
     solution = _solve(numbers, material, times, t_c, accuracy, relaxed=relaxed, fields=fields)
@@ -99,24 +103,11 @@ def simulate(
     )
 
 
-def _check(
-    material: Material,
-    max_radius: float,
-    end: float,
-    bubble: Bubble,
-    driving: Driving | None,
-    fields: bool,
-    accuracy: Accuracy,
-    unusual: bool,
-) -> None:
-    """Raises InputError for arguments of `simulate` that are none, or do not go together."""
+def _check(material: Material, bubble: Bubble, accuracy: Accuracy, driving: Driving | None, fields: bool) -> None:
+    """Raises InputError for arguments of `simulate` of another kind, or that do not go together."""
     expect(material, Material, f"a material such as {_EXAMPLE}")
     expect(bubble, Bubble, "a Bubble such as Bubble(contents='kinetic', accommodation=0.07)")
     expect(accuracy, Accuracy, "an Accuracy such as Accuracy(cells=152, relative_error=1e-4)")
-    within(POSITIVE, "max_radius", max_radius)
-    if not unusual:
-        RADIUS.check("max_radius", max_radius, "physics.max_radius", INSIST)
-        DURATION.check("the last time", end, "physics.times_unit", INSIST)
     drives = driving is None or hasattr(driving, "table")
     require(drives, f"driving must be a Pulse or a Trace, got {brief(driving)}", "physics.driving")
     told = "a gas with an exponent has no fields: leave out fields, or the exponent of the bubble"

@@ -152,8 +152,7 @@ def _bubble(
     **values: Any,
 ) -> Bubble:
     """That of the options. Raises InputError, in their words."""
-    from cavirheo.physics.bubble import ACCOMMODATION, Bubble
-    from cavirheo.physics.damage import Damage
+    from cavirheo.physics.bubble import ACCOMMODATION, Bubble, Damage
 
     idle = accommodation is not None and values["contents"] != "kinetic"
     require(not idle, "--accommodation changes nothing without --contents kinetic: give that too", "simulate.idle")
