@@ -444,14 +444,14 @@ def python_answers() -> Any:
     """infer and fit from Python, with a seed and settings of their own."""
     curve, other = cavirheo.read_curves(EXAMPLES / "soft_gel.csv")[1:3]
     medium = dataclasses.replace(cavirheo.Medium(), density=1010.0)
-    fitted = cavirheo.fit_many([curve, other], seed=5, window=2, free=("t0",), windows=False, medium=medium)
+    fitted = cavirheo.fit_many([curve, other], seed=5, window=2, free=("t0",), medium=medium)
     return {
         "infer": about(cavirheo.infer(curve, model="bdt-viscoelastic")),
         "infer_many": [
             about(answer)
             for answer in cavirheo.infer_many([curve, other], model="bdt-viscoelastic", window=1, stretch=7.0)
         ],
-        "fit": about(cavirheo.fit(other, "qkv", seed=3, window=1, windows=False)),
+        "fit": about(cavirheo.fit(other, "qkv", seed=3, window=1)),
         "fit_many": [about(answer) for answer in fitted],
     }
 

@@ -75,7 +75,7 @@ def truth_of(target: Target) -> np.ndarray:
 def fitted():
     """A shot with its least-squares answer."""
     curve = shot()
-    return curve, fit(curve, windows=False)
+    return curve, fit(curve)
 
 
 @pytest.fixture(scope="module")
@@ -588,7 +588,7 @@ def test_predictive_check_rejects_at_its_nominal_rate(monkeypatch):
 
 def test_a_wrong_law_is_rejected(fitted):
     curve = shot(Zener(2e4, 0.08, 6e-6), noise=0.004)
-    wrong = verify.verify(curve, fit(curve, "newtonian", windows=False), discrepancy=False, level="map")
+    wrong = verify.verify(curve, fit(curve, "newtonian"), discrepancy=False, level="map")
     assert wrong.checks.verdict == "model_does_not_fit"
     assert "more than noise explains" in wrong.checks.message
     assert wrong.diagnostics.predictive["p_value"] < 0.01
@@ -597,7 +597,7 @@ def test_a_wrong_law_is_rejected(fitted):
 def test_what_the_curve_does_not_bound_is_said():
     """One collapse of a gel much softer than it can tell: G runs to the lower end of its prior."""
     curve = shot(NeoHookeanKelvinVoigt(15.0, 0.05), end=60e-6)
-    answer = verify.verify(curve, fit(curve, windows=False), discrepancy=False, level="map")
+    answer = verify.verify(curve, fit(curve), discrepancy=False, level="map")
     assert answer.checks.verdict == "undetermined"
     assert "an upper limit of G alone" in answer.checks.message
 
@@ -903,7 +903,7 @@ def test_against_emcee(seed, monkeypatch):
     """
     emcee = pytest.importorskip("emcee")
     _, curve = calibration.shot(seed)
-    answer = fit(curve, window="all", windows=False)
+    answer = fit(curve, window="all")
     settings = {"discrepancy": False, "ranges": calibration.RANGES, "draws": 6000, "seed": seed}
     monkeypatch.setattr(verification, "TUNING", replace(TUNING, effective_enough=2500.0))
     monkeypatch.setattr(verification, "FINE", QUICK)

@@ -245,7 +245,7 @@ def curve():
 
 @pytest.mark.parametrize("free", ["t0, scale", ["t0", "scale"]])
 def test_what_is_free_may_be_written_as_on_the_command_line(curve, free):
-    answer = cavirheo.fit(curve, bubble="field", window=1, windows=False, free=free, seed=np.int64(3))
+    answer = cavirheo.fit(curve, bubble="field", window=1, free=free, seed=np.int64(3))
     assert set(answer.diagnostics.free) == {"time_origin", "radius_scale"}
 
 
@@ -253,9 +253,9 @@ def test_what_is_free_may_be_written_as_on_the_command_line(curve, free):
 def test_answers_are_verified_at_once(curve):
     seen = []
     settings = {"window": 1, "medium": "bu2026", "seed": 5}
-    alone = cavirheo.fit(curve, windows=False, **settings)
+    alone = cavirheo.fit(curve, **settings)
     expected = verify(curve, alone, level="map", medium=MEDIA["bu2026"], seed=5)
-    at_once = cavirheo.fit_many([curve], windows=False, verify="map", done=lambda *_: seen.append(1), **settings)
+    at_once = cavirheo.fit_many([curve], verify="map", done=lambda *_: seen.append(1), **settings)
     np.testing.assert_array_equal(at_once[0].theta, expected.theta)
     assert at_once[0].method == "laplace"
     assert seen == [1]

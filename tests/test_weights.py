@@ -153,6 +153,6 @@ def test_a_network_whose_file_changed_is_read_anew(tmp_path):
 
 def test_a_fit_gives_no_interval_from_draws_that_are_worth_too_little(monkeypatch):
     monkeypatch.setattr(curve_fit, "MOST", 60)  # worth more than 15, less than 100
-    answer = cavirheo.fit(shot(), bubble="field", windows=False, others=False, workers=1, trust_input=True)
+    answer = cavirheo.fit(shot(), bubble="field", others=False, workers=1, trust_input=True)
     assert answer.interval("shear_modulus") is None
     assert answer.checks.verdict == "no_interval"
