@@ -153,7 +153,7 @@ def one(job: tuple[int, str, str, str, bool, bool, float]) -> dict:
     alone: dict[str, Any] = {"bubble": bubble, "others": False, "workers": 1}
     began = time.process_time()
     if way == "fit":
-        alone |= {"free": ("t0", "scale", "rmax"), "windows": False}
+        alone |= {"free": ("t0", "scale", "rmax")}
         with narrowed(ranges):
             answer = fit(curve, trust_input=True, seed=seed, **alone)
     elif way == "default":

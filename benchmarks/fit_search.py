@@ -19,12 +19,12 @@ from pathlib import Path
 import numpy as np
 
 from cavirheo import NeoHookeanKelvinVoigt, RadiusCurve, simulate
-from cavirheo.inference.experiment import FINE, Experiment
+from cavirheo.inference.experiment import Experiment
 from cavirheo.inference.fit import fit
-from cavirheo.inference.fit.least_squares import LeastSquares
-from cavirheo.inference.fit.starts import spread_starts
 from cavirheo.inference.law import Family
 from cavirheo.inference.options import Options
+from cavirheo.inference.search.least_squares import LeastSquares
+from cavirheo.inference.search.starts import spread_starts
 from cavirheo.physics.accuracy import PRECISE
 
 NOISE, CLOSE_G, CLOSE_MU = 1e-3, 0.01, 0.03
@@ -45,7 +45,8 @@ def determined() -> Iterator[tuple[np.ndarray, RadiusCurve]]:
             curve = RadiusCurve(time_, run.radius, meta={"name": "shot"}, maximum=(0.0, R_max))
             shot = Experiment(curve, family, options=Options(weights="equal"))
             shot.sigma = np.full(len(shot.measured), NOISE)
-            J = LeastSquares([shot]).jacobian(np.array([*log10[:3], 0.0, 0.0]), FINE, central=True)
+            x = np.array([*log10[:3], 0.0, 0.0])
+            J = LeastSquares(shot).jacobian(x, PRECISE, shot.predict(x, PRECISE))
             # the rows after the frames are those of the priors; a uniform clock counts as one of equal variance
             precision = J.T @ J + np.diag([0.0, 0.0, 0.0, 3.0, 0.0])
             spread = np.log(10.0) * np.sqrt(np.diag(np.linalg.pinv(precision)))

@@ -37,7 +37,7 @@ from cavirheo.physics.viscous import Newtonian
 from cavirheo.posterior import Posterior
 from cavirheo.reading import read_curves
 
-USUAL: dict[str, Any] = {"windows": False, "others": False, "trust_input": True, "workers": 1}
+USUAL: dict[str, Any] = {"others": False, "trust_input": True, "workers": 1}
 BUBBLES = {
     "field": FIELD,
     "kinetic": Bubble("kinetic"),

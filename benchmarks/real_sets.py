@@ -8,7 +8,7 @@ A set without a published G is fitted as Newtonian, the others as NHKV.
 Each set is fitted over 1 and 3 collapses; clock and R_max are free as by default.
 The bubble is the field's, as in the published values.
 "Shots" is mean and standard deviation of the fits of single shots, with RMSE (% of R_max, median) and verdicts.
-"Joint" is one material for all shots: median and 90 % interval.
+"One" is one material for all shots, from the draws of each: median and 90 % interval.
 """
 
 from __future__ import annotations
@@ -21,6 +21,7 @@ from pathlib import Path
 
 import numpy as np
 
+from cavirheo import population
 from cavirheo.companions.published import shots_of
 from cavirheo.companions.published.references import MU, G, ReferenceSet, read_references
 from cavirheo.inference.fit import fit_many
@@ -28,7 +29,7 @@ from cavirheo.posterior import Posterior
 from cavirheo.writing import digits
 from cavirheo.writing.document import Quantity, spread_of
 
-COLUMNS = ("set", "published", "window", "G, shots (kPa)", "G, joint", "µ, shots (Pa s)", "µ, joint",
+COLUMNS = ("set", "published", "window", "G, shots (kPa)", "G, one", "µ, shots (Pa s)", "µ, one",
            "RMSE, %", "verdicts of shots", "at bounds")  # fmt: skip
 FIELDS = {"shear_modulus": (G, 1e-3), "viscosity": (MU, 1.0)}
 
@@ -43,20 +44,19 @@ def published(about: ReferenceSet) -> str:
     return "; ".join(f"{method} {', '.join(values)}" for method, values in found.items())
 
 
-def row(answers: list[Posterior], shots: int) -> list[str]:
-    """The cells from G on, of the joint answers of one set."""
+def row(answers: list[Posterior]) -> list[str]:
+    """The cells from G on, of the answers of one set."""
     done = [a for a in answers if a.checks.verdict != "failed"]
-    alone = [a.provenance["alone"] for a in done]
+    material = population(answers, only_trusted=False)
     cells = []
     for name, (_, factor) in FIELDS.items():
-        values = [one["best"].get(name) for one in alone]
-        cells.append(digits.spread(spread_of(values), factor))
-        known = bool(done) and name in done[0].parameters  # a liquid has no G
-        low, high = (known and done[0].interval(name)) or (None, None)
-        cells.append(digits.quantity(Quantity(median=done[0].median(name), q05=low, q95=high), factor) if known else "")
-    verdicts = Counter(one["verdict"] for one in alone) + Counter(failed=shots - len(done))
+        cells.append(digits.spread(spread_of([a.best.get(name) for a in done]), factor))
+        known = name in material.names and len(material.common)  # a liquid has no G
+        low, middle, high = material.if_common(name) if known else (None, None, None)
+        cells.append(digits.quantity(Quantity(median=middle, q05=low, q95=high), factor) if known else "")
+    verdicts = Counter(a.checks.verdict for a in answers)
     bounds = Counter(name for a in done for name in a.diagnostics.at_bound)
-    rmse = np.median([one["rmse_over_rmax"] for one in alone]) if alone else np.nan
+    rmse = np.median([a.checks.rmse_over_rmax for a in done]) if done else np.nan
     return [
         *cells, f"{100 * rmse:.2g}", ", ".join(f"{digits.VERDICTS[v]} {n}" for v, n in verdicts.items() if n),
         ", ".join(f"{name} {n}" for name, n in bounds.items()),
@@ -72,11 +72,11 @@ def rows(about: ReferenceSet, folder: Path, references: Path) -> Iterator[list[s
     law = "nhkv" if any(quantity == G for _, quantity in about.values) or not about.values else "newtonian"
     for window in (1, 3):
         answers = fit_many(
-            curves, law, medium=about.medium, stretch=about.settings.get("stretch"), window=window, windows=False,
-            bubble="field", others=False, joint=True,
+            curves, law, medium=about.medium, stretch=about.settings.get("stretch"), window=window,
+            bubble="field", others=False,
         )  # fmt: skip
         head = [f"{about.name} ({law}, {len(curves)} shots, {about.medium.density:g} kg/m³)", published(about)]
-        yield [*head, str(window), *row(answers, len(curves))]
+        yield [*head, str(window), *row(answers)]
 
 
 def main() -> None:

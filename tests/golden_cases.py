@@ -372,13 +372,6 @@ def fit_free() -> Any:
 
 
 @case(rtol=1e-2, share=0.05, slow=True)
-def fit_joint() -> Any:
-    head, *rows = (EXAMPLES / "soft_gel.csv").read_text().splitlines()
-    Path("gel.csv").write_text("\n".join([head, *(row for row in rows if row[0] in "35")]) + "\n")
-    return answered("fit", "gel.csv", "--joint", "--window", 2, "--seed", 4)
-
-
-@case(rtol=1e-2, share=0.05, slow=True)
 def fit_newtonian() -> Any:
     bring("liquid.csv")
     return answered("fit", "liquid.csv", "--material", "newtonian", "--window-us", 60)
@@ -388,18 +381,6 @@ def fit_newtonian() -> Any:
 def fit_equal_plateau() -> Any:
     bring("plateau.csv")
     return answered("fit", "plateau.csv", "--weights", "equal", "--stretch", "plateau")
-
-
-@case(rtol=1e-2, share=0.05, shift=0.3)
-def fit_verify_map() -> Any:
-    (name,) = shots("soft_gel.csv", 3)
-    return answered("fit", name, "--verify", "map", "--exact-law", "--window", 2, "--stretch", 6.85)
-
-
-@case(rtol=0.15, share=0.3, shift=0.7, slow=True)
-def fit_verify_full() -> Any:
-    (name,) = shots("soft_gel.csv", 3)
-    return answered("fit", name, "--verify", "full", "--window", 2)
 
 
 @case(rtol=5e-2, share=0.1, slow=True)
@@ -444,14 +425,14 @@ def python_answers() -> Any:
     """infer and fit from Python, with a seed and settings of their own."""
     curve, other = cavirheo.read_curves(EXAMPLES / "soft_gel.csv")[1:3]
     medium = dataclasses.replace(cavirheo.Medium(), density=1010.0)
-    fitted = cavirheo.fit_many([curve, other], seed=5, window=2, free=("t0",), windows=False, medium=medium)
+    fitted = cavirheo.fit_many([curve, other], seed=5, window=2, free=("t0",), medium=medium)
     return {
         "infer": about(cavirheo.infer(curve, model="bdt-viscoelastic")),
         "infer_many": [
             about(answer)
             for answer in cavirheo.infer_many([curve, other], model="bdt-viscoelastic", window=1, stretch=7.0)
         ],
-        "fit": about(cavirheo.fit(other, "qkv", seed=3, window=1, windows=False)),
+        "fit": about(cavirheo.fit(other, "qkv", seed=3, window=1)),
         "fit_many": [about(answer) for answer in fitted],
     }
 
@@ -633,7 +614,7 @@ def refusals() -> Any:
         ("infer", name, "--temperature", 400), ("infer", name, "--rmax-um", -1), ("infer", name, "-o", name),
         ("infer",), ("infer", name, "--nothing"), ("nothing",), ("fit", name, "--material", "honey"),
         ("fit", name, "--window", "x"), ("fit", name, "--free", "x"), ("fit", name, "--weights", "x"),
-        ("fit", name, "--joint", "--verify", "map"), ("fit", name, "--window", 9), ("fit", name, "--stretch", "x"),
+        ("fit", name, "--window", 9), ("fit", name, "--stretch", "x"),
         ("which-law", name, "--laws", "nhkv"),
         ("compare", "nowhere", "--references", name), ("compare", ".", "--references", name),
         ("simulate", "--rmax-um", 100, "--stretch", 0.5, "-o", "x.csv"), ("laws", "x"),

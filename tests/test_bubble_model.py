@@ -25,7 +25,7 @@ from cavirheo.reporting.answer import curve_record
 
 TIME = np.arange(90) * 1e-6
 GEL, SHOT = NeoHookeanKelvinVoigt(5e3, 0.01), dict(max_radius=250e-6, stretch=6.0)
-QUICKLY = dict(windows=False, trust_input=True)
+QUICKLY = dict(trust_input=True)
 ALL_FREE = Bubble("kinetic", "free", "first-rebound", "free", None, "free", "free")
 
 

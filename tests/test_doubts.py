@@ -95,7 +95,7 @@ def test_a_recording_that_starts_at_the_maximum_is_no_doubt():
     soft = [recorded(NeoHookeanKelvinVoigt(3e3, 0.05), 7.0, noise=0.008, seed=seed) for seed in range(12)]
     assert all(curve.begins_late for curve in soft)
     assert [answer.checks.doubts for answer in infer_many(soft)] == [()] * 12
-    answer = fit(soft[0], windows=False)
+    answer = fit(soft[0])
     assert (answer.checks.doubts, answer.checks.verdict) == ((), "ok")
 
 
@@ -220,7 +220,7 @@ def test_a_mean_of_trials_is_judged_as_a_measurement():
     bent = replace(curve, radius=curve.radius * (1.0 + 0.015 * np.sin(np.linspace(0.0, 9.0, 400))))
     mean = replace(bent, radius_std=np.full(400, 0.02 * 250e-6))
     assert bent.noise < 1e-4 * bent.max_radius
-    simulated, measured = (fit(one, window=1, windows=False).checks for one in (bent, mean))
+    simulated, measured = (fit(one, window=1).checks for one in (bent, mean))
     assert simulated.verdict == "model_does_not_fit"
     assert "limit 0.1 %" in simulated.message
     assert 0.001 < measured.rmse_over_rmax < 0.03
@@ -229,7 +229,7 @@ def test_a_mean_of_trials_is_judged_as_a_measurement():
 
 def test_verification_keeps_the_doubt():
     curve = shot(count=70, doubts=("check the unit: it is odd",))
-    answer = verify(curve, fit(curve, windows=False), level="map")
+    answer = verify(curve, fit(curve), level="map")
     assert answer.checks.verdict == "check_input"
     assert answer.checks.doubts
 

@@ -1,4 +1,4 @@
-"""The least-squares fit: truth recovered, nuisances, joint fits, bounds, failures, windows, what it says of itself."""
+"""The least-squares fit: truth recovered, nuisances, bounds, failures, windows, what it says of itself."""
 
 from __future__ import annotations
 
@@ -19,15 +19,13 @@ from cavirheo import (
     simulate,
 )
 from cavirheo.inference import experiment
-from cavirheo.inference.experiment import FINE, FLOOR, Experiment
-from cavirheo.inference.fit import TOGETHER, least_squares
-from cavirheo.inference.fit.covariance import correlation_time, draws
-from cavirheo.inference.fit.curve_fit import LIQUIDS
-from cavirheo.inference.fit.least_squares import LeastSquares
-from cavirheo.inference.fit.search import Search
-from cavirheo.inference.fit.starts import Scan, spread_starts
+from cavirheo.inference.experiment import FINE, Experiment
 from cavirheo.inference.law import ABLE, Family
+from cavirheo.inference.noise import correlation_time
 from cavirheo.inference.options import Options
+from cavirheo.inference.search import Search
+from cavirheo.inference.search.least_squares import LeastSquares
+from cavirheo.inference.search.starts import Scan, spread_starts
 from cavirheo.parameters import units
 from cavirheo.physics.accuracy import Accuracy
 from cavirheo.physics.bubble import ACCOMMODATION
@@ -67,10 +65,10 @@ def test_recovers_noise_free_shots(G, mu, stretch):
 
 
 def test_other_laws():
-    answer = fit(shot(Newtonian(0.05)), "newtonian", windows=False)
+    answer = fit(shot(Newtonian(0.05)), "newtonian")
     assert values(answer, "viscosity", "stretch") == pytest.approx([0.05, 7.0], rel=0.02)
     assert "shear_modulus" not in answer.parameters
-    answer = fit(shot(QuadraticKelvinVoigt(3e3, 0.05, 0.3)), "qkv", windows=False, stretch=7.0)
+    answer = fit(shot(QuadraticKelvinVoigt(3e3, 0.05, 0.3)), "qkv", stretch=7.0)
     assert values(answer, "shear_modulus", "viscosity", "stiffening") == pytest.approx([3e3, 0.05, 0.3], rel=0.05)
     own = ("log10_shear_modulus", "log10_viscosity", "log10_stiffening")
     assert answer.names == (*own, "time_origin", "max_radius_factor")
@@ -103,7 +101,7 @@ def test_other_laws():
 )
 def test_a_law_of_each_family_is_recovered(name, law, expected):
     """Every curve is followed; the parameters that one curve determines come back."""
-    answer = fit(shot(parse(law)), name, windows=False, stretch=7.0, window=2)
+    answer = fit(shot(parse(law)), name, stretch=7.0, window=2)
     assert answer.checks.rmse_over_rmax < 2e-3
     for parameter, value in expected.items():
         assert answer.best[parameter] == pytest.approx(value, rel=0.05), parameter
@@ -119,24 +117,18 @@ def test_every_law_but_those_with_lists_can_be_fitted():
 
 def test_starts_come_from_the_collapse_time():
     curve, family = shot(), Family("nhkv")
-    scan = Scan(LeastSquares([Experiment(curve, family, options=Options(stretch=7.0))]))
+    scan = Scan(LeastSquares(Experiment(curve, family, options=Options(stretch=7.0))))
     assert scan.timed.sum() > 10
     G, mu = 10.0 ** scan.points[scan.timed][:, :2].T
     t1 = curve.collapse_times()[0] - curve.time_of_max
     assert analytic_time(R_MAX, 7.0, G, mu) == pytest.approx(np.full(len(G), t1))
-    assert fit(curve, windows=False).provenance["search"]["starts_from_collapse_time"] > 10
-    assert not Scan(LeastSquares([Experiment(curve, Family("newtonian"))])).timed.any()
-
-
-def test_draws_of_an_estimated_variance_have_students_tails():
-    wide = draws(np.zeros(1), np.eye(1), np.array([[-99.0, 99.0]]), 200_000, 0, 5.0)
-    assert np.quantile(wide, [0.05, 0.5, 0.95]) == pytest.approx([-2.015, 0.0, 2.015], abs=0.03)  # tables of t
+    assert not Scan(LeastSquares(Experiment(curve, Family("newtonian")))).timed.any()
 
 
 def test_time_origin_and_scale_are_recovered_when_free():
     curve = shot(t0=0.3e-6, scale=1.01)
-    wrong = fit(curve, windows=False, stretch=7.0)
-    answer = fit(curve, bubble="field", windows=False, free=("t0", "scale"), stretch=7.0)
+    wrong = fit(curve, stretch=7.0)
+    answer = fit(curve, bubble="field", free=("t0", "scale"), stretch=7.0)
     assert abs(np.log(wrong.median("shear_modulus") / 8e3)) > 0.05
     assert answer.median("time_origin") == pytest.approx(0.3e-6, abs=0.03e-6)
     assert answer.median("radius_scale") == pytest.approx(1.01, abs=2e-3)
@@ -148,44 +140,20 @@ def test_time_origin_and_scale_are_recovered_when_free():
     assert answer.units == ("Pa", "Pa s", "s", "1")
     # R_max read off the curve 1 % too small, the calibration being right
     low = replace(shot(), meta={"name": "low"}, maximum=(0.0, 0.99 * R_MAX))
-    assert fit(low, windows=False, free=("rmax",)).median("max_radius_factor") == pytest.approx(1 / 0.99, abs=2e-3)
-
-
-@pytest.mark.slow
-def test_joint_fit_shares_the_material():
-    bubbles = [(7.0, 250e-6), (5.0, 150e-6), (9.0, 300e-6)]
-    curves = [
-        shot(stretch=stretch, R_max=R_max, noise=0.01, name=f"s{i}", group="gel")
-        for i, (stretch, R_max) in enumerate(bubbles)
-    ]
-    other = shot(NeoHookeanKelvinVoigt(2e4, 0.1), name="other", group="other")
-    answers = fit_many([*curves, other], joint=True, windows=False)
-    alone = fit(curves[0], windows=False)
-    joint = answers[:3]
-    assert len({a.median("shear_modulus") for a in joint}) == 1
-    assert [a.median("stretch") for a in joint] == pytest.approx([7.0, 5.0, 9.0], rel=0.03)
-    assert joint[0].median("shear_modulus") == pytest.approx(8e3, rel=0.1)
-    assert joint[0].median("viscosity") == pytest.approx(0.05, rel=0.1)
-    assert joint[0].provenance["joint"]["shots"] == 3
-    assert "joint fit of 3 shots" in joint[0].checks.message
-    assert joint[0].evidence is None  # those are of one shot by itself
-    widths = [np.diff(a.interval("viscosity"))[0] for a in (joint[0], alone)]
-    assert widths[0] < widths[1]
-    assert answers[3].median("shear_modulus") == pytest.approx(2e4, rel=0.02)
+    assert fit(low, free=("rmax",)).median("max_radius_factor") == pytest.approx(1 / 0.99, abs=2e-3)
 
 
 def test_intervals_hold_the_truth_and_are_seeded():
     curve = shot(noise=0.01)
-    answer, again, other = (fit(curve, windows=False, seed=seed) for seed in (1, 1, 2))
+    answer, again, other = (fit(curve, seed=seed) for seed in (1, 1, 2))
     assert answer.theta.shape[1] == 5
-    assert len(answer.theta) == len(answer.log_weight) >= 120
+    assert len(answer.theta) == len(answer.log_weight) >= 100
     assert np.array_equal(answer.theta, again.theta)
     assert not np.array_equal(answer.theta, other.theta)
     for name, truth in (("shear_modulus", 8e3), ("viscosity", 0.05), ("stretch", 7.0)):
         low, high = answer.interval(name, 0.99)
         assert low < truth < high
         assert low < answer.best[name] < high
-    assert answer.diagnostics.one_sigma["log10_viscosity"] < 0.1
     assert -1 < answer.diagnostics.correlations["viscosity, stretch"] < -0.5
 
 
@@ -194,7 +162,7 @@ def test_the_interval_of_a_viscosity_that_may_be_nothing_has_its_shelf():
     rng, time, bubble = np.random.default_rng(1), np.arange(70) * 1e-6, Bubble("kinetic", ACCOMMODATION)
     run = simulate(NeoHookeanKelvinVoigt(4e3, 0.003), max_radius=3e-4, stretch=8.0, time=time, bubble=bubble)
     curve = RadiusCurve(time, run.radius + 0.007 * 3e-4 * rng.normal(size=70), maximum=(0.0, 3e-4))
-    answer = fit(curve, bubble=Bubble("kinetic"), windows=False, others=False, trust_input=True)
+    answer = fit(curve, bubble=Bubble("kinetic"), others=False, trust_input=True)
     low, high = answer.interval("viscosity")
     assert low < 5e-4 < 3e-3 < high < 0.02
 
@@ -212,10 +180,10 @@ def test_correlated_residuals_count_less():
 
 @pytest.mark.slow
 def test_a_parameter_at_its_bound_is_flagged():
-    answer = fit(shot(t0=2e-6), windows=False, free=("t0",), stretch=7.0)
-    assert "time_origin at its upper bound (5e-07)" in answer.checks.message
+    answer = fit(shot(t0=2e-6), free=("t0",), stretch=7.0)
+    assert "time origin is at the upper end of what is expected" in answer.checks.message
     assert answer.diagnostics.at_bound == ("time_origin",)
-    soft = fit(shot(Newtonian(0.05)), windows=False)  # no elasticity to find: G goes to its lower end, or is wide
+    soft = fit(shot(Newtonian(0.05)))  # no elasticity to find: G goes to its lower end, or is wide
     assert soft.checks.verdict == "undetermined" or soft.interval("shear_modulus")[0] < 100
 
 
@@ -228,12 +196,12 @@ def test_failed_simulations_are_counted_and_survived(monkeypatch):
         return replace(run, status="broken", radius=np.full_like(run.radius, np.nan)) if broken else run
 
     monkeypatch.setattr(experiment, "simulate", fails_often)
-    answer = fit(shot(), windows=False)
+    answer = fit(shot())
     assert answer.checks.verdict == "ok"
     assert answer.diagnostics.failed_simulations > 5
     assert answer.median("viscosity") == pytest.approx(0.05, rel=0.03)
     monkeypatch.setattr(experiment, "simulate", lambda m, **o: replace(solve(m, **o), status="broken"))
-    nothing = fit(shot(), windows=False)
+    nothing = fit(shot())
     assert nothing.checks.verdict == "failed"
     assert "all 64 simulations of nhkv failed" in nothing.checks.message
 
@@ -248,9 +216,9 @@ def test_windows():
     ends = [window.t_star_end for window in answer.windows.values()]
     assert ends == sorted(ends)
     assert [window.best["viscosity"] for window in answer.windows.values()] == pytest.approx([0.05] * 3, rel=0.03)
-    assert fit(curve, window=1, windows=False).checks.collapses == 1
-    assert fit(curve, window="all", windows=False).checks.collapses == collapses
-    timed = fit(curve, end=40e-6, windows=False)
+    assert fit(curve, window=1).checks.collapses == 1
+    assert fit(curve, window="all").checks.collapses == collapses
+    timed = fit(curve, end=40e-6)
     assert timed.checks.t_star_end == pytest.approx(40e-6 / WATER.time_scale(R_MAX), rel=1e-3)
     assert "a window of 30 collapses" in fit(curve, window=30).checks.message
 
@@ -258,33 +226,36 @@ def test_windows():
 def test_the_plateau_as_prior_of_the_stretch():
     curve = shot(NeoHookeanKelvinVoigt(8e3, 0.2), end=150e-6)
     assert curve.stretch_from_tail()
-    answer = fit(curve, window=1, stretch="plateau", windows=False)
+    answer = fit(curve, window=1, stretch="plateau")
     assert "late plateau" in answer.diagnostics.stretch_source
     assert answer.median("stretch") == pytest.approx(7.0, rel=0.02)
-    without = fit(shot(end=40e-6), stretch="plateau", windows=False)
+    without = fit(shot(end=40e-6), stretch="plateau")
     assert "no late plateau" in without.checks.message
-    given = fit(curve, stretch=7.0, windows=False)
+    given = fit(curve, stretch=7.0)
     assert given.diagnostics.stretch_source == "given"
     assert "stretch" not in given.names
 
 
-def test_frames_beside_a_collapse_count_less():
-    curve, family = shot(), Family("nhkv")
+def test_frames_beside_a_collapse_count_less_where_their_instants_are_uncertain():
+    curve, family, rng = shot(), Family("nhkv"), np.random.default_rng(5)
+    late = np.interp(curve.time + 0.3e-6 * rng.standard_normal(len(curve.time)), curve.time, curve.radius)
+    blurred = replace(curve, radius=late + 1e-3 * R_MAX * rng.standard_normal(len(late)))
     x = np.array([np.log10(8e3), np.log10(0.05), np.log10(7.0), 0.0, 0.0])
-    there = Experiment(curve, family, options=Options(weights="motion"))
-    LeastSquares([there]).reweigh(x, FINE)
+    sigma = {}
+    for weights in ("learnt", "equal"):
+        there = Experiment(blurred, family, options=Options(weights=weights))
+        there.weigh(there.predict(x))
+        sigma[weights] = there.sigma
     lowest = np.argmin(np.abs(there.since - (curve.collapse_times()[0] - 1e-6)))
-    assert there.sigma[0] == pytest.approx(FLOOR)
-    assert there.sigma[lowest] > 4 * FLOOR
-    equal = Experiment(curve, family, options=Options(weights="equal"))
-    assert np.ptp(equal.sigma) == 0
+    assert sigma["learnt"][lowest] > 4 * sigma["learnt"][0]
+    assert np.ptp(sigma["equal"]) == 0
 
 
 def test_finite_differences_are_above_the_solvers_noise():
-    fit = LeastSquares([Experiment(shot(), Family("nhkv"))])
+    there = Experiment(shot(), Family("nhkv"))
+    fit = LeastSquares(there)
     x = np.array([np.log10(8e3), np.log10(0.05), np.log10(7.0), 0.0, 0.0])
-    used = fit.jacobian(x, FINE, central=True)
-    exact = fit.jacobian(x, Accuracy(relative_error=1e-8), central=True)
+    used, exact = (fit.jacobian(x, how, there.predict(x, how)) for how in (FINE, Accuracy(relative_error=1e-8)))
     assert np.all(np.linalg.norm(used - exact, axis=0) < 5e-3 * np.linalg.norm(exact, axis=0))
 
 
@@ -309,10 +280,9 @@ def test_starts_fill_the_box():
         ({"free": ("t0", "t0")}, "option.free"),
         ({"stretch": 0.5}, "option.stretch"),
         ({"stretch": "tail"}, "option.stretch"),
-        ({"weights": "heavy"}, "option.weights"),
+        ({"weights": "motion"}, "option.weights"),
         ({"t0_bound": 0.0}, "option.t0_bound"),
         ({"scale_bound": 0.5}, "option.scale_bound"),
-        ({"draws": False, "bubble": "auto"}, "option.draws"),
     ],
 )
 def test_bad_options_are_named(options, code):
@@ -324,21 +294,19 @@ def test_bad_options_are_named(options, code):
 
 def test_an_interval_as_wide_as_the_range_is_no_ok():
     """The best value lies inside the range, but the interval runs to its end: a gel too soft for its curve to tell."""
-    answer = fit(shot(NeoHookeanKelvinVoigt(300.0, 0.05), end=35e-6, noise=0.01), windows=False, window=1)
+    answer = fit(shot(NeoHookeanKelvinVoigt(300.0, 0.05), end=35e-6, noise=0.01), window=1)
     low, high = answer.interval("shear_modulus")
     assert low < 20 < 100 < answer.best["shear_modulus"] < high
     assert answer.checks.verdict == "undetermined"
     assert answer.bound("shear_modulus") == "upper"
     assert answer.bound("viscosity") is None
     assert "an upper limit of G alone: any value below" in answer.checks.message
-    assert " or ".join(LIQUIDS) in answer.checks.message
-    assert not any(Family(name).elastic for name in LIQUIDS)
 
 
 def test_a_curve_that_cannot_be_fitted_is_a_failed_row():
     bad = RadiusCurve(np.arange(3) * 1e-6, np.array([1e-4, 2e-4, 1e-4]), meta={"name": "three"})
     seen = []
-    answers = fit_many([bad, shot()], windows=False, joint=True, done=lambda index, _: seen.append(index))
+    answers = fit_many([bad, shot()], done=lambda index, _: seen.append(index))
     assert [a.checks.verdict for a in answers] == ["failed", "ok"]
     assert "3 of 3 frames" in answers[0].checks.message
     assert sorted(seen) == [0, 1]
@@ -367,7 +335,7 @@ def test_command_line(run, tmp_path):
 def test_published_alginate_shots(real_data):
     """PAAm 12 % - alginate 0.3 %: published 6.44 +- 1.64 kPa, 0.020 +- 0.009 Pa s; the window decides mu."""
     (file,) = (real_data / "paam_alginate_0p3").glob("*.mat")
-    settings = {"free": "none", "weights": "motion", "others": False, "windows": False}
+    settings = {"free": "none", "others": False}
     answers = fit_many(read_curves(file)[:2], window="all", **settings)
     assert [a.checks.verdict for a in answers] == ["ok", "ok"]
     assert np.mean([a.median("shear_modulus") for a in answers]) == pytest.approx(6440, abs=2 * 1640)
@@ -387,7 +355,7 @@ def two_solutions(seed: int, frames: int, stretch: float) -> RadiusCurve:
 @pytest.mark.parametrize(("seed", "frames", "true"), [(6, 24, 9.0), pytest.param(10, 30, 8.0, marks=pytest.mark.slow)])
 def test_two_solutions_are_both_found_and_each_has_its_own_values(seed, frames, true):
     curve = two_solutions(seed, frames, true)
-    answer = fit(curve, bubble="field", windows=False, trust_input=True)
+    answer = fit(curve, bubble="field", trust_input=True)
     valleys = [one for one in answer.others if one.material == "nhkv" and one.evidence]
     assert any(one.best["stretch"] < 0.75 * true for one in valleys)
     assert answer.best["stretch"] == pytest.approx(true, rel=0.1)
@@ -399,14 +367,14 @@ def test_two_solutions_are_both_found_and_each_has_its_own_values(seed, frames, 
 def test_a_minimum_that_only_rough_simulations_reach_gives_way_to_the_next(monkeypatch):
     """The chains of a Gent law can be taut where a rough simulation steps over it."""
     shot = Experiment(two_solutions(6, 24, 9.0), Family("nhkv"), WATER, Options())
-    first, second, *_ = Search(LeastSquares([shot]), [shot.cut]).minima
+    first, second, *_ = Search(shot).minima()
     solve = Experiment.predict
 
     def stops(self, x, accuracy=FINE, **how):
         return None if accuracy is FINE and np.array_equal(x, first.x) else solve(self, x, accuracy, **how)
 
     monkeypatch.setattr(Experiment, "predict", stops)
-    assert np.array_equal(Search(LeastSquares([shot]), [shot.cut]).minima[0].x, second.x)
+    assert np.array_equal(Search(shot).minima()[0].x, second.x)
 
 
 @pytest.mark.slow
@@ -433,30 +401,20 @@ def test_frames_that_drift_upwards_are_left_out_and_counted():
     curve = shot(end=200e-6)
     late = curve.time > 120e-6
     risen = curve.radius + np.where(late, 0.4 * R_MAX * (curve.time - 120e-6) / 80e-6, 0.0)
-    answer = fit(replace(curve, radius=risen), window="all", windows=False)
+    answer = fit(replace(curve, radius=risen), window="all")
     said = int(answer.checks.message.split(" frames from ")[0].split()[-1])
     collapses = int(np.sum(curve.time > curve.collapse_times()[2]))  # the drift is known from the last collapse on
     assert np.sum(late) <= said <= collapses
     assert values(answer, "shear_modulus", "viscosity") == pytest.approx([8e3, 0.05], rel=0.03)
 
 
-def test_a_joint_fit_that_stops_early_has_no_interval(monkeypatch):
-    monkeypatch.setitem(TOGETHER, "max_nfev", 1)
-    monkeypatch.setitem(least_squares._POLISH, "max_nfev", 1)
-    curves = [shot(stretch=stretch, noise=0.01, name=f"s{stretch}", group="gel") for stretch in (7.0, 5.0)]
-    for answer in fit_many(curves, joint=True, windows=False):
-        assert len(answer.theta) == 1
-        assert answer.checks.verdict != "ok"
-        assert "no interval" in answer.checks.message
-
-
 def test_a_stretch_that_the_file_states_is_a_prior():
     early = shot(end=40e-6, noise=0.02)
     stated = replace(early, meta={**early.meta, "stretch": 7.0, "stretch_std": 0.05})
-    free, known = fit(early, windows=False), fit(stated, windows=False)
+    free, known = fit(early), fit(stated)
     assert "the file states" in known.diagnostics.stretch_source
     assert np.ptp(known.interval("stretch")) < 0.8 * np.ptp(free.interval("stretch"))
-    assert abs(known.median("stretch") - 7.0) < abs(free.median("stretch") - 7.0)
+    assert known.interval("stretch")[0] > free.interval("stretch")[0] + 0.5
 
 
 def test_a_window_ends_at_most_a_period_after_its_last_collapse():
@@ -471,5 +429,5 @@ def test_a_window_ends_at_most_a_period_after_its_last_collapse():
 def test_a_stretch_that_no_bubble_has_is_said_to_be_left_out():
     curve = shot(noise=0.01)
     wrong = replace(curve, meta={**curve.meta, "stretch": -8.7})
-    answer = fit(wrong, bubble="field", windows=False, window=1)
+    answer = fit(wrong, bubble="field", window=1)
     assert "-8.7 is no R_max/R_0" in answer.checks.message

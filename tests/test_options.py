@@ -72,7 +72,6 @@ ODD = [
     "which-law shot.csv --bubble auto,moon",
     "which-law shot.csv --bubble real,",
     "design --bubble auto",
-    "fit shot.csv --joint --verify map",
     "fit shot.csv --free t1",
     "fit shot.csv --window 0",
     "fit shot.csv --weights",
@@ -132,7 +131,7 @@ def lab(run, tmp_path, monkeypatch):
         raise AssertionError("it computes")
 
     monkeypatch.setattr("cavirheo.physics.simulate.load_solver", lambda *_: None)
-    for name in ("physics.simulate.simulate_many", "inference.each", "inference.fit.each", "inference.verify.each"):
+    for name in ("physics.simulate.simulate_many", "inference.each", "inference.verify.each"):
         monkeypatch.setattr(f"cavirheo.{name}", computes)
     lines = (ROOT / "examples" / "soft_gel.csv").read_text(encoding="utf-8").splitlines()
     (tmp_path / "shot.csv").write_text("\n".join(line for line in lines if line[:1] in "#s1") + "\n")

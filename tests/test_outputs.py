@@ -168,7 +168,7 @@ def test_simulate_replaces_only_its_own(run, tmp_path, option):
 @pytest.mark.slow
 def test_our_own_files_are_replaced_and_old_pictures_go(tmp_path):
     curves = read_curves(EXAMPLE)
-    pairs = [(curve, fit(curve, window=1, windows=False)) for curve in curves[:2]]
+    pairs = [(curve, fit(curve, window=1)) for curve in curves[:2]]
     write_report(tmp_path, pairs, "first", ("png",))
     first = {path.name for path in tmp_path.iterdir()}
     put(tmp_path / "soft_gel_2.png", "painted over")
@@ -276,7 +276,7 @@ def test_options_are_refused_before_files_are_read(run, inputs, words, named):
 @pytest.mark.needs("matplotlib")
 def test_a_picture_that_cannot_be_drawn_costs_nothing_else(tmp_path, monkeypatch):
     curves = read_curves(EXAMPLE)[:2]
-    answer = fit(curves[0], window=1, windows=False)
+    answer = fit(curves[0], window=1)
     draw = figures.curve_figure
 
     def fails_once(lines, look, head):
@@ -303,7 +303,7 @@ def test_a_picture_that_cannot_be_drawn_costs_nothing_else(tmp_path, monkeypatch
 @pytest.mark.needs("matplotlib")
 def test_an_interruption_while_a_page_is_written_leaves_the_old_one(tmp_path, monkeypatch):
     curve = read_curves(EXAMPLE)[0]
-    pairs = [(curve, fit(curve, window=1, windows=False))]
+    pairs = [(curve, fit(curve, window=1))]
     write_report(tmp_path, pairs, "first", ("png",))
     before = contents(tmp_path)
 

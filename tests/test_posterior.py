@@ -19,6 +19,7 @@ from cavirheo import InputError, NeoHookeanKelvinVoigt, RadiusCurve, infer, simu
 from cavirheo.inference import experiment, verify
 from cavirheo.inference.alternatives import LAPLACE
 from cavirheo.inference.experiment import FINE, QUICK, Experiment
+from cavirheo.inference.fit import search_many
 from cavirheo.inference.law import Family
 from cavirheo.inference.noise import SHAPE, Noise
 from cavirheo.inference.options import FREE, Options
@@ -76,7 +77,7 @@ def truth_of(target: Target) -> np.ndarray:
 def fitted():
     """A shot with its least-squares answer."""
     curve = shot()
-    return curve, fit(curve, windows=False)
+    return curve, fit(curve)
 
 
 @pytest.fixture(scope="module")
@@ -589,7 +590,7 @@ def test_predictive_check_rejects_at_its_nominal_rate(monkeypatch):
 
 def test_a_wrong_law_is_rejected(fitted):
     curve = shot(Zener(2e4, 0.08, 6e-6), noise=0.004)
-    wrong = verify.verify(curve, fit(curve, "newtonian", windows=False), discrepancy=False, level="map")
+    wrong = verify.verify(curve, fit(curve, "newtonian"), discrepancy=False, level="map")
     assert wrong.checks.verdict == "model_does_not_fit"
     assert "more than noise explains" in wrong.checks.message
     assert wrong.diagnostics.predictive["p_value"] < 0.01
@@ -598,7 +599,7 @@ def test_a_wrong_law_is_rejected(fitted):
 def test_what_the_curve_does_not_bound_is_said():
     """One collapse of a gel much softer than it can tell: G runs to the lower end of its prior."""
     curve = shot(NeoHookeanKelvinVoigt(15.0, 0.05), end=60e-6)
-    answer = verify.verify(curve, fit(curve, windows=False), discrepancy=False, level="map")
+    answer = verify.verify(curve, fit(curve), discrepancy=False, level="map")
     assert answer.checks.verdict == "undetermined"
     assert "an upper limit of G alone" in answer.checks.message
 
@@ -654,14 +655,12 @@ def test_climb_finds_the_maximum():
     assert np.max(np.abs(offset)) < 0.1
 
 
-def test_a_search_without_draws_leads_to_the_same_maximum(fitted):
+def test_the_search_of_a_fit_leads_to_the_same_maximum(fitted):
     curve, answer = fitted
-    start = fit(curve, draws=False)
-    assert start.interval("viscosity") is None
-    assert start.evidence is None
-    ends = [verify.verify(curve, one, level="map") for one in (answer, start)]
-    assert ends[1].evidence.log == pytest.approx(ends[0].evidence.log, abs=0.1)
-    assert start.diagnostics.simulations < 0.6 * answer.diagnostics.simulations
+    (found,) = search_many([curve], "nhkv", bubble=FIELD, free=("t0", "rmax"))
+    end = verify.verify(curve, answer, level="map", free=("t0", "rmax"))
+    assert found.evidence.log == pytest.approx(end.evidence.log, abs=0.1)
+    assert found.method == "laplace"
 
 
 def test_the_highest_valley_is_found_without_the_answer(fitted):
@@ -681,14 +680,15 @@ def test_draws_are_spent_on_laws_that_can_win_alone(monkeypatch):
     logs, full = {"newtonian": -90.0, "nhkv": -40.0, "qkv": -42.0}, []
     point = Posterior((), (), np.zeros((1, 0)), Checks("ok"), "", "laplace")
 
-    def verified(curves, answers, *, level="full", **settings):
-        if level == "map":
-            return [replace(point, material=answers[0], evidence=Evidence(logs[answers[0]]))]
+    def searched(curves, material, **settings):
+        return [replace(point, material=material, evidence=Evidence(logs[material]))]
+
+    def verified(curves, answers, **settings):
         full.append(answers[0].material)
         return [replace(one, evidence=Evidence(one.evidence.log, 0.1), log_weight=np.zeros(1)) for one in answers]
 
     monkeypatch.setattr(evidence, "by_network", lambda *_, **__: False)
-    monkeypatch.setattr(evidence, "fit_many", lambda curves, material, **options: [material])
+    monkeypatch.setattr(evidence, "search_many", searched)
     monkeypatch.setattr(evidence, "verify_many", verified)
     ((found,), _) = rank_laws([shot()], list(logs))
     assert full == ["nhkv", "qkv"]
@@ -698,7 +698,7 @@ def test_draws_are_spent_on_laws_that_can_win_alone(monkeypatch):
 
 @pytest.mark.slow
 def test_a_law_that_the_network_knows_is_weighed_as_by_infer(monkeypatch):
-    monkeypatch.setattr(evidence, "fit_many", lambda *_, **__: pytest.fail("a law of the network was fitted"))
+    monkeypatch.setattr(evidence, "search_many", lambda *_, **__: pytest.fail("a law of the network was searched"))
     curve = shot()
     ((found,), _) = rank_laws([curve], ["nhkv", "newtonian"], bubble="field", seed=3)
     assert found.answers["nhkv"].evidence == infer(curve, bubble="field", seed=3).evidence
@@ -711,14 +711,14 @@ def test_a_law_that_the_network_knows_is_weighed_as_by_infer(monkeypatch):
     assert not evidence.by_network(("zener", REAL))
 
 
-def test_every_law_is_fitted_with_what_is_around_the_bubble(monkeypatch):
+def test_every_law_is_searched_with_what_is_around_the_bubble(monkeypatch):
     seen = []
 
-    def fitted(curves, **how):
+    def searched(curves, **how):
         seen.append(how["bubble"])
         raise InputError("enough")
 
-    monkeypatch.setattr(evidence, "fit_many", fitted)
+    monkeypatch.setattr(evidence, "search_many", searched)
     given = Bubble("kinetic", 0.1, wall_distance=1e-3, vapour_excess="free")
     with pytest.raises(InputError, match="enough"):
         rank_laws([shot()], ["zener"], bubble=[given, replace(given, damage="strain")])
@@ -803,16 +803,14 @@ def test_full_verification_from_the_command_line(run, tmp_path):
 
 def test_verify_from_the_command_line(run, tmp_path):
     write_gel(tmp_path)
-    status, _, err = run(
-        "fit", "gel.csv", "--no-others", "--verify", "map", "--exact-law", "--free", "t0", "--trust-input", "-o", "f"
-    )
+    status, _, err = run("infer", "gel.csv", "--verify", "map", "--exact-law", "--trust-input", "-o", "f")
     assert status == 0, err
     (row,) = read_json(tmp_path / "f" / "result.json").curves
-    assert set(row.other_parameters) == {"time_origin", "accommodation", "confinement_damping"}
+    camera = {"time_origin", "radius_scale", "max_radius_factor"}
+    assert set(row.other_parameters) == {"accommodation", "confinement_damping", *camera}
     assert row.provenance["verify"] == "map"
     for words in (
         ("infer", "gel.csv", "--verify", "maybe"),
-        ("fit", "gel.csv", "--joint", "--verify", "full"),
         ("infer", "gel.csv", "--verify", "none", "--exposure-us", "0.3"),
         ("infer", "gel.csv", "--verify", "none", "--exact-law"),
     ):
@@ -824,18 +822,7 @@ def test_verify_from_the_command_line(run, tmp_path):
 @pytest.mark.slow
 def test_the_exposure_from_the_command_line(run, tmp_path):
     write_gel(tmp_path)
-    shared = (
-        "fit",
-        "gel.csv",
-        "--no-others",
-        "--verify",
-        "map",
-        "-o",
-        "f",
-        "--replace",
-        "--trust-input",
-        "--exposure-us",
-    )
+    shared = ("fit", "gel.csv", "--no-others", "-o", "f", "--replace", "--trust-input", "--exposure-us")
     status, _, err = run(*shared, "0.4")
     assert status == 0, err
     (row,) = read_json(tmp_path / "f" / "result.json").curves
@@ -904,7 +891,7 @@ def test_against_emcee(seed, monkeypatch):
     """
     emcee = pytest.importorskip("emcee")
     _, curve = calibration.shot(seed)
-    answer = fit(curve, window="all", windows=False)
+    answer = fit(curve, window="all")
     settings = {"discrepancy": False, "ranges": calibration.RANGES, "draws": 6000, "seed": seed}
     monkeypatch.setattr(verification, "TUNING", replace(TUNING, effective_enough=2500.0))
     monkeypatch.setattr(verification, "FINE", QUICK)

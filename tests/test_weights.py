@@ -14,10 +14,9 @@ import cavirheo
 from cavirheo import InputError, Newtonian
 from cavirheo.inference.alternatives import contenders
 from cavirheo.inference.experiment import FINE, QUICK
-from cavirheo.inference.fit import curve_fit
 from cavirheo.inference.model import shipped
 from cavirheo.inference.posterior_model import load_posterior
-from cavirheo.inference.verify import adaptive_sampling, verify_many
+from cavirheo.inference.verify import adaptive_sampling, sampler, verify_many
 from cavirheo.inference.verify import mode as mode_of
 from cavirheo.inference.verify.adaptive_sampling import Mended
 from cavirheo.inference.verify.mode import Target, climb
@@ -152,7 +151,7 @@ def test_a_network_whose_file_changed_is_read_anew(tmp_path):
 
 
 def test_a_fit_gives_no_interval_from_draws_that_are_worth_too_little(monkeypatch):
-    monkeypatch.setattr(curve_fit, "MOST", 60)  # worth more than 15, less than 100
-    answer = cavirheo.fit(shot(), bubble="field", windows=False, others=False, workers=1, trust_input=True)
+    monkeypatch.setattr(sampler, "TUNING", replace(TUNING, effective_fewest=200.0))  # more than the draws are worth
+    answer = cavirheo.fit(shot(), bubble="field", others=False, workers=1, trust_input=True)
     assert answer.interval("shear_modulus") is None
     assert answer.checks.verdict == "no_interval"

@@ -93,7 +93,7 @@ class Unfinished:
         """
         *before, step = steps
         places = self._kept_at(curves, steps)
-        many = step.apart and len(curves) > HELD
+        many = len(curves) > HELD
         found: dict[int, Posterior] = {}  # in memory
         files: dict[int, Path] = {}
         for i, place in enumerate(places):
@@ -116,23 +116,22 @@ class Unfinished:
             return KeptAnswers(found, files) if many else found
 
         def done(k: int, answer: Posterior) -> None:
-            if step.apart:
-                place = places[left[k]]
-                failed = answer.checks.verdict == "failed"
-                if failed or not many:  # first, for an interruption may come at any moment
-                    found[left[k]] = answer
-                if not failed:
-                    with into(self.folder):
-                        keep(place, answer)
-                    self._own.add(place)
-                    if many:
-                        files[left[k]] = place
+            place = places[left[k]]
+            failed = answer.checks.verdict == "failed"
+            if failed or not many:  # first, for an interruption may come at any moment
+                found[left[k]] = answer
+            if not failed:
+                with into(self.folder):
+                    keep(place, answer)
+                self._own.add(place)
+                if many:
+                    files[left[k]] = place
             advance()
 
         executor = self.executor or (Threads() if many else None)
         try:
             with bar(step.doing, len(left), shown=self.shown) as advance:
-                if executor and step.apart:
+                if executor:
                     work = partial(one_of, step.verb, dict(step.settings))
                     jobs = InOrder(len(left), lambda k: (mine[k], begun[k]) if before else (mine[k],))
                     with closing(executor.flow(work, jobs)) as flow:
@@ -146,8 +145,8 @@ class Unfinished:
         return KeptAnswers(found, files) if many else dict(sorted(found.items()))
 
     def _kept_at(self, curves: Sequence[RadiusCurve], steps: Sequence[Step]) -> list[Path]:
-        """Where the answers of the last step are kept; nowhere if it answers all curves at once."""
-        found = [self.folder / f"{_key(curve, steps)}.npz" for curve in curves] if steps[-1].apart else []
+        """Where the answers of the last step are kept."""
+        found = [self.folder / f"{_key(curve, steps)}.npz" for curve in curves]
         self._places.update(found)
         return found
 

@@ -45,7 +45,7 @@ class Executor(Protocol):
 class Step:
     """`verb(curves, done=..., **settings)`, or of a later step `verb(curves, answers, done=..., **settings)`.
 
-    doing: as the bar says it. made_with: what an answer depends on besides the settings: a model's SHA-256. apart: no
+    doing: as the bar says it. made_with: what an answer depends on besides the settings: a model's SHA-256. No
     answer depends on other curves, so that each can be kept.
     """
 
@@ -53,7 +53,6 @@ class Step:
     verb: Callable[..., list[Any]]
     settings: Mapping[str, Any]
     made_with: str = ""
-    apart: bool = True
 
     @property
     def identity(self) -> list[Any]:

@@ -135,7 +135,6 @@ class Diagnostics:
     Attributes:
         stretch_source: "given", "fitted", ...
         free: the clock (s), scale and R_max factor that were freed, at the best.
-        one_sigma: standard deviation by name, in log10 for parameters of the law and the stretch.
         correlations: by "name, name".
         frames: how many were compared.
         frames_per_independent_residual: how many frames count as one.
@@ -156,7 +155,6 @@ class Diagnostics:
 
     stretch_source: str = ""
     free: Mapping[str, float] = field(default_factory=dict)
-    one_sigma: Mapping[str, float] = field(default_factory=dict)
     correlations: Mapping[str, float] = field(default_factory=dict)
     frames: int | None = None
     frames_per_independent_residual: float | None = None
@@ -356,6 +354,19 @@ def intervals(
         low, middle, high = weighted_quantile(natural(name, values), np.array([0.05, 0.5, 0.95]), log_weight).tolist()
         found[natural_name(name)] = low, middle, high
     return found
+
+
+def correlations(names: Sequence[str], theta: Floats, log_weight: Floats | None = None) -> dict[str, float]:
+    """By "name, name", of draws (draws, parameters) in the prior's scale; none of a single one."""
+    if len(theta) < 2:
+        return {}
+    covariance = np.cov(theta.T, aweights=None if log_weight is None else unscaled(log_weight))
+    sigma = np.sqrt(np.diag(covariance))
+    return {
+        f"{natural_name(other)}, {natural_name(name)}": float(covariance[i, j] / (sigma[i] * sigma[j]))
+        for i, name in enumerate(names)
+        for j, other in enumerate(names[:i])
+    }
 
 
 def weighted_quantile(values: Floats, levels: Floats, log_weight: Floats | None) -> Floats:

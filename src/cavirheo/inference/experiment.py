@@ -91,8 +91,8 @@ class Experiment:
 
     A frame counts with sigma^2 = sigma_R^2 + (j U dt/sqrt(12))^2: sigma_R is the radius noise (its own where the file
     states one, else that of the curve from frame to frame, at least 0.7 % of R_max), U the wall's speed and dt the
-    frame interval, within which its instant may not be known. j is 0 for weights "equal" and 1 for "motion": frames
-    beside a collapse then decide little. "learnt" finds j, and the size of both, from the residuals (`weigh`).
+    frame interval, within which its instant may not be known. j is 0 until `weigh` finds j, and the size of both, from
+    the residuals; with weights "equal" j stays 0.
 
     names: (d,) of x. bounds: (d, 2). since, measured, sigma: (m,) of the measured frames in the window: s after R_max,
     R/R_max, assumed deviation over R_max. counted: (m,) frames that neither stand out nor drift. runs, failures:
@@ -170,7 +170,7 @@ class Experiment:
         self.set_window(*self.cut)
 
     def set_window(self, collapses: int | None, end: float | None = None) -> None:
-        """Cut to so many collapses (None: all) and at most `end` s, with weights from the measured motion."""
+        """Cut to so many collapses (None: all) and at most `end` s, with equal weights."""
         self.view: Window = window(self.curve, collapses=collapses, end=end)
         self.since: Floats = self.view.since_max
         self.measured: Floats = self.view.normalised
@@ -182,31 +182,24 @@ class Experiment:
         self._sharpest = np.maximum(np.where(known, stated, noise), SHARPEST)
         self.counted: Bools = ~np.isin(cut.time[finite], self.curve.time[self.curve.spikes()])
         self.counted &= ~self._drifting(cut.time[finite])
-        seen = np.abs(np.gradient(self.measured, self.since)) if len(self.since) > 2 else np.zeros(len(self.since))
         self.noise_factor: float = 1.0
-        self.weigh(seen)
+        self.sigma: Floats = np.where(self.counted, self._radius_sigma, np.inf)
 
-    def weigh(self, speed: Floats | float, missed: Floats | None = None) -> None:
-        """Set sigma of the frames from the wall's speed over R_max, 1/s.
+    def weigh(self, seen: Prediction) -> None:
+        """Set sigma of the frames from what a simulation leaves in them.
 
-        Learnt weights are equal until it is known by how much a simulation `missed` the frames, (m,): their size and
-        the share of the motion in them are then the most likely ones for these differences, of which neighbours that
-        are alike count as one (noise_factor).
+        Their size and the share of the wall's motion in them are the most likely ones for these residuals, of which
+        neighbours that are alike count as one (noise_factor).
         """
-        noise, motion = self._radius_sigma, speed * self.frame * TIMING
-        if self.options.weights != "learnt":
-            motion = motion if self.options.weights == "motion" else 0.0
-        elif missed is None:
-            motion = 0.0
-        else:
-            squares = noise**2 + (np.array(TIMED)[:, None] * motion) ** 2
-            sizes = np.mean((missed**2 / squares)[:, self.counted], axis=1)
-            lost = np.log(np.maximum(sizes, 1e-12)) + np.mean(np.log(squares[:, self.counted]), axis=1)
-            best = int(np.argmin(lost))
-            noise, motion = np.sqrt(sizes[best]) * noise, np.sqrt(sizes[best]) * TIMED[best] * motion
-            noise = np.maximum(noise, SHARPEST)
-            self.noise_factor = float(np.sqrt(correlation_time(missed[self.counted])))
-        self.sigma: Floats = np.where(self.counted, np.hypot(noise, motion), np.inf)
+        noise, motion, missed = self._radius_sigma, seen.speed * self.frame * TIMING, self.measured - seen.radius
+        shares = np.array(TIMED if self.options.weights == "learnt" else (0.0,))
+        squares = noise**2 + (shares[:, None] * motion) ** 2
+        sizes = np.mean((missed**2 / squares)[:, self.counted], axis=1)
+        lost = np.log(np.maximum(sizes, 1e-12)) + np.mean(np.log(squares[:, self.counted]), axis=1)
+        best = int(np.argmin(lost))
+        noise, motion = np.sqrt(sizes[best]) * noise, np.sqrt(sizes[best]) * shares[best] * motion
+        self.noise_factor = float(np.sqrt(correlation_time(missed[self.counted])))
+        self.sigma = np.where(self.counted, np.hypot(np.maximum(noise, SHARPEST), motion), np.inf)
 
     def stretch_source(self, free: str = "inferred with the other parameters") -> str:
         """Where the stretch comes from, in words. free: where nothing is known of it."""
@@ -454,6 +447,11 @@ class Experiment:
         frames = (values[self.counted] for values in (deviation, self.since, velocity))
         deviation, since, velocity = frames
         return Noise(deviation, since, self.time_scale, discrepancy, velocity)
+
+    def white_noise(self) -> Noise:
+        """Independent noise with the weights of a fit (`weigh`) in the frames that count."""
+        deviation = (self.sigma * self.noise_factor)[self.counted]
+        return Noise(deviation, self.since[self.counted], self.time_scale, discrepancy=False)
 
     def checks(self, x: Floats, verdict: Verdict, messages: Sequence[str]) -> Checks:
         """`Reconstruction.checks` on the clock and scale of x; what is drawn is on those of the measurement."""

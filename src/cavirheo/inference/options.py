@@ -37,7 +37,7 @@ _DOMAINS: dict[str, tuple[Callable[[Any], bool], str]] = {
     "free": (lambda names: sorted(names) == sorted({*names} & {*FREE}), f"some of {', '.join(FREE)}, each once"),
     "t0_bound": (_positive, "a positive time in s"),
     "scale_bound": (lambda bound: 0 < bound < 0.2, "between 0 and 0.2"),
-    "weights": (lambda name: name in ("learnt", "motion", "equal"), "'learnt', 'motion' or 'equal'"),
+    "weights": (lambda name: name in ("learnt", "equal"), "'learnt' or 'equal'"),
 }
 
 
@@ -52,7 +52,6 @@ class Options:
     t0_bound: float | None = None
     scale_bound: float = SCALE_BOUND
     weights: str = "learnt"
-    windows: bool = True
     bubble: Bubble = FIELD
 
     def __post_init__(self) -> None:

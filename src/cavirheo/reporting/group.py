@@ -26,7 +26,7 @@ SENSITIVE = 3.0  # relative change of G over that of the scale, from which it is
 MOST = 1000  # of them: a slope looks at all pairs, and of more shots at so many, evenly over the sizes
 CONSTANTS = ("viscosity", AT_RATE, "shear_modulus")
 TOGETHER = "all together: other model preferred"
-_SAME = 1e-6  # of their mean: values that differ by less are one value, as those of a joint fit
+_SAME = 1e-6  # of their mean: values that differ by less are one value
 
 
 class Slope(Quantity):

@@ -88,7 +88,7 @@ def at_fault(record: CurveRecord) -> bool:
 def next_step(document: Result, asked: Mapping[str, Any], out: Path) -> str:
     """The command that helps where most answers ask for another law or bubble, or the recording to look at before;
     "" where none does. asked: the options of `infer_many` or `fit_many`."""
-    if "material" not in asked or asked.get("verify") == "none" or asked.get("joint"):
+    if "material" not in asked or asked.get("verify") == "none":
         return ""
     unlike = [one for one in document.curves if one.verdict == "model_does_not_fit"]
     if len(unlike) > len(document.curves) / 2 and all(map(at_fault, unlike)):

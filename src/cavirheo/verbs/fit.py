@@ -36,16 +36,13 @@ def fit(
         Option(help="R_max/R_0; 'plateau': prior from the late radius; 'free'  [default: prior from the file]"),
     ] = None,
     weights: Annotated[
-        str, Option(help="equal, motion (frames beside collapses count less), or learnt from the residuals")
+        str, Option(help="learnt (the residuals tell how much less frames beside collapses count) or equal")
     ] = "learnt",
     bubbles: options.Bubbles = options.FROM_OPTIONS,
     others: Annotated[
         bool,
-        Option("--others/--no-others", help="fit the field's bubble beside the real one, or the other way round"),
+        Option("--others/--no-others", help="look at the field's bubble beside the real one, or the other way round"),
     ] = True,
-    joint: Annotated[bool, Option("--joint", help="the shots of a group share one material")] = False,
-    verify: options.Verify = "none",
-    exact_law: options.ExactLaw = False,
     seed: options.Seed = 0,
     column: options.Column = None,
     reading: Reading = options.FROM_OPTIONS,
@@ -68,10 +65,6 @@ def fit(
 
     files = run.files(files)
     drawn = options.figures_of(figures)
-    options.check_verify(verify, reading.exposure_us, exact_law, files)
-    require(not joint or verify == "none", "--verify looks at each shot by itself: leave out --joint, or --verify")
-    one_work = "--joint is one fit of all shots, which is not spread: leave out --scheduler, or --joint"
-    require(not (joint and scheduler), one_work, "option.joint")
     collapses, known = options.window_of(window), options.stretch_of(stretch)
     law = None if material == "auto" else Family(material)
     solid = f"--damage needs a law with an elastic part, {material} has none"
@@ -86,11 +79,9 @@ def fit(
     for one in bubbles:
         Options(stretch=known, **camera, **cut, bubble=one)
     Outputs(out, *DOCUMENTS, inputs=files)
-    shared: dict[str, Any] = {"medium": liquid, "stretch": known, "seed": seed}
-    settings = {"material": material, "others": others, "joint": joint, "trust_input": reading.trust_input}
-    settings |= {**cut, **shared, **camera, "bubble": bubbles}
-    first = Step("fitting", fit_many, settings, apart=not joint)
-    after: dict[str, Any] = {"verify": verify, "discrepancy": not exact_law, **shared, **camera}
+    settings = {"material": material, "others": others, "trust_input": reading.trust_input, "seed": seed}
+    settings |= {**cut, **camera, "medium": liquid, "stretch": known, "bubble": bubbles}
+    first = Step("fitting", fit_many, settings)
     with connected(scheduler, run.say) as executor:
         curves = run.read(files, liquid, reading, column)
-        run.report(curves, first, out, pictures=pictures, figures=drawn, executor=executor, **after)
+        run.report(curves, first, out, pictures=pictures, figures=drawn, executor=executor)

@@ -116,8 +116,6 @@ Out = Annotated[Path, _OUT]  # of documents: a run holds it, and --replace goes 
 _GROWING: Any = Option("-o", "--out", help="folder, which may hold a part", parser=_folder, metavar="FOLDER")
 Growing = Annotated[Path, _GROWING]  # of work that another call goes on with
 Replace = Annotated[bool, Option("--replace", help="write over the answers of another run in that folder")]
-_VERIFY = "map: maximum of the posterior; full: draws weighted by simulations; none: as the model answers"
-Verify = Annotated[str, Option(help=_VERIFY, autocompletion=values(*_LEVELS[1:]))]
 _AUTO = "auto: weighted draws from few simulations; full: from many; map: maximum of the posterior; none: network alone"
 VerifyAuto = Annotated[str, Option(help=_AUTO, autocompletion=values(*_LEVELS))]
 ExactLaw = Annotated[
@@ -134,7 +132,7 @@ _TRUST = "I checked scale, frame rate and constants: report doubts, but keep the
 TrustInput = Annotated[bool, Option("--trust-input", help=_TRUST)]
 Exclude = Annotated[str | None, Option(help="frames of a recording to leave out, such as '12,40-45' (the first is 1)")]
 UmPerPx = Annotated[float | None, Option(help="micrometres per pixel of a recording")]
-_BLUR = "exposure time of a frame, us, centred on its time: --verify blurs the simulation alike"
+_BLUR = "exposure time of a frame, us, centred on its time: the simulation is blurred alike"
 _GROUP = "shots of one material: file, folder, name (soft_1, soft_2), none, or auto: a file, or single-shot files"
 Group = Annotated[str, Option(help=_GROUP)]
 _KINETIC = "model of the vapour: equilibrium (the field's model) or kinetic (condenses at a finite rate)"

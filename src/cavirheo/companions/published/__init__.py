@@ -168,7 +168,7 @@ def _step(about: ReferenceSet, model: str, fit: str | None, trust_input: bool) -
     from cavirheo.inference.fit import fit_many
 
     law = "newtonian" if material == "newtonian" else fit
-    options |= {"material": law, "windows": False, "bubble": "field"}
+    options |= {"material": law, "bubble": "field"}
     return f"least squares, {law}", Step(f"fitting {about.name}", fit_many, options)
 
 

@@ -43,7 +43,7 @@ def population(
         answers: of shots of one material, as `infer_many`, `fit_many` or `verify_many` give them. Their weighted draws
             are divided by the prior that they were made with (`Posterior.prior`; flat in the logarithm where that is
             not known). Those without an interval, of another model than most, or whose verdict says that they are no
-            property of the material, are left out and counted; so is a copy of another's draws (a joint fit is one).
+            property of the material, are left out and counted; so is a copy of another's draws.
         names: of the shots; default "shot 1", ...
         along: (n,) a column by which the centre may change, such as log10 of R_max or a concentration: the population
             then has a slope, in decades of each parameter per unit of the column.

@@ -11,17 +11,18 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from cavirheo.curve import RadiusCurve, several
-from cavirheo.errors import SolverError, expect, reason
+from cavirheo.errors import InputError, SolverError, expect, reason
 from cavirheo.inference.alternatives import chosen_among, contenders, itself, judged, model_of
 from cavirheo.inference.input_checks import doubted
 from cavirheo.inference.law import Family
 from cavirheo.inference.posterior_model import PosteriorModel
+from cavirheo.inference.verify.fitting import Fitting, Searching
 from cavirheo.inference.verify.tuning import TUNING
 from cavirheo.inference.verify.verification import Level, Verification, Work
 from cavirheo.parallel import cores, each
-from cavirheo.physics.bubble import DAMAGED, REAL, Requested, bubbles_of
+from cavirheo.physics.bubble import DAMAGED, REAL, Bubble, Requested, bubbles_of, rival_of
 from cavirheo.physics.media import Medium
-from cavirheo.posterior import Posterior, Verdict
+from cavirheo.posterior import Diagnostics, OtherAnswer, Posterior, Verdict
 
 __all__ = ["Verification", "VerificationOptions", "verify", "verify_many"]
 
@@ -36,6 +37,9 @@ class VerificationOptions(TypedDict, total=False):
     level: Level
     medium: Medium | str
     discrepancy: bool
+    search: bool
+    weights: str | None
+    rival: bool
     ranges: Mapping[str, Sequence[float]] | None
     draws: int
     seed: int
@@ -79,6 +83,7 @@ def verify_many(
     inner = max(cores(workers) // max(len(curves), 1), 1)
     how: dict[str, Any] = {**settings}  # a medium by its name, too
     chosen = Verification(workers=inner, **how)
+    work = Fitting if chosen.weights else Searching if chosen.search else Work
     bubbles = () if bubble is None else bubbles_of(bubble)
 
     def verified(pair: tuple[RadiusCurve, list[Posterior]]) -> Posterior:
@@ -90,17 +95,20 @@ def verify_many(
                 problems.append(model)
                 continue
             try:
-                found.append(Work(chosen, curve, model).posterior())
+                found.append(work(chosen, curve, model).posterior())
             except Exception as error:  # of this shot alone
-                message = "; ".join(filter(None, [model.checks.message, f"not verified: {reason(error)}"]))
+                told = reason(error) if chosen.weights else f"not verified: {reason(error)}"
+                message = "; ".join(filter(None, [model.checks.message, told]))
                 verdict: Verdict = "failed" if chosen.level == "auto" else model.checks.verdict
                 problems.append(replace(model, checks=replace(model.checks, verdict=verdict, message=message)))
         if not found:
             return replace(problems[0], seconds=problems[0].seconds + time.perf_counter() - began)
-        if len(models) == 1 and chosen.level == "auto":
+        if len(models) == 1 and chosen.level == "auto" and not chosen.weights:
             (best,) = found
             found = [best, *_damaged(chosen, curve, best)]
         best = _simplest(found)
+        if chosen.rival:
+            best = replace(best, others=(*best.others, *_rival(chosen, curve, best)))
         own = next((model for model in models if model_of(model) == model_of(best)), given[0])
         doubts, checked = list(own.checks.doubts), own.checks.verdict != "check_input"
         checks = doubted(judged(best, chosen_among(best, found)), doubts, trust_input=checked)
@@ -131,9 +139,26 @@ def _damaged(settings: Verification, curve: RadiusCurve, answer: Posterior) -> l
     if not asked or left < TUNING.searched_above or len(answer.theta) < 2 or answer.bound("shear_modulus"):
         return []
     without = answer.evidence.log if answer.evidence else -np.inf
+    return _again(replace(settings, network=None), curve, answer, DAMAGED, without)
+
+
+def _rival(settings: Verification, curve: RadiusCurve, answer: Posterior) -> list[OtherAnswer]:
+    """What the other of the real and the field's bubble answers beside a fit: its maximum, and the Gaussian there."""
+    rival = rival_of(answer.bubble)
+    if rival is None or any(model_of(one) == (answer.material, rival.name) for one in answer.others):
+        return []
+    how = replace(settings, level="map", weights=None, scanned=TUNING.rival_scanned)
+    return [itself(one) for one in _again(how, curve, answer, rival)]
+
+
+def _again(
+    settings: Verification, curve: RadiusCurve, answer: Posterior, bubble: Bubble, least: float = -np.inf
+) -> list[Posterior]:
+    """The answer once more, of another bubble; none where that fails, or where Laplace's log evidence of level "auto"
+    is smaller than `least`."""
+    other = replace(answer, bubble=bubble, others=(), windows={}, diagnostics=Diagnostics())
     try:
-        damaged = Work(replace(settings, network=None), curve, replace(answer, bubble=DAMAGED, others=()))
-        found = damaged.posterior_above(without)
-    except SolverError:  # the answer without damage stands
+        found = Work(settings, curve, other).posterior_above(least)
+    except (InputError, SolverError):
         return []
     return [found] if found else []

@@ -20,7 +20,7 @@ from cavirheo.curve import RadiusCurve, several
 from cavirheo.errors import require
 from cavirheo.inference import DEFAULT, infer_many
 from cavirheo.inference.alternatives import LAPLACE, chosen_among, contenders, itself, judged, model_of
-from cavirheo.inference.fit import fit_many
+from cavirheo.inference.fit import search_many
 from cavirheo.inference.law import Family
 from cavirheo.inference.options import Options
 from cavirheo.inference.population import Population, with_slope_if_any
@@ -175,8 +175,8 @@ def plans(
     medium: Medium = WATER, stretch: float | str | None = None, seed: int = 0,
     ranges: Mapping[str, Sequence[float]] | None = None, **options: Any,
 ) -> dict[str, tuple[Step, ...]]:  # fmt: skip
-    """The steps of each of `models` to its evidence, by name: one for what the network knows (`by_network`); a fit, the
-    climb from there to Laplace's evidence, and the draws for the others. The rest as `rank_laws` has it."""
+    """The steps of each of `models` to its evidence, by name: one for what the network knows (`by_network`); the
+    search with Laplace's evidence, and the draws for the others. The rest as `rank_laws` has it."""
     options.setdefault("draws", TUNING.law_draws)
     shared = {"medium": medium, "stretch": stretch, "seed": seed}
     asked = {"window": window, "trust_input": trust_input, **shared}
@@ -187,17 +187,16 @@ def plans(
             found[name] = (Step(f"weighing {name}", infer_many, {**model, **asked, **options}),)
             continue
         known = (*Family(law).parameters, "stretch")
-        fitting = {**model, **asked, "windows": False, "others": False, "draws": False}
         weighing = {
             **shared,
             "ranges": {parameter: pair for parameter, pair in (ranges or {}).items() if parameter in known},
             **options,
         }
-        climbing = {**weighing, "level": "map", "scanned": TUNING.law_scanned}
+        searching = {**model, "window": window, "trust_input": trust_input, **weighing}
         found[name] = (
-            Step(f"fitting {name}", fit_many, fitting), Step(f"climbing {name}", verify_many, climbing),
+            Step(f"searching {name}", search_many, searching),
             Step(f"weighing {name}", verify_many, {**weighing, "level": "auto"}),
-        )  # fmt: skip
+        )
     return found
 
 
@@ -207,7 +206,7 @@ def weighed(
     """The answer of each model for each curve, by the index of the curve; a model whose Laplace evidence is far below
     the best of the curve (TUNING.hopeless) keeps that. run: (curves, *steps) -> answers of the last step by index;
     where some are missing, it was interrupted, and nothing is found."""
-    found = {law: dict(run(curves, *(mine[:2] if len(mine) > 1 else mine))) for law, mine in steps.items()}
+    found = {law: dict(run(curves, mine[0])) for law, mine in steps.items()}
     if any(len(answers) < len(curves) for answers in found.values()):
         return {law: {} for law in found}
     for law, near in contending({law: list(answers.values()) for law, answers in found.items()}).items():

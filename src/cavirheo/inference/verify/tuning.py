@@ -46,6 +46,8 @@ class Tuning:
     # where searches start
     scanned: int = 96  # coarse simulations all over the ranges
     scanned_climbed: float = 1.0 / 32.0  # how many of them are climbed from
+    search_unlike: float = 4.0  # squared difference of frames over noise, below which a search has come to a minimum
+    rival_scanned: int = 32  # where the other of the real and the field's bubble is looked at beside a fit
     same_start: float = 0.005  # starts nearer to each other are one
 
     searched_above: float = 0.015  # of R_max: misfit beyond noise, from which windows that grow are searched, too, and
@@ -123,7 +125,6 @@ class Tuning:
     rejected: float = 0.01  # probability of its rejection where the law is right
 
     # evidence of laws
-    law_scanned: int = 64  # coarse simulations where laws are compared: a fit has searched before,
     law_draws: int = 400  # most draws of a law there whose weights count;
     law_patience: int = 120  # after so many they must be on the way to being enough. If not, the search begins anew,
     law_learning: int = 1  # with so many rounds of rough simulations,

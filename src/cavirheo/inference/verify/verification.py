@@ -13,17 +13,17 @@ from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError, SolverError, expect, expect_whole, require
 from cavirheo.inference.alternatives import LAPLACE, SEEN, averaged, model_of
 from cavirheo.inference.experiment import FINE, QUICK, Experiment
-from cavirheo.inference.fit.least_squares import SEARCH, LeastSquares
-from cavirheo.inference.fit.search import Search
-from cavirheo.inference.fit.starts import STARTS, Scan
 from cavirheo.inference.law import Family
 from cavirheo.inference.options import FREE, SCALE_BOUND, Options
 from cavirheo.inference.posterior_model import PosteriorModel
+from cavirheo.inference.search import Search
+from cavirheo.inference.search.least_squares import LIMITS, LeastSquares
+from cavirheo.inference.search.starts import STARTS, Scan
 from cavirheo.inference.verify.adaptive_sampling import Preview, preview, weighed
 from cavirheo.inference.verify.mode import INSIDE, Mode, Target, climb, modes, same, valley
 from cavirheo.inference.verify.predictive import predictive_check
 from cavirheo.inference.verify.proposals import Explorer
-from cavirheo.inference.verify.sampler import Sample, sample
+from cavirheo.inference.verify.sampler import Proposal, Sample, sample
 from cavirheo.inference.verify.tuning import TUNING
 from cavirheo.parallel import cores
 from cavirheo.parameters import CAMERA, PARAMETERS, natural_name, units
@@ -43,7 +43,7 @@ _HINTS = {  # by nuisance: what to check where it runs to the end of its prior
     "max_radius_factor": ": check that R_max was recorded",
 }
 
-_Sampled = tuple[tuple[Floats, Floats], Sample | None, Mode, Evidence, Sequence[Mode], Mapping[str, Any]]
+Sampled = tuple[tuple[Floats, Floats], Sample | None, Mode, Evidence, Sequence[Mode], Mapping[str, Any]]
 Level = Literal["auto", "map", "full"]
 
 
@@ -59,6 +59,9 @@ class Verification:
         level: "map" (maximum and Laplace's Gaussian), "full" (weighted draws), or "auto".
         medium: as in `fit_many`.
         discrepancy: allow for what no simulation follows (noise.py); without it the law is taken as exact.
+        search: whether the answer gives law, bubble and window alone, and searches over windows that grow begin it.
+        weights: of a fit, "learnt" or "equal" (fitting.py); None: no fit.
+        rival: of a fit, whether the other of the real and the field's bubble stands beside.
         ranges: of the priors, {"shear_modulus": [low, high] in SI}; default those that a fit searches.
         draws: at most so many weighted ones.
         seed: of the draws.
@@ -77,6 +80,9 @@ class Verification:
     level: Level = "full"
     medium: Medium = WATER
     discrepancy: bool = True
+    search: bool = False
+    weights: str | None = None
+    rival: bool = False
     ranges: Mapping[str, Sequence[float]] | None = None
     draws: int = TUNING.draws
     seed: int = 0
@@ -95,11 +101,14 @@ class Verification:
 
     def options(self, end: float | None, bubble: Bubble) -> Options:
         """Of the experiment on a window that ends at `end`, s. Raises InputError."""
-        return Options(None, end, self.stretch, self.free, self.t0_bound, self.scale_bound, bubble=bubble)
+        weights = self.weights or "learnt"
+        return Options(None, end, self.stretch, self.free, self.t0_bound, self.scale_bound, weights, bubble)
 
 
 class Work:
     """The work on one curve."""
+
+    method = "verified"  # of an answer with weighted draws
 
     def __init__(self, settings: Verification, curve: RadiusCurve, answer: Posterior) -> None:
         self.settings = settings
@@ -107,10 +116,13 @@ class Work:
         options = settings.options(None if end is None else end * scale * (1.0 + 1e-9), answer.bubble)
         exposure = float(curve.exposure or 0.0)
         self.shot = Experiment(curve, Family(answer.material), settings.medium, options, exposure=exposure)
+        self.shot.runs = answer.diagnostics.simulations or 0
+        self.shot.failures = answer.diagnostics.failed_simulations or 0
         self.answer = answer
         self.prior = self.shot.prior(settings.ranges)
         noise = self.shot.noise(settings.discrepancy)
         self.target = Target(self.shot, self.prior, noise, cores(settings.workers))
+        self.noise = self.target.noise  # by which the answer is judged
         self.messages: list[str] = []
 
     def posterior(self) -> Posterior:
@@ -124,20 +136,15 @@ class Work:
         found = self._sampled(log_evidence)
         return None if found is None else self._answer(*found)
 
-    def _sampled(self, least: float = -np.inf) -> _Sampled | None:
+    def _sampled(self, least: float = -np.inf) -> Sampled | None:
         climbed = self.answer.method == "laplace"  # its modes are those that a scan finds
         scanned = list if climbed else self.scanned
         if self.settings.level == "auto":
             fitted = climbed or self.answer.method == "least_squares"  # its windows have grown
             windowed = list if fitted else self.windowed
-            how, network = self.settings, None
-            try:
-                if how.network:
-                    network = how.network.proposal(self.shot, self.target.prior, how.discrepancy)
-            except InputError as outside:
-                self.messages.append(f"{outside}; the search began all over the ranges")
+            how = self.settings
             sizes: Any = {"draws": how.draws, "seed": how.seed}
-            weighted = weighed(self.target, network, self.starts, scanned, windowed, **sizes, least=least)
+            weighted = weighed(self.target, self.network(), self.starts, scanned, windowed, **sizes, least=least)
             if weighted is None:
                 return None
             drawn, residuals, top, found, soon, apart, rough = weighted
@@ -243,7 +250,7 @@ class Work:
 
     def scanned(self) -> list[Floats]:
         """u where coarse simulations all over the ranges are most likely: the answer need not be the highest valley."""
-        fit = LeastSquares([self.shot], self.target.workers)
+        fit = LeastSquares(self.shot, self.target.workers)
         try:
             scan = Scan(fit, self.settings.scanned, STARTS)  # other points than those of a fit
         except SolverError:
@@ -258,17 +265,24 @@ class Work:
         return [u[i] for i in np.argsort(-value)[:climbed] if np.isfinite(value[i])]
 
     def windowed(self) -> list[Floats]:
-        """u of the minima that a fit's search finds, over windows that grow by a collapse: a long one has many minima,
-        for a rebound can slip by a period."""
-        shot = self.shot
-        shorter = [(n, shot.cut[1]) for n in range(1, min(shot.view.collapses, 4))]
+        """u of the minima that a search over windows that grow by a collapse finds: a long one has many minima, for a
+        rebound can slip by a period."""
         try:
-            search = Search(LeastSquares([shot], self.target.workers), [*shorter, shot.cut], once=True)
+            found = Search(self.shot, self.target.workers).minima()
         except SolverError:
             return []
         finally:
-            shot.set_window(*shot.cut)
-        return [self.target.start(minimum.x) for minimum in search.minima]
+            self.shot.set_window(*self.shot.cut)
+        return [self.target.start(minimum.x) for minimum in found]
+
+    def network(self) -> Proposal | None:
+        """What knows the whole posterior roughly: the network, where it can read the curve; if not, that is said."""
+        network, how = self.settings.network, self.settings
+        try:
+            return network.proposal(self.shot, self.target.prior, how.discrepancy) if network else None
+        except InputError as outside:
+            self.messages.append(f"{outside}; the search began all over the ranges")
+            return None
 
     def _answer(
         self, kept: tuple[Floats, Floats], drawn: Sample | None, best: Mode, evidence: Evidence,
@@ -276,7 +290,7 @@ class Work:
     ) -> Posterior:  # fmt: skip
         """The Posterior of u (k, d) with extended residuals: weighted draws, the maximum where they are not to be
         trusted, or a Gaussian."""
-        shot, prior, noise, settings, target = self.shot, self.prior, self.target.noise, self.settings, self.target
+        shot, prior, noise, settings, target = self.shot, self.prior, self.noise, self.settings, self.target
         (u, residuals), z = kept, target.camera.z(best.residual)
         (at,) = target.with_camera(best.u[None], z[None])
         x, log_camera = at[None], np.zeros(1)
@@ -329,14 +343,14 @@ class Work:
         provenance |= told | about | noise.describe(best.residual) | {
             "verify": settings.level, "discrepancy": settings.discrepancy, "prior": prior.to_dict(),
             "exposure_s": shot.exposure, "proposal": self.answer.method, "best": values, "stretch": values["stretch"],
-            "before": {name: self.answer.median(natural_name(name)) for name in self.answer.names},
+            "before": {n: self.answer.median(natural_name(n)) for n in self.answer.names if len(self.answer.theta)},
             "seed": settings.seed,
         }  # fmt: skip
         verdict = self._verdict(at, predictive, excess, x, log_weight)
         verdict = "no_interval" if drawn and len(u) == 1 and verdict == "ok" else verdict
         checks = shot.checks(at, verdict, self.messages)
         return Posterior(
-            names, units(names), theta, checks, shot.family.name, "verified" if drawn else "laplace", provenance,
+            names, units(names), theta, checks, shot.family.name, self.method if drawn else "laplace", provenance,
             log_q, log_weight, best=values, stretch=values["stretch"], windows=self.answer.windows,
             evidence=evidence, diagnostics=Diagnostics(**told), bubble=self.answer.bubble,
             others=others, prior=shot.of_law(prior), stretch_prior=shot.stretch_prior,
@@ -364,8 +378,8 @@ class Work:
         """x (all,) of least squares from x, or itself where that is no nearer, and its misfit beyond noise: a verdict
         is about the best that the model can do."""
         shot = self.shot
-        fit = LeastSquares([shot], self.target.workers)
-        found = fit.minimise(np.clip(x, *fit.bounds.T), QUICK, {**SEARCH, "max_nfev": TUNING.nearest_steps}).x
+        fit = LeastSquares(shot, self.target.workers)
+        found = fit.minimise(np.clip(x, *fit.bounds.T), QUICK, {**LIMITS, "max_nfev": TUNING.nearest_steps}).x
         missed = [shot.difference(one) for one in (x, found)]
         nearest = int(np.argmin(np.nan_to_num([np.mean(one**2) for one in missed], nan=np.inf)))
         return (x, found)[nearest], shot.misfit(missed[nearest])

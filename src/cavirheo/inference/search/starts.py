@@ -6,8 +6,8 @@ import numpy as np
 
 from cavirheo.arrays import Floats
 from cavirheo.errors import SolverError
-from cavirheo.inference.experiment import Experiment, Prediction
-from cavirheo.inference.fit.least_squares import LeastSquares
+from cavirheo.inference.experiment import Prediction
+from cavirheo.inference.search.least_squares import LeastSquares
 from cavirheo.parameters import PARAMETERS
 from cavirheo.physics.accuracy import COARSE
 from cavirheo.physics.collapse import analytic_modulus
@@ -26,12 +26,12 @@ class Scan:
     """
 
     def __init__(self, fit: LeastSquares, count: int = STARTS, first: int = 0) -> None:
-        (shot,) = fit.shots
-        self.bounds = fit.bounds
+        shot, family = fit.shot, fit.shot.family
+        self.shot, self.bounds = shot, fit.bounds
         near = shot.stretch_prior
         logs = [PARAMETERS[name] for name in shot.logs]
-        usual = np.concatenate([fit.family.bounds(started=True), np.array([p.started for p in logs]).reshape(-1, 2)])
-        wide = np.concatenate([fit.family.bounds(), np.array([p.searched for p in logs]).reshape(-1, 2)])
+        usual = np.concatenate([family.bounds(started=True), np.array([p.started for p in logs]).reshape(-1, 2)])
+        wide = np.concatenate([family.bounds(), np.array([p.searched for p in logs]).reshape(-1, 2)])
         if near and "stretch" in shot.logs:
             row = shot.law + shot.logs.index("stretch")
             usual[row] = np.clip(np.log10([max(near[0] - near[1], 1e-3), near[0] + near[1]]), *wide[row])
@@ -42,7 +42,7 @@ class Scan:
         for box, taken in ((usual, numbers % 2 == 0), (wide, numbers % 2 == 1)):
             self.points[taken, self.searched] = box[:, 0] + cube[taken] * (box[:, 1] - box[:, 0])
         self.timed = np.zeros(count, dtype=bool)  # which get their shear modulus from the collapse time
-        names, times = fit.family.parameters, shot.curve.collapse_times()
+        names, times = family.parameters, shot.curve.collapse_times()
         if len(times) and {"shear_modulus", "viscosity"} <= set(names):
             column = names.index("shear_modulus")
             viscosity = 10.0 ** self.points[:, names.index("viscosity")]
@@ -52,18 +52,13 @@ class Scan:
             low, high = fit.bounds[column]
             self.timed = (log10 > low) & (log10 < high) & (numbers // 2 % 2 == 0)
             self.points[self.timed, column] = log10[self.timed]
-        self.found = fit.predictions([(shot, x) for x in self.points], COARSE)
+        self.found = fit.predictions(list(self.points), COARSE)
         if not any(self.found):
-            raise SolverError(f"all {count} simulations of {fit.family.name} failed that were to start the search")
+            raise SolverError(f"all {count} simulations of {family.name} failed that were to start the search")
 
-    @property
-    def counts(self) -> dict[str, int]:
-        """How many starts there were, and how many with the shear modulus of the collapse time."""
-        return {"starts": len(self.points), "starts_from_collapse_time": int(np.sum(self.timed))}
-
-    def best(self, shot: Experiment, count: int, known: list[Floats]) -> list[Floats]:
+    def best(self, count: int, known: list[Floats]) -> list[Floats]:
         """Points with the smallest cost in the present window of the shot, apart from each other and from the known."""
-        m = len(shot.since)
+        shot, m = self.shot, len(self.shot.since)
         costs = [np.sum(shot.residual(p and Prediction(*(values[:m] for values in p))) ** 2) for p in self.found]
         width = (self.bounds[:, 1] - self.bounds[:, 0])[self.searched]
         chosen: list[Floats] = []

@@ -1,0 +1,165 @@
+"""The field's conventional fit: least squares of simulated on measured radius histories (docs/method/fit.md)."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import asdict
+from importlib.metadata import version
+from itertools import product
+from typing import Any, Concatenate, ParamSpec, Protocol
+
+import numpy as np
+
+from cavirheo.curve import RadiusCurve, several
+from cavirheo.errors import expect_whole
+from cavirheo.inference import AUTO, input_checks
+from cavirheo.inference.experiment import Experiment
+from cavirheo.inference.law import Family, softened
+from cavirheo.inference.options import FREED, SCALE_BOUND, Options, check_wall
+from cavirheo.inference.verify import verify_many
+from cavirheo.parameters import LOG10, units
+from cavirheo.physics.bubble import Bubble, Requested, bubbles_of
+from cavirheo.physics.media import WATER, Medium
+from cavirheo.physics.media import medium as named
+from cavirheo.posterior import Checks, Posterior
+
+__all__ = ["fit", "fit_many"]
+
+
+def fit_many(
+    curves: Sequence[RadiusCurve],
+    material: str = "nhkv",
+    *,
+    medium: Medium | str = WATER,
+    window: int | str | None = None,
+    end: float | None = None,
+    stretch: float | str | None = None,
+    free: Sequence[str] | str = FREED,
+    t0_bound: float | None = None,
+    scale_bound: float = SCALE_BOUND,
+    weights: str = "learnt",
+    bubble: Requested = "real",
+    others: bool = True,
+    trust_input: bool = False,
+    seed: int = 0,
+    workers: int | None = None,
+    done: Callable[[int, Posterior], None] | None = None,
+) -> list[Posterior]:
+    """Nonlinear least squares on the simulated radius, from many starts, with weighted draws about the best.
+
+    Args:
+        curves: R(t), s and m.
+        material: a law of `cavirheo laws` all of whose parameters are then fitted ("nhkv", "qkv", "zener", ...);
+            "auto": the simplest of AUTO that the evidence does not reject, the others being in `Posterior.others`.
+        medium: constants of the liquid or gel, or the name of a set.
+        window: collapses that are fitted, up to the rebound's maximum after the last, at most a period; "all" for the
+            whole recording. Default: 3, or as many as there are, unless `end` is given.
+        end: s after R_max at which the window ends at the latest.
+        stretch: R_max/R_0 where it is known; "plateau": free, with the late plateau as prior; "free"; default: free,
+            with the stretch that the file states, if it does, as prior.
+        free: of "t0" (the clock: true time of R_max minus fitted one), "scale" (radius calibration: true radius over
+            measured one) and "rmax" (R_max of the motion over that read off the curve, the calibration being right).
+        t0_bound: s, largest |t0|; default half a frame interval. scale_bound: largest deviation of the others from 1.
+        weights: "learnt" (the residuals tell how much less frames count where the wall moves fast) or "equal".
+        bubble: "real" (vapour condenses at a finite rate, and the surroundings damp the motion), "field" (equilibrium
+            contents, unbounded liquid), "auto" (both, and the evidence chooses as for materials), or a `Bubble`.
+        others: look at the other of these two bubbles, too; what it and other valleys answer is in `Posterior.others`.
+        trust_input: doubts about the recording or its settings are said, but decide no verdict.
+        seed: of the draws.
+        workers: threads; default: all cores. The answers do not depend on it.
+        done: called with the index of each curve and its answer as it is found.
+
+    Returns:
+        An answer for each curve, in their order, SI. A curve that cannot be fitted gives a Posterior without draws
+        whose checks.message says why.
+
+    Raises:
+        InputError: unknown material or a setting out of its domain.
+
+    Source: docs/method/fit.md.
+    """
+    expect_whole(seed, "seed", 0, "option.seed")
+    curves, bubbles = several(curves), bubbles_of(bubble)
+    laws = softened(AUTO if material == "auto" else (material,), bubbles[0].damage)
+    camera: dict[str, Any] = {"stretch": stretch, "free": free, "t0_bound": t0_bound, "scale_bound": scale_bound}
+    options = {one: Options(window, end, **camera, weights=weights, bubble=one) for one in bubbles}
+    models = [(Family(law), options[one]) for law, one in product(laws, bubbles)]
+    for one in bubbles:
+        check_wall(one, curves)
+    requests = [[_request(curve, *model, named(medium), trust_input) for model in models] for curve in curves]
+    settings: dict[str, Any] = {"level": "auto", "medium": medium, "weights": weights, "rival": others, **camera}
+    return verify_many(curves, requests, seed=seed, workers=workers, done=done, **settings)
+
+
+def search_many(
+    curves: Sequence[RadiusCurve],
+    material: str,
+    *,
+    bubble: Bubble,
+    window: int | str | None = None,
+    trust_input: bool = False,
+    medium: Medium | str = WATER,
+    stretch: float | str | None = None,
+    workers: int | None = None,
+    done: Callable[[int, Posterior], None] | None = None,
+    **settings: Any,
+) -> list[Posterior]:
+    """The maximum of the posterior of a law where the search of a fit finds it, and the Gaussian about it. The others
+    are those of `fit_many` and of `Verification`, as are the errors."""
+    family, options = Family(material), Options(window, stretch=stretch, bubble=bubble)
+    check_wall(bubble, curves)
+    requests = [_request(curve, family, options, named(medium), trust_input) for curve in curves]
+    settings |= {"medium": medium, "stretch": stretch, "level": "map", "search": True}
+    return verify_many(curves, requests, workers=workers, done=done, **settings)
+
+
+def _request(curve: RadiusCurve, family: Family, options: Options, medium: Medium, trust_input: bool) -> Posterior:
+    """What a search begins from: law, bubble, window and doubts about the recording, without any value."""
+    names = tuple(LOG10 + name for name in family.parameters)
+    try:
+        shot = Experiment(curve, family, medium, options)
+        doubts = [*input_checks.plain(curve, medium), *input_checks.of_walls(shot)]
+        checks = input_checks.doubted(Checks("ok", t_star_end=shot.view.end / shot.time_scale), doubts, trust_input)
+    except Exception as error:  # of this curve alone
+        checks = input_checks.failed(error, curve, medium)
+    about = {"medium": asdict(medium), "options": asdict(options), "source_sha256": curve.source_sha256}
+    provenance = {"cavirheo": version("cavirheo"), **about}
+    nothing = np.empty((0, len(names)))
+    return Posterior(
+        names, units(names), nothing, checks, family.name, "least_squares", provenance, bubble=options.bubble
+    )
+
+
+P = ParamSpec("P")
+
+
+class OfOne(Protocol[P]):
+    """To type checkers: a function of one curve with the options of one of many."""
+
+    def __call__(self, curve: RadiusCurve, *args: P.args, **kwargs: P.kwargs) -> Posterior: ...
+
+
+def _with_options_of(
+    many: Callable[Concatenate[Sequence[RadiusCurve], P], list[Posterior]],
+) -> Callable[[Callable[..., Posterior]], OfOne[P]]:
+    return lambda one: one
+
+
+@_with_options_of(fit_many)
+def fit(curve: RadiusCurve, material: str = "nhkv", **options: Any) -> Posterior:
+    """The parameters of a law whose simulation follows one measured curve best.
+
+    Args:
+        curve: R(t), s and m.
+        material: a law of `cavirheo laws`, or "auto".
+        options: those of `fit_many`.
+
+    Returns:
+        The answer, SI; one without draws says in its checks.message why it failed.
+
+    Raises:
+        InputError: as `fit_many`.
+
+    Source: docs/method/fit.md.
+    """
+    return fit_many([curve], material, **options)[0]

@@ -1,0 +1,148 @@
+"""Work that begins with searches over windows that grow by a collapse: that of a fit, and of a law by itself.
+
+A fit takes the noise as independent from frame to frame. Its size, and the share of the wall's motion in it, are learnt
+from what the best simulation leaves (`Experiment.weigh`). Models are compared, and the answer is judged, by the noise
+of a posterior, which allows for what no simulation follows.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from cavirheo.arrays import Floats
+from cavirheo.curve import RadiusCurve
+from cavirheo.errors import SolverError
+from cavirheo.inference.experiment import FINE, QUICK, SHARPEST
+from cavirheo.inference.options import FREE
+from cavirheo.inference.search import ROUNDS, Search
+from cavirheo.inference.search.least_squares import POLISH, LeastSquares
+from cavirheo.inference.verify.mode import Mode, Target, climb, modes, same, under
+from cavirheo.inference.verify.sampler import Mixture, Proposal
+from cavirheo.inference.verify.tuning import TUNING
+from cavirheo.inference.verify.verification import Sampled, Verification, Work
+from cavirheo.posterior import Evidence, Posterior, WindowAnswer, correlations
+
+AT_BOUND = 1e-3  # of a range: nearer to its end is "at the bound"
+
+
+class Searching(Work):
+    """The work on one curve from the law alone. search: over windows that grow. modes: where it ended, best first, with
+    the noise of a posterior."""
+
+    def __init__(self, settings: Verification, curve: RadiusCurve, answer: Posterior) -> None:
+        super().__init__(settings, curve, answer)
+        self.search = Search(self.shot, self.target.workers, 0.0 if self.shot.clean else TUNING.search_unlike)
+        self.modes: list[Mode] = []
+        for _ in ROUNDS[:1] if settings.level == "map" else ROUNDS:
+            kept, new = ([self.target.start(x) for x in some] for some in self.search.starts())
+            self.modes = modes(self.target, kept, known=self.modes)
+            if not (self.modes and self.search.explained(self._missed)):
+                self.modes = modes(self.target, new, known=self.modes)
+            if self.modes and self.search.enough(self._missed):
+                break
+
+    @property
+    def _missed(self) -> Floats:
+        """What the best mode missed, over R_max, of the frames that count."""
+        return self.noise.split(self.modes[0].residual)[0]
+
+    def starts(self) -> list[Floats]:
+        """u of the modes."""
+        return [mode.u for mode in self.modes]
+
+    def scanned(self) -> list[Floats]:
+        """None: the search has looked all over the ranges."""
+        return []
+
+    def windowed(self) -> list[Floats]:
+        """None: the search had windows that grow."""
+        return []
+
+
+class Fitting(Searching):
+    """The work on one curve of a fit. weighed: modes with its own noise, the best first."""
+
+    method = "least_squares"
+
+    def __init__(self, settings: Verification, curve: RadiusCurve, answer: Posterior) -> None:
+        super().__init__(settings, curve, answer)
+        followed = (mode for mode in self.modes if self._weigh(self._at(mode)))
+        first = next(followed, None)  # a rough simulation may step over what stops the default one: taut chains
+        if first is None:
+            raise SolverError(f"no mode of {self.shot.family.name} could be simulated")
+        if mode := climb(self.target, first.u, QUICK):
+            self._weigh(self._at(mode))
+            first = mode
+        others = [mode for mode in self.modes if not same(mode, first)]
+        if self.shot.options.stretch == "plateau" and not self.shot.stretch_prior:
+            self.messages.append("the curve has no late plateau: the stretch was fitted freely")
+        self.weighed = [under(mode, self.target.noise) for mode in (first, *others)]
+
+    def _at(self, mode: Mode) -> Floats:
+        """x (all,) of a mode."""
+        return self.target.with_camera(mode.u[None], self.target.camera.z(mode.residual)[None])[0]
+
+    def _weigh(self, x: Floats) -> bool:
+        """Take the weights that the simulation of x (all,) tells; False where it fails."""
+        seen = self.shot.predict(x, FINE)
+        if seen is None:
+            return False
+        self.shot.weigh(seen)
+        self.target = Target(self.shot, self.prior, self.shot.white_noise(), self.target.workers)
+        return True
+
+    def network(self) -> Proposal:
+        """Gaussians about the modes, with heavy tails."""
+        heights = [mode.log_evidence for mode in self.weighed]
+        return Mixture.about([mode.u for mode in self.weighed], [mode.covariance for mode in self.weighed], heights)
+
+    def _sampled(self, least: float = -np.inf) -> Sampled | None:
+        sampled = super()._sampled(least)
+        if sampled is None:
+            return None
+        kept, drawn, best, _, _, about = sampled
+        own = min(self.modes, key=lambda mode: float(mode.squares(best.u[None])[0]))
+        others = [mode for mode in self.modes if mode is not own]
+        return kept, drawn, best, Evidence(own.log_evidence), [best, *others], about
+
+    def _nearest(self, x: Floats) -> tuple[Floats, float]:
+        """x (all,), beside which the model comes no nearer; by least squares of default simulations, where the frames
+        are sharper than these."""
+        shot = self.shot
+        if shot.misfit(self._missed) > SHARPEST:
+            return x, np.inf
+        x = LeastSquares(shot, self.target.workers).minimise(np.clip(x, *shot.bounds.T), FINE, POLISH).x
+        return x, shot.misfit(shot.difference(x))
+
+    def _answer(self, *sampled: Any) -> Posterior:
+        found, shot = super()._answer(*sampled), self.shot
+        told: dict[str, Any] = {
+            "free": {name: found.best[name] for name in shot.free if name in FREE.values()},
+            "correlations": correlations(found.names, found.theta, found.log_weight),
+            "frames": len(shot.measured),
+            "frames_per_independent_residual": shot.noise_factor**2,
+        }
+        windows = self._windows(shot.from_best(found.best))
+        about = replace(found.diagnostics, **told, simulations=shot.runs, failed_simulations=shot.failures)
+        return replace(found, windows=windows, diagnostics=about, provenance=found.provenance | told)
+
+    def _windows(self, x: Floats) -> dict[str, WindowAnswer]:
+        """What the windows answer by the best of their search, or by x (all,), where that is nearer."""
+        shot, found = self.shot, dict[str, WindowAnswer]()
+        low, high = shot.bounds.T
+        for cut in self.search.cuts:
+            shot.set_window(*cut)
+            ends = [x, *([self.search.stages[cut]] if cut in self.search.stages else [])]
+            missed = [float(np.sqrt(np.mean(shot.difference(one) ** 2))) for one in ends]
+            nearest = int(np.argmin(np.nan_to_num(missed, nan=np.inf)))
+            best = {name: value for name, value in shot.best(ends[nearest]).items() if name not in FREE.values()}
+            ended = np.minimum(ends[nearest] - low, high - ends[nearest]) < AT_BOUND * (high - low)
+            at_bound = tuple(name for name, at in zip(shot.names, ended, strict=True) if at)
+            end, rmse = float(shot.view.end / shot.time_scale), missed[nearest]
+            name = str(cut[0] or shot.view.collapses or "all")
+            found[name] = WindowAnswer(best, end, rmse if np.isfinite(rmse) else None, at_bound)
+        shot.set_window(*shot.cut)
+        return found
