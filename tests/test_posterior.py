@@ -616,7 +616,7 @@ def test_a_verified_answer_says_what_another_bubble_answers(fitted):
 def test_what_cannot_be_verified_keeps_its_answer(fitted):
     curve, answer = fitted
     one = {"names": answer.names[1:2], "units": answer.units[1:2], "theta": answer.theta[:, 1:2]}
-    pointless = replace(answer, **one, best={}, stretch=None)
+    pointless = replace(answer, **one, best={}, stretch=None, windows={})
     found = verify.verify(curve, pointless)
     assert "not verified: the answer that is to be verified must give shear_modulus" in found.checks.message
     failed = replace(answer, theta=answer.theta[:0], checks=Checks("failed", "why"))

@@ -130,19 +130,31 @@ class Fitting(Searching):
         return replace(found, windows=windows, diagnostics=about, provenance=found.provenance | told)
 
     def _windows(self, x: Floats) -> dict[str, WindowAnswer]:
-        """What the windows answer by the best of their search, or by x (all,), where that is nearer."""
-        shot, found = self.shot, dict[str, WindowAnswer]()
+        """What the windows answer: of the whole one x (all,), of shorter ones the minimum beside the best of their
+        search, or beside x where that is nearer."""
+        shot, fit, found = self.shot, self.search.fit, dict[str, WindowAnswer]()
         low, high = shot.bounds.T
-        for cut in self.search.cuts:
-            shot.set_window(*cut)
-            ends = [x, *([self.search.stages[cut]] if cut in self.search.stages else [])]
-            missed = [float(np.sqrt(np.mean(shot.difference(one) ** 2))) for one in ends]
-            nearest = int(np.argmin(np.nan_to_num(missed, nan=np.inf)))
-            best = {name: value for name, value in shot.best(ends[nearest]).items() if name not in FREE.values()}
-            ended = np.minimum(ends[nearest] - low, high - ends[nearest]) < AT_BOUND * (high - low)
+        for collapses, end in self.search.cuts:
+            shot.set_window(collapses, end)
+            best = x
+            stage = self.search.stages.get((collapses, end))
+            if stage is not None:
+                nearest = min((x, stage), key=lambda one: float(np.sum(fit.residuals(one, QUICK) ** 2)))
+                best = fit.minimise(nearest, QUICK).x
+            missed = float(np.sqrt(np.mean(shot.difference(best) ** 2)))
+            values = {name: value for name, value in shot.best(best).items() if name not in FREE.values()}
+            ended = np.minimum(best - low, high - best) < AT_BOUND * (high - low)
             at_bound = tuple(name for name, at in zip(shot.names, ended, strict=True) if at)
-            end, rmse = float(shot.view.end / shot.time_scale), missed[nearest]
-            name = str(cut[0] or shot.view.collapses or "all")
-            found[name] = WindowAnswer(best, end, rmse if np.isfinite(rmse) else None, at_bound)
-        shot.set_window(*shot.cut)
+            rmse = missed if np.isfinite(missed) else None
+            found[str(collapses or self._whole())] = WindowAnswer(
+                values, shot.view.end / shot.time_scale, rmse, at_bound
+            )
         return found
+
+    def _whole(self) -> str:
+        """How many collapses the whole window is a window of; "all" where it ends elsewhere."""
+        view = self.shot.view
+        self.shot.set_window(view.collapses or None, None)
+        ends = self.shot.view.end
+        self.shot.set_window(*self.shot.cut)
+        return str(view.collapses) if abs(ends - view.end) < 1e-6 * view.end else "all"
