@@ -139,7 +139,6 @@ def test_shells_complete_commands_and_options():
         ("cavirheo evaluate po", {"posterior"}),
         ("cavirheo fit --medium ", {*MEDIA}),
         ("cavirheo infer --verify ", {*LEVELS}),
-        ("cavirheo fit --verify ", {*LEVELS} - {"auto"}),
         ("cavirheo infer --bubble ", {*BUBBLES, "auto"}),
         ("cavirheo simulate --contents ", {*CONTENTS}),
     ],
