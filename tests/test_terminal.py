@@ -219,7 +219,7 @@ def test_show_prints_a_document_as_its_verb_did(verb, run, tmp_path, capsys):
 
 @pytest.mark.needs("matplotlib")
 def test_show_a_folder_its_pictures_and_its_report(run, tmp_path):
-    write_report(tmp_path / "r", answers(["gel"]), "cavirheo fit gel.csv")
+    write_report(tmp_path / "r", answers(["gel"]), "cavirheo fit gel.csv", ("png",))
     status, out, _ = run("show", "r")
     assert status == 0
     assert "cavirheo fit gel.csv" in out
