@@ -25,7 +25,7 @@ from cavirheo.reporting import write_report
 EXAMPLES = Path(__file__).resolve().parent.parent / "examples"
 HEADS = (
     "curves", "inference s", "report s", "ratio", "processor s of inference", "of the report", "report.html MB",
-    "PNG files MB", "largest memory MB",
+    "largest memory MB",
 )  # fmt: skip
 
 
@@ -47,10 +47,9 @@ def measure(n: int) -> list[str]:
         write_report(folder, pairs[:1], "warm")
         (report, worked), _ = timed(lambda: write_report(folder, pairs, "benchmark", workers=cores()))
         size = Path(folder, "report.html").stat().st_size / 1e6
-        pictures = sum(path.stat().st_size for path in Path(folder).glob("*.png")) / 1e6
     row = f"{n}", f"{inference:.2f}", f"{report:.2f}", f"{report / inference:.2f}", f"{thought:.2f}", f"{worked:.2f}"
     memory = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
-    return [*row, f"{size:.1f}", f"{pictures:.1f}", f"{memory:.0f}"]
+    return [*row, f"{size:.2f}", f"{memory:.0f}"]
 
 
 def timed(work: Callable[[], Any]) -> tuple[tuple[float, float], Any]:

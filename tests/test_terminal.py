@@ -217,12 +217,13 @@ def test_show_prints_a_document_as_its_verb_did(verb, run, tmp_path, capsys):
         assert part in out.removesuffix(said)
 
 
-def test_show_a_folder_and_its_report(run, tmp_path):
-    write_report(tmp_path / "r", answers(["gel"]), "cavirheo fit gel.csv")
+@pytest.mark.needs("matplotlib")
+def test_show_a_folder_its_pictures_and_its_report(run, tmp_path):
+    write_report(tmp_path / "r", answers(["gel"]), "cavirheo fit gel.csv", ("png",))
     status, out, _ = run("show", "r")
     assert status == 0
     assert "cavirheo fit gel.csv" in out
-    for name in ("report.html", "result.csv"):
+    for name in ("gel.png", "report.html", "result.csv"):
         status, again, err = run("show", f"r/{name}")
         assert (status, err.count("\n")) == (0, 1)
         assert again == out
