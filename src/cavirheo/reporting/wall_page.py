@@ -16,7 +16,7 @@ from cavirheo.reporting.record import Result
 from cavirheo.reporting.svg import curve_svg, style
 
 PAGE = "live.html"
-WIDE, HIGH = 335.0, 208.0  # px of the picture, whose type is to be large
+WIDE, HIGH = 335.0, 178.0  # px of the picture, whose type is to be large
 WANTED = 0.1  # half of the 90 % interval of the material, over its value
 
 
