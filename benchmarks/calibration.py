@@ -10,7 +10,7 @@ Truth: NHKV, log10 G (500 Pa to 50 kPa), log10 mu (5 mPa s to 0.5 Pa s) and log1
 100 to 400 um; with --truth real (the default) also log10 of the accommodation (0.01 to 1) uniform and the confinement
 damping from the half of a normal, as in the prior. 100 frames over 4.07 t_c, each the mean of 15 instants within 0.3
 of a frame; clock off by up to half a frame, radii by a scale and R_max by a factor with 0.5 % standard deviation (cut
-at 1.5 %); 1 % of R_max noise. Simulated with `precise`. --bubble is that of the answer, the truth's unless told; what
+at 1.5 %); 1 % of R_max noise. Simulated with PRECISE. --bubble is that of the answer, the truth's unless told; what
 the truth or the answer does not have is not counted. --as-read takes R_max and its time off the noisy frames, as for a
 file, instead of as drawn; --discrepancy leaves the default discrepancy on, which these shots do not have. --default is
 the answer of `infer` within the same ranges: a truth from a narrower range than the prior's is no test of the interval
@@ -34,11 +34,12 @@ import numpy as np
 from scipy.stats import chi2, kstest, truncnorm
 
 from cavirheo import NeoHookeanKelvinVoigt, RadiusCurve, fit, simulate
-from cavirheo.bubble import BUBBLES
 from cavirheo.inference.experiment import LARGEST, ZETA, Experiment
 from cavirheo.inference.network_answer import Networked
 from cavirheo.inference.posterior_model import load_posterior
 from cavirheo.inference.verify import verify
+from cavirheo.physics.accuracy import PRECISE
+from cavirheo.physics.bubble import BUBBLES, FIELD, Bubble
 from cavirheo.physics.materials import Material
 from cavirheo.physics.media import WATER
 from cavirheo.posterior import Posterior
@@ -65,11 +66,13 @@ def shot(
     truth = {name: float(10 ** rng.uniform(*np.log10(pair))) for name, pair in ranges.items()}
     top = float(rng.uniform(100e-6, 400e-6))  # R_max as measured
     law = NeoHookeanKelvinVoigt(truth["shear_modulus"], truth["viscosity"])
-    how: dict[str, Any] = {"as_read": as_read, "end": end}
+    bubble = FIELD
     if simulated == "real":
         truth[ADDED] = float(ZETA * truncnorm(0.0, LARGEST).rvs(random_state=rng))
-        how |= {"contents": "kinetic", "accommodation": truth["accommodation"], ADDED: truth[ADDED]}
-    camera, curve = film(law, top, truth["stretch"], NOISE, rng, f"shot {seed}", **how)
+        bubble = Bubble("kinetic", truth["accommodation"], confinement_damping=truth[ADDED])
+    camera, curve = film(
+        law, top, truth["stretch"], NOISE, rng, f"shot {seed}", as_read=as_read, end=end, bubble=bubble
+    )  # fmt: skip
     return truth | camera, curve
 
 
@@ -84,7 +87,7 @@ def film(
     as_read: bool = False,
     exposure: float = EXPOSURE,
     end: float = np.inf,
-    **bubble: Any,
+    bubble: Bubble = FIELD,
 ) -> tuple[dict[str, float], RadiusCurve]:
     """The nuisances by name, and the curve of measured R_max `top` that a camera with them makes of a bubble, up to
     `end` t_c."""
@@ -97,7 +100,7 @@ def film(
     order = np.argsort(instants)
     seen = np.empty_like(instants)
     top_true = top * scale * factor
-    run = simulate(law, max_radius=top_true, stretch=stretch, time=instants[order], precise=True, **bubble)
+    run = simulate(law, max_radius=top_true, stretch=stretch, time=instants[order], bubble=bubble, accuracy=PRECISE)
     seen[order] = run.radius / scale
     radius = seen.reshape(FRAMES, 15).mean(axis=1) + noise * top * rng.standard_normal(FRAMES)
     meta, maximum = {"name": name, "exposure_s": exposure * frame}, None if as_read else (0.0, top)

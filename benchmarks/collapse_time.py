@@ -13,13 +13,15 @@ import numpy as np
 from scipy.integrate import quad
 from scipy.stats import qmc
 
+from cavirheo.physics.bubble import Bubble
 from cavirheo.physics.collapse import RAYLEIGH, analytic_time, inverse_square, rayleigh_time, simulated_time
 from cavirheo.physics.media import WATER, Medium
 
 N = 4096
 R = 2e-4  # m, of the limits
 EMPTY = replace(WATER, surface_tension=0.0, vapour_reference_pressure=1e-6, name="empty")
-BARE = {"motion": "rayleigh-plesset", "polytropic": 1.4}
+BARE = {"bubble": Bubble(motion="rayleigh-plesset", exponent=1.4)}
+SILENT = Bubble(motion="rayleigh-plesset")  # no sound
 
 
 def mean_over_collapse(f) -> float:
@@ -58,14 +60,14 @@ def limits() -> list[str]:
     rows.append(f"| none (lambda 40): (t_RC/t_1)^2 | {f(40, **BARE):.7f} | 1 |")
     by_tension = (f(30, medium=taut, **BARE) - f(30, **BARE)) * p * R / (2 * WATER.surface_tension)
     rows.append(f"| surface tension, times We | {by_tension:.3f} | {np.pi / RAYLEIGH / np.sqrt(6):.3f} |")
-    by_sound = (f(30, **BARE) - f(30, polytropic=1.4)) * C
+    by_sound = (f(30, **BARE) - f(30, bubble=Bubble(exponent=1.4))) * C
     published = 2 * C / (1 + np.hypot(1, 2 * C * RAYLEIGH))
     rows.append(f"| speed of sound (lambda 30), times -C | {by_sound:.2f} | {published:.2f} |")
     by_vapour = (f(20, **BARE) - f(20, medium=wet, **BARE)) * p / wet.vapour_pressure
     rows.append(f"| vapour that condenses at once, over -p_v | {by_vapour:.3f} | 1.494 |")
     for stretch in (4, 6, 9):
-        by_gas = (1 - f(stretch, motion="rayleigh-plesset")) * stretch**3
-        both = (1 - f(stretch, medium=wet, motion="rayleigh-plesset")) / (stretch**-3 + wet.vapour_pressure / p)
+        by_gas = (1 - f(stretch, bubble=SILENT)) * stretch**3
+        both = (1 - f(stretch, medium=wet, bubble=SILENT)) / (stretch**-3 + wet.vapour_pressure / p)
         rows.append(f"| gas with heat (lambda {stretch}), times -lambda^3 | {by_gas:.2f} | 1.49 |")
         rows.append(f"| gas and vapour with transport (lambda {stretch}), over minus both | {both:.2f} | 1.49 |")
     for stretch in (3, 5, 10, 20):

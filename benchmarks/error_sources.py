@@ -25,6 +25,7 @@ import numpy as np
 from cavirheo.errors import InputError
 from cavirheo.inference.model import DEFAULT, card, path_of, predict
 from cavirheo.parameters import LOG10
+from cavirheo.physics.accuracy import PRECISE
 from cavirheo.problem import TrainingProblem
 from cavirheo.training.dataset import load
 
@@ -51,7 +52,7 @@ def sensitivities(problem: TrainingProblem, theta: np.ndarray, workers: int | No
     """(curves, parameters, frames) derivative of R/R_max by each parameter in the prior's scale."""
     steps = np.diag([STEP[name.startswith(LOG10)] for name in problem.prior.names])
     moved = np.concatenate([theta + sign * step for step in steps for sign in (1, -1)])
-    runs = problem.simulate_many(moved, workers=workers, precise=True)
+    runs = problem.simulate_many(moved, workers=workers, accuracy=PRECISE)
     radius = np.array([run.radius for run in runs]) / problem.reference_max_radius
     up, down = radius.reshape(len(steps), 2, len(theta), -1).transpose(1, 2, 0, 3)
     return (up - down) / (2 * steps.diagonal()[:, None])

@@ -3,7 +3,7 @@
     python benchmarks/fit.py [-n 30] [--noise 0.01] [--seed 1] [--joint 5] [--real DIR]
 
 Truths are drawn from G 1 to 50 kPa, mu 0.01 to 0.3 Pa s, stretch 4 to 10, R_max 100 to 400 um, simulated with
-`precise` (the fit uses the default solver), 100 frames over 4.07 t_c, and fitted with the field's bubble, as they are.
+PRECISE (the fit uses the default accuracy), 100 frames over 4.07 t_c, and fitted with the field's bubble, as they are.
 The bound is that of unweighted frames with independent noise, clock and R_max free: cov = sigma^2 (J^T J)^-1 over the
 window, J by central differences.
 Noise-free shots count as identifiable where the bound of 0.1 % noise is below 1 % in G and 3 % in mu. --joint: so many
@@ -28,6 +28,7 @@ from cavirheo.inference.fit.least_squares import LeastSquares
 from cavirheo.inference.fit.starts import spread_starts
 from cavirheo.inference.law import Family
 from cavirheo.inference.options import Options
+from cavirheo.physics.accuracy import PRECISE
 from cavirheo.physics.media import WATER
 from cavirheo.reading.shots import read_shots
 
@@ -55,7 +56,7 @@ def cases(count: int, seed: int) -> list[Case]:
 def made(truth: np.ndarray) -> Case:
     G, mu, stretch, R_max = 10**truth
     times = np.linspace(0.0, 4.07 * WATER.time_scale(R_max), 100)
-    run = simulate(NeoHookeanKelvinVoigt(G, mu), max_radius=R_max, stretch=stretch, time=times, precise=True)
+    run = simulate(NeoHookeanKelvinVoigt(G, mu), max_radius=R_max, stretch=stretch, time=times, accuracy=PRECISE)
     return Case(truth, RadiusCurve(times, run.radius, meta={"name": "shot"}, maximum=(0.0, R_max)))
 
 

@@ -3,7 +3,7 @@
     python benchmarks/fit_search.py [-n 300] [-o missed.txt]
 
 Truths fill the ranges of the prior evenly (G 10 Pa to 10 MPa, mu 1e-4 to 10 Pa s, stretch 1.2 to 16, R_max 30 to 600
-um), recorded from R_max on at 1 Mfps for 20 to 100 us, simulated with `precise`. A shot counts where 0.1 % of radius
+um), recorded from R_max on at 1 Mfps for 20 to 100 us, simulated with PRECISE. A shot counts where 0.1 % of radius
 noise would leave G within 1 % and mu within 3 % (one standard deviation, stretch, clock and R_max free): about one in
 ten. Printed are those of which `cavirheo fit --bubble field --no-others` is off by more, and processor time and
 simulations per curve.
@@ -25,6 +25,7 @@ from cavirheo.inference.fit.least_squares import LeastSquares
 from cavirheo.inference.fit.starts import spread_starts
 from cavirheo.inference.law import Family
 from cavirheo.inference.options import Options
+from cavirheo.physics.accuracy import PRECISE
 
 NOISE, CLOSE_G, CLOSE_MU = 1e-3, 0.01, 0.03
 BOX = np.array([[1, 7], [-4, 1], np.log10([1.2, 16]), np.log10([30e-6, 600e-6]), [20e-6, 100e-6]])
@@ -38,7 +39,7 @@ def determined() -> Iterator[tuple[np.ndarray, RadiusCurve]]:
             G, mu, stretch, R_max = 10 ** np.array(log10)
             time_ = np.arange(0.0, duration, 1e-6)
             law = NeoHookeanKelvinVoigt(G, mu)
-            run = simulate(law, max_radius=R_max, stretch=stretch, time=time_, precise=True, throw=False)
+            run = simulate(law, max_radius=R_max, stretch=stretch, time=time_, accuracy=PRECISE, throw=False)
             if not run.ok:
                 continue
             curve = RadiusCurve(time_, run.radius, meta={"name": "shot"}, maximum=(0.0, R_max))

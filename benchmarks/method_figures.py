@@ -15,7 +15,7 @@ import numpy as np
 from calibration import film
 
 from cavirheo import NeoHookeanKelvinVoigt, Newtonian, infer, infer_many, population, simulate
-from cavirheo.physics.damage import Damage
+from cavirheo.physics.bubble import FIELD, Bubble, Damage
 from cavirheo.physics.laws import parse
 from cavirheo.posterior import Posterior
 from cavirheo.reporting.material import population_record
@@ -57,8 +57,8 @@ def contents() -> Any:
     time, gel = np.linspace(0.0, 80e-6, 8001), NeoHookeanKelvinVoigt(5e3, 0.03)
     for alpha, colour in ((None, style.INK), (0.07, style.VERMILLION), (0.03, style.BLUE)):
         label = "equilibrium" if alpha is None else f"kinetic, α = {alpha}"
-        how: Any = {} if alpha is None else {"contents": "kinetic", "accommodation": alpha}
-        run = simulate(gel, max_radius=250e-6, stretch=7.0, time=time, fields=True, **how)
+        bubble = FIELD if alpha is None else Bubble("kinetic", alpha)
+        run = simulate(gel, max_radius=250e-6, stretch=7.0, time=time, fields=True, bubble=bubble)
         shown = 1e6 * run.radius, 1e-6 * run.pressure, 100.0 * run.contents.vapour[:, -1]
         for place, values in zip(axes, shown, strict=True):
             place.plot(1e6 * time, values, color=colour, lw=1.2, label=label)
@@ -227,11 +227,11 @@ def verdicts() -> Any:
     """Three shots that are asked as a gel: one that is, one of a gel that breaks, and a liquid."""
     labels = [("time after R_max (µs)", "radius (µm)")] * 2 + [("shear modulus G (Pa)", MU_AXIS)]
     figure, panes = panels(3, 3.0, labels)
-    gel, breaks = NeoHookeanKelvinVoigt(*10.0**TRUTH), {"damage": Damage(0.2, 1.5)}
+    gel, breaks = NeoHookeanKelvinVoigt(*10.0**TRUTH), Bubble(damage=Damage(0.2, 1.5))
     stiff, liquid = NeoHookeanKelvinVoigt(3e4, 0.05), Newtonian(0.06)
     rng = np.random.default_rng(SEED["verdicts"])
-    for axes, law, how in zip(panes, (gel, stiff, liquid), ({}, breaks, {}), strict=True):
-        _, curve = film(law, 240e-6, 6.0, 0.005, rng, "shot", **how)
+    for axes, law, bubble in zip(panes, (gel, stiff, liquid), (FIELD, breaks, FIELD), strict=True):
+        _, curve = film(law, 240e-6, 6.0, 0.005, rng, "shot", bubble=bubble)
         answer = infer(curve, bubble="field")
         checks = answer.checks
         ends = [f"{what} {np.round(answer.interval(what), 4)}" for what in (G, MU)]

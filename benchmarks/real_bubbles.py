@@ -23,15 +23,16 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from cavirheo.arrays import Floats
-from cavirheo.bubble import FIELD, FREE, REAL, Bubble
 from cavirheo.curve import RadiusCurve
 from cavirheo.inference.experiment import Experiment
 from cavirheo.inference.fit import fit_many
 from cavirheo.inference.law import Family
 from cavirheo.inference.options import Options
 from cavirheo.parameters import LOG10
+from cavirheo.physics.accuracy import ROUGH
+from cavirheo.physics.bubble import FIELD, FREE, REAL, Bubble
 from cavirheo.physics.media import WATER
-from cavirheo.physics.simulate import ROUGH, simulate
+from cavirheo.physics.simulate import simulate
 from cavirheo.physics.viscous import Newtonian
 from cavirheo.posterior import Posterior
 from cavirheo.reading import read_curves

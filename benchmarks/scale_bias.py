@@ -21,6 +21,7 @@ from cavirheo.inference import infer_many
 from cavirheo.inference.bdt import Amortised
 from cavirheo.inference.model import DEFAULT, load
 from cavirheo.parameters import LOG10, natural_name, scaled
+from cavirheo.physics.accuracy import ROUGH
 from cavirheo.physics.materials import MATERIALS
 from cavirheo.physics.simulate import simulate
 from cavirheo.problem import TrainingProblem, natural_values
@@ -68,7 +69,7 @@ def misread(problem: TrainingProblem, R_max: float, n: int, seed: int) -> np.nda
         stretch = of_shot.pop("stretch")
         run = simulate(
             MATERIALS[problem.material_name](**of_shot), max_radius=R, stretch=stretch,
-            time=t_star * problem.medium.time_scale(R), medium=problem.medium, cells=64, rtol=3e-4, throw=False,
+            time=t_star * problem.medium.time_scale(R), medium=problem.medium, accuracy=ROUGH, throw=False,
         )  # fmt: skip
         return np.nan_to_num(run.radius / R, nan=1.0)
 

@@ -3,9 +3,9 @@
     python benchmarks/solver.py [--cases 60] [--peers 6] [--reference ../shared/reference/reference_curves.npz]
 
 Cases are drawn from log10 G in [3, 6], log10 mu in [-3, 0], lambda in [3, 11], R_max in [60, 450] um, 100 us, 1 MHz.
-Errors are the largest difference of R/R_max to the package's own solver at 1024 shells and rtol 1e-8 (and, if the file
-is there, to reference curves made with other code). Times per curve are processor times of the process, held on one
-core; those of the batch call and of a fresh process are wall times.
+Errors are the largest difference of R/R_max to the package's own solver at 1024 shells and 1e-8 a step (and, if the
+file is there, to reference curves made with other code). Times per curve are processor times of the process, held on
+one core; those of the batch call and of a fresh process are wall times.
 
 The first `--peers` cases are also solved the field's standard way, 500 uniform nodes, mass fractions, scipy's BDF with
 a sparse Jacobian at rtol 1e-6 (benchmarks/field_standard.py), and by PyIMR where it can be imported (Python 3.12 or
@@ -25,26 +25,27 @@ import threading
 import time
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import field_standard
 import numpy as np
 from numba import njit
 
+from cavirheo.physics.accuracy import DEFAULT, PRECISE, ROUGH, Accuracy
+from cavirheo.physics.bubble import FIELD, Bubble
 from cavirheo.physics.elastic import Yeoh
 from cavirheo.physics.materials import Material, NeoHookeanKelvinVoigt, Viscoelastic, Zener
 from cavirheo.physics.media import WATER, Medium
 from cavirheo.physics.scales import dimensionless
-from cavirheo.physics.simulate import DEFAULT, PRECISE, ROUGH, simulate, simulate_many
+from cavirheo.physics.simulate import simulate, simulate_many
 from cavirheo.physics.viscous import Viscosity
 
 TIME = np.linspace(0, 100e-6, 101)
 GENTLE = np.array([1e4, 0.5, 3.5, 200e-6])
 CORES = os.sched_getaffinity(0) if hasattr(os, "sched_getaffinity") else set()
-SETTINGS: dict[str, dict[str, Any]] = {
-    "cavirheo, default ({} shells, rtol {:g})".format(*DEFAULT): {},
-    "cavirheo, rough ({cells} shells, rtol {rtol:g})".format(**ROUGH): ROUGH,
-    "cavirheo, precise ({} shells, rtol {:g})".format(*PRECISE): {"precise": True},
+FINEST = Accuracy(1024, 1e-8)
+SETTINGS = {
+    f"cavirheo, {name} ({of.cells} shells, {of.relative_error:g} a step)": of
+    for name, of in (("default", DEFAULT), ("rough", ROUGH), ("precise", PRECISE))
 }
 LAWS: dict[str, Callable[[float, float], Material]] = {
     "neo-Hookean and Newtonian, closed forms": NeoHookeanKelvinVoigt,
@@ -75,11 +76,12 @@ def draw(n: int, seed: int) -> np.ndarray:
     return theta
 
 
-def ours(row: np.ndarray, medium: Medium = WATER, time_points: np.ndarray = TIME, **settings: Any) -> np.ndarray:
+def ours(
+    row: np.ndarray, accuracy: Accuracy = DEFAULT, medium: Medium = WATER, time_points: np.ndarray = TIME
+) -> np.ndarray:
     G, mu, stretch, R_max = row
-    run = simulate(
-        NeoHookeanKelvinVoigt(G, mu), max_radius=R_max, stretch=stretch, time=time_points, medium=medium, **settings
-    )
+    gel = NeoHookeanKelvinVoigt(G, mu)
+    run = simulate(gel, max_radius=R_max, stretch=stretch, time=time_points, medium=medium, accuracy=accuracy)
     return run.radius / R_max
 
 
@@ -116,27 +118,26 @@ def compare(name: str, solve: Callable[[np.ndarray], np.ndarray], cases: np.ndar
 
 def accuracy(cases: np.ndarray, truth: list[np.ndarray]) -> None:
     header()
-    for name, settings in SETTINGS.items():
-        compare(name, lambda row, settings=settings: ours(row, **settings), cases, truth)
+    for name, setting in SETTINGS.items():
+        compare(name, lambda row, setting=setting: ours(row, setting), cases, truth)
 
 
 def contents(cases: np.ndarray) -> None:
-    """What condensation at a finite rate costs: errors against 600 shells at rtol 1e-7, and times in turn, least of
+    """What condensation at a finite rate costs: errors against 600 shells at 1e-7 a step, and times in turn, least of
     three, over those of equilibrium."""
     print("\n| contents | accommodation | error median | largest | steps | time |\n|---|---|---|---|---|---|")
-    ways: dict[str, dict[str, Any]] = {"equilibrium": {}}
-    ways |= {f"kinetic | {a:g}": {"contents": "kinetic", "accommodation": a} for a in (0.01, 0.07, 1.0)}
+    ways = {"equilibrium": FIELD} | {f"kinetic | {a:g}": Bubble("kinetic", a) for a in (0.01, 0.07, 1.0)}
     seconds, steps = np.zeros((len(ways), len(cases))), np.zeros((len(ways), len(cases)))
     errors = np.zeros((len(ways), len(cases)))
     for j, (G, mu, stretch, R_max) in enumerate(cases):
         gel, where = NeoHookeanKelvinVoigt(G, mu), dict(max_radius=R_max, stretch=stretch, time=TIME)
         turns = np.zeros((3, len(ways)))
-        for turn, (i, way) in ((k, pair) for k in range(3) for pair in enumerate(ways.values())):
+        for turn, (i, bubble) in ((k, pair) for k in range(3) for pair in enumerate(ways.values())):
             began = time.thread_time()
-            run = simulate(gel, **where, **way)
+            run = simulate(gel, bubble=bubble, **where)
             turns[turn, i] = time.thread_time() - began
             if turn == 0:
-                fine = simulate(gel, cells=600, rtol=1e-7, **where, **way)
+                fine = simulate(gel, bubble=bubble, accuracy=Accuracy(600, 1e-7), **where)
                 errors[i, j] = np.abs(run.radius - fine.radius).max() / R_max
                 steps[i, j] = run.stats["steps"] + run.stats["rejected"]
         seconds[:, j] = turns.min(axis=0)
@@ -186,7 +187,7 @@ def peers(cases: np.ndarray, truth: list[np.ndarray]) -> None:
             errors = [float(np.abs(run.ratio - t).max()) for run, t in good]
             show(f"PyIMR, {nodes} Chebyshev nodes, rtol {rtol:g}", errors, [run.seconds for run, _ in good], len(runs))
         fine = pyimr_peer.solve(GENTLE, WATER, TIME, 50, 1e-8).ratio
-    same = np.abs(fine - ours(GENTLE, cells=1024, rtol=1e-8)).max()
+    same = np.abs(fine - ours(GENTLE, FINEST)).max()
     compiling, again = np.nanmedian(first), np.nanmedian(later)
     print(f"""
 PyIMR's times are second calls. Its first call of a setting takes {compiling:.1f} s more, the first with another R_max
@@ -293,7 +294,7 @@ def main() -> None:
     cases = draw(options.cases, options.seed)
     use(set(sorted(CORES)[-1:]))
     ours(cases[0])  # compile or load
-    truth = [ours(row, cells=1024, rtol=1e-8) for row in cases]
+    truth = [ours(row, FINEST) for row in cases]
     accuracy(cases, truth)
     laws(cases[:20])
     contents(cases[:40])

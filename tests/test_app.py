@@ -29,11 +29,11 @@ from cavirheo.app import steps, words
 from cavirheo.app.session import PageSettings, Session, VisitorLimits, Visitors
 from cavirheo.app.steps import examples, export, fit, glance, infer, name_materials, sliders, trial
 from cavirheo.app.words import answers, facts, found
-from cavirheo.bubble import FIELD
 from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError
 from cavirheo.inference.what_if import band
 from cavirheo.parallel import Once
+from cavirheo.physics.bubble import FIELD
 from cavirheo.reading import read_curves, write_csv
 from cavirheo.reading.subprocess_reader import Reader
 from cavirheo.reporting import browser_figures, wall_page

@@ -9,7 +9,6 @@ import pytest
 from fits import fit, fit_many
 
 from cavirheo.answer_store import keep, read_kept
-from cavirheo.bubble import BUBBLES, FIELD, REAL, Bubble, bubbles_of
 from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError
 from cavirheo.inference import infer
@@ -18,7 +17,7 @@ from cavirheo.inference.law import Family
 from cavirheo.inference.options import Options
 from cavirheo.inference.verify import verify
 from cavirheo.inference.verify.evidence import models, rank_laws
-from cavirheo.physics.damage import Damage
+from cavirheo.physics.bubble import ACCOMMODATION, BUBBLES, FIELD, REAL, Bubble, Damage, bubbles_of
 from cavirheo.physics.materials import NeoHookeanKelvinVoigt
 from cavirheo.physics.simulate import simulate
 from cavirheo.posterior import Posterior
@@ -30,8 +29,9 @@ QUICKLY = dict(windows=False, trust_input=True)
 ALL_FREE = Bubble("kinetic", "free", "first-rebound", "free", None, "free", "free")
 
 
-def shot(seed=0, noise=1e-6, **way):
-    radius = simulate(GEL, time=TIME, **SHOT, **way).radius
+def shot(seed=0, noise=1e-6, accommodation=ACCOMMODATION, **values):
+    bubble = Bubble(accommodation=accommodation, **values)
+    radius = simulate(GEL, time=TIME, bubble=bubble, **SHOT).radius
     radius = radius + noise * np.random.default_rng(seed).normal(size=radius.size)
     return replace(RadiusCurve(time=TIME, radius=radius), maximum=(0.0, 250e-6))
 
@@ -67,6 +67,15 @@ def test_a_fit_finds_what_was_simulated(true, fitted, expected):
         assert answer.best[name] == pytest.approx(value, rel=0.15), answer
         assert name in answer.parameters
     assert answer.bubble.contents == true.get("contents", "equilibrium")
+
+
+@pytest.mark.parametrize("bubble", [Bubble(motion="gilmore"), Bubble(exponent=1.2)], ids=lambda bubble: bubble.name)
+def test_a_fit_follows_the_equation_and_the_gas_that_are_given(bubble):
+    curve = shot(noise=0.1e-6, motion=bubble.motion, exponent=bubble.exponent)
+    answer = fit(curve, bubble=bubble, others=False, **QUICKLY)
+    assert answer.best["shear_modulus"] == pytest.approx(5e3, rel=0.1)
+    assert answer.checks.rmse_over_rmax < 0.002
+    assert curve_record(curve, answer).bubble == bubble
 
 
 def test_what_is_given_is_not_inferred():
@@ -111,7 +120,7 @@ def test_every_free_parameter_has_a_proper_prior():
 def test_the_bubble_of_the_field_has_no_parameter_of_its_own():
     experiment = Experiment(shot(), Family("nhkv"), options=Options(bubble=FIELD))
     assert experiment.names == ("shear_modulus", "viscosity", "stretch", "time_origin", "max_radius_factor")
-    assert experiment.simulated(experiment.natural(np.zeros(3))) == {"contents": "equilibrium"}
+    assert experiment.simulated(experiment.natural(np.zeros(3))) == FIELD
 
 
 @pytest.mark.slow
@@ -139,10 +148,7 @@ def test_models_of_a_ranking():
     [
         (dict(bubble="dry"), "option.bubble"),
         (dict(bubble=Bubble(accommodation=0.07)), "option.idle"),
-        (dict(bubble=Bubble("kinetic", 11.0)), "physics.accommodation"),
-        (dict(bubble=Bubble(confinement_inertia=9.0)), "physics.confinement_inertia"),
-        (dict(bubble=Bubble(confinement_inertia="free", wall_distance=1e-3)), "physics.two_walls"),
-        (dict(bubble=Bubble(vapour_excess=-1.0)), "physics.vapour_excess"),
+        (dict(bubble=Bubble(damage=Damage(0.5))), "option.damage"),
         (dict(material="newtonian", bubble=Bubble(damage="first-rebound")), "physics.damage_without_elasticity"),
     ],
     ids=str,
@@ -173,8 +179,8 @@ def test_a_wall_within_the_bubble():
         (dict(bubble=Bubble(damage="strain"), model="bdt-viscoelastic"), "option.bubble"),
         (dict(bubble=REAL, model="bdt-viscoelastic"), "option.bubble"),
         (dict(bubble=Bubble(confinement_inertia=0.2), verify="none"), "option.bubble"),
-        (dict(bubble=Bubble(confinement_inertia=0.2, wall_distance=1e-3)), "physics.two_walls"),
-        (dict(bubble=Bubble(confinement_damping=-1.0)), "physics.confinement_damping"),
+        (dict(bubble=Bubble(motion="gilmore"), verify="none"), "option.bubble"),
+        (dict(bubble=Bubble(damage=Damage(0.5))), "option.damage"),
     ],
 )
 def test_infer_refuses_a_bubble_that_cannot_be(way, code):
@@ -203,6 +209,14 @@ def test_infer_searches_where_the_network_does_not_know_the_bubble():
         (dict(contents="kinetic", accommodation="some"), "physics.accommodation"),
         (dict(damage="always"), "option.damage"),
         (dict(confinement_damping=None), "physics.confinement_damping"),
+        (dict(confinement_damping=-1.0), "physics.confinement_damping"),
+        (dict(contents="kinetic", accommodation=11.0), "physics.accommodation"),
+        (dict(confinement_inertia=9.0), "physics.confinement_inertia"),
+        (dict(confinement_inertia="free", wall_distance=1e-3), "physics.two_walls"),
+        (dict(vapour_excess=-1.0), "physics.vapour_excess"),
+        (dict(motion="keller"), "physics.motion"),
+        (dict(exponent=14.0), "physics.exponent"),
+        (dict(vapour_excess="free", exponent=1.4), "physics.contents_twice"),
     ],
     ids=str,
 )
@@ -219,6 +233,8 @@ def test_bubbles_by_their_names():
     assert [one.name for one in (REAL, FIELD, Bubble("kinetic"))] == ["real", "field", "kinetic"]
     assert replace(REAL, damage="strain").name == "real, damage by strain"
     assert Bubble(confinement_damping=0.2, wall_distance=1e-3).name == "field, confinement damping, confinement inertia"
+    assert Bubble(motion="gilmore", exponent=1.4).title == "field's bubble, gilmore, polytropic"
+    assert Bubble(damage=Damage(0.5, by="strain")).name == "field, damage by strain"
     for wrong in ("moon", [], [REAL, "field"], None, 3):
         with pytest.raises(InputError) as error:
             bubbles_of(wrong)
@@ -257,11 +273,11 @@ def test_the_real_bubble_finds_what_it_was_and_nothing_where_there_is_none():
 def test_a_gel_that_breaks_is_answered_with_damage_and_one_that_does_not_without():
     """As agarose of 2.5 % does: nothing but damage explains it, and the modulus is that before."""
     gel = NeoHookeanKelvinVoigt(1e5, 0.05)
-    way = dict(max_radius=250e-6, stretch=6.0, contents="kinetic", accommodation=0.3, confinement_damping=0.3)
+    whole = Bubble("kinetic", 0.3, confinement_damping=0.3)
     noise = 1e-6 * np.random.default_rng(2).normal(size=TIME.size)
     for damage in (Damage(0.3, 1.7, "strain"), None):
-        broken = {"damage": damage} if damage else {}
-        curve = RadiusCurve(TIME, simulate(gel, time=TIME, **way, **broken).radius + noise, maximum=(0.0, 250e-6))
+        radius = simulate(gel, time=TIME, bubble=replace(whole, damage=damage or "none"), **SHOT).radius
+        curve = RadiusCurve(TIME, radius + noise, maximum=(0.0, 250e-6))
         answer = infer(curve, trust_input=True)
         low, high = answer.interval("shear_modulus")
         assert (answer.bubble.name, low < 1e5 < high) == ("real, damage by strain" if damage else "real", True)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import re
 from dataclasses import replace
 from pathlib import Path
@@ -10,7 +11,7 @@ import pytest
 from conftest import BDT
 
 from cavirheo import InputError, infer_many, load, read_curves
-from cavirheo.bubble import FIELD, REAL
+from cavirheo.physics.bubble import FIELD, REAL, Bubble
 from cavirheo.physics.laws import LAWS
 from cavirheo.posterior import Evidence
 from cavirheo.reading import write_csv
@@ -56,6 +57,36 @@ def test_sources_of_every_law_of_a_sum_and_of_kinetic_contents(answered):
     assert len(set(keys)) == len(keys)
     assert "finite rate" in paragraph
     assert all(source.bibtex.count("{") == source.bibtex.count("}") for source in sources)
+
+
+@pytest.mark.parametrize(
+    ("bubble", "said", "keys"),
+    [
+        (FIELD, "equation of Keller and Miksis [Keller1980], with heat", {"Keller1980", "Estrada2018"}),
+        (Bubble(motion="gilmore"), "equation of Gilmore [Gilmore1952], with heat", {"Gilmore1952", "Estrada2018"}),
+        (
+            Bubble(motion="rayleigh-plesset", exponent=1.4),
+            "equation of Rayleigh and Plesset [Plesset1949], with a polytropic gas of exponent 1.4.",
+            {"Plesset1949"},
+        ),
+    ],
+    ids=lambda value: value.name if isinstance(value, Bubble) else "",
+)
+def test_the_equation_of_the_wall_is_the_one_that_was_used(document, bubble, said, keys):
+    curves = [curve.model_copy(update={"material": "power-law", "bubble": bubble}) for curve in document.curves]
+    paragraph, sources = methods(document.model_copy(update={"curves": curves}))
+    assert said in paragraph
+    found = {source.key for source in sources}
+    assert found & {"Keller1980", "Gilmore1952", "Plesset1949", "Estrada2018"} == keys
+
+
+def test_rows_of_an_older_file_have_the_usual_motion_and_gas(answered):
+    file = answered / "result.json"
+    row = json.loads(file.read_text(encoding="utf-8"))
+    for curve in row["curves"]:
+        assert (curve["bubble"].pop("motion"), curve["bubble"].pop("exponent")) == ("keller-miksis", None)
+    file.write_text(json.dumps(row), encoding="utf-8")
+    assert [curve.bubble for curve in load(answered).curves] == [FIELD, FIELD]
 
 
 def test_models_that_were_compared_by_evidence_are_said(document):

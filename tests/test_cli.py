@@ -16,6 +16,8 @@ from cavirheo import NeoHookeanKelvinVoigt, read_curves, simulate
 from cavirheo.answer_store import Step
 from cavirheo.inference.model import path_of
 from cavirheo.physics import laws
+from cavirheo.physics.accuracy import PRECISE
+from cavirheo.physics.bubble import Bubble
 from cavirheo.physics.driving import Trace
 from cavirheo.physics.elastic import Yeoh
 from cavirheo.physics.materials import Viscoelastic
@@ -215,9 +217,15 @@ def test_simulate_all_options(run, tmp_path):
     )
     assert status == 0, err
     expected = simulate(
-        laws.parse(law), max_radius=2e-6, stretch=1.0, time=np.arange(101) / 1e7, motion="gilmore", precise=True,
-        driving=Trace([0, 1e-6, 2e-6, 3e-6], [0, -2e6, 0, 0]), fields=True,
-    )  # fmt: skip
+        laws.parse(law),
+        max_radius=2e-6,
+        stretch=1.0,
+        time=np.arange(101) / 1e7,
+        bubble=Bubble(motion="gilmore"),
+        driving=Trace([0, 1e-6, 2e-6, 3e-6], [0, -2e6, 0, 0]),
+        fields=True,
+        accuracy=PRECISE,
+    )
     there = np.genfromtxt(tmp_path / "a.csv", delimiter=",", names=True)
     assert there["radius_um"] == pytest.approx(expected.radius * 1e6, rel=1e-8)
     assert there["stress_Pa"] == pytest.approx(expected.stress, rel=1e-8)
@@ -266,7 +274,12 @@ def test_laws_lists_every_law(run):
         ("--shear-modulus 1 --viscosity 1 --rmax-um 100 --stretch 5 --frame-rate-hz 1e15", "frames"),
         ("--material newtonian(1) --rmax-um 9 --stretch 1 --pulse 1 1 1 --driving p.csv", "--pulse"),
         ("--material newtonian(1) --rmax-um 9 --stretch 1 --driving p.csv", "p.csv"),
-        ("--material newtonian(1) --rmax-um 9 --stretch 1 --polytropic 1 --fields f.h5", "fields"),
+        ("--material newtonian(1) --rmax-um 9 --stretch 1 --polytropic 1 --fields f.h5", "--fields"),
+        ("--material newtonian(1) --rmax-um 90 --stretch 5 --polytropic 14", "--polytropic must be between 0 and 10"),
+        (
+            "--material newtonian(1) --rmax-um 90 --stretch 5 --polytropic 1 --contents kinetic",
+            "leave out --polytropic",
+        ),
         ("--material newtonian(1) --rmax-um 9 --stretch 1 --motion gilmor", "gilmor"),
         ("--material newtonian(1) --rmax-um 90 --stretch 5 --contents slow", "slow"),
         ("--material newtonian(1) --rmax-um 90 --stretch 5 --accommodation 0.1", "--contents kinetic"),

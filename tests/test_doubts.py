@@ -19,8 +19,8 @@ from cavirheo.inference.law import Family
 from cavirheo.inference.options import Options
 from cavirheo.inference.verify import verify
 from cavirheo.landmarks import RAYLEIGH
+from cavirheo.physics.accuracy import ROUGH
 from cavirheo.physics.media import WATER
-from cavirheo.physics.simulate import ROUGH
 from cavirheo.posterior import Bubble
 from cavirheo.reading.shots import read_shots
 from cavirheo.reading.table import write_csv
@@ -71,7 +71,9 @@ def recorded(law, stretch, max_radius=250e-6, *, start=0.0, periods=5.0, frames=
     elastic = (2.5 - 2.8 / stretch) * getattr(law, "shear_modulus", 0.0) / WATER.pressure
     first = RAYLEIGH * WATER.time_scale(max_radius) / np.sqrt(1.0 + elastic)
     time = first * np.linspace(start, periods, frames)
-    radius = simulate(law, max_radius=max_radius, stretch=stretch, time=time, **ROUGH, **bubble).radius
+    radius = simulate(
+        law, max_radius=max_radius, stretch=stretch, time=time, accuracy=ROUGH, bubble=Bubble(**bubble)
+    ).radius
     radius = radius + noise * max_radius * np.random.default_rng(seed).standard_normal(frames)
     return RadiusCurve(time, np.maximum(radius, 1e-7))
 

@@ -15,8 +15,11 @@ import pytest
 from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
 
+from cavirheo.physics.accuracy import Accuracy
+from cavirheo.physics.bubble import Bubble
 from cavirheo.physics.driving import Pulse, Trace
-from cavirheo.physics.elastic import Elastic, NeoHookean, Quadratic
+from cavirheo.physics.elastic import NeoHookean, Quadratic
+from cavirheo.physics.law import Elastic
 from cavirheo.physics.materials import OldroydB, Viscoelastic
 from cavirheo.physics.media import Medium
 from cavirheo.physics.memory import TotalRelaxation
@@ -64,8 +67,9 @@ def gel(law: Elastic, viscosity: float = MU, medium: Medium = DRY, arms=()) -> V
 
 def radius(material, time, medium=DRY, motion="rayleigh-plesset", driving=None) -> np.ndarray:
     return simulate(
-        material, max_radius=R_MAX, stretch=stretch_of(medium), time=time, medium=medium, motion=motion,
-        driving=driving, polytropic=INDEX, relaxed=True, rtol=1e-9,
+        material, max_radius=R_MAX, stretch=stretch_of(medium), time=time, medium=medium,
+        bubble=Bubble(motion=motion, exponent=INDEX), driving=driving, relaxed=True,
+        accuracy=Accuracy(relative_error=1e-9),
     ).radius / R_MAX  # fmt: skip
 
 

@@ -11,9 +11,10 @@ from cavirheo.errors import InputError
 from cavirheo.parameters import PARAMETERS
 from cavirheo.physics import elastic, materials, memory, viscous
 from cavirheo.physics.elastic import Gent, Linear, NeoHookean, Ogden, Quadratic, StrainEnergy, Yeoh
+from cavirheo.physics.law import Arm
 from cavirheo.physics.laws import EXAMPLE, LAWS, combine, parse, summary, usage
 from cavirheo.physics.materials import Material, NeoHookeanKelvinVoigt, Viscoelastic, Zener
-from cavirheo.physics.memory import Arm, Maxwell, TotalRelaxation, UpperConvectedMaxwell
+from cavirheo.physics.memory import Maxwell, TotalRelaxation, UpperConvectedMaxwell
 from cavirheo.physics.viscous import CarreauYasuda, Newtonian, PowerLaw, Viscosity
 
 GEL = Viscoelastic(Gent(2e3, 40.0), CarreauYasuda(0.5, 0.01, 1e-4, 0.4))

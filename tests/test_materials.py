@@ -14,7 +14,6 @@ from cavirheo.errors import InputError, SolverError
 from cavirheo.physics import solver
 from cavirheo.physics.elastic import (
     ArrudaBoyce,
-    Elastic,
     Fung,
     Gent,
     Linear,
@@ -25,12 +24,11 @@ from cavirheo.physics.elastic import (
     StrainEnergy,
     Yeoh,
 )
-from cavirheo.physics.law import table_of
+from cavirheo.physics.law import SHEAR, Elastic, Viscous, table_of
 from cavirheo.physics.materials import Material, NeoHookeanKelvinVoigt, QuadraticKelvinVoigt, Viscoelastic
 from cavirheo.physics.simulate import simulate
 from cavirheo.physics.table import TOLERANCE, read, tabulate
 from cavirheo.physics.viscous import (
-    SHEAR,
     CarreauYasuda,
     Cross,
     HerschelBulkley,
@@ -38,7 +36,6 @@ from cavirheo.physics.viscous import (
     PowellEyring,
     PowerLaw,
     Viscosity,
-    Viscous,
 )
 
 

@@ -10,6 +10,8 @@ from scipy.optimize import brentq
 
 from cavirheo.errors import InputError, SolverError
 from cavirheo.physics import growth
+from cavirheo.physics.accuracy import Accuracy
+from cavirheo.physics.bubble import Bubble
 from cavirheo.physics.elastic import Fung, Gent, Linear, NeoHookean, Quadratic
 from cavirheo.physics.growth import remembered
 from cavirheo.physics.laws import parse
@@ -34,6 +36,7 @@ GEL = dict(max_radius=150e-6, stretch=5.0, time=TIME)
 ARMS = [(UpperConvectedMaxwell(0.2, 3e-6), NeoHookean), (Maxwell(0.2, 3e-6), Linear)]
 each_arm = pytest.mark.parametrize(("arm", "parent"), ARMS, ids=lambda x: getattr(x, "__name__", None) or str(x))
 TAU = 3e-6
+FINE, EXACT = Accuracy(relative_error=1e-7), Accuracy(relative_error=1e-9)
 
 
 def path(t):
@@ -128,9 +131,15 @@ def test_against_the_stress_field_around_the_bubble(law, motion):
         k=1.4, C=C, n=40, rtol=1e-9, **options,
     )  # fmt: skip
     run = simulate(
-        material, max_radius=R_max, stretch=stretch, time=t * t_c, medium=liquid, motion=motion, polytropic=1.4,
-        relaxed=True, rtol=1e-9,
-    )  # fmt: skip
+        material,
+        max_radius=R_max,
+        stretch=stretch,
+        time=t * t_c,
+        medium=liquid,
+        bubble=Bubble(motion=motion, exponent=1.4),
+        relaxed=True,
+        accuracy=EXACT,
+    )
     assert run.radius / R_max == pytest.approx(R, rel=1e-6)
     assert run.velocity / liquid.velocity_scale == pytest.approx(U, abs=1e-5 * np.abs(U).max())
     assert run.stress / p == pytest.approx(S, abs=1e-5 * np.abs(S).max())
@@ -164,7 +173,7 @@ def test_an_arm_that_never_relaxes_is_its_spring(law, parent):
     """Grown from R_0 the arm's spring acts beside the other one; relaxed at R_max it is stress-free there."""
     arm = 4e3
     material = law(5e3, arm * 10.0, 10.0)
-    grown, spring = simulate(material, rtol=1e-7, **GEL), simulate(parent(5e3 + arm), rtol=1e-7, **GEL)
+    grown, spring = (simulate(law, accuracy=FINE, **GEL) for law in (material, parent(5e3 + arm)))
     assert grown.radius == pytest.approx(spring.radius, abs=1e-4 * 150e-6)
     relaxed = simulate(material, relaxed=True, **GEL)
     assert relaxed.stress[0] == pytest.approx(parent(5e3).stress(5.0), rel=1e-9)
@@ -214,7 +223,14 @@ def following(stiffening, retardation, G=0.1, mu=0.2, De=0.3):
         [TotalRelaxation((mu - solvent) * p * t_c, De * t_c)],
     )
     run = simulate(
-        law, max_radius=R_max, stretch=stretch, time=t * t_c, medium=liquid, polytropic=1.4, relaxed=True, rtol=1e-10
+        law,
+        max_radius=R_max,
+        stretch=stretch,
+        time=t * t_c,
+        medium=liquid,
+        bubble=Bubble(exponent=1.4),
+        relaxed=True,
+        accuracy=EXACT,
     )
     return (y[0], y[2] / y[0] ** 3 - 4 * solvent * y[1] / y[0]), (run.radius / R_max, run.stress / p)
 
@@ -229,14 +245,16 @@ def test_total_stress_relaxes_as_the_field_writes_it(stiffening, retardation):
 
 
 @pytest.mark.parametrize(
-    "start", [{"relaxed": True, "motion": "rayleigh-plesset"}, {"motion": "keller-miksis"}], ids=["relaxed", "grown"]
+    "start",
+    [{"relaxed": True, "bubble": Bubble(motion="rayleigh-plesset")}, {"bubble": Bubble()}],
+    ids=["relaxed", "grown"],
 )
 @pytest.mark.parametrize("stiffening", [0.0, 0.02])
 def test_without_relaxation_time_it_is_the_spring_beside_the_dashpot(start, stiffening):
     """Without sound, where the start has no stress: with sound the stress that comes within tau kicks the wall by
     S/(rho c), however short tau is."""
     parent, spring = QuadraticKelvinVoigt(5e3, 0.05, stiffening), Quadratic(5e3, stiffening)
-    expected = simulate(parent, motion=start["motion"], **GEL).radius
+    expected = simulate(parent, bubble=start["bubble"], **GEL).radius
     found = [
         simulate(Viscoelastic(spring, None, [TotalRelaxation(0.05, tau)]), **start, **GEL).radius
         for tau in (1e-8, 1e-9, 1e-10)
@@ -262,7 +280,7 @@ def test_of_a_linear_spring_it_is_a_spring_beside_an_arm():
     G, mu, tau = 5e3, 0.05, 3e-6
     whole = Viscoelastic(Linear(G), None, [TotalRelaxation(mu, tau)])
     beside = StandardLinearSolid(G, mu - G * tau, tau)
-    one, other = (simulate(law, rtol=1e-7, **GEL) for law in (whole, beside))
+    one, other = (simulate(law, accuracy=FINE, **GEL) for law in (whole, beside))
     assert one.radius == pytest.approx(other.radius, abs=1e-5 * 150e-6)
     assert one.stress == pytest.approx(other.stress, abs=1e-4 * np.abs(other.stress).max())
     assert one.stress[0] == pytest.approx(other.stress[0], rel=1e-4)

@@ -12,11 +12,11 @@ import pytest
 from scipy.stats import binom
 from test_reporting import COMMAND, KILOPASCAL, Page, answer, bubble, figure, lines_of_group, printed, words
 
-from cavirheo.bubble import Bubble
 from cavirheo.companions.published.comparison import Comparison, compared_set, markdown
 from cavirheo.companions.published.references import ReferenceSet
 from cavirheo.companions.rheometer.document import beside as rheometer_rows
 from cavirheo.companions.rheometer.document import rheometry
+from cavirheo.physics.bubble import Bubble
 from cavirheo.posterior import Evidence, OtherAnswer, Posterior
 from cavirheo.reporting import read_json, result, table, write_report
 from cavirheo.reporting.group import slope, theil_sen
@@ -48,7 +48,7 @@ def with_parameters(posterior: Posterior, material="power-law", **values: float)
 
 
 def thinning(posterior: Posterior, **more: float) -> Posterior:
-    return with_parameters(posterior, log10_consistency=98.0, log10_exponent=0.43, **more)
+    return with_parameters(posterior, log10_reference_viscosity=98.0 * 1e5**-0.57, log10_exponent=0.43, **more)
 
 
 def beside(mu=0.003, log=-3.0, bubble=PLAIN_KINETIC, material="nhkv", G=5000.0) -> OtherAnswer:
@@ -145,7 +145,9 @@ def test_all_answers_of_a_curve_stand_side_by_side(tmp_path):
 
 def test_an_answer_without_evidence_and_a_law_without_moduli_can_stand_beside_others():
     curve = bubble()
-    thin = OtherAnswer("power-law", Bubble(), {"consistency": 98.0, "exponent": 0.43}, {}, None, None)
+    thin = OtherAnswer(
+        "power-law", Bubble(), {"reference_viscosity": 98.0 * 1e5**-0.57, "exponent": 0.43}, {}, None, None
+    )
     (row,) = result([(curve, replace(answer(curve), others=(thin,)))], COMMAND).curves
     (other,) = row.other_models
     assert other.shear_modulus_Pa == other.viscosity_Pa_s == Quantity()
@@ -169,11 +171,11 @@ def test_the_viscosity_of_a_law_that_thins_is_given_at_a_rate():
 @pytest.mark.parametrize(
     ("material", "values"),
     [
-        ("power-law", {"log10_consistency": 98.0, "log10_exponent": 0.43}),
+        ("power-law", {"log10_reference_viscosity": 98.0 * 1e5**-0.57, "log10_exponent": 0.43}),
         ("powell-eyring", {"log10_zero_rate": 1.0, "log10_infinite_rate": 0.001, "log10_time": 1e-5}),
         ("gent", {"log10_shear_modulus": 5e3, "log10_limit": 1e4}),
         ("mooney-rivlin", {"log10_C1": 5e3, "log10_C2": 1e2}),
-        ("gent + power-law", {"log10_shear_modulus": 5e3, "log10_consistency": 98.0, "log10_exponent": 0.43}),
+        ("gent + power-law", {"log10_shear_modulus": 5e3, "log10_reference_viscosity": 0.14, "log10_exponent": 0.43}),
     ],
 )  # fmt: skip
 def test_the_shots_of_any_law_have_a_picture(material, values):
@@ -189,7 +191,7 @@ def test_the_report_of_a_law_that_thins_is_whole(tmp_path):
     pairs = [(curve, thinning(answer(curve))) for curve in shots()[:5]]
     document = write_report(tmp_path, pairs, COMMAND, ())
     assert document.notes == []  # of a picture that could not be drawn
-    assert {"consistency", "exponent", "viscosity_at_1e5_per_s"} <= document.groups[0].other_parameters.keys()
+    assert {"reference_viscosity", "exponent", "viscosity_at_1e5_per_s"} <= document.groups[0].other_parameters.keys()
     page = "".join(Page((tmp_path / "report.html").read_text(encoding="utf-8")).text)
     assert "viscosity at 1e5 per s" in page
 

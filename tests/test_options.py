@@ -17,7 +17,7 @@ import typer
 from conftest import BDT
 from recordings import write_mraw
 
-from cavirheo.bubble import FIELD, REAL, Bubble
+from cavirheo.physics.bubble import FIELD, REAL, Bubble
 from cavirheo.posterior import Checks, Posterior
 from cavirheo.verbs import app
 

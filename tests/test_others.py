@@ -115,9 +115,9 @@ def test_models_that_the_evidence_cannot_tell_apart_are_called_equally_likely():
 
 def test_laws_without_a_viscosity_are_compared_by_what_they_have():
     thin = other(bubble=FIELD, log=-2.0, material="power-law")
-    values = {"consistency": (5.0, 10.0, 20.0), "exponent": (0.4, 0.43, 0.46), "stretch": (5.0, 5.2, 5.4)}
+    values = {"reference_viscosity": (0.05, 0.1, 0.2), "exponent": (0.4, 0.43, 0.46), "stretch": (5.0, 5.2, 5.4)}
     (said,) = compared(posterior(replace(thin, intervals=values)))
-    assert "power-law with K 10 [5.0, 20] Pa s^n, n 0.430 [0.400, 0.460]" in said
+    assert "power-law with µ_ref 0.10 [0.050, 0.20] Pa s, n 0.430 [0.400, 0.460]" in said
     assert compared(posterior(thin, evidence=None)) == []
 
 

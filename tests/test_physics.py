@@ -12,13 +12,15 @@ from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError, SolverError
 from cavirheo.physics import simulate as forward
 from cavirheo.physics import solver
+from cavirheo.physics.accuracy import DEFAULT, PRECISE, Accuracy
+from cavirheo.physics.bubble import ACCOMMODATION, MOTIONS, Bubble
 from cavirheo.physics.driving import Pulse
 from cavirheo.physics.elastic import Fung, Gent, NeoHookean, Quadratic
 from cavirheo.physics.grid import NO_SHELLS, wall_clustered
 from cavirheo.physics.materials import NeoHookeanKelvinVoigt, QuadraticKelvinVoigt, Viscoelastic
 from cavirheo.physics.media import ESTRADA2018, MEDIA, WATER, Medium, medium
 from cavirheo.physics.memory import Maxwell, TotalRelaxation, UpperConvectedMaxwell
-from cavirheo.physics.scales import MOTIONS, dimensionless
+from cavirheo.physics.scales import dimensionless
 from cavirheo.physics.simulate import simulate, simulate_many
 from cavirheo.physics.tableau import RODAS5P
 from cavirheo.physics.viscous import CarreauYasuda, HerschelBulkley, Newtonian
@@ -52,23 +54,23 @@ GELS = [
     ARMS,
     Viscoelastic(Quadratic(4e4, 0.7), Newtonian(0.1), [TotalRelaxation(0.3, 2e-6), Maxwell(0.1, 4e-5)]),
 ]
-WAYS = [dict(motion=m, driving=Pulse(-3e6, 1e5, 2e-6)) for m in MOTIONS] + [dict(polytropic=1.4)]
-KINETIC = [
-    dict(contents="kinetic", accommodation=0.07),
-    dict(contents="kinetic", accommodation=0.003, confinement_inertia=0.4),
-    dict(contents="kinetic", driving=Pulse(-3e6, 1e5, 2e-6), motion="gilmore", confinement_inertia=-0.2),
+PULSE = Pulse(-3e6, 1e5, 2e-6)
+WAYS = [dict(bubble=Bubble(motion=motion), driving=PULSE) for motion in MOTIONS]
+WAYS += [
+    dict(bubble=Bubble(exponent=1.4)),
+    dict(bubble=Bubble("kinetic", ACCOMMODATION)),
+    dict(bubble=Bubble("kinetic", 0.003, confinement_inertia=0.4)),
+    dict(bubble=Bubble("kinetic", ACCOMMODATION, confinement_inertia=-0.2, motion="gilmore"), driving=PULSE),
 ]
 
 
-@pytest.mark.parametrize(
-    ("material", "way"), [(g, {}) for g in GELS] + [(ARMS, way) for way in WAYS + KINETIC], ids=str
-)
+@pytest.mark.parametrize(("material", "way"), [(g, {}) for g in GELS] + [(ARMS, way) for way in WAYS], ids=str)
 @pytest.mark.parametrize("velocity", [-1.3, 0.2])
 def test_analytic_jacobian(material, way, velocity):
     """The factors solve with the numerical derivative of the right-hand side, also by time."""
     rng = np.random.default_rng(3)
-    grid = NO_SHELLS if "polytropic" in way else wall_clustered(24, 1e-3)
     numbers = dimensionless(material, WATER, 120e-6, 4.0, **way)
+    grid = NO_SHELLS if numbers.polytropic else wall_clustered(24, 1e-3)
     M, R, p, t = grid.centre.size, 0.4, 2.0, 0.1
     moles = p * R**3 / (1 + 2 * (1 - grid.centre**3))
     memory = np.array([1.3, 5.2, -0.4])[: len(numbers.memory)]
@@ -183,8 +185,8 @@ def test_a_simulation_draws_itself():
 
 def test_precise_is_more_accurate():
     settings = dict(max_radius=200e-6, stretch=8.0, time=TIME)
-    truth = simulate(GEL, cells=1024, rtol=1e-8, **settings).radius
-    default, precise = (np.abs(simulate(GEL, precise=p, **settings).radius - truth).max() for p in (False, True))
+    truth, *radii = (simulate(GEL, accuracy=a, **settings).radius for a in (Accuracy(1024, 1e-8), DEFAULT, PRECISE))
+    default, precise = (np.abs(radius - truth).max() for radius in radii)
     assert precise < 0.35 * default
     assert precise / 200e-6 < 1e-4
 
@@ -197,12 +199,8 @@ def test_precise_is_more_accurate():
         (dict(time=[0, 2e-6, 1e-6]), "times_descend"),
         (dict(time=[]), "times"),
         (dict(time=[0, np.nan]), "times"),
-        (dict(rtol=0.5), "rtol"),
-        (dict(cells=4), "cells"),
-        (dict(polytropic=0.0), "polytropic"),
-        (dict(polytropic=1.4, fields=True), "no_fields"),
-        (dict(motion="rayleigh"), "motion"),
-        (dict(motion="gilmore", medium=Medium(sound_speed=np.inf)), "sound_speed"),
+        (dict(bubble=Bubble(exponent=1.4), fields=True), "no_fields"),
+        (dict(bubble=Bubble(motion="gilmore"), medium=Medium(sound_speed=np.inf)), "sound_speed"),
     ],
 )
 def test_bad_parameters(change, code):
@@ -214,6 +212,10 @@ def test_bad_parameters(change, code):
 @pytest.mark.parametrize(
     ("make", "code"),
     [
+        (lambda: Accuracy(relative_error=0.5), "relative_error"),
+        (lambda: Accuracy(4), "cells"),
+        (lambda: Bubble(exponent=0.0), "exponent"),
+        (lambda: Bubble(motion="rayleigh"), "motion"),
         (lambda: Newtonian(-0.1), "viscosity"),
         (lambda: replace(WATER, temperature=400.0), "boiling"),
         (lambda: replace(WATER, density=0.0), "density"),

@@ -16,10 +16,9 @@ from scipy.integrate import quad
 from scipy.stats import invgamma, multivariate_normal, norm
 
 from cavirheo import InputError, NeoHookeanKelvinVoigt, RadiusCurve, infer, simulate
-from cavirheo.bubble import FIELD, REAL, Bubble
 from cavirheo.inference import experiment, verify
 from cavirheo.inference.alternatives import LAPLACE
-from cavirheo.inference.experiment import BRISK, FINE, QUICK, Experiment
+from cavirheo.inference.experiment import FINE, QUICK, Experiment
 from cavirheo.inference.law import Family
 from cavirheo.inference.noise import SHAPE, Noise
 from cavirheo.inference.options import FREE, Options
@@ -33,6 +32,8 @@ from cavirheo.inference.verify.sampler import Mixture, Sample, effective_size, s
 from cavirheo.inference.verify.surrogate import Surrogate
 from cavirheo.inference.verify.tuning import TUNING
 from cavirheo.inference.verify.verification import Work
+from cavirheo.physics.accuracy import BRISK
+from cavirheo.physics.bubble import FIELD, REAL, Bubble
 from cavirheo.physics.materials import Zener
 from cavirheo.posterior import Checks, Evidence, OtherAnswer, Posterior
 from cavirheo.prior import Prior, log_normal

@@ -12,7 +12,6 @@ import pytest
 
 import cavirheo
 from cavirheo import InputError, NeoHookeanKelvinVoigt, Newtonian, RadiusCurve, simulate
-from cavirheo.bubble import FIELD, REAL, Bubble
 from cavirheo.inference.bins import CELLS, CHANNELS, SCALARS, SIZE, cells
 from cavirheo.inference.experiment import Experiment
 from cavirheo.inference.latent import CAMERA, SLOTS, damping, damping_to_slot, from_slots, slot, to_slots, used
@@ -25,6 +24,7 @@ from cavirheo.inference.verify.mode import Target
 from cavirheo.inference.verify.sampler import Mixture
 from cavirheo.inference.verify.tuning import TUNING
 from cavirheo.parameters import PARAMETERS
+from cavirheo.physics.bubble import FIELD, REAL, Bubble
 from cavirheo.physics.media import WATER
 from cavirheo.prior import log_normal
 
@@ -374,9 +374,8 @@ def test_generate_and_train_a_small_network(tmp_path, run):
 
 def test_a_misfit_that_the_real_bubble_explains_is_said():
     law, frame = NeoHookeanKelvinVoigt(3e3, 0.02), 1e-6
-    run = simulate(
-        law, max_radius=245e-6, stretch=9.0, time=frame * np.arange(100), contents="kinetic", accommodation=0.07
-    )
+    bubble = Bubble("kinetic", accommodation=0.07)
+    run = simulate(law, max_radius=245e-6, stretch=9.0, time=frame * np.arange(100), bubble=bubble)
     scatter = 0.003 * 245e-6 * np.random.default_rng(1).standard_normal(100)
     curve = RadiusCurve(run.time, run.radius + scatter, meta={"name": "shot"})
     answer = cavirheo.infer(curve, bubble="field", trust_input=True)

@@ -18,6 +18,8 @@ from cavirheo import InputError, Medium, NeoHookeanKelvinVoigt, Posterior, Radiu
 from cavirheo.inference.verify import Verification, VerificationOptions, verify
 from cavirheo.inference.verify.evidence import rank_laws
 from cavirheo.physics import laws
+from cavirheo.physics.accuracy import Accuracy
+from cavirheo.physics.bubble import Bubble
 from cavirheo.physics.driving import Pulse
 from cavirheo.physics.media import MEDIA, medium
 from cavirheo.physics.simulate import SimulationOptions
@@ -110,10 +112,12 @@ WRONG = [  # a call, and what its error must name: the value given, or the mend
     (lambda: simulate(time=[1e-6, 0.0]), "ascend"),
     (lambda: simulate(medium="honey"), "honey"),
     (lambda: simulate(driving=1e5), "Pulse"),
-    (lambda: simulate(motion="gilmor"), "gilmor"),
-    (lambda: simulate(polytropic="air"), "'air'"),
-    (lambda: simulate(rtol="fine"), "'fine'"),
-    (lambda: simulate(cells=100.5), "100.5"),
+    (lambda: simulate(bubble="field"), "'field'"),
+    (lambda: simulate(accuracy=1e-5), "1e-05"),
+    (lambda: Bubble(motion="gilmor"), "gilmor"),
+    (lambda: Bubble(exponent="air"), "'air'"),
+    (lambda: Accuracy(relative_error="fine"), "'fine'"),
+    (lambda: Accuracy(cells=100.5), "100.5"),
     (lambda: many(GEL), "[NeoHookeanKelvinVoigt"),
     (lambda: many("nhkv"), "NeoHookeanKelvinVoigt"),
     (lambda: many([GEL, GEL], max_radius=["a", "b"]), "max_radius"),
@@ -272,9 +276,9 @@ def test_the_version_is_that_of_the_installation():
 
 
 PUBLIC = (
-    "bubble curve posterior prior problem physics.media physics.simulation physics.driving physics.elastic "
-    "physics.viscous physics.memory physics.materials inference.collapse_time inference.verify "
-    "inference.population.material"
+    "curve posterior prior problem physics.accuracy physics.bubble physics.media physics.simulation "
+    "physics.driving physics.law physics.elastic physics.viscous physics.memory physics.materials "
+    "inference.collapse_time inference.verify inference.population.material"
 )
 
 

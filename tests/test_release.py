@@ -15,10 +15,10 @@ import jinja2
 import pytest
 
 import cavirheo
-from cavirheo.bubble import BUBBLES, CONTENTS
 from cavirheo.inference import LEVELS
 from cavirheo.inference.law import ABLE
 from cavirheo.inference.model import card, shipped
+from cavirheo.physics.bubble import BUBBLES, CONTENTS
 from cavirheo.physics.media import MEDIA
 from cavirheo.reporting.sources import BDT, IMR
 from cavirheo.verbs import _FOUND, options, versions

@@ -16,9 +16,9 @@ import pytest
 
 from cavirheo import population, reporting
 from cavirheo.answer_store import InOrder
-from cavirheo.bubble import REAL
 from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError
+from cavirheo.physics.bubble import REAL
 from cavirheo.posterior import Checks, Diagnostics, Evidence, OtherAnswer, Posterior, WindowAnswer, in_words
 from cavirheo.reading.column import read_column
 from cavirheo.reporting import figures, group, html, read_json, result, svg, table, write_report

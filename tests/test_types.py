@@ -64,7 +64,7 @@ print(low, high, fitted.best["viscosity"], fitted.checks.verdict, fitted.median(
 material = cavirheo.population(answers, along=[1.0, 2.0])
 gel = cavirheo.NeoHookeanKelvinVoigt(shear_modulus=8e3, viscosity=0.05)
 run = cavirheo.simulate(gel, max_radius=2e-4, stretch=6.0, time=curves[0].time)
-runs = cavirheo.simulate_many([gel, gel], max_radius=2e-4, stretch=[5.0, 6.0], time=run.time, motion="gilmore")
+runs = cavirheo.simulate_many([gel, gel], max_radius=2e-4, stretch=[5.0, 6.0], time=run.time, relaxed=True)
 filmed = cavirheo.measure("bubble.mp4", frame_rate=5e5, um_per_px=4.0, exclude="12,40-45")
 for one in (filmed, *curves, run, *runs, material, *answers):
     one.to_dataframe()

@@ -17,6 +17,7 @@ from pydantic import BaseModel
 
 from cavirheo import loading, posterior
 from cavirheo.inference.card import ModelCard, PosteriorCard
+from cavirheo.physics import bubble
 from cavirheo.reporting.record import Result
 from cavirheo.writing.document import Document
 
@@ -69,7 +70,8 @@ def records(kind: type[BaseModel]) -> dict[str, Schema]:
 def schema(kind: type[BaseModel]) -> Schema:
     """JSON Schema of a document, each field with its meaning as `description`; without what is not written."""
     whole = kind.model_json_schema()
-    classes = {one.__name__: one for one in (*below(BaseModel), *vars(posterior).values()) if isinstance(one, type)}
+    known = (*below(BaseModel), *vars(posterior).values(), *vars(bubble).values())
+    classes = {one.__name__: one for one in known if isinstance(one, type)}
     for name, one in {kind.__name__: whole, **whole.get("$defs", {})}.items():
         one["description"], said = meanings(classes[name])
         fields = getattr(classes[name], "model_fields", {})

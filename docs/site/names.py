@@ -112,15 +112,15 @@ LAWS = Page(
         Group(
             "Your own",
             {
-                "cavirheo.physics.elastic": "StrainEnergy Elastic",
-                "cavirheo.physics.viscous": "Viscosity Viscous",
-                "cavirheo.physics.memory": "Arm",
-                "cavirheo.physics.law": "Material",
+                "cavirheo.physics.elastic": "StrainEnergy",
+                "cavirheo.physics.viscous": "Viscosity",
+                "cavirheo.physics.law": "Elastic Viscous Arm Material",
             },
         ),
         Group("Media", {"cavirheo.physics.media": "medium MEDIA WATER BU2026 ESTRADA2018 ZHU2025 YANG2020"}),
         Group("Driving", {"cavirheo.physics.driving": "Pulse Trace Driving"}),
-        Group("Damage", {"cavirheo.physics.damage": "Damage"}),
+        Group("Damage", {"cavirheo.physics.bubble": "Damage"}),
+        Group("Accuracy", {"cavirheo.physics.accuracy": "Accuracy DEFAULT PRECISE ROUGH"}),
         Group("Parameters", {"cavirheo.parameters": "Parameter PARAMETERS"}),
     ),
 )

@@ -18,14 +18,15 @@ import numpy as np
 import cavirheo
 
 liquid = cavirheo.Newtonian(0.06)  # Pa s
+kinetic = cavirheo.Bubble("kinetic", accommodation=0.07)  # vapour condenses at a finite rate
 time = np.arange(100) * 1e-6  # s after R_max
 noise = np.random.default_rng(1)
 with open("liquid.csv", "w", newline="") as file:
     rows = csv.writer(file)
     rows.writerow(["shot", "time_us", "radius_um"])
     for shot, size in enumerate((180e-6, 240e-6, 310e-6), 1):
-        bubble = cavirheo.simulate(liquid, max_radius=size, stretch=6.0, time=time, contents="kinetic")
-        radius = bubble.radius + 1e-6 * noise.standard_normal(time.size)
+        run = cavirheo.simulate(liquid, max_radius=size, stretch=6.0, time=time, bubble=kinetic)
+        radius = run.radius + 1e-6 * noise.standard_normal(time.size)
         rows.writerows((shot, f"{t * 1e6:.1f}", f"{R * 1e6:.2f}") for t, R in zip(time, radius, strict=True))
 
 # %% [markdown]

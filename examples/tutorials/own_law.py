@@ -14,7 +14,8 @@ import matplotlib.pyplot as plt
 import numpy as np
 
 import cavirheo
-from cavirheo.physics.elastic import Elastic, NeoHookean
+from cavirheo.physics.elastic import NeoHookean
+from cavirheo.physics.law import Elastic
 from cavirheo.physics.materials import Viscoelastic
 from cavirheo.physics.viscous import Newtonian
 

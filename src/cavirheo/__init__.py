@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     __version__: str
-    from cavirheo.bubble import Bubble as Bubble
     from cavirheo.companions.design import design as design
     from cavirheo.curve import RadiusCurve as RadiusCurve
     from cavirheo.errors import InputError as InputError
@@ -19,6 +18,7 @@ if TYPE_CHECKING:
     from cavirheo.inference.population import Population as Population
     from cavirheo.inference.population import population as population
     from cavirheo.loading import load as load
+    from cavirheo.physics.bubble import Bubble as Bubble
     from cavirheo.physics.materials import NeoHookeanKelvinVoigt as NeoHookeanKelvinVoigt
     from cavirheo.physics.materials import Newtonian as Newtonian
     from cavirheo.physics.materials import QuadraticKelvinVoigt as QuadraticKelvinVoigt
@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 
 _HOME = {
     "design": "companions.design",
-    "Bubble": "bubble",
+    "Bubble": "physics.bubble",
     "RadiusCurve": "curve",
     "InputError": "errors",
     "SolverError": "errors",

@@ -17,10 +17,10 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from cavirheo.bubble import Bubble
 from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError, require
 from cavirheo.parallel import Executor, Step, Threads, one_of
+from cavirheo.physics.bubble import Bubble
 from cavirheo.posterior import Checks, Diagnostics, Evidence, OtherAnswer, Posterior, WindowAnswer
 from cavirheo.writing.document import into, whole
 from cavirheo.writing.terminal import bar, say

@@ -91,7 +91,10 @@ PARAMETERS: dict[str, Parameter] = {
     "viscosity": Parameter("µ", "Pa s", (-4.0, 1.0), (-2.3, -0.3)),
     "zero_rate": Parameter("mu_0", "Pa s", (-4.0, 3.0), (-1.5, 1.0)),
     "infinite_rate": Parameter("mu_inf", "Pa s", (-4.0, 1.0), (-3.0, -1.0)),
-    "consistency": Parameter("K", "Pa s^n", (-4.0, 5.0), (-2.0, 2.0)),
+    "consistency": Parameter("K", "Pa s^n"),  # inferred as the reference viscosity
+    "reference_viscosity": Parameter(
+        "µ_ref", "Pa s", (-4.0, 1.0), (-2.3, -0.3), "K (1e5 1/s)^(n-1): viscosity of a power law at 1e5 1/s",
+    ),
     "yield_stress": Parameter("tau_y", "Pa", (0.0, 5.7), (2.0, 4.5)),
     "exponent": Parameter("n", "1", (-1.3, 0.5), (-0.6, 0.1)),
     "rest_rate": Parameter("m", "1/s"),
@@ -136,6 +139,12 @@ BUBBLE = (
 )
 AT_RATE, RATE = "viscosity_at_1e5_per_s", 1e5  # of a law whose viscosity is not one number; 1/s
 AT_END = 0.25  # of an interval's width: an end nearer to the range's is the range's
+
+
+def inferred_as(name: str) -> str:
+    """The parameter that is inferred in place of one of a law: the reference viscosity in place of a consistency, for
+    that is a viscosity at 1 1/s, far below the rates that bubbles have, and follows the exponent."""
+    return "reference_viscosity" if name == "consistency" else name
 
 
 def natural_name(name: str) -> str:

@@ -10,9 +10,9 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 
 from cavirheo.arrays import Floats, unscaled
-from cavirheo.bubble import FIELD, Bubble
 from cavirheo.errors import InputError, require
 from cavirheo.parameters import LOG10, Bound, about, bound_of, natural, natural_name, scaled, searched_bound
+from cavirheo.physics.bubble import FIELD, Bubble
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

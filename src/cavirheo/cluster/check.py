@@ -58,6 +58,7 @@ def identity() -> Identity:
 
 def _simulated(count: int = 4) -> str:
     """SHA-256 of the radii of so many different bubbles: a solid with memory and a liquid, both contents."""
+    from cavirheo.physics.bubble import ACCOMMODATION, FIELD, Bubble
     from cavirheo.physics.laws import LAWS
     from cavirheo.physics.simulate import simulate
 
@@ -67,8 +68,8 @@ def _simulated(count: int = 4) -> str:
         material = LAWS["newtonian"](viscosity=0.03 + 0.01 * k)
         if k % 2:
             material = LAWS["nhkv"](shear_modulus=5e3 + 1e3 * k, viscosity=0.05)
-        contents = "kinetic" if k % 4 > 1 else "equilibrium"
-        run = simulate(material, max_radius=2.45e-4, stretch=6.0, time=time_s, contents=contents)
+        bubble = Bubble("kinetic", ACCOMMODATION) if k % 4 > 1 else FIELD
+        run = simulate(material, max_radius=2.45e-4, stretch=6.0, time=time_s, bubble=bubble)
         digest.update(run.radius.tobytes())
     return digest.hexdigest()
 

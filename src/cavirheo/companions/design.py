@@ -14,7 +14,6 @@ import numpy as np
 from scipy.special import ndtri
 
 from cavirheo.arrays import Floats
-from cavirheo.bubble import FIELD, Bubble, Requested, bubbles_of
 from cavirheo.companions.designed import CheckedSetting, DesignedSetting
 from cavirheo.errors import require
 from cavirheo.inference.design import (
@@ -30,6 +29,7 @@ from cavirheo.inference.design import (
 from cavirheo.inference.law import Family
 from cavirheo.inference.options import Options
 from cavirheo.parameters import STRETCH_RANGE
+from cavirheo.physics.bubble import FIELD, Bubble, Requested, bubbles_of
 from cavirheo.physics.media import WATER, Medium
 from cavirheo.physics.media import medium as named
 from cavirheo.reporting.answer import CurveRecord, described

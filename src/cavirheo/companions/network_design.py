@@ -13,7 +13,6 @@ import numpy as np
 from scipy.stats.qmc import Halton
 
 from cavirheo.arrays import Floats
-from cavirheo.bubble import FIELD
 from cavirheo.errors import InputError, SolverError, require
 from cavirheo.inference.design import Setting, expected
 from cavirheo.inference.law import Family
@@ -21,6 +20,7 @@ from cavirheo.inference.network_answer import Networked
 from cavirheo.inference.posterior_model import PosteriorModel
 from cavirheo.parallel import each
 from cavirheo.parameters import PARAMETERS, RADIUS
+from cavirheo.physics.bubble import FIELD
 from cavirheo.physics.media import WATER
 from cavirheo.writing import digits, terminal
 from cavirheo.writing.document import Document, Record

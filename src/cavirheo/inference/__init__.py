@@ -7,7 +7,6 @@ from itertools import product
 from pathlib import Path
 from typing import Any
 
-from cavirheo.bubble import FIELD, Bubble, Requested, bubbles_of
 from cavirheo.curve import RadiusCurve, several
 from cavirheo.errors import expect_whole, require
 from cavirheo.inference.bdt import Amortised
@@ -15,6 +14,7 @@ from cavirheo.inference.law import softened
 from cavirheo.inference.model import Network, card, path_of
 from cavirheo.inference.options import Options, check_wall
 from cavirheo.parallel import each
+from cavirheo.physics.bubble import FIELD, Bubble, Requested, bubbles_of
 from cavirheo.physics.media import WATER, Medium
 from cavirheo.physics.media import medium as named
 from cavirheo.posterior import Posterior

@@ -34,7 +34,15 @@ from cavirheo.inference.noise import Noise, expanded, products, summed
 from cavirheo.physics.cache import compiled
 
 NAMES = ("time_origin", "radius_scale", "max_radius_factor")
-WITH_TIME = ("viscosity", "consistency", "zero_rate", "infinite_rate", "relaxation_time", "retardation_time", "time")
+WITH_TIME = (
+    "viscosity",
+    "reference_viscosity",
+    "zero_rate",
+    "infinite_rate",
+    "relaxation_time",
+    "retardation_time",
+    "time",
+)
 FINEST = 0.004  # t_c between the instants at which a simulation is kept,
 PER_FRAME = 3.0  # or so many for each frame
 MOST = 4000  # of them
@@ -132,7 +140,7 @@ def rescaled(names: Sequence[str], x: Floats, size: Floats) -> Floats:
     x = np.array(x)
     for i, name in enumerate(names):
         if name.rstrip("_0123456789") in WITH_TIME:
-            power = 10.0 ** x[:, names.index("exponent")] if name == "consistency" else 1.0
+            power = 10.0 ** x[:, names.index("exponent")] if name == "reference_viscosity" else 1.0
             x[:, i] += power * np.log10(size)
     return x
 

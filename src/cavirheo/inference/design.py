@@ -18,7 +18,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -26,8 +26,6 @@ from scipy.special import logsumexp
 from threadpoolctl import threadpool_limits
 
 from cavirheo.arrays import Floats
-from cavirheo.bubble import FREE as INFERRED
-from cavirheo.bubble import REAL, Bubble
 from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError, SolverError, expect_whole, require
 from cavirheo.inference.experiment import LARGEST, QUICK, SIGMAS, ZETA, Experiment
@@ -37,6 +35,8 @@ from cavirheo.inference.options import FREE, SCALE_BOUND, Options, fixed_bubble
 from cavirheo.inference.verify.mode import Target, climb
 from cavirheo.parallel import each
 from cavirheo.parameters import INTERVAL, PARAMETERS, RADIUS
+from cavirheo.physics.bubble import FREE as INFERRED
+from cavirheo.physics.bubble import FROM_NOTHING, REAL, Bubble
 from cavirheo.physics.media import WATER, Medium
 from cavirheo.physics.simulate import simulate
 from cavirheo.prior import log_normal
@@ -97,9 +97,15 @@ class Setting:
             drawn["accommodation"] = float(10.0 ** rng.uniform(*_STARTED))
         if bubble.confinement_damping == INFERRED:
             drawn["confinement_damping"] = float(np.minimum(np.abs(ZETA * rng.normal()), LARGEST * ZETA))
-        about = {"max_radius": self.max_radius, "stretch": stretch, "medium": medium, "contents": bubble.contents}
-        about |= drawn
-        run = simulate(family.material(law), time=instants[order], **about)  # type: ignore[arg-type]
+        known: Any = {**dict.fromkeys(FROM_NOTHING, 0.0), **drawn}
+        run = simulate(
+            family.material(law),
+            max_radius=self.max_radius,
+            stretch=stretch,
+            time=instants[order],
+            medium=medium,
+            bubble=replace(bubble, damage="none", wall_distance=None, **known),
+        )
         seen = np.empty(len(instants))
         seen[order] = run.radius
         scale = 1.0 + off * SCALE_BOUND / SIGMAS

@@ -19,7 +19,6 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from cavirheo.arrays import Bools, Floats
-from cavirheo.bubble import FROM_NOTHING
 from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError, require
 from cavirheo.inference.bins import half_widths
@@ -38,22 +37,18 @@ from cavirheo.inference.noise import Noise, correlation_time
 from cavirheo.inference.options import FREE, Options, fixed_bubble
 from cavirheo.inference.reconstruct import MISFIT, Window, reconstruct, window
 from cavirheo.parameters import LOG10, PARAMETERS, STRETCH_RANGE, bound_of
-from cavirheo.physics.damage import Damage
+from cavirheo.physics.accuracy import DEFAULT, ROUGH, Accuracy
+from cavirheo.physics.bubble import ACCOMMODATION, FROM_NOTHING, Bubble, Damage
 from cavirheo.physics.media import WATER, Medium
-from cavirheo.physics.scales import ACCOMMODATION
-from cavirheo.physics.simulate import ROUGH, simulate
+from cavirheo.physics.simulate import simulate
 from cavirheo.physics.simulation import Simulation
 from cavirheo.posterior import Checks, Verdict, weighted_quantile
 from cavirheo.prior import Prior
 from cavirheo.writing import digits
 from cavirheo.writing.document import Quantity
 
-Accuracy = Mapping[str, Any]  # options of `simulate`
-
-COARSE: Accuracy = {"cells": 24, "rtol": 3e-3}  # for the starts: 1 ms
-BRISK: Accuracy = {"cells": 64, "rtol": 1e-3}  # for draws, with what it misses of the default's: that hardly changes
-QUICK: Accuracy = ROUGH  # for the search: forward differences are right to 1 %
-FINE: Accuracy = {}  # the solver's default: central differences are right to 0.1 %
+QUICK = ROUGH  # for the search: forward differences are right to 1 %
+FINE = DEFAULT  # central differences are right to 0.1 %
 FORWARD = 1e-3  # step of forward differences of x, decades or the like
 FLOOR = 0.007  # of R_max: two circle fits of one video differ by 1.0 % rms, so each has 0.7 %
 TIMING = 1.0 / np.sqrt(12.0)  # frames: standard deviation of an instant within one
@@ -242,12 +237,13 @@ class Experiment:
             values[name] = value * width + middle
         return values
 
-    def simulated(self, natural: Mapping[str, Any]) -> dict[str, Any]:
-        """Options of `simulate` for the model of the bubble."""
-        way = {name: natural[name] for name in ("accommodation", *FROM_NOTHING) if name in natural}
-        if self.options.bubble.damage != "none":
-            way["damage"] = Damage(natural["damage_modulus"], natural["damage_radius"], self.options.bubble.damage)
-        return way | {"contents": self.options.bubble.contents}
+    def simulated(self, natural: Mapping[str, Any]) -> Bubble:
+        """The bubble of these natural values, as `simulate` takes it."""
+        values = {name: natural[name] for name in ("accommodation", *FROM_NOTHING) if name in natural}
+        damage = self.options.bubble.damage
+        if isinstance(damage, str) and damage != "none":
+            values["damage"] = Damage(natural["damage_modulus"], natural["damage_radius"], damage)
+        return replace(self.options.bubble, wall_distance=None, **values)
 
     def starts(self, x: Floats) -> Floats:
         """x (..., d) with what is free of clock, scales, walls and vapour where a search begins: at nothing."""
@@ -354,7 +350,7 @@ class Experiment:
         try:
             run = simulate(
                 self.family.material(x[: self.law]), max_radius=max_radius, stretch=natural["stretch"], time=time,
-                medium=self.medium, throw=False, **self.simulated(natural), **accuracy,
+                medium=self.medium, bubble=self.simulated(natural), accuracy=accuracy, throw=False,
             )  # fmt: skip
             good = run.ok and bool(np.all(np.isfinite(run.radius)))
         except InputError:  # parameters that exclude each other: as a failed simulation
@@ -467,7 +463,7 @@ class Experiment:
         moved = replace(cut, radius=cut.radius * scale, radius_std=cut.radius_std * scale, maximum=maximum)
         view = Window(moved, self.view.end - origin, self.view.collapses)
         material, bubble = self.family.material(x[: self.law]), self.simulated(natural)
-        found = reconstruct(view, material, self.medium, natural["stretch"], **bubble)
+        found = reconstruct(view, material, self.medium, natural["stretch"], bubble)
         counted = replace(found, drawn_radius=found.drawn_radius / scale).of(self.counted)
         return counted.checks(self.view, self.time_scale, verdict, messages, LEFT if self.clean else MISFIT)
 

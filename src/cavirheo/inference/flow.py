@@ -15,24 +15,25 @@ Its draws are a proposal: what they are worth the simulations say (inference/ver
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
 from cavirheo.arrays import Floats
-from cavirheo.bubble import Bubble
 from cavirheo.errors import require
 from cavirheo.inference.bins import SCALE, cells
 from cavirheo.inference.experiment import Experiment
 from cavirheo.inference.latent import SLOTS, damping_to_slot, from_slots, slot, to_slots, used
 from cavirheo.inference.session import started
+from cavirheo.physics.bubble import FIELD, FREE, Bubble
 from cavirheo.physics.media import WATER
 from cavirheo.prior import Prior
 
 _POOL, _LEAST = 1000, 0.01  # draws by which the share within the bounds is found, and the smallest share
 INPUTS = ("cells", "kind", "has", "counted", "choice", "normal", "given", "take")
 _PRESSURE = ("shear_modulus",)  # what scales with p, and what with p t_c
-_PRESSURE_TIME = ("viscosity", "consistency")
+_PRESSURE_TIME = ("viscosity", "reference_viscosity")
 
 
 class Flow:
@@ -160,12 +161,9 @@ class NetworkProposal:
 
 def kind_of(bubble: Bubble) -> str:
     """Which of the bubbles that a network knows (slots.BUBBLE_SLOTS) this one is; empty: none of them."""
-    around = bubble.damage != "none" or bubble.confinement_inertia != 0 or bubble.vapour_excess != 0
-    if around or bubble.wall_distance is not None:
-        return ""
-    if bubble.contents == "kinetic":
+    if replace(bubble, accommodation=FREE, confinement_damping=0.0) == Bubble("kinetic"):
         return "real"
-    return "field" if bubble.confinement_damping == 0 else ""
+    return "field" if replace(bubble, accommodation=FREE) == FIELD else ""
 
 
 def plain(material: str) -> str:

@@ -2,13 +2,9 @@
 
 Each coordinate is standard normal under its prior. A parameter of a law, the stretch and the accommodation have a prior
 that is uniform in log10 between the ends of a search (parameters.py), z = Phi^-1((log10 value - low)/(high - low)).
-The confinement damping has the half of a normal (`damping`). Two laws put what acts alike into one slot. A power
-law's consistency alone says little: its slot holds the viscosity at 1e5/s instead,
-
-    z = (log10 K + 5 (n - 1) + 1.5)/2,
-
-so that the density of (K, n) is that of (z, n) over 2. R_max, clock and scale are over the half-widths that their
-priors have.
+The confinement damping has the half of a normal (`damping`). Two laws put what acts alike into one slot. That of
+a power law's reference viscosity is normal, z = (log10 mu_ref + 1.5)/2. R_max, clock and scale are over the half-widths
+that their priors have.
 
 The network answers slot by slot, each given those before it. What is known beforehand (a stated stretch, an
 accommodation) comes first, so that the density of the others given it is at hand.
@@ -30,9 +26,8 @@ SLOTS = (
 )  # fmt: skip
 CAMERA = SLOTS[6:]
 BUBBLE_SLOTS = {"field": (), "real": ("confinement_damping", "accommodation")}  # beside those of all
-_SHARED = {"consistency": "viscosity", "stiffening": "shape", "exponent": "shape"}
-_RATE_DECADES = 5.0  # of the shear rate, 1/s, at which a power law's viscosity is taken
-_AT_RATE = (-1.5, 2.0)  # middle and half-width of log10 of that viscosity
+_SHARED = {"reference_viscosity": "viscosity", "stiffening": "shape", "exponent": "shape"}
+_REFERENCE = (-1.5, 2.0)  # mean and standard deviation of log10 of a reference viscosity
 _FARTHEST = 3.0  # z of a given damping: training has one in a thousand beyond
 _INSIDE = 1e-9  # of the probability, that z keeps away from the bounds
 
@@ -51,11 +46,11 @@ def to_slots(names: tuple[str, ...], log10: Floats) -> Floats:
     """(k, 9) z from log10 values (k, names) of a law, the stretch and the accommodation; 0 in all other slots."""
     z = np.zeros((len(log10), len(SLOTS)))
     for name, value in zip(names, log10.T, strict=True):
-        low, high = _range(name)
-        z[:, slot(name)] = ndtri(np.clip((value - low) / (high - low), _INSIDE, 1.0 - _INSIDE))
-    if "consistency" in names:
-        at_rate = log10[:, names.index("consistency")] + _thinning(log10[:, names.index("exponent")])
-        z[:, slot("viscosity")] = (at_rate - _AT_RATE[0]) / _AT_RATE[1]
+        if name == "reference_viscosity":
+            z[:, slot(name)] = (value - _REFERENCE[0]) / _REFERENCE[1]
+        else:
+            low, high = _range(name)
+            z[:, slot(name)] = ndtri(np.clip((value - low) / (high - low), _INSIDE, 1.0 - _INSIDE))
     return z
 
 
@@ -63,15 +58,14 @@ def from_slots(names: tuple[str, ...], z: Floats) -> tuple[Floats, Floats]:
     """log10 values (k, names) from z (k, 9), and log |dz/dlog10| (k,), by which a density of z becomes one of them."""
     log10, log_jacobian = np.empty((len(z), len(names))), np.zeros(len(z))
     for i, name in enumerate(names):
-        low, high = _range(name)
         here = z[:, slot(name)]
-        log10[:, i] = low + (high - low) * ndtr(here)
-        if name != "consistency":
+        if name == "reference_viscosity":
+            log10[:, i] = _REFERENCE[0] + _REFERENCE[1] * here
+            log_jacobian -= np.log(_REFERENCE[1])
+        else:
+            low, high = _range(name)
+            log10[:, i] = low + (high - low) * ndtr(here)
             log_jacobian += 0.5 * (here**2 + np.log(2.0 * np.pi)) - np.log(high - low)
-    if "consistency" in names:
-        at_rate = _AT_RATE[0] + _AT_RATE[1] * z[:, slot("viscosity")]
-        log10[:, names.index("consistency")] = at_rate - _thinning(log10[:, names.index("exponent")])
-        log_jacobian -= np.log(_AT_RATE[1])
     return log10, log_jacobian
 
 
@@ -90,8 +84,3 @@ def _range(name: str) -> tuple[float, float]:
     found = PARAMETERS[name].searched
     assert found is not None
     return found
-
-
-def _thinning(log10_exponent: Floats) -> Floats:
-    """log10 of the viscosity at the rate over the consistency."""
-    return np.asarray(_RATE_DECADES * (10.0**log10_exponent - 1.0))

@@ -10,8 +10,9 @@ import numpy as np
 
 from cavirheo.arrays import Floats
 from cavirheo.errors import expect, require
-from cavirheo.parameters import PARAMETERS
-from cavirheo.physics.laws import LAWS, combine
+from cavirheo.parameters import PARAMETERS, inferred_as
+from cavirheo.physics.bubble import Damage
+from cavirheo.physics.laws import LAWS, combine, with_consistency
 from cavirheo.physics.materials import Material
 
 
@@ -21,13 +22,13 @@ def _parameters(law: str) -> list[Field[Any]]:
 
 def _unfittable(law: str) -> list[str]:
     """Parameters that neither have a range nor a default."""
-    return [f.name for f in _parameters(law) if not PARAMETERS[f.name].searched and f.default is MISSING]
+    return [f.name for f in _parameters(law) if not PARAMETERS[inferred_as(f.name)].searched and f.default is MISSING]
 
 
 ABLE = [law for law in LAWS if not _unfittable(law)]
 
 
-def softened(laws: Sequence[str], damage: str) -> list[str]:
+def softened(laws: Sequence[str], damage: str | Damage) -> list[str]:
     """Those of the laws that can have such damage: all without one, else those with an elastic part. Raises InputError:
     none can."""
     if damage == "none":
@@ -43,7 +44,8 @@ class Family:
     """All materials of a law, or of a sum of laws ("gent + newtonian"): log10 of the parameters -> Material.
 
     A parameter that two laws of a sum have is followed by the number of the later one: viscosity, viscosity_2. One
-    without a range (parameters.py) keeps the default of its law.
+    without a range (parameters.py) keeps the default of its law. In place of a consistency K stands the reference
+    viscosity K (1e5 1/s)^(n-1).
 
     Raises:
         InputError: unknown law, one with a parameter for which no range is set, or laws that no material can have both.
@@ -61,7 +63,7 @@ class Family:
             hint = f" (its {', '.join(_unfittable(law))} cannot be given a range)" if law in LAWS else hint
             told = f"cannot fit the material {law!r}{hint}; known, also as sums: {', '.join(ABLE)}"
             require(law in ABLE, told, "law.not_fittable")
-            own = [f.name for f in _parameters(law) if PARAMETERS[f.name].searched]
+            own = [name for f in _parameters(law) if PARAMETERS[name := inferred_as(f.name)].searched]
             names += [f"{name}_{number}" if name in names else name for name in own]
             terms.append((law, own))
         object.__setattr__(self, "_terms", terms)
@@ -71,7 +73,8 @@ class Family:
     def material(self, log10: Floats) -> Material:
         """The material of (parameters,) log10 values. Raises InputError where they exclude each other."""
         values = iter(10.0**log10)
-        return combine([LAWS[law](**{name: float(next(values)) for name in own}) for law, own in self._terms])
+        terms = [(law, {name: float(next(values)) for name in own}) for law, own in self._terms]
+        return combine([LAWS[law](**with_consistency(given)) for law, given in terms])
 
     @property
     def elastic(self) -> bool:

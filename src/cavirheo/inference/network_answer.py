@@ -14,7 +14,6 @@ from importlib.metadata import version
 import numpy as np
 
 from cavirheo.arrays import Floats
-from cavirheo.bubble import REAL, Bubble
 from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError
 from cavirheo.inference import input_checks
@@ -24,6 +23,7 @@ from cavirheo.inference.law import Family
 from cavirheo.inference.options import FREE, Options
 from cavirheo.inference.posterior_model import PosteriorModel
 from cavirheo.parameters import LOG10, natural_name, units
+from cavirheo.physics.bubble import REAL, Bubble
 from cavirheo.physics.media import WATER, Medium
 from cavirheo.posterior import Checks, Diagnostics, Posterior
 from cavirheo.prior import log_normal
@@ -116,7 +116,7 @@ class Networked:
         values, log_q = shot.best(best), log_q - shot.log_stretched(theta)
         return Posterior(
             names, units(names), theta, checks, law, "amortised", {}, log_q, best=values, stretch=values["stretch"],
-            diagnostics=about, prior={} if "consistency" in shot.names else shot.of_law(shot.prior()),
+            diagnostics=about, prior=shot.of_law(shot.prior()),
         )  # fmt: skip
 
     def _doubts(self, curve: RadiusCurve, found: Posterior) -> list[str]:

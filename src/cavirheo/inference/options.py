@@ -9,11 +9,10 @@ from typing import Any
 
 import numpy as np
 
-from cavirheo.bubble import FIELD, FROM_NOTHING, Bubble
 from cavirheo.curve import RadiusCurve
 from cavirheo.errors import require
 from cavirheo.inference.reconstruct import check_stretch
-from cavirheo.physics.scales import ACCOMMODATION, check_bubble, inertia_of
+from cavirheo.physics.bubble import FIELD, FROM_NOTHING, Bubble
 
 FREE = {"t0": "time_origin", "scale": "radius_scale", "rmax": "max_radius_factor"}  # option: name in the answer
 FREED = ("t0", "rmax")  # by default
@@ -71,11 +70,8 @@ class Options:
         if not isinstance(self.stretch, str):
             check_stretch(self.stretch)
         bubble = self.bubble
-        given = {name: getattr(bubble, name) for name in ("accommodation", *FROM_NOTHING)}
-        known = {"accommodation": ACCOMMODATION}
-        check_bubble(bubble.contents, **{name: known.get(name, 0.0) if x == "free" else x for name, x in given.items()})
-        both = "give either confinement_inertia or wall_distance, not both"
-        require(bubble.wall_distance is None or bubble.confinement_inertia == 0, both, "physics.two_walls")
+        known = f"the factors of damage are inferred: give its name instead of {bubble.damage!r}"
+        require(isinstance(bubble.damage, str), known, "option.damage")
         idle = "an accommodation changes nothing without kinetic contents: give those too"
         require(bubble.accommodation == "free" or bubble.contents == "kinetic", idle, "option.idle")
 
@@ -84,12 +80,12 @@ def check_wall(bubble: Bubble, curves: Sequence[RadiusCurve] = ()) -> None:
     """Raises InputError: no distance, or the wall is too near for every curve; where it is for some, those fail."""
     if bubble.wall_distance is not None:
         largest = (float(np.max(one.radius, initial=0.0, where=one.radius > 0)) for one in curves)
-        inertia_of(bubble.wall_distance, min(largest, default=0.0))
+        bubble.inertia(min(largest, default=0.0))
 
 
 def fixed_bubble(bubble: Bubble, max_radius: float) -> dict[str, float]:
     """The numbers of the model that are given and not their defaults, by name. Raises InputError: a wall too near."""
     given = {name: getattr(bubble, name) for name in ("accommodation", *FROM_NOTHING)}
     if bubble.wall_distance is not None:
-        given["confinement_inertia"] = inertia_of(bubble.wall_distance, max_radius)
+        given["confinement_inertia"] = bubble.inertia(max_radius)
     return {name: float(value) for name, value in given.items() if value not in ("free", 0.0)}

@@ -8,7 +8,6 @@ from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
-from cavirheo.bubble import Bubble
 from cavirheo.errors import InputError, require
 from cavirheo.files import read_bytes
 from cavirheo.inference import DEFAULT, KNOWN_BUBBLES
@@ -18,6 +17,7 @@ from cavirheo.inference.flow import INPUTS, Flow, NetworkProposal, kind_of, plai
 from cavirheo.inference.graph import check_graph
 from cavirheo.inference.model import LARGEST, Network, card, load, path_of, shipped
 from cavirheo.inference.session import try_out
+from cavirheo.physics.bubble import Bubble
 from cavirheo.physics.media import WATER
 from cavirheo.prior import Prior
 

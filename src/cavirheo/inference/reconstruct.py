@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from numbers import Real
-from typing import Any
 
 import numpy as np
 
@@ -13,12 +12,15 @@ from cavirheo.arrays import Bools, Floats
 from cavirheo.curve import RadiusCurve
 from cavirheo.errors import SolverError, require
 from cavirheo.parameters import STRETCH_RANGE
+from cavirheo.physics.accuracy import Accuracy
+from cavirheo.physics.bubble import FIELD, Bubble
 from cavirheo.physics.materials import Material
 from cavirheo.physics.media import Medium
 from cavirheo.physics.simulate import simulate, simulate_many
 from cavirheo.posterior import Checks, Verdict
 
 MISFIT = 0.03  # RMSE/R_max above which the model is said not to fit (docs/method/verdicts.md)
+_COMPARED = Accuracy(48, 1e-3)  # of simulations that are only compared with each other
 _DRAWN = 800  # points of the drawn reconstruction
 
 
@@ -61,7 +63,7 @@ def fit_stretch(view: Window, material: Material, medium: Medium) -> float:
         """(k,) RMSE/R_max of quick simulations, only compared with each other; infinite where a solve failed."""
         runs = simulate_many(
             [material] * len(stretches), max_radius=top, stretch=stretches, time=view.since_max, medium=medium,
-            workers=1, cells=48, rtol=1e-3,
+            workers=1, accuracy=_COMPARED,
         )  # fmt: skip
         return np.array([np.sqrt(np.mean((run.radius / top - measured) ** 2)) if run.ok else np.inf for run in runs])
 
@@ -121,15 +123,16 @@ class Reconstruction:
         )
 
 
-def reconstruct(view: Window, material: Material, medium: Medium, stretch: float, **bubble: Any) -> Reconstruction:
+def reconstruct(
+    view: Window, material: Material, medium: Medium, stretch: float, bubble: Bubble = FIELD
+) -> Reconstruction:
     """Simulate the answer and lay it over the window. Raises SolverError if it cannot be simulated.
 
-    Frames before R_max (where a fit has moved the clock) are compared with the mirrored fall after it. `bubble`:
-    further options of `simulate`.
+    Frames before R_max (where a fit has moved the clock) are compared with the mirrored fall after it.
     """
     curve, since = view.curve, np.abs(view.since_max)
     times = np.union1d(since, np.linspace(0.0, view.end, _DRAWN))
-    run = simulate(material, max_radius=curve.max_radius, stretch=stretch, time=times, medium=medium, **bubble)
+    run = simulate(material, max_radius=curve.max_radius, stretch=stretch, time=times, medium=medium, bubble=bubble)
     residual = view.normalised - run.radius[np.searchsorted(times, since)] / curve.max_radius
     return Reconstruction(residual, view.since_max + curve.time_of_max, times + curve.time_of_max, run.radius)
 

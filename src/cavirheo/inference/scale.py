@@ -21,6 +21,8 @@ import numpy as np
 from cavirheo.arrays import Floats
 from cavirheo.curve import RadiusCurve
 from cavirheo.landmarks import RAYLEIGH
+from cavirheo.physics.accuracy import COARSE
+from cavirheo.physics.bubble import Bubble
 from cavirheo.physics.materials import NeoHookeanKelvinVoigt
 from cavirheo.physics.media import WATER, Medium
 from cavirheo.physics.simulate import simulate
@@ -39,7 +41,6 @@ _GRID = np.linspace(0.0, 1.1 * PERIODS, 661)  # times over that of the first col
 _FINER = np.exp(np.linspace(-0.06, 0.06, 9))  # factors of the time of the first collapse: a frame may be off
 _SHIFTS = np.array([-0.7, 0.0, 0.7])  # frames: so well is the time of R_max known
 _BETWEEN = 0.16  # natural logarithm of the clock's factor: as much as lies between two moduli of the simulations
-_COARSE: dict[str, Any] = {"cells": 24, "rtol": 3e-3, "contents": "kinetic", "accommodation": 0.1, "throw": False}
 _VISCOUS = (0.004, 0.015, 0.05, 0.13, 0.35)  # Pa s
 _BUBBLES: dict[str, list[Any]] = {  # G in Pa, mu in Pa s, stretch and confinement damping, each with each
     "soft": [((1e3, 1.2e4, 4e4), _VISCOUS, (4.0, 4.5, 5.2, 6.2, 7.5, 9.0, 11.0), (0.1,))],
@@ -71,9 +72,14 @@ def shapes(kind: str) -> Shapes:
         early = RAYLEIGH / np.sqrt(1.0 + _elastic(stretch) * modulus / WATER.pressure)
         time = early * np.linspace(0.0, 1.6 * PERIODS, 1001)
         run = simulate(
-            NeoHookeanKelvinVoigt(modulus, viscosity), max_radius=_RADIUS, stretch=stretch,
-            time=time * WATER.time_scale(_RADIUS), confinement_damping=damping, **_COARSE,
-        )  # fmt: skip
+            NeoHookeanKelvinVoigt(modulus, viscosity),
+            max_radius=_RADIUS,
+            stretch=stretch,
+            time=time * WATER.time_scale(_RADIUS),
+            bubble=Bubble("kinetic", accommodation=0.1, confinement_damping=damping),
+            accuracy=COARSE,
+            throw=False,
+        )
         rises = np.diff(run.radius) > 0
         if run.ok and rises.any():
             first = time[np.argmax(rises)]

@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 
 from cavirheo.arrays import Floats
-from cavirheo.bubble import FIELD, REAL
 from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError, SolverError
 from cavirheo.inference.experiment import Experiment
@@ -18,6 +17,7 @@ from cavirheo.inference.model import load
 from cavirheo.inference.options import FREE, Options
 from cavirheo.inference.reconstruct import Window, check_stretch, window
 from cavirheo.parameters import PARAMETERS
+from cavirheo.physics.bubble import FIELD, REAL
 from cavirheo.physics.media import Medium
 from cavirheo.posterior import Checks, Posterior
 

@@ -20,47 +20,11 @@ from numpy.typing import ArrayLike
 
 from cavirheo.arrays import Floats
 from cavirheo.errors import InputError, require
-from cavirheo.physics.law import FINITE, NOT_NEGATIVE, POSITIVE, POSITIVE_OR_INFINITE, Material, Parts, table_of, within
-from cavirheo.physics.table import hermite, read, tabulate
+from cavirheo.physics.domain import FINITE, NOT_NEGATIVE, POSITIVE, POSITIVE_OR_INFINITE, within
+from cavirheo.physics.law import Elastic, nodes
+from cavirheo.physics.table import hermite
 
-SMALLEST, LARGEST = 1e-3, 1e3  # R/R_0: beyond what a collapse or a stretch reaches
-
-
-def _nodes(spacing: float) -> Floats:
-    """From SMALLEST to LARGEST, about `spacing` apart in log L; 1 is one of them."""
-    n = int(np.ceil(np.log(LARGEST) / spacing))
-    return np.concatenate([np.geomspace(SMALLEST, 1, n + 1)[:-1], np.geomspace(1, LARGEST, n + 1)])
-
-
-_COARSE = _nodes(0.1)  # halved where a law needs it
-_FINE = _nodes(0.02)  # for closed forms: an error of 2e-9 for their steepest term, q^8
-
-
-class Elastic(Material):
-    """Base of the elastic laws: a new one defines `slope`, or `first` if its energy depends on I_1 only."""
-
-    def parts(self) -> Parts:
-        return Parts(elastic=self)
-
-    def first(self, I1: Floats) -> Floats:
-        """W_1 = dW/dI_1 in Pa at the first invariant I1 (any shape)."""
-        raise NotImplementedError
-
-    def slope(self, ratio: Floats) -> Floats:
-        """dS_el/dL in Pa at L = ratio = R/R_0 (any shape); not finite where the law does not hold."""
-        q2 = 1 / (ratio * ratio)
-        return -4 * self.first(q2 * q2 + 2 * ratio * ratio) * (q2 + q2 * q2 / ratio)
-
-    def table(self) -> Floats:
-        """(n, 7) S_el over L in Pa for the solver (physics/table.py); it ends where the law does."""
-        table = tabulate(self.slope, _COARSE, origin=1.0)
-        why = f"the stress of {self} must be finite and smooth around R = R_0, which it is not"
-        require(bool(table[0, 0] < 1 < table[-1, 0]), why, "physics.no_stress_at_rest")
-        return table
-
-    def stress(self, ratio: ArrayLike) -> Floats:
-        """S_el in Pa at R/R_0 (any shape); NaN where the law does not hold."""
-        return read(table_of(self), ratio)[0]
+_FINE = nodes(0.02)  # for closed forms: an error of 2e-9 for their steepest term, q^8
 
 
 class _Closed(Elastic):

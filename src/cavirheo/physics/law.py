@@ -1,70 +1,35 @@
-"""What every law and every material is to the solver; and the domains of parameters, which their dataclasses state."""
+"""What a material is to the solver: the sum of an elastic law, a viscous law and arms with memory."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from dataclasses import fields, replace
-from functools import cache, lru_cache
+from dataclasses import dataclass, field, replace
+from functools import lru_cache
 from inspect import cleandoc, get_annotations
-from math import inf
-from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, cast
+from math import inf, sqrt
+from typing import Any, ClassVar, NamedTuple, cast
+
+import numpy as np
+from numpy.typing import ArrayLike
 
 from cavirheo.arrays import Floats
-from cavirheo.errors import InputError
+from cavirheo.errors import require
 from cavirheo.parameters import PARAMETERS
-from cavirheo.physics.table import scaled
-
-if TYPE_CHECKING:
-    from cavirheo.physics.elastic import Elastic
-    from cavirheo.physics.memory import Arm
-    from cavirheo.physics.viscous import Viscous
-
-Domain = dict[str, Any]
-
-
-def domain(words: str, holds: Callable[[float], bool]) -> Domain:
-    """The numbers that a parameter may be, as metadata of its field: `modulus: float = field(metadata=POSITIVE)`."""
-    return {"domain": (words, holds)}
-
-
-FINITE = domain("finite", lambda x: -inf < x < inf)
-NOT_NEGATIVE = domain("finite and not negative", lambda x: 0 <= x < inf)
-POSITIVE = domain("finite and positive", lambda x: 0 < x < inf)
-POSITIVE_OR_INFINITE = domain("positive", lambda x: x > 0)
-
-
-def within(allowed: Mapping[str, Any], name: str, value: float) -> None:
-    """Raises InputError for what is no number of a domain; its code is `physics.` and the first word of the name."""
-    words, holds = allowed["domain"]
-    try:
-        fine = holds(value)
-    except (TypeError, ValueError):  # text, or several numbers
-        fine, words = False, f"a number, {words}"
-    if not fine:
-        raise InputError(f"{name} must be {words}, got {value!r}", f"physics.{name.split()[0]}")
-
-
-@cache
-def _domains(kind: Any) -> list[tuple[str, Mapping[str, Any]]]:
-    """Names and domains of the fields of a dataclass: asked at every simulation."""
-    return [(field.name, field.metadata) for field in fields(kind) if field.metadata]
-
-
-def check(parameters: Any) -> None:
-    """Raises InputError for the first field of a dataclass that is outside its domain."""
-    for name, allowed in _domains(parameters.__class__):
-        within(allowed, name, getattr(parameters, name))
-
-
-def check_plausible(parameters: Any, mend: str) -> None:
-    """Raises InputError for the first field of a dataclass outside the "plausible" range of its metadata."""
-    for field in fields(parameters):
-        if "plausible" in field.metadata:
-            value, code = getattr(parameters, field.name), f"physics.unusual_{field.name}"
-            field.metadata["plausible"].check(field.name, value, code, mend)
-
+from cavirheo.physics.domain import NOT_NEGATIVE, POSITIVE, check
+from cavirheo.physics.table import read, scaled, tabulate
 
 _RAISES = "Raises:\n    InputError: a parameter that is no number or out of its domain."
+SMALLEST, LARGEST = 1e-3, 1e3  # R/R_0: beyond what a collapse or a stretch reaches
+
+
+def nodes(spacing: float) -> Floats:
+    """From SMALLEST to LARGEST, about `spacing` apart in log L; 1 is one of them."""
+    n = int(np.ceil(np.log(LARGEST) / spacing))
+    return np.concatenate([np.geomspace(SMALLEST, 1, n + 1)[:-1], np.geomspace(1, LARGEST, n + 1)])
+
+
+_COARSE = nodes(0.1)  # halved where a law needs it
+SHEAR = 2 * sqrt(3)  # shear rate at the wall over |U/R|
+SLOWEST, FASTEST = 1e-3, 1e12  # U/R in 1/s: below the first and above the second the viscosity counts as constant
 
 
 class Parts(NamedTuple):
@@ -112,6 +77,93 @@ class Material:
     @property
     def memory(self) -> tuple[Arm, ...]:
         return self.parts().memory
+
+
+class Elastic(Material):
+    """Base of the elastic laws: a new one defines `slope`, or `first` if its energy depends on I_1 only."""
+
+    def parts(self) -> Parts:
+        return Parts(elastic=self)
+
+    def first(self, I1: Floats) -> Floats:
+        """W_1 = dW/dI_1 in Pa at the first invariant I1 (any shape)."""
+        raise NotImplementedError
+
+    def slope(self, ratio: Floats) -> Floats:
+        """dS_el/dL in Pa at L = ratio = R/R_0 (any shape); not finite where the law does not hold."""
+        q2 = 1 / (ratio * ratio)
+        return -4 * self.first(q2 * q2 + 2 * ratio * ratio) * (q2 + q2 * q2 / ratio)
+
+    def table(self) -> Floats:
+        """(n, 7) S_el over L in Pa for the solver (physics/table.py); it ends where the law does."""
+        table = tabulate(self.slope, _COARSE, origin=1.0)
+        why = f"the stress of {self} must be finite and smooth around R = R_0, which it is not"
+        require(bool(table[0, 0] < 1 < table[-1, 0]), why, "physics.no_stress_at_rest")
+        return table
+
+    def stress(self, ratio: ArrayLike) -> Floats:
+        """S_el in Pa at R/R_0 (any shape); NaN where the law does not hold."""
+        return read(table_of(self), ratio)[0]
+
+
+class Viscous(Material):
+    """Base of the viscous laws: a new one defines `apparent`."""
+
+    def parts(self) -> Parts:
+        return Parts(viscous=self)
+
+    def apparent(self, shear_rate: Floats) -> Floats:
+        """Viscosity in Pa s at a shear rate in 1/s (any shape, not negative)."""
+        raise NotImplementedError
+
+    def stress(self, rate: ArrayLike) -> Floats:
+        """S_v in Pa at U/R in 1/s (any shape)."""
+        rate = np.asarray(rate, float)
+        return np.sign(rate) * read(table_of(self), np.abs(rate))[0]
+
+    def table(self) -> Floats:
+        """(n, 7) S_v over g >= 0 in Pa for the solver (physics/table.py)."""
+        nodes = np.geomspace(SLOWEST, FASTEST, 200)
+        table = tabulate(lambda g: -4 * self.apparent(SHEAR * g), nodes, origin=SLOWEST)
+        fine = (table[0, 0], table[-1, 0]) == (SLOWEST, FASTEST) and np.all(table[:, 2] <= 0)
+        why = f"the viscosity of {self} must be finite and not negative at all shear rates"
+        require(bool(fine), why, "physics.negative_viscosity")
+        low, high = table[0], [value[()] for value in read(table, FASTEST)]
+        table[:, 1] += SLOWEST * low[2]
+        slow, fast, end = np.zeros((3, 7))
+        slow[2] = low[2]
+        fast[:3] = FASTEST, high[0] + SLOWEST * low[2], high[1]
+        end[0] = inf
+        return np.vstack([slow, table[:-1], fast, end])
+
+
+@dataclass(frozen=True)
+class Arm(Material):
+    """Base of the arms: viscosity in Pa s and relaxation time tau in s; the spring's shear modulus is their ratio."""
+
+    viscosity: float = field(metadata=NOT_NEGATIVE)
+    relaxation_time: float = field(metadata=POSITIVE)
+    terms: ClassVar[tuple[tuple[float, float], ...]] = ()  # C_k/modulus and n_k
+    follows: ClassVar[bool] = False  # whether the elastic part of the material acts through this arm alone
+
+    @property
+    def starts_stressed(self) -> bool:
+        """Whether the growth to R_max leaves stress in it, where the simulation does not start relaxed."""
+        return True
+
+    def parts(self) -> Parts:
+        return Parts(memory=(self,))
+
+    @property
+    def modulus(self) -> float:
+        """Shear modulus of the spring, Pa."""
+        return self.viscosity / self.relaxation_time
+
+    def table(self) -> Floats:
+        """(k, 4) rows C_k in Pa, n_k, 1/tau in 1/s, and 1/C_k in 1/Pa of an arm that follows the elastic part or 0,
+        for the solver."""
+        stiff = [(self.modulus * c, n) for c, n in self.terms]
+        return np.array([[C, n, 1 / self.relaxation_time, 1 / C if self.follows else 0.0] for C, n in stiff])
 
 
 def table_of(law: Elastic | Viscous) -> Floats:

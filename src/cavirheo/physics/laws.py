@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from cavirheo.errors import InputError, require
-from cavirheo.parameters import PARAMETERS
+from cavirheo.parameters import PARAMETERS, RATE
 from cavirheo.physics import elastic, materials, memory, viscous
 from cavirheo.physics.materials import Material, Viscoelastic
 
@@ -95,11 +95,21 @@ def combine(terms: Sequence[Material]) -> Material:
     return Viscoelastic(**parts, memory=sum((term.memory for term in terms), ()))
 
 
+def with_consistency(values: Mapping[str, float]) -> dict[str, float]:
+    """Parameters of a law by name, the consistency K in place of the reference viscosity K (1e5 1/s)^(n-1)."""
+    found = dict(values)
+    if "reference_viscosity" in found:
+        found["consistency"] = found.pop("reference_viscosity") * RATE ** (1.0 - found["exponent"])
+    return found
+
+
 def viscosity_at(material: str, rate: float, values: Mapping[str, float]) -> float | None:
     """Pa s at a shear rate (1/s) of the law in a sum of laws whose viscosity depends on it; None where there is none.
 
-    `values`: its parameters by name, among others.
+    `values`: its parameters by name, as they are inferred (with a reference viscosity) or as the law has them, among
+    others.
     """
+    values = with_consistency(values)
     for name in material.split("+"):
         law: Any = LAWS.get(name.strip())
         takes = signature(law).parameters if law in KINDS["viscous"].values() else {"viscosity": None}

@@ -9,10 +9,11 @@ from dataclasses import dataclass, field
 from typing import ClassVar
 
 from cavirheo.errors import InputError, require
-from cavirheo.physics.elastic import Elastic, Linear, NeoHookean, Quadratic
-from cavirheo.physics.law import NOT_NEGATIVE, POSITIVE, Material, Parts
-from cavirheo.physics.memory import Arm, Maxwell, TotalRelaxation, UpperConvectedMaxwell
-from cavirheo.physics.viscous import Newtonian, Viscous
+from cavirheo.physics.domain import NOT_NEGATIVE, POSITIVE
+from cavirheo.physics.elastic import Linear, NeoHookean, Quadratic
+from cavirheo.physics.law import Arm, Elastic, Material, Parts, Viscous
+from cavirheo.physics.memory import Maxwell, TotalRelaxation, UpperConvectedMaxwell
+from cavirheo.physics.viscous import Newtonian
 
 
 @dataclass(frozen=True)

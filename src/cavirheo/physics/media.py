@@ -12,7 +12,7 @@ from typing import Any
 
 from cavirheo.errors import expect, require
 from cavirheo.parameters import Plausible
-from cavirheo.physics.law import FINITE, NOT_NEGATIVE, POSITIVE, POSITIVE_OR_INFINITE, Domain, check, check_plausible
+from cavirheo.physics.domain import FINITE, NOT_NEGATIVE, POSITIVE, POSITIVE_OR_INFINITE, Domain, check, check_plausible
 
 _INSIST = " (if it is meant: Medium(..., unusual=True), --trust-input)"
 

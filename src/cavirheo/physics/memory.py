@@ -12,39 +12,8 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import ClassVar
 
-import numpy as np
-
-from cavirheo.arrays import Floats
-from cavirheo.physics.law import NOT_NEGATIVE, POSITIVE, Material, Parts
-
-
-@dataclass(frozen=True)
-class Arm(Material):
-    """Base of the arms: viscosity in Pa s and relaxation time tau in s; the spring's shear modulus is their ratio."""
-
-    viscosity: float = field(metadata=NOT_NEGATIVE)
-    relaxation_time: float = field(metadata=POSITIVE)
-    terms: ClassVar[tuple[tuple[float, float], ...]] = ()  # C_k/modulus and n_k
-    follows: ClassVar[bool] = False  # whether the elastic part of the material acts through this arm alone
-
-    @property
-    def starts_stressed(self) -> bool:
-        """Whether the growth to R_max leaves stress in it, where the simulation does not start relaxed."""
-        return True
-
-    def parts(self) -> Parts:
-        return Parts(memory=(self,))
-
-    @property
-    def modulus(self) -> float:
-        """Shear modulus of the spring, Pa."""
-        return self.viscosity / self.relaxation_time
-
-    def table(self) -> Floats:
-        """(k, 4) rows C_k in Pa, n_k, 1/tau in 1/s, and 1/C_k in 1/Pa of an arm that follows the elastic part or 0,
-        for the solver."""
-        stiff = [(self.modulus * c, n) for c, n in self.terms]
-        return np.array([[C, n, 1 / self.relaxation_time, 1 / C if self.follows else 0.0] for C, n in stiff])
+from cavirheo.physics.domain import POSITIVE
+from cavirheo.physics.law import Arm
 
 
 @dataclass(frozen=True)

@@ -6,16 +6,17 @@ R_c = R_max, U_c = sqrt(p_inf/rho), t_c = R_c/U_c, pressures by p_inf, temperatu
 from __future__ import annotations
 
 from math import inf, pi, sqrt
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from cavirheo.arrays import Floats
-from cavirheo.bubble import CONTENTS
 from cavirheo.errors import InputError, require
-from cavirheo.physics.damage import Damage
+from cavirheo.physics.bubble import FIELD, Bubble, Damage
+from cavirheo.physics.damage import damaged
+from cavirheo.physics.domain import POSITIVE, domain, within
 from cavirheo.physics.driving import Driving
-from cavirheo.physics.law import NOT_NEGATIVE, POSITIVE, Material, domain, table_of, within
+from cavirheo.physics.law import Material, table_of
 from cavirheo.physics.media import Medium
 from cavirheo.physics.table import scaled
 
@@ -56,35 +57,8 @@ class Numbers(NamedTuple):
 
 TAIT = 7.15  # exponent of water in Tait's equation of state: Gilmore 1952
 STRETCH = domain("at least 1 (the bubble starts at its largest radius)", lambda x: 1 <= x < inf)
-ACCOMMODATION = 0.07  # of vapour at the wall: the median of real gels (docs/method/physics.md, section 3.5)
-_ACCOMMODATION = domain("above 0 and at most 10", lambda x: 0 < x <= 10)
-_INERTIA = domain("above -0.5 and at most 3", lambda x: -0.5 < x <= 3)
-MOTIONS = ("keller-miksis", "rayleigh-plesset", "gilmore")
 ABSENT = np.zeros((2, 7))  # no stress at all, at any stretch or rate, and no driving
 ABSENT[1, 0] = np.inf
-
-
-def check_bubble(
-    contents: str,
-    accommodation: float,
-    confinement_inertia: float,
-    vapour_excess: float,
-    confinement_damping: float = 0.0,
-) -> None:
-    """Raises InputError for contents that are not known, or a number out of its domain."""
-    kinds = f"contents must be {' or '.join(CONTENTS)}; got {contents!r}"
-    require(contents in CONTENTS, kinds, "physics.contents")
-    within(_ACCOMMODATION, "accommodation", accommodation)
-    within(_INERTIA, "confinement_inertia", confinement_inertia)
-    within(NOT_NEGATIVE, "vapour_excess", vapour_excess)
-    within(NOT_NEGATIVE, "confinement_damping", confinement_damping)
-
-
-def inertia_of(wall_distance: float, max_radius: float) -> float:
-    """beta of one rigid wall so far (m) from the bubble's centre. Raises InputError: the bubble would touch it."""
-    near = f"wall_distance must be more than R_max ({max_radius:.4g} m), got {wall_distance:.6g} m"
-    require(max_radius < wall_distance, near, "physics.wall_too_near")
-    return 0.5 * max_radius / wall_distance
 
 
 def dimensionless(
@@ -93,30 +67,20 @@ def dimensionless(
     max_radius: float,
     stretch: float,
     *,
+    bubble: Bubble = FIELD,
     driving: Driving | None = None,
-    motion: str = MOTIONS[0],
-    polytropic: float = 0.0,
-    contents: str = CONTENTS[0],
-    accommodation: float = ACCOMMODATION,
-    confinement_inertia: float = 0.0,
-    confinement_damping: float = 0.0,
-    vapour_excess: float = 0.0,
-    damage: Damage | None = None,
 ) -> Numbers:
     """Numbers of a bubble of `max_radius` (m) and `stretch` (1) in a material (SI) and a medium.
 
     Raises:
-        InputError: the radius is not positive, the stretch is below 1, the equation of motion is unknown, or it is
-            Gilmore's in an incompressible medium; accommodation, confinement_inertia or vapour_excess are out of their
-            domains, the contents are unknown or two kinds, or there is damage without an elastic part.
+        InputError: the radius is not positive, the stretch is below 1, the bubble has values that are free, it follows
+            Gilmore's equation in an incompressible medium, a wall is nearer than R_max, or there is damage without an
+            elastic part.
     """
-    require(motion in MOTIONS, f"motion must be one of {', '.join(MOTIONS)}; got {motion!r}", "physics.motion")
+    bubble.check_known()
     why = "Gilmore's equation needs a finite speed of sound: use motion='rayleigh-plesset'"
-    require(motion != "gilmore" or medium.sound_speed < inf, why, "physics.sound_speed")
-    check_bubble(contents, accommodation, confinement_inertia, vapour_excess, confinement_damping)
-    kinetic, usual = contents == "kinetic", contents == CONTENTS[0] and vapour_excess == 0
-    why = "polytropic contents have no condensation: leave out polytropic, or kinetic contents and vapour_excess"
-    require(usual or not polytropic, why, "physics.contents_twice")
+    require(bubble.motion != "gilmore" or medium.sound_speed < inf, why, "physics.sound_speed")
+    kinetic, damage = bubble.contents == "kinetic", bubble.damage if isinstance(bubble.damage, Damage) else None
     parts = material.parts()
     if damage is not None and parts.elastic is None:
         why = f"damage needs a material with an elastic part, {material} has none: leave out damage or add a spring"
@@ -126,8 +90,9 @@ def dimensionless(
     U_c, p, pv = medium.velocity_scale, medium.pressure, medium.vapour_pressure / medium.pressure
     K_inf = medium.conductivity_slope * medium.temperature + medium.conductivity_intercept
     A = medium.conductivity_slope * medium.temperature / K_inf
-    fields = dict(
-        C=inf if motion == "rayleigh-plesset" else medium.sound_speed / U_c,
+    mean_speed = sqrt(medium.vapour_constant * medium.temperature / (2 * pi))  # of the vapour towards the wall
+    fields: dict[str, Any] = dict(
+        C=inf if bubble.motion == "rayleigh-plesset" else medium.sound_speed / U_c,
         We=p * max_radius / (2 * medium.surface_tension) if medium.surface_tension else inf,
         stretch=stretch,
         Fo=medium.diffusivity / (U_c * max_radius),
@@ -136,16 +101,18 @@ def dimensionless(
         B=1 - A,
         pv=pv,
         kappa=medium.adiabatic_index,
-        polytropic=polytropic,
-        tait=TAIT if motion == "gilmore" else 0.0,
-        vapour=pv + vapour_excess / p,
-        rate=accommodation * sqrt(medium.vapour_constant * medium.temperature / (2 * pi)) / U_c if kinetic else inf,
-        inertia=confinement_inertia,
-        radiation=confinement_damping,
+        polytropic=bubble.exponent or 0.0,
+        tait=TAIT if bubble.motion == "gilmore" else 0.0,
+        vapour=pv + float(bubble.vapour_excess) / p,
+        rate=float(bubble.accommodation) * mean_speed / U_c if kinetic else inf,
+        inertia=bubble.inertia(max_radius),
+        radiation=bubble.confinement_damping,
         base=pv if (driving or stretch > 20) and not kinetic else 0.0,  # p may fall below p_v where it is kinetic
     )
     elastic, viscous = (table_of(part) if part else ABSENT for part in parts[:2])
-    elastic, whole, hurt = damage.tables(elastic, stretch) if damage else (elastic, np.zeros((0, 7)), np.zeros(3))
+    whole, hurt = np.zeros((0, 7)), np.zeros(3)
+    if damage is not None:
+        elastic, whole, hurt = damaged(elastic, damage, stretch)
     arms = [arm.table() * [1 / p, 1.0, max_radius / U_c, p] for arm in parts.memory]
     return Numbers(
         **{name: float(value) for name, value in fields.items()},  # ints would compile the solver anew

@@ -12,50 +12,14 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from math import inf, sqrt
+from math import inf
 from typing import Any, ClassVar
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from cavirheo.arrays import Floats
-from cavirheo.errors import require
-from cavirheo.physics.law import FINITE, NOT_NEGATIVE, POSITIVE, Material, Parts, table_of
-from cavirheo.physics.table import read, tabulate
-
-SHEAR = 2 * sqrt(3)  # shear rate at the wall over |U/R|
-SLOWEST, FASTEST = 1e-3, 1e12  # U/R in 1/s: below the first and above the second the viscosity counts as constant
-
-
-class Viscous(Material):
-    """Base of the viscous laws: a new one defines `apparent`."""
-
-    def parts(self) -> Parts:
-        return Parts(viscous=self)
-
-    def apparent(self, shear_rate: Floats) -> Floats:
-        """Viscosity in Pa s at a shear rate in 1/s (any shape, not negative)."""
-        raise NotImplementedError
-
-    def stress(self, rate: ArrayLike) -> Floats:
-        """S_v in Pa at U/R in 1/s (any shape)."""
-        rate = np.asarray(rate, float)
-        return np.sign(rate) * read(table_of(self), np.abs(rate))[0]
-
-    def table(self) -> Floats:
-        """(n, 7) S_v over g >= 0 in Pa for the solver (physics/table.py)."""
-        nodes = np.geomspace(SLOWEST, FASTEST, 200)
-        table = tabulate(lambda g: -4 * self.apparent(SHEAR * g), nodes, origin=SLOWEST)
-        fine = (table[0, 0], table[-1, 0]) == (SLOWEST, FASTEST) and np.all(table[:, 2] <= 0)
-        why = f"the viscosity of {self} must be finite and not negative at all shear rates"
-        require(bool(fine), why, "physics.negative_viscosity")
-        low, high = table[0], [value[()] for value in read(table, FASTEST)]
-        table[:, 1] += SLOWEST * low[2]
-        slow, fast, end = np.zeros((3, 7))
-        slow[2] = low[2]
-        fast[:3] = FASTEST, high[0] + SLOWEST * low[2], high[1]
-        end[0] = inf
-        return np.vstack([slow, table[:-1], fast, end])
+from cavirheo.physics.domain import FINITE, NOT_NEGATIVE, POSITIVE
+from cavirheo.physics.law import Viscous
 
 
 @dataclass(frozen=True)

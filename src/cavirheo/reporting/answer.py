@@ -10,10 +10,10 @@ import numpy as np
 from pydantic_core import to_jsonable_python
 
 from cavirheo.arrays import Floats
-from cavirheo.bubble import FIELD, Bubble
 from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError
 from cavirheo.parameters import AT_RATE, BUBBLE, CAMERA, RATE, about, of_the_law, searched_bound
+from cavirheo.physics.bubble import FIELD, Bubble
 from cavirheo.posterior import (
     TRUSTED,
     Checks,
@@ -367,10 +367,11 @@ def evidence(one: OtherModel) -> float:
 
 
 def parameters_of(records: Sequence[CurveRecord]) -> list[str]:
-    """The law's that some of these have, G and the viscosity first."""
+    """The law's that some of these have, G and the viscosity first; a reference viscosity only where it is not the
+    viscosity at that rate."""
     names = dict.fromkeys(["shear_modulus", "viscosity", *(name for one in records for name in one.other_parameters)])
     known = [name for name in names if any(one.itself.quantity(name).median is not None for one in records)]
-    return [name for name in known if of_the_law(name)]
+    return [name for name in known if of_the_law(name) and (name != "reference_viscosity" or "yield_stress" in known)]
 
 
 def _measured(curve: RadiusCurve, name: str) -> float | None:

@@ -21,9 +21,9 @@ from cavirheo.reporting.sources import (
     EVIDENCE,
     IMR,
     MEDIA,
+    MOTION,
     POPULATION,
     SAMPLING,
-    WALL,
     Source,
     of_law,
 )
@@ -35,6 +35,11 @@ _CONSTANTS = ("density", "sound_speed", "surface_tension", "pressure", "temperat
 _OWN_DENSITY = re.compile(
     r" \(((?:'[^']*'|\"'\"|[^\s'])+): --density ([\d.e+]+)\)"
 )  # of a material, as the app writes it
+_EQUATIONS = {
+    "keller-miksis": "Keller and Miksis",
+    "rayleigh-plesset": "Rayleigh and Plesset",
+    "gilmore": "Gilmore",
+}
 TITLE = "cavirheo: inertial microcavitation rheometry from a bubble radius history"
 
 _HOW = {  # by method, what was done and whose method it is
@@ -59,8 +64,14 @@ def methods(result: Result) -> tuple[str, list[Source]]:
     answered = [curve for curve in result.curves if curve.answered]
     require(bool(answered), "no curve of this result has an answer: there is nothing to cite", "cite.nothing")
     own = Source("{The cavirheo developers}", (result.date or "")[:4], TITLE, f"version {result.version}", "")
-    cited = [own, WALL, IMR]
-    said = [_shots(answered, result), *_model(answered, cited), *_medium(result.command, cited), *_window(answered)]
+    cited = [own]
+    said = [
+        _shots(answered, result),
+        *_motion(answered, cited),
+        *_model(answered, cited),
+        *_medium(result.command, cited),
+        *_window(answered),
+    ]
     for method in dict.fromkeys(curve.method for curve in answered):
         words, sources = _HOW[method]
         cited += sources
@@ -99,11 +110,21 @@ def _shots(answered: list[CurveRecord], result: Result) -> str:
     return f"Radius histories of {of} were analysed with cavirheo {result.version} [cavirheo{(result.date or '')[:4]}]."
 
 
+def _motion(answered: list[CurveRecord], cited: list[Source]) -> list[str]:
+    """The equations of the wall, each with what the gas does."""
+    said = []
+    for motion, exponent in dict.fromkeys((curve.bubble.motion, curve.bubble.exponent) for curve in answered):
+        source = MOTION[motion]
+        gas = f"with heat and mass transfer between gas, vapour and medium [{IMR.key}]"
+        if exponent is not None:
+            gas = f"with a polytropic gas of exponent {exponent:g}"
+        said.append(f"The wall follows the equation of {_EQUATIONS[motion]} [{source.key}], {gas}.")
+        cited += [source] if exponent is not None else [source, IMR]
+    return said
+
+
 def _model(answered: list[CurveRecord], cited: list[Source]) -> list[str]:
-    said = [
-        "The wall follows the equation of Keller and Miksis [Keller1980], with heat and mass transfer between gas, "
-        "vapour and medium [Estrada2018]."
-    ]
+    said = []
     for model in dict.fromkeys((curve.material, curve.bubble) for curve in answered):
         material, bubble = model
         sources = [source for part in material.split("+") for source in of_law(part.strip())]

@@ -13,8 +13,8 @@ from collections.abc import Iterable, Sequence
 import numpy as np
 
 from cavirheo.arrays import Floats
-from cavirheo.bubble import title_of
 from cavirheo.parameters import AT_RATE, CAMERA, about
+from cavirheo.physics.bubble import title_of
 from cavirheo.posterior import TRUSTED
 from cavirheo.reporting.answer import CurveRecord, OtherModel, evidence
 from cavirheo.reporting.material import PopulationRecord, over_size

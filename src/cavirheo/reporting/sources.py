@@ -12,7 +12,7 @@ _DOI = re.compile(r"doi:(\S+?)[.,;)]*(?=\s|$)")  # in the docstring of a law
 
 class Source(NamedTuple):
     """authors, title and where (the journal) are written for BibTeX; `where` of what is not an article begins with
-    arXiv or version."""
+    arXiv, report or version."""
 
     authors: str
     year: str
@@ -28,7 +28,7 @@ class Source(NamedTuple):
     @property
     def bibtex(self) -> str:
         named = {"author": self.authors, "year": self.year, "title": self.title, "journal": self.where, "doi": self.doi}
-        kind = "misc" if self.where.startswith(("arXiv", "version")) else "article"
+        kind = "misc" if self.where.startswith(("arXiv", "report", "version")) else "article"
         named = {("note" if kind == "misc" and name == "journal" else name): text for name, text in named.items()}
         lines = [f"  {name} = {{{text}}}" for name, text in named.items() if text]
         return f"@{kind}{{{self.key},\n" + ",\n".join(lines) + "\n}"
@@ -39,10 +39,29 @@ IMR = Source(
     "High strain-rate soft material characterization via inertial cavitation",
     "Journal of the Mechanics and Physics of Solids", "10.1016/j.jmps.2017.12.006",
 )  # fmt: skip
-WALL = Source(
-    "Keller, J. B. and Miksis, M.", "1980", "Bubble oscillations of large amplitude",
-    "The Journal of the Acoustical Society of America", "10.1121/1.384720",
-)  # fmt: skip
+MOTION = {  # by equation of the wall
+    "keller-miksis": Source(
+        "Keller, J. B. and Miksis, M.",
+        "1980",
+        "Bubble oscillations of large amplitude",
+        "The Journal of the Acoustical Society of America",
+        "10.1121/1.384720",
+    ),
+    "rayleigh-plesset": Source(
+        "Plesset, M. S.",
+        "1949",
+        "The dynamics of cavitation bubbles",
+        "Journal of Applied Mechanics",
+        "10.1115/1.4009975",
+    ),
+    "gilmore": Source(
+        "Gilmore, F. R.",
+        "1952",
+        "The growth or collapse of a spherical bubble in a viscous compressible liquid",
+        "report 26-4, Hydrodynamics Laboratory, California Institute of Technology",
+        "",
+    ),
+}
 DIFFUSIVITY = Source(
     "Fuller, E. N. and Schettler, P. D. and Giddings, J. C.", "1966",
     "New method for prediction of binary gas-phase diffusion coefficients", "Industrial and Engineering Chemistry",

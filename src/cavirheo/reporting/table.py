@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from cavirheo.parameters import AT_RATE, CAMERA
+from cavirheo.parameters import AT_RATE, CAMERA, of_the_law
 from cavirheo.reporting.answer import CurveRecord, Unit, described, evidence, in_unit, parameter_key, parameters_of
 from cavirheo.reporting.group import TOGETHER, GroupRecord
 from cavirheo.reporting.input_remarks import causes, next_step
@@ -210,7 +210,10 @@ def rows_of(result: Result) -> tuple[list[str], list[dict[str, Any]]]:
 
 def parameters_table(result: Result) -> Table | None:
     """For the terminal: what was inferred or given besides G, µ and λ, without the camera's."""
-    names = [name for name in result.parameters if name not in (*CAMERA, AT_RATE)]
+    own = parameters_of(result.curves)
+    names = [
+        name for name in result.parameters if name not in (*CAMERA, AT_RATE) and (name in own or not of_the_law(name))
+    ]
     if not names:
         return None
     table = terminal.table("curve", ["\n".join(filter(None, described(name))) for name in names])

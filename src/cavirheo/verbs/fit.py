@@ -57,12 +57,12 @@ def fit(
     run: Run = options.FROM_OPTIONS,
 ) -> None:
     """The field's conventional fit: least squares of simulated on measured radius histories, with intervals."""
-    from cavirheo.bubble import REAL
     from cavirheo.cluster import connected
     from cavirheo.inference.fit import fit_many
     from cavirheo.inference.law import Family
     from cavirheo.inference.options import Options
     from cavirheo.parallel import Step
+    from cavirheo.physics.bubble import REAL
     from cavirheo.reporting import DOCUMENTS
     from cavirheo.writing.document import Outputs
 

@@ -13,13 +13,13 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from typer import Argument, BadParameter, Option
 
-from cavirheo.bubble import CONTENTS, DAMAGES
 from cavirheo.errors import InputError, require
+from cavirheo.physics.bubble import CONTENTS, DAMAGES
 from cavirheo.verbs.run import Reading, Run, command_line
 from cavirheo.writing.claim import Claim, claimed
 
 if TYPE_CHECKING:
-    from cavirheo.bubble import Bubble
+    from cavirheo.physics.bubble import Bubble
     from cavirheo.physics.media import Medium as Liquid
 
     Bubbles = tuple[Bubble, ...] | None
@@ -73,14 +73,14 @@ def medium_names(incomplete: str) -> list[str]:
 
 def _laws() -> list[str]:
     """`ABLE` of inference/law, which takes a second to import: those whose parameters have a range or a default."""
-    from cavirheo.parameters import PARAMETERS
+    from cavirheo.parameters import PARAMETERS, inferred_as
     from cavirheo.physics.laws import LAWS
 
     takes = {name: inspect.signature(law).parameters.values() for name, law in LAWS.items()}
     return [
         name
         for name, given in takes.items()
-        if all(PARAMETERS[one.name].searched or one.default is not one.empty for one in given)
+        if all(PARAMETERS[inferred_as(one.name)].searched or one.default is not one.empty for one in given)
     ]
 
 
@@ -291,7 +291,7 @@ def _bubbles(
     InputError: a word that is none, or numbers that cannot be."""
     from dataclasses import replace
 
-    from cavirheo.bubble import bubbles_of
+    from cavirheo.physics.bubble import bubbles_of
 
     changes: dict[str, Any] = {"contents": contents}
     numbers = {"accommodation": accommodation, "confinement_damping": confinement_damping}

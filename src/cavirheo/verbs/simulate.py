@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 from typer import Option
 
@@ -14,6 +15,7 @@ from cavirheo.verbs import options
 from cavirheo.writing.terminal import say
 
 if TYPE_CHECKING:
+    from cavirheo.physics.bubble import Bubble
     from cavirheo.physics.law import Material
     from cavirheo.physics.simulation import Simulation
 
@@ -79,7 +81,7 @@ def simulate(
     import numpy as np
 
     from cavirheo.physics import simulate as forward
-    from cavirheo.physics.damage import Damage
+    from cavirheo.physics.accuracy import DEFAULT, PRECISE
     from cavirheo.physics.driving import Pulse, Trace
     from cavirheo.reading.trace import read_trace
     from cavirheo.writing.document import Outputs
@@ -91,10 +93,20 @@ def simulate(
     got = f"got {duration_us} us at {frame_rate_hz} Hz"
     require(possible, f"duration and frame rate must give 1 to a million frames, {got}", "simulate.frames")
     frames = int(duration_us * 1e-6 * frame_rate_hz * (1 + 1e-9)) + 1
-    idle = accommodation is not None and contents != "kinetic"
-    require(not idle, "--accommodation changes nothing without --contents kinetic: give that too", "simulate.idle")
-    alone = "--damage-by changes nothing without --damage: give that too"
-    require(damage is not None or damage_by == "first-rebound", alone, "simulate.idle")
+    bubble = _bubble(
+        contents=contents,
+        accommodation=accommodation,
+        damage=damage,
+        damage_by=damage_by,
+        confinement_inertia=confinement_inertia,
+        wall_distance_um=wall_distance_um,
+        vapour_excess=vapour_excess,
+        confinement_damping=confinement_damping,
+        motion=motion,
+        polytropic=polytropic,
+    )
+    told = "--polytropic leaves no fields in the bubble: leave out that, or --fields"
+    require(fields is None or polytropic is None, told, "physics.no_fields")
     far_field = None
     if driving:
         *columns, notes = read_trace(driving)
@@ -113,11 +125,7 @@ def simulate(
         run = forward.simulate(
             law, max_radius=rmax_um * 1e-6, stretch=stretch, time=np.arange(frames) / frame_rate_hz, medium=liquid,
             driving=Pulse(pulse[0] * 1e3, pulse[1] * 1e6, pulse[2] * 1e-6) if pulse else far_field,
-            contents=contents, accommodation=forward.ACCOMMODATION if accommodation is None else accommodation,
-            damage=Damage(*damage, damage_by) if damage else None, confinement_inertia=confinement_inertia,
-            wall_distance=None if wall_distance_um is None else wall_distance_um * 1e-6, vapour_excess=vapour_excess,
-            confinement_damping=confinement_damping,
-            motion=motion, polytropic=polytropic, relaxed=relaxed, fields=fields is not None, precise=precise,
+            bubble=bubble, relaxed=relaxed, fields=fields is not None, accuracy=PRECISE if precise else DEFAULT,
         )  # fmt: skip
     for path, (outputs, writer) in places.items():
         outputs.write(path.name, writer, run)
@@ -132,6 +140,34 @@ def _named(driving: Path | None) -> Iterator[None]:
         yield
     except SolverError as error:
         raise SolverError(f"{driving}: {error}" if driving else str(error)) from None
+
+
+def _bubble(
+    *,
+    accommodation: float | None,
+    damage: tuple[float, float] | None,
+    damage_by: str,
+    wall_distance_um: float | None,
+    polytropic: float | None,
+    **values: Any,
+) -> Bubble:
+    """That of the options. Raises InputError, in their words."""
+    from cavirheo.physics.bubble import ACCOMMODATION, Bubble, Damage
+
+    idle = accommodation is not None and values["contents"] != "kinetic"
+    require(not idle, "--accommodation changes nothing without --contents kinetic: give that too", "simulate.idle")
+    alone = "--damage-by changes nothing without --damage: give that too"
+    require(damage is not None or damage_by == "first-rebound", alone, "simulate.idle")
+    try:
+        return Bubble(
+            accommodation=ACCOMMODATION if accommodation is None else accommodation,
+            damage=Damage(*damage, damage_by) if damage else "none",
+            wall_distance=None if wall_distance_um is None else wall_distance_um * 1e-6,
+            exponent=polytropic,
+            **values,
+        )
+    except InputError as error:
+        raise InputError(re.sub(r"\bexponent\b", "--polytropic", str(error)), error.code) from None
 
 
 def _material(text: str, **parameters: float | None) -> Material:

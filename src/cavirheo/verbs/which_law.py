@@ -36,11 +36,11 @@ def which_law(
     """Which of several laws explains the curves best? Evidence by importance sampling, 1 to 30 s a curve and law."""
     from cavirheo import reporting
     from cavirheo.answer_store import Unfinished
-    from cavirheo.bubble import REAL
     from cavirheo.cluster import connected
     from cavirheo.inference.options import Options
     from cavirheo.inference.verify.evidence import explained, models, plans, ranked, weighed
     from cavirheo.parallel import cores
+    from cavirheo.physics.bubble import REAL
     from cavirheo.reporting.figures import laws_figure, paper_names, save
     from cavirheo.reporting.laws import Laws, firmly, print_table, records
     from cavirheo.writing import digits, document

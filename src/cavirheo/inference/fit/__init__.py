@@ -12,7 +12,6 @@ from typing import Any, Concatenate, ParamSpec, Protocol
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from cavirheo.bubble import Bubble, Requested, bubbles_of, rival_of
 from cavirheo.curve import RadiusCurve, several
 from cavirheo.errors import expect_whole, require
 from cavirheo.inference import AUTO, check_level, input_checks
@@ -25,6 +24,7 @@ from cavirheo.inference.law import Family, softened
 from cavirheo.inference.options import FREED, SCALE_BOUND, Options, check_wall
 from cavirheo.parallel import cores, each
 from cavirheo.parameters import LOG10, units
+from cavirheo.physics.bubble import Bubble, Requested, bubbles_of, rival_of
 from cavirheo.physics.media import WATER, Medium
 from cavirheo.physics.media import medium as named
 from cavirheo.posterior import Posterior

@@ -11,9 +11,10 @@ from numpy.typing import NDArray
 
 from cavirheo.arrays import Floats
 from cavirheo.inference.camera import NAMES
-from cavirheo.inference.experiment import FINE, FORWARD, QUICK, Accuracy, Experiment, Prediction
+from cavirheo.inference.experiment import FINE, FORWARD, QUICK, Experiment, Prediction
 from cavirheo.inference.law import Family
 from cavirheo.parallel import each
+from cavirheo.physics.accuracy import Accuracy
 
 CENTRAL = 3e-3  # step of the differences from both sides, decades or the like
 SAME = 0.01  # of each range: a search so near to a known minimum is given up

@@ -6,9 +6,10 @@ import numpy as np
 
 from cavirheo.arrays import Floats
 from cavirheo.errors import SolverError
-from cavirheo.inference.experiment import COARSE, Experiment, Prediction
+from cavirheo.inference.experiment import Experiment, Prediction
 from cavirheo.inference.fit.least_squares import LeastSquares
 from cavirheo.parameters import PARAMETERS
+from cavirheo.physics.accuracy import COARSE
 from cavirheo.physics.collapse import analytic_modulus
 
 STARTS = 64

@@ -10,9 +10,9 @@ import numpy as np
 from scipy.special import expit
 
 from cavirheo.arrays import Floats
-from cavirheo.bubble import Bubble
 from cavirheo.errors import require
 from cavirheo.parameters import Bound, about, bound_of
+from cavirheo.physics.bubble import Bubble
 from cavirheo.posterior import Evidence
 from cavirheo.writing import digits, export
 from cavirheo.writing.document import Quantity

@@ -7,11 +7,11 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from typing import Any, TypedDict, Unpack
 
+import numpy as np
 from threadpoolctl import threadpool_limits
 
-from cavirheo.bubble import DAMAGED, REAL, Requested, bubbles_of
 from cavirheo.curve import RadiusCurve, several
-from cavirheo.errors import InputError, SolverError, expect, reason
+from cavirheo.errors import SolverError, expect, reason
 from cavirheo.inference.alternatives import chosen_among, contenders, itself, judged, model_of
 from cavirheo.inference.input_checks import doubted
 from cavirheo.inference.law import Family
@@ -19,6 +19,7 @@ from cavirheo.inference.posterior_model import PosteriorModel
 from cavirheo.inference.verify.tuning import TUNING
 from cavirheo.inference.verify.verification import Level, Verification, Work
 from cavirheo.parallel import cores, each
+from cavirheo.physics.bubble import DAMAGED, REAL, Requested, bubbles_of
 from cavirheo.physics.media import Medium
 from cavirheo.posterior import Posterior, Verdict
 
@@ -122,13 +123,17 @@ def _simplest(found: Sequence[Posterior]) -> Posterior:
 
 
 def _damaged(settings: Verification, curve: RadiusCurve, answer: Posterior) -> list[Posterior]:
-    """The answer with damage by strain, where the real bubble in an elastic law leaves more than noise: strong gels
-    break in the first collapse (docs/real-bubbles-notes.md)."""
+    """The answer with damage by strain, where the real bubble in an elastic law leaves more than noise, and where
+    Laplace's evidence of damage is not the smaller one: strong gels break in the first collapse
+    (docs/real-bubbles-notes.md)."""
     asked = answer.bubble == REAL and Family(answer.material).elastic and "shear_modulus" in answer.parameters
     left = answer.diagnostics.systematic_misfit_over_rmax or 0.0
     if not asked or left < TUNING.searched_above or len(answer.theta) < 2 or answer.bound("shear_modulus"):
         return []
+    without = answer.evidence.log if answer.evidence else -np.inf
     try:
-        return [Work(replace(settings, network=None), curve, replace(answer, bubble=DAMAGED, others=())).posterior()]
-    except (InputError, SolverError):
+        damaged = Work(replace(settings, network=None), curve, replace(answer, bubble=DAMAGED, others=()))
+        found = damaged.posterior_above(without)
+    except SolverError:  # the answer without damage stands
         return []
+    return [found] if found else []

@@ -18,14 +18,15 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from cavirheo.arrays import Floats, unscaled
+from cavirheo.arrays import Floats, log_sum, unscaled
 from cavirheo.errors import SolverError
 from cavirheo.inference.alternatives import LAPLACE
-from cavirheo.inference.experiment import BRISK, FINE, Accuracy
+from cavirheo.inference.experiment import FINE
 from cavirheo.inference.verify.mode import Mode, Simulated, Target, climb, modes, secant, valley
 from cavirheo.inference.verify.proposals import Blend, Explorer, log_mean
 from cavirheo.inference.verify.sampler import Proposal, Sample, sample, tempered
 from cavirheo.inference.verify.tuning import TUNING
+from cavirheo.physics.accuracy import BRISK, Accuracy
 from cavirheo.posterior import Evidence, OtherAnswer, intervals
 
 
@@ -125,13 +126,14 @@ class Mended(Target):
 def weighed(
     target: Target, network: Proposal | None, starts: Callable[[], list[Floats]],
     scanned: Callable[[], list[Floats]], windowed: Callable[[], list[Floats]] = list, *, draws: int, seed: int,
-) -> Weighed:  # fmt: skip
+    least: float = -np.inf,
+) -> Weighed | None:  # fmt: skip
     """Draws from few simulations if they can be trusted, else from as many as level "full" has, or, where an evidence
     is all that is wanted, from some more rough ones.
 
     starts: where to climb from without a network; scanned: the same from all over the ranges; windowed: where a search
-    over windows that grow ends, for modes that leave more than noise. draws: at most so many with weights. Raises
-    SolverError: no start could be simulated.
+    over windows that grow ends, for modes that leave more than noise. draws: at most so many with weights. least: None
+    is returned where Laplace's log evidence of the modes is smaller. Raises SolverError: no start could be simulated.
     """
     known, found, near = None, list[Mode](), Mended(target)
     if network:
@@ -147,6 +149,8 @@ def weighed(
         found = modes(near, windowed(), known=found)
     near.mend(_likely(near, found[0], None if searched else known, seed))
     found = near.lifted(found)
+    if float(log_sum(np.array([mode.log_evidence for mode in found]))) < least:
+        return None
     explorer = Explorer(near, found, TUNING.auto_learning, follow=searched, network=network)
     own = None
     if network and known:

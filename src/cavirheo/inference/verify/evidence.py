@@ -16,7 +16,6 @@ import numpy as np
 from scipy.special import softmax
 
 from cavirheo.arrays import Floats
-from cavirheo.bubble import REAL, Bubble, Requested, bubbles_of
 from cavirheo.curve import RadiusCurve, several
 from cavirheo.errors import require
 from cavirheo.inference import DEFAULT, infer_many
@@ -28,6 +27,7 @@ from cavirheo.inference.population import Population, with_slope_if_any
 from cavirheo.inference.verify import verify_many
 from cavirheo.inference.verify.tuning import TUNING
 from cavirheo.parallel import Step
+from cavirheo.physics.bubble import REAL, Bubble, Requested, bubbles_of
 from cavirheo.physics.media import WATER, Medium
 from cavirheo.posterior import Evidence, Posterior
 

@@ -10,10 +10,11 @@ import numpy as np
 
 from cavirheo.arrays import Floats
 from cavirheo.inference.camera import NAMES, CameraNuisances, rescaled
-from cavirheo.inference.experiment import FINE, FORWARD, QUICK, Accuracy, Experiment
+from cavirheo.inference.experiment import FINE, FORWARD, QUICK, Experiment
 from cavirheo.inference.noise import MarginalNoise, Noise
 from cavirheo.inference.verify.tuning import TUNING
 from cavirheo.parallel import each
+from cavirheo.physics.accuracy import Accuracy
 from cavirheo.posterior import Evidence, OtherAnswer, intervals
 from cavirheo.prior import Prior, log_normal
 

@@ -7,11 +7,12 @@ from collections.abc import Sequence
 import numpy as np
 
 from cavirheo.arrays import Floats, log_sum
-from cavirheo.inference.experiment import FINE, QUICK, Accuracy
+from cavirheo.inference.experiment import FINE, QUICK
 from cavirheo.inference.verify.mode import Mode, Simulated, Target, climb, modes, ridge, same
 from cavirheo.inference.verify.sampler import Mixture, Proposal, Sample, effective_size, tempered
 from cavirheo.inference.verify.surrogate import Surrogate
 from cavirheo.inference.verify.tuning import TUNING
+from cavirheo.physics.accuracy import Accuracy
 
 
 class Blend:

@@ -9,7 +9,6 @@ from typing import Any, Literal
 import numpy as np
 
 from cavirheo.arrays import Floats, log_sum
-from cavirheo.bubble import FIELD, REAL, Bubble, rival_of
 from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError, SolverError, expect, expect_whole, require
 from cavirheo.inference.alternatives import LAPLACE, SEEN, averaged, model_of
@@ -28,6 +27,7 @@ from cavirheo.inference.verify.sampler import Sample, sample
 from cavirheo.inference.verify.tuning import TUNING
 from cavirheo.parallel import cores
 from cavirheo.parameters import CAMERA, PARAMETERS, natural_name, units
+from cavirheo.physics.bubble import FIELD, REAL, Bubble, rival_of
 from cavirheo.physics.media import WATER, Medium
 from cavirheo.physics.media import medium as named
 from cavirheo.posterior import Diagnostics, Evidence, OtherAnswer, Posterior, Verdict, intervals
@@ -115,9 +115,16 @@ class Work:
 
     def posterior(self) -> Posterior:
         """The answer."""
-        return self._answer(*self._sampled())
+        found = self._sampled()
+        assert found is not None
+        return self._answer(*found)
 
-    def _sampled(self) -> _Sampled:
+    def posterior_above(self, log_evidence: float) -> Posterior | None:
+        """The answer of level "auto"; None where Laplace's log evidence of the modes is smaller than this one."""
+        found = self._sampled(log_evidence)
+        return None if found is None else self._answer(*found)
+
+    def _sampled(self, least: float = -np.inf) -> _Sampled | None:
         climbed = self.answer.method == "laplace"  # its modes are those that a scan finds
         scanned = list if climbed else self.scanned
         if self.settings.level == "auto":
@@ -129,10 +136,11 @@ class Work:
                     network = how.network.proposal(self.shot, self.target.prior, how.discrepancy)
             except InputError as outside:
                 self.messages.append(f"{outside}; the search began all over the ranges")
-            sizes = {"draws": how.draws, "seed": how.seed}
-            drawn, residuals, top, found, soon, apart, rough = weighed(
-                self.target, network, self.starts, scanned, windowed, **sizes
-            )
+            sizes: Any = {"draws": how.draws, "seed": how.seed}
+            weighted = weighed(self.target, network, self.starts, scanned, windowed, **sizes, least=least)
+            if weighted is None:
+                return None
+            drawn, residuals, top, found, soon, apart, rough = weighted
             about: dict[str, Any] = {"few_simulations": soon, "evidences_apart_in_standard_errors": apart}
             about["log_weight_error"] = rough
             best = top or self._best(found)
@@ -179,7 +187,10 @@ class Work:
 
     def _alike(self) -> Preview | None:
         """The answer in the form of a preview; None where its draws are not worth an interval."""
-        (u, residuals), drawn, best, evidence, *_ = self._sampled()
+        sampled = self._sampled()
+        if sampled is None:
+            return None
+        (u, residuals), drawn, best, evidence, *_ = sampled
         if drawn is None or len(u) < 2:
             return None
         x, _ = self.target.completed(u, self.target.camera.z(residuals), best.u, self.settings.seed)

@@ -26,8 +26,10 @@ from cavirheo.inference.latent import SLOTS, damping, slot, to_slots
 from cavirheo.inference.law import Family
 from cavirheo.parallel import Executor, Threads
 from cavirheo.parameters import PARAMETERS
+from cavirheo.physics.accuracy import ROUGH
+from cavirheo.physics.bubble import FIELD, Bubble
 from cavirheo.physics.media import WATER
-from cavirheo.physics.simulate import ROUGH, simulate
+from cavirheo.physics.simulate import simulate
 from cavirheo.prior import uniforms
 from cavirheo.reading import limits
 from cavirheo.training.dataset import Generated
@@ -88,17 +90,17 @@ def _curve(
     log10 = bounds[:, 0] + draws[2 : 2 + len(names)] * (bounds[:, 1] - bounds[:, 0])
     max_radius = float(radii[0] * (radii[1] / radii[0]) ** draws[1])
     z = to_slots(names, log10[None])[0]
-    more: dict[str, Any] = {}
+    simulated = FIELD
     if bubble == "real":
         z[slot("confinement_damping")] = ndtri(draws[8])
-        more = {"contents": "kinetic", "accommodation": float(10.0 ** log10[-1])}
-        more["confinement_damping"] = float(damping(z[slot("confinement_damping")]))
+        damped = float(damping(z[slot("confinement_damping")]))
+        simulated = Bubble("kinetic", float(10.0 ** log10[-1]), confinement_damping=damped)
     law_size = len(family.parameters)
     times = np.linspace(0.0, END, STEPS + 1) * WATER.time_scale(max_radius)
     try:
         run = simulate(
             family.material(log10[:law_size]), max_radius=max_radius, stretch=float(10.0 ** log10[law_size]),
-            time=times, throw=False, **more, **ROUGH,
+            time=times, bubble=simulated, accuracy=ROUGH, throw=False,
         )  # fmt: skip
     except InputError:
         return None

@@ -1,0 +1,202 @@
+"""Bubble: what is assumed of the bubble besides the law of its surroundings and the medium; and Damage."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from numbers import Real
+
+from cavirheo.errors import brief, require
+from cavirheo.physics.domain import NOT_NEGATIVE, check, domain, within
+
+MOTIONS = ("keller-miksis", "rayleigh-plesset", "gilmore")  # equations of the wall
+CONTENTS = ("equilibrium", "kinetic")  # models of what is in the bubble
+DAMAGES = ("none", "first-rebound", "strain")  # of the elastic part
+FREE = "free"  # inferred with the other parameters
+FROM_NOTHING = ("confinement_inertia", "confinement_damping", "vapour_excess")  # numbers that are 0 by default
+ACCOMMODATION = 0.07  # of vapour at the wall: the median of real gels (docs/method/physics.md, section 3.5)
+_TITLES = {"real": "real bubble", "field": "field's bubble", "kinetic": "bubble with kinetic contents"}
+_DAMAGE_WORDS = {"none": "", "first-rebound": "damage", "strain": "damage by strain"}
+_DOMAINS = {
+    "accommodation": domain("above 0 and at most 10", lambda x: 0 < x <= 10),
+    "confinement_inertia": domain("above -0.5 and at most 3", lambda x: -0.5 < x <= 3),
+    "confinement_damping": NOT_NEGATIVE,
+    "vapour_excess": NOT_NEGATIVE,
+}
+_EXPONENT = domain("between 0 and 10 (1 is isothermal)", lambda x: 0 < x < 10)
+
+
+@dataclass(frozen=True)
+class Damage:
+    """Any elastic law becomes softer and gets another stress-free radius, with two factors m and r:
+
+        S_el(R/R_0) becomes m S_el(R/(r R_0)).
+
+    by="first-rebound": from there on m = modulus, r = radius. That stands for damage, it is no law of damage: the
+    moment is declared. by="strain": m = modulus^e, r = radius^e, e = log10(R(0)/R_min) with R_min the smallest radius
+    so far, so modulus and radius are the factors of a tenfold contraction (docs/method/physics.md, section 4.5).
+
+    Attributes:
+        modulus: m, 0 (1e-6 by strain) to 1.
+        radius: r, 1 to 20.
+        by: "first-rebound" or "strain".
+
+    Raises:
+        InputError: a factor out of its domain, or damage by nothing known.
+    """
+
+    modulus: float = field(metadata=domain("between 0 and 1", lambda x: 0 <= x <= 1))
+    radius: float = field(default=1.0, metadata=domain("between 1 and 20", lambda x: 1 <= x <= 20))
+    by: str = field(default=DAMAGES[1], metadata=domain(" or ".join(DAMAGES[1:]), lambda x: x in DAMAGES[1:]))
+
+    def __post_init__(self) -> None:
+        check(self)
+        vanishes = f"modulus must be at least 1e-6 for damage by strain, got {self.modulus!r}"
+        require(self.by != "strain" or self.modulus >= 1e-6, vanishes, "physics.modulus")
+
+
+@dataclass(frozen=True)
+class Bubble:
+    """What is assumed of the bubble; a number, or "free" for what is inferred with the other parameters.
+
+    `REAL` is the bubble that recordings show: vapour condenses at a finite rate, and the surroundings damp the motion
+    (docs/real-bubbles.md). `FIELD` is what the field's tables assume: equilibrium contents in an unbounded liquid.
+
+    Attributes:
+        contents: "equilibrium" (vapour at the wall is saturated) or "kinetic" (it condenses at a finite rate, and its
+            diffusivity depends on temperature and pressure).
+        accommodation: coefficient of kinetic contents, above 0 and at most 10: share of the vapour's molecules that
+            stay where they hit the wall, or what stands for any resistance there; free from 0.01 to 1.
+        damage: "none"; "first-rebound": from there on the law has another modulus and stress-free radius; or "strain":
+            both follow the largest contraction so far. Its two factors are inferred. A `Damage` has known factors, for
+            `simulate`.
+        confinement_inertia: beta = R_max sum(s_i/d_i) over the images of the bubble behind walls, d_i their distances,
+            s_i = 1 for a rigid wall and -1 for a free surface.
+        wall_distance: m, from the bubble's centre to one rigid wall, instead of confinement_inertia (R_max over twice
+            the distance).
+        vapour_excess: Pa of vapour above saturation at R_max.
+        confinement_damping: zeta = 2 pi (R_max^2/A) c/U_c of a tube of cross-section A around the bubble, along which
+            its sound leaves as plane waves: it resists V' of the bubble's volume, as rho c V'/(2 A).
+        motion: "keller-miksis", "rayleigh-plesset" (incompressible) or "gilmore" (Tait's liquid).
+        exponent: polytropic exponent of the gas (1 isothermal, 1.4 adiabatic air) beside saturated vapour, instead of
+            heat and vapour transport. The gas of R_0 is expanded to R_max isothermally: with another exponent than 1
+            the bubble rests above R_0.
+
+    Raises:
+        InputError: motion, contents or damage that are not known, what is neither a number of its domain nor "free",
+            an exponent with kinetic contents or vapour above saturation, or two descriptions of the walls.
+    """
+
+    contents: str = "equilibrium"
+    accommodation: float | str = FREE
+    damage: str | Damage = "none"
+    confinement_inertia: float | str = 0.0
+    wall_distance: float | None = None
+    vapour_excess: float | str = 0.0
+    confinement_damping: float | str = 0.0
+    motion: str = "keller-miksis"
+    exponent: float | None = None
+
+    def __post_init__(self) -> None:
+        for name, known in (("motion", MOTIONS), ("contents", CONTENTS)):
+            value = getattr(self, name)
+            require(value in known, f"{name} must be one of {', '.join(known)}, got {value!r}", f"physics.{name}")
+        told = f"damage must be {', '.join(DAMAGES)} or a Damage, got {self.damage!r}"
+        require(isinstance(self.damage, Damage) or self.damage in DAMAGES, told, "option.damage")
+        for name, allowed in _DOMAINS.items():
+            value = getattr(self, name)
+            told = f"{name} must be a number or 'free', got {value!r}"
+            require(value == FREE or isinstance(value, Real), told, f"physics.{name}")
+            if value != FREE:
+                within(allowed, name, value)
+        both = "give either confinement_inertia or wall_distance, not both"
+        require(self.wall_distance is None or self.confinement_inertia == 0, both, "physics.two_walls")
+        if self.exponent is not None:
+            within(_EXPONENT, "exponent", self.exponent)
+            twice = "a polytropic gas has no condensation: leave out exponent, or kinetic contents and vapour_excess"
+            require(self.contents == "equilibrium" and self.vapour_excess == 0, twice, "physics.contents_twice")
+
+    def check_known(self) -> None:
+        """Raises InputError for a value that is to be inferred, with what to give instead."""
+        usual = {"accommodation": ACCOMMODATION} if self.contents == "kinetic" else {}
+        usual |= dict.fromkeys(FROM_NOTHING, 0.0)
+        wanted = [f"{name}={value}" for name, value in usual.items() if isinstance(getattr(self, name), str)]
+        if isinstance(self.damage, str) and self.damage != "none":
+            wanted.append(f"damage=Damage(0.5, 1.5, {self.damage!r})")
+        told = f"simulate needs a bubble whose values are known: give numbers, such as {', '.join(wanted)}"
+        require(not wanted, told, "physics.free_bubble")
+
+    def inertia(self, max_radius: float) -> float:
+        """beta of a bubble of this R_max (m) whose confinement is known. Raises InputError: a wall within R_max."""
+        if self.wall_distance is None:
+            return float(self.confinement_inertia)
+        near = f"wall_distance must be more than R_max ({max_radius:.4g} m), got {self.wall_distance:.6g} m"
+        require(max_radius < self.wall_distance, near, "physics.wall_too_near")
+        return 0.5 * max_radius / self.wall_distance
+
+    @property
+    def name(self) -> str:
+        """'real', 'field', 'kinetic, damage', 'field, confinement inertia'."""
+        damped = self.confinement_damping != 0
+        base = {("kinetic", True): "real", ("kinetic", False): "kinetic"}.get((self.contents, damped), "field")
+        hurt = _DAMAGE_WORDS[self.damage.by if isinstance(self.damage, Damage) else self.damage]
+        more = {
+            "confinement damping": damped and base == "field",
+            "confinement inertia": self.wall_distance is not None or self.confinement_inertia != 0,
+            "vapour excess": self.vapour_excess != 0,
+            self.motion: self.motion != MOTIONS[0],
+            "polytropic": self.exponent is not None,
+        }
+        return ", ".join(filter(None, [base, hurt, *(word for word, has in more.items() if has)]))
+
+    @property
+    def title(self) -> str:
+        """'real bubble', "field's bubble, damage"."""
+        return title_of(self.name)
+
+    @property
+    def sentence(self) -> str:
+        """What it assumes, for people."""
+        vapour = "vapour condenses at a finite rate" if self.contents == "kinetic" else "vapour condenses at once"
+        vapour += ", its gas is polytropic" if self.exponent is not None else ""
+        around = "its surroundings damp it" if self.confinement_damping != 0 else "nothing around it damps it"
+        title = self.title
+        return f"{title[0].upper()}{title[1:]}: {vapour}, and {around}."
+
+
+def title_of(name: str) -> str:
+    """'real bubble', "field's bubble, damage", of a bubble's name."""
+    base, *more = name.split(", ")
+    return ", ".join([_TITLES.get(base, f"{base} bubble"), *more])
+
+
+FIELD = Bubble()
+REAL = Bubble("kinetic", confinement_damping=FREE)
+DAMAGED = Bubble("kinetic", confinement_damping=FREE, damage="strain")
+BUBBLES = {"real": REAL, "field": FIELD}
+AUTO = "auto"  # both, and the evidence chooses
+Requested = Bubble | str | Sequence[Bubble]
+
+
+def bubbles_of(requested: Requested) -> tuple[Bubble, ...]:
+    """One bubble, or several among which the evidence chooses, from "real", "field", "auto", a Bubble or several.
+
+    Raises:
+        InputError: none of these.
+    """
+    if isinstance(requested, Bubble):
+        return (requested,)
+    if requested == AUTO:
+        return FIELD, REAL
+    told = f"bubble must be {', '.join(BUBBLES)}, {AUTO} or a Bubble, got {brief(requested)}"
+    if isinstance(requested, str):
+        require(requested in BUBBLES, told, "option.bubble")
+        return (BUBBLES[requested],)
+    fine = isinstance(requested, Sequence) and len(requested) > 0 and all(isinstance(one, Bubble) for one in requested)
+    require(fine, told, "option.bubble")
+    return tuple(dict.fromkeys(requested))
+
+
+def rival_of(bubble: Bubble) -> Bubble | None:
+    """The bubble whose answer stands beside: the field's beside the real one and the other way round."""
+    return {REAL: FIELD, FIELD: REAL}.get(bubble)
