@@ -19,7 +19,7 @@ from cavirheo import (
     simulate,
 )
 from cavirheo.inference import experiment
-from cavirheo.inference.experiment import FINE, Experiment
+from cavirheo.inference.experiment import Experiment
 from cavirheo.inference.law import ABLE, Family
 from cavirheo.inference.noise import correlation_time
 from cavirheo.inference.options import Options
@@ -27,7 +27,7 @@ from cavirheo.inference.search import Search
 from cavirheo.inference.search.least_squares import LeastSquares
 from cavirheo.inference.search.starts import Scan, spread_starts
 from cavirheo.parameters import units
-from cavirheo.physics.accuracy import Accuracy
+from cavirheo.physics.accuracy import DEFAULT, Accuracy
 from cavirheo.physics.bubble import ACCOMMODATION
 from cavirheo.physics.collapse import analytic_time
 from cavirheo.physics.laws import LAWS, parse
@@ -255,7 +255,7 @@ def test_finite_differences_are_above_the_solvers_noise():
     there = Experiment(shot(), Family("nhkv"))
     fit = LeastSquares(there)
     x = np.array([np.log10(8e3), np.log10(0.05), np.log10(7.0), 0.0, 0.0])
-    used, exact = (fit.jacobian(x, how, there.predict(x, how)) for how in (FINE, Accuracy(relative_error=1e-8)))
+    used, exact = (fit.jacobian(x, how, there.predict(x, how)) for how in (DEFAULT, Accuracy(relative_error=1e-8)))
     assert np.all(np.linalg.norm(used - exact, axis=0) < 5e-3 * np.linalg.norm(exact, axis=0))
 
 
@@ -356,8 +356,8 @@ def two_solutions(seed: int, frames: int, stretch: float) -> RadiusCurve:
 def test_two_solutions_are_both_found_and_each_has_its_own_values(seed, frames, true):
     curve = two_solutions(seed, frames, true)
     answer = fit(curve, bubble="field", trust_input=True)
-    valleys = [one for one in answer.others if one.material == "nhkv" and one.evidence]
-    assert any(one.best["stretch"] < 0.75 * true for one in valleys)
+    modes = [one for one in answer.others if one.material == "nhkv" and one.evidence]
+    assert any(one.best["stretch"] < 0.75 * true for one in modes)
     assert answer.best["stretch"] == pytest.approx(true, rel=0.1)
     for name in ("shear_modulus", "viscosity", "stretch"):  # the best values are of the solution with the interval
         low, high = answer.interval(name)
@@ -370,8 +370,8 @@ def test_a_minimum_that_only_rough_simulations_reach_gives_way_to_the_next(monke
     first, second, *_ = Search(shot).minima()
     solve = Experiment.predict
 
-    def stops(self, x, accuracy=FINE, **how):
-        return None if accuracy is FINE and np.array_equal(x, first.x) else solve(self, x, accuracy, **how)
+    def stops(self, x, accuracy=DEFAULT, **how):
+        return None if accuracy is DEFAULT and np.array_equal(x, first.x) else solve(self, x, accuracy, **how)
 
     monkeypatch.setattr(Experiment, "predict", stops)
     assert np.array_equal(Search(shot).minima()[0].x, second.x)

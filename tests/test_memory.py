@@ -36,7 +36,7 @@ GEL = dict(max_radius=150e-6, stretch=5.0, time=TIME)
 ARMS = [(UpperConvectedMaxwell(0.2, 3e-6), NeoHookean), (Maxwell(0.2, 3e-6), Linear)]
 each_arm = pytest.mark.parametrize(("arm", "parent"), ARMS, ids=lambda x: getattr(x, "__name__", None) or str(x))
 TAU = 3e-6
-FINE, EXACT = Accuracy(relative_error=1e-7), Accuracy(relative_error=1e-9)
+DEFAULT, EXACT = Accuracy(relative_error=1e-7), Accuracy(relative_error=1e-9)
 
 
 def path(t):
@@ -173,7 +173,7 @@ def test_an_arm_that_never_relaxes_is_its_spring(law, parent):
     """Grown from R_0 the arm's spring acts beside the other one; relaxed at R_max it is stress-free there."""
     arm = 4e3
     material = law(5e3, arm * 10.0, 10.0)
-    grown, spring = (simulate(law, accuracy=FINE, **GEL) for law in (material, parent(5e3 + arm)))
+    grown, spring = (simulate(law, accuracy=DEFAULT, **GEL) for law in (material, parent(5e3 + arm)))
     assert grown.radius == pytest.approx(spring.radius, abs=1e-4 * 150e-6)
     relaxed = simulate(material, relaxed=True, **GEL)
     assert relaxed.stress[0] == pytest.approx(parent(5e3).stress(5.0), rel=1e-9)
@@ -280,7 +280,7 @@ def test_of_a_linear_spring_it_is_a_spring_beside_an_arm():
     G, mu, tau = 5e3, 0.05, 3e-6
     whole = Viscoelastic(Linear(G), None, [TotalRelaxation(mu, tau)])
     beside = StandardLinearSolid(G, mu - G * tau, tau)
-    one, other = (simulate(law, accuracy=FINE, **GEL) for law in (whole, beside))
+    one, other = (simulate(law, accuracy=DEFAULT, **GEL) for law in (whole, beside))
     assert one.radius == pytest.approx(other.radius, abs=1e-5 * 150e-6)
     assert one.stress == pytest.approx(other.stress, abs=1e-4 * np.abs(other.stress).max())
     assert one.stress[0] == pytest.approx(other.stress[0], rel=1e-4)

@@ -117,8 +117,8 @@ def test_the_rows_name_what_a_run_mixes(width):
 
 def test_all_answers_of_a_curve_stand_side_by_side(tmp_path):
     curve = bubble()
-    valley = beside(0.02, -16.0, Bubble(), G=20e3)
-    others = beside(), beside(log=-30.0, material="qkv"), valley
+    mode = beside(0.02, -16.0, Bubble(), G=20e3)
+    others = beside(), beside(log=-30.0, material="qkv"), mode
     posterior = replace(answer(curve, draws=300), evidence=Evidence(-15.0), others=others)
     document = write_report(tmp_path, [(curve, posterior)], COMMAND, ())
     assert read_json(tmp_path / "result.json") == document
@@ -295,7 +295,7 @@ def test_models_that_all_shots_have_get_their_slopes_too(tmp_path):
     assert other.viscosity_Pa_s.mean == pytest.approx(0.0035, abs=1e-4)
     assert other.log_evidence is None  # the answers have none
     assert (law.material, law.n, law.slopes) == ("qkv", len(pairs) - 1, {})
-    assert 0.1 < other.slopes["viscosity"].median < 0.5  # of the valley with the larger evidence
+    assert 0.1 < other.slopes["viscosity"].median < 0.5  # of the mode with the larger evidence
     assert "with nhkv, bubble with kinetic contents: G 5.00 ± 0 kPa" in " ".join(printed(document, 80).split())
     assert "R_max^" in (tmp_path / "report.html").read_text(encoding="utf-8")
     assert read_json(tmp_path / "result.json") == document
@@ -309,7 +309,7 @@ def test_the_interval_of_a_slope_holds_what_it_says(count):
         scatter = 0.2 * rng.standard_normal(count)
         if k % 3 == 1:
             scatter = 0.1 * rng.standard_t(2, count)
-        if k % 3 == 2:  # one in ten in a false valley
+        if k % 3 == 2:  # one in ten in a false mode
             scatter -= 2.0 * (rng.random(count) < 0.1)
         found = slope(rng.uniform(1.2e-4, 3.3e-4, count), 0.02 * np.exp(scatter))
         inside += found.sign == 0

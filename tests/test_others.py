@@ -1,4 +1,4 @@
-"""What is said where other models, or other valleys of the same model, answer otherwise."""
+"""What is said where other models, or other modes of the same model, answer otherwise."""
 
 from dataclasses import replace
 
@@ -44,8 +44,8 @@ def other(
         ((other(mu=0.01, log=-30.0, bubble=FIELD, material="qkv"),), 0),  # another law, rejected
         ((other(mu=0.01, log=-6.0, bubble=FIELD, material="qkv"),), 1),
         ((other(mu=0.01, log=-6.0), other(mu=0.01, log=-5.0, material="zener")), 1),  # the better one alone
-        ((other(log=-10.0), other(mu=0.001, log=-15.0)), 0),  # a worse valley of the other model
-        ((other(G=20e3, stretch=5.0, bubble=FIELD),), 1),  # a valley of the same model
+        ((other(log=-10.0), other(mu=0.001, log=-15.0)), 0),  # a worse mode of the other model
+        ((other(G=20e3, stretch=5.0, bubble=FIELD),), 1),  # a mode of the same model
         ((other(G=20e3, stretch=5.0, bubble=FIELD, log=-13.5),), 0),
         ((other(stretch=2.0, bubble=FIELD),), 0),  # another stretch, but G and mu that meet those of the answer
         ((replace(other(G=20e3, bubble=FIELD), intervals={}),), 1),  # a value without an interval, beyond the answer's
@@ -95,7 +95,7 @@ def test_the_sentence_names_both_models_their_values_and_the_evidence():
     assert "prefers this answer by a factor of e^2" in turned
 
 
-def test_both_valleys_are_said_with_their_stretch():
+def test_both_modes_are_said_with_their_stretch():
     (said,) = compared(posterior(other(G=20e3, mu=0.02, log=-11.0, bubble=FIELD, stretch=5.0)))
     for part in ("G 5.0", "G 20 [", "λ 8.0", "λ 5.0", "the first by a factor of e^1"):
         assert part in said

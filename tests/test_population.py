@@ -135,7 +135,7 @@ def test_a_prior_that_is_not_divided_out_is_seen():
     assert middle / forgotten.interval("shear_modulus")[1] > 2.0
 
 
-def test_a_likelihood_keeps_mean_and_covariance_and_has_two_valleys_where_there_are():
+def test_a_likelihood_keeps_mean_and_covariance_and_has_two_modes_where_there_are():
     rng = np.random.default_rng(1)
     theta = np.concatenate([rng.normal(0.0, 0.1, (400, 2)), rng.normal([1.0, 0.5], 0.05, (200, 2))])
     weight = rng.exponential(size=600)

@@ -18,22 +18,22 @@ from scipy.stats import invgamma, multivariate_normal, norm
 from cavirheo import InputError, NeoHookeanKelvinVoigt, RadiusCurve, infer, simulate
 from cavirheo.inference import experiment, verify
 from cavirheo.inference.alternatives import LAPLACE
-from cavirheo.inference.experiment import FINE, QUICK, Experiment
+from cavirheo.inference.experiment import Experiment
 from cavirheo.inference.fit import search_many
 from cavirheo.inference.law import Family
 from cavirheo.inference.noise import SHAPE, Noise
 from cavirheo.inference.options import FREE, Options
 from cavirheo.inference.verify import Verification, evidence, predictive, proposals, verification, verify_many
-from cavirheo.inference.verify.adaptive_sampling import Mended
+from cavirheo.inference.verify.adaptive_sampling import TwoFidelityTarget
 from cavirheo.inference.verify.evidence import models, rank_laws, ranked
 from cavirheo.inference.verify.mode import Simulated, Target, climb, modes, same
 from cavirheo.inference.verify.predictive import predictive_check
-from cavirheo.inference.verify.proposals import Blend, Explorer
+from cavirheo.inference.verify.proposals import AdaptiveProposal, SurrogateProposal
 from cavirheo.inference.verify.sampler import Mixture, Sample, effective_size, sample
 from cavirheo.inference.verify.surrogate import Surrogate
 from cavirheo.inference.verify.tuning import TUNING
-from cavirheo.inference.verify.verification import Work
-from cavirheo.physics.accuracy import BRISK
+from cavirheo.inference.verify.verification import Estimation
+from cavirheo.physics.accuracy import BRISK, DEFAULT, ROUGH
 from cavirheo.physics.bubble import FIELD, REAL, Bubble
 from cavirheo.physics.materials import Zener
 from cavirheo.posterior import Checks, Evidence, OtherAnswer, Posterior
@@ -62,7 +62,7 @@ def target_of(curve: RadiusCurve, discrepancy=False, free=tuple(FREE)) -> Target
     return Target(there, there.prior(), there.noise(discrepancy))
 
 
-def value_of(target: Target, u: np.ndarray, accuracy=FINE) -> np.ndarray:
+def value_of(target: Target, u: np.ndarray, accuracy=DEFAULT) -> np.ndarray:
     return target.log_posterior(u, target.residuals(u, accuracy))
 
 
@@ -156,7 +156,7 @@ def test_exposure_is_the_mean_over_the_shutter():
     target = target_of(curve)
     x = truth_of(target)
     x[3] = 0.5  # the clock is late by a quarter of a frame
-    seen = target.experiment.predict(x, FINE).radius
+    seen = target.experiment.predict(x, DEFAULT).radius
     around = np.linspace(-0.5, 0.5, 402)[1:-1]
     instants = np.abs(target.experiment.since[:, None] - 0.25e-6 + 0.4e-6 * around).ravel()
     order = np.argsort(instants)
@@ -164,7 +164,7 @@ def test_exposure_is_the_mean_over_the_shutter():
     law = NeoHookeanKelvinVoigt(TRUTH["shear_modulus"], TRUTH["viscosity"])
     radius[order] = simulate(law, max_radius=R_MAX, stretch=7.0, time=instants[order]).radius / R_MAX
     brute = radius.reshape(-1, 400).mean(axis=1)
-    sharp = target_of(shot(noise=0.0)).experiment.predict(x, FINE).radius
+    sharp = target_of(shot(noise=0.0)).experiment.predict(x, DEFAULT).radius
     assert np.max(np.abs(seen - brute)) < 2e-3
     assert np.max(np.abs(sharp - brute)) > 10 * np.max(np.abs(seen - brute))
     for exposure in (-1.0, 2e-6):  # no time; longer than a frame
@@ -287,8 +287,8 @@ def test_a_good_proposal_stays_and_a_bad_one_is_replaced(first, expected):
     assert found.log_evidence[0] == pytest.approx(0.0, abs=0.1)
 
 
-def two_valleys() -> tuple[Target, Callable[[np.ndarray], np.ndarray]]:
-    """A target of two parameters with a better and a worse valley on either side of u_0 = 0, and its exact log
+def two_modes() -> tuple[Target, Callable[[np.ndarray], np.ndarray]]:
+    """A target of two parameters with a better and a worse mode on either side of u_0 = 0, and its exact log
     posterior; the frames follow x by a formula instead of a simulation."""
     time = np.linspace(0.0, 1.0, 20)
 
@@ -310,10 +310,10 @@ def two_valleys() -> tuple[Target, Callable[[np.ndarray], np.ndarray]]:
 
 
 def test_a_surrogate_knows_what_it_was_shown_and_little_else():
-    target, exact = two_valleys()
+    target, exact = two_modes()
     rng = np.random.default_rng(0)
     shown, there = 0.5 * rng.standard_normal((150, 2)), 0.4 * rng.standard_normal((80, 2))
-    known = Surrogate(target, shown, target.residuals(shown, QUICK), exact(shown))
+    known = Surrogate(target, shown, target.residuals(shown, ROUGH), exact(shown))
     near = exact(there) > np.max(exact(shown)) - 6.0
     assert np.sum(near) > 15
     off = known(there[near]) - exact(there[near])
@@ -323,13 +323,13 @@ def test_a_surrogate_knows_what_it_was_shown_and_little_else():
 
 def test_draws_of_a_surrogate_have_the_density_that_they_claim():
     """Tails too, where the mixture that it is drawn from has few of its own."""
-    target, exact = two_valleys()
+    target, exact = two_modes()
     rng = np.random.default_rng(0)
     shown = 0.7 * rng.standard_normal((150, 2))
-    known = Surrogate(target, shown, target.residuals(shown, QUICK), exact(shown))
+    known = Surrogate(target, shown, target.residuals(shown, ROUGH), exact(shown))
     mixture = Mixture.about([np.array([0.3, 0.1])], [0.25 * np.eye(2)], [0.0])
     pool = mixture.draw(2000, rng)
-    blend = Blend(known, mixture, pool, known(pool)).normed(10000, rng)
+    blend = SurrogateProposal(known, mixture, pool, known(pool)).normed(10000, rng)
     axis = np.linspace(-4.0, 4.0, 101)
     grid = np.stack(np.meshgrid(axis, axis), axis=-1).reshape(-1, 2)
     density = np.exp(blend.log_density(grid)) * (axis[1] - axis[0]) ** 2
@@ -342,13 +342,13 @@ def test_draws_of_a_surrogate_have_the_density_that_they_claim():
         assert np.mean(share_of(drawn)) == pytest.approx(share, abs=4.0 * np.sqrt(share / count) + 0.03 * share)
 
 
-def mended(bias, at) -> Mended:
-    """Two valleys whose rough simulations are wrong by bias(x), after learning from those at u (k, 2)."""
-    target, exact = two_valleys()
+def mended(bias, at) -> TwoFidelityTarget:
+    """Two modes whose rough simulations are wrong by bias(x), after learning from those at u (k, 2)."""
+    target, exact = two_modes()
     frames, there = target.experiment.difference, target.experiment
     there.difference = lambda x, accuracy: frames(x, accuracy) + (bias(x) if accuracy is BRISK else 0.0)
-    found = Mended(target)
-    found.mend(Simulated(at, found.residuals(at), exact(at)))
+    found = TwoFidelityTarget(target)
+    found.correct(Simulated(at, found.residuals(at), exact(at)))
     return found
 
 
@@ -362,22 +362,22 @@ def test_rough_simulations_are_mended_by_what_they_miss_where_the_posterior_is()
     assert found.rough
     assert found.missed[:20] == pytest.approx(-wave, abs=0.02 * np.max(wave))
     u = np.array([[0.25, 0.15]])
-    assert found.residuals(u) == pytest.approx(found.exact.residuals(u, FINE), abs=1e-3)
+    assert found.residuals(u) == pytest.approx(found.exact.residuals(u, DEFAULT), abs=1e-3)
 
 
 def test_rough_simulations_whose_error_changes_where_the_posterior_is_are_not_used():
     found = mended(lambda x: 0.5 * x[0] * np.ones(20), PLACES)
     assert not found.rough
-    assert np.array_equal(found.residuals(PLACES), found.exact.residuals(PLACES, FINE))
+    assert np.array_equal(found.residuals(PLACES), found.exact.residuals(PLACES, DEFAULT))
 
 
 def test_draws_that_rough_simulations_weigh_wrongly_are_simulated_anew():
     """Those that have a weight, for the others change nothing."""
-    target, exact = two_valleys()
+    target, exact = two_modes()
     rng = np.random.default_rng(0)
     u = np.concatenate([0.3 * rng.standard_normal((150, 2)), np.full((3, 2), 2.9)])
     wrong = Sample(u, exact(u) + 0.5 * rng.standard_normal(len(u)), np.zeros(len(u)))
-    found, error = Mended(target).checked(wrong, 0)
+    found, error = TwoFidelityTarget(target).checked(wrong, 0)
     assert error > TUNING.mended_enough
     same_as = found.log_target == pytest.approx(exact(u))
     assert not same_as  # the last three
@@ -388,11 +388,11 @@ def test_draws_that_rough_simulations_weigh_wrongly_are_simulated_anew():
 
 def test_where_default_simulations_fail_no_draw_keeps_a_rough_weight():
     """Else the light ones, which are not simulated anew, would be all that is left."""
-    target, exact = two_valleys()
+    target, exact = two_modes()
     u = np.concatenate([0.3 * np.random.default_rng(0).standard_normal((150, 2)), np.full((3, 2), 2.9)])
     drawn = Sample(u, exact(u), np.zeros(len(u)))
     target.experiment.difference = lambda x, accuracy: np.full(20, np.nan)
-    found, error = Mended(target).checked(drawn, 0)
+    found, error = TwoFidelityTarget(target).checked(drawn, 0)
     assert error == np.inf
     assert found.ess == 0
 
@@ -408,10 +408,10 @@ def test_a_last_round_takes_as_many_draws_as_are_missing():
 def test_a_surrogate_that_its_mixture_hardly_meets_is_not_drawn_from(monkeypatch):
     """It would take for ever; the draws come from the mixture, and their weights tell."""
     monkeypatch.setattr(proposals, "TUNING", replace(TUNING, mixture_fits=1, pool=500, norm_draws=2000))
-    target, _ = two_valleys()
+    target, _ = two_modes()
     (mode,) = modes(target, [np.array([-0.4, -0.2])])
-    explorer = Explorer(target, [mode])
-    assert isinstance(explorer.propose(np.random.default_rng(0), None), Blend)
+    explorer = AdaptiveProposal(target, [mode])
+    assert isinstance(explorer.propose(np.random.default_rng(0), None), SurrogateProposal)
     explorer.mixture = explorer.start = Mixture.about([mode.u + 1.0], [mode.covariance], [0.0])
     nothing = Sample(mode.u[None], np.full(1, -np.inf), np.zeros(1))
     proposal = explorer.propose(np.random.default_rng(0), nothing)
@@ -419,11 +419,11 @@ def test_a_surrogate_that_its_mixture_hardly_meets_is_not_drawn_from(monkeypatch
     assert proposal.draw(100, np.random.default_rng(1)).shape == (100, 2)
 
 
-def test_a_valley_that_no_start_led_to_is_climbed_into():
-    target, exact = two_valleys()
+def test_a_mode_that_no_start_led_to_is_climbed_into():
+    target, exact = two_modes()
     (mode,) = modes(target, [np.array([-0.4, -0.2])])
     assert mode.u[0] < 0
-    explorer = Explorer(target, [mode])
+    explorer = AdaptiveProposal(target, [mode])
     found = sample(explorer, explorer.propose, seed=0, each=200, most=1800, enough=400)
     assert max(explorer.modes, key=lambda mode: mode.log_posterior).u[0] > 0
     grid = np.stack(np.meshgrid(np.linspace(-3, 3, 121), np.linspace(-3, 3, 121)), axis=-1).reshape(-1, 2)
@@ -491,10 +491,10 @@ def test_weights_are_posterior_over_proposal_in_the_answers_parameters(fitted):
     curve, answer = fitted
     settings = {"free": (), "discrepancy": False, "draws": 200, "seed": 2}
     found = verify.verify(curve, answer, **settings)
-    target = Work(Verification(**settings), curve, answer).target
+    target = Estimation(Verification(**settings), curve, answer).target
     for row, expected in list(zip(found.theta, found.log_q + found.log_weight, strict=True))[:5]:
         x = np.array([row[0], row[1], np.log10(row[2])])
-        residual = target.experiment.difference(x, FINE)
+        residual = target.experiment.difference(x, DEFAULT)
         density = target.noise.frames.log_density(residual[None])[0] + target.prior.log_density(x)
         assert density - np.log(row[2] * np.log(10.0)) == pytest.approx(expected, abs=0.1)
 
@@ -516,13 +516,13 @@ def test_map_is_the_maximum_with_laplaces_interval(fitted, full):
 def test_an_overconfident_proposal_is_caught_and_mended(fitted):
     """Draws that claim too little width have few that count, and say so; the sampler itself finds the true width."""
     curve, answer = fitted
-    work = Work(Verification(free=(), discrepancy=False), curve, answer)
+    work = Estimation(Verification(free=(), discrepancy=False), curve, answer)
     (mode,) = modes(work.target, work.starts())
     rng, trusted = np.random.default_rng(5), {}
     for factor in (1.1, 0.2):
         cov = factor**2 * mode.covariance
         u = rng.multivariate_normal(mode.u, cov, 300)
-        drawn = Sample(u, value_of(work.target, u, QUICK), multivariate_normal.logpdf(u, mode.u, cov))
+        drawn = Sample(u, value_of(work.target, u, ROUGH), multivariate_normal.logpdf(u, mode.u, cov))
         trusted[factor] = drawn.ess > TUNING.effective_fewest and drawn.reliable
     assert trusted == {1.1: True, 0.2: False}
     middle = np.median(answer.theta, axis=0)
@@ -648,7 +648,7 @@ def test_a_matrix_that_breaks_loses_one_shot_alone(fitted, monkeypatch):
 def test_climb_finds_the_maximum():
     target = target_of(shot())
     start = target.start(truth_of(target) + np.array([0.1, -0.1, 0.03, 0.0, 0.0, 0.0]))
-    mode = climb(target, start, FINE)
+    mode = climb(target, start, DEFAULT)
     around = mode.u + 0.5 * np.linalg.cholesky(mode.covariance).T
     assert np.all(value_of(target, around) < mode.log_posterior)
     offset = target.prior.to_x(mode.u) - truth_of(target)[:3]
@@ -663,9 +663,9 @@ def test_the_search_of_a_fit_leads_to_the_same_maximum(fitted):
     assert found.method == "laplace"
 
 
-def test_the_highest_valley_is_found_without_the_answer(fitted):
+def test_the_highest_mode_is_found_without_the_answer(fitted):
     curve, answer = fitted
-    work = Work(Verification(discrepancy=False), curve, answer)
+    work = Estimation(Verification(discrepancy=False), curve, answer)
     (known,) = modes(work.target, work.starts())
     found = modes(work.target, work.scanned())
     assert same(found[0], known)
@@ -894,18 +894,18 @@ def test_against_emcee(seed, monkeypatch):
     answer = fit(curve, window="all")
     settings = {"discrepancy": False, "ranges": calibration.RANGES, "draws": 6000, "seed": seed}
     monkeypatch.setattr(verification, "TUNING", replace(TUNING, effective_enough=2500.0))
-    monkeypatch.setattr(verification, "FINE", QUICK)
-    monkeypatch.setattr(Explorer.__call__, "__defaults__", (QUICK,))
+    monkeypatch.setattr(verification, "DEFAULT", ROUGH)
+    monkeypatch.setattr(AdaptiveProposal.__call__, "__defaults__", (ROUGH,))
     found = verify.verify(curve, answer, **settings)
-    job = Work(Verification(**settings), curve, answer)
+    job = Estimation(Verification(**settings), curve, answer)
     target = job.target
     weight = np.exp(found.log_weight - np.max(found.log_weight))
     weight /= np.sum(weight)
-    best = climb(target, job.starts()[0], QUICK)
+    best = climb(target, job.starts()[0], ROUGH)
     d, rng = len(best.u), np.random.default_rng(seed)
     walkers = best.u + rng.standard_normal((4 * d, d)) @ np.linalg.cholesky(best.covariance).T
     moves = [(emcee.moves.DEMove(), 0.5), (emcee.moves.StretchMove(), 0.5)]
-    sampler = emcee.EnsembleSampler(4 * d, d, lambda u: value_of(target, u, QUICK), vectorize=True, moves=moves)
+    sampler = emcee.EnsembleSampler(4 * d, d, lambda u: value_of(target, u, ROUGH), vectorize=True, moves=moves)
     sampler._random.seed(seed)
     sampler.run_mcmc(walkers, 4000)
     tau = float(np.max(sampler.get_autocorr_time(tol=0)))

@@ -7,23 +7,23 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from test_posterior import PLACES, mended, two_valleys
+from test_posterior import PLACES, mended, two_modes
 from test_posterior_network import TRUE, experiment, shot
 
 import cavirheo
 from cavirheo import InputError, Newtonian
 from cavirheo.inference.alternatives import contenders
-from cavirheo.inference.experiment import FINE, QUICK
 from cavirheo.inference.model import shipped
 from cavirheo.inference.posterior_model import load_posterior
 from cavirheo.inference.verify import adaptive_sampling, sampler, verify_many
 from cavirheo.inference.verify import mode as mode_of
-from cavirheo.inference.verify.adaptive_sampling import Mended
+from cavirheo.inference.verify.adaptive_sampling import TwoFidelityTarget
 from cavirheo.inference.verify.mode import Target, climb
-from cavirheo.inference.verify.proposals import Blend
+from cavirheo.inference.verify.proposals import SurrogateProposal
 from cavirheo.inference.verify.sampler import Mixture, Sample, sample
 from cavirheo.inference.verify.surrogate import Surrogate
 from cavirheo.inference.verify.tuning import TUNING
+from cavirheo.physics.accuracy import DEFAULT, ROUGH
 from cavirheo.posterior import Evidence
 from cavirheo.prior import log_normal
 
@@ -33,10 +33,10 @@ from cavirheo.prior import log_normal
 def test_a_climb_ends_with_the_slopes_of_where_it_ends(held, most, monkeypatch):
     """Also where its last step gains so little that it ends."""
     monkeypatch.setattr(mode_of, "TUNING", replace(TUNING, climb_gain=5.0))
-    target, _ = two_valleys()
+    target, _ = two_modes()
     for start in np.random.default_rng(0).uniform(-2.5, 2.5, (200, 2)):
-        mode = climb(target, start, QUICK, held=held, most=most)
-        assert np.array_equal(mode.jacobian, target.jacobian(mode.u, mode.residual, QUICK))
+        mode = climb(target, start, ROUGH, held=held, most=most)
+        assert np.array_equal(mode.jacobian, target.jacobian(mode.u, mode.residual, ROUGH))
 
 
 def test_where_rough_simulations_are_refused_what_was_known_is_simulated_anew():
@@ -45,7 +45,7 @@ def test_where_rough_simulations_are_refused_what_was_known_is_simulated_anew():
     assert not near.rough
     rough = near.exact.residuals(PLACES, adaptive_sampling.BRISK)
     again = near.again(PLACES, rough)
-    fine = near.exact.residuals(PLACES, FINE)
+    fine = near.exact.residuals(PLACES, DEFAULT)
     assert np.array_equal(again.value, near.exact.log_posterior(PLACES, fine))
     assert not np.allclose(again.value, near.exact.log_posterior(PLACES, rough), atol=0.1)
 
@@ -65,11 +65,11 @@ def test_a_network_whose_draws_all_fail_is_no_exception(monkeypatch):
 
 
 def test_the_check_of_a_correction_uses_draws_that_did_not_teach_it(monkeypatch):
-    target, exact = two_valleys()
+    target, exact = two_modes()
     rng = np.random.default_rng(0)
     u = 0.1 * rng.standard_normal((40, 2)) + [0.3, 0.1]
     drawn = Sample(u, exact(u) + 0.05 * rng.standard_normal(40), exact(u))
-    near, asked, simulated = Mended(target), [], Target.residuals
+    near, asked, simulated = TwoFidelityTarget(target), [], Target.residuals
     near.learnt = u[: 40 - TUNING.mended_checked - 1]
     monkeypatch.setattr(Target, "residuals", lambda self, u, accuracy: asked.append(u) or simulated(self, u, accuracy))
     found, error = near.checked(drawn, 0)
@@ -82,14 +82,14 @@ def test_the_check_of_a_correction_uses_draws_that_did_not_teach_it(monkeypatch)
 
 
 def test_the_norm_of_a_surrogate_has_the_error_that_it_states():
-    target, exact = two_valleys()
+    target, exact = two_modes()
     shown = 0.7 * np.random.default_rng(0).standard_normal((150, 2))
-    known = Surrogate(target, shown, target.residuals(shown, QUICK), exact(shown))
+    known = Surrogate(target, shown, target.residuals(shown, ROUGH), exact(shown))
     mixture = Mixture.about([np.array([0.3, 0.1])], [0.25 * np.eye(2)], [0.0])
     found = []
     for seed in range(60):
         pool = mixture.draw(500, np.random.default_rng([seed, 1]))
-        one = Blend(known, mixture, pool, known(pool))
+        one = SurrogateProposal(known, mixture, pool, known(pool))
         found.append((one.log_norm + one.log_cut, one.log_norm_error))
     norms, errors = np.array(found).T
     assert np.mean(errors) == pytest.approx(np.std(norms, ddof=1), rel=0.3)

@@ -50,9 +50,9 @@ class KeptAnswers(Mapping[int, Posterior]):
         if index in self._held:
             return self._held[index]
         answer, path = read_kept(self._files[index], Posterior), self._files[index]
-        told = f"{path} is gone or was changed while it was needed: the same command finds this answer anew"
+        message = f"{path} is gone or was changed while it was needed: the same command finds this answer anew"
         if answer is None:
-            raise InputError(told, "unfinished.gone")
+            raise InputError(message, "unfinished.gone")
         return answer
 
 

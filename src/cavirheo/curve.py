@@ -49,8 +49,8 @@ def _numbers(name: str, values: Any) -> Floats:
     try:
         return np.array(values, dtype=np.float64)
     except (TypeError, ValueError):
-        told = f"{name} must be a list or an array of numbers, got {type(values).__name__} {brief(values)}"
-        raise InputError(told, f"curve.{name}") from None
+        message = f"{name} must be a list or an array of numbers, got {type(values).__name__} {brief(values)}"
+        raise InputError(message, f"curve.{name}") from None
 
 
 def _labels(meta: Mapping[str, Any]) -> dict[str, Any]:

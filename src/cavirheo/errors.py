@@ -84,14 +84,14 @@ def numbered(given: str | Iterable[int], what: str, code: str, first: int = 1, l
     """Sorted, each once: "1,4-7" or [1, 4, 5, 6, 7]. Raises InputError: no such list, or numbers beyond these ends."""
     ends = f"{first} up" if last is None else f"{first} to {last}"
     like = f"{first},{first + 3}-{first + 6}"
-    told = f'{what} must be numbers from {ends} and ranges of them, such as "{like}", got {given!r}'
+    message = f'{what} must be numbers from {ends} and ranges of them, such as "{like}", got {given!r}'
     found: set[int] = set()
     for part in given.split(",") if isinstance(given, str) else map(str, given):
         match = re.fullmatch(r"\s*(\d{1,6})\s*(?:[-–]\s*(\d{1,6})\s*)?", part)
         low, high = (int(match[1]), int(match[2] or match[1])) if match else (0, -1)
-        require(first <= low <= high <= (last or high), told, code)
+        require(first <= low <= high <= (last or high), message, code)
         found.update(range(low, high + 1))
-    require(bool(found), told, code)
+    require(bool(found), message, code)
     return sorted(found)
 
 
@@ -108,8 +108,8 @@ def number_of(text: str | None, what: str) -> float | None:
 
 def as_path(given: str | PathLike[str]) -> Path:
     """The path of one file or folder. Raises InputError: it is none."""
-    told = f"expected the path of one file, as text; got {type(given).__name__} {brief(given)}"
-    require(isinstance(given, str | PathLike), told, "input.path")
+    message = f"expected the path of one file, as text; got {type(given).__name__} {brief(given)}"
+    require(isinstance(given, str | PathLike), message, "input.path")
     return Path(given)
 
 

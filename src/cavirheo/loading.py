@@ -62,8 +62,8 @@ def load(path: str | Path, kind: type[Any] | None = None) -> Any:
     expect(object if kind is None else kind, type, "a class such as Result, of cavirheo.reporting.record")
     found = _load(path)
     if kind is not None and not isinstance(found, kind):
-        told = f"{path} is a {type(found).__name__}, not a {kind.__name__}: give another file, or leave out the kind"
-        raise InputError(told, "loading.kind")
+        message = f"{path} is a {type(found).__name__}, not a {kind.__name__}: give another file, or leave out the kind"
+        raise InputError(message, "loading.kind")
     return found
 
 

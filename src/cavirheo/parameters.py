@@ -63,8 +63,8 @@ class Plausible(NamedTuple):
         inside = [unit for unit, meant in found.items() if self.low < meant < self.high]
         nearest = min(inside, key=lambda unit: abs(np.log(found[unit] / self.usual)), default="")
         meant = f": did you mean {found[nearest]:.6g} {self.unit} ({value:.6g} {nearest})?" if nearest else ""
-        told = f"{name} must be {self.low:g} to {self.high:g} {self.unit}, got {value:.6g}{meant}"
-        require(value == inf, told + mend, code)
+        message = f"{name} must be {self.low:g} to {self.high:g} {self.unit}, got {value:.6g}{meant}"
+        require(value == inf, message + mend, code)
 
 
 _SECONDS = {"us": (1e-6, 0.0), "ms": (1e-3, 0.0), "ns": (1e-9, 0.0)}

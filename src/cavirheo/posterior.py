@@ -107,7 +107,7 @@ class Evidence:
 
 @dataclass(frozen=True)
 class OtherAnswer:
-    """What another model answers for the same frames, or another valley of the same model.
+    """What another model answers for the same frames, or another mode of the same model.
 
     Attributes:
         material: the law.
@@ -192,7 +192,7 @@ class Posterior:
         evidence: of the law.
         diagnostics: of the method.
         bubble: the model of the bubble itself.
-        others: what other models and other valleys answer, if they were looked at.
+        others: what other models and other modes answer, if they were looked at.
         prior: of the law's parameters, by name as in `names`: (low, high), flat between, or (low, high, mean, standard
             deviation) of a normal; without those for which it is not known.
         stretch_prior: mean and standard deviation of the stretch, where the file or the late plateau states it.
@@ -251,15 +251,15 @@ class Posterior:
             if given in (name, f"log10_{name}"):
                 return values if given == name else np.asarray(10.0**values)
         held = f" (`best` has {name})" if name in self.best else ""
-        told = f"the answer has no draws of {name!r}{held}; it has {', '.join(self.parameters)}"
-        raise InputError(told, "posterior.parameter")
+        message = f"the answer has no draws of {name!r}{held}; it has {', '.join(self.parameters)}"
+        raise InputError(message, "posterior.parameter")
 
     def interval(self, name: str, level: float = 0.9) -> tuple[float, float] | None:
         """Central credible interval of this probability, in natural units; None for a point or failed answer (no width
         is made up). Raises InputError: as `draws`, or a level outside 0 to 1."""
         percent = f": did you mean {level / 100:g}?" if isinstance(level, Real) and 1 < level < 100 else ""
-        told = f"the level of an interval must be between 0 and 1, got {level!r}{percent}"
-        require(isinstance(level, Real) and 0 < level < 1, told, "posterior.level")
+        message = f"the level of an interval must be between 0 and 1, got {level!r}{percent}"
+        require(isinstance(level, Real) and 0 < level < 1, message, "posterior.level")
         draws = self.draws(name)
         if len(draws) < 2:
             return None

@@ -63,20 +63,20 @@ class Prior:
         for name in ("low", "high", "mean", "std"):
             values = np.asarray(getattr(self, name), dtype=float)
             values = values if values.ndim else np.full(size, values)
-            told = f"a prior needs one {name} for each of its names {self.names}"
-            require(values.size == size == len(set(self.names)), told, "prior.shape")
+            message = f"a prior needs one {name} for each of its names {self.names}"
+            require(values.size == size == len(set(self.names)), message, "prior.shape")
             object.__setattr__(self, name, values)
         for name, low, high in zip(self.names, self.low, self.high, strict=True):
-            told = f"the prior of {name} must be [low, high] with low < high, got [{low}, {high}]"
-            require(-np.inf < low < high < np.inf, told, "prior.range")
+            message = f"the prior of {name} must be [low, high] with low < high, got [{low}, {high}]"
+            require(-np.inf < low < high < np.inf, message, "prior.range")
 
     @classmethod
     def uniform(cls, ranges: Mapping[str, Sequence[float]]) -> Prior:
         """A prior from {name: [low, high]}. Raises InputError: an unknown parameter, or not two numbers."""
         known = ", ".join(PARAMETERS)
         for name, pair in ranges.items():
-            told = f"unknown parameter {name!r}; known, with or without log10_: {known}"
-            require(natural_name(name) in PARAMETERS, told, "prior.name")
+            message = f"unknown parameter {name!r}; known, with or without log10_: {known}"
+            require(natural_name(name) in PARAMETERS, message, "prior.name")
             require(len(pair) == 2, f"the prior of {name} must be [low, high], got {list(pair)}", "prior.range")
         low, high = np.array(list(ranges.values()), dtype=float).reshape(-1, 2).T
         return cls(tuple(ranges), low, high)

@@ -47,9 +47,9 @@ class FrameGrid:
     frames: int = 100
 
     def __post_init__(self) -> None:
-        told = f"a grid needs a positive frame interval and 2 to {MOST_FRAMES} frames, got "
+        message = f"a grid needs a positive frame interval and 2 to {MOST_FRAMES} frames, got "
         fine = isinstance(self.frames, int) and 2 <= self.frames <= MOST_FRAMES and 0 < self.frame_interval < np.inf
-        require(fine, f"{told}{self.frame_interval} s and {self.frames}", "problem.grid")
+        require(fine, f"{message}{self.frame_interval} s and {self.frames}", "problem.grid")
 
     @property
     def time(self) -> Floats:
@@ -80,21 +80,21 @@ class TrainingProblem:
 
     def __post_init__(self) -> None:
         material, names = self.material_name, self.prior.names
-        told = f"unknown material {material!r}; known: {', '.join(MATERIALS)}"
-        require(material in MATERIALS, told, "problem.material")
+        message = f"unknown material {material!r}; known: {', '.join(MATERIALS)}"
+        require(material in MATERIALS, message, "problem.material")
         needed = sorted([*(f.name for f in fields(MATERIALS[material])), "stretch"])
-        told = f"material {material!r} needs a prior for {', '.join(needed)} (each with or without log10_)"
-        require(sorted(map(natural_name, names)) == needed, f"{told}, got {', '.join(names)}", "problem.prior")
+        message = f"material {material!r} needs a prior for {', '.join(needed)} (each with or without log10_)"
+        require(sorted(map(natural_name, names)) == needed, f"{message}, got {', '.join(names)}", "problem.prior")
         radius = self.reference_max_radius
         require(0 < radius < np.inf, f"reference_max_radius must be positive, got {radius} m", "problem.max_radius")
         RADIUS.check("reference_max_radius", radius, "problem.max_radius")
         end, scale = (self.grid.frames - 1) * self.grid.frame_interval, self.medium.time_scale(radius)
-        told = (
+        message = (
             f"the grid ends {end:.3g} s after R_max, more than the {LONGEST:g} collapse times of {scale:.3g} s that are"
         )
-        require(end <= LONGEST * scale, f"{told} simulated; is a unit wrong?", "problem.grid")
-        told = f"the stretch R_max/R_0 must be 1 or more and not of log10_, got the prior {self.prior.to_dict()}"
-        require("stretch" in names and self.prior.bounds("stretch")[0] >= 1, told, "problem.prior")
+        require(end <= LONGEST * scale, f"{message} simulated; is a unit wrong?", "problem.grid")
+        message = f"the stretch R_max/R_0 must be 1 or more and not of log10_, got the prior {self.prior.to_dict()}"
+        require("stretch" in names and self.prior.bounds("stretch")[0] >= 1, message, "problem.prior")
         for ends in (self.prior.low, self.prior.high):
             self.material(ends)  # refuses what the law does
 
@@ -116,8 +116,8 @@ class TrainingProblem:
         except InputError:
             raise
         except (AttributeError, KeyError, TypeError, IndexError, ValueError, OverflowError) as error:
-            told = f"not a problem written by this version of cavirheo: {error}"
-            raise InputError(told, "problem.unreadable") from error
+            message = f"not a problem written by this version of cavirheo: {error}"
+            raise InputError(message, "problem.unreadable") from error
 
     @cached_property
     def id(self) -> str:
@@ -156,15 +156,15 @@ class TrainingProblem:
         return {name: value * ratio.get(name, 1.0) for name, value in values.items()}
 
     def _time_ratio(self, max_radius: float, medium: Medium) -> float:
-        told = f"R_max must be finite and positive, got {max_radius} m"
-        require(0 < max_radius < np.inf, told, "problem.max_radius")
+        message = f"R_max must be finite and positive, got {max_radius} m"
+        require(0 < max_radius < np.inf, message, "problem.max_radius")
         return medium.time_scale(max_radius) / self.medium.time_scale(self.reference_max_radius)
 
 
 def natural_values(names: Sequence[str], theta: ArrayLike) -> dict[str, float]:
     """Values in SI by parameter name from theta (names,) in the prior's scale. Raises InputError: another shape."""
     theta = np.asarray(theta, dtype=float)
-    told = f"theta must hold {', '.join(names)}, got shape {theta.shape}"
-    require(theta.shape == (len(names),), told, "problem.theta")
+    message = f"theta must hold {', '.join(names)}, got shape {theta.shape}"
+    require(theta.shape == (len(names),), message, "problem.theta")
     with np.errstate(over="ignore"):
         return {natural_name(name): float(natural(name, value)) for name, value in zip(names, theta, strict=True)}

@@ -268,8 +268,8 @@ class Session:
             if value not in (None, getattr(PageSettings, name)):
                 words += [f"--{name.replace('_', '-')}", *([] if value is True else [str(value)])]
         films = [film for film in self.films.values() if film.path in self.files]
-        said = [film.command if len(self.files) == 1 else f" ({film.path.name}:{film.command})" for film in films]
-        return shlex.join(words) + "".join(said)
+        messages = [film.command if len(self.files) == 1 else f" ({film.path.name}:{film.command})" for film in films]
+        return shlex.join(words) + "".join(messages)
 
     def prepare(self, settings: PageSettings) -> None:
         """Read the files again if these settings change what they mean. Raises InputError."""

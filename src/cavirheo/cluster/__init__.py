@@ -42,9 +42,11 @@ def connected(scheduler: str | None, say: Callable[[str], None]) -> Iterator[Wor
 @contextmanager
 def client_of(scheduler: str, say: Callable[[str], None]) -> Iterator[tuple[Client, float]]:
     """A client of the scheduler, and s in which a first worker must come. Raises InputError."""
-    told = f"--scheduler must be tcp://HOST:PORT (or tls://) of a dask scheduler, or slurm:FILE.toml, got {scheduler!r}"
+    message = (
+        f"--scheduler must be tcp://HOST:PORT (or tls://) of a dask scheduler, or slurm:FILE.toml, got {scheduler!r}"
+    )
     slurm = scheduler.startswith("slurm:")
-    require(slurm or bool(_ADDRESS.fullmatch(scheduler)), told, "cluster.scheduler")
+    require(slurm or bool(_ADDRESS.fullmatch(scheduler)), message, "cluster.scheduler")
     try:
         from distributed import Client
 
@@ -65,7 +67,9 @@ def client_of(scheduler: str, say: Callable[[str], None]) -> Iterator[tuple[Clie
     try:
         client = Client(scheduler, timeout=WAIT)
     except (OSError, TimeoutError, ValueError, TypeError) as error:
-        told = f"no dask scheduler answers at {scheduler} ({str(error).splitlines()[0] if str(error) else 'time out'})"
-        raise InputError(f"{told}; start one with `dask scheduler`", "cluster.unreachable") from None
+        message = (
+            f"no dask scheduler answers at {scheduler} ({str(error).splitlines()[0] if str(error) else 'time out'})"
+        )
+        raise InputError(f"{message}; start one with `dask scheduler`", "cluster.unreachable") from None
     with client:
         yield client, WAIT

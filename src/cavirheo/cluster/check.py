@@ -126,8 +126,8 @@ def reports(client: Client) -> list[WorkerReport]:
 def _other(theirs: Identity, mine: Identity) -> str:
     if theirs.version != mine.version:
         return f"it has cavirheo {theirs.version}, and this is {mine.version}"
-    told = f"its cavirheo {theirs.version} has other code ({theirs.code[:8]}, here {mine.code[:8]})"
-    return told if theirs.code != mine.code else ""
+    message = f"its cavirheo {theirs.version} has other code ({theirs.code[:8]}, here {mine.code[:8]})"
+    return message if theirs.code != mine.code else ""
 
 
 def _judged(one: WorkerReport, mine: Identity, usual: str) -> WorkerReport:
@@ -143,8 +143,10 @@ def arrived(client: Client, wait: float) -> None:
     """Wait for a first worker. Raises InputError: none came in so many s."""
     end = time.monotonic() + wait
     while not client.nthreads():
-        told = f"no worker came to {client.scheduler_info()['address']} within {wait:.0f} s: start some, and try again"
-        require(time.monotonic() < end, told, "cluster.no_worker")
+        message = (
+            f"no worker came to {client.scheduler_info()['address']} within {wait:.0f} s: start some, and try again"
+        )
+        require(time.monotonic() < end, message, "cluster.no_worker")
         time.sleep(LOOK)
 
 

@@ -82,8 +82,8 @@ def _batch(wanted: Identity, work: Callable[[Job], Done], jobs: Sequence[Job]) -
     if mine != wanted:
         from distributed import get_worker
 
-        told = f"the worker {get_worker().address} has cavirheo {mine.version} with other code or other last bits"
-        raise InputError(f"{told}: stop it, and the same command goes on", "cluster.refused")
+        message = f"the worker {get_worker().address} has cavirheo {mine.version} with other code or other last bits"
+        raise InputError(f"{message}: stop it, and the same command goes on", "cluster.refused")
     began = time.perf_counter()
     found = [work(job) for job in jobs]
     return time.perf_counter() - began, found
@@ -95,8 +95,8 @@ def _told(status: str, found: object) -> BaseException:
     if isinstance(error, InputError | SolverError):
         return error
     if type(error).__name__ == "KilledWorker":
-        told = f"one unit of work ended several workers, so it is given up: is their memory too small? {error}"
-        return InputError(told, "cluster.killed")
+        message = f"one unit of work ended several workers, so it is given up: is their memory too small? {error}"
+        return InputError(message, "cluster.killed")
     if status in ("cancelled", "lost"):
         return InputError("the scheduler is gone or was restarted: the same command goes on", "cluster.lost")
     return error if isinstance(error, BaseException) else InputError(f"a unit of work was {status}", "cluster.lost")

@@ -170,20 +170,20 @@ def design(
     Source: the information of a simulation about its parameters, docs/method/design.md; how well: benchmarks/design.md.
     """
     family, liquid, bubbles = Family(material), named(medium), bubbles_of(bubble)
-    told = f"design is about one bubble, got {', '.join(one.name for one in bubbles)}"
-    require(len(bubbles) == 1, told, "option.bubble")
+    message = f"design is about one bubble, got {', '.join(one.name for one in bubbles)}"
+    require(len(bubbles) == 1, message, "option.bubble")
     Options(bubble=bubbles[0])
     require(0 < wanted < 1, f"wanted must be between 0 and 1, got {wanted:g}", "design.wanted")
     require(spread is None or 0 <= spread < 2, f"a spread is 0 to 2 decades, got {spread}", "design.spread")
     require(draws >= 2 and sizes >= 1, "two draws and one R_max are the least", "design.draws")
     require(0 <= check <= draws, f"check is 0 to {draws}, the draws; got {check}", "design.check")
-    told = f"R_max must be (low, high) in m with 0 < low <= high, got {tuple(max_radius)}"
-    require(len(max_radius) == 2 and 0 < max_radius[0] <= max_radius[1] < np.inf, told, "design.max_radius")
-    told = f"frame rates must be positive, got {tuple(frame_rate)}"
-    require(len(frame_rate) > 0 and all(rate > 0 for rate in frame_rate), told, "design.frame_rate")
+    message = f"R_max must be (low, high) in m with 0 < low <= high, got {tuple(max_radius)}"
+    require(len(max_radius) == 2 and 0 < max_radius[0] <= max_radius[1] < np.inf, message, "design.max_radius")
+    message = f"frame rates must be positive, got {tuple(frame_rate)}"
+    require(len(frame_rate) > 0 and all(rate > 0 for rate in frame_rate), message, "design.frame_rate")
     noises = np.atleast_1d(np.asarray(noise, dtype=float))
-    told = f"noise is one number, or one for each of the {len(frame_rate)} frame rates; got {noises.size}"
-    require(noises.size in (1, len(frame_rate)), told, "design.noise")
+    message = f"noise is one number, or one for each of the {len(frame_rate)} frame rates; got {noises.size}"
+    require(noises.size in (1, len(frame_rate)), message, "design.noise")
     about = _known(known, group, family, dict(ranges or {}), spread)
     law, stretches = _drawn(about, draws, seed)
     smallest, largest = max_radius
@@ -308,8 +308,8 @@ def _known(
     has = ", ".join((*family.parameters, "stretch"))
     require(not unknown, f"{family.name} has no {unknown}; known: {has}", "design.range")
     for name, pair in ranges.items():
-        told = f"the range of {name} must be [low, high] with 0 < low < high, got {list(pair)}"
-        require(len(pair) == 2 and 0 < pair[0] < pair[1] < np.inf, told, "design.range")
+        message = f"the range of {name} must be [low, high] with 0 < low < high, got {list(pair)}"
+        require(len(pair) == 2 and 0 < pair[0] < pair[1] < np.inf, message, "design.range")
         ends = STRETCH_RANGE if name == "stretch" else (0.0, np.inf)
         require(ends[0] < pair[0] and pair[1] < ends[1], f"a stretch is {ends[0]:g} to {ends[1]:g}", "design.range")
     low, high = np.log10(ranges.get("stretch", STRETCHES)).tolist()
@@ -338,11 +338,11 @@ def _answers(result: Result, group: str | None, family: Family) -> tuple[GroupRe
         rows = [row for row in rows if np.all(np.isfinite(row.logs(family.parameters)))]
         found += [(one, rows)] if rows and group in (None, one.name, rows[0].group) else []
     names = ", ".join(one.name for one, _ in found)
-    told = f"no trusted answer of {family.name} with an interval among the {len(result.curves)} of the result"
-    told += f" in the group {group!r} (groups: {', '.join(one.name for one in result.groups)})" if group else ""
-    require(bool(found), told + ": give ranges instead", "design.no_answer")
-    told = f"the result has several materials ({names}): name the group of one with --group NAME"
-    require(len(found) < 2, told, "design.groups")
+    message = f"no trusted answer of {family.name} with an interval among the {len(result.curves)} of the result"
+    message += f" in the group {group!r} (groups: {', '.join(one.name for one in result.groups)})" if group else ""
+    require(bool(found), message + ": give ranges instead", "design.no_answer")
+    message = f"the result has several materials ({names}): name the group of one with --group NAME"
+    require(len(found) < 2, message, "design.groups")
     return found[0]
 
 

@@ -103,8 +103,8 @@ def network_design(
     Raises:
         InputError: the network does not know the law, or too few recordings were asked for or could be read.
     """
-    told = f"the network {model.name} was not trained on {material} with the field's bubble"
-    require(model.knows(material, FIELD), told, "design.law")
+    message = f"the network {model.name} was not trained on {material} with the field's bubble"
+    require(model.knows(material, FIELD), message, "design.law")
     require(recordings >= FEWEST, f"at least {FEWEST} recordings, got {recordings}", "design.draws")
     family = Family(material)
     low, high = (1e-6 * end for end in model.card.trained["max_radius_um"])
@@ -133,8 +133,8 @@ def network_design(
 
     found = each(one, range(recordings), workers, (lambda *_: done()) if done else None)
     read = np.array([k for k, pair in enumerate(found) if pair is not None], dtype=int)
-    told = f"{len(read)} of {recordings} recordings could be read: too few"
-    require(len(read) >= FEWEST // 2, told, "design.unreadable")
+    message = f"{len(read)} of {recordings} recordings could be read: too few"
+    require(len(read) >= FEWEST // 2, message, "design.unreadable")
     values = np.array([pair for pair in found if pair is not None])
     rows = [row for i, name in enumerate(searched) for row in _thirds(name, ends[i], points[read, i], values)]
     return NetworkDesign(

@@ -54,20 +54,20 @@ def check_models(
         Options(bubble=one, stretch=stretch)
     if about["kind"] == "point":
         known = bubbles == (FIELD,) or verify not in ("auto", "none")
-        told = f"the model {model} knows the field's bubble alone: leave out bubble or the model, or give verify map"
-        require(known, told, "option.bubble")
-        told = f"the model {model} answers {about['material']}: leave out material {material!r}, or the model"
-        require(material in (None, about["material"]), told, "option.material")
+        message = f"the model {model} knows the field's bubble alone: leave out bubble or the model, or give verify map"
+        require(known, message, "option.bubble")
+        message = f"the model {model} answers {about['material']}: leave out material {material!r}, or the model"
+        require(material in (None, about["material"]), message, "option.material")
         return
-    told = "auto compares models by their evidence, which a verification finds: leave out --verify none"
-    require(verify != "none" or (material != "auto" and len(bubbles) == 1), told, "option.auto")
+    message = "auto compares models by their evidence, which a verification finds: leave out --verify none"
+    require(verify != "none" or (material != "auto" and len(bubbles) == 1), message, "option.auto")
     if material is not None:
         softened(_laws(material), bubbles[0].damage)
     if verify == "none":
         from cavirheo.inference.flow import kind_of
 
-        told = f"the network by itself knows {KNOWN_BUBBLES}: leave out verify none"
-        require(all(map(kind_of, bubbles)), told, "option.bubble")
+        message = f"the network by itself knows {KNOWN_BUBBLES}: leave out verify none"
+        require(all(map(kind_of, bubbles)), message, "option.bubble")
 
 
 def _laws(material: str | None) -> Sequence[str]:

@@ -1,4 +1,4 @@
-"""What other models, and other valleys of the same model, mean for an answer: a sentence each, for its message."""
+"""What other models, and other modes of the same model, mean for an answer: a sentence each, for its message."""
 
 from __future__ import annotations
 
@@ -75,25 +75,25 @@ def judged(answer: Posterior, said: Iterable[str] = ()) -> Checks:
 def compared(answer: Posterior) -> list[str]:
     """A sentence on another model if the evidence prefers it, whatever the errors, or if another bubble that the
     evidence does not reject gives a G or a viscosity whose 90 % interval does not meet the answer's; and one on each
-    other valley of the same model whose evidence is not smaller by more than DECISIVE and whose interval of a parameter
+    other mode of the same model whose evidence is not smaller by more than DECISIVE and whose interval of a parameter
     of the law does not meet the answer's.
 
-    Of several such models the one with the largest evidence is named, by its best valley.
+    Of several such models the one with the largest evidence is named, by its best mode.
     """
     here = itself(answer)
-    valleys = [one for one in answer.others if model_of(one) == model_of(here)]
+    modes = [one for one in answer.others if model_of(one) == model_of(here)]
     rivals = [one for one in _others(answer) if _surely_above(one, here) or _other_bubble_disagrees(one, here)]
     said = [_sides(here, max(rivals, key=_log))] if rivals else []
     return said + [
         f"two solutions of the same model follow the recording: {_values(here, stretch=True)}, or "
         f"{_values(one, stretch=True)}{_preferred(one, here, 'the second', 'the first')}"
-        for one in valleys
+        for one in modes
         if _above(one, here) >= -DECISIVE and _apart(_ends(one), _ends(here))
     ]
 
 
 def _others(answer: Posterior) -> list[OtherAnswer]:
-    """Of each other model the valley with the largest evidence."""
+    """Of each other model the mode with the largest evidence."""
     best = {model_of(one): one for one in sorted(answer.others, key=_log)}
     best.pop(model_of(answer), None)
     return list(best.values())
@@ -115,8 +115,8 @@ def chosen_among(answer: Posterior, candidates: Iterable[Posterior]) -> list[str
         gain = _above(one, here)
         words = "equally likely" if equal(gain) else f"e^{abs(gain):.0f} times {'more' if gain > 0 else 'less'} likely"
         parts["rejected" if gain < -DECISIVE else "also possible"].append(f"{_named(one, **tells)} ({words})")
-    said = [f"{words}: {', '.join(some)}" for words, some in parts.items() if some]
-    return [f"chosen by evidence: {_named(here, **tells)}, {', '.join(said)}"]
+    messages = [f"{words}: {', '.join(some)}" for words, some in parts.items() if some]
+    return [f"chosen by evidence: {_named(here, **tells)}, {', '.join(messages)}"]
 
 
 def itself(answer: Posterior) -> OtherAnswer:

@@ -50,8 +50,8 @@ class Amortised:
     def __post_init__(self) -> None:
         """Raises InputError: a model that does not answer its law, or a setting out of its domain."""
         needed, given = set(self.model.problem.prior.names) - {"stretch"}, ", ".join(self.model.outputs)
-        told = f"the model {self.model.name} answers only {given}; its law needs {', '.join(sorted(needed))}"
-        require(needed == {*self.model.outputs}, told, "model.outputs")
+        message = f"the model {self.model.name} answers only {given}; its law needs {', '.join(sorted(needed))}"
+        require(needed == {*self.model.outputs}, message, "model.outputs")
         check_stretch(self.stretch)
         if self.collapses is not None:
             expect_whole(self.collapses, "collapses in the window", 1, "option.window")

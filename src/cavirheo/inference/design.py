@@ -28,13 +28,14 @@ from threadpoolctl import threadpool_limits
 from cavirheo.arrays import Floats
 from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError, SolverError, expect_whole, require
-from cavirheo.inference.experiment import LARGEST, QUICK, SIGMAS, ZETA, Experiment
+from cavirheo.inference.experiment import LARGEST, SIGMAS, ZETA, Experiment
 from cavirheo.inference.law import Family
 from cavirheo.inference.noise import SHAPE, MarginalNoise
 from cavirheo.inference.options import FREE, SCALE_BOUND, Options, fixed_bubble
 from cavirheo.inference.verify.mode import Target, climb
 from cavirheo.parallel import each
 from cavirheo.parameters import INTERVAL, PARAMETERS, RADIUS
+from cavirheo.physics.accuracy import ROUGH
 from cavirheo.physics.bubble import FREE as INFERRED
 from cavirheo.physics.bubble import FROM_NOTHING, REAL, Bubble
 from cavirheo.physics.media import WATER, Medium
@@ -69,9 +70,9 @@ class Setting:
         require(self.frame_rate > 0, f"a frame rate must be positive, got {self.frame_rate}", "design.frame_rate")
         INTERVAL.check("the time between two frames", 1.0 / self.frame_rate, "design.frame_rate")
         expect_whole(self.frames, "frames", 10, "design.frames")
-        told = f"the noise must be positive, got {self.noise:g} m and {self.relative_noise:g} of R_max"
+        message = f"the noise must be positive, got {self.noise:g} m and {self.relative_noise:g} of R_max"
         fine = self.noise >= 0 and 0 <= self.relative_noise < 0.5 and self.sigma > 0
-        require(fine, told, "design.noise")
+        require(fine, message, "design.noise")
         longest = f"an exposure of {self.exposure:g} s does not fit between frames of {1.0 / self.frame_rate:g} s"
         require(0 <= self.exposure <= 1.0 / self.frame_rate * (1 + 1e-6), longest, "design.exposure")
 
@@ -139,7 +140,7 @@ def expected(
     options = Options(free=tuple(FREE), bubble=bubble)
     shot = Experiment(curve, family, medium, options, exposure=float(curve.exposure or 0.0))
     target = Target(shot, shot.prior(), shot.noise(discrepancy))
-    mode = climb(target, target.start(shot.from_best(truth)), QUICK, most=TURNS)
+    mode = climb(target, target.start(shot.from_best(truth)), ROUGH, most=TURNS)
     if mode is None:
         raise SolverError(f"{curve.name}: the simulation failed")
     size, (u, covariance) = shot.law, linearised(target.noise, mode.u, mode.residual, mode.jacobian)

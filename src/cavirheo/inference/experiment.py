@@ -37,7 +37,7 @@ from cavirheo.inference.noise import Noise, correlation_time
 from cavirheo.inference.options import FREE, Options, fixed_bubble
 from cavirheo.inference.reconstruct import MISFIT, Window, reconstruct, window
 from cavirheo.parameters import LOG10, PARAMETERS, STRETCH_RANGE, bound_of
-from cavirheo.physics.accuracy import DEFAULT, ROUGH, Accuracy
+from cavirheo.physics.accuracy import DEFAULT, Accuracy
 from cavirheo.physics.bubble import ACCOMMODATION, FROM_NOTHING, Bubble, Damage
 from cavirheo.physics.media import WATER, Medium
 from cavirheo.physics.simulate import simulate
@@ -47,8 +47,6 @@ from cavirheo.prior import Prior
 from cavirheo.writing import digits
 from cavirheo.writing.document import Quantity
 
-QUICK = ROUGH  # for the search: forward differences are right to 1 %
-FINE = DEFAULT  # central differences are right to 0.1 %
 FORWARD = 1e-3  # step of forward differences of x, decades or the like
 FLOOR = 0.007  # of R_max: two circle fits of one video differ by 1.0 % rms, so each has 0.7 %
 TIMING = 1.0 / np.sqrt(12.0)  # frames: standard deviation of an instant within one
@@ -116,10 +114,10 @@ class Experiment:
         self.time_scale: float = medium.time_scale(self.max_radius)
         self.frame: float = float(np.median(np.diff(curve.time)))
         self.exposure = exposure
-        told = f"{curve.name}: an exposure of {exposure * 1e6:.4g} us is "
-        require(0.0 <= exposure < np.inf, told + "no time", "experiment.exposure")
+        message = f"{curve.name}: an exposure of {exposure * 1e6:.4g} us is "
+        require(0.0 <= exposure < np.inf, message + "no time", "experiment.exposure")
         longest = f"longer than the time between two frames ({self.frame * 1e6:.4g} us)"
-        require(exposure <= self.frame * (1.0 + 1e-6), told + longest, "experiment.exposure")
+        require(exposure <= self.frame * (1.0 + 1e-6), message + longest, "experiment.exposure")
         self.runs: int = 0
         self.failures: int = 0
         self._counting = Lock()
@@ -146,9 +144,9 @@ class Experiment:
             if getattr(bubble, name) == "free":
                 self.free[name] = (0.5 * LARGEST * width, 0.5 * LARGEST * width, unit)
         self.bubble: dict[str, float] = fixed_bubble(bubble, self.max_radius)
-        told = f"damage needs a law with an elastic part, {family.name} has none: leave out damage"
+        message = f"damage needs a law with an elastic part, {family.name} has none: leave out damage"
         solid = bubble.damage == "none" or family.elastic
-        require(solid, told, "physics.damage_without_elasticity")
+        require(solid, message, "physics.damage_without_elasticity")
         free_logs = {
             "stretch": not self.stretch,
             "accommodation": bubble.contents == "kinetic" and bubble.accommodation == "free",
@@ -299,8 +297,8 @@ class Experiment:
         for i, name in enumerate(self.names):
             if name in given and name not in self.free:
                 pair = given.pop(name)
-                told = f"the prior range of {name} must be [low, high] with 0 < low < high, got {list(pair)}"
-                require(len(pair) == 2 and 0 < pair[0] < pair[1] < np.inf, told, "prior.range")
+                message = f"the prior range of {name} must be [low, high] with 0 < low < high, got {list(pair)}"
+                require(len(pair) == 2 and 0 < pair[0] < pair[1] < np.inf, message, "prior.range")
                 bounds[i] = np.log10(pair)
             if name == "stretch" and self.plateau:
                 mean[i], std[i] = self.plateau
@@ -308,8 +306,8 @@ class Experiment:
                 std[i] = 1.0 / SIGMAS
             if name in FROM_NOTHING:
                 mean[i], std[i] = -1.0, 2.0 / LARGEST
-        told = f"no prior range can be set for {', '.join(given)}; known: {', '.join(self.names)}"
-        require(not given, told, "prior.name")
+        message = f"no prior range can be set for {', '.join(given)}; known: {', '.join(self.names)}"
+        require(not given, message, "prior.name")
         return Prior(self.names, bounds[:, 0], bounds[:, 1], mean, std)
 
     def of_law(self, prior: Prior) -> dict[str, tuple[float, ...]]:
@@ -317,7 +315,7 @@ class Experiment:
         rows = prior.to_dict()
         return {LOG10 + name: tuple(rows[name]) for name in self.family.parameters}
 
-    def predict(self, x: Floats, accuracy: Accuracy = FINE, *, counted: bool = False) -> Prediction | None:
+    def predict(self, x: Floats, accuracy: Accuracy = DEFAULT, *, counted: bool = False) -> Prediction | None:
         """What the camera would have measured at x (d,), in the frames that count or in all; None if that failed.
 
         The bubble starts from rest at t_max + t_0; instants before are mirrored (R is even to third order there).
@@ -372,7 +370,7 @@ class Experiment:
         return CameraNuisances(time, measured, np.array(widths), self.exposure * nodes, shares, step)
 
     def extended(
-        self, x: Floats, camera: CameraNuisances, noise: Noise, accuracy: Accuracy = FINE
+        self, x: Floats, camera: CameraNuisances, noise: Noise, accuracy: Accuracy = DEFAULT
     ) -> tuple[Floats, Floats]:  # fmt: skip
         """(size,) extended residual (camera.py) of x (d,), whose clock, scale and factor do not count, and the
         curvature (m, m) about the most likely ones; NaN where the simulation failed."""
@@ -382,7 +380,7 @@ class Experiment:
         return camera.extended(curve, noise)
 
     def sampled(
-        self, x: Floats, camera: CameraNuisances, noise: Noise, accuracy: Accuracy = FINE
+        self, x: Floats, camera: CameraNuisances, noise: Noise, accuracy: Accuracy = DEFAULT
     ) -> SimulatedCurve | None:
         """The bubble of x (d,) on the camera's grid, as `extended` has it; None where the simulation failed."""
         natural, by_size = self.natural(x), np.zeros(len(camera.grid))
@@ -420,7 +418,7 @@ class Experiment:
         found = [slopes[name] * self.free[name][1] for name in self.names if name in slopes]
         return np.array(found).reshape(len(found), len(self.since)).T
 
-    def difference(self, x: Floats, accuracy: Accuracy = FINE) -> Floats:
+    def difference(self, x: Floats, accuracy: Accuracy = DEFAULT) -> Floats:
         """(n,) measured minus simulated, over R_max, of the frames that count; NaN where the simulation failed."""
         seen = self.predict(x, accuracy, counted=True)
         measured = self.measured[self.counted]
@@ -439,8 +437,8 @@ class Experiment:
         InputError: fewer than three frames count.
         """
         count = int(np.sum(self.counted))
-        told = f"{self.curve.name}: {count} frames are too few for a posterior"
-        require(count >= 3, told, "experiment.too_few_frames")
+        message = f"{self.curve.name}: {count} frames are too few for a posterior"
+        require(count >= 3, message, "experiment.too_few_frames")
         velocity, turn = np.gradient(self.measured, self.since), np.zeros(len(self.measured))
         turn[1:-1] = np.diff(self.measured, 2) / 8.0
         deviation = np.hypot(self._radius_sigma, turn) if discrepancy else self._sharpest
@@ -490,11 +488,11 @@ class Experiment:
     def left_out(self) -> list[str]:
         """What is said where frames do not count."""
         spikes = int(np.count_nonzero(~self.counted & ~self._drifting(self.since + self.curve.time_of_max)))
-        said = [f"spikes are left out: {digits.counted(spikes, 'frame')} above both neighbours by 20 % of R_max"]
+        messages = [f"spikes are left out: {digits.counted(spikes, 'frame')} above both neighbours by 20 % of R_max"]
         others = self.curve.time[self._drifting(self.curve.time)]
         first = 1e6 * (others[0] - self.curve.time_of_max) if len(others) else 0.0
         counted = digits.counted(len(others), "frame")
-        return [*self._unused_stretch, *said * bool(spikes)] + [
+        return [*self._unused_stretch, *messages * bool(spikes)] + [
             f"the end is left out, where the radius rises again as by another bubble: {counted} from {first:.4g} us "
             "after R_max on"
         ] * bool(len(others))

@@ -63,7 +63,7 @@ def fit_many(
         weights: "learnt" (the residuals tell how much less frames count where the wall moves fast) or "equal".
         bubble: "real" (vapour condenses at a finite rate, and the surroundings damp the motion), "field" (equilibrium
             contents, unbounded liquid), "auto" (both, and the evidence chooses as for materials), or a `Bubble`.
-        others: look at the other of these two bubbles, too; what it and other valleys answer is in `Posterior.others`.
+        others: look at the other of these two bubbles, too; what it and other modes answer is in `Posterior.others`.
         trust_input: doubts about the recording or its settings are said, but decide no verdict.
         seed: of the draws.
         workers: threads; default: all cores. The answers do not depend on it.

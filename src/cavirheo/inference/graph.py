@@ -91,8 +91,8 @@ class _Graph:
             unknown = ", ".join(sorted({*inputs} - known))[:60]
             require(not unknown, f"the operator {kind} reads {unknown!r}, which nothing has given", "graph.order")
             sized = of_curve & {inputs[place] for place in _SIZES.get(kind, ()) if place < len(inputs)}
-            told = f"the operator {kind} takes a shape from the values of the curve: its memory cannot be foreseen"
-            require(not sized, told, "graph.shape")
+            message = f"the operator {kind} takes a shape from the values of the curve: its memory cannot be foreseen"
+            require(not sized, message, "graph.shape")
             known.update(results)
             if kind not in ("Shape", "Size") and of_curve & {*inputs}:
                 of_curve.update({*results} - {""})
@@ -100,8 +100,8 @@ class _Graph:
     def checked(self, tensor: Value) -> str:
         """The name of a tensor. Raises InputError: its numbers are in another file."""
         found = self.fields(tensor)
-        told = f"the numbers of {_text(found[8])[:60]!r} are in another file: only a model of one file is run"
-        require(not found[13] and not any(found[14]), told, "graph.elsewhere")
+        message = f"the numbers of {_text(found[8])[:60]!r} are in another file: only a model of one file is run"
+        require(not found[13] and not any(found[14]), message, "graph.elsewhere")
         return _text(found[8])
 
 

@@ -31,10 +31,10 @@ FACTOR = 1.5  # by which a parameter must move to be doubtful
 
 def plain(curve: RadiusCurve, medium: Medium) -> list[str]:
     """What the curve shows by itself, a sentence each."""
-    said = [*curve.doubts, *_of_frames(curve)]
+    messages = [*curve.doubts, *_of_frames(curve)]
     with suppress(InputError):  # no R_max: the curve is not answered
-        said += [*_of_maximum(curve), *of_scale(curve, medium)]
-    return said
+        messages += [*_of_maximum(curve), *of_scale(curve, medium)]
+    return messages
 
 
 def _of_frames(curve: RadiusCurve) -> list[str]:
@@ -60,8 +60,8 @@ def _of_frames(curve: RadiusCurve) -> list[str]:
 def _of_maximum(curve: RadiusCurve) -> list[str]:
     """A sentence if R_max lies further before the first frame than the clock of an answer is free."""
     missed = curve.frames_missed
-    told = f"check the recording: its first radii fall as they do {missed:.2g} frames after R_max"
-    return [f"{told}: begin it at R_max or before, or add --trust-input"] if missed else []
+    message = f"check the recording: its first radii fall as they do {missed:.2g} frames after R_max"
+    return [f"{message}: begin it at R_max or before, or add --trust-input"] if missed else []
 
 
 def of_scale(curve: RadiusCurve, medium: Medium) -> list[str]:
@@ -106,8 +106,8 @@ def without_spikes(curve: RadiusCurve) -> tuple[str, RadiusCurve] | None:
         return None
     radius = curve.radius.copy()
     radius[wrong] = np.nan
-    told = f"{len(wrong)} frames stand out by more than 20 % of R_max, and without them"
-    return told, replace(curve, radius=radius)
+    message = f"{len(wrong)} frames stand out by more than 20 % of R_max, and without them"
+    return message, replace(curve, radius=radius)
 
 
 def moved(difference: str, factors: Mapping[str, float]) -> list[str]:

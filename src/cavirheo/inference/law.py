@@ -34,8 +34,8 @@ def softened(laws: Sequence[str], damage: str | Damage) -> list[str]:
     if damage == "none":
         return list(laws)
     found = [law for law in laws if Family(law).elastic]
-    told = f"damage needs a law with an elastic part, {', '.join(laws)} has none: leave out damage, or add a spring"
-    require(bool(found), told, "physics.damage_without_elasticity")
+    message = f"damage needs a law with an elastic part, {', '.join(laws)} has none: leave out damage, or add a spring"
+    require(bool(found), message, "physics.damage_without_elasticity")
     return found
 
 
@@ -61,8 +61,8 @@ class Family:
         for number, law in enumerate((part.strip() for part in self.name.split("+")), 1):
             hint = " without parameters (all of them are fitted)" if "(" in law else ""
             hint = f" (its {', '.join(_unfittable(law))} cannot be given a range)" if law in LAWS else hint
-            told = f"cannot fit the material {law!r}{hint}; known, also as sums: {', '.join(ABLE)}"
-            require(law in ABLE, told, "law.not_fittable")
+            message = f"cannot fit the material {law!r}{hint}; known, also as sums: {', '.join(ABLE)}"
+            require(law in ABLE, message, "law.not_fittable")
             own = [name for f in _parameters(law) if PARAMETERS[name := inferred_as(f.name)].searched]
             names += [f"{name}_{number}" if name in names else name for name in own]
             terms.append((law, own))

@@ -41,14 +41,14 @@ class Network:
     def __init__(self, path: Path) -> None:
         self.name: str = path.stem
         self.card: dict[str, Any] = card(path)
-        told = f"{path.stem} gives draws: the paper's networks, which give one value, are needed here"
-        require(self.card["kind"] == "point", told, "model.kind")
+        message = f"{path.stem} gives draws: the paper's networks, which give one value, are needed here"
+        require(self.card["kind"] == "point", message, "model.kind")
         self.problem: TrainingProblem = TrainingProblem.from_dict(self.card["problem"])
         self.outputs: tuple[str, ...] = tuple(str(output["name"]) for output in self.card["outputs"])
         content = read_bytes(path, LARGEST)
         self.sha256: str = hashlib.sha256(content).hexdigest()
-        told = f"{path} is not the file that its card describes (sha256 {self.sha256[:12]}...)"
-        require(self.sha256 == self.card["onnx"]["sha256"], told, "model.changed")
+        message = f"{path} is not the file that its card describes (sha256 {self.sha256[:12]}...)"
+        require(self.sha256 == self.card["onnx"]["sha256"], message, "model.changed")
         if path not in shipped().values():
             try:
                 check_graph(content)
@@ -82,15 +82,15 @@ def card(path: Path) -> dict[str, Any]:
         there = path.is_file() and beside.is_file()
     except OSError:  # a name that is too long
         there = False
-    told = f"a model is an .onnx file with its card beside it; expected {path} and {beside}"
-    require(there, told, "model.missing")
+    message = f"a model is an .onnx file with its card beside it; expected {path} and {beside}"
+    require(there, message, "model.missing")
     content = read_object(beside, LARGEST_CARD)
     kind = PosteriorCard if content.get("kind") == "posterior" else ModelCard
     try:
         kind.model_validate(content)
     except ValidationError as error:
-        told = f"{beside} is not a card of `cavirheo train`: {explained(error, kind)}; export it anew"
-        raise InputError(told, "model.card") from error
+        message = f"{beside} is not a card of `cavirheo train`: {explained(error, kind)}; export it anew"
+        raise InputError(message, "model.card") from error
     return content
 
 
@@ -106,8 +106,8 @@ def path_of(name: str) -> Path:
     if name.endswith(".onnx"):
         return Path(name)
     known = shipped()
-    told = f"unknown model {name!r}; known: {', '.join(known) or 'none'}, or a path to an .onnx file"
-    require(name in known, told, "model.unknown")
+    message = f"unknown model {name!r}; known: {', '.join(known) or 'none'}, or a path to an .onnx file"
+    require(name in known, message, "model.unknown")
     return known[name]
 
 

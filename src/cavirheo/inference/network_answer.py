@@ -1,7 +1,7 @@
 """A posterior network's answer for any recording that is within what it was trained on; else where to start a search.
 
 The draws of the network (flow.py) are an answer by themselves, in milliseconds, and its interval is as good as its
-training. Weighed by simulations (inference/verify, level "auto") they are the answer that `infer` gives.
+training. WeightedDraws by simulations (inference/verify, level "auto") they are the answer that `infer` gives.
 """
 
 from __future__ import annotations
@@ -17,12 +17,13 @@ from cavirheo.arrays import Floats
 from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError
 from cavirheo.inference import input_checks
-from cavirheo.inference.experiment import QUICK, Experiment
+from cavirheo.inference.experiment import Experiment
 from cavirheo.inference.flow import NetworkProposal
 from cavirheo.inference.law import Family
 from cavirheo.inference.options import FREE, Options
 from cavirheo.inference.posterior_model import PosteriorModel
 from cavirheo.parameters import LOG10, natural_name, units
+from cavirheo.physics.accuracy import ROUGH
 from cavirheo.physics.bubble import REAL, Bubble
 from cavirheo.physics.media import WATER, Medium
 from cavirheo.posterior import Checks, Diagnostics, Posterior
@@ -68,8 +69,8 @@ class Networked:
         try:
             shot = self._experiment(curve)
             found = self._answer(shot)
-            said = [*self._doubts(curve, found), *input_checks.of_walls(shot)]
-            checks = input_checks.doubted(found.checks, said, self.trust_input)
+            messages = [*self._doubts(curve, found), *input_checks.of_walls(shot)]
+            checks = input_checks.doubted(found.checks, messages, self.trust_input)
             found = replace(found, checks=checks)
         except Exception as error:  # of this curve alone
             checks = input_checks.failed(error, curve, self.medium)
@@ -108,7 +109,7 @@ class Networked:
         likeliest = np.argsort(-log_q)[:TRIED]
         best, checks = x[likeliest[0]], Checks("unverified", t_star_end=t_star)
         if self.checked:
-            missed = [float(np.mean(shot.difference(x[i], QUICK) ** 2)) for i in likeliest]
+            missed = [float(np.mean(shot.difference(x[i], ROUGH) ** 2)) for i in likeliest]
             best = x[likeliest[int(np.argmin(np.nan_to_num(missed, nan=np.inf)))]]
             unbounded = shot.unbounded(x, proposal.prior.low, proposal.prior.high)
             messages = [UNVERIFIED, *(digits.unbounded(name, value) for name, value in unbounded.items())]

@@ -32,13 +32,13 @@ class PosteriorModel:
     def __init__(self, path: Path) -> None:
         self.name: str = path.stem
         about = card(path)
-        told = f"{path} is a network of another kind ({about['kind']}): a posterior network is needed"
-        require(about["kind"] == "posterior", told, "model.kind")
+        message = f"{path} is a network of another kind ({about['kind']}): a posterior network is needed"
+        require(about["kind"] == "posterior", message, "model.kind")
         self.card: PosteriorCard = PosteriorCard.model_validate(about)
         content = read_bytes(path, LARGEST)
         self.sha256: str = hashlib.sha256(content).hexdigest()
-        told = f"{path} is not the file that its card describes (sha256 {self.sha256[:12]}...)"
-        require(self.sha256 == self.card.onnx.sha256, told, "model.changed")
+        message = f"{path} is not the file that its card describes (sha256 {self.sha256[:12]}...)"
+        require(self.sha256 == self.card.onnx.sha256, message, "model.changed")
         if path not in shipped().values():
             try:
                 check_graph(content, INPUTS)

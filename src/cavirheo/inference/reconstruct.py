@@ -139,6 +139,6 @@ def reconstruct(
 
 def check_stretch(stretch: float | str | None) -> None:
     """Raises InputError for a stretch that no bubble at its largest radius has."""
-    told = f"stretch = R_max/R_0 must lie between 1 and 100, got {stretch!r}"
+    message = f"stretch = R_max/R_0 must lie between 1 and 100, got {stretch!r}"
     fine = stretch is None or (isinstance(stretch, Real) and 1 < stretch < 100)
-    require(fine, told, "option.stretch")
+    require(fine, message, "option.stretch")

@@ -34,7 +34,7 @@ def seen(curve: RadiusCurve, model: str, material: str | None, medium: Medium, c
     return window(curve, collapses=collapses, end=end)
 
 
-class AnswerTrial:
+class WhatIf:
     """A curve, what was answered of it in a medium, and the window it was compared over; of an answer without a
     simulation that of these options, as in `seen`. Raises InputError as `Experiment`."""
 
@@ -88,17 +88,17 @@ class AnswerTrial:
 
 
 def tried(curve: RadiusCurve, posterior: Posterior, given: Mapping[str, float], *compared: Any) -> Checks:
-    """As `AnswerTrial.checks`; where that cannot be, the checks say why. compared: what follows the posterior there."""
+    """As `WhatIf.checks`; where that cannot be, the checks say why. compared: what follows the posterior there."""
     try:
-        return AnswerTrial(curve, posterior, *compared).checks(given)
+        return WhatIf(curve, posterior, *compared).checks(given)
     except (InputError, SolverError) as error:
         return Checks("failed", str(error))
 
 
 def band(curve: RadiusCurve, posterior: Posterior, *compared: Any) -> Band | None:
-    """As `AnswerTrial.band`; None also of an answer that cannot be simulated."""
+    """As `WhatIf.band`; None also of an answer that cannot be simulated."""
     with suppress(InputError, SolverError):
-        return AnswerTrial(curve, posterior, *compared).band()
+        return WhatIf(curve, posterior, *compared).band()
     return None
 
 

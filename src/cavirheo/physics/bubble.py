@@ -101,12 +101,12 @@ class Bubble:
         for name, known in (("motion", MOTIONS), ("contents", CONTENTS)):
             value = getattr(self, name)
             require(value in known, f"{name} must be one of {', '.join(known)}, got {value!r}", f"physics.{name}")
-        told = f"damage must be {', '.join(DAMAGES)} or a Damage, got {self.damage!r}"
-        require(isinstance(self.damage, Damage) or self.damage in DAMAGES, told, "option.damage")
+        message = f"damage must be {', '.join(DAMAGES)} or a Damage, got {self.damage!r}"
+        require(isinstance(self.damage, Damage) or self.damage in DAMAGES, message, "option.damage")
         for name, allowed in _DOMAINS.items():
             value = getattr(self, name)
-            told = f"{name} must be a number or 'free', got {value!r}"
-            require(value == FREE or isinstance(value, Real), told, f"physics.{name}")
+            message = f"{name} must be a number or 'free', got {value!r}"
+            require(value == FREE or isinstance(value, Real), message, f"physics.{name}")
             if value != FREE:
                 within(allowed, name, value)
         both = "give either confinement_inertia or wall_distance, not both"
@@ -123,8 +123,8 @@ class Bubble:
         wanted = [f"{name}={value}" for name, value in usual.items() if isinstance(getattr(self, name), str)]
         if isinstance(self.damage, str) and self.damage != "none":
             wanted.append(f"damage=Damage(0.5, 1.5, {self.damage!r})")
-        told = f"simulate needs a bubble whose values are known: give numbers, such as {', '.join(wanted)}"
-        require(not wanted, told, "physics.free_bubble")
+        message = f"simulate needs a bubble whose values are known: give numbers, such as {', '.join(wanted)}"
+        require(not wanted, message, "physics.free_bubble")
 
     def inertia(self, max_radius: float) -> float:
         """beta of a bubble of this R_max (m) whose confinement is known. Raises InputError: a wall within R_max."""
@@ -188,12 +188,12 @@ def bubbles_of(requested: Requested) -> tuple[Bubble, ...]:
         return (requested,)
     if requested == AUTO:
         return FIELD, REAL
-    told = f"bubble must be {', '.join(BUBBLES)}, {AUTO} or a Bubble, got {brief(requested)}"
+    message = f"bubble must be {', '.join(BUBBLES)}, {AUTO} or a Bubble, got {brief(requested)}"
     if isinstance(requested, str):
-        require(requested in BUBBLES, told, "option.bubble")
+        require(requested in BUBBLES, message, "option.bubble")
         return (BUBBLES[requested],)
     fine = isinstance(requested, Sequence) and len(requested) > 0 and all(isinstance(one, Bubble) for one in requested)
-    require(fine, told, "option.bubble")
+    require(fine, message, "option.bubble")
     return tuple(dict.fromkeys(requested))
 
 

@@ -103,5 +103,5 @@ def _source(file: Path, *called: str) -> str:
 
 @cache
 def _say(folders: str) -> None:
-    told = f"note: the compiled solver cannot be kept, for none of {folders} can be written: every start compiles it"
-    print(f"{told}; set NUMBA_CACHE_DIR to a folder that can be", file=sys.stderr)
+    message = f"note: the compiled solver cannot be kept, for none of {folders} can be written: every start compiles it"
+    print(f"{message}; set NUMBA_CACHE_DIR to a folder that can be", file=sys.stderr)

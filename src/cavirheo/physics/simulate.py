@@ -110,8 +110,8 @@ def _check(material: Material, bubble: Bubble, accuracy: Accuracy, driving: Driv
     expect(accuracy, Accuracy, "an Accuracy such as Accuracy(cells=152, relative_error=1e-4)")
     drives = driving is None or hasattr(driving, "table")
     require(drives, f"driving must be a Pulse or a Trace, got {brief(driving)}", "physics.driving")
-    told = "a gas with an exponent has no fields: leave out fields, or the exponent of the bubble"
-    require(not fields or bubble.exponent is None, told, "physics.no_fields")
+    message = "a gas with an exponent has no fields: leave out fields, or the exponent of the bubble"
+    require(not fields or bubble.exponent is None, message, "physics.no_fields")
 
 
 class _Solution(NamedTuple):

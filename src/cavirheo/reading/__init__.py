@@ -71,8 +71,8 @@ def read_curves(
         options: MeasureOptions = {"frame_rate": frame_rate_hz, "um_per_px": um_per_px}
         options |= {"exposure": exposure, "exclude": exclude}
         return [noted(curve) for curve in selected([examine(path, sheet=True, **options)[1]], shots)]
-    told = f"{shown(path)}: frames are excluded of recordings; of a table empty their radius"
-    require(exclude is None, told, "reading.exclude")
+    message = f"{shown(path)}: frames are excluded of recordings; of a table empty their radius"
+    require(exclude is None, message, "reading.exclude")
     with guarded(path, _EXPECTED):
         with path.open("rb") as file:
             head = file.read(1024)

@@ -50,18 +50,18 @@ def with_column(curves: Sequence[RadiusCurve], path: str | Path) -> list[RadiusC
     title, values = read_column(path)
     require(bool(values), f"{path}: no line below the titles, the second of which is {title}", "column.empty")
     found, unknown, without = given(curves, title, values)
-    told = f"{path}: nothing here is called {listed(unknown)}; there is {listed([curve.name for curve in curves])}"
-    require(not unknown, told, "column.unknown")
-    told = f"{path}: no value of {title} for {listed(without)}: add a line for the shot, its file or its group"
-    require(not without, told, "column.missing")
+    message = f"{path}: nothing here is called {listed(unknown)}; there is {listed([curve.name for curve in curves])}"
+    require(not unknown, message, "column.unknown")
+    message = f"{path}: no value of {title} for {listed(without)}: add a line for the shot, its file or its group"
+    require(not without, message, "column.missing")
     _require_several(found, path, title)
     return found
 
 
 def is_size(path: str | Path) -> bool:
     """Whether the R_max of each shot is meant, and no table. Raises InputError: there is a file of that name."""
-    told = f"{SIZE} stands for the R_max of each shot, but a file has this name: rename the file (to {SIZE}.csv)"
-    require(str(path) != SIZE or not Path(path).is_file(), told, "column.size")
+    message = f"{SIZE} stands for the R_max of each shot, but a file has this name: rename the file (to {SIZE}.csv)"
+    require(str(path) != SIZE or not Path(path).is_file(), message, "column.size")
     return str(path) == SIZE
 
 
@@ -79,9 +79,11 @@ def _require_several(curves: Sequence[RadiusCurve], path: str | Path, title: str
     groups: dict[tuple[str, str], set[float]] = {}
     for curve in curves:
         groups.setdefault((curve.group, curve.group_source), set()).update(curve.column.values())
-    told = f"{path}: one value of {title} in each group ({listed([name for name, _ in groups])}): a trend needs several"
-    told += "; --group folder makes one group of all files of a folder"
-    require(any(len(one) > 1 for one in groups.values()), told, "column.constant")
+    message = (
+        f"{path}: one value of {title} in each group ({listed([name for name, _ in groups])}): a trend needs several"
+    )
+    message += "; --group folder makes one group of all files of a folder"
+    require(any(len(one) > 1 for one in groups.values()), message, "column.constant")
 
 
 def given(
@@ -113,8 +115,8 @@ def read_column(path: str | Path) -> tuple[str, dict[str, float]]:
         names, numbers = table.columns
         values: dict[str, float] = {}
         for (line, cells), name, value in zip(table.rows, names.text, numbers.numbers, strict=True):
-            told = f"line {line}: expected a name and a number, found {listed(cells)}"
-            require(len(cells) == 2 and bool(np.isfinite(value)), told, "column.number")
+            message = f"line {line}: expected a name and a number, found {listed(cells)}"
+            require(len(cells) == 2 and bool(np.isfinite(value)), message, "column.number")
             require(name not in values, f"line {line}: {name} is there twice", "column.twice")
             values[name] = float(value)
     return numbers.title, values

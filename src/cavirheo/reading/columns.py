@@ -63,8 +63,8 @@ class Column:
                 values[k] = number(cell)
             except InputError as error:
                 mistake = error.code.removeprefix("tabular.")
-                told = f"row {row.number}, column {self.title!r}: {error}"
-                raise InputError(told, self.table.vocabulary.code(mistake)) from None
+                message = f"row {row.number}, column {self.title!r}: {error}"
+                raise InputError(message, self.table.vocabulary.code(mistake)) from None
         return values
 
     @property
@@ -89,8 +89,8 @@ class Column:
     @property
     def assumed(self) -> list[str]:
         """A note where the vocabulary says the unit, and the title none."""
-        told = f"{self.title!r} has no unit: taken to be in {self._term.unit}"
-        return [told] if self.name.unit is None and self._term.unit else []
+        message = f"{self.title!r} has no unit: taken to be in {self._term.unit}"
+        return [message] if self.name.unit is None and self._term.unit else []
 
     @property
     def _term(self) -> Term:
@@ -138,8 +138,8 @@ def only(columns: Sequence[Column]) -> Column | None:
     if len(columns) > 1:
         vocabulary, kind = columns[0].table.vocabulary, columns[0].name.kind
         two = " and ".join(repr(column.title) for column in columns[:2])
-        told = f"two columns for {vocabulary.shown(kind)}: {two}; {vocabulary.terms[kind].twice}"
-        raise InputError(told, vocabulary.code("twice"))
+        message = f"two columns for {vocabulary.shown(kind)}: {two}; {vocabulary.terms[kind].twice}"
+        raise InputError(message, vocabulary.code("twice"))
     return columns[0] if columns else None
 
 

@@ -125,8 +125,8 @@ def _even(steps: Floats) -> bool:
 def _absurd(what: str, values: Floats) -> list[str]:
     """A note where numbers are too large for any time or radius."""
     wrong = values[np.abs(values) >= _ABSURD]
-    told = f"{len(wrong)} of {len(values)} {what} are numbers that no recording has (the first: {{:.4g}})"
-    return [told.format(wrong[0]) + ": taken as not measured"] if len(wrong) else []
+    message = f"{len(wrong)} of {len(values)} {what} are numbers that no recording has (the first: {{:.4g}})"
+    return [message.format(wrong[0]) + ": taken as not measured"] if len(wrong) else []
 
 
 def _averaged(values: Floats, first: NDArray[np.intp]) -> Floats:
@@ -157,8 +157,8 @@ def _radius_scale(largest: float, unit: str | None) -> tuple[float, str, str]:
         return 1e-6, "", f"{given}, but its largest value {largest:.4g} looks like R/R_max"
     if len(fits) != 1:
         return 1e-6, "", f"{given}; its largest value {largest:.4g} is no bubble of 5 um to 5 mm in m, mm or um"
-    told = f", but the largest value {largest:.4g} only makes sense in {fits[0]}: taken as {fits[0]}"
-    return RADIUS_UNITS[fits[0]], given + (told if unit else f": taken as {fits[0]} from its size"), ""
+    message = f", but the largest value {largest:.4g} only makes sense in {fits[0]}: taken as {fits[0]}"
+    return RADIUS_UNITS[fits[0]], given + (message if unit else f": taken as {fits[0]} from its size"), ""
 
 
 def _guess_time_unit(t: Floats) -> str:

@@ -21,6 +21,6 @@ def selected(items: Sequence[_Item], shots: Chosen) -> list[_Item]:
     if (numbers := shot_numbers(shots)) is None:
         return list(items)
     beyond = ", ".join(str(number) for number in numbers if number > len(items))
-    told = f"shot {beyond} is asked for, and the file has {len(items)}: give numbers from 1 to {len(items)}"
-    require(not beyond, told, "reading.shots")
+    message = f"shot {beyond} is asked for, and the file has {len(items)}: give numbers from 1 to {len(items)}"
+    require(not beyond, message, "reading.shots")
     return [items[number - 1] for number in numbers]

@@ -135,9 +135,11 @@ def _scaled(curves: list[RadiusCurve], max_radius: float) -> tuple[list[RadiusCu
         return made, []
     low, high = min(factors, key=factors.__getitem__), max(factors, key=factors.__getitem__)
     given, ends = f"--rmax-um {1e6 * max_radius:g}", f"{factors[low]:.4g} ({low}) to {factors[high]:.4g} ({high})"
-    told = f"{given} would scale the shots by {ends}, but a wrong scale is one factor for all of them: give the R_max "
-    told += "of each shot in a column rmax_um of the file, or each shot in a run of its own"
-    require(factors[high] <= (1.0 + ONE_SCALE) * factors[low], told, "option.several_scales")
+    message = (
+        f"{given} would scale the shots by {ends}, but a wrong scale is one factor for all of them: give the R_max "
+    )
+    message += "of each shot in a column rmax_um of the file, or each shot in a run of its own"
+    require(factors[high] <= (1.0 + ONE_SCALE) * factors[low], message, "option.several_scales")
     pixels = any(curve.unscaled for curve in curves)
     return made, [given + ("" if pixels else f": radii scaled by {factors[high]:.4g}")]
 

@@ -163,8 +163,8 @@ def _with_size(curve: RadiusCurve, column: Column, rows: list[int]) -> RadiusCur
     if column.unit not in RADIUS_UNITS or column.unit == "px":
         return curve.with_notes(f"the column {column.title!r} is not used: it names no unit of length, as rmax_um does")
     known = sorted({float(value) for value in column.numbers[rows] if np.isfinite(value)})
-    told = f"{column.title!r} has {len(known)} values for one curve, {known[:2]}: expected its R_max in every row"
-    require(len(known) < 2, told, "table.several_sizes")
+    message = f"{column.title!r} has {len(known)} values for one curve, {known[:2]}: expected its R_max in every row"
+    require(len(known) < 2, message, "table.several_sizes")
     if not known:
         return curve
     RADIUS.check(column.title, size := known[0] * RADIUS_UNITS[str(column.unit)], "curve.max_radius")

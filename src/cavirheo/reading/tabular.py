@@ -127,9 +127,9 @@ def text_sheet(text: str, is_header: IsHeader, *, marks: str = "#%") -> Sheet:
         sample = list(islice((line for line in bare if line and line[0] not in marks), 20))
         separator = next(s for s in _SEPARATORS if s is None or all(s in line for line in sample))
         rows = list(_rows(lines, separator, is_header, marks))
-    said = (f"{unseen} control characters left out",) if unseen else ()
+    messages = (f"{unseen} control characters left out",) if unseen else ()
     comments = (line.lstrip(marks + " ") for line in lines if line.lstrip().startswith(tuple(marks)))
-    return _sheet("", rows, said, tuple(islice(comments, 1000)))
+    return _sheet("", rows, messages, tuple(islice(comments, 1000)))
 
 
 def _sheet(name: str, rows: list[Row], notes: tuple[str, ...] = (), comments: tuple[str, ...] = ()) -> Sheet:

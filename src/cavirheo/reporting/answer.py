@@ -56,7 +56,7 @@ class Compared(Record):
 
 
 class OtherModel(Record):
-    """What another model answers for the same frames; one of the answer's own material and bubble is another valley.
+    """What another model answers for the same frames; one of the answer's own material and bubble is another mode.
 
     Attributes:
         material: the law.
@@ -136,7 +136,7 @@ class CurveRecord(Record):
         seconds: wall time of the answer, s.
         windows: what windows of "1", "2", "3" and "all" collapses answer, if they were fitted.
         evidence: of the law; null where the method gives none.
-        other_models: what other models and other valleys answer, if they were looked at.
+        other_models: what other models and other modes answer, if they were looked at.
         diagnostics: how the answer was found.
         column: title and value of the column declared by the user; left out where there is none.
         stretch_prior: mean and std of the stretch as the file or the late plateau states it; left out where none does.

@@ -2,7 +2,7 @@
 
 The slope d ln(value)/d ln R_max is the median of the slopes of all pairs of shots, its 90 % interval that of Kendall's
 rank correlation (Sen 1968, doi:10.1080/01621459.1968.10480934): nothing is assumed of the scatter but that it is the
-same at all sizes, and a few shots in a false valley do not move it.
+same at all sizes, and a few shots in a false mode do not move it.
 """
 
 from __future__ import annotations
@@ -328,14 +328,14 @@ def group_of(name: str, members: list[CurveRecord], population: PopulationRecord
 
 
 def _other_models(trusted: list[CurveRecord], sloped: list[CurveRecord]) -> list[GroupModel]:
-    """Of each model that a trusted shot has besides its answer, of each shot the valley with the largest evidence; the
+    """Of each model that a trusted shot has besides its answer, of each shot the mode with the largest evidence; the
     slopes are over `sloped`."""
     others = [(record, _by_model(record.other_models)) for record in trusted]
     sloped_others, own = [_by_model(record.other_models) for record in sloped], {record.model for record in trusted}
     found = []
     for model, first in _by_model(one for _, models in others for one in models.values()).items():
         pairs = [(record, models[model]) for record, models in others if model in models]
-        if own == {model}:  # another valley of the model itself
+        if own == {model}:  # another mode of the model itself
             continue
         gains = [
             there.log_evidence - record.evidence.log
@@ -354,5 +354,5 @@ def _other_models(trusted: list[CurveRecord], sloped: list[CurveRecord]) -> list
 
 
 def _by_model(answers: Iterable[OtherModel]) -> dict[str, OtherModel]:
-    """By model, the valley with the largest evidence."""
+    """By model, the mode with the largest evidence."""
     return {one.model: one for one in sorted(answers, key=evidence)}

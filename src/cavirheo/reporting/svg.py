@@ -186,8 +186,8 @@ def curve_svg(
         box = _LEFT, height - _BELOW - lower, across, lower
         _residuals(picture.panel(box, lines.time_axis, lines.difference), lines, points // 5)
         if lines.rmse:
-            told = f"band: ± RMSE = {digits.significant(lines.rmse, 2)} %"
-            picture.write("residual end", width - _RIGHT, box[1] - 6, told)
+            message = f"band: ± RMSE = {digits.significant(lines.rmse, 2)} %"
+            picture.write("residual end", width - _RIGHT, box[1] - 6, message)
     if axis := lines.t_star_axis:
         panel.along_top(axis)
     _key(picture, lines)

@@ -109,7 +109,7 @@ def print_line(record: CurveRecord) -> None:
 
 
 def print_all(result: Result) -> None:
-    """`print_table`, and what other models and valleys answer."""
+    """`print_table`, and what other models and modes answer."""
     console = terminal.console()
     print_table(result, console)
     for record in result.curves:

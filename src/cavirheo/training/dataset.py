@@ -248,8 +248,10 @@ def difference(old: Mapping[str, Any], new: Mapping[str, Any]) -> str:
 def _afford(problem: TrainingProblem, n: int, there: int, where: str) -> None:
     """Raises InputError: n curves need more bytes than there are."""
     need, frames = n * (4 * problem.grid.frames + 8 * len(problem.prior.names) + 16), problem.grid.frames
-    told = f"the set (curves of {frames} frames) needs {need / 1e9:.3g} GB {where}, and there are {there / 1e9:.3g} GB"
-    require(need <= there, f"{told}: ask for fewer curves or frames, or for a part with --shard", "dataset.size")
+    message = (
+        f"the set (curves of {frames} frames) needs {need / 1e9:.3g} GB {where}, and there are {there / 1e9:.3g} GB"
+    )
+    require(need <= there, f"{message}: ask for fewer curves or frames, or for a part with --shard", "dataset.size")
 
 
 def _read(path: Path, expected: Mapping[str, Any] | None = None) -> dict[str, Any]:
@@ -266,8 +268,8 @@ def _read(path: Path, expected: Mapping[str, Any] | None = None) -> dict[str, An
             for key, value in (expected or {}).items():
                 if found[key] != value:
                     both = [json.loads(one) if key == "problem" else {key: one} for one in (found[key], value)]
-                    told = f"made with another {key} ({difference(*both) or 'other keys'})"
-                    raise InputError(f"{told}; use an empty folder or its settings", f"dataset.another_{key}")
+                    message = f"made with another {key} ({difference(*both) or 'other keys'})"
+                    raise InputError(f"{message}; use an empty folder or its settings", f"dataset.another_{key}")
             problem, start = TrainingProblem.from_dict(json.loads(found["problem"])), found["start"]
             rows, columns = min(SHARD, found["total"] - start), len(problem.prior.names)
             items = {name: limits.own(file, name) for name in _COLUMNS}
@@ -284,8 +286,8 @@ def _read(path: Path, expected: Mapping[str, Any] | None = None) -> dict[str, An
         mend = "" if error.code.startswith("dataset.another") else "; delete it and generate again"
         raise InputError(f"{path}: {error}{mend}", error.code) from error
     except Exception as error:  # what a damaged file may raise is not foreseen
-        told = f"{path} cannot be read as a training set ({error}); delete it and generate again"
-        raise InputError(told, "dataset.unreadable") from error
+        message = f"{path} cannot be read as a training set ({error}); delete it and generate again"
+        raise InputError(message, "dataset.unreadable") from error
     return found
 
 

@@ -127,8 +127,8 @@ def _other_ranges(network: Network, data: Dataset, theta: Floats) -> list[str]:
         (low, high), (a, b) = trained.bounds(name), prior.bounds(name)
         outside |= (values < low) | (values > high)
         other += [f"{name} {a:g} to {b:g} (trained in {low:g} to {high:g})"] * ((a, b) != (low, high))
-    told = f"the set has other ranges than the model's: {', '.join(other)}; {outside.sum()} of {len(theta)} curves"
-    return [f"{told} lie outside, and R² depends on the range"] if other else []
+    message = f"the set has other ranges than the model's: {', '.join(other)}; {outside.sum()} of {len(theta)} curves"
+    return [f"{message} lie outside, and R² depends on the range"] if other else []
 
 
 def markdown(result: Mapping[str, Any]) -> str:

@@ -96,8 +96,8 @@ class Recipe(_Section):
             meant = f"did you mean {near[0]}?" if near else f"known: {', '.join(known)}"
             require(key in known, f"[problem] medium: unknown constant {key!r}, {meant}", "recipe.medium")
             kinds, words = other.get(key, ((int, float), "a number in SI units"))
-            told = f"[problem] medium: {key} must be {words}, got {short(value)}"
-            require(type(value) in kinds, told, "recipe.medium")
+            message = f"[problem] medium: {key} must be {words}, got {short(value)}"
+            require(type(value) in kinds, message, "recipe.medium")
         liquid = medium(**constants)
         grid = FrameGrid(table.frame_interval_us / 1e6, table.frames)
         prior, reference = Prior.uniform(self.prior), table.reference_max_radius_um / 1e6

@@ -65,8 +65,8 @@ def train(
         torch.set_num_threads(threads)
     cards = torch.cuda.device_count()
     known = ["cpu", *["cuda"][:cards], *(f"cuda:{k}" for k in range(cards))]
-    told = f"there is no device {device!r} for torch {torch.__version__} here; there is {', '.join(known)}"
-    require(device is None or device in known, told, "training.device")
+    message = f"there is no device {device!r} for torch {torch.__version__} here; there is {', '.join(known)}"
+    require(device is None or device in known, message, "training.device")
     chosen = torch.device(device or ("cuda" if cards else "cpu"))
     with into(out_dir) as folder, torch.random.fork_rng(devices=[chosen] if chosen.type == "cuda" else []):
         training = _Training(recipe, Path(data_dir), folder, chosen)
@@ -261,8 +261,8 @@ def of_run(path: Path) -> Iterator[None]:
         raise
     except Exception as error:  # what a damaged file may raise is not foreseen
         said = str(error).partition("\n")[0]
-        told = f"{path} is damaged or not of this run ({said}); delete its folder, or use another, and train anew"
-        raise InputError(told, "training.checkpoint") from error
+        message = f"{path} is damaged or not of this run ({said}); delete its folder, or use another, and train anew"
+        raise InputError(message, "training.checkpoint") from error
 
 
 def read_result(run: Path) -> dict[str, Any]:

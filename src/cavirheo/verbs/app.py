@@ -25,8 +25,8 @@ def app(
     max_files: Annotated[int, Option(help="largest number of files of one visitor", min=1)] = 50,
 ) -> None:
     """The same in the browser: upload files, look, infer, compare with the simulation, download everything as a zip."""
-    told = f"--live must be the folder into which `cavirheo watch` writes (its -o), got {live}: start `watch` first"
-    require(live is None or live.is_dir(), told, "option.live")
+    message = f"--live must be the folder into which `cavirheo watch` writes (its -o), got {live}: start `watch` first"
+    require(live is None or live.is_dir(), message, "option.live")
     try:
         from cavirheo.app.server import serve
     except ModuleNotFoundError as error:

@@ -23,8 +23,8 @@ def cite(
     found = load(result)
     if not isinstance(found, Result):
         kind = type(found).__name__.lower()
-        told = f"{result} is a document of another kind ({kind}): give the result.json of infer or fit"
-        raise InputError(told, "cite.kind")
+        message = f"{result} is a document of another kind ({kind}): give the result.json of infer or fit"
+        raise InputError(message, "cite.kind")
     paragraph, sources = methods(found)
     text = "\n\n".join([paragraph, *(source.bibtex for source in sources)]) + "\n"
     if out is None:

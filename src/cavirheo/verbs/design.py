@@ -57,13 +57,13 @@ def design(
     from cavirheo.writing.document import Outputs, write_json
 
     if for_training is not None:
-        told = "--for-training looks at a network over its own training: give no result.json"
-        require(known is None, told, "design.for_training")
+        message = "--for-training looks at a network over its own training: give no result.json"
+        require(known is None, message, "design.for_training")
         return _for_training(for_training, material, recordings or 120, seed, out, run)
-    told = "--recordings is of --for-training: give that too, or --draws for the recordings of each setting"
-    require(recordings is None, told, "design.for_training")
-    told = "--group names a group of a result.json: give the file, or leave out --group"
-    require(known is not None or group is None, told, "design.group")
+    message = "--recordings is of --for-training: give that too, or --draws for the recordings of each setting"
+    require(recordings is None, message, "design.for_training")
+    message = "--group names a group of a result.json: give the file, or leave out --group"
+    require(known is not None or group is None, message, "design.group")
     rates = [1e3 * rate for rate in _numbers("--frame-rates-khz", frame_rates_khz)]
     noise = [1e-6 * one for one in _numbers("--noise-um", noise_um)]
     given = {"shear_modulus": shear_modulus, "viscosity": viscosity, "stretch": stretch}

@@ -36,8 +36,8 @@ def generate(
         part, parts = (int(number) for number in shard.split("/"))
     except ValueError:
         raise InputError(f"--shard must read i/N, e.g. 2/8; got {shard!r}", "option.shard") from None
-    told = "--workers are threads of this machine, and --scheduler has its own: leave out one of them"
-    require(workers is None or scheduler is None, told, "option.workers")
+    message = "--workers are threads of this machine, and --scheduler has its own: leave out one of them"
+    require(workers is None or scheduler is None, message, "option.workers")
     load_solver()
     n, seed = content.data.n if n is None else n, content.data.seed if seed is None else seed
     how: dict[str, Any] = {"workers": workers, "shard": (part, parts), "progress": not quiet}
@@ -46,10 +46,10 @@ def generate(
             made = dataset.generate(content.problem, n, out, seed=seed, executor=executor, **how)
         else:
             made = store.generate(content, n, out, seed=seed, executor=executor, **how)
-    said = [f"{made.curves} curves in {out}: {made.written} files written, {made.skipped} already there"]
+    messages = [f"{made.curves} curves in {out}: {made.written} files written, {made.skipped} already there"]
     if made.simulated:
         rate = made.simulated / made.seconds
-        said.append(f"{made.simulated} simulated in {made.seconds:.0f} s ({rate:.0f} per s)")
-    said += [f"{count} failed and are kept with their status: {status}" for status, count in made.failures.items()]
+        messages.append(f"{made.simulated} simulated in {made.seconds:.0f} s ({rate:.0f} per s)")
+    messages += [f"{count} failed and are kept with their status: {status}" for status, count in made.failures.items()]
     if not quiet:
-        print(*said, sep="\n", file=sys.stderr)
+        print(*messages, sep="\n", file=sys.stderr)

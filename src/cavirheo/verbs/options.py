@@ -297,11 +297,11 @@ def _bubbles(
     changes |= {name: _number_or("free", f"--{name.replace('_', '-')}", text, float) for name, text in numbers.items()}
     changes["wall_distance"] = None if wall_distance_um is None else wall_distance_um * 1e-6
     given = {name: value for name, value in changes.items() if value is not None}
-    told = f"--contents must be {' or '.join(CONTENTS)}, got {contents!r}"
-    require(contents in (None, *CONTENTS), told, "option.contents")
+    message = f"--contents must be {' or '.join(CONTENTS)}, got {contents!r}"
+    require(contents in (None, *CONTENTS), message, "option.contents")
     damages = [word.strip() for word in damage.split(",")] if several else [damage]
-    told = f"--damage must be {', '.join(DAMAGES)}, got {damage!r}"
-    require(set(damages) <= set(DAMAGES), told, "option.damage")
+    message = f"--damage must be {', '.join(DAMAGES)}, got {damage!r}"
+    require(set(damages) <= set(DAMAGES), message, "option.damage")
     if bubble is None and not given and damages == [DAMAGES[0]]:
         return None
     words = [word.strip() for word in (bubble or "real").split(",")] if several else [bubble or "real"]

@@ -57,8 +57,8 @@ class Reading:
         """`read_shots` with these settings."""
         from cavirheo.reading.shots import read_shots
 
-        told = f"--exclude is of one recording, {len(files)} files were given: `cavirheo measure` each with its own"
-        require(self.exclude is None or len(files) == 1, told, "option.exclude")
+        message = f"--exclude is of one recording, {len(files)} files were given: `cavirheo measure` each with its own"
+        require(self.exclude is None or len(files) == 1, message, "option.exclude")
         scale = None if self.rmax_um is None else self.rmax_um * 1e-6
         about: dict[str, Any] = {"density": medium.density, "pressure": medium.pressure, "shots": self.shots}
         about |= {"frame_rate_hz": self.frame_rate_hz, "exclude": self.exclude}

@@ -43,10 +43,10 @@ def show(
     """
     if len(file.parts) == 1 and not file.suffix and not _there(file):
         file = _shipped(file.name)
-    told = f"--shots is for measurements, and {file} is none: leave it out"
+    message = f"--shots is for measurements, and {file} is none: leave it out"
     card = file.suffix == ".json" and file.with_suffix(".onnx").is_file()
     if card or file.suffix.lower() == ".onnx" or file.is_dir() or _is_json(file):
-        require(shots is None, told, "show.shots")
+        require(shots is None, message, "show.shots")
     if card or file.suffix.lower() == ".onnx":
         _show_model(file.with_suffix(".onnx"))
     elif file.is_dir() or _is_json(file):
@@ -69,8 +69,8 @@ def _shipped(name: str) -> Path:
     from cavirheo.inference.model import shipped
 
     known = shipped()
-    told = f"{name} does not exist, nor is it the name of a shipped network ({', '.join(known)})"
-    require(name in known, told, "show.missing")
+    message = f"{name} does not exist, nor is it the name of a shipped network ({', '.join(known)})"
+    require(name in known, message, "show.missing")
     return known[name]
 
 

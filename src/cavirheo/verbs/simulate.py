@@ -105,8 +105,8 @@ def simulate(
         motion=motion,
         polytropic=polytropic,
     )
-    told = "--polytropic leaves no fields in the bubble: leave out that, or --fields"
-    require(fields is None or polytropic is None, told, "physics.no_fields")
+    message = "--polytropic leaves no fields in the bubble: leave out that, or --fields"
+    require(fields is None or polytropic is None, message, "physics.no_fields")
     far_field = None
     if driving:
         *columns, notes = read_trace(driving)

@@ -53,8 +53,8 @@ def _train_posterior(
 ) -> None:
     from cavirheo.training.posterior.export import made
 
-    told = f"a posterior network is trained on the processor: leave out --device {device}"
-    require(device in (None, "cpu"), told, "training.device")
+    message = f"a posterior network is trained on the processor: leave out --device {device}"
+    require(device in (None, "cpu"), message, "training.device")
     path, loss = made(recipe, data, out, threads=threads, progress=not quiet)
     if not quiet:
         print(f"loss {loss:.3f} on curves that were never shown")

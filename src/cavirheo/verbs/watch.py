@@ -48,14 +48,16 @@ def watch(
 
     require(folder.is_dir(), f"{folder} is no folder: give the one where recordings arrive", "watch.folder")
     options.check_verify(verify, reading.exposure_us, exact_law, [folder])
-    told = f"--rmax-um must be a positive radius in micrometres, got {reading.rmax_um}"
-    require(reading.rmax_um is None or reading.rmax_um > 0, told, "option.rmax_um")
+    message = f"--rmax-um must be a positive radius in micrometres, got {reading.rmax_um}"
+    require(reading.rmax_um is None or reading.rmax_um > 0, message, "option.rmax_um")
     known = options.known_stretch(stretch)
     check_models(model, material, bubbles, verify, known)
     if material not in (None, "auto"):
         Family(material)
-    told = "--exclude is of one recording: leave the frames out with `cavirheo measure`, and watch for what it writes"
-    require(reading.exclude is None, told, "option.exclude")
+    message = (
+        "--exclude is of one recording: leave the frames out with `cavirheo measure`, and watch for what it writes"
+    )
+    require(reading.exclude is None, message, "option.exclude")
     if column is not None and not is_size(column):
         read_column(column)
     settings: dict[str, Any] = {"model": model, "material": material, "window": window, "stretch": known}

@@ -218,14 +218,16 @@ def _doubts(track: Track, stage: Stage) -> tuple[str, ...]:
 def _counted(found: Measurement) -> list[str]:
     track, counts = found.track, found.counts
     used = sum(counts.get(flag, 0) for flag in USED)
-    said = [f"{used} of {len(track.flags)} frames measured"]
-    said += [f"{n} {flag} ({FLAGS[flag]})" for flag, n in counts.items() if flag not in ("ok", "before", "excluded")]
+    messages = [f"{used} of {len(track.flags)} frames measured"]
+    messages += [
+        f"{n} {flag} ({FLAGS[flag]})" for flag, n in counts.items() if flag not in ("ok", "before", "excluded")
+    ]
     if listed := found.options.get("exclude"):
-        said.append(f"excluded by hand: frames {listed}")
-    said += [found.cut] if found.cut else []
+        messages.append(f"excluded by hand: frames {listed}")
+    messages += [found.cut] if found.cut else []
     hint = track.exposure_hint
     if found.exposure.value is None and hint and isfinite(hint):
-        said.append(
+        messages.append(
             f"exposure not known; the blur of fast frames suggests {min(hint, 1.0):.2g} of the time between frames"
         )
-    return said
+    return messages

@@ -63,8 +63,10 @@ class Claim:
                 file.seek(0)
                 holder = printable(file.read(200)) or "a process of this machine"
                 file.close()
-                told = f"{folder} is in use by another run ({holder}): wait until it ends, or name another folder by -o"
-                raise InputError(told, "document.busy") from None
+                message = (
+                    f"{folder} is in use by another run ({holder}): wait until it ends, or name another folder by -o"
+                )
+                raise InputError(message, "document.busy") from None
             except OSError:  # this file system has no locks
                 file.close()
                 place.unlink(missing_ok=True)

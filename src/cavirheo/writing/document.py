@@ -260,8 +260,8 @@ class Outputs:
             entry = self._entry(name) if near and entries[-1]["run"] != self._claim.key else None
             if entry and entry["run"] != self._claim.key:
                 whose = f" ({entry['command']})" if entry["command"] else ""
-                told = f"{self.folder} holds the answers of another run{whose}, which would be lost"
-                raise InputError(f"{told}: name another folder by -o, or give --replace", "document.other_run")
+                message = f"{self.folder} holds the answers of another run{whose}, which would be lost"
+                raise InputError(f"{message}: name another folder by -o, or give --replace", "document.other_run")
 
     def holds(self, name: str) -> bool:
         """Whether this file is there as we wrote it."""

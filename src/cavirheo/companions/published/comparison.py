@@ -276,9 +276,9 @@ def markdown(comparison: Comparison) -> str:
     parts += ["", _key(comparison), ""]
     for about in comparison.sets:
         others = {key: value for key, value in about.settings.items() if key not in ("files", "density", "model")}
-        said = [f"model {about.model}", f"density {about.medium['density']:g} kg/m³"] if about.recorded else []
-        said += [*(f"{key} {value}" for key, value in others.items()), *about.remarks()]
-        parts.append(f"- {_escaped(about.name)}: {'; '.join(map(_escaped, said))}")
+        messages = [f"model {about.model}", f"density {about.medium['density']:g} kg/m³"] if about.recorded else []
+        messages += [*(f"{key} {value}" for key, value in others.items()), *about.remarks()]
+        parts.append(f"- {_escaped(about.name)}: {'; '.join(map(_escaped, messages))}")
     parts += [f"- {_escaped(note)}" for note in comparison.notes]
     return "\n".join([*parts, "", f"cavirheo {comparison.version}, {comparison.date}: `{comparison.command}`", ""])
 

@@ -66,8 +66,8 @@ def population(
     shots = [f"shot {i + 1}" for i in range(len(answers))] if names is None else list(names)
     column = None if along is None else np.asarray(along, dtype=float)
     for what, given in (("names", shots), ("along", column)):
-        told = f"{what} must have one entry for each of the {len(answers)} answers"
-        require(given is None or np.shape(given) == (len(answers),), told, f"population.{what}")
+        message = f"{what} must have one entry for each of the {len(answers)} answers"
+        require(given is None or np.shape(given) == (len(answers),), message, f"population.{what}")
     kept, left_out, found = _sorted_out(answers, column, only_trusted)
     first = answers[kept[0]] if kept else answers[0]
     law = tuple(name for name in first.names if of_the_law(name))

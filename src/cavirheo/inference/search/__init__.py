@@ -13,9 +13,10 @@ from typing import Any
 import numpy as np
 
 from cavirheo.arrays import Floats
-from cavirheo.inference.experiment import QUICK, Experiment
+from cavirheo.inference.experiment import Experiment
 from cavirheo.inference.search.least_squares import LIMITS, LeastSquares, Minimum
 from cavirheo.inference.search.starts import STARTS, Scan
+from cavirheo.physics.accuracy import ROUGH
 
 __all__ = ["Cut", "Search"]
 
@@ -90,7 +91,7 @@ class Search:
         for number, start in enumerate([*kept, *new]):
             if number == len(kept) and any(self.explained(self._missed(minimum)) for minimum in found):
                 break
-            minimum = self.fit.minimise(start, QUICK, limits, found, self.unlike)
+            minimum = self.fit.minimise(start, ROUGH, limits, found, self.unlike)
             if np.isfinite(minimum.cost):
                 found.append(minimum)
             if minimum.cost < 0.5 * np.sum((FOLLOWED / shot.sigma) ** 2):

@@ -9,9 +9,9 @@ import numpy as np
 
 from cavirheo.arrays import Floats
 from cavirheo.inference.camera import NAMES
-from cavirheo.inference.experiment import FORWARD, QUICK, Experiment, Prediction
+from cavirheo.inference.experiment import FORWARD, Experiment, Prediction
 from cavirheo.parallel import each
-from cavirheo.physics.accuracy import Accuracy
+from cavirheo.physics.accuracy import ROUGH, Accuracy
 
 SAME = 0.01  # of each range: a search so near to a known minimum is given up
 LIMITS: dict[str, Any] = {"ftol": 1e-3, "xtol": 1e-3, "gtol": 1e-8, "max_nfev": 15}
@@ -55,7 +55,7 @@ class LeastSquares:
         whose simulation fails. Those by clock and scales cost no simulation in a search."""
         shot, here = self.shot, self.weighted(x, at)
         steps = FORWARD * shot.steps * np.where(x < np.mean(self.bounds, axis=1), 1.0, -1.0)
-        alike = accuracy is QUICK and at is not None
+        alike = accuracy is ROUGH and at is not None
         moved = [i for i, name in enumerate(shot.names) if not (alike and name in NAMES)]
         points = [x + np.where(np.arange(len(x)) == i, steps, 0.0) for i in moved]
         frames, result = len(shot.measured), np.zeros((len(here), len(x)))

@@ -16,9 +16,9 @@ from cavirheo.inference.alternatives import chosen_among, contenders, itself, ju
 from cavirheo.inference.input_checks import doubted
 from cavirheo.inference.law import Family
 from cavirheo.inference.posterior_model import PosteriorModel
-from cavirheo.inference.verify.fitting import Fitting, Searching
+from cavirheo.inference.verify.fitting import FitEstimation, SearchedEstimation
 from cavirheo.inference.verify.tuning import TUNING
-from cavirheo.inference.verify.verification import Level, Verification, Work
+from cavirheo.inference.verify.verification import Estimation, Level, Verification
 from cavirheo.parallel import cores, each
 from cavirheo.physics.bubble import DAMAGED, REAL, Bubble, Requested, bubbles_of, rival_of
 from cavirheo.physics.media import Medium
@@ -83,7 +83,7 @@ def verify_many(
     inner = max(cores(workers) // max(len(curves), 1), 1)
     how: dict[str, Any] = {**settings}  # a medium by its name, too
     chosen = Verification(workers=inner, **how)
-    work = Fitting if chosen.weights else Searching if chosen.search else Work
+    estimation = FitEstimation if chosen.weights else SearchedEstimation if chosen.search else Estimation
     bubbles = () if bubble is None else bubbles_of(bubble)
 
     def verified(pair: tuple[RadiusCurve, list[Posterior]]) -> Posterior:
@@ -95,7 +95,7 @@ def verify_many(
                 problems.append(model)
                 continue
             try:
-                found.append(work(chosen, curve, model).posterior())
+                found.append(estimation(chosen, curve, model).posterior())
             except Exception as error:  # of this shot alone
                 told = reason(error) if chosen.weights else f"not verified: {reason(error)}"
                 message = "; ".join(filter(None, [model.checks.message, told]))
@@ -125,9 +125,9 @@ def _simplest(found: Sequence[Posterior]) -> Posterior:
     chosen, *_ = contenders([one.evidence for one in found], [len(one.names) for one in found]) or [0]
     best, rest = found[chosen], [one for i, one in enumerate(found) if i != chosen]
     known = {model_of(one) for one in found}
-    valleys = [one for one in best.others if model_of(one) == model_of(best)]
+    modes = [one for one in best.others if model_of(one) == model_of(best)]
     others = [one for one in best.others if model_of(one) not in known]
-    return replace(best, others=(*valleys, *others, *map(itself, rest)))
+    return replace(best, others=(*modes, *others, *map(itself, rest)))
 
 
 def _damaged(settings: Verification, curve: RadiusCurve, answer: Posterior) -> list[Posterior]:
@@ -158,7 +158,7 @@ def _again(
     is smaller than `least`."""
     other = replace(answer, bubble=bubble, others=(), windows={}, diagnostics=Diagnostics())
     try:
-        found = Work(settings, curve, other).posterior_above(least)
+        found = Estimation(settings, curve, other).posterior_above(least)
     except (InputError, SolverError):
         return []
     return [found] if found else []

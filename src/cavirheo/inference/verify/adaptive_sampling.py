@@ -21,16 +21,15 @@ import numpy as np
 from cavirheo.arrays import Floats, log_sum, unscaled
 from cavirheo.errors import SolverError
 from cavirheo.inference.alternatives import LAPLACE
-from cavirheo.inference.experiment import FINE
-from cavirheo.inference.verify.mode import Mode, Simulated, Target, climb, modes, secant, valley
-from cavirheo.inference.verify.proposals import Blend, Explorer, log_mean
+from cavirheo.inference.verify.mode import Mode, Simulated, Target, answer_at, climb, modes, secant
+from cavirheo.inference.verify.proposals import AdaptiveProposal, SurrogateProposal, log_mean
 from cavirheo.inference.verify.sampler import Proposal, Sample, sample, tempered
 from cavirheo.inference.verify.tuning import TUNING
-from cavirheo.physics.accuracy import BRISK, Accuracy
+from cavirheo.physics.accuracy import BRISK, DEFAULT, Accuracy
 from cavirheo.posterior import Evidence, OtherAnswer, intervals
 
 
-class Weighed(NamedTuple):
+class WeightedDraws(NamedTuple):
     """drawn: the weighted draws. residual: (k, size) their extended residuals. best: the maximum beside the highest
     simulation; None if the default one fails there. modes: all that were found. few: whether few simulations were
     enough. apart: how many standard errors the network's own evidence is above that of the others; None if its draws
@@ -46,7 +45,7 @@ class Weighed(NamedTuple):
     rough: float | None
 
 
-class Mended(Target):
+class TwoFidelityTarget(Target):
     """A target of rough simulations and what they miss of the default ones; accuracies are not told apart."""
 
     def __init__(self, target: Target) -> None:
@@ -56,12 +55,12 @@ class Mended(Target):
 
     def residuals(self, u: Floats, accuracy: Accuracy = BRISK) -> Floats:
         """(k, n) measured minus simulated, over R_max, at u (k, d); NaN where the simulation failed."""
-        return self.exact.residuals(u, BRISK) + self.missed if self.rough else self.exact.residuals(u, FINE)
+        return self.exact.residuals(u, BRISK) + self.missed if self.rough else self.exact.residuals(u, DEFAULT)
 
-    def mend(self, at: Simulated) -> None:
+    def correct(self, at: Simulated) -> None:
         """Learn what rough simulations miss, the mean of it at likely places; where it changes too much, no more of
         them."""
-        fine, self.learnt = self.exact.residuals(at.u, FINE), at.u
+        fine, self.learnt = self.exact.residuals(at.u, DEFAULT), at.u
         good = np.all(np.isfinite(fine - at.residual), axis=1)
         self.rough = bool(np.count_nonzero(good) > TUNING.mended / 2)
         if not self.rough:
@@ -118,7 +117,7 @@ class Mended(Target):
         mode = climb(self, start, BRISK)
         if mode is None:
             return None
-        residual = self.exact.residuals(mode.u[None], FINE)
+        residual = self.exact.residuals(mode.u[None], DEFAULT)
         (value,) = self.log_posterior(mode.u[None], residual)
         return replace(mode, residual=residual[0], log_posterior=float(value)) if np.isfinite(value) else None
 
@@ -127,7 +126,7 @@ def weighed(
     target: Target, network: Proposal | None, starts: Callable[[], list[Floats]],
     scanned: Callable[[], list[Floats]], windowed: Callable[[], list[Floats]] = list, *, draws: int, seed: int,
     least: float = -np.inf,
-) -> Weighed | None:  # fmt: skip
+) -> WeightedDraws | None:  # fmt: skip
     """Draws from few simulations if they can be trusted, else from as many as level "full" has, or, where an evidence
     is all that is wanted, from some more rough ones.
 
@@ -135,7 +134,7 @@ def weighed(
     over windows that grow ends, for modes that leave more than noise. draws: at most so many with weights. least: None
     is returned where Laplace's log evidence of the modes is smaller. Raises SolverError: no start could be simulated.
     """
-    known, found, near = None, list[Mode](), Mended(target)
+    known, found, near = None, list[Mode](), TwoFidelityTarget(target)
     if network:
         u, known, mode = _begun(near, network, seed)
         if mode:
@@ -147,11 +146,11 @@ def weighed(
         raise SolverError(f"no start of {target.experiment.family.name} could be simulated")
     if target.experiment.misfit(target.noise.split(found[0].residual)[0]) > TUNING.searched_above:
         found = modes(near, windowed(), known=found)
-    near.mend(_likely(near, found[0], None if searched else known, seed))
+    near.correct(_likely(near, found[0], None if searched else known, seed))
     found = near.lifted(found)
     if float(log_sum(np.array([mode.log_evidence for mode in found]))) < least:
         return None
-    explorer = Explorer(near, found, TUNING.auto_learning, follow=searched, network=network)
+    explorer = AdaptiveProposal(near, found, TUNING.auto_learning, follow=searched, network=network)
     own = None
     if network and known:
         known = near.again(known.u, known.residual)
@@ -182,7 +181,7 @@ def weighed(
         rest = Sample(drawn.u[n:], drawn.log_target[n:], drawn.log_q[n:], drawn.common)
         apart = _standard_errors(own, rest)
     if drawn.ess >= enough and drawn.reliable and (apart is None or apart <= TUNING.agree):
-        return Weighed(
+        return WeightedDraws(
             drawn, explorer.residuals_of(drawn.u), near.highest(explorer.highest), explorer.modes, True, apart, error
         )
     if not quick:
@@ -198,8 +197,8 @@ def weighed(
     guard = (network, own) if network and own is not None else None
     drawn = sample(explorer, explorer.propose, seed=seed + 1, first=guard, **sizes)
     checked = near.checked(drawn, seed) if quick else (drawn, None)
-    best = near.highest(explorer.highest) if quick else climb(target, explorer.highest, FINE)
-    return Weighed(checked[0], explorer.residuals_of(drawn.u), best, explorer.modes, False, apart, checked[1])
+    best = near.highest(explorer.highest) if quick else climb(target, explorer.highest, DEFAULT)
+    return WeightedDraws(checked[0], explorer.residuals_of(drawn.u), best, explorer.modes, False, apart, checked[1])
 
 
 class Preview(NamedTuple):
@@ -215,18 +214,18 @@ def preview(target: Target, network: Proposal, seed: int) -> Preview | None:
     """A model's answer as a surrogate of the simulations of the network's own draws has it, and further simulations of
     some likely places tell how wrong its evidence is; where there is no surrogate, that of the Gaussian about the
     maximum. None: hardly any could be simulated."""
-    near = Mended(target)
+    near = TwoFidelityTarget(target)
     _, known, rough = _begun(near, network, seed)
     if rough is None:
         return None
-    near.mend(_likely(near, rough, known, seed))
+    near.correct(_likely(near, rough, known, seed))
     (mode,) = near.lifted([rough])
-    explorer, known = Explorer(near, [mode], 0, follow=False), near.again(known.u, known.residual)
+    explorer, known = AdaptiveProposal(near, [mode], 0, follow=False), near.again(known.u, known.residual)
     explorer.learn(*known)
     rng = np.random.Generator(np.random.Philox(seed))
     seen = explorer.propose(rng, None)
     u, log_weight, error = mode.draws(TUNING.draws, seed), np.full(TUNING.draws, mode.log_evidence), LAPLACE
-    if isinstance(seen, Blend):
+    if isinstance(seen, SurrogateProposal):
         u, log_weight = seen.pool, seen.log_weight
         weight = unscaled(log_weight)
         count = min(TUNING.preview_checked, int(np.count_nonzero(weight)))
@@ -240,7 +239,7 @@ def preview(target: Target, network: Proposal, seed: int) -> Preview | None:
             )
     x, _ = target.completed(u, _camera_of(target, known, mode, u), mode.u, seed)
     evidence, told = Evidence(log_mean(log_weight), error), intervals(*target.experiment.answer(x), log_weight)
-    return Preview(replace(valley(target, mode), intervals=told, evidence=evidence), x, log_weight)
+    return Preview(replace(answer_at(target, mode), intervals=told, evidence=evidence), x, log_weight)
 
 
 def _camera_of(target: Target, known: Simulated, mode: Mode, u: Floats) -> Floats:
@@ -253,7 +252,7 @@ def _camera_of(target: Target, known: Simulated, mode: Mode, u: Floats) -> Float
     return np.asarray(here + (u - mode.u) @ slope)
 
 
-def _begun(near: Mended, network: Proposal, seed: int) -> tuple[Floats, Simulated, Mode | None]:
+def _begun(near: TwoFidelityTarget, network: Proposal, seed: int) -> tuple[Floats, Simulated, Mode | None]:
     """(u of the network's own draws, their simulations and those on the way to the maximum, that maximum); None for it
     where hardly any could be simulated."""
     u = network.draw(TUNING.own_draws, np.random.Generator(np.random.Philox(seed).jumped()))
@@ -264,7 +263,7 @@ def _begun(near: Mended, network: Proposal, seed: int) -> tuple[Floats, Simulate
     return u, known, mode
 
 
-def _likely(near: Mended, mode: Mode, known: Simulated | None, seed: int) -> Simulated:
+def _likely(near: TwoFidelityTarget, mode: Mode, known: Simulated | None, seed: int) -> Simulated:
     """Rough simulations at a mode and where the posterior is: some of those that are known, for it may be curved and
     the Gaussian about its mode then leads far from it."""
     if known is None:
@@ -279,7 +278,7 @@ def _likely(near: Mended, mode: Mode, known: Simulated | None, seed: int) -> Sim
 
 def _beyond(mode: Mode, known: Simulated) -> list[Floats]:
     """The likeliest simulation that the Gaussian about the mode does not expect there, if there is one: on the way to
-    another valley."""
+    another mode."""
     expected = mode.log_posterior - 0.5 * mode.squares(known.u)
     unexpected = known.value - expected > TUNING.own_unexpected
     likely = np.where(unexpected & (known.value > mode.log_posterior - TUNING.lowest_mode), known.value, -np.inf)

@@ -116,14 +116,14 @@ def models(laws: Sequence[str], bubbles: Sequence[Bubble] = (REAL,)) -> dict[str
     is unknown, a number of a bubble out of its domain.
     """
     words = ", ".join([*laws, *(one.name for one in bubbles)]) or "none"
-    told = f"give two or more different models to choose from, got {words}"
+    message = f"give two or more different models to choose from, got {words}"
     unlike = all(len(set(several)) == len(several) > 0 for several in (laws, bubbles))
     found: dict[str, Model] = {}
     for law, bubble in product(laws, bubbles) if unlike else ():
         Options(bubble=bubble)
         if Family(law).elastic or bubble.damage == "none":
             found[f"{law}, {bubble.name}" if len(bubbles) > 1 else law] = law, bubble
-    require(len(found) >= 2, told, "option.laws")
+    require(len(found) >= 2, message, "option.laws")
     return found
 
 

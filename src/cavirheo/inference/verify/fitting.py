@@ -1,4 +1,4 @@
-"""Work that begins with searches over windows that grow by a collapse: that of a fit, and of a law by itself.
+"""Estimations that begin with searches over windows that grow by a collapse: that of a fit, and of a law by itself.
 
 A fit takes the noise as independent from frame to frame. Its size, and the share of the wall's motion in it, are learnt
 from what the best simulation leaves (`Experiment.weigh`). Models are compared, and the answer is judged, by the noise
@@ -15,22 +15,23 @@ import numpy as np
 from cavirheo.arrays import Floats
 from cavirheo.curve import RadiusCurve
 from cavirheo.errors import SolverError
-from cavirheo.inference.experiment import FINE, QUICK, SHARPEST
+from cavirheo.inference.experiment import SHARPEST
 from cavirheo.inference.options import FREE
 from cavirheo.inference.search import ROUNDS, Search
 from cavirheo.inference.search.least_squares import POLISH, LeastSquares
 from cavirheo.inference.verify.mode import Mode, Target, climb, modes, same, under
 from cavirheo.inference.verify.sampler import Mixture, Proposal
 from cavirheo.inference.verify.tuning import TUNING
-from cavirheo.inference.verify.verification import Sampled, Verification, Work
+from cavirheo.inference.verify.verification import Estimation, Sampled, Verification
+from cavirheo.physics.accuracy import DEFAULT, ROUGH
 from cavirheo.posterior import Evidence, Posterior, WindowAnswer, correlations
 
 AT_BOUND = 1e-3  # of a range: nearer to its end is "at the bound"
 
 
-class Searching(Work):
-    """The work on one curve from the law alone. search: over windows that grow. modes: where it ended, best first, with
-    the noise of a posterior."""
+class SearchedEstimation(Estimation):
+    """An estimation that begins with the law alone. search: over windows that grow. modes: where it ended, best first,
+    with the noise of a posterior."""
 
     def __init__(self, settings: Verification, curve: RadiusCurve, answer: Posterior) -> None:
         super().__init__(settings, curve, answer)
@@ -62,8 +63,8 @@ class Searching(Work):
         return []
 
 
-class Fitting(Searching):
-    """The work on one curve of a fit. weighed: modes with its own noise, the best first."""
+class FitEstimation(SearchedEstimation):
+    """The estimation of a fit. weighed: modes with its own noise, the best first."""
 
     method = "least_squares"
 
@@ -73,7 +74,7 @@ class Fitting(Searching):
         first = next(followed, None)  # a rough simulation may step over what stops the default one: taut chains
         if first is None:
             raise SolverError(f"no mode of {self.shot.family.name} could be simulated")
-        if mode := climb(self.target, first.u, QUICK):
+        if mode := climb(self.target, first.u, ROUGH):
             self._weigh(self._at(mode))
             first = mode
         others = [mode for mode in self.modes if not same(mode, first)]
@@ -87,7 +88,7 @@ class Fitting(Searching):
 
     def _weigh(self, x: Floats) -> bool:
         """Take the weights that the simulation of x (all,) tells; False where it fails."""
-        seen = self.shot.predict(x, FINE)
+        seen = self.shot.predict(x, DEFAULT)
         if seen is None:
             return False
         self.shot.weigh(seen)
@@ -114,7 +115,7 @@ class Fitting(Searching):
         shot = self.shot
         if shot.misfit(self._missed) > SHARPEST:
             return x, np.inf
-        x = LeastSquares(shot, self.target.workers).minimise(np.clip(x, *shot.bounds.T), FINE, POLISH).x
+        x = LeastSquares(shot, self.target.workers).minimise(np.clip(x, *shot.bounds.T), DEFAULT, POLISH).x
         return x, shot.misfit(shot.difference(x))
 
     def _answer(self, *sampled: Any) -> Posterior:
@@ -139,8 +140,8 @@ class Fitting(Searching):
             best = x
             stage = self.search.stages.get((collapses, end))
             if stage is not None:
-                nearest = min((x, stage), key=lambda one: float(np.sum(fit.residuals(one, QUICK) ** 2)))
-                best = fit.minimise(nearest, QUICK).x
+                nearest = min((x, stage), key=lambda one: float(np.sum(fit.residuals(one, ROUGH) ** 2)))
+                best = fit.minimise(nearest, ROUGH).x
             missed = float(np.sqrt(np.mean(shot.difference(best) ** 2)))
             values = {name: value for name, value in shot.best(best).items() if name not in FREE.values()}
             ended = np.minimum(best - low, high - best) < AT_BOUND * (high - low)

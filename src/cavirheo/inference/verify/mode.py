@@ -10,11 +10,11 @@ import numpy as np
 
 from cavirheo.arrays import Floats
 from cavirheo.inference.camera import NAMES, CameraNuisances, rescaled
-from cavirheo.inference.experiment import FINE, FORWARD, QUICK, Experiment
+from cavirheo.inference.experiment import FORWARD, Experiment
 from cavirheo.inference.noise import MarginalNoise, Noise
 from cavirheo.inference.verify.tuning import TUNING
 from cavirheo.parallel import each
-from cavirheo.physics.accuracy import Accuracy
+from cavirheo.physics.accuracy import DEFAULT, ROUGH, Accuracy
 from cavirheo.posterior import Evidence, OtherAnswer, intervals
 from cavirheo.prior import Prior, log_normal
 
@@ -138,7 +138,7 @@ def under(mode: Mode, noise: MarginalNoise) -> Mode:
     return replace(mode, u=mode.u + step, log_posterior=top, covariance=covariance)
 
 
-def valley(target: Target, mode: Mode) -> OtherAnswer:
+def answer_at(target: Target, mode: Mode) -> OtherAnswer:
     """What the Gaussian about a mode answers, beside another one's."""
     shot, z = target.experiment, target.camera.z(mode.residual)
     draws = mode.draws(TUNING.draws, 0)
@@ -209,7 +209,7 @@ class Simulated(NamedTuple):
     value: Floats
 
     @classmethod
-    def at(cls, target: Target, u: Floats, accuracy: Accuracy = FINE) -> Simulated:
+    def at(cls, target: Target, u: Floats, accuracy: Accuracy = DEFAULT) -> Simulated:
         """Those at u (k, d)."""
         residual = target.residuals(u, accuracy)
         return cls(u, residual, target.log_posterior(u, residual))
@@ -253,7 +253,7 @@ def ridge(target: Target, mode: Mode) -> list[Mode]:
         here, axis, length = mode.u, side * vectors[:, -1], np.sqrt(values[-1])
         for _ in range(4):
             start = np.clip(here + TUNING.ridge_stride * length * axis, -3.0, 3.0)
-            place = climb(target, start, QUICK, held=axis * TUNING.ridge_held / length, most=2)
+            place = climb(target, start, ROUGH, held=axis * TUNING.ridge_held / length, most=2)
             if place is None or place.log_posterior < mode.log_posterior - TUNING.ridge_depth:
                 break
             found.append(place)
@@ -278,7 +278,7 @@ def modes(
     `known`; best first, without those far below."""
     found = list(known)
     for start in (*starts, *further):
-        mode = climb(target, start, QUICK, known=found)
+        mode = climb(target, start, ROUGH, known=found)
         if mode is None:
             continue
         twin = next((i for i, other in enumerate(found) if same(mode, other)), None)

@@ -1,4 +1,4 @@
-"""Where to draw: modes, what a surrogate makes of simulations about them, and valleys that turn up on the way."""
+"""Where to draw: modes, what a surrogate makes of simulations about them, and further modes that turn up on the way."""
 
 from __future__ import annotations
 
@@ -7,15 +7,14 @@ from collections.abc import Sequence
 import numpy as np
 
 from cavirheo.arrays import Floats, log_sum
-from cavirheo.inference.experiment import FINE, QUICK
 from cavirheo.inference.verify.mode import Mode, Simulated, Target, climb, modes, ridge, same
 from cavirheo.inference.verify.sampler import Mixture, Proposal, Sample, effective_size, tempered
 from cavirheo.inference.verify.surrogate import Surrogate
 from cavirheo.inference.verify.tuning import TUNING
-from cavirheo.physics.accuracy import Accuracy
+from cavirheo.physics.accuracy import DEFAULT, ROUGH, Accuracy
 
 
-class Blend:
+class SurrogateProposal:
     """Draws from a surrogate, by rejection from a mixture, and from the mixture itself.
 
     The surrogate over the mixture is cut at a multiple of its mean, which a `pool` (k, d) of the mixture's draws gives.
@@ -47,13 +46,13 @@ class Blend:
         log_kept = np.minimum(self.surrogate(u) - self.log_cut, log_mixture) - self.log_norm
         return np.logaddexp(np.log(1.0 - TUNING.mixture_share) + log_kept, np.log(TUNING.mixture_share) + log_mixture)
 
-    def normed(self, count: int, rng: np.random.Generator) -> Blend:
+    def normed(self, count: int, rng: np.random.Generator) -> SurrogateProposal:
         """The same, its norm from `count` more of the mixture's draws."""
         u = self.mixture.draw(count, rng)
         both = np.concatenate([self.pool, u]), np.concatenate([self.log_surrogate, self.surrogate(u)])
-        return Blend(self.surrogate, self.mixture, *both)
+        return SurrogateProposal(self.surrogate, self.mixture, *both)
 
-    def teachers(self, count: int, rng: np.random.Generator) -> Floats:
+    def training_points(self, count: int, rng: np.random.Generator) -> Floats:
         """(count, d) from a flatter surrogate: where it can be wrong."""
         log_weight = TUNING.flatter * self.log_surrogate - self.log_mixture
         weight, free = np.exp(log_weight - log_sum(log_weight)), int(TUNING.taught_share * count)
@@ -61,7 +60,7 @@ class Blend:
         return np.concatenate([self.pool[chosen], self.mixture.draw(count - free, rng)])
 
 
-class Guarded:
+class GuardedProposal:
     """Draws from a mixture, and a share of them from a proposal that knows the whole posterior roughly: no weight can
     be larger than that share allows."""
 
@@ -84,7 +83,7 @@ def log_mean(log_value: Floats) -> float:
     return float(log_sum(log_value) - np.log(len(log_value)))
 
 
-class Explorer:
+class AdaptiveProposal:
     """Proposals for the posterior of a shot that learn from every simulation, from its modes on. follow: simulate
     around the modes and along their ridges before. network: knows the whole posterior roughly, where modes know a
     part."""
@@ -114,12 +113,12 @@ class Explorer:
                 self.places.append(place)
                 axes = np.linalg.cholesky(place.covariance).T
                 if self.follow:
-                    self(place.u + np.concatenate([axes, -axes]), QUICK)
+                    self(place.u + np.concatenate([axes, -axes]), ROUGH)
         heights = np.array([place.log_evidence for place in self.places])
         means, covariances = [place.u for place in self.places], [place.covariance for place in self.places]
         self.start = Mixture.about(means, covariances, heights - np.max(heights))
 
-    def __call__(self, u: Floats, accuracy: Accuracy = FINE) -> Floats:
+    def __call__(self, u: Floats, accuracy: Accuracy = DEFAULT) -> Floats:
         """(k,) log posterior of u (k, d), which the next proposal knows; -inf where the simulation failed."""
         found = Simulated.at(self.target, u, accuracy)
         self.learn(*found)
@@ -169,7 +168,7 @@ class Explorer:
 
     def propose(self, rng: np.random.Generator, counted: Sample | None) -> Proposal:
         """The next proposal; before the first, rounds of rough simulations where the posterior and its tails seem to
-        be, and one more for each other valley found there."""
+        be, and one more for each other mode found there."""
         rounds = 0
         if counted is None:
             self.surrogate, self.wrong_surrogates = None, 0
@@ -180,13 +179,13 @@ class Explorer:
             self.thorough()
         while counted is None and rounds < self.rounds + self.climbed:
             known = self._learnt(rng, None)
-            draw = known.teachers if isinstance(known, Blend) else known.draw
-            self(draw(TUNING.learnt_per_round, rng), QUICK)
-            self._other_valley()
+            draw = known.training_points if isinstance(known, SurrogateProposal) else known.draw
+            self(draw(TUNING.learnt_per_round, rng), ROUGH)
+            self._other_mode()
             rounds += 1
-        self._other_valley()
+        self._other_mode()
         proposal = self._learnt(rng, counted)
-        if not isinstance(proposal, Blend):
+        if not isinstance(proposal, SurrogateProposal):
             return proposal
         self.surrogate, self.known = proposal.surrogate, len(self.u)
         while (met := effective_size(proposal.log_weight)) < TUNING.norm_enough:
@@ -216,7 +215,7 @@ class Explorer:
         """What has been learnt from weighted draws, as a proposal for others: draws that a proposal was fitted to
         exaggerate their own weight."""
         mixture = self._adapted(counted, rng)
-        return mixture if self.network is None else Guarded(mixture, self.network, TUNING.guard_share)
+        return mixture if self.network is None else GuardedProposal(mixture, self.network, TUNING.guard_share)
 
     def _adapted(self, counted: Sample, rng: np.random.Generator) -> Mixture:
         """A mixture that follows the weighted draws themselves, with as many components as they are worth."""
@@ -226,18 +225,18 @@ class Explorer:
         mixture = Mixture.through(counted.u, log_weight, count, rng)
         return mixture.beside(self.start, TUNING.adapted_modes).widened()
 
-    def _other_valley(self) -> None:
+    def _other_mode(self) -> None:
         """Climb from the best simulation if it lies above all modes, which must then be beside the highest."""
         highest = max(mode.log_posterior for mode in self.modes)
-        if self.climbed == TUNING.valleys or np.max(self.value, initial=-np.inf) < highest + TUNING.other_valley:
+        if self.climbed == TUNING.modes_climbed or np.max(self.value, initial=-np.inf) < highest + TUNING.other_mode:
             return
         self.climbed += 1
-        mode = climb(self.target, self.u[np.argmax(self.value)], QUICK)
+        mode = climb(self.target, self.u[np.argmax(self.value)], ROUGH)
         if mode is not None and not any(same(mode, other) for other in self.modes):
             self.modes.append(mode)
             self._settle(mode)
 
-    def _learnt(self, rng: np.random.Generator, counted: Sample | None) -> Blend | Mixture:
+    def _learnt(self, rng: np.random.Generator, counted: Sample | None) -> SurrogateProposal | Mixture:
         """A proposal from all simulations so far; where they are too few, the modes."""
         mixture = self._wide()
         if len(self.u) <= 2 * (self.u.shape[1] + 1):
@@ -250,7 +249,7 @@ class Explorer:
             log_surrogate = surrogate(pool)
             if not np.any(np.isfinite(log_surrogate)):
                 return mixture
-            blend = Blend(surrogate, mixture, pool, log_surrogate)
+            blend = SurrogateProposal(surrogate, mixture, pool, log_surrogate)
             if effective_size(blend.log_weight) > TUNING.fit_well * TUNING.pool:
                 break
             mixture = self._wide(pool, TUNING.flatter * log_surrogate - blend.log_mixture)

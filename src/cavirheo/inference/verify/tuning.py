@@ -100,8 +100,8 @@ class Tuning:
     surrogate_cut: float = 50.0  # times its mean, at which surrogate over mixture is cut
     mixture_share: float = 0.3  # of the draws from the mixture, the others from the surrogate
     modes_share: float = 0.3  # of the mixture's draws that stay with the modes
-    other_valley: float = 0.5  # height above the best mode of a draw in another valley
-    valleys: int = 3  # climbed into at most
+    other_mode: float = 0.5  # height above the best mode of a draw in another mode
+    modes_climbed: int = 3  # climbed into at most
 
     # the surrogate, a Gaussian process of the frames
     kernel_length: float = 8.0  # in standard deviations of the (flattened) posterior

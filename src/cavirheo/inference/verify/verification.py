@@ -1,4 +1,4 @@
-"""What a verification is asked for, and the work on one curve."""
+"""Settings of a verification, and the estimation of one curve's posterior."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from cavirheo.arrays import Floats, log_sum
 from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError, SolverError, expect, expect_whole, require
 from cavirheo.inference.alternatives import LAPLACE, SEEN, averaged, model_of
-from cavirheo.inference.experiment import FINE, QUICK, Experiment
+from cavirheo.inference.experiment import Experiment
 from cavirheo.inference.law import Family
 from cavirheo.inference.options import FREE, SCALE_BOUND, Options
 from cavirheo.inference.posterior_model import PosteriorModel
@@ -20,13 +20,14 @@ from cavirheo.inference.search import Search
 from cavirheo.inference.search.least_squares import LIMITS, LeastSquares
 from cavirheo.inference.search.starts import STARTS, Scan
 from cavirheo.inference.verify.adaptive_sampling import Preview, preview, weighed
-from cavirheo.inference.verify.mode import INSIDE, Mode, Target, climb, modes, same, valley
+from cavirheo.inference.verify.mode import INSIDE, Mode, Target, answer_at, climb, modes, same
 from cavirheo.inference.verify.predictive import predictive_check
-from cavirheo.inference.verify.proposals import Explorer
+from cavirheo.inference.verify.proposals import AdaptiveProposal
 from cavirheo.inference.verify.sampler import Proposal, Sample, sample
 from cavirheo.inference.verify.tuning import TUNING
 from cavirheo.parallel import cores
 from cavirheo.parameters import CAMERA, PARAMETERS, natural_name, units
+from cavirheo.physics.accuracy import DEFAULT, ROUGH
 from cavirheo.physics.bubble import FIELD, REAL, Bubble, rival_of
 from cavirheo.physics.media import WATER, Medium
 from cavirheo.physics.media import medium as named
@@ -66,7 +67,7 @@ class Verification:
         draws: at most so many weighted ones.
         seed: of the draws.
         network: of level "auto", whose draws show the way where it can read the curve.
-        scanned: coarse simulations that look for other valleys.
+        scanned: coarse simulations that look for other modes.
         workers: threads for one curve.
 
     Raises:
@@ -105,8 +106,8 @@ class Verification:
         return Options(None, end, self.stretch, self.free, self.t0_bound, self.scale_bound, weights, bubble)
 
 
-class Work:
-    """The work on one curve."""
+class Estimation:
+    """The posterior of one curve: settings, experiment, target, and the answer that it begins from."""
 
     method = "verified"  # of an answer with weighted draws
 
@@ -162,10 +163,10 @@ class Work:
             evidence = Evidence(float(log_sum([mode.log_evidence for mode in found])))
             return (u, np.tile(best.residual, (len(u), 1))), None, best, evidence, found, {}
         enough = min(TUNING.effective_enough, max(most / 4, TUNING.effective_fewest))
-        explorer = Explorer(self.target, found)
+        explorer = AdaptiveProposal(self.target, found)
         each = min(TUNING.draws_per_round, most)
         drawn = sample(explorer, explorer.propose, seed=seed, each=each, most=most, enough=enough)
-        best = climb(self.target, explorer.highest, FINE) or self._best(explorer.modes)
+        best = climb(self.target, explorer.highest, DEFAULT) or self._best(explorer.modes)
         kept = self._kept(drawn, explorer.residuals_of(drawn.u), best)
         return kept, drawn, best, Evidence(*drawn.log_evidence), explorer.modes, {}
 
@@ -179,18 +180,18 @@ class Work:
             return None
         known = (*self.shot.family.parameters, "stretch")
         how = replace(how, ranges={name: pair for name, pair in (how.ranges or {}).items() if name in known})
-        work = Work(how, self.shot.curve, replace(self.answer, bubble=rival))
+        other = Estimation(how, self.shot.curve, replace(self.answer, bubble=rival))
         try:
-            proposal = network.proposal(work.shot, work.target.prior, how.discrepancy)
+            proposal = network.proposal(other.shot, other.target.prior, how.discrepancy)
         except InputError:  # the network does not know it
             return None
-        found = preview(work.target, proposal, how.seed)
+        found = preview(other.target, proposal, how.seed)
         if found is None or found.answer.evidence is None:
             return None
         log, error = found.answer.evidence.log, found.answer.evidence.error
         if rival == FIELD and error == LAPLACE and log > evidence.log - TUNING.preview_reach:
-            found = work._alike() or found
-        return found, work.shot.names
+            found = other._alike() or found
+        return found, other.shot.names
 
     def _alike(self) -> Preview | None:
         """The answer in the form of a preview; None where its draws are not worth an interval."""
@@ -202,7 +203,7 @@ class Work:
             return None
         x, _ = self.target.completed(u, self.target.camera.z(residuals), best.u, self.settings.seed)
         told = intervals(*self.shot.answer(x), drawn.log_weight)
-        return Preview(replace(valley(self.target, best), intervals=told, evidence=evidence), x, drawn.log_weight)
+        return Preview(replace(answer_at(self.target, best), intervals=told, evidence=evidence), x, drawn.log_weight)
 
     def _kept(self, drawn: Sample, residuals: Floats, best: Mode) -> tuple[Floats, Floats]:
         """u (k, d) and extended residuals (k, size) of the draws, or of the maximum where they are not trusted."""
@@ -211,7 +212,7 @@ class Work:
     def _best(self, found: Sequence[Mode]) -> Mode:
         """The highest of rough modes that the default solver can simulate, at its maximum."""
         for rough in sorted(found, key=lambda mode: -mode.log_posterior):
-            if mode := climb(self.target, rough.u, FINE):
+            if mode := climb(self.target, rough.u, DEFAULT):
                 return mode
         raise SolverError(f"no mode of {self.shot.family.name} could be simulated")
 
@@ -223,10 +224,10 @@ class Work:
         models = [one for one in self.answer.others if model_of(one) != model_of(self.answer)]
         if not self.settings.discrepancy:
             models = [replace(one, evidence=None) for one in models]
-        return *models, *(valley(self.target, mode) for mode in found if not same(mode, best))
+        return *models, *(answer_at(self.target, mode) for mode in found if not same(mode, best))
 
     def starts(self) -> list[Floats]:
-        """u of the answer, of its other windows and of other valleys of its model; what it does not give of the bubble
+        """u of the answer, of its other windows and of other modes of its model; what it does not give of the bubble
         and the camera is at its middle."""
         answer, found, free = self.answer, list[Floats](), self.shot.free
         here = {"stretch": answer.stretch} | {name: answer.median(name) for name in answer.parameters}
@@ -249,7 +250,7 @@ class Work:
         return found
 
     def scanned(self) -> list[Floats]:
-        """u where coarse simulations all over the ranges are most likely: the answer need not be the highest valley."""
+        """u where coarse simulations all over the ranges are most likely: the answer need not be the highest mode."""
         fit = LeastSquares(self.shot, self.target.workers)
         try:
             scan = Scan(fit, self.settings.scanned, STARTS)  # other points than those of a fit
@@ -379,7 +380,7 @@ class Work:
         is about the best that the model can do."""
         shot = self.shot
         fit = LeastSquares(shot, self.target.workers)
-        found = fit.minimise(np.clip(x, *fit.bounds.T), QUICK, {**LIMITS, "max_nfev": TUNING.nearest_steps}).x
+        found = fit.minimise(np.clip(x, *fit.bounds.T), ROUGH, {**LIMITS, "max_nfev": TUNING.nearest_steps}).x
         missed = [shot.difference(one) for one in (x, found)]
         nearest = int(np.argmin(np.nan_to_num([np.mean(one**2) for one in missed], nan=np.inf)))
         return (x, found)[nearest], shot.misfit(missed[nearest])

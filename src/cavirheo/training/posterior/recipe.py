@@ -100,11 +100,11 @@ def _check_more(table: PosteriorTable) -> None:
         names = searched(law, bubble)
         known |= {name: tuple(10.0**end for end in PARAMETERS[name].searched or ()) for name in names}
     for name, pair in ((table.more.model_extra or {}) if table.more else {}).items():
-        told = f"more.{name} must be one of {', '.join(known)}, with [low, high] in its range, got {pair}"
+        message = f"more.{name} must be one of {', '.join(known)}, with [low, high] in its range, got {pair}"
         fine = name in known and isinstance(pair, list) and len(pair) == 2
         fine = fine and all(isinstance(end, int | float) for end in pair)
         slack = 1.0 + 1e-5
-        require(fine and known[name][0] / slack <= pair[0] < pair[1] <= known[name][1] * slack, told, "recipe.value")
+        require(fine and known[name][0] / slack <= pair[0] < pair[1] <= known[name][1] * slack, message, "recipe.value")
 
 
 def posterior_recipe(path: str | Path) -> PosteriorRecipe | None:
@@ -130,8 +130,8 @@ def posterior_recipe(path: str | Path) -> PosteriorRecipe | None:
                 fits = len({*used(law, bubble)}) == len(own)
             except ValueError:
                 fits = False
-            told = f"the law {law!r} has parameters that share a slot or have none (slots: {', '.join(SLOTS)})"
-            require(fits, told, "recipe.value")
+            message = f"the law {law!r} has parameters that share a slot or have none (slots: {', '.join(SLOTS)})"
+            require(fits, message, "recipe.value")
     except ValidationError as error:
         raise InputError(f"{path} cannot be used: {explained(error, PosteriorRecipe)}", "recipe.value") from error
     except InputError as error:

@@ -188,8 +188,8 @@ def load(recipe: PosteriorRecipe, data_dir: str | Path, scratch: Path) -> CurveS
         total, seed = int(file.attrs["total"]), int(file.attrs["seed"])
     head = _head(recipe, total, seed)
     lacking = -(-total // SHARD) - len(paths)
-    told = f"{data_dir}: {lacking} files are missing; run the same `cavirheo generate` again to add them"
-    require(lacking == 0, told, "dataset.incomplete")
+    message = f"{data_dir}: {lacking} files are missing; run the same `cavirheo generate` again to add them"
+    require(lacking == 0, message, "dataset.incomplete")
     time, radius = (StoredRows(scratch, NODES, _COLUMNS[name]) for name in ("time", "radius"))
     rest: dict[str, list[Any]] = {"z": [], "kind": [], "max_radius": []}
     for path in paths:
@@ -237,8 +237,8 @@ def _read(path: Path, expected: Mapping[str, Any]) -> tuple[CurveStore, int]:
         with h5py.File(path, "r") as file:
             for key, value in expected.items():
                 found = file.attrs[key]
-                told = f"{path}: made with another {key} ({found}, where {value} is asked now); use an empty folder"
-                require(found == value, told, f"dataset.another_{key}")
+                message = f"{path}: made with another {key} ({found}, where {value} is asked now); use an empty folder"
+                require(found == value, message, f"dataset.another_{key}")
             items = {name: limits.own(file, name) for name in _COLUMNS}
             limits.arrays(items.values())
             fine = all(item.dtype == kind for item, kind in zip(items.values(), _COLUMNS.values(), strict=True))
@@ -251,5 +251,5 @@ def _read(path: Path, expected: Mapping[str, Any]) -> tuple[CurveStore, int]:
     except InputError:
         raise
     except Exception as error:  # what a damaged file may raise is not foreseen
-        told = f"{path} cannot be read as curves of a posterior network ({error}); delete it and generate again"
-        raise InputError(told, "dataset.unreadable") from error
+        message = f"{path} cannot be read as curves of a posterior network ({error}); delete it and generate again"
+        raise InputError(message, "dataset.unreadable") from error
