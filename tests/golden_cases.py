@@ -387,7 +387,7 @@ def fit_equal_plateau() -> Any:
 def fit_memory() -> Any:
     """A law with memory."""
     (name,) = shots("soft_gel.csv", 3)
-    return answered("fit", name, "--material", "zener", "--window", 1)
+    return answered("fit", name, "--material", "zener", "--window", 2)
 
 
 @case(rtol=0.15, share=0.3, shift=0.7, slow=True)

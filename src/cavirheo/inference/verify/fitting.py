@@ -96,9 +96,10 @@ class FitEstimation(SearchedEstimation):
         return True
 
     def network(self) -> Proposal:
-        """Gaussians about the modes, with heavy tails."""
-        heights = [mode.log_evidence for mode in self.weighed]
-        return Mixture.about([mode.u for mode in self.weighed], [mode.covariance for mode in self.weighed], heights)
+        """Gaussians about the modes, and wider ones: posteriors are curved."""
+        found = self.weighed
+        places, shapes = [mode.u for mode in found], [mode.covariance for mode in found]
+        return Mixture.about(places, shapes, [mode.log_evidence for mode in found]).widened(TUNING.fit_wide)
 
     def _sampled(self, least: float = -np.inf) -> Sampled | None:
         sampled = super()._sampled(least)

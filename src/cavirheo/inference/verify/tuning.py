@@ -47,6 +47,7 @@ class Tuning:
     scanned: int = 96  # coarse simulations all over the ranges
     scanned_climbed: float = 1.0 / 32.0  # how many of them are climbed from
     search_unlike: float = 4.0  # squared difference of frames over noise, below which a search has come to a minimum
+    fit_wide: float = 0.3  # of the draws about the modes of a fit that are twice as wide
     rival_scanned: int = 32  # where the other of the real and the field's bubble is looked at beside a fit
     same_start: float = 0.005  # starts nearer to each other are one
 
