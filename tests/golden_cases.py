@@ -432,7 +432,7 @@ def python_answers() -> Any:
             about(answer)
             for answer in cavirheo.infer_many([curve, other], model="bdt-viscoelastic", window=1, stretch=7.0)
         ],
-        "fit": about(cavirheo.fit(other, "qkv", seed=3, window=1)),
+        "fit": about(cavirheo.fit(other, "qkv", seed=3, window=2)),
         "fit_many": [about(answer) for answer in fitted],
     }
 
