@@ -469,7 +469,7 @@ def test_ctrl_c_writes_what_was_answered(many, number):
     assert "Traceback" not in err
     written = json.loads((many / "out" / "result.json").read_text())
     kept = len(list((many / "out").glob("unfinished/[!.]*.npz")))
-    assert 2 <= len(written["curves"]) <= kept < 40
+    assert 2 <= len(written["curves"]) <= kept + 1 < 40  # one may be interrupted while it is kept
     assert f"{len(written['curves'])} of 40" in written["notes"][0]
     assert f"{len(written['curves'])} of 40" in err
     assert {path.name for path in (many / "out").iterdir()} == {"result.json", "result.csv", LIST, "unfinished"}
