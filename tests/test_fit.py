@@ -378,12 +378,16 @@ def test_a_minimum_that_only_rough_simulations_reach_gives_way_to_the_next(monke
 
 
 @pytest.mark.slow
-def test_both_solutions_of_a_real_stiff_gel_are_said(real_data):
+def test_both_solutions_of_a_real_stiff_gel_are_said_or_in_the_interval(real_data):
     (file,) = (real_data / "pa_stiff").glob("RofT_shifted*.mat")
     answer = fit(read_curves(file)[0])
-    assert "two solutions of the same model" in answer.checks.message
     low, high = answer.interval("stretch")
     assert low <= answer.best["stretch"] <= high
+    same = [one for one in answer.others if one.bubble == answer.bubble]
+    near = [one for one in same if one.evidence.log > answer.evidence.log - 3.0]
+    assert near
+    met = all(one.intervals["stretch"][0] < high and one.intervals["stretch"][2] > low for one in near)
+    assert met or "two solutions of the same model" in answer.checks.message
 
 
 @pytest.mark.slow
