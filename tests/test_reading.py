@@ -841,7 +841,7 @@ def test_a_message_of_a_reader_is_arrays_and_json(tmp_path):
     assert decode(encode({"a": (1, [2.5, None], "x")})) == {"a": (1, [2.5, None], "x")}
     with pytest.raises(TypeError):
         encode(Path("x"))
-    for forged in (pickle.dumps(one), b'0 ["Path", ["dict", {}]]\n', b"1 0\n", b""):
+    for forged in (pickle.dumps(one), b'0 ["Path", ["dict", {}]]\n', b'0 {"Path": {}}\n', b"1 0\n", b""):
         with pytest.raises((ValueError, KeyError)):
             decode(forged)
 

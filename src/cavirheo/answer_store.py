@@ -10,7 +10,7 @@ import hashlib
 import json
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import closing, suppress
-from dataclasses import fields, is_dataclass
+from dataclasses import fields
 from functools import partial
 from pathlib import Path
 from typing import Any, TypeVar
@@ -23,6 +23,7 @@ from cavirheo.parallel import Executor, Step, Threads, one_of
 from cavirheo.physics.bubble import Bubble
 from cavirheo.posterior import Checks, Diagnostics, Evidence, OtherAnswer, Posterior, WindowAnswer
 from cavirheo.writing.document import into, whole
+from cavirheo.writing.packing import pack, unpack
 from cavirheo.writing.terminal import bar, say
 
 _TYPES = (Posterior, Checks, WindowAnswer, Evidence, Diagnostics, Bubble, OtherAnswer, RadiusCurve)
@@ -168,7 +169,7 @@ def keep(path: Path, value: Any) -> None:
     """An answer, a curve, or several of them in a tuple or a dict: arrays as such, all else as JSON. Numbers come back
     to the last bit. Raises OSError."""
     arrays: list[np.ndarray] = []
-    text = json.dumps(_packed(value, arrays), default=str)
+    text = json.dumps(pack(value, arrays), default=str)
     with whole(path) as temporary:
         np.savez(temporary, np.frombuffer(text.encode(), np.uint8), *arrays)
 
@@ -177,37 +178,9 @@ def read_kept(path: Path, kind: type[_Kept]) -> _Kept | None:
     """What `keep` wrote; None where there is nothing, or nothing of this kind that can be read."""
     with suppress(Exception), np.load(path) as file:  # whatever is wrong with it, the answer is found anew
         arrays = [file[name] for name in file.files]
-        value = _unpacked(json.loads(arrays[0].tobytes()), arrays[1:])
+        value = unpack(json.loads(arrays[0].tobytes()), arrays[1:], _KINDS)
         return value if isinstance(value, kind) else None
     return None
-
-
-def _packed(value: Any, arrays: list[np.ndarray]) -> Any:
-    """As JSON can hold it; whatever JSON does not know as {kind: content}."""
-    if isinstance(value, np.ndarray):
-        arrays.append(value)
-        return {"array": len(arrays) - 1}
-    if is_dataclass(value) and not isinstance(value, type):
-        inside = {field.name: _packed(getattr(value, field.name), arrays) for field in fields(value)}
-        return {type(value).__name__: inside}
-    if isinstance(value, Mapping):
-        return {"dict": [[_packed(key, arrays), _packed(item, arrays)] for key, item in value.items()]}
-    if isinstance(value, tuple | list):
-        return {"tuple" if isinstance(value, tuple) else "list": [_packed(item, arrays) for item in value]}
-    return value.item() if isinstance(value, np.generic) else value
-
-
-def _unpacked(value: Any, arrays: list[np.ndarray]) -> Any:
-    if not isinstance(value, dict):
-        return value
-    ((kind, inside),) = value.items()
-    if kind == "array":
-        return arrays[inside]
-    if kind in _KINDS:
-        return _KINDS[kind](**{name: _unpacked(item, arrays) for name, item in inside.items()})
-    if kind == "dict":
-        return {_unpacked(key, arrays): _unpacked(item, arrays) for key, item in inside}
-    return {"list": list, "tuple": tuple}[kind](_unpacked(item, arrays) for item in inside)
 
 
 def _key(curve: RadiusCurve, steps: Sequence[Step]) -> str:
@@ -219,7 +192,7 @@ def _key(curve: RadiusCurve, steps: Sequence[Step]) -> str:
 def key_of(content: Any) -> str:
     """SHA-256 of whatever `keep` can keep."""
     arrays: list[np.ndarray] = []
-    text = json.dumps(_packed(content, arrays), default=str)
+    text = json.dumps(pack(content, arrays), default=str)
     digest = hashlib.sha256(text.encode())
     for array in arrays:
         digest.update(f"{array.dtype}{array.shape}".encode() + array.tobytes())
