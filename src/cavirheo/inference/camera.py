@@ -136,12 +136,14 @@ class CameraNuisances:
 
 def rescaled(names: Sequence[str], x: Floats, size: Floats) -> Floats:
     """log10 values x (k, d) of a law's parameters for bubbles that are `size` (k,) times as large as the simulated
-    ones: what goes with p t_c grows with them."""
+    ones: what goes with p t_c grows with them. NaN for a size that no bubble has."""
     x = np.array(x)
+    with np.errstate(invalid="ignore"):
+        log_size = np.log10(size)
     for i, name in enumerate(names):
         if name.rstrip("_0123456789") in WITH_TIME:
             power = 10.0 ** x[:, names.index("exponent")] if name == "reference_viscosity" else 1.0
-            x[:, i] += power * np.log10(size)
+            x[:, i] += power * log_size
     return x
 
 

@@ -160,7 +160,7 @@ class NetworkProposal:
 
 
 def kind_of(bubble: Bubble) -> str:
-    """Which of the bubbles that a network knows (slots.BUBBLE_SLOTS) this one is; empty: none of them."""
+    """Which of the bubbles that a network knows (latent.BUBBLE_SLOTS) this one is; empty: none of them."""
     if replace(bubble, accommodation=FREE, confinement_damping=0.0) == Bubble("kinetic"):
         return "real"
     return "field" if replace(bubble, accommodation=FREE) == FIELD else ""

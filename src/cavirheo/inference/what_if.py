@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from contextlib import suppress
+from dataclasses import replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -47,13 +49,17 @@ class WhatIf:
             end = seen(curve, model, material, medium, collapses).end
         else:
             end = window(curve, end=frames[-1] - curve.time_of_max).end
+        options = Options(None, end * (1.0 + 1e-9), None, tuple(FREE), bubble=posterior.bubble)
+        exposure = float(curve.exposure or 0.0)
         self.posterior = posterior
-        family, exposure = Family(posterior.material), float(curve.exposure or 0.0)
-        self.shot, self.limit = (
-            Experiment(curve, family, medium, Options(None, end * (1.0 + 1e-9), None, tuple(FREE), bubble=bubble),
-                       exposure=exposure)
-            for bubble in (posterior.bubble, FIELD)
-        )  # fmt: skip
+        self.shot: Experiment = Experiment(curve, Family(posterior.material), medium, options, exposure=exposure)
+
+    @cached_property
+    def limit(self) -> Experiment:
+        """The same with the field's bubble."""
+        shot = self.shot
+        options = replace(shot.options, bubble=FIELD)
+        return Experiment(shot.curve, shot.family, shot.medium, options, exposure=shot.exposure)
 
     def checks(self, given: Mapping[str, float]) -> Checks:
         """With these parameters (natural name, SI) in place of those of the answer; without any damping a real bubble

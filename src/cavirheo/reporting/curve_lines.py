@@ -88,6 +88,11 @@ class CurveLines:
         return replace(self.x, label=self.x.label + beyond)
 
     @property
+    def band(self) -> str:
+        """What the band about the residual is; nothing where there is none."""
+        return f"band: ± RMSE = {digits.significant(self.rmse, 2)} %" if self.rmse else ""
+
+    @property
     def t_star_axis(self) -> Axis | None:
         """The axis of time as t*; None without an answer."""
         return Axis("t*", self.x.low / self.t_star, self.x.high / self.t_star) if self.t_star else None
@@ -155,9 +160,8 @@ def preview_lines(curve: RadiusCurve, window: RadiusCurve) -> CurveLines:
     spikes = curve.spikes()
     outliers = np.column_stack([time[spikes], curve.radius[spikes] * per_metre])
     within = (time >= lines.x.low) & (time <= lines.x.high)
-    none = _NONE
     return replace(
-        lines, residual_time=none, outliers=outliers[within[spikes]], missing=time[np.isnan(curve.radius) & within]
+        lines, residual_time=_NONE, outliers=outliers[within[spikes]], missing=time[np.isnan(curve.radius) & within]
     )
 
 

@@ -177,7 +177,7 @@ def curve_figure(lines: CurveLines, look: FigureStyle, head: tuple[str, str, Seq
         top = _head(figure, look, head) - 2.0 * em
     compared, x = len(lines.residual) > 0, lines.time_axis if look.heading else lines.x
     lower = 0.18 * height if compared else 0.0
-    begin = bottom + lower + 1.1 * em if compared else bottom
+    begin = bottom + lower + (1.7 if look.heading else 1.1) * em if compared else bottom
     upper = _axes(figure, (left, begin, across, top - begin), x, lines.y, look, along=not compared)
     dots: dict[str, Any] = {"ls": "", "marker": "o", "ms": look.dot, "mew": 0.5 if look.hollow else 0.0}
     black: Any = {"mec": "black", "mfc": "none"} if look.hollow else {"color": style.BLACK}
@@ -199,6 +199,7 @@ def curve_figure(lines: CurveLines, look: FigureStyle, head: tuple[str, str, Seq
         below = _axes(figure, (left, bottom, across, lower), x, lines.difference, look)
         if lines.rmse and not look.hollow:
             below.axhspan(-lines.rmse, lines.rmse, color=style.BLUE, alpha=0.13, lw=0)
+            style.write(below, 1.0, 1.05, lines.band, size=look.small, color=style.BLUE, ha="right")
         below.axhline(0.0, color="black", lw=0.5)
         below.plot(lines.residual_time, lines.residual, **dots, **(black if look.hollow else {"color": style.BLUE}))
     return figure

@@ -185,9 +185,8 @@ def curve_svg(
     if compared:
         box = _LEFT, height - _BELOW - lower, across, lower
         _residuals(picture.panel(box, lines.time_axis, lines.difference), lines, points // 5)
-        if lines.rmse:
-            message = f"band: ± RMSE = {digits.significant(lines.rmse, 2)} %"
-            picture.write("residual end", width - _RIGHT, box[1] - 6, message)
+        if lines.band:
+            picture.write("residual end", width - _RIGHT, box[1] - 6, lines.band)
     if axis := lines.t_star_axis:
         panel.along_top(axis)
     _key(picture, lines)

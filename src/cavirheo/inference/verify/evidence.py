@@ -96,7 +96,7 @@ class Ranking:
 
     @property
     def contenders(self) -> list[str]:
-        """The laws that cannot be told from the best, simplest first (`others.contenders`)."""
+        """The laws that cannot be told from the best, simplest first (`alternatives.contenders`)."""
         laws = list(self.evidence)
         return [laws[i] for i in contenders(list(self.evidence.values()), [self.sizes.get(law, 0) for law in laws])]
 

@@ -128,12 +128,12 @@ class Estimation:
 
     def posterior(self) -> Posterior:
         """The answer."""
-        found = self._sampled()
+        found = self.posterior_above(-np.inf)
         assert found is not None
-        return self._answer(*found)
+        return found
 
     def posterior_above(self, log_evidence: float) -> Posterior | None:
-        """The answer of level "auto"; None where Laplace's log evidence of the modes is smaller than this one."""
+        """The answer; None where that of level "auto" would have modes with a smaller log evidence (Laplace's)."""
         found = self._sampled(log_evidence)
         return None if found is None else self._answer(*found)
 
@@ -338,8 +338,8 @@ class Estimation:
         told |= {
             "modulus_over_scale": self._modulus_over_scale(best),
             "at_bound": tuple(name for name in self._pulled(at) if name in CAMERA),
+            "frames_left_out": int(np.count_nonzero(~shot.counted)),
         }
-        told |= {"frames_left_out": int(np.count_nonzero(~shot.counted))}
         provenance = {key: value for key, value in self.answer.provenance.items() if key in _CARRIED}
         provenance |= told | about | noise.describe(best.residual) | {
             "verify": settings.level, "discrepancy": settings.discrepancy, "prior": prior.to_dict(),
