@@ -125,7 +125,7 @@ def curve_lines(curve: RadiusCurve, checks: Checks, simulated_as: str = "simulat
         compared = (time >= window[0] - slack) & (time <= window[-1] + slack)
     low, high = _view(time, window)
     seen = np.isfinite(radius) & (time >= low) & (time <= high)
-    top = 1.05 * float(np.max([*radius[seen], *lines["simulated_radius"]], initial=0.0)) or 1.0
+    top = 1.05 * float(np.max([*radius[seen], *lines["simulated_radius"]], initial=0.0)) or 1.05
     reach = 1.15 * max(float(np.max(np.abs(lines["residual"]), initial=0.1)), rmse)
     return CurveLines(
         time=time[seen],
