@@ -31,13 +31,14 @@ from cavirheo.app.steps import examples, export, fit, glance, infer, name_materi
 from cavirheo.app.words import answers, facts, found
 from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError
+from cavirheo.inference.analysis import Analysis
 from cavirheo.inference.what_if import band
-from cavirheo.parallel import Once
 from cavirheo.physics.bubble import FIELD
 from cavirheo.reading import read_curves, write_csv
 from cavirheo.reading.subprocess_reader import Reader
 from cavirheo.reporting import browser_figures, wall_page
 from cavirheo.reporting.bundle import write_bundle
+from cavirheo.workflow.store import Store
 
 SOFT = examples()["soft_gel.csv"]
 SWEEPS = Path(__file__).parent.parent / "examples"
@@ -352,7 +353,7 @@ def test_answers_are_stale_when_settings_change_and_forgotten_when_files_do(sess
 
 
 def test_materials_are_typed_and_pooled_anew_without_another_run(session, tmp_path):
-    session.once = Once(10)
+    session.store = Store(most=10)
     for k, name in enumerate("abc"):
         session.add([single(tmp_path / f"{name}.csv", 1.0 + 0.1 * k)], PageSettings(verify="none"))
     session.add([SOFT], PageSettings(verify="none"), copy=True)
@@ -377,7 +378,8 @@ def test_materials_are_typed_and_pooled_anew_without_another_run(session, tmp_pa
     assert session.answers.document.notes == []
     session.prepare(PageSettings(verify="none", group="none"))
     kept = dict(zip(names, [answer for _, answer in first.pairs], strict=False))
-    assert all(answer is kept[curve.name] for curve, answer in infer(session, names[:4]).pairs)  # not computed again
+    pairs = infer(session, names[:4]).pairs
+    assert all(answer.theta is kept[curve.name].theta for curve, answer in pairs)  # not computed again
 
 
 def test_a_material_has_a_density_of_its_own(session, tmp_path):
@@ -446,14 +448,14 @@ def test_a_law_without_modulus_is_named_and_drawn_over_the_radius(session, law, 
 def test_a_stop_keeps_what_is_done_and_names_the_rest(session, monkeypatch):
     session.add([SOFT], PageSettings(verify="none"), copy=True)
     names = [curve.name for curve in session.curves]
-    hold, real = Event(), steps.infer_many
+    hold, real = Event(), Analysis.answer
 
-    def slow(curves, **options):
-        if curves[0].name != names[0]:
+    def slow(analysis, curve, **options):
+        if curve.name != names[0]:
             hold.wait(60)
-        return real(curves, **options)
+        return real(analysis, curve, **options)
 
-    monkeypatch.setattr(steps, "infer_many", slow)
+    monkeypatch.setattr(Analysis, "answer", slow)
     soon = session.soon
 
     def stop():
@@ -503,16 +505,16 @@ def test_a_glance_of_the_network_is_never_trusted(session, tmp_path):
 
 def test_one_run_at_a_time_and_none_for_what_has_changed(session, monkeypatch):
     session.add([SOFT], PageSettings(verify="none"), copy=True)
-    asked, real = [], steps.infer_many
+    asked, real = [], Analysis.answer
 
-    def again(curves, **options):
+    def again(analysis, curve, **options):
         asked.append(True)
         with refused("parallel.busy"):
             infer(session, ["soft_gel[2]"])
         session.clear()
-        return real(curves, **options)
+        return real(analysis, curve, **options)
 
-    monkeypatch.setattr(steps, "infer_many", again)
+    monkeypatch.setattr(Analysis, "answer", again)
     with refused("app.changed"):
         infer(session, ["soft_gel[1]"])
     assert asked
@@ -632,16 +634,16 @@ def test_a_link_leads_back_to_a_session_and_no_other_word_does():
 def test_a_short_call_of_a_program_does_not_wait_for_a_long_one(served, client, tmp_path, monkeypatch):
     from gradio_client import handle_file
 
-    hold, begun, real = Event(), Event(), steps.infer_many
+    hold, begun, real = Event(), Event(), Analysis.answer
 
-    def held(curves, **options):
-        if curves[0].name == "long":  # asked nowhere else: an answer that is kept would not be held
+    def held(analysis, curve, **options):
+        if curve.name == "long":  # asked nowhere else: an answer that is kept would not be held
             begun.set()
             hold.wait(60)
-        return real(curves, **options)
+        return real(analysis, curve, **options)
 
-    monkeypatch.setattr(steps, "infer_many", held)
-    file = handle_file(str(single(tmp_path / "long.csv")))
+    monkeypatch.setattr(Analysis, "answer", held)
+    file = handle_file(str(single(tmp_path / "long.csv", 1.037)))
     long = client.submit([file], verify="none", api_name="/infer")
     assert begun.wait(60)
     assert len(ask(client, single(tmp_path / "b.csv"), verify="none")["curves"]) == 1

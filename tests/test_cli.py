@@ -9,11 +9,11 @@ import h5py
 import numpy as np
 import pytest
 import typer
+from analyses import KnownAnalysis
 from conftest import BDT
 from scipy.io import savemat
 
 from cavirheo import NeoHookeanKelvinVoigt, read_curves, simulate
-from cavirheo.answer_store import Step
 from cavirheo.inference.model import path_of
 from cavirheo.physics import laws
 from cavirheo.physics.accuracy import PRECISE
@@ -139,7 +139,7 @@ def test_an_answer_that_is_no_number_is_a_failure(tmp_path, capsys):
     curve = read_curves(EXAMPLE)[0]
     nothing = Posterior(("log10_viscosity",), ("Pa s",), np.array([[np.nan]]), Checks("ok"), "newtonian", "bdt")
     with pytest.raises(typer.Exit) as stop:
-        Run().report([curve], Step("answering", lambda curves, done: [nothing], {}), tmp_path)
+        Run().report([curve], KnownAnalysis(of=lambda _: nothing), tmp_path)
     assert stop.value.exit_code == 1
 
 

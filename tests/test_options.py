@@ -17,6 +17,7 @@ import typer
 from conftest import BDT
 from recordings import write_mraw
 
+from cavirheo.inference.analysis import Analysis
 from cavirheo.physics.bubble import FIELD, REAL, Bubble
 from cavirheo.posterior import Checks, Posterior
 from cavirheo.verbs import app
@@ -131,7 +132,7 @@ def lab(run, tmp_path, monkeypatch):
         raise AssertionError("it computes")
 
     monkeypatch.setattr("cavirheo.physics.simulate.load_solver", lambda *_: None)
-    for name in ("physics.simulate.simulate_many", "inference.each", "inference.verify.each"):
+    for name in ("physics.simulate.simulate_many", "inference.analysis.Analysis.answer", "inference.verify.each"):
         monkeypatch.setattr(f"cavirheo.{name}", computes)
     lines = (ROOT / "examples" / "soft_gel.csv").read_text(encoding="utf-8").splitlines()
     (tmp_path / "shot.csv").write_text("\n".join(line for line in lines if line[:1] in "#s1") + "\n")
@@ -210,27 +211,10 @@ def test_without_pictures_none_are_drawn(run, lab_answers, monkeypatch):
     assert "<img" not in Path("r", "report.html").read_text(encoding="utf-8")
 
 
-def test_a_seed_reaches_the_draws(run, lab_answers, monkeypatch):
-    seeds = []
-    monkeypatch.setattr(
-        "cavirheo.inference.verify.verify_many", lambda _, answers, *, seed, **__: seeds.append(seed) or answers
-    )
+def test_a_seed_reaches_the_draws(run, lab_answers):
     for words in ([], ["--seed", 7]):
-        run(
-            "infer",
-            "shot.csv",
-            "--model",
-            "bdt-viscoelastic",
-            "--verify",
-            "full",
-            "--no-pictures",
-            "--quiet",
-            "--replace",
-            "-o",
-            "r",
-            *words,
-        )
-    assert seeds == [0, 7]
+        run("infer", "shot.csv", *BDT, "--verify", "full", "--no-pictures", "--quiet", "--replace", "-o", "r", *words)
+    assert [one.seed for one in lab_answers] == [0, 7]
 
 
 BUBBLES = {  # options, and the bubbles that they ask for
@@ -255,8 +239,7 @@ SEVERAL = {  # of which-law
 @pytest.mark.parametrize(
     ("verb", "words", "asked"),
     [
-        ("infer", "", None),  # the network decides
-        *((verb, "", (REAL,)) for verb in ("fit", "which-law")),
+        *((verb, "", (REAL,)) for verb in ("infer", "fit", "which-law")),
         *((verb, words, asked) for verb in ("infer", "fit") for words, asked in BUBBLES.items()),
         *(("which-law", words, asked) for words, asked in SEVERAL.items()),
     ],
@@ -265,11 +248,14 @@ def test_the_options_of_the_bubble_are_a_bubble(lab, monkeypatch, verb, words, a
     class AskedError(Exception):
         pass
 
-    def stop(_, bubbles=None, **settings):
-        raise AskedError(settings.get("bubble", bubbles))
+    def stop(asked, *_, **__):
+        raise AskedError(asked.bubbles)
 
-    computes = {"infer": "infer_many", "fit": "fit.fit_many", "which-law": "verify.evidence.models"}
-    monkeypatch.setattr(f"cavirheo.inference.{computes[verb]}", stop)
+    def stop_models(_, bubbles):
+        raise AskedError(bubbles)
+
+    monkeypatch.setattr(Analysis, "answer", stop)
+    monkeypatch.setattr("cavirheo.inference.verify.evidence.models", stop_models)
     with pytest.raises(AskedError) as told:
         lab(verb, "shot.csv", *words.split(), "--no-pictures", "-o", "r")
     assert told.value.args == (asked,)
@@ -289,7 +275,7 @@ def test_trust_input_and_group_reach_the_answers(run, lab_answers):
         "-o",
         "r",
     )
-    assert lab_answers[-1]["trust_input"] is True
+    assert lab_answers[-1].trust_input is True
     (group,) = json.loads(Path("r", "result.json").read_text())["groups"]
     assert group["name"] == Path.cwd().name
 
@@ -323,15 +309,15 @@ def test_the_shell_completes(words, completed):
 
 
 @pytest.fixture
-def lab_answers(lab, monkeypatch) -> list[dict]:
-    """Known answers instead of inference; returns the settings of each call."""
-    calls: list[dict] = []
+def lab_answers(lab, monkeypatch) -> list[Analysis]:
+    """Known answers instead of inference; returns what was asked."""
+    calls: list[Analysis] = []
 
-    def answered(curves, **settings):
-        calls.append(settings)
+    def answered(analysis, curve, *_, **__):
+        calls.append(analysis)
         theta = np.log10([[6e3, 0.02]])
         names, units = ("log10_shear_modulus", "log10_viscosity"), ("Pa", "Pa s")
-        return [Posterior(names, units, theta, Checks("ok"), "nhkv", "bdt") for _ in curves]
+        return Posterior(names, units, theta, Checks("ok"), "nhkv", "bdt")
 
-    monkeypatch.setattr("cavirheo.inference.infer_many", answered)
+    monkeypatch.setattr(Analysis, "answer", answered)
     return calls

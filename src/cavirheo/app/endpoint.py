@@ -51,7 +51,7 @@ def public(visitors: Visitors) -> Callable[..., Any]:
         """Measured radius histories in, the content of result.json out; options as those of `cavirheo infer`."""
         given: dict[str, Any] = {**locals()}
         options = {one.name: given[one.name] for one in fields(PageSettings) if given.get(one.name) is not None}
-        session = Session(visitors.limits, visitors.reader, once=visitors.once)
+        session = Session(visitors.limits, visitors.reader, store=visitors.store)
         try:
             with closing(session), uploaded([str(dict(file)["path"]) for file in files or []]) as paths:
                 session.add(paths, PageSettings(**options))

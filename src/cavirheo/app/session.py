@@ -16,10 +16,10 @@ from typing import Any
 from cavirheo.companions.values import published, set_beside, values_of
 from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError, number_of, require
-from cavirheo.inference import DEFAULT, check_level, check_models
+from cavirheo.inference.analysis import DEFAULT, Analysis
 from cavirheo.inference.model import shipped
 from cavirheo.inference.reconstruct import check_stretch
-from cavirheo.parallel import Once, Stoppable
+from cavirheo.parallel import Stoppable
 from cavirheo.physics.media import Medium, medium
 from cavirheo.posterior import Posterior
 from cavirheo.reading.camera import Camera
@@ -29,6 +29,7 @@ from cavirheo.reading.subprocess_reader import Found, Reader
 from cavirheo.reporting.answer import CurveRecord
 from cavirheo.reporting.record import Pairs, Published, Result
 from cavirheo.video.measurement import Measurement
+from cavirheo.workflow.store import Store
 from cavirheo.writing.document import short_name
 
 YOURS = "your files"  # the folder of a visitor, which names the group of single-shot files
@@ -48,9 +49,6 @@ class VisitorLimits:
     film_mb: float = 500.0  # of its frames
     visitors: int = 100
     absent: float = 600.0  # s after which one who closed the page is forgotten
-
-
-ANSWERED = ("model", "material", "bubble", "verify")  # of PageSettings: how an answer is found
 
 
 @dataclass(frozen=True)
@@ -76,7 +74,6 @@ class PageSettings:
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "trust_input", bool(self.trust_input))
-        check_level(self.verify)
         if self.stretch != "free":
             check_stretch(self.stretch)
         unknown = f"unknown model {self.model!r}; known here: {', '.join(shipped())}"
@@ -84,7 +81,7 @@ class PageSettings:
         if self.model in shipped("point"):
             object.__setattr__(self, "material", None)
             object.__setattr__(self, "bubble", "field")
-        check_models(self.model, self.material, self.bubble, self.verify)
+        _ = self.analysis
 
     @classmethod
     def of(cls, values: Sequence[Any]) -> tuple[PageSettings, dict[str, str]]:
@@ -120,6 +117,14 @@ class PageSettings:
         liquid, scale = self.liquid, None if self.rmax_um is None else self.rmax_um * 1e-6
         check_max_radius(scale)
         return {"density": liquid.density, "pressure": liquid.pressure, "max_radius": scale, "group": self.group}
+
+    @property
+    def analysis(self) -> Analysis:
+        """What is asked of each curve. Raises InputError."""
+        return Analysis(
+            "infer", self.model, self.material, self.bubble, self.liquid, self.stretch, self.window, self.trust_input,
+            self.verify,
+        )  # fmt: skip
 
     @property
     def compared(self) -> tuple[str, str | None, Medium, int | None]:
@@ -161,10 +166,10 @@ class Session:
     """One visitor. The files lie in a folder that goes with the session."""
 
     def __init__(
-        self, limits: VisitorLimits, reader: Reader, measurer: Reader | None = None, once: Once | None = None
+        self, limits: VisitorLimits, reader: Reader, measurer: Reader | None = None, store: Store | None = None
     ) -> None:
         self.limits, self.reader, self.settings = limits, reader, PageSettings()
-        self.once = once or Once(1)  # of all visitors: a class with one demo file waits for one answer to each shot
+        self.store = store or Store()  # of all visitors: a class with one demo file waits for one answer to each shot
         self.measurer = measurer or reader  # its own, so that nobody's table waits for a film
         self.sent: list[str] = []  # uploads that are not looked at yet
         self.said = ""  # why the last thing that was asked was not done
@@ -325,7 +330,7 @@ class Visitors:
     def __init__(self, limits: VisitorLimits) -> None:
         self.limits, self.reader = limits, Reader(limits.seconds)
         self.measurer = Reader(limits.film_seconds, at_once=False)
-        self.once, self._lock = Once(200), RLock()  # of a shot two answers
+        self.store, self._lock = Store(most=200), RLock()  # of a shot two answers
         self._sessions: dict[str, Session] = {}  # by their links, in the order of use
         self._links: dict[str, str] = {}  # by the names of pages
         self.forgotten: Callable[[str], Any] = lambda name: None  # told the name of each page that is
@@ -335,7 +340,7 @@ class Visitors:
         require(bool(name), "no session: reload the page")
         with self._lock:
             found = self._sessions.pop(self._links.get(name, ""), None)
-            session = found or Session(self.limits, self.reader, self.measurer, self.once)
+            session = found or Session(self.limits, self.reader, self.measurer, self.store)
             self._sessions[session.link], self._links[name] = session, session.link
             session.calls += 1
             while len(self._sessions) > self.limits.visitors:

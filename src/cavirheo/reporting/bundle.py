@@ -12,15 +12,16 @@ from typing import Any
 import numpy as np
 
 from cavirheo.curve import RadiusCurve
-from cavirheo.parallel import Once
 from cavirheo.reading import write_csv
 from cavirheo.reporting import file_names, write_report
 from cavirheo.reporting.record import Pairs, Result
+from cavirheo.workflow.store import Store
 from cavirheo.writing import digits
 from cavirheo.writing.document import LIST
+from cavirheo.writing.packing import key_of
 
 _FIGURES = ("png", "svg")
-_ZIPPED = Once(3)  # a class with one demo file waits for one zip
+_ZIPPED = Store(most=3)  # a class with one demo file waits for one zip
 
 
 def zipped(pairs: Pairs, document: Result, fits: Pairs, done: Callable[[], None]) -> bytes:
@@ -35,7 +36,7 @@ def zipped(pairs: Pairs, document: Result, fits: Pairs, done: Callable[[], None]
             write_bundle(folder, pairs, document.command, fits, done, **about)
             return Path(shutil.make_archive(f"{base}/made", "zip", base, folder.name)).read_bytes()
 
-    return _ZIPPED(made, pairs, document.command, fits, about)
+    return _ZIPPED.once(key_of([pairs, document.command, fits, about]), made)
 
 
 def write_bundle(folder: Path, pairs: Pairs, command: str, fits: Pairs, done: Callable[[], None], **about: Any) -> None:

@@ -17,8 +17,8 @@ def cluster(
 ) -> None:
     """Whether the workers of a dask cluster have the same version, compiled solver and bits as this machine."""
     require(action == "check", f"cluster can be asked to check, got {action!r}", "cluster.action")
-    from cavirheo.cluster import client_of
-    from cavirheo.cluster.check import arrived, identity, reports
+    from cavirheo.workflow.cluster import client_of
+    from cavirheo.workflow.cluster.check import arrived, identity, reports
     from cavirheo.writing import terminal
     from cavirheo.writing.digits import MISSING
 

@@ -347,13 +347,9 @@ def check_verify(level: str, exposure_us: float | None, exact_law: bool, files: 
     """Raises InputError for an unknown level, or for an option that only --verify would use, before hours are spent.
 
     Recordings among the files use the exposure, too."""
-    from cavirheo.inference import check_level
     from cavirheo.reading.recordings import is_recording
 
-    try:
-        check_level(level)
-    except InputError as error:
-        raise InputError(f"--{error}", error.code) from None
+    require(level in _LEVELS, f"--verify must be auto, none, map or full, got {level!r}", "option.verify")
     exposed = exposure_us is not None and not any(map(is_recording, files))
     given = ["--exposure-us"] * exposed + ["--exact-law"] * exact_law
     idle = level == "none" and given

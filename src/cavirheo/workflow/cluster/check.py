@@ -49,7 +49,7 @@ class WorkerReport:
 @cache
 def identity() -> Identity:
     """Of this process; the first call loads the compiled solver and simulates four curves."""
-    root, digest = Path(__file__).parents[1], hashlib.sha256()
+    root, digest = Path(__file__).parents[2], hashlib.sha256()
     for path in sorted(root.rglob("*")):
         if path.suffix in (".py", ".onnx") and "app" not in path.parts:
             digest.update(path.relative_to(root).as_posix().encode() + path.read_bytes())
@@ -98,7 +98,7 @@ def _probe() -> Callable[[], dict[str, Any]]:
         import platform
 
         try:
-            from cavirheo.cluster.check import about
+            from cavirheo.workflow.cluster.check import about
 
             return about()
         except ImportError as error:
