@@ -599,7 +599,7 @@ def test_the_band_of_the_draws_holds_the_answer_and_a_density_matters(session):
     session.add([SOFT], PageSettings(), copy=True)
     kept = infer(session, ["soft_gel[1]"])
     _, curve, answer, _ = session.find("soft_gel[1]")
-    time, low, high = band(curve, answer, *session.settings.compared)
+    time, low, high = band(curve, answer, session.settings.analysis)
     assert np.array_equal(time, answer.checks.reconstruction_time)
     assert np.all(low <= high)
     inside = (answer.checks.reconstruction_radius >= low) & (answer.checks.reconstruction_radius <= high)

@@ -32,7 +32,7 @@ from cavirheo.training import dataset
 from cavirheo.training.dataset import generate
 from cavirheo.workflow.analyse import Unfinished
 from cavirheo.workflow.cluster import connected
-from cavirheo.workflow.cluster.check import Identity, admitted, identity, reports
+from cavirheo.workflow.cluster.check import Identity, admitted, code_of, identity, reports
 from cavirheo.workflow.cluster.executor import SECONDS_PER_THREAD, Workers, _batch, seconds_for
 from cavirheo.workflow.cluster.slurm import read_settings
 
@@ -154,6 +154,17 @@ def test_answers_of_a_cluster_are_those_of_this_machine(workers, tmp_path):
 
 
 # --- who may work -----------------------------------------------------------------------------------------------------
+
+
+def test_code_is_compared_wherever_the_package_lies(tmp_path):
+    """Also below a folder named app, as in containers."""
+    (tmp_path / "app" / "cavirheo").mkdir(parents=True)
+    module = tmp_path / "app" / "cavirheo" / "solver.py"
+    found = []
+    for text in ("1", "2"):
+        module.write_text(text)
+        found.append(code_of(tmp_path / "app" / "cavirheo"))
+    assert found[0] != found[1]
 
 
 def dask(*words: str, path: object = ROOT / "src", cwd: Path) -> subprocess.Popen[bytes]:

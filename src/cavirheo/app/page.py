@@ -365,7 +365,7 @@ class Page(film.FilmPart):
     def _answered(self, session: Session, name: str, trial: dict[str, Any] | None = None) -> list[Any]:
         answers, curve, posterior, _ = session.find(name)
         fit = answers.fits.get(name)
-        drawn = band(curve, posterior, *session.settings_of(name).compared)
+        drawn = band(curve, posterior, session.settings_of(name).analysis)
         named = digits.simulated(posterior.method)
         figure = plots.checked(curve, posterior.checks, named, fit.checks if fit else None, trial, drawn)
         return [figure, words.facts(session, name)]

@@ -126,11 +126,6 @@ class PageSettings:
             self.verify,
         )  # fmt: skip
 
-    @property
-    def compared(self) -> tuple[str, str | None, Medium, int | None]:
-        """Which window an answer is compared over, as `inference.trial` asks for it. Raises InputError."""
-        return self.model, self.material, self.liquid, self.window
-
 
 @dataclass(eq=False)
 class Clip:

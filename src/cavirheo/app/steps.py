@@ -132,7 +132,7 @@ def fit(session: Session, name: str | None) -> None:
         (answers, curve, posterior, _), settings = session.find(name), session.settings_of(name or "")
     end = None
     if settings.material is None:  # a network that reads its own window
-        end = seen(curve, *settings.compared).end * (1.0 + 1e-9)
+        end = seen(curve, settings.analysis).end * (1.0 + 1e-9)
     model: dict[str, Any] = {"material": posterior.material, "bubble": posterior.bubble}
     analysis = replace(settings.analysis, method="fit", free=None, verify="auto", end=end, **model)
     (found,) = session.work.each(analysis.answer, [curve])
@@ -153,7 +153,7 @@ def trial(session: Session, name: str, values: Sequence[float | None]) -> tuple[
     where it fails, why, and nothing to draw."""
     _, curve, posterior, _ = session.find(name)
     given = {key: v / SLIDERS[key][1] for key, v in zip(SLIDERS, values, strict=True) if v is not None}
-    found = tried(curve, posterior, given, *session.settings_of(name).compared)
+    found = tried(curve, posterior, given, session.settings_of(name).analysis)
     return found, plots.lines(found, 0.0 if found.verdict == "failed" else curve.time_of_max)
 
 

@@ -120,7 +120,7 @@ def prepared(curve: RadiusCurve, settings: PageSettings) -> str:
     it."""
     picture, said = "", warnings([curve])
     try:
-        picture = curve_svg(preview_lines(curve, seen(curve, *settings.compared).curve))
+        picture = curve_svg(preview_lines(curve, seen(curve, settings.analysis).curve))
     except InputError as error:
         said = {str(error): [curve.name]}
     return part("prepared", picture, {told(text): names for text, names in said.items()}, notes([curve]))

@@ -190,53 +190,47 @@ class Analysis:
     def answer(self, curve: RadiusCurve, begun: Posterior | None = None, *, workers: int | None = None) -> Posterior:
         """The answer for one curve, on so many threads; one that cannot be answered gives a Posterior without draws
         that says why. begun: what `before` answers, if it is known."""
-        with one_blas_thread:
-            return self._by_network(curve, workers) if self._networked else self._by_search(curve, begun, workers)
-
-    def _by_network(self, curve: RadiusCurve, workers: int | None) -> Posterior:
-        from cavirheo.inference.network_answer import Networked
         from cavirheo.inference.posterior_model import network_of
         from cavirheo.inference.verify import verify_many
 
-        network = network_of(str(self.model))
-        shared: dict[str, Any] = {"medium": self.medium, "stretch": self.stretch, "seed": self.seed}
-        shared["discrepancy"] = self.discrepancy
-        read: dict[str, Any] = {"window": self.window, "trust_input": self.trust_input}
+        shared = ("medium", "stretch", "seed", "discrepancy", "free", "t0_bound", "scale_bound", "ranges")
+        settings: dict[str, Any] = {name: getattr(self, name) for name in shared} | {"level": self.verify}
+        settings |= {} if self.draws is None else {"draws": self.draws}
+        if self.method == "infer":
+            settings["network"] = network_of(str(self.model))
+        elif self.method == "bdt":
+            settings["bubble"] = self.bubbles
+        elif self.method == "fit":
+            settings |= {"weights": self.weights, "rival": self.others}
+        else:
+            settings["search"] = self.before is None
+        with one_blas_thread:
+            answers = [begun] if begun else self._begun(curve, workers)
+            return (
+                answers[0] if self.verify == "none" else verify_many([curve], [answers], workers=workers, **settings)[0]
+            )
+
+    def _begun(self, curve: RadiusCurve, workers: int | None) -> Sequence[Posterior]:
+        """What the verification begins with, of each law and bubble."""
+        from cavirheo.inference.network_answer import Networked
+        from cavirheo.inference.posterior_model import network_of
+
+        if self.before:
+            return [self.before.answer(curve, workers=workers)]
+        models = list(product(self.laws, self.bubbles))
+        if self.method == "fit":
+            return [self._asked(curve, law, self._options(bubble)) for law, bubble in models]
+        if self.method == "search":
+            return [
+                self._asked(curve, law, Options(self.window, stretch=self.stretch, bubble=one)) for law, one in models
+            ]
+        network, medium = network_of(str(self.model)), named(self.medium)
         if isinstance(network, Network):
             known: Any = None if self.stretch == "free" else self.stretch
-            estimator = Amortised(network, named(self.medium), known, *read.values())
-            answers = [estimator.infer(curve)]
-            shared["bubble"] = self.bubbles
-        else:
-            alone = read | shared | {"checked": self.verify == "none"}
-            models = product(self.laws, self.bubbles)
-            answers = [Networked(network, law, bubble, **alone).infer(curve) for law, bubble in models]
-            shared["network"] = network
-        if self.verify == "none":
-            return answers[0]
-        shared |= {"level": self.verify, "workers": workers} | self._drawn
-        return verify_many([curve], [answers], **shared)[0]
-
-    @property
-    def _drawn(self) -> dict[str, int]:
-        return {} if self.draws is None else {"draws": self.draws}
-
-    def _by_search(self, curve: RadiusCurve, begun: Posterior | None, workers: int | None) -> Posterior:
-        from cavirheo.inference.verify import verify_many
-
-        shared: dict[str, Any] = {name: getattr(self, name) for name in ("medium", "stretch", "seed", "free")}
-        shared |= {"t0_bound": self.t0_bound, "scale_bound": self.scale_bound, "workers": workers, **self._drawn}
-        if self.method == "fit":
-            models = product(self.laws, self.bubbles)
-            asked = [self._asked(curve, law, self._options(bubble)) for law, bubble in models]
-            return verify_many([curve], [asked], level="auto", weights=self.weights, rival=self.others, **shared)[0]
-        shared |= {"discrepancy": self.discrepancy, "ranges": self.ranges}
-        if self.before:
-            begun = begun or self.before.answer(curve, workers=workers)
-            return verify_many([curve], [begun], level="auto", **shared)[0]
-        (law,), (bubble,) = self.laws, self.bubbles
-        begin = self._asked(curve, law, Options(self.window, stretch=self.stretch, bubble=bubble))
-        return verify_many([curve], [begin], level="map", search=True, **shared)[0]
+            return [Amortised(network, medium, known, self.window, self.trust_input).infer(curve)]  # type: ignore[arg-type]
+        asked = ("stretch", "window", "trust_input", "discrepancy", "seed")
+        how: dict[str, Any] = {name: getattr(self, name) for name in asked} | {"checked": self.verify == "none"}
+        return [Networked(network, law, bubble, medium, **how).infer(curve) for law, bubble in models]
 
     def _asked(self, curve: RadiusCurve, law: str, options: Options) -> Posterior:
         """What a search begins from: law, bubble, window and doubts about the recording, without any value."""
@@ -245,9 +239,8 @@ class Analysis:
         try:
             shot = Experiment(curve, family, medium, options)
             doubts = [*input_checks.plain(curve, medium), *input_checks.of_walls(shot)]
-            checks = input_checks.doubted(
-                Checks("ok", t_star_end=shot.view.end / shot.time_scale), doubts, self.trust_input
-            )
+            plain = Checks("ok", t_star_end=shot.view.end / shot.time_scale)
+            checks = input_checks.doubted(plain, doubts, self.trust_input)
         except Exception as error:  # of this curve alone
             checks = input_checks.failed(error, curve, medium)
         about = {"medium": asdict(medium), "options": asdict(options), "source_sha256": curve.source_sha256}
