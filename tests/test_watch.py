@@ -22,6 +22,7 @@ from recordings import SCALE, film, write_mraw
 
 from cavirheo import read_curves, watch
 from cavirheo.curve import RadiusCurve
+from cavirheo.parallel import Threads
 from cavirheo.posterior import Checks, Posterior
 from cavirheo.reading import write_csv
 from cavirheo.reading.shots import read_shots
@@ -177,6 +178,43 @@ def test_shots_added_to_a_file_leave_its_others_as_they_are(bench):
     (bench.folder / "gel.csv").write_text("".join(lines))
     bench.settle()
     assert len(bench.asked) == len(set(bench.asked)) == len(bench.rows) == len(shots)
+
+
+def test_no_answer_of_a_file_is_lost_when_it_is_stopped_in_the_middle(bench, monkeypatch):
+    shutil.copy(EXAMPLE, bench.folder / "gel.csv")
+    monkeypatch.setattr(watch.analyse, "__defaults__", (Threads(1),))
+    real = bench.answer
+
+    def stopped(one):
+        if len(bench.asked) == 3:
+            raise KeyboardInterrupt
+        return real(one)
+
+    bench.answer = stopped
+    bench.start()
+    with pytest.raises(KeyboardInterrupt):
+        bench.settle()
+    bench.watch.write()
+    assert len(bench.rows) == 3
+    bench.asked.append("stopped")
+    bench.start()
+    bench.settle()
+    assert len(bench.rows) == len(set(bench.asked)) - 1 == 5
+
+
+def test_documents_take_a_part_of_the_time_alone(bench, curve, monkeypatch):
+    monkeypatch.setattr(watch, "PACE", 1e6)
+    written, write_all = [], bench.watch.write
+    monkeypatch.setattr(bench.watch, "write", lambda: written.append(write_all()))
+    for k in range(12):
+        write(bench.folder, curve, k)
+        bench.watch.once()
+        bench.watch.pause()
+    assert len(written) == 1
+    assert bench.watch.pause()  # more is to come
+    bench.watch._due = 0.0
+    bench.settle()
+    assert len(bench.rows) == 12
 
 
 def test_rows_stay_when_files_are_moved_away(bench, curve):
