@@ -37,11 +37,6 @@ _LABELS = {"name", "label", "group", "group_source", "column", "notes", "hints",
 _LABELS |= {"flags", "contact_sheet"}  # of `RadiusCurve.meta`: no answer depends on these
 
 
-def check_level(level: str) -> None:
-    """Raises InputError for a level of verification that does not exist."""
-    require(level in LEVELS, f"verify must be auto, none, map or full, got {level!r}", "option.verify")
-
-
 @dataclass(frozen=True)
 class Analysis:
     """What is asked of a curve. Equal settings that are written differently become the same ones.
@@ -83,7 +78,10 @@ class Analysis:
     ranges: Mapping[str, Sequence[float]] | None = None
 
     def __post_init__(self) -> None:
-        check_level(self.verify)
+        require(self.method in _DOING, f"method must be {', '.join(_DOING)}, got {self.method!r}", "option.method")
+        levels = LEVELS if self._networked else ("auto", "map")
+        message = f"verify must be {', '.join(levels[:-1])} or {levels[-1]}, got {self.verify!r}"
+        require(self.verify in levels, message, "option.verify")
         expect_whole(self.seed, "seed", 0, "option.seed")
         own: dict[str, Any] = {"model": str(self.model), "medium": named(self.medium)}
         kind = card(path_of(str(self.model))) if self._networked else {}
@@ -103,28 +101,24 @@ class Analysis:
         for bubble in self.bubbles:
             check_wall(bubble)
             object.__setattr__(self, "free", self._options(bubble).free)
-        if not point:
-            for law in self.laws:
-                Family(law)
-        self._check_network()
-
-    @property
-    def _networked(self) -> bool:
-        return self.method in ("infer", "bdt")
-
-    def _check_network(self) -> None:
-        """Raises InputError for what this network cannot answer at this level of verification."""
-        if self.method == "bdt":
+        if point:
             known = self.bubbles == (FIELD,) or self.verify != "none"
             message = f"the model {self.model} knows the field's bubble alone: leave out bubble or the model, or give "
             require(known, f"{message}verify map", "option.bubble")
-        if self.method == "infer" and self.verify == "none":
+            return
+        for law in self.laws:
+            Family(law)
+        if self.verify == "none":
             from cavirheo.inference.flow import kind_of
 
             message = "auto compares models by their evidence, which a verification finds: leave out --verify none"
             require(self.material != "auto" and len(self.bubbles) == 1, message, "option.auto")
             message = f"the network by itself knows {KNOWN_BUBBLES}: leave out verify none"
             require(all(map(kind_of, self.bubbles)), message, "option.bubble")
+
+    @property
+    def _networked(self) -> bool:
+        return self.method in ("infer", "bdt")
 
     @property
     def bubbles(self) -> tuple[Bubble, ...]:
