@@ -121,10 +121,8 @@ class PageSettings:
     @property
     def analysis(self) -> Analysis:
         """What is asked of each curve. Raises InputError."""
-        return Analysis(
-            "infer", self.model, self.material, self.bubble, self.liquid, self.stretch, self.window, self.trust_input,
-            self.verify,
-        )  # fmt: skip
+        names = ("model", "material", "bubble", "stretch", "window", "trust_input", "verify")
+        return Analysis(medium=self.liquid, **{name: getattr(self, name) for name in names})
 
 
 @dataclass(eq=False)

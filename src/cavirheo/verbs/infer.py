@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 from cavirheo.verbs import options
 from cavirheo.verbs.run import Reading, Run
@@ -37,10 +38,11 @@ def infer(
     files = run.files(files)
     drawn = options.figures_of(figures)
     options.check_verify(verify, reading.exposure_us, exact_law, files)
+    known, trusted = options.known_stretch(stretch), reading.trust_input
+    asked: Any = {"model": model, "material": material, "bubble": bubbles, "medium": liquid, "stretch": known}
     analysis = Analysis(
-        "infer", model, material, bubbles, liquid, options.known_stretch(stretch), window, reading.trust_input, verify,
-        not exact_law, seed=seed,
-    )  # fmt: skip
+        **asked, window=window, trust_input=trusted, verify=verify, discrepancy=not exact_law, seed=seed
+    )
     Outputs(out, *DOCUMENTS, inputs=files)
     with connected(scheduler, run.say) as executor:
         curves = run.read(files, liquid, reading, column)

@@ -48,10 +48,11 @@ def watch(
     options.check_verify(verify, reading.exposure_us, exact_law, [folder])
     message = f"--rmax-um must be a positive radius in micrometres, got {reading.rmax_um}"
     require(reading.rmax_um is None or reading.rmax_um > 0, message, "option.rmax_um")
+    known, trusted = options.known_stretch(stretch), reading.trust_input
+    asked: Any = {"model": model, "material": material, "bubble": bubbles, "medium": liquid, "stretch": known}
     analysis = Analysis(
-        "infer", model, material, bubbles, liquid, options.known_stretch(stretch), window, reading.trust_input, verify,
-        not exact_law, seed=seed,
-    )  # fmt: skip
+        **asked, window=window, trust_input=trusted, verify=verify, discrepancy=not exact_law, seed=seed
+    )
     message = (
         "--exclude is of one recording: leave the frames out with `cavirheo measure`, and watch for what it writes"
     )
