@@ -294,6 +294,29 @@ def test_two_visitors_have_their_own_folders_and_are_forgotten(tmp_path):
     assert not last.exists()
 
 
+def test_answers_go_with_the_last_visitor_who_has_them():
+    visitors = Visitors(VisitorLimits())
+    try:
+        for name in ("one", "other"):
+            session = visitors.of(name)
+            session.add([SOFT], PageSettings(verify="none"), copy=True)
+            infer(session, ["soft_gel[1]"])
+            export(session, silent)
+        one, other = visitors.of("one"), visitors.of("other")
+        keys = other.keys
+        assert one.keys == keys
+
+        def kept():
+            return [key for key in keys if visitors.store.get(key, object) or visitors.zips.get(key, object)]
+
+        visitors._forget("one", one.calls)
+        assert len(kept()) == 2
+        visitors._forget("other", other.calls)
+        assert kept() == []
+    finally:
+        visitors.close()
+
+
 def test_files_are_taken_over_read_again_and_told_apart(session, tmp_path):
     (tmp_path / "x").mkdir()
     first, second = single(tmp_path / "a.csv"), single(tmp_path / "x" / "a.csv", 1.5)

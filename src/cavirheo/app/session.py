@@ -11,7 +11,7 @@ from pathlib import Path
 from secrets import token_urlsafe
 from tempfile import TemporaryDirectory
 from threading import Lock, RLock, Timer
-from typing import Any
+from typing import Any, TypeVar
 
 from cavirheo.companions.values import published, set_beside, values_of
 from cavirheo.curve import RadiusCurve
@@ -27,11 +27,13 @@ from cavirheo.reading.recordings import is_recording
 from cavirheo.reading.shots import check_max_radius
 from cavirheo.reading.subprocess_reader import Found, Reader
 from cavirheo.reporting.answer import CurveRecord
+from cavirheo.reporting.material import kept_material_of
 from cavirheo.reporting.record import Pairs, Published, Result
 from cavirheo.video.measurement import Measurement
 from cavirheo.workflow.store import Store
 from cavirheo.writing.document import short_name
 
+_Found = TypeVar("_Found")
 YOURS = "your files"  # the folder of a visitor, which names the group of single-shot files
 
 
@@ -159,10 +161,16 @@ class Session:
     """One visitor. The files lie in a folder that goes with the session."""
 
     def __init__(
-        self, limits: VisitorLimits, reader: Reader, measurer: Reader | None = None, store: Store | None = None
+        self,
+        limits: VisitorLimits,
+        reader: Reader,
+        measurer: Reader | None = None,
+        store: Store | None = None,
+        zips: Store | None = None,
     ) -> None:
         self.limits, self.reader, self.settings = limits, reader, PageSettings()
-        self.store = store or Store()  # of all visitors: a class with one demo file waits for one answer to each shot
+        self.store, self.zips = store or Store(), zips or Store(most=1)  # of all visitors
+        self.keys: set[str] = set()  # of what this visitor has there
         self.measurer = measurer or reader  # its own, so that nobody's table waits for a film
         self.sent: list[str] = []  # uploads that are not looked at yet
         self.said = ""  # why the last thing that was asked was not done
@@ -305,6 +313,11 @@ class Session:
                     return self.answers, *pair, record
         raise InputError("no answer to check: infer first (step 3)", "app.no_answer")
 
+    def once(self, store: Store, key: str, work: Callable[[], _Found]) -> _Found:
+        """As `Store.once`: a class with one demo file waits for one answer, which goes with the last who has it."""
+        self.keys.add(key)
+        return store.once(key, work)
+
     def close(self) -> None:
         self.work.stopped.set()
         self._temporary.cleanup()
@@ -323,7 +336,7 @@ class Visitors:
     def __init__(self, limits: VisitorLimits) -> None:
         self.limits, self.reader = limits, Reader(limits.seconds)
         self.measurer = Reader(limits.film_seconds, at_once=False)
-        self.store, self._lock = Store(most=200), RLock()  # of a shot two answers
+        self.store, self.zips, self._lock = Store(most=200), Store(most=3), RLock()  # of a shot two answers
         self._sessions: dict[str, Session] = {}  # by their links, in the order of use
         self._links: dict[str, str] = {}  # by the names of pages
         self.forgotten: Callable[[str], Any] = lambda name: None  # told the name of each page that is
@@ -333,7 +346,7 @@ class Visitors:
         require(bool(name), "no session: reload the page")
         with self._lock:
             found = self._sessions.pop(self._links.get(name, ""), None)
-            session = found or Session(self.limits, self.reader, self.measurer, self.store)
+            session = found or Session(self.limits, self.reader, self.measurer, self.store, self.zips)
             self._sessions[session.link], self._links[name] = session, session.link
             session.calls += 1
             while len(self._sessions) > self.limits.visitors:
@@ -369,8 +382,17 @@ class Visitors:
             elif session is not None and session.calls == calls:
                 self._close(session.link)
 
+    def end(self, session: Session) -> None:
+        """Close it, and forget the answers and zips that no other visitor has."""
+        session.close()
+        with self._lock:
+            others = set().union(*(one.keys for one in self._sessions.values()))
+        for store in (self.store, self.zips):
+            store.remove(session.keys - others)
+        kept_material_of.cache_clear()
+
     def _close(self, link: str) -> None:
-        self._sessions.pop(link).close()
+        self.end(self._sessions.pop(link))
         for name in [name for name, of in self._links.items() if of == link]:
             self.forgotten(name)
             del self._links[name]

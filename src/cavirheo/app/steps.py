@@ -8,6 +8,7 @@ import shutil
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import replace
+from functools import partial
 from itertools import count
 from pathlib import Path
 from typing import Any
@@ -57,7 +58,7 @@ def _found(session: Session, names: Sequence[str], verify: str) -> list[tuple[Ra
 
     def one(curve: RadiusCurve) -> Posterior:
         analysis = asked[curve.name]
-        found = session.store.once(analysis.key(curve), lambda: analysis.answer(curve, workers=workers))
+        found = session.once(session.store, analysis.key(curve), lambda: analysis.answer(curve, workers=workers))
         found = of_file(found, curve)
         row = curve_record(*session.grouped([(curve, found)])[0])
         if row.answered or not mark:
@@ -172,7 +173,9 @@ def export(session: Session, progress: Report) -> tuple[Path, list[Path]]:
     number, shots, place = count(1), len(answers.pairs) + len(fits), session.folder / "export"
     made = session.folder / "cavirheo-result.zip"
     with session.exporting:
-        drawn = zipped(answers.pairs, answers.document, fits, lambda: progress(next(number) / (shots + 1), "drawn"))
+        kept = partial(session.once, session.zips)
+        done = lambda: progress(next(number) / (shots + 1), "drawn")  # noqa: E731
+        drawn = zipped(answers.pairs, answers.document, fits, done, kept)
         made.write_bytes(drawn)
         shutil.rmtree(place, ignore_errors=True)
         shutil.unpack_archive(made, place)
