@@ -151,18 +151,24 @@ def test_a_folder_has_a_name(run, inputs, verb):
     assert contents(inputs) == before
 
 
-@pytest.mark.parametrize("option", ["-o", "--fields"])
-def test_simulate_replaces_only_its_own(run, tmp_path, option):
+@pytest.mark.parametrize("name", ["simulation.csv", "fields.h5"])
+def test_simulate_writes_into_a_folder_and_replaces_only_its_own(run, tmp_path, name):
     words = ["simulate", "--material", "newtonian(0.1)", "--rmax-um", 100, "--stretch", 5, "--duration-us", 5]
-    words += ["-o", "a.csv"] if option == "--fields" else []
-    assert run(*words, option, "b.out")[0] == 0
-    assert run(*words, option, "b.out")[0] == 0
-    put(tmp_path / "b.out", "edited")
-    put(tmp_path / "a.part", "mine")
-    status, _, err = run(*words, option, "b.out")
+    words += ["--fields", "-o", "out"]
+    assert run(*words)[0] == 0
+    assert run(*words)[0] == 0
+    put(tmp_path / "out" / name, "edited")
+    status, _, err = run(*words)
     assert (status, err.count("\n")) == (2, 1)
-    assert (tmp_path / "b.out").read_text() == "edited"
-    assert (tmp_path / "a.part").read_text() == "mine"
+    assert (tmp_path / "out" / name).read_text() == "edited"
+
+
+def test_a_folder_of_a_simulation_is_one_measurement(run):
+    words = ["simulate", "--material", "newtonian(0.1)", "--rmax-um", 100, "--stretch", 5, "--fields", "-o", "out"]
+    assert run(*words)[0] == 0
+    status, _, err = run("show", "out/simulation.csv")
+    assert status == 0, err
+    assert run("infer", "out", "--verify", "none", "-o", "answer")[0] in (0, 1)
 
 
 @pytest.mark.slow
