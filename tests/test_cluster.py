@@ -25,7 +25,7 @@ from distributed import Client, LocalCluster
 from cavirheo import InputError
 from cavirheo.answer_store import Step, Unfinished
 from cavirheo.cluster import connected
-from cavirheo.cluster.check import Identity, admitted, identity, reports
+from cavirheo.cluster.check import Identity, admitted, code_of, identity, reports
 from cavirheo.cluster.executor import SECONDS_PER_THREAD, Workers, _batch, seconds_for
 from cavirheo.cluster.slurm import read_settings
 from cavirheo.inference import infer_many
@@ -216,6 +216,18 @@ def test_another_version_and_a_worker_without_the_package_are_refused_by_name(ru
     assert not Path("d").exists()
     assert checked[0] == 1
     assert all(f"refused: {name}" in checked[2] for name in names)
+
+
+@pytest.mark.parametrize("folder", ["lib", "app", "app/site-packages"])
+def test_other_code_is_seen_wherever_the_package_is_installed(tmp_path, folder):
+    package = tmp_path / folder / "cavirheo"
+    (package / "app").mkdir(parents=True)
+    (package / "solver.py").write_text("half = 0.5\n")
+    one = code_of(package)
+    (package / "app" / "page.py").write_text("title = 'bubbles'\n")
+    assert code_of(package) == one
+    (package / "solver.py").write_text("half = 0.25\n")
+    assert code_of(package) != one
 
 
 def test_a_worker_with_other_last_bits_is_refused(workers, monkeypatch):

@@ -532,7 +532,7 @@ def test_an_interruption_elsewhere_is_130(run, monkeypatch):
         raise KeyboardInterrupt
 
     monkeypatch.setattr("cavirheo.physics.simulate.simulate", stopped)
-    words = ["simulate", "--material", "newtonian(0.1)", "--rmax-um", 100, "--stretch", 5, "-o", "a.csv"]
+    words = ["simulate", "--material", "newtonian(0.1)", "--rmax-um", 100, "--stretch", 5, "-o", "a"]
     status, _, err = run(*words)
     assert (status, err) == (130, "interrupted\n")
 

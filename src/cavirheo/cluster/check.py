@@ -49,11 +49,18 @@ class WorkerReport:
 @cache
 def identity() -> Identity:
     """Of this process; the first call loads the compiled solver and simulates four curves."""
-    root, digest = Path(__file__).parents[1], hashlib.sha256()
-    for path in sorted(root.rglob("*")):
-        if path.suffix in (".py", ".onnx") and "app" not in path.parts:
-            digest.update(path.relative_to(root).as_posix().encode() + path.read_bytes())
-    return Identity(version("cavirheo"), digest.hexdigest(), _simulated())
+    return Identity(version("cavirheo"), code_of(Path(__file__).parents[1]), _simulated())
+
+
+def code_of(package: Path) -> str:
+    """SHA-256 of the modules and networks in this folder of the package, but for the browser app, which no worker
+    runs."""
+    digest = hashlib.sha256()
+    for path in sorted(package.rglob("*")):
+        name = path.relative_to(package)
+        if path.suffix in (".py", ".onnx") and name.parts[0] != "app":
+            digest.update(name.as_posix().encode() + path.read_bytes())
+    return digest.hexdigest()
 
 
 def _simulated(count: int = 4) -> str:
