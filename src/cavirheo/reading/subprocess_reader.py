@@ -87,7 +87,7 @@ class Reader:
                 say(answer, "of the frames")  # the share that is measured
                 require(child.pipe.poll(max(end - monotonic(), 0.0)), slow, "app.reading_too_slow")
                 answer = _decoded(child.pipe.recv_bytes())
-        except BaseException as error:
+        except BaseException as error:  # whatever ended the call, Ctrl-C too, the process is in no known state
             child.begin()
             ended = f"{names}: damaged so badly that reading it ended the reader"
             known = not isinstance(error, EOFError | OSError)
@@ -139,7 +139,7 @@ def _named(curve: RadiusCurve) -> RadiusCurve:
 def _decoded(message: bytes) -> Any:
     try:
         return decode(message)
-    except Exception as error:  # a reader that sends anything else is damaged
+    except Exception as error:  # a process that a file has damaged may send anything
         raise EOFError(f"no message of a reader ({type(error).__name__})") from error
 
 
@@ -157,7 +157,7 @@ def _serve(pipe: Connection) -> None:
                 answer = encode(error)
             except MemoryError:
                 answer = encode(InputError("the file needs more memory than is allowed here", "app.out_of_memory"))
-            except Exception as error:
+            except Exception as error:  # libraries raise nearly anything of a damaged file, and the next is to be read
                 answer = encode(InputError(f"the file cannot be read ({type(error).__name__}: {error})"))
             pipe.send_bytes(answer)
 

@@ -10,12 +10,10 @@ from itertools import chain, count
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from cavirheo.curve import RadiusCurve
 from cavirheo.reporting.record import Answered, Pairs, Published, Result, read_json, result
 from cavirheo.writing import style
-from cavirheo.writing.document import Outputs, short_name, write_json
+from cavirheo.writing.document import Outputs, drawing, short_name, write_json
 
 __all__ = ["file_names", "outputs", "read_json", "result", "write_report"]
 
@@ -115,14 +113,10 @@ class Pictures:
         self.failed: list[str] = []
 
     def draw(self, name: str, lines: Callable[[], Any], svg: Callable[..., str], **how: Any) -> str:
-        """A picture that fails costs nothing but itself."""
-        try:
-            with np.errstate(all="ignore"):  # of numbers near the largest there is
-                return svg(lines(), **how)
-        except Exception as error:
-            said = f"no picture ({type(error).__name__}: {error})"
-            self.failed.append(f"{name}: {said}")
-            return said
+        """A picture, or why there is none."""
+        with drawing(f"picture of {name}", self.failed):
+            return svg(lines(), **how)
+        return self.failed[-1]
 
 
 def _pictures(pairs: Answered, document: Result) -> Pictures:
