@@ -180,16 +180,31 @@ def test_our_own_files_are_replaced_and_old_pictures_go(tmp_path):
     put(tmp_path / "soft_gel_2.png", "painted over")
     put(tmp_path / "mine.png", "a photograph")
     Outputs(tmp_path, "other.json").write("other.json", Path.write_text, "of another verb")
-    written = write_report(tmp_path, pairs[:1], "second", ("png",))
+    written = write_report(tmp_path, pairs[:1], "second", ("png",), replace=True)
     assert read_json(tmp_path / "result.json") == written
     kept = first - {"group-soft_gel.png"} | {"mine.png", "other.json"}  # a group of one has no figure
     assert {path.name for path in tmp_path.iterdir()} == kept
-    write_report(tmp_path, pairs[:1], "third")
+    write_report(tmp_path, pairs[:1], "third", replace=True)
     assert {path.name for path in tmp_path.iterdir()} == kept - {"soft_gel_1.png"}
     with pytest.raises(InputError) as refused:
-        write_report(tmp_path, pairs, "fourth", ("png",))
+        write_report(tmp_path, pairs, "fourth", ("png",), replace=True)
     assert refused.value.code == "document.foreign"
     assert "soft_gel_2.png" in str(refused.value)
+
+
+@pytest.mark.parametrize("other", ["another command", "another file"])
+def test_a_call_from_python_keeps_the_answers_of_another(tmp_path, other):
+    curves = read_curves(EXAMPLE)[:2]
+    one, two = ([(curve, fit(curve, window=1))] for curve in curves)
+    written = write_report(tmp_path, one, "one")
+    assert write_report(tmp_path, one, "one").curves == written.curves
+    given = (one, "two") if other == "another command" else (two, "one")
+    with pytest.raises(InputError) as refused:
+        write_report(tmp_path, *given)
+    assert refused.value.code == "document.other_run"
+    assert read_json(tmp_path / "result.json").curves == written.curves
+    write_report(tmp_path, *given, replace=True)
+    assert LOCK not in [path.name for path in tmp_path.iterdir()]
 
 
 def test_what_is_read_is_not_replaced_even_if_it_is_ours(tmp_path):
@@ -318,7 +333,7 @@ def test_an_interruption_while_a_page_is_written_leaves_the_old_one(tmp_path, mo
 
     monkeypatch.setattr(figures, "curve_figure", stopped)
     with pytest.raises(KeyboardInterrupt):
-        write_report(tmp_path, pairs, "second", ("png",))
+        write_report(tmp_path, pairs, "second", ("png",), replace=True)
     after = contents(tmp_path)
     assert after["report.html"] == before["report.html"]
     assert "second" in after["result.json"].decode()

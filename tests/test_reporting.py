@@ -1074,7 +1074,7 @@ def test_of_very_many_curves_each_has_row_message_and_picture_and_a_parquet_tabl
     assert [str(value) for value in found.column("shear_modulus_Pa_q05").to_pylist()] == [
         row["shear_modulus_Pa_q05"] for row in rows
     ]
-    write_report(tmp_path, pairs[:3], COMMAND)  # no more than three: none of it is left
+    write_report(tmp_path, pairs[:3], COMMAND, replace=True)  # no more than three: none of it is left
     assert not (tmp_path / "result.parquet").exists()
 
 

@@ -255,7 +255,8 @@ class Outputs:
             if entry and entry["run"] != self._claim.key:
                 whose = f" ({entry['command']})" if entry["command"] else ""
                 message = f"{self.folder} holds the answers of another run{whose}, which would be lost"
-                raise InputError(f"{message}: name another folder by -o, or give --replace", "document.other_run")
+                mend = "name another folder by -o, or give --replace (replace=True in Python)"
+                raise InputError(f"{message}: {mend}", "document.other_run")
 
     def holds(self, name: str) -> bool:
         """Whether this file is there as we wrote it."""
