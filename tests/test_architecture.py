@@ -27,7 +27,7 @@ ROOMS = (  # from the ground up: a room imports those below it, and only those t
     ("prior", "errors parameters"),
     ("posterior", "errors writing parameters physics"),
     ("curve", "errors parameters landmarks writing"),
-    ("video", "errors files curve landmarks writing"),
+    ("video", "errors files parameters curve landmarks writing"),
     ("reading", "errors files parameters curve landmarks video writing"),
     ("problem", "errors parameters prior physics"),
     ("inference", "errors files parallel parameters prior posterior curve landmarks physics problem writing"),

@@ -29,11 +29,11 @@ GOOD = {  # a call that would compute, without the option that is tried
     "measure": "film.mraw",
     "infer": "shot.csv", "fit": "shot.csv", "which-law": "shot.csv", "compare": ". --references refs.csv",
     "collapse-time": "times.csv", "rheometer": "sweep.csv", "generate": "recipe.toml -o d",
-    "simulate": "-o o.csv --rmax-um 100 --stretch 5 --shear-modulus 1e3 --viscosity 0.1", "evaluate": "bdt-viscous d",
+    "simulate": "-o o --rmax-um 100 --stretch 5 --shear-modulus 1e3 --viscosity 0.1", "evaluate": "bdt-viscous d",
     "train": "recipe.toml d -o r", "app": "", "models": "", "laws": "", "show": "shot.csv",
     "cluster": "check", "cite": "result.json", "watch": ". --once -o w", "design": "-o e",
 }  # fmt: skip
-FREE = {"--out", "--fields", "--name", "--host", "--device", "--reference-method"}  # any text is one
+FREE = {"--out", "--name", "--host", "--device", "--reference-method"}  # any text is one
 NUMBERS = ["nan", "inf", "-1", "-inf", "1e400", "", "word", "\x1b[31mred", "ü 漢 \u202e", "a\0b", "9" * 5000]
 WORDS = ["word", "nan", "\x1b]0;title\x07", "漢" * 30, "-1"]
 
@@ -92,9 +92,9 @@ ODD = [
     "collapse-time times.csv --stretch 1",
     "collapse-time nowhere.csv",
     "simulate",
-    "simulate -o o.csv",
-    "simulate -o o.csv --rmax-um 1 --stretch 1 --pulse 1 2",
-    "simulate -o o.csv --rmax-um 1 --stretch 1 --material gent(1",
+    "simulate -o o",
+    "simulate -o o --rmax-um 1 --stretch 1 --pulse 1 2",
+    "simulate -o o --rmax-um 1 --stretch 1 --material gent(1",
     "laws extra",
     "models extra",
     "models --json",
@@ -154,6 +154,18 @@ def refused(called: tuple[int, str, str]) -> str:
     assert len(err) < 500
     assert not re.search(r"[\0-\x08\x0b-\x1f\x7f-\x9f\u202e]", err)
     return err
+
+
+def test_the_frame_rate_has_one_name():
+    names = {name for command in COMMANDS.values() for option in command.params for name in option.opts}
+    assert "--fps" in names
+    assert not any("rate" in name for name in names)
+
+
+def test_o_is_a_folder_of_every_verb():
+    for verb, command in COMMANDS.items():
+        for option in command.params:
+            assert "-o" not in option.opts or option.metavar == "FOLDER", verb
 
 
 def test_every_verb_is_tried():
@@ -289,7 +301,7 @@ def test_folders_patterns_and_stdin_are_files(run, lab_answers, tmp_path, monkey
     )
     with shot.open(encoding="utf-8") as content:
         monkeypatch.setattr(sys, "stdin", content)
-        for words in (["gel"], ["g*/*.csv"], ["frames.csv", "--frame-rate-hz", 1e6], ["-"]):
+        for words in (["gel"], ["g*/*.csv"], ["frames.csv", "--fps", 1e6], ["-"]):
             status, out, err = run("infer", *words, *BDT, "--no-pictures", "--json", "-o", "r", "--replace")
             assert (status, err) == (0, ""), words
             (row,) = json.loads(out)["curves"]

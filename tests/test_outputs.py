@@ -156,18 +156,24 @@ def test_a_folder_has_a_name(run, inputs, verb):
     assert contents(inputs) == before
 
 
-@pytest.mark.parametrize("option", ["-o", "--fields"])
-def test_simulate_replaces_only_its_own(run, tmp_path, option):
+@pytest.mark.parametrize("name", ["simulation.csv", "fields.h5"])
+def test_simulate_writes_into_a_folder_and_replaces_only_its_own(run, tmp_path, name):
     words = ["simulate", "--material", "newtonian(0.1)", "--rmax-um", 100, "--stretch", 5, "--duration-us", 5]
-    words += ["-o", "a.csv"] if option == "--fields" else []
-    assert run(*words, option, "b.out")[0] == 0
-    assert run(*words, option, "b.out")[0] == 0
-    put(tmp_path / "b.out", "edited")
-    put(tmp_path / "a.part", "mine")
-    status, _, err = run(*words, option, "b.out")
+    words += ["--fields", "-o", "out"]
+    assert run(*words)[0] == 0
+    assert run(*words)[0] == 0
+    put(tmp_path / "out" / name, "edited")
+    status, _, err = run(*words)
     assert (status, err.count("\n")) == (2, 1)
-    assert (tmp_path / "b.out").read_text() == "edited"
-    assert (tmp_path / "a.part").read_text() == "mine"
+    assert (tmp_path / "out" / name).read_text() == "edited"
+
+
+def test_a_folder_of_a_simulation_is_one_measurement(run):
+    words = ["simulate", "--material", "newtonian(0.1)", "--rmax-um", 100, "--stretch", 5, "--fields", "-o", "out"]
+    assert run(*words)[0] == 0
+    status, _, err = run("show", "out/simulation.csv")
+    assert status == 0, err
+    assert run("infer", "out", "--verify", "none", "-o", "answer")[0] in (0, 1)
 
 
 @pytest.mark.slow
@@ -179,16 +185,31 @@ def test_our_own_files_are_replaced_and_old_pictures_go(tmp_path):
     put(tmp_path / "soft_gel_2.png", "painted over")
     put(tmp_path / "mine.png", "a photograph")
     Outputs(tmp_path, "other.json").write("other.json", Path.write_text, "of another verb")
-    written = write_report(tmp_path, pairs[:1], "second", ("png",))
+    written = write_report(tmp_path, pairs[:1], "second", ("png",), replace=True)
     assert read_json(tmp_path / "result.json") == written
     kept = first - {"group-soft_gel.png"} | {"mine.png", "other.json"}  # a group of one has no figure
     assert {path.name for path in tmp_path.iterdir()} == kept
-    write_report(tmp_path, pairs[:1], "third")
+    write_report(tmp_path, pairs[:1], "third", replace=True)
     assert {path.name for path in tmp_path.iterdir()} == kept - {"soft_gel_1.png"}
     with pytest.raises(InputError) as refused:
-        write_report(tmp_path, pairs, "fourth", ("png",))
+        write_report(tmp_path, pairs, "fourth", ("png",), replace=True)
     assert refused.value.code == "document.foreign"
     assert "soft_gel_2.png" in str(refused.value)
+
+
+@pytest.mark.parametrize("other", ["another command", "another file"])
+def test_a_call_from_python_keeps_the_answers_of_another(tmp_path, other):
+    curves = read_curves(EXAMPLE)[:2]
+    one, two = ([(curve, fit(curve, window=1))] for curve in curves)
+    written = write_report(tmp_path, one, "one")
+    assert write_report(tmp_path, one, "one").curves == written.curves
+    given = (one, "two") if other == "another command" else (two, "one")
+    with pytest.raises(InputError) as refused:
+        write_report(tmp_path, *given)
+    assert refused.value.code == "document.other_run"
+    assert read_json(tmp_path / "result.json").curves == written.curves
+    write_report(tmp_path, *given, replace=True)
+    assert LOCK not in [path.name for path in tmp_path.iterdir()]
 
 
 def test_what_is_read_is_not_replaced_even_if_it_is_ours(tmp_path):
@@ -317,7 +338,7 @@ def test_an_interruption_while_a_page_is_written_leaves_the_old_one(tmp_path, mo
 
     monkeypatch.setattr(figures, "curve_figure", stopped)
     with pytest.raises(KeyboardInterrupt):
-        write_report(tmp_path, pairs, "second", ("png",))
+        write_report(tmp_path, pairs, "second", ("png",), replace=True)
     after = contents(tmp_path)
     assert after["report.html"] == before["report.html"]
     assert "second" in after["result.json"].decode()
@@ -533,7 +554,7 @@ def test_an_interruption_elsewhere_is_130(run, monkeypatch):
         raise KeyboardInterrupt
 
     monkeypatch.setattr("cavirheo.physics.simulate.simulate", stopped)
-    words = ["simulate", "--material", "newtonian(0.1)", "--rmax-um", 100, "--stretch", 5, "-o", "a.csv"]
+    words = ["simulate", "--material", "newtonian(0.1)", "--rmax-um", 100, "--stretch", 5, "-o", "a"]
     status, _, err = run(*words)
     assert (status, err) == (130, "interrupted\n")
 

@@ -47,6 +47,7 @@ class VisitorLimits:
     frames: int = 400_000
     full: int = 100  # shots in one run with full uncertainty
     seconds: float = 20.0  # to read the files
+    readers: int = 3  # whose files are read at the same time
     film_seconds: float = 120.0  # to measure a recording
     film_mb: float = 500.0  # of its frames
     visitors: int = 100
@@ -334,7 +335,7 @@ class Visitors:
     """The sessions by the page's own random name; nobody gets another's but by its link, which is as random."""
 
     def __init__(self, limits: VisitorLimits) -> None:
-        self.limits, self.reader = limits, Reader(limits.seconds)
+        self.limits, self.reader = limits, Reader(limits.seconds, processes=limits.readers)
         self.measurer = Reader(limits.film_seconds, at_once=False)
         self.store, self.zips, self._lock = Store(most=200), Store(most=3), RLock()  # of a shot two answers
         self._sessions: dict[str, Session] = {}  # by their links, in the order of use
@@ -361,10 +362,10 @@ class Visitors:
             self._links[name] = link
             return self.of(name)
 
-    def latest(self) -> Answers | None:
-        """Of who asked last of those that have any."""
+    def answers(self, link: str) -> Answers | None:
+        """Of the session with this link."""
         with self._lock:
-            return next((one.answers for one in reversed(self._sessions.values()) if one.answers), None)
+            return self._sessions[link].answers if link in self._sessions else None
 
     def leave(self, name: str) -> None:
         """Forget this one after a while, unless something is asked for it again (a phone that slept, a reload)."""

@@ -187,7 +187,7 @@ _KINDS: dict[str, dict[str, tuple[Any, Any]]] = {  # argument: its options, each
     "reading": {
         "rmax_um": (Annotated[_Number, Option(help="true R_max of the shots, um: rescales the radii")], None),
         "shots": (Shots, None),
-        "frame_rate_hz": (
+        "fps": (
             Annotated[_Number, Option(help="frames per second, for recordings and files that number their frames")],
             None,
         ),

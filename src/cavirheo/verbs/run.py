@@ -34,7 +34,7 @@ class Reading:
 
     rmax_um: float | None = None
     shots: str | None = None
-    frame_rate_hz: float | None = None
+    fps: float | None = None
     exposure_us: float | None = None
     um_per_px: float | None = None
     exclude: str | None = None
@@ -44,7 +44,7 @@ class Reading:
     def __post_init__(self) -> None:
         for name, what in (
             ("exposure_us", "time in us"),
-            ("frame_rate_hz", "number of frames per second"),
+            ("fps", "number of frames per second"),
             ("um_per_px", "number of micrometres"),
         ):
             value, option = getattr(self, name), f"--{name.replace('_', '-')}"
@@ -62,7 +62,7 @@ class Reading:
         require(self.exclude is None or len(files) == 1, message, "option.exclude")
         scale = None if self.rmax_um is None else self.rmax_um * 1e-6
         about: dict[str, Any] = {"density": medium.density, "pressure": medium.pressure, "shots": self.shots}
-        about |= {"frame_rate_hz": self.frame_rate_hz, "exclude": self.exclude}
+        about |= {"frame_rate_hz": self.fps, "exclude": self.exclude}
         about |= {"um_per_px": self.um_per_px, "exposure": self.exposure_us and self.exposure_us * 1e-6}
         found = read_shots(files, max_radius=scale, group=self.group, **about)
         if self.exposure_us is None:

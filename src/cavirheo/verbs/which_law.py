@@ -74,8 +74,13 @@ def which_law(
         run.stop(note, out / "laws.json" if answered else None)
     if "paper" in drawn:
         stems = paper_names([one.name for one in made.curves], [one.name for one in made.groups], "laws-")
+        undrawn: list[str] = []
         for stem, one in zip(stems, [*made.curves, *made.groups], strict=True):
-            save(outputs, stem, laws_figure(one))
+            with document.drawing(stem, undrawn):
+                save(outputs, stem, laws_figure(one))
+        if undrawn:
+            notes += undrawn
+            outputs.write("laws.json", document.write_json, made.model_copy(update={"notes": notes}))
     outputs.finish()
     pairs = list(zip(answered, explained(singles, groups), strict=True))
     how = {"date": run.date, "draw": pictures, "workers": cores(), "notes": [*firmly(made), *notes]}
