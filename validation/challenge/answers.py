@@ -11,6 +11,8 @@ from pathlib import Path
 
 import numpy as np
 
+from validation.challenge.camera import read_maximum
+
 COLUMNS = ("name", "G", "G_low", "G_high", "mu", "mu_low", "mu_high", "seconds")
 Answer = dict[str, float | str]  # of some of these columns, and of others that score.py passes over
 
@@ -29,9 +31,9 @@ class Recording:
     density: float
 
     def from_maximum(self) -> tuple[np.ndarray, np.ndarray]:
-        """Time since the frame that is largest, and radius, from that frame on."""
-        peak = int(np.argmax(self.radius))
-        return self.time[peak:] - self.time[peak], self.radius[peak:]
+        """Time since R_max, as a parabola tells it, and radius; of the frames from there on."""
+        since = self.time - read_maximum(self.time, self.radius)[0]
+        return since[since >= 0], self.radius[since >= 0]
 
 
 def read(folder: Path) -> Iterator[Recording]:

@@ -52,21 +52,22 @@ class Recording:
     origin: float
 
 
-def read_max_radius(time: Floats, radius: Floats) -> float:
-    """The top of the parabola through the frames about the largest one that are above 0.9 of it; the largest radius
-    where they show no top."""
+def read_maximum(time: Floats, radius: Floats) -> tuple[float, float]:
+    """Time and radius at the top of the parabola through the frames about the largest one that are above 0.9 of it;
+    the largest frame where they show no top."""
     peak = int(np.argmax(radius))
     first = last = peak
     while first > 0 and radius[first - 1] > 0.9 * radius[peak]:
         first -= 1
     while last + 1 < len(time) and radius[last + 1] > 0.9 * radius[peak]:
         last += 1
-    if last - first < 3:
-        return float(radius[peak])
-    t = (time[first : last + 1] - time[peak]) / (time[last] - time[first])
-    a, b, c = np.polyfit(t, radius[first : last + 1], 2)
-    within = a < 0 and t[0] <= -b / (2 * a) <= t[-1]
-    return float(c - b * b / (4 * a)) if within else float(radius[peak])
+    if last - first >= 3:
+        span = time[last] - time[first]
+        t = (time[first : last + 1] - time[peak]) / span
+        a, b, c = np.polyfit(t, radius[first : last + 1], 2)
+        if a < 0 and t[0] <= -b / (2 * a) <= t[-1]:
+            return float(time[peak] - b / (2 * a) * span), float(c - b * b / (4 * a))
+    return float(time[peak]), float(radius[peak])
 
 
 def film(

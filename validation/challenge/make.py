@@ -67,7 +67,7 @@ def known(name: str, shown: camera.Recording, density: float, rng: np.random.Gen
     """What a laboratory knows of a recording; it weighs its density to about 2 kg/m3."""
     return {
         "name": name,
-        "R_max_um": f"{1e6 * camera.read_max_radius(shown.time, shown.radius):.3f}",
+        "R_max_um": f"{1e6 * camera.read_maximum(shown.time, shown.radius)[1]:.3f}",
         "frame_rate_Hz": f"{shown.frame_rate:.0f}",
         "exposure_us": f"{1e6 * shown.exposure:.4f}",
         "density_kg_m3": f"{density + 2.0 * rng.standard_normal():.0f}",
