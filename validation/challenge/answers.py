@@ -8,13 +8,15 @@ import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from validation.challenge.camera import read_maximum
 
 COLUMNS = ("name", "G", "G_low", "G_high", "mu", "mu_low", "mu_high", "seconds")
-Answer = dict[str, float | str]  # of some of these columns, and of others that score.py passes over
+Answer = dict[str, Any]
+"""Some of these columns, and others that score.py passes over; "predict": radii, m, at times of the recording, s."""
 
 
 @dataclass(frozen=True)
@@ -54,15 +56,36 @@ def read(folder: Path) -> Iterator[Recording]:
         )
 
 
+def read_asked(folder: Path) -> dict[str, list[str]]:
+    """Times as written, us, of the frames to be predicted, by the name of the recording."""
+    found: dict[str, list[str]] = {}
+    if (folder / "asked.csv").exists():
+        with (folder / "asked.csv").open(newline="", encoding="utf-8") as file:
+            for row in csv.DictReader(file):
+                found.setdefault(row["name"], []).append(row["time_us"])
+    return found
+
+
+def append(path: Path, columns: list[str], rows: list[Answer]) -> None:
+    """Adds rows to a table, which begins with the names of its columns."""
+    new = not path.exists()
+    with path.open("a", newline="", encoding="utf-8") as file:
+        writer = csv.DictWriter(file, columns)
+        if new:
+            writer.writeheader()
+        writer.writerows(rows)
+
+
 def run(description: str | None, answer: Callable[[Recording, list[str]], Answer]) -> None:
     """The command line of a runner: answers every recording of a folder, adds a line for each to the file, and goes on
-    where it was stopped. What stands after -- is handed to `answer`."""
+    where it was stopped. What stands after -- is handed to `answer`. Where the folder has asked.csv, NAME-ahead.csv
+    beside NAME.csv gets the predicted radii."""
     parser = argparse.ArgumentParser(description=description, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("recordings", type=Path)
     parser.add_argument("answers", type=Path)
     parser.add_argument("options", nargs="*", help="after --: options of the program")
     given = parser.parse_args()
-    answered = set()
+    answered, asked = set(), read_asked(given.recordings)
     if given.answers.exists():
         with given.answers.open(newline="", encoding="utf-8") as file:
             answered = {row["name"] for row in csv.DictReader(file)}
@@ -72,11 +95,15 @@ def run(description: str | None, answer: Callable[[Recording, list[str]], Answer
         began = time.perf_counter()
         row = {"name": recording.name, **answer(recording, given.options)}
         row.setdefault("seconds", round(time.perf_counter() - began, 3))
+        predict = row.pop("predict", None)
+        if predict is not None and recording.name in asked:
+            times = asked[recording.name]
+            radii = predict(1e-6 * np.array(times, float))
+            rows = [
+                {"name": row["name"], "time_us": t, "radius_um": f"{1e6 * r:.4f}"}
+                for t, r in zip(times, radii, strict=True)
+            ]
+            append(given.answers.with_name(f"{given.answers.stem}-ahead.csv"), list(rows[0]), rows)
         columns = [*COLUMNS, *(name for name in row if name not in COLUMNS)]
-        new = not given.answers.exists()
-        with given.answers.open("a", newline="", encoding="utf-8") as file:
-            writer = csv.DictWriter(file, columns)
-            if new:
-                writer.writeheader()
-            writer.writerow(row)
+        append(given.answers, columns, [row])
         print(" ".join(f"{name} {value}" for name, value in row.items()), flush=True)

@@ -11,9 +11,16 @@ from __future__ import annotations
 import json
 import subprocess
 import sys
+from functools import partial
+from inspect import signature
 from pathlib import Path
 from tempfile import TemporaryDirectory
+from typing import Any
 
+import numpy as np
+
+from cavirheo import Bubble, Medium, simulate
+from cavirheo.physics.laws import LAWS, parse, with_consistency
 from validation.challenge.answers import Answer, Recording, run
 
 QUANTITIES = {"G": "shear_modulus_Pa", "mu": "viscosity_Pa_s"}
@@ -36,7 +43,32 @@ def answer(recording: Recording, options: list[str]) -> Answer:
     for name, field in QUANTITIES.items():
         value = curve.get(field) or {}
         row |= {name: value.get("median"), f"{name}_low": value.get("q05"), f"{name}_high": value.get("q95")}
-    return {key: "" if value is None else value for key, value in row.items()} | {"verdict": curve["verdict"]}
+    row = {key: "" if value is None else value for key, value in row.items()} | {"verdict": curve["verdict"]}
+    return row | ({"predict": partial(predicted, curve, recording.density)} if curve["best"] else {})
+
+
+def predicted(curve: dict[str, Any], density: float, at: np.ndarray) -> np.ndarray:
+    """Radii as measured, by the best values of an answer, at times of the recording."""
+    best = curve["best"]
+    terms = [family.strip() for family in curve["material"].split("+")]
+    values = with_consistency(best)
+    words = [
+        f"{law}({', '.join(f'{n}={values[n]!r}' for n in signature(LAWS[law]).parameters if n in values)})"
+        for law in terms
+    ]
+    known = {name: best.get(name, 0.0) for name in ("confinement_damping",)}
+    bubble = Bubble("kinetic", best["accommodation"], **known) if "accommodation" in best else Bubble(**known)
+    scale, late = best.get("radius_scale", 1.0), best.get("time_origin", 0.0)
+    R_max = curve["max_radius_m"] * scale * best.get("max_radius_factor", 1.0)
+    run = simulate(
+        parse(" + ".join(words)),
+        max_radius=R_max,
+        stretch=best["stretch"],
+        time=at - curve["time_of_max_s"] - late,
+        medium=Medium(density=density),
+        bubble=bubble,
+    )
+    return run.radius / scale
 
 
 if __name__ == "__main__":

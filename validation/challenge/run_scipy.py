@@ -15,6 +15,7 @@ from scipy.optimize import least_squares
 
 from cavirheo import Medium, NeoHookeanKelvinVoigt, simulate
 from validation.challenge.answers import Answer, Recording, run
+from validation.challenge.camera import read_maximum
 
 STARTS = [(G, mu, 6.5) for G in (3e3, 2e4) for mu in (0.02, 0.1)]  # Pa, Pa s, stretch
 BOUNDS = ([2.0, -3.0, 0.3], [5.0, 0.5, 1.2])  # log10 of these
@@ -51,8 +52,13 @@ def bounded(best: np.ndarray, sigma: np.ndarray) -> Answer:
 
 def answer(recording: Recording, _: list[str]) -> Answer:
     time, radius = recording.from_maximum()
-    medium = Medium(density=recording.density)
-    return bounded(*fit(lambda x: ratio(x, time, recording.max_radius, medium), radius / recording.max_radius))
+    medium, origin = Medium(density=recording.density), read_maximum(recording.time, recording.radius)[0]
+    best, sigma = fit(lambda x: ratio(x, time, recording.max_radius, medium), radius / recording.max_radius)
+
+    def predict(at: np.ndarray) -> np.ndarray:
+        return recording.max_radius * ratio(best, at - origin, recording.max_radius, medium)
+
+    return {**bounded(best, sigma), "predict": predict}
 
 
 if __name__ == "__main__":
