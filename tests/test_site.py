@@ -84,7 +84,7 @@ def test_what_a_page_loads_is_there(site):
 
 
 def test_every_page_of_the_repository_is_there(site):
-    pages = [path for folder in ("docs", "benchmarks") for path in (ROOT / folder).rglob("*.md")]
+    pages = [path for folder in ("docs", "benchmarks", "validation") for path in (ROOT / folder).rglob("*.md")]
     assert [path for path in pages if not (site / path.relative_to(ROOT)).with_suffix(".html").exists()] == []
 
 

@@ -32,7 +32,8 @@ def answer(recording: Recording, options: list[str]) -> Answer:
     with TemporaryDirectory() as folder:
         out = Path(folder) / "out"
         command = [sys.executable, "-m", "cavirheo", verb, str(recording.path), *more, "--quiet", "--no-pictures"]
-        command += ["--density", f"{recording.density:.6g}", "--exposure-us", f"{1e6 * recording.exposure:.6g}"]
+        command += ["--density", f"{recording.density:.6g}"]
+        command += ["--exposure-us", f"{1e6 * recording.exposure:.6g}"] * (recording.exposure > 0)
         done = subprocess.run([*command, "-o", str(out)], check=False, capture_output=True, text=True)
         if not (out / "result.json").exists():
             return {"verdict": f"failed: {done.stderr.strip().splitlines()[-1:]}"}
