@@ -100,7 +100,7 @@ def answered(**values: str) -> dict[str, str]:
 
 
 def test_scores_of_an_interval():
-    about = [{"name": "a", "half": "real", "difficulty": "easy", "G": "1000", "mu": "0.1"}]
+    about = [{"name": "a", "half": "real", "G": "1000", "mu": "0.1"}]
     inside = answered(G="2000", G_low="100", G_high="10000", mu="0.1", mu_low="0.2", mu_high="0.4")
     (G,), (mu,) = (score.judge(about, [inside], name) for name in ("G", "mu"))
     assert (G.held, mu.held) == (True, False)
@@ -110,8 +110,16 @@ def test_scores_of_an_interval():
     assert score.share(9, 10) == "90 ± 9 (9 of 10)"
 
 
+def test_a_bound_on_one_side_is_no_interval():
+    about = [{"name": "a", "half": "real", "G": "1000", "mu": "0.1"}]
+    row = answered(G_high="2000", mu_low="0.2")
+    (G,), (mu,) = (score.judge(about, [row], name) for name in ("G", "mu"))
+    assert (G.held, mu.held) == (True, False)
+    assert score.cells([G, mu]) == ["0 of 2", "", "", "", "", "1 of 2"]
+
+
 def test_liquids_have_no_modulus_and_what_is_missing_is_not_answered():
-    about = [{"name": "a", "half": "real", "difficulty": "easy", "G": "0.0", "mu": "0.1"}]
+    about = [{"name": "a", "half": "real", "G": "0.0", "mu": "0.1"}]
     assert score.judge(about, [answered(G="5")], "G") == []
     (mu,) = score.judge(about, [answered(mu="")], "mu")
     assert not mu.bounded

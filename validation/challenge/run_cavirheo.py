@@ -43,9 +43,20 @@ def answer(recording: Recording, options: list[str]) -> Answer:
     row: Answer = {}
     for name, field in QUANTITIES.items():
         value = curve.get(field) or {}
-        row |= {name: value.get("median"), f"{name}_low": value.get("q05"), f"{name}_high": value.get("q95")}
+        row |= stated(name, value.get("median"), value.get("q05"), value.get("q95"), value.get("bound"))
     row = {key: "" if value is None else value for key, value in row.items()} | {"verdict": curve["verdict"]}
     return row | ({"predict": partial(predicted, curve, recording.density)} if curve["best"] else {})
+
+
+def stated(name: str, median: float | None, low: float | None, high: float | None, bound: str | None) -> Answer:
+    """A quantity as result.json states it: a value with its interval, or a bound on one side, or nothing."""
+    if bound == "undetermined":
+        return {}
+    return {
+        name: median if bound is None else None,
+        f"{name}_low": None if bound == "upper" else low,
+        f"{name}_high": None if bound == "lower" else high,
+    }
 
 
 def predicted(curve: dict[str, Any], density: float, at: np.ndarray) -> np.ndarray:

@@ -40,8 +40,13 @@ class Judged:
         return bool(np.isfinite(self.low) and np.isfinite(self.high))
 
     @property
+    def one_sided(self) -> bool:
+        return bool(np.isfinite(self.low) != np.isfinite(self.high))
+
+    @property
     def held(self) -> bool:
-        return self.low <= 0.0 <= self.high
+        """Also of a bound on one side."""
+        return (self.bounded or self.one_sided) and not (self.low > 0.0 or self.high < 0.0)
 
     @property
     def width(self) -> float:
@@ -93,17 +98,18 @@ def share(held: int, n: int) -> str:
 
 
 def cells(judged: Sequence[Judged]) -> list[str]:
-    """Answered, error, held, width, interval score."""
+    """The cells of HEADS."""
     values = np.abs([one.error for one in judged if np.isfinite(one.error)])
-    bounded = [one for one in judged if one.bounded]
+    bounded, sided = ([one for one in judged if getattr(one, kind)] for kind in ("bounded", "one_sided"))
     row = [f"{len(values)} of {len(judged)}", f"{np.median(values):.2f}" if len(values) else ""]
     row.append(share(sum(one.held for one in bounded), len(bounded)))
     row.append(f"{np.median([one.width for one in bounded]):.2f}" if bounded else "")
     row.append(f"{np.mean([one.interval_score for one in bounded]):.2f}" if bounded else "")
+    row.append(f"{sum(one.held for one in sided)} of {len(sided)}" if sided else "")
     return row
 
 
-HEADS = ("answered", "error", "held, %", "width", "interval score")
+HEADS = ("answered", "error", "held, %", "width", "interval score", "bounds held")
 
 
 def markdown(heads: Iterable[str], rows: Iterable[Iterable[str]]) -> str:
@@ -131,7 +137,9 @@ def narrower(truth: Sequence[Row], programs: dict[str, list[Row]]) -> str:
     for other in others:
         for quantity in QUANTITIES:
             pairs = zip(*(judge(truth, programs[name], quantity) for name in (first, other)), strict=True)
-            ratios = [a.width / b.width for a, b in pairs if a.held and b.held and b.width > 0]
+            ratios = [
+                a.width / b.width for a, b in pairs if a.bounded and a.held and b.bounded and b.held and b.width > 0
+            ]
             shown = f"{np.median(ratios):.2f}" if ratios else ""
             rows.append([f"{first} over {other}", quantity, shown, str(len(ratios))])
     return markdown(("widths", "", "median ratio where both hold", "recordings"), rows)
@@ -153,6 +161,7 @@ def report(truth: Sequence[Row], programs: dict[str, list[Row]]) -> str:
         f"{len(truth)} recordings. Errors and widths are decades (0.1 is 26 %).",
         grouped(truth, programs, lambda one: one.about["half"], "bubble"),
         grouped(truth, programs, lambda one: one.about["difficulty"], "difficulty"),
+        grouped(truth, programs, lambda one: one.about["law"], "law"),
     ]
     if len(programs) > 1:
         parts.append(narrower(truth, programs))
