@@ -3,7 +3,7 @@ PYTHON ?= python3
 VENV ?= .venv
 BIN = $(VENV)/bin
 
-.PHONY: demo test test-slow test-hostile fuzz challenge test-lowest test-pythons lint docs man dist space clean
+.PHONY: demo test test-slow test-hostile fuzz validate challenge test-lowest test-pythons lint docs man dist space clean
 
 demo: $(VENV)/demo.done
 	$(BIN)/cavirheo infer examples/soft_gel.csv examples/stiff_gel.mat examples/bubble.mp4 --frame-rate-hz 500000 --um-per-px 4 -o demo-result
@@ -33,6 +33,10 @@ test-lowest:
 	$(PYTHON) tests/lowest.py plot video > build/lowest.txt
 	build/lowest/bin/pip install --quiet --disable-pip-version-check -c build/lowest.txt -e ".[plot,video]" pytest
 	build/lowest/bin/python -m pytest -m "not slow and not hostile and not train" --ignore-glob="*test_app*" --ignore=tests/test_golden.py
+
+# Claims as numbers with their standard errors, in build/validate.json; FULL=1 takes all cases
+validate: $(VENV)/demo.done
+	$(BIN)/python -m validation $(if $(FULL),--full)
 
 # Recordings of known truth, answered by cavirheo and by a plain least squares, and scored (validation/challenge/README.md)
 CHALLENGE = build/challenge
