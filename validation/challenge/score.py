@@ -174,6 +174,7 @@ def report(truth: Sequence[Row], programs: dict[str, list[Row]]) -> str:
 def draw(truth: Sequence[Row], programs: dict[str, list[Row]], path: Path) -> None:
     """Answer over truth, with the interval, of every recording in the order of its truth; open: the interval misses."""
     from matplotlib.figure import Figure
+    from matplotlib.ticker import NullFormatter
 
     figure = Figure(figsize=(9.0, 0.6 + 1.9 * len(programs)), layout="constrained")
     places = figure.subplots(len(programs), 2, squeeze=False, sharex="col", sharey=True)
@@ -188,6 +189,7 @@ def draw(truth: Sequence[Row], programs: dict[str, list[Row]], path: Path) -> No
                 axes.plot(x, one.error, "o", ms=4, color=colour, mfc=inside)
             axes.axhline(0.0, color="#444444", lw=0.8)
             axes.set(xscale="log", ylim=(-1.6, 1.6), ylabel=f"{program}\nlog10 of {quantity} over truth")
+            axes.xaxis.set_minor_formatter(NullFormatter())
         for axes, (quantity, unit) in zip(places[-1], (("G", "Pa"), ("mu", "Pa s")), strict=True):
             axes.set_xlabel(f"true {quantity}, {unit} (blue: field's bubble, red: real one)")
     figure.savefig(path, dpi=110)
