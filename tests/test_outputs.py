@@ -21,7 +21,7 @@ from fits import fit
 
 from cavirheo import read_curves
 from cavirheo.answer_store import Step, Unfinished, keep, read_kept
-from cavirheo.companions import published
+from cavirheo.companions import comparison
 from cavirheo.errors import InputError
 from cavirheo.parallel import Once, each
 from cavirheo.physics import simulate
@@ -60,7 +60,7 @@ def inputs(tmp_path, monkeypatch):
 
     write_csv(tmp_path / "shot.csv", read_curves(EXAMPLE)[1])
     put(tmp_path / "references.csv", "set,files\ngel,shot.csv\n")
-    for module in (simulate, published):  # which has the name from there
+    for module in (simulate, comparison):  # which has the name from there
         monkeypatch.setattr(module, "load_solver", computed)
     return tmp_path
 

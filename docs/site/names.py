@@ -75,7 +75,7 @@ ANSWERS = Page(
             {
                 "cavirheo.reporting.record": "Result",
                 "cavirheo.reporting.answer": "CurveRecord OtherModel Compared",
-                "cavirheo.reporting.group": "GroupModel GroupRecord Slope",
+                "cavirheo.reporting.group": "GroupModel GroupRecord PublishedValue Slope",
                 "cavirheo.reporting.material": "PopulationRecord GroupDifference Apart",
                 "cavirheo.reporting.laws": "Laws WeighedLaws WeighedLaw ComparedLaws",
                 "cavirheo.companions.design": "Design",
@@ -83,9 +83,6 @@ ANSWERS = Page(
                 "cavirheo.companions.network_design": "NetworkDesign WeakRange",
                 "cavirheo.companions.collapse_times": "CollapseTimes",
                 "cavirheo.companions.collapse_groups": "CollapseGroup CollapseShot",
-                "cavirheo.companions.published.comparison": "Comparison ComparedSet ComparedQuantity ComparedShot "
-                "ComparedRange",
-                "cavirheo.companions.published.references": "MethodValue",
                 "cavirheo.companions.rheometer.document": "Rheometry",
                 "cavirheo.video.document": "Measured StatedNumber",
                 "cavirheo.writing.document": "Document Quantity Spread",

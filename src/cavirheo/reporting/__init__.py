@@ -13,7 +13,8 @@ from typing import Any
 import numpy as np
 
 from cavirheo.curve import RadiusCurve
-from cavirheo.reporting.record import Answered, Pairs, Published, Result, read_json, result
+from cavirheo.reporting.group import REFERENCES, Published
+from cavirheo.reporting.record import Answered, Pairs, Result, read_json, result
 from cavirheo.writing import style
 from cavirheo.writing.document import Outputs, short_name, write_json
 
@@ -51,6 +52,7 @@ def write_report(
     workers: int = 1,
     done: Callable[[], None] | None = None,
     published: Mapping[str, Published] | None = None,
+    references: Sequence[str] = REFERENCES,
 ) -> Result:
     """Write result.json, result.csv and report.html with a picture of each curve into `directory` (made if missing).
 
@@ -68,8 +70,8 @@ def write_report(
         workers: processes that may make the rows of thousands of curves; above 1, the main module of the program must
             be safe to import.
         done: called after each figure.
-        published: values of other methods, by group ("": all that are not named), method and parameter, which stand
-            beside the groups.
+        published: values of other methods, by group, method and parameter, which stand beside the groups.
+        references: methods of these that errors are to.
 
     Of more than MANY curves there is result.parquet, too (with pyarrow). A picture or figure that cannot be drawn costs
     nothing else: the report and the result's notes say why.
@@ -83,7 +85,8 @@ def write_report(
     figures = figures if complete else ()
     folder = outputs(directory, pairs.curves, figures)
     date = date or datetime.now().astimezone().strftime("%Y-%m-%d %H:%M %Z")
-    document = result(pairs, command, date=date, notes=notes, published=published, workers=workers if complete else 1)
+    document = result(pairs, command, date=date, notes=notes, workers=workers if complete else 1)
+    document.put_beside(published or {}, references)
     pictures = _pictures(pairs, document) if draw and complete else Pictures()
     document.notes += pictures.failed
     if complete and len(pairs) > MANY:

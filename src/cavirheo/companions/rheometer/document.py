@@ -15,8 +15,8 @@ from typing import TYPE_CHECKING, Any
 
 from cavirheo.companions.rheometer.sweeps import FrequencySweep, StrainSweep, Sweep, frequency_sweep, strain_sweep
 from cavirheo.reporting.answer import CurveRecord
-from cavirheo.reporting.group import GroupRecord
-from cavirheo.reporting.record import Published, Result
+from cavirheo.reporting.group import GroupRecord, Published, PublishedValue
+from cavirheo.reporting.record import Result
 from cavirheo.writing import digits, terminal
 from cavirheo.writing.document import Document, Record, Spread, spread_of, write_rows
 
@@ -138,7 +138,7 @@ def published(document: Rheometry) -> Published:
     row, at = _itself(document), f"viscosity_at_{document.at_rad_per_s:g}_rad_per_s"
     name = f"rheometer, {_span([row.regime_from, row.regime_to], 2)} rad/s, {row.deformation}"
     values = {"shear_modulus": row.shear_modulus_Pa, at: row.viscosity_Pa_s}
-    return {name: {key: value for key, value in values.items() if value.mean is not None}}
+    return {name: {key: PublishedValue(**dict(value)) for key, value in values.items() if value.mean is not None}}
 
 
 def _itself(document: Rheometry) -> BesideRow:
