@@ -557,7 +557,7 @@ def test_published_values_stand_beside_the_answers(visit, tmp_path):
     page.wait_for_selector("#answers .published")
     *rows, own = page.locator("#answers .published tbody tr").all_inner_texts()
     assert own.split("\t")[1] == "cavirheo"
-    assert [row.split("\t") for row in rows] == [
+    assert [[cell.strip() for cell in row.split("\t")] for row in rows] == [
         ["soft_gel", "IMR", "6.4 ± 1.6", "0.030 ± 0.010"], ["soft_gel", "<b>", "1.30\n80 % from IMR", MISSING]
     ]  # fmt: skip
     with page.expect_file_chooser() as chooser:

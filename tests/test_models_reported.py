@@ -12,8 +12,6 @@ import pytest
 from scipy.stats import binom
 from test_reporting import COMMAND, KILOPASCAL, Page, answer, bubble, figure, lines_of_group, printed, words
 
-from cavirheo.companions.rheometer.document import beside as rheometer_rows
-from cavirheo.companions.rheometer.document import rheometry
 from cavirheo.physics.bubble import Bubble
 from cavirheo.posterior import Evidence, OtherAnswer, Posterior
 from cavirheo.reporting import read_json, result, table, write_report
@@ -346,9 +344,6 @@ def test_doubts_of_a_group_are_said_once_whatever_else_is_said_of_its_shots():
 def test_tables_beside_the_answers_name_the_bubble(tmp_path):
     curve = bubble()
     document = result([(curve, replace(answer(curve), bubble=Bubble("kinetic")))], COMMAND)
-    made = rheometry([], "gel", command="", date="")
-    _, row = rheometer_rows(made, document)
-    assert "kinetic contents" in row.method
     document.put_beside({"gel": {"IMR": {"viscosity": PublishedValue(mean=0.02)}}})
     assert "kinetic" in markdown(document)
 

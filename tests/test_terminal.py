@@ -14,6 +14,7 @@ import pytest
 from cavirheo import loading, read_curves
 from cavirheo.companions import collapse_times
 from cavirheo.companions.rheometer import document as rheometer
+from cavirheo.companions.rheometer.sweeps import Sweep
 from cavirheo.inference.model import card, path_of
 from cavirheo.posterior import Checks, Posterior, WindowAnswer
 from cavirheo.reading import write_csv
@@ -65,26 +66,16 @@ def of_comparison(names):
 
 
 def of_rheometer(names):
-    sweep = {
-        "name": "", "source": "", "source_sha256": "", "x": [1.0], "storage": [1.0], "loss": [1.0], "message": "",
-        "notes": [], "plateau_storage_Pa": 6.4e3, "plateau_loss_Pa": 120.0,
+    found = {
+        "plateau_storage_Pa": 6.4e3, "plateau_loss_Pa": 120.0, "plateau_from": 0.001, "plateau_to": 0.231,
+        "departs": "softens", "crossover": 1.23, "viscosity_Pa_s": 123.4, "tan_delta": 0.0123,
+        "complex_viscosity_Pa_s": 6432.0,
     }  # fmt: skip
-    strain = {"linear_from": 0.001, "linear_to": 0.231, "departs": "storage", "crossover_strain": 1.23}
-    frequency = {
-        "viscosity_Pa_s": 123.4, "tan_delta": 0.0123, "complex_viscosity_Pa_s": 6432.0, "crossover_rad_per_s": 12.3,
-        "plateau_from_rad_per_s": 0.1, "plateau_to_rad_per_s": 99.9,
-    }  # fmt: skip
-    fields = rheometer.StrainSweep.model_fields, rheometer.FrequencySweep.model_fields
-    strain, frequency = (
-        {key: value for key, value in {**sweep, **more}.items() if key in known}
-        for more, known in zip((strain, frequency), fields, strict=True)
-    )
     spread = Spread(mean=6.4e3, std=1.2e3)
-    return rheometer.Rheometry.model_construct(
+    sweeps = [Sweep(kind=kind, name=name, **found) for kind in ("strain", "frequency") for name in names]
+    return rheometer.Rheometry(
         material=names[0], tolerance=0.05, at_rad_per_s=1.0, shear_modulus_Pa=spread, shear_modulus_from="plateau",
-        viscosity_Pa_s=spread, linear_to=spread, notes=[], command="",
-        strain_sweeps=[rheometer.StrainSweep.model_construct(**strain | {"name": name}) for name in names],
-        frequency_sweeps=[rheometer.FrequencySweep.model_construct(**frequency | {"name": name}) for name in names],
+        viscosity_Pa_s=spread, sweeps=sweeps, command="",
     )  # fmt: skip
 
 

@@ -148,7 +148,7 @@ MORE = Page(
             "Rheometer",
             {
                 "cavirheo.companions.rheometer": "read_sweeps strain_sweep frequency_sweep",
-                "cavirheo.companions.rheometer.sweeps": "StrainSweep FrequencySweep Sweep",
+                "cavirheo.companions.rheometer.sweeps": "Sweep",
             },
             "[How](../docs/how-to/rheometer.md).",
         ),

@@ -18,7 +18,7 @@ Wanted = TypeVar("Wanted", bound="Document | Dataset")
 
 _KINDS = {  # a key that no other document has, and the class of the document
     "measured_with": ("video.document", "Measured"),
-    "strain_sweeps": ("companions.rheometer.document", "Rheometry"),
+    "tolerance": ("companions.rheometer.document", "Rheometry"),
     "wanted_percent": ("companions.design", "Design"),
     "worst": ("companions.network_design", "NetworkDesign"),
     "medium": ("companions.collapse_times", "CollapseTimes"),

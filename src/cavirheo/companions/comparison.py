@@ -248,6 +248,7 @@ def shots_of(about: ReferenceSet, folder: Path, references: Path) -> Shots:
         curves, problems, again = read_shots(files, max_radius=scale, shots=settings.get("shots"), **constants)
     except InputError as error:  # a scale that is none of these shots
         return Shots((), 1, [str(error), *notes])
-    given = [f"{key} {value:g}" if isinstance(value, float) else f"{key} {value}" for key, value in settings.items()]
+    known = [(key, value) for key, value in settings.items() if key != "files"]
+    given = [f"{key} {value:g}" if isinstance(value, float) else f"{key} {value}" for key, value in known]
     said = [f"with {', '.join(given)}"] if given else []
     return Shots(curves, len(problems), [*problems, *notes, *again, *said])

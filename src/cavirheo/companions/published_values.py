@@ -196,7 +196,7 @@ def values_of(_: object, *paths: str) -> dict[str, Any]:
     if sweeps:
         known = [sweep for path in sweeps for sweep in read_sweeps(path)]
         made = document.rheometry(known, document.shared_name(sweeps), command="")
-        found[made.material] = {**found.get(made.material, {}), **document.published(made)}
+        found[made.material] = {**found.get(made.material, {}), **made.published}
     return TypeAdapter(dict[str, Published]).dump_python(found)
 
 

@@ -42,7 +42,7 @@ class ComparedParameter:
     @property
     def answers(self) -> list[str]:
         """What our means are called: one name where all answered shots are trusted, nothing without a recording."""
-        if not self.group.verdicts and not self.shots:
+        if not self.shots or self.name not in (*_COLUMNS, ""):
             return []
         return [OURS] if self.values[ALL].n == self.values[TRUSTED].n else [TRUSTED, ALL]
 
@@ -79,7 +79,8 @@ class Comparison:
 def _rows(group: GroupRecord, shots: Sequence[CurveRecord]) -> Iterator[ComparedParameter]:
     """One for each parameter that is published or inferred; a liquid has no G."""
     answered = [shot for shot in shots if shot.answered]
-    inferred = [name for name in (G, MU) if any(shot.itself.quantity(name).median is not None for shot in answered)]
+    known = {name: [shot.itself.quantity(name).median for shot in answered] for name in (G, MU)}
+    inferred = [name for name in known if group.spread(name).mean is not None or any(known[name])]
     published = [name for values in group.published.values() for name in values]
     for name in sorted({*inferred, *published}, key=[G, MU, *published].index) or [""]:
         values: dict[str, Spread] = {method: of[name] for method, of in group.published.items() if name in of}
@@ -106,6 +107,14 @@ def print_comparison(result: Result) -> None:
         said = remarks(group, [result.curves[k] for k in of])
         terminal.print_remarks(console, {remark: [group.name] for remark in said})
     terminal.print_remarks(console, {}, result.notes)
+
+
+def print_beside(result: Result, warning: str) -> None:
+    """The table and what must be known of it, below what is printed of another method."""
+    console = terminal.console()
+    console.print()
+    console.print(comparison_table(Comparison(result), wide=console.width >= 100))
+    console.print(warning, style="yellow")
 
 
 def comparison_table(comparison: Comparison, *, wide: bool) -> Table:
@@ -189,11 +198,12 @@ def _error(row: ComparedParameter, reference: str, method: str) -> str:
 
 
 def _written(row: ComparedParameter, method: str, factor: float) -> str:
-    """With the digits that it was published with; ours to those that the spread leaves."""
+    """With the digits that it was published with; what was computed to those that the spread leaves."""
     value = row.value(method)
-    if method in (OURS, TRUSTED, ALL):
+    known = [number for number in (value.mean, value.std) if number is not None]
+    if method in (OURS, TRUSTED, ALL) or any(float(f"{number:.4g}") != number for number in known):
         return digits.spread(value, factor)
-    parts = [f"{number * factor:.10g}" for number in (value.mean, value.std) if number is not None]
+    parts = [f"{number * factor:.10g}" for number in known]
     places = max((len(part.partition(".")[2]) for part in parts), default=0)
     if not any("e" in part for part in parts):
         parts = [f"{float(part):.{places}f}" for part in parts]
