@@ -48,7 +48,7 @@ START = Page(
     (
         Group("Read and measure", {"cavirheo": "read_curves measure RadiusCurve"}),
         Group("Infer and fit", {"cavirheo": "infer infer_many fit fit_many Posterior Bubble"}),
-        Group("Many shots, and the next one", {"cavirheo": "population Population design"}),
+        Group("Many shots, and the next one", {"cavirheo": "population Population design Rig"}),
         Group("Read back", {"cavirheo": "load"}, "[File formats](../docs/file-formats.md)."),
         Group("Simulate", {"cavirheo": "simulate simulate_many Simulation Medium"}),
         Group("Materials", {"cavirheo": "NeoHookeanKelvinVoigt Newtonian QuadraticKelvinVoigt"}),
@@ -78,8 +78,7 @@ ANSWERS = Page(
                 "cavirheo.reporting.group": "GroupModel GroupRecord PublishedValue Slope",
                 "cavirheo.reporting.material": "PopulationRecord GroupDifference Apart",
                 "cavirheo.reporting.laws": "Laws WeighedLaws WeighedLaw ComparedLaws",
-                "cavirheo.companions.design": "Design",
-                "cavirheo.companions.designed": "DesignedSetting CheckedSetting",
+                "cavirheo.companions.design_document": "Design DesignedSetting CheckedSetting",
                 "cavirheo.companions.network_design": "NetworkDesign WeakRange",
                 "cavirheo.companions.collapse_times": "CollapseTimes CollapseGroup CollapseShot",
                 "cavirheo.companions.rheometer.document": "Rheometry",

@@ -19,7 +19,7 @@ Wanted = TypeVar("Wanted", bound="Document | Dataset")
 _KINDS = {  # a key that no other document has, and the class of the document
     "measured_with": ("video.document", "Measured"),
     "tolerance": ("companions.rheometer.document", "Rheometry"),
-    "wanted_percent": ("companions.design", "Design"),
+    "wanted_percent": ("companions.design_document", "Design"),
     "worst": ("companions.network_design", "NetworkDesign"),
     "medium": ("companions.collapse_times", "CollapseTimes"),
     "laws": ("reporting.laws", "Laws"),

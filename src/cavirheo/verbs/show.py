@@ -20,7 +20,7 @@ _TABLES = {  # by the class of a document: who prints its table
     "Laws": "reporting.laws.print_table",
     "Rheometry": "companions.rheometer.document.print_rheometry",
     "Measured": "video.document.print_table",
-    "Design": "companions.design_view.print_table",
+    "Design": "companions.design_document.print_table",
     "NetworkDesign": "companions.network_design.print_table",
     "CollapseTimes": "companions.collapse_times.print_table",
 }
