@@ -132,6 +132,8 @@ def test_a_result_is_compared_without_a_new_answer(run, fake, folder, tmp_path):
     assert [cells.split(",") for cells in (tmp_path / "d" / "comparison.csv").read_text().splitlines()] == [
         cells.split(",") for cells in (tmp_path / "c" / "comparison.csv").read_text().splitlines()
     ]
+    status, _, err = run("compare", "answers.json", "--references", "data/published.csv", "--fit", "nhkv", "-o", "g")
+    assert (status, "not answered again" in err) == (2, True)
     assert "% from IMR" in (tmp_path / "d" / "report.html").read_text(encoding="utf-8")
     assert (tmp_path / "d" / "comparison.png").exists()
     (folder / "alone.csv").write_text(f"{HEAD}\nother name,,,IMR,G_kPa,8,\n")

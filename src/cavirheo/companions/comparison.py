@@ -144,6 +144,8 @@ def compare(
     about["notes"] = ([] if against else [none]) + ([_NO_PICTURE] if pictures and not drawn else [])
     written = _Tables(out, [references, *([source] if source.is_file() else [])], drawn)
     if source.is_file():
+        message = f"{source} is not answered again: leave out --model, --material, --bubble, --fit and --trust-input"
+        require(how in (None, Answering()), message, "compare.answered")
         return _beside_result(source, {one.name: one.values for one in sets}, against, written, about), 0
     how, found = how or Answering(), {}
     for one in sets:
