@@ -328,10 +328,10 @@ def figure(group: CollapseGroup, document: CollapseTimes) -> Figure:
         return drawing
     answer = [f"G = {_interval(G, factor)} {name}", f"µ = {_interval(mu)} Pa s", "exact" if group.exact else "analytic"]
     labels = (r"$t_1/t_\mathrm{RC}$", r"$R_\mathrm{max}$ (µm)", r"$t_1$ from model (%)")
-    drawing, medium, shots = (
-        headed(group.name, count, answer),
+    medium, shots, drawing = (
         Medium(**document.medium, unusual=True),
         group.measured(),
+        headed(group.name, count, answer),
     )
     upper, lower = two_panels(drawing, *labels)
     radius, measured, model = 1e6 * shots.max_radius, shots.ratio(medium), np.array(best.model, dtype=float)

@@ -281,8 +281,9 @@ def _known(
         logs = np.array([np.log10(ranges[name]) if name in ranges else started[name] for name in family.parameters])
         wide, alike = np.diag(np.ptp(logs, axis=1) ** 2 / 12.0), np.zeros((size, size))
         return _Known(logs.mean(axis=1), wide, alike if given is None else given, (low, high))
-    result = known if isinstance(known, Result) else read_json(_file(known))
-    chosen, rows = _answers(result, group, family)
+    if not isinstance(known, Result):
+        known = read_json(Path(known) / "result.json" if Path(known).is_dir() else known)
+    chosen, rows = _answers(known, group, family)
     mean, covariance, scatter, shots = _material(chosen, rows, family, given)
     logs = np.log10([row.stretch.median for row in rows if row.stretch.median])
     if "stretch" in ranges or not len(logs):
@@ -344,10 +345,6 @@ def _drawn(known: _Known, draws: int, seed: int) -> tuple[Floats, Floats]:
     law = known.mean + deviation * (ndtri(cube[:, :-1]) if normal else np.sqrt(12.0) * (cube[:, :-1] - 0.5))
     logs = first + second * ndtri(cube[:, -1]) if normal else first + (second - first) * cube[:, -1]
     return law, np.clip(10.0**logs, STRETCH_RANGE[0] * 1.001, STRETCH_RANGE[1] * 0.999)
-
-
-def _file(path: str | Path) -> Path:
-    return Path(path) / "result.json" if Path(path).is_dir() else Path(path)
 
 
 def _quantity(logs: Floats) -> Quantity:

@@ -212,7 +212,7 @@ def picture(document: Design) -> Figure:
         axes.set_ylim(0.7 * min(seen), min(1.4 * max(seen), SHOWN * min(seen)))
         for axis in (axes.xaxis, axes.yaxis):
             plain_ticks(axis, (1, 2, 5))
-            axis.set_minor_locator(_no_ticks())
+        axes.minorticks_off()
     axes.legend(frameon=False, fontsize=7.5, loc="upper left", bbox_to_anchor=(1.0, 1.0), handlelength=1.2)
     return figure
 
@@ -230,9 +230,3 @@ def _draw(axes: Axes, document: Design, values: list[Any], ends: list[Any]) -> N
     if values[document.next]:
         here = 1e6 * settings[document.next].max_radius_m
         axes.plot(here, values[document.next], "o", ms=10, mfc="none", mec="black")
-
-
-def _no_ticks() -> Any:
-    from matplotlib.ticker import NullLocator
-
-    return NullLocator()
