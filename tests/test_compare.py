@@ -166,7 +166,7 @@ def row(result: Result, group: str, name: str = "shear_modulus"):
 
 
 def test_relative_errors_are_exact(fake, folder, tmp_path):
-    made, _ = compare(folder, folder / "published.csv", tmp_path / "c")
+    made, *_ = compare(folder, folder / "published.csv", tmp_path / "c")
     found = Comparison(made)
     assert (found.methods, found.references) == (["IMR", "BDT", "rheometer"], ["IMR", "rheometer"])
     modulus, viscosity = row(made, "gel a"), row(made, "gel a", "viscosity")
@@ -184,7 +184,7 @@ def test_relative_errors_are_exact(fake, folder, tmp_path):
     assert viscosity.value("BDT").std == 0.010
     assert errors["IMR"]["BDT"]["viscosity"] == pytest.approx(0.75)
     assert "viscosity" not in errors["rheometer"]["cavirheo"]
-    only, _ = compare(folder, folder / "published.csv", tmp_path / "c", reference_methods=["BDT"])
+    only, *_ = compare(folder, folder / "published.csv", tmp_path / "c", reference_methods=["BDT"])
     assert {method: of["shear_modulus"] for method, of in only.groups[0].errors["BDT"].items()} == pytest.approx(
         {"IMR": 1 / 3, "rheometer": 2 / 3, "cavirheo": 0.0}, abs=1e-12
     )
@@ -215,7 +215,7 @@ def test_nothing_is_dropped(fake, run, folder, tmp_path):
 def test_shots_of_one_name_in_two_sets_are_told_apart(fake, folder, tmp_path):
     """The same recording may be answered under two densities."""
     (folder / "two.csv").write_text("set,files,density\nlight,bare.csv,990\nheavy,bare.csv,1040\n")
-    made, _ = compare(folder, folder / "two.csv", tmp_path / "c")
+    made, *_ = compare(folder, folder / "two.csv", tmp_path / "c")
     assert [curve.name for curve in made.curves] == ["light/bare", "heavy/bare"]
     assert [call["medium"].density for call in fake] == [990, 1040]
 
@@ -223,7 +223,7 @@ def test_shots_of_one_name_in_two_sets_are_told_apart(fake, folder, tmp_path):
 def test_markdown_and_csv_say_what_the_record_says(fake, folder, tmp_path):
     text = (folder / "published.csv").read_text().replace("gel a,", "gel | a,")
     (folder / "published.csv").write_text(text)
-    made, _ = compare(folder, folder / "published.csv", tmp_path / "c")
+    made, *_ = compare(folder, folder / "published.csv", tmp_path / "c")
     lines = (tmp_path / "c" / "comparison.md").read_text(encoding="utf-8").replace("\\|", "¦").splitlines()
     cells = [[c.strip() for c in line.strip("|").split("|")] for line in lines if line.startswith("|")]
     assert {len(row) for row in cells} == {len(cells[0])}
@@ -271,7 +271,7 @@ def test_a_liquid_has_no_shear_modulus(fake, folder, tmp_path):
         "set,files,model,method,quantity,mean,std\nPEG,gel_a/shot?.csv,bdt-viscous,IMR,mu_Pa_s,0.06,0.01\n"
         "odd,gel_a/shot0.csv,bdt-viscous,IMR,G_kPa,1,\n"
     )
-    made, _ = compare(folder, folder / "liquid.csv", tmp_path / "c")
+    made, *_ = compare(folder, folder / "liquid.csv", tmp_path / "c")
     assert [(one.group.name, one.name) for one in Comparison(made).rows] == [
         ("PEG", "viscosity"), ("odd", "shear_modulus"), ("odd", "viscosity")
     ]  # fmt: skip
@@ -288,7 +288,7 @@ def test_settings_reach_the_inference(fake, folder, tmp_path):
         "bare.csv,posterior,power-law,2,7.5,210,zhu2025,1040,1500,0,90000,300\n"
         "gel_a/shot0.csv,,,,,,,,,,,\n"
     )
-    made, _ = compare(folder, folder / "s.csv", tmp_path / "c", how=Answering("bdt-viscoelastic"))
+    made, *_ = compare(folder, folder / "s.csv", tmp_path / "c", how=Answering("bdt-viscoelastic"))
     first, second = fake
     assert (first["model"], first["window"], first["stretch"]) == ("posterior", 2, 7.5)
     assert (first["material"], first["bubble"]) == ("power-law", "field")
@@ -302,7 +302,7 @@ def test_settings_reach_the_inference(fake, folder, tmp_path):
 
 def test_the_file_of_values_is_no_measurement(fake, folder, tmp_path):
     (folder / "published.csv").write_text(f"{HEAD}\nall,*.csv,,,,,\n")
-    made, unread = compare(folder, folder / "published.csv", tmp_path / "c")
+    made, unread, _ = compare(folder, folder / "published.csv", tmp_path / "c")
     assert ([curve.name for curve in made.curves], unread) == (["bare"], 0)
 
 
@@ -369,7 +369,7 @@ def test_other_mistakes(fake, folder, tmp_path):
 
 def test_without_matplotlib_the_tables_are_complete(fake, folder, tmp_path, monkeypatch):
     monkeypatch.setattr(style, "available", lambda: False)
-    made, _ = compare(folder, folder / "published.csv", tmp_path / "c")
+    made, *_ = compare(folder, folder / "published.csv", tmp_path / "c")
     assert not (tmp_path / "c" / "comparison.png").exists()
     assert "matplotlib is not installed" in (tmp_path / "c" / "comparison.md").read_text(encoding="utf-8")
     assert "matplotlib is not installed" in made.notes[-1]
@@ -377,7 +377,7 @@ def test_without_matplotlib_the_tables_are_complete(fake, folder, tmp_path, monk
 
 @pytest.mark.needs("matplotlib")
 def test_the_table_fits_and_the_picture_shows_every_value(fake, folder, tmp_path, monkeypatch, capsys):
-    made, _ = compare(folder, folder / "published.csv", tmp_path / "c")
+    made, *_ = compare(folder, folder / "published.csv", tmp_path / "c")
     for width in (80, 120):
         monkeypatch.setenv("COLUMNS", str(width))
         print_comparison(made)
@@ -494,7 +494,7 @@ def test_the_page_has_the_published_values():
 
 def test_published_sets_are_found(fake, real_data, tmp_path, monkeypatch):
     monkeypatch.setattr(style, "available", lambda: False)
-    made, unread = compare(real_data, PUBLISHED, tmp_path / "c")
+    made, unread, _ = compare(real_data, PUBLISHED, tmp_path / "c")
     assert [group.n + group.n_failed for group in made.groups if group.verdicts] == [5, 20, 20, 11, 11, 20]
     assert unread == 0
 
@@ -506,7 +506,7 @@ def test_sets_can_be_fitted_in_the_place_of_networks(tmp_path, monkeypatch):
     (tmp_path / "refs.csv").write_text(
         "set,files,window,model,method,quantity,mean\ngel,gel.csv,1,,IMR,G_kPa,3\nliquid,gel.csv,1,bdt-viscous,,,\n"
     )
-    made, _ = compare(tmp_path, tmp_path / "refs.csv", tmp_path / "c", how=Answering(fit="qkv"))
+    made, *_ = compare(tmp_path, tmp_path / "refs.csv", tmp_path / "c", how=Answering(fit="qkv"))
     gel, liquid = made.curves
     assert (gel.method, gel.material, gel.window.collapses) == ("least_squares", "qkv", 1)
     assert (liquid.method, liquid.material) == ("least_squares", "newtonian")
@@ -522,10 +522,12 @@ def test_the_law_is_taken_from_what_is_published():
     }
     laws = {name: Answering().step(one).settings["material"] for name, one in sets.items()}
     assert laws == {"gel": None, "liquid": "newtonian"}
+    networks = {name: Answering("bdt-viscoelastic").step(one).settings["model"] for name, one in sets.items()}
+    assert networks == {"gel": "bdt-viscoelastic", "liquid": "bdt-viscous"}
     assert Answering(material="zener").step(sets["liquid"]).settings["material"] == "zener"
     assert Answering("bdt-viscous", fit="nhkv").step(sets["gel"]).settings["material"] == "newtonian"
 
 
 def test_the_bubble_of_the_answers_is_named(fake, folder, tmp_path):
-    made, _ = compare(folder, folder / "published.csv", tmp_path / "c")
+    made, *_ = compare(folder, folder / "published.csv", tmp_path / "c")
     assert "Our answers assume the field's bubble" in markdown(made)

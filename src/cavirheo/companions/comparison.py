@@ -7,7 +7,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import datetime
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from cavirheo.answer_store import Unfinished
 from cavirheo.companions.published_values import ReferenceSet, by_group, read_references
@@ -31,6 +31,7 @@ from cavirheo.writing import style
 from cavirheo.writing.document import Outputs, write_json
 
 _TABLES = ("comparison.md", "comparison.csv", "comparison.png")
+_OF_LIQUIDS = {"bdt-viscoelastic": "bdt-viscous"}  # by the network of gels
 _NO_PICTURE = 'comparison.png is left out: matplotlib is not installed; pip install "cavirheo[plot]"'
 
 
@@ -52,10 +53,16 @@ class Answering:
         if self.fit:
             Family(self.fit)
 
+    def model_of(self, about: ReferenceSet) -> str:
+        """That of the set, or this; of the paper's two networks the one for liquids where no modulus is published."""
+        return str(
+            about.settings.get("model") or (self.model if about.solid else _OF_LIQUIDS.get(self.model, self.model))
+        )
+
     def check(self, about: ReferenceSet) -> None:
         """Raises InputError, with its place in the file: what only inference can judge, before a shot costs time."""
-        settings = about.settings
-        model, material = settings.get("model", self.model), settings.get("material", self.material)
+        settings, model = about.settings, self.model_of(about)
+        material = settings.get("material", self.material)
         attempts: dict[str, Callable[[], object]] = {
             "model": lambda: network_of(model),
             "material": lambda: check_models(model, material, self.bubble, "auto"),
@@ -71,7 +78,7 @@ class Answering:
 
     def step(self, about: ReferenceSet) -> Step:
         """The answers to the shots of a set."""
-        model = about.settings.get("model", self.model)
+        model = self.model_of(about)
         network, law = network_of(model), about.settings.get("material", self.material)
         if not isinstance(network, Network) and law is None and not about.solid:
             law = "newtonian"
@@ -95,6 +102,14 @@ class Shots:
     notes: Sequence[str] = ()
 
 
+class ComparisonRun(NamedTuple):
+    """The result, how many files could not be read, and whether answers are missing (its first note says how many)."""
+
+    result: Result
+    unread: int = 0
+    interrupted: bool = False
+
+
 def compare(
     source: str | Path,
     references: str | Path,
@@ -105,13 +120,12 @@ def compare(
     pictures: bool = True,
     command: str = "cavirheo compare",
     progress: bool = False,
-) -> tuple[Result, int]:
+) -> ComparisonRun:
     """Put published values beside answers; write result.json with them, report.html, and the comparison as tables and a
     picture into `out`.
 
     A set is a group of the result; one whose files are missing, or that has no recordings, has its published values
-    alone. Answers are kept as they are found; after Ctrl-C the comparison is of those, and the notes begin with
-    "interrupted".
+    alone. Answers are kept as they are found; after Ctrl-C the comparison is of those.
 
     Args:
         source: the folder that the files of the sets are relative to, or a result.json, whose groups are the sets of
@@ -121,9 +135,6 @@ def compare(
         reference_methods: those to which errors are; default: of REFERENCES those in the file.
         progress: show a bar on stderr.
         pictures: False: none, neither of the sets nor of their shots.
-
-    Returns:
-        The result, and how many files could not be read.
 
     Raises:
         InputError: a mistake in `references` (line, column, what was expected), an unknown model or method, a folder
@@ -146,7 +157,7 @@ def compare(
     if source.is_file():
         message = f"{source} is not answered again: leave out --model, --material, --bubble, --fit and --trust-input"
         require(how in (None, Answering()), message, "compare.answered")
-        return _beside_result(source, {one.name: one.values for one in sets}, against, written, about), 0
+        return ComparisonRun(_beside_result(source, {one.name: one.values for one in sets}, against, written, about))
     how, found = how or Answering(), {}
     for one in sets:
         how.check(one)
@@ -159,14 +170,16 @@ def compare(
     note = kept.note(len(pairs), sum(len(shots.curves) for shots in found.values()))
     unread = sum(shots.unread for shots in found.values())
     if note and report.holds("report.html"):  # which stays until all is answered
-        return result(pairs, command, notes=[f"{note}; until then the earlier answers stay"]), unread
+        return ComparisonRun(
+            result(pairs, command, notes=[f"{note}; until then the earlier answers stay"]), unread, True
+        )
     about |= {"notes": [note, *about["notes"]] if note else about["notes"], "complete": not note, "draw": pictures}
     about |= {"published": {one.name: one.values for one in sets}, "references": against}
     document = write_report(out, pairs, **about)
     written.write(document, complete=not note)
     if not note:
         kept.remove()
-    return document, unread
+    return ComparisonRun(document, unread, bool(note))
 
 
 @dataclass(frozen=True)

@@ -44,7 +44,7 @@ def compare(
     from cavirheo.writing import digits
 
     how = Answering(model, material, fit_law, bubbles or "field", trust_input)
-    result, run.unreadable = compare(
+    result, run.unreadable, interrupted = compare(
         source,
         references,
         out,
@@ -54,7 +54,7 @@ def compare(
         command=run.command,
         progress=not run.quiet,
     )
-    if result.notes and result.notes[0].startswith("interrupted"):
+    if interrupted:
         run.stop(result.notes[0], out / "comparison.md")
     run.show(result, print_comparison)
     failed = any(record.verdict in ("failed", "check_input") for record in result.curves)
