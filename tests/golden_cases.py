@@ -471,7 +471,7 @@ def compare() -> Any:
     ):
         told = run("compare", "data", "--references", f"data/{name}.csv", *more, "-o", name)
         found[name] = {
-            "told": told, "files": files(name), "json": read(f"{name}/comparison.json"),
+            "told": told, "files": files(name), "groups": read(f"{name}/result.json")["groups"],
             "md": lines(f"{name}/comparison.md"), "csv": lines(f"{name}/comparison.csv"),
         }  # fmt: skip
     return found

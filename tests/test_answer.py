@@ -115,10 +115,9 @@ RANKED = {"name": "a", "shots": 1, "chosen": "nhkv", "contenders": ["nhkv"], "la
 DOCUMENTS = {
     "Result": {"curves": [], "groups": []},
     "Laws": {"curves": [RANKED], "groups": []},
-    "Comparison": {"methods": [], "reference_methods": [], "sets": []},
     "Rheometry": {
         "material": "", "tolerance": 0.1, "at_rad_per_s": 1.0, "shear_modulus_Pa": EMPTY, "shear_modulus_from": "",
-        "viscosity_Pa_s": EMPTY, "linear_to": EMPTY, "strain_sweeps": [], "frequency_sweeps": [],
+        "viscosity_Pa_s": EMPTY, "sweeps": [],
     },
     "CollapseTimes": {"material": "nhkv", "medium": {}, "groups": []},
 }  # fmt: skip

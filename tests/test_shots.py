@@ -112,8 +112,8 @@ def test_the_rows_of_a_table_of_collapse_times_are_chosen_too(run):
 def test_a_set_that_is_compared_may_name_its_shots(run):
     command = ["compare", FILE.parent, "--references", "sets.csv", "-o", "out", "--no-pictures", "--json"]
     Path("sets.csv").write_text(f'set,files,shots\ngel,{FILE.name},"2-3"\n', encoding="utf-8")
-    (about,) = json.loads(run(*command)[1])["sets"]
-    assert [shot["name"] for shot in about["shots"]] == [curve.name for curve in read_curves(FILE, shots="2-3")]
+    made = json.loads(run(*command)[1])
+    assert [curve["name"] for curve in made["curves"]] == [curve.name for curve in read_curves(FILE, shots="2-3")]
     Path("sets.csv").write_text(f"set,files,shots\ngel,{FILE.name},2x\n", encoding="utf-8")
     status, _, said = run(*command)
     assert status == 2

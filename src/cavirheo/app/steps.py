@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any
 
 from cavirheo.app.session import Answers, PageSettings, Session
-from cavirheo.companions.values import set_beside
+from cavirheo.companions.published_values import set_beside
 from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError, number_of, require
 from cavirheo.inference import DEFAULT

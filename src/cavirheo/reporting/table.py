@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from cavirheo.parameters import AT_RATE, CAMERA, of_the_law
 from cavirheo.reporting.answer import CurveRecord, Unit, described, evidence, in_unit, parameter_key, parameters_of
+from cavirheo.reporting.comparison import print_comparison
 from cavirheo.reporting.group import TOGETHER, GroupRecord
 from cavirheo.reporting.input_remarks import causes, next_step
 from cavirheo.reporting.record import Result
@@ -111,9 +112,11 @@ def print_line(record: CurveRecord) -> None:
 
 
 def print_all(result: Result) -> None:
-    """`print_table`, and what other models and modes answer."""
+    """`print_table`, what other models and modes answer, and values of other methods."""
     console = terminal.console()
     print_table(result, console)
+    if any(group.published for group in result.groups):
+        print_comparison(result)
     for record in result.curves:
         if record.other_models:
             console.print(models_table(record, *result.modulus_unit))

@@ -18,10 +18,9 @@ if TYPE_CHECKING:
 _TABLES = {  # by the class of a document: who prints its table
     "Result": "reporting.table.print_all",
     "Laws": "reporting.laws.print_table",
-    "Comparison": "companions.published.comparison.print_table",
     "Rheometry": "companions.rheometer.document.print_rheometry",
     "Measured": "video.document.print_table",
-    "Design": "companions.design_view.print_table",
+    "Design": "companions.design_document.print_table",
     "NetworkDesign": "companions.network_design.print_table",
     "CollapseTimes": "companions.collapse_times.print_table",
 }
