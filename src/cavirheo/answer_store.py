@@ -19,6 +19,7 @@ import numpy as np
 
 from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError, require
+from cavirheo.messages import Message
 from cavirheo.parallel import Executor, Step, Threads, one_of
 from cavirheo.physics.bubble import Bubble
 from cavirheo.posterior import Checks, Diagnostics, Evidence, OtherAnswer, Posterior, WindowAnswer
@@ -26,7 +27,7 @@ from cavirheo.writing.document import into, whole
 from cavirheo.writing.packing import pack, unpack
 from cavirheo.writing.terminal import bar, say
 
-_TYPES = (Posterior, Checks, WindowAnswer, Evidence, Diagnostics, Bubble, OtherAnswer, RadiusCurve)
+_TYPES = (Posterior, Checks, Message, WindowAnswer, Evidence, Diagnostics, Bubble, OtherAnswer, RadiusCurve)
 _KINDS: dict[str, Any] = {kind.__name__: kind for kind in _TYPES}
 _Kept = TypeVar("_Kept")
 _Item = TypeVar("_Item")

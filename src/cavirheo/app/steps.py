@@ -57,7 +57,7 @@ def _found(session: Session, names: Sequence[str], verify: str) -> list[tuple[Ra
     }
     options["verify"] = verify
     soon, workers = session.soon, max((os.cpu_count() or 1) // len(chosen), 1)
-    mark = {"verdict": "unverified", "message": ""} if verify != settings.verify else {}
+    mark = {"verdict": "unverified", "messages": []} if verify != settings.verify else {}
 
     def one(curve: RadiusCurve) -> Posterior:
         alone = curve.with_group("", "")  # which material it is of does not matter

@@ -104,7 +104,7 @@ def read_groups(
         members.setdefault((curve.group, curve.group_source), []).append(curve)
     for (name, source), mine in members.items():
         sha256 = mine[0].source_sha256 if source == mine[0].source else ""
-        doubtful = [f"{curve.name}: {doubt}" for curve in mine for doubt in input_checks.plain(curve, medium)]
+        doubtful = [f"{curve.name}: {one.text}" for curve in mine for one in input_checks.plain(curve, medium)]
         shots = [_read_off(curve, stretch) for curve in mine]
         groups.append(CollapseGroup(name=name, source=source, source_sha256=sha256 or "", doubts=doubtful, shots=shots))
     return groups, problems + unread, again
@@ -114,7 +114,7 @@ def _read_off(curve: RadiusCurve, stretch: float | None) -> CollapseShot:
     try:
         found, origin = shot(curve, stretch)
     except InputError as error:
-        return CollapseShot(name=curve.name, message=str(error).removeprefix(f"{curve.name}: "))
+        return CollapseShot(name=curve.name, message=error.message)
     return CollapseShot.of(curve.name, (found.max_radius[0], found.stretch[0], found.time[0]), origin)
 
 

@@ -64,14 +64,14 @@ def fit_many(
         bubble: "real" (vapour condenses at a finite rate, and the surroundings damp the motion), "field" (equilibrium
             contents, unbounded liquid), "auto" (both, and the evidence chooses as for materials), or a `Bubble`.
         others: look at the other of these two bubbles, too; what it and other modes answer is in `Posterior.others`.
-        trust_input: doubts about the recording or its settings are said, but decide no verdict.
+        trust_input: warnings on the recording or its settings are said, but decide no verdict.
         seed: of the draws.
         workers: threads; default: all cores. The answers do not depend on it.
         done: called with the index of each curve and its answer as it is found.
 
     Returns:
         An answer for each curve, in their order, SI. A curve that cannot be fitted gives a Posterior without draws
-        whose checks.message says why.
+        whose checks.messages say why.
 
     Raises:
         InputError: unknown material or a setting out of its domain.
@@ -114,13 +114,13 @@ def search_many(
 
 
 def _request(curve: RadiusCurve, family: Family, options: Options, medium: Medium, trust_input: bool) -> Posterior:
-    """What a search begins from: law, bubble, window and doubts about the recording, without any value."""
+    """What a search begins from: law, bubble, window and input warnings, without any value."""
     names = tuple(LOG10 + name for name in family.parameters)
     try:
         shot = Experiment(curve, family, medium, options)
-        doubts = [*input_checks.plain(curve, medium), *input_checks.of_walls(shot)]
-        checks = input_checks.doubted(Checks("ok", t_star_end=shot.view.end / shot.time_scale), doubts, trust_input)
-    except Exception as error:  # of this curve alone
+        warnings = [*input_checks.plain(curve, medium), *input_checks.of_walls(shot)]
+        checks = input_checks.warned(Checks("ok", t_star_end=shot.view.end / shot.time_scale), warnings, trust_input)
+    except input_checks.ERRORS as error:  # of this curve alone
         checks = input_checks.failed(error, curve, medium)
     about = {"medium": asdict(medium), "options": asdict(options), "source_sha256": curve.source_sha256}
     provenance = {"cavirheo": version("cavirheo"), **about}
@@ -155,7 +155,7 @@ def fit(curve: RadiusCurve, material: str = "nhkv", **options: Any) -> Posterior
         options: those of `fit_many`.
 
     Returns:
-        The answer, SI; one without draws says in its checks.message why it failed.
+        The answer, SI; one without draws says in its checks.messages why it failed.
 
     Raises:
         InputError: as `fit_many`.

@@ -18,6 +18,7 @@ from cavirheo.inference.law import Family
 from cavirheo.inference.model import load
 from cavirheo.inference.options import FREE, Options
 from cavirheo.inference.reconstruct import Window, check_stretch, window
+from cavirheo.messages import of_error
 from cavirheo.parameters import PARAMETERS
 from cavirheo.physics.bubble import FIELD, REAL
 from cavirheo.physics.media import Medium
@@ -98,7 +99,7 @@ def tried(curve: RadiusCurve, posterior: Posterior, given: Mapping[str, float], 
     try:
         return WhatIf(curve, posterior, *compared).checks(given)
     except (InputError, SolverError) as error:
-        return Checks("failed", str(error))
+        return Checks("failed", (of_error(error),))
 
 
 def band(curve: RadiusCurve, posterior: Posterior, *compared: Any) -> Band | None:

@@ -67,7 +67,7 @@ def print_table(
             console.print(Text(line, "dim"))
     if (more := windows_table(result)) is not None:
         console.print(more)
-    terminal.print_doubts(console, doubts(result.curves))
+    terminal.print_warnings(console, warnings(result.curves))
     said = [(group.name, line) for group in result.groups for line in group.lines]
     notes = [note for note in result.notes if not note.startswith("not read: ")]  # said on stderr already
     _print_most(console, said, MOST)
@@ -117,10 +117,9 @@ def print_all(result: Result) -> None:
             console.print(models_table(record, *result.modulus_unit))
 
 
-def doubts(records: Iterable[CurveRecord]) -> Iterator[tuple[str, str]]:
+def warnings(records: Iterable[CurveRecord]) -> Iterator[tuple[str, str]]:
     """(name, sentence) of those whose recording or settings are to be checked."""
-    doubtful = (one for one in records if one.verdict == "check_input")
-    return ((one.name, doubt) for one in doubtful for doubt in one.doubts or [one.message])
+    return ((one.name, warning.text) for one in records for warning in one.warnings)
 
 
 def model_rows(record: CurveRecord, factor: float) -> list[list[str]]:
