@@ -11,7 +11,7 @@ import threading
 from collections import OrderedDict, deque
 from collections.abc import Callable, Generator, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
-from contextlib import closing, contextmanager, suppress
+from contextlib import ExitStack, closing, contextmanager, suppress
 from dataclasses import dataclass
 from importlib.metadata import version
 from multiprocessing.pool import Pool
@@ -29,6 +29,31 @@ def cores(workers: int | None = None) -> int:
     if workers is not None:
         expect_whole(workers, "workers", 1)
     return workers or os.cpu_count() or 1
+
+
+class _OneBlasThread:
+    """While threads of ours work, BLAS computes in the thread that calls it: its own would only wait for each other
+    beside these. The limit is of the whole process: the first to work sets it, and the last takes it back."""
+
+    def __init__(self) -> None:
+        self._lock, self._working, self._limit = threading.Lock(), 0, ExitStack()
+
+    def __enter__(self) -> None:
+        from threadpoolctl import threadpool_limits
+
+        with self._lock:
+            if not self._working:
+                self._limit.enter_context(threadpool_limits(1, "blas"))
+            self._working += 1
+
+    def __exit__(self, *_: object) -> None:
+        with self._lock:
+            self._working -= 1
+            if not self._working:
+                self._limit.close()
+
+
+_one_blas_thread = _OneBlasThread()
 
 
 class Executor(Protocol):
@@ -68,7 +93,11 @@ class Threads:
 
     def flow(self, work: Callable[[Job], Done], jobs: Sequence[Job]) -> Generator[tuple[int, Done], None, None]:
         """As `Executor.flow`. An exception, Ctrl-C too, is not kept waiting: what has not begun is dropped, what has
-        begun ends by itself."""
+        begun ends by itself. BLAS has one thread meanwhile."""
+        with _one_blas_thread:
+            yield from self._flow(work, jobs)
+
+    def _flow(self, work: Callable[[Job], Done], jobs: Sequence[Job]) -> Generator[tuple[int, Done], None, None]:
         waiting, ended = deque(range(len(jobs))), SimpleQueue[Any]()
         count = len(waiting)
         threads = min(cores(self.workers), count)

@@ -98,7 +98,7 @@ def read_groups(
         else:
             groups += [table] if table else []
             curves += [] if table else [path]
-    found, unread, again = read_shots(curves, group=group, shots=chosen, **constants)
+    found, unread, again, hints = read_shots(curves, group=group, shots=chosen, **constants)
     members: dict[tuple[str, str], list[RadiusCurve]] = {}
     for curve in found:
         members.setdefault((curve.group, curve.group_source), []).append(curve)
@@ -107,7 +107,7 @@ def read_groups(
         doubtful = [f"{curve.name}: {one.text}" for curve in mine for one in input_checks.plain(curve, medium)]
         shots = [_read_off(curve, stretch) for curve in mine]
         groups.append(CollapseGroup(name=name, source=source, source_sha256=sha256 or "", doubts=doubtful, shots=shots))
-    return groups, problems + unread, again
+    return groups, problems + unread, again + hints
 
 
 def _read_off(curve: RadiusCurve, stretch: float | None) -> CollapseShot:

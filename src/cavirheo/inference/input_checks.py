@@ -28,7 +28,9 @@ if TYPE_CHECKING:
     from cavirheo.inference.experiment import Experiment
 
 _log = logging.getLogger(__name__)
-ERRORS = InputError, SolverError, ArithmeticError, np.linalg.LinAlgError  # that end the answer of one curve
+# what may end the answer of one curve: numbers that it, numpy or scipy refuse (InputError and LinAlgError are
+# ValueErrors), simulations that fail, and a curve too large for the memory
+ERRORS = ValueError, ArithmeticError, SolverError, MemoryError
 REBOUND = 3  # frames after the first collapse, from which a rebound is seen
 FACTOR = 1.5  # by which a parameter must move for a warning
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -30,9 +30,10 @@ def print_table(
     *,
     asked: Mapping[str, Any] | None = None,
     out: Path = Path(),
+    told: Collection[str] = (),
 ) -> None:
     """One row per curve, one per group (mean ± standard deviation), what is said of groups and curves, and the next
-    step, where the options of the run (`asked`) and its folder are given."""
+    step, where the options of the run (`asked`) and its folder are given. told: notes that the reader has seen."""
     from rich.text import Text
 
     console = console or terminal.console()
@@ -69,7 +70,7 @@ def print_table(
         console.print(more)
     terminal.print_warnings(console, warnings(result.curves))
     said = [(group.name, line) for group in result.groups for line in group.lines]
-    notes = [note for note in result.notes if not note.startswith("not read: ")]  # said on stderr already
+    notes = [note for note in result.notes if note not in told]
     _print_most(console, said, MOST)
     terminal.print_remarks(console, {}, [*(one.words for one in result.differences), *notes])
     whole, several = digits.counted(len(result.curves), "curve"), causes(result.curves).items()

@@ -39,7 +39,7 @@ def compare(
         folder, references, out, model=model, fit=fit_law, reference_methods=reference_method or [],
         trust_input=trust_input, pictures=pictures, command=run.command, progress=not run.quiet,
     )  # fmt: skip
-    if result.notes and result.notes[0].startswith("interrupted"):
+    if result.interrupted:
         run.stop(result.notes[0], out / "comparison.md")
     run.show(result, print_table)
     run.unreadable = sum(len(about.problems) for about in result.sets)

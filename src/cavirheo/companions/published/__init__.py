@@ -52,7 +52,7 @@ def compare(
 
     A set whose files are missing or unreadable keeps its row and says so in `problems`; one without recordings
     (references.py) has its published values alone. Answers are kept as they are found (answer_store.py); after Ctrl-C
-    the comparison is of those, and its notes begin with "interrupted".
+    the comparison is of those, and it says so (`interrupted`).
 
     Args:
         folder: what the files of the sets are relative to.
@@ -112,7 +112,7 @@ def compare(
     comparison = Comparison(
         command=command, date=datetime.now().astimezone().strftime("%Y-%m-%d %H:%M %Z"),
         notes=notes + ([] if against else [none]) + ([_NO_PICTURE] if pictures and not style.available() else []),
-        methods=methods, reference_methods=against, sets=records,
+        methods=methods, reference_methods=against, sets=records, interrupted=bool(note),
     )  # fmt: skip
     if pictures and style.available() and not note:
         from cavirheo.companions.published.picture import figure
@@ -199,7 +199,7 @@ def shots_of(
     density, pressure = about.medium.density, about.medium.pressure
     how: Any = {"density": density, "pressure": pressure, "shots": about.settings.get("shots")}
     try:
-        curves, problems, again = read_shots(files, max_radius=scale, **how)
+        curves, problems, again, hints = read_shots(files, max_radius=scale, **how)
     except InputError as error:  # a scale that is none of these shots
         return [], files, [str(error)], notes
-    return curves, files, problems, notes + again
+    return curves, files, problems, notes + again + hints

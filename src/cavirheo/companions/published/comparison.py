@@ -152,11 +152,14 @@ class Comparison(Document):
         methods: in the order of the columns.
         reference_methods: those that errors are to.
         sets: one for each set.
+        interrupted: whether answers are missing; the first note says how many.
     """
 
     methods: list[str]
     reference_methods: list[str]
     sets: list[ComparedSet]
+    interrupted: bool = False
+    _if_any = ("interrupted",)
 
     def rows(self) -> Iterator[tuple[ComparedSet, ComparedQuantity]]:
         """Every set with each of its quantities, or with a row without values."""

@@ -9,7 +9,6 @@ from dataclasses import replace
 from typing import Any, TypedDict, Unpack
 
 import numpy as np
-from threadpoolctl import threadpool_limits
 
 from cavirheo.curve import RadiusCurve, several
 from cavirheo.errors import expect
@@ -119,9 +118,7 @@ def verify_many(
         before = sum(answer.seconds for answer in given)
         return replace(best, checks=checks, seconds=before + time.perf_counter() - began)
 
-    # BLAS' own threads would only wait for each other beside these
-    with threadpool_limits(1, "blas"):
-        return each(verified, zip(curves, candidates, strict=True), workers, done)
+    return each(verified, zip(curves, candidates, strict=True), workers, done)
 
 
 def _simplest(found: Sequence[Posterior]) -> Posterior:

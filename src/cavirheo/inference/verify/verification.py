@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Literal
@@ -35,6 +36,7 @@ from cavirheo.physics.media import medium as named
 from cavirheo.posterior import Diagnostics, Evidence, OtherAnswer, Posterior, Verdict, intervals
 from cavirheo.prior import log_normal
 
+_log = logging.getLogger(__name__)
 _CARRIED = ("cavirheo", "medium", "model", "model_sha256", "problem_id", "source_sha256", "windows", "options")
 
 SCALED = 0.002  # relative change of R_max, for the slope of G
@@ -249,7 +251,8 @@ class Estimation:
         fit = LeastSquares(self.shot, self.target.workers)
         try:
             scan = Scan(fit, self.settings.scanned, STARTS)  # other points than those of a fit
-        except SolverError:
+        except SolverError as error:
+            _log.debug("%s: no scan of %s", self.shot.curve.name, self.shot.family.name, exc_info=error)
             return []
         counted = self.shot.counted
         measured = self.shot.measured[counted]
@@ -265,7 +268,8 @@ class Estimation:
         rebound can slip by a period."""
         try:
             found = Search(self.shot, self.target.workers).minima()
-        except SolverError:
+        except SolverError as error:
+            _log.debug("%s: no search of %s", self.shot.curve.name, self.shot.family.name, exc_info=error)
             return []
         finally:
             self.shot.set_window(*self.shot.cut)
