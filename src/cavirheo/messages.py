@@ -5,15 +5,15 @@ Other code makes messages by code and values, and decides by codes alone; nothin
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from typing import Any, NamedTuple
+from typing import Any
 
 from cavirheo.errors import InputError, SolverError
 from cavirheo.parameters import about, searched_bound
 
-INPUT = "check_input"  # first part of the code of an input warning
 UNIT = "check_input.radius_unit"
+_Details = Callable[[Mapping[str, Any]], str]
 
 
 @dataclass(frozen=True)
@@ -32,11 +32,11 @@ class Message:
     @property
     def text(self) -> str:
         """The sentence."""
-        known = _sentence_of(self.code)
+        known, values = _sentence_of(self.code), self.parameters
         if known is None:
-            return str(self.parameters["text"])
-        details, values = known.details, self.parameters
-        return title(self.code) + (details.format(**values) if isinstance(details, str) else details(values))
+            return str(values["text"])
+        common, details = known
+        return common + (details.format(**values) if isinstance(details, str) else details(values))
 
     @property
     def input_warning(self) -> bool:
@@ -46,33 +46,22 @@ class Message:
 
 def is_input_warning(code: str) -> bool:
     """Whether a message with this code is about the recording or its settings."""
-    return code.partition(".")[0] == INPUT
-
-
-def joined(messages: Iterable[Message]) -> str:
-    """All sentences in one line."""
-    return "; ".join(message.text for message in messages)
+    return code.startswith("check_input.")
 
 
 def title(code: str) -> str:
     """What all messages with this code have in common, without the values of one; "" of a code without a sentence."""
     known = _sentence_of(code)
-    if known is None:
-        return ""
-    return known.title if isinstance(known.title, str) else known.title(*code.split(".")[1:])
+    return known[0] if known else ""
 
 
 def of_error(error: Exception) -> Message:
     """Why there is no answer, of the error that ended it."""
-    code = error.code if isinstance(error, InputError) else "solver" if isinstance(error, SolverError) else "unexpected"
-    return Message(code, {"text": reason(error)})
-
-
-def reason(error: Exception) -> str:
-    """What is said of a curve whose answer an error ended."""
-    if isinstance(error, InputError | SolverError):
-        return error.message if isinstance(error, InputError) else str(error)
-    return f"unexpected {type(error).__name__}: {error}".removesuffix(": ")
+    if isinstance(error, InputError):
+        return Message(error.code, {"text": error.message})
+    if isinstance(error, SolverError):
+        return Message("solver", {"text": str(error)})
+    return Message("unexpected", {"text": f"unexpected {type(error).__name__}: {error}".removesuffix(": ")})
 
 
 def value_in_words(name: str, interval: tuple[float, float, float]) -> str:
@@ -88,22 +77,14 @@ def value_in_words(name: str, interval: tuple[float, float, float]) -> str:
     return f"{known.symbol} {digits.measured(value, *digits.unit_for(known.unit, median))}"
 
 
-class _Sentence(NamedTuple):
-    """title: of all messages with the code; where several codes share it, of the parts behind the first. details: what
-    one message adds, a template of its parameters, or a function of them."""
-
-    title: str | Callable[..., str]
-    details: str | Callable[[Mapping[str, Any]], str] = ""
-
-
-def _sentence_of(code: str) -> _Sentence | None:
-    return _SENTENCES.get(code) or _SENTENCES.get(code.partition(".")[0])
-
-
-def _counted(count: int, what: str) -> str:
-    from cavirheo.writing.digits import counted
-
-    return counted(count, what)
+def _sentence_of(code: str) -> tuple[str, str | _Details] | None:
+    """(what all messages with this code have in common, what the values of one add)."""
+    family, *rest = code.split(".")
+    known = _SENTENCES.get(code) or _SENTENCES.get(family)
+    if isinstance(known, str):
+        common, _, details = known.partition("|")
+        return common, details
+    return known and (known[0] if isinstance(known[0], str) else known[0](*rest), known[1])
 
 
 def _repeated(p: Mapping[str, Any]) -> str:
@@ -131,7 +112,20 @@ def _scale(p: Mapping[str, Any]) -> str:
 
 def _moved(p: Mapping[str, Any]) -> str:
     words = " and ".join(f"{name.replace('_', ' ')} times {factor:.2g}" for name, factor in p["factors"].items())
-    return f": without {_counted(p['frames'], 'frame')} the answer would be {words}"
+    frames = "this frame" if p["frames"] == 1 else f"these {p['frames']} frames"
+    return f": without {frames} it would be {words}"
+
+
+def _spikes(p: Mapping[str, Any]) -> str:
+    return f": {p['frames']} frame{'s' * (p['frames'] > 1)} above both neighbours by 20 % of R_max"
+
+
+def _other_bubble(p: Mapping[str, Any]) -> str:
+    return f": {p['frames']} frame{'s' * (p['frames'] > 1)} from {1e6 * p['since']:.4g} us after R_max on"
+
+
+def _missed(p: Mapping[str, Any]) -> str:
+    return f" by {100 * p['rms']:.2g} % of R_max RMS (limit {100 * p['limit']:g} %)"
 
 
 def _bound_title(name: str, bound: str) -> str:
@@ -229,6 +223,10 @@ def _preferred(p: Mapping[str, Any], there: str, here: str) -> str:
     return f" (the evidence prefers {there if p['gain'] > 0 else here}{_by(p)})"
 
 
+def _possible(p: Mapping[str, Any]) -> str:
+    return f": {_both(p)}{_preferred(p, 'the other', 'this answer')}"
+
+
 def _two_modes(p: Mapping[str, Any]) -> str:
     values = f"{_values(p['here'])}, or {_values(p['there'])}"
     return f": {values}{_preferred(p, 'the second', 'the first')}"
@@ -237,122 +235,81 @@ def _two_modes(p: Mapping[str, Any]) -> str:
 def _chosen(p: Mapping[str, Any]) -> str:
     here, rivals = p["here"], p["rivals"]
     tells = tuple(any(one[key] != here[key] for one in rivals) for key in ("material", "bubble"))
-    parts: dict[bool, list[str]] = {False: [], True: []}
+    parts: dict[str, list[str]] = {"also possible": [], "rejected": []}
     for one in rivals:
         gain = one["gain"]
         words = "equally likely" if one["equal"] else f"e^{abs(gain):.0f} times {'more' if gain > 0 else 'less'} likely"
-        parts[one["rejected"]].append(f"{_model(one, *tells)} ({words})")
-    said = [
-        f"{words}: {', '.join(parts[key])}"
-        for key, words in ((False, "also possible"), (True, "rejected"))
-        if parts[key]
-    ]
-    return f": {_model(here, *tells)}, {', '.join(said)}"
+        parts["rejected" if one["rejected"] else "also possible"].append(f"{_model(one, *tells)} ({words})")
+    return ", ".join([f": {_model(here, *tells)}", *(f"{words}: {', '.join(m)}" for words, m in parts.items() if m)])
 
 
-_SENTENCES: dict[str, _Sentence] = {
+# By code, or by its first part where several codes share a sentence: what all messages have in common, "|", and a
+# template of the values of one; or both apart, where a function gives one of them.
+_SENTENCES: dict[str, str | tuple[str | Callable[..., str], str | _Details]] = {
     # the recording and its settings
-    UNIT: _Sentence(
-        "the unit of the radius contradicts its numbers",
-        ": given in {given}, but the largest value {largest:.4g} only makes sense in {taken}: taken as {taken}",
-    ),
-    "check_input.time_order": _Sentence("times not in order", " ({steps} steps back): frames sorted"),
-    "check_input.frame_rate": _Sentence(
-        "the frame rate is given as another than the file states", ": {given:.6g}/s, and the file has {stated:.6g}/s"
-    ),
-    "check_input.density": _Sentence(
-        "check the density",
-        ": {density:.5g} kg/m3 makes the frame rate {rate:.5g}/s; a camera at {usual:.3g}/s means "
-        "--density {meant:.5g}",
-    ),
-    "check_input.file_damaged": _Sentence("the file is damaged", " after frame {frames} ({cause})"),
-    "check_input.file_cut_short": _Sentence(
-        "the file is cut short", ": {frames} of {about}{stated:.0f} frames are there"
-    ),
-    "check_input.time_stamps": _Sentence("the time stamps of the .cine file do not increase and are not used"),
-    "check_input.camera_clock": _Sentence(
-        "the camera's header and its time stamps differ",
-        ": {header:.6g} frames per second by the header, {stamps:.6g} by the time stamps",
-    ),
-    "check_input.camera_differs": _Sentence(
-        "the camera states another number than was given", ": {given:.6g} {what} were given; {origin} has {value:.6g}"
-    ),
-    "check_input.two_bubbles": _Sentence(
-        "a second bubble nearly as large is in the frames",
-        ": in {frames} of {measured} (the mirror image in a wall?): choose one with --roi x,y,width,height",
-    ),
-    "check_input.overexposed": _Sentence(
-        "the background is overexposed: the radius is too small by some tenths of a pixel"
-    ),
-    "check_input.frames_repeated": _Sentence("check the frames", _repeated),
-    "check_input.frames_backwards": _Sentence(
-        "check the order of the frames",
-        ": {collapses} collapses come before R_max, and after each the bubble is larger than before; time seems to run "
-        "backwards: give the radii in reverse, or add --trust-input",
-    ),
-    "check_input.late_start": _Sentence(
-        "check the recording",
-        ": its first radii fall as they do {frames:.2g} frames after R_max: begin it at R_max or before, or add "
-        "--trust-input",
-    ),
-    "check_input.scale": _Sentence("check the scale of radius and time", _scale),
-    "check_input.no_rebound": _Sentence(
-        "no rebound is counted, and walls and sound of the vessel lengthen a first collapse as a viscosity does",
-        ": read the upper end of µ alone, or let them be free (--confinement-inertia free --confinement-damping free)",
-    ),
-    "check_input.spikes": _Sentence(
-        "check the recording: frames that stand out by more than 20 % of R_max move the answer", _moved
-    ),
+    UNIT: "the unit of the radius contradicts its numbers|: given in {given}, but the largest value {largest:.4g} only "
+    "makes sense in {taken}: taken as {taken}",
+    "check_input.time_order": "times not in order| ({steps} steps back): frames sorted",
+    "check_input.frame_rate": "the frame rate is given as another than the file states|: {given:.6g}/s, and the file "
+    "has {stated:.6g}/s",
+    "check_input.density": "check the density|: {density:.5g} kg/m3 makes the frame rate {rate:.5g}/s; a camera at "
+    "{usual:.3g}/s means --density {meant:.5g}",
+    "check_input.file_damaged": "the file is damaged| after frame {frames} ({cause})",
+    "check_input.file_cut_short": "the file is cut short|: {frames} of {about}{stated:.0f} frames are there",
+    "check_input.time_stamps": "the time stamps of the .cine file do not increase and are not used",
+    "check_input.camera_clock": "the camera's header and its time stamps differ|: {header:.6g} frames per second by "
+    "the header, {stamps:.6g} by the time stamps",
+    "check_input.camera_differs": "the camera states another number than was given|: {given:.6g} {what} were given; "
+    "{origin} has {value:.6g}",
+    "check_input.two_bubbles": "a second bubble nearly as large is in the frames|: in {frames} of {measured} (the "
+    "mirror image in a wall?): choose one with --roi x,y,width,height",
+    "check_input.overexposed": "the background is overexposed: the radius is too small by some tenths of a pixel",
+    "check_input.frames_repeated": ("check the frames", _repeated),
+    "check_input.frames_backwards": "check the order of the frames|: {collapses} collapses come before R_max, and "
+    "after each the bubble is larger than before; time seems to run backwards: give the radii in reverse, or add "
+    "--trust-input",
+    "check_input.late_start": "check the recording|: its first radii fall as they do {frames:.2g} frames after R_max: "
+    "begin it at R_max or before, or add --trust-input",
+    "check_input.scale": ("check the scale of radius and time", _scale),
+    "check_input.no_rebound": "no rebound is counted, and walls and sound of the vessel lengthen a first collapse as a "
+    "viscosity does|: read the upper end of µ alone, or let them be free (--confinement-inertia free "
+    "--confinement-damping free)",
+    "check_input.spikes": ("check the recording: frames that stand out by 20 % of R_max move the answer", _moved),
     # what counts
-    "frames.spikes": _Sentence(
-        "spikes are left out", lambda p: f": {_counted(p['frames'], 'frame')} above both neighbours by 20 % of R_max"
-    ),
-    "frames.other_bubble": _Sentence(
-        "the end is left out, where the radius rises again as by another bubble",
-        lambda p: f": {_counted(p['frames'], 'frame')} from {1e6 * p['since']:.4g} us after R_max on",
-    ),
-    "stretch.left_out": _Sentence(
-        "the file's stretch is left out", ": {stretch:.4g} is no R_max/R_0 between {low:g} and {high:g}"
-    ),
-    "stretch.no_plateau": _Sentence("the curve has no late plateau: the stretch was fitted freely"),
-    "stretch_prior": _Sentence(
-        lambda source: f"λ was fitted, with the {_STATED[source]} as prior", ": {value:.3g}, taken as ± {deviation:.2g}"
+    "frames.spikes": ("spikes are left out", _spikes),
+    "frames.other_bubble": ("the end is left out, where the radius rises again as by another bubble", _other_bubble),
+    "stretch.left_out": "the file's stretch is left out|: {stretch:.4g} is no R_max/R_0 between {low:g} and {high:g}",
+    "stretch.no_plateau": "the curve has no late plateau: the stretch was fitted freely",
+    "stretch_prior": (
+        lambda source: f"λ was fitted, with the {_STATED[source]} as prior",
+        ": {value:.3g}, taken as ± {deviation:.2g}",
     ),
     # the simulation beside the measurement
-    "misfit.rms": _Sentence(
-        "the simulation misses the measurement",
-        lambda p: f" by {100 * p['rms']:.2g} % of R_max RMS (limit {100 * p['limit']:g} %)",
-    ),
-    "misfit.systematic": _Sentence("the simulation differs from the frames by more than noise explains", _systematic),
+    "misfit.rms": ("the simulation misses the measurement", _missed),
+    "misfit.systematic": ("the simulation differs from the frames by more than noise explains", _systematic),
     # the interval
-    "bound": _Sentence(_bound_title, _bound),
-    "prior_end": _Sentence(_prior_end),
-    "interval.distrusted": _Sentence("the interval is not to be trusted and left out", _distrusted),
-    "interval.of_network": _Sentence("the interval is the network's own: it is not verified by simulations"),
+    "bound": (_bound_title, _bound),
+    "prior_end": (_prior_end, ""),
+    "interval.distrusted": ("the interval is not to be trusted and left out", _distrusted),
+    "interval.of_network": "the interval is the network's own: it is not verified by simulations",
     # networks
-    "network.outside": _Sentence("the search began all over the ranges", ", for {reason}"),
-    "network.cut_short": _Sentence(
-        "samples of the network lie after the recording's end and were taken to be its last one",
-        ": {missing} of the network's {samples} samples",
+    "network.outside": "the search began all over the ranges|, for {reason}",
+    "network.cut_short": "samples of the network lie after the recording's end and were taken to be its last one|: "
+    "{missing} of the network's {samples} samples",
+    "training_range": (
+        lambda name: f"outside the training range: {'R_max' if name == 'max_radius' else name}",
+        _training_range,
     ),
-    "training_range": _Sentence(
-        lambda name: f"outside the training range: {'R_max' if name == 'max_radius' else name}", _training_range
-    ),
-    "network.liquid": _Sentence("so soft a material may be a liquid: try --model bdt-viscous"),
-    "network.elastic": _Sentence("the material may be elastic: try --model bdt-viscoelastic"),
+    "network.liquid": "so soft a material may be a liquid: try --model bdt-viscous",
+    "network.elastic": "the material may be elastic: try --model bdt-viscoelastic",
     # other models, other modes
-    "model.rejected": _Sentence("the evidence prefers another model", lambda p: f"{_by(p)}: {_both(p)}"),
-    "model.possible": _Sentence(
-        "another model is not rejected and gives other values",
-        lambda p: f": {_both(p)}{_preferred(p, 'the other', 'this answer')}",
-    ),
-    "model.chosen": _Sentence("chosen by evidence", _chosen),
-    "model.of_group": _Sentence("chosen by the evidence of the group", ": {material}"),
-    "mode.other": _Sentence("two solutions of the same model follow the recording", _two_modes),
-    # none
-    "answer.unverified": _Sentence("not verified", ": {reason}"),
-    "answer.not_finite": _Sentence(
-        "the method's answer is not a finite number", lambda p: f": {', '.join(p['parameters'])}"
-    ),
-    "answer.none": _Sentence("no parameters were found"),
+    "model.rejected": ("the evidence prefers another model", lambda p: f"{_by(p)}: {_both(p)}"),
+    "model.possible": ("another model is not rejected and gives other values", _possible),
+    "model.chosen": ("chosen by evidence", _chosen),
+    "model.of_group": "chosen by the evidence of the group|: {material}",
+    "mode.other": ("two solutions of the same model follow the recording", _two_modes),
+    # no answer
+    "answer.unverified": "not verified|: {reason}",
+    "answer.not_finite": "the method's answer is not a finite number|: {parameters}",
+    "answer.none": "no parameters were found",
 }

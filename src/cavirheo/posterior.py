@@ -11,7 +11,7 @@ import numpy as np
 
 from cavirheo.arrays import Floats, unscaled
 from cavirheo.errors import InputError, require
-from cavirheo.messages import Message, joined
+from cavirheo.messages import Message
 from cavirheo.parameters import LOG10, Bound, bound_of, natural, natural_name, scaled, searched_bound
 from cavirheo.physics.bubble import FIELD, Bubble
 
@@ -64,7 +64,7 @@ class Checks:
     @property
     def message(self) -> str:
         """All messages in one line, for people."""
-        return joined(self.messages)
+        return "; ".join(message.text for message in self.messages)
 
     @property
     def warnings(self) -> tuple[Message, ...]:

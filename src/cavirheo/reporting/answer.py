@@ -260,7 +260,7 @@ def curve_record(curve: RadiusCurve, posterior: Posterior) -> CurveRecord:
         draws = zip(posterior.names, posterior.theta.T, strict=True)
         broken = [name for name, values in draws if not np.all(np.isfinite(values))]
         if broken:
-            messages.insert(0, Message("answer.not_finite", {"parameters": broken}))
+            messages.insert(0, Message("answer.not_finite", {"parameters": ", ".join(broken)}))
         if broken or not posterior.theta.size:
             verdict = "failed"
     answered = verdict != "failed"

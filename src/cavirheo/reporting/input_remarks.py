@@ -14,7 +14,7 @@ from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError
 from cavirheo.inference import input_checks
 from cavirheo.inference.population.material import relative_scatter
-from cavirheo.messages import joined, title
+from cavirheo.messages import title
 from cavirheo.parameters import CAMERA
 from cavirheo.physics.media import WATER
 from cavirheo.reading.shots import stem_of
@@ -44,7 +44,7 @@ def warnings(curves: Sequence[RadiusCurve]) -> dict[str, list[str]]:
     for curve in curves:
         try:
             _ = curve.max_radius
-            said.append((curve.name, joined(input_checks.of_scale(curve, WATER))))
+            said += [(curve.name, warning.text) for warning in input_checks.of_scale(curve, WATER)]
         except InputError as error:
             said.append((curve.name, error.message))
     return once(said)

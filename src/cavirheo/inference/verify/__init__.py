@@ -19,7 +19,7 @@ from cavirheo.inference.posterior_model import PosteriorModel
 from cavirheo.inference.verify.fitting import FitEstimation, SearchedEstimation
 from cavirheo.inference.verify.tuning import TUNING
 from cavirheo.inference.verify.verification import Estimation, Level, Verification
-from cavirheo.messages import Message, of_error, reason
+from cavirheo.messages import Message, of_error
 from cavirheo.parallel import cores, each
 from cavirheo.physics.bubble import DAMAGED, REAL, Bubble, Requested, bubbles_of, rival_of
 from cavirheo.physics.media import Medium
@@ -100,8 +100,10 @@ def verify_many(
                 found.append(estimation(chosen, curve, model).posterior())
             except ERRORS as error:  # of this shot alone
                 _log.debug("%s has no answer by %s", curve.name, model.material, exc_info=error)
-                unverified = Message("answer.unverified", {"reason": reason(error)})
-                messages = (*model.checks.messages, of_error(error) if chosen.weights else unverified)
+                why = of_error(error)
+                if not chosen.weights:
+                    why = Message("answer.unverified", {"reason": why.text})
+                messages = (*model.checks.messages, why)
                 verdict: Verdict = "failed" if chosen.level == "auto" else model.checks.verdict
                 problems.append(replace(model, checks=replace(model.checks, verdict=verdict, messages=messages)))
         if not found:
