@@ -137,14 +137,13 @@ def _bound_title(name: str, bound: str) -> str:
 
 def _bound(p: Mapping[str, Any]) -> str:
     from cavirheo.writing import digits
-    from cavirheo.writing.document import Quantity
 
     if p["bound"] == "undetermined":
         return ": values all over the range that is searched follow it"
-    value = Quantity(median=p["median"], q05=p["q05"], q95=p["q95"], bound=p["bound"])
-    end = value.q95 if value.bound == "upper" else value.q05
-    words = digits.measured(value, *digits.unit_for(about(p["name"]).unit, end)).removesuffix(" (95 %)")
-    return f": any value {words} follows it as well"
+    side, end = ("below", p["q95"]) if p["bound"] == "upper" else ("above", p["q05"])
+    factor, unit = digits.unit_for(about(p["name"]).unit, end)
+    value = " ".join(filter(None, [digits.significant(factor * end, 2), unit]))
+    return f": any value {side} {value} follows it as well"
 
 
 _STATED = {"file": "stretch that the file states", "late_plateau": "late plateau"}

@@ -201,7 +201,7 @@ class CurveRecord(Record):
         """'best draw: G = 5.412 kPa, µ = 0.02981 Pa s, λ = 8.324, t_0 = 0.12 µs': whose values are drawn over the
         measurement, and which; empty where none are known."""
         words = [_word(name, value) for name, value in self.best.items() if value is not None]
-        name = digits.simulated(self.method).removeprefix("simulation: ")
+        name = digits.simulated(self.method)
         return f"{name}: {', '.join(filter(None, words))}" if any(words) else ""
 
     def determined(self, name: str) -> float | None:

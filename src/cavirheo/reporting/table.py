@@ -163,7 +163,7 @@ def _cells(record: CurveRecord, factor: float, wide: bool) -> list[str]:
 
 def _group_cells(group: GroupRecord, factor: float) -> list[str]:
     counts = [f"{n} other model preferred" for n in [sum(group.preferred.values())] if n]
-    counts += TOGETHER.split(": ") if group.preferred_together else []  # in two lines
+    counts += TOGETHER if group.preferred_together else []  # in two lines
     counts += [group.basis or f"n = {group.n}", *([f"{group.n_failed} failed"] if group.n_failed else [])]
     G, mu = (
         group.mean(value, scale).replace(" (", "\n(")

@@ -145,8 +145,8 @@ def ranges(numbers: Sequence[int]) -> str:
 
 
 def simulated(method: str) -> str:
-    """'simulation: best draw': what is drawn over a measurement, of an answer by this method."""
-    return f"simulation: {SIMULATED.get(method, 'answer')}"
+    """'best draw': whose simulation is drawn over a measurement, of an answer by this method."""
+    return SIMULATED.get(method, "answer")
 
 
 def percent(value: float | None) -> str:
