@@ -404,6 +404,7 @@ def about(answer: Any) -> dict[str, Any]:
     """A Posterior: draws, medians, intervals, checks."""
     names = [name.removeprefix("log10_") for name in answer.names]
     checks = {field.name: getattr(answer.checks, field.name) for field in dataclasses.fields(answer.checks)}
+    checks["messages"] = [{"code": one.code, "text": one.text} for one in answer.checks.messages]
     quantities = {}
     for name in names:
         low, high = answer.interval(name) or (None, None)

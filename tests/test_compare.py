@@ -10,6 +10,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from conftest import messages
 
 from cavirheo import load, read_curves
 from cavirheo.companions import comparison
@@ -68,13 +69,13 @@ def fake(monkeypatch):
 
     def answered(curve, material="nhkv"):
         if len(curve.time) < 5:
-            return Posterior((), (), np.empty((0, 0)), Checks("failed", "3 frames"), material, "bdt")
+            return Posterior((), (), np.empty((0, 0)), Checks("failed", messages("3 frames")), material, "bdt")
         shear, viscosity, verdict = ANSWERS.get(curve.name.rpartition("/")[2], (4e3, 0.02, "ok"))
         names, theta = ("log10_shear_modulus", "log10_viscosity"), np.log10([[shear, viscosity]])
         if material == "newtonian":
             names, theta = names[1:], theta[:, 1:]
         rmse = 0.01 * (1 + ("shot1", "shot2").index(curve.name) if curve.name in ("shot1", "shot2") else 0.5)
-        return Posterior(names, ("Pa", "Pa s")[-len(names) :], theta, Checks(verdict, "", rmse), material, "bdt")
+        return Posterior(names, ("Pa", "Pa s")[-len(names) :], theta, Checks(verdict, (), rmse), material, "bdt")
 
     def answer(asked, curve, *_, **__):
         calls.append(asked)

@@ -183,7 +183,7 @@ def row(G: float, mu: float, width: float, verdict: str = "ok") -> CurveRecord:
     def quantity(value):
         return {"median": value, "q05": value / 10**width, "q95": value * 10**width}
 
-    about = dict.fromkeys(("name", "source", "group", "group_source", "method", "message"), "x")
+    about = dict.fromkeys(("name", "source", "group", "group_source", "method"), "x")
     about |= dict.fromkeys(("max_radius_m", "time_of_max_s", "strain_rate_per_s"), 1e-4)
     about |= dict.fromkeys(("rmse_over_rmax", "mae_over_rmax", "max_difference_over_rmax"), 0.01)
     about |= {"stretch": quantity(6.0), "material": "nhkv", "shear_modulus_Pa": quantity(G), "window": {}}

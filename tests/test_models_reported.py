@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from conftest import messages
 from scipy.stats import binom
 from test_reporting import COMMAND, KILOPASCAL, Page, answer, bubble, figure, lines_of_group, printed, words
 
@@ -332,11 +333,13 @@ def test_fit_leaves_the_choice_of_a_model_to_the_fit(words, run, monkeypatch):
     assert (len(asked[0].bubbles) == 2) == ("--bubble" in words)
 
 
-def test_doubts_of_a_group_are_said_once_whatever_else_is_said_of_its_shots():
+def test_warnings_of_a_group_are_said_once_whatever_else_is_said_of_its_shots():
     pairs = []
     for k, curve in enumerate(shots()[:3]):
-        made = answer(curve, verdict="check_input", message=f"check the scale; {'abc'[k]} is at its bound")
-        pairs.append((curve, replace(made, checks=replace(made.checks, doubts=("check the scale",)))))
+        warning = messages("check the scale", code="check_input.test")
+        said = (*warning, *messages(f"{'abc'[k]} is at its bound", code="abc"[k]))
+        made = answer(curve, verdict="check_input")
+        pairs.append((curve, replace(made, checks=replace(made.checks, messages=said))))
     said = printed(result(pairs, COMMAND), 100)
     assert said.count("check the scale") == 1
     assert all(f"{word} is at its bound" in said for word in "abc")

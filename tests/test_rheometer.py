@@ -502,7 +502,7 @@ def bubbles(path: Path) -> Path:
     quantity = {"median": None, "q05": None, "q95": None}
     shared = {
         "source": "gel.mat", "group": "gel", "group_source": "gel.mat", "max_radius_m": 2e-4, "time_of_max_s": 0.0,
-        "material": "nhkv", "method": "bdt", "rmse_over_rmax": 0.01, "mae_over_rmax": 0.01, "message": "",
+        "material": "nhkv", "method": "bdt", "rmse_over_rmax": 0.01, "mae_over_rmax": 0.01,
         "max_difference_over_rmax": 0.02, "window": {"collapses": 3, "t_star_end": 3.0}, "notes": [], "seconds": 0.1,
         "provenance": {},
     }  # fmt: skip

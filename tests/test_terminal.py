@@ -10,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from conftest import messages
 
 from cavirheo import loading, read_curves
 from cavirheo.companions import collapse_times
@@ -41,7 +42,8 @@ def answers(names, method="least_squares", verdict="ok", message=""):
     pairs = []
     for name in names:
         theta = np.array([3.8, -1.55, 8.7]) + [0.03, 0.02, 0.4] * rng.standard_normal((200, 3))
-        checks = Checks(verdict, message, rmse_over_rmax=0.0064, collapses=4, t_star_end=4.0)
+        said = messages(message, code="check_input.test" if verdict == "check_input" else "test")
+        checks = Checks(verdict, said, rmse_over_rmax=0.0064, collapses=4, t_star_end=4.0)
         posterior = Posterior(NAMES, ("Pa", "Pa s", "1"), theta, checks, "nhkv", method, windows=windows)
         own = type(curve)(curve.time, curve.radius, meta={"name": name, "group": f"{name}_group", "source": "a.csv"})
         pairs.append((own, posterior))

@@ -184,23 +184,23 @@ def read_groups(
             groups += [table] if table else []
             curves += [] if table else [path]
     constants: Any = {"density": medium.density, "pressure": medium.pressure}
-    found, unread, again = read_shots(curves, group=group, shots=chosen, **constants)
+    found, unread, again, hints = read_shots(curves, group=group, shots=chosen, **constants)
     members: dict[tuple[str, str], list[RadiusCurve]] = {}
     for curve in found:
         members.setdefault((curve.group, curve.group_source), []).append(curve)
     for (name, source), mine in members.items():
         sha256 = mine[0].source_sha256 if source == mine[0].source else ""
-        doubtful = [f"{curve.name}: {doubt}" for curve in mine for doubt in input_checks.plain(curve, medium)]
+        doubtful = [f"{curve.name}: {one.text}" for curve in mine for one in input_checks.plain(curve, medium)]
         shots = [_read_off(curve, stretch) for curve in mine]
         groups.append(CollapseGroup(name=name, source=source, source_sha256=sha256 or "", doubts=doubtful, shots=shots))
-    return groups, problems + unread, again
+    return groups, problems + unread, again + hints
 
 
 def _read_off(curve: RadiusCurve, stretch: float | None) -> CollapseShot:
     try:
         found, origin = shot(curve, stretch)
     except InputError as error:
-        return CollapseShot(name=curve.name, message=str(error).removeprefix(f"{curve.name}: "))
+        return CollapseShot(name=curve.name, message=error.message)
     return _shot(curve.name, (found.max_radius[0], found.stretch[0], found.time[0]), origin)
 
 

@@ -257,10 +257,10 @@ def shots_of(about: ReferenceSet, folder: Path, references: Path) -> Shots:
     constants: Any = {"density": about.medium.density, "pressure": about.medium.pressure}
     scale = settings["rmax_um"] * 1e-6 if "rmax_um" in settings else None
     try:
-        curves, problems, again = read_shots(files, max_radius=scale, shots=settings.get("shots"), **constants)
+        curves, problems, again, hints = read_shots(files, max_radius=scale, shots=settings.get("shots"), **constants)
     except InputError as error:  # a scale that is none of these shots
         return Shots((), 1, [str(error), *notes])
     known = [(key, value) for key, value in settings.items() if key != "files"]
     given = [f"{key} {value:g}" if isinstance(value, float) else f"{key} {value}" for key, value in known]
     said = [f"with {', '.join(given)}"] if given else []
-    return Shots(curves, len(problems), [*problems, *notes, *again, *said])
+    return Shots(curves, len(problems), [*problems, *notes, *again, *hints, *said])

@@ -25,7 +25,7 @@ FEWEST = 5  # shots that are asked for a slope
 SENSITIVE = 3.0  # relative change of G over that of the scale, from which it is said
 MOST = 1000  # of them: a slope looks at all pairs, and of more shots at so many, evenly over the sizes
 CONSTANTS = ("viscosity", AT_RATE, "shear_modulus")
-TOGETHER = "all together: other model preferred"
+TOGETHER = "all together", "other model preferred"
 OURS = "cavirheo"  # how our own means are called beside the values of other methods
 REFERENCES = ("IMR", "rheometer")  # methods that errors are to, where the user names none
 _SAME = 1e-6  # of their mean: values that differ by less are one value
@@ -269,7 +269,7 @@ class GroupRecord(Record):
         found = []
         for verdict, count in self.verdicts.items():
             warned = bool(self.preferred_together) and verdict in TRUSTED
-            words = f"{count} {digits.LOOKS[verdict].words}" + f", {TOGETHER}" * warned
+            words = f"{count} {digits.LOOKS[verdict].words}" + f", {': '.join(TOGETHER)}" * warned
             found.append(("other_model_preferred" if warned else verdict, words))
         return found
 
