@@ -61,7 +61,10 @@ ANSWERS = Page(
     (
         Group(
             "Parts of a Posterior",
-            {"cavirheo.posterior": "Checks Diagnostics Evidence Bubble WindowAnswer OtherAnswer"},
+            {
+                "cavirheo.posterior": "Checks Diagnostics Evidence Bubble WindowAnswer OtherAnswer",
+                "cavirheo.messages": "Message",
+            },
         ),
         Group(
             "Of a Population, and of a Simulation",
@@ -74,7 +77,7 @@ ANSWERS = Page(
             "Documents",
             {
                 "cavirheo.reporting.record": "Result",
-                "cavirheo.reporting.answer": "CurveRecord OtherModel Compared",
+                "cavirheo.reporting.answer": "CurveRecord Sentence OtherModel Compared",
                 "cavirheo.reporting.group": "GroupModel GroupRecord PublishedValue Slope",
                 "cavirheo.reporting.material": "PopulationRecord GroupDifference Apart",
                 "cavirheo.reporting.laws": "Laws WeighedLaws WeighedLaw ComparedLaws",

@@ -98,7 +98,7 @@ def _repeated(p: Mapping[str, Any]) -> str:
 def _scale(p: Mapping[str, Any]) -> str:
     fast = p["ratio"] < 1.0
     seen = f"the first collapse comes {p['ratio']:.2g} Rayleigh times after R_max ({1e6 * p['max_radius']:.4g} um)"
-    mend = "give the true R_max (--rmax-um) or frame rate (--frame-rate-hz), or add --trust-input if both are right"
+    mend = "give the true R_max (--rmax-um) or frame rate (--fps), or add --trust-input if both are right"
     if not p["factors"]:
         return f": {seen}, which no material shows: {mend}"
     by = " to ".join(dict.fromkeys(f"{factor:.2g}" for factor in p["factors"]))
