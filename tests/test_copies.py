@@ -12,8 +12,8 @@ from typing import Any
 
 import numpy as np
 import pytest
+from answers import shots
 from conftest import messages
-from test_population import shots
 
 import cavirheo
 from cavirheo import InputError, Medium, SolverError

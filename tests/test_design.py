@@ -7,8 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from test_population import CENTRE, seen, shots
-from test_reporting import bubble
+from answers import CENTRE, bubble, seen, shots
 
 import cavirheo
 from cavirheo import InputError, Rig

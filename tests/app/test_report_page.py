@@ -10,7 +10,7 @@ CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shuti
 if find_spec("playwright") is None or CHROMIUM is None:
     pytest.skip("needs playwright and a Chromium", allow_module_level=True)
 
-from test_reporting import COMMAND, answer, bubble, unanswered  # noqa: E402
+from answers import COMMAND, answer, bubble, unanswered  # noqa: E402
 
 from cavirheo.reporting import write_report  # noqa: E402
 

@@ -1,49 +1,23 @@
 """The material of many shots: against closed forms and grids, with planted strays, copies and wrong priors."""
 
 from dataclasses import replace
-from html import escape
 from pathlib import Path
 
 import numpy as np
 import pytest
+from answers import CENTRE, FLAT, NAMES, answer, bubble, seen, shots
+from conftest import ROOT
 from scipy.stats import norm
-from test_reporting import answer, bubble
 
-from cavirheo import InputError, RadiusCurve, population
+from cavirheo import InputError, RadiusCurve, load, population
 from cavirheo.inference.population.likelihood import likelihood
 from cavirheo.inference.population.scatter import SPREAD, STRAY, WIDE
 from cavirheo.inference.verify.evidence import ranked
 from cavirheo.posterior import Checks, Evidence, Posterior
 from cavirheo.reading.column import LOG_SIZE, with_column
-from cavirheo.reporting import html, read_json, result, table
+from cavirheo.reporting import result
 from cavirheo.reporting.group_lines import group_lines
-from cavirheo.reporting.laws import Laws, print_table, records
-from cavirheo.reporting.svg import group_svg
-from cavirheo.writing.document import Quantity, Spread, write_json
-
-NAMES = ("log10_shear_modulus", "log10_viscosity")
-CENTRE = np.array([3.8, -1.4])  # 6.3 kPa, 0.04 Pa s
-IMR = {"IMR": {"shear_modulus": Spread(mean=6e3, std=1e3), "viscosity": Spread(mean=0.04)}}
-FLAT = {NAMES[0]: (1.0, 7.0), NAMES[1]: (-4.0, 1.0)}
-
-
-def seen(mean, width, draws=600, *, seed=0, names=NAMES, bend=None, **more) -> Posterior:
-    """Draws of a Gaussian posterior with exactly this mean (d,) and standard deviation; `bend`: log weights."""
-    rng = np.random.default_rng(seed)
-    z = rng.standard_normal((draws, len(names)))
-    z = (z - z.mean(axis=0)) @ np.linalg.inv(np.linalg.cholesky(np.cov(z.T, bias=True).reshape(len(names), -1))).T
-    theta = np.asarray(mean) + z * width
-    about = {"prior": {name: FLAT[name] for name in names}, "log_weight": None if bend is None else bend(theta), **more}
-    law = "nhkv" if len(names) == 2 else "newtonian"
-    return Posterior(names, ("Pa", "Pa s")[-len(names) :], theta, Checks("ok"), law, "verified", **about)
-
-
-def shots(n, spread=0.05, width=0.05, *, seed=1, centre=CENTRE, away=()) -> list[Posterior]:
-    """Shots about a material, each seen with its own error; those in `away` half a decade off."""
-    rng = np.random.default_rng(seed)
-    truths = centre + spread * rng.standard_normal((n, 2))
-    truths[list(away)] = np.asarray(centre) + 0.5
-    return [seen(truth + width * rng.standard_normal(2), width, seed=i) for i, truth in enumerate(truths)]
+from cavirheo.writing.document import write_json
 
 
 def on_a_grid(means, width):
@@ -98,12 +72,25 @@ def test_without_scatter_shots_count_by_their_precision():
 
 def test_a_stray_is_named_and_moves_little():
     clean, spoilt = population(shots(8)), population(shots(8, away=[2]), names=list("abcdefgh"))
-    assert list(spoilt.strays) == ["c"]
+    assert (list(spoilt.strays), clean.strays) == (["c"], {})
     assert "8 of 8 shots count, 1 of them" in spoilt.line
-    assert any("of another material" in said and "c (probability" in said for said in spoilt.remarks)
-    assert clean.strays == {}
     for name in ("shear_modulus", "viscosity"):
         assert abs(np.log10(spoilt.interval(name)[1] / clean.interval(name)[1])) < 0.04
+
+
+def test_a_prior_that_is_not_divided_out_is_seen():
+    """A prior of the shots that pulls each towards 1 kPa: all of them together must not be pulled."""
+    made = {NAMES[0]: (1.0, 7.0, 3.0, 0.2), NAMES[1]: FLAT[NAMES[1]]}
+    width, pull = 0.2, 0.5  # as wide as the prior: posteriors are half way, and narrower by sqrt 2
+    rng, posteriors = np.random.default_rng(2), []
+    for k, at in enumerate(CENTRE + width * rng.standard_normal((12, 2))):
+        mean = np.array([pull * 3.0 + (1.0 - pull) * at[0], at[1]])
+        posteriors.append(seen(mean, [width * np.sqrt(0.5), width], 2000, seed=k, prior=made))
+    low, middle, high = population(posteriors).interval("shear_modulus")
+    forgotten = population([replace(one, prior={}) for one in posteriors]).interval("shear_modulus")
+    assert low < 10.0 ** CENTRE[0] < high
+    assert forgotten[2] < low
+    assert middle / forgotten[1] > 2.0
 
 
 def test_scatter_of_shots_is_found_with_its_correlation():
@@ -116,23 +103,6 @@ def test_scatter_of_shots_is_found_with_its_correlation():
     assert low < np.corrcoef(means.T)[0, 1] < high
     assert low > 0.6
     assert found.scattered.log > 10.0
-
-
-def test_a_prior_that_is_not_divided_out_is_seen():
-    """A prior of the shots that pulls each towards 1 kPa: all of them together must not be pulled."""
-    made = {NAMES[0]: (1.0, 7.0, 3.0, 0.2), NAMES[1]: FLAT[NAMES[1]]}
-    width, pull = 0.2, 0.5  # as wide as the prior: posteriors are half way, and narrower by sqrt 2
-    rng = np.random.default_rng(2)
-    measured = CENTRE + width * rng.standard_normal((12, 2))
-    posteriors = []
-    for k, at in enumerate(measured):
-        mean = np.array([pull * 3.0 + (1.0 - pull) * at[0], at[1]])
-        posteriors.append(seen(mean, [width * np.sqrt(0.5), width], 2000, seed=k, prior=made))
-    low, middle, high = population(posteriors).interval("shear_modulus")
-    assert low < 10.0 ** CENTRE[0] < high
-    forgotten = population([replace(one, prior={}) for one in posteriors])
-    assert forgotten.interval("shear_modulus")[2] < low
-    assert middle / forgotten.interval("shear_modulus")[1] > 2.0
 
 
 def test_a_likelihood_keeps_mean_and_covariance_and_has_two_modes_where_there_are():
@@ -184,11 +154,6 @@ def test_fewer_than_three_shots_are_no_population(count):
     assert found.to_dict()["centre"] == {}
     with pytest.raises(InputError, match="no draws"):
         found.interval("shear_modulus")
-
-
-def test_a_joint_fit_is_one_answer():
-    one = seen(CENTRE, 0.05)
-    assert population([one] * 5).left_out == {"copy": 4}
 
 
 def test_two_materials_are_told_apart_and_one_is_not():
@@ -281,22 +246,6 @@ def test_bounds_multiply_as_on_a_grid(viscosity, error):
     assert np.all(np.abs(ends) < [0.25, 0.12])
 
 
-@pytest.mark.slow
-def test_bounds_and_values_of_one_material_agree():
-    """Half of the shots determine mu and half bound it: the material's mu holds the truth and is of all of them."""
-    inside = 0
-    for seed in range(5):
-        answers, _ = one_sided(12, 0.01, [0.002, 0.02] * 6, seed=seed, tilt=3.0)
-        assert bounds(answers).count("upper") >= 5
-        found, half = population(answers), population(answers[::2])
-        assert found.bound("viscosity") is None
-        low, _, high = found.interval("viscosity")
-        inside += low < 0.01 < high
-        assert found.interval("viscosity")[1] == pytest.approx(half.interval("viscosity")[1], rel=0.3)
-        assert high < 1.05 * half.interval("viscosity")[2]
-    assert inside >= 4
-
-
 def test_a_value_that_a_single_shot_gives_is_not_that_of_the_material():
     """Of ten shots nine only bound mu: so does the material, and it is no value with an interval."""
     answers, _ = one_sided(10, 0.01, [0.0005] + [0.02] * 9, seed=2)
@@ -359,16 +308,14 @@ def test_what_cannot_be_is_refused(answers, how, code):
 
 @pytest.fixture(scope="module")
 def reported():
-    """Two gels of six shots with intervals, and published values of them."""
+    """Two gels of six shots with intervals."""
     pairs = []
     for name, centre, seed in (("soft", CENTRE, 1), ("stiff", CENTRE + np.array([0.4, 0.0]), 2)):
         for k, one in enumerate(shots(6, seed=seed, centre=centre)):
             curve = bubble(f"{name}[{k + 1}]", name, f"{name}.mat", top=2.2e-4 + 2e-5 * k)
             made = answer(curve)
             pairs.append((curve, replace(one, checks=made.checks, stretch=8.0, evidence=Evidence(10.0, 0.1))))
-    made = result(pairs, "cavirheo infer")
-    made.put_beside({"soft": IMR, "stiff": IMR})
-    return pairs, made
+    return pairs, result(pairs, "cavirheo infer")
 
 
 def test_a_group_says_its_material(reported):
@@ -381,69 +328,23 @@ def test_a_group_says_its_material(reported):
     common = soft.common["shear_modulus"]
     assert (common.q05, common.median, common.q95) == pytest.approx(found.if_common("shear_modulus"))
     assert common.q95 / common.q05 < soft.shear_modulus_Pa.q95 / soft.shear_modulus_Pa.q05
-    assert found.to_dict()["common"]["viscosity"] == found.if_common("viscosity")
-    assert soft.spread_decades.q05 < soft.spread_decades.median < soft.spread_decades.q95
     assert soft.log_evidence == pytest.approx(60.0 + found.gain.log)
-    assert document.groups[0].shear_modulus_Pa.mean is not None
     (apart,) = document.differences
     assert (apart.first, apart.second) == ("stiff", "soft")
     assert apart.parameters["shear_modulus"].probability_higher > 0.99
-    assert "stiff over soft" in apart.words
-
-
-def test_the_material_is_the_first_that_is_seen(reported, capsys, tmp_path):
-    _, document = reported
-    table.print_table(document)
-    out = capsys.readouterr().out
-    assert " ".join(out.split()).startswith(f"soft: {document.groups[0].population.line}")
-    page = html.groups_table(document.groups, *document.modulus_unit)
-    assert page.index("shots count") < page.index("<table")
-    html.write(tmp_path / "report.html", document)
-    page = (tmp_path / "report.html").read_text(encoding="utf-8")
-    (apart,) = document.differences
-    assert page.index("shots count") < page.index(escape(apart.words)) < page.index("<table")
-
-
-def test_the_picture_has_the_materials_contour(reported):
-    pairs, document = reported
-    contour = document.groups[0].population.contour(0.5)
-    inside = np.log10(contour).mean(axis=0)
-    assert np.allclose(inside, CENTRE[::-1], atol=0.1)
-    answers = lines_of_group(pairs[:6], document.curves[:6], document).answers[0]
-    assert [mark.name for mark in answers.marks] == ["material", "IMR"]
+    answers = group_lines(
+        [(curve, one.checks, row) for (curve, one), row in zip(pairs[:6], document.curves[:6], strict=True)],
+        document.groups[0],
+        document.modulus_unit,
+    ).answers[0]
+    assert np.allclose(np.log10(soft.contour(0.5)).mean(axis=0), CENTRE[::-1], atol=0.1)
     assert len(answers.contour) > 100
-    assert "90 % of shots" in group_svg(lines_of_group(pairs[:6], document.curves[:6], document))
-
-
-def lines_of_group(pairs, rows, document):
-    shots = [(curve, one.checks, row) for (curve, one), row in zip(pairs, rows, strict=True)]
-    return group_lines(shots, document.groups[0], document.modulus_unit)
-
-
-def test_axes_begin_at_zero_only_where_answers_are_far_apart(reported):
-    """Else all that is drawn lies close within the limits."""
-    pairs, document = reported
-    group, rows = document.groups[0], document.curves[:6]
-    answers = lines_of_group(pairs[:6], rows, document).answers[0]
-    assert min(answers.x.low, answers.y.low) > 0
-    contour = group.population.contour() * [1.0, document.modulus_unit[0]]
-    ends = [(one.viscosity_Pa_s.q05, document.modulus_unit[0] * one.shear_modulus_Pa.q05) for one in rows]
-    values = [(one["viscosity"].mean, 1e-3 * one["shear_modulus"].mean) for one in group.published.values()]
-    shown = np.vstack([contour, ends, values])
-    for axis, first, last in zip((answers.y, answers.x), shown.min(0), shown.max(0), strict=True):
-        assert axis.low < first
-        assert last < axis.high
-        assert last - first > 0.4 * (axis.high - axis.low)
-    small = Quantity(median=1e2, q05=5e1, q95=2e2)
-    far = lines_of_group(pairs[:6], [rows[0].model_copy(update={"shear_modulus_Pa": small}), *rows[1:]], document)
-    assert far.answers[0].x.low == 0 < far.answers[0].y.low
 
 
 def test_points_and_single_shots_have_no_material():
-    curve = bubble()
-    assert result([(curve, answer(curve, draws=300))], "x").groups[0].population is None
-    two = bubble("shot[2]")
-    assert result([(curve, answer(curve)), (two, answer(two))], "x").groups[0].population is None
+    one, two = bubble(), bubble("shot[2]")
+    assert result([(one, answer(one, draws=300))], "x").groups[0].population is None
+    assert result([(one, answer(one)), (two, answer(two))], "x").groups[0].population is None
 
 
 TABLE = "shot,concentration\n" + "".join(f"shot {i},{0.5 * (i // 3)}\n" for i in range(12))
@@ -457,7 +358,7 @@ def declared(path, text=TABLE, names=12, group="gel"):
     return with_column(curves, path)
 
 
-def test_a_declared_column_gives_the_group_its_slope(tmp_path, capsys):
+def test_a_declared_column_gives_the_group_its_slope(tmp_path):
     """Truth: G rises by 0.3 decades per unit, the viscosity stays."""
     curves = declared(tmp_path / "c.csv")
     values = np.array([one.column["concentration"] for one in curves])
@@ -466,25 +367,20 @@ def test_a_declared_column_gives_the_group_its_slope(tmp_path, capsys):
     truths = CENTRE + np.outer(values - values.mean(), [0.3, 0.0]) + 0.03 * rng.standard_normal((12, 2))
     answers = [seen(truth, 0.04, seed=i) for i, truth in enumerate(truths)]
     made = result(list(zip(curves, answers, strict=True)), "x")
-    (group,) = made.groups
-    slope, at = group.population.slopes_decades, group.population.column_at
-    assert slope["shear_modulus"].q05 < 0.3 < slope["shear_modulus"].q95
+    found = made.groups[0].population
+    slope = found.slopes_decades
+    assert slope["shear_modulus"].q05 < 0.3 < slope["shear_modulus"].q95 < slope["shear_modulus"].q05 + 0.15
     assert slope["viscosity"].q05 < 0.0 < slope["viscosity"].q95
-    assert slope["shear_modulus"].q95 - slope["shear_modulus"].q05 < 0.15
-    assert (group.population.column, at) == ("concentration", pytest.approx(values.mean()))
-    assert np.log10(group.population.shear_modulus_Pa.median) == pytest.approx(CENTRE[0], abs=0.04)
-    assert group.population.spreads_decades["shear_modulus"].median < 0.06  # what the slope explains is no scatter
+    assert (found.column, found.column_at) == ("concentration", pytest.approx(values.mean()))
+    assert np.log10(found.shear_modulus_Pa.median) == pytest.approx(CENTRE[0], abs=0.04)
+    assert found.spreads_decades["shear_modulus"].median < 0.06  # what the slope explains is no scatter
     without = result([(bubble(f"shot {i}"), one) for i, one in enumerate(answers)], "x").groups[0].population
     assert without.spreads_decades["shear_modulus"].median > 0.1
-    assert read_back(made, tmp_path).curves[4].column == {"concentration": 0.5}
-    table.print_table(made)
-    page = html.groups_table(made.groups, 1e-3, "kPa")
-    for shown in (" ".join(capsys.readouterr().out.split()), page):
-        assert "with concentration: G rises: 0.3" in shown
-        assert "µ may or may not change: " in shown
+    write_json(tmp_path / "result.json", made)
+    assert load(tmp_path / "result.json").curves[4].column == {"concentration": 0.5}
 
 
-def test_the_word_R_max_gives_the_slope_over_the_size(tmp_path, capsys, monkeypatch):
+def test_the_word_R_max_gives_the_slope_over_the_size(tmp_path, monkeypatch):
     """Truth: the viscosity rises as the square root of R_max."""
     monkeypatch.chdir(tmp_path)
     sizes = np.geomspace(1e-4, 4e-4, 12)
@@ -495,20 +391,11 @@ def test_the_word_R_max_gives_the_slope_over_the_size(tmp_path, capsys, monkeypa
     rng = np.random.default_rng(6)
     truths = CENTRE + np.outer(logs - logs.mean(), [0.0, 0.5]) + 0.02 * rng.standard_normal((12, 2))
     answers = [seen(truth, 0.03, seed=i) for i, truth in enumerate(truths)]
-    made = result(list(zip(found, answers, strict=True)), "x")
-    about = made.groups[0].population
+    about = result(list(zip(found, answers, strict=True)), "x").groups[0].population
     direct = population(answers, along=logs)
     assert about.slopes_decades["viscosity"].median == pytest.approx(direct.trend("viscosity")[1], abs=0.01)
     assert about.slopes_decades["viscosity"].q05 < 0.5 < about.slopes_decades["viscosity"].q95
     assert (about.column, about.column_at) == (LOG_SIZE, pytest.approx(logs.mean()))
-    table.print_table(made)
-    out = " ".join(capsys.readouterr().out.split())
-    for said in (
-        "the material over R_max: no change of G with R_max is seen",
-        "µ rises as R_max^0.",
-        "those at R_max = 200 µm",
-    ):
-        assert said in out
     nothing = RadiusCurve([], [], meta={"name": "shot 12"}, unusable="no frame was read")
     assert [bool(one.column) for one in with_column([*curves[:3], nothing], "R_max")] == [True] * 3 + [False]
     with pytest.raises(InputError) as error:
@@ -532,34 +419,6 @@ def test_which_law_gives_each_law_its_slope(tmp_path):
     assert group.column == "concentration"
     same = [replace(one, meta={**one.meta, "column": {}}) for one in curves]
     assert ranked(same, {"nhkv": answers})[1][0].populations["nhkv"].slope is None
-
-
-def test_which_law_says_of_each_law_whether_its_constants_change_with_size(capsys):
-    """Truth of the second law: the viscosity rises as the square of R_max; of the first nothing does."""
-    sizes, rng = np.geomspace(1e-4, 4e-4, 12), np.random.default_rng(7)
-    curves = [bubble(f"shot {i}", top=size).with_group("gel", "in") for i, size in enumerate(sizes)]
-    rising = np.outer(np.log10(sizes / 2e-4), [0.0, 2.0])
-    truths = {"nhkv": 0.0 * rising, "qkv": rising}
-    answers = {
-        law: [
-            replace(seen(one, 0.04, seed=i), material=law, evidence=Evidence(0.0, 0.1))
-            for i, one in enumerate(CENTRE + more + 0.03 * rng.standard_normal((12, 2)))
-        ]
-        for law, more in truths.items()
-    }
-    shots, groups = records(curves, *ranked(curves, answers))
-    slope = {law: one.slopes["viscosity"] for law, one in groups[0].laws.items()}
-    assert (slope["nhkv"].sign, slope["qkv"].sign) == (0, 1)
-    assert slope["qkv"].q05 < 2.0 < slope["qkv"].q95
-    print_table(Laws(command="x", curves=shots, groups=groups))
-    out = " ".join(capsys.readouterr().out.split())
-    assert "gel, nhkv: no change of µ with R_max is seen" in out
-    assert "gel, qkv: µ rises as R_max^" in out
-
-
-def read_back(made, folder):
-    write_json(folder / "result.json", made)
-    return read_json(folder / "result.json")
 
 
 @pytest.mark.parametrize(
@@ -588,18 +447,14 @@ def test_a_line_names_a_shot_before_its_file_and_its_group(tmp_path):
 
 
 def test_infer_takes_a_column_and_refuses_it_before_it_computes(run, tmp_path):
-    lines = (Path(__file__).parent.parent / "examples" / "soft_gel.csv").read_text()
-    (tmp_path / "gel.csv").write_text(lines)
-    names = "".join(f"gel[{k}],{k}\n" for k in range(1, 6))
-    (tmp_path / "age.csv").write_text("shot;age (h)\n" + names.replace(",", ";"))
-    status, out, err = run("infer", "gel.csv", "--column", "age.csv", "--no-pictures", "-o", "r")
+    (tmp_path / "gel.csv").write_text((ROOT / "examples" / "soft_gel.csv").read_text())
+    names = "".join(f"gel[{k}];{k}\n" for k in range(1, 6))
+    (tmp_path / "age.csv").write_text("shot;age (h)\n" + names)
+    status, _, err = run("infer", "gel.csv", "--column", "age.csv", "--no-pictures", "-o", "r")
     assert status == 0, err
-    assert "with age (h): G" in " ".join(out.split())
-    (group,) = read_json(tmp_path / "r" / "result.json").groups
+    (group,) = load(tmp_path / "r" / "result.json").groups
     assert set(group.population.slopes_decades) == {"shear_modulus", "viscosity"}
     (tmp_path / "age.csv").write_text("shot,age\nnobody,1\n")
     for verb in ("infer", "fit", "which-law"):
         status, out, err = run(verb, "gel.csv", "--column", "age.csv", "-o", "s")
-        assert (status, out) == (2, "")
-        assert "nobody" in err
-        assert "gel[1]" in err
+        assert (status, out, "nobody" in err) == (2, "", True)
