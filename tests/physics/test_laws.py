@@ -10,9 +10,9 @@ import pytest
 from cavirheo.errors import InputError
 from cavirheo.parameters import PARAMETERS
 from cavirheo.physics import elastic, materials, memory, viscous
-from cavirheo.physics.elastic import Gent, Linear, NeoHookean, Ogden, Quadratic, StrainEnergy, Yeoh
+from cavirheo.physics.elastic import Gent, NeoHookean, Ogden, Quadratic, StrainEnergy, Yeoh
 from cavirheo.physics.law import Arm
-from cavirheo.physics.laws import EXAMPLE, LAWS, combine, parse, summary, usage
+from cavirheo.physics.laws import EXAMPLE, LAWS, parse, summary, usage
 from cavirheo.physics.materials import Material, NeoHookeanKelvinVoigt, Viscoelastic, Zener
 from cavirheo.physics.memory import Maxwell, TotalRelaxation, UpperConvectedMaxwell
 from cavirheo.physics.viscous import CarreauYasuda, Newtonian, PowerLaw, Viscosity
@@ -142,15 +142,3 @@ def test_every_mistake_is_named(text, code, named):
         parse(text)
     assert error.value.code == code
     assert named in str(error.value)
-
-
-def test_combine_takes_any_material():
-    law = StrainEnergy(lambda a, b, c: 5e2 * (a**2 + b**2 + c**2 - 3))
-    assert combine([law]) is law
-    assert combine([Newtonian(0.1), law]) == Viscoelastic(law, Newtonian(0.1))
-    with pytest.raises(InputError, match="viscoelastic and linear"):
-        combine([Viscoelastic(law, Newtonian(0.1)), Linear(1.0)])
-
-
-def test_the_example_is_a_material():
-    assert isinstance(parse(EXAMPLE), Viscoelastic)

@@ -1,4 +1,4 @@
-"""The solver against trajectories of IMRv2, of which tests/imrv2/README.md says how they were computed.
+"""The solver against trajectories of IMRv2, of which tests/physics/imrv2/README.md says how they were computed.
 
 Three things differ. Its gas is adiabatic from R_eq, ours is expanded isothermally to the start: a larger stretch gives
 the same gas. Its elastic law is about R_eq all the same. Its Gilmore equation leaves out the factor 1 - U/C of dH/dt.

@@ -16,7 +16,7 @@ from test_limits import DRY, GEL, HOT, IDEAL, dense, draws, exact_wave, largest,
 from cavirheo.errors import InputError
 from cavirheo.physics import simulate as forward
 from cavirheo.physics.accuracy import DEFAULT, PRECISE, Accuracy
-from cavirheo.physics.bubble import ACCOMMODATION, CONTENTS, DAMAGED, DAMAGES, FIELD, Bubble, Damage
+from cavirheo.physics.bubble import ACCOMMODATION, CONTENTS, DAMAGES, FIELD, Bubble, Damage
 from cavirheo.physics.driving import Pulse
 from cavirheo.physics.elastic import NeoHookean
 from cavirheo.physics.materials import NeoHookeanKelvinVoigt, Zener
@@ -51,13 +51,6 @@ def test_infinitely_fast_condensation_is_equilibrium(monkeypatch):
         gaps.append(max(largest(a - b) for a, b in zip(found, exact, strict=True)))
     within(1e-6, gap=gaps[0])
     within(0.05, order_less_1=abs(np.log10(gaps[0] / gaps[1]) - 1))
-
-
-def test_the_default_is_equilibrium():
-    run, same = (simulate(GEL, time=TIME, **COLLAPSE, **way) for way in ({}, {"bubble": Bubble("equilibrium")}))
-    assert np.array_equal(run.radius, same.radius)
-    slow = simulate(GEL, time=TIME, bubble=KINETIC, **COLLAPSE)
-    assert largest(slow.radius - run.radius) > 0.02 * 150e-6
 
 
 @pytest.mark.parametrize("bubble", [KINETIC, Bubble("kinetic", 0.01, confinement_inertia=0.3)], ids=str)
@@ -146,42 +139,12 @@ def test_order_of_convergence_in_time(gel):
     assert order > 4.2, (order, errors, steps)
 
 
-def test_order_of_convergence_in_space():
-    fine, *runs = (
-        simulate(GEL, time=TIME, bubble=KINETIC, accuracy=Accuracy(cells, 1e-6), **COLLAPSE)
-        for cells in (1024, 64, 128, 256)
-    )
-    errors = np.array([largest(run.radius - fine.radius) for run in runs])
-    orders = np.log2(errors[:-1] / errors[1:])
-    print("orders", *(f"{o:.2f}" for o in orders), "errors", *(f"{e / 150e-6:.1e}" for e in errors))
-    assert np.all(orders > 1.8), (orders, errors)
-
-
-def test_default_accuracy():
-    """As good as that of equilibrium contents, whose steps are shorter."""
-    materials, where = draws(10, 3)
-    way = dict(time=TIME, bubble=KINETIC, **where)
-    fine = simulate_many(materials, accuracy=Accuracy(512, 1e-6), **way)
-    runs = simulate_many(materials, **way)
-    errors = [largest(a.radius - b.radius) for a, b in zip(runs, fine, strict=True)] / where["max_radius"]
-    within(3e-4, median=np.median(errors))
-    within(2e-3, largest=np.max(errors))
-
-
 @pytest.mark.parametrize("accommodation", [1e-3, 0.07, 10.0])
 def test_equilibrium_stays_put(accommodation):
     bubble = Bubble("kinetic", accommodation, confinement_inertia=0.2)
     run = simulate(GEL, max_radius=10e-6, stretch=1.0, time=TIME, fields=True, bubble=bubble)
     vapour = run.contents.vapour
     within(2e-10, motion=largest(run.radius / 10e-6 - 1), vapour=largest(vapour / vapour[0, 0] - 1))
-
-
-def test_a_bubble_torn_open_faster_than_it_evaporates():
-    """Where equilibrium contents end, because the gas at the wall is gone: the pressure falls below saturation."""
-    way = dict(stretch=1.0, max_radius=2e-6, driving=Pulse(-10e6, 2e5, 10e-6), time=TIME)
-    run = simulate(GEL, bubble=KINETIC, **way)
-    assert run.radius.max() > 200 * 2e-6
-    assert run.pressure.min() < 0.5 * WATER.vapour_pressure
 
 
 # --- walls, and vapour above saturation
@@ -240,18 +203,6 @@ def test_sound_along_a_tube_takes_its_work():
     damped = Bubble(confinement_damping=0.5)
     coarse, fine = (simulate(GEL, time=TIME, bubble=damped, accuracy=a, **COLLAPSE) for a in (DEFAULT, PRECISE))
     within(1e-3, error=largest(coarse.radius - fine.radius) / 150e-6)
-
-
-def test_sound_along_a_tube_lengthens_the_fall_as_viscosity_near_the_largest_radius():
-    """4/Re = zeta: the same start of the fall, to the order at which they differ."""
-    zeta, way = 0.2, dict(max_radius=150e-6, stretch=8.0, time=np.linspace(0, 4e-6, 9))
-    viscosity = zeta * 150e-6 * WATER.pressure / WATER.velocity_scale / 4
-    plain, tube, viscous = (
-        simulate(Newtonian(v), bubble=Bubble(confinement_damping=z), **way).radius / 150e-6
-        for v, z in ((0.0, 0.0), (0.0, zeta), (viscosity, 0.0))
-    )
-    assert tube - plain == pytest.approx(viscous - plain, rel=0.15, abs=1e-6)
-    assert largest(tube - plain) > 1e-4
 
 
 # --- damage
@@ -357,17 +308,6 @@ def test_bad_input(values, code):
     with pytest.raises(InputError) as raised:
         simulate(GEL, time=TIME, bubble=Bubble(**values), **COLLAPSE)
     assert raised.value.code == code
-
-
-def test_a_bubble_with_free_values_is_told_what_to_give():
-    with pytest.raises(InputError, match=r"accommodation=0\.07, confinement_damping=0\.0, damage=Damage\(.*'strain'\)"):
-        simulate(GEL, time=TIME, bubble=DAMAGED, **COLLAPSE)
-
-
-def test_a_liquid_cannot_be_damaged():
-    with pytest.raises(InputError) as raised:
-        simulate(Newtonian(0.1), time=TIME, bubble=Bubble(damage=Damage(0.5)), **COLLAPSE)
-    assert raised.value.code == "physics.damage_without_elasticity"
 
 
 @pytest.mark.parametrize(

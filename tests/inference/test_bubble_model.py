@@ -69,15 +69,6 @@ def test_a_fit_finds_what_was_simulated(true, fitted, expected):
     assert answer.bubble.contents == true.get("contents", "equilibrium")
 
 
-@pytest.mark.parametrize("bubble", [Bubble(motion="gilmore"), Bubble(exponent=1.2)], ids=lambda bubble: bubble.name)
-def test_a_fit_follows_the_equation_and_the_gas_that_are_given(bubble):
-    curve = shot(noise=0.1e-6, motion=bubble.motion, exponent=bubble.exponent)
-    answer = fit(curve, bubble=bubble, others=False, **QUICKLY)
-    assert answer.best["shear_modulus"] == pytest.approx(5e3, rel=0.1)
-    assert answer.checks.rmse_over_rmax < 0.002
-    assert curve_record(curve, answer).bubble == bubble
-
-
 def test_what_is_given_is_not_inferred():
     given = Bubble("kinetic", 0.05, wall_distance=2e-3)
     answer = fit(shot(contents="kinetic"), bubble=given, **QUICKLY)
@@ -115,12 +106,6 @@ def test_every_free_parameter_has_a_proper_prior():
     assert np.median(natural["accommodation"]) == pytest.approx(0.1, rel=0.1)
     assert natural["damage_modulus"].max() <= 1 <= natural["damage_radius"].min()
     assert experiment.predict(x[0]) is not None
-
-
-def test_the_bubble_of_the_field_has_no_parameter_of_its_own():
-    experiment = Experiment(shot(), Family("nhkv"), options=Options(bubble=FIELD))
-    assert experiment.names == ("shear_modulus", "viscosity", "stretch", "time_origin", "max_radius_factor")
-    assert experiment.simulated(experiment.natural(np.zeros(3))) == FIELD
 
 
 @pytest.mark.slow

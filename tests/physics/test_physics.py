@@ -7,7 +7,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError, SolverError
 from cavirheo.physics import simulate as forward
 from cavirheo.physics import solver
@@ -17,7 +16,7 @@ from cavirheo.physics.driving import Pulse
 from cavirheo.physics.elastic import Fung, Gent, NeoHookean, Quadratic
 from cavirheo.physics.grid import NO_SHELLS, wall_clustered
 from cavirheo.physics.materials import NeoHookeanKelvinVoigt, QuadraticKelvinVoigt, Viscoelastic
-from cavirheo.physics.media import ESTRADA2018, MEDIA, WATER, Medium, medium
+from cavirheo.physics.media import WATER, Medium, medium
 from cavirheo.physics.memory import Maxwell, TotalRelaxation, UpperConvectedMaxwell
 from cavirheo.physics.scales import dimensionless
 from cavirheo.physics.simulate import simulate, simulate_many
@@ -109,13 +108,6 @@ def test_the_batch_does_not_depend_on_workers():
     assert all(np.array_equal(a.radius, b.radius) for a, b in zip(one, two, strict=True))
 
 
-def test_solver_is_compiled_once_for_all_inputs():
-    simulate(Newtonian(1), max_radius=1e-4, stretch=3, time=[0, 1e-6], medium=Medium(density=1000))
-    simulate(GEL, max_radius=1e-4, stretch=3.5, time=np.arange(3) * 1e-6)
-    simulate(Viscoelastic(Gent(1, 60), CarreauYasuda(1, 0, 1e-4, 0.5)), max_radius=1e-4, stretch=3, time=[0, 1e-6])
-    assert len(solver.integrate.signatures) == 1
-
-
 def test_a_failed_solve_says_so(monkeypatch):
     monkeypatch.setattr(forward, "MAX_STEPS", 20)
     with pytest.raises(SolverError, match="20 steps"):
@@ -151,35 +143,6 @@ def test_what_a_simulation_carries():
     gas = (run.pressure * run.radius**3) * ((1 - k) / (mean * T) @ shells)
     assert gas == pytest.approx(gas[0], rel=2e-4)  # interpolated between steps
     assert simulate(GEL, max_radius=150e-6, stretch=5.0, time=TIME).contents is None
-
-
-def test_a_simulation_says_what_it_is():
-    """One line with the numbers that one asks for first; never the arrays."""
-    run = simulate(GEL, max_radius=150e-6, stretch=5.0, time=TIME, fields=True)
-    said = repr(run)
-    assert "\n" not in said
-    assert len(said) < 120
-    for word in ("ok", "101 frames", "0 to 100 us", f"R {1e6 * run.radius.min():.4g} to 150 um", "R_0 30 um"):
-        assert word in said
-    assert said.endswith(f"collapses: {run.collapses})")
-    assert run.collapses == len(RadiusCurve(run.time, run.radius).collapse_times())
-    assert repr(run.contents) == f"Contents(101 frames, 153 places, at most {run.contents.temperature.max():.4g} K)"
-    taut = Viscoelastic(Gent(3e3, 20.0), Newtonian(0.01))
-    for stretch, words in ((3.0, "of 101 frames, 0 to "), (5.0, "0 of 101 frames)")):
-        run = simulate(taut, max_radius=150e-6, stretch=stretch, time=TIME, throw=False)
-        assert repr(run).startswith(f"Simulation(failed: {run.status}")
-        assert words in repr(run)
-        assert run.collapses == 0
-
-
-def test_a_simulation_draws_itself():
-    run = simulate(GEL, max_radius=150e-6, stretch=5.0, time=TIME)
-    axes = pytest.importorskip("matplotlib.figure").Figure().add_subplot()
-    assert run.plot(axes) is axes
-    for drawn in (axes, run.plot()):
-        x, y = drawn.lines[0].get_data()
-        assert x == pytest.approx(1e6 * run.time)
-        assert y == pytest.approx(1e6 * run.radius)
 
 
 def test_precise_is_more_accurate():
@@ -227,11 +190,6 @@ def test_bad_materials_and_media(make, code):
     with pytest.raises(InputError) as error:
         make()
     assert error.value.code == f"physics.{code}"
-
-
-def test_media_by_name():
-    assert medium("estrada2018") is ESTRADA2018
-    assert len(MEDIA) == 5
 
 
 def test_tableau_is_of_order_five():
