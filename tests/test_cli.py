@@ -9,7 +9,7 @@ import h5py
 import numpy as np
 import pytest
 import typer
-from analyses import KnownAnalysis
+from answers import KnownAnalysis
 from conftest import BDT
 from scipy.io import savemat
 

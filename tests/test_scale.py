@@ -15,7 +15,7 @@ from pathlib import Path
 import h5py
 import numpy as np
 import pytest
-from analyses import KnownAnalysis
+from answers import KnownAnalysis
 
 from cavirheo import InputError
 from cavirheo.parallel import Threads

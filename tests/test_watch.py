@@ -16,7 +16,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from analyses import KnownAnalysis
+from answers import KnownAnalysis
 from conftest import BDT, messages
 from recordings import SCALE, film, write_mraw
 

@@ -11,13 +11,15 @@ import subprocess
 import sys
 import threading
 import time
+from collections.abc import Iterable
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import fields, is_dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
-from analyses import KnownAnalysis
+from answers import KnownAnalysis, same
+from conftest import ROOT
 from fits import fit
 from threadpoolctl import threadpool_info, threadpool_limits
 
@@ -27,7 +29,6 @@ from cavirheo.errors import InputError
 from cavirheo.inference.analysis import Analysis
 from cavirheo.parallel import Threads, each, one_blas_thread
 from cavirheo.physics import simulate
-from cavirheo.physics.bubble import REAL
 from cavirheo.posterior import Evidence, Posterior
 from cavirheo.reading import write_csv
 from cavirheo.reporting import figures, read_json, write_report
@@ -36,7 +37,7 @@ from cavirheo.workflow.store import Store, keep, read_kept
 from cavirheo.writing.claim import LOCK, Claim, claimed
 from cavirheo.writing.document import LIST, Outputs
 
-EXAMPLES = Path(__file__).parent.parent / "examples"
+EXAMPLES = ROOT / "examples"
 EXAMPLE = EXAMPLES / "soft_gel.csv"
 VERBS = {  # what each writes first, and a call that is complete but for -o
     "result.csv": ["infer", "shot.csv", "--verify", "none"],
@@ -73,34 +74,60 @@ def inputs(tmp_path, monkeypatch):
 # -------------------------------------------------------------------------------------------------- files of the user's
 
 
-@pytest.mark.parametrize("name", VERBS)
-def test_a_file_of_the_users_is_not_replaced(run, inputs, name):
-    (inputs / "out").mkdir()
-    put(inputs / "out" / name, "measured with care")
-    before = contents(inputs)
-    status, _, err = run(*VERBS[name], "-o", "out")
-    assert (status, err.count("\n")) == (2, 1)
-    assert f"out/{name}" in err
-    assert contents(inputs) == before
-
-
-def test_the_measurement_beside_is_not_replaced(run, inputs):
-    (inputs / "shot.csv").rename(inputs / "result.csv")
-    before = contents(inputs)
-    status, _, err = run("infer", "result.csv", "--verify", "none", "-o", ".")
-    assert (status, err.count("\n")) == (2, 1)
-    assert contents(inputs) == before
+def refused(run, folder: Path, *words: object, named: Iterable[str] = ()) -> None:
+    """A command ends with status 2, one line that names these, and no file of the folder changed."""
+    before = contents(folder)
+    status, _, err = run(*words)
+    assert (status, err.count("\n")) == (2, 1), err
+    assert all(one in err for one in named), err
+    assert contents(folder) == before
 
 
 @pytest.mark.parametrize("name", VERBS)
-def test_answers_of_another_run_are_not_replaced(run, inputs, name):
+def test_what_is_not_this_runs_is_not_replaced(run, inputs, name):
+    """A file of the user's, a link, the answers of another run, and a folder that another run holds."""
+    out = inputs / "out"
+    out.mkdir()
+    put(out / name, "measured with care")
+    refused(run, inputs, *VERBS[name], "-o", "out", named=[f"out/{name}"])
+    (out / name).unlink()
+    (out / name).symlink_to(inputs / "nowhere")
+    refused(run, inputs, *VERBS[name], "-o", "out", named=[f"out/{name}"])
+    (out / name).unlink()
+    with claimed(Claim("cavirheo elsewhere", {})):
+        Outputs(out, "r")
+        refused(run, inputs, *VERBS[name], "-o", "out", named=["cavirheo elsewhere"])
     with claimed(Claim("cavirheo of yesterday", {})):
-        Outputs(inputs / "out", name).write(name, Path.write_text, "answers")
-    before = contents(inputs)
-    status, _, err = run(*VERBS[name], "-o", "out")
-    assert (status, err.count("\n")) == (2, 1)
-    assert all(words in err for words in ("cavirheo of yesterday", "-o", "--replace"))
-    assert contents(inputs) == before
+        Outputs(out, name).write(name, Path.write_text, "answers")
+    refused(run, inputs, *VERBS[name], "-o", "out", named=["cavirheo of yesterday", "-o", "--replace"])
+
+
+@pytest.mark.parametrize("out", ["/dev/full", "shot.csv/y", "a" * 300, "/proc/x", ""])
+@pytest.mark.parametrize("name", VERBS)
+def test_a_place_that_cannot_be_written_is_refused_at_once(run, inputs, name, out):
+    refused(run, inputs, *VERBS[name], "-o", out)
+
+
+@pytest.mark.parametrize(
+    ("words", "named"),
+    [
+        ("which-law --laws nhkv,foo", "foo"),
+        ("which-law --stretch 0.5", "0.5"),
+        ("fit --material foo", "foo"),
+        ("fit --free foo", "foo"),
+        ("fit --scale-percent 90", "scale"),
+        ("fit --window-us -1", "end"),
+        ("infer --model foo", "foo"),
+        ("infer --stretch 0.5 --verify map", "0.5"),
+        ("infer --rmax-um -5", "-5"),
+        ("compare --references nowhere.csv", "nowhere.csv"),
+    ],
+)
+def test_options_are_refused_before_files_are_read(run, inputs, words, named):
+    """The file is not there, the option is what is spoken of, and no folder is left behind."""
+    verb, *options = words.split()
+    refused(run, inputs, verb, "." if verb == "compare" else "missing.csv", *options, "-o", "new/deep", named=[named])
+    assert not (inputs / "new").exists()
 
 
 def test_a_run_knows_its_own_answers_again(run, tmp_path):
@@ -133,29 +160,6 @@ def test_an_interrupted_run_leaves_the_earlier_answers(run, tmp_path, monkeypatc
     assert contents(tmp_path) == before
 
 
-def test_two_runs_at_once_do_not_share_a_folder(run, inputs):
-    with claimed(Claim("cavirheo elsewhere", {})):
-        Outputs(inputs / "out", "r")
-        before = contents(inputs)
-        status, _, err = run("infer", "shot.csv", "-o", "out")
-        assert (status, err.count("\n")) == (2, 1)
-        assert "cavirheo elsewhere" in err
-        assert contents(inputs) == before
-    assert not (inputs / "out").exists()
-    (inputs / "out").mkdir()
-    put(inputs / "out" / LOCK, "process 1: killed")
-    with claimed(Claim("cavirheo", {})):
-        Outputs(inputs / "out", "r")
-
-
-@pytest.mark.parametrize("verb", ["infer", "generate"])
-def test_a_folder_has_a_name(run, inputs, verb):
-    before = contents(inputs)
-    status, _, err = run(verb, "shot.csv", "-o", "")
-    assert (status, err.count("\n")) == (2, 1)
-    assert contents(inputs) == before
-
-
 @pytest.mark.parametrize("name", ["simulation.csv", "fields.h5"])
 def test_simulate_writes_into_a_folder_and_replaces_only_its_own(run, tmp_path, name):
     words = ["simulate", "--material", "newtonian(0.1)", "--rmax-um", 100, "--stretch", 5, "--duration-us", 5]
@@ -166,35 +170,6 @@ def test_simulate_writes_into_a_folder_and_replaces_only_its_own(run, tmp_path, 
     status, _, err = run(*words)
     assert (status, err.count("\n")) == (2, 1)
     assert (tmp_path / "out" / name).read_text() == "edited"
-
-
-def test_a_folder_of_a_simulation_is_one_measurement(run):
-    words = ["simulate", "--material", "newtonian(0.1)", "--rmax-um", 100, "--stretch", 5, "--fields", "-o", "out"]
-    assert run(*words)[0] == 0
-    status, _, err = run("show", "out/simulation.csv")
-    assert status == 0, err
-    assert run("infer", "out", "--verify", "none", "-o", "answer")[0] in (0, 1)
-
-
-@pytest.mark.slow
-def test_our_own_files_are_replaced_and_old_pictures_go(tmp_path):
-    curves = read_curves(EXAMPLE)
-    pairs = [(curve, fit(curve, window=1)) for curve in curves[:2]]
-    write_report(tmp_path, pairs, "first", ("png",))
-    first = {path.name for path in tmp_path.iterdir()}
-    put(tmp_path / "soft_gel_2.png", "painted over")
-    put(tmp_path / "mine.png", "a photograph")
-    Outputs(tmp_path, "other.json").write("other.json", Path.write_text, "of another verb")
-    written = write_report(tmp_path, pairs[:1], "second", ("png",), replace=True)
-    assert read_json(tmp_path / "result.json") == written
-    kept = first - {"group-soft_gel.png"} | {"mine.png", "other.json"}  # a group of one has no figure
-    assert {path.name for path in tmp_path.iterdir()} == kept
-    write_report(tmp_path, pairs[:1], "third", replace=True)
-    assert {path.name for path in tmp_path.iterdir()} == kept - {"soft_gel_1.png"}
-    with pytest.raises(InputError) as refused:
-        write_report(tmp_path, pairs, "fourth", ("png",), replace=True)
-    assert refused.value.code == "document.foreign"
-    assert "soft_gel_2.png" in str(refused.value)
 
 
 @pytest.mark.parametrize("other", ["another command", "another file"])
@@ -236,94 +211,10 @@ def test_a_strange_list_does_no_harm(tmp_path, line):
     Outputs(tmp_path / "out", "r")
 
 
-def test_a_link_is_not_followed(tmp_path):
-    put(tmp_path / "target", "theirs")
-    (tmp_path / "out").mkdir()
-    (tmp_path / "out" / "r").symlink_to(tmp_path / "nowhere")
-    with pytest.raises(InputError) as refused:
-        Outputs(tmp_path / "out", "r")
-    assert refused.value.code == "document.foreign"
-
-
 # ------------------------------------------------------------------------------------------------ tried before the work
 
 
-@pytest.mark.parametrize("out", ["/dev/full", "/dev/full/x", "shot.csv", "shot.csv/y", "a" * 300, "/proc/x"])
-@pytest.mark.parametrize("name", VERBS)
-def test_a_place_that_cannot_be_written_is_refused_at_once(run, inputs, name, out):
-    before = contents(inputs)
-    status, _, err = run(*VERBS[name], "-o", out)
-    assert (status, err.count("\n")) == (2, 1)
-    assert out in err
-    assert contents(inputs) == before
-
-
-@pytest.mark.skipif(os.geteuid() == 0, reason="root may write everywhere")
-def test_a_folder_without_permission_is_refused_at_once(run, inputs):
-    (inputs / "out").mkdir(mode=0o500)
-    status, _, err = run("infer", "shot.csv", "--verify", "none", "-o", "out")
-    assert (status, err.count("\n")) == (2, 1)
-
-
-def test_trying_leaves_no_trace(run, inputs):
-    assert run("infer", "nowhere.csv", "-o", "new/deep")[0] == 2
-    assert not (inputs / "new").exists()
-
-
-@pytest.mark.parametrize(
-    ("words", "named"),
-    [
-        ("which-law --laws nhkv,foo", "foo"),
-        ("which-law --laws nhkv", "nhkv"),
-        ("which-law --stretch 0.5", "0.5"),
-        ("fit --material foo", "foo"),
-        ("fit --free foo", "foo"),
-        ("fit --scale-percent 90", "scale"),
-        ("fit --window-us -1", "end"),
-        ("infer --model foo", "foo"),
-        ("infer --stretch 0.5 --verify map", "0.5"),
-        ("infer --rmax-um -5", "-5"),
-        ("infer --verify map --exposure-us -5", "-5"),
-        ("compare --references nowhere.csv", "nowhere.csv"),
-    ],
-)
-def test_options_are_refused_before_files_are_read(run, inputs, words, named):
-    """The file is not there, and the option is what is spoken of."""
-    verb, *options = words.split()
-    status, _, err = run(verb, "." if verb == "compare" else "missing.csv", *options)
-    assert (status, err.count("\n")) == (2, 1)
-    assert named in err
-    assert "missing.csv" not in err
-
-
 # ------------------------------------------------------------------------------------------------- nothing half-written
-
-
-@pytest.mark.needs("matplotlib")
-def test_a_picture_that_cannot_be_drawn_costs_nothing_else(tmp_path, monkeypatch):
-    curves = read_curves(EXAMPLE)[:2]
-    answer = fit(curves[0], window=1)
-    draw = figures.curve_figure
-
-    def fails_once(lines, look, head):
-        if head[0] == curves[0].name:
-            raise RuntimeError("no font")
-        return draw(lines, look, head)
-
-    monkeypatch.setattr(figures, "curve_figure", fails_once)
-    written = write_report(tmp_path, [(curve, answer) for curve in curves], "test", ("png",))
-    assert [row.verdict for row in written.curves] == [answer.checks.verdict] * 2
-    (note,) = written.notes
-    assert "RuntimeError" in note
-    assert curves[0].name in note
-    assert read_json(tmp_path / "result.json") == written
-    page = (tmp_path / "report.html").read_text(encoding="utf-8")
-    assert page.endswith("</html>\n") or page.endswith("</html>")
-    assert note in page
-    assert {path.name for path in tmp_path.iterdir() if path.suffix == ".png"} == {
-        "soft_gel_2.png",
-        "group-soft_gel.png",
-    }
 
 
 @pytest.mark.needs("matplotlib")
@@ -348,19 +239,6 @@ def test_an_interruption_while_a_page_is_written_leaves_the_old_one(tmp_path, mo
 # --------------------------------------------------------------------------------------------------------- kept answers
 
 
-def same(one: object, other: object) -> bool:
-    """To the last bit, kinds included."""
-    if is_dataclass(one):
-        return type(one) is type(other) and all(same(getattr(one, f.name), getattr(other, f.name)) for f in fields(one))
-    if isinstance(one, np.ndarray):
-        return one.dtype == other.dtype and np.array_equal(one, other, equal_nan=one.dtype.kind == "f")
-    if isinstance(one, dict):
-        return list(one) == list(other) and all(same(one[key], other[key]) for key in one)
-    if isinstance(one, tuple | list):
-        return type(one) is type(other) and len(one) == len(other) and all(map(same, one, other))
-    return type(one) is type(other) and (one == other or one != one)
-
-
 def answered() -> Posterior:
     found = fit(read_curves(EXAMPLE)[1], window=2)
     more = {"nothing": None, "infinite": float("inf"), "pair": (1, 2.5), "list": [True, "µ"], 3: {"x": {}}}
@@ -371,7 +249,7 @@ def answered() -> Posterior:
 def test_a_kept_answer_comes_back_to_the_last_bit(tmp_path):
     answer = answered()
     keep(tmp_path / "a.npz", answer)
-    assert same(answer, read_kept(tmp_path / "a.npz", Posterior))
+    assert same(read_kept(tmp_path / "a.npz", Posterior), answer)
     content = (tmp_path / "a.npz").read_bytes()
     for cut in (b"", b"PK", content[: len(content) // 2], bytes(len(content))):
         (tmp_path / "a.npz").write_bytes(cut)
@@ -418,33 +296,6 @@ def test_an_interrupted_run_goes_on_where_it_was(tmp_path):
     (tmp_path / "unfinished" / "notes.txt").unlink()
     run.remove()
     assert not list(tmp_path.iterdir())
-
-
-def test_settings_that_are_written_differently_are_the_same_ones():
-    (curve, *_) = read_curves(EXAMPLE)
-    plain = Analysis().key(curve)
-    assert plain == Analysis(material="nhkv", bubble="real", medium="water").key(curve)
-    assert Analysis("fit", free="t0, rmax").key(curve) == Analysis("fit", bubble=(REAL,)).key(curve)
-    for other in (Analysis(stretch="free"), Analysis(bubble="field"), Analysis(medium="bu2026"), Analysis("fit")):
-        assert other.key(curve) != plain
-
-
-def test_answers_are_told_as_they_are_found():
-    seen, gate = [], threading.Event()
-
-    def work(job: int) -> int:
-        if job == 0:
-            gate.wait(5)
-        return 10 * job
-
-    def done(index: int, result: int) -> None:
-        seen.append((index, result, threading.current_thread() is threading.main_thread()))
-        if index == 3:
-            gate.set()
-
-    assert each(work, range(4), 2, done) == [0, 10, 20, 30]
-    assert seen[-1] == (0, 0, True)
-    assert sorted(seen) == [(k, 10 * k, True) for k in range(4)]
 
 
 def test_an_error_does_not_wait_for_other_threads():
@@ -549,16 +400,6 @@ def test_a_reader_that_goes_is_no_traceback(tmp_path):
         assert (call.returncode, call.stderr.count("\n")) == (2, 1)
 
 
-def test_an_interruption_elsewhere_is_130(run, monkeypatch):
-    def stopped(*_: object, **__: object) -> None:
-        raise KeyboardInterrupt
-
-    monkeypatch.setattr("cavirheo.physics.simulate.simulate", stopped)
-    words = ["simulate", "--material", "newtonian(0.1)", "--rmax-um", 100, "--stretch", 5, "-o", "a"]
-    status, _, err = run(*words)
-    assert (status, err) == (130, "interrupted\n")
-
-
 def test_blas_has_one_thread_until_the_last_leaves():
     """Else the last bits of an answer depend on what else goes on in the process."""
 
@@ -586,7 +427,7 @@ def test_blas_has_one_thread_until_the_last_leaves():
     assert blas() == usual
 
 
-def test_what_several_ask_for_is_worked_out_once():
+def test_what_several_ask_for_is_worked_out_once_and_a_failure_is_not_kept():
     store, asked, begun = Store(most=2), [], threading.Event()
 
     def work():
@@ -603,10 +444,6 @@ def test_what_several_ask_for_is_worked_out_once():
         store.once(key, key.upper)
     store.once("key", work)
     assert len(asked) == 2
-
-
-def test_a_failure_is_not_kept():
-    store = Store(most=2)
     with pytest.raises(ZeroDivisionError):
-        store.once("key", lambda: 1 // 0)
-    assert store.once("key", lambda: 3) == 3
+        store.once("other", lambda: 1 // 0)
+    assert store.once("other", lambda: 3) == 3

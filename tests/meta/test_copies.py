@@ -3,17 +3,14 @@
 from __future__ import annotations
 
 import copy
-import dataclasses
 import inspect
 import pickle
-from collections.abc import Mapping
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-from answers import shots
-from conftest import messages
+from answers import same, shots
+from conftest import ROOT, messages
 
 import cavirheo
 from cavirheo import InputError, Medium, SolverError
@@ -25,7 +22,7 @@ from cavirheo.posterior import Bubble, Checks, Evidence, Posterior, WindowAnswer
 from cavirheo.reporting import result
 from cavirheo.reporting.table import write_csv
 
-EXAMPLE = Path(__file__).parents[1] / "examples" / "soft_gel.csv"
+EXAMPLE = ROOT / "examples" / "soft_gel.csv"
 WAYS = {
     "pickle": lambda one: pickle.loads(pickle.dumps(one)),
     "oldest pickle": lambda one: pickle.loads(pickle.dumps(one, protocol=2)),
@@ -62,23 +59,6 @@ def held() -> dict[str, Any]:
         "document": result(list(zip(curves, answers, strict=True)), "cavirheo infer"),
         "input error": InputError("no file", "reading.missing"), "solver error": SolverError("too many steps"),
     }  # fmt: skip
-
-
-def same(one: Any, other: Any) -> bool:
-    """Whether both are of one class and hold the same, arrays and parts of parts included."""
-    if type(one) is not type(other):
-        return False
-    if isinstance(one, np.ndarray):
-        return np.array_equal(one, other, equal_nan=one.dtype.kind == "f")
-    if dataclasses.is_dataclass(one):
-        return all(same(getattr(one, f.name), getattr(other, f.name)) for f in dataclasses.fields(one))
-    if isinstance(one, Mapping):
-        return list(one) == list(other) and all(same(one[key], other[key]) for key in one)
-    if isinstance(one, list | tuple):
-        return len(one) == len(other) and all(map(same, one, other))
-    if isinstance(one, Exception):
-        return str(one) == str(other) and vars(one) == vars(other)
-    return bool(one == other)
 
 
 @pytest.mark.parametrize("way", WAYS)

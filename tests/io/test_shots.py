@@ -5,9 +5,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from conftest import BDT
+from conftest import BDT, ROOT
+from files import RADIUS, TIME, bdt_variables
 from scipy.io import savemat
-from test_reading import RADIUS, TIME, bdt_variables
 
 from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError
@@ -15,7 +15,7 @@ from cavirheo.reading import read_curves, write_csv
 from cavirheo.reading.selection import selected, shot_numbers
 from cavirheo.reading.shots import read_shots, stem_of
 
-FILE = Path(__file__).parent.parent / "examples" / "stiff_gel.mat"
+FILE = ROOT / "examples" / "stiff_gel.mat"
 
 
 @pytest.mark.parametrize(
