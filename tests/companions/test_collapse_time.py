@@ -7,19 +7,18 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from files import write_xlsx
 from scipy.io import savemat
+from scipy.stats import t as student
 
-from cavirheo.companions.collapse_times import VOCABULARY, read_groups, read_table
+from cavirheo.companions.collapse_times import read_groups, read_table
 from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError, SolverError
-from cavirheo.inference.collapse_time import CollapseEstimate, Shots, estimate, shot, unusable
+from cavirheo.inference.collapse_time import CollapseEstimate, Shots, estimate, shot
 from cavirheo.physics.bubble import Bubble
 from cavirheo.physics.collapse import RAYLEIGH, analytic_time, inverse_square, rayleigh_time, simulated_time
 from cavirheo.physics.materials import NeoHookeanKelvinVoigt
 from cavirheo.physics.media import WATER, ZHU2025
 from cavirheo.physics.simulate import simulate
-from cavirheo.reading import write_csv
 
 EMPTY = replace(WATER, surface_tension=0.0, vapour_reference_pressure=1e-6, sound_speed=float("inf"), name="empty")
 R = 2e-4
@@ -85,13 +84,6 @@ class TestModel:
             simulated_time(radius, stretch, G, mu)[0], rel=0.008
         )
 
-    def test_simulated_minimum_is_that_of_a_fine_curve(self):
-        time = np.linspace(0.0, 25e-6, 200_001)
-        for G, mu in ((1e4, 0.1), (3e4, 0.01)):
-            run = simulate(NeoHookeanKelvinVoigt(G, mu), max_radius=R, stretch=6.0, time=time)
-            first = int(np.flatnonzero(np.diff(run.radius) > 0)[0])
-            assert simulated_time(R, 6.0, G, mu)[0] == pytest.approx(time[first], abs=2e-10)
-
     def test_no_collapse_is_infinite(self):
         assert np.isinf(analytic_time(1e-4, 7.0, 0.0, 5.0))
         assert np.isinf(simulated_time(1e-4, 7.0, 100.0, 5.0)[0])
@@ -122,6 +114,15 @@ class TestEstimate:
         assert sum(inside) >= 25  # of 28.5 expected
         assert np.mean([f.scatter for f in found]) == pytest.approx(0.005, rel=0.15)
 
+    def test_interval_of_one_parameter_is_students(self):
+        """Of equal shots: t(97.5 %) times the standard error of the times, by G's change with them."""
+        times = 1.8e-5 * np.array([0.99, 1.0, 1.015])
+        found = estimate(Shots([R] * 3, [7.0] * 3, times), viscosity=0.1)
+        G = found.shear_modulus_Pa
+        half = student.ppf(0.975, 2) * found.scatter / np.sqrt(3) * 100 * abs(G.per_percent)
+        assert G.high - G.value == pytest.approx(half, rel=1e-3)
+        assert G.per_percent < 0  # later collapses are of softer gels
+
     def test_outliers_do_not_decide(self):
         clean = table(40, noise=0.002)
         time = clean.time.copy()
@@ -151,22 +152,11 @@ class TestEstimate:
         assert estimate(one, viscosity=0.1).shear_modulus_Pa.value == pytest.approx(1e4, rel=1e-3)
         assert estimate(one, shear_modulus=1e4).viscosity_Pa_s.value == pytest.approx(0.1, rel=1e-3)
 
-    def test_exact_pairs_collapse_at_the_measured_time(self):
-        one = table(1, time=simulated_time)
-        found = estimate(one, exact=True)
-        for G, mu in found.pairs[::6]:
-            assert simulated_time(one.max_radius, one.stretch, G, mu) == pytest.approx(one.time, rel=1.5e-3)
-
     def test_shots_that_are_alike(self):
         one = table(1)
         found = estimate(Shots(*(np.repeat(a, 5) for a in (one.max_radius, one.stretch, one.time))))
         assert values(found) == (None, None)
         assert len(found.pairs) > 3
-
-    def test_a_time_that_nothing_gives(self):
-        found = estimate(Shots([R], [7.0], [0.15 * float(rayleigh_time(R))]))  # G would exceed a megapascal
-        assert found.pairs == []
-        assert found.start is None
 
     def test_a_modulus_beyond_the_range_is_at_its_bound(self):
         radius = np.array([1e-4, 1.5e-4, 2e-4, 3e-4])
@@ -193,17 +183,6 @@ class TestEstimate:
             estimate(Shots(*([x] for x in shots)), **options)
         assert caught.value.code == code
 
-    @pytest.mark.parametrize(
-        ("shot", "name"), [((0.0, 7.0, 1e-5), "R_max"), ((R, 0.9, 1e-5), "lambda"), ((R, 7.0, np.nan), "t_1")]
-    )
-    def test_the_value_that_is_wrong_is_named(self, shot, name):
-        assert unusable(*shot).startswith(name)
-
-    def test_lengths(self):
-        with pytest.raises(InputError) as caught:
-            Shots([R, R], [7.0], [1e-5])
-        assert caught.value.code == "collapse_time.lengths"
-
 
 @pytest.fixture(scope="module")
 def curve() -> RadiusCurve:
@@ -219,11 +198,6 @@ class TestCurve:
         assert shots.stretch[0] == pytest.approx(7.0, rel=0.02)
         assert shots.time[0] == pytest.approx(simulated_time(3e-4, 7.0, 8e3, 0.08)[0], rel=0.01)
 
-    def test_start_of_a_fit(self, curve):
-        found = estimate(curve, stretch=7.0, viscosity=0.08)
-        assert found.shear_modulus_Pa.value == pytest.approx(8e3, rel=0.2)
-        assert estimate(curve).start is not None
-
     def test_lambda_is_guessed_only_aloud(self, curve):
         short = RadiusCurve(curve.time[:40], curve.radius[:40], meta={"name": "short"})
         assert "guessed as 7" in estimate(short).message
@@ -234,22 +208,6 @@ class TestCurve:
 
 
 class TestReading:
-    @pytest.mark.parametrize(
-        ("text", "expected"),
-        [
-            ("rmax_um", ("R_max", "um")),
-            ("R_max [µm]", ("R_max", "um")),
-            ("lambda", ("lambda", None)),
-            ("R_max/R_0", ("lambda", None)),
-            ("t_1 (s)", ("t_1", "s")),
-            ("collapse time (us)", ("t_1", "us")),
-            ("t1", ("t_1", None)),
-            ("temperature", ("", None)),
-        ],
-    )
-    def test_titles(self, text, expected):
-        assert VOCABULARY.name(text)[:2] == expected
-
     def test_layouts_agree(self, tmp_path):
         shots = table(6)
         columns = (shots.max_radius, shots.stretch, shots.time)
@@ -263,29 +221,6 @@ class TestReading:
         for group in groups:
             found = np.array([[s.max_radius_m, s.stretch, s.collapse_time_s] for s in group.usable])
             assert found == pytest.approx(np.column_stack(columns), rel=1e-9)
-
-    def test_version_73(self, tmp_path):
-        import h5py
-
-        with h5py.File(tmp_path / "d.mat", "w", userblock_size=512) as file:
-            file["pIMR_array"] = np.array([[R, 7.0, 1.8e-5], [2 * R, 7.0, 3.6e-5]]).T
-        content = (tmp_path / "d.mat").read_bytes()
-        (tmp_path / "d.mat").write_bytes(b"MATLAB 7.3 MAT-file".ljust(512, b" ") + content[512:])
-        groups, _, _ = read_groups([tmp_path / "d.mat"], WATER)
-        assert len(groups[0].usable) == 2
-
-    def test_version_73_never_reads_another_file(self, tmp_path):
-        import h5py
-
-        with h5py.File(tmp_path / "other.h5", "w") as file:
-            file["pIMR_array"] = np.array([[R, 7.0, 1.8e-5], [2 * R, 7.0, 3.6e-5]]).T
-        with h5py.File(tmp_path / "d.mat", "w", userblock_size=512) as file:
-            file["pIMR_array"] = h5py.ExternalLink("other.h5", "/pIMR_array")
-        content = (tmp_path / "d.mat").read_bytes()
-        (tmp_path / "d.mat").write_bytes(b"MATLAB 7.3 MAT-file".ljust(512, b" ") + content[512:])
-        groups, problems, _ = read_groups([tmp_path / "d.mat"], WATER)
-        assert groups == []
-        assert problems[0].startswith(f"{tmp_path / 'd.mat'}: pIMR_array")
 
     @pytest.mark.parametrize(
         ("text", "code"),
@@ -307,13 +242,6 @@ class TestReading:
         groups, (problem,), _ = read_groups([tmp_path / "a.csv"], WATER)
         assert groups == []
         assert problem.startswith(f"{tmp_path / 'a.csv'}: ")
-
-    def test_first_tab_of_a_workbook(self, tmp_path):
-        """Not the sheet that happens to lie in sheet1.xml; the other tab is not read."""
-        rows = [["rmax_um", "stretch", "t1_us"], [200, 7, 18], [250, 7, 22]]
-        path = write_xlsx(tmp_path / "a.xlsx", {"times": rows, "old": [rows[0], [100, 7, 9]]})
-        (group,), _, _ = read_groups([path], WATER)
-        assert [shot.max_radius_m for shot in group.shots] == pytest.approx([2e-4, 2.5e-4])
 
     def test_rows_that_cannot_be_used_are_kept_with_the_reason(self, tmp_path):
         (tmp_path / "a.csv").write_text("shot,rmax_um,stretch,t1_us\nA,200,7,18\nB,nan,7,18\nC,200,7,18000\n")
@@ -358,25 +286,6 @@ class TestCommand:
         assert "no exact answer: the step size" in out
         assert "analytic" in out
 
-    def test_one_shot_says_so_and_status_is_1(self, run, tmp_path):
-        path = write(tmp_path / "one.csv", table(1))
-        status, out, _ = run("collapse-time", path)
-        assert status == 1
-        assert "not both" in out
-        assert "equally good pairs" in out
-        assert run("collapse-time", path, "--viscosity", 0.1, "-o", "known")[0] == 0
-
-    def test_curves(self, run, tmp_path):
-        time = np.arange(0.0, 110e-6, 1e-6)
-        for k, radius in enumerate((1.5e-4, 3e-4)):
-            done = simulate(NeoHookeanKelvinVoigt(8e3, 0.08), max_radius=radius, stretch=7.0, time=time)
-            write_csv(tmp_path / f"shot{k}.csv", RadiusCurve(time, done.radius))
-        status, out, _ = run("collapse-time", "shot0.csv", "shot1.csv", "--stretch", 7)
-        assert status == 0
-        assert "lambda: given" in out
-        status, out, _ = run("collapse-time", "shot0.csv", "--stretch", 7, "--material", "nh", "--replace")
-        assert status == 0
-
     def test_unusable_row_is_status_1_unreadable_file_2(self, run, tmp_path):
         path = write(tmp_path / "gel.csv", table(6))
         path.write_text(path.read_text() + "nan,7,18\n")
@@ -386,19 +295,6 @@ class TestCommand:
         status, _, err = run("collapse-time", path, "missing.csv", "--replace")
         assert status == 2
         assert err.count("missing.csv does not exist") == 1
-
-    def test_bad_usage_is_one_line(self, run, tmp_path):
-        path = write(tmp_path / "gel.csv", table(6))
-        for words in (
-            (path, "--material", "gent"),
-            (path, "--stretch", 0.5),
-            ("missing.csv",),
-            (path, "--medium", "x"),
-        ):
-            status, out, err = run("collapse-time", *words)
-            assert status == 2
-            assert err.strip().splitlines()[-1].startswith("error: ")
-            assert out == ""
 
 
 class TestPublishedTables:
