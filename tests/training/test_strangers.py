@@ -1,7 +1,4 @@
-"""Models, recipes and training sets that are damaged or hostile: each is refused in one line, and nothing hangs.
-
-The whole of models is slow; a sample of every kind is run each time.
-"""
+"""Models, recipes and training sets that are damaged or hostile: each is refused in one line, and nothing hangs."""
 
 from __future__ import annotations
 
@@ -40,7 +37,7 @@ except ModuleNotFoundError:  # onnx comes with the extra [train]
     made = None
 needs_onnx = pytest.mark.skipif(made is None, reason="needs onnx")
 BROKEN = made.BROKEN if made else {}
-CODES = {  # the sample, and the reason by which each is refused
+CODES = {  # the reason by which each is refused
     "empty": "graph.damaged", "truncated": "graph.damaged", "with_a_length_beyond_the_end": "graph.damaged",
     "with_a_loop": "graph.operator", "nested_deeply": "graph.operator", "with_a_function": "graph.functions",
     "with_an_operator_of_its_own": "graph.operator", "with_random_numbers": "graph.operator",
@@ -51,7 +48,13 @@ CODES = {  # the sample, and the reason by which each is refused
     "card_nested_deeply": "files.json", "card_of_20_mb": "files.size", "card_of_many_frames": "model.card",
     "card_of_the_prior_infinite": "model.card", "card_of_one_output": "model.fails",
     "card_of_another_file": "model.changed", "a_pipe": "model.missing", "a_folder": "model.missing",
-    "of_6_gb": "files.size", "with_a_name_of_300_letters": "model.missing",
+    "of_6_gb": "files.size", "with_a_name_of_300_letters": "model.missing", "a_link_to_zeros": "model.missing",
+    "with_an_operator_of_microsoft": "graph.operator", "ranged": "model.memory", "of_other_frames": "model.fails",
+    "with_sizes_that_overflow": "model.fails", "with_a_tensor_cut_short": "model.fails",
+    "of_nan_for_some_curves": "model.fails", "card_of_an_output_twice": "model.card",
+    "card_of_a_later_schema": "model.card", "card_of_the_problem_a_list": "model.card",
+    "card_of_the_material_unknown": "model.card", "card_of_a_name_a_path": "model.card",
+    "card_of_a_name_that_rings": "model.card", "without_a_card": "model.missing",
 }  # fmt: skip
 
 
@@ -78,30 +81,9 @@ def test_broken_model(tmp_path, name):
 
 
 @needs_onnx
-@pytest.mark.slow
-@pytest.mark.parametrize("name", sorted(BROKEN))
-def test_any_broken_model(tmp_path, name):
-    if name == "unreadable" and os.geteuid() == 0:
-        pytest.skip("root reads everything")
-    path, began = BROKEN[name](tmp_path), time.monotonic()
-    refused(Network, path)
-    assert time.monotonic() - began < 5 + session.SECONDS
-
-
-@needs_onnx
 def test_a_model_that_never_ends_is_stopped(tmp_path, monkeypatch):
     monkeypatch.setattr(session, "SECONDS", 1.0)
     assert refused(Network, BROKEN["slow"](tmp_path)).code == "model.time"
-
-
-@needs_onnx
-def test_an_answer_that_is_no_number_is_refused(tmp_path):
-    """A model that the first run did not find out."""
-    bad = [made.node("ReduceMin", "radius", "least", keepdims=0), made.node("Log", "least", "log")]
-    path = made.put(tmp_path, made.graph([*bad, made.node("Add", "linear log", "out")], last="out"))
-    network = Network(path)
-    assert np.isfinite(network(np.ones((1, made.FRAMES)))).all()
-    assert refused(network, np.zeros((1, made.FRAMES))).code == "model.not_finite"
 
 
 @needs_onnx
@@ -126,39 +108,6 @@ def test_shipped_models_are_of_the_allowed_parts(monkeypatch):
         else:
             check_graph(path.read_bytes(), INPUTS)
             assert PosteriorModel(path).name == name
-
-
-@pytest.mark.slow
-@pytest.mark.train
-def test_networks_of_other_kinds_are_of_the_allowed_parts(tmp_path):
-    """Convolutions, mixtures and splines, as an exporter writes them."""
-    torch = pytest.importorskip("torch")
-    pytest.importorskip("onnxscript")
-    from cavirheo.training.export import write_onnx
-
-    class Mixture(torch.nn.Module):
-        def __init__(self):
-            super().__init__()
-            self.see = torch.nn.Sequential(
-                torch.nn.Conv1d(1, 8, 5, stride=2), torch.nn.GELU(), torch.nn.BatchNorm1d(8), torch.nn.MaxPool1d(2),
-                torch.nn.Flatten(), torch.nn.LazyLinear(32), torch.nn.SiLU(), torch.nn.LayerNorm(32),
-            )  # fmt: skip
-            self.say = torch.nn.Linear(32, 24)
-
-        def forward(self, radius):
-            weight, mean, width = self.say(self.see(radius[:, None])).reshape(-1, 3, 2, 4).unbind(1)
-            weight = torch.softmax(weight, -1)
-            knots = torch.cumsum(torch.nn.functional.pad(weight, (1, 0)), -1)  # a spline's: place of the bin
-            place = (knots < 0.5).sum(-1, keepdim=True).clamp(1, 4)
-            inside = torch.gather(knots, -1, place) - torch.gather(knots, -1, place - 1)
-            return (weight * mean).sum(-1) + torch.exp(width.clamp(-5, 5)).mean(-1) + inside[..., 0]
-
-    model = Mixture().eval()
-    model(torch.ones(2, 40))
-    write_onnx(model, 40, tmp_path / "mixture.onnx")
-    content = (tmp_path / "mixture.onnx").read_bytes()
-    check_graph(content)
-    session.try_out(content, 40, 2)
 
 
 # recipes

@@ -93,11 +93,6 @@ def sound(folder: Path) -> Path:
     return put(folder, graph())
 
 
-def broken(make: Callable[[Path], Path]) -> Callable[[Path], Path]:
-    BROKEN[make.__name__] = make
-    return make
-
-
 def models(**made: Callable[[], onnx.ModelProto | bytes]) -> None:
     for name, make in made.items():
         BROKEN[name] = lambda folder, make=make: put(folder, make())
@@ -143,25 +138,14 @@ def truncated() -> bytes:
     return graph().SerializeToString()[:-40]
 
 
-def of_tiny_fields() -> bytes:
-    """30 MB in 15 million fields."""
-    return graph().SerializeToString() + field(7, 2, field(14, 2, b"") * 15_000_000)
-
-
 def with_a_length_beyond_the_end() -> bytes:
     return graph().SerializeToString() + varint(7 << 3 | 2) + varint(1 << 62)
 
 
 models(
     empty=lambda: b"",
-    text=lambda: b"this is no network\n" * 100,
-    zeros=lambda: bytes(10_000),
     truncated=truncated,
-    of_tiny_fields=of_tiny_fields,
     with_a_length_beyond_the_end=with_a_length_beyond_the_end,
-    with_an_endless_varint=lambda: graph().SerializeToString() + b"\xff" * 40,
-    with_groups=lambda: graph().SerializeToString() + varint(7 << 3 | 3) * 100_000,
-    of_a_flipped_byte=lambda: graph().SerializeToString()[:60] + b"\xff\xff" + graph().SerializeToString()[62:],
 )
 
 # its operators
@@ -223,20 +207,10 @@ models(
     with_external_data=with_external_data,
     with_external_data_in_a_constant=with_external_data_in_a_constant,
     with_an_operator_of_its_own=of_operator("Pwn", domain="com.evil"),
-    with_an_unknown_operator=of_operator("Teleport"),
     with_an_operator_of_microsoft=of_operator("Gelu", domain="com.microsoft"),
     with_random_numbers=of_operator("RandomNormalLike"),
-    with_a_sequence=lambda: graph(
-        [node("SequenceConstruct", "linear linear", "s"), node("SequenceAt", "s zero", "out")],
-        [numbers("zero", 0, np.int64)], last="out",
-    ),
-    with_a_deeper_name=lambda: graph([node("Identity", "nothing", "out")], last="out"),
     with_a_ring=lambda: graph([node("Add", "linear b", "a"), node("Identity", "a", "b")], last="b"),
-    with_an_operator_without_its_input=of_operator("MatMul"),
     of_opset_999=lambda: graph(opset=999),
-    of_opset_1=lambda: graph(opset=1),
-    of_no_opset=lambda: graph(opset_imports=[]),
-    of_a_later_format=lambda: graph(ir_version=999),
 )  # fmt: skip
 
 # its sizes
@@ -279,39 +253,17 @@ def slow() -> onnx.ModelProto:
     return graph([first, *nodes], tensors, last="out")
 
 
-def of_many_nodes() -> onnx.ModelProto:
-    nodes = [node("Add", f"x{k} x{k}", f"x{k + 1}") for k in range(200_000)]
-    return graph([node("Identity", "linear", "x0"), *nodes], last="x200000")
-
-
 models(
-    expanded=expanded("Expand", "total_of", "huge"),
-    constant_of_shape=expanded("ConstantOfShape", "huge"),
-    tiled=lambda: graph(
-        [node("Tile", "linear huge", "grown"), node("ReduceMax", "grown", "top", keepdims=0),
-         node("Add", "linear top", "out")],
-        [numbers("huge", [1, 1 << 38], np.int64)], last="out",
-    ),
     ranged=expanded("Range", "start", "end", "step"),
     expanded_to_a_terabyte=lambda: graph(
         [node("Expand", "bias huge", "grown"), node("ReduceMax", "grown", "top", keepdims=0),
          node("Add", "linear top", "out")],
         [numbers("huge", [1 << 37, 2], np.int64)], last="out",
     ),
-    padded=lambda: graph(
-        [node("Pad", "linear pads", "grown"), node("ReduceMax", "grown", "top", keepdims=0),
-         node("Add", "linear top", "out")],
-        [numbers("pads", [0, 0, 1 << 38, 0], np.int64)], last="out",
-    ),
     shaped_by_values=shaped_by_values,
-    with_a_huge_tensor=with_a_huge_tensor,
-    with_a_negative_size=lambda: with_a_huge_tensor(dims=(-2,), raw=bytes(8)),
     with_sizes_that_overflow=lambda: with_a_huge_tensor(dims=(1 << 32, 1 << 32), raw=b""),
     with_a_tensor_cut_short=lambda: with_a_huge_tensor(dims=(2,), raw=bytes(4)),
-    with_a_tensor_of_no_kind=lambda: with_a_huge_tensor(0, (2,), bytes(8)),
-    with_a_tensor_of_an_unknown_kind=lambda: with_a_huge_tensor(99, (2,), bytes(8)),
     slow=slow,
-    of_many_nodes=of_many_nodes,
 )  # fmt: skip
 
 # its inputs and outputs
@@ -335,32 +287,16 @@ models(
         [node("Add", "linear more", "out")], last="out",
         inputs=[shown("radius", FLOAT, ["batch", FRAMES]), shown("more", FLOAT, ["batch", 2])],
     ),
-    of_another_input=lambda: graph(
-        before=[node("Identity", "image", "radius")], inputs=[shown("image", FLOAT, ["batch", FRAMES])]
-    ),
-    of_text=lambda: graph(
-        before=[node("Cast", "radius", "number", to=FLOAT)], inputs=[shown("radius", TEXT, ["batch", FRAMES])]
-    ),
-    of_double=lambda: graph(inputs=[shown("radius", TensorProto.DOUBLE, ["batch", FRAMES])]),
     of_other_frames=lambda: graph(
         before=[], inputs=[shown("radius", FLOAT, ["batch", FRAMES + 1])]),
-    of_one_curve_only=lambda: graph(
-        inputs=[shown("radius", FLOAT, [1, FRAMES])], outputs=[shown("theta", FLOAT, [1, 2])]),
-    of_three_axes=lambda: graph(inputs=[shown("radius", FLOAT, ["batch", 1, FRAMES])]),
-    without_theta=lambda: graph(last="theta", nodes=[node("Identity", "linear", "answer")],
-                                outputs=[shown("answer", FLOAT, ["batch", 2])]),
-    of_four_outputs=lambda: of_wrong_outputs(4),
     of_four_outputs_that_claims_two=lambda: of_wrong_outputs(2),
     of_text_answers=lambda: graph(
         [node("Cast", "linear", "out", to=TEXT)], last="out", outputs=[shown("theta", TEXT, ["batch", 2])]),
     of_nan_weights=of_weights(np.nan),
-    of_infinite_weights=of_weights(np.inf),
     of_nan_for_some_curves=lambda: graph(
         [node("ReduceMin", "radius", "least", keepdims=0), node("Sub", "least most", "gap"),
          node("Log", "gap", "bad"), node("Add", "linear bad", "out")],
         [numbers("most", 0.95)], last="out"),
-    without_batch=lambda: graph(
-        [node("ReduceMean", "linear zero", "out", keepdims=1)], [numbers("zero", [0], np.int64)], last="out"),
 )  # fmt: skip
 
 # its card
@@ -371,157 +307,40 @@ def of_output(**new: Any) -> Callable[[dict[str, Any]], Any]:
 
 
 cards(
-    card_empty=lambda _: b"",
-    card_that_is_no_json=lambda _: b"{",
-    card_of_zeros=lambda _: bytes(1000),
-    card_not_utf8=lambda _: b'{"name": "\xff"}',
-    card_a_list=lambda _: [],
-    card_a_number=lambda _: b"5",
     card_nested_deeply=lambda _: b"[" * 200_000,
     card_of_20_mb=lambda about: json.dumps(about) + " " * 20_000_000,
-    card_without_a_problem=lambda about: about.pop("problem") and None,
-    card_without_outputs=lambda about: about.pop("outputs") and None,
-    card_without_sha256=changed(onnx={}),
     card_of_another_file=changed(onnx={"sha256": 64 * "0", "opset": 18}),
-    card_of_sha256_a_number=changed(onnx={"sha256": 5}),
-    card_of_outputs_a_text=changed(outputs="log10_viscosity"),
-    card_of_outputs_of_numbers=changed(outputs=[1, 2]),
-    card_of_no_outputs=changed(outputs=[]),
     card_of_one_output=changed(outputs=[{"name": "log10_viscosity", "unit": "Pa s", "scale": "log10"}]),
-    card_of_an_output_without_prior=of_output(name="yield_stress", unit="Pa", scale="linear"),
-    card_of_an_output_in_another_scale=of_output(scale="linear"),
-    card_of_an_output_in_another_unit=of_output(unit="mPa"),
     card_of_an_output_twice=of_output(name="log10_viscosity", unit="Pa s"),
-    card_of_an_output_name_a_path=of_output(name="../../etc/passwd"),
-    card_of_a_kind_unknown=changed(kind="flow"),
     card_of_a_later_schema=changed(schema=2),
     card_of_the_problem_a_list=changed(problem=[]),
     card_of_the_material_unknown=of_problem(material="honey"),
-    card_of_another_material=changed(material="newtonian"),
-    card_of_the_material_a_list=of_problem(material=["nhkv"]),
-    card_of_the_prior_upside_down=of_problem(prior=PRIOR | {"stretch": [11.0, 3.0]}),
-    card_of_the_prior_a_list=of_problem(prior=[1, 2]),
-    card_of_the_prior_in_words=of_problem(prior=PRIOR | {"stretch": ["low", "high"]}),
-    card_of_the_prior_of_one=of_problem(prior=PRIOR | {"stretch": [3.0]}),
-    card_of_the_prior_missing=of_problem(prior={"stretch": [3.0, 11.0]}),
-    card_of_the_prior_nan=of_problem(prior=PRIOR | {"stretch": [3.0, float("nan")]}),
     card_of_the_prior_infinite=of_problem(prior=PRIOR | {"log10_viscosity": [-3.0, 1e300]}),
-    card_of_the_prior_null=of_problem(prior=PRIOR | {"stretch": None}),
-    card_of_a_stretch_below_1=of_problem(prior=PRIOR | {"stretch": [-3.0, 11.0]}),
-    card_of_negative_frames=of_problem(camera={"frame_interval": 1e-6, "frames": -20}),
-    card_of_half_a_frame=of_problem(camera={"frame_interval": 1e-6, "frames": 20.5}),
     card_of_many_frames=of_problem(camera={"frame_interval": 1e-6, "frames": 10**9}),
-    card_of_other_frames=of_problem(camera={"frame_interval": 1e-6, "frames": 21}),
-    card_of_a_frame_interval_in_words=of_problem(camera={"frame_interval": "1 us", "frames": 20}),
-    card_of_a_frame_interval_nan=of_problem(camera={"frame_interval": float("nan"), "frames": 20}),
-    card_of_no_camera=of_problem(camera=None),
-    card_of_a_medium_unknown=of_problem(medium={"wetness": 1.0}),
-    card_of_a_medium_in_words=of_problem(medium="water"),
-    card_of_a_density_in_words=of_problem(medium={"density": "heavy"}),
-    card_of_a_negative_density=of_problem(medium={"density": -1.0}),
-    card_of_a_radius_of_zero=of_problem(reference_max_radius=0.0),
-    card_of_a_radius_in_words=of_problem(reference_max_radius="245 um"),
-    card_of_a_radius_nan=of_problem(reference_max_radius=float("nan")),
-    card_of_a_radius_infinite=of_problem(reference_max_radius=float("inf")),
     card_of_a_name_a_path=changed(name="../../../etc/passwd"),
     card_of_a_name_that_rings=changed(name="\x1b[31mred\x07"),
-    card_of_other_input_frames=changed(input={"name": "radius", "shape": ["batch", 99], "dtype": "float32"}),
-    card_of_another_input=changed(input={"name": "image", "shape": ["batch", FRAMES], "dtype": "float32"}),
-    card_of_training_in_words=changed(training="long"),
-    card_of_a_seed_in_words=changed(training={"seed": "one", "best_epoch": 1}),
-    card_of_data_in_words=changed(data="many"),
-    card_of_metrics_in_words=changed(metrics={"log10_viscosity": "good"}),
-    card_of_history_in_words=changed(history={"train": "falls", "validation": [1.0]}),
 )
 
 # its files
 
 
-@broken
-def missing(folder: Path) -> Path:
-    return folder / "nothing.onnx"
+def with_file(name: str, change: Callable[[Path], object]) -> None:
+    def write(folder: Path) -> Path:
+        path = sound(folder)
+        change(path)
+        return path
+
+    BROKEN[name] = write
 
 
-@broken
-def without_a_card(folder: Path) -> Path:
-    path = sound(folder)
-    path.with_suffix(".json").unlink()
-    return path
+def instead(make: Callable[[Path], object]) -> Callable[[Path], object]:
+    """Something else in the place of the file."""
+    return lambda path: (path.unlink(), make(path))
 
 
-@broken
-def a_folder(folder: Path) -> Path:
-    path = sound(folder)
-    path.unlink()
-    path.mkdir()
-    return path
-
-
-@broken
-def a_pipe(folder: Path) -> Path:
-    path = sound(folder)
-    path.unlink()
-    os.mkfifo(path)
-    return path
-
-
-@broken
-def a_card_that_is_a_pipe(folder: Path) -> Path:
-    path = sound(folder)
-    path.with_suffix(".json").unlink()
-    os.mkfifo(path.with_suffix(".json"))
-    return path
-
-
-@broken
-def a_link_to_itself(folder: Path) -> Path:
-    path = sound(folder)
-    path.unlink()
-    path.symlink_to(path)
-    return path
-
-
-@broken
-def a_link_to_zeros(folder: Path) -> Path:
-    path = sound(folder)
-    path.unlink()
-    path.symlink_to("/dev/zero")
-    return path
-
-
-@broken
-def a_card_that_is_random(folder: Path) -> Path:
-    path = sound(folder)
-    path.with_suffix(".json").unlink()
-    path.with_suffix(".json").symlink_to("/dev/urandom")
-    return path
-
-
-@broken
-def of_6_gb(folder: Path) -> Path:
-    path = sound(folder)
-    with path.open("r+b") as file:
-        file.truncate(6 << 30)
-    return path
-
-
-@broken
-def with_a_name_of_300_letters(folder: Path) -> Path:
-    return folder / ("x" * 300 + ".onnx")
-
-
-@broken
-def with_a_name_of_no_file(folder: Path) -> Path:
-    return folder / "nul\0l.onnx"
-
-
-@broken
-def in_a_file(folder: Path) -> Path:
-    return sound(folder) / "model.onnx"
-
-
-@broken
-def unreadable(folder: Path) -> Path:
-    path = sound(folder)
-    path.chmod(0)
-    return path
+with_file("without_a_card", lambda path: path.with_suffix(".json").unlink())
+with_file("a_folder", instead(Path.mkdir))
+with_file("a_pipe", instead(os.mkfifo))
+with_file("a_link_to_zeros", instead(lambda path: path.symlink_to("/dev/zero")))
+with_file("of_6_gb", lambda path: os.truncate(path, 6 << 30))
+BROKEN["with_a_name_of_300_letters"] = lambda folder: folder / ("x" * 300 + ".onnx")
