@@ -23,7 +23,7 @@ import pytest
 if find_spec("gradio") is None:
     pytest.skip("the app extra is not installed", allow_module_level=True)
 
-from test_hostile import FILES
+from bombs import FILES
 
 from cavirheo.app import steps, words
 from cavirheo.app.session import PageSettings, Session, VisitorLimits, Visitors

@@ -19,7 +19,7 @@ import h5py
 import numpy as np
 from files import save_v73, write_ods, write_xlsx
 from scipy.io import savemat
-from test_hostile import FILES as BOMBS
+from bombs import FILES as BOMBS
 from valid import BINARIES, METRES, RADIUS, SECONDS, TEXTS, TIME, cells, documents, grid, rows
 
 Make = Callable[[Path], None]
