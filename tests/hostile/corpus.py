@@ -17,9 +17,9 @@ from pathlib import Path
 
 import h5py
 import numpy as np
+from bombs import FILES as BOMBS
 from files import save_v73, write_ods, write_xlsx
 from scipy.io import savemat
-from bombs import FILES as BOMBS
 from valid import BINARIES, METRES, RADIUS, SECONDS, TEXTS, TIME, cells, documents, grid, rows
 
 Make = Callable[[Path], None]

@@ -90,13 +90,6 @@ def test_the_stamps_of_a_cine_count_before_its_header(tmp_path, deep):
     assert any("50000" in one.text for one in curve.warnings)
 
 
-def test_uneven_stamps_are_kept(tmp_path, deep):
-    stamps = np.arange(FRAMES) / RATE
-    stamps[20:] += 5 / RATE
-    path = write_cine(tmp_path / "a.cine", deep.frames, stamps, int(RATE))
-    assert np.diff(measure(path, um_per_px=SCALE).time).max() == pytest.approx(6 / RATE, rel=1e-3)
-
-
 def test_a_container_never_says_the_rate(folder):
     for name in ("shot.mp4", "shot.mkv", "shot.tif", "images"):
         with pytest.raises(InputError) as raised:
@@ -152,33 +145,6 @@ def test_frames_can_be_excluded_by_hand(folder, listed):
     assert contact_sheet(found).size == contact_sheet(whole).size
 
 
-def test_excluded_frames_are_numbered_as_in_the_recording(folder):
-    curve = measure(folder / "shot.tif", **HOW, span=(3, 25), exclude="5")
-    assert curve.meta["flags"][2] == "excluded"
-
-
-def test_the_command_line_excludes_as_python_does(run, folder):
-    words = ["--um-per-px", SCALE, "--exclude", "6,12-14", "-o", "out"]
-    assert run("measure", folder / "shot.tif", "--fps", RATE, *words)[0] == 0
-    with open("out/measured.csv", encoding="utf-8") as file:
-        flags = [row["flag"] for row in csv.DictReader(file)]
-    assert flags == list(measure(folder / "shot.tif", **HOW, exclude="6,12-14").meta["flags"])
-    assert json.loads(Path("out/measure.json").read_text(encoding="utf-8"))["measured_with"]["exclude"] == "6, 12-14"
-    (curve,) = cavirheo.read_curves(folder / "shot.tif", frame_rate_hz=RATE, um_per_px=SCALE, exclude="6,12-14")
-    assert list(curve.meta["flags"]) == flags
-    for files, said in ((["shot.tif", "shot.mkv"], "2 files"), (["out/measured.csv"], "of recordings")):
-        status, _, err = run("infer", *(folder / name if "out" not in name else name for name in files), *words)
-        assert (status, said in err) == (2, True)
-
-
-def test_a_colour_recording_is_measured_by_its_brightness(tmp_path, shot):
-    coloured = np.stack([shot.frames, shot.frames // 2, shot.frames // 3], axis=-1)
-    tifffile.imwrite(tmp_path / "a.tif", coloured, photometric="rgb")
-    curve = measure(tmp_path / "a.tif", **HOW)
-    assert np.nanmax(curve.radius) == pytest.approx(np.nanmax(shot.radius) * SCALE * 1e-6, rel=2e-3)
-    assert "a colour recording: its brightness is measured" in curve.notes
-
-
 def test_a_recording_that_is_cut_short_is_doubtful(tmp_path, folder):
     content = (folder / "shot.mkv").read_bytes()
     (tmp_path / "cut.mkv").write_bytes(content[: int(0.8 * len(content))])
@@ -191,6 +157,11 @@ def test_a_recording_that_is_cut_short_is_doubtful(tmp_path, folder):
     assert "check_input.file_cut_short" in [one.code for one in cut.warnings]
 
 
+def several(place, shot):
+    """Images of several sizes."""
+    return [Image.fromarray(shot.frames[k][: 40 + k]).save(place / f"{k}.png") for k in range(4)]
+
+
 @pytest.mark.parametrize(
     ("make", "code"),
     [
@@ -199,6 +170,7 @@ def test_a_recording_that_is_cut_short_is_doubtful(tmp_path, folder):
         (lambda place, shot: place.write_bytes(b"no picture"), "video.undecodable"),
         (lambda place, shot: tifffile.imwrite(place, shot.frames[:3] * 0, photometric="minisblack"), "video.no_bubble"),
         (lambda place, shot: tifffile.imwrite(place, np.repeat(shot.frames[:1], 9, 0)), "video.no_bubble"),
+        (lambda place, shot: [place.mkdir(), *several(place, shot)], "video.sizes"),
         (lambda place, shot: None, "reading.missing"),
     ],
 )
@@ -223,6 +195,7 @@ def test_what_is_no_recording_is_refused(tmp_path, shot, make, code):
         ({"exclude": "4-"}, "video.exclude"),
         ({"exclude": [99]}, "video.exclude"),
         ({"exclude": "1-34"}, "video.exclude"),
+        ({"frame_rate": None}, "video.frame_rate"),
         ({"um_per_px": 1e6}, "curve.radius_unit"),
         ({"frame_rate": 1.0}, "video.frame_rate"),
         ({"frame_rate": 1e13}, "video.frame_rate"),
@@ -232,21 +205,6 @@ def test_options_out_of_their_range_are_refused(folder, wrong, code):
     with pytest.raises(InputError) as raised:
         measure(folder / "shot.tif", **{**HOW, **wrong})
     assert raised.value.code == code
-
-
-def test_images_of_several_sizes_are_refused(tmp_path, shot):
-    for k in range(4):
-        Image.fromarray(shot.frames[k][: 40 + k]).save(tmp_path / f"{k}.png")
-    with pytest.raises(InputError) as raised:
-        measure(tmp_path, **HOW)
-    assert raised.value.code == "video.sizes"
-
-
-def test_a_header_without_pixels_is_named(tmp_path, folder):
-    (tmp_path / "a.cihx").write_bytes((folder / "camera.cihx").read_bytes())
-    with pytest.raises(InputError) as raised:
-        read(tmp_path / "a.cihx")
-    assert raised.value.code == "video.mraw_pair"
 
 
 @pytest.mark.parametrize("count", [6, pytest.param(60, marks=pytest.mark.slow)])
@@ -323,21 +281,6 @@ def read_video(path):
 
     with av.open(path) as film:
         return list(film.decode(video=0))
-
-
-@pytest.mark.parametrize(
-    ("words", "status", "said"),
-    [
-        (["--um-per-px", SCALE], 2, "--fps"),
-        (["--fps", RATE, "--roi", "1,2"], 2, "--roi"),
-        (["--fps", RATE / 4, "--um-per-px", SCALE], 1, "check the scale"),
-        (["--fps", RATE], 1, "--um-per-px"),
-    ],
-)
-def test_the_command_says_what_is_wrong(run, folder, words, status, said):
-    found, out, err = run("measure", folder / "shot.tif", *words, "-o", "out")
-    assert found == status
-    assert said in out.replace("\n", " ") + err
 
 
 def test_a_real_recording_agrees_with_its_published_radii(real_data):
