@@ -11,6 +11,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
+from conftest import ROOT
 
 from cavirheo import read_curves
 from cavirheo.posterior import Posterior
@@ -18,7 +19,7 @@ from cavirheo.reading import write_csv
 from cavirheo.workflow.store import read_kept
 from cavirheo.writing.document import LIST
 
-EXAMPLE = Path(__file__).parent.parent / "examples" / "soft_gel.csv"
+EXAMPLE = ROOT / "examples" / "soft_gel.csv"
 COMMANDS = {  # shots, kills, words
     "infer": (50, 8, ["infer", "shots", "--verify", "none", "-o", "out"]),
     "fit": (12, 4, ["fit", "shots", "--window", "2", "-o", "out"]),

@@ -6,9 +6,6 @@ from __future__ import annotations
 import ast
 import os
 import pickle
-import re
-import subprocess
-import sys
 from functools import partial
 from pathlib import Path
 
@@ -16,6 +13,7 @@ import h5py
 import numpy as np
 import pytest
 from answers import KnownAnalysis
+from conftest import ROOT
 
 from cavirheo import InputError
 from cavirheo.parallel import Threads
@@ -29,49 +27,11 @@ from cavirheo.training.shards import write_hdf5
 from cavirheo.workflow import analyse
 from cavirheo.workflow.analyse import Unfinished
 from cavirheo.workflow.store import keep, read_kept
-from cavirheo.writing.terminal import speed
 
-ROOT = Path(__file__).parent.parent
 PROBLEM = TrainingProblem("newtonian", Prior.uniform({"log10_viscosity": [-4.0, 0.0], "stretch": [3.0, 11.0]}))
 
 
 # --- how fast, and how long it will take ------------------------------------------------------------------------------
-
-BAR = """
-import time
-from cavirheo.writing.terminal import bar
-with bar("simulating", 400) as advance:
-    for _ in range(15):
-        time.sleep(0.05)
-        advance(10)
-"""
-
-
-def test_a_rate_is_said_per_second_or_per_minute():
-    assert [speed(rate, "curves") for rate in (None, 0.0, 136.4, 7.25, 0.12, 1234.0)] == [
-        "", "", "136 curves/s", "7.2 curves/s", "7.2 curves/min", "1234 curves/s",
-    ]  # fmt: skip
-
-
-@pytest.mark.skipif(sys.platform == "win32", reason="needs a pseudo-terminal")
-def test_a_bar_says_rate_and_time_left_on_a_terminal_and_nothing_in_a_pipe():
-    import pty
-
-    about = os.environ | {"PYTHONPATH": str(ROOT / "src"), "TERM": "xterm", "COLUMNS": "100"}
-    piped = subprocess.run([sys.executable, "-c", BAR], env=about, capture_output=True, check=True, timeout=120)
-    assert piped.stdout + piped.stderr == b""
-    ours, theirs = pty.openpty()
-    process = subprocess.Popen([sys.executable, "-c", BAR], env=about, stderr=theirs)
-    os.close(theirs)
-    said = b""
-    try:
-        while part := os.read(ours, 4096):
-            said += part
-    except OSError:  # the other end is closed
-        pass
-    assert process.wait() == 0
-    text = re.sub(r"\x1b\[[0-9;?]*[A-Za-z]", "", said.decode())
-    assert re.search(r"\d+ curves/s 0:00:\d\d left", text)
 
 
 # --- training sets ----------------------------------------------------------------------------------------------------
@@ -114,23 +74,6 @@ def test_a_single_bit_that_changed_is_noticed(tmp_path):
         with pytest.raises(InputError, match="delete it and generate again") as caught:
             read(tmp_path)
         assert caught.value.code == "dataset.unreadable"
-
-
-def test_no_more_curves_are_held_out_than_memory_should_hold(tmp_path, monkeypatch):
-    train = pytest.importorskip("cavirheo.training.posterior.train")
-    from cavirheo.training.posterior.recipe import posterior_recipe
-    from cavirheo.training.posterior.store import CurveStore
-
-    recipe = posterior_recipe(ROOT / "recipes" / "posterior.toml")
-    shown = []
-    monkeypatch.setattr(train, "film", lambda shots, index, seed: shown.append(len(index)))
-    for n in (1000, 120_000, 1_000_000):
-        empty = np.empty((0, 1), np.uint16)
-        shots = CurveStore(empty, empty, np.empty((0, 8)), np.empty(n, np.uint8), np.empty(0))
-        training = train.PosteriorTraining(recipe, shots, tmp_path)
-        assert len(training.train) + len(training.held) == n
-        assert ("held" in training.identity) == (n > 133_333)
-    assert shown == [30, 3600, 4000]  # those of sets as large as the shipped network's are what they were
 
 
 # --- answers ----------------------------------------------------------------------------------------------------------

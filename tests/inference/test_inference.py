@@ -11,17 +11,17 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from conftest import ROOT
 
 import cavirheo
 from cavirheo import InputError, Medium, NeoHookeanKelvinVoigt, RadiusCurve, read_curves, simulate
 from cavirheo.inference.model import load, path_of, shipped
-from cavirheo.inference.reconstruct import fit_stretch, reconstruct, window
 from cavirheo.physics.media import WATER
 
 infer = partial(cavirheo.infer, model="bdt-viscoelastic")
 infer_many = partial(cavirheo.infer_many, model="bdt-viscoelastic")
 
-EXAMPLES = Path(__file__).parent.parent / "examples"
+EXAMPLES = ROOT / "examples"
 
 
 def shot(G=8e3, mu=0.05, R_max=250e-6, stretch=7.0, end=140e-6, step=1e-6, medium=WATER) -> RadiusCurve:
@@ -83,10 +83,6 @@ def test_what_cannot_be_answered_fails_with_its_reason(times, radii, says):
     fails_with(RadiusCurve(times, np.array(radii), meta={"name": "bad"}), says)
 
 
-def test_a_recording_that_is_too_short_fails_with_its_length():
-    fails_with(shot(end=80.5e-6), "80 us")
-
-
 def fails_with(curve: RadiusCurve, *words: str) -> None:
     answer = infer(curve)
     assert answer.checks.verdict == "failed"
@@ -94,14 +90,6 @@ def fails_with(curve: RadiusCurve, *words: str) -> None:
     assert len(answer.theta) == 0
     assert answer.median("viscosity") is None
     assert (answer.best, answer.stretch) == ({}, None)
-
-
-def test_others_are_answered_beside_a_failed_curve():
-    bad = RadiusCurve(np.arange(3) * 1e-6, np.array([1e-4, 2e-4, 1e-4]), meta={"name": "three"})
-    seen = []
-    answers = infer_many([bad, shot()], done=lambda index, answer: seen.append((index, answer)))
-    assert [a.checks.verdict for a in answers] == ["failed", "ok"]
-    assert sorted(seen, key=lambda pair: pair[0]) == list(enumerate(answers))
 
 
 def test_a_wrong_model_is_refused():
@@ -146,24 +134,6 @@ def test_a_point_answer_has_no_interval_and_a_full_record():
     assert found.compared_time.shape == found.residual_over_rmax.shape
     assert found.rmse_over_rmax == pytest.approx(np.sqrt(np.mean(found.residual_over_rmax**2)))
     assert found.mae_over_rmax <= found.rmse_over_rmax <= found.max_difference_over_rmax
-
-
-def test_more_collapses_than_shown_is_a_failed_row():
-    assert "30 collapses" in infer(shot(), window=30).checks.message
-
-
-@pytest.mark.parametrize(("setting", "value"), [("stretch", 0.5), ("window", 0)])
-def test_bad_settings(setting, value):
-    with pytest.raises(InputError) as caught:
-        infer(shot(), **{setting: value})
-    assert caught.value.code == f"option.{setting}"
-
-
-def test_the_stretch_is_found_from_the_curve():
-    view = window(shot(stretch=5.3))
-    gel = NeoHookeanKelvinVoigt(8e3, 0.05)
-    assert fit_stretch(view, gel, WATER) == pytest.approx(5.3, rel=0.02)
-    assert reconstruct(view, gel, WATER, 5.3).rmse < 5e-3
 
 
 def test_answers_do_not_depend_on_company_or_order():

@@ -131,14 +131,6 @@ def test_whole_files_in_a_folder_that_cannot_be_written_are_used(start, tmp_path
     assert capsys.readouterr().err == ""
 
 
-def test_the_folder_that_the_user_names_comes_first(start, tmp_path, monkeypatch):
-    monkeypatch.setattr(config, "CACHE_DIR", str(tmp_path / "named"))
-    assert not found(start())
-    assert found(start())
-    assert len(files(tmp_path / "named")) == 2
-    assert not files(tmp_path / "__pycache__")
-
-
 @pytest.mark.slow
 def test_processes_that_compile_at_once_do_not_disturb_each_other(start, tmp_path):
     path = os.pathsep.join([str(tmp_path), *sys.path])
@@ -151,41 +143,3 @@ def test_processes_that_compile_at_once_do_not_disturb_each_other(start, tmp_pat
     assert len(files(tmp_path)) == 2
     assert len(list((tmp_path / "__pycache__").glob("kernel.*nbc*"))) == 2
     assert found(start())
-
-
-def test_matplotlib_without_a_home_is_silent(tmp_path):
-    pytest.importorskip("matplotlib")
-    (tmp_path / "home").write_text("")
-    code = "from cavirheo.writing.style import new_figure; new_figure(3.0)"
-    nowhere = {"HOME": str(tmp_path / "home"), "XDG_CONFIG_HOME": "", "MPLCONFIGDIR": "", "XDG_CACHE_HOME": ""}
-    path = {"PYTHONPATH": os.pathsep.join(sys.path)}
-    done = subprocess.run([sys.executable, "-c", code], env={**os.environ, **path, **nowhere}, capture_output=True)
-    assert (done.returncode, done.stderr) == (0, b"")
-
-
-@pytest.mark.parametrize("missed", [True, False])
-def test_compiling_is_said_where_something_is_compiled_and_not_where_the_machine_is_slow(missed, monkeypatch, capsys):
-    import time
-
-    from cavirheo.physics import simulate
-
-    def slow(*_: object, **__: object) -> None:
-        time.sleep(0.2)
-
-    monkeypatch.setattr(simulate, "simulate", slow)
-    monkeypatch.setattr(simulate, "_SLOW", 0.02)
-    was = cache.MISSED.is_set()
-    (cache.MISSED.set if missed else cache.MISSED.clear)()
-    simulate.load_solver()
-    time.sleep(0.1)
-    (cache.MISSED.set if was else cache.MISSED.clear)()
-    assert capsys.readouterr().err.count("compiling the bubble solver") == missed
-
-
-def test_a_kernel_that_is_not_kept_is_known(start):
-    cache.MISSED.clear()
-    start().twice(20.0)
-    assert cache.MISSED.is_set()
-    cache.MISSED.clear()
-    start().twice(20.0)
-    assert not cache.MISSED.is_set()
