@@ -15,7 +15,6 @@ import resource
 import shutil
 import sys
 import tempfile
-import time
 import traceback
 import warnings
 from collections import Counter
@@ -221,34 +220,36 @@ def place(error: BaseException) -> str:
     )
 
 
-def file_of(folder: Path, number: int) -> Path:
-    """Where the file with this number is while it is in work, and where it stays if something was found."""
-    return folder / str(number) / f"file.{named(number).rpartition('.')[2]}"
-
-
 class Fuzzing:
     """One run: which files are done, what was found."""
 
-    def __init__(self, seed: int, out: Path, first: int, count: int, workers: int) -> None:
-        self.seed, self.out, self.workers, self.first = seed, out, workers, first
+    def __init__(self, seed: int, out: Path) -> None:
+        self.seed, self.out = seed, out
         self.files = out / f"seed-{seed}"
         self.files.mkdir(parents=True, exist_ok=True)
         self.state = out / f"state-{seed}.json"
-        known = json.loads(self.state.read_text()) if self.state.exists() else {}
-        self.done = set(range(first, known.get("next", first)))
-        self.counts = Counter({tuple(key.split("\t")): n for key, n in known.get("counts", {}).items()})
-        self.places: Counter[str] = Counter(known.get("places", {}))
-        self.todo = [k for k in range(first, first + count) if k not in self.done]
-        for left in self.files.iterdir():  # what was in work when the run before was stopped
-            if left.name.isdigit() and int(left.name) in self.todo:
-                shutil.rmtree(left)
+        self.done: set[int] = set(json.loads(self.state.read_text())) if self.state.exists() else set()
+        self.counts: Counter[str] = Counter()
+        self.places: Counter[str] = Counter()
+
+    def file(self, number: int) -> Path:
+        """Where the file with this number is while it is in work, and where it stays if something was found."""
+        return self.files / str(number) / f"file.{named(number).rpartition('.')[2]}"
+
+    def judge(self, number: int) -> list[Finding]:
+        """One mutated file in all rooms that take its kind."""
+        path = self.file(number)
+        shutil.rmtree(path.parent, ignore_errors=True)  # left by a run that was stopped
+        path.parent.mkdir()
+        path.write_bytes(mutated(named(number), ORIGINALS[named(number)], self.seed, number))
+        return [(room.__name__, *judged(room, path)) for room in rooms(named(number), number)]
 
     def take(self, number: int, found: list[Finding]) -> None:
         """What the rooms said of one file; of each finding three files are kept."""
         self.done.add(number)
-        path, kept = file_of(self.files, number), False
+        path, kept = self.file(number), False
         for room, outcome, where, why in found:
-            self.counts[room, outcome] += 1
+            self.counts[f"{room}: {outcome}"] += 1
             if outcome in FINE:
                 continue
             key = f"{outcome} | {room} | {where}"
@@ -261,38 +262,13 @@ class Fuzzing:
         if not kept:
             shutil.rmtree(path.parent, ignore_errors=True)
 
-    def judge(self, number: int) -> list[Finding]:
-        """One mutated file in all rooms that take its kind."""
-        path = file_of(self.files, number)
-        path.parent.mkdir()
-        path.write_bytes(mutated(named(number), ORIGINALS[named(number)], self.seed, number))
-        return [(room.__name__, *judged(room, path)) for room in rooms(named(number), number)]
-
-    def run(self) -> None:
-        began = time.monotonic()
-        for count, (number, found) in enumerate(each_apart(self.judge, self.todo, 6 * SECONDS, self.workers), 1):
+    def run(self, todo: list[int], workers: int | None) -> None:
+        for count, (number, found) in enumerate(each_apart(self.judge, todo, 6 * SECONDS, workers), 1):
             self.take(number, [("any", found.outcome, "", found.why)] if isinstance(found, Ended) else found)
-            if count % 500 == 0:
-                self.save()
-                print(f"{len(self.done)} files, {count / (time.monotonic() - began):.0f} per s", flush=True)
-        self.save()
-        print(self.table(time.monotonic() - began, len(self.todo)))
-
-    def save(self) -> None:
-        todo = [number for number in self.todo if number not in self.done]
-        following = min(todo, default=max(self.todo, default=self.first) + 1)
-        counts = {"\t".join(key): n for key, n in self.counts.items()}
-        self.state.write_text(json.dumps({"next": following, "counts": counts, "places": self.places}))
-
-    def table(self, seconds: float, count: int) -> str:
-        kinds = sorted({outcome for _, outcome in self.counts})
-        lines = [f"{'room':16s}" + "".join(f"{kind:>20s}" for kind in kinds)]
-        for room in sorted({room for room, _ in self.counts}):
-            lines.append(f"{room:16s}" + "".join(f"{self.counts[room, kind]:20d}" for kind in kinds))
-        lines.append(
-            f"{count} files in {seconds:.0f} s ({count / max(seconds, 1e-9):.1f} per s), {len(self.places)} findings"
-        )
-        return "\n".join(lines + [f"{n:6d}  {key}" for key, n in self.places.most_common()])
+            if count % 500 == 0 or count == len(todo):
+                self.state.write_text(json.dumps(sorted(self.done)))
+        print(*(f"{n:6d}  {key}" for key, n in sorted(self.counts.items())), sep="\n")
+        print(*(f"{n:6d}  {key}" for key, n in self.places.most_common()), sep="\n")
 
 
 def main() -> None:
@@ -303,22 +279,12 @@ def main() -> None:
     asked.add_argument("--workers", type=int, default=os.cpu_count())
     asked.add_argument("-o", "--out", type=Path, default=Path("build/fuzz"))
     asked.add_argument("--kinds", default="", help="endings with commas; of others nothing is made")
-    asked.add_argument("--only", help="one file: its number; what the rooms say of it")
     given = asked.parse_args()
     with tempfile.TemporaryDirectory() as folder:
         ORIGINALS.update(originals(Path(folder)))
-    if given.only:
-        number = int(given.only)
-        name = named(number)
-        path = Path(tempfile.mkdtemp(), f"f.{name.rpartition('.')[2]}")
-        path.write_bytes(mutated(name, ORIGINALS[name], given.seed, number))
-        for room in rooms(name, number):
-            print(path, name, room.__name__, *judged(room, path), sep="\n")
-        return
-    fuzzing = Fuzzing(given.seed, given.out, given.first, given.n, given.workers)
-    kinds = tuple(given.kinds.split(","))
-    fuzzing.todo = [number for number in fuzzing.todo if named(number).endswith(kinds)]
-    fuzzing.run()
+    fuzzing, kinds = Fuzzing(given.seed, given.out), tuple(given.kinds.split(","))
+    numbers = range(given.first, given.first + given.n)
+    fuzzing.run([k for k in numbers if k not in fuzzing.done and named(k).endswith(kinds)], given.workers)
     sys.exit(bool(fuzzing.places))
 
 
