@@ -32,7 +32,7 @@ test-lowest:
 	$(PYTHON) -m venv build/lowest
 	$(PYTHON) tests/lowest.py plot video > build/lowest.txt
 	build/lowest/bin/pip install --quiet --disable-pip-version-check -c build/lowest.txt -e ".[plot,video]" pytest
-	build/lowest/bin/python -m pytest -m "not slow and not hostile and not train" --ignore-glob="*test_app*" --ignore=tests/test_golden.py
+	build/lowest/bin/python -m pytest -m "not slow and not hostile and not train" --ignore=tests/app --ignore=tests/test_golden.py
 
 # Claims as numbers with their standard errors, in build/validate.json; FULL=1 takes all cases
 validate: $(VENV)/demo.done

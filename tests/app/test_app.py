@@ -7,7 +7,6 @@ import signal
 import subprocess
 import sys
 import time
-import tomllib
 import urllib.request
 import zipfile
 from contextlib import closing, contextmanager, suppress
@@ -25,23 +24,20 @@ if find_spec("gradio") is None:
 
 from bombs import FILES
 
-from cavirheo.app import steps, words
+from cavirheo.app.endpoint import uploaded
 from cavirheo.app.session import PageSettings, Session, VisitorLimits, Visitors
-from cavirheo.app.steps import examples, export, fit, glance, infer, name_materials, sliders, trial
+from cavirheo.app.steps import examples, export, glance, infer, name_materials, sliders, trial
 from cavirheo.app.words import answers, facts, found
 from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError
 from cavirheo.inference.analysis import Analysis
 from cavirheo.inference.what_if import band
-from cavirheo.physics.bubble import FIELD
 from cavirheo.reading import read_curves, write_csv
 from cavirheo.reading.subprocess_reader import Reader
-from cavirheo.reporting import browser_figures, wall_page
-from cavirheo.reporting.bundle import write_bundle
+from cavirheo.reporting import browser_figures
 from cavirheo.workflow.store import Store
 
 SOFT = examples()["soft_gel.csv"]
-SWEEPS = Path(__file__).parent.parent / "examples"
 
 
 @pytest.fixture(scope="session")
@@ -114,11 +110,6 @@ def single(path, scale=1.0, frames=120):
     return path
 
 
-def test_examples_are_shipped():
-    assert list(examples()) == ["soft_gel.csv", "stiff_gel.mat", "bubble.mp4"]
-    assert [path.name for path in examples().values()] == list(examples())
-
-
 def test_the_endpoint_answers_as_the_command_line(client, run, tmp_path):
     path = single(tmp_path / "one.csv")
     run("infer", path, "-o", tmp_path, "--density", 1050, "--window", 2)
@@ -141,12 +132,8 @@ def test_only_the_endpoint_is_public(client):
 @pytest.mark.parametrize(
     ("options", "named"),
     [
-        ({"model": "nonsense"}, "nonsense"),
         ({"model": "../../secret.onnx"}, "secret"),
         ({"density": -3.0}, "density"),
-        ({"rmax_um": -1.0}, "-1"),
-        ({"window": -1}, "-1"),
-        ({"verify": "surely"}, "surely"),
         ({"bubble": "helium"}, "helium"),
     ],
 )
@@ -177,12 +164,6 @@ def test_a_call_by_curl_gives_no_more_than_it_means(served, tmp_path):
     assert "object at" not in str(said)
 
 
-def test_programs_choose_the_bubble(client, tmp_path):
-    document = ask(client, single(tmp_path / "one.csv"), bubble="field", verify="none")
-    assert document["command"] == "cavirheo infer one.csv --bubble field --verify none"
-    assert [record["bubble"]["contents"] for record in document["curves"]] == ["equilibrium"]
-
-
 def test_damaged_and_too_many_files_leave_the_server_answering(client, tmp_path):
     bad = tmp_path / "bad.mat"
     bad.write_bytes(b"MATLAB 5.0 MAT-file".ljust(124) + b"\x00\x01IM" + b"\xff" * 500)
@@ -206,17 +187,9 @@ def upload(address, path):
     return kept
 
 
-def test_two_programs_may_send_the_same_file_at_once(served, client, tmp_path):
-    path = single(tmp_path / "a.csv")
-    first, second = upload(served[0], path), upload(served[0], path)  # both before either is read
-    for kept in (first, second):
-        file = {"path": kept, "meta": {"_type": "gradio.FileData"}}
-        assert client.predict([file], api_name="/infer")["curves"][0]["name"] == "a"
-
-
 @pytest.mark.slow
 def test_hostile_files_leave_the_server_answering(running, tmp_path, monkeypatch):
-    """Every file of test_hostile.py, one after the other, to one server."""
+    """Every file of bombs.py, one after the other, to one server."""
     from gradio_client import Client
 
     monkeypatch.setenv("GRADIO_TEMP_DIR", os.environ.get("GRADIO_TEMP_DIR", ""))  # of the server of the other tests
@@ -242,24 +215,26 @@ def test_a_file_above_the_limit_is_not_taken(served):
     assert answer.status_code == 413
 
 
-def test_the_server_fetches_nothing(client):
-    file = {"path": "http://192.0.2.1/x.csv", "meta": {"_type": "gradio.FileData"}}
+@pytest.mark.parametrize("place", ["http://192.0.2.1/x.csv", "/etc/hostname"])
+def test_nothing_is_fetched_and_no_file_of_the_machine_is_read(client, place):
     with told():
-        client.predict([file], api_name="/infer")
+        client.predict([{"path": place, "meta": {"_type": "gradio.FileData"}}], api_name="/infer")
 
 
-@pytest.mark.parametrize("name", ["async_ssrf_protected_download", "GradioUploadFile"])
-def test_a_gradio_that_cannot_be_guarded_is_refused(running, monkeypatch, name):
-    from gradio import processing_utils, route_utils
-
-    monkeypatch.delattr(processing_utils if name.islower() else route_utils, name)
-    with refused("app.gradio", name), running():
-        pass
-
-
-def test_files_of_the_machine_cannot_be_named(client):
-    with told():
-        client.predict([{"path": "/etc/hostname", "meta": {"_type": "gradio.FileData"}}], api_name="/infer")
+def test_only_what_was_uploaded_is_read_and_removed(tmp_path, monkeypatch):
+    """Whatever gradio lets through: another visitor's folder lies outside that of uploads."""
+    monkeypatch.setenv("GRADIO_TEMP_DIR", str(tmp_path / "uploads"))
+    (tmp_path / "uploads").mkdir()
+    sent, other = single(tmp_path / "uploads" / "a.csv"), single(tmp_path / "b.csv")
+    (tmp_path / "uploads" / "link.csv").symlink_to(other)
+    for wrong in (other, tmp_path / "uploads" / "link.csv", tmp_path / "uploads" / ".." / "b.csv"):
+        with refused("app.not_uploaded"), uploaded([str(sent), str(wrong)]):
+            pass
+    assert other.exists()
+    assert sent.exists()
+    with uploaded([str(sent)]) as paths:
+        assert paths == [sent]
+    assert not sent.exists()
 
 
 def test_pages_may_ask_nobody_else(served):
@@ -339,15 +314,6 @@ def test_files_are_taken_over_read_again_and_told_apart(session, tmp_path):
     assert refused.value.code == "option.several_scales"
     assert [curve.max_radius for curve in session.curves] == pytest.approx(tops)
     assert all(str(tmp_path) not in str(curve.meta) and "/tmp" not in str(curve.meta) for curve in session.curves)
-
-
-def test_unreadable_files_are_said_and_not_kept(session, tmp_path):
-    bad = tmp_path / "bad.csv"
-    bad.write_text("a,b\n1,2\n")
-    session.add([bad, single(tmp_path / "good.csv")], PageSettings())
-    assert [path.name for path in session.files] == ["good.csv"]
-    assert len(session.problems) == 1
-    assert session.problems[0].startswith("bad.csv: ")
 
 
 def test_too_much_is_refused_and_nothing_of_it_kept(reader, tmp_path):
@@ -447,69 +413,16 @@ def test_the_command_can_be_typed(session, tmp_path):
 
 
 def test_odd_input_is_taken_where_the_visitor_vouches_for_it(session, tmp_path):
-    odd, vouched = fields_of(density="1.05"), fields_of(density="1.05", trust_input=True)
-    said = words.told(PageSettings.of(odd)[1]["density"])
-    assert "vouch" in said
-    assert not any(word in said for word in ("unusual", "--"))
-    settings, wrong = PageSettings.of(vouched)
-    assert wrong == {}
-    assert settings.liquid.density == 1.05
+    _, wrong = PageSettings.of(fields_of(density="1.05"))
+    assert list(wrong) == ["density"]
+    settings, wrong = PageSettings.of(fields_of(density="1.05", trust_input=True))
+    assert (wrong, settings.liquid.density) == ({}, 1.05)
     session.add([single(tmp_path / "gel.csv", 0.4)], PageSettings())  # too fast for so small a bubble
     assert infer(session, ["gel"]).document.curves[0].verdict == "check_input"
-    assert "--" not in answers(session)
     session.prepare(PageSettings(trust_input=True))
     made = infer(session, ["gel"]).document
     assert made.curves[0].verdict != "check_input"
     assert made.command == "cavirheo infer gel.csv --trust-input"
-
-
-@pytest.mark.parametrize(("law", "rated"), [("newtonian", False), ("power-law", True)])
-def test_a_law_without_modulus_is_named_and_drawn_over_the_radius(session, law, rated):
-    session.add([SOFT], PageSettings(material=law, verify="none"), copy=True)
-    made = infer(session, [f"soft_gel[{k}]" for k in (1, 2, 3)])
-    assert f"{law}, real bubble" in answers(session)
-    assert ("at 10<sup>5</sup> 1/s" in answers(session)) == rated
-    figure = browser_figures.cloud(made.pairs, made.document)
-    assert "R<sub>max</sub>" in figure.layout.xaxis.title.text
-    assert ("10<sup>5</sup>" in figure.layout.yaxis.title.text) == rated
-    (marks,) = figure.data
-    assert list(marks.x) == pytest.approx([1e6 * row.max_radius_m for row in made.document.curves])
-
-
-@pytest.mark.slow
-def test_a_stop_keeps_what_is_done_and_names_the_rest(session, monkeypatch):
-    session.add([SOFT], PageSettings(verify="none"), copy=True)
-    names = [curve.name for curve in session.curves]
-    hold, real = Event(), Analysis.answer
-
-    def slow(analysis, curve, **options):
-        if curve.name != names[0]:
-            hold.wait(60)
-        return real(analysis, curve, **options)
-
-    monkeypatch.setattr(Analysis, "answer", slow)
-    soon = session.soon
-
-    def stop():
-        while names[0] not in soon:
-            time.sleep(0.01)
-        session.work.stopped.set()
-
-    Thread(target=stop).start()
-    infer(session, names)
-    hold.set()
-    kept = session.answers
-    assert [curve.name for curve, _ in kept.pairs] == names[:1]
-    assert kept.not_run == names[1:]
-    assert kept.document.command.endswith("(1 of 5 shots)")
-    assert all(words in answers(session) for words in ("1 of 5 shots", ", ".join(names[1:])))
-    for run in (lambda: infer(session, names), lambda: fit(session, names[0])):
-        with refused("parallel.stopped"):
-            run()
-    assert session.answers is kept
-    assert kept.fits == {}
-    session.work.stopped.clear()
-    assert infer(session, names[:2]).not_run == []
 
 
 def test_a_glance_of_the_network_is_never_trusted(session, tmp_path):
@@ -641,22 +554,29 @@ def test_trials_are_simulations_or_say_that_they_failed(session):
     assert failed == {"x": [[], []], "y": [[], []]}
 
 
-def test_an_exported_simulation_carries_the_values_that_draw_it(session, tmp_path):
-    """Typed into the sliders they give the RMSE that is shown, and the page says them too."""
+def test_the_zip_holds_the_documents_and_the_curves_and_the_sliders_draw_them(session, tmp_path):
+    """The values of an exported simulation, typed into the sliders, give the RMSE that is shown."""
     session.add([SOFT], PageSettings(), copy=True)
+    with refused("app.no_answer"):
+        export(session, silent)
     kept = infer(session, ["soft_gel[1]"])
-    write_bundle(tmp_path, kept.pairs, "x", [], lambda: None)
-    (path,) = (tmp_path / "simulated").iterdir()
-    assert "best-draw" in path.name
+    made, _ = export(session, silent)
+    with zipfile.ZipFile(made) as archive:
+        archive.extractall(tmp_path)
+    folder = tmp_path / "cavirheo-result"
+    names = {str(path.relative_to(folder)) for path in folder.rglob("*") if path.is_file()}
+    assert {"result.json", "result.csv", "report.html", "processed/soft_gel_1.csv"} <= names
+    path = folder / "simulated" / "soft_gel_1-best-draw.csv"
     said = path.read_text(encoding="utf-8").splitlines()[0]
     typed = [float(re.search(rf"{symbol} = ([\d.]+)", said)[1]) for symbol in ("G", "µ", "λ")]
     found, _ = trial(session, "soft_gel[1]", typed)
     (record,) = kept.document.curves
     assert found.rmse_over_rmax == pytest.approx(record.rmse_over_rmax, rel=0.005)
-    assert record.best["shear_modulus"] == pytest.approx(1e3 * typed[0], rel=1e-3)
     assert said.partition(", ")[2] in facts(session, "soft_gel[1]")
-    (simulated,) = read_curves(path)
-    assert simulated.radius[0] == pytest.approx(kept.pairs[0][1].checks.reconstruction_radius[0])
+    (processed,), (simulated,) = read_curves(folder / "processed" / "soft_gel_1.csv"), read_curves(path)
+    frames = (processed.time >= simulated.time[0]) & (processed.time <= simulated.time[-1]) & (processed.radius > 0)
+    left = processed.radius[frames] - np.interp(processed.time[frames], simulated.time, simulated.radius)
+    assert np.sqrt(np.mean(left**2)) / record.max_radius_m == pytest.approx(record.rmse_over_rmax, rel=0.05)
 
 
 def test_the_band_of_the_draws_holds_the_answer_and_a_density_matters(session):
@@ -665,22 +585,14 @@ def test_the_band_of_the_draws_holds_the_answer_and_a_density_matters(session):
     _, curve, answer, _ = session.find("soft_gel[1]")
     time, low, high = band(curve, answer, session.settings.analysis)
     assert np.array_equal(time, answer.checks.reconstruction_time)
-    assert np.all(low <= high)
     inside = (answer.checks.reconstruction_radius >= low) & (answer.checks.reconstruction_radius <= high)
     assert np.mean(inside) > 0.7
     change = kept.document.groups[0].modulus_over_scale  # a denser liquid is slower, which a stiffer gel makes up for
     assert 5.0 < change < 25.0
-    assert f"{change:+.0f} %" in answers(session)
     shown = browser_figures.cloud(kept.pairs, kept.document)
     (medians,) = [one for one in shown.data if one.text is not None]
     assert medians.y[0] == pytest.approx(answer.median("viscosity"))  # over G, as in the report
     assert medians.x[0] == pytest.approx(answer.median("shear_modulus") / 1000)
-    assert not steps.unfit(session)
-    for record in kept.document.curves:
-        record.verdict = "model_does_not_fit"
-    assert steps.unfit(session)
-    session.prepare(PageSettings(material="auto"))
-    assert not steps.unfit(session)
 
 
 def test_a_link_leads_back_to_a_session_and_no_other_word_does():
@@ -714,82 +626,6 @@ def test_a_short_call_of_a_program_does_not_wait_for_a_long_one(served, client, 
     assert not long.done()
     hold.set()
     assert len(long.result()["curves"]) == 1
-
-
-@pytest.mark.slow
-def test_the_conventional_fit_and_the_sliders_have_the_bubble_of_the_answer(session):
-    session.add([SOFT], PageSettings(bubble="field", verify="none"), copy=True)
-    infer(session, ["soft_gel[1]"])
-    answers, _, answer, record = session.find("soft_gel[1]")
-    assert answers.document.command == "cavirheo infer soft_gel.csv --bubble field --verify none (1 of 5 shots)"
-    assert record.bubble == FIELD
-    start = sliders(session, "soft_gel[1]")
-    found, _ = trial(session, "soft_gel[1]", [start[key]["value"] for key in start])
-    assert found.rmse_over_rmax == pytest.approx(answer.checks.rmse_over_rmax, rel=0.01)
-    fit(session, "soft_gel[1]")
-    assert answers.fits["soft_gel[1]"].bubble == FIELD
-
-
-@pytest.mark.slow
-def test_the_fit_beside_a_network_of_the_paper_has_its_frames(session):
-    """Which read their own window, beyond the third collapse."""
-    session.add([SOFT], PageSettings(model="bdt-viscoelastic"), copy=True)
-    infer(session, ["soft_gel[1]"])
-    fit(session, "soft_gel[1]")
-    answers, _, answer, _ = session.find("soft_gel[1]")
-    frames, other = (len(one.checks.compared_time) for one in (answer, answers.fits["soft_gel[1]"]))
-    assert frames == other
-    assert f"with the same {frames} frames" in facts(session, "soft_gel[1]")
-
-
-def test_a_law_without_modulus_has_no_slider_for_it(session):
-    session.add([SOFT], PageSettings(model="bdt-viscous", stretch=25.0), copy=True)
-    infer(session, ["soft_gel[1]"])
-    found = sliders(session, "soft_gel[1]")
-    assert found["shear_modulus"] is None
-    assert found["stretch"]["value"] == found["stretch"]["maximum"] == 25.0  # beyond the usual end
-    assert len(trial(session, "soft_gel[1]", [None, 0.03, 8.0])[1]["x"][0]) > 100
-
-
-@pytest.mark.slow
-def test_the_zip_holds_what_the_command_line_writes_and_the_curves(session, run, tmp_path):
-    names = ["soft_gel[1]", "soft_gel[3]"]
-    session.add([SOFT], PageSettings(), copy=True)
-    with refused("app.no_answer"):
-        export(session, silent)
-    infer(session, names)
-    fit(session, names[1])
-    session.publish([SWEEPS / f"soft_gel_{kind}_sweep.csv" for kind in ("strain", "frequency")])
-    made, files = export(session, silent)
-    assert {path.name for path in files} >= {"result.json", "soft_gel_1.png"}
-    with zipfile.ZipFile(made) as archive:
-        archive.extractall(tmp_path)
-    folder = tmp_path / "cavirheo-result"
-    written = {str(path.relative_to(folder)) for path in folder.rglob("*") if path.is_file()}
-    documents = {"result.json", "result.csv", "report.html"}
-    assert written == {
-        *documents, *(f"least-squares/{name}" for name in documents),
-        *(f"soft_gel_{k}.{kind}" for k in (1, 3) for kind in ("png", "svg")),
-        *(f"least-squares/soft_gel_3.{kind}" for kind in ("png", "svg")),
-        *(f"processed/soft_gel_{k}.csv" for k in (1, 3)), *(f"simulated/soft_gel_{k}-best-draw.csv" for k in (1, 3)),
-    }  # fmt: skip
-    document = json.loads((folder / "result.json").read_text())
-    ((method, values),) = document["groups"][0]["published"].items()
-    assert method == "rheometer, 0.063 to 100 rad/s, strain ≤ 1.0 %"
-    assert values["shear_modulus"]["mean"] == pytest.approx(1500, rel=0.02)
-    assert values["viscosity_at_1_rad_per_s"]["mean"] == pytest.approx(13.5, rel=0.02)
-    report = (folder / "report.html").read_text()
-    assert all(said in report for said in (method, "at 1 rad/s", "unequal values are not a contradiction"))
-    assert all(said in answers(session) for said in (method, "at 1 rad/s"))
-    record = document["curves"][0]
-    (processed,) = read_curves(folder / "processed" / "soft_gel_1.csv")
-    (simulated,) = read_curves(folder / "simulated" / "soft_gel_1-best-draw.csv")
-    assert processed.max_radius == pytest.approx(record["max_radius_m"], rel=1e-6)
-    frames = (processed.time >= simulated.time[0]) & (processed.time <= simulated.time[-1]) & (processed.radius > 0)
-    left = processed.radius[frames] - np.interp(processed.time[frames], simulated.time, simulated.radius)
-    rmse = float(np.sqrt(np.mean(left**2)) / record["max_radius_m"])
-    assert rmse == pytest.approx(record["rmse_over_rmax"], rel=0.02)
-    assert {path.name for path in session.folder.iterdir() if path.is_dir()} == {"your files", "export"}
 
 
 def test_the_command_line_does_not_wait_for_gradio(tmp_path):
@@ -828,18 +664,6 @@ def test_the_wall_shows_the_answers_of_a_session_to_who_knows_its_link(served):
     assert "waiting" in get(own)  # nothing of one who left
 
 
-def test_the_wall_shows_a_watched_folder_wherever_the_app_listens(running, tmp_path):
-    for host in ("127.0.0.1", "0.0.0.0"):
-        (tmp_path / wall_page.PAGE).unlink(missing_ok=True)
-        with running(host, folder=tmp_path) as (address, _):
-            place = f"http://127.0.0.1:{address.rstrip('/').rpartition(':')[2]}/live"
-            assert "waiting" in get(place)
-            (tmp_path / wall_page.PAGE).write_text("<h1>shot 7</h1>")
-            with urllib.request.urlopen(place) as answer:
-                assert answer.read() == b"<h1>shot 7</h1>"
-                assert "default-src 'self'" in answer.headers["content-security-policy"]
-
-
 def test_a_folder_that_is_none_is_refused(run):
     status, out, err = run("app", "--live", "nowhere", "--no-browser")
     assert (status, out) == (2, "")
@@ -858,18 +682,3 @@ def test_nothing_is_left_when_the_server_ends(tmp_path):
         said = server.stderr.read()
     assert server.returncode == 0, said
     assert [path for path in tmp_path.rglob("*") if "cavirheo" in path.name or path.is_file()] == []
-
-
-def test_the_space_asks_for_what_the_package_needs():
-    root = Path(__file__).parent.parent
-    project = tomllib.loads((root / "pyproject.toml").read_text())["project"]
-    needed = [*project["dependencies"], *project["optional-dependencies"]["app"]]
-    assert set(needed) <= set((root / "space" / "requirements.txt").read_text().splitlines())
-
-
-def test_the_field_of_the_stretch_takes_a_number_or_free():
-    names = [one.name for one in fields(PageSettings)]
-    for typed, stretch in (("free", "free"), ("8", 8.0), ("", None)):
-        values = [typed if name == "stretch" else getattr(PageSettings(), name) for name in names]
-        settings, wrong = PageSettings.of(values)
-        assert (settings.stretch, wrong) == (stretch, {})
