@@ -5,13 +5,13 @@ from __future__ import annotations
 import json
 import re
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
+from conftest import ROOT
 
 import cavirheo
-from cavirheo import InputError, NeoHookeanKelvinVoigt, Newtonian, RadiusCurve, simulate
+from cavirheo import InputError, NeoHookeanKelvinVoigt, RadiusCurve, simulate
 from cavirheo.inference.bins import CELLS, CHANNELS, SCALARS, SIZE, cells
 from cavirheo.inference.experiment import Experiment
 from cavirheo.inference.latent import CAMERA, SLOTS, damping, damping_to_slot, from_slots, slot, to_slots, used
@@ -121,24 +121,6 @@ def test_the_default_answer_holds_the_truth_and_agrees_with_more_draws():
     assert np.array_equal(again.theta, answer.theta)
 
 
-@pytest.mark.slow
-def test_where_nothing_resists_the_answer_is_mostly_of_the_fields_bubble():
-    time = np.arange(100) * 1e-6
-    run = simulate(NeoHookeanKelvinVoigt(8e3, 0.05), max_radius=250e-6, stretch=7.0, time=time)
-    noise = 0.008 * 250e-6 * np.random.default_rng(3).standard_normal(100)
-    curve = RadiusCurve(time, run.radius + noise)
-    real, field = (cavirheo.infer(curve, bubble=bubble) for bubble in ("real", "field"))
-    (limit,) = (other for other in real.others if other.bubble == FIELD)
-    assert limit.weight > 0.5
-    assert real.evidence.log <= max(limit.evidence.log, field.evidence.log) + 0.5
-    assert real.interval("confinement_damping")[0] == 0.0
-    for name, truth in (("shear_modulus", 8e3), ("viscosity", 0.05)):
-        low, high = real.interval(name)
-        assert low < truth < high
-        widths = [np.log(np.divide(*answer.interval(name)[::-1])) for answer in (real, field)]
-        assert widths[0] < 1.6 * widths[1]
-
-
 def test_the_default_answer_agrees_with_full():
     for noise, seed in ((0.01, 1), (0.003, 2), (0.02, 3)):
         curve = shot(noise=noise, seed=seed)
@@ -203,22 +185,6 @@ def test_a_medium_that_it_does_not_know_is_not_sent_through_the_network(constant
     said = load_posterior().beyond(Experiment(shot(), Family("nhkv"), medium, Options()))
     assert said.startswith(what)
     assert bool(said) == bool(what)
-
-
-def test_noise_and_frames_that_it_does_not_know_are_not_sent_through_the_network():
-    rng, clean = np.random.default_rng(0), shot()
-    noisy = replace(clean, radius=np.abs(clean.radius + rng.normal(0.0, 0.08 * clean.max_radius, clean.radius.size)))
-    assert load_posterior().beyond(experiment(noisy)).startswith("noise of")
-    many = shot(frame=0.15e-6, frames=600)
-    assert "frames in the window" in load_posterior().beyond(experiment(many))
-
-
-@pytest.mark.slow
-def test_a_law_without_a_network_is_searched_for_all_over_the_ranges():
-    answer = cavirheo.infer(shot(), material="zener", bubble="field", trust_input=True)
-    assert answer.material == "zener"
-    assert "was not trained on zener" in answer.checks.message
-    assert answer.interval("shear_modulus") is not None
 
 
 def planted(network, draws=400):
@@ -293,14 +259,6 @@ def test_no_answer_is_ok_without_an_interval():
     assert "not to be trusted" in answer.checks.message
 
 
-@pytest.mark.slow
-def test_laws_are_chosen_by_their_evidence():
-    liquid = shot(Newtonian(0.03), stretch=8.0)
-    answer = cavirheo.infer(liquid, material="auto", bubble="field", trust_input=True)
-    assert answer.material == "newtonian"
-    assert {one.material for one in answer.others} >= {"nhkv", "power-law"}
-
-
 def test_wrong_calls_are_refused_at_once():
     curve = shot()
     for settings, code in (
@@ -310,14 +268,6 @@ def test_wrong_calls_are_refused_at_once():
         with pytest.raises(InputError) as error:
             cavirheo.infer(curve, **settings)
         assert error.value.code == code
-
-
-def test_answers_of_several_models_for_one_curve():
-    curve = shot()
-    first = cavirheo.infer(curve, bubble="field", verify="none", trust_input=True)
-    second = replace(first, bubble=REAL)
-    (found,) = verify_many([curve], [[first, second]], level="map")
-    assert {found.bubble} | {one.bubble for one in found.others} == {FIELD, REAL}
 
 
 def test_a_density_over_u_has_the_prior_as_its_measure():
@@ -341,7 +291,7 @@ def test_a_density_over_u_has_the_prior_as_its_measure():
 @pytest.mark.train
 def test_generate_and_train_a_small_network(tmp_path, run):
     pytest.importorskip("torch")
-    text = Path(__file__).parent.parent / "recipes/posterior.toml"
+    text = ROOT / "recipes/posterior.toml"
     small = text.read_text("utf-8")
     for old, new in (("n = 120000", "n = 120"), ("13107200", "512"), ("width = 384", "width = 16"),
                      ("depth = 5", "depth = 1"), ("hidden = 64", "hidden = 8"), ("batch = 256", "batch = 64"),
@@ -387,15 +337,6 @@ def test_a_misfit_that_the_real_bubble_explains_is_said():
         r"the evidence prefers another model by a factor of about e\^\d+: real bubble", answer.checks.message
     )
     assert answer.checks.verdict == "other_model_preferred"
-
-
-def test_a_given_stretch_conditions_the_network():
-    """Its own draws of G depend on it, as the recording says that they do."""
-    curve, G = shot(noise=0.02), {}
-    for stretch in (5.0, 7.0, None):
-        G[stretch] = cavirheo.infer(curve, stretch=stretch, bubble="field", verify="none").median("shear_modulus")
-    assert abs(np.log(G[5.0] / G[7.0])) > 0.1
-    assert abs(np.log(G[None] / G[7.0])) < abs(np.log(G[5.0] / G[7.0]))  # the truth is 6.5
 
 
 def test_the_slot_of_the_damping_has_its_prior():
