@@ -27,12 +27,12 @@ fuzz: $(VENV)/test.done
 	$(BIN)/python tests/hostile/fuzz.py -n $(N) --seed $(SEED) -o build/fuzz
 
 # The fast tests that need neither torch nor the browser app, with the oldest versions that pyproject.toml allows;
-# what is frozen in tests/golden is what today's versions write
+# what is frozen in tests/meta/golden is what today's versions write
 test-lowest:
 	$(PYTHON) -m venv build/lowest
 	$(PYTHON) tests/lowest.py plot video > build/lowest.txt
 	build/lowest/bin/pip install --quiet --disable-pip-version-check -c build/lowest.txt -e ".[plot,video]" pytest
-	build/lowest/bin/python -m pytest -m "not slow and not hostile and not train" --ignore=tests/app --ignore=tests/test_golden.py
+	build/lowest/bin/python -m pytest -m "not slow and not hostile and not train" --ignore=tests/app --ignore=tests/meta/test_golden.py
 
 # Claims as numbers with their standard errors, in build/validate.json; FULL=1 takes all cases
 validate: $(VENV)/demo.done

@@ -35,7 +35,7 @@ def messages(*texts: str, code: str = "test") -> tuple[Message, ...]:
 
 
 LONGEST = (
-    "test_app_browser", "test_fit", "test_app", "test_golden", "test_posterior", "test_tutorials", "test_documentation",
+    "test_app_browser", "test_app", "test_posterior", "test_golden", "test_fit", "test_tutorials", "test_documentation",
     "test_architecture", "test_bubble_model", "test_python", "test_training",
 )  # fmt: skip
 

@@ -219,18 +219,28 @@ def content(name: str, folder: Path) -> bytes:
 
 
 def documents() -> dict[str, str]:
-    """One document of each kind, as the program wrote it."""
-    found: dict[str, str] = {}
+    """One document of each kind, as the program writes it."""
+    from answers import answer, bubble
 
-    def visit(value: object) -> None:
-        if isinstance(value, dict) and "schema" in value and "command" in value:
-            kind = next((key for key in ("sweeps", "medium", "groups") if key in value), "other")
-            kind = "laws" if kind == "groups" and any("laws" in curve for curve in value["curves"]) else kind
-            found.setdefault(f"{kind}.json", json.dumps(value))
-        elif isinstance(value, (dict, list)):
-            for one in value.values() if isinstance(value, dict) else value:
-                visit(one)
+    from cavirheo.companions.collapse_times import CollapseTimes, read_groups
+    from cavirheo.companions.rheometer import document
+    from cavirheo.companions.rheometer.read import read_sweeps
+    from cavirheo.physics.media import WATER
+    from cavirheo.reporting import result
+    from cavirheo.reporting.laws import Laws, WeighedLaw
+    from cavirheo.writing.document import as_json
 
-    for path in sorted((ROOT / "tests/golden").glob("*.json")):
-        visit(json.loads(path.read_text()))
-    return found
+    found = result([(bubble(f"shot[{k}]"), answer(bubble(), 6e3 + 100 * k, draws=40)) for k in range(3)], "x")
+    law = WeighedLaw(log_evidence=-12.5, standard_error=0.3, probability=0.25, answer=found.curves[0])
+    shot = {"name": "a", "shots": 1, "chosen": "nhkv", "contenders": [], "laws": {"nhkv": law}, "pairs": []}
+    groups, *_ = read_groups([ROOT / "tests" / "meta" / "golden" / "times.csv"], WATER)
+    groups[0].answer("nhkv", medium=WATER)
+    medium = {"density": WATER.density, "pressure": WATER.pressure}
+    sweeps = read_sweeps(ROOT / "examples" / "soft_gel_strain_sweep.csv")
+    made = {
+        "groups": found,
+        "laws": Laws(command="x", curves=[shot], groups=[]),
+        "medium": CollapseTimes(command="x", material="nhkv", medium=medium, groups=groups),
+        "sweeps": document.rheometry(sweeps, "gel", command="x", date="", notes=[]),
+    }
+    return {f"{name}.json": as_json(one) for name, one in made.items()}
