@@ -55,7 +55,7 @@ lint: $(VENV)/test.done
 
 # The site with the tutorials that are run for it, in build/site: opens from a folder, its search too, and asks nothing of any other machine
 docs: $(VENV)/docs.done
-	$(BIN)/mkdocs build --strict --quiet
+	$(BIN)/mkdocs build --strict
 
 man: $(VENV)/demo.done
 	$(BIN)/python docs/site/manual.py man/cavirheo.1
