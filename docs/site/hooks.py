@@ -29,6 +29,8 @@ from mkdocs.structure.pages import Page
 ROOT = Path(__file__).parents[2]
 KEPT = (
     "*.md",
+    "LICENSE",
+    "CITATION.cff",
     "docs/*.md",
     "docs/*/*.md",
     "docs/*.png",
