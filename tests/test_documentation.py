@@ -24,7 +24,7 @@ PAGES = sorted(
     [*ROOT.glob("*.md"), *ROOT.glob("docs/**/*.md"), *ROOT.glob("benchmarks/*.md"), *ROOT.glob("validation/**/*.md")]
 )
 PAGES.remove(ROOT / "CHANGELOG.md")  # it tells of what was
-FOLDERS = "src|tests|docs|benchmarks|validation|examples|recipes|space"
+FOLDERS = "src|tests|docs|benchmarks|validation|examples|recipes|packaging"
 COMMAND: Any = typer.main.get_command(verbs.app)  # type: ignore[attr-defined]
 HELP = {text for parameter in COMMAND.params for text in parameter.opts} | {"--help"}  # of every verb or of none
 OPTIONS = {
@@ -94,9 +94,8 @@ def broken_command(line: str) -> Iterator[str]:
     elif words[:2] == ["python", "-m"]:
         yield from (f"module {word}" for word in words[2:3] if not (ROOT / f"{word.replace('.', '/')}.py").exists())
     elif words[:1] == ["python"]:
-        yield from (
-            f"script {word}" for word in words[1:2] if not any((ROOT / f / word).exists() for f in ("", "space"))
-        )
+        places = (ROOT, ROOT / "packaging" / "space")
+        yield from (f"script {word}" for word in words[1:2] if not any((place / word).exists() for place in places))
     elif words[:1] == ["cavirheo"]:
         if words[1] not in OPTIONS:
             yield f"verb {words[1]}"
@@ -197,7 +196,7 @@ def test_the_page_of_commands_has_every_verb():
 
 
 def test_source_refers_to_pages_that_exist():
-    folders = ("src", "tests", "benchmarks", "validation", "space", "recipes")
+    folders = ("src", "tests", "benchmarks", "validation", "packaging", "recipes")
     files = [path for folder in folders for path in ROOT.glob(f"{folder}/**/*") if path.suffix in (".py", ".toml")]
     lost = {
         f"{name(path)}: {page}"
