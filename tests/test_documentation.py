@@ -23,7 +23,6 @@ ROOT = Path(__file__).parent.parent
 PAGES = sorted(
     [*ROOT.glob("*.md"), *ROOT.glob("docs/**/*.md"), *ROOT.glob("benchmarks/*.md"), *ROOT.glob("validation/**/*.md")]
 )
-PAGES.remove(ROOT / "CHANGELOG.md")  # it tells of what was
 FOLDERS = "src|tests|docs|benchmarks|validation|examples|recipes|packaging"
 COMMAND: Any = typer.main.get_command(verbs.app)  # type: ignore[attr-defined]
 HELP = {text for parameter in COMMAND.params for text in parameter.opts} | {"--help"}  # of every verb or of none

@@ -178,7 +178,7 @@ class Shell:
                 status = process.wait(60.0)
             finally:
                 process.kill()
-            assert status == {"cavirheo watch": 130, "cavirheo app": 0}.get(what, status), what
+            assert status == 0 or not what.startswith("cavirheo"), what
 
 
 def answers(port: int) -> bool:
