@@ -10,6 +10,7 @@ from typing import Any
 from cavirheo.curve import RadiusCurve, several
 from cavirheo.errors import expect_whole, require
 from cavirheo.inference.bdt import Amortised
+from cavirheo.inference.budget import POSTERIOR, Budget
 from cavirheo.inference.law import softened
 from cavirheo.inference.model import Network, card, path_of
 from cavirheo.inference.options import Options, check_wall
@@ -141,7 +142,7 @@ def infer_many(
     verify: str = "auto",
     discrepancy: bool = True,
     seed: int = 0,
-    draws: int | None = None,
+    budget: Budget = POSTERIOR,
     workers: int | None = None,
     done: Callable[[int, Posterior], None] | None = None,
 ) -> list[Posterior]:
@@ -149,7 +150,7 @@ def infer_many(
 
     Args:
         curves: R(t), s and m.
-        draws: at most so many with weights; default: TUNING.draws of inference/verify/tuning.py.
+        budget: of weighted draws.
         workers: threads; default: all cores. The answers do not depend on it.
         done: called with the index and the answer of each curve as it is found, verified if that is asked.
 
@@ -188,5 +189,5 @@ def infer_many(
     from cavirheo.inference.verify import verify_many
 
     candidates = each(lambda curve: [one.infer(curve) for one in estimators], curves, workers)
-    settings |= {"level": verify} | ({} if draws is None else {"draws": draws})
+    settings |= {"level": verify, "budget": budget}
     return verify_many(curves, candidates, network=network, workers=workers, done=done, **settings)

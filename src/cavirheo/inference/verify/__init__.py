@@ -13,10 +13,12 @@ from threadpoolctl import threadpool_limits
 from cavirheo.curve import RadiusCurve, several
 from cavirheo.errors import InputError, SolverError, expect, reason
 from cavirheo.inference.alternatives import chosen_among, contenders, itself, judged, model_of
+from cavirheo.inference.budget import Budget
 from cavirheo.inference.input_checks import doubted
 from cavirheo.inference.law import Family
 from cavirheo.inference.posterior_model import PosteriorModel
 from cavirheo.inference.verify.fitting import FitEstimation, SearchedEstimation
+from cavirheo.inference.verify.model_average import answers_of
 from cavirheo.inference.verify.tuning import TUNING
 from cavirheo.inference.verify.verification import Estimation, Level, Verification
 from cavirheo.parallel import cores, each
@@ -41,7 +43,7 @@ class VerificationOptions(TypedDict, total=False):
     weights: str | None
     rival: bool
     ranges: Mapping[str, Sequence[float]] | None
-    draws: int
+    budget: Budget
     seed: int
     network: PosteriorModel | None
     scanned: int
@@ -90,17 +92,24 @@ def verify_many(
         (curve, given), began = pair, time.perf_counter()
         models = [replace(answer, bubble=kind) for answer in given for kind in bubbles] or given
         found, problems = list[Posterior](), list[Posterior]()
+        estimations = list[Estimation]()
         for model in models:
             if model.checks.verdict == "failed":
                 problems.append(model)
                 continue
             try:
-                found.append(estimation(chosen, curve, model).posterior())
+                one = estimation(chosen, curve, model)
+                if chosen.level == "auto":
+                    estimations.append(one)
+                else:
+                    found.append(one.posterior())
             except Exception as error:  # of this shot alone
-                told = reason(error) if chosen.weights else f"not verified: {reason(error)}"
-                message = "; ".join(filter(None, [model.checks.message, told]))
-                verdict: Verdict = "failed" if chosen.level == "auto" else model.checks.verdict
-                problems.append(replace(model, checks=replace(model.checks, verdict=verdict, message=message)))
+                problems.append(_failed(chosen, model, error))
+        for some in [[one] for one in estimations] if chosen.weights or chosen.search else [estimations]:
+            try:
+                found += answers_of(some, chosen.budget) if some else []
+            except Exception as error:  # of this shot alone
+                problems.append(_failed(chosen, some[0].answer, error))
         if not found:
             return replace(problems[0], seconds=problems[0].seconds + time.perf_counter() - began)
         if len(models) == 1 and chosen.level == "auto" and not chosen.weights:
@@ -118,6 +127,14 @@ def verify_many(
     # BLAS' own threads would only wait for each other beside these
     with threadpool_limits(1, "blas"):
         return each(verified, zip(curves, candidates, strict=True), workers, done)
+
+
+def _failed(settings: Verification, answer: Posterior, error: Exception) -> Posterior:
+    """The answer with the reason why it could not be verified."""
+    told = reason(error) if settings.weights else f"not verified: {reason(error)}"
+    message = "; ".join(filter(None, [answer.checks.message, told]))
+    verdict: Verdict = "failed" if settings.level == "auto" else answer.checks.verdict
+    return replace(answer, checks=replace(answer.checks, verdict=verdict, message=message))
 
 
 def _simplest(found: Sequence[Posterior]) -> Posterior:
@@ -158,7 +175,9 @@ def _again(
     is smaller than `least`."""
     other = replace(answer, bubble=bubble, others=(), windows={}, diagnostics=Diagnostics())
     try:
-        found = Estimation(settings, curve, other).posterior_above(least)
+        estimation = Estimation(settings, curve, other)
+        if settings.level == "map":
+            return [estimation.posterior()]
+        return answers_of([estimation], settings.budget) if estimation.sampling.log_laplace >= least else []
     except (InputError, SolverError):
         return []
-    return [found] if found else []

@@ -20,6 +20,7 @@ from cavirheo.curve import RadiusCurve, several
 from cavirheo.errors import require
 from cavirheo.inference import DEFAULT, infer_many
 from cavirheo.inference.alternatives import LAPLACE, chosen_among, contenders, itself, judged, model_of
+from cavirheo.inference.budget import EVIDENCE
 from cavirheo.inference.fit import search_many
 from cavirheo.inference.law import Family
 from cavirheo.inference.options import Options
@@ -177,13 +178,13 @@ def plans(
 ) -> dict[str, tuple[Step, ...]]:  # fmt: skip
     """The steps of each of `models` to its evidence, by name: one for what the network knows (`by_network`); the
     search with Laplace's evidence, and the draws for the others. The rest as `rank_laws` has it."""
-    options.setdefault("draws", TUNING.law_draws)
+    options.setdefault("budget", EVIDENCE)
     shared = {"medium": medium, "stretch": stretch, "seed": seed}
     asked = {"window": window, "trust_input": trust_input, **shared}
     found: dict[str, tuple[Step, ...]] = {}
     for name, (law, bubble) in chosen.items():
         model = {"material": law, "bubble": bubble}
-        if not ranges and options.keys() <= {"draws", "discrepancy"} and by_network((law, bubble), stretch):
+        if not ranges and options.keys() <= {"budget", "discrepancy"} and by_network((law, bubble), stretch):
             found[name] = (Step(f"weighing {name}", infer_many, {**model, **asked, **options}),)
             continue
         known = (*Family(law).parameters, "stretch")

@@ -175,15 +175,14 @@ class Sample:
         index, unseen = self.tail
         return not (index > TUNING.tail_reliable and unseen > TUNING.tail_unseen)
 
-    @property
-    def distrust(self) -> str:
-        """Why the draws are not worth an interval, a sentence; empty if they are."""
-        if self.ess >= TUNING.effective_fewest and self.reliable:
+    def distrust(self, needed: float = TUNING.effective_fewest) -> str:
+        """Why the draws are not worth an interval that takes so many effective ones, a sentence; empty if they are."""
+        if self.ess >= needed and self.reliable:
             return ""
         index, unseen = self.tail
         said = (
             f"the interval is not to be trusted and left out: {len(self.u)} weighted draws are worth {self.ess:.0f} "
-            f"independent ones, and {TUNING.effective_fewest:.0f} are needed"
+            f"independent ones, and {needed:.0f} are needed"
         )
         if self.reliable:
             return said
