@@ -25,7 +25,7 @@ from cavirheo.inference.alternatives import LAPLACE
 from cavirheo.inference.budget import Budget
 from cavirheo.inference.verify.mode import Mode, Simulated, Target, answer_at, climb, modes, secant
 from cavirheo.inference.verify.proposals import AdaptiveProposal, SurrogateProposal, log_mean
-from cavirheo.inference.verify.sampler import Proposal, Sample, sample, tempered
+from cavirheo.inference.verify.sampler import Proposal, Sample, Sampling, sample, tempered
 from cavirheo.inference.verify.tuning import TUNING
 from cavirheo.physics.accuracy import BRISK, DEFAULT, Accuracy
 from cavirheo.posterior import Evidence, OtherAnswer, intervals
@@ -163,8 +163,8 @@ class AdaptiveSampling:
         self.explorer = AdaptiveProposal(near, self.modes, TUNING.auto_learning, follow=searched, network=network)
         self.own: Sample | None = None
         self.drawn: Sample | None = None
-        self.trusted, self.searched, self.apart = False, False, None
-        self.rounds = 0
+        self.apart: float | None = None
+        self.trusted = self.searched = False
         if network and self.known:
             self.explorer.learn(*self.known)
             self.own = Sample(u, self.known.value[: len(u)], network.log_density(u))
@@ -183,10 +183,11 @@ class AdaptiveSampling:
             count = min(TUNING.preview_checked, int(np.count_nonzero(weight)))
             some = rng.choice(len(u), count, replace=False, p=weight / np.sum(weight))
             wrong = explorer(u[some]) - seen.log_surrogate[some]
-            scatter = float(np.std(wrong, ddof=1)) if count > 1 and np.all(np.isfinite(wrong)) else np.inf
-            if scatter <= TUNING.preview_enough:
-                log_weight = log_weight + np.mean(wrong)
-                error = float(np.hypot(scatter / np.sqrt(count), seen.log_norm_error))
+            if count > 1 and np.all(np.isfinite(wrong)):
+                scatter = float(np.std(wrong, ddof=1))
+                if scatter <= TUNING.preview_enough:
+                    log_weight = log_weight + log_mean(wrong)
+                    error = float(np.hypot(scatter / np.sqrt(count) * (1.0 + scatter), seen.log_norm_error))
         known = Simulated(explorer.u, explorer.residual, explorer.value)
         x, _ = target.completed(u, _camera_of(target, known, mode, u), mode.u, self.seed)
         evidence, told = Evidence(log_mean(log_weight), error), intervals(*target.experiment.answer(x), log_weight)
@@ -202,33 +203,43 @@ class AdaptiveSampling:
     def few(self, enough: float, budget: Budget) -> Sample:
         """Draws of what few simulations teach, beside those that are there, until all are worth `enough` independent
         ones, or until it is plain that they will not be."""
-        explorer, guard = self.explorer, None if self.drawn else self._guard
-        left = enough - (self.drawn.ess if self.drawn else 0.0)
-        sizes: dict[str, Any] = {"each": TUNING.auto_per_round, "most": min(TUNING.auto_draws, budget.draws)}
-        sizes |= {"fewest": 1, "least": left, "enough": left, "patience": budget.patience}
-        seed, self.rounds = self.seed + 10 * self.rounds, self.rounds + 1
-
-        def taught(rng: np.random.Generator, counted: Sample | None) -> Proposal | None:
-            proposal = explorer.propose(rng, counted)
-            return None if explorer.surrogates_fail else proposal
-
-        drawn = sample(explorer, taught, seed=seed, first=guard, **sizes)
-        if explorer.surrogates_fail:
-            before, guard = drawn, None
-            sizes |= {"each": TUNING.settled_per_round}
-
-            def settled(rng: np.random.Generator, counted: Sample | None) -> Proposal:
-                return explorer.settled(before.beside(counted), rng)
-
-            drawn = sample(explorer, settled, seed=seed + 2, **sizes)
+        most, explorer = min(TUNING.auto_draws, budget.draws), self.explorer
+        sizes: dict[str, Any] = {"most": most, "fewest": 1, "least": enough, "patience": budget.patience}
+        drawn = None if explorer.surrogates_fail else self.first.run(each=TUNING.auto_per_round, enough=enough, **sizes)
+        guard = self._guard
+        if drawn is None or explorer.surrogates_fail:
+            drawn, guard = self.second.run(each=TUNING.settled_per_round, enough=enough, **sizes), None
+        self.apart = None
         if guard and guard[1].ess >= TUNING.own_worth:
             n = len(guard[1].u)
             rest = Sample(drawn.u[n:], drawn.log_target[n:], drawn.log_q[n:], drawn.common)
             self.apart = _standard_errors(guard[1], rest)
-        self.drawn = drawn.beside(self.drawn)
         agrees = self.apart is None or self.apart <= TUNING.agree
-        self.trusted = self.drawn.ess >= enough and self.drawn.reliable and agrees
-        return self.drawn
+        self.trusted = drawn.ess >= enough and drawn.reliable and agrees
+        self.drawn = drawn
+        return drawn
+
+    @cached_property
+    def first(self) -> Sampling:
+        """Of what surrogates propose."""
+
+        def taught(rng: np.random.Generator, counted: Sample | None) -> Proposal | None:
+            proposal = self.explorer.propose(rng, counted)
+            return None if self.explorer.surrogates_fail else proposal
+
+        return Sampling(self.explorer, taught, seed=self.seed, first=self._guard)
+
+    @cached_property
+    def second(self) -> Sampling:
+        """Of mixtures that follow the draws, where surrogates fail."""
+        before = self.first.found
+
+        def settled(rng: np.random.Generator, counted: Sample | None) -> Proposal:
+            known = counted.beside(before) if counted else before
+            assert known is not None
+            return self.explorer.settled(known, rng)
+
+        return Sampling(self.explorer, settled, seed=self.seed + 2)
 
     def thorough(self, budget: Budget) -> Sample:
         """Draws as level "full" has them, but of rough simulations, where few cannot be trusted: ridges are followed,

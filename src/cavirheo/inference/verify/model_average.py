@@ -71,9 +71,6 @@ class Part:
         self.sampling.few(enough, budget)
         if not self.sampling.trusted and share > TUNING.part_thorough:
             self.sampling.thorough(budget)
-        import os
-        if os.environ.get("TRACE"):
-            e=self.estimation; found=self.sampling; print("   ", e.shot.family.name, e.answer.bubble.name, "share %.2f" % share, "prev %.1f" % self.preview.answer.evidence.log, "±%.1f" % self.preview.answer.evidence.error, "now %.1f" % self.evidence.log, "ess %.0f/%d" % (found.drawn.ess,len(found.drawn.u)), found.trusted, "apart", found.apart, found.drawn.reliable, "sims", e.shot.runs, flush=True)
 
 
 def shares(parts: Sequence[Part]) -> Floats:
@@ -91,7 +88,7 @@ def sample_parts(parts: Sequence[Part], budget: Budget) -> None:
         for part, share in zip(parts, known, strict=True):
             error = part.evidence.error or 0.0
             near = part.log + 2.0 * min(error, TUNING.part_unsure) > top + np.log(SEEN)
-            seen = share > TUNING.part_small or (part.sampling.drawn is None and error > TUNING.preview_enough)
+            seen = share > TUNING.part_small or (part.sampling.drawn is None and error > TUNING.part_known)
             if left[id(part)] and near and seen and part.short(float(share)):
                 waiting.append((float(share), part))
         if not waiting:
@@ -141,6 +138,6 @@ def answers_of(estimations: Sequence[Estimation], budget: Budget) -> list[Poster
             continue
         if part.sampling.drawn is None:
             part.weigh(float(share), budget)
-        needed = TUNING.effective_fewest * float(share)
+        needed = TUNING.part_short**2 * TUNING.effective_fewest * float(share)
         found.append(part.estimation.weighted_answer(part.sampling.weighted, needed, limits.get(i)))
     return found

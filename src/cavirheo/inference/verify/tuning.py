@@ -39,11 +39,12 @@ class Tuning:
 
     # a preview of another bubble, by the network's own draws alone
     preview_checked: int = 8  # likely places that are simulated beside
-    preview_enough: float = 0.5  # standard deviation of what these find wrong in log weights: else it is not relied on
+    preview_enough: float = 1.5  # standard deviation of what these find wrong in log weights: else it is not relied on
 
     # models of one curve, each with its part in the answer
     part_small: float = 0.05  # of the answer, below which few simulations tell a part well enough,
-    part_unsure: float = 3.0  # standard deviation of what a preview finds wrong in a log evidence that is not relied on
+    part_unsure: float = 2.0  # standard deviation of what a preview finds wrong in a log evidence that is not relied on
+    part_known: float = 1.0  # standard error of a log evidence, above which a part is sampled, however small it seems
     part_enough: float = 16.0  # effective draws of any other part, at least
     part_short: float = 0.9  # of the effective draws that a part needs, below which more are drawn
     part_thorough: float = 0.2  # of the answer, above which ridges are followed where few simulations are not trusted
