@@ -16,6 +16,7 @@ from cavirheo.inference.alternatives import chosen_among, contenders, itself, ju
 from cavirheo.inference.budget import Budget
 from cavirheo.inference.input_checks import doubted
 from cavirheo.inference.law import Family
+from cavirheo.inference.law_average import averaged_over_laws, comparable
 from cavirheo.inference.posterior_model import PosteriorModel
 from cavirheo.inference.verify.fitting import FitEstimation, SearchedEstimation
 from cavirheo.inference.verify.model_average import answers_of
@@ -115,7 +116,7 @@ def verify_many(
         if len(models) == 1 and chosen.level == "auto" and not chosen.weights:
             (best,) = found
             found = [best, *_damaged(chosen, curve, best)]
-        best = _simplest(found)
+        best = averaged_over_laws(found) if comparable(found) else _simplest(found)
         if chosen.rival:
             best = replace(best, others=(*best.others, *_rival(chosen, curve, best)))
         own = next((model for model in models if model_of(model) == model_of(best)), given[0])
