@@ -23,10 +23,10 @@ for found, lacking in (
     if found is None:
         pytest.skip(lacking, allow_module_level=True)
 
-from cavirheo.app import steps  # noqa: E402
 from cavirheo.app.session import VisitorLimits  # noqa: E402
 from cavirheo.app.steps import examples  # noqa: E402
 from cavirheo.inference import input_checks  # noqa: E402
+from cavirheo.inference.analysis import Analysis  # noqa: E402
 from cavirheo.posterior import Checks, Posterior  # noqa: E402
 from cavirheo.reading import read_curves, write_csv  # noqa: E402
 from cavirheo.reporting import result, wall_page  # noqa: E402
@@ -225,14 +225,14 @@ def test_five_steps_on_a_shipped_example(visit, tmp_path):
 
 def test_the_network_answers_first_and_is_not_trusted(visit, monkeypatch):
     """Its intervals stand there while simulations verify them, which replace them one by one."""
-    held, real = {f"soft_gel[{k}]": Event() for k in range(1, 6)}, steps.infer_many
+    held, real = {f"soft_gel[{k}]": Event() for k in range(1, 6)}, Analysis.answer
 
-    def slow(curves, **options):
-        if options["verify"] == "auto":
-            held[curves[0].name].wait(60)
-        return real(curves, **options | {"verify": "map"})
+    def slow(analysis, curve, **options):
+        if analysis.verify == "auto":
+            held[curve.name].wait(60)
+        return real(replace(analysis, verify="map"), curve, **options)
 
-    monkeypatch.setattr(steps, "infer_many", slow)
+    monkeypatch.setattr(Analysis, "answer", slow)
     page = visit(WIDE)
     page.get_by_role("button", name="soft_gel.csv").click()
     page.wait_for_selector("#infer-now:enabled")
@@ -730,12 +730,14 @@ def test_no_rule_of_axe_is_violated_on_any_step(visit, size, monkeypatch):
     page.get_by_label("Newtonian fluid").check()
     page.wait_for_selector("#answers :text('Settings changed')")
     look("3, stale")
-    held, real = Event(), steps.infer_many
+    held, real = Event(), Analysis.answer
 
-    def slow(curves, **options):
-        return real(curves, **options) if options["verify"] == "none" else held.wait(60) and real(curves, **options)
+    def slow(analysis, curve, **options):
+        if analysis.verify != "none":
+            held.wait(60)
+        return real(analysis, curve, **options)
 
-    monkeypatch.setattr(steps, "infer_many", slow)
+    monkeypatch.setattr(Analysis, "answer", slow)
     page.get_by_label("weighed by simulations").check()
     page.click("#infer")
     page.wait_for_selector("#answers .badge.unverified >> nth=5")

@@ -27,7 +27,7 @@ ROOMS = (  # from the ground up: a room imports those below it, and only those t
     ("prior", "errors parameters"),
     ("posterior", "errors writing parameters physics"),
     ("curve", "errors parameters landmarks writing"),
-    ("video", "errors files curve landmarks writing"),
+    ("video", "errors files parameters curve landmarks writing"),
     ("reading", "errors files parameters curve landmarks video writing"),
     ("problem", "errors parameters prior physics"),
     ("inference", "errors files parallel parameters prior posterior curve landmarks physics problem writing"),
@@ -35,18 +35,17 @@ ROOMS = (  # from the ground up: a room imports those below it, and only those t
         "training",
         "errors files parallel parameters prior posterior curve reading physics problem inference writing",
     ),
-    ("answer_store", "errors parallel physics posterior curve writing"),
-    ("cluster", "errors files parallel physics"),
-    ("reporting", "errors physics parallel parameters posterior curve reading inference writing"),
-    ("watch", "errors parallel physics posterior curve reading reporting answer_store writing"),
+    ("workflow", "errors files parallel physics posterior curve inference writing"),
+    ("reporting", "errors physics parallel parameters posterior curve reading inference workflow writing"),
+    ("watch", "errors parallel physics posterior curve reading inference workflow reporting writing"),
     (
         "companions",
-        "errors parallel parameters landmarks posterior curve reading physics inference reporting writing answer_store",
+        "errors parallel parameters landmarks posterior curve reading physics inference reporting writing workflow",
     ),
     (
         "app",
         "errors parallel parameters posterior curve video reading physics problem inference reporting writing "
-        "companions",
+        "workflow companions",
     ),
     ("loading", "errors files reporting training companions video writing"),
 )

@@ -206,13 +206,7 @@ def test_media_with_a_source_have_full_references():
         assert {"author", "title", "year"} < set(fields(source.bibtex))
 
 
-def test_what_cannot_be_cited_is_refused_and_nothing_is_replaced(run, answered, tmp_path):
-    assert run("cite", answered, "-o", "methods.txt")[0] == 0
-    kept = Path("methods.txt").read_text()
-    status, _, said = run("cite", answered, "-o", "methods.txt")
-    assert status == 2
-    assert "methods.txt" in said
-    assert Path("methods.txt").read_text() == kept
+def test_what_cannot_be_cited_is_refused(run, answered, tmp_path):
     found = load(answered)
     failed = [curve.model_copy(update={"verdict": "failed"}) for curve in found.curves]
     with pytest.raises(InputError) as caught:

@@ -17,6 +17,8 @@ from cavirheo.companions.published import compare, picture
 from cavirheo.companions.published.comparison import Comparison, print_table
 from cavirheo.companions.published.references import MU, G, read_references
 from cavirheo.errors import InputError
+from cavirheo.inference import analysis, posterior_model
+from cavirheo.inference.analysis import Analysis
 from cavirheo.posterior import Checks, Posterior
 from cavirheo.reading import write_csv
 from cavirheo.reporting import result
@@ -71,21 +73,21 @@ def fake(monkeypatch):
         rmse = 0.01 * (1 + ("shot1", "shot2").index(curve.name) if curve.name in ("shot1", "shot2") else 0.5)
         return Posterior(names, ("Pa", "Pa s")[-len(names) :], theta, Checks(verdict, "", rmse), material, "bdt")
 
-    def infer_many(curves, *, model, done=None, **settings):
-        calls.append({"model": model, **settings})
-        material = "newtonian" if model == "bdt-viscous" else "nhkv"
-        answers = [answered(curve, material) for curve in curves]
-        for k, answer in enumerate(answers):
-            done(k, answer)
-        return answers
+    def answer(asked, curve, *_, **__):
+        calls.append(asked)
+        return answered(curve, "newtonian" if asked.model == "bdt-viscous" else "nhkv")
 
     def write_report(out, pairs, command, *_, **how):
         Outputs(out, "result.json").write("result.json", write_json, written := result(pairs, command))
         return written
 
     monkeypatch.setattr(published, "write_report", write_report)
-    monkeypatch.setattr(published, "infer_many", infer_many)
-    monkeypatch.setattr(published, "network_of", lambda name: SimpleNamespace(sha256="", card={"material": "nhkv"}))
+    monkeypatch.setattr(Analysis, "answer", answer)
+    card = {"kind": "point", "material": "nhkv"}
+    for module in (published, posterior_model):
+        monkeypatch.setattr(module, "network_of", lambda name: SimpleNamespace(sha256="", card=card))
+    monkeypatch.setattr(analysis, "path_of", Path)
+    monkeypatch.setattr(analysis, "card", lambda path: card)
     return calls
 
 
@@ -236,13 +238,13 @@ def test_settings_reach_the_inference(fake, folder, tmp_path):
     )
     result = compare(folder, folder / "s.csv", tmp_path / "c", model="other")
     first, second = fake
-    assert (first["model"], first["window"], first["stretch"]) == ("own.onnx", 2, 7.5)
-    medium = first["medium"]
+    assert (first.model, first.window, first.stretch) == ("own.onnx", 2, 7.5)
+    medium = first.medium
     assert (medium.density, medium.sound_speed, medium.surface_tension) == (1040, 1500, 0)
     assert (medium.pressure, medium.temperature) == (90000, 300)
     record = json.loads((tmp_path / "c" / "bare.csv" / "result.json").read_text())
     assert record["curves"][0]["max_radius_m"] == pytest.approx(210e-6)
-    assert (second["model"], second["window"], second["medium"].density) == ("other", None, 998.0)
+    assert (second.model, second.window, second.medium.density) == ("other", None, 998.0)
     assert "no relative errors" in result.notes[0]
 
 
@@ -465,6 +467,6 @@ def test_the_posterior_network_takes_the_law_from_what_is_published():
         name: published.ReferenceSet(name, name, settings={"model": "posterior"}, values={("IMR", quantity): None})
         for name, quantity in (("gel", "shear_modulus_Pa"), ("liquid", "viscosity_Pa_s"))
     }
-    made = {name: published._step(one, "posterior", None, False)[1] for name, one in sets.items()}
-    assert {name: step.settings["material"] for name, step in made.items()} == {"gel": "nhkv", "liquid": "newtonian"}
-    assert published._step(sets["liquid"], "x", "nhkv", False)[1].settings["material"] == "newtonian"
+    made = {name: published._analysis(one, "posterior", None, False)[1] for name, one in sets.items()}
+    assert {name: one.material for name, one in made.items()} == {"gel": "nhkv", "liquid": "newtonian"}
+    assert published._analysis(sets["liquid"], "x", "nhkv", False)[1].material == "newtonian"

@@ -83,7 +83,8 @@ def whole(words: list[str]) -> bool:
 SCRIPTS = {
     name(page): scripts
     for page in PAGES
-    if ROOT / "benchmarks" not in page.parents and (scripts := commands(page.read_text("utf-8")))
+    if not {ROOT / "benchmarks", ROOT / "validation"} & {*page.parents}
+    and (scripts := commands(page.read_text("utf-8")))
 }
 
 

@@ -145,8 +145,8 @@ def test_a_recording_that_runs_backwards_is_a_doubt():
 
 def test_what_simulate_writes_is_no_doubt(run):
     command = "simulate --shear-modulus 4000 --viscosity 0.05 --rmax-um 250 --stretch 7 --duration-us 130"
-    assert run(*command.split(), "-o", "simulated.csv")[0] == 0
-    (curve,) = read_curves("simulated.csv")
+    assert run(*command.split(), "-o", "simulated")[0] == 0
+    (curve,) = read_curves("simulated/simulation.csv")
     assert curve.begins_late
     assert infer(curve).checks.doubts == ()
 
@@ -292,6 +292,18 @@ def test_a_liquid_read_as_a_gel_is_told_in_one_line(run, tmp_path):
 def test_like_messages_are_one_with_their_range():
     found = once([("a", "misses by 6.5 % of {R}"), ("b", "misses by 12 % of {R}"), ("c", ""), ("d", "short")])
     assert found == {"misses by 6.5 to 12 % of R": ["a", "b"], "short": ["d"]}
+
+
+@pytest.mark.parametrize(
+    ("one", "other", "merged"),
+    [
+        ("cell 3 of 10 is empty", "cell 7 of 10 is empty", "cell … of 10 is empty"),
+        ("power -0.1 to 0.12 [-1.4, 0.46]", "power 0.3 to 0.42 [-1.0, 0.4]", "power … to … […, …]"),
+        ("8 to 9 % in frame 4", "7 to 9 % in frame 4", "… to 9 % in frame 4"),
+    ],
+)
+def test_numbers_that_are_no_amounts_are_not_made_a_range(one, other, merged):
+    assert once([("a", one), ("b", other)]) == {merged: ["a", "b"]}
 
 
 def test_the_same_recording_counts_once(run, tmp_path):

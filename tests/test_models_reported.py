@@ -16,6 +16,7 @@ from cavirheo.companions.published.comparison import Comparison, compared_set, m
 from cavirheo.companions.published.references import ReferenceSet
 from cavirheo.companions.rheometer.document import beside as rheometer_rows
 from cavirheo.companions.rheometer.document import rheometry
+from cavirheo.inference.analysis import Analysis
 from cavirheo.physics.bubble import Bubble
 from cavirheo.posterior import Evidence, OtherAnswer, Posterior
 from cavirheo.reporting import read_json, result, table, write_report
@@ -321,17 +322,17 @@ def test_the_interval_of_a_slope_holds_what_it_says(count):
 
 @pytest.mark.parametrize("words", [("--material", "auto"), ("--bubble", "auto")])
 def test_fit_leaves_the_choice_of_a_model_to_the_fit(words, run, monkeypatch):
-    asked = {}
+    asked = []
 
-    def fit_many(curves, done, **settings):
-        asked.update(settings)
-        return [replace(answer(curve), bubble=Bubble("kinetic")) for curve in curves]
+    def answered(analysis, curve, *_, **__):
+        asked.append(analysis)
+        return replace(answer(curve), bubble=Bubble("kinetic"))
 
-    monkeypatch.setattr("cavirheo.inference.fit.fit_many", fit_many)
+    monkeypatch.setattr(Analysis, "answer", answered)
     status, _, said = run("fit", EXAMPLES / "soft_gel.csv", "--shots", 1, "--no-pictures", "-o", "out", *words)
     assert status == 0, said
-    assert (asked["material"] == "auto") == ("--material" in words)
-    assert (len(asked["bubble"]) == 2) == ("--bubble" in words)
+    assert (asked[0].material == "auto") == ("--material" in words)
+    assert (len(asked[0].bubbles) == 2) == ("--bubble" in words)
 
 
 def test_doubts_of_a_group_are_said_once_whatever_else_is_said_of_its_shots():

@@ -5,9 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from cavirheo.answer_store import keep, read_kept
 from cavirheo.inference.alternatives import chosen_among, compared, judged
 from cavirheo.posterior import Bubble, Checks, Evidence, OtherAnswer, Posterior, in_words
+from cavirheo.workflow.store import keep, read_kept
 
 FIELD, KINETIC = Bubble(), Bubble("kinetic")
 DRAWS = np.random.default_rng(0).standard_normal((2000, 2))

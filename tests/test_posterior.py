@@ -18,8 +18,8 @@ from scipy.stats import invgamma, multivariate_normal, norm
 from cavirheo import InputError, NeoHookeanKelvinVoigt, RadiusCurve, infer, simulate
 from cavirheo.inference import experiment, verify
 from cavirheo.inference.alternatives import LAPLACE
+from cavirheo.inference.analysis import Analysis
 from cavirheo.inference.experiment import Experiment
-from cavirheo.inference.fit import search_many
 from cavirheo.inference.law import Family
 from cavirheo.inference.noise import SHAPE, Noise
 from cavirheo.inference.options import FREE, Options
@@ -657,7 +657,7 @@ def test_climb_finds_the_maximum():
 
 def test_the_search_of_a_fit_leads_to_the_same_maximum(fitted):
     curve, answer = fitted
-    (found,) = search_many([curve], "nhkv", bubble=FIELD, free=("t0", "rmax"))
+    found = Analysis("search", material="nhkv", bubble=FIELD, free=("t0", "rmax"), verify="map").answer(curve)
     end = verify.verify(curve, answer, level="map", free=("t0", "rmax"))
     assert found.evidence.log == pytest.approx(end.evidence.log, abs=0.1)
     assert found.method == "laplace"
@@ -680,16 +680,15 @@ def test_draws_are_spent_on_laws_that_can_win_alone(monkeypatch):
     logs, full = {"newtonian": -90.0, "nhkv": -40.0, "qkv": -42.0}, []
     point = Posterior((), (), np.zeros((1, 0)), Checks("ok"), "", "laplace")
 
-    def searched(curves, material, **settings):
-        return [replace(point, material=material, evidence=Evidence(logs[material]))]
-
-    def verified(curves, answers, **settings):
-        full.append(answers[0].material)
-        return [replace(one, evidence=Evidence(one.evidence.log, 0.1), log_weight=np.zeros(1)) for one in answers]
+    def answered(analysis, curve, begun=None, **_):
+        law = analysis.material
+        if begun is None:
+            return replace(point, material=law, evidence=Evidence(logs[law]))
+        full.append(law)
+        return replace(begun, evidence=Evidence(begun.evidence.log, 0.1), log_weight=np.zeros(1))
 
     monkeypatch.setattr(evidence, "by_network", lambda *_, **__: False)
-    monkeypatch.setattr(evidence, "search_many", searched)
-    monkeypatch.setattr(evidence, "verify_many", verified)
+    monkeypatch.setattr(Analysis, "answer", answered)
     ((found,), _) = rank_laws([shot()], list(logs))
     assert full == ["nhkv", "qkv"]
     assert found.error == {"newtonian": LAPLACE, "nhkv": 0.1, "qkv": 0.1}
@@ -698,7 +697,7 @@ def test_draws_are_spent_on_laws_that_can_win_alone(monkeypatch):
 
 @pytest.mark.slow
 def test_a_law_that_the_network_knows_is_weighed_as_by_infer(monkeypatch):
-    monkeypatch.setattr(evidence, "search_many", lambda *_, **__: pytest.fail("a law of the network was searched"))
+    monkeypatch.setattr(Analysis, "_by_search", lambda *_: pytest.fail("a law of the network was searched"))
     curve = shot()
     ((found,), _) = rank_laws([curve], ["nhkv", "newtonian"], bubble="field", seed=3)
     assert found.answers["nhkv"].evidence == infer(curve, bubble="field", seed=3).evidence
@@ -714,11 +713,11 @@ def test_a_law_that_the_network_knows_is_weighed_as_by_infer(monkeypatch):
 def test_every_law_is_searched_with_what_is_around_the_bubble(monkeypatch):
     seen = []
 
-    def searched(curves, **how):
-        seen.append(how["bubble"])
+    def searched(analysis, *_, **__):
+        seen.extend(analysis.bubbles)
         raise InputError("enough")
 
-    monkeypatch.setattr(evidence, "search_many", searched)
+    monkeypatch.setattr(Analysis, "answer", searched)
     given = Bubble("kinetic", 0.1, wall_distance=1e-3, vapour_excess="free")
     with pytest.raises(InputError, match="enough"):
         rank_laws([shot()], ["zener"], bubble=[given, replace(given, damage="strain")])

@@ -224,7 +224,8 @@ def test_what_is_no_recording_is_refused(tmp_path, shot, make, code):
         ({"exclude": [99]}, "video.exclude"),
         ({"exclude": "1-34"}, "video.exclude"),
         ({"um_per_px": 1e6}, "curve.radius_unit"),
-        ({"frame_rate": 1.0}, "curve.time_unit"),
+        ({"frame_rate": 1.0}, "video.frame_rate"),
+        ({"frame_rate": 1e13}, "video.frame_rate"),
     ],
 )
 def test_options_out_of_their_range_are_refused(folder, wrong, code):
@@ -307,6 +308,14 @@ def test_the_command_writes_what_can_be_read_again(run, folder):
     assert len(read_video("out/overlay.mp4")) == FRAMES
     assert cavirheo.load("out").max_radius_px > 23
     assert run("show", "out")[0] == 0
+
+
+@pytest.mark.parametrize("verb", ["infer", "fit", "which-law", "measure"])
+def test_an_odd_frame_rate_is_told_as_such_by_every_verb(folder, run, verb):
+    status, _, err = run(verb, folder / "shot.tif", "--fps", 270, "--um-per-px", SCALE)
+    assert (status, err.count("\n")) == (2, 1)
+    assert "frame rate" in err
+    assert "270 kHz" in err
 
 
 def read_video(path):

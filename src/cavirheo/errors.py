@@ -71,7 +71,8 @@ def reason(error: Exception) -> str:
 
 def expect(given: object, kind: type, what: str) -> None:
     """Raise InputError unless `given` is of this kind; `what` says what was expected, and how to come by it."""
-    require(isinstance(given, kind), f"expected {what}; got {type(given).__name__} {brief(given)}", "input.type")
+    if not isinstance(given, kind):  # else its text, which may take long, is not needed
+        raise InputError(f"expected {what}; got {type(given).__name__} {brief(given)}", "input.type")
 
 
 def expect_whole(given: object, name: str, least: int, code: str = "input.whole") -> None:

@@ -53,7 +53,7 @@ _HERE = {  # by what stands in messages: an option of the command line or of Pyt
     "add --trust-input": "vouch for it in step 2",
     "(--rmax-um)": "(step 2)",
     "--rmax-um": "R_max in step 2",
-    "(--frame-rate-hz)": "(in the file)",
+    "(--fps)": "(in the file)",
     "--roi": "cavirheo measure --roi",
     "; give --um-per-px": ": type it",
 }
@@ -120,7 +120,7 @@ def prepared(curve: RadiusCurve, settings: PageSettings) -> str:
     it."""
     picture, said = "", warnings([curve])
     try:
-        picture = curve_svg(preview_lines(curve, seen(curve, *settings.compared).curve))
+        picture = curve_svg(preview_lines(curve, seen(curve, settings.analysis).curve))
     except InputError as error:
         said = {str(error): [curve.name]}
     return part("prepared", picture, {told(text): names for text, names in said.items()}, notes([curve]))

@@ -23,7 +23,6 @@ from typing import Any
 
 import numpy as np
 from scipy.special import logsumexp
-from threadpoolctl import threadpool_limits
 
 from cavirheo.arrays import Floats
 from cavirheo.curve import RadiusCurve
@@ -33,7 +32,7 @@ from cavirheo.inference.law import Family
 from cavirheo.inference.noise import SHAPE, MarginalNoise
 from cavirheo.inference.options import FREE, SCALE_BOUND, Options, fixed_bubble
 from cavirheo.inference.verify.mode import Target, climb
-from cavirheo.parallel import each
+from cavirheo.parallel import each, one_blas_thread
 from cavirheo.parameters import INTERVAL, PARAMETERS, RADIUS
 from cavirheo.physics.accuracy import ROUGH
 from cavirheo.physics.bubble import FREE as INFERRED
@@ -219,7 +218,7 @@ def expectations(
             return None
 
     jobs = [(setting, k) for setting in settings for k in range(len(law))]
-    with threadpool_limits(1, "blas"):
+    with one_blas_thread:
         found = each(one, jobs, workers, (lambda *_: done()) if done else None)
     return [found[i : i + len(law)] for i in range(0, len(found), len(law))]
 
@@ -241,7 +240,7 @@ def reached(
 
     films: list[tuple[RadiusCurve, Floats]] = []
     for k in range(len(law)):
-        with suppress(InputError, SolverError, np.linalg.LinAlgError), threadpool_limits(1, "blas"):
+        with suppress(InputError, SolverError, np.linalg.LinAlgError), one_blas_thread:
             curve, truth = setting.film(family, law[k], float(stretch[k]), medium, seed + k, bubble)
             films.append((curve, expected(curve, truth, family, medium, bubble=bubble).half_width))
     how: Any = {"material": family.name, "medium": medium, "bubble": bubble, "workers": workers}

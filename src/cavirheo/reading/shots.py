@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import re
 from collections import Counter
 from collections.abc import Sequence
@@ -71,14 +72,19 @@ def read_shots(
     return Recordings(curves, problems, remarks)
 
 
+def samples_of(curve: RadiusCurve) -> bytes:
+    """By which a recording is known again in whichever file; without samples, one is like no other."""
+    known = curve.time.tobytes() + curve.radius.tobytes() or f"{curve.source}: {curve.name}: {curve.unusable}".encode()
+    return hashlib.sha256(known).digest()
+
+
 def _once(curves: list[RadiusCurve]) -> tuple[list[RadiusCurve], list[str]]:
     """The curves without those whose samples were there before, and a remark on each of these."""
-    first: dict[Any, RadiusCurve] = {}
+    first: dict[bytes, RadiusCurve] = {}
     again: list[str] = []
-    for k, curve in enumerate(curves):
-        samples = (curve.time.tobytes(), curve.radius.tobytes()) if len(curve.time) else k
-        if first.setdefault(samples, curve) is not curve:
-            here, there = (f"{one.name} ({one.source})" for one in (curve, first[samples]))
+    for curve in curves:
+        if (other := first.setdefault(samples_of(curve), curve)) is not curve:
+            here, there = (f"{one.name} ({one.source})" for one in (curve, other))
             again.append(f"{here} is the same recording as {there}: it is counted once")
     return list(first.values()), again
 

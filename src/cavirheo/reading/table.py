@@ -20,7 +20,7 @@ import numpy as np
 from cavirheo.arrays import Floats
 from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError, require
-from cavirheo.parameters import RADIUS
+from cavirheo.parameters import FRAME_RATE, RADIUS
 from cavirheo.reading import limits
 from cavirheo.reading.columns import Column, Table, only, read_columns
 from cavirheo.reading.number_format import is_number
@@ -237,11 +237,11 @@ def _clock(table: Table, frame_rate: float | None) -> tuple[Floats, str | None, 
     stated = _stated_rates(table.above)
     rate = frame_rate or (stated[0] if len(stated) == 1 else None)
     found = f"; the file states {' and '.join(f'{one:g}/s' for one in stated)}" if stated else ""
-    how = f"{frame.title!r} has numbers of frames and no times{found}: give the frame rate (--frame-rate-hz 1e6)"
+    how = f"{frame.title!r} has numbers of frames and no times{found}: give the frame rate (--fps 1e6)"
     require(rate is not None, how, "table.frame_rate")
     assert rate is not None
-    why = f"the frame rate must be positive, frames per second, got {rate!r}"
-    require(0 < rate < np.inf, why, "table.frame_rate")
+    if frame_rate is not None:
+        FRAME_RATE.check("the frame rate", frame_rate, "table.frame_rate")
     said = f"times of the numbers in {frame.title!r} at {rate:.6g} frames per second, as "
     other = [one for one in stated if abs(one / rate - 1) > 0.01]
     doubts = [f"the frame rate is given as {rate:.6g}/s, but the file states {other[0]:.6g}/s"] if other else []

@@ -4,16 +4,16 @@ from __future__ import annotations
 
 import re
 import shlex
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from contextlib import suppress
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError
 from cavirheo.inference import input_checks
+from cavirheo.inference.analysis import Analysis
 from cavirheo.inference.population.material import relative_scatter
 from cavirheo.parameters import CAMERA
 from cavirheo.physics.media import WATER
@@ -85,10 +85,10 @@ def at_fault(record: CurveRecord) -> bool:
     return bool(how.frames_left_out) or any(name in CAMERA for name in how.at_bound)
 
 
-def next_step(document: Result, asked: Mapping[str, Any], out: Path) -> str:
+def next_step(document: Result, asked: Analysis, out: Path) -> str:
     """The command that helps where most answers ask for another law or bubble, or the recording to look at before;
-    "" where none does. asked: the options of `infer_many` or `fit_many`."""
-    if "material" not in asked or asked.get("verify") == "none":
+    "" where none does."""
+    if asked.method == "bdt" or asked.verify == "none":
         return ""
     unlike = [one for one in document.curves if one.verdict == "model_does_not_fit"]
     if len(unlike) > len(document.curves) / 2 and all(map(at_fault, unlike)):
@@ -97,9 +97,9 @@ def next_step(document: Result, asked: Mapping[str, Any], out: Path) -> str:
         return f"next: look at the recording ({look}) before another model is tried: {names}"
     records, options = document.curves, []
     other, rejected = unexplained(records), sum(one.preferred is not None for one in records)
-    if other > len(records) / 2 and asked["material"] != "auto":
+    if other > len(records) / 2 and asked.material != "auto":
         options += ["--material auto"]
-    if rejected > len(records) / 2 and len(asked.get("bubble") or ("real",)) == 1:
+    if rejected > len(records) / 2 and len(asked.bubbles) == 1:
         options += ["--bubble auto"]
     if not options:
         return ""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -18,6 +18,8 @@ if TYPE_CHECKING:
     from rich.console import Console
     from rich.table import Table
 
+    from cavirheo.inference.analysis import Analysis
+
 MOST = 10  # lines on groups and curves below the table, but at least half as many on curves
 FITS = ("least_squares", "laplace")  # methods whose answer is a maximum
 _WINDOWS = {"1": "1 collapse", "2": "2 collapses", "3": "3 collapses", "all": "whole recording"}
@@ -28,11 +30,11 @@ def print_table(
     result: Result,
     console: Console | None = None,
     *,
-    asked: Mapping[str, Any] | None = None,
+    asked: Analysis | None = None,
     out: Path = Path(),
 ) -> None:
     """One row per curve, one per group (mean ± standard deviation), what is said of groups and curves, and the next
-    step, where the options of the run (`asked`) and its folder are given."""
+    step, where what was asked and the folder of the run are given."""
     from rich.text import Text
 
     console = console or terminal.console()
@@ -75,7 +77,7 @@ def print_table(
     whole, several = digits.counted(len(result.curves), "curve"), causes(result.curves).items()
     curves = [(f"{len(of)} of {whole}" if len(of) > 2 else ", ".join(of), one) for one, of in several]
     _print_most(console, curves, max(MOST - len(said), MOST // 2))
-    if step := next_step(result, asked or {}, out):
+    if asked and (step := next_step(result, asked, out)):
         console.print(Text(digits.printable(step), "bold"), soft_wrap=True)  # a command that can be copied
 
 

@@ -23,7 +23,7 @@ def design(
     material: Annotated[str, Option(help="a law of `cavirheo laws`", autocompletion=options.sum_names)] = "nhkv",
     bubbles: options.Bubbles = options.FROM_OPTIONS,
     rmax_um: Annotated[tuple[float, float], Option(help="R_max of the rig, um", metavar="LOW HIGH")] = (50, 400),
-    frame_rates_khz: Annotated[str, Option(help="frame rates of the camera, kHz, with commas")] = "100,250,500,1000",
+    fps: Annotated[str, Option(help="frame rates of the camera, frames per second, with commas")] = "1e5,2.5e5,5e5,1e6",
     frames: Annotated[int, Option(help="of a recording", min=10)] = 128,
     noise_percent: Annotated[float, Option(help="noise of the radius, % of R_max")] = 1.0,
     noise_um: Annotated[str, Option(help="further noise, um; or one value for each frame rate, with commas")] = "0",
@@ -64,7 +64,7 @@ def design(
     require(recordings is None, message, "design.for_training")
     message = "--group names a group of a result.json: give the file, or leave out --group"
     require(known is not None or group is None, message, "design.group")
-    rates = [1e3 * rate for rate in _numbers("--frame-rates-khz", frame_rates_khz)]
+    rates = _numbers("--fps", fps)
     noise = [1e-6 * one for one in _numbers("--noise-um", noise_um)]
     given = {"shear_modulus": shear_modulus, "viscosity": viscosity, "stretch": stretch}
     drawing = pictures and style.available()

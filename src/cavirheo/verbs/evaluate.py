@@ -25,10 +25,10 @@ def evaluate(
     quiet: options.Quiet = False,
 ) -> None:
     """How good a model is on simulated curves: metrics.json, tables (evaluation.md) and figures."""
-    from cavirheo.cluster import connected
     from cavirheo.inference.model import path_of
     from cavirheo.training.evaluate import evaluate as judge
     from cavirheo.training.evaluate import markdown
+    from cavirheo.workflow.cluster import connected
 
     idle = scheduler is not None and not robustness
     require(not idle, "--scheduler would change nothing without --robustness: give that too", "option.scheduler")

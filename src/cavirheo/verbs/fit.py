@@ -7,7 +7,6 @@ from typing import Annotated, Any
 
 from typer import Option
 
-from cavirheo.errors import require
 from cavirheo.verbs import options
 from cavirheo.verbs.run import Reading, Run
 
@@ -54,34 +53,20 @@ def fit(
     run: Run = options.FROM_OPTIONS,
 ) -> None:
     """The field's conventional fit: least squares of simulated on measured radius histories, with intervals."""
-    from cavirheo.cluster import connected
-    from cavirheo.inference.fit import fit_many
-    from cavirheo.inference.law import Family
-    from cavirheo.inference.options import Options
-    from cavirheo.parallel import Step
-    from cavirheo.physics.bubble import REAL
+    from cavirheo.inference.analysis import Analysis
     from cavirheo.reporting import DOCUMENTS
+    from cavirheo.workflow.cluster import connected
     from cavirheo.writing.document import Outputs
 
     files = run.files(files)
     drawn = options.figures_of(figures)
-    collapses, known = options.window_of(window), options.stretch_of(stretch)
-    law = None if material == "auto" else Family(material)
-    solid = f"--damage needs a law with an elastic part, {material} has none"
-    bubbles = bubbles or (REAL,)
-    undamaged = all(one.damage == "none" for one in bubbles)
-    require(undamaged or law is None or law.elastic, solid, "physics.damage_without_elasticity")
-    camera: dict[str, Any] = {} if free is None else {"free": free}
-    camera["scale_bound"] = scale_percent / 100
+    camera: dict[str, Any] = {"free": free, "scale_bound": scale_percent / 100}
     camera["t0_bound"] = None if t0_us is None else t0_us * 1e-6
-    end = None if window_us is None else window_us * 1e-6
-    cut: dict[str, Any] = {"window": collapses, "end": end, "weights": weights}
-    for one in bubbles:
-        Options(stretch=known, **camera, **cut, bubble=one)
+    cut: dict[str, Any] = {"window": options.window_of(window), "end": None if window_us is None else window_us * 1e-6}
+    cut |= {"stretch": options.stretch_of(stretch), "weights": weights}
+    how: dict[str, Any] = {"medium": liquid, "others": others, "trust_input": reading.trust_input, "seed": seed}
+    analysis = Analysis("fit", material=material, bubble=bubbles, **camera, **cut, **how)
     Outputs(out, *DOCUMENTS, inputs=files)
-    settings = {"material": material, "others": others, "trust_input": reading.trust_input, "seed": seed}
-    settings |= {**cut, **camera, "medium": liquid, "stretch": known, "bubble": bubbles}
-    first = Step("fitting", fit_many, settings)
     with connected(scheduler, run.say) as executor:
         curves = run.read(files, liquid, reading, column)
-        run.report(curves, first, out, pictures=pictures, figures=drawn, executor=executor)
+        run.report(curves, analysis, out, pictures=pictures, figures=drawn, executor=executor)

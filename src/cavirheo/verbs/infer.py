@@ -30,35 +30,20 @@ def infer(
 ) -> None:
     """Shear modulus and viscosity from measured radius histories, with intervals and pictures that show whether to
     believe them."""
-    from cavirheo.cluster import connected
-    from cavirheo.inference import check_models, infer_many
-    from cavirheo.inference.model import Network
-    from cavirheo.inference.options import check_wall
-    from cavirheo.inference.posterior_model import network_of
-    from cavirheo.parallel import Step
+    from cavirheo.inference.analysis import Analysis
     from cavirheo.reporting import DOCUMENTS
+    from cavirheo.workflow.cluster import connected
     from cavirheo.writing.document import Outputs
 
     files = run.files(files)
-    drawn, known = options.figures_of(figures), options.known_stretch(stretch)
+    drawn = options.figures_of(figures)
     options.check_verify(verify, reading.exposure_us, exact_law, files)
-    check_models(model, material, bubbles, verify, known)
-    network = network_of(model)
-    single = isinstance(network, Network)
+    known, trusted = options.known_stretch(stretch), reading.trust_input
+    asked: Any = {"model": model, "material": material, "bubble": bubbles, "medium": liquid, "stretch": known}
+    analysis = Analysis(
+        **asked, window=window, trust_input=trusted, verify=verify, discrepancy=not exact_law, seed=seed
+    )
     Outputs(out, *DOCUMENTS, inputs=files)
-    shared: dict[str, Any] = {"medium": liquid, "stretch": known}
-    settings = {"model": model, "window": window, "trust_input": reading.trust_input, **shared}
-    checked: dict[str, Any] = {"seed": seed, "discrepancy": not exact_law}
-    if not single:
-        settings |= {"material": material, "verify": verify, "bubble": bubbles, **checked}
-    else:
-        checked["bubble"] = bubbles
-    first = Step("inferring", infer_many, settings, made_with=network.sha256)
-    after = verify if single and verify != "auto" else "none"
     with connected(scheduler, run.say) as executor:
         curves = run.read(files, liquid, reading, column)
-        for bubble in bubbles or ():
-            check_wall(bubble, curves)
-        run.report(
-            curves, first, out, pictures=pictures, figures=drawn, verify=after, executor=executor, **checked, **shared
-        )
+        run.report(curves, analysis, out, pictures=pictures, figures=drawn, executor=executor)

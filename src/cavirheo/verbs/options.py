@@ -187,7 +187,7 @@ _KINDS: dict[str, dict[str, tuple[Any, Any]]] = {  # argument: its options, each
     "reading": {
         "rmax_um": (Annotated[_Number, Option(help="true R_max of the shots, um: rescales the radii")], None),
         "shots": (Shots, None),
-        "frame_rate_hz": (
+        "fps": (
             Annotated[_Number, Option(help="frames per second, for recordings and files that number their frames")],
             None,
         ),
@@ -347,13 +347,9 @@ def check_verify(level: str, exposure_us: float | None, exact_law: bool, files: 
     """Raises InputError for an unknown level, or for an option that only --verify would use, before hours are spent.
 
     Recordings among the files use the exposure, too."""
-    from cavirheo.inference import check_level
     from cavirheo.reading.recordings import is_recording
 
-    try:
-        check_level(level)
-    except InputError as error:
-        raise InputError(f"--{error}", error.code) from None
+    require(level in _LEVELS, f"--verify must be auto, none, map or full, got {level!r}", "option.verify")
     exposed = exposure_us is not None and not any(map(is_recording, files))
     given = ["--exposure-us"] * exposed + ["--exact-law"] * exact_law
     idle = level == "none" and given

@@ -21,7 +21,8 @@ from cavirheo.writing.claim import current
 
 if TYPE_CHECKING:
     from cavirheo.curve import RadiusCurve
-    from cavirheo.parallel import Executor, Step
+    from cavirheo.inference.analysis import Analysis
+    from cavirheo.parallel import Executor
     from cavirheo.physics.media import Medium
     from cavirheo.reading.shots import Recordings
     from cavirheo.writing.document import Document
@@ -33,7 +34,7 @@ class Reading:
 
     rmax_um: float | None = None
     shots: str | None = None
-    frame_rate_hz: float | None = None
+    fps: float | None = None
     exposure_us: float | None = None
     um_per_px: float | None = None
     exclude: str | None = None
@@ -43,7 +44,7 @@ class Reading:
     def __post_init__(self) -> None:
         for name, what in (
             ("exposure_us", "time in us"),
-            ("frame_rate_hz", "number of frames per second"),
+            ("fps", "number of frames per second"),
             ("um_per_px", "number of micrometres"),
         ):
             value, option = getattr(self, name), f"--{name.replace('_', '-')}"
@@ -61,7 +62,7 @@ class Reading:
         require(self.exclude is None or len(files) == 1, message, "option.exclude")
         scale = None if self.rmax_um is None else self.rmax_um * 1e-6
         about: dict[str, Any] = {"density": medium.density, "pressure": medium.pressure, "shots": self.shots}
-        about |= {"frame_rate_hz": self.frame_rate_hz, "exclude": self.exclude}
+        about |= {"frame_rate_hz": self.fps, "exclude": self.exclude}
         about |= {"um_per_px": self.um_per_px, "exposure": self.exposure_us and self.exposure_us * 1e-6}
         found = read_shots(files, max_radius=scale, group=self.group, **about)
         if self.exposure_us is None:
@@ -143,45 +144,37 @@ class Run:
     def report(
         self,
         curves: list[RadiusCurve],
-        first: Step,
+        analysis: Analysis,
         out: Path,
         *,
         pictures: bool = True,
         figures: Sequence[str] = (),
-        verify: str = "none",
         executor: Executor | None = None,
-        **settings: Any,
     ) -> None:
-        """The end of `infer` and `fit`: the curves answered by the first step, the answers verified (`settings` are
-        those of `verify_many`), documents into `out`, the table, the exit status."""
-        from cavirheo.answer_store import InOrder, Unfinished
-        from cavirheo.parallel import Step, cores
+        """The end of `infer` and `fit`: the curves answered, documents into `out`, the table, the exit status."""
+        from cavirheo.parallel import cores
         from cavirheo.reporting import outputs, write_report
         from cavirheo.reporting.record import Answered
         from cavirheo.reporting.table import print_table
+        from cavirheo.workflow.analyse import Unfinished
         from cavirheo.writing import digits
 
-        folder = outputs(out, curves, figures)
-        steps, kept = [first], Unfinished(out, shown=not self.quiet, executor=executor)
-        if verify != "none":
-            from cavirheo.inference.verify import verify_many
-
-            steps.append(Step("verifying", verify_many, {"level": verify, **settings}))
-        found = kept.answers(curves, *steps)
-        asked, note = list(found), kept.note(len(found), len(curves))
-        pairs = Answered([curves[i] for i in asked], InOrder(len(asked), lambda k: found[asked[k]]))
+        folder, kept = outputs(out, curves, figures), Unfinished(out, shown=not self.quiet, executor=executor)
+        analysis.check(curves)
+        answers = kept.answers(curves, analysis)
+        pairs, note = Answered([curves[i] for i in answers.indices], answers), kept.note(len(answers), len(curves))
         if note:
             if folder.holds("report.html"):
                 self.stop(f"{note}; until then the earlier answers stay", out / "result.json")
-            if asked:
+            if pairs:
                 notes = [note, *self.notes]
                 write_report(out, pairs, self.command, date=self.date, notes=notes, complete=False)
-            self.stop(note, out / "result.json" if asked else None)
+            self.stop(note, out / "result.json" if pairs else None)
         how: dict[str, Any] = {"date": self.date, "notes": self.notes, "draw": pictures, "workers": cores()}
         with self.bar("drawing", unit="figures") if figures else nullcontext() as advance:
             result = write_report(out, pairs, self.command, figures, done=advance, **how)
         kept.remove()
-        self.show(result, partial(print_table, asked=first.settings, out=out))
+        self.show(result, partial(print_table, asked=analysis, out=out))
         failed = any(record.verdict in ("failed", "check_input") for record in result.curves)
         self.end(f"{digits.counted(len(curves), 'curve')} in {{seconds}}; report: {out / 'report.html'}", failed)
 

@@ -19,9 +19,10 @@ if TYPE_CHECKING:
     from cavirheo.physics.law import Material
     from cavirheo.physics.simulation import Simulation
 
+_FRAMES, _FIELDS = "simulation.csv", "fields.h5"
+
 
 def simulate(
-    out: Annotated[Path, Option("-o", "--out", help="CSV file to write")],
     rmax_um: Annotated[float, Option(help="largest radius, um")],
     stretch: Annotated[float, Option(help="R_max/R_0")],
     material: Annotated[
@@ -36,7 +37,7 @@ def simulate(
     viscosity: Annotated[float | None, Option(help="Pa s")] = None,
     stiffening: Annotated[float | None, Option(help="alpha of qkv")] = None,
     duration_us: Annotated[float, Option(help="us after R_max")] = 100.0,
-    frame_rate_hz: Annotated[float, Option(help="1/s")] = 1e6,
+    fps: Annotated[float, Option(help="frames per second")] = 1e6,
     pulse: Annotated[
         tuple[float, float, float] | None,
         Option(help="ultrasound: peak kPa (negative: tension), MHz, us of the peak", metavar="KPA MHZ US"),
@@ -67,16 +68,17 @@ def simulate(
     vapour_excess: Annotated[float, Option(help="vapour at R_max above saturation, Pa")] = 0.0,
     relaxed: Annotated[bool, Option("--relaxed", help="laws with memory start unstressed")] = False,
     precise: Annotated[bool, Option("--precise", help="ten times as accurate, five times as long")] = False,
-    fields: Annotated[Path | None, Option(help="HDF5 file for temperature and vapour in the bubble at every frame")] = (
-        None
-    ),
+    fields: Annotated[
+        bool, Option("--fields", help="fields.h5, too: temperature and vapour in the bubble at every frame")
+    ] = False,
     liquid: options.Liquid = options.FROM_OPTIONS,
+    out: options.Out = Path("cavirheo-simulation"),
     quiet: options.Quiet = False,
 ) -> None:
     """One bubble from rest at its largest radius, or at equilibrium (--stretch 1) under ultrasound.
 
-    Columns: time_us, radius_um, velocity_m_per_s of the wall, pressure_Pa in the bubble, stress_Pa of the material
-    (stress integral), hoop strain and strain_rate_per_s at the wall.
+    Columns of simulation.csv: time_us, radius_um, velocity_m_per_s of the wall, pressure_Pa in the bubble, stress_Pa of
+    the material (stress integral), hoop strain and strain_rate_per_s at the wall.
     """
     import numpy as np
 
@@ -89,10 +91,10 @@ def simulate(
     both = "give either --pulse or --driving, not both; a file can hold any sum of pressures"
     require(not (pulse and driving), both, "simulate.two_drivings")
     law = _material(material, shear_modulus=shear_modulus, viscosity=viscosity, stiffening=stiffening)
-    possible = duration_us > 0 and frame_rate_hz > 0 and 1 <= duration_us * 1e-6 * frame_rate_hz <= 1e6
-    got = f"got {duration_us} us at {frame_rate_hz} Hz"
+    possible = duration_us > 0 and fps > 0 and 1 <= duration_us * 1e-6 * fps <= 1e6
+    got = f"got {duration_us} us at {fps} frames per second"
     require(possible, f"duration and frame rate must give 1 to a million frames, {got}", "simulate.frames")
-    frames = int(duration_us * 1e-6 * frame_rate_hz * (1 + 1e-9)) + 1
+    frames = int(duration_us * 1e-6 * fps * (1 + 1e-9)) + 1
     bubble = _bubble(
         contents=contents,
         accommodation=accommodation,
@@ -106,7 +108,7 @@ def simulate(
         polytropic=polytropic,
     )
     message = "--polytropic leaves no fields in the bubble: leave out that, or --fields"
-    require(fields is None or polytropic is None, message, "physics.no_fields")
+    require(not fields or polytropic is None, message, "physics.no_fields")
     far_field = None
     if driving:
         *columns, notes = read_trace(driving)
@@ -116,21 +118,20 @@ def simulate(
             raise error.within(str(driving)) from None
         for note in notes:
             say(f"{driving}: {note}")
-    inputs = [driving] if driving else []
-    places = {out: (Outputs(out.parent, out.name, inputs=inputs), _write_frames)}
-    if fields:
-        places[fields] = Outputs(fields.parent, fields.name, inputs=inputs), _write_fields
+    writers = {_FRAMES: _write_frames} | ({_FIELDS: _write_fields} if fields else {})
+    outputs = Outputs(out, *writers, inputs=[driving] if driving else [])
     forward.load_solver()
     with _named(driving):
         run = forward.simulate(
-            law, max_radius=rmax_um * 1e-6, stretch=stretch, time=np.arange(frames) / frame_rate_hz, medium=liquid,
+            law, max_radius=rmax_um * 1e-6, stretch=stretch, time=np.arange(frames) / fps, medium=liquid,
             driving=Pulse(pulse[0] * 1e3, pulse[1] * 1e6, pulse[2] * 1e-6) if pulse else far_field,
-            bubble=bubble, relaxed=relaxed, fields=fields is not None, accuracy=PRECISE if precise else DEFAULT,
+            bubble=bubble, relaxed=relaxed, fields=fields, accuracy=PRECISE if precise else DEFAULT,
         )  # fmt: skip
-    for path, (outputs, writer) in places.items():
-        outputs.write(path.name, writer, run)
+    for name, writer in writers.items():
+        outputs.write(name, writer, run)
+    outputs.finish()
     if not quiet:
-        say(f"{frames} frames of {law} in {liquid.name}: {out}")
+        say(f"{frames} frames of {law} in {liquid.name}: {out / _FRAMES}")
 
 
 @contextmanager

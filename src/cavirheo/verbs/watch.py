@@ -35,10 +35,8 @@ def watch(
     """Every recording that arrives in a folder, answered as `infer` does, until Ctrl-C."""
     from dataclasses import asdict
 
-    from cavirheo.inference import check_models, infer_many
-    from cavirheo.inference.law import Family
-    from cavirheo.inference.posterior_model import network_of
-    from cavirheo.parallel import Step, aside, cores
+    from cavirheo.inference.analysis import Analysis
+    from cavirheo.parallel import aside, cores
     from cavirheo.physics.simulate import load_solver
     from cavirheo.reading.column import is_size, read_column
     from cavirheo.reporting import wall_page, write_report
@@ -50,23 +48,19 @@ def watch(
     options.check_verify(verify, reading.exposure_us, exact_law, [folder])
     message = f"--rmax-um must be a positive radius in micrometres, got {reading.rmax_um}"
     require(reading.rmax_um is None or reading.rmax_um > 0, message, "option.rmax_um")
-    known = options.known_stretch(stretch)
-    check_models(model, material, bubbles, verify, known)
-    if material not in (None, "auto"):
-        Family(material)
+    known, trusted = options.known_stretch(stretch), reading.trust_input
+    asked: Any = {"model": model, "material": material, "bubble": bubbles, "medium": liquid, "stretch": known}
+    analysis = Analysis(
+        **asked, window=window, trust_input=trusted, verify=verify, discrepancy=not exact_law, seed=seed
+    )
     message = (
         "--exclude is of one recording: leave the frames out with `cavirheo measure`, and watch for what it writes"
     )
     require(reading.exclude is None, message, "option.exclude")
     if column is not None and not is_size(column):
         read_column(column)
-    settings: dict[str, Any] = {"model": model, "material": material, "window": window, "stretch": known}
-    settings |= {"medium": liquid, "verify": verify, "discrepancy": not exact_law, "seed": seed, "bubble": bubbles}
-    step = Step(
-        "inferring", infer_many, settings | {"trust_input": reading.trust_input}, made_with=network_of(model).sha256
-    )
     watching = Watch(
-        folder, out, step, lambda path: reading.recordings([path], liquid), asdict(reading), group=reading.group,
+        folder, out, analysis, lambda path: reading.recordings([path], liquid), asdict(reading), group=reading.group,
         column=column, command=run.command, date=run.date, say=run.say, patience=patience, wanted=0.01 * wanted_percent,
         show=print_line if not run.quiet else lambda _: None,
     )  # fmt: skip
@@ -77,13 +71,13 @@ def watch(
     try:
         while watching.once() or watching.pause() or not once:
             pass
-    except KeyboardInterrupt:
-        result = watching.write()
-        run.stop(f"interrupted: {len(result.curves)} answered; the same command again goes on", out / "result.json")
+        stopped = False
+    except KeyboardInterrupt:  # the usual end
+        stopped = True
     pairs, notes = watching.answered()
     how: dict[str, Any] = {"date": run.date, "notes": notes, "draw": pictures, "workers": cores()}
     result = write_report(out, pairs, run.command, **how)
     run.show(result, print_table)
-    run.unreadable = watching.unreadable
-    failed = any(record.verdict in ("failed", "check_input") for record in result.curves)
+    run.unreadable = 0 if stopped else watching.unreadable
+    failed = not stopped and any(record.verdict in ("failed", "check_input") for record in result.curves)
     run.end(f"{digits.counted(len(pairs), 'curve')} in {{seconds}}; report: {out / 'report.html'}", failed)

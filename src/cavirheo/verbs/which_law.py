@@ -35,14 +35,14 @@ def which_law(
 ) -> None:
     """Which of several laws explains the curves best? Evidence by importance sampling, 1 to 30 s a curve and law."""
     from cavirheo import reporting
-    from cavirheo.answer_store import Unfinished
-    from cavirheo.cluster import connected
     from cavirheo.inference.options import Options
     from cavirheo.inference.verify.evidence import explained, models, plans, ranked, weighed
     from cavirheo.parallel import cores
     from cavirheo.physics.bubble import REAL
     from cavirheo.reporting.figures import laws_figure, paper_names, save
     from cavirheo.reporting.laws import Laws, firmly, print_table, records
+    from cavirheo.workflow.analyse import Unfinished
+    from cavirheo.workflow.cluster import connected
     from cavirheo.writing import digits, document
 
     files = run.files(files)
@@ -57,8 +57,9 @@ def which_law(
         kept = Unfinished(out, shown=not run.quiet, executor=executor)
         curves = run.read(files, liquid, reading, column)
         reporting.outputs(out, curves, drawn)
-        how: dict[str, Any] = {"medium": liquid, "stretch": known, "seed": seed, "discrepancy": not exact_law}
-        found = weighed(curves, plans(chosen, looked_at, reading.trust_input, **how), kept.answers)
+        how: dict[str, Any] = {"medium": liquid, "window": looked_at, "trust_input": reading.trust_input}
+        asked = plans(chosen, stretch=known, seed=seed, discrepancy=not exact_law, **how)
+        found = weighed(curves, asked, lambda *these: kept.answers(*these).numbered())
     complete = [i for i in range(len(curves)) if all(i in answers for answers in found.values())]
     answered, note = [curves[i] for i in complete], kept.note(len(complete), len(curves))
     singles, groups = ranked(answered, {law: [answers[i] for i in complete] for law, answers in found.items()})
@@ -73,8 +74,13 @@ def which_law(
         run.stop(note, out / "laws.json" if answered else None)
     if "paper" in drawn:
         stems = paper_names([one.name for one in made.curves], [one.name for one in made.groups], "laws-")
+        undrawn: list[str] = []
         for stem, one in zip(stems, [*made.curves, *made.groups], strict=True):
-            save(outputs, stem, laws_figure(one))
+            with document.drawing(stem, undrawn):
+                save(outputs, stem, laws_figure(one))
+        if undrawn:
+            notes += undrawn
+            outputs.write("laws.json", document.write_json, made.model_copy(update={"notes": notes}))
     outputs.finish()
     pairs = list(zip(answered, explained(singles, groups), strict=True))
     how = {"date": run.date, "draw": pictures, "workers": cores(), "notes": [*firmly(made), *notes]}

@@ -273,7 +273,7 @@ def _single(images: list[Path]) -> bool:
     try:
         with TiffFile(images[0]) as file:
             return len(file.pages) == 1
-    except Exception:
+    except Exception:  # tifffile raises nearly anything of a damaged file, of which its reader says what is wrong
         return False
 
 

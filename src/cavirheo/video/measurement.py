@@ -14,6 +14,7 @@ import numpy as np
 from cavirheo.arrays import Floats
 from cavirheo.curve import RadiusCurve
 from cavirheo.errors import numbered, require
+from cavirheo.parameters import FRAME_RATE
 from cavirheo.video import frames
 from cavirheo.video.frames import Footage
 from cavirheo.video.stage import Stage, set_stage
@@ -25,7 +26,7 @@ _DIFFERS = 0.01  # of the rate or the exposure: the camera and the user mean dif
 _TWINS = 0.2  # of the measured frames
 _CUT = 0.9  # of the outline at R_max: seen less far, it is said
 _BURNT = 0.3  # of the background, at the brightest value
-_HOW = "give it: --fps of measure, --frame-rate-hz of infer, fit and which-law, frame_rate= in Python"
+_HOW = "give it (--fps; in Python frame_rate=)"
 _NO_RATE = f"how fast it was recorded is not known, for a video file states how fast it is played; {_HOW}"
 
 
@@ -148,6 +149,8 @@ def measure(
     count = len(whole.frames)
     rate, doubts = _agreed("frames per second", frame_rate, _camera_rate(whole))
     require(rate.value is not None or whole.time is not None, _NO_RATE, "video.frame_rate")
+    if rate.value is not None:
+        FRAME_RATE.check("the frame rate", rate.value, "video.frame_rate")
     shutter, more = _agreed("seconds of exposure", exposure, (whole.exposure, "the camera's header"))
     scale, again = _agreed("um per pixel", um_per_px, (whole.um_per_px, "the resolution stored by ImageJ"))
     stamped = whole.time is not None and frame_rate is None

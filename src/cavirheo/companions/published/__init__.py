@@ -11,22 +11,22 @@ from datetime import datetime
 from pathlib import Path
 from typing import Any
 
-from cavirheo.answer_store import Unfinished
 from cavirheo.companions.published.comparison import ComparedSet, Comparison, compared_set, markdown, write_csv
 from cavirheo.companions.published.references import G, ReferenceSet, read_references
 from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError, require
-from cavirheo.inference import infer_many
+from cavirheo.inference.analysis import Analysis
 from cavirheo.inference.law import Family
 from cavirheo.inference.model import DEFAULT, Network
 from cavirheo.inference.posterior_model import PosteriorModel, network_of
 from cavirheo.inference.reconstruct import check_stretch
-from cavirheo.parallel import Step, aside
+from cavirheo.parallel import aside
 from cavirheo.physics.simulate import load_solver
 from cavirheo.reading.files import MEASUREMENTS
 from cavirheo.reading.selection import shot_numbers
 from cavirheo.reading.shots import read_shots
 from cavirheo.reporting import file_names, outputs, write_report
+from cavirheo.workflow.analyse import Unfinished
 from cavirheo.writing import style
 from cavirheo.writing.document import Outputs, write_json
 
@@ -51,8 +51,8 @@ def compare(
     """Infer or fit every set that `references` names; write the comparison and a report per set into `out`.
 
     A set whose files are missing or unreadable keeps its row and says so in `problems`; one without recordings
-    (references.py) has its published values alone. Answers are kept as they are found (answer_store.py); after Ctrl-C
-    the comparison is of those, and its notes begin with "interrupted".
+    (references.py) has its published values alone. Answers are kept as they are found (workflow/analyse.py); after
+    Ctrl-C the comparison is of those, and its notes begin with "interrupted".
 
     Args:
         folder: what the files of the sets are relative to.
@@ -88,16 +88,16 @@ def compare(
     written, kept = Outputs(out, *_OUTPUTS, inputs=[references]), Unfinished(out, shown=progress)
     places = [outputs(out / name, curves) for name, (curves, *_) in zip(names, found, strict=True)]
     aside(load_solver)
-    steps = [_step(about, model, fit, trust_input) for about in sets]
-    answers = [kept.answers(curves, step) for (curves, *_), (_, step) in zip(found, steps, strict=True)]
+    asked = [_analysis(about, model, fit, trust_input) for about in sets]
+    answers = [kept.answers(curves, one) for (curves, *_), (_, one) in zip(found, asked, strict=True)]
     note = kept.note(sum(map(len, answers)), sum(len(curves) for curves, *_ in found))
     earlier = bool(note) and any(place.holds("report.html") for place in places)  # stay until all is answered
     notes = [note] if note else []
     records: list[ComparedSet] = []
     for about, name, (which, _), answered, (curves, files, problems, left_out) in zip(
-        sets, names, steps, answers, found, strict=True
+        sets, names, asked, answers, found, strict=True
     ):
-        pairs = [(curves[i], answer) for i, answer in answered.items()]
+        pairs = [(curves[i], answer) for i, answer in answered.numbered()]
         how: dict[str, Any] = {"notes": notes, "complete": not note, "draw": pictures}
         how["published"] = {"": about.published()}
         document = write_report(out / name, pairs, command, **how) if pairs and not earlier else None
@@ -155,21 +155,16 @@ def _network(about: ReferenceSet, model: str) -> tuple[Network | PosteriorModel,
     return network, network.card["material"]
 
 
-def _step(about: ReferenceSet, model: str, fit: str | None, trust_input: bool) -> tuple[str, Step]:
+def _analysis(about: ReferenceSet, model: str, fit: str | None, trust_input: bool) -> tuple[str, Analysis]:
     """(by what the set is answered, how)."""
     which = about.settings.get("model", model)
     options: dict[str, Any] = {name: about.settings.get(name) for name in ("stretch", "window")}
-    options |= {"medium": about.medium, "trust_input": trust_input}
-    network, material = _network(about, model)
+    options |= {"medium": about.medium, "trust_input": trust_input, "bubble": "field"}  # what published values assume
+    _, material = _network(about, model)
     if not fit:
-        how = {"model": which, **options} | ({"material": material} if isinstance(network, PosteriorModel) else {})
-        how["bubble"] = "field"  # what published values assume
-        return which, Step(f"inferring {about.name}", infer_many, how, network.sha256)
-    from cavirheo.inference.fit import fit_many
-
+        return which, Analysis("infer", which, material, **options)
     law = "newtonian" if material == "newtonian" else fit
-    options |= {"material": law, "bubble": "field"}
-    return f"least squares, {law}", Step(f"fitting {about.name}", fit_many, options)
+    return f"least squares, {law}", Analysis("fit", material=law, **options)
 
 
 def shots_of(

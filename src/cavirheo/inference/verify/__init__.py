@@ -8,7 +8,6 @@ from dataclasses import replace
 from typing import Any, TypedDict, Unpack
 
 import numpy as np
-from threadpoolctl import threadpool_limits
 
 from cavirheo.curve import RadiusCurve, several
 from cavirheo.errors import InputError, SolverError, expect, reason
@@ -22,7 +21,7 @@ from cavirheo.inference.verify.fitting import FitEstimation, SearchedEstimation
 from cavirheo.inference.verify.model_average import answers_of
 from cavirheo.inference.verify.tuning import TUNING
 from cavirheo.inference.verify.verification import Estimation, Level, Verification
-from cavirheo.parallel import cores, each
+from cavirheo.parallel import cores, each, one_blas_thread
 from cavirheo.physics.bubble import DAMAGED, REAL, Bubble, Requested, bubbles_of, rival_of
 from cavirheo.physics.media import Medium
 from cavirheo.posterior import Diagnostics, OtherAnswer, Posterior, Verdict
@@ -125,8 +124,7 @@ def verify_many(
         before = sum(answer.seconds for answer in given)
         return replace(best, checks=checks, seconds=before + time.perf_counter() - began)
 
-    # BLAS' own threads would only wait for each other beside these
-    with threadpool_limits(1, "blas"):
+    with one_blas_thread:
         return each(verified, zip(curves, candidates, strict=True), workers, done)
 
 
