@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from cavirheo.errors import expect_whole
+
 
 @dataclass(frozen=True)
 class Budget:
@@ -17,6 +19,9 @@ class Budget:
         fewest: fewest rounds, after which these must be on the way to
         least: effective draws;
         enough: effective draws at which they end.
+
+    Raises:
+        InputError: draws that are no whole number from 10 up.
     """
 
     draws: int = 1800
@@ -26,6 +31,9 @@ class Budget:
     fewest: int = 2
     least: float = 0.0
     enough: float = 150.0
+
+    def __post_init__(self) -> None:
+        expect_whole(self.draws, "draws of a posterior", 10, "option.draws")
 
 
 POSTERIOR = Budget()  # of an answer

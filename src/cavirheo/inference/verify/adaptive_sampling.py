@@ -164,7 +164,7 @@ class AdaptiveSampling:
         self.own: Sample | None = None
         self.drawn: Sample | None = None
         self.apart: float | None = None
-        self.trusted = self.searched = False
+        self.trusted = self.searched = self.ended = False
         if network and self.known:
             self.explorer.learn(*self.known)
             self.own = Sample(u, self.known.value[: len(u)], network.log_density(u))
@@ -199,6 +199,15 @@ class AdaptiveSampling:
         if not self.searched and self.target.experiment.misfit(frames) > TUNING.searched_above:
             self.explorer.also(modes(self.near, self.windowed(), known=self.explorer.modes))
         self.searched = True
+
+    def weigh(self, enough: float, budget: Budget, *, thorough: bool = True) -> Sample:
+        """Draws that are worth `enough` independent ones, from few simulations; where these cannot be trusted, and it
+        may be thorough, from more."""
+        enough = min(enough, budget.draws / 2)
+        if thorough:
+            self.search_windows()
+        drawn = self.few(enough, budget)
+        return self.thorough(budget) if thorough and not self.trusted else drawn
 
     def few(self, enough: float, budget: Budget) -> Sample:
         """Draws of what few simulations teach, beside those that are there, until all are worth `enough` independent
@@ -244,7 +253,7 @@ class AdaptiveSampling:
     def thorough(self, budget: Budget) -> Sample:
         """Draws as level "full" has them, but of rough simulations, where few cannot be trusted: ridges are followed,
         and modes are looked for all over the ranges."""
-        explorer = self.explorer
+        explorer, self.ended = self.explorer, True
         explorer.thorough(budget.learning)
         explorer.also(modes(self.near, [], self.scanned()))
         enough = max(min(budget.enough, budget.draws / 4), TUNING.effective_fewest)

@@ -61,16 +61,12 @@ class Part:
     def short(self, share: float) -> bool:
         """Whether its draws are fewer than a part of this share needs."""
         drawn = self.sampling.drawn
-        return drawn is None or drawn.ess < TUNING.part_short * TUNING.auto_enough * share
+        return drawn is None or (not self.sampling.ended and drawn.ess < TUNING.effective_fewest * share)
 
     def weigh(self, share: float, budget: Budget) -> None:
         """Sample it as a part of this share."""
-        enough = min(max(TUNING.auto_enough * share, TUNING.part_enough), budget.draws / 2)
-        if share > TUNING.part_thorough:
-            self.sampling.search_windows()
-        self.sampling.few(enough, budget)
-        if not self.sampling.trusted and share > TUNING.part_thorough:
-            self.sampling.thorough(budget)
+        enough = max(TUNING.auto_enough * share, TUNING.part_enough)
+        self.sampling.weigh(enough, budget, thorough=share > TUNING.part_thorough)
 
 
 def shares(parts: Sequence[Part]) -> Floats:
@@ -138,6 +134,6 @@ def answers_of(estimations: Sequence[Estimation], budget: Budget) -> list[Poster
             continue
         if part.sampling.drawn is None:
             part.weigh(float(share), budget)
-        needed = TUNING.part_short**2 * TUNING.effective_fewest * float(share)
+        needed = TUNING.effective_fewest * float(share) * (1.0 - 1e-9)
         found.append(part.estimation.weighted_answer(part.sampling.weighted, needed, limits.get(i)))
     return found

@@ -175,7 +175,7 @@ class Sample:
         index, unseen = self.tail
         return not (index > TUNING.tail_reliable and unseen > TUNING.tail_unseen)
 
-    def distrust(self, needed: float = TUNING.effective_fewest) -> str:
+    def distrust(self, needed: float) -> str:
         """Why the draws are not worth an interval that takes so many effective ones, a sentence; empty if they are."""
         if self.ess >= needed and self.reliable:
             return ""

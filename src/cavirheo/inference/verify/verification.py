@@ -99,7 +99,6 @@ class Verification:
         fine = self.level in ("auto", "map", "full")
         require(fine, f"verify must be auto, map or full, got {self.level!r}", "option.verify")
         object.__setattr__(self, "medium", named(self.medium))
-        expect_whole(self.budget.draws, "draws of a posterior", 10, "option.draws")
         expect_whole(self.seed, "seed", 0, "option.seed")
         expect(self.ranges or {}, Mapping, 'ranges such as {"shear_modulus": [1e2, 1e5]}')
         self.options(None, FIELD)
