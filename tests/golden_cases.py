@@ -405,6 +405,7 @@ def about(answer: Any) -> dict[str, Any]:
     """A Posterior: draws, medians, intervals, checks."""
     names = [name.removeprefix("log10_") for name in answer.names]
     checks = {field.name: getattr(answer.checks, field.name) for field in dataclasses.fields(answer.checks)}
+    checks["messages"] = [{"code": one.code, "text": one.text} for one in answer.checks.messages]
     quantities = {}
     for name in names:
         low, high = answer.interval(name) or (None, None)
@@ -472,7 +473,7 @@ def compare() -> Any:
     ):
         told = run("compare", "data", "--references", f"data/{name}.csv", *more, "-o", name)
         found[name] = {
-            "told": told, "files": files(name), "json": read(f"{name}/comparison.json"),
+            "told": told, "files": files(name), "groups": read(f"{name}/result.json")["groups"],
             "md": lines(f"{name}/comparison.md"), "csv": lines(f"{name}/comparison.csv"),
         }  # fmt: skip
     return found

@@ -227,7 +227,8 @@ def test_a_prior_that_the_file_states_is_named_and_can_be_left_out(run, tmp_path
     assert row.stretch_prior["mean"] == 9.0
     assert row.stretch_prior["std"] >= 0.4
     paragraph = methods(load("cavirheo-result"))[0]
-    assert all("file states (9, taken as ±" in " ".join(said.split()) for said in (out, row.message, paragraph))
+    assert "stretch_prior.file" in [one.code for one in row.messages]
+    assert all("9, taken as ±" in " ".join(said.split()) for said in (out, row.message, paragraph))
     assert "λ" not in paragraph.partition("uniform in the logarithm")[2].partition(")")[0]
     run(*words, "--stretch", "free", "-o", "free")
     (free,) = load("free").curves

@@ -126,8 +126,7 @@ def test_failed_curves_keep_their_row_and_the_others_their_answer(run, tmp_path,
     curves, _, _ = infer(run, *FAILED, shot, status=1)
     assert [c["verdict"] for c in curves] == ["failed"] * len(FAILED) + ["ok"]
     for row, (_, named) in zip(curves, FAILED.values(), strict=False):
-        assert row["message"]
-        assert named in row["message"]
+        assert named in row["messages"][-1]["text"]
         assert row["shear_modulus_Pa"]["median"] is None
     (tmp_path / "empty.csv").write_bytes(b"")
     curves, _, err = infer(run, "empty.csv", shot, status=2)
@@ -148,7 +147,7 @@ def test_a_radius_in_micrometres_that_are_pixels_is_warned_of(run, tmp_path):
     write_csv(tmp_path / "scaled.csv", curve.with_max_radius(0.4 * curve.max_radius))
     run("infer", "scaled.csv", *BDT, "-o", "r")
     (row,) = json.loads((tmp_path / "r" / "result.json").read_text())["curves"]
-    assert (row["verdict"], "check the scale" in row["message"]) == ("check_input", True)
+    assert (row["verdict"], row["messages"][0]["code"]) == ("check_input", "check_input.scale")
 
 
 @pytest.mark.parametrize(

@@ -22,7 +22,7 @@ from fits import fit
 from threadpoolctl import threadpool_info, threadpool_limits
 
 from cavirheo import read_curves
-from cavirheo.companions import published
+from cavirheo.companions import comparison
 from cavirheo.errors import InputError
 from cavirheo.inference.analysis import Analysis
 from cavirheo.parallel import Threads, each, one_blas_thread
@@ -65,7 +65,7 @@ def inputs(tmp_path, monkeypatch):
 
     write_csv(tmp_path / "shot.csv", read_curves(EXAMPLE)[1])
     put(tmp_path / "references.csv", "set,files\ngel,shot.csv\n")
-    for module in (simulate, published):  # which has the name from there
+    for module in (simulate, comparison):  # which has the name from there
         monkeypatch.setattr(module, "load_solver", computed)
     return tmp_path
 

@@ -18,9 +18,8 @@ Wanted = TypeVar("Wanted", bound="Document | Dataset")
 
 _KINDS = {  # a key that no other document has, and the class of the document
     "measured_with": ("video.document", "Measured"),
-    "sets": ("companions.published.comparison", "Comparison"),
-    "strain_sweeps": ("companions.rheometer.document", "Rheometry"),
-    "wanted_percent": ("companions.design", "Design"),
+    "tolerance": ("companions.rheometer.document", "Rheometry"),
+    "wanted_percent": ("companions.design_document", "Design"),
     "worst": ("companions.network_design", "NetworkDesign"),
     "medium": ("companions.collapse_times", "CollapseTimes"),
     "laws": ("reporting.laws", "Laws"),
@@ -29,7 +28,6 @@ _KINDS = {  # a key that no other document has, and the class of the document
 _NAMES = (
     "result.json",
     "laws.json",
-    "comparison.json",
     "rheometer.json",
     "collapse-time.json",
     "measure.json",
@@ -47,7 +45,7 @@ def load(path: str | Path, kind: type[Wanted]) -> Wanted: ...
 
 
 def load(path: str | Path, kind: type[Any] | None = None) -> Any:
-    """A document (`Result`, `Laws`, `Measured`, `Comparison`, `Rheometry`, `CollapseTimes`) or a training set.
+    """A document (`Result`, `Laws`, `Measured`, `Rheometry`, `CollapseTimes`) or a training set.
 
     Args:
         path: a file of any name, a folder with one, or a folder of `cavirheo generate`.
@@ -90,4 +88,6 @@ def _load(path: str | Path) -> Document | Dataset:
     for key, (module, kind) in _KINDS.items():
         if key in keys:
             return read_json(path, getattr(import_module(f"cavirheo.{module}"), kind))
+    message = f"{path}: a comparison of an earlier version; `cavirheo compare` writes result.json: run it again"
+    require("reference_methods" not in keys, message, "document.other")
     raise InputError(f"{path}: no document of cavirheo ({', '.join(_NAMES)})", "document.other")

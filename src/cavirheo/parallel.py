@@ -31,6 +31,36 @@ def cores(workers: int | None = None) -> int:
     return workers or os.cpu_count() or 1
 
 
+class _OneBlasThread:
+    """While any thread is in this block, BLAS computes in the thread that calls it: its own threads would only wait for
+    each other beside ours, and with them the last bits differ.
+
+    threadpoolctl lets one thread set the number, and does nothing for others: a thread of ours does it for all.
+    """
+
+    def __init__(self) -> None:
+        self._lock, self._inside = threading.Lock(), 0
+        self._setter: Any = None
+        self._limits: Any = None
+
+    def __enter__(self) -> None:
+        with self._lock:
+            if not self._inside:
+                self._setter = ThreadPoolExecutor(1)
+                self._limits = self._setter.submit(threadpool_limits, 1, "blas").result()
+            self._inside += 1
+
+    def __exit__(self, *_: object) -> None:
+        with self._lock:
+            self._inside -= 1
+            if not self._inside:
+                self._setter.submit(self._limits.restore_original_limits)
+                self._setter.shutdown()
+
+
+one_blas_thread = _OneBlasThread()
+
+
 class Executor(Protocol):
     """Where units of work are done: `Threads` here, or the workers of a cluster. What is found is the same."""
 
@@ -49,7 +79,11 @@ class Threads:
 
     def flow(self, work: Callable[[Job], Done], jobs: Sequence[Job]) -> Generator[tuple[int, Done], None, None]:
         """As `Executor.flow`. An exception, Ctrl-C too, is not kept waiting: what has not begun is dropped, what has
-        begun ends by itself."""
+        begun ends by itself. BLAS has one thread meanwhile."""
+        with one_blas_thread:
+            yield from self._flow(work, jobs)
+
+    def _flow(self, work: Callable[[Job], Done], jobs: Sequence[Job]) -> Generator[tuple[int, Done], None, None]:
         waiting, ended = deque(range(len(jobs))), SimpleQueue[Any]()
         count = len(waiting)
         threads = min(cores(self.workers), count)
@@ -143,36 +177,6 @@ class Stoppable:
             self.busy.release()
         require(len(left) < len(tasks), "stopped before a shot was done: nothing has changed", "parallel.stopped")
         return [None if task in left else task.result() for task in tasks]
-
-
-class _OneBlasThread:
-    """While any thread is in this block, BLAS computes in the thread that calls it: its own threads would only wait for
-    each other beside ours, and with them the last bits differ.
-
-    threadpoolctl lets one thread set the number, and does nothing for others: a thread of ours does it for all.
-    """
-
-    def __init__(self) -> None:
-        self._lock, self._inside = threading.Lock(), 0
-        self._setter: Any = None
-        self._limits: Any = None
-
-    def __enter__(self) -> None:
-        with self._lock:
-            if not self._inside:
-                self._setter = ThreadPoolExecutor(1)
-                self._limits = self._setter.submit(threadpool_limits, 1, "blas").result()
-            self._inside += 1
-
-    def __exit__(self, *_: object) -> None:
-        with self._lock:
-            self._inside -= 1
-            if not self._inside:
-                self._setter.submit(self._limits.restore_original_limits)
-                self._setter.shutdown()
-
-
-one_blas_thread = _OneBlasThread()
 
 
 @contextmanager

@@ -103,11 +103,12 @@ class Watch:
         """Every curve, named and grouped among all, with its answer, in the order of the files; and what is to be said
         of the files and of the scales and constants of their curves."""
         files = self._in_order()
-        named, _, hints = read_shots([curve for one in files for curve in one.curves], group=self.group)
+        named, _, again, hints = read_shots([curve for one in files for curve in one.curves], group=self.group)
         remarks = [remark for one in files for remark in one.remarks]
         named = self._with_column(named, remarks)
         answers = [answer for one in files for answer in one.answers]
-        return [(curve, answer) for curve, answer in zip(named, answers, strict=True) if answer], remarks + hints
+        pairs = [(curve, answer) for curve, answer in zip(named, answers, strict=True) if answer]
+        return pairs, remarks + again + hints
 
     @property
     def unreadable(self) -> int:
@@ -222,9 +223,9 @@ class Watch:
         """What is in a file; None if it is to be tried again. One that stays as it is and cannot be read is a curve
         that says why."""
         try:
-            curves, problems, remarks = self.read(path)
+            curves, problems, remarks, _ = self.read(path)  # hints are said once, of all curves
         except InputError as error:  # a setting that is wrong for this file
-            curves, problems, remarks = Recordings([], [f"{path}: {error}"], [])
+            curves, problems, remarks, _ = Recordings([], [f"{path}: {error}"], [], [])
         if _state(path) != state:
             return None  # it is being written
         known = self.files.get(str(path))
@@ -241,8 +242,7 @@ class Watch:
             stem = {"name": path.stem, "group": path.stem, "source": shown(path)}
             curves, one.unreadable = [RadiusCurve([], [], meta=stem, unusable=problems[0])], True  # type: ignore[arg-type]
         self._trials.pop(path, None)
-        hints = {hint for curve in curves for hint in curve.hints}  # said once for all curves
-        one.remarks = [said for said in remarks if not any(said.endswith(hint) for hint in hints)]
+        one.remarks = list(remarks)
         for curve in curves:
             owner = self.owner.get(samples_of(curve), one.path)
             if owner == one.path:

@@ -367,7 +367,7 @@ class Page(film.FilmPart):
         answers, curve, posterior, _ = session.find(name)
         fit = answers.fits.get(name)
         drawn = band(curve, posterior, session.settings_of(name).analysis)
-        named = digits.simulated(posterior.method)
+        named = f"simulation: {digits.simulated(posterior.method)}"
         figure = plots.checked(curve, posterior.checks, named, fit.checks if fit else None, trial, drawn)
         return [figure, words.facts(session, name)]
 

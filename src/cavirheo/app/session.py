@@ -13,7 +13,7 @@ from tempfile import TemporaryDirectory
 from threading import Lock, RLock, Timer
 from typing import Any, TypeVar
 
-from cavirheo.companions.values import published, set_beside, values_of
+from cavirheo.companions.published_values import published, set_beside, values_of
 from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError, number_of, require
 from cavirheo.inference.analysis import DEFAULT, Analysis
@@ -27,8 +27,9 @@ from cavirheo.reading.recordings import is_recording
 from cavirheo.reading.shots import check_max_radius
 from cavirheo.reading.subprocess_reader import Found, Reader
 from cavirheo.reporting.answer import CurveRecord
+from cavirheo.reporting.group import Published
 from cavirheo.reporting.material import kept_material_of
-from cavirheo.reporting.record import Pairs, Published, Result
+from cavirheo.reporting.record import Pairs, Result
 from cavirheo.video.measurement import Measurement
 from cavirheo.workflow.store import Store
 from cavirheo.writing.document import short_name

@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any
 
 from cavirheo.app.session import Answers, PageSettings, Session
-from cavirheo.companions.values import set_beside
+from cavirheo.companions.published_values import set_beside
 from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError, number_of, require
 from cavirheo.inference import DEFAULT
@@ -54,7 +54,7 @@ def _found(session: Session, names: Sequence[str], verify: str) -> list[tuple[Ra
     fine = verify != "full" or len(chosen) <= session.limits.full
     require(fine, f"{many}or use the command line (cavirheo infer --verify full)", "app.too_many_full")
     soon, workers = session.soon, max((os.cpu_count() or 1) // len(chosen), 1)
-    mark = {"verdict": "unverified", "message": ""} if verify != settings.verify else {}
+    mark = {"verdict": "unverified", "messages": []} if verify != settings.verify else {}
 
     def one(curve: RadiusCurve) -> Posterior:
         analysis = asked[curve.name]

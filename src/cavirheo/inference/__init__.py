@@ -43,7 +43,7 @@ def infer(
             without this prior.
         window: collapses over which answer and measurement are compared (and the stretch fitted); default: all that
             the network reads.
-        trust_input: doubts about the recording or its settings are said, but decide no verdict.
+        trust_input: warnings on the recording or its settings are said, but decide no verdict.
         bubble: "real" (the default: vapour condenses at a finite rate, and the surroundings damp the motion), "field"
             (the default of the paper's networks: equilibrium contents, unbounded liquid), "auto" (both, and the
             evidence chooses), or a `Bubble`. With one that the network does not know the search begins all over the
@@ -57,7 +57,7 @@ def infer(
         seed: of its draws.
 
     Returns:
-        The answer, SI. A curve that cannot be answered gives a Posterior without draws whose checks.message says why.
+        The answer, SI. A curve that cannot be answered gives a Posterior without draws whose checks.messages say why.
 
     Raises:
         InputError: unknown model, or a setting out of its domain.

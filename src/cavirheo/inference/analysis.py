@@ -227,15 +227,15 @@ class Analysis:
         return [Networked(network, law, bubble, medium, **how).infer(curve) for law, bubble in models]
 
     def _asked(self, curve: RadiusCurve, law: str, options: Options) -> Posterior:
-        """What a search begins from: law, bubble, window and doubts about the recording, without any value."""
+        """What a search begins from: law, bubble, window and input warnings, without any value."""
         family, medium = Family(law), named(self.medium)
         names = tuple(LOG10 + name for name in family.parameters)
         try:
             shot = Experiment(curve, family, medium, options)
-            doubts = [*input_checks.plain(curve, medium), *input_checks.of_walls(shot)]
+            warnings = [*input_checks.plain(curve, medium), *input_checks.of_walls(shot)]
             plain = Checks("ok", t_star_end=shot.view.end / shot.time_scale)
-            checks = input_checks.doubted(plain, doubts, self.trust_input)
-        except Exception as error:  # of this curve alone
+            checks = input_checks.warned(plain, warnings, self.trust_input)
+        except input_checks.ERRORS as error:  # of this curve alone
             checks = input_checks.failed(error, curve, medium)
         about = {"medium": asdict(medium), "options": asdict(options), "source_sha256": curve.source_sha256}
         provenance = {"cavirheo": version("cavirheo"), **about}

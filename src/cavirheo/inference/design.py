@@ -32,7 +32,7 @@ from cavirheo.inference.law import Family
 from cavirheo.inference.noise import SHAPE, MarginalNoise
 from cavirheo.inference.options import FREE, SCALE_BOUND, Options, fixed_bubble
 from cavirheo.inference.verify.mode import Target, climb
-from cavirheo.parallel import each, one_blas_thread
+from cavirheo.parallel import each
 from cavirheo.parameters import INTERVAL, PARAMETERS, RADIUS
 from cavirheo.physics.accuracy import ROUGH
 from cavirheo.physics.bubble import FREE as INFERRED
@@ -218,8 +218,7 @@ def expectations(
             return None
 
     jobs = [(setting, k) for setting in settings for k in range(len(law))]
-    with one_blas_thread:
-        found = each(one, jobs, workers, (lambda *_: done()) if done else None)
+    found = each(one, jobs, workers, (lambda *_: done()) if done else None)
     return [found[i : i + len(law)] for i in range(0, len(found), len(law))]
 
 
@@ -238,11 +237,13 @@ def reached(
     `infer` then gives; of the recordings that have both. law: (draws, l) log10, stretch: (draws,)."""
     from cavirheo.inference import infer_many
 
-    films: list[tuple[RadiusCurve, Floats]] = []
-    for k in range(len(law)):
-        with suppress(InputError, SolverError, np.linalg.LinAlgError), one_blas_thread:
+    def one(k: int) -> tuple[RadiusCurve, Floats] | None:
+        with suppress(InputError, SolverError, np.linalg.LinAlgError):
             curve, truth = setting.film(family, law[k], float(stretch[k]), medium, seed + k, bubble)
-            films.append((curve, expected(curve, truth, family, medium, bubble=bubble).half_width))
+            return curve, expected(curve, truth, family, medium, bubble=bubble).half_width
+        return None
+
+    films = [film for film in each(one, range(len(law)), workers) if film]
     how: Any = {"material": family.name, "medium": medium, "bubble": bubble, "workers": workers}
     answers = infer_many([curve for curve, _ in films], **how)
     told, got = [], []

@@ -53,14 +53,14 @@ def fit_many(
         bubble: "real" (vapour condenses at a finite rate, and the surroundings damp the motion), "field" (equilibrium
             contents, unbounded liquid), "auto" (both, and the evidence chooses as for materials), or a `Bubble`.
         others: look at the other of these two bubbles, too; what it and other modes answer is in `Posterior.others`.
-        trust_input: doubts about the recording or its settings are said, but decide no verdict.
+        trust_input: warnings on the recording or its settings are said, but decide no verdict.
         seed: of the draws.
         workers: threads; default: all cores. The answers do not depend on it.
         done: called with the index of each curve and its answer as it is found.
 
     Returns:
         An answer for each curve, in their order, SI. A curve that cannot be fitted gives a Posterior without draws
-        whose checks.message says why.
+        whose checks.messages say why.
 
     Raises:
         InputError: unknown material or a setting out of its domain.
@@ -98,7 +98,7 @@ def fit(curve: RadiusCurve, material: str = "nhkv", **options: Any) -> Posterior
         options: those of `fit_many`.
 
     Returns:
-        The answer, SI; one without draws says in its checks.message why it failed.
+        The answer, SI; one without draws says in its checks.messages why it failed.
 
     Raises:
         InputError: as `fit_many`.

@@ -19,6 +19,7 @@ from cavirheo.inference.law import Family
 from cavirheo.inference.model import load
 from cavirheo.inference.options import FREE, Options
 from cavirheo.inference.reconstruct import Window, check_stretch, window
+from cavirheo.messages import of_error
 from cavirheo.parameters import PARAMETERS
 from cavirheo.physics.bubble import FIELD, REAL
 from cavirheo.physics.media import medium as named
@@ -94,7 +95,7 @@ def tried(curve: RadiusCurve, posterior: Posterior, given: Mapping[str, float], 
     try:
         return WhatIf(curve, posterior, asked).checks(given)
     except (InputError, SolverError) as error:
-        return Checks("failed", str(error))
+        return Checks("failed", (of_error(error),))
 
 
 def band(curve: RadiusCurve, posterior: Posterior, asked: Analysis) -> Band | None:

@@ -24,12 +24,13 @@ _NUMBER = re.compile(r"(?:[^\w.,]|_)*(?<![.,])\d+(?: \(\d+\))?[)\]]?$")
 
 
 class Recordings(NamedTuple):
-    """The curves of all files in their order; why files could not be read; which recordings were given twice, and what
-    of their scales and constants should be known, a line for all groups that it concerns."""
+    """The curves of all files in their order; why files could not be read; which recordings were given twice and how
+    they were scaled; and what of scales and constants should be known, a line for all groups that it concerns."""
 
     curves: list[RadiusCurve]
     problems: list[str]
     remarks: list[str]
+    hints: list[str]
 
 
 def read_shots(
@@ -65,11 +66,11 @@ def read_shots(
     for curve in curves:
         for hint in curve.hints:
             about.setdefault(hint, {})[curve.group] = None
-    remarks += [f"{', '.join(groups)}: {hint}" for hint, groups in about.items()]
+    hints = [f"{', '.join(groups)}: {hint}" for hint, groups in about.items()]
     if max_radius:
         curves, said = _scaled(curves, max_radius)
         remarks += said
-    return Recordings(curves, problems, remarks)
+    return Recordings(curves, problems, remarks, hints)
 
 
 def samples_of(curve: RadiusCurve) -> bytes:

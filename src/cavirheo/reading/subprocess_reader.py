@@ -59,7 +59,7 @@ class Reader:
         given = [str(one) if isinstance(one, Path) else one for one in files]
         answer = self.ask(paths, (_read, given, options))
         folder = f"{paths[0].parent}/" if paths else ""
-        problems = answer.problems + answer.remarks
+        problems = answer.problems + answer.remarks + answer.hints
         return [_named(curve) for curve in answer.curves], [problem.replace(folder, "") for problem in problems]
 
     def measure(self, path: Path, images: Path, most: float, say: Report, **options: Any) -> Measurement:

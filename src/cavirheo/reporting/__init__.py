@@ -11,7 +11,8 @@ from pathlib import Path
 from typing import Any
 
 from cavirheo.curve import RadiusCurve
-from cavirheo.reporting.record import Answered, Pairs, Published, Result, read_json, result
+from cavirheo.reporting.group import REFERENCES, Published
+from cavirheo.reporting.record import Answered, Pairs, Result, read_json, result
 from cavirheo.writing import claim, style
 from cavirheo.writing.document import Outputs, drawing, short_name, write_json
 
@@ -49,6 +50,7 @@ def write_report(
     workers: int = 1,
     done: Callable[[], None] | None = None,
     published: Mapping[str, Published] | None = None,
+    references: Sequence[str] = REFERENCES,
     replace: bool = False,
 ) -> Result:
     """Write result.json, result.csv and report.html with a picture of each curve into `directory` (made if missing).
@@ -68,8 +70,8 @@ def write_report(
         workers: processes that may make the rows of thousands of curves; above 1, the main module of the program must
             be safe to import.
         done: called after each figure.
-        published: values of other methods, by group ("": all that are not named), method and parameter, which stand
-            beside the groups.
+        published: values of other methods, by group, method and parameter, which stand beside the groups.
+        references: methods of these that errors are to.
         replace: whether answers of another call, or of another command line, may be replaced, too.
 
     Of more than MANY curves there is result.parquet, too (with pyarrow). A picture or figure that cannot be drawn costs
@@ -87,7 +89,8 @@ def write_report(
     with claim.held(claim.Claim(command, {"command": command, "curves": known}, replace)):
         folder = outputs(directory, pairs.curves, figures)
         workers = workers if complete else 1
-        document = result(pairs, command, date=date, notes=notes, published=published, workers=workers)
+        document = result(pairs, command, date=date, notes=notes, workers=workers)
+        document.put_beside(published or {}, references)
         pictures = _pictures(pairs, document) if draw and complete else Pictures()
         document.notes += pictures.failed
         if complete and len(pairs) > MANY:

@@ -62,6 +62,6 @@ def write_bundle(folder: Path, pairs: Pairs, command: str, fits: Pairs, done: Ca
         if time is not None and radius is not None:
             # a drawn point beside a frame, which ten digits of a microsecond do not tell from it
             kept = np.diff(time, prepend=-np.inf) > 1e-15
-            drawn = digits.simulated(posterior.method).removeprefix("simulation: ").replace(" ", "-")
+            drawn = digits.simulated(posterior.method).replace(" ", "-")
             place = folder / "simulated" / f"{stem}-{drawn}.csv"
             write_csv(place, RadiusCurve(time[kept], radius[kept]), f"simulation of {record.name}, {record.simulated}")

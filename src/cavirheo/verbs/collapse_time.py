@@ -44,6 +44,7 @@ def collapse_time(
     """G and µ from the times of the first collapse alone: one answer per table, or per file or folder of curves."""
     from cavirheo.companions import collapse_times
     from cavirheo.reading.selection import shot_numbers
+    from cavirheo.reporting import file_names
     from cavirheo.writing import style
     from cavirheo.writing.document import Outputs, write_json
 
@@ -66,8 +67,9 @@ def collapse_time(
         notes=run.notes + ([] if drawing or not pictures else [style.NO_PICTURES]),
     )  # fmt: skip
     outputs.write("shots.csv", collapse_times.write_csv, document)
-    if drawing:
-        document.notes += collapse_times.write_pictures(outputs, document)
+    answered = [one for one in groups if one.best] if drawing else []
+    for one, stem in zip(answered, file_names([one.name for one in answered]), strict=True):
+        document.notes += outputs.picture(f"{stem}.png", style.save_png, collapse_times.figure, one, document)
     outputs.write("collapse-time.json", write_json, document)
     outputs.finish()
     run.show(document, collapse_times.print_table)

@@ -12,12 +12,19 @@ from cavirheo.verbs.run import Run
 
 
 def compare(
-    folder: Annotated[Path, typer.Argument(help="holds the measurements: a file, subfolder or glob per set")],
+    source: Annotated[
+        Path,
+        typer.Argument(
+            metavar="FOLDER", help="holds the measurements, a file, subfolder or glob per set; or a result.json"
+        ),
+    ],
     references: Annotated[Path, typer.Option(help="CSV of sets and published values, see docs/how-to/compare.md")],
     reference_method: Annotated[
         list[str] | None, typer.Option(help="errors are relative to it; may be repeated  [default: IMR, rheometer]")
     ] = None,
-    model: options.ModelName = "bdt-viscoelastic",
+    model: options.ModelName = "posterior",
+    material: options.Material = None,
+    bubbles: options.Bubbles = options.FROM_OPTIONS,
     fit_law: Annotated[
         str | None,
         typer.Option(
@@ -31,18 +38,25 @@ def compare(
     pictures: options.Pictures = True,
     run: Run = options.FROM_OPTIONS,
 ) -> None:
-    """Published values of many sets beside ours, with relative errors: tables, a picture and a report per set."""
-    from cavirheo.companions.published import compare as compare_sets
-    from cavirheo.companions.published.comparison import print_table
+    """Your answers beside published values, with relative errors: those of `infer`, with the field's bubble."""
+    from cavirheo.companions.comparison import Answering, compare
+    from cavirheo.reporting.comparison import print_comparison
+    from cavirheo.writing import digits
 
-    result = compare_sets(
-        folder, references, out, model=model, fit=fit_law, reference_methods=reference_method or [],
-        trust_input=trust_input, pictures=pictures, command=run.command, progress=not run.quiet,
-    )  # fmt: skip
-    if result.notes and result.notes[0].startswith("interrupted"):
+    how = Answering(model, material, fit_law, bubbles or "field", trust_input)
+    result, run.unreadable, interrupted = compare(
+        source,
+        references,
+        out,
+        how=how,
+        reference_methods=reference_method or [],
+        pictures=pictures,
+        command=run.command,
+        progress=not run.quiet,
+    )
+    if interrupted:
         run.stop(result.notes[0], out / "comparison.md")
-    run.show(result, print_table)
-    run.unreadable = sum(len(about.problems) for about in result.sets)
-    shots = sum(about.n_shots for about in result.sets)
-    failed = any(about.n_answered < about.n_shots or about.verdicts.get("check_input") for about in result.sets)
-    run.end(f"{len(result.sets)} sets, {shots} shots in {{seconds}}; table: {out / 'comparison.md'}", failed)
+    run.show(result, print_comparison)
+    failed = any(record.verdict in ("failed", "check_input") for record in result.curves)
+    said = f"{digits.counted(len(result.groups), 'set')}, {digits.counted(len(result.curves), 'shot')} in {{seconds}}"
+    run.end(f"{said}; table: {out / 'comparison.md'}", failed)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 from typer import Argument, Option
 
@@ -49,8 +49,9 @@ def design(
     run: Run = options.FROM_OPTIONS,
 ) -> None:
     """Which shot to take next, and how many: expected intervals over R_max and frame rate."""
+    from cavirheo.companions.design import Rig
     from cavirheo.companions.design import design as designed
-    from cavirheo.companions.design_view import picture, print_table
+    from cavirheo.companions.design_document import picture, print_table
     from cavirheo.parallel import aside
     from cavirheo.physics.simulate import load_solver
     from cavirheo.writing import style
@@ -69,17 +70,23 @@ def design(
     given = {"shear_modulus": shear_modulus, "viscosity": viscosity, "stretch": stretch}
     drawing = pictures and style.available()
     outputs = Outputs(out, "design.json", *(["design.png"] if drawing else []), inputs=[known] if known else [])
+    rig = Rig(
+        max_radius=[1e-6 * end for end in rmax_um],
+        frame_rate=rates,
+        frames=frames,
+        noise=noise,
+        relative_noise=0.01 * noise_percent,
+        exposure=1e-6 * exposure_us,
+        material=material,
+        medium=liquid,
+        bubble=bubbles or "real",
+    )
+    settings: dict[str, Any] = {"wanted": 0.01 * wanted_percent, "spread": spread, "sizes": sizes, "draws": draws}
+    settings |= {"ranges": {name: pair for name, pair in given.items() if pair}, "check": check, "seed": seed}
     aside(load_solver)
     with run.bar("simulating", sizes * len(rates) * draws) as advance:
-        made = designed(
-            known, group=group,
-            ranges={name: pair for name, pair in given.items() if pair}, material=material,
-            bubble=bubbles or "real", medium=liquid,
-            max_radius=[1e-6 * end for end in rmax_um], frame_rate=rates, frames=frames,
-            noise=noise, relative_noise=0.01 * noise_percent,
-            exposure=1e-6 * exposure_us, wanted=0.01 * wanted_percent, spread=spread, sizes=sizes, draws=draws,
-            check=check, seed=seed, command=run.command, date=run.date, done=advance,
-        )  # fmt: skip
+        made = designed(known, rig, group=group, done=advance, **settings)
+    made.command, made.date = run.command, run.date
     if pictures and not drawing:
         made.notes.append(style.NO_PICTURES)
     outputs.write("design.json", write_json, made)

@@ -85,6 +85,7 @@ class Run:
         self.date = datetime.now().astimezone().strftime("%Y-%m-%d %H:%M %Z")
         self.unreadable = 0
         self.notes: list[str] = []  # on the run as a whole
+        self.told: list[str] = []  # those that stderr has
         self.json, self.quiet = json, quiet or json
 
     def bar(
@@ -111,7 +112,8 @@ class Run:
     def refuse(self, problems: list[str]) -> None:
         """Say on stderr which files cannot be read, and count them."""
         self.unreadable += len(problems)
-        self.notes += [f"not read: {problem}" for problem in problems]
+        self.told += [f"not read: {problem}" for problem in problems]
+        self.notes += self.told[-len(problems) :] if problems else []
         for problem in problems:
             terminal.say(f"error: {problem}")
 
@@ -131,7 +133,7 @@ class Run:
 
         found = reading.recordings(files, medium)
         self.refuse(found.problems)
-        self.notes += found.remarks
+        self.notes += found.remarks + found.hints
         curves = found.curves
         self.need(curves, "curve")
         if column is not None:
@@ -174,7 +176,7 @@ class Run:
         with self.bar("drawing", unit="figures") if figures else nullcontext() as advance:
             result = write_report(out, pairs, self.command, figures, done=advance, **how)
         kept.remove()
-        self.show(result, partial(print_table, asked=analysis, out=out))
+        self.show(result, partial(print_table, asked=analysis, out=out, told=self.told))
         failed = any(record.verdict in ("failed", "check_input") for record in result.curves)
         self.end(f"{digits.counted(len(curves), 'curve')} in {{seconds}}; report: {out / 'report.html'}", failed)
 

@@ -14,12 +14,13 @@ from typing import Any, TypeVar
 import numpy as np
 
 from cavirheo.curve import RadiusCurve
+from cavirheo.messages import Message
 from cavirheo.physics.bubble import Bubble
 from cavirheo.posterior import Checks, Diagnostics, Evidence, OtherAnswer, Posterior, WindowAnswer
 from cavirheo.writing.document import into, whole
 from cavirheo.writing.packing import pack, unpack
 
-_TYPES = (Posterior, Checks, WindowAnswer, Evidence, Diagnostics, Bubble, OtherAnswer, RadiusCurve)
+_TYPES = (Posterior, Checks, Message, WindowAnswer, Evidence, Diagnostics, Bubble, OtherAnswer, RadiusCurve)
 _KINDS: dict[str, Any] = {kind.__name__: kind for kind in _TYPES}
 _Kept = TypeVar("_Kept")
 

@@ -19,7 +19,7 @@ def pack(value: Any, arrays: list[np.ndarray]) -> Any:
         arrays.append(value)
         return {"array": len(arrays) - 1}
     if isinstance(value, InputError):
-        return {"InputError": {"message": str(value), "code": value.code}}
+        return {"InputError": {"message": value.message, "code": value.code, "where": value.where}}
     names = [field.name for field in fields(value)] if is_dataclass(value) else getattr(value, "_fields", None)
     if names is not None and not isinstance(value, type):
         return {type(value).__name__: {name: pack(getattr(value, name), arrays) for name in names}}

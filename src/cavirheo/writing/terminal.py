@@ -174,7 +174,7 @@ def print_remarks(
         to.print(Text(f"• {printable(note)}"))
 
 
-def print_doubts(to: Console, about: Iterable[tuple[str, str]]) -> None:
+def print_warnings(to: Console, about: Iterable[tuple[str, str]]) -> None:
     """What is to be checked of recordings and settings, of (name, sentence): each once, before all other remarks."""
     look = LOOKS["check_input"]
     names = {said: list(dict.fromkeys(of)) for said, of in once(about).items()}

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
@@ -10,10 +11,10 @@ from typing import Any, TypedDict, Unpack
 import numpy as np
 
 from cavirheo.curve import RadiusCurve, several
-from cavirheo.errors import InputError, SolverError, expect, reason
+from cavirheo.errors import expect
 from cavirheo.inference.alternatives import chosen_among, contenders, itself, judged, model_of
 from cavirheo.inference.budget import Budget
-from cavirheo.inference.input_checks import doubted
+from cavirheo.inference.input_checks import ERRORS, warned
 from cavirheo.inference.law import Family
 from cavirheo.inference.law_average import averaged_over_laws, comparable
 from cavirheo.inference.posterior_model import PosteriorModel
@@ -21,11 +22,13 @@ from cavirheo.inference.verify.fitting import FitEstimation, SearchedEstimation
 from cavirheo.inference.verify.model_average import answers_of
 from cavirheo.inference.verify.tuning import TUNING
 from cavirheo.inference.verify.verification import Estimation, Level, Verification
-from cavirheo.parallel import cores, each, one_blas_thread
+from cavirheo.messages import Message, of_error
+from cavirheo.parallel import cores, each
 from cavirheo.physics.bubble import DAMAGED, REAL, Bubble, Requested, bubbles_of, rival_of
 from cavirheo.physics.media import Medium
 from cavirheo.posterior import Diagnostics, OtherAnswer, Posterior, Verdict
 
+_log = logging.getLogger(__name__)
 __all__ = ["Verification", "VerificationOptions", "verify", "verify_many"]
 
 
@@ -103,12 +106,12 @@ def verify_many(
                     estimations.append(one)
                 else:
                     found.append(one.posterior())
-            except Exception as error:  # of this shot alone
+            except ERRORS as error:  # of this shot alone
                 problems.append(_failed(chosen, model, error))
         for some in [[one] for one in estimations] if chosen.weights or chosen.search else [estimations]:
             try:
                 found += answers_of(some, chosen.budget) if some else []
-            except Exception as error:  # of this shot alone
+            except ERRORS as error:  # of this shot alone
                 problems.append(_failed(chosen, some[0].answer, error))
         if not found:
             return replace(problems[0], seconds=problems[0].seconds + time.perf_counter() - began)
@@ -119,21 +122,23 @@ def verify_many(
         if chosen.rival:
             best = replace(best, others=(*best.others, *_rival(chosen, curve, best)))
         own = next((model for model in models if model_of(model) == model_of(best)), given[0])
-        doubts, checked = list(own.checks.doubts), own.checks.verdict != "check_input"
-        checks = doubted(judged(best, chosen_among(best, found)), doubts, trust_input=checked)
+        checked = own.checks.verdict != "check_input"
+        checks = warned(judged(best, chosen_among(best, found)), own.checks.warnings, trust_input=checked)
         before = sum(answer.seconds for answer in given)
         return replace(best, checks=checks, seconds=before + time.perf_counter() - began)
 
-    with one_blas_thread:
-        return each(verified, zip(curves, candidates, strict=True), workers, done)
+    return each(verified, zip(curves, candidates, strict=True), workers, done)
 
 
 def _failed(settings: Verification, answer: Posterior, error: Exception) -> Posterior:
     """The answer with the reason why it could not be verified."""
-    told = reason(error) if settings.weights else f"not verified: {reason(error)}"
-    message = "; ".join(filter(None, [answer.checks.message, told]))
+    _log.debug("no answer by %s", answer.material, exc_info=error)
+    why = of_error(error)
+    if not settings.weights:
+        why = Message("answer.unverified", {"reason": why.text})
     verdict: Verdict = "failed" if settings.level == "auto" else answer.checks.verdict
-    return replace(answer, checks=replace(answer.checks, verdict=verdict, message=message))
+    checks = replace(answer.checks, verdict=verdict, messages=(*answer.checks.messages, why))
+    return replace(answer, checks=checks)
 
 
 def _simplest(found: Sequence[Posterior]) -> Posterior:
@@ -178,5 +183,6 @@ def _again(
         if settings.level == "map":
             return [estimation.posterior()]
         return answers_of([estimation], settings.budget) if estimation.sampling.log_laplace >= least else []
-    except (InputError, SolverError):
+    except ERRORS as error:
+        _log.debug("%s has no answer of the %s", curve.name, bubble.title, exc_info=error)
         return []

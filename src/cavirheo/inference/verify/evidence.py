@@ -25,6 +25,7 @@ from cavirheo.inference.law import Family
 from cavirheo.inference.options import Options
 from cavirheo.inference.population import Population, with_slope_if_any
 from cavirheo.inference.verify.tuning import TUNING
+from cavirheo.messages import Message
 from cavirheo.physics.bubble import REAL, Bubble, Requested, bubbles_of
 from cavirheo.physics.media import WATER, Medium
 from cavirheo.posterior import Evidence, Posterior
@@ -248,7 +249,7 @@ def explained(singles: Sequence[Ranking], groups: Sequence[Ranking]) -> list[Pos
         kept = {model_of(other) for other in rest if other.evidence}
         others = [other for other in answer.others if model_of(other) not in kept]
         answer = replace(answer, others=(*others, *(itself(other) for other in rest if other.evidence)))
-        by_others = [f"chosen by the evidence of the group: {chosen}"] if i in by_group else []
+        by_others = [Message("model.of_group", {"material": chosen})] if i in by_group else []
         own = chosen_among(answer, rest) if chosen == one.chosen else by_others
         found.append(replace(answer, checks=judged(answer, own)))
     return found
