@@ -153,9 +153,7 @@ def test_a_network_whose_file_changed_is_read_anew(tmp_path):
 
 
 def test_a_fit_gives_no_interval_from_draws_that_are_worth_too_little(monkeypatch):
-    monkeypatch.setattr(
-        model_average, "TUNING", replace(TUNING, effective_fewest=200.0)
-    )
+    monkeypatch.setattr(model_average, "TUNING", replace(TUNING, effective_fewest=1e4))
     answer = cavirheo.fit(shot(), bubble="field", others=False, workers=1, trust_input=True)
     assert answer.interval("shear_modulus") is None
     assert answer.checks.verdict == "no_interval"

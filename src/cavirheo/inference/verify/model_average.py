@@ -130,7 +130,8 @@ def answers_of(estimations: Sequence[Estimation], budget: Budget) -> list[Poster
     whole = dict(zip(map(id, counted), shares(counted), strict=True))
     for i, part in enumerate(laws):
         share = whole[id(part)]
-        if part.sampling.drawn is None and share < SEEN:
+        of_law = share + (whole.get(id(limits[i]), 0.0) if i in limits else 0.0)
+        if part.sampling.drawn is None and of_law < SEEN:
             continue
         if part.sampling.drawn is None:
             part.weigh(float(share), budget)

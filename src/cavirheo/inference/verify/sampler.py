@@ -226,7 +226,7 @@ class Sampling:
         `enough` (and their tail index in order), there are `most`, or (after `patience` draws) so many are not likely
         to be worth `least`."""
         begun = sum(self.counts) - self.before
-        while True:
+        while begun < most:
             found, new = self.found, sum(self.counts) == self.before
             if found is None or new or found.ess < TUNING.good_proposal * len(found.u) or not found.reliable:
                 proposal = self.propose(self.rng, None if new else found)

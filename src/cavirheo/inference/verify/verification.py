@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
-from cavirheo.arrays import Floats, log_sum
+from cavirheo.arrays import Floats, log_sum, unscaled
 from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError, SolverError, expect, expect_whole, require
 from cavirheo.inference.alternatives import LAPLACE, SEEN, averaged, model_of
@@ -282,6 +282,9 @@ class Estimation:
         x, log_camera = at[None], np.zeros(1)
         if len(u) > 1:
             x, log_camera = target.completed(u, target.camera.z(residuals), best.u, settings.seed)
+        near = residuals if drawn else best.residual - (u - best.u) @ best.jacobian.T
+        weight = drawn.log_weight if drawn and len(u) > 1 else np.zeros(len(u))
+        over_scale = self._moved_modulus(best, u, near, weight)
         log_q = log_weight = None
         worth: dict[str, Any] = {}
         others = self._others(best, found)
@@ -298,6 +301,8 @@ class Estimation:
                 other = replace(other, weight=both.probability)
                 if both.probability > SEEN:
                     evidence, log_weight, log_q = both.evidence, both.log_weight, None
+                    if both.probability > 0.5 and limit.sampling.drawn:
+                        over_scale = limit.estimation.modulus_over_scale(limit.sampling.weighted)
                     x = np.concatenate([x, shot.as_limit(limit.view.x, limit.estimation.shot.names)])
             others = (*others, other)
         about: dict[str, Any] = {"modes": len(found), **more}
@@ -320,7 +325,7 @@ class Estimation:
         }  # fmt: skip
         told |= {"predictive": predictive} if predictive else {}
         told |= {
-            "modulus_over_scale": self._modulus_over_scale(best),
+            "modulus_over_scale": over_scale,
             "at_bound": tuple(name for name in self._pulled(at) if name in CAMERA),
             "frames_left_out": int(np.count_nonzero(~shot.counted)),
         }
@@ -341,11 +346,17 @@ class Estimation:
             others=others, prior=shot.of_law(prior), stretch_prior=shot.stretch_prior,
         )  # fmt: skip
 
-    def _modulus_over_scale(self, best: Mode) -> float | None:
-        """Relative change of G over that of R_max, by one Gauss-Newton step from the maximum: frames of a larger bubble
-        are nearer to R_max in t_c. None for a law without it, or where a simulation failed."""
+    def modulus_over_scale(self, found: WeightedDraws) -> float | None:
+        """Relative change of G over that of R_max, of weighted draws."""
+        drawn = found.drawn
+        return self._moved_modulus(found.best or found.modes[0], drawn.u, found.residual, drawn.log_weight)
+
+    def _moved_modulus(self, best: Mode, u: Floats, residuals: Floats, log_weight: Floats) -> float | None:
+        """Relative change of G over that of R_max: frames of a larger bubble are nearer to R_max in t_c, and the draws
+        u (k, d) with extended residuals (k, size) are weighted anew by frames that are moved so. None for a law
+        without G, for one draw, or where a simulation failed."""
         shot, target, names = self.shot, self.target, self.prior.names
-        if "shear_modulus" not in names:
+        if "shear_modulus" not in names or len(u) < 2:
             return None
         camera, noise = target.camera, target.noise.frames
         bubble = shot.sampled(target.with_camera(best.u[None])[0], camera, noise)
@@ -353,11 +364,12 @@ class Estimation:
             return None
         sides = [replace(camera, time=camera.time * (1.0 + side * SCALED)) for side in (-0.5, 0.5)]
         nearer, farther = (one.extended(bubble, noise)[0] for one in sides)
-        moved = best.residual + nearer - farther
-        (here, curvature), (there, _) = (target.noise.newton(one, best.jacobian) for one in (best.residual, moved))
-        step = np.linalg.solve(curvature + np.eye(len(best.u)), here - there)
-        i = target.prior.names.index("shear_modulus")
-        return float(np.expm1(np.log(10.0) * target.prior.slope(best.u)[i] * step[i]) / SCALED)
+        counted = np.isfinite(log_weight)
+        u, residuals, weight = u[counted], residuals[counted], unscaled(log_weight[counted])
+        gain = target.log_posterior(u, residuals + nearer - farther) - target.log_posterior(u, residuals)
+        modulus = np.log(10.0) * target.prior.to_x(u)[:, target.prior.names.index("shear_modulus")]
+        moved = np.average(modulus, weights=weight * np.exp(gain)) - np.average(modulus, weights=weight)
+        return float(np.expm1(moved) / SCALED)
 
     def _nearest(self, x: Floats) -> tuple[Floats, float]:
         """x (all,) of least squares from x, or itself where that is no nearer, and its misfit beyond noise: a verdict
