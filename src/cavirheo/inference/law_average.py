@@ -9,8 +9,9 @@ import numpy as np
 
 from cavirheo.arrays import Floats, log_sum
 from cavirheo.inference.alternatives import SEEN, itself, model_of
+from cavirheo.messages import Message
 from cavirheo.parameters import LOG10, about, natural_name, of_the_law, units
-from cavirheo.posterior import Posterior
+from cavirheo.posterior import Checks, Posterior
 
 ELASTIC = 0.05  # probability of the laws with a shear modulus, from which the answer has one
 _MODULUS = LOG10 + "shear_modulus"
@@ -53,10 +54,46 @@ def averaged_over_laws(answers: Sequence[Posterior]) -> Posterior:
     laws = {one.material: one for one, _ in counted}
     known = {model_of(one) for one in rest}
     others = (*(one for one in top.others if model_of(one) not in known), *rest)
-    return replace(
+    found = replace(
         top, names=names, units=units(names), theta=theta, log_weight=weight, log_q=None, others=others, prior=prior,
         laws=laws,
     )  # fmt: skip
+    share = {one.material: float(p) for one, p in zip(answers, probability, strict=True)}
+    return replace(found, checks=_checks(found, share))
+
+
+def _checks(answer: Posterior, share: dict[str, float]) -> Checks:
+    """Those of the likeliest law, with what the average bounds in place of what this law bounds, and the share of each
+    law."""
+    checks, bounds = answer.checks, list[Message]()
+    for name in answer.parameters:
+        value = answer.quantity(name)
+        if value.bound and (of_the_law(name) or name == "stretch"):
+            ends = {"median": value.median, "q05": value.q05, "q95": value.q95}
+            bounds.append(Message(f"bound.{name}.{value.bound}", {"name": name, "bound": value.bound, **ends}))
+    rest = [message for message in checks.messages if not message.code.startswith("bound.")]
+    verdict = checks.verdict
+    if verdict in ("ok", "undetermined"):
+        verdict = "undetermined" if bounds else "ok"
+    messages = (*bounds, *rest, Message("model.averaged", {"laws": share}))
+    return replace(checks, verdict=verdict, messages=messages)
+
+
+def of_one_law(answers: Sequence[Posterior]) -> list[Posterior]:
+    """The answers of shots of one material, each average over laws replaced by its answer by the law with the largest
+    evidence of all such shots together; a shot that has no draws of this law stays as it is."""
+    several = [answer for answer in answers if answer.laws]
+    known = [_log_evidence(answer) for answer in several]
+    laws = {law for answer in several for law in answer.laws}
+    total = {law: sum(logs.get(law, min(logs.values())) for logs in known) for law in sorted(laws)}
+    best = max(total, key=lambda law: total[law], default="")
+    return [answer.laws.get(best, answer) for answer in answers]
+
+
+def _log_evidence(answer: Posterior) -> dict[str, float]:
+    """Of each law with the bubble of an average over laws."""
+    others = {one.material: one.evidence.log for one in answer.others if one.evidence and one.bubble == answer.bubble}
+    return others | {law: one.evidence.log for law, one in answer.laws.items() if one.evidence}
 
 
 def _as(answer: Posterior, names: Sequence[str], prior: dict[str, tuple[float, ...]]) -> Floats:
