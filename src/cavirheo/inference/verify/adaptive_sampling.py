@@ -202,19 +202,21 @@ class AdaptiveSampling:
             self.explorer.also(modes(self.near, self.windowed(), known=self.explorer.modes))
         self.searched = True
 
-    def weigh(self, enough: float, budget: Budget, *, thorough: bool = True) -> Sample:
-        """Draws that are worth `enough` independent ones, from few simulations; where these cannot be trusted, and it
-        may be thorough, from more."""
+    def weigh(
+        self, enough: float, budget: Budget, *, most: int = TUNING.auto_draws, thorough: bool = True
+    ) -> Sample:  # fmt: skip
+        """Draws that are worth `enough` independent ones, from `most` simulations at most; where these cannot be
+        trusted, and it may be thorough, from more."""
         enough = min(enough, budget.draws / 2)
         if thorough:
             self.search_windows()
-        drawn = self.few(enough, budget)
+        drawn = self.few(enough, budget, most)
         return self.thorough(budget) if thorough and not self.trusted else drawn
 
-    def few(self, enough: float, budget: Budget) -> Sample:
+    def few(self, enough: float, budget: Budget, most: int = TUNING.auto_draws) -> Sample:
         """Draws of what few simulations teach, beside those that are there, until all are worth `enough` independent
         ones, or until it is plain that they will not be."""
-        most, explorer = min(TUNING.auto_draws, budget.draws), self.explorer
+        most, explorer = min(most, budget.draws), self.explorer
         sizes: dict[str, Any] = {"most": most, "fewest": 1, "least": enough, "patience": budget.patience}
         drawn = None if explorer.surrogates_fail else self.first.run(each=TUNING.auto_per_round, enough=enough, **sizes)
         guard = self._guard

@@ -66,7 +66,8 @@ class Part:
     def weigh(self, share: float, budget: Budget) -> None:
         """Sample it as a part of this share."""
         enough = max(TUNING.auto_enough * share, TUNING.part_enough)
-        self.sampling.weigh(enough, budget, thorough=share > TUNING.part_thorough)
+        most = max(round(TUNING.auto_draws * share), TUNING.part_draws)
+        self.sampling.weigh(enough, budget, most=most, thorough=share > TUNING.part_thorough)
 
 
 def shares(parts: Sequence[Part]) -> Floats:

@@ -46,6 +46,7 @@ class Tuning:
     part_unsure: float = 2.0  # standard deviation of what a preview finds wrong in a log evidence that is not relied on
     part_known: float = 1.0  # standard error of a log evidence, above which a part is sampled, however small it seems
     part_enough: float = 30.0  # effective draws of any other part, at least
+    part_draws: int = 160  # most further simulations of any part, at least
     part_thorough: float = 0.2  # of the answer, above which ridges are followed where few simulations are not trusted
 
     # where searches start

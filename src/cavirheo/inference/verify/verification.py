@@ -282,9 +282,10 @@ class Estimation:
         x, log_camera = at[None], np.zeros(1)
         if len(u) > 1:
             x, log_camera = target.completed(u, target.camera.z(residuals), best.u, settings.seed)
-        near = residuals if drawn else best.residual - (u - best.u) @ best.jacobian.T
-        weight = drawn.log_weight if drawn and len(u) > 1 else np.zeros(len(u))
-        over_scale = self._moved_modulus(best, u, near, weight)
+        if drawn is not None and len(u) > 1:
+            over_scale = self._moved_modulus(best, u, residuals, drawn.log_weight)
+        else:
+            over_scale = self._moved_gaussian(best)
         log_q = log_weight = None
         worth: dict[str, Any] = {}
         others = self._others(best, found)
@@ -351,12 +352,17 @@ class Estimation:
         drawn = found.drawn
         return self._moved_modulus(found.best or found.modes[0], drawn.u, found.residual, drawn.log_weight)
 
+    def _moved_gaussian(self, best: Mode) -> float | None:
+        """As `_moved_modulus`, of draws of the Gaussian about the maximum, whose frames are linear in u."""
+        u = best.draws(TUNING.draws, self.settings.seed)
+        return self._moved_modulus(best, u, best.residual - (u - best.u) @ best.jacobian.T, np.zeros(len(u)))
+
     def _moved_modulus(self, best: Mode, u: Floats, residuals: Floats, log_weight: Floats) -> float | None:
         """Relative change of G over that of R_max: frames of a larger bubble are nearer to R_max in t_c, and the draws
         u (k, d) with extended residuals (k, size) are weighted anew by frames that are moved so. None for a law
-        without G, for one draw, or where a simulation failed."""
+        without G, or where a simulation failed."""
         shot, target, names = self.shot, self.target, self.prior.names
-        if "shear_modulus" not in names or len(u) < 2:
+        if "shear_modulus" not in names:
             return None
         camera, noise = target.camera, target.noise.frames
         bubble = shot.sampled(target.with_camera(best.u[None])[0], camera, noise)
@@ -367,9 +373,9 @@ class Estimation:
         counted = np.isfinite(log_weight)
         u, residuals, weight = u[counted], residuals[counted], unscaled(log_weight[counted])
         gain = target.log_posterior(u, residuals + nearer - farther) - target.log_posterior(u, residuals)
-        modulus = np.log(10.0) * target.prior.to_x(u)[:, target.prior.names.index("shear_modulus")]
-        moved = np.average(modulus, weights=weight * np.exp(gain)) - np.average(modulus, weights=weight)
-        return float(np.expm1(moved) / SCALED)
+        modulus = 10.0 ** target.prior.to_x(u)[:, target.prior.names.index("shear_modulus")]
+        moved = np.average(modulus, weights=weight * np.exp(gain)) / np.average(modulus, weights=weight)
+        return float(moved - 1.0) / SCALED
 
     def _nearest(self, x: Floats) -> tuple[Floats, float]:
         """x (all,) of least squares from x, or itself where that is no nearer, and its misfit beyond noise: a verdict
