@@ -205,6 +205,7 @@ class Posterior:
         prior: of the law's parameters, by name as in `names`: (low, high), flat between, or (low, high, mean, standard
             deviation) of a normal; without those for which it is not known.
         stretch_prior: mean and standard deviation of the stretch, where the file or the late plateau states it.
+        laws: of an average over laws, the answer of each law that has a part in it, by its name.
     """
 
     names: tuple[str, ...]
@@ -226,6 +227,7 @@ class Posterior:
     others: tuple[OtherAnswer, ...] = ()
     prior: Mapping[str, tuple[float, ...]] = field(default_factory=dict)
     stretch_prior: tuple[float, float] | None = None
+    laws: Mapping[str, Posterior] = field(default_factory=dict)
 
     def __repr__(self) -> str:
         """Material, method and verdict, then a line per parameter: median, 90 % interval, unit."""

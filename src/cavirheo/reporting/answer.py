@@ -341,7 +341,8 @@ def _other(one: OtherAnswer) -> OtherModel:
     names = dict.fromkeys((*one.intervals, *(name for name in BUBBLE if one.best.get(name))))
     values = {name: Quantity(median=finite(one.best.get(name))) for name in names}
     for name, (low, median, high) in one.intervals.items():
-        values[name] = Quantity(q05=low, median=median, q95=high, bound=searched_bound(name, low, high))
+        if np.all(np.isfinite((low, median, high))):
+            values[name] = Quantity(q05=low, median=median, q95=high, bound=searched_bound(name, low, high))
     if (viscosity := viscosity_at(one.material, RATE, one.best)) is not None:
         values[AT_RATE] = Quantity(median=viscosity)
     known = {key: values.pop(name, Quantity()) for name, key in _KEYS.items()}
