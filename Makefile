@@ -6,7 +6,7 @@ BIN = $(VENV)/bin
 .PHONY: demo test test-slow test-hostile fuzz test-lowest test-pythons lint docs man dist space clean
 
 demo: $(VENV)/demo.done
-	$(BIN)/cavirheo infer examples/soft_gel.csv examples/stiff_gel.mat examples/bubble.mp4 --frame-rate-hz 500000 --um-per-px 4 -o demo-result
+	$(BIN)/cavirheo infer examples/soft_gel.csv examples/stiff_gel.mat examples/bubble.mp4 --fps 500000 --um-per-px 4 -o demo-result
 
 # on two processes, a file of tests on one of them
 test: $(VENV)/test.done lint

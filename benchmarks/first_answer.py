@@ -18,7 +18,7 @@ import time
 from pathlib import Path
 
 ROOT = Path(__file__).parent.parent
-VIDEO = "infer {examples}/bubble.mp4 --frame-rate-hz 500000 --um-per-px 4 -o by-video"
+VIDEO = "infer {examples}/bubble.mp4 --fps 500000 --um-per-px 4 -o by-video"
 
 
 def timed(words: list[str], folder: Path) -> tuple[float, float, subprocess.CompletedProcess[str]]:

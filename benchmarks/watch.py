@@ -86,7 +86,7 @@ that of the watching process, waiting included. Median (largest).
 | file | n | asked, s | wall, s | the answer itself, s | processor, s | load of the machine |
 |---|---|---|---|---|---|---|
 """
-VIDEO = ("--frame-rate-hz", str(RATE), "--um-per-px", str(SCALE))
+VIDEO = ("--fps", str(RATE), "--um-per-px", str(SCALE))
 CASES = {
     "R(t), CSV": (2.0, ()),
     "R(t), CSV, `--verify none`": (2.0, ("--verify", "none")),

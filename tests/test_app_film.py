@@ -95,8 +95,7 @@ def test_the_confirmed_curve_is_that_of_the_command_line(session, seen, tmp_path
     assert mine.meta["contact_sheet"] == theirs.meta["contact_sheet"]
     assert session.waiting == []
     assert (
-        session.command(session.settings)
-        == f"cavirheo infer shot.tif --frame-rate-hz {RATE:g} --um-per-px 5.5 --exclude 6,12-14"
+        session.command(session.settings) == f"cavirheo infer shot.tif --fps {RATE:g} --um-per-px 5.5 --exclude 6,12-14"
     )
 
 
@@ -127,7 +126,7 @@ def test_a_confirmed_curve_is_replaced_and_stands_beside_others(session, seen, t
     confirm(session)
     assert [one.name for one in session.curves] == ["shot", "other"]
     assert np.isnan(session.curves[0].radius[19])
-    assert session.command(session.settings).startswith("cavirheo infer shot.tif other.csv (shot.tif: --frame-rate-hz")
+    assert session.command(session.settings).startswith("cavirheo infer shot.tif other.csv (shot.tif: --fps")
     with pytest.raises(InputError):  # it is not that of the other shot
         session.prepare(PageSettings(rmax_um=150.0))
     session.clear()

@@ -164,7 +164,7 @@ def test_bad_options(run, option, value):
 
 def test_simulate_writes_what_read_curves_reads(run, tmp_path):
     words = "simulate --material nhkv --shear-modulus 5000 --viscosity 0.05 --rmax-um 200 --stretch 6 -o out/a.csv"
-    status, _, err = run(*words.split(), "--duration-us", 50, "--frame-rate-hz", 2e6)
+    status, _, err = run(*words.split(), "--duration-us", 50, "--fps", 2e6)
     assert status == 0, err
     (curve,) = read_curves(tmp_path / "out" / "a.csv")
     expected = simulate(NeoHookeanKelvinVoigt(5e3, 0.05), max_radius=2e-4, stretch=6, time=np.arange(101) * 0.5e-6)
@@ -210,7 +210,7 @@ def test_simulate_refuses_a_material(run, tmp_path, material, options, named):
 def test_simulate_all_options(run, tmp_path):
     """Ultrasound on a nucleus in a material with memory: the same as in Python, stress and fields included."""
     (tmp_path / "p.csv").write_text("time_us,pressure_kPa\n0,0\n1,-2000\n2,0\n3,0\n")
-    words = "--rmax-um 2 --stretch 1 --duration-us 10 --frame-rate-hz 1e7 --motion gilmore --precise"
+    words = "--rmax-um 2 --stretch 1 --duration-us 10 --fps 1e7 --motion gilmore --precise"
     law = "zener(2e3, 0.01, 1e-6)"
     status, _, err = run(
         "simulate", "--material", law, *words.split(), *["--driving", "p.csv", "--fields", "f.h5", "-o", "a.csv"]
@@ -271,7 +271,7 @@ def test_laws_lists_every_law(run):
         ("--material newtonian --shear-modulus 5 --viscosity 1 --rmax-um 100 --stretch 5", "shear_modulus"),
         ("--material nhkv --viscosity 1 --rmax-um 100 --stretch 5", "shear_modulus"),
         ("--shear-modulus 1 --viscosity 1 --rmax-um 100 --stretch 0.2", "0.2"),
-        ("--shear-modulus 1 --viscosity 1 --rmax-um 100 --stretch 5 --frame-rate-hz 1e15", "frames"),
+        ("--shear-modulus 1 --viscosity 1 --rmax-um 100 --stretch 5 --fps 1e15", "frames"),
         ("--material newtonian(1) --rmax-um 9 --stretch 1 --pulse 1 1 1 --driving p.csv", "--pulse"),
         ("--material newtonian(1) --rmax-um 9 --stretch 1 --driving p.csv", "p.csv"),
         ("--material newtonian(1) --rmax-um 9 --stretch 1 --polytropic 1 --fields f.h5", "--fields"),

@@ -225,14 +225,14 @@ def test_what_cannot_be_is_refused(quick, wrong):
 
 
 def test_the_command_writes_a_document_that_can_be_loaded(quick, run, tmp_path):
-    status, out, err = run("design", "--shear-modulus", 2e3, 2e4, "--frame-rates-khz", "250,1000", "-o", "plan")
+    status, out, err = run("design", "--shear-modulus", 2e3, 2e4, "--fps", "250e3,1e6", "-o", "plan")
     assert status == 0, err
     document = cavirheo.load(tmp_path / "plan")
     assert document.known["shear_modulus"].median
     assert document.said[0] in out.replace("\n", " ")
     assert json.loads((tmp_path / "plan" / "design.json").read_text())["wanted_percent"] == 10
-    assert run("design", "--frame-rates-khz", "fast", "-o", "plan")[0] == 2
-    assert run("design", "--noise-um", "1,2", "--frame-rates-khz", "250,500,1000", "-o", "plan")[0] == 2
+    assert run("design", "--fps", "fast", "-o", "plan")[0] == 2
+    assert run("design", "--noise-um", "1,2", "--fps", "250e3,5e5,1e6", "-o", "plan")[0] == 2
 
 
 NARROW = ["--shear-modulus", "5000", "5100", "--viscosity", "0.05", "0.051"]
@@ -247,7 +247,7 @@ NARROW = ["--shear-modulus", "5000", "5100", "--viscosity", "0.05", "0.051"]
 )
 def test_a_design_without_shots_to_draw_has_its_picture_and_its_document(quick, run, tmp_path, words, said, shots):
     pytest.importorskip("matplotlib")
-    status, out, err = run("design", *words, "--frame-rates-khz", "100,1000", "-o", "plan")
+    status, out, err = run("design", *words, "--fps", "1e5,1e6", "-o", "plan")
     assert status == 0, err
     assert said in out.replace("\n", " ")
     assert (tmp_path / "plan" / "design.png").exists()
@@ -264,7 +264,7 @@ def test_a_picture_that_fails_costs_only_itself(quick, run, tmp_path, monkeypatc
         raise ValueError("no ticks")
 
     monkeypatch.setattr("cavirheo.writing.style.save_png", broken)
-    status, _, err = run("design", *NARROW, "--frame-rates-khz", 1000, "-o", "plan")
+    status, _, err = run("design", *NARROW, "--fps", 1e6, "-o", "plan")
     assert status == 0, err
     assert cavirheo.load(tmp_path / "plan").notes == ["design.png could not be drawn: ValueError: no ticks"]
     assert not list((tmp_path / "plan").glob("*.png"))

@@ -22,7 +22,6 @@ from cavirheo.posterior import Checks, Posterior
 from cavirheo.verbs import app
 
 ROOT = Path(__file__).parent.parent
-VERBS = {known.name: known.callback for known in app.registered_commands}
 COMMANDS = typer.main.get_command(app).commands
 GOOD = {  # a call that would compute, without the option that is tried
     "measure": "film.mraw",
@@ -41,9 +40,10 @@ def odd_values() -> list[tuple[str, str, str]]:
     """(verb, option, value): three for every option that takes a value, in turn."""
     found, turn = [], count()
     for verb, command in COMMANDS.items():
+        context = command.make_context(verb, [], resilient_parsing=True)
         for option in command.params:
             if option.param_type_name == "option" and not option.is_flag and option.opts[-1] not in FREE:
-                number = re.search("float|int", str(VERBS[verb].__annotations__[option.name]))
+                number = re.search("float|int|NUMBER|FLOAT", option.get_help_record(context)[0])
                 values = NUMBERS if number else WORDS
                 found += [(verb, option.opts[-1], values[next(turn) % len(values)]) for _ in range(3)]
     return found
@@ -303,7 +303,7 @@ def test_folders_patterns_and_stdin_are_files(run, lab_answers, tmp_path, monkey
     )
     with shot.open(encoding="utf-8") as content:
         monkeypatch.setattr(sys, "stdin", content)
-        for words in (["gel"], ["g*/*.csv"], ["frames.csv", "--frame-rate-hz", 1e6], ["-"]):
+        for words in (["gel"], ["g*/*.csv"], ["frames.csv", "--fps", 1e6], ["-"]):
             status, out, err = run("infer", *words, *BDT, "--no-pictures", "--json", "-o", "r", "--replace")
             assert (status, err) == (0, ""), words
             (row,) = json.loads(out)["curves"]

@@ -53,7 +53,7 @@ _HERE = {  # by what stands in messages: an option of the command line or of Pyt
     "add --trust-input": "vouch for it in step 2",
     "(--rmax-um)": "(step 2)",
     "--rmax-um": "R_max in step 2",
-    "(--frame-rate-hz)": "(in the file)",
+    "(--fps)": "(in the file)",
     "--roi": "cavirheo measure --roi",
     "; give --um-per-px": ": type it",
 }

@@ -75,7 +75,7 @@ def of_scale(curve: RadiusCurve, medium: Medium) -> list[str]:
     large, short = ("large (a diameter given as radius?)", "short") if fast else ("small (a radius in pixels?)", "long")
     cause = "stiff gel with its small stretch" if fast else "material"
     seen = f"the first collapse comes {found.ratio:.2g} Rayleigh times after R_max ({curve.max_radius * 1e6:.4g} um)"
-    mend = "give the true R_max (--rmax-um) or frame rate (--frame-rate-hz), or add --trust-input if both are right"
+    mend = "give the true R_max (--rmax-um) or frame rate (--fps), or add --trust-input if both are right"
     if found.wrong > scale.FOLLOWS:
         return [f"check the scale of radius and time: {seen}, which no material shows: {mend}"]
     return [

@@ -20,7 +20,7 @@ class Camera(NamedTuple):
     @property
     def options(self) -> str:
         """Of `cavirheo infer`, that mean the same."""
-        values = zip(("frame-rate-hz", "um-per-px", "exposure-us"), self, strict=True)
+        values = zip(("fps", "um-per-px", "exposure-us"), self, strict=True)
         return "".join(f" --{name} {value:.10g}" for name, value in values if value is not None)
 
 

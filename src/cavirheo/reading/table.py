@@ -237,7 +237,7 @@ def _clock(table: Table, frame_rate: float | None) -> tuple[Floats, str | None, 
     stated = _stated_rates(table.above)
     rate = frame_rate or (stated[0] if len(stated) == 1 else None)
     found = f"; the file states {' and '.join(f'{one:g}/s' for one in stated)}" if stated else ""
-    how = f"{frame.title!r} has numbers of frames and no times{found}: give the frame rate (--frame-rate-hz 1e6)"
+    how = f"{frame.title!r} has numbers of frames and no times{found}: give the frame rate (--fps 1e6)"
     require(rate is not None, how, "table.frame_rate")
     assert rate is not None
     why = f"the frame rate must be positive, frames per second, got {rate!r}"

@@ -5,14 +5,13 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Annotated
 
-from typer import Argument, Option
-
 from cavirheo.errors import InputError, require
+from cavirheo.verbs.options import argument, option
 
 
 def cite(
-    result: Annotated[Path, Argument(help="a result.json, or the folder that holds one")],
-    out: Annotated[Path | None, Option("-o", "--out", help="write here instead of to the terminal")] = None,
+    result: Annotated[Path, argument("RESULT", "a result.json, or the folder that holds one")],
+    out: Annotated[Path | None, option("write here instead of to the terminal", None, "-o", "--out")] = None,
 ) -> None:
     """What a paper must say about a result: models, window, priors, method, versions; and the references as BibTeX."""
     from cavirheo.loading import load

@@ -6,10 +6,9 @@ from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-from typer import Argument
-
 from cavirheo.errors import InputError, require
 from cavirheo.verbs import options
+from cavirheo.verbs.options import argument
 from cavirheo.writing.terminal import say
 
 if TYPE_CHECKING:
@@ -27,14 +26,13 @@ _TABLES = {  # by the class of a document: who prints its table
 }
 
 
+_FILE = (
+    "a document, a folder of results, a training set, an .onnx model; a measurement; or the name of a shipped network"
+)
+
+
 def show(
-    file: Annotated[
-        Path,
-        Argument(
-            help="a document, a folder of results, a training set, an .onnx model; a measurement; or the name of a "
-            "shipped network (see `cavirheo models`)"
-        ),
-    ],
+    file: Annotated[Path, argument("FILE", _FILE)],
     shots: options.Shots = None,
 ) -> None:
     """What a file is: when and by which command it was made, and its table; of measured curves, what would be read.

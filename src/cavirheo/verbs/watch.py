@@ -2,88 +2,71 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Annotated, Any
 
-from typer import Argument, Option
-
 from cavirheo.errors import require
 from cavirheo.verbs import options
-from cavirheo.verbs.run import Reading, Run
+from cavirheo.verbs.options import argument, option
+from cavirheo.verbs.run import Run
 
 
-def watch(
-    folder: Annotated[Path, Argument(readable=False, help="where the recordings arrive: R(t) files or videos")],
-    model: options.ModelName = "posterior",
-    material: options.Material = None,
-    column: options.Column = None,
-    stretch: options.KnownStretch = None,
-    window: options.ReadWindow = None,
-    bubbles: options.Bubbles = options.FROM_OPTIONS,
-    verify: options.VerifyAuto = "auto",
-    exact_law: options.ExactLaw = False,
-    seed: options.Seed = 0,
-    once: Annotated[bool, Option("--once", help="answer the files that exist, write the report, and stop")] = False,
-    patience: Annotated[float, Option(help="how long to try a file again that cannot be read, s", min=0.0)] = 10.0,
-    wanted_percent: options.WantedPercent = 10.0,
-    reading: Reading = options.FROM_OPTIONS,
-    liquid: options.Liquid = options.FROM_OPTIONS,
-    out: options.Out = Path("cavirheo-result"),
-    pictures: options.Pictures = True,
-    run: Run = options.FROM_OPTIONS,
-) -> None:
+@dataclass(kw_only=True)
+class Watch(options.Inference):
     """Every recording that arrives in a folder, answered as `infer` does, until Ctrl-C."""
-    from dataclasses import asdict
 
-    from cavirheo.inference import check_models, infer_many
-    from cavirheo.inference.law import Family
-    from cavirheo.inference.posterior_model import network_of
-    from cavirheo.parallel import Step, aside, cores
-    from cavirheo.physics.simulate import load_solver
-    from cavirheo.reading.column import is_size, read_column
-    from cavirheo.reporting import wall_page, write_report
-    from cavirheo.reporting.table import print_line, print_table
-    from cavirheo.watch import Watch
-    from cavirheo.writing import digits
+    folder: Annotated[Path, argument("FOLDER", "where the recordings arrive: R(t) files or videos", readable=False)]
+    once: Annotated[bool, option("answer the files that exist, write the report, and stop", None, "--once")] = False
+    patience: Annotated[
+        float, option("how long to try a file again that cannot be read, s", options.INPUT, min=0.0)
+    ] = 10.0
+    wanted_percent: options.WantedPercent = 10.0
 
-    require(folder.is_dir(), f"{folder} is no folder: give the one where recordings arrive", "watch.folder")
-    options.check_verify(verify, reading.exposure_us, exact_law, [folder])
-    message = f"--rmax-um must be a positive radius in micrometres, got {reading.rmax_um}"
-    require(reading.rmax_um is None or reading.rmax_um > 0, message, "option.rmax_um")
-    known = options.known_stretch(stretch)
-    check_models(model, material, bubbles, verify, known)
-    if material not in (None, "auto"):
-        Family(material)
-    message = (
-        "--exclude is of one recording: leave the frames out with `cavirheo measure`, and watch for what it writes"
-    )
-    require(reading.exclude is None, message, "option.exclude")
-    if column is not None and not is_size(column):
-        read_column(column)
-    settings: dict[str, Any] = {"model": model, "material": material, "window": window, "stretch": known}
-    settings |= {"medium": liquid, "verify": verify, "discrepancy": not exact_law, "seed": seed, "bubble": bubbles}
-    step = Step(
-        "inferring", infer_many, settings | {"trust_input": reading.trust_input}, made_with=network_of(model).sha256
-    )
-    watching = Watch(
-        folder, out, step, lambda path: reading.recordings([path], liquid), asdict(reading), group=reading.group,
-        column=column, command=run.command, date=run.date, say=run.say, patience=patience, wanted=0.01 * wanted_percent,
-        show=print_line if not run.quiet else lambda _: None,
-    )  # fmt: skip
-    aside(load_solver)
-    result = watching.write()
-    page = f"{out / wall_page.PAGE} shows the latest" + ("" if once else "; Ctrl-C ends")
-    run.say(f"watching {folder}: {len(result.curves)} answered before; {page}")
-    try:
-        while watching.once() or watching.pause() or not once:
-            pass
-    except KeyboardInterrupt:
+    def __call__(self, run: Run) -> None:
+        from cavirheo.inference import check_models, infer_many
+        from cavirheo.inference.law import Family
+        from cavirheo.inference.posterior_model import network_of
+        from cavirheo.parallel import Step, aside, cores
+        from cavirheo.physics.simulate import load_solver
+        from cavirheo.reading.column import is_size, read_column
+        from cavirheo.reporting import wall_page, write_report
+        from cavirheo.reporting.table import print_line, print_table
+        from cavirheo.watch import Watch as Watching
+        from cavirheo.writing import digits
+
+        folder, out, liquid, bubbles = self.folder, self.out, self.liquid, self.bubbles
+        require(folder.is_dir(), f"{folder} is no folder: give the one where recordings arrive", "watch.folder")
+        self.check_verify([folder])
+        check_models(self.model, self.material, bubbles, self.verify, self.stretch)
+        if self.material not in (None, "auto"):
+            Family(self.material)
+        if self.column is not None and not is_size(self.column):
+            read_column(self.column)
+        settings: dict[str, Any] = {"model": self.model, "material": self.material, "window": self.window}
+        settings |= {"stretch": self.stretch, "medium": liquid, "verify": self.verify, "seed": self.seed}
+        settings |= {"discrepancy": not self.exact_law, "bubble": bubbles, "trust_input": self.trust_input}
+        step = Step("inferring", infer_many, settings, made_with=network_of(self.model).sha256)
+        reading = {one.name: getattr(self, one.name) for one in fields(options.Reading) if one.name != "column"}
+        watching = Watching(
+            folder, out, step, lambda path: self.recordings([path], liquid), reading, group=self.group,
+            column=self.column, command=run.command, date=run.date, say=run.say, patience=self.patience,
+            wanted=0.01 * self.wanted_percent, show=print_line if not run.quiet else lambda _: None,
+        )  # fmt: skip
+        aside(load_solver)
         result = watching.write()
-        run.stop(f"interrupted: {len(result.curves)} answered; the same command again goes on", out / "result.json")
-    pairs, notes = watching.answered()
-    how: dict[str, Any] = {"date": run.date, "notes": notes, "draw": pictures, "workers": cores()}
-    result = write_report(out, pairs, run.command, **how)
-    run.show(result, print_table)
-    run.unreadable = watching.unreadable
-    failed = any(record.verdict in ("failed", "check_input") for record in result.curves)
-    run.end(f"{digits.counted(len(pairs), 'curve')} in {{seconds}}; report: {out / 'report.html'}", failed)
+        page = f"{out / wall_page.PAGE} shows the latest" + ("" if self.once else "; Ctrl-C ends")
+        run.say(f"watching {folder}: {len(result.curves)} answered before; {page}")
+        try:
+            while watching.once() or watching.pause() or not self.once:
+                pass
+        except KeyboardInterrupt:
+            result = watching.write()
+            run.stop(f"interrupted: {len(result.curves)} answered; the same command again goes on", out / "result.json")
+        pairs, notes = watching.answered()
+        how: dict[str, Any] = {"date": run.date, "notes": notes, "draw": self.pictures, "workers": cores()}
+        result = write_report(out, pairs, run.command, **how)
+        run.show(result, print_table)
+        run.unreadable = watching.unreadable
+        failed = any(record.verdict in ("failed", "check_input") for record in result.curves)
+        run.end(f"{digits.counted(len(pairs), 'curve')} in {{seconds}}; report: {out / 'report.html'}", failed)

@@ -25,7 +25,7 @@ _DIFFERS = 0.01  # of the rate or the exposure: the camera and the user mean dif
 _TWINS = 0.2  # of the measured frames
 _CUT = 0.9  # of the outline at R_max: seen less far, it is said
 _BURNT = 0.3  # of the background, at the brightest value
-_HOW = "give it: --fps of measure, --frame-rate-hz of infer, fit and which-law, frame_rate= in Python"
+_HOW = "give it: --fps, or frame_rate= in Python"
 _NO_RATE = f"how fast it was recorded is not known, for a video file states how fast it is played; {_HOW}"
 
 
