@@ -21,13 +21,14 @@ from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError, require
 from cavirheo.parallel import Executor, Step, Threads, one_of
 from cavirheo.physics.bubble import Bubble
+from cavirheo.physics.media import Medium
 from cavirheo.posterior import Checks, Diagnostics, Evidence, OtherAnswer, Posterior, WindowAnswer
 from cavirheo.writing.document import into, whole
 from cavirheo.writing.packing import pack, unpack
 from cavirheo.writing.terminal import bar, say
 
 _TYPES = (Posterior, Checks, WindowAnswer, Evidence, Diagnostics, Bubble, OtherAnswer, RadiusCurve)
-_KINDS: dict[str, Any] = {kind.__name__: kind for kind in _TYPES}
+_KINDS: dict[str, Any] = {kind.__name__: kind for kind in _TYPES} | {"Medium": partial(Medium, unusual=True)}
 _Kept = TypeVar("_Kept")
 _Item = TypeVar("_Item")
 HELD = 500  # answers of a run; of more, none is held that can be read again

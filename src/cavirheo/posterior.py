@@ -13,6 +13,7 @@ from cavirheo.arrays import Floats, unscaled
 from cavirheo.errors import InputError, require
 from cavirheo.parameters import LOG10, Bound, about, bound_of, natural, natural_name, scaled, searched_bound
 from cavirheo.physics.bubble import FIELD, Bubble
+from cavirheo.physics.media import Medium
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -192,6 +193,7 @@ class Posterior:
         evidence: of the law.
         diagnostics: of the method.
         bubble: the model of the bubble itself.
+        medium: the constants of what surrounds it.
         others: what other models and other modes answer, if they were looked at.
         prior: of the law's parameters, by name as in `names`: (low, high), flat between, or (low, high, mean, standard
             deviation) of a normal; without those for which it is not known.
@@ -214,6 +216,7 @@ class Posterior:
     evidence: Evidence | None = None
     diagnostics: Diagnostics = Diagnostics()
     bubble: Bubble = FIELD
+    medium: Medium | None = None
     others: tuple[OtherAnswer, ...] = ()
     prior: Mapping[str, tuple[float, ...]] = field(default_factory=dict)
     stretch_prior: tuple[float, float] | None = None

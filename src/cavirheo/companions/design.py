@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import NamedTuple
+from typing import Literal, NamedTuple
 
 import numpy as np
 from scipy.special import ndtri
@@ -63,6 +63,7 @@ class Design(Document):
         checked: recordings simulated there and answered, if that was asked for.
     """
 
+    kind: Literal["design"] = "design"
     material: str
     bubble: Bubble = FIELD
     wanted_percent: float

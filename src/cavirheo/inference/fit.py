@@ -122,12 +122,10 @@ def _request(curve: RadiusCurve, family: Family, options: Options, medium: Mediu
         checks = input_checks.doubted(Checks("ok", t_star_end=shot.view.end / shot.time_scale), doubts, trust_input)
     except Exception as error:  # of this curve alone
         checks = input_checks.failed(error, curve, medium)
-    about = {"medium": asdict(medium), "options": asdict(options), "source_sha256": curve.source_sha256}
-    provenance = {"cavirheo": version("cavirheo"), **about}
+    about = {"options": asdict(options), "source_sha256": curve.source_sha256}
+    how: dict[str, Any] = {"provenance": {"cavirheo": version("cavirheo"), **about}, "medium": medium}
     nothing = np.empty((0, len(names)))
-    return Posterior(
-        names, units(names), nothing, checks, family.name, "least_squares", provenance, bubble=options.bubble
-    )
+    return Posterior(names, units(names), nothing, checks, family.name, "least_squares", bubble=options.bubble, **how)
 
 
 P = ParamSpec("P")

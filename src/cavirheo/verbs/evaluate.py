@@ -46,6 +46,8 @@ class Evaluate(options.Cluster, options.Documents):
                 robust=self.robustness,
                 progress=not self.quiet,
                 executor=executor,
+                command=run.command,
+                date=run.date,
             )
         if not self.quiet:
             print(markdown(found))

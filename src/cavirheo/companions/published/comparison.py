@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from math import floor, isfinite, log10
 from pathlib import Path
-from typing import Any, get_args
+from typing import Any, Literal, get_args
 
 import numpy as np
 
@@ -154,6 +154,7 @@ class Comparison(Document):
         sets: one for each set.
     """
 
+    kind: Literal["comparison"] = "comparison"
     methods: list[str]
     reference_methods: list[str]
     sets: list[ComparedSet]

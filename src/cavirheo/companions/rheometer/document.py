@@ -11,7 +11,7 @@ import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from itertools import takewhile
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
 
 from cavirheo.companions.rheometer.sweeps import FrequencySweep, StrainSweep, Sweep, frequency_sweep, strain_sweep
 from cavirheo.reporting.answer import CurveRecord
@@ -39,6 +39,7 @@ class Rheometry(Document):
         frequency_sweeps: one entry each.
     """
 
+    kind: Literal["rheometer"] = "rheometer"
     material: str
     tolerance: float
     at_rad_per_s: float

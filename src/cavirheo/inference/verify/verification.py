@@ -35,7 +35,7 @@ from cavirheo.posterior import Diagnostics, Evidence, OtherAnswer, Posterior, Ve
 from cavirheo.prior import log_normal
 from cavirheo.writing import digits
 
-_CARRIED = ("cavirheo", "medium", "model", "model_sha256", "problem_id", "source_sha256", "windows", "options")
+_CARRIED = ("cavirheo", "model", "model_sha256", "problem_id", "source_sha256", "windows", "options")
 
 SCALED = 0.002  # relative change of R_max, for the slope of G
 _HINTS = {  # by nuisance: what to check where it runs to the end of its prior
@@ -353,7 +353,7 @@ class Estimation:
         return Posterior(
             names, units(names), theta, checks, shot.family.name, self.method if drawn else "laplace", provenance,
             log_q, log_weight, best=values, stretch=values["stretch"], windows=self.answer.windows,
-            evidence=evidence, diagnostics=Diagnostics(**told), bubble=self.answer.bubble,
+            evidence=evidence, diagnostics=Diagnostics(**told), bubble=self.answer.bubble, medium=shot.medium,
             others=others, prior=shot.of_law(prior), stretch_prior=shot.stretch_prior,
         )  # fmt: skip
 
