@@ -175,6 +175,18 @@ def test_an_odd_call_is_refused_in_one_line(lab, call):
 # --- options that every verb reads alike ------------------------------------------------------------------------------
 
 
+def test_the_first_screen_of_infer_is_short_and_nothing_is_cut(lab):
+    panels = COMMANDS["infer"].panels(COMMANDS["infer"].make_context("infer", [], resilient_parsing=True))
+    assert len(panels["Options"]) <= 15
+    assert len(panels) >= 6
+    for verb, command in COMMANDS.items():
+        _, out, _ = lab(verb, "--help")
+        assert out.splitlines()[0].startswith(f"Usage: cavirheo {verb} [OPTIONS]")
+        assert not re.search(r"[{}]|list\[", out)
+        assert command.get_short_help_str().endswith(".")
+    assert "infer [OPTIONS] FILE..." in lab("infer", "--help")[1]
+
+
 @pytest.mark.parametrize("verb", ["", *COMMANDS])
 def test_h_is_help(lab, verb):
     words = verb.split()

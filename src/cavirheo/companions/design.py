@@ -32,7 +32,7 @@ from cavirheo.parameters import STRETCH_RANGE
 from cavirheo.physics.bubble import FIELD, Bubble, Requested, bubbles_of
 from cavirheo.physics.media import WATER, Medium
 from cavirheo.physics.media import medium as named
-from cavirheo.reporting.answer import CurveRecord, described
+from cavirheo.reporting.answer import CurveRecord, StoredMedium, described
 from cavirheo.reporting.group import GroupRecord
 from cavirheo.reporting.record import Result, read_json
 from cavirheo.writing import digits
@@ -51,6 +51,7 @@ class Design(Document):
     Attributes:
         material: the law.
         bubble: what is assumed of the bubble.
+        medium: the constants of what surrounds it, SI; null in a document of an older version.
         wanted_percent: half of the 90 % interval over the median that is wanted.
         spread_decades: scatter from shot to shot, root mean square over the parameters, in log10.
         spreads_decades: that of each parameter.
@@ -66,6 +67,7 @@ class Design(Document):
     kind: Literal["design"] = "design"
     material: str
     bubble: Bubble = FIELD
+    medium: StoredMedium | None = None
     wanted_percent: float
     spread_decades: float
     spreads_decades: dict[str, float] = {}
@@ -215,7 +217,8 @@ def design(
         widths = reached(settings[i], family, *these, seed=seed + CHECKED, bubble=bubbles[0], workers=workers)
         checked.append(_checked(i, check, widths, found[i], family, about, half))
     return Design(
-        command=command, date=date, material=material, bubble=bubbles[0], wanted_percent=100.0 * wanted,
+        command=command, date=date, material=material, bubble=bubbles[0], medium=liquid,
+        wanted_percent=100.0 * wanted,
         spread_decades=float(np.sqrt(np.mean(scatter**2))),
         spreads_decades=dict(zip(family.parameters, scatter.tolist(), strict=True)),
         known={name: _quantity(values) for name, values in drawn.items()}, shots_before=about.shots, settings=rows,

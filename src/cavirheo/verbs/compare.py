@@ -20,7 +20,7 @@ class Compare(options.Printing, options.Documents, options.Pictures, options.Tru
 
     folder: Annotated[Path, argument("FOLDER", "holds the measurements: a file, subfolder or glob per set")]
     references: Annotated[Path, option("CSV of sets and published values, see docs/how-to/compare.md")]
-    reference_method: Annotated[list[str] | None, option(_REFERENCE)] = None
+    reference_method: Annotated[list[str] | None, option(_REFERENCE, metavar="METHOD")] = None
     model: options.ModelName = "bdt-viscoelastic"
     fit_law: Annotated[str | None, option(_FIT, None, "--fit", autocompletion=completion.sum_names)] = None
     out: options.Out = Path("cavirheo-comparison")
