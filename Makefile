@@ -3,7 +3,7 @@ PYTHON ?= python3
 VENV ?= .venv
 BIN = $(VENV)/bin
 
-.PHONY: demo test test-slow test-hostile fuzz test-lowest test-pythons lint docs man dist space clean
+.PHONY: demo test test-slow test-hostile fuzz validate challenge test-lowest test-pythons lint docs man dist space clean
 
 demo: $(VENV)/demo.done
 	$(BIN)/cavirheo infer examples/soft_gel.csv examples/stiff_gel.mat examples/bubble.mp4 --fps 500000 --um-per-px 4 -o demo-result
@@ -33,6 +33,20 @@ test-lowest:
 	$(PYTHON) tests/lowest.py plot video > build/lowest.txt
 	build/lowest/bin/pip install --quiet --disable-pip-version-check -c build/lowest.txt -e ".[plot,video]" pytest
 	build/lowest/bin/python -m pytest -m "not slow and not hostile and not train" --ignore-glob="*test_app*" --ignore=tests/test_golden.py
+
+# Claims as numbers with their standard errors, in build/validate.json; FULL=1 takes all cases
+validate: $(VENV)/demo.done
+	$(BIN)/python -m validation $(if $(FULL),--full)
+
+# Recordings of known truth, answered by cavirheo and by a plain least squares, and scored (validation/challenge/README.md)
+CHALLENGE = build/challenge
+challenge: $(VENV)/demo.done
+	$(BIN)/python -m validation.challenge.make $(CHALLENGE) --seed $(SEED)
+	$(BIN)/python -m validation.challenge.run_cavirheo $(CHALLENGE)/recordings $(CHALLENGE)/infer.csv -- infer --material auto
+	$(BIN)/python -m validation.challenge.run_cavirheo $(CHALLENGE)/recordings $(CHALLENGE)/fit.csv -- fit
+	$(BIN)/python -m validation.challenge.run_cavirheo $(CHALLENGE)/recordings $(CHALLENGE)/infer-field.csv -- infer --bubble field
+	$(BIN)/python -m validation.challenge.run_scipy $(CHALLENGE)/recordings $(CHALLENGE)/scipy.csv
+	$(BIN)/python -m validation.challenge.score $(CHALLENGE)/truth.csv $(CHALLENGE)/infer.csv $(CHALLENGE)/fit.csv $(CHALLENGE)/infer-field.csv $(CHALLENGE)/scipy.csv -o $(CHALLENGE)/score
 
 lint: $(VENV)/test.done
 	$(BIN)/ruff check .

@@ -22,8 +22,8 @@ from pathlib import Path
 import numpy as np
 
 from cavirheo import population
-from cavirheo.companions.published import shots_of
-from cavirheo.companions.published.references import MU, G, ReferenceSet, read_references
+from cavirheo.companions.comparison import shots_of
+from cavirheo.companions.published_values import ReferenceSet, read_references
 from cavirheo.inference.fit import fit_many
 from cavirheo.posterior import Posterior
 from cavirheo.writing import digits
@@ -31,17 +31,20 @@ from cavirheo.writing.document import Quantity, spread_of
 
 COLUMNS = ("set", "published", "window", "G, shots (kPa)", "G, one", "µ, shots (Pa s)", "µ, one",
            "RMSE, %", "verdicts of shots", "at bounds")  # fmt: skip
-FIELDS = {"shear_modulus": (G, 1e-3), "viscosity": (MU, 1.0)}
+FIELDS = {"shear_modulus": (1e-3, "kPa"), "viscosity": (1.0, "Pa s")}
 
 
 def published(about: ReferenceSet) -> str:
     """'IMR 6.44 ± 1.64 kPa, 0.02 ± 0.009 Pa s'."""
-    found: dict[str, list[str]] = {}
-    for (method, quantity), value in about.values.items():
-        factor, unit = (1e-3, "kPa") if quantity == G else (1.0, "Pa s")
-        std = "" if value.std is None else f" ± {value.std * factor:.3g}"
-        found.setdefault(method, []).append(f"{value.mean * factor:.4g}{std} {unit}")
-    return "; ".join(f"{method} {', '.join(values)}" for method, values in found.items())
+    words = []
+    for method, values in about.values.items():
+        shown = []
+        for name, value in values.items():
+            factor, unit = FIELDS[name]
+            std = "" if value.std is None else f" ± {value.std * factor:.3g}"
+            shown.append(f"{value.mean * factor:.4g}{std} {unit}")
+        words.append(f"{method} {', '.join(shown)}")
+    return "; ".join(words)
 
 
 def row(answers: list[Posterior]) -> list[str]:
@@ -49,7 +52,7 @@ def row(answers: list[Posterior]) -> list[str]:
     done = [a for a in answers if a.checks.verdict != "failed"]
     material = population(answers, only_trusted=False)
     cells = []
-    for name, (_, factor) in FIELDS.items():
+    for name, (factor, _) in FIELDS.items():
         cells.append(digits.spread(spread_of([a.best.get(name) for a in done]), factor))
         known = name in material.names and len(material.common)  # a liquid has no G
         low, middle, high = material.if_common(name) if known else (None, None, None)
@@ -64,12 +67,12 @@ def row(answers: list[Posterior]) -> list[str]:
 
 
 def rows(about: ReferenceSet, folder: Path, references: Path) -> Iterator[list[str]]:
-    curves, _, problems, _ = shots_of(about, folder, references)
-    if problems or not curves:
-        yield [about.name, published(about), "; ".join(problems) or "no curves", *[""] * (len(COLUMNS) - 3)]
+    read = shots_of(about, folder, references)
+    if read.unread or not read.curves:
+        yield [about.name, published(about), "; ".join(read.notes) or "no curves", *[""] * (len(COLUMNS) - 3)]
         return
-    curves = [replace(curve, meta={**curve.meta, "group": about.name, "group_source": ""}) for curve in curves]
-    law = "nhkv" if any(quantity == G for _, quantity in about.values) or not about.values else "newtonian"
+    curves = [replace(curve, meta={**curve.meta, "group": about.name, "group_source": ""}) for curve in read.curves]
+    law = "nhkv" if about.solid else "newtonian"
     for window in (1, 3):
         answers = fit_many(
             curves, law, medium=about.medium, stretch=about.settings.get("stretch"), window=window,

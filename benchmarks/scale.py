@@ -21,13 +21,13 @@ from pathlib import Path
 import numpy as np
 from distributed import Client, LocalCluster
 
-from cavirheo.cluster.check import identity
-from cavirheo.cluster.executor import AHEAD, Workers, seconds_for
 from cavirheo.parallel import Executor, Threads
 from cavirheo.physics.simulate import load_solver
 from cavirheo.training.dataset import CHUNK, SHARD, Rows, columns, generate
 from cavirheo.training.recipe import read_recipe
 from cavirheo.training.shards import fill, write_hdf5
+from cavirheo.workflow.cluster.check import identity
+from cavirheo.workflow.cluster.executor import AHEAD, Workers, seconds_for
 
 RECIPE = Path(__file__).parents[1] / "recipes" / "laptop.toml"
 

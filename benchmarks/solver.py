@@ -8,7 +8,7 @@ file is there, to reference curves made with other code). Times per curve are pr
 one core; those of the batch call and of a fresh process are wall times.
 
 The first `--peers` cases are also solved the field's standard way, 500 uniform nodes, mass fractions, scipy's BDF with
-a sparse Jacobian at rtol 1e-6 (benchmarks/field_standard.py), and by PyIMR where it can be imported (Python 3.12 or
+a sparse Jacobian at rtol 1e-6 (validation/field_standard.py), and by PyIMR where it can be imported (Python 3.12 or
 newer; benchmarks/pyimr_peer.py). Where the time of one curve goes is in benchmarks/solver_profile.py.
 """
 
@@ -26,7 +26,6 @@ import time
 from collections.abc import Callable
 from pathlib import Path
 
-import field_standard
 import numpy as np
 from numba import njit
 
@@ -38,6 +37,9 @@ from cavirheo.physics.media import WATER, Medium
 from cavirheo.physics.scales import dimensionless
 from cavirheo.physics.simulate import simulate, simulate_many
 from cavirheo.physics.viscous import Viscosity
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
+from validation import field_standard
 
 TIME = np.linspace(0, 100e-6, 101)
 GENTLE = np.array([1e4, 0.5, 3.5, 200e-6])
@@ -90,7 +92,8 @@ def standard(row: np.ndarray) -> np.ndarray:
     numbers = dimensionless(NeoHookeanKelvinVoigt(G, mu), WATER, R_max, stretch)
     t_c = WATER.time_scale(R_max)
     nodes = np.linspace(0, 1, 500)
-    return field_standard.solve(numbers, nodes, TIME / t_c, 1e-6, G / WATER.pressure, mu / (WATER.pressure * t_c))
+    material = field_standard.neo_hookean(G / WATER.pressure), field_standard.newtonian(mu / (WATER.pressure * t_c))
+    return field_standard.solve(numbers, nodes, TIME / t_c, 1e-6, *material)
 
 
 def timed(call: Callable[[], np.ndarray]) -> tuple[np.ndarray, float]:

@@ -9,6 +9,7 @@ from types import ModuleType
 import pytest
 
 from cavirheo import verbs
+from cavirheo.messages import Message
 
 BDT = ("--model", "bdt-viscoelastic")  # a quick answer without an interval, where another is not looked at
 
@@ -26,6 +27,11 @@ def load_benchmark(name: str) -> ModuleType:
     sys.modules[spec.name] = module
     spec.loader.exec_module(module)
     return module
+
+
+def messages(*texts: str, code: str = "test") -> tuple[Message, ...]:
+    """Messages with a sentence of their own each."""
+    return tuple(Message(code, {"text": text}) for text in texts if text)
 
 
 LONGEST = (

@@ -404,6 +404,7 @@ def about(answer: Any) -> dict[str, Any]:
     """A Posterior: draws, medians, intervals, checks."""
     names = [name.removeprefix("log10_") for name in answer.names]
     checks = {field.name: getattr(answer.checks, field.name) for field in dataclasses.fields(answer.checks)}
+    checks["messages"] = [{"code": one.code, "text": one.text} for one in answer.checks.messages]
     quantities = {}
     for name in names:
         low, high = answer.interval(name) or (None, None)
@@ -471,7 +472,7 @@ def compare() -> Any:
     ):
         told = run("compare", "data", "--references", f"data/{name}.csv", *more, "-o", name)
         found[name] = {
-            "told": told, "files": files(name), "json": read(f"{name}/comparison.json"),
+            "told": told, "files": files(name), "groups": read(f"{name}/result.json")["groups"],
             "md": lines(f"{name}/comparison.md"), "csv": lines(f"{name}/comparison.csv"),
         }  # fmt: skip
     return found
@@ -536,16 +537,17 @@ def simulate() -> Any:
     found = {}
     for name, words in SIMULATED.items():
         radius = 5 if name in ("pulse", "trace") else 250
-        more = ("--fields", "fields.h5") if name == "nhkv" else ()
-        told = run("simulate", "--rmax-um", radius, "--duration-us", 80, *words, *more, "-o", f"{name}.csv")
-        rows = list(csv.reader(lines(f"{name}.csv"))) if Path(f"{name}.csv").exists() else [[]]
+        more = ("--fields",) if name == "nhkv" else ()
+        told = run("simulate", "--rmax-um", radius, "--duration-us", 80, *words, *more, "-o", name)
+        table = Path(name, "simulation.csv")
+        rows = list(csv.reader(lines(table))) if table.exists() else [[]]
         numbers = [[float(cell) if cell else None for cell in row] for row in rows[1::10]]
         found[name] = {
             "told": told, "head": rows[0], "rows": len(rows) - 1,
             "columns": [list(column) for column in zip(*numbers, strict=True)],
-            "bytes_sha256": sha(Path(f"{name}.csv").read_bytes()) if len(rows) > 1 else None,
+            "bytes_sha256": sha(table.read_bytes()) if len(rows) > 1 else None,
         }  # fmt: skip
-    with h5py.File("fields.h5") as file:
+    with h5py.File("nhkv/fields.h5") as file:
         found["fields"] = {name: array(file[name][()]) for name in sorted(file)}
         found["attributes"] = {key: str(value) for key, value in sorted(file.attrs.items())}
     return found
@@ -617,11 +619,11 @@ def refusals() -> Any:
         ("fit", name, "--window", 9), ("fit", name, "--stretch", "x"),
         ("which-law", name, "--laws", "nhkv"),
         ("compare", "nowhere", "--references", name), ("compare", ".", "--references", name),
-        ("simulate", "--rmax-um", 100, "--stretch", 0.5, "-o", "x.csv"), ("laws", "x"),
-        ("simulate", "--rmax-um", 100, "--stretch", 5, "--material", "honey(1)", "-o", "x.csv"),
-        ("simulate", "--rmax-um", 100, "--stretch", 5, "--shear-modulus", 100, "-o", "x.csv"),
+        ("simulate", "--rmax-um", 100, "--stretch", 0.5, "-o", "x"), ("laws", "x"),
+        ("simulate", "--rmax-um", 100, "--stretch", 5, "--material", "honey(1)", "-o", "x"),
+        ("simulate", "--rmax-um", 100, "--stretch", 5, "--shear-modulus", 100, "-o", "x"),
         ("simulate", "--rmax-um", 100, "--stretch", 5, "--shear-modulus", 100, "--viscosity", 1,
-         "--duration-us", 0, "-o", "x.csv"),
+         "--duration-us", 0, "-o", "x"),
         ("generate", "missing.toml", "-o", "x"), ("evaluate", "bdt-viscoelastic", "."),
         ("train", "missing.toml", ".", "-o", "x"),
         ("rheometer", name), ("rheometer", name, "--at", -1), ("collapse-time", name, "--material", "gent"),

@@ -7,11 +7,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from conftest import messages
 
 from cavirheo.errors import InputError
 from cavirheo.posterior import Checks, Posterior
 
-CHECKS = Checks("ok", "", 0.0064, 0.005, 0.02, 4, 4.02, *np.zeros((4, 9000)))
+CHECKS = Checks("ok", (), 0.0064, 0.005, 0.02, 4, 4.02, *np.zeros((4, 9000)))
 
 
 @pytest.fixture
@@ -42,7 +43,7 @@ def test_it_shows_its_answer_and_not_its_arrays(posterior):
 def test_it_shows_a_point_a_given_stretch_and_a_failure(posterior):
     point = replace(posterior, names=("log10_viscosity",), units=("Pa s",), theta=np.array([[-1.7]]), log_weight=None)
     assert repr(replace(point, stretch=6.2)).split()[-5:] == ["0.0200", "Pa", "s", "stretch", "6.20"]
-    failed = replace(point, theta=np.empty((0, 1)), checks=Checks("failed", "cell 3 is empty"))
+    failed = replace(point, theta=np.empty((0, 1)), checks=Checks("failed", messages("cell 3 is empty")))
     assert "failed: cell 3 is empty" in repr(failed)
 
 
@@ -115,10 +116,9 @@ RANKED = {"name": "a", "shots": 1, "chosen": "nhkv", "contenders": ["nhkv"], "la
 DOCUMENTS = {
     "Result": {"curves": [], "groups": []},
     "Laws": {"curves": [RANKED], "groups": []},
-    "Comparison": {"methods": [], "reference_methods": [], "sets": []},
     "Rheometry": {
         "material": "", "tolerance": 0.1, "at_rad_per_s": 1.0, "shear_modulus_Pa": EMPTY, "shear_modulus_from": "",
-        "viscosity_Pa_s": EMPTY, "linear_to": EMPTY, "strain_sweeps": [], "frequency_sweeps": [],
+        "viscosity_Pa_s": EMPTY, "sweeps": [],
     },
     "CollapseTimes": {"material": "nhkv", "medium": {}, "groups": []},
 }  # fmt: skip

@@ -8,12 +8,12 @@ import subprocess
 import sys
 import time
 import tomllib
-import urllib.error
 import urllib.request
 import zipfile
-from contextlib import contextmanager, suppress
+from contextlib import closing, contextmanager, suppress
 from dataclasses import fields
 from importlib.util import find_spec
+from multiprocessing import active_children
 from pathlib import Path
 from threading import Event, Thread
 
@@ -31,13 +31,14 @@ from cavirheo.app.steps import examples, export, fit, glance, infer, name_materi
 from cavirheo.app.words import answers, facts, found
 from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError
+from cavirheo.inference.analysis import Analysis
 from cavirheo.inference.what_if import band
-from cavirheo.parallel import Once
 from cavirheo.physics.bubble import FIELD
 from cavirheo.reading import read_curves, write_csv
 from cavirheo.reading.subprocess_reader import Reader
 from cavirheo.reporting import browser_figures, wall_page
 from cavirheo.reporting.bundle import write_bundle
+from cavirheo.workflow.store import Store
 
 SOFT = examples()["soft_gel.csv"]
 SWEEPS = Path(__file__).parent.parent / "examples"
@@ -247,6 +248,15 @@ def test_the_server_fetches_nothing(client):
         client.predict([file], api_name="/infer")
 
 
+@pytest.mark.parametrize("name", ["async_ssrf_protected_download", "GradioUploadFile"])
+def test_a_gradio_that_cannot_be_guarded_is_refused(running, monkeypatch, name):
+    from gradio import processing_utils, route_utils
+
+    monkeypatch.delattr(processing_utils if name.islower() else route_utils, name)
+    with refused("app.gradio", name), running():
+        pass
+
+
 def test_files_of_the_machine_cannot_be_named(client):
     with told():
         client.predict([{"path": "/etc/hostname", "meta": {"_type": "gradio.FileData"}}], api_name="/infer")
@@ -291,6 +301,29 @@ def test_two_visitors_have_their_own_folders_and_are_forgotten(tmp_path):
     finally:
         visitors.close()
     assert not last.exists()
+
+
+def test_answers_go_with_the_last_visitor_who_has_them():
+    visitors = Visitors(VisitorLimits())
+    try:
+        for name in ("one", "other"):
+            session = visitors.of(name)
+            session.add([SOFT], PageSettings(verify="none"), copy=True)
+            infer(session, ["soft_gel[1]"])
+            export(session, silent)
+        one, other = visitors.of("one"), visitors.of("other")
+        keys = other.keys
+        assert one.keys == keys
+
+        def kept():
+            return [key for key in keys if visitors.store.get(key, object) or visitors.zips.get(key, object)]
+
+        visitors._forget("one", one.calls)
+        assert len(kept()) == 2
+        visitors._forget("other", other.calls)
+        assert kept() == []
+    finally:
+        visitors.close()
 
 
 def test_files_are_taken_over_read_again_and_told_apart(session, tmp_path):
@@ -352,7 +385,7 @@ def test_answers_are_stale_when_settings_change_and_forgotten_when_files_do(sess
 
 
 def test_materials_are_typed_and_pooled_anew_without_another_run(session, tmp_path):
-    session.once = Once(10)
+    session.store = Store(most=10)
     for k, name in enumerate("abc"):
         session.add([single(tmp_path / f"{name}.csv", 1.0 + 0.1 * k)], PageSettings(verify="none"))
     session.add([SOFT], PageSettings(verify="none"), copy=True)
@@ -377,7 +410,8 @@ def test_materials_are_typed_and_pooled_anew_without_another_run(session, tmp_pa
     assert session.answers.document.notes == []
     session.prepare(PageSettings(verify="none", group="none"))
     kept = dict(zip(names, [answer for _, answer in first.pairs], strict=False))
-    assert all(answer is kept[curve.name] for curve, answer in infer(session, names[:4]).pairs)  # not computed again
+    pairs = infer(session, names[:4]).pairs
+    assert all(answer.theta is kept[curve.name].theta for curve, answer in pairs)  # not computed again
 
 
 def test_a_material_has_a_density_of_its_own(session, tmp_path):
@@ -446,14 +480,14 @@ def test_a_law_without_modulus_is_named_and_drawn_over_the_radius(session, law, 
 def test_a_stop_keeps_what_is_done_and_names_the_rest(session, monkeypatch):
     session.add([SOFT], PageSettings(verify="none"), copy=True)
     names = [curve.name for curve in session.curves]
-    hold, real = Event(), steps.infer_many
+    hold, real = Event(), Analysis.answer
 
-    def slow(curves, **options):
-        if curves[0].name != names[0]:
+    def slow(analysis, curve, **options):
+        if curve.name != names[0]:
             hold.wait(60)
-        return real(curves, **options)
+        return real(analysis, curve, **options)
 
-    monkeypatch.setattr(steps, "infer_many", slow)
+    monkeypatch.setattr(Analysis, "answer", slow)
     soon = session.soon
 
     def stop():
@@ -503,16 +537,16 @@ def test_a_glance_of_the_network_is_never_trusted(session, tmp_path):
 
 def test_one_run_at_a_time_and_none_for_what_has_changed(session, monkeypatch):
     session.add([SOFT], PageSettings(verify="none"), copy=True)
-    asked, real = [], steps.infer_many
+    asked, real = [], Analysis.answer
 
-    def again(curves, **options):
+    def again(analysis, curve, **options):
         asked.append(True)
         with refused("parallel.busy"):
             infer(session, ["soft_gel[2]"])
         session.clear()
-        return real(curves, **options)
+        return real(analysis, curve, **options)
 
-    monkeypatch.setattr(steps, "infer_many", again)
+    monkeypatch.setattr(Analysis, "answer", again)
     with refused("app.changed"):
         infer(session, ["soft_gel[1]"])
     assert asked
@@ -546,16 +580,48 @@ def test_full_uncertainty_is_limited(reader):
     assert session.work.stopped.is_set()  # whatever still runs for one who is gone
 
 
-def test_a_reader_that_hangs_or_dies_is_replaced(reader, tmp_path, monkeypatch):
+@contextmanager
+def begun(make):
+    """What `make` makes, closed at the end, and what stops its one process by a signal."""
+    before = {*active_children()}
+
+    def stop(number):
+        (child,) = {*active_children()} - before
+        os.kill(child.pid, number)
+
+    with closing(make()) as made:
+        yield made, stop
+
+
+def test_a_reader_that_hangs_or_dies_is_replaced(tmp_path, monkeypatch):
     path, options = single(tmp_path / "a.csv"), {"density": 998.0, "pressure": 101325.0}
-    os.kill(reader._child.pid, signal.SIGSTOP)
-    with monkeypatch.context() as soon, refused("app.reading_too_slow", "a.csv", "0.1 s"):
-        soon.setattr(reader, "seconds", 0.1)
-        reader.read([path], **options)
-    os.kill(reader._child.pid, signal.SIGKILL)
-    with suppress(InputError):  # found dead before the file is sent, or while it is read
-        reader.read([path], **options)
-    assert len(reader.read([path], **options)[0]) == 1
+    with begun(lambda: Reader(seconds=20.0)) as (reader, stop):
+        stop(signal.SIGSTOP)
+        with monkeypatch.context() as soon, refused("app.reading_too_slow", "a.csv", "0.1 s"):
+            soon.setattr(reader, "seconds", 0.1)
+            reader.read([path], **options)
+        stop(signal.SIGKILL)
+        with suppress(InputError):  # found dead before the file is sent, or while it is read
+            reader.read([path], **options)
+        assert len(reader.read([path], **options)[0]) == 1
+
+
+def suppressed(work, *given):
+    with suppress(InputError):
+        work(*given)
+
+
+def test_a_file_that_takes_long_lets_other_visitors_read(tmp_path):
+    with begun(lambda: Visitors(VisitorLimits(seconds=8.0))) as (visitors, stop):
+        slow, quick = visitors.of("slow"), visitors.of("quick")
+        stop(signal.SIGSTOP)
+        waiting = Thread(target=suppressed, args=(slow.add, [single(tmp_path / "a.csv")], PageSettings()))
+        waiting.start()
+        time.sleep(0.2)
+        quick.add([single(tmp_path / "b.csv")], PageSettings())
+        assert waiting.is_alive()
+        waiting.join()
+        assert (len(slow.curves), len(quick.curves)) == (0, 1)
 
 
 def test_trials_are_simulations_or_say_that_they_failed(session):
@@ -597,7 +663,7 @@ def test_the_band_of_the_draws_holds_the_answer_and_a_density_matters(session):
     session.add([SOFT], PageSettings(), copy=True)
     kept = infer(session, ["soft_gel[1]"])
     _, curve, answer, _ = session.find("soft_gel[1]")
-    time, low, high = band(curve, answer, *session.settings.compared)
+    time, low, high = band(curve, answer, session.settings.analysis)
     assert np.array_equal(time, answer.checks.reconstruction_time)
     assert np.all(low <= high)
     inside = (answer.checks.reconstruction_radius >= low) & (answer.checks.reconstruction_radius <= high)
@@ -632,16 +698,16 @@ def test_a_link_leads_back_to_a_session_and_no_other_word_does():
 def test_a_short_call_of_a_program_does_not_wait_for_a_long_one(served, client, tmp_path, monkeypatch):
     from gradio_client import handle_file
 
-    hold, begun, real = Event(), Event(), steps.infer_many
+    hold, begun, real = Event(), Event(), Analysis.answer
 
-    def held(curves, **options):
-        if curves[0].name == "long":  # asked nowhere else: an answer that is kept would not be held
+    def held(analysis, curve, **options):
+        if curve.name == "long":  # asked nowhere else: an answer that is kept would not be held
             begun.set()
             hold.wait(60)
-        return real(curves, **options)
+        return real(analysis, curve, **options)
 
-    monkeypatch.setattr(steps, "infer_many", held)
-    file = handle_file(str(single(tmp_path / "long.csv")))
+    monkeypatch.setattr(Analysis, "answer", held)
+    file = handle_file(str(single(tmp_path / "long.csv", 1.037)))
     long = client.submit([file], verify="none", api_name="/infer")
     assert begun.wait(60)
     assert len(ask(client, single(tmp_path / "b.csv"), verify="none")["curves"]) == 1
@@ -747,31 +813,28 @@ def get(address: str) -> str:
         return answer.read().decode()
 
 
-def test_the_wall_shows_the_last_answers_of_this_app(served):
+def test_the_wall_shows_the_answers_of_a_session_to_who_knows_its_link(served):
     address, visitors = served
-    assert "waiting" in get(f"{address}live")
     one = visitors.of("who asks")
+    own = f"{address}live?session={one.link}"
+    assert "waiting" in get(own)
     one.add([SOFT], PageSettings(verify="map"), copy=True)
     infer(one, ["soft_gel[1]", "soft_gel[2]", "soft_gel[3]"])
-    visitors.of("another, without answers")
-    page = get(f"{address}live")
+    page = get(own)
     assert "<h1>soft_gel[3]</h1>" in page
     assert "still wanted" in page
+    assert "waiting" in get(f"{address}live")  # a proxy on this machine asks for whoever there is
     visitors._forget("who asks", one.calls)
-    assert "waiting" in get(f"{address}live")  # nothing of one who left
+    assert "waiting" in get(own)  # nothing of one who left
 
 
 def test_the_wall_shows_a_watched_folder_wherever_the_app_listens(running, tmp_path):
-    for folder, host in ((tmp_path, "127.0.0.1"), (tmp_path, "0.0.0.0"), (None, "0.0.0.0")):
+    for host in ("127.0.0.1", "0.0.0.0"):
         (tmp_path / wall_page.PAGE).unlink(missing_ok=True)
-        with running(host, folder=folder) as (address, _):
+        with running(host, folder=tmp_path) as (address, _):
             place = f"http://127.0.0.1:{address.rstrip('/').rpartition(':')[2]}/live"
-            if folder is None:  # visitors from elsewhere must not see each other's answers
-                with pytest.raises(urllib.error.HTTPError):
-                    get(place)
-                continue
             assert "waiting" in get(place)
-            (folder / wall_page.PAGE).write_text("<h1>shot 7</h1>")
+            (tmp_path / wall_page.PAGE).write_text("<h1>shot 7</h1>")
             with urllib.request.urlopen(place) as answer:
                 assert answer.read() == b"<h1>shot 7</h1>"
                 assert "default-src 'self'" in answer.headers["content-security-policy"]

@@ -13,6 +13,7 @@ from threading import Event
 
 import numpy as np
 import pytest
+from conftest import messages
 
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
 for found, lacking in (
@@ -23,10 +24,10 @@ for found, lacking in (
     if found is None:
         pytest.skip(lacking, allow_module_level=True)
 
-from cavirheo.app import steps  # noqa: E402
 from cavirheo.app.session import VisitorLimits  # noqa: E402
 from cavirheo.app.steps import examples  # noqa: E402
 from cavirheo.inference import input_checks  # noqa: E402
+from cavirheo.inference.analysis import Analysis  # noqa: E402
 from cavirheo.posterior import Checks, Posterior  # noqa: E402
 from cavirheo.reading import read_curves, write_csv  # noqa: E402
 from cavirheo.reporting import result, wall_page  # noqa: E402
@@ -225,14 +226,14 @@ def test_five_steps_on_a_shipped_example(visit, tmp_path):
 
 def test_the_network_answers_first_and_is_not_trusted(visit, monkeypatch):
     """Its intervals stand there while simulations verify them, which replace them one by one."""
-    held, real = {f"soft_gel[{k}]": Event() for k in range(1, 6)}, steps.infer_many
+    held, real = {f"soft_gel[{k}]": Event() for k in range(1, 6)}, Analysis.answer
 
-    def slow(curves, **options):
-        if options["verify"] == "auto":
-            held[curves[0].name].wait(60)
-        return real(curves, **options | {"verify": "map"})
+    def slow(analysis, curve, **options):
+        if analysis.verify == "auto":
+            held[curve.name].wait(60)
+        return real(replace(analysis, verify="map"), curve, **options)
 
-    monkeypatch.setattr(steps, "infer_many", slow)
+    monkeypatch.setattr(Analysis, "answer", slow)
     page = visit(WIDE)
     page.get_by_role("button", name="soft_gel.csv").click()
     page.wait_for_selector("#infer-now:enabled")
@@ -555,16 +556,18 @@ def test_published_values_stand_beside_the_answers(visit, tmp_path):
             page.wait_for_selector("#wrong [role=alert]:has-text('wrong.csv, line 1, column who')")
             assert str(tmp_path) not in page.inner_text("#wrong")
     page.wait_for_selector("#answers .published")
-    rows = page.locator("#answers .published tbody tr").all_inner_texts()
-    assert [row.split("\t") for row in rows] == [
-        ["soft_gel", "IMR", "6.4 ± 1.6", "0.030 ± 0.010"], ["soft_gel", "<b>", "1.30", MISSING]
+    *rows, own = page.locator("#answers .published tbody tr").all_inner_texts()
+    assert own.split("\t")[1] == "cavirheo"
+    assert [[cell.strip() for cell in row.split("\t")] for row in rows] == [
+        ["soft_gel", "IMR", "6.4 ± 1.6", "0.030 ± 0.010"], ["soft_gel", "<b>", "1.30\n80 % from IMR", MISSING]
     ]  # fmt: skip
     with page.expect_file_chooser() as chooser:
         page.click("#published")
     chooser.value.set_files([str(EXAMPLES / f"soft_gel_{kind}_sweep.csv") for kind in ("strain", "frequency")])
-    page.wait_for_selector("#answers .published tbody tr >> nth=2")
+    page.wait_for_selector("#answers .published tbody tr >> nth=3")
     row = page.inner_text("#answers .published tbody tr >> nth=2").split("\t")
-    assert row[:3] == ["soft_gel", "rheometer, 0.063 to 100 rad/s, strain ≤ 1.0 %", "1.50"]
+    assert row[:2] == ["soft_gel", "rheometer, 0.063 to 100 rad/s, strain ≤ 1.0 %"]
+    assert row[2].split() == ["1.50", "77", "%", "from", "IMR"]
     assert row[3].split() == ["13.5", "at", "1", "rad/s"]
     assert "not a contradiction" in page.inner_text("#answers .published")
     page.wait_for_function(
@@ -620,7 +623,7 @@ def test_a_file_that_is_dropped_while_another_loads(visit, tmp_path):
 def test_the_table_of_files_does_not_wait_for_the_solver(visit, tmp_path, monkeypatch):
     """Which is compiled on the first day, for a minute where the machine is busy."""
     page, held = visit(WIDE), Event()
-    monkeypatch.setattr(input_checks, "of_scale", lambda *_: ["check the scale"] if held.wait(60) else [])
+    monkeypatch.setattr(input_checks, "of_scale", lambda *_: messages("check the scale") if held.wait(60) else [])
     drop(page, _one_shot(tmp_path / "one.csv"))
     page.wait_for_selector("#infer-now:enabled")
     assert page.locator("#warned .message").count() == 0
@@ -730,12 +733,14 @@ def test_no_rule_of_axe_is_violated_on_any_step(visit, size, monkeypatch):
     page.get_by_label("Newtonian fluid").check()
     page.wait_for_selector("#answers :text('Settings changed')")
     look("3, stale")
-    held, real = Event(), steps.infer_many
+    held, real = Event(), Analysis.answer
 
-    def slow(curves, **options):
-        return real(curves, **options) if options["verify"] == "none" else held.wait(60) and real(curves, **options)
+    def slow(analysis, curve, **options):
+        if analysis.verify != "none":
+            held.wait(60)
+        return real(analysis, curve, **options)
 
-    monkeypatch.setattr(steps, "infer_many", slow)
+    monkeypatch.setattr(Analysis, "answer", slow)
     page.get_by_label("weighed by simulations").check()
     page.click("#infer")
     page.wait_for_selector("#answers .badge.unverified >> nth=5")
@@ -840,7 +845,8 @@ def test_the_page_for_the_wall(wall, browser, tmp_path, size):
     page.on("request", lambda request: _foreign(request.url, address) and foreign.append(request.url))
     curve = read_curves(examples()["soft_gel.csv"])[0]
     for name, message in (("soft_gel[1]", ""), ("2026-03-04 agarose 0.5 % " + "x" * 80, "R_max is doubtful: " * 12)):
-        answers = [ANSWER] * 4 if not message else [replace(ANSWER, checks=Checks("check_input", message))] * 4
+        doubtful = replace(ANSWER, checks=Checks("check_input", messages(message, code="check_input.test")))
+        answers = [doubtful if message else ANSWER] * 4
         curves = [replace(curve, meta={"name": f"{name} {k}", "group": name, "source": name}) for k in range(4)]
         shown = result(list(zip(curves, answers, strict=True)), "x")
         shown.groups[0].population = MATERIAL

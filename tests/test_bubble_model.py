@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 from fits import fit, fit_many
 
-from cavirheo.answer_store import keep, read_kept
 from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError
 from cavirheo.inference import infer
@@ -22,6 +21,7 @@ from cavirheo.physics.materials import NeoHookeanKelvinVoigt
 from cavirheo.physics.simulate import simulate
 from cavirheo.posterior import Posterior
 from cavirheo.reporting.answer import curve_record
+from cavirheo.workflow.store import keep, read_kept
 
 TIME = np.arange(90) * 1e-6
 GEL, SHOT = NeoHookeanKelvinVoigt(5e3, 0.01), dict(max_radius=250e-6, stretch=6.0)

@@ -9,11 +9,11 @@ import h5py
 import numpy as np
 import pytest
 import typer
+from analyses import KnownAnalysis
 from conftest import BDT
 from scipy.io import savemat
 
 from cavirheo import NeoHookeanKelvinVoigt, read_curves, simulate
-from cavirheo.answer_store import Step
 from cavirheo.inference.model import path_of
 from cavirheo.physics import laws
 from cavirheo.physics.accuracy import PRECISE
@@ -126,8 +126,7 @@ def test_failed_curves_keep_their_row_and_the_others_their_answer(run, tmp_path,
     curves, _, _ = infer(run, *FAILED, shot, status=1)
     assert [c["verdict"] for c in curves] == ["failed"] * len(FAILED) + ["ok"]
     for row, (_, named) in zip(curves, FAILED.values(), strict=False):
-        assert row["message"]
-        assert named in row["message"]
+        assert named in row["messages"][-1]["text"]
         assert row["shear_modulus_Pa"]["median"] is None
     (tmp_path / "empty.csv").write_bytes(b"")
     curves, _, err = infer(run, "empty.csv", shot, status=2)
@@ -139,7 +138,7 @@ def test_an_answer_that_is_no_number_is_a_failure(tmp_path, capsys):
     curve = read_curves(EXAMPLE)[0]
     nothing = Posterior(("log10_viscosity",), ("Pa s",), np.array([[np.nan]]), Checks("ok"), "newtonian", "bdt")
     with pytest.raises(typer.Exit) as stop:
-        Run().report([curve], Step("answering", lambda curves, done: [nothing], {}), tmp_path)
+        Run().report([curve], KnownAnalysis(of=lambda _: nothing), tmp_path)
     assert stop.value.exit_code == 1
 
 
@@ -148,7 +147,7 @@ def test_a_radius_in_micrometres_that_are_pixels_is_warned_of(run, tmp_path):
     write_csv(tmp_path / "scaled.csv", curve.with_max_radius(0.4 * curve.max_radius))
     run("infer", "scaled.csv", *BDT, "-o", "r")
     (row,) = json.loads((tmp_path / "r" / "result.json").read_text())["curves"]
-    assert (row["verdict"], "check the scale" in row["message"]) == ("check_input", True)
+    assert (row["verdict"], row["messages"][0]["code"]) == ("check_input", "check_input.scale")
 
 
 @pytest.mark.parametrize(
@@ -163,17 +162,17 @@ def test_bad_options(run, option, value):
 
 
 def test_simulate_writes_what_read_curves_reads(run, tmp_path):
-    words = "simulate --material nhkv --shear-modulus 5000 --viscosity 0.05 --rmax-um 200 --stretch 6 -o out/a.csv"
+    words = "simulate --material nhkv --shear-modulus 5000 --viscosity 0.05 --rmax-um 200 --stretch 6 -o out"
     status, _, err = run(*words.split(), "--duration-us", 50, "--fps", 2e6)
     assert status == 0, err
-    (curve,) = read_curves(tmp_path / "out" / "a.csv")
+    (curve,) = read_curves(tmp_path / "out" / "simulation.csv")
     expected = simulate(NeoHookeanKelvinVoigt(5e3, 0.05), max_radius=2e-4, stretch=6, time=np.arange(101) * 0.5e-6)
     assert np.allclose(curve.radius, expected.radius, rtol=1e-6)
 
 
 def test_simulate_any_sum_of_laws(run, tmp_path):
     status, _, err = run(
-        "simulate", "--material", laws.EXAMPLE, "--rmax-um", 200, "--stretch", 6, "--duration-us", 40, "-o", "a.csv"
+        "simulate", "--material", laws.EXAMPLE, "--rmax-um", 200, "--stretch", 6, "--duration-us", 40, "-o", "a"
     )
     assert status == 0, err
     law = Viscoelastic(Yeoh(1e3, 20.0), Cross(0.5, 0.01, 1e-4))
@@ -182,7 +181,7 @@ def test_simulate_any_sum_of_laws(run, tmp_path):
         there.time * 1e6, there.radius * 1e6, there.velocity, there.pressure, there.stress, there.strain,
         there.strain_rate, strict=True,
     )  # fmt: skip
-    rows = (tmp_path / "a.csv").read_text().splitlines()[1:]
+    rows = (tmp_path / "a" / "simulation.csv").read_text().splitlines()[1:]
     assert rows == [",".join(f"{value:.9g}" for value in row) for row in columns]
 
 
@@ -201,10 +200,10 @@ def test_simulate_any_sum_of_laws(run, tmp_path):
     ],
 )
 def test_simulate_refuses_a_material(run, tmp_path, material, options, named):
-    status, _, err = run("simulate", "--material", material, *options, "--rmax-um", 100, "--stretch", 5, "-o", "x.csv")
+    status, _, err = run("simulate", "--material", material, *options, "--rmax-um", 100, "--stretch", 5, "-o", "x")
     assert (status, err.count("\n")) == (2, 1)
     assert named in err
-    assert not (tmp_path / "x.csv").exists()
+    assert not (tmp_path / "x").exists()
 
 
 def test_simulate_all_options(run, tmp_path):
@@ -212,9 +211,7 @@ def test_simulate_all_options(run, tmp_path):
     (tmp_path / "p.csv").write_text("time_us,pressure_kPa\n0,0\n1,-2000\n2,0\n3,0\n")
     words = "--rmax-um 2 --stretch 1 --duration-us 10 --fps 1e7 --motion gilmore --precise"
     law = "zener(2e3, 0.01, 1e-6)"
-    status, _, err = run(
-        "simulate", "--material", law, *words.split(), *["--driving", "p.csv", "--fields", "f.h5", "-o", "a.csv"]
-    )
+    status, _, err = run("simulate", "--material", law, *words.split(), *["--driving", "p.csv", "--fields", "-o", "a"])
     assert status == 0, err
     expected = simulate(
         laws.parse(law),
@@ -226,13 +223,13 @@ def test_simulate_all_options(run, tmp_path):
         fields=True,
         accuracy=PRECISE,
     )
-    there = np.genfromtxt(tmp_path / "a.csv", delimiter=",", names=True)
+    there = np.genfromtxt(tmp_path / "a" / "simulation.csv", delimiter=",", names=True)
     assert there["radius_um"] == pytest.approx(expected.radius * 1e6, rel=1e-8)
     assert there["stress_Pa"] == pytest.approx(expected.stress, rel=1e-8)
     assert there["strain"] == pytest.approx(expected.strain, abs=1e-8)
     assert there["strain_rate_per_s"] == pytest.approx(expected.strain_rate, rel=1e-8, abs=1e-3)
     assert there["radius_um"].max() > 4
-    with h5py.File(tmp_path / "f.h5") as file:
+    with h5py.File(tmp_path / "a" / "fields.h5") as file:
         assert np.array_equal(file["temperature_K"], expected.contents.temperature)
         assert np.array_equal(file["vapour_mass_fraction"], expected.contents.vapour)
         assert file["position"].shape == (385,)
@@ -247,11 +244,12 @@ def test_simulate_all_options(run, tmp_path):
     ],
 )  # fmt: skip
 def test_each_option_matters(run, tmp_path, way):
-    words = "simulate --material neo-hookean(2e3)+ucm(0.05,3e-6) --rmax-um 100 --stretch 5 --duration-us 30 -o {}.csv"
+    words = "simulate --material neo-hookean(2e3)+ucm(0.05,3e-6) --rmax-um 100 --stretch 5 --duration-us 30 -o {}"
     for name, more in (("a", ""), ("b", way)):
         status, _, err = run(*words.format(name).split(), *more.split())
         assert status == 0, err
-    one, two = (np.genfromtxt(tmp_path / f"{name}.csv", delimiter=",", names=True)["radius_um"] for name in "ab")
+    tables = (tmp_path / name / "simulation.csv" for name in "ab")
+    one, two = (np.genfromtxt(table, delimiter=",", names=True)["radius_um"] for table in tables)
     assert np.abs(one - two).max() > 0.1
 
 
@@ -274,7 +272,7 @@ def test_laws_lists_every_law(run):
         ("--shear-modulus 1 --viscosity 1 --rmax-um 100 --stretch 5 --fps 1e15", "frames"),
         ("--material newtonian(1) --rmax-um 9 --stretch 1 --pulse 1 1 1 --driving p.csv", "--pulse"),
         ("--material newtonian(1) --rmax-um 9 --stretch 1 --driving p.csv", "p.csv"),
-        ("--material newtonian(1) --rmax-um 9 --stretch 1 --polytropic 1 --fields f.h5", "--fields"),
+        ("--material newtonian(1) --rmax-um 9 --stretch 1 --polytropic 1 --fields", "--fields"),
         ("--material newtonian(1) --rmax-um 90 --stretch 5 --polytropic 14", "--polytropic must be between 0 and 10"),
         (
             "--material newtonian(1) --rmax-um 90 --stretch 5 --polytropic 1 --contents kinetic",
@@ -291,7 +289,7 @@ def test_laws_lists_every_law(run):
     ],
 )
 def test_simulate_refuses(run, words, named):
-    status, _, err = run("simulate", *words.split(), "-o", "x.csv")
+    status, _, err = run("simulate", *words.split(), "-o", "x")
     assert status == 2
     assert named in err
     assert err.count("\n") == 1

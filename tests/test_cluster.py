@@ -23,18 +23,18 @@ pytest.importorskip("distributed", reason="needs the extra [cluster]")
 from distributed import Client, LocalCluster
 
 from cavirheo import InputError
-from cavirheo.answer_store import Step, Unfinished
-from cavirheo.cluster import connected
-from cavirheo.cluster.check import Identity, admitted, identity, reports
-from cavirheo.cluster.executor import SECONDS_PER_THREAD, Workers, _batch, seconds_for
-from cavirheo.cluster.slurm import read_settings
-from cavirheo.inference import infer_many
+from cavirheo.inference.analysis import Analysis
 from cavirheo.parallel import Threads
 from cavirheo.prior import Prior
 from cavirheo.problem import TrainingProblem
 from cavirheo.reading import read_curves
 from cavirheo.training import dataset
 from cavirheo.training.dataset import generate
+from cavirheo.workflow.analyse import Unfinished
+from cavirheo.workflow.cluster import connected
+from cavirheo.workflow.cluster.check import Identity, admitted, code_of, identity, reports
+from cavirheo.workflow.cluster.executor import SECONDS_PER_THREAD, Workers, _batch, seconds_for
+from cavirheo.workflow.cluster.slurm import read_settings
 
 ROOT = Path(__file__).parent.parent
 EXAMPLE = ROOT / "examples" / "soft_gel.csv"
@@ -140,11 +140,11 @@ def test_a_data_set_is_the_same_from_threads_and_a_cluster_and_after_it_was_stop
 
 def test_answers_of_a_cluster_are_those_of_this_machine(workers, tmp_path):
     curves = read_curves(EXAMPLE)
-    step = Step("inferring", infer_many, {"verify": "none", "seed": 4})
-    here = Unfinished(tmp_path / "here", shown=False).answers(curves, step)
-    there = Unfinished(tmp_path / "there", shown=False, executor=workers).answers(curves, step)
-    assert list(here) == list(there) == list(range(len(curves)))
-    for mine, theirs in zip(here.values(), there.values(), strict=True):
+    analysis = Analysis(verify="none", seed=4)
+    here = Unfinished(tmp_path / "here", shown=False).answers(curves, analysis)
+    there = Unfinished(tmp_path / "there", shown=False, executor=workers).answers(curves, analysis)
+    assert here.indices == there.indices == list(range(len(curves)))
+    for mine, theirs in zip(here, there, strict=True):
         np.testing.assert_array_equal(mine.theta, theirs.theta)
         assert mine.best == theirs.best
         assert (mine.checks.verdict, mine.checks.message) == (theirs.checks.verdict, theirs.checks.message)
@@ -154,6 +154,17 @@ def test_answers_of_a_cluster_are_those_of_this_machine(workers, tmp_path):
 
 
 # --- who may work -----------------------------------------------------------------------------------------------------
+
+
+def test_code_is_compared_wherever_the_package_lies(tmp_path):
+    """Also below a folder named app, as in containers."""
+    (tmp_path / "app" / "cavirheo").mkdir(parents=True)
+    module = tmp_path / "app" / "cavirheo" / "solver.py"
+    found = []
+    for text in ("1", "2"):
+        module.write_text(text)
+        found.append(code_of(tmp_path / "app" / "cavirheo"))
+    assert found[0] != found[1]
 
 
 def dask(*words: str, path: object = ROOT / "src", cwd: Path) -> subprocess.Popen[bytes]:
@@ -219,7 +230,7 @@ def test_another_version_and_a_worker_without_the_package_are_refused_by_name(ru
 
 
 def test_a_worker_with_other_last_bits_is_refused(workers, monkeypatch):
-    from cavirheo.cluster import check
+    from cavirheo.workflow.cluster import check
 
     mine = check.about()
     bits = iter([mine["identity"].bits, "0" * 64])
@@ -278,7 +289,7 @@ def test_the_job_of_a_file_is_what_it_says(tmp_path):
     jobqueue = pytest.importorskip("dask_jobqueue")
     path = tmp_path / "slurm.toml"
     path.write_text(f'{QUEUE}environment = ["module load python"]\noptions = ["--constraint=icelake"]\ntls = false\n')
-    from cavirheo.cluster import slurm
+    from cavirheo.workflow.cluster import slurm
 
     with slurm.jobs_of(read_settings(path)) as made:
         assert isinstance(made, jobqueue.SLURMCluster)

@@ -10,18 +10,24 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from conftest import messages
 
-from cavirheo import read_curves
-from cavirheo.companions import published
-from cavirheo.companions.published import compare, picture
-from cavirheo.companions.published.comparison import Comparison, print_table
-from cavirheo.companions.published.references import MU, G, read_references
+from cavirheo import load, read_curves
+from cavirheo.companions import comparison
+from cavirheo.companions.comparison import Answering, compare
+from cavirheo.companions.comparison_picture import figure
+from cavirheo.companions.published_values import ReferenceSet, read_references
 from cavirheo.errors import InputError
+from cavirheo.inference import analysis, posterior_model
+from cavirheo.inference.analysis import Analysis
+from cavirheo.physics.bubble import FIELD
 from cavirheo.posterior import Checks, Posterior
 from cavirheo.reading import write_csv
 from cavirheo.reporting import result
+from cavirheo.reporting.comparison import Comparison, markdown, print_comparison
+from cavirheo.reporting.record import Result
 from cavirheo.writing import style
-from cavirheo.writing.document import Outputs, write_json
+from cavirheo.writing.document import Outputs, spread_of, write_json
 
 ROOT = Path(__file__).parent.parent
 EXAMPLE = ROOT / "examples" / "soft_gel.csv"
@@ -63,120 +69,171 @@ def fake(monkeypatch):
 
     def answered(curve, material="nhkv"):
         if len(curve.time) < 5:
-            return Posterior((), (), np.empty((0, 0)), Checks("failed", "3 frames"), material, "bdt")
-        shear, viscosity, verdict = ANSWERS.get(curve.name, (4e3, 0.02, "ok"))
+            return Posterior((), (), np.empty((0, 0)), Checks("failed", messages("3 frames")), material, "bdt")
+        shear, viscosity, verdict = ANSWERS.get(curve.name.rpartition("/")[2], (4e3, 0.02, "ok"))
         names, theta = ("log10_shear_modulus", "log10_viscosity"), np.log10([[shear, viscosity]])
         if material == "newtonian":
             names, theta = names[1:], theta[:, 1:]
         rmse = 0.01 * (1 + ("shot1", "shot2").index(curve.name) if curve.name in ("shot1", "shot2") else 0.5)
-        return Posterior(names, ("Pa", "Pa s")[-len(names) :], theta, Checks(verdict, "", rmse), material, "bdt")
+        return Posterior(names, ("Pa", "Pa s")[-len(names) :], theta, Checks(verdict, (), rmse), material, "bdt")
 
-    def infer_many(curves, *, model, done=None, **settings):
-        calls.append({"model": model, **settings})
-        material = "newtonian" if model == "bdt-viscous" else "nhkv"
-        answers = [answered(curve, material) for curve in curves]
-        for k, answer in enumerate(answers):
-            done(k, answer)
-        return answers
+    def answer(asked, curve, *_, **__):
+        calls.append(asked)
+        return answered(curve, "newtonian" if asked.model == "bdt-viscous" else "nhkv")
 
-    def write_report(out, pairs, command, *_, **how):
-        Outputs(out, "result.json").write("result.json", write_json, written := result(pairs, command))
+    def write_report(out, pairs, command, *, published, references, notes, **how):
+        written = result(pairs, command, notes=notes)
+        written.put_beside(published, references)
+        Outputs(out, "result.json").write("result.json", write_json, written)
         return written
 
-    monkeypatch.setattr(published, "write_report", write_report)
-    monkeypatch.setattr(published, "infer_many", infer_many)
-    monkeypatch.setattr(published, "network_of", lambda name: SimpleNamespace(sha256="", card={"material": "nhkv"}))
+    monkeypatch.setattr(comparison, "write_report", write_report)
+    monkeypatch.setattr(Analysis, "answer", answer)
+
+    def card(path):
+        law = "newtonian" if "viscous" in str(path) else "nhkv"
+        return {"kind": "posterior" if "posterior" in str(path) else "point", "material": law}
+
+    for module in (comparison, posterior_model):
+        monkeypatch.setattr(module, "network_of", lambda name: SimpleNamespace(sha256="", card=card(name)))
+    monkeypatch.setattr(analysis, "path_of", Path)
+    monkeypatch.setattr(analysis, "card", card)
     return calls
 
 
 @pytest.mark.needs("matplotlib")
 def test_the_command_answers_as_infer_does(run, folder, tmp_path):
-    (folder / "two.csv").write_text(f"{HEAD}\ngel,gel_a/shot[01].csv,1003,IMR,G_kPa,6.44,1.64\n")
-    status, out, err = run("compare", "data", "--references", "data/two.csv", "-o", "c")
+    """With its default network and the field's bubble; the errors are in the group of its result.json."""
+    (folder / "one.csv").write_text(f"{HEAD}\ngel,gel_a/shot1.csv,1003,IMR,G_kPa,6.44,1.64\n")
+    status, out, err = run("compare", "data", "--references", "data/one.csv", "-o", "c")
     assert status == 0, err
     assert max(map(len, out.splitlines())) <= 120
     assert "6.44 ± 1.64" in out
-    assert (
-        run(
-            "infer",
-            "--model",
-            "bdt-viscoelastic",
-            "data/gel_a/shot0.csv",
-            "data/gel_a/shot1.csv",
-            "--density",
-            1003,
-            "-o",
-            "i",
-        )[0]
-        == 0
-    )
-    here, there = (json.loads((tmp_path / name / "result.json").read_text()) for name in ("c/gel", "i"))
+    words = ("infer", "data/gel_a/shot1.csv", "--density", 1003, "--bubble", "field", "-o", "i")
+    assert run(*words)[0] == 0
+    here, there = (json.loads((tmp_path / name / "result.json").read_text()) for name in ("c", "i"))
     assert [c["shear_modulus_Pa"] for c in here["curves"]] == [c["shear_modulus_Pa"] for c in there["curves"]]
-    (about,) = read(tmp_path / "c").sets
-    (group,) = there["groups"]
-    assert about.quantities[0].ours.mean == group["shear_modulus_Pa"]["mean"]
-    assert about.quantities[1].ours.std == group["viscosity_Pa_s"]["std"]
-    assert about.rmse_over_rmax.largest == max(c["rmse_over_rmax"] for c in there["curves"])
-    assert (tmp_path / "c" / about.report).exists()
+    (group,) = here["groups"]
+    mean = group["shear_modulus_Pa"]["mean"]
+    assert mean == there["groups"][0]["shear_modulus_Pa"]["mean"]
+    assert group["published"]["IMR"]["shear_modulus"]["mean"] == 6440.0
+    assert group["errors"]["IMR"]["cavirheo"]["shear_modulus"] == pytest.approx(abs(mean - 6440) / 6440)
+    page = (tmp_path / "c" / "report.html").read_text(encoding="utf-8")
+    assert "% from IMR" in page
     assert (tmp_path / "c" / "comparison.png").read_bytes().startswith(b"\x89PNG")
 
 
-def read(out: Path) -> Comparison:
-    return Comparison.model_validate_json((out / "comparison.json").read_text(encoding="utf-8"))
+@pytest.mark.needs("matplotlib")
+def test_a_result_is_compared_without_a_new_answer(run, fake, folder, tmp_path):
+    """The same values and errors as those of the command that answers; a set without a group has its values alone."""
+    compare(folder, folder / "published.csv", tmp_path / "c")
+    before = json.loads((tmp_path / "c" / "result.json").read_text())
+    for group in before["groups"]:
+        group.pop("published", None), group.pop("errors", None)
+    before["groups"] = [group for group in before["groups"] if group["name"] != "gone"]
+    (tmp_path / "answers.json").write_text(json.dumps(before))
+    fake.clear()
+    status, _, err = run("compare", "answers.json", "--references", "data/published.csv", "-o", "d")
+    assert status == 1, err
+    assert not fake
+    one, other = (load(tmp_path / name) for name in ("c", "d"))
+    assert [group.errors for group in one.groups] == [group.errors for group in other.groups]
+    assert [group.name for group in other.groups] == ["gel a", "gone", "bare.csv"]
+    assert [cells.split(",") for cells in (tmp_path / "d" / "comparison.csv").read_text().splitlines()] == [
+        cells.split(",") for cells in (tmp_path / "c" / "comparison.csv").read_text().splitlines()
+    ]
+    status, _, err = run("compare", "answers.json", "--references", "data/published.csv", "--fit", "nhkv", "-o", "g")
+    assert (status, "not answered again" in err) == (2, True)
+    assert "% from IMR" in (tmp_path / "d" / "report.html").read_text(encoding="utf-8")
+    assert (tmp_path / "d" / "comparison.png").exists()
+    (folder / "alone.csv").write_text(f"{HEAD}\nother name,,,IMR,G_kPa,8,\n")
+    shown = compare(tmp_path / "answers.json", folder / "alone.csv", tmp_path / "e")[0]
+    assert ["IMR" in group.published for group in shown.groups] == [True, True]  # the only set is that of all groups
+    (folder / "two.csv").write_text(f"{HEAD}\nthis,,,IMR,G_kPa,8,\nthat,,,IMR,G_kPa,8,\n")
+    with pytest.raises(InputError, match="groups gel a"):
+        compare(tmp_path / "answers.json", folder / "two.csv", tmp_path / "f")
+
+
+def test_show_has_the_table_of_published_values(fake, run, folder):
+    run("compare", "data", "--references", "data/published.csv", "-o", "c")
+    status, out, err = run("show", "c/result.json")
+    assert status == 0, err
+    assert "8.0 ± 1.5" in out
+
+
+def test_a_comparison_of_an_earlier_version_is_refused_by_name(tmp_path):
+    (tmp_path / "comparison.json").write_text('{"schema": 1, "sets": [], "methods": [], "reference_methods": []}')
+    with pytest.raises(InputError, match="run it again"):
+        load(tmp_path / "comparison.json")
+
+
+def read(out: Path) -> Result:
+    return Result.model_validate_json((out / "result.json").read_text(encoding="utf-8"))
+
+
+def row(result: Result, group: str, name: str = "shear_modulus"):
+    return next(row for row in Comparison(result).rows if (row.group.name, row.name) == (group, name))
 
 
 def test_relative_errors_are_exact(fake, folder, tmp_path):
-    result = compare(folder, folder / "published.csv", tmp_path / "c")
-    assert (result.methods, result.reference_methods) == (["IMR", "BDT", "rheometer"], ["IMR", "rheometer"])
-    modulus, viscosity = result.sets[0].quantities
-    assert modulus.ours.model_dump(exclude={"source"}) == pytest.approx({"mean": 7e3, "std": 2e3, "n": 3})
-    assert modulus.ours_ok.model_dump(exclude={"source"}) == pytest.approx({"mean": 6e3, "std": 2e3 / 2**0.5, "n": 2})
-    assert modulus.relative_errors["IMR"] == pytest.approx({"BDT": 0.25, "rheometer": 0.75, "cavirheo": 0.125})
-    assert modulus.relative_errors["rheometer"] == pytest.approx({"IMR": 3.0, "BDT": 2.0, "cavirheo": 2.5})
-    assert viscosity.published["BDT"].mean == 0.035  # given in mPa s
-    assert viscosity.published["BDT"].std == 0.010
-    assert viscosity.relative_errors == {"IMR": pytest.approx({"BDT": 0.75, "cavirheo": 0.5})}
-    only = compare(folder, folder / "published.csv", tmp_path / "c", reference_methods=["BDT"])
-    assert only.sets[0].quantities[0].relative_errors == {
-        "BDT": pytest.approx({"IMR": 1 / 3, "rheometer": 2 / 3, "cavirheo": 1 / 6})
-    }
+    made, *_ = compare(folder, folder / "published.csv", tmp_path / "c")
+    found = Comparison(made)
+    assert (found.methods, found.references) == (["IMR", "BDT", "rheometer"], ["IMR", "rheometer"])
+    modulus, viscosity = row(made, "gel a"), row(made, "gel a", "viscosity")
+    for method, values in (("cavirheo, all", [5e3, 7e3, 9e3]), ("cavirheo", [5e3, 7e3])):
+        assert modulus.value(method).model_dump() == pytest.approx(spread_of(values).model_dump())
+    errors = made.groups[0].errors
+    assert {method: of["shear_modulus"] for method, of in errors["IMR"].items()} == pytest.approx(
+        {"BDT": 0.25, "rheometer": 0.75, "cavirheo": 0.25}
+    )
+    assert {method: of["shear_modulus"] for method, of in errors["rheometer"].items()} == pytest.approx(
+        {"IMR": 3.0, "BDT": 2.0, "cavirheo": 2.0}
+    )
+    assert modulus.error("IMR", "cavirheo, all") == pytest.approx(0.125)
+    assert viscosity.value("BDT").mean == 0.035  # given in mPa s
+    assert viscosity.value("BDT").std == 0.010
+    assert errors["IMR"]["BDT"]["viscosity"] == pytest.approx(0.75)
+    assert "viscosity" not in errors["rheometer"]["cavirheo"]
+    only, *_ = compare(folder, folder / "published.csv", tmp_path / "c", reference_methods=["BDT"])
+    assert {method: of["shear_modulus"] for method, of in only.groups[0].errors["BDT"].items()} == pytest.approx(
+        {"IMR": 1 / 3, "rheometer": 2 / 3, "cavirheo": 0.0}, abs=1e-12
+    )
+    assert list(only.groups[0].errors) == ["BDT"]
 
 
 def test_nothing_is_dropped(fake, run, folder, tmp_path):
     status, out, _ = run("compare", "data", "--references", "data/published.csv", "-o", "c")
     assert status == 2
-    gel, gone, bare = read(tmp_path / "c").sets
-    assert (gel.n_shots, gel.n_answered) == (4, 3)
+    made = read(tmp_path / "c")
+    gel, gone, bare = made.groups
+    assert (gel.n, gel.n_failed) == (3, 1)
     assert gel.verdicts == {"ok": 2, "model_does_not_fit": 1, "failed": 1}
-    assert gel.rmse_over_rmax.model_dump() == pytest.approx({"median": 0.01, "smallest": 0.005, "largest": 0.02})
-    assert "torn.mat" in gel.problems[0]
-    assert "protocol.docx" in gel.notes[0]
-    assert gel.files == [f"gel_a/{name}" for name in ("shot0.csv", "shot1.csv", "shot2.csv", "three.csv", "torn.mat")]
-    assert (gone.n_shots, gone.report, gone.quantities[0].ours.mean) == (0, None, None)
-    assert "nowhere/*.mat" in gone.problems[0]
-    assert gone.quantities[0].relative_errors == {"IMR": {}}
-    assert [row.published for row in bare.quantities] == [{}, {}]
-    for word in (
-        "gone",
-        "torn.mat",
-        "protocol.docx",
-        "3 of 4",
-        "3 frames",
-        "does not fit 1, failed 1",
-    ):
+    assert (gone.n, gone.n_failed, gone.shear_modulus_Pa.mean) == (0, 0, None)
+    assert list(gone.errors) == ["IMR"]
+    assert bare.published == {}
+    for word in ("torn.mat", "protocol.docx", "nowhere/*.mat"):
+        assert any(word in note for note in made.notes)
+    for word in ("gone", "torn.mat", "protocol.docx", "3 of 4", "3 frames", "does not fit 1, failed 1"):
         assert word in " ".join(out.split())
     (folder / "gel_a" / "torn.mat").unlink()
     (folder / "less.csv").write_text(f"{HEAD}\ngel_a,,,,,,\n")
     assert run("compare", "data", "--references", "data/less.csv", "-o", "less")[0] == 1
     (folder / "gel_a" / "three.csv").unlink()
-    assert run("compare", "data", "--references", "data/less.csv", "-o", "less")[0] == 0
+    assert run("compare", "data", "--references", "data/less.csv", "-o", "less2")[0] == 0
+
+
+def test_shots_of_one_name_in_two_sets_are_told_apart(fake, folder, tmp_path):
+    """The same recording may be answered under two densities."""
+    (folder / "two.csv").write_text("set,files,density\nlight,bare.csv,990\nheavy,bare.csv,1040\n")
+    made, *_ = compare(folder, folder / "two.csv", tmp_path / "c")
+    assert [curve.name for curve in made.curves] == ["light/bare", "heavy/bare"]
+    assert [call.medium.density for call in fake] == [990, 1040]
 
 
 def test_markdown_and_csv_say_what_the_record_says(fake, folder, tmp_path):
     text = (folder / "published.csv").read_text().replace("gel a,", "gel | a,")
     (folder / "published.csv").write_text(text)
-    result = compare(folder, folder / "published.csv", tmp_path / "c")
-    assert read(tmp_path / "c") == result
+    made, *_ = compare(folder, folder / "published.csv", tmp_path / "c")
     lines = (tmp_path / "c" / "comparison.md").read_text(encoding="utf-8").replace("\\|", "¦").splitlines()
     cells = [[c.strip() for c in line.strip("|").split("|")] for line in lines if line.startswith("|")]
     assert {len(row) for row in cells} == {len(cells[0])}
@@ -195,17 +252,23 @@ def test_markdown_and_csv_say_what_the_record_says(fake, folder, tmp_path):
     }  # fmt: skip
     assert rows[3]["cavirheo, trusted"] == rows[3]["cavirheo, all"] == "4.00"
     assert rows[1]["IMR"] == "0.020 ± 0.009"
+    assert any(line.startswith("- gel ¦ a: with density 1003") for line in lines)
     with (tmp_path / "c" / "comparison.csv").open(newline="", encoding="utf-8") as file:
         table_rows = list(csv.DictReader(file))
-    for (about, row), line in zip(result.rows(), table_rows, strict=True):
-        assert (line["set"], line["quantity"]) == (about.name, row.quantity)
-        assert int(line["n_failed"]) == about.verdicts.get("failed", 0)
-        assert number(line["cavirheo_mean"]) == row.ours.mean
-        for method, value in row.published.items():
-            assert (number(line[f"{method}_mean"]), number(line[f"{method}_std"])) == (value.mean, value.std)
-        for reference, errors in row.relative_errors.items():
-            for method, value in errors.items():
-                assert number(line[f"{method}_error_to_{reference}"]) == value
+    titles = {"shear_modulus": "shear_modulus_Pa", "viscosity": "viscosity_Pa_s"}
+    for one, line in zip(Comparison(made).rows, table_rows, strict=True):
+        assert (line["set"], line["quantity"]) == (one.group.name, titles[one.name])
+        assert int(line["n_failed"]) == one.group.verdicts.get("failed", 0)
+        assert number(line["cavirheo_trusted_mean"]) == one.value("cavirheo").mean
+        assert number(line["cavirheo_all_mean"]) == one.value("cavirheo, all").mean
+        for method, values in one.group.published.items():
+            value = values.get(one.name)
+            known = (value.mean, value.std) if value else (None, None)
+            assert (number(line[f"{method}_mean"]), number(line[f"{method}_std"])) == known
+        for reference, errors in one.group.errors.items():
+            for method, of in errors.items():
+                name = "cavirheo_trusted" if method == "cavirheo" else method
+                assert number(line[f"{name}_error_to_{reference}"]) == of.get(one.name)
 
 
 def number(text: str) -> float | None:
@@ -218,38 +281,39 @@ def test_a_liquid_has_no_shear_modulus(fake, folder, tmp_path):
         "set,files,model,method,quantity,mean,std\nPEG,gel_a/shot?.csv,bdt-viscous,IMR,mu_Pa_s,0.06,0.01\n"
         "odd,gel_a/shot0.csv,bdt-viscous,IMR,G_kPa,1,\n"
     )
-    result = compare(folder, folder / "liquid.csv", tmp_path / "c")
-    peg, odd = result.sets
-    assert [row.quantity for row in peg.quantities] == [MU]
-    assert peg.quantities[0].relative_errors == {"IMR": {"cavirheo": pytest.approx(0.5)}}
-    assert [row.ours.mean is None for row in odd.quantities] == [True, False]
-    assert [axes.get_xlabel() for axes in picture.figure(result).axes] == ["G (kPa)", "µ (Pa s)"]
-    result.sets = [peg]
-    assert [axes.get_xlabel() for axes in picture.figure(result).axes] == ["µ (Pa s)"]
+    made, *_ = compare(folder, folder / "liquid.csv", tmp_path / "c")
+    assert [(one.group.name, one.name) for one in Comparison(made).rows] == [
+        ("PEG", "viscosity"), ("odd", "shear_modulus"), ("odd", "viscosity")
+    ]  # fmt: skip
+    assert made.groups[0].errors["IMR"]["cavirheo"]["viscosity"] == pytest.approx(2 / 3)
+    assert row(made, "odd").value("cavirheo").mean is None
+    assert [axes.get_xlabel() for axes in figure(made).axes] == ["G (kPa)", "µ (Pa s)"]
+    peg = made.model_copy(update={"groups": made.groups[:1], "curves": made.curves[:3]})
+    assert [axes.get_xlabel() for axes in figure(peg).axes] == ["µ (Pa s)"]
 
 
 def test_settings_reach_the_inference(fake, folder, tmp_path):
     (folder / "s.csv").write_text(
-        "set,model,window,stretch,rmax_um,medium,density,sound_speed,surface_tension,pressure,temperature\n"
-        "bare.csv,own.onnx,2,7.5,210,zhu2025,1040,1500,0,90000,300\n"
-        "gel_a/shot0.csv,,,,,,,,,,\n"
+        "set,model,material,window,stretch,rmax_um,medium,density,sound_speed,surface_tension,pressure,temperature\n"
+        "bare.csv,posterior,power-law,2,7.5,210,zhu2025,1040,1500,0,90000,300\n"
+        "gel_a/shot0.csv,,,,,,,,,,,\n"
     )
-    result = compare(folder, folder / "s.csv", tmp_path / "c", model="other")
+    made, *_ = compare(folder, folder / "s.csv", tmp_path / "c", how=Answering("bdt-viscoelastic"))
     first, second = fake
-    assert (first["model"], first["window"], first["stretch"]) == ("own.onnx", 2, 7.5)
-    medium = first["medium"]
+    assert (first.model, first.window, first.stretch) == ("posterior", 2, 7.5)
+    assert (first.material, first.bubbles) == ("power-law", (FIELD,))
+    medium = first.medium
     assert (medium.density, medium.sound_speed, medium.surface_tension) == (1040, 1500, 0)
     assert (medium.pressure, medium.temperature) == (90000, 300)
-    record = json.loads((tmp_path / "c" / "bare.csv" / "result.json").read_text())
-    assert record["curves"][0]["max_radius_m"] == pytest.approx(210e-6)
-    assert (second["model"], second["window"], second["medium"].density) == ("other", None, 998.0)
-    assert "no relative errors" in result.notes[0]
+    assert made.curves[0].max_radius_m == pytest.approx(210e-6)
+    assert (second.model, second.window, second.medium.density) == ("bdt-viscoelastic", None, 998.0)
+    assert "no relative errors" in made.notes[-1]
 
 
 def test_the_file_of_values_is_no_measurement(fake, folder, tmp_path):
     (folder / "published.csv").write_text(f"{HEAD}\nall,*.csv,,,,,\n")
-    (about,) = compare(folder, folder / "published.csv", tmp_path / "c").sets
-    assert (about.files, about.problems) == (["bare.csv"], [])
+    made, unread, _ = compare(folder, folder / "published.csv", tmp_path / "c")
+    assert ([curve.name for curve in made.curves], unread) == (["bare"], 0)
 
 
 BAD = {  # text: (where, code, what is named)
@@ -267,7 +331,7 @@ BAD = {  # text: (where, code, what is named)
     f"{HEAD}\na,,,IMR,G_Pa,nan,1": ("line 2, column mean", "mean", "'nan'"),
     f"{HEAD}\na,,,IMR,G_Pa,1,-1": ("line 2, column std", "std", "'-1'"),
     f"{HEAD}\na,,,IMR,G_Pa,1,2,Bu, 2025": ("", "cells", "row 2 has 9 cells"),
-    f"{HEAD}\na,,,IMR,G_Pa,1,\na,,,IMR,G_kPa,1,": ("line 3, column quantity", "quantity", "shear_modulus_Pa of 'a'"),
+    f"{HEAD}\na,,,IMR,G_Pa,1,\na,,,IMR,G_kPa,1,": ("line 3, column quantity", "quantity", "shear_modulus of 'a'"),
     f"{HEAD}\na,,,IMR,G_Pa,1,\na,,,imr,mu_Pa_s,1,": ("line 3, column method", "method", "'IMR' as in"),
     f"{HEAD}\na,,998,IMR,G_Pa,1,\na,,999,,,,": ("line 3, column density", "density", "r.csv, line 2"),
     f"{HEAD}\na,,heavy,,,,": ("line 2, column density", "density", "'heavy'"),
@@ -295,7 +359,7 @@ def test_other_dialects_of_the_file(tmp_path):
     """Semicolons with decimal commas, UTF-16, a name with a comma in quotes, one column alone."""
     (tmp_path / "a.csv").write_text('set;method;quantity;mean\n"gel, 1";IMR;G_kPa;6,44\n', encoding="utf-16")
     (about,) = read_references(tmp_path / "a.csv")
-    assert (about.name, about.values["IMR", G].mean) == ("gel, 1", 6440.0)
+    assert (about.name, about.values["IMR"]["shear_modulus"].mean) == ("gel, 1", 6440.0)
     (tmp_path / "b.csv").write_text("set\ngel 1 %\ngel 2 %\n")
     assert [about.name for about in read_references(tmp_path / "b.csv")] == ["gel 1 %", "gel 2 %"]
 
@@ -315,18 +379,18 @@ def test_other_mistakes(fake, folder, tmp_path):
 
 def test_without_matplotlib_the_tables_are_complete(fake, folder, tmp_path, monkeypatch):
     monkeypatch.setattr(style, "available", lambda: False)
-    result = compare(folder, folder / "published.csv", tmp_path / "c")
+    made, *_ = compare(folder, folder / "published.csv", tmp_path / "c")
     assert not (tmp_path / "c" / "comparison.png").exists()
     assert "matplotlib is not installed" in (tmp_path / "c" / "comparison.md").read_text(encoding="utf-8")
-    assert "matplotlib is not installed" in result.notes[0]
+    assert "matplotlib is not installed" in made.notes[-1]
 
 
 @pytest.mark.needs("matplotlib")
 def test_the_table_fits_and_the_picture_shows_every_value(fake, folder, tmp_path, monkeypatch, capsys):
-    result = compare(folder, folder / "published.csv", tmp_path / "c")
+    made, *_ = compare(folder, folder / "published.csv", tmp_path / "c")
     for width in (80, 120):
         monkeypatch.setenv("COLUMNS", str(width))
-        print_table(result)
+        print_comparison(made)
         text = capsys.readouterr().out
         assert max(map(len, text.splitlines())) <= width
         assert len(text.splitlines()) < 47
@@ -336,8 +400,8 @@ def test_the_table_fits_and_the_picture_shows_every_value(fake, folder, tmp_path
     assert "3 of 4" in trusted
     assert trusted.split()[5:7] == ["25", "200"]  # errors to IMR and to the rheometer, %
     assert everything.split()[5:7] == ["12", "250"]
-    assert all(about.name in text for about in result.sets)
-    drawn = picture.figure(result)
+    assert all(about.name in text for about in made.groups)
+    drawn = figure(made)
     assert [axes.get_xscale() for axes in drawn.axes] == ["log", "log"]
     legend = [text.get_text() for text in drawn.legends[0].get_texts()]
     assert legend == [
@@ -349,16 +413,16 @@ def test_the_table_fits_and_the_picture_shows_every_value(fake, folder, tmp_path
         "cavirheo: shot, not trusted",
     ]
     for wide in (1.0, 5.0, 200.0, 1e4):  # numbers of an axis never touch, from one decade to many
-        result.sets[0].quantities[0].published["IMR"].mean = 8e3 * wide
-        drawn = picture.figure(result)
+        made.groups[0].published["IMR"]["shear_modulus"].mean = 8e3 * wide
+        drawn = figure(made)
         style.drawn(drawn, 100)
         for axes in drawn.axes:
             boxes = [one.get_window_extent() for one in axes.get_xticklabels() if one.get_text()]
             inside = sorted((one.x0, one.x1) for one in boxes if axes.bbox.x0 <= one.x1 and one.x0 <= axes.bbox.x1)
             assert len(inside) > 1
             assert all(a[1] + 3 < b[0] for a, b in pairwise(inside)), (wide, axes.get_xlabel())
-    result.sets[0].quantities[0].ours_ok.std = 8e3
-    legend = [text.get_text() for text in picture.figure(result).legends[0].get_texts()]
+    made.groups[0].shear_modulus_Pa.std = 8e3
+    legend = [text.get_text() for text in figure(made).legends[0].get_texts()]
     assert "std reaches below 0" in legend
 
 
@@ -369,14 +433,16 @@ def test_a_set_without_a_recording_has_its_published_values(fake, run, folder, t
     )
     status, out, err = run("compare", "data", "--references", "data/two.csv", "-o", "c")
     assert status == 0, err
-    _, closed = read(tmp_path / "c").sets
-    assert (closed.n_shots, closed.problems, closed.report) == (0, [], None)
-    assert closed.quantities[0].relative_errors == {"IMR": {"BDT": pytest.approx(0.3)}}
-    (note,) = closed.notes
+    made = read(tmp_path / "c")
+    closed = made.groups[1]
+    assert (closed.name, closed.n, closed.n_failed) == ("closed", 0, 0)
+    assert closed.errors == {"IMR": {"BDT": {"shear_modulus": pytest.approx(0.3)}}}
+    (note,) = made.notes
+    assert note.startswith("closed: no open recording")
     assert note in " ".join(out.split())
     text = (tmp_path / "c" / "comparison.md").read_text(encoding="utf-8")
     assert "0 of 0" not in out + text
-    assert f"- closed: {note}\n" in text
+    assert f"- {note}\n" in text
 
 
 def test_published_values_can_be_read():
@@ -386,8 +452,8 @@ def test_published_values_can_be_read():
     ]  # fmt: skip
     assert len(sets) == 13
     assert sets["stiff polyacrylamide"].medium.name == "estrada2018"
-    assert sets["PAAm-alginate 0.3 %"].values["IMR", G].mean == 6440.0
-    assert ("IMR", G) not in sets["PEG 8000 40 w/v %"].values
+    assert sets["PAAm-alginate 0.3 %"].values["IMR"]["shear_modulus"].mean == 6440.0
+    assert not sets["PEG 8000 40 w/v %"].solid
     assert sets["agarose 2.5 %"].medium.density == 1025
 
 
@@ -438,9 +504,9 @@ def test_the_page_has_the_published_values():
 
 def test_published_sets_are_found(fake, real_data, tmp_path, monkeypatch):
     monkeypatch.setattr(style, "available", lambda: False)
-    result = compare(real_data, PUBLISHED, tmp_path / "c")
-    assert [about.n_shots for about in result.sets if about.recorded] == [5, 20, 20, 11, 11, 20]
-    assert not any(about.problems for about in result.sets)
+    made, unread, _ = compare(real_data, PUBLISHED, tmp_path / "c")
+    assert [group.n + group.n_failed for group in made.groups if group.verdicts] == [5, 20, 20, 11, 11, 20]
+    assert unread == 0
 
 
 @pytest.mark.slow
@@ -450,21 +516,28 @@ def test_sets_can_be_fitted_in_the_place_of_networks(tmp_path, monkeypatch):
     (tmp_path / "refs.csv").write_text(
         "set,files,window,model,method,quantity,mean\ngel,gel.csv,1,,IMR,G_kPa,3\nliquid,gel.csv,1,bdt-viscous,,,\n"
     )
-    gel, liquid = compare(tmp_path, tmp_path / "refs.csv", tmp_path / "c", fit="qkv").sets
-    assert (gel.model, liquid.model) == ("least squares, qkv", "least squares, newtonian")
-    assert gel.quantities[0].ours.n == gel.n_shots
-    assert [row.quantity for row in liquid.quantities] == [MU]
-    record = json.loads((tmp_path / "c" / "gel" / "result.json").read_text())["curves"][0]
-    assert (record["method"], record["window"]["collapses"]) == ("least_squares", 1)
+    made, *_ = compare(tmp_path, tmp_path / "refs.csv", tmp_path / "c", how=Answering(fit="qkv"))
+    gel, liquid = made.curves
+    assert (gel.method, gel.material, gel.window.collapses) == ("least_squares", "qkv", 1)
+    assert (liquid.method, liquid.material) == ("least_squares", "newtonian")
+    assert [one.name for one in Comparison(made).rows if one.group.name == "liquid"] == ["viscosity"]
     with pytest.raises(InputError, match="jelly"):
-        compare(tmp_path, tmp_path / "refs.csv", tmp_path / "c", fit="jelly")
+        Answering(fit="jelly")
 
 
-def test_the_posterior_network_takes_the_law_from_what_is_published():
+def test_the_law_is_taken_from_what_is_published():
     sets = {
-        name: published.ReferenceSet(name, name, settings={"model": "posterior"}, values={("IMR", quantity): None})
-        for name, quantity in (("gel", "shear_modulus_Pa"), ("liquid", "viscosity_Pa_s"))
+        name: ReferenceSet(name, name, values={"IMR": {quantity: None}})
+        for name, quantity in (("gel", "shear_modulus"), ("liquid", "viscosity"))
     }
-    made = {name: published._step(one, "posterior", None, False)[1] for name, one in sets.items()}
-    assert {name: step.settings["material"] for name, step in made.items()} == {"gel": "nhkv", "liquid": "newtonian"}
-    assert published._step(sets["liquid"], "x", "nhkv", False)[1].settings["material"] == "newtonian"
+    laws = {name: Answering().analysis(one).material for name, one in sets.items()}
+    assert laws == {"gel": "nhkv", "liquid": "newtonian"}
+    networks = {name: Answering("bdt-viscoelastic").analysis(one).model for name, one in sets.items()}
+    assert networks == {"gel": "bdt-viscoelastic", "liquid": "bdt-viscous"}
+    assert Answering(material="zener").analysis(sets["liquid"]).material == "zener"
+    assert Answering("bdt-viscous", fit="nhkv").analysis(sets["gel"]).material == "newtonian"
+
+
+def test_the_bubble_of_the_answers_is_named(fake, folder, tmp_path):
+    made, *_ = compare(folder, folder / "published.csv", tmp_path / "c")
+    assert "Our answers assume the field's bubble" in markdown(made)

@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from conftest import messages
 from test_population import shots
 
 import cavirheo
@@ -45,7 +46,9 @@ def held() -> dict[str, Any]:
     curve, time = cavirheo.read_curves(EXAMPLE)[0], np.linspace(0.0, 5e-5, 20)
     answers = shots(4)
     curves = [curve, *(curve.with_notes(str(k)) for k in range(3))]
-    nothing = Posterior(("log10_viscosity",), ("Pa s",), np.empty((0, 1)), Checks("failed", "why"), "newtonian", "fit")
+    nothing = Posterior(
+        ("log10_viscosity",), ("Pa s",), np.empty((0, 1)), Checks("failed", messages("why")), "newtonian", "fit"
+    )
     seen = {name: Medium(temperature=300.0) if name == "medium" else law_of(name) for name in ("medium", *LAWS)}
     return seen | {
         "curve": curve, "answer": answers[0], "failed answer": nothing,
@@ -54,6 +57,7 @@ def held() -> dict[str, Any]:
             Viscoelastic(elastic.NeoHookean(8e3), viscous.Newtonian(0.05)), max_radius=2e-4, stretch=6.0, time=time
         ),
         "pulse": Pulse(1e5, 1e6, 1e-6), "trace": Trace(time, 1e5 * time), "bubble": Bubble("kinetic"),
+        "rig": cavirheo.Rig(frames=64),
         "evidence": Evidence(-3.0, 0.1), "window": WindowAnswer({"viscosity": 0.1}, 3.0, 0.01),
         "document": result(list(zip(curves, answers, strict=True)), "cavirheo infer"),
         "input error": InputError("no file", "reading.missing"), "solver error": SolverError("too many steps"),

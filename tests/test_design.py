@@ -11,7 +11,7 @@ from test_population import CENTRE, seen, shots
 from test_reporting import bubble
 
 import cavirheo
-from cavirheo import InputError
+from cavirheo import InputError, Rig
 from cavirheo.companions import design as beside
 from cavirheo.companions import network_design
 from cavirheo.inference import design
@@ -124,7 +124,7 @@ RANGES = {"shear_modulus": (2e3, 2e4), "viscosity": (0.02, 0.2), "stretch": (5, 
 
 
 def test_the_best_setting_and_its_shots(quick):
-    made = cavirheo.design(ranges=RANGES, max_radius=(1e-4, 4e-4), sizes=3, frame_rate=(1e5, 1e6))
+    made = cavirheo.design(ranges=RANGES, rig=Rig((1e-4, 4e-4), (1e5, 1e6)), sizes=3)
     best = made.settings[made.best]
     assert (best.max_radius_m, best.frame_rate_hz) == (pytest.approx(4e-4), 1e6)
     assert made.fewest == made.best
@@ -153,7 +153,7 @@ def test_the_setting_with_the_fewest_shots_is_next_where_gains_do_not_differ(qui
         return [[design.Expected(about * one, width / np.sqrt(one)) for one in each] for each in (rare, steady)]
 
     monkeypatch.setattr(beside, "expectations", noisy)
-    made = cavirheo.design(ranges=RANGES, max_radius=(2e-4, 2e-4), frame_rate=(5e5, 1e6), check=0)
+    made = cavirheo.design(ranges=RANGES, rig=Rig((2e-4, 2e-4), (5e5, 1e6)), check=0)
     rare, steady = made.settings
     assert rare.gain_nats > steady.gain_nats
     assert rare.gain_error_nats > rare.gain_nats - steady.gain_nats
@@ -170,7 +170,7 @@ def test_one_setting_is_next_and_a_shot_alone_is_told_apart_from_it(quick, monke
         return [[design.Expected(one, NORMAL_90 / np.sqrt(np.diag(one)))] * len(law) for one in about]
 
     monkeypatch.setattr(beside, "expectations", uneven)
-    made = cavirheo.design(ranges=RANGES, max_radius=(2e-4, 2e-4), frame_rate=(5e5, 1e6), check=0)
+    made = cavirheo.design(ranges=RANGES, rig=Rig((2e-4, 2e-4), (5e5, 1e6)), check=0)
     assert (made.best, made.fewest, made.next) == (0, 1, 1)
     following, alone = made.said
     assert following.startswith(f"next: {made.settings[1].shots} shots at")
@@ -183,7 +183,7 @@ def row(G: float, mu: float, width: float, verdict: str = "ok") -> CurveRecord:
     def quantity(value):
         return {"median": value, "q05": value / 10**width, "q95": value * 10**width}
 
-    about = dict.fromkeys(("name", "source", "group", "group_source", "method", "message"), "x")
+    about = dict.fromkeys(("name", "source", "group", "group_source", "method"), "x")
     about |= dict.fromkeys(("max_radius_m", "time_of_max_s", "strain_rate_per_s"), 1e-4)
     about |= dict.fromkeys(("rmse_over_rmax", "mae_over_rmax", "max_difference_over_rmax"), 0.01)
     about |= {"stretch": quantity(6.0), "material": "nhkv", "shear_modulus_Pa": quantity(G), "window": {}}
@@ -216,12 +216,24 @@ def test_what_is_known_comes_from_the_trusted_answers(quick, tmp_path):
     "wrong",
     [
         {"ranges": {"shear_modulus": (2e3, 1e3)}}, {"ranges": {"nothing": (1, 2)}}, {"wanted": 0.0}, {"spread": -1.0},
-        {"max_radius": (4e-4, 1e-4)}, {"frame_rate": (0.0,)}, {"frames": 3}, {"relative_noise": 0.0}, {"draws": 1},
+        {"draws": 1},
     ],
 )  # fmt: skip
 def test_what_cannot_be_is_refused(quick, wrong):
     with pytest.raises(InputError):
         cavirheo.design(**wrong)
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [
+        {"max_radius": (4e-4, 1e-4)}, {"frame_rate": (0.0,)}, {"frames": 3}, {"relative_noise": 0.0}, {"noise": (1, 2)},
+        {"material": "jelly"}, {"medium": "honey"}, {"bubble": "auto"},
+    ],
+)  # fmt: skip
+def test_a_rig_that_cannot_be_is_refused(quick, wrong):
+    with pytest.raises(InputError):
+        cavirheo.design(rig=Rig(**wrong))
 
 
 def test_the_command_writes_a_document_that_can_be_loaded(quick, run, tmp_path):
@@ -232,7 +244,7 @@ def test_the_command_writes_a_document_that_can_be_loaded(quick, run, tmp_path):
     assert document.said[0] in out.replace("\n", " ")
     assert json.loads((tmp_path / "plan" / "design.json").read_text())["wanted_percent"] == 10
     assert run("design", "--fps", "fast", "-o", "plan")[0] == 2
-    assert run("design", "--noise-um", "1,2", "--fps", "250e3,5e5,1e6", "-o", "plan")[0] == 2
+    assert run("design", "--noise-um", "1,2", "--fps", "250e3,500e3,1e6", "-o", "plan")[0] == 2
 
 
 NARROW = ["--shear-modulus", "5000", "5100", "--viscosity", "0.05", "0.051"]
@@ -247,7 +259,7 @@ NARROW = ["--shear-modulus", "5000", "5100", "--viscosity", "0.05", "0.051"]
 )
 def test_a_design_without_shots_to_draw_has_its_picture_and_its_document(quick, run, tmp_path, words, said, shots):
     pytest.importorskip("matplotlib")
-    status, out, err = run("design", *words, "--fps", "1e5,1e6", "-o", "plan")
+    status, out, err = run("design", *words, "--fps", "100e3,1e6", "-o", "plan")
     assert status == 0, err
     assert said in out.replace("\n", " ")
     assert (tmp_path / "plan" / "design.png").exists()
@@ -272,9 +284,9 @@ def test_a_picture_that_fails_costs_only_itself(quick, run, tmp_path, monkeypatc
 
 def test_the_ring_of_the_next_setting_is_within_the_picture(quick):
     pytest.importorskip("matplotlib")
-    from cavirheo.companions.design_view import picture
+    from cavirheo.companions.design_document import picture
 
-    figure = picture(cavirheo.design(ranges=RANGES, frame_rate=(1e6,), sizes=3))
+    figure = picture(cavirheo.design(ranges=RANGES, rig=Rig(frame_rate=(1e6,)), sizes=3))
     for axes in figure.axes:
         low, high = np.log(axes.get_xlim())
         assert high - np.log(400) > 0.05 * (high - low)
@@ -312,13 +324,13 @@ def test_the_scatter_of_shots_comes_from_the_population_and_is_counted(quick):
     first = shots(8, 0.15, 0.05, seed=5)
     made = result([(bubble(f"shot {k}"), one) for k, one in enumerate(first)], "x")
     record = made.groups[0].population
-    plan = cavirheo.design(made, wanted=0.2, max_radius=(2e-4, 2e-4), frame_rate=(1e6,))
+    plan = cavirheo.design(made, wanted=0.2, rig=Rig((2e-4, 2e-4), (1e6,)))
     assert plan.shots_before == 8
     told = [record.spreads_decades[name].median for name in NHKV.parameters]
     assert list(plan.spreads_decades.values()) == pytest.approx(told)
     assert plan.spread_decades == pytest.approx(np.sqrt(np.mean(np.square(told))))
     assert np.log10(plan.known["shear_modulus"].median / record.shear_modulus_Pa.median) == pytest.approx(0, abs=0.02)
-    exact = cavirheo.design(made, wanted=0.2, max_radius=(2e-4, 2e-4), frame_rate=(1e6,), spread=0.0)
+    exact = cavirheo.design(made, wanted=0.2, rig=Rig((2e-4, 2e-4), (1e6,)), spread=0.0)
     more, ignoring = made.groups[0].population.still_wanted(made.curves, 0.2), exact.settings[0].shots
     assert plan.settings[0].shots == pytest.approx(more, abs=2)  # 0.05 and 0.025 decades of a shot, against 0.05
     assert ignoring < 0.5 * more

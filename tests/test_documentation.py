@@ -20,9 +20,11 @@ import typer
 from cavirheo import verbs
 
 ROOT = Path(__file__).parent.parent
-PAGES = sorted([*ROOT.glob("*.md"), *ROOT.glob("docs/**/*.md"), *ROOT.glob("benchmarks/*.md")])
+PAGES = sorted(
+    [*ROOT.glob("*.md"), *ROOT.glob("docs/**/*.md"), *ROOT.glob("benchmarks/*.md"), *ROOT.glob("validation/**/*.md")]
+)
 PAGES.remove(ROOT / "CHANGELOG.md")  # it tells of what was
-FOLDERS = "src|tests|docs|benchmarks|examples|recipes|space"
+FOLDERS = "src|tests|docs|benchmarks|validation|examples|recipes|space"
 COMMAND: Any = typer.main.get_command(verbs.app)  # type: ignore[attr-defined]
 HELP = {text for parameter in COMMAND.params for text in parameter.opts} | {"--help"}  # of every verb or of none
 OPTIONS = {
@@ -32,7 +34,9 @@ OPTIONS = {
 EXTRAS = set(tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))["project"]["optional-dependencies"])
 TARGETS = set(re.findall(r"^([\w-]+):", (ROOT / "Makefile").read_text("utf-8"), flags=re.MULTILINE))
 OF_BENCHMARKS = {
-    option for path in ROOT.glob("benchmarks/*.py") for option in re.findall(r'"(--[\w-]+)"', path.read_text("utf-8"))
+    option
+    for path in (*ROOT.glob("benchmarks/*.py"), *ROOT.glob("validation/**/*.py"))
+    for option in re.findall(r'"(--[\w-]+)"', path.read_text("utf-8"))
 }
 
 
@@ -87,6 +91,8 @@ def broken_command(line: str) -> Iterator[str]:
         yield from (f"make {word}" for word in words[1:] if word not in TARGETS)
     elif words[:2] == ["pip", "install"]:
         yield from (f"extra [{extra}]" for extra in re.findall(r"\[(\w+)\]", line) if extra not in EXTRAS)
+    elif words[:2] == ["python", "-m"]:
+        yield from (f"module {word}" for word in words[2:3] if not (ROOT / f"{word.replace('.', '/')}.py").exists())
     elif words[:1] == ["python"]:
         yield from (
             f"script {word}" for word in words[1:2] if not any((ROOT / f / word).exists() for f in ("", "space"))
@@ -172,6 +178,7 @@ def test_what_a_page_names_exists(page):
         "```\ncavirheo infer a.csv --window two\n```",
         "```\npip install '.[nothing]'\n```",
         "```\npython benchmarks/nothing.py\n```",
+        "```\npython -m validation.nothing\n```",
         "<<<<<<< HEAD",
     ],
 )
@@ -219,7 +226,7 @@ def test_every_verb_is_in_the_readme():
 
 
 def test_source_refers_to_pages_that_exist():
-    folders = ("src", "tests", "benchmarks", "space", "recipes")
+    folders = ("src", "tests", "benchmarks", "validation", "space", "recipes")
     files = [path for folder in folders for path in ROOT.glob(f"{folder}/**/*") if path.suffix in (".py", ".toml")]
     lost = {
         f"{name(path)}: {page}"

@@ -25,7 +25,7 @@ SECONDS = 400
 COMMANDS = {
     "infer": "infer curve.csv --verify none -o {out}",
     "fit": "fit curve.csv --window 1 -o {out}",
-    "simulate": "simulate --rmax-um 250 --stretch 7 --material newtonian(0.05) -o {out}/s.csv --fields {out}/s.h5",
+    "simulate": "simulate --rmax-um 250 --stretch 7 --material newtonian(0.05) -o {out} --fields",
     "rheometer": "rheometer frequency.csv -o {out}",
     "collapse-time": "collapse-time times.csv -o {out}",
     "compare": "compare . --references sets.csv -o {out}",

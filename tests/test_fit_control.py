@@ -4,42 +4,25 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from scipy.optimize import least_squares
 
 import cavirheo
-from cavirheo import NeoHookeanKelvinVoigt, RadiusCurve, simulate
+from cavirheo import RadiusCurve
+from cavirheo.physics.media import WATER
+from validation.challenge import run_scipy
 
 R_MAX, NOISE, FRAMES = 250e-6, 0.01, 80
-STARTS = [(G, mu, 6.5) for G in (3e3, 2e4) for mu in (0.02, 0.1)]
-BOUNDS = ([2.0, -3.0, 0.3], [5.0, 0.5, 1.2])  # log10 of G, Pa, of mu, Pa s, and of the stretch
 NAMES = ("shear_modulus", "viscosity", "stretch")
 
 
-def radius(x: np.ndarray) -> np.ndarray:
-    """(frames,) of log10 of G, mu and stretch, m, at 1 Mfps from R_max on; nothing where the simulation fails."""
-    G, mu, stretch = 10.0**x
-    law, time = NeoHookeanKelvinVoigt(G, mu), 1e-6 * np.arange(FRAMES)
-    run = simulate(law, max_radius=R_MAX, stretch=stretch, time=time, throw=False)
-    return run.radius if run.ok else np.zeros(FRAMES)
+def ratio(x: np.ndarray) -> np.ndarray:
+    """R/R_max (frames,) of log10 of G, mu and stretch, at 1 Mfps from R_max on."""
+    return run_scipy.ratio(x, 1e-6 * np.arange(FRAMES), R_MAX, WATER)
 
 
 def recording(truth: tuple[float, float, float], seed: int) -> RadiusCurve:
     """A gel with independent noise of 1 % of R_max, whose clock and R_max are right."""
-    noise = NOISE * R_MAX * np.random.default_rng(seed).standard_normal(FRAMES)
-    return RadiusCurve(1e-6 * np.arange(FRAMES), radius(np.log10(truth)) + noise, maximum=(0.0, R_MAX))
-
-
-def control(curve: RadiusCurve) -> tuple[np.ndarray, np.ndarray]:
-    """log10 of G, mu and stretch at the lowest minimum, and their standard deviations: the variance of the residuals
-    times (J'J)^-1."""
-
-    def residuals(x: np.ndarray) -> np.ndarray:
-        return (curve.radius - radius(x)) / (NOISE * R_MAX)
-
-    ends = [least_squares(residuals, np.log10(start), bounds=BOUNDS, diff_step=1e-3) for start in STARTS]
-    best = min(ends, key=lambda end: end.cost)
-    variance = 2.0 * best.cost / (FRAMES - len(best.x))
-    return best.x, np.sqrt(variance * np.diag(np.linalg.inv(best.jac.T @ best.jac)))
+    noise = NOISE * np.random.default_rng(seed).standard_normal(FRAMES)
+    return RadiusCurve(1e-6 * np.arange(FRAMES), R_MAX * (ratio(np.log10(truth)) + noise), maximum=(0.0, R_MAX))
 
 
 @pytest.mark.parametrize("weights", ["equal", pytest.param("learnt", marks=pytest.mark.slow)])
@@ -51,7 +34,7 @@ def test_a_fit_is_the_conventional_least_squares(truth, seed, weights):
     """Where a minimum is Gaussian, best value, median and interval are the textbook's, but for the noise of about a
     hundred draws."""
     curve = recording(truth, seed)
-    best, sigma = control(curve)
+    best, sigma = run_scipy.fit(ratio, curve.radius / R_MAX)
     how = {"bubble": "field", "window": "all", "free": "none", "weights": weights}
     answer = cavirheo.fit(curve, others=False, trust_input=True, **how)
     for name, middle, width in zip(NAMES, best, sigma, strict=True):

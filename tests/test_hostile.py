@@ -14,7 +14,7 @@ from files import save_v73, write_ods, write_xlsx
 from scipy.io import savemat
 
 from cavirheo.companions.collapse_times import read_table
-from cavirheo.companions.published.references import read_references
+from cavirheo.companions.published_values import read_references
 from cavirheo.companions.rheometer.read import read_sweeps
 from cavirheo.errors import InputError
 from cavirheo.reading import limits, read_curves, workbook

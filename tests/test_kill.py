@@ -13,9 +13,9 @@ from pathlib import Path
 import pytest
 
 from cavirheo import read_curves
-from cavirheo.answer_store import read_kept
 from cavirheo.posterior import Posterior
 from cavirheo.reading import write_csv
+from cavirheo.workflow.store import read_kept
 from cavirheo.writing.document import LIST
 
 EXAMPLE = Path(__file__).parent.parent / "examples" / "soft_gel.csv"

@@ -9,17 +9,16 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from conftest import messages
 from scipy.stats import binom
 from test_reporting import COMMAND, KILOPASCAL, Page, answer, bubble, figure, lines_of_group, printed, words
 
-from cavirheo.companions.published.comparison import Comparison, compared_set, markdown
-from cavirheo.companions.published.references import ReferenceSet
-from cavirheo.companions.rheometer.document import beside as rheometer_rows
-from cavirheo.companions.rheometer.document import rheometry
+from cavirheo.inference.analysis import Analysis
 from cavirheo.physics.bubble import Bubble
 from cavirheo.posterior import Evidence, OtherAnswer, Posterior
 from cavirheo.reporting import read_json, result, table, write_report
-from cavirheo.reporting.group import slope, theil_sen
+from cavirheo.reporting.comparison import markdown
+from cavirheo.reporting.group import PublishedValue, slope, theil_sen
 from cavirheo.reporting.html import groups_table
 from cavirheo.writing import terminal
 from cavirheo.writing.document import Quantity
@@ -321,24 +320,26 @@ def test_the_interval_of_a_slope_holds_what_it_says(count):
 
 @pytest.mark.parametrize("words", [("--material", "auto"), ("--bubble", "auto")])
 def test_fit_leaves_the_choice_of_a_model_to_the_fit(words, run, monkeypatch):
-    asked = {}
+    asked = []
 
-    def fit_many(curves, done, **settings):
-        asked.update(settings)
-        return [replace(answer(curve), bubble=Bubble("kinetic")) for curve in curves]
+    def answered(analysis, curve, *_, **__):
+        asked.append(analysis)
+        return replace(answer(curve), bubble=Bubble("kinetic"))
 
-    monkeypatch.setattr("cavirheo.inference.fit.fit_many", fit_many)
+    monkeypatch.setattr(Analysis, "answer", answered)
     status, _, said = run("fit", EXAMPLES / "soft_gel.csv", "--shots", 1, "--no-pictures", "-o", "out", *words)
     assert status == 0, said
-    assert (asked["material"] == "auto") == ("--material" in words)
-    assert (len(asked["bubble"]) == 2) == ("--bubble" in words)
+    assert (asked[0].material == "auto") == ("--material" in words)
+    assert (len(asked[0].bubbles) == 2) == ("--bubble" in words)
 
 
-def test_doubts_of_a_group_are_said_once_whatever_else_is_said_of_its_shots():
+def test_warnings_of_a_group_are_said_once_whatever_else_is_said_of_its_shots():
     pairs = []
     for k, curve in enumerate(shots()[:3]):
-        made = answer(curve, verdict="check_input", message=f"check the scale; {'abc'[k]} is at its bound")
-        pairs.append((curve, replace(made, checks=replace(made.checks, doubts=("check the scale",)))))
+        warning = messages("check the scale", code="check_input.test")
+        said = (*warning, *messages(f"{'abc'[k]} is at its bound", code="abc"[k]))
+        made = answer(curve, verdict="check_input")
+        pairs.append((curve, replace(made, checks=replace(made.checks, messages=said))))
     said = printed(result(pairs, COMMAND), 100)
     assert said.count("check the scale") == 1
     assert all(f"{word} is at its bound" in said for word in "abc")
@@ -347,14 +348,8 @@ def test_doubts_of_a_group_are_said_once_whatever_else_is_said_of_its_shots():
 def test_tables_beside_the_answers_name_the_bubble(tmp_path):
     curve = bubble()
     document = result([(curve, replace(answer(curve), bubble=Bubble("kinetic")))], COMMAND)
-    made = rheometry([], "gel", command="", date="")
-    _, row = rheometer_rows(made, document)
-    assert "kinetic contents" in row.method
-    about = ReferenceSet("gel", "line 2")
-    other = {"files": [], "model": "m", "medium": {"density": 998.0}, "report": None, "problems": [], "notes": []}
-    compared = compared_set(about, document.curves, [], **other)
-    assert compared.bubbles == ["bubble with kinetic contents"]
-    assert "kinetic" in markdown(Comparison(command="", methods=[], reference_methods=[], sets=[compared]))
+    document.put_beside({"gel": {"IMR": {"viscosity": PublishedValue(mean=0.02)}}})
+    assert "kinetic" in markdown(document)
 
 
 @pytest.mark.parametrize(("each", "said"), [(1.0, False), (6.0, True)])

@@ -17,6 +17,7 @@ import typer
 from conftest import BDT
 from recordings import write_mraw
 
+from cavirheo.inference.analysis import Analysis
 from cavirheo.physics.bubble import FIELD, REAL, Bubble
 from cavirheo.posterior import Checks, Posterior
 from cavirheo.verbs import app
@@ -27,11 +28,11 @@ GOOD = {  # a call that would compute, without the option that is tried
     "measure": "film.mraw",
     "infer": "shot.csv", "fit": "shot.csv", "which-law": "shot.csv", "compare": ". --references refs.csv",
     "collapse-time": "times.csv", "rheometer": "sweep.csv", "generate": "recipe.toml -o d",
-    "simulate": "-o o.csv --rmax-um 100 --stretch 5 --shear-modulus 1e3 --viscosity 0.1", "evaluate": "bdt-viscous d",
+    "simulate": "-o o --rmax-um 100 --stretch 5 --shear-modulus 1e3 --viscosity 0.1", "evaluate": "bdt-viscous d",
     "train": "recipe.toml d -o r", "app": "", "models": "", "laws": "", "show": "shot.csv",
     "cluster": "check", "cite": "result.json", "watch": ". --once -o w", "design": "-o e",
 }  # fmt: skip
-FREE = {"--out", "--fields", "--name", "--host", "--device", "--reference-method"}  # any text is one
+FREE = {"--out", "--name", "--host", "--device", "--reference-method"}  # any text is one
 NUMBERS = ["nan", "inf", "-1", "-inf", "1e400", "", "word", "\x1b[31mred", "ü 漢 \u202e", "a\0b", "9" * 5000]
 WORDS = ["word", "nan", "\x1b]0;title\x07", "漢" * 30, "-1"]
 
@@ -91,9 +92,9 @@ ODD = [
     "collapse-time times.csv --stretch 1",
     "collapse-time nowhere.csv",
     "simulate",
-    "simulate -o o.csv",
-    "simulate -o o.csv --rmax-um 1 --stretch 1 --pulse 1 2",
-    "simulate -o o.csv --rmax-um 1 --stretch 1 --material gent(1",
+    "simulate -o o",
+    "simulate -o o --rmax-um 1 --stretch 1 --pulse 1 2",
+    "simulate -o o --rmax-um 1 --stretch 1 --material gent(1",
     "laws extra",
     "models extra",
     "models --json",
@@ -131,7 +132,7 @@ def lab(run, tmp_path, monkeypatch):
         raise AssertionError("it computes")
 
     monkeypatch.setattr("cavirheo.physics.simulate.load_solver", lambda *_: None)
-    for name in ("physics.simulate.simulate_many", "inference.each", "inference.verify.each"):
+    for name in ("physics.simulate.simulate_many", "inference.analysis.Analysis.answer", "inference.verify.each"):
         monkeypatch.setattr(f"cavirheo.{name}", computes)
     lines = (ROOT / "examples" / "soft_gel.csv").read_text(encoding="utf-8").splitlines()
     (tmp_path / "shot.csv").write_text("\n".join(line for line in lines if line[:1] in "#s1") + "\n")
@@ -153,6 +154,18 @@ def refused(called: tuple[int, str, str]) -> str:
     assert len(err) < 500
     assert not re.search(r"[\0-\x08\x0b-\x1f\x7f-\x9f\u202e]", err)
     return err
+
+
+def test_the_frame_rate_has_one_name():
+    names = {name for command in COMMANDS.values() for option in command.params for name in option.opts}
+    assert "--fps" in names
+    assert not any("rate" in name for name in names)
+
+
+def test_o_is_a_folder_of_every_verb():
+    for verb, command in COMMANDS.items():
+        for option in command.params:
+            assert "-o" not in option.opts or option.metavar == "FOLDER", verb
 
 
 def test_every_verb_is_tried():
@@ -222,27 +235,10 @@ def test_without_pictures_none_are_drawn(run, lab_answers, monkeypatch):
     assert "<img" not in Path("r", "report.html").read_text(encoding="utf-8")
 
 
-def test_a_seed_reaches_the_draws(run, lab_answers, monkeypatch):
-    seeds = []
-    monkeypatch.setattr(
-        "cavirheo.inference.verify.verify_many", lambda _, answers, *, seed, **__: seeds.append(seed) or answers
-    )
+def test_a_seed_reaches_the_draws(run, lab_answers):
     for words in ([], ["--seed", 7]):
-        run(
-            "infer",
-            "shot.csv",
-            "--model",
-            "bdt-viscoelastic",
-            "--verify",
-            "full",
-            "--no-pictures",
-            "--quiet",
-            "--replace",
-            "-o",
-            "r",
-            *words,
-        )
-    assert seeds == [0, 7]
+        run("infer", "shot.csv", *BDT, "--verify", "full", "--no-pictures", "--quiet", "--replace", "-o", "r", *words)
+    assert [one.seed for one in lab_answers] == [0, 7]
 
 
 BUBBLES = {  # options, and the bubbles that they ask for
@@ -267,8 +263,7 @@ SEVERAL = {  # of which-law
 @pytest.mark.parametrize(
     ("verb", "words", "asked"),
     [
-        ("infer", "", None),  # the network decides
-        *((verb, "", (REAL,)) for verb in ("fit", "which-law")),
+        *((verb, "", (REAL,)) for verb in ("infer", "fit", "which-law")),
         *((verb, words, asked) for verb in ("infer", "fit") for words, asked in BUBBLES.items()),
         *(("which-law", words, asked) for words, asked in SEVERAL.items()),
     ],
@@ -277,11 +272,14 @@ def test_the_options_of_the_bubble_are_a_bubble(lab, monkeypatch, verb, words, a
     class AskedError(Exception):
         pass
 
-    def stop(_, bubbles=None, **settings):
-        raise AskedError(settings.get("bubble", bubbles))
+    def stop(asked, *_, **__):
+        raise AskedError(asked.bubbles)
 
-    computes = {"infer": "infer_many", "fit": "fit.fit_many", "which-law": "verify.evidence.models"}
-    monkeypatch.setattr(f"cavirheo.inference.{computes[verb]}", stop)
+    def stop_models(_, bubbles):
+        raise AskedError(bubbles)
+
+    monkeypatch.setattr(Analysis, "answer", stop)
+    monkeypatch.setattr("cavirheo.inference.verify.evidence.models", stop_models)
     with pytest.raises(AskedError) as told:
         lab(verb, "shot.csv", *words.split(), "--no-pictures", "-o", "r")
     assert told.value.args == (asked,)
@@ -301,7 +299,7 @@ def test_trust_input_and_group_reach_the_answers(run, lab_answers):
         "-o",
         "r",
     )
-    assert lab_answers[-1]["trust_input"] is True
+    assert lab_answers[-1].trust_input is True
     (group,) = json.loads(Path("r", "result.json").read_text())["groups"]
     assert group["name"] == Path.cwd().name
 
@@ -335,15 +333,15 @@ def test_the_shell_completes(words, completed):
 
 
 @pytest.fixture
-def lab_answers(lab, monkeypatch) -> list[dict]:
-    """Known answers instead of inference; returns the settings of each call."""
-    calls: list[dict] = []
+def lab_answers(lab, monkeypatch) -> list[Analysis]:
+    """Known answers instead of inference; returns what was asked."""
+    calls: list[Analysis] = []
 
-    def answered(curves, **settings):
-        calls.append(settings)
+    def answered(analysis, curve, *_, **__):
+        calls.append(analysis)
         theta = np.log10([[6e3, 0.02]])
         names, units = ("log10_shear_modulus", "log10_viscosity"), ("Pa", "Pa s")
-        return [Posterior(names, units, theta, Checks("ok"), "nhkv", "bdt") for _ in curves]
+        return Posterior(names, units, theta, Checks("ok"), "nhkv", "bdt")
 
-    monkeypatch.setattr("cavirheo.inference.infer_many", answered)
+    monkeypatch.setattr(Analysis, "answer", answered)
     return calls

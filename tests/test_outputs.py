@@ -17,17 +17,22 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from analyses import KnownAnalysis
 from fits import fit
+from threadpoolctl import threadpool_info, threadpool_limits
 
 from cavirheo import read_curves
-from cavirheo.answer_store import Step, Unfinished, keep, read_kept
-from cavirheo.companions import published
+from cavirheo.companions import comparison
 from cavirheo.errors import InputError
-from cavirheo.parallel import Once, each
+from cavirheo.inference.analysis import Analysis
+from cavirheo.parallel import Threads, each, one_blas_thread
 from cavirheo.physics import simulate
+from cavirheo.physics.bubble import REAL
 from cavirheo.posterior import Evidence, Posterior
 from cavirheo.reading import write_csv
 from cavirheo.reporting import figures, read_json, write_report
+from cavirheo.workflow.analyse import Unfinished
+from cavirheo.workflow.store import Store, keep, read_kept
 from cavirheo.writing.claim import LOCK, Claim, claimed
 from cavirheo.writing.document import LIST, Outputs
 
@@ -60,7 +65,7 @@ def inputs(tmp_path, monkeypatch):
 
     write_csv(tmp_path / "shot.csv", read_curves(EXAMPLE)[1])
     put(tmp_path / "references.csv", "set,files\ngel,shot.csv\n")
-    for module in (simulate, published):  # which has the name from there
+    for module in (simulate, comparison):  # which has the name from there
         monkeypatch.setattr(module, "load_solver", computed)
     return tmp_path
 
@@ -120,7 +125,7 @@ def test_an_interrupted_run_leaves_the_earlier_answers(run, tmp_path, monkeypatc
     words = ["infer", "a.csv", "--model", "bdt-viscoelastic", "--no-pictures"]
     assert run(*words)[0] == 0
     before = contents(tmp_path)
-    monkeypatch.setattr("cavirheo.inference.infer_many", stopped)
+    monkeypatch.setattr(Analysis, "answer", stopped)
     for again in (words, [*words, "--seed", 1, "--replace"]):
         status, _, err = run(*again)
         assert status == 130
@@ -151,18 +156,24 @@ def test_a_folder_has_a_name(run, inputs, verb):
     assert contents(inputs) == before
 
 
-@pytest.mark.parametrize("option", ["-o", "--fields"])
-def test_simulate_replaces_only_its_own(run, tmp_path, option):
+@pytest.mark.parametrize("name", ["simulation.csv", "fields.h5"])
+def test_simulate_writes_into_a_folder_and_replaces_only_its_own(run, tmp_path, name):
     words = ["simulate", "--material", "newtonian(0.1)", "--rmax-um", 100, "--stretch", 5, "--duration-us", 5]
-    words += ["-o", "a.csv"] if option == "--fields" else []
-    assert run(*words, option, "b.out")[0] == 0
-    assert run(*words, option, "b.out")[0] == 0
-    put(tmp_path / "b.out", "edited")
-    put(tmp_path / "a.part", "mine")
-    status, _, err = run(*words, option, "b.out")
+    words += ["--fields", "-o", "out"]
+    assert run(*words)[0] == 0
+    assert run(*words)[0] == 0
+    put(tmp_path / "out" / name, "edited")
+    status, _, err = run(*words)
     assert (status, err.count("\n")) == (2, 1)
-    assert (tmp_path / "b.out").read_text() == "edited"
-    assert (tmp_path / "a.part").read_text() == "mine"
+    assert (tmp_path / "out" / name).read_text() == "edited"
+
+
+def test_a_folder_of_a_simulation_is_one_measurement(run):
+    words = ["simulate", "--material", "newtonian(0.1)", "--rmax-um", 100, "--stretch", 5, "--fields", "-o", "out"]
+    assert run(*words)[0] == 0
+    status, _, err = run("show", "out/simulation.csv")
+    assert status == 0, err
+    assert run("infer", "out", "--verify", "none", "-o", "answer")[0] in (0, 1)
 
 
 @pytest.mark.slow
@@ -174,16 +185,31 @@ def test_our_own_files_are_replaced_and_old_pictures_go(tmp_path):
     put(tmp_path / "soft_gel_2.png", "painted over")
     put(tmp_path / "mine.png", "a photograph")
     Outputs(tmp_path, "other.json").write("other.json", Path.write_text, "of another verb")
-    written = write_report(tmp_path, pairs[:1], "second", ("png",))
+    written = write_report(tmp_path, pairs[:1], "second", ("png",), replace=True)
     assert read_json(tmp_path / "result.json") == written
     kept = first - {"group-soft_gel.png"} | {"mine.png", "other.json"}  # a group of one has no figure
     assert {path.name for path in tmp_path.iterdir()} == kept
-    write_report(tmp_path, pairs[:1], "third")
+    write_report(tmp_path, pairs[:1], "third", replace=True)
     assert {path.name for path in tmp_path.iterdir()} == kept - {"soft_gel_1.png"}
     with pytest.raises(InputError) as refused:
-        write_report(tmp_path, pairs, "fourth", ("png",))
+        write_report(tmp_path, pairs, "fourth", ("png",), replace=True)
     assert refused.value.code == "document.foreign"
     assert "soft_gel_2.png" in str(refused.value)
+
+
+@pytest.mark.parametrize("other", ["another command", "another file"])
+def test_a_call_from_python_keeps_the_answers_of_another(tmp_path, other):
+    curves = read_curves(EXAMPLE)[:2]
+    one, two = ([(curve, fit(curve, window=1))] for curve in curves)
+    written = write_report(tmp_path, one, "one")
+    assert write_report(tmp_path, one, "one").curves == written.curves
+    given = (one, "two") if other == "another command" else (two, "one")
+    with pytest.raises(InputError) as refused:
+        write_report(tmp_path, *given)
+    assert refused.value.code == "document.other_run"
+    assert read_json(tmp_path / "result.json").curves == written.curves
+    write_report(tmp_path, *given, replace=True)
+    assert LOCK not in [path.name for path in tmp_path.iterdir()]
 
 
 def test_what_is_read_is_not_replaced_even_if_it_is_ours(tmp_path):
@@ -312,7 +338,7 @@ def test_an_interruption_while_a_page_is_written_leaves_the_old_one(tmp_path, mo
 
     monkeypatch.setattr(figures, "curve_figure", stopped)
     with pytest.raises(KeyboardInterrupt):
-        write_report(tmp_path, pairs, "second", ("png",))
+        write_report(tmp_path, pairs, "second", ("png",), replace=True)
     after = contents(tmp_path)
     assert after["report.html"] == before["report.html"]
     assert "second" in after["result.json"].decode()
@@ -357,48 +383,50 @@ def test_an_interrupted_run_goes_on_where_it_was(tmp_path):
     curves, answer, asked, until = read_curves(EXAMPLE), answered(), [], 2
 
     def of(curve):
+        if len(asked) == until:
+            raise KeyboardInterrupt
+        asked.append(curve.name[-2])
         return replace(answer, seconds=float(curve.name[-2]))
 
-    def first(curves, *, done):
-        asked.append(("first", len(curves)))
-        for k, curve in enumerate(curves):
-            done(k, of(curve))
-        return list(map(of, curves))
-
-    def second(curves, given, *, done, seed):
-        asked.append(("second", len(curves)))
-        for k, curve in enumerate(curves[:until]):
-            done(k, of(curve))
-        if until < len(curves):
-            raise KeyboardInterrupt
-        return list(map(of, curves))
-
     def answers(curves, seed=0):
-        run = Unfinished(tmp_path)
-        return run, run.answers(curves, Step("first", first, {}), Step("second", second, {"seed": seed}))
+        run = Unfinished(tmp_path, executor=Threads(1))
+        return run, run.answers(curves, KnownAnalysis(of=of, seed=seed))
 
     run, found = answers(curves)
     assert run.interrupted
-    assert list(found) == [0, 1]
-    until = 9
+    assert found.indices == [0, 1]
+    until = 99
     run, found = answers(curves[::-1])  # in any order
     assert not run.interrupted
-    assert [one.seconds for one in found.values()] == [5.0, 4.0, 3.0, 2.0, 1.0]
-    assert asked == [("first", 5), ("second", 5), ("second", 3)]  # what the first step had answered was taken
+    assert [one.seconds for one in found] == [5.0, 4.0, 3.0, 2.0, 1.0]
+    assert asked == ["1", "2", "5", "4", "3"]
+    again = [curve.labelled(name=f"{curve.name} (2)", group="gel", source="elsewhere.csv") for curve in curves]
+    answers(again)
+    assert len(asked) == 5  # the name of a curve is no part of it
     answers(curves, seed=1)
-    assert asked[3:] == [("second", 5)]  # another setting
+    assert len(asked) == 10  # another setting
     answers([replace(curves[0], radius=curves[0].radius * 1.001)])
-    assert asked[4:] == [("first", 1), ("second", 1)]  # another curve
+    answers([curves[0].with_exposure(1e-7)])
+    assert asked[10:] == ["1", "1"]  # another curve
     (tmp_path / "unfinished" / "notes.txt").write_text("mine")
     before = len(contents(tmp_path))
     run.remove()
-    assert len(contents(tmp_path)) == before - 10  # five curves, two steps; what the other runs kept is theirs
+    assert len(contents(tmp_path)) == before - 5  # what the other runs kept is theirs
     answers(curves, seed=1)[0].remove()
-    answers([replace(curves[0], radius=curves[0].radius * 1.001)])[0].remove()
+    answers([replace(curves[0], radius=curves[0].radius * 1.001), curves[0].with_exposure(1e-7)])[0].remove()
     assert contents(tmp_path) == {"unfinished/notes.txt": b"mine"}
     (tmp_path / "unfinished" / "notes.txt").unlink()
     run.remove()
     assert not list(tmp_path.iterdir())
+
+
+def test_settings_that_are_written_differently_are_the_same_ones():
+    (curve, *_) = read_curves(EXAMPLE)
+    plain = Analysis().key(curve)
+    assert plain == Analysis(material="nhkv", bubble="real", medium="water").key(curve)
+    assert Analysis("fit", free="t0, rmax").key(curve) == Analysis("fit", bubble=(REAL,)).key(curve)
+    for other in (Analysis(stretch="free"), Analysis(bubble="field"), Analysis(medium="bu2026"), Analysis("fit")):
+        assert other.key(curve) != plain
 
 
 def test_answers_are_told_as_they_are_found():
@@ -526,13 +554,40 @@ def test_an_interruption_elsewhere_is_130(run, monkeypatch):
         raise KeyboardInterrupt
 
     monkeypatch.setattr("cavirheo.physics.simulate.simulate", stopped)
-    words = ["simulate", "--material", "newtonian(0.1)", "--rmax-um", 100, "--stretch", 5, "-o", "a.csv"]
+    words = ["simulate", "--material", "newtonian(0.1)", "--rmax-um", 100, "--stretch", 5, "-o", "a"]
     status, _, err = run(*words)
     assert (status, err) == (130, "interrupted\n")
 
 
+def test_blas_has_one_thread_until_the_last_leaves():
+    """Else the last bits of an answer depend on what else goes on in the process."""
+
+    def blas() -> set[int]:
+        return {one["num_threads"] for one in threadpool_info() if one["user_api"] == "blas"}
+
+    first, left = threading.Barrier(3), threading.Event()
+
+    def work(stays: bool) -> set[int]:
+        with one_blas_thread:
+            first.wait(10)
+            if stays:
+                left.wait(10)
+            return blas()
+
+    with threadpool_limits(3, "blas"):  # as this thread has it
+        pass
+    usual = blas()
+    with ThreadPoolExecutor(2) as pool:
+        stays, leaves = pool.submit(work, True), pool.submit(work, False)
+        first.wait(10)
+        assert leaves.result() == {1}
+        left.set()
+        assert stays.result() == {1}
+    assert blas() == usual
+
+
 def test_what_several_ask_for_is_worked_out_once():
-    once, asked, begun = Once(2), [], threading.Event()
+    store, asked, begun = Store(most=2), [], threading.Event()
 
     def work():
         asked.append(1)
@@ -540,18 +595,18 @@ def test_what_several_ask_for_is_worked_out_once():
         return "answer"
 
     with ThreadPoolExecutor(4) as pool:
-        waiting = [pool.submit(once, work, "key") for _ in range(4)]
+        waiting = [pool.submit(store.once, "key", work) for _ in range(4)]
         begun.set()
         assert [one.result() for one in waiting] == ["answer"] * 4
     assert len(asked) == 1
     for key in ("b", "c"):  # two are kept
-        once(key.upper, key)
-    once(work, "key")
+        store.once(key, key.upper)
+    store.once("key", work)
     assert len(asked) == 2
 
 
 def test_a_failure_is_not_kept():
-    once = Once(2)
+    store = Store(most=2)
     with pytest.raises(ZeroDivisionError):
-        once(lambda: 1 // 0, "key")
-    assert once(lambda: 3, "key") == 3
+        store.once("key", lambda: 1 // 0)
+    assert store.once("key", lambda: 3) == 3

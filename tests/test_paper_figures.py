@@ -13,6 +13,7 @@ pytest.importorskip("matplotlib")
 
 import cavirheo
 from cavirheo import InputError
+from cavirheo.reading import write_csv
 from cavirheo.reporting import figures, write_report
 from cavirheo.reporting.laws import ComparedLaws, WeighedLaw, WeighedLaws
 from cavirheo.reporting.record import result
@@ -120,6 +121,19 @@ def test_files(pairs, tmp_path):
     assert all((tmp_path / "a" / name).read_bytes() == (tmp_path / "b" / name).read_bytes() for name in made)
     write_report(tmp_path / "a", pairs, "x")  # the same folder, without them
     assert not list((tmp_path / "a").glob("paper-*"))
+
+
+def test_a_figure_of_evidence_that_fails_costs_nothing_but_itself(run, tmp_path, monkeypatch):
+    def fails(_):
+        raise RuntimeError("no font")
+
+    monkeypatch.setattr(figures, "laws_figure", fails)
+    write_csv(tmp_path / "shot.csv", cavirheo.read_curves(EXAMPLE)[0])
+    words = ("--laws", "newtonian,nhkv", "--bubble", "field", "--window", 1, "--figures", "paper", "-o", "laws")
+    status, _, err = run("which-law", "shot.csv", *words)
+    assert status == 0, err
+    assert "no font" in " ".join(cavirheo.load(tmp_path / "laws" / "laws.json").notes)
+    assert (tmp_path / "laws" / "report.html").is_file()
 
 
 def test_a_users_file_is_not_replaced(pairs, tmp_path):

@@ -6,7 +6,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from conftest import load_benchmark
 
 from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError, SolverError
@@ -24,8 +23,8 @@ from cavirheo.physics.scales import dimensionless
 from cavirheo.physics.simulate import simulate, simulate_many
 from cavirheo.physics.tableau import RODAS5P
 from cavirheo.physics.viscous import CarreauYasuda, HerschelBulkley, Newtonian
-
-field_standard = load_benchmark("field_standard")
+from validation.field_standard import neo_hookean, newtonian
+from validation.field_standard import solve as solve_by_field_standard
 
 GEL = NeoHookeanKelvinVoigt(5e3, 0.05)
 TIME = np.linspace(0, 100e-6, 101)
@@ -39,7 +38,7 @@ def test_second_implementation():
     y = np.tanh(4.0 * s) / np.tanh(4.0)
     t_c = WATER.time_scale(150e-6)
     iCa, iRe = GEL.shear_modulus / WATER.pressure, GEL.viscosity / (WATER.pressure * t_c)
-    theirs = field_standard.solve(numbers, y, t_star, 1e-6, iCa, iRe)
+    theirs = solve_by_field_standard(numbers, y, t_star, 1e-6, neo_hookean(iCa), newtonian(iRe))
     ours = simulate(GEL, max_radius=150e-6, stretch=5.0, time=t_star * t_c).radius / 150e-6
     assert np.max(np.abs(ours - theirs)) < 3e-4
 

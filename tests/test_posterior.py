@@ -10,7 +10,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from conftest import BDT, load_benchmark
+from conftest import BDT, load_benchmark, messages
 from fits import fit
 from scipy.integrate import quad
 from scipy.stats import invgamma, multivariate_normal, norm
@@ -18,8 +18,8 @@ from scipy.stats import invgamma, multivariate_normal, norm
 from cavirheo import InputError, NeoHookeanKelvinVoigt, RadiusCurve, infer, simulate
 from cavirheo.inference import experiment, verify
 from cavirheo.inference.alternatives import LAPLACE
+from cavirheo.inference.analysis import Analysis
 from cavirheo.inference.experiment import Experiment
-from cavirheo.inference.fit import search_many
 from cavirheo.inference.law import Family
 from cavirheo.inference.noise import SHAPE, Noise
 from cavirheo.inference.options import FREE, Options
@@ -195,7 +195,7 @@ def test_spikes_do_not_count():
     radius[12] = 1.5 * R_MAX
     wrong = replace(curve, radius=radius)
     there = target_of(wrong).experiment
-    assert "1 frame" in there.left_out[0]
+    assert [(one.code, one.parameters["frames"]) for one in there.messages] == [("frames.spikes", 1)]
     assert len(there.difference(truth_of(target_of(curve)))) == len(there.measured) - 1
 
 
@@ -619,7 +619,7 @@ def test_what_cannot_be_verified_keeps_its_answer(fitted):
     pointless = replace(answer, **one, best={}, stretch=None, windows={})
     found = verify.verify(curve, pointless)
     assert "not verified: the answer that is to be verified must give shear_modulus" in found.checks.message
-    failed = replace(answer, theta=answer.theta[:0], checks=Checks("failed", "why"))
+    failed = replace(answer, theta=answer.theta[:0], checks=Checks("failed", messages("why")))
     assert verify.verify(curve, failed).checks.message == "why"
     for settings, code in (({"level": "some"}, "option.verify"), ({"free": ("gravity",)}, "option.free")):
         with pytest.raises(InputError) as error:
@@ -657,7 +657,7 @@ def test_climb_finds_the_maximum():
 
 def test_the_search_of_a_fit_leads_to_the_same_maximum(fitted):
     curve, answer = fitted
-    (found,) = search_many([curve], "nhkv", bubble=FIELD, free=("t0", "rmax"))
+    found = Analysis("search", material="nhkv", bubble=FIELD, free=("t0", "rmax"), verify="map").answer(curve)
     end = verify.verify(curve, answer, level="map", free=("t0", "rmax"))
     assert found.evidence.log == pytest.approx(end.evidence.log, abs=0.1)
     assert found.method == "laplace"
@@ -680,16 +680,15 @@ def test_draws_are_spent_on_laws_that_can_win_alone(monkeypatch):
     logs, full = {"newtonian": -90.0, "nhkv": -40.0, "qkv": -42.0}, []
     point = Posterior((), (), np.zeros((1, 0)), Checks("ok"), "", "laplace")
 
-    def searched(curves, material, **settings):
-        return [replace(point, material=material, evidence=Evidence(logs[material]))]
-
-    def verified(curves, answers, **settings):
-        full.append(answers[0].material)
-        return [replace(one, evidence=Evidence(one.evidence.log, 0.1), log_weight=np.zeros(1)) for one in answers]
+    def answered(analysis, curve, begun=None, **_):
+        law = analysis.material
+        if begun is None:
+            return replace(point, material=law, evidence=Evidence(logs[law]))
+        full.append(law)
+        return replace(begun, evidence=Evidence(begun.evidence.log, 0.1), log_weight=np.zeros(1))
 
     monkeypatch.setattr(evidence, "by_network", lambda *_, **__: False)
-    monkeypatch.setattr(evidence, "search_many", searched)
-    monkeypatch.setattr(evidence, "verify_many", verified)
+    monkeypatch.setattr(Analysis, "answer", answered)
     ((found,), _) = rank_laws([shot()], list(logs))
     assert full == ["nhkv", "qkv"]
     assert found.error == {"newtonian": LAPLACE, "nhkv": 0.1, "qkv": 0.1}
@@ -698,7 +697,7 @@ def test_draws_are_spent_on_laws_that_can_win_alone(monkeypatch):
 
 @pytest.mark.slow
 def test_a_law_that_the_network_knows_is_weighed_as_by_infer(monkeypatch):
-    monkeypatch.setattr(evidence, "search_many", lambda *_, **__: pytest.fail("a law of the network was searched"))
+    monkeypatch.setattr(Analysis, "_by_search", lambda *_: pytest.fail("a law of the network was searched"))
     curve = shot()
     ((found,), _) = rank_laws([curve], ["nhkv", "newtonian"], bubble="field", seed=3)
     assert found.answers["nhkv"].evidence == infer(curve, bubble="field", seed=3).evidence
@@ -714,11 +713,11 @@ def test_a_law_that_the_network_knows_is_weighed_as_by_infer(monkeypatch):
 def test_every_law_is_searched_with_what_is_around_the_bubble(monkeypatch):
     seen = []
 
-    def searched(curves, **how):
-        seen.append(how["bubble"])
+    def searched(analysis, *_, **__):
+        seen.extend(analysis.bubbles)
         raise InputError("enough")
 
-    monkeypatch.setattr(evidence, "search_many", searched)
+    monkeypatch.setattr(Analysis, "answer", searched)
     given = Bubble("kinetic", 0.1, wall_distance=1e-3, vapour_excess="free")
     with pytest.raises(InputError, match="enough"):
         rank_laws([shot()], ["zener"], bubble=[given, replace(given, damage="strain")])
@@ -730,7 +729,7 @@ def test_every_law_is_searched_with_what_is_around_the_bubble(monkeypatch):
 
 def test_the_law_of_the_group_explains_each_of_its_shots():
     """A shot that prefers another law by itself says so; one without a group has its own."""
-    checks = Checks("ok", message="said before")
+    checks = Checks("ok", messages("said before"))
     point = Posterior((), (), np.zeros((1, 0)), checks, "", "verified", log_weight=np.zeros(1))
     logs = {"newtonian": [-90.0, -10.0, -10.0, None], "nhkv": [-40.0, -20.0, -20.0, None]}
     answers = {
@@ -925,5 +924,5 @@ def test_what_draws_miss_is_no_share_above_all():
     """Weights whose tail has no mean: more is still to be met than was."""
     weight = 3.0 * np.sort(np.random.default_rng(0).exponential(size=400))
     told = Sample(np.zeros((400, 1)), weight, np.zeros(400)).distrust
-    assert "more than was met" in told
-    assert "inf" not in told
+    assert "more than was met" in told.text
+    assert "inf" not in told.text

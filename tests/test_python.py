@@ -265,7 +265,7 @@ def test_the_version_is_that_of_the_installation():
 PUBLIC = (
     "curve posterior prior problem physics.accuracy physics.bubble physics.media physics.simulation "
     "physics.driving physics.law physics.elastic physics.viscous physics.memory physics.materials "
-    "inference.collapse_time inference.verify inference.population.material"
+    "inference.collapse_time inference.verify inference.population.material companions.design"
 )
 
 

@@ -110,8 +110,8 @@ def test_density_of_the_file_is_told_from_a_round_frame_rate(tmp_path):
     per_radius = R_MAX * np.sqrt(1025.0 / 101325.0)
     t = np.arange(-10, 80) * 1e-6 / per_radius
     savemat(tmp_path / "gel.mat", bdt_variables([np.interp(t, T_STAR, R_STAR)], [t], [R_MAX]))
-    assert "--density 1025" in read_curves(tmp_path / "gel.mat", density=998.0)[0].doubts[0]
-    assert read_curves(tmp_path / "gel.mat", density=1025.0)[0].doubts == ()
+    assert "--density 1025" in read_curves(tmp_path / "gel.mat", density=998.0)[0].warnings[0].text
+    assert read_curves(tmp_path / "gel.mat", density=1025.0)[0].warnings == ()
 
 
 def test_pressure_stated_by_the_file_is_used(tmp_path):
@@ -239,7 +239,8 @@ def test_swapped_columns_are_suspected(tmp_path):
 )
 def test_wrong_units_are_recognised(tmp_path, header, factor, says, usable):
     (curve,) = read_curves(text_table(tmp_path / "a.csv", header, TIME * 1e6, RADIUS * factor))
-    assert any(says in note for note in (*curve.notes, *input_checks.of_scale(curve, WATER)))
+    told = [*curve.notes, *(one.text for one in input_checks.of_scale(curve, WATER))]
+    assert any(says in note for note in told)
     if not usable:
         with pytest.raises(InputError) as error:
             _ = curve.max_radius
@@ -720,7 +721,7 @@ def test_a_table_as_laboratories_write_it(tmp_path, name):
     assert np.allclose(curve.radius, RADIUS, rtol=1e-6)
     assert said in "\n".join(curve.notes)
     assert said or len(curve.notes) == 1
-    assert curve.doubts == ()
+    assert curve.warnings == ()
 
 
 @pytest.mark.parametrize(
@@ -773,14 +774,14 @@ def test_frame_rates_that_are_given(tmp_path):
     (tmp_path / "a.csv").write_text("fps: 500000\nframe,R_um\n" + PLAIN)
     (curve,) = read_curves(tmp_path / "a.csv", frame_rate_hz=1e6)
     assert np.allclose(curve.time, TIME, atol=1e-12)
-    assert len(curve.doubts) == 1  # the file states another
+    assert len(curve.warnings) == 1  # the file states another
     with pytest.raises(InputError) as error:
         read_curves(tmp_path / "a.csv", frame_rate_hz=-1.0)
     assert error.value.code == "table.frame_rate"
 
 
 @pytest.mark.parametrize(
-    ("text", "doubts"),
+    ("text", "count"),
     [
         ("time_us,radius_um\n" + PLAIN, 0),
         ("t,R\n" + PLAIN, 0),  # no unit is no contradiction
@@ -788,13 +789,13 @@ def test_frame_rates_that_are_given(tmp_path):
         ("time_us,radius_um\n" + lines(",", US[::-1], UM[::-1]), 1),
     ],
 )
-def test_what_is_doubtful_stands_apart_from_the_notes(tmp_path, text, doubts):
+def test_what_is_doubtful_stands_apart_from_the_notes(tmp_path, text, count):
     (tmp_path / "a.csv").write_text(text)
     (curve,) = read_curves(tmp_path / "a.csv")
-    assert len(curve.doubts) == doubts
-    assert set(curve.doubts) <= set(curve.notes)
-    about_scale = [doubt for doubt in curve.doubts if "radius" in doubt]
-    assert len(curve.with_max_radius(R_MAX).doubts) == doubts - len(about_scale)
+    assert len(curve.warnings) == count
+    assert {one.text for one in curve.warnings} <= set(curve.notes)
+    about_scale = [one for one in curve.warnings if one.code == "check_input.radius_unit"]
+    assert len(curve.with_max_radius(R_MAX).warnings) == count - len(about_scale)
 
 
 def test_a_sheet_with_a_heading_and_decimal_commas(tmp_path):
@@ -835,7 +836,7 @@ def test_a_message_of_a_reader_is_arrays_and_json(tmp_path):
     assert back.problems == sent.problems
     (one,), (other,) = back.curves, sent.curves
     assert np.array_equal(one.radius, other.radius)
-    assert (one.meta, one.doubts, one.maximum) == (other.meta, other.doubts, other.maximum)
+    assert (one.meta, one.warnings, one.maximum) == (other.meta, other.warnings, other.maximum)
     error = decode(encode(InputError("no", "a.b")))
     assert (str(error), error.code) == ("no", "a.b")
     assert decode(encode({"a": (1, [2.5, None], "x")})) == {"a": (1, [2.5, None], "x")}

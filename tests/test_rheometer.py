@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
+import csv
 import importlib.util
 import json
-import re
 from pathlib import Path
 
 import numpy as np
@@ -12,9 +12,9 @@ import pytest
 from files import write_xlsx
 
 from cavirheo.companions.rheometer import frequency_sweep, read_sweeps, strain_sweep
-from cavirheo.companions.rheometer.document import beside, rheometry
+from cavirheo.companions.rheometer.document import regimes, rheometry
 from cavirheo.companions.rheometer.read import VOCABULARY
-from cavirheo.companions.rheometer.sweeps import FrequencySweep, StrainSweep, Sweep
+from cavirheo.companions.rheometer.sweeps import Sweep
 from cavirheo.errors import InputError
 from cavirheo.reading.columns import Table
 from cavirheo.reporting import read_json
@@ -36,9 +36,11 @@ def examples():
     return module
 
 
-def sweep(kind: type[Sweep], x, storage, loss) -> Sweep:
+def sweep(kind: str, x, storage, loss) -> Sweep:
     x = np.asarray(x)
-    return kind(name="gel", x=x, storage=np.broadcast_to(storage, x.shape), loss=np.broadcast_to(loss, x.shape))
+    return Sweep(
+        kind=kind, name="gel", x=x, storage=np.broadcast_to(storage, x.shape), loss=np.broadcast_to(loss, x.shape)
+    )
 
 
 def maxwell(omega, G=1e3, tau=1.0):
@@ -57,43 +59,43 @@ def plain(monkeypatch):
 
 class TestFrequencySweep:
     def test_kelvin_voigt_is_exact(self):
-        found = frequency_sweep(sweep(FrequencySweep, OMEGA, 5e3, 0.3 * OMEGA))
+        found = frequency_sweep(sweep("frequency", OMEGA, 5e3, 0.3 * OMEGA))
         assert found.viscosity_Pa_s == pytest.approx(0.3, rel=1e-12)
         assert found.plateau_storage_Pa == pytest.approx(5e3)
-        assert (found.plateau_from_rad_per_s, found.plateau_to_rad_per_s) == (OMEGA[0], OMEGA[-1])
+        assert (found.plateau_from, found.plateau_to) == (OMEGA[0], OMEGA[-1])
         assert found.tan_delta == pytest.approx(0.3 / 5e3)
         assert found.complex_viscosity_Pa_s == pytest.approx(np.hypot(5e3, 0.3))
-        assert found.crossover_rad_per_s is None
+        assert found.crossover is None
         assert found.message == ""
 
     def test_maxwell(self):
         omega = np.logspace(-1, 3, 41)
-        found = frequency_sweep(sweep(FrequencySweep, omega, *maxwell(omega)), at=3.3)
+        found = frequency_sweep(sweep("frequency", omega, *maxwell(omega)), at=3.3)
         storage, loss = maxwell(3.3)
-        assert found.crossover_rad_per_s == pytest.approx(1.0, rel=1e-3)
+        assert found.crossover == pytest.approx(1.0, rel=1e-3)
         assert found.crossover_modulus_Pa == pytest.approx(500, rel=1e-3)
         assert found.viscosity_Pa_s == pytest.approx(loss / 3.3, rel=2e-4)
-        assert found.storage_at_Pa == pytest.approx(storage, rel=2e-4)
+        assert found.viscosity_Pa_s * 3.3 / found.tan_delta == pytest.approx(storage, rel=2e-4)
         assert found.plateau_storage_Pa == pytest.approx(1e3, rel=1e-3)
-        assert found.plateau_from_rad_per_s == pytest.approx(np.sqrt(2 / 0.1 - 1), rel=0.15)  # slope 2/(1+(wt)2) = 0.1
+        assert found.plateau_from == pytest.approx(np.sqrt(2 / 0.1 - 1), rel=0.15)  # slope 2/(1+(wt)2) = 0.1
 
     def test_zener_on_a_coarse_grid(self):
         omega = np.logspace(-1, 2, 10)
         storage, loss = maxwell(omega, 4e3, 0.1)
-        found = frequency_sweep(sweep(FrequencySweep, omega, 1e3 + storage, loss + 0.05 * omega))
+        found = frequency_sweep(sweep("frequency", omega, 1e3 + storage, loss + 0.05 * omega))
         assert found.viscosity_Pa_s == pytest.approx(maxwell(1.0, 4e3, 0.1)[1] + 0.05, rel=2e-3)
 
     def test_a_liquid_has_no_plateau_and_says_so(self):
-        found = frequency_sweep(sweep(FrequencySweep, OMEGA, *maxwell(OMEGA, 1e4, 1e-3)))
+        found = frequency_sweep(sweep("frequency", OMEGA, *maxwell(OMEGA, 1e4, 1e-3)))
         assert found.plateau_storage_Pa is None
         assert any("no plateau" in note for note in found.notes)
         assert found.viscosity_Pa_s == pytest.approx(10.0, rel=1e-4)
 
     def test_noise_does_not_break_a_plateau(self):
         noise = 1 + 0.02 * np.random.default_rng(1).standard_normal((2, OMEGA.size))
-        found = frequency_sweep(sweep(FrequencySweep, OMEGA, 5e3 * noise[0], 0.3 * OMEGA * noise[1]))
+        found = frequency_sweep(sweep("frequency", OMEGA, 5e3 * noise[0], 0.3 * OMEGA * noise[1]))
         assert found.plateau_storage_Pa == pytest.approx(5e3, rel=0.02)
-        assert found.plateau_to_rad_per_s / found.plateau_from_rad_per_s > 100
+        assert found.plateau_to / found.plateau_from > 100
 
     @pytest.mark.parametrize(
         ("omega", "at", "named"),
@@ -104,72 +106,72 @@ class TestFrequencySweep:
         ],
     )
     def test_nothing_is_extrapolated(self, omega, at, named):
-        found = frequency_sweep(sweep(FrequencySweep, omega, 1e3, 10.0), at)
+        found = frequency_sweep(sweep("frequency", omega, 1e3, 10.0), at)
         assert named in found.message
         assert found.viscosity_Pa_s is None
         assert found.tan_delta is None
 
     def test_an_end_of_the_data_rounded_by_the_export_is_inside(self):
-        found = frequency_sweep(sweep(FrequencySweep, [1.0003, 2, 5], 1e3, 10.0))
+        found = frequency_sweep(sweep("frequency", [1.0003, 2, 5], 1e3, 10.0))
         assert found.viscosity_Pa_s == pytest.approx(10.0)
 
 
 class TestStrainSweep:
     def test_softening_gel(self):
-        found = strain_sweep(sweep(StrainSweep, STRAIN, softening(STRAIN), 50.0))
+        found = strain_sweep(sweep("strain", STRAIN, softening(STRAIN), 50.0))
         assert found.plateau_storage_Pa == pytest.approx(2e3, rel=1e-3)
-        assert found.linear_from == STRAIN[0]
-        assert found.linear_to == pytest.approx(np.sqrt(1 / 0.95 - 1), rel=0.02)
+        assert found.plateau_from == STRAIN[0]
+        assert found.plateau_to == pytest.approx(np.sqrt(1 / 0.95 - 1), rel=0.02)
         assert found.departs == "softens"
-        assert found.crossover_strain == pytest.approx(np.sqrt(39), rel=0.01)
+        assert found.crossover == pytest.approx(np.sqrt(39), rel=0.01)
         assert found.crossover_modulus_Pa == pytest.approx(50, rel=0.01)
 
     @pytest.mark.parametrize("tolerance", [0.02, 0.1])
     def test_tolerance(self, tolerance):
-        found = strain_sweep(sweep(StrainSweep, STRAIN, softening(STRAIN), 50.0), tolerance)
-        assert found.linear_to == pytest.approx(np.sqrt(1 / (1 - tolerance) - 1), rel=0.02)
+        found = strain_sweep(sweep("strain", STRAIN, softening(STRAIN), 50.0), tolerance)
+        assert found.plateau_to == pytest.approx(np.sqrt(1 / (1 - tolerance) - 1), rel=0.02)
 
     def test_stiffening(self):
-        found = strain_sweep(sweep(StrainSweep, STRAIN, 500 * (1 + (STRAIN / 0.3) ** 2), 5.0))
+        found = strain_sweep(sweep("strain", STRAIN, 500 * (1 + (STRAIN / 0.3) ** 2), 5.0))
         assert found.departs == "stiffens"
-        assert found.linear_to == pytest.approx(0.3 * np.sqrt(0.05), rel=0.02)
+        assert found.plateau_to == pytest.approx(0.3 * np.sqrt(0.05), rel=0.02)
 
     def test_scatter_at_low_torque_is_left_out_and_counted(self):
         storage = softening(STRAIN)
         storage[:6] *= [1.8, 0.5, 1.4, 0.7, 1.25, 0.88]
-        found = strain_sweep(sweep(StrainSweep, STRAIN, storage, 50.0))
-        assert found.linear_from == STRAIN[6]
-        assert found.linear_to == pytest.approx(np.sqrt(1 / 0.95 - 1), rel=0.02)
+        found = strain_sweep(sweep("strain", STRAIN, storage, 50.0))
+        assert found.plateau_from == STRAIN[6]
+        assert found.plateau_to == pytest.approx(np.sqrt(1 / 0.95 - 1), rel=0.02)
         assert any("6 points below the linear range" in note and "torque" in note for note in found.notes)
 
     @pytest.mark.parametrize("seed", range(5))
     def test_noise(self, seed):
         noise = 1 + 0.02 * np.random.default_rng(seed).standard_normal(STRAIN.size)
-        found = strain_sweep(sweep(StrainSweep, STRAIN, softening(STRAIN) * noise, 50.0))
+        found = strain_sweep(sweep("strain", STRAIN, softening(STRAIN) * noise, 50.0))
         assert found.plateau_storage_Pa == pytest.approx(2e3, rel=0.01)
-        assert found.linear_to == pytest.approx(np.sqrt(1 / 0.95 - 1), rel=0.25)
+        assert found.plateau_to == pytest.approx(np.sqrt(1 / 0.95 - 1), rel=0.25)
 
     def test_one_stray_point_does_not_end_the_range(self):
         storage = softening(STRAIN)
         storage[15] *= 1.3
-        found = strain_sweep(sweep(StrainSweep, STRAIN, storage, 50.0))
-        assert found.linear_to == pytest.approx(np.sqrt(1 / 0.95 - 1), rel=0.02)
+        found = strain_sweep(sweep("strain", STRAIN, storage, 50.0))
+        assert found.plateau_to == pytest.approx(np.sqrt(1 / 0.95 - 1), rel=0.02)
 
     def test_a_sweep_that_ends_in_the_linear_range_has_no_limit(self):
-        found = strain_sweep(sweep(StrainSweep, STRAIN[:20], 1e3, 10.0))
-        assert found.linear_to == STRAIN[19]
+        found = strain_sweep(sweep("strain", STRAIN[:20], 1e3, 10.0))
+        assert found.plateau_to == STRAIN[19]
         assert found.departs is None
-        assert found.crossover_strain is None
+        assert found.crossover is None
 
     def test_no_linear_range_is_invented(self):
-        found = strain_sweep(sweep(StrainSweep, STRAIN, 1e3 * STRAIN**-0.3, 10.0))
+        found = strain_sweep(sweep("strain", STRAIN, 1e3 * STRAIN**-0.3, 10.0))
         assert found.message
         assert found.plateau_storage_Pa is None
-        assert found.linear_to is None
+        assert found.plateau_to is None
 
     def test_a_second_plateau_is_told(self):
         storage = 1e3 * np.where(STRAIN < 3e-4, 1.0, 0.3)
-        found = strain_sweep(sweep(StrainSweep, STRAIN, storage, 10.0))
+        found = strain_sweep(sweep("strain", STRAIN, storage, 10.0))
         assert any("higher" in note for note in found.notes)
 
 
@@ -281,7 +283,7 @@ def test_layouts(tmp_path, name):
     assert found.kind == "frequency"
     for values, expected in zip((found.x, found.storage, found.loss), zip(*FREQUENCY_ROWS, strict=True), strict=True):
         assert values == pytest.approx(expected, rel=1e-5)
-    assert found.strain in (None, pytest.approx(0.01))
+    assert found.held in (None, pytest.approx(0.01))
     assert any("2 pi" in note for note in found.notes) == (name in ("hertz.tsv", "rspace.csv"))
     assert any("no unit" in note for note in found.notes) == (name in ("comma.csv", "savetxt.txt"))
     assert any("in the 0 rows with moduli of 'Pre shear'" in note for note in found.notes) == (name == "rspace.csv")
@@ -435,13 +437,11 @@ def test_examples_give_back_the_truth(run, tmp_path, examples):
     assert found["shear_modulus_Pa"]["mean"] == pytest.approx(storage, rel=0.01)
     assert found["shear_modulus_Pa"]["std"] is None
     assert found["viscosity_Pa_s"]["mean"] == pytest.approx(loss, rel=0.01)
-    (strain,) = found["strain_sweeps"]
+    strain, _ = found["sweeps"]
     assert strain["plateau_storage_Pa"] == pytest.approx(float(examples.moduli(2 * np.pi)[0]), rel=0.01)
-    assert strain["linear_to"] == pytest.approx(examples.HALF_STRAIN * np.sqrt(1 / 0.95 - 1), rel=0.1)
+    assert strain["plateau_to"] == pytest.approx(examples.HALF_STRAIN * np.sqrt(1 / 0.95 - 1), rel=0.1)
     storage, loss = (float(modulus) for modulus in examples.moduli(2 * np.pi))
-    assert strain["crossover_strain"] == pytest.approx(
-        examples.HALF_STRAIN * np.sqrt((storage / loss - 1) / 4), rel=0.02
-    )
+    assert strain["crossover"] == pytest.approx(examples.HALF_STRAIN * np.sqrt((storage / loss - 1) / 4), rel=0.02)
     names = {"rheometer.json", "rheometer.csv", "strain-sweep.png", "frequency-sweep.png", ".cavirheo"}
     assert {path.name for path in (tmp_path / "r").iterdir()} == names
     rows = (tmp_path / "r" / "rheometer.csv").read_text().splitlines()
@@ -502,7 +502,7 @@ def bubbles(path: Path) -> Path:
     quantity = {"median": None, "q05": None, "q95": None}
     shared = {
         "source": "gel.mat", "group": "gel", "group_source": "gel.mat", "max_radius_m": 2e-4, "time_of_max_s": 0.0,
-        "material": "nhkv", "method": "bdt", "rmse_over_rmax": 0.01, "mae_over_rmax": 0.01, "message": "",
+        "material": "nhkv", "method": "bdt", "rmse_over_rmax": 0.01, "mae_over_rmax": 0.01,
         "max_difference_over_rmax": 0.02, "window": {"collapses": 3, "t_star_end": 3.0}, "notes": [], "seconds": 0.1,
         "provenance": {},
     }  # fmt: skip
@@ -531,29 +531,25 @@ def test_beside_bubbles(run, tmp_path):
     assert status == 0, err
     text = " ".join(out.split())
     assert "6.00 ± 0.50" in text
-    assert "The regimes differ: the rheometer measures at 0.063 to 100 rad/s and small strain" in text
-    assert "the bubble at 6.0e4 to 8.0e4 1/s and large strain" in text
+    assert "The regimes differ: the rheometer measures at 0.063 to 100 rad/s, strain ≤ 1.0 %" in text
+    assert "the bubble at 6.0e4 to 8.0e4 1/s and λ = 7.0 to 9.0" in text
     assert (tmp_path / "result.json").read_bytes() == before
-    *_, warning = lines = (tmp_path / "table.csv").read_text().splitlines()
-    assert warning.startswith("# The regimes differ")
-    table = [dict(zip(lines[0].split(","), re.split(r",(?! )", line), strict=True)) for line in lines[1:3]]
-    assert [row["material"] for row in table] == ["soft gel", "gel"]
-    assert [row["method"] for row in table] == ['"rheometer, µ at 1 rad/s"', '"field\'s bubble, bdt"']
-    assert [row["regime_unit"] for row in table] == ["rad/s", "1/s"]
-    assert float(table[1]["shear_modulus_Pa_std"]) == 500
-    assert (table[1]["n"], table[1]["failed"]) == ("2", "1")
-    assert table[0]["viscosity_Pa_s_std"] == ""
+    with (tmp_path / "table.csv").open(newline="", encoding="utf-8") as file:
+        modulus, viscosity, other = csv.DictReader(file)
+    assert [row["quantity"] for row in (modulus, viscosity, other)] == [
+        "shear_modulus_Pa", "viscosity_Pa_s", "viscosity_at_1_rad_per_s"
+    ]  # fmt: skip
+    method = "rheometer, 0.063 to 100 rad/s, strain ≤ 1.0 %"
+    assert float(modulus[f"{method}_mean"]) == pytest.approx(1500, rel=0.01)
+    assert float(modulus["cavirheo_trusted_std"]) == 500
+    assert (modulus["n_answered"], modulus["n_failed"]) == ("2", "1")
+    assert viscosity[f"{method}_mean"] == other["cavirheo_trusted_mean"] == ""  # another frequency is another quantity
 
 
-def test_the_row_of_bubbles_is_over_those_that_are_trusted(tmp_path):
-    """n, the means and the regime are of the same shots; what was left out stands beside them."""
+def test_the_regime_of_bubbles_is_that_of_the_trusted_shots(tmp_path):
     result = read_json(bubbles(tmp_path / "result.json"))
-    result.groups[0].n_trusted = 1
-    result.groups[0].verdicts = {"ok": 1, "model_does_not_fit": 1, "failed": 1}
     result.curves[1].verdict = "model_does_not_fit"
-    _, row = beside(rheometry([], "gel", command="cavirheo rheometer"), result)
-    assert (row.n, row.doubtful, row.failed) == (1, 1, 1)
-    assert (row.regime_from, row.regime_to, row.deformation) == (6e4, 6e4, "λ = 7.0")
+    assert "the bubble at 6.0e4 1/s and λ = 7.0" in regimes(rheometry([], "gel", command="cavirheo rheometer"), result)
 
 
 def test_without_matplotlib_it_says_so(run, tmp_path, monkeypatch):

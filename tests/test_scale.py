@@ -9,14 +9,15 @@ import pickle
 import re
 import subprocess
 import sys
+from functools import partial
 from pathlib import Path
 
 import h5py
 import numpy as np
 import pytest
+from analyses import KnownAnalysis
 
-from cavirheo import InputError, answer_store
-from cavirheo.answer_store import Step, Unfinished, keep, read_kept
+from cavirheo import InputError
 from cavirheo.parallel import Threads
 from cavirheo.posterior import Checks, Posterior
 from cavirheo.prior import Prior
@@ -25,6 +26,9 @@ from cavirheo.reading import read_curves
 from cavirheo.training.dataset import columns, generate, load, survey
 from cavirheo.training.rows import StoredRows, blocks
 from cavirheo.training.shards import write_hdf5
+from cavirheo.workflow import analyse
+from cavirheo.workflow.analyse import Unfinished
+from cavirheo.workflow.store import keep, read_kept
 from cavirheo.writing.terminal import speed
 
 ROOT = Path(__file__).parent.parent
@@ -132,44 +136,31 @@ def test_no_more_curves_are_held_out_than_memory_should_hold(tmp_path, monkeypat
 # --- answers ----------------------------------------------------------------------------------------------------------
 
 
-def asked(curves, done=None, workers=None, failing=()):
-    found = []
-    for i, curve in enumerate(curves):
-        verdict = "failed" if curve.name in failing else "ok"
-        theta = np.full((3 if verdict == "ok" else 0, 1), curve.max_radius)
-        found.append(Posterior(("stretch",), ("1",), theta, Checks(verdict), "nhkv", "verified"))
-        if done:
-            done(i, found[-1])
-    return found
-
-
-def after(curves, answers, done=None, workers=None):
-    found = asked(curves, done)
-    return [
-        Posterior(("stretch",), ("1",), one.theta + two.theta, Checks("ok"), "nhkv", "verified")
-        for one, two in zip(found, answers, strict=True)
-    ]
+def known(curve, begun=None, failing=()):
+    verdict = "failed" if curve.name in failing else "ok"
+    theta = np.full((3 if verdict == "ok" else 0, 1), curve.max_radius) + (begun.theta if begun else 0.0)
+    return Posterior(("stretch",), ("1",), theta, Checks(verdict), "nhkv", "verified")
 
 
 @pytest.mark.parametrize("executor", [None, Threads(2)])
 def test_of_many_answers_none_is_held_that_can_be_read_again(tmp_path, monkeypatch, executor):
     curves = read_curves(ROOT / "examples" / "soft_gel.csv")
-    steps = Step("one", asked, {"failing": (curves[2].name,)}), Step("two", after, {})
-    few = Unfinished(tmp_path / "few", shown=False, executor=executor).answers(curves, steps[0])
-    monkeypatch.setattr(answer_store, "HELD", 3)
+    analysis = KnownAnalysis(of=partial(known, failing=(curves[2].name,)))
+    few = Unfinished(tmp_path / "few", shown=False, executor=executor).answers(curves, analysis)
+    monkeypatch.setattr(analyse, "HELD", 3)
     kept = Unfinished(tmp_path / "many", shown=False, executor=executor)
-    many = kept.answers(curves, steps[0])
-    assert list(many) == list(few) == list(range(len(curves)))
-    assert [i for i in many if many[i] is many[i]] == [2]  # the failed one, which has no file
-    for mine, theirs in zip(many.values(), few.values(), strict=True):
+    many = kept.answers(curves, analysis)
+    assert many.indices == few.indices == list(range(len(curves)))
+    assert [i for i in many.indices if many[i] is many[i]] == [2]  # the failed one, which has no file
+    for mine, theirs in zip(many, few, strict=True):
         np.testing.assert_array_equal(mine.theta, theirs.theta)
-    both = Unfinished(tmp_path / "two", shown=False, executor=executor).answers(
-        curves, Step("one", asked, {}), steps[1]
-    )
-    for curve, answer in zip(curves, both.values(), strict=True):
+    two = Unfinished(tmp_path / "two", shown=False, executor=executor)
+    begun = two.answers(curves, KnownAnalysis(of=known))
+    both = two.answers(curves, KnownAnalysis(of=known, seed=1), begun)
+    for curve, answer in zip(curves, both, strict=True):
         np.testing.assert_array_equal(answer.theta, np.full((3, 1), 2.0 * curve.max_radius))
     kept.remove()
-    with pytest.raises(InputError, match="finds this answer anew") as caught:
+    with pytest.raises(InputError, match="finds it anew") as caught:
         many[0]
     assert caught.value.code == "unfinished.gone"
 
@@ -213,7 +204,7 @@ def test_nothing_is_unpickled_from_a_kept_answer_or_a_training_set(tmp_path):
 
 @pytest.mark.repository
 def test_only_what_this_machine_compiled_itself_is_unpickled():
-    """By our code; dask does so between driver and workers, which trust each other. parallel.py compares bytes."""
+    """By our code; dask does so between driver and workers, which trust each other."""
     unpickle = {"pickle", "cloudpickle", "dill", "joblib", "shelve", "marshal"}
     found = set()
     for path in (ROOT / "src").rglob("*.py"):
@@ -224,5 +215,4 @@ def test_only_what_this_machine_compiled_itself_is_unpickled():
         allowed = any(ast.unparse(word.value) != "False" for word in words)
         found |= {path.name} if unpickle & {str(name).split(".")[0] for name in names} or allowed else set()
         assert "torch.load" not in path.read_text(encoding="utf-8")
-    assert found == {"cache.py", "parallel.py"}
-    assert "loads" not in (ROOT / "src" / "cavirheo" / "parallel.py").read_text(encoding="utf-8")
+    assert found == {"cache.py"}

@@ -112,8 +112,8 @@ def test_the_rows_of_a_table_of_collapse_times_are_chosen_too(run):
 def test_a_set_that_is_compared_may_name_its_shots(run):
     command = ["compare", FILE.parent, "--references", "sets.csv", "-o", "out", "--no-pictures", "--json"]
     Path("sets.csv").write_text(f'set,files,shots\ngel,{FILE.name},"2-3"\n', encoding="utf-8")
-    (about,) = json.loads(run(*command)[1])["sets"]
-    assert [shot["name"] for shot in about["shots"]] == [curve.name for curve in read_curves(FILE, shots="2-3")]
+    made = json.loads(run(*command)[1])
+    assert [curve["name"] for curve in made["curves"]] == [curve.name for curve in read_curves(FILE, shots="2-3")]
     Path("sets.csv").write_text(f"set,files,shots\ngel,{FILE.name},2x\n", encoding="utf-8")
     status, _, said = run(*command)
     assert status == 2
@@ -146,8 +146,8 @@ def test_a_unit_that_is_told_by_its_size_is_said_once_for_its_group(run):
         Path(f"shot{k}.csv").write_text("time,radius\n" + rows, encoding="utf-8")
     found = read_shots(sorted(Path().glob("*.csv")))
     assert len(found.curves) == 2
-    assert all("um" in remark or "us" in remark for remark in found.remarks)
-    assert len(found.remarks) == 2  # of time and of radius
+    assert all("um" in remark or "us" in remark for remark in found.hints)
+    assert len(found.hints) == 2  # of time and of radius
 
 
 def sized(path: Path, factors: dict[str, float], sizes: dict[str, str] | None = None) -> Path:
@@ -184,7 +184,7 @@ def test_a_column_gives_each_shot_its_r_max(tmp_path):
     found = read_shots([file])
     own = read_curves(sized(tmp_path / "plain.csv", shots))[2].max_radius
     assert [curve.max_radius for curve in found.curves] == pytest.approx([310e-6, 450.5e-6, own])
-    assert any("rmax_um" in remark for remark in found.remarks)
+    assert any("rmax_um" in remark for remark in found.hints)
     lines = file.read_text(encoding="utf-8").replace(",310\n", ",311\n", 1)
     file.write_text(lines, encoding="utf-8")
     assert "rmax_um" in read_shots([file]).problems[0]

@@ -84,8 +84,10 @@ def test_what_a_page_loads_is_there(site):
 
 
 def test_every_page_of_the_repository_is_there(site):
-    pages = [path for folder in ("docs", "benchmarks") for path in (ROOT / folder).rglob("*.md")]
-    assert [path for path in pages if not (site / path.relative_to(ROOT)).with_suffix(".html").exists()] == []
+    pages = [path for folder in ("docs", "benchmarks", "validation") for path in (ROOT / folder).rglob("*.md")]
+    names = {path: "index" if path.stem == "README" else path.stem for path in pages}
+    missing = [path for path in pages if not (site / path.relative_to(ROOT)).with_name(f"{names[path]}.html").exists()]
+    assert missing == []
 
 
 def test_every_tutorial_is_a_page_with_its_script_and_its_notebook(site):

@@ -9,15 +9,17 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from conftest import messages
 
 from cavirheo import loading, read_curves
 from cavirheo.companions import collapse_times
-from cavirheo.companions.published import comparison
 from cavirheo.companions.rheometer import document as rheometer
+from cavirheo.companions.rheometer.sweeps import Sweep
 from cavirheo.inference.model import card, path_of
 from cavirheo.posterior import Checks, Posterior, WindowAnswer
 from cavirheo.reading import write_csv
-from cavirheo.reporting import laws, result, table, write_report
+from cavirheo.reporting import comparison, laws, result, table, write_report
+from cavirheo.reporting.group import PublishedValue
 from cavirheo.training import dataset
 from cavirheo.training.recipe import read_recipe
 from cavirheo.writing import digits, terminal
@@ -28,7 +30,6 @@ EXAMPLE = ROOT / "examples" / "soft_gel.csv"
 LONG = "gelatine_of_the_third_batch_at_37_degrees_{:02}"  # 45 letters
 EVIL = "gel\x1b[31m\x1b]0;title\x07\u202e\x9b2J\udcff"
 NAMES = ("log10_shear_modulus", "log10_viscosity", "stretch")
-QUANTITIES = ("shear_modulus_Pa", "viscosity_Pa_s")
 
 
 def answers(names, method="least_squares", verdict="ok", message=""):
@@ -40,7 +41,8 @@ def answers(names, method="least_squares", verdict="ok", message=""):
     pairs = []
     for name in names:
         theta = np.array([3.8, -1.55, 8.7]) + [0.03, 0.02, 0.4] * rng.standard_normal((200, 3))
-        checks = Checks(verdict, message, rmse_over_rmax=0.0064, collapses=4, t_star_end=4.0)
+        said = messages(message, code="check_input.test" if verdict == "check_input" else "test")
+        checks = Checks(verdict, said, rmse_over_rmax=0.0064, collapses=4, t_star_end=4.0)
         posterior = Posterior(NAMES, ("Pa", "Pa s", "1"), theta, checks, "nhkv", method, windows=windows)
         own = type(curve)(curve.time, curve.radius, meta={"name": name, "group": f"{name}_group", "source": "a.csv"})
         pairs.append((own, posterior))
@@ -58,41 +60,23 @@ def of_laws(names):
 
 
 def of_comparison(names):
-    value = {"mean": 6.44e3, "std": 1.21e3, "n": 5}
-    row = {"published": {"IMR": value, "rheometer": value}, "ours": value, "ours_ok": {**value, "n": 4}}
-    errors = {to: {"IMR": 0.2, "rheometer": 0.3, "cavirheo": 0.1} for to in ("IMR", "rheometer")}
-    rows = [{"quantity": quantity, "relative_errors": errors, **row} for quantity in QUANTITIES]
-    about = {
-        "files": [], "model": "", "settings": {}, "medium": {}, "report": None, "quantities": rows, "n_shots": 20,
-        "n_answered": 18, "verdicts": {"ok": 4}, "shots": [], "problems": [], "notes": [],
-        "rmse_over_rmax": {"median": 0.0064, "smallest": 0.0051, "largest": 0.0234},
-    }  # fmt: skip
-    methods = ["IMR", "rheometer"]
-    sets = [{"name": name, **about} for name in names]
-    return comparison.Comparison(command="", methods=methods, reference_methods=methods, sets=sets)
+    made = result(answers(names, "bdt"), "")
+    values = {"shear_modulus": PublishedValue(mean=6.44e3, std=1.21e3), "viscosity": PublishedValue(mean=0.023)}
+    made.put_beside({group.name: {"IMR": values, "rheometer": values} for group in made.groups})
+    return made
 
 
 def of_rheometer(names):
-    sweep = {
-        "name": "", "source": "", "source_sha256": "", "x": [1.0], "storage": [1.0], "loss": [1.0], "message": "",
-        "notes": [], "plateau_storage_Pa": 6.4e3, "plateau_loss_Pa": 120.0,
+    found = {
+        "plateau_storage_Pa": 6.4e3, "plateau_loss_Pa": 120.0, "plateau_from": 0.001, "plateau_to": 0.231,
+        "departs": "softens", "crossover": 1.23, "viscosity_Pa_s": 123.4, "tan_delta": 0.0123,
+        "complex_viscosity_Pa_s": 6432.0,
     }  # fmt: skip
-    strain = {"linear_from": 0.001, "linear_to": 0.231, "departs": "storage", "crossover_strain": 1.23}
-    frequency = {
-        "viscosity_Pa_s": 123.4, "tan_delta": 0.0123, "complex_viscosity_Pa_s": 6432.0, "crossover_rad_per_s": 12.3,
-        "plateau_from_rad_per_s": 0.1, "plateau_to_rad_per_s": 99.9,
-    }  # fmt: skip
-    fields = rheometer.StrainSweep.model_fields, rheometer.FrequencySweep.model_fields
-    strain, frequency = (
-        {key: value for key, value in {**sweep, **more}.items() if key in known}
-        for more, known in zip((strain, frequency), fields, strict=True)
-    )
     spread = Spread(mean=6.4e3, std=1.2e3)
-    return rheometer.Rheometry.model_construct(
+    sweeps = [Sweep(kind=kind, name=name, **found) for kind in ("strain", "frequency") for name in names]
+    return rheometer.Rheometry(
         material=names[0], tolerance=0.05, at_rad_per_s=1.0, shear_modulus_Pa=spread, shear_modulus_from="plateau",
-        viscosity_Pa_s=spread, linear_to=spread, notes=[], command="",
-        strain_sweeps=[rheometer.StrainSweep.model_construct(**strain | {"name": name}) for name in names],
-        frequency_sweeps=[rheometer.FrequencySweep.model_construct(**frequency | {"name": name}) for name in names],
+        viscosity_Pa_s=spread, sweeps=sweeps, command="",
     )  # fmt: skip
 
 
@@ -111,7 +95,7 @@ TABLES = {
     "infer": (lambda names: result(answers(names, "bdt"), ""), table.print_table),
     "fit": (lambda names: result(answers(names), ""), table.print_table),
     "which-law": (of_laws, laws.print_table),
-    "compare": (of_comparison, comparison.print_table),
+    "compare": (of_comparison, comparison.print_comparison),
     "rheometer": (of_rheometer, rheometer.print_rheometry),
     "collapse-time": (of_collapse_times, collapse_times.print_table),
 }

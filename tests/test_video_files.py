@@ -87,7 +87,7 @@ def test_the_stamps_of_a_cine_count_before_its_header(tmp_path, deep):
     assert found.exposure == pytest.approx(1e-6, rel=1e-3)
     curve = measure(tmp_path / "a.cine", um_per_px=SCALE)
     assert curve.frame_rate == pytest.approx(RATE, rel=1e-3)
-    assert any("50000" in doubt for doubt in curve.doubts)
+    assert any("50000" in one.text for one in curve.warnings)
 
 
 def test_uneven_stamps_are_kept(tmp_path, deep):
@@ -107,8 +107,8 @@ def test_a_container_never_says_the_rate(folder):
 def test_the_users_rate_counts_before_the_cameras_and_a_difference_is_doubtful(folder):
     curve = measure(folder / "camera.mraw", frame_rate=4e5, um_per_px=SCALE)
     assert curve.frame_rate == 4e5
-    assert len(curve.doubts) == 1
-    assert measure(folder / "camera.mraw", um_per_px=SCALE).doubts == ()
+    assert len(curve.warnings) == 1
+    assert measure(folder / "camera.mraw", um_per_px=SCALE).warnings == ()
 
 
 def test_without_a_scale_radii_are_pixels_that_inference_refuses(folder, shot):
@@ -185,10 +185,10 @@ def test_a_recording_that_is_cut_short_is_doubtful(tmp_path, folder):
     raw = (folder / "camera.mraw").read_bytes()
     (tmp_path / "cut.mraw").write_bytes(raw[: int(0.8 * len(raw))])
     (tmp_path / "cut.cihx").write_bytes((folder / "camera.cihx").read_bytes())
-    assert any("short" in doubt for doubt in read(tmp_path / "cut.mraw").doubts)
+    assert [one.code for one in read(tmp_path / "cut.mraw").warnings] == ["check_input.file_cut_short"]
     cut = read(tmp_path / "cut.mkv")
     assert 20 < len(cut.frames) < FRAMES
-    assert any("short" in doubt for doubt in cut.doubts)
+    assert "check_input.file_cut_short" in [one.code for one in cut.warnings]
 
 
 @pytest.mark.parametrize(
@@ -224,7 +224,8 @@ def test_what_is_no_recording_is_refused(tmp_path, shot, make, code):
         ({"exclude": [99]}, "video.exclude"),
         ({"exclude": "1-34"}, "video.exclude"),
         ({"um_per_px": 1e6}, "curve.radius_unit"),
-        ({"frame_rate": 1.0}, "curve.time_unit"),
+        ({"frame_rate": 1.0}, "video.frame_rate"),
+        ({"frame_rate": 1e13}, "video.frame_rate"),
     ],
 )
 def test_options_out_of_their_range_are_refused(folder, wrong, code):
@@ -307,6 +308,14 @@ def test_the_command_writes_what_can_be_read_again(run, folder):
     assert len(read_video("out/overlay.mp4")) == FRAMES
     assert cavirheo.load("out").max_radius_px > 23
     assert run("show", "out")[0] == 0
+
+
+@pytest.mark.parametrize("verb", ["infer", "fit", "which-law", "measure"])
+def test_an_odd_frame_rate_is_told_as_such_by_every_verb(folder, run, verb):
+    status, _, err = run(verb, folder / "shot.tif", "--fps", 270, "--um-per-px", SCALE)
+    assert (status, err.count("\n")) == (2, 1)
+    assert "frame rate" in err
+    assert "270 kHz" in err
 
 
 def read_video(path):

@@ -16,12 +16,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from conftest import BDT
+from analyses import KnownAnalysis
+from conftest import BDT, messages
 from recordings import SCALE, film, write_mraw
 
 from cavirheo import read_curves, watch
-from cavirheo.answer_store import Step
 from cavirheo.curve import RadiusCurve
+from cavirheo.parallel import Threads
 from cavirheo.posterior import Checks, Posterior
 from cavirheo.reading import write_csv
 from cavirheo.reading.shots import read_shots
@@ -48,23 +49,23 @@ class Bench:
     def __init__(self, place: Path, **how: object) -> None:
         self.place, self.folder, self.how = place, place / "in", how
         self.folder.mkdir(parents=True, exist_ok=True)
+        self.seed = 0
         self.asked: list[str] = []
         self.said: list[str] = []
         self.start()
 
     def start(self) -> None:
-        step = Step("inferring", self.answer, {})
+        analysis = KnownAnalysis(of=self.answer, seed=self.seed)
         read = lambda path: read_shots([path], um_per_px=SCALE)  # noqa: E731
-        self.watch = Watch(self.folder, self.place / "out", step, read, say=self.said.append, **self.how)
+        self.watch = Watch(self.folder, self.place / "out", analysis, read, say=self.said.append, **self.how)
 
-    def answer(self, curves, done):
-        for k, one in enumerate(curves):
-            self.asked.append(one.name)
-            checks = Checks("failed", one.unusable) if one.unusable else Checks("ok")
-            rows = 0 if one.unusable else 1
-            theta = [[3.0, -1.0, 6.0]] * rows
-            names, units = ("log10_shear_modulus", "log10_viscosity", "stretch"), ("Pa", "Pa s", "1")
-            done(k, Posterior(names, units, np.reshape(theta, (rows, 3)), checks, "nhkv", "bdt"))
+    def answer(self, one):
+        self.asked.append(one.name)
+        checks = Checks("failed", messages(one.unusable)) if one.unusable else Checks("ok")
+        rows = 0 if one.unusable else 1
+        theta = [[3.0, -1.0, 6.0]] * rows
+        names, units = ("log10_shear_modulus", "log10_viscosity", "stretch"), ("Pa", "Pa s", "1")
+        return Posterior(names, units, np.reshape(theta, (rows, 3)), checks, "nhkv", "bdt")
 
     def settle(self) -> None:
         """Until nothing is left to be answered."""
@@ -179,6 +180,43 @@ def test_shots_added_to_a_file_leave_its_others_as_they_are(bench):
     assert len(bench.asked) == len(set(bench.asked)) == len(bench.rows) == len(shots)
 
 
+def test_no_answer_of_a_file_is_lost_when_it_is_stopped_in_the_middle(bench, monkeypatch):
+    shutil.copy(EXAMPLE, bench.folder / "gel.csv")
+    monkeypatch.setattr(watch.analyse, "__defaults__", (Threads(1),))
+    real = bench.answer
+
+    def stopped(one):
+        if len(bench.asked) == 3:
+            raise KeyboardInterrupt
+        return real(one)
+
+    bench.answer = stopped
+    bench.start()
+    with pytest.raises(KeyboardInterrupt):
+        bench.settle()
+    bench.watch.write()
+    assert len(bench.rows) == 3
+    bench.asked.append("stopped")
+    bench.start()
+    bench.settle()
+    assert len(bench.rows) == len(set(bench.asked)) - 1 == 5
+
+
+def test_documents_take_a_part_of_the_time_alone(bench, curve, monkeypatch):
+    monkeypatch.setattr(watch, "PACE", 1e6)
+    written, write_all = [], bench.watch.write
+    monkeypatch.setattr(bench.watch, "write", lambda: written.append(write_all()))
+    for k in range(12):
+        write(bench.folder, curve, k)
+        bench.watch.once()
+        bench.watch.pause()
+    assert len(written) == 1
+    assert bench.watch.pause()  # more is to come
+    bench.watch._due = 0.0
+    bench.settle()
+    assert len(bench.rows) == 12
+
+
 def test_rows_stay_when_files_are_moved_away(bench, curve):
     write(bench.folder, curve, 1, 2)
     bench.settle()
@@ -212,7 +250,7 @@ def test_the_page_shows_the_latest_shot(bench, curve):
 def test_other_settings_are_other_answers(bench, curve):
     write(bench.folder, curve, 1)
     bench.settle()
-    bench.how["reading"] = {"rmax_um": 200.0}
+    bench.seed = 1
     bench.start()
     bench.settle()
     assert bench.asked == ["shot001", "shot001"]
@@ -267,7 +305,7 @@ def test_killed_in_the_middle_and_started_again(tmp_path, curve):
         process.kill()
         process.wait()
         assert answered(tmp_path) >= before
-    kept = {path: path.stat().st_mtime_ns for path in (tmp_path / "out").glob("watched/*/*.npz")}
+    kept = {path: path.stat().st_mtime_ns for path in (tmp_path / "out").glob("watched/*.npz")}
     assert begin(tmp_path, "--once", "--no-pictures").wait() == 0, (tmp_path / "said").read_text()
     rows = json.loads((tmp_path / "out" / "result.json").read_text())["curves"]
     assert [row["name"] for row in rows] == [f"shot{k:03d}" for k in range(60)]
@@ -281,8 +319,9 @@ def test_ctrl_c_ends_it_with_all_that_is_answered(tmp_path, curve):
     process = begin(tmp_path)
     until(lambda: answered(tmp_path) == 1)
     process.send_signal(signal.SIGINT)
-    assert process.wait(30) == 130
+    assert process.wait(30) == 0
     assert answered(tmp_path) == 1
+    assert (tmp_path / "out" / "report.html").exists()
 
 
 def film_of_two(bench: Bench, name: str) -> tuple[Path, bytes]:

@@ -23,6 +23,7 @@ from cavirheo.inference.verify.proposals import SurrogateProposal
 from cavirheo.inference.verify.sampler import Mixture, Sample, sample
 from cavirheo.inference.verify.surrogate import Surrogate
 from cavirheo.inference.verify.tuning import TUNING
+from cavirheo.messages import Message
 from cavirheo.physics.accuracy import DEFAULT, ROUGH
 from cavirheo.posterior import Evidence
 from cavirheo.prior import log_normal
@@ -125,17 +126,17 @@ def test_one_rule_chooses_models(evidence, sizes, within):
     assert contenders([one and Evidence(*one) for one in evidence], sizes) == within
 
 
-@pytest.mark.parametrize("doubted", [0, 1])
-def test_doubts_are_those_of_the_law_that_is_chosen(doubted):
+@pytest.mark.parametrize("warned", [0, 1])
+def test_warnings_are_those_of_the_law_that_is_chosen(warned):
     """A liquid without a rebound was `ok` where a gel came first among the candidates."""
     liquid = shot(Newtonian(0.03), stretch=8.0)
     laws = ("nhkv", "newtonian")
     candidates = [cavirheo.infer(liquid, material=law, bubble="field", verify="none", trust_input=True) for law in laws]
-    odd = replace(candidates[doubted].checks, verdict="check_input", doubts=("no rebound is counted",))
-    candidates[doubted] = replace(candidates[doubted], checks=odd)
+    odd = replace(candidates[warned].checks, verdict="check_input", messages=(Message("check_input.no_rebound"),))
+    candidates[warned] = replace(candidates[warned], checks=odd)
     (found,) = verify_many([liquid], [candidates], level="map")
     assert found.material == "newtonian"
-    assert (found.checks.verdict == "check_input") == ("no rebound" in found.checks.message) == (doubted == 1)
+    assert (found.checks.verdict == "check_input") == ("no rebound" in found.checks.message) == (warned == 1)
 
 
 def test_a_network_whose_file_changed_is_read_anew(tmp_path):

@@ -33,6 +33,9 @@ KEPT = (
     "docs/site/*.css",
     "docs/site/*.js",
     "benchmarks/*.md",
+    "validation/*.py",
+    "validation/*/*.md",
+    "validation/*/*.png",
     "examples/*.*",
     "examples/tutorials/*.py",
 )

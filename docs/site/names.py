@@ -48,7 +48,7 @@ START = Page(
     (
         Group("Read and measure", {"cavirheo": "read_curves measure RadiusCurve"}),
         Group("Infer and fit", {"cavirheo": "infer infer_many fit fit_many Posterior Bubble"}),
-        Group("Many shots, and the next one", {"cavirheo": "population Population design"}),
+        Group("Many shots, and the next one", {"cavirheo": "population Population design Rig"}),
         Group("Read back", {"cavirheo": "load"}, "[File formats](../docs/file-formats.md)."),
         Group("Simulate", {"cavirheo": "simulate simulate_many Simulation Medium"}),
         Group("Materials", {"cavirheo": "NeoHookeanKelvinVoigt Newtonian QuadraticKelvinVoigt"}),
@@ -61,7 +61,10 @@ ANSWERS = Page(
     (
         Group(
             "Parts of a Posterior",
-            {"cavirheo.posterior": "Checks Diagnostics Evidence Bubble WindowAnswer OtherAnswer"},
+            {
+                "cavirheo.posterior": "Checks Diagnostics Evidence Bubble WindowAnswer OtherAnswer",
+                "cavirheo.messages": "Message",
+            },
         ),
         Group(
             "Of a Population, and of a Simulation",
@@ -74,18 +77,13 @@ ANSWERS = Page(
             "Documents",
             {
                 "cavirheo.reporting.record": "Result",
-                "cavirheo.reporting.answer": "CurveRecord OtherModel Compared",
-                "cavirheo.reporting.group": "GroupModel GroupRecord Slope",
+                "cavirheo.reporting.answer": "CurveRecord Sentence OtherModel Compared",
+                "cavirheo.reporting.group": "GroupModel GroupRecord PublishedValue Slope",
                 "cavirheo.reporting.material": "PopulationRecord GroupDifference Apart",
                 "cavirheo.reporting.laws": "Laws WeighedLaws WeighedLaw ComparedLaws",
-                "cavirheo.companions.design": "Design",
-                "cavirheo.companions.designed": "DesignedSetting CheckedSetting",
+                "cavirheo.companions.design_document": "Design DesignedSetting CheckedSetting",
                 "cavirheo.companions.network_design": "NetworkDesign WeakRange",
-                "cavirheo.companions.collapse_times": "CollapseTimes",
-                "cavirheo.companions.collapse_groups": "CollapseGroup CollapseShot",
-                "cavirheo.companions.published.comparison": "Comparison ComparedSet ComparedQuantity ComparedShot "
-                "ComparedRange",
-                "cavirheo.companions.published.references": "MethodValue",
+                "cavirheo.companions.collapse_times": "CollapseTimes CollapseGroup CollapseShot",
                 "cavirheo.companions.rheometer.document": "Rheometry",
                 "cavirheo.video.document": "Measured StatedNumber",
                 "cavirheo.writing.document": "Document Quantity Spread",
@@ -151,7 +149,7 @@ MORE = Page(
             "Rheometer",
             {
                 "cavirheo.companions.rheometer": "read_sweeps strain_sweep frequency_sweep",
-                "cavirheo.companions.rheometer.sweeps": "StrainSweep FrequencySweep Sweep",
+                "cavirheo.companions.rheometer.sweeps": "Sweep",
             },
             "[How](../docs/how-to/rheometer.md).",
         ),

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     __version__: str
+    from cavirheo.companions.design import Rig as Rig
     from cavirheo.companions.design import design as design
     from cavirheo.curve import RadiusCurve as RadiusCurve
     from cavirheo.errors import InputError as InputError
@@ -32,6 +33,7 @@ if TYPE_CHECKING:
 
 _HOME = {
     "design": "companions.design",
+    "Rig": "companions.design",
     "Bubble": "physics.bubble",
     "RadiusCurve": "curve",
     "InputError": "errors",

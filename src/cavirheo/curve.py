@@ -16,6 +16,7 @@ from cavirheo import landmarks
 from cavirheo.arrays import Floats
 from cavirheo.errors import InputError, brief, expect, printable, require
 from cavirheo.landmarks import AT_MAXIMUM, RAYLEIGH, collapse_time, drift, fit_maximum, plateau, spikes, turning_points
+from cavirheo.messages import UNIT, Message
 from cavirheo.parameters import INTERVAL, RADIUS
 from cavirheo.writing import export, style
 
@@ -87,9 +88,8 @@ class RadiusCurve:
         unscaled: why the radii have no scale yet; `max_radius` raises it until `with_max_radius` gives the scale.
         time_unscaled: time is in units of R_max sqrt(rho/p) times (s/m) and needs that scale too.
         late: whether R_max may have been before the first frame, where the frames are not to tell it (`begins_late`).
-        doubts: what is doubtful about scale, rate or order of the frames, a sentence each; no answer is `ok` then
-            unless the user vouches for it. Those that begin with "the radius" end when `with_max_radius` gives the
-            scale.
+        warnings: what is doubtful about scale, rate or order of the frames; no answer is `ok` then unless the user
+            vouches for it. That of the radius' unit ends when `with_max_radius` gives the scale.
         unusable: why there is nothing to be read off. Such a curve (three samples, all NaN, an empty cell) is one
             too, so that the others of its file can be answered: `max_radius` raises the reason.
 
@@ -108,7 +108,7 @@ class RadiusCurve:
     unscaled: str = ""
     time_unscaled: bool = False
     late: bool | None = None
-    doubts: tuple[str, ...] = ()
+    warnings: tuple[Message, ...] = ()
     unusable: str = ""
 
     name: ClassVar[_Stated[str]] = _Stated("name", "curve")
@@ -218,13 +218,13 @@ class RadiusCurve:
         return max(landmarks.scatter(self._after_max[1][1:]), landmarks.rounding(self._finite[1]) / sqrt(12.0))
 
     def _require(self, fine: bool, message: str, code: str) -> None:
-        require(fine, f"{self.name}: {message}", f"curve.{code}")
+        require(fine, message, f"curve.{code}", self.name)
 
-    def labelled(self, *, doubts: tuple[str, ...] | None = None, **meta: Any) -> RadiusCurve:
-        """The same samples with these entries of `meta`, or these doubts; what was read off them stays known."""
+    def labelled(self, *, warnings: tuple[Message, ...] | None = None, **meta: Any) -> RadiusCurve:
+        """The same samples with these entries of `meta`, or these warnings; what was read off them stays known."""
         curve = copy(self)
         object.__setattr__(curve, "meta", _labels({**self.meta, **meta}))
-        object.__setattr__(curve, "doubts", self.doubts if doubts is None else doubts)
+        object.__setattr__(curve, "warnings", self.warnings if warnings is None else warnings)
         return curve
 
     def with_notes(self, *notes: str) -> RadiusCurve:
@@ -255,7 +255,7 @@ class RadiusCurve:
             self, time=self.time * time_factor, radius=self.radius * scale, radius_std=self.radius_std * scale,
             meta={**self.meta, "notes": (*self.notes, said)}, maximum=(start * time_factor, float(max_radius)),
             stated_time_of_max=None, unscaled="", time_unscaled=False, late=self.begins_late,
-            doubts=tuple(doubt for doubt in self.doubts if not doubt.startswith("the radius")),
+            warnings=tuple(one for one in self.warnings if one.code != UNIT),
         )  # fmt: skip
 
     def normalised(self, medium: TimeScale) -> tuple[Floats, Floats]:

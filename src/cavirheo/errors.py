@@ -41,37 +41,37 @@ class InputError(ValueError):
     """What the user gave cannot be used (a file, a curve, an option).
 
     `code` names the mistake for programs and stays the same when the sentence is put better: "curve.no_maximum".
-    The message is one printable line, whatever names and cells it quotes.
+    `where` is the file, row, option or curve that it concerns, and `message` what is wrong there; both are one
+    printable line, whatever names and cells they quote.
     """
 
-    def __init__(self, message: str, code: str = "input") -> None:
-        line = printable(re.sub(r"\s*[\r\n]\s*", " ", message))
-        super().__init__(line if len(line) <= _LONGEST else line[: _LONGEST - 1] + "…")
-        self.code = code
+    def __init__(self, message: str, code: str = "input", where: str = "") -> None:
+        self.message, self.code, self.where = _line(message), code, _line(where)
+        super().__init__(f"{self.where}: {self.message}" if where else self.message)
 
-    def __reduce__(self) -> tuple[type[InputError], tuple[str, str]]:
-        return type(self), (str(self), self.code)
+    def __reduce__(self) -> tuple[type[InputError], tuple[str, str, str]]:
+        return type(self), (self.message, self.code, self.where)
 
     def within(self, where: str) -> InputError:
-        """The same mistake, with the file, row or option that it concerns before the message."""
-        return type(self)(f"{where}: {self}", self.code)
+        """The same mistake, with the file, row or option that it concerns before what is known of its place."""
+        return type(self)(self.message, self.code, f"{where}: {self.where}" if self.where else where)
 
 
-def require(fine: bool, message: str, code: str = "input") -> None:
-    """Raise InputError with this message and code unless all is fine."""
+def _line(text: str) -> str:
+    line = printable(re.sub(r"\s*[\r\n]\s*", " ", text))
+    return line if len(line) <= _LONGEST else line[: _LONGEST - 1] + "…"
+
+
+def require(fine: bool, message: str, code: str = "input", where: str = "") -> None:
+    """Raise InputError with this message, code and place unless all is fine."""
     if not fine:
-        raise InputError(message, code)
-
-
-def reason(error: Exception) -> str:
-    """What is said of a curve, file or picture that an exception ended: nothing else may end with it."""
-    known = isinstance(error, (InputError, SolverError))
-    return str(error) if known else f"unexpected {type(error).__name__}: {error}".removesuffix(": ")
+        raise InputError(message, code, where)
 
 
 def expect(given: object, kind: type, what: str) -> None:
     """Raise InputError unless `given` is of this kind; `what` says what was expected, and how to come by it."""
-    require(isinstance(given, kind), f"expected {what}; got {type(given).__name__} {brief(given)}", "input.type")
+    if not isinstance(given, kind):  # else its text, which may take long, is not needed
+        raise InputError(f"expected {what}; got {type(given).__name__} {brief(given)}", "input.type")
 
 
 def expect_whole(given: object, name: str, least: int, code: str = "input.whole") -> None:

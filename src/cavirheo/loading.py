@@ -29,11 +29,10 @@ class Kind(NamedTuple):
 KINDS = {
     "result": Kind("reporting.record", "Result", "reporting.table.print_all"),
     "laws": Kind("reporting.laws", "Laws", "reporting.laws.print_table"),
-    "comparison": Kind("companions.published.comparison", "Comparison", "companions.published.comparison.print_table"),
     "rheometer": Kind("companions.rheometer.document", "Rheometry", "companions.rheometer.document.print_rheometry"),
     "collapse-time": Kind("companions.collapse_times", "CollapseTimes", "companions.collapse_times.print_table"),
     "measure": Kind("video.document", "Measured", "video.document.print_table"),
-    "design": Kind("companions.design", "Design", "companions.design_view.print_table"),
+    "design": Kind("companions.design_document", "Design", "companions.design_document.print_table"),
     "network-design": Kind("companions.network_design", "NetworkDesign", "companions.network_design.print_table"),
     "metrics": Kind("training.documents", "Metrics", "training.documents.print_metrics"),
     "training": Kind("training.documents", "TrainingRun", "training.documents.print_run"),
@@ -94,6 +93,8 @@ def kind_of(path: Path) -> Kind:
         if error.code != "files.json":
             raise
         content = {}
+    message = f"{path}: a comparison of an earlier version; `cavirheo compare` writes result.json: run it again"
+    require("reference_methods" not in content, message, "document.other")
     if "kind" not in content and "command" in content and path.name not in NAMES:
         message = f"{path} does not say of which kind it is, as those of an older version: name it as it was written"
         raise InputError(f"{message} ({', '.join(NAMES)})", "document.kind")

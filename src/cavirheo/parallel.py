@@ -5,18 +5,18 @@ from __future__ import annotations
 import ctypes
 import multiprocessing
 import os
-import pickle
 import signal
 import threading
-from collections import OrderedDict, deque
-from collections.abc import Callable, Generator, Iterable, Iterator, Mapping, Sequence
+from collections import deque
+from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
 from contextlib import closing, contextmanager, suppress
 from dataclasses import dataclass
-from importlib.metadata import version
 from multiprocessing.pool import Pool
 from queue import SimpleQueue
 from typing import Any, Protocol, TypeVar
+
+from threadpoolctl import threadpool_limits
 
 from cavirheo.errors import expect_whole, require
 
@@ -31,6 +31,36 @@ def cores(workers: int | None = None) -> int:
     return workers or os.cpu_count() or 1
 
 
+class _OneBlasThread:
+    """While any thread is in this block, BLAS computes in the thread that calls it: its own threads would only wait for
+    each other beside ours, and with them the last bits differ.
+
+    threadpoolctl lets one thread set the number, and does nothing for others: a thread of ours does it for all.
+    """
+
+    def __init__(self) -> None:
+        self._lock, self._inside = threading.Lock(), 0
+        self._setter: Any = None
+        self._limits: Any = None
+
+    def __enter__(self) -> None:
+        with self._lock:
+            if not self._inside:
+                self._setter = ThreadPoolExecutor(1)
+                self._limits = self._setter.submit(threadpool_limits, 1, "blas").result()
+            self._inside += 1
+
+    def __exit__(self, *_: object) -> None:
+        with self._lock:
+            self._inside -= 1
+            if not self._inside:
+                self._setter.submit(self._limits.restore_original_limits)
+                self._setter.shutdown()
+
+
+one_blas_thread = _OneBlasThread()
+
+
 class Executor(Protocol):
     """Where units of work are done: `Threads` here, or the workers of a cluster. What is found is the same."""
 
@@ -42,25 +72,6 @@ class Executor(Protocol):
 
 
 @dataclass(frozen=True)
-class Step:
-    """`verb(curves, done=..., **settings)`, or of a later step `verb(curves, answers, done=..., **settings)`.
-
-    doing: as the bar says it. made_with: what an answer depends on besides the settings: a model's SHA-256. No
-    answer depends on other curves, so that each can be kept.
-    """
-
-    doing: str
-    verb: Callable[..., list[Any]]
-    settings: Mapping[str, Any]
-    made_with: str = ""
-
-    @property
-    def identity(self) -> list[Any]:
-        """What its answers depend on besides the curves."""
-        return [version("cavirheo"), self.verb.__name__, self.made_with, sorted(self.settings.items())]
-
-
-@dataclass(frozen=True)
 class Threads:
     """So many threads of this machine, all cores by default."""
 
@@ -68,7 +79,11 @@ class Threads:
 
     def flow(self, work: Callable[[Job], Done], jobs: Sequence[Job]) -> Generator[tuple[int, Done], None, None]:
         """As `Executor.flow`. An exception, Ctrl-C too, is not kept waiting: what has not begun is dropped, what has
-        begun ends by itself."""
+        begun ends by itself. BLAS has one thread meanwhile."""
+        with one_blas_thread:
+            yield from self._flow(work, jobs)
+
+    def _flow(self, work: Callable[[Job], Done], jobs: Sequence[Job]) -> Generator[tuple[int, Done], None, None]:
         waiting, ended = deque(range(len(jobs))), SimpleQueue[Any]()
         count = len(waiting)
         threads = min(cores(self.workers), count)
@@ -119,12 +134,6 @@ def each(
     return [found[index] for index in range(len(found))]
 
 
-def one_of(verb: Callable[..., list[Done]], settings: Mapping[str, Any], job: Sequence[Any]) -> Done:
-    """What `verb`, which takes lists and gives a list, finds for the items (item, of a further list, ...) of a job: a
-    unit of work for an executor, in one thread."""
-    return verb(*([item] for item in job), workers=1, **settings)[0]
-
-
 def aside(work: Callable[[], Done]) -> Done:
     """work() in a thread of its own: this one only waits, so that Ctrl-C is obeyed during a long compilation, too."""
     pool = ThreadPoolExecutor(1)
@@ -132,32 +141,6 @@ def aside(work: Callable[[], Done]) -> Done:
         return pool.submit(work).result()
     finally:
         pool.shutdown(wait=False, cancel_futures=True)
-
-
-class Once:
-    """What several threads ask for with equal arguments is worked out by the first, and the others wait; the last
-    `most` are kept. A failure is told to all who wait, and is not kept."""
-
-    def __init__(self, most: int) -> None:
-        self._most, self._lock, self._kept = most, threading.Lock(), OrderedDict[bytes, Future[Any]]()
-
-    def __call__(self, work: Callable[[], Done], *asked: Any) -> Done:
-        """work(), where nobody has `asked` for the same before."""
-        key = pickle.dumps(asked)  # bytes to compare: nobody reads them
-        with self._lock:
-            mine = key not in self._kept
-            task: Future[Done] = self._kept.setdefault(key, Future())
-            self._kept.move_to_end(key)
-            while len(self._kept) > self._most:
-                self._kept.popitem(last=False)
-        if mine:
-            try:
-                task.set_result(work())
-            except BaseException as error:  # raised again in every thread that waits
-                with self._lock:
-                    self._kept.pop(key, None)
-                task.set_exception(error)
-        return task.result()
 
 
 class Stoppable:

@@ -11,7 +11,8 @@ import numpy as np
 
 from cavirheo.arrays import Floats, unscaled
 from cavirheo.errors import InputError, require
-from cavirheo.parameters import LOG10, Bound, about, bound_of, natural, natural_name, scaled, searched_bound
+from cavirheo.messages import Message
+from cavirheo.parameters import LOG10, Bound, bound_of, natural, natural_name, scaled, searched_bound
 from cavirheo.physics.bubble import FIELD, Bubble
 from cavirheo.physics.media import Medium
 
@@ -35,7 +36,7 @@ class Checks:
 
     Attributes:
         verdict: "ok", or what is wrong (docs/method/verdicts.md).
-        message: why, and what else is to be known.
+        messages: why, and what else is to be known; input warnings first.
         rmse_over_rmax: root mean square of measured minus simulated radius, over R_max.
         mae_over_rmax: mean absolute difference, over R_max.
         max_difference_over_rmax: largest absolute difference, over R_max.
@@ -46,11 +47,10 @@ class Checks:
         reconstruction_time: (k,) s on that clock, fine enough to draw.
         reconstruction_radius: (k,) m, the simulated radius.
         time_scale: t_c = R_max sqrt(rho/p) of the shot in its medium, s.
-        doubts: about the recording and its settings, with which `message` begins.
     """
 
     verdict: Verdict
-    message: str = ""
+    messages: tuple[Message, ...] = ()
     rmse_over_rmax: float | None = None
     mae_over_rmax: float | None = None
     max_difference_over_rmax: float | None = None
@@ -61,7 +61,16 @@ class Checks:
     reconstruction_time: Floats | None = None
     reconstruction_radius: Floats | None = None
     time_scale: float | None = None
-    doubts: tuple[str, ...] = ()
+
+    @property
+    def message(self) -> str:
+        """All messages in one line, for people."""
+        return "; ".join(message.text for message in self.messages)
+
+    @property
+    def warnings(self) -> tuple[Message, ...]:
+        """Those about the recording and its settings."""
+        return tuple(message for message in self.messages if message.input_warning)
 
     def __repr__(self) -> str:
         """'Checks(ok, RMSE 0.64 % of R_max over 87 frames, 4 collapses, t* <= 4.0)'."""
@@ -333,19 +342,6 @@ class Posterior:
     @property
     def _about(self) -> dict[str, str]:
         return {"material": self.material, "method": self.method, "verdict": self.checks.verdict}
-
-
-def in_words(name: str, interval: tuple[float, float, float]) -> str:
-    """'µ 0.040 [0.031, 0.052] Pa s' of (5 %, 50 %, 95 %), SI; 'µ below 0.010 Pa s (95 %)' where the interval reaches
-    the lower end of the range that is searched."""
-    from cavirheo.writing import digits
-    from cavirheo.writing.document import Quantity
-
-    (low, median, high), known = interval, about(name)
-    value = Quantity(median=median)  # without an interval, where its ends are one
-    if low < high:
-        value = Quantity(median=median, q05=low, q95=high, bound=searched_bound(name, low, high))
-    return f"{known.symbol} {digits.measured(value, *digits.unit_for(known.unit, median))}"
 
 
 def intervals(

@@ -512,7 +512,7 @@ add(
     json_curve_null=("a.json", document("result.json", curves=[None])),
     json_more_groups=("a.json", document("result.json", groups=json.loads(documents()["result.json"])["groups"] * 9)),
     json_escape=("a.json", document("result.json", command="\x1b[31mred\x07", notes=["[/]", "\u009b31m", "<script>"])),
-    json_sets=("a.json", document("comparison.json", sets=[])),
+    json_sweeps=("a.json", document("rheometer.json", sweeps=[])),
     json_laws=("a.json", document("laws.json", groups=[])),
     toml_not=("a.toml", "= ="),
     toml_nothing=("a.toml", ""),

@@ -99,7 +99,7 @@ def pressure(path: Path) -> None:
 
 
 def references(path: Path) -> None:
-    from cavirheo.companions.published.references import read_references
+    from cavirheo.companions.published_values import read_references
 
     read_references(path)
 

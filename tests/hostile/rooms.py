@@ -105,7 +105,7 @@ BATCHES = {
     "collapse-time": Batch(("collapse-time",), "collapse-time.json"),
     "rheometer": Batch(("rheometer",), "rheometer.json", "frequency.csv"),
 }
-_BUBBLE = "simulate --rmax-um 250 --stretch 7 --shear-modulus 5e3 --viscosity 0.05 --duration-us 20 -o {out}/s.csv"
+_BUBBLE = "simulate --rmax-um 250 --stretch 7 --shear-modulus 5e3 --viscosity 0.05 --duration-us 20 -o {out}"
 SINGLES = {
     "simulate --driving": f"{_BUBBLE} --driving {{file}}",
     "compare --references": "compare {here} --references {file} -o {out}",

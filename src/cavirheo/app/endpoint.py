@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import closing, contextmanager
+from contextlib import contextmanager
 from dataclasses import fields
 from pathlib import Path
 from typing import Any
@@ -51,9 +51,9 @@ def public(visitors: Visitors) -> Callable[..., Any]:
         """Measured radius histories in, the content of result.json out; options as those of `cavirheo infer`."""
         given: dict[str, Any] = {**locals()}
         options = {one.name: given[one.name] for one in fields(PageSettings) if given.get(one.name) is not None}
-        session = Session(visitors.limits, visitors.reader, once=visitors.once)
+        session = Session(visitors.limits, visitors.reader, store=visitors.store)
         try:
-            with closing(session), uploaded([str(dict(file)["path"]) for file in files or []]) as paths:
+            with uploaded([str(dict(file)["path"]) for file in files or []]) as paths:
                 session.add(paths, PageSettings(**options))
                 require(not session.waiting, f"{session.waiting}: send measured.csv of `cavirheo measure`", "app.film")
                 problem = "; ".join(session.problems) or "no curve could be read"
@@ -63,5 +63,7 @@ def public(visitors: Visitors) -> Callable[..., Any]:
                 return document.model_dump(by_alias=True, mode="json")
         except (InputError, SolverError) as error:
             raise gr.Error(words.told(error), title="Not done", print_exception=False) from None
+        finally:
+            visitors.end(session)
 
     return infer

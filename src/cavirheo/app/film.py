@@ -131,9 +131,10 @@ def said(film: Clip) -> str:
         return words.part("film", (), {}, {}, "")
     found = curve(film)
     cut = f"{film.found.cut}: the radius rests on that part alone" * bool(film.found.cut)
-    doubts = once((film.path.name, words.told(doubt)) for doubt in (*filter(None, [cut]), *found.doubts))
+    texts = (*filter(None, [cut]), *(warning.text for warning in found.warnings))
+    odd = once((film.path.name, words.told(text)) for text in texts)
     state = "" if film.curve is None else "confirmed" if film.command == options(film) else "changed"
-    return words.part("film", cells(found), warnings([found]) | doubts, notes([found]), state)
+    return words.part("film", cells(found), warnings([found]) | odd, notes([found]), state)
 
 
 def framed(film: Clip) -> str:

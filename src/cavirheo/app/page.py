@@ -219,7 +219,8 @@ class Page(film.FilmPart):
         moved = [slider.input for slider in self.sliders]
         self.on(moved, self._try, [self.checked, *self.sliders], [self.trial], queue=False, **LATEST)
         out = [self.files, self.download]
-        zipped = self.on(self.make.click, self._zip, [], out, works=True, show_progress_on=[self.make])
+        alone: dict[str, Any] = {"concurrency_limit": 1, "show_progress_on": [self.make]}
+        zipped = self.on(self.make.click, self._zip, [], out, works=True, **alone)
         zipped.success(None, js=_PRESS.format("download"), api_visibility="private")
         self.tabs[3].select(None, js=_RESIZE, api_visibility="private")  # drawn in a hidden tab it has another width
         self.link.change(None, self.link, js=_ADDRESS, api_visibility="private")
@@ -365,8 +366,8 @@ class Page(film.FilmPart):
     def _answered(self, session: Session, name: str, trial: dict[str, Any] | None = None) -> list[Any]:
         answers, curve, posterior, _ = session.find(name)
         fit = answers.fits.get(name)
-        drawn = band(curve, posterior, *session.settings_of(name).compared)
-        named = digits.simulated(posterior.method)
+        drawn = band(curve, posterior, session.settings_of(name).analysis)
+        named = f"simulation: {digits.simulated(posterior.method)}"
         figure = plots.checked(curve, posterior.checks, named, fit.checks if fit else None, trial, drawn)
         return [figure, words.facts(session, name)]
 

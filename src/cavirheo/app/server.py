@@ -12,6 +12,7 @@ from contextlib import closing, contextmanager, suppress
 from pathlib import Path
 from secrets import token_bytes
 from tempfile import TemporaryDirectory
+from types import ModuleType
 from typing import Any
 
 os.environ.update(GRADIO_ANALYTICS_ENABLED="False", HF_HUB_DISABLE_TELEMETRY="1")  # before gradio is imported
@@ -27,7 +28,7 @@ from starlette.types import ASGIApp, Message, Receive, Scope, Send
 from cavirheo.app import words
 from cavirheo.app.page import Page
 from cavirheo.app.session import VisitorLimits, Visitors
-from cavirheo.errors import InputError
+from cavirheo.errors import InputError, require
 from cavirheo.parallel import of_memory
 from cavirheo.physics.simulate import load_solver
 from cavirheo.reporting import wall_page
@@ -40,12 +41,12 @@ _THEME = gr.themes.Default(
     button_primary_background_fill="#0b4f7d", button_primary_background_fill_hover="#0072b2",
     body_background_fill="#f4f5f7",
 )  # fmt: skip
+EVENTS = 8  # of one kind, of all visitors together, that are worked on at the same time
 # What the page may load: itself. Gradio's own scripts stand in the page and build functions.
 _POLICY = (
     "default-src 'self'; script-src 'self' 'unsafe-inline' 'unsafe-eval'; style-src 'self' 'unsafe-inline'; "
     "img-src 'self' data: blob:; font-src 'self' data:; worker-src 'self' blob:; object-src 'none'; base-uri 'self'"
 )
-_ALONE = ("127.0.0.1", "localhost", "::1")  # addresses that only this machine reaches
 _HEADERS = [
     (b"content-security-policy", _POLICY.encode()), (b"referrer-policy", b"no-referrer"),
     (b"x-content-type-options", b"nosniff"),
@@ -79,14 +80,24 @@ class _Upload(route_utils.GradioUploadFile):
 
 
 def _wall(visitors: Visitors, folder: Path | None) -> Route:
-    """/live: what `cavirheo watch` writes into the folder; without one, the answers of this app that were last used."""
+    """/live: what `cavirheo watch` writes into the folder; without one, the answers of the session whose link is asked
+    for (/live?session=...), which nobody can guess."""
 
-    def shown(_: Request) -> HTMLResponse:
-        own = None if folder else visitors.latest()
-        given = (own.document, len(own.pairs) - 1, *own.pairs[-1]) if own else ()
-        return HTMLResponse(wall_page.read(folder) if folder else wall_page.page(*given))
+    def shown(request: Request) -> HTMLResponse:
+        if folder:
+            return HTMLResponse(wall_page.read(folder))
+        own = visitors.answers(request.query_params.get("session", ""))
+        return HTMLResponse(wall_page.page(*((own.document, len(own.pairs) - 1, *own.pairs[-1]) if own else ())))
 
     return Route("/live", shown)
+
+
+def _guard(module: ModuleType, name: str, own: object) -> None:
+    """Put our own in the place of what gradio calls by this name. Raises InputError: it has no such name, so that ours
+    would never be called."""
+    missing = f"gradio {gr.__version__} has no {module.__name__}.{name}, which guards the server"
+    require(hasattr(module, name), f"{missing}: install an older one", "app.gradio")
+    setattr(module, name, own)
 
 
 @contextmanager
@@ -94,23 +105,23 @@ def running(
     host: str = "127.0.0.1", port: int = 0, limits: VisitorLimits | None = None, folder: Path | None = None
 ) -> Iterator[tuple[str, Visitors]]:
     """(address of the page, its visitors) while the page is served; then all temporary files are gone. folder: where
-    `cavirheo watch` writes what stands at /live; without one this is there for those on this machine alone. Raises
-    InputError: nothing can listen there."""
-    processing_utils.async_ssrf_protected_download = _refuse  # a program may not make the server fetch anything
-    route_utils.GradioUploadFile = _Upload  # type: ignore[misc]
+    `cavirheo watch` writes what stands at /live. Raises InputError: nothing can listen there, or this gradio cannot be
+    guarded."""
+    _guard(processing_utils, "async_ssrf_protected_download", _refuse)  # a program may not make the server fetch
+    _guard(route_utils, "GradioUploadFile", _Upload)
     with (
         TemporaryDirectory(prefix="cavirheo-app-") as temporary,
         closing(Visitors(limits or VisitorLimits())) as visitors,
     ):
         os.environ["GRADIO_TEMP_DIR"] = temporary
-        page, walled = Page(visitors).blocks, [_wall(visitors, folder)] * bool(folder or host in _ALONE)
+        page, routes = Page(visitors).blocks.queue(default_concurrency_limit=EVENTS), [_wall(visitors, folder)]
         try:
             _, address, _ = page.launch(
                 server_name=host, server_port=port or None, prevent_thread_lock=True, quiet=True, show_error=True,
                 max_file_size=int(visitors.limits.file_mb * 2**20), theme=_THEME,
                 head=f"<style>{words.style()}</style>",
                 js=words.script("page.js"), footer_links=[], run_history=False, ssr_mode=False,
-                share=False, pwa=False, app_kwargs={"middleware": [Middleware(_only_here)], "routes": walled},
+                share=False, pwa=False, app_kwargs={"middleware": [Middleware(_only_here)], "routes": routes},
             )  # fmt: skip
         except OSError as error:
             said = f"cannot listen on {host}:{port}: {error}; give another --port"

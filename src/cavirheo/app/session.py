@@ -11,15 +11,15 @@ from pathlib import Path
 from secrets import token_urlsafe
 from tempfile import TemporaryDirectory
 from threading import Lock, RLock, Timer
-from typing import Any
+from typing import Any, TypeVar
 
-from cavirheo.companions.values import published, set_beside, values_of
+from cavirheo.companions.published_values import published, set_beside, values_of
 from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError, number_of, require
-from cavirheo.inference import DEFAULT, check_level, check_models
+from cavirheo.inference.analysis import DEFAULT, Analysis
 from cavirheo.inference.model import shipped
 from cavirheo.inference.reconstruct import check_stretch
-from cavirheo.parallel import Once, Stoppable
+from cavirheo.parallel import Stoppable
 from cavirheo.physics.media import Medium, medium
 from cavirheo.posterior import Posterior
 from cavirheo.reading.camera import Camera
@@ -27,10 +27,14 @@ from cavirheo.reading.recordings import is_recording
 from cavirheo.reading.shots import check_max_radius
 from cavirheo.reading.subprocess_reader import Found, Reader
 from cavirheo.reporting.answer import CurveRecord
-from cavirheo.reporting.record import Pairs, Published, Result
+from cavirheo.reporting.group import Published
+from cavirheo.reporting.material import kept_material_of
+from cavirheo.reporting.record import Pairs, Result
 from cavirheo.video.measurement import Measurement
+from cavirheo.workflow.store import Store
 from cavirheo.writing.document import short_name
 
+_Found = TypeVar("_Found")
 YOURS = "your files"  # the folder of a visitor, which names the group of single-shot files
 
 
@@ -44,13 +48,11 @@ class VisitorLimits:
     frames: int = 400_000
     full: int = 100  # shots in one run with full uncertainty
     seconds: float = 20.0  # to read the files
+    readers: int = 3  # whose files are read at the same time
     film_seconds: float = 120.0  # to measure a recording
     film_mb: float = 500.0  # of its frames
     visitors: int = 100
     absent: float = 600.0  # s after which one who closed the page is forgotten
-
-
-ANSWERED = ("model", "material", "bubble", "verify")  # of PageSettings: how an answer is found
 
 
 @dataclass(frozen=True)
@@ -76,7 +78,6 @@ class PageSettings:
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "trust_input", bool(self.trust_input))
-        check_level(self.verify)
         if self.stretch != "free":
             check_stretch(self.stretch)
         unknown = f"unknown model {self.model!r}; known here: {', '.join(shipped())}"
@@ -84,7 +85,7 @@ class PageSettings:
         if self.model in shipped("point"):
             object.__setattr__(self, "material", None)
             object.__setattr__(self, "bubble", "field")
-        check_models(self.model, self.material, self.bubble, self.verify)
+        _ = self.analysis
 
     @classmethod
     def of(cls, values: Sequence[Any]) -> tuple[PageSettings, dict[str, str]]:
@@ -122,9 +123,10 @@ class PageSettings:
         return {"density": liquid.density, "pressure": liquid.pressure, "max_radius": scale, "group": self.group}
 
     @property
-    def compared(self) -> tuple[str, str | None, Medium, int | None]:
-        """Which window an answer is compared over, as `inference.trial` asks for it. Raises InputError."""
-        return self.model, self.material, self.liquid, self.window
+    def analysis(self) -> Analysis:
+        """What is asked of each curve. Raises InputError."""
+        names = ("model", "material", "bubble", "stretch", "window", "trust_input", "verify")
+        return Analysis(medium=self.liquid, **{name: getattr(self, name) for name in names})
 
 
 @dataclass(eq=False)
@@ -161,10 +163,16 @@ class Session:
     """One visitor. The files lie in a folder that goes with the session."""
 
     def __init__(
-        self, limits: VisitorLimits, reader: Reader, measurer: Reader | None = None, once: Once | None = None
+        self,
+        limits: VisitorLimits,
+        reader: Reader,
+        measurer: Reader | None = None,
+        store: Store | None = None,
+        zips: Store | None = None,
     ) -> None:
         self.limits, self.reader, self.settings = limits, reader, PageSettings()
-        self.once = once or Once(1)  # of all visitors: a class with one demo file waits for one answer to each shot
+        self.store, self.zips = store or Store(), zips or Store(most=1)  # of all visitors
+        self.keys: set[str] = set()  # of what this visitor has there
         self.measurer = measurer or reader  # its own, so that nobody's table waits for a film
         self.sent: list[str] = []  # uploads that are not looked at yet
         self.said = ""  # why the last thing that was asked was not done
@@ -307,6 +315,11 @@ class Session:
                     return self.answers, *pair, record
         raise InputError("no answer to check: infer first (step 3)", "app.no_answer")
 
+    def once(self, store: Store, key: str, work: Callable[[], _Found]) -> _Found:
+        """As `Store.once`: a class with one demo file waits for one answer, which goes with the last who has it."""
+        self.keys.add(key)
+        return store.once(key, work)
+
     def close(self) -> None:
         self.work.stopped.set()
         self._temporary.cleanup()
@@ -323,9 +336,9 @@ class Visitors:
     """The sessions by the page's own random name; nobody gets another's but by its link, which is as random."""
 
     def __init__(self, limits: VisitorLimits) -> None:
-        self.limits, self.reader = limits, Reader(limits.seconds)
+        self.limits, self.reader = limits, Reader(limits.seconds, processes=limits.readers)
         self.measurer = Reader(limits.film_seconds, at_once=False)
-        self.once, self._lock = Once(200), RLock()  # of a shot two answers
+        self.store, self.zips, self._lock = Store(most=200), Store(most=3), RLock()  # of a shot two answers
         self._sessions: dict[str, Session] = {}  # by their links, in the order of use
         self._links: dict[str, str] = {}  # by the names of pages
         self.forgotten: Callable[[str], Any] = lambda name: None  # told the name of each page that is
@@ -335,7 +348,7 @@ class Visitors:
         require(bool(name), "no session: reload the page")
         with self._lock:
             found = self._sessions.pop(self._links.get(name, ""), None)
-            session = found or Session(self.limits, self.reader, self.measurer, self.once)
+            session = found or Session(self.limits, self.reader, self.measurer, self.store, self.zips)
             self._sessions[session.link], self._links[name] = session, session.link
             session.calls += 1
             while len(self._sessions) > self.limits.visitors:
@@ -350,10 +363,10 @@ class Visitors:
             self._links[name] = link
             return self.of(name)
 
-    def latest(self) -> Answers | None:
-        """Of who asked last of those that have any."""
+    def answers(self, link: str) -> Answers | None:
+        """Of the session with this link."""
         with self._lock:
-            return next((one.answers for one in reversed(self._sessions.values()) if one.answers), None)
+            return self._sessions[link].answers if link in self._sessions else None
 
     def leave(self, name: str) -> None:
         """Forget this one after a while, unless something is asked for it again (a phone that slept, a reload)."""
@@ -371,8 +384,17 @@ class Visitors:
             elif session is not None and session.calls == calls:
                 self._close(session.link)
 
+    def end(self, session: Session) -> None:
+        """Close it, and forget the answers and zips that no other visitor has."""
+        session.close()
+        with self._lock:
+            others = set().union(*(one.keys for one in self._sessions.values()))
+        for store in (self.store, self.zips):
+            store.remove(session.keys - others)
+        kept_material_of.cache_clear()
+
     def _close(self, link: str) -> None:
-        self._sessions.pop(link).close()
+        self.end(self._sessions.pop(link))
         for name in [name for name, of in self._links.items() if of == link]:
             self.forgotten(name)
             del self._links[name]

@@ -8,16 +8,16 @@ import shutil
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import replace
+from functools import partial
 from itertools import count
 from pathlib import Path
 from typing import Any
 
-from cavirheo.app.session import ANSWERED, Answers, PageSettings, Session
-from cavirheo.companions.values import set_beside
+from cavirheo.app.session import Answers, PageSettings, Session
+from cavirheo.companions.published_values import set_beside
 from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError, number_of, require
-from cavirheo.inference import DEFAULT, infer_many
-from cavirheo.inference.fit import fit_many
+from cavirheo.inference import DEFAULT
 from cavirheo.inference.what_if import reach, seen, tried
 from cavirheo.posterior import Checks, Posterior
 from cavirheo.reading.subprocess_reader import Report
@@ -27,6 +27,7 @@ from cavirheo.reporting.answer import curve_record
 from cavirheo.reporting.bundle import zipped
 from cavirheo.reporting.input_remarks import unexplained
 from cavirheo.reporting.record import Pairs
+from cavirheo.workflow.analyse import of_file
 
 SLIDERS = {  # label, factor from SI
     "shear_modulus": ("Try G (kPa)", 1e-3),
@@ -47,22 +48,18 @@ def _found(session: Session, names: Sequence[str], verify: str) -> list[tuple[Ra
     out. verify: as in `infer_many`; at another level than is asked an answer is not trusted. Raises InputError."""
     with session.lock:
         settings, chosen = session.settings, [curve for curve in session.curves if curve.name in names]
-        liquids = {curve.name: session.settings_of(curve.name).liquid for curve in chosen}
+        asked = {curve.name: replace(session.settings_of(curve.name), verify=verify).analysis for curve in chosen}
     require(bool(chosen), "no shots: load a file in step 1, and choose shots in step 2", "app.no_shots")
     many = f"full uncertainty for {len(chosen)} shots; at most {session.limits.full} at once: choose fewer in step 2, "
     fine = verify != "full" or len(chosen) <= session.limits.full
     require(fine, f"{many}or use the command line (cavirheo infer --verify full)", "app.too_many_full")
-    options: dict[str, Any] = {
-        name: getattr(settings, name) for name in ("stretch", "window", "trust_input", *ANSWERED)
-    }
-    options["verify"] = verify
     soon, workers = session.soon, max((os.cpu_count() or 1) // len(chosen), 1)
-    mark = {"verdict": "unverified", "message": ""} if verify != settings.verify else {}
+    mark = {"verdict": "unverified", "messages": []} if verify != settings.verify else {}
 
     def one(curve: RadiusCurve) -> Posterior:
-        alone = curve.with_group("", "")  # which material it is of does not matter
-        mine = options | {"medium": liquids[curve.name]}
-        found = session.once(lambda: infer_many([curve], **mine, workers=workers)[0], alone, mine)
+        analysis = asked[curve.name]
+        found = session.once(session.store, analysis.key(curve), lambda: analysis.answer(curve, workers=workers))
+        found = of_file(found, curve)
         row = curve_record(*session.grouped([(curve, found)])[0])
         if row.answered or not mark:
             soon[curve.name] = row.model_copy(update=mark)
@@ -134,15 +131,12 @@ def fit(session: Session, name: str | None) -> None:
     """The conventional fit of one answered curve: same law, bubble, medium, window and stretch. Raises InputError."""
     with session.lock:
         (answers, curve, posterior, _), settings = session.find(name), session.settings_of(name or "")
-    options: dict[str, Any] = {"window": settings.window, "stretch": settings.stretch, "medium": settings.liquid}
-    options |= {"trust_input": settings.trust_input}
+    end = None
     if settings.material is None:  # a network that reads its own window
-        options["end"] = seen(curve, *settings.compared).end * (1.0 + 1e-9)
-
-    def one(curve: RadiusCurve) -> Posterior:
-        return fit_many([curve], posterior.material, bubble=posterior.bubble, **options)[0]
-
-    (found,) = session.work.each(one, [curve])
+        end = seen(curve, settings.analysis).end * (1.0 + 1e-9)
+    model: dict[str, Any] = {"material": posterior.material, "bubble": posterior.bubble}
+    analysis = replace(settings.analysis, method="fit", free=None, verify="auto", end=end, **model)
+    (found,) = session.work.each(analysis.answer, [curve])
     with session.lock:
         if found is None or session.answers is not answers:
             raise InputError(_CHANGED, "app.changed")
@@ -160,7 +154,7 @@ def trial(session: Session, name: str, values: Sequence[float | None]) -> tuple[
     where it fails, why, and nothing to draw."""
     _, curve, posterior, _ = session.find(name)
     given = {key: v / SLIDERS[key][1] for key, v in zip(SLIDERS, values, strict=True) if v is not None}
-    found = tried(curve, posterior, given, *session.settings_of(name).compared)
+    found = tried(curve, posterior, given, session.settings_of(name).analysis)
     return found, plots.lines(found, 0.0 if found.verdict == "failed" else curve.time_of_max)
 
 
@@ -179,7 +173,9 @@ def export(session: Session, progress: Report) -> tuple[Path, list[Path]]:
     number, shots, place = count(1), len(answers.pairs) + len(fits), session.folder / "export"
     made = session.folder / "cavirheo-result.zip"
     with session.exporting:
-        drawn = zipped(answers.pairs, answers.document, fits, lambda: progress(next(number) / (shots + 1), "drawn"))
+        kept = partial(session.once, session.zips)
+        done = lambda: progress(next(number) / (shots + 1), "drawn")  # noqa: E731
+        drawn = zipped(answers.pairs, answers.document, fits, done, kept)
         made.write_bytes(drawn)
         shutil.rmtree(place, ignore_errors=True)
         shutil.unpack_archive(made, place)

@@ -14,7 +14,7 @@ from cavirheo.inference import AUTO, DEFAULT
 from cavirheo.inference.model import card, shipped
 from cavirheo.inference.what_if import seen
 from cavirheo.reporting import html
-from cavirheo.reporting.answer import CurveRecord, curve_record, parameter_key
+from cavirheo.reporting.answer import CurveRecord, Sentence, curve_record, parameter_key
 from cavirheo.reporting.citation import TITLE, methods_if_any
 from cavirheo.reporting.curve_lines import preview_lines
 from cavirheo.reporting.input_remarks import causes, cells, notes, pooled, warnings
@@ -70,8 +70,8 @@ def told(error: Exception | str) -> str:
 def _told(records: Sequence[CurveRecord]) -> list[CurveRecord]:
     """The rows with messages as `told`."""
     return [
-        one.model_copy(update={"message": told(one.message), "doubts": [told(doubt) for doubt in one.doubts]})
-        for one in records
+        row.model_copy(update={"messages": [Sentence(code=one.code, text=told(one.text)) for one in row.messages]})
+        for row in records
     ]
 
 
@@ -120,7 +120,7 @@ def prepared(curve: RadiusCurve, settings: PageSettings) -> str:
     it."""
     picture, said = "", warnings([curve])
     try:
-        picture = curve_svg(preview_lines(curve, seen(curve, *settings.compared).curve))
+        picture = curve_svg(preview_lines(curve, seen(curve, settings.analysis).curve))
     except InputError as error:
         said = {str(error): [curve.name]}
     return part("prepared", picture, {told(text): names for text, names in said.items()}, notes([curve]))

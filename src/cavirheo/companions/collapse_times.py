@@ -1,7 +1,7 @@
 """Tables of collapse times, or curves -> G and mu of each material (inference/collapse_time).
 
-What is read: docs/how-to/collapse-time.md. shots.csv has a line per shot; collapse-time.json
-(`CollapseTimes`): every number is SI and finite, or null where it was not found; `message` then says why.
+What is read: docs/how-to/collapse-time.md. shots.csv has a line per shot; collapse-time.json (`CollapseTimes`): every
+number is SI and finite, or null where it was not found; `message` then says why.
 """
 
 from __future__ import annotations
@@ -12,12 +12,11 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
-from cavirheo.companions.collapse_groups import MEASURED, CollapseGroup, CollapseShot
 from cavirheo.companions.panels import headed, named_curves, one_panel, two_panels
 from cavirheo.curve import RadiusCurve
-from cavirheo.errors import InputError, printable, require
+from cavirheo.errors import InputError, SolverError, printable, require
 from cavirheo.inference import input_checks
-from cavirheo.inference.collapse_time import CollapseEstimate, CollapseValue, shot, unusable
+from cavirheo.inference.collapse_time import CollapseEstimate, CollapseValue, Shots, estimate, shot, unusable
 from cavirheo.physics.collapse import analytic_time, rayleigh_time
 from cavirheo.physics.media import Medium
 from cavirheo.reading.columns import read_columns
@@ -26,10 +25,9 @@ from cavirheo.reading.matlab import read_variables
 from cavirheo.reading.selection import Chosen, selected
 from cavirheo.reading.shots import read_shots
 from cavirheo.reading.vocabulary import LENGTH_UNITS, TIME_UNITS, Term, Vocabulary
-from cavirheo.reporting import file_names
 from cavirheo.writing import digits, terminal
-from cavirheo.writing.document import Document, Outputs, Quantity, write_rows
-from cavirheo.writing.style import BLUE, INK, VERMILLION, save_png, write
+from cavirheo.writing.document import Document, Finite, Quantity, Record, write_rows
+from cavirheo.writing.style import BLUE, INK, VERMILLION, write
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -46,12 +44,100 @@ VOCABULARY = Vocabulary(
     dict.fromkeys(("no_unit", "unit"), "collapse_time.unit")
     | {"twice": "collapse_time.twice", "rows": "collapse_time.no_rows"},
 )
-_OF_A_TABLE = (
-    "limits.",
-    "tabular.width",
-    "tabular.units",
-    "collapse_time.",
-)  # errors; after others there may be curves
+_OF_A_TABLE = ("limits.", "tabular.width", "tabular.units", "collapse_time.")  # errors; after others it may be curves
+
+
+class CollapseShot(Record):
+    """One shot.
+
+    Attributes:
+        name: of the shot.
+        max_radius_m: R_max, m.
+        stretch: lambda = R_max/R_0.
+        stretch_from: where lambda comes from.
+        collapse_time_s: t_1, from R_max to the first minimum, s.
+        measured: t_1/t_RC.
+        analytic: t_1/t_RC of the analytic model.
+        exact: t_1/t_RC of the simulation.
+        message: why it cannot be used, empty if it can.
+    """
+
+    name: str
+    max_radius_m: Finite = None
+    stretch: Finite = None
+    stretch_from: str = ""
+    collapse_time_s: Finite = None
+    measured: Finite = None
+    analytic: Finite = None
+    exact: Finite = None
+    message: str = ""
+
+
+class CollapseGroup(Record):
+    """The shots of one material and what they say.
+
+    Attributes:
+        name: of the table, or of the file or folder of curves.
+        source: this file or folder.
+        source_sha256: its SHA-256.
+        n: shots.
+        unusable: how many of them could not be used; their `message` says why.
+        notes: on the group as a whole.
+        doubts: about the recordings and their settings.
+        analytic: answer of the analytic model.
+        exact: answer with simulated collapse times; null unless it was asked for.
+        shots: R_max, lambda, t_1 and t_1/t_RC of each.
+    """
+
+    name: str
+    source: str
+    source_sha256: str
+    n: int = 0
+    unusable: int = 0
+    notes: list[str] = []
+    doubts: list[str] = []
+    analytic: CollapseEstimate | None = None
+    exact: CollapseEstimate | None = None
+    shots: list[CollapseShot]
+
+    def model_post_init(self, _: Any) -> None:
+        self.n, self.unusable = len(self.shots), len(self.shots) - len(self.usable)
+
+    @property
+    def usable(self) -> list[CollapseShot]:
+        return [shot for shot in self.shots if not shot.message]
+
+    @property
+    def estimates(self) -> dict[str, CollapseEstimate]:
+        """The answers by model."""
+        return {name: found for name in ("analytic", "exact") if (found := getattr(self, name))}
+
+    @property
+    def best(self) -> CollapseEstimate | None:
+        """The exact answer where there is one."""
+        return self.exact or self.analytic
+
+    def measured(self) -> Shots:
+        """Of the usable shots."""
+        values = [(one.max_radius_m, one.stretch, one.collapse_time_s) for one in self.usable]
+        radius, stretch, time = np.array(values, dtype=float).T
+        return Shots(radius, stretch, time, [one.name for one in self.usable])
+
+    def answer(self, material: str, *, exact: bool = False, **options: Any) -> None:
+        """Estimate G and mu from the usable shots, if any; `options` are those of `estimate`.
+
+        A simulation that fails leaves no exact answer, and a note.
+        """
+        for name in ("analytic", "exact")[: 1 + exact] if self.usable else ():
+            try:
+                found = estimate(self.measured(), material, exact=name == "exact", **options)
+            except SolverError as error:
+                self.notes.append(f"no exact answer: {error}")
+                return
+            setattr(self, name, found)
+            for one, ratio, model in zip(self.usable, found.measured, found.model, strict=True):
+                one.measured = ratio
+                setattr(one, name, model)
 
 
 class CollapseTimes(Document):
@@ -71,7 +157,7 @@ class CollapseTimes(Document):
     @property
     def modulus_unit(self) -> tuple[float, str]:
         """(factor from Pa, its name) of G in all tables and pictures of this document."""
-        found = [one.shear_modulus_Pa.value for group in self.groups for one in group.estimates().values()]
+        found = [one.shear_modulus_Pa.value for group in self.groups for one in group.estimates.values()]
         return digits.modulus_unit(value for value in found if value)
 
 
@@ -90,7 +176,6 @@ def read_groups(
     groups: list[CollapseGroup] = []
     problems: list[str] = []
     curves: list[Path] = []
-    constants: Any = {"density": medium.density, "pressure": medium.pressure}
     for path in map(Path, files):
         try:
             table = read_table(path, stretch, chosen)
@@ -99,24 +184,32 @@ def read_groups(
         else:
             groups += [table] if table else []
             curves += [] if table else [path]
-    found, unread, again = read_shots(curves, group=group, shots=chosen, **constants)
+    constants: Any = {"density": medium.density, "pressure": medium.pressure}
+    found, unread, again, hints = read_shots(curves, group=group, shots=chosen, **constants)
     members: dict[tuple[str, str], list[RadiusCurve]] = {}
     for curve in found:
         members.setdefault((curve.group, curve.group_source), []).append(curve)
     for (name, source), mine in members.items():
         sha256 = mine[0].source_sha256 if source == mine[0].source else ""
-        doubtful = [f"{curve.name}: {doubt}" for curve in mine for doubt in input_checks.plain(curve, medium)]
+        doubtful = [f"{curve.name}: {one.text}" for curve in mine for one in input_checks.plain(curve, medium)]
         shots = [_read_off(curve, stretch) for curve in mine]
         groups.append(CollapseGroup(name=name, source=source, source_sha256=sha256 or "", doubts=doubtful, shots=shots))
-    return groups, problems + unread, again
+    return groups, problems + unread, again + hints
 
 
 def _read_off(curve: RadiusCurve, stretch: float | None) -> CollapseShot:
     try:
         found, origin = shot(curve, stretch)
     except InputError as error:
-        return CollapseShot(name=curve.name, message=str(error).removeprefix(f"{curve.name}: "))
-    return CollapseShot.of(curve.name, (found.max_radius[0], found.stretch[0], found.time[0]), origin)
+        return CollapseShot(name=curve.name, message=error.message)
+    return _shot(curve.name, (found.max_radius[0], found.stretch[0], found.time[0]), origin)
+
+
+def _shot(name: str, values: Sequence[float], origin: str) -> CollapseShot:
+    """Of R_max, lambda and t_1 in SI, and where lambda comes from."""
+    R, stretch, t = values
+    how: Any = {"stretch_from": origin, "message": unusable(R, stretch, t)}
+    return CollapseShot(name=name, max_radius_m=R, stretch=stretch, collapse_time_s=t, **how)
 
 
 def read_table(path: Path, stretch: float | None = None, chosen: Chosen = None) -> CollapseGroup | None:
@@ -134,7 +227,7 @@ def read_table(path: Path, stretch: float | None = None, chosen: Chosen = None) 
                 if error.code.startswith(_OF_A_TABLE):
                     raise
                 return None  # the reader of curves knows more kinds of files, and says what is wrong
-            columns = [column and column.si for column in map(table.one, MEASURED)]
+            columns = [column and column.si for column in map(table.one, ("R_max", "lambda", "t_1"))]
             name, notes = table.one("name"), table.notes
             names = name.text if name else []
         radius, given, time = columns
@@ -144,7 +237,7 @@ def read_table(path: Path, stretch: float | None = None, chosen: Chosen = None) 
         rows = np.column_stack([radius, np.full(len(time), stretch) if given is None else given, time]).tolist()
         names = names or [str(k) for k in range(1, len(rows) + 1)]
         origin = "given" if given is None else "table"
-        shots = [CollapseShot.of(name, of, origin, unusable(*of)) for name, of in zip(names, rows, strict=True)]
+        shots = [_shot(name, of, origin) for name, of in zip(names, rows, strict=True)]
         about: Any = {"source": shown(path), "source_sha256": sha256(path), "notes": notes}
         return CollapseGroup(name=printable(path.stem), shots=selected(shots, chosen), **about)
 
@@ -184,10 +277,9 @@ def print_table(document: CollapseTimes) -> None:
     table = terminal.table("material", heads, left=("model",))
     for who, group in zip(digits.shortened([group.name for group in document.groups]), document.groups, strict=True):
         n = f"{group.n}" if not group.unusable else f"{group.n - group.unusable}/{group.n}"
-        for name, found in (group.estimates() or {digits.MISSING: CollapseEstimate()}).items():
+        for k, (name, found) in enumerate((group.estimates or {digits.MISSING: CollapseEstimate()}).items()):
             G, mu = _interval(found.shear_modulus_Pa, factor, joint="\n"), _interval(found.viscosity_Pa_s, joint="\n")
-            table.add_row(who, n, name, G, mu, digits.percent(found.scatter))
-            who = ""
+            table.add_row("" if k else who, n, name, G, mu, digits.percent(found.scatter))
     console.print(table)
     remarks = terminal.once(remark for group in document.groups for remark in _remarks(group, factor, unit))
     terminal.print_remarks(console, remarks, most=5)
@@ -201,7 +293,7 @@ def print_table(document: CollapseTimes) -> None:
 
 def _remarks(group: CollapseGroup, factor: float, unit: str) -> Iterator[tuple[str, str]]:
     """(whom it is about, what is to be known)."""
-    for name, found in group.estimates().items():
+    for name, found in group.estimates.items():
         who = f"{group.name} ({name})"
         yield who, found.message
         if found.downweighted:
@@ -211,33 +303,22 @@ def _remarks(group: CollapseGroup, factor: float, unit: str) -> Iterator[tuple[s
             yield who, f"equally good pairs (G {unit}, µ Pa s): {pairs}"
     for one in group.shots:
         if one.message:
-            who = one.name if one.name.startswith(group.name) else f"{group.name} {one.name}"
-            yield who, f"left out: {one.message}"
+            yield (
+                one.name if one.name.startswith(group.name) else f"{group.name} {one.name}",
+                f"left out: {one.message}",
+            )
     for note in (*group.doubts, *group.notes):
         yield group.name, note
     if origins := sorted({shot.stretch_from for shot in group.shots} - {"", "table"}):
         yield group.name, f"lambda: {', '.join(origins)}"
 
 
-def write_pictures(outputs: Outputs, document: CollapseTimes) -> list[str]:
-    """One PNG per group that has an answer; what is to be said of those that cannot be drawn."""
-    names = file_names([group.name for group in document.groups])
-    medium = Medium(**document.medium, unusual=True)
-    said: list[str] = []
-    for group, name in zip(document.groups, names, strict=True):
-        if group.best is not None:
-            how = group, group.best, medium, document.modulus_unit
-            said += outputs.picture(f"{name}.png", save_png, figure, *how)
-    return said
-
-
-def figure(group: CollapseGroup, best: CollapseEstimate, medium: Medium, unit: tuple[float, str]) -> Figure:
+def figure(group: CollapseGroup, document: CollapseTimes) -> Figure:
     """Above, t_1/t_RC of the shots and of the best model, with the analytic curve at the median lambda; below,
-    residuals. Where G and mu were not both found: the equally good pairs.
-    """
-    factor, name = unit
+    residuals. Where G and mu were not both found: the equally good pairs."""
+    (factor, name), best, count = document.modulus_unit, group.best, digits.counted(len(group.usable), "collapse time")
+    assert best is not None
     G, mu = best.shear_modulus_Pa, best.viscosity_Pa_s
-    count = f"{len(group.usable)} collapse time" + "s" * (len(group.usable) != 1)
     if G.value is None or mu.value is None:
         drawing = headed(group.name, count, ["G and µ: one relation, not both"])
         pairs = np.array(best.pairs).reshape(-1, 2) * [factor, 1.0]
@@ -246,34 +327,33 @@ def figure(group: CollapseGroup, best: CollapseEstimate, medium: Medium, unit: t
         said = "every pair on this line has the measured collapse times" if len(pairs) else "no pair gives such times"
         write(axes, 0.02, 0.93, said, size=9, color=INK)
         return drawing
-    answer = [f"G = {_interval(G, factor)} {name}", f"µ = {_interval(mu)} Pa s"]
-    drawing = headed(group.name, count, [*answer, "exact" if group.exact else "analytic"])
+    answer = [f"G = {_interval(G, factor)} {name}", f"µ = {_interval(mu)} Pa s", "exact" if group.exact else "analytic"]
     labels = (r"$t_1/t_\mathrm{RC}$", r"$R_\mathrm{max}$ (µm)", r"$t_1$ from model (%)")
+    medium, shots, drawing = (
+        Medium(**document.medium, unusual=True),
+        group.measured(),
+        headed(group.name, count, answer),
+    )
     upper, lower = two_panels(drawing, *labels)
-    radius, stretches, _ = group.columns()
-    radius = 1e6 * radius
-    measured, model = np.array(best.measured, dtype=float), np.array(best.model, dtype=float)
+    radius, measured, model = 1e6 * shots.max_radius, shots.ratio(medium), np.array(best.model, dtype=float)
+    heavy, away = np.array(best.weight) >= 0.5, 100 * (measured / model - 1)
     upper.plot(radius, measured, "o", ms=4.5, mew=0, color=BLUE, label="measured", zorder=3)
     if np.isfinite(model).any():
         upper.plot(radius, model, "s", ms=4.2, mew=1.0, mfc="none", mec=VERMILLION, label="model", zorder=4)
-        heavy = np.array(best.weight) >= 0.5
-        away = 100 * (measured / model - 1)
         lower.plot(radius[heavy], away[heavy], "o", ms=4, mew=0, color=BLUE)
         lower.plot(radius[~heavy], away[~heavy], "x", ms=5, mew=1.4, color=INK)
-        if not heavy.all():
-            write(lower, 1.0, 1.05, "× weighted down", size=8, color=INK, ha="right")
+        write(lower, 1.0, 1.05, "× weighted down" * (not heavy.all()), size=8, color=INK, ha="right")
         most = 1.15 * float(np.nanmax(np.abs(away))) or 1.0
         lower.set_ylim(-most, most)
-        if radius.size > 1:
-            across = np.geomspace(radius.min() * 0.97, radius.max() * 1.03, 200) * 1e-6
-            stretch = float(np.median(stretches))
-            times = analytic_time(across, stretch, G.value, mu.value, medium) / rayleigh_time(across, medium)
-            label = f"analytic, λ = {digits.significant(stretch, 2)}"
-            upper.plot(1e6 * across, np.where(np.isfinite(times), times, np.nan), lw=1, color=VERMILLION, label=label)
+        across = np.geomspace(radius.min() * 0.97, radius.max() * 1.03, 200) * 1e-6
+        stretch = float(np.median(shots.stretch))
+        times = analytic_time(across, stretch, G.value, mu.value, medium) / rayleigh_time(across, medium)
+        label = f"analytic, λ = {digits.significant(stretch, 2)}"
+        upper.plot(1e6 * across, np.where(np.isfinite(times), times, np.nan), lw=1, color=VERMILLION, label=label)
     lower.axhline(0.0, color=INK, lw=0.8)
     upper.axhline(1.0, color=INK, lw=0.8, ls=(0, (2, 3)), zorder=0)
-    margin = 0.02 * max(float(np.ptp(radius)), 10.0)
+    margin = 0.04 * max(float(np.ptp(radius)), 10.0)
     for axes in (upper, lower):
-        axes.set_xlim(radius.min() - 2 * margin, radius.max() + 2 * margin)
+        axes.set_xlim(radius.min() - margin, radius.max() + margin)
     named_curves(upper, 3)
     return drawing

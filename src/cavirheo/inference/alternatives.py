@@ -1,16 +1,17 @@
-"""What other models, and other modes of the same model, mean for an answer: a sentence each, for its message."""
+"""What other models, and other modes of the same model, mean for an answer: a message each."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from cavirheo.arrays import Floats, log_sum
+from cavirheo.messages import Message
 from cavirheo.parameters import of_the_law
-from cavirheo.posterior import Checks, Evidence, OtherAnswer, Posterior, Verdict, in_words, intervals
+from cavirheo.posterior import Checks, Evidence, OtherAnswer, Posterior, Verdict, intervals
 
 LAPLACE = 5.0  # standard error of the log of Laplace's integral against that of draws (benchmarks/evidence.md)
 LIMIT = 0.2  # prior probability that nothing resists in a real bubble: then it is the field's
@@ -61,19 +62,19 @@ def averaged(log_weight: Floats, evidence: Evidence, limit_weight: Floats, limit
     return Averaged(np.concatenate(both), Evidence(log, error), probability)
 
 
-def judged(answer: Posterior, said: Iterable[str] = ()) -> Checks:
-    """Its checks with these sentences and those of `compared`, each once. The verdict of an answer that its simulation
+def judged(answer: Posterior, said: Iterable[Message] = ()) -> Checks:
+    """Its checks with these messages and those of `compared`, each once. The verdict of an answer that its simulation
     follows is "other_model_preferred" where the evidence rejects its model."""
     checks, here = answer.checks, itself(answer)
     rejected = any(_surely_above(one, here) for one in _others(answer))
     verdict: Verdict = "other_model_preferred" if rejected and checks.verdict in _FOLLOWED else checks.verdict
-    new = (sentence for sentence in (*said, *compared(answer)) if sentence not in checks.message)
-    told = [*new, checks.message] if verdict == "other_model_preferred" else [checks.message, *new]
-    return replace(checks, verdict=verdict, message="; ".join(filter(None, told)))
+    new = [message for message in (*said, *compared(answer)) if message not in checks.messages]
+    told = [*new, *checks.messages] if verdict == "other_model_preferred" else [*checks.messages, *new]
+    return replace(checks, verdict=verdict, messages=tuple(told))
 
 
-def compared(answer: Posterior) -> list[str]:
-    """A sentence on another model if the evidence prefers it, whatever the errors, or if another bubble that the
+def compared(answer: Posterior) -> list[Message]:
+    """A message on another model if the evidence prefers it, whatever the errors, or if another bubble that the
     evidence does not reject gives a G or a viscosity whose 90 % interval does not meet the answer's; and one on each
     other mode of the same model whose evidence is not smaller by more than DECISIVE and whose interval of a parameter
     of the law does not meet the answer's.
@@ -85,8 +86,7 @@ def compared(answer: Posterior) -> list[str]:
     rivals = [one for one in _others(answer) if _surely_above(one, here) or _other_bubble_disagrees(one, here)]
     said = [_sides(here, max(rivals, key=_log))] if rivals else []
     return said + [
-        f"two solutions of the same model follow the recording: {_values(here, stretch=True)}, or "
-        f"{_values(one, stretch=True)}{_preferred(one, here, 'the second', 'the first')}"
+        Message("mode.other", _beside(one, here, stretch=True))
         for one in modes
         if _above(one, here) >= -DECISIVE and _apart(_ends(one), _ends(here))
     ]
@@ -99,24 +99,18 @@ def _others(answer: Posterior) -> list[OtherAnswer]:
     return list(best.values())
 
 
-def chosen_among(answer: Posterior, candidates: Iterable[Posterior]) -> list[str]:
-    """A sentence on what the evidence says of the models that the answer was chosen from, if there are others."""
+def chosen_among(answer: Posterior, candidates: Iterable[Posterior]) -> list[Message]:
+    """A message on what the evidence says of the models that the answer was chosen from, if there are others."""
     here = itself(answer)
     rivals = [one for one in map(itself, candidates) if model_of(one) != model_of(here) and one.evidence]
     if not (rivals and here.evidence):
         return []
     rivals.sort(key=_log, reverse=True)
-    tells = {
-        "law": any(one.material != here.material for one in rivals),
-        "bubble": any(one.bubble.name != here.bubble.name for one in rivals),
-    }
-    parts: dict[str, list[str]] = {"also possible": [], "rejected": []}
+    found = []
     for one in rivals:
         gain = _above(one, here)
-        words = "equally likely" if equal(gain) else f"e^{abs(gain):.0f} times {'more' if gain > 0 else 'less'} likely"
-        parts["rejected" if gain < -DECISIVE else "also possible"].append(f"{_named(one, **tells)} ({words})")
-    messages = [f"{words}: {', '.join(some)}" for words, some in parts.items() if some]
-    return [f"chosen by evidence: {_named(here, **tells)}, {', '.join(messages)}"]
+        found.append({**_described(one), "gain": gain, "equal": equal(gain), "rejected": gain < -DECISIVE})
+    return [Message("model.chosen", {"here": _described(here), "rivals": found})]
 
 
 def itself(answer: Posterior) -> OtherAnswer:
@@ -165,40 +159,30 @@ def _apart(one: Mapping[str, _Interval], other: Mapping[str, _Interval]) -> bool
     return any(a[2] < b[0] or b[2] < a[0] for a, b in pairs)
 
 
-def _sides(here: OtherAnswer, there: OtherAnswer) -> str:
-    """Both by what tells them apart, law or bubble, and their values; which is preferred, and by how much."""
-    tells: dict[str, bool] = {"law": here.material != there.material, "bubble": here.bubble.name != there.bubble.name}
-    first, second = (f"{_named(one, **tells)} with {_values(one)}" for one in (here, there))
-    if _surely_above(there, here):
-        return f"the evidence prefers another model{_by(there, here)}: {second}, instead of {first}"
-    words = "another model is not rejected and gives other values"
-    return f"{words}: {second}, instead of {first}{_preferred(there, here, 'the other', 'this answer')}"
+def _sides(here: OtherAnswer, there: OtherAnswer) -> Message:
+    """Both with their values; which is preferred, and by how much."""
+    code = "model.rejected" if _surely_above(there, here) else "model.possible"
+    return Message(code, _beside(there, here))
 
 
-def _named(one: OtherAnswer, *, law: bool, bubble: bool) -> str:
-    """By its law, by the words for its bubble, or both."""
-    return ", ".join([one.material] * law + [one.bubble.title] * bubble)
+def _described(one: OtherAnswer, *, stretch: bool = False) -> dict[str, Any]:
+    """A model in a message: its law, its bubble in words, and the values of the law's parameters."""
+    ends = {name: value for name, value in _ends(one).items() if of_the_law(name) or (stretch and name == "stretch")}
+    return {"material": one.material, "bubble": one.bubble.title, "values": ends, "interval": bool(one.intervals)}
+
+
+def _beside(there: OtherAnswer, here: OtherAnswer, *, stretch: bool = False) -> dict[str, Any]:
+    """Both in a message, and how far the log evidence of the first lies above the other's (`rough`: roughly known)."""
+    gain = _above(there, here)
+    return {
+        "there": _described(there, stretch=stretch),
+        "here": _described(here, stretch=stretch),
+        "gain": gain if gain == gain else None,
+        "equal": equal(gain),
+        "rough": bool(there.evidence and (there.evidence.error or 0.0) >= DECISIVE),
+    }
 
 
 def _ends(one: OtherAnswer) -> Mapping[str, _Interval]:
     """Its intervals; without any, each best value as both ends of one."""
     return one.intervals or {name: (value, value, value) for name, value in one.best.items()}
-
-
-def _values(one: OtherAnswer, *, stretch: bool = False) -> str:
-    shown = {name: ends for name, ends in _ends(one).items() if of_the_law(name) or (stretch and name == "stretch")}
-    words = ", ".join(in_words(name, ends) for name, ends in shown.items())
-    return words if one.intervals else f"{words} (no interval)"
-
-
-def _preferred(there: OtherAnswer, here: OtherAnswer, other: str, this: str) -> str:
-    """' (the evidence prefers the second by a factor of e^12)'; nothing where one has no evidence."""
-    gain = _above(there, here)
-    if equal(gain):
-        return " (equally likely)"
-    return f" (the evidence prefers {other if gain > 0 else this}{_by(there, here)})" if gain == gain else ""
-
-
-def _by(there: OtherAnswer, here: OtherAnswer) -> str:
-    rough = "about " * bool(there.evidence and (there.evidence.error or 0.0) >= DECISIVE)
-    return f" by a factor of {rough}e^{abs(_above(there, here)):.0f}"

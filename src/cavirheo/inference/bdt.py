@@ -23,6 +23,7 @@ from cavirheo.errors import InputError, expect_whole, require
 from cavirheo.inference import input_checks
 from cavirheo.inference.model import Network
 from cavirheo.inference.reconstruct import MISFIT, check_stretch, fit_stretch, reconstruct, window
+from cavirheo.messages import Message
 from cavirheo.parameters import natural, natural_name, scaled, units
 from cavirheo.physics.materials import MATERIALS, Material
 from cavirheo.physics.media import WATER, Medium
@@ -30,8 +31,6 @@ from cavirheo.posterior import Checks, Diagnostics, Posterior, Verdict
 from cavirheo.problem import natural_values
 
 MODULUS = "shear_modulus"
-LIQUID = "so soft a material may be a liquid: try --model bdt-viscous"
-ELASTIC = "the material may be elastic: try --model bdt-viscoelastic"
 SHORTEST = 0.9  # of the network's samples that must lie inside the recording; the others are taken as the last one
 NEAR = (0.73, 1.35)  # R_max over that of the training, where log10 mu is off by 0.03 or less (benchmarks/scale_bias.md)
 
@@ -39,7 +38,7 @@ NEAR = (0.73, 1.35)  # R_max over that of the training, where log10 mu is off by
 @dataclass(frozen=True)
 class Amortised:
     """Estimator: a network and the settings of the shot. `stretch` None is fitted; `collapses` limits the window of
-    the check and of the stretch (the network always reads its own); with `trust_input` doubts decide no verdict."""
+    the check and of the stretch (the network always reads its own); with `trust_input` warnings decide no verdict."""
 
     model: Network
     medium: Medium = WATER
@@ -62,8 +61,8 @@ class Amortised:
         found: dict[str, Any] = {}
         try:
             theta, checks, found = _Reading(self, curve).answer()
-            checks = input_checks.doubted(checks, self._doubts(curve), self.trust_input)
-        except Exception as error:  # of this curve alone
+            checks = input_checks.warned(checks, self._warnings(curve), self.trust_input)
+        except input_checks.ERRORS as error:  # of this curve alone
             theta, checks = np.empty((0, len(names))), input_checks.failed(error, curve, self.medium)
         provenance = {
             "cavirheo": version("cavirheo"),
@@ -76,14 +75,14 @@ class Amortised:
         material = self.model.problem.material_name
         return Posterior(names, units(names), theta, checks, material, "bdt", provenance, **found)
 
-    def _doubts(self, curve: RadiusCurve) -> list[str]:
+    def _warnings(self, curve: RadiusCurve) -> list[Message]:
         said, names = input_checks.plain(curve, self.medium), self.model.outputs
         if spiking := input_checks.without_spikes(curve):
-            difference, other = spiking
+            frames, other = spiking
             with suppress(InputError):  # read so it is no curve: nothing to compare
                 change = self.network_alone(other) - self.network_alone(curve)
                 factors = {natural_name(name): 10.0**d for name, d in zip(names, change, strict=True)}
-                said += input_checks.moved(difference, factors)
+                said += input_checks.moved(frames, factors)
         return said
 
     def network_alone(self, curve: RadiusCurve) -> Floats:
@@ -106,10 +105,11 @@ class _Reading:
         if np.count_nonzero(~self.missing) < SHORTEST * self.frames:
             end = curve.time[np.isfinite(curve.radius)][-1] - curve.time_of_max
             raise InputError(
-                f"{curve.name}: the recording ends {end * 1e6:.4g} us after R_max; the model reads "
+                f"the recording ends {end * 1e6:.4g} us after R_max; the model reads "
                 f"{read_until * 1e6:.4g} us (t* = {read_until / self.time_scale:.2f}) and needs at least "
                 f"{SHORTEST:.0%} of them",
                 "amortised.too_short",
+                curve.name,
             )
         self.view = window(curve, collapses=settings.collapses, end=read_until)
         self.low, self.high = np.transpose([self.problem.prior.bounds(name) for name in self.model.outputs])
@@ -140,28 +140,33 @@ class _Reading:
         return MATERIALS[self.problem.material_name](**self._natural())
 
     def _checks(self, stretch: float) -> Checks:
-        outside = [
-            f"{natural_name(name)} (at the training scale 10^{value:.2f}, trained in 10^{a:g} to 10^{b:g})"
+        messages = [
+            self._outside(natural_name(name), value, a, b)
             for name, value, a, b in zip(self.model.outputs, self.theta, self.low, self.high, strict=True)
             if not a - 0.02 <= value <= b + 0.02
         ]
         a, b = self.problem.prior.bounds("stretch")
         if not 0.97 * a <= stretch <= 1.03 * b:
-            outside.append(f"stretch {stretch:.3g} (trained in {a:g} to {b:g})")
-        low, high = (self.problem.reference_max_radius * end * 1e6 for end in NEAR)
-        if not low <= self.max_radius * 1e6 <= high:
-            knows = f"trained at {self.problem.reference_max_radius * 1e6:.4g} um: right from {low:.0f} to {high:.0f}"
-            outside.append(f"R_max {self.max_radius * 1e6:.4g} um ({knows}; the default model knows all sizes)")
-        verdict: Verdict = "outside_training_range" if outside else "ok"
-        messages = ["outside the training range: " + ", ".join(outside)] if outside else []
+            messages.append(self._outside("stretch", stretch, a, b))
+        trained_at = self.problem.reference_max_radius
+        low, high = (trained_at * end for end in NEAR)
+        if not low <= self.max_radius <= high:
+            messages.append(self._outside("max_radius", self.max_radius, low, high, trained_at=trained_at))
+        verdict: Verdict = "outside_training_range" if messages else "ok"
         read = zip(self.model.outputs, self.theta, self.low, strict=True)
         softer = [a - value for name, value, a in read if MODULUS in name]
-        messages += [LIQUID] if any(by > 0.02 for by in softer) else []
+        if any(by > 0.02 for by in softer):
+            messages.append(Message("network.liquid"))
         if self.missing.any():
-            messages.append(
-                f"{np.count_nonzero(self.missing)} of the network's {self.frames} samples lie after the recording's "
-                f"end and were taken to be its last one"
-            )
+            missing = int(np.count_nonzero(self.missing))
+            messages.append(Message("network.cut_short", {"missing": missing, "samples": self.frames}))
         found = reconstruct(self.view, self._material(), self.medium, stretch)
-        messages += [ELASTIC] if found.rmse > MISFIT and not softer else []
+        if found.rmse > MISFIT and not softer:
+            messages.append(Message("network.elastic"))
         return found.checks(self.view, self.time_scale, verdict, messages)
+
+    @staticmethod
+    def _outside(name: str, value: float, low: float, high: float, **more: float) -> Message:
+        """A value outside the range of the training; of the law's parameters log10 at the training scale."""
+        known = {"value": float(value), "low": float(low), "high": float(high)}
+        return Message(f"training_range.{name}", {"name": name, **known, **more})

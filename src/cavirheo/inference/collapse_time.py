@@ -101,7 +101,7 @@ def shot(curve: RadiusCurve, stretch: float | None = None, *, guess: float | Non
         InputError: no maximum, no collapse, or no lambda.
     """
     times, name = curve.collapse_times(), curve.name
-    require(len(times) > 0, f"{name}: the curve shows no collapse", "collapse_time.no_collapse")
+    require(len(times) > 0, "the curve shows no collapse", "collapse_time.no_collapse", name)
     plateau = curve.stretch_from_tail() if stretch is None else None
     sources: dict[str, float | None] = {
         "given": stretch,
@@ -111,7 +111,7 @@ def shot(curve: RadiusCurve, stretch: float | None = None, *, guess: float | Non
     }
     origin = next((source for source, value in sources.items() if value is not None), "")
     advice = "no late plateau to read lambda = R_max/R_0 from; give it (--stretch)"
-    require(origin != "", f"{name}: {advice}", "collapse_time.no_stretch")
+    require(origin != "", advice, "collapse_time.no_stretch", name)
     try:
         found = np.array([curve.max_radius]), np.array([sources[origin]], dtype=float)
         return Shots(*found, times[:1] - curve.time_of_max), origin

@@ -23,7 +23,6 @@ from typing import Any
 
 import numpy as np
 from scipy.special import logsumexp
-from threadpoolctl import threadpool_limits
 
 from cavirheo.arrays import Floats
 from cavirheo.curve import RadiusCurve
@@ -219,8 +218,7 @@ def expectations(
             return None
 
     jobs = [(setting, k) for setting in settings for k in range(len(law))]
-    with threadpool_limits(1, "blas"):
-        found = each(one, jobs, workers, (lambda *_: done()) if done else None)
+    found = each(one, jobs, workers, (lambda *_: done()) if done else None)
     return [found[i : i + len(law)] for i in range(0, len(found), len(law))]
 
 
@@ -239,11 +237,13 @@ def reached(
     `infer` then gives; of the recordings that have both. law: (draws, l) log10, stretch: (draws,)."""
     from cavirheo.inference import infer_many
 
-    films: list[tuple[RadiusCurve, Floats]] = []
-    for k in range(len(law)):
-        with suppress(InputError, SolverError, np.linalg.LinAlgError), threadpool_limits(1, "blas"):
+    def one(k: int) -> tuple[RadiusCurve, Floats] | None:
+        with suppress(InputError, SolverError, np.linalg.LinAlgError):
             curve, truth = setting.film(family, law[k], float(stretch[k]), medium, seed + k, bubble)
-            films.append((curve, expected(curve, truth, family, medium, bubble=bubble).half_width))
+            return curve, expected(curve, truth, family, medium, bubble=bubble).half_width
+        return None
+
+    films = [film for film in each(one, range(len(law)), workers) if film]
     how: Any = {"material": family.name, "medium": medium, "bubble": bubble, "workers": workers}
     answers = infer_many([curve for curve, _ in films], **how)
     told, got = [], []

@@ -36,6 +36,7 @@ from cavirheo.inference.law import Family
 from cavirheo.inference.noise import Noise, correlation_time
 from cavirheo.inference.options import FREE, Options, fixed_bubble
 from cavirheo.inference.reconstruct import MISFIT, Window, reconstruct, window
+from cavirheo.messages import Message
 from cavirheo.parameters import LOG10, PARAMETERS, STRETCH_RANGE, bound_of
 from cavirheo.physics.accuracy import DEFAULT, Accuracy
 from cavirheo.physics.bubble import ACCOMMODATION, FROM_NOTHING, Bubble, Damage
@@ -44,8 +45,6 @@ from cavirheo.physics.simulate import simulate
 from cavirheo.physics.simulation import Simulation
 from cavirheo.posterior import Checks, Verdict, weighted_quantile
 from cavirheo.prior import Prior
-from cavirheo.writing import digits
-from cavirheo.writing.document import Quantity
 
 FORWARD = 1e-3  # step of forward differences of x, decades or the like
 FLOOR = 0.007  # of R_max: two circle fits of one video differ by 1.0 % rms, so each has 0.7 %
@@ -114,10 +113,10 @@ class Experiment:
         self.time_scale: float = medium.time_scale(self.max_radius)
         self.frame: float = float(np.median(np.diff(curve.time)))
         self.exposure = exposure
-        message = f"{curve.name}: an exposure of {exposure * 1e6:.4g} us is "
-        require(0.0 <= exposure < np.inf, message + "no time", "experiment.exposure")
+        message = f"an exposure of {exposure * 1e6:.4g} us is "
+        require(0.0 <= exposure < np.inf, message + "no time", "experiment.exposure", curve.name)
         longest = f"longer than the time between two frames ({self.frame * 1e6:.4g} us)"
-        require(exposure <= self.frame * (1.0 + 1e-6), message + longest, "experiment.exposure")
+        require(exposure <= self.frame * (1.0 + 1e-6), message + longest, "experiment.exposure", curve.name)
         self.runs: int = 0
         self.failures: int = 0
         self._counting = Lock()
@@ -437,8 +436,8 @@ class Experiment:
         InputError: fewer than three frames count.
         """
         count = int(np.sum(self.counted))
-        message = f"{self.curve.name}: {count} frames are too few for a posterior"
-        require(count >= 3, message, "experiment.too_few_frames")
+        message = f"{count} frames are too few for a posterior"
+        require(count >= 3, message, "experiment.too_few_frames", self.curve.name)
         velocity, turn = np.gradient(self.measured, self.since), np.zeros(len(self.measured))
         turn[1:-1] = np.diff(self.measured, 2) / 8.0
         deviation = np.hypot(self._radius_sigma, turn) if discrepancy else self._sharpest
@@ -451,7 +450,7 @@ class Experiment:
         deviation = (self.sigma * self.noise_factor)[self.counted]
         return Noise(deviation, self.since[self.counted], self.time_scale, discrepancy=False)
 
-    def checks(self, x: Floats, verdict: Verdict, messages: Sequence[str]) -> Checks:
+    def checks(self, x: Floats, verdict: Verdict, messages: Sequence[Message]) -> Checks:
         """`Reconstruction.checks` on the clock and scale of x; what is drawn is on those of the measurement."""
         natural, cut = self.natural(x), self.view.curve
         scale, origin = natural["radius_scale"], natural["time_origin"]
@@ -471,39 +470,44 @@ class Experiment:
         deviation = float(np.median(stated)) if len(stated) else self.curve.noise
         return deviation < CLEAN * self.max_radius
 
-    def unbounded(self, x: Floats, low: Floats, high: Floats, log_weight: Floats | None = None) -> dict[str, Quantity]:
-        """Parameters of the law and the stretch whose central 90 % of x (draws, d) reach an end of their range, low to
-        high (d,): there the range decides, not the recording. SI, each with the bound that is left."""
-        found: dict[str, Quantity] = {}
+    def unbounded(self, x: Floats, low: Floats, high: Floats, log_weight: Floats | None = None) -> list[Message]:
+        """A message of each parameter of the law, and of the stretch, whose central 90 % of x (draws, d) reach an end
+        of their range, low to high (d,): there the range decides, not the recording."""
+        found = list[Message]()
         for name, values, a, b in zip(self.names, x.T, low, high, strict=True):
             if name not in (*self.family.parameters, "stretch") or len(x) < 2:
                 continue
             ends = weighted_quantile(values, np.array([0.05, 0.5, 0.95]), log_weight)
             if bound := bound_of(ends[0], ends[2], (a, b)):
                 q05, median, q95 = (10.0**ends).tolist()
-                found[name] = Quantity(median=median, q05=q05, q95=q95, bound=bound)
+                value = {"name": name, "bound": bound, "median": median, "q05": q05, "q95": q95}
+                found.append(Message(f"bound.{name}.{bound}", value))
         return found
 
     @property
-    def left_out(self) -> list[str]:
-        """What is said where frames do not count."""
+    def messages(self) -> list[Message]:
+        """Which frames do not count, and what becomes of a stretch that the recording tells."""
         spikes = int(np.count_nonzero(~self.counted & ~self._drifting(self.since + self.curve.time_of_max)))
-        messages = [f"spikes are left out: {digits.counted(spikes, 'frame')} above both neighbours by 20 % of R_max"]
+        messages = self._of_stretch
+        if spikes:
+            messages.append(Message("frames.spikes", {"frames": spikes}))
         others = self.curve.time[self._drifting(self.curve.time)]
-        first = 1e6 * (others[0] - self.curve.time_of_max) if len(others) else 0.0
-        counted = digits.counted(len(others), "frame")
-        return [*self._unused_stretch, *messages * bool(spikes)] + [
-            f"the end is left out, where the radius rises again as by another bubble: {counted} from {first:.4g} us "
-            "after R_max on"
-        ] * bool(len(others))
+        if len(others):
+            since = float(others[0] - self.curve.time_of_max)
+            messages.append(Message("frames.other_bubble", {"frames": len(others), "since": since}))
+        return messages
 
     @property
-    def _unused_stretch(self) -> list[str]:
-        """What is said of a stretch that the file states, if no bubble has it."""
+    def _of_stretch(self) -> list[Message]:
+        """Whether a stretch that the file or its late plateau tells is the prior, or is none that a bubble has."""
+        if self.stretch_prior:
+            value, deviation = self.stretch_prior
+            source = "late_plateau" if self.options.stretch else "file"
+            return [Message(f"stretch_prior.{source}", {"value": value, "deviation": deviation})]
         stated, (low, high) = self.curve.stretch, STRETCH_RANGE
         if stated is None or self.options.stretch is not None or low < stated < high:
             return []
-        return [f"the file's stretch is left out: {stated:.4g} is no R_max/R_0 between {low:g} and {high:g}"]
+        return [Message("stretch.left_out", {"stretch": stated, "low": low, "high": high})]
 
     def _drifting(self, time: Floats) -> Bools:
         """Which frames at these times (m,), s, are those of a radius that rises again."""

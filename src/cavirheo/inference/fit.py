@@ -3,25 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import asdict
-from importlib.metadata import version
-from itertools import product
 from typing import Any, Concatenate, ParamSpec, Protocol
 
-import numpy as np
-
-from cavirheo.curve import RadiusCurve, several
-from cavirheo.errors import expect_whole
-from cavirheo.inference import AUTO, input_checks
-from cavirheo.inference.experiment import Experiment
-from cavirheo.inference.law import Family, softened
-from cavirheo.inference.options import FREED, SCALE_BOUND, Options, check_wall
-from cavirheo.inference.verify import verify_many
-from cavirheo.parameters import LOG10, units
-from cavirheo.physics.bubble import Bubble, Requested, bubbles_of
+from cavirheo.curve import RadiusCurve
+from cavirheo.inference.analysis import Analysis
+from cavirheo.inference.options import FREED, SCALE_BOUND
+from cavirheo.physics.bubble import Requested
 from cavirheo.physics.media import WATER, Medium
-from cavirheo.physics.media import medium as named
-from cavirheo.posterior import Checks, Posterior
+from cavirheo.posterior import Posterior
 
 __all__ = ["fit", "fit_many"]
 
@@ -64,68 +53,24 @@ def fit_many(
         bubble: "real" (vapour condenses at a finite rate, and the surroundings damp the motion), "field" (equilibrium
             contents, unbounded liquid), "auto" (both, and the evidence chooses as for materials), or a `Bubble`.
         others: look at the other of these two bubbles, too; what it and other modes answer is in `Posterior.others`.
-        trust_input: doubts about the recording or its settings are said, but decide no verdict.
+        trust_input: warnings on the recording or its settings are said, but decide no verdict.
         seed: of the draws.
         workers: threads; default: all cores. The answers do not depend on it.
         done: called with the index of each curve and its answer as it is found.
 
     Returns:
         An answer for each curve, in their order, SI. A curve that cannot be fitted gives a Posterior without draws
-        whose checks.message says why.
+        whose checks.messages say why.
 
     Raises:
         InputError: unknown material or a setting out of its domain.
 
     Source: docs/method/fit.md.
     """
-    expect_whole(seed, "seed", 0, "option.seed")
-    curves, bubbles = several(curves), bubbles_of(bubble)
-    laws = softened(AUTO if material == "auto" else (material,), bubbles[0].damage)
-    camera: dict[str, Any] = {"stretch": stretch, "free": free, "t0_bound": t0_bound, "scale_bound": scale_bound}
-    options = {one: Options(window, end, **camera, weights=weights, bubble=one) for one in bubbles}
-    models = [(Family(law), options[one]) for law, one in product(laws, bubbles)]
-    for one in bubbles:
-        check_wall(one, curves)
-    requests = [[_request(curve, *model, named(medium), trust_input) for model in models] for curve in curves]
-    settings: dict[str, Any] = {"level": "auto", "medium": medium, "weights": weights, "rival": others, **camera}
-    return verify_many(curves, requests, seed=seed, workers=workers, done=done, **settings)
-
-
-def search_many(
-    curves: Sequence[RadiusCurve],
-    material: str,
-    *,
-    bubble: Bubble,
-    window: int | str | None = None,
-    trust_input: bool = False,
-    medium: Medium | str = WATER,
-    stretch: float | str | None = None,
-    workers: int | None = None,
-    done: Callable[[int, Posterior], None] | None = None,
-    **settings: Any,
-) -> list[Posterior]:
-    """The maximum of the posterior of a law where the search of a fit finds it, and the Gaussian about it. The others
-    are those of `fit_many` and of `Verification`, as are the errors."""
-    family, options = Family(material), Options(window, stretch=stretch, bubble=bubble)
-    check_wall(bubble, curves)
-    requests = [_request(curve, family, options, named(medium), trust_input) for curve in curves]
-    settings |= {"medium": medium, "stretch": stretch, "level": "map", "search": True}
-    return verify_many(curves, requests, workers=workers, done=done, **settings)
-
-
-def _request(curve: RadiusCurve, family: Family, options: Options, medium: Medium, trust_input: bool) -> Posterior:
-    """What a search begins from: law, bubble, window and doubts about the recording, without any value."""
-    names = tuple(LOG10 + name for name in family.parameters)
-    try:
-        shot = Experiment(curve, family, medium, options)
-        doubts = [*input_checks.plain(curve, medium), *input_checks.of_walls(shot)]
-        checks = input_checks.doubted(Checks("ok", t_star_end=shot.view.end / shot.time_scale), doubts, trust_input)
-    except Exception as error:  # of this curve alone
-        checks = input_checks.failed(error, curve, medium)
-    about = {"options": asdict(options), "source_sha256": curve.source_sha256}
-    how: dict[str, Any] = {"provenance": {"cavirheo": version("cavirheo"), **about}, "medium": medium}
-    nothing = np.empty((0, len(names)))
-    return Posterior(names, units(names), nothing, checks, family.name, "least_squares", bubble=options.bubble, **how)
+    camera: dict[str, Any] = {"free": free, "t0_bound": t0_bound, "scale_bound": scale_bound}
+    cut: dict[str, Any] = {"window": window, "end": end, "stretch": stretch, "weights": weights}
+    how: dict[str, Any] = {"medium": medium, "others": others, "trust_input": trust_input, "seed": seed}
+    return Analysis("fit", material=material, bubble=bubble, **camera, **cut, **how).run(curves, workers, done)
 
 
 P = ParamSpec("P")
@@ -153,7 +98,7 @@ def fit(curve: RadiusCurve, material: str = "nhkv", **options: Any) -> Posterior
         options: those of `fit_many`.
 
     Returns:
-        The answer, SI; one without draws says in its checks.message why it failed.
+        The answer, SI; one without draws says in its checks.messages why it failed.
 
     Raises:
         InputError: as `fit_many`.

@@ -118,8 +118,8 @@ class NetworkProposal:
         self.shift: Floats = np.log10([factors.get(name, 1.0) for name in self.names])
         self.log_share: float = 0.0
         inside = self._drawn(_POOL, np.random.Generator(np.random.Philox(0)))
-        message = f"{shot.curve.name}: hardly any of the network's draws is within the ranges of the parameters"
-        require(len(inside) > _LEAST * _POOL, message, "network.outside")
+        message = "hardly any of the network's draws is within the ranges of the parameters"
+        require(len(inside) > _LEAST * _POOL, message, "network.outside", shot.curve.name)
         self.log_share = float(np.log(len(inside) / _POOL))
 
     def draw(self, count: int, rng: np.random.Generator) -> Floats:

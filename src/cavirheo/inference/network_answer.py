@@ -22,17 +22,16 @@ from cavirheo.inference.flow import NetworkProposal
 from cavirheo.inference.law import Family
 from cavirheo.inference.options import FREE, Options
 from cavirheo.inference.posterior_model import PosteriorModel
+from cavirheo.messages import Message
 from cavirheo.parameters import LOG10, natural_name, units
 from cavirheo.physics.accuracy import ROUGH
 from cavirheo.physics.bubble import REAL, Bubble
 from cavirheo.physics.media import WATER, Medium
 from cavirheo.posterior import Checks, Diagnostics, Posterior
 from cavirheo.prior import log_normal
-from cavirheo.writing import digits
 
 DRAWS = 1000
 TRIED = 8  # of the draws, those that the network takes for the likeliest, simulated to check the answer
-UNVERIFIED = "the interval is the network's own: it is not verified by simulations"
 
 
 @dataclass(frozen=True)
@@ -69,10 +68,10 @@ class Networked:
         try:
             shot = self._experiment(curve)
             found = self._answer(shot)
-            messages = [*self._doubts(curve, found), *input_checks.of_walls(shot)]
-            checks = input_checks.doubted(found.checks, messages, self.trust_input)
+            warnings = [*self._warnings(curve, found), *input_checks.of_walls(shot)]
+            checks = input_checks.warned(found.checks, warnings, self.trust_input)
             found = replace(found, checks=checks)
-        except Exception as error:  # of this curve alone
+        except input_checks.ERRORS as error:  # of this curve alone
             checks = input_checks.failed(error, curve, self.medium)
             found = Posterior(names, units(names), np.empty((0, len(names))), checks, self.material, "amortised")
         seconds = time.perf_counter() - began
@@ -113,7 +112,7 @@ class Networked:
             missed = [float(np.mean(shot.difference(x[i], ROUGH) ** 2)) for i in likeliest]
             best = x[likeliest[int(np.argmin(np.nan_to_num(missed, nan=np.inf)))]]
             unbounded = shot.unbounded(x, proposal.prior.low, proposal.prior.high)
-            messages = [UNVERIFIED, *(digits.unbounded(name, value) for name, value in unbounded.items())]
+            messages = [Message("interval.of_network"), *unbounded]
             checks = shot.checks(best, "unverified", messages)
         values, log_q = shot.best(best), log_q - shot.log_stretched(theta)
         return Posterior(
@@ -121,18 +120,18 @@ class Networked:
             diagnostics=about, prior=shot.of_law(shot.prior()),
         )  # fmt: skip
 
-    def _doubts(self, curve: RadiusCurve, found: Posterior) -> list[str]:
+    def _warnings(self, curve: RadiusCurve, found: Posterior) -> list[Message]:
         """What the curve shows by itself, and whether frames that stand out move the network's answer."""
         said = input_checks.plain(curve, self.medium)
         if found.log_q is None:
             return said
         if spiking := input_checks.without_spikes(curve):
-            difference, other = spiking
+            frames, other = spiking
             with suppress(InputError):  # read so it is no curve: nothing to compare
                 shot = self._experiment(other)
                 proposal, u = self._drawn(shot)
                 theta = shot.answer(proposal.prior.to_x(u))[1]
                 change = np.median(theta, axis=0) - np.median(found.theta, axis=0)
                 logs = [(name, 10.0**d) for name, d in zip(found.names, change, strict=True) if LOG10 in name]
-                said += input_checks.moved(difference, {natural_name(name): factor for name, factor in logs})
+                said += input_checks.moved(frames, {natural_name(name): factor for name, factor in logs})
         return said

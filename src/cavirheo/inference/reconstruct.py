@@ -11,6 +11,7 @@ import numpy as np
 from cavirheo.arrays import Bools, Floats
 from cavirheo.curve import RadiusCurve
 from cavirheo.errors import SolverError, require
+from cavirheo.messages import Message
 from cavirheo.parameters import STRETCH_RANGE
 from cavirheo.physics.accuracy import Accuracy
 from cavirheo.physics.bubble import FIELD, Bubble
@@ -100,16 +101,16 @@ class Reconstruction:
         return replace(self, residual=self.residual[counted], time=self.time[counted])
 
     def checks(
-        self, view: Window, time_scale: float, verdict: Verdict, messages: Sequence[str], limit: float = MISFIT
+        self, view: Window, time_scale: float, verdict: Verdict, messages: Sequence[Message], limit: float = MISFIT
     ) -> Checks:
         """The Checks of an answer: this verdict, unless the simulation misses the measurement by more than the limit.
         time_scale is t_c in s."""
         if self.rmse > limit:
-            missed = f"by {100 * self.rmse:.2g} % of R_max RMS (limit {100 * limit:g} %)"
-            verdict, messages = "model_does_not_fit", [f"the simulation misses the measurement {missed}", *messages]
+            missed = Message("misfit.rms", {"rms": self.rmse, "limit": limit})
+            verdict, messages = "model_does_not_fit", [missed, *messages]
         return Checks(
             verdict,
-            "; ".join(messages),
+            tuple(messages),
             rmse_over_rmax=self.rmse,
             mae_over_rmax=float(np.mean(np.abs(self.residual))),
             max_difference_over_rmax=float(np.max(np.abs(self.residual))),

@@ -93,5 +93,5 @@ if __name__ == "__main__":  # session.py MEMORY FRAMES OUTPUTS < model.onnx
                 raise ValueError(f"it gives {theta.shape} numbers for {count} curves; its card says {outputs} for each")
             if not np.isfinite(theta).all():
                 raise ValueError("its answers are not finite; its weights may be damaged")
-    except Exception as error:
+    except Exception as error:  # those of onnxruntime have no base of their own
         sys.exit(" ".join(str(error).split()) or type(error).__name__)

@@ -6,49 +6,46 @@ from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import replace
 from functools import cached_property
-from typing import Any
+from typing import cast
 
 import numpy as np
 
 from cavirheo.arrays import Floats
 from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError, SolverError
+from cavirheo.inference.analysis import Analysis
 from cavirheo.inference.experiment import Experiment
 from cavirheo.inference.law import Family
 from cavirheo.inference.model import load
 from cavirheo.inference.options import FREE, Options
 from cavirheo.inference.reconstruct import Window, check_stretch, window
+from cavirheo.messages import of_error
 from cavirheo.parameters import PARAMETERS
 from cavirheo.physics.bubble import FIELD, REAL
-from cavirheo.physics.media import Medium
+from cavirheo.physics.media import medium as named
 from cavirheo.posterior import Checks, Posterior
 
 DRAWS = 40  # of a posterior, that its band is made of
 Band = tuple[Floats, Floats, Floats]
 
 
-def seen(curve: RadiusCurve, model: str, material: str | None, medium: Medium, collapses: int | None = None) -> Window:
-    """What is compared with the answer of these options of `infer_many`. Raises InputError."""
-    if material is not None:
+def seen(curve: RadiusCurve, asked: Analysis) -> Window:
+    """What is compared with the answer of this analysis. Raises InputError."""
+    medium, collapses = named(asked.medium), cast("int | None", asked.window)
+    if asked.method != "bdt":
         return Experiment(curve, Family("newtonian"), medium, Options(collapses)).view  # of any law
-    problem = load(model).problem  # of a network that reads its own window
+    problem = load(str(asked.model)).problem  # of a network that reads its own window
     end = problem.grid_step(curve.max_radius, medium) * (problem.grid.frames - 1)
     return window(curve, collapses=collapses, end=end)
 
 
 class WhatIf:
-    """A curve, what was answered of it in a medium, and the window it was compared over; of an answer without a
-    simulation that of these options, as in `seen`. Raises InputError as `Experiment`."""
+    """A curve, what was answered of it, and the window it was compared over; of an answer without a simulation that of
+    what was asked, as in `seen`. Raises InputError as `Experiment`."""
 
-    def __init__(
-        self, curve: RadiusCurve, posterior: Posterior, model: str, material: str | None, medium: Medium,
-        collapses: int | None = None,
-    ) -> None:  # fmt: skip
-        frames = posterior.checks.compared_time
-        if frames is None:
-            end = seen(curve, model, material, medium, collapses).end
-        else:
-            end = window(curve, end=frames[-1] - curve.time_of_max).end
+    def __init__(self, curve: RadiusCurve, posterior: Posterior, asked: Analysis) -> None:
+        frames, medium = posterior.checks.compared_time, named(asked.medium)
+        end = seen(curve, asked).end if frames is None else window(curve, end=frames[-1] - curve.time_of_max).end
         options = Options(None, end * (1.0 + 1e-9), None, tuple(FREE), bubble=posterior.bubble)
         exposure = float(curve.exposure or 0.0)
         self.posterior = posterior
@@ -93,18 +90,18 @@ class WhatIf:
         return time, low, high
 
 
-def tried(curve: RadiusCurve, posterior: Posterior, given: Mapping[str, float], *compared: Any) -> Checks:
-    """As `WhatIf.checks`; where that cannot be, the checks say why. compared: what follows the posterior there."""
+def tried(curve: RadiusCurve, posterior: Posterior, given: Mapping[str, float], asked: Analysis) -> Checks:
+    """As `WhatIf.checks`; where that cannot be, the checks say why."""
     try:
-        return WhatIf(curve, posterior, *compared).checks(given)
+        return WhatIf(curve, posterior, asked).checks(given)
     except (InputError, SolverError) as error:
-        return Checks("failed", str(error))
+        return Checks("failed", (of_error(error),))
 
 
-def band(curve: RadiusCurve, posterior: Posterior, *compared: Any) -> Band | None:
+def band(curve: RadiusCurve, posterior: Posterior, asked: Analysis) -> Band | None:
     """As `WhatIf.band`; None also of an answer that cannot be simulated."""
     with suppress(InputError, SolverError):
-        return WhatIf(curve, posterior, *compared).band()
+        return WhatIf(curve, posterior, asked).band()
     return None
 
 

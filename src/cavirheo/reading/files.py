@@ -24,7 +24,7 @@ MEASUREMENTS = {".mat", ".csv", ".txt", ".tsv", ".dat", ".h5", ".hdf5", ".xlsx",
 _OURS = {  # tables and films that cavirheo writes: the document that then stands beside them
     "result.csv": "result.json", "shots.csv": "collapse-time.json", "comparison.csv": "comparison.json",
     "rheometer.csv": "rheometer.json", "table.csv": "rheometer.json",
-    "overlay.mp4": "measure.json",
+    "overlay.mp4": "measure.json", "fields.h5": "simulation.csv",
 }  # fmt: skip
 _SPECIAL = {
     stat.S_ISFIFO: "a pipe", stat.S_ISCHR: "a device", stat.S_ISBLK: "a device", stat.S_ISSOCK: "a socket"

@@ -20,6 +20,7 @@ import numpy as np
 from cavirheo.arrays import Floats
 from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError, require
+from cavirheo.messages import Message
 from cavirheo.reading import limits
 from cavirheo.reading.matfile import read_matfile
 from cavirheo.reading.samples import make_curve, unusable
@@ -148,12 +149,12 @@ def _bdt(variables: Variables, density: float, pressure: float) -> list[RadiusCu
             notes = (f"seconds from t* with {scale}", *shared)
             seconds, metres = time * (largest * per_radius), radius * largest
             curve = make_curve(seconds, metres, notes=notes, about=began, **units, **stated)
-            curve = curve.labelled(doubts=(*curve.doubts, *_density_hint(curve.frame_rate, density)))
+            curve = curve.labelled(warnings=(*curve.warnings, *_density_warning(curve.frame_rate, density)))
         made.append(curve)
     return made
 
 
-def _density_hint(rate: float | None, density: float) -> list[str]:
+def _density_warning(rate: float | None, density: float) -> list[Message]:
     """Cameras run at round rates: a rate just off one tells the density with which the file was made dimensionless."""
     if rate is None:
         return []
@@ -161,9 +162,8 @@ def _density_hint(rate: float | None, density: float) -> list[str]:
     nearest = float(rounds.flat[np.argmin(np.abs(np.log(rounds / rate)))])
     if not 5e-3 < abs(rate / nearest - 1.0) < 0.035:
         return []
-    made = density * (rate / nearest) ** 2
-    odd = f"{density:.5g} kg/m3 makes the frame rate {rate:.5g}/s"
-    return [f"check the density: {odd}; a camera at {nearest:.3g}/s means --density {made:.5g}"]
+    meant = density * (rate / nearest) ** 2
+    return [Message("check_input.density", {"density": density, "rate": rate, "usual": nearest, "meant": meant})]
 
 
 def _imr(variables: Variables) -> list[RadiusCurve]:

@@ -10,6 +10,7 @@ import numpy as np
 
 from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError
+from cavirheo.messages import Message
 from cavirheo.reading.shots import Recordings
 from cavirheo.video.frames import Footage
 from cavirheo.video.measurement import Measurement, Stated
@@ -17,7 +18,7 @@ from cavirheo.video.track import Track
 from cavirheo.writing.packing import pack, unpack
 
 _KINDS: dict[str, Any] = {
-    kind.__name__: kind for kind in (RadiusCurve, Recordings, Footage, Measurement, Stated, Track, InputError)
+    kind.__name__: kind for kind in (RadiusCurve, Message, Recordings, Footage, Measurement, Stated, Track, InputError)
 }
 
 

@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from cavirheo.arrays import Floats
 from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError
+from cavirheo.messages import UNIT, Message
 from cavirheo.reading.vocabulary import LENGTH_UNITS, TIME_UNITS
 
 RADIUS_UNITS = {**LENGTH_UNITS, "px": 1e-6}  # px: a stand-in until R_max is given
@@ -35,7 +36,7 @@ def make_curve(
     time_unit: str | None = None,
     radius_unit: str | None = None,
     notes: Sequence[str] = (),
-    doubts: Sequence[str] = (),
+    warnings: Sequence[Message] = (),
     about: Mapping[str, Any] | None = None,
     **meta: Any,
 ) -> RadiusCurve:
@@ -43,7 +44,7 @@ def make_curve(
 
     Frames with NaN or absurd (1e9) radius are NaN; radii <= 0 become NaN; frames without a time are left out; frames
     are sorted by time; frames of one time are averaged. Each is counted in the notes; a unit that the size contradicts,
-    and times out of order, are among the curve's `doubts` too. The curve is `unusable` where time and radius are
+    and times out of order, are among the curve's `warnings` too. The curve is `unusable` where time and radius are
     swapped. about: other fields of the curve.
 
     Raises:
@@ -51,7 +52,7 @@ def make_curve(
     """
     t, r = (np.asarray(a, dtype=np.float64).ravel() for a in (time, radius))
     std = np.full(r.shape, np.nan) if radius_std is None else np.asarray(radius_std, dtype=np.float64).ravel()
-    fields = {**(about or {}), "doubts": tuple(doubts)}
+    fields = {**(about or {}), "warnings": tuple(warnings)}
     if len(t) != len(r) or len(std) != len(r):
         return unusable(f"{len(t)} times but {len(r)} radii", fields, **meta)
     if swapped(t, r):
@@ -74,20 +75,24 @@ def make_curve(
     missing = np.count_nonzero(np.isnan(r))
     said += _absurd("radii", r)
     r = np.where(np.abs(r) < _ABSURD, r, np.nan)
-    scale, note, unscaled = _radius_scale(_largest(r), radius_unit)
+    scale, found, unscaled = _radius_scale(_largest(r), radius_unit)
     r, std = r * scale, std * scale
     std[~(std > 0)] = np.nan
     empty = r < _NO_BUBBLE
     r[empty] = np.nan
-    said += [note] if note else []
-    doubtful = [*doubts, *([note] if note and radius_unit else [])]
-    hints += [note] if note and not radius_unit else []
+    doubtful = list(warnings)
+    if isinstance(found, Message):
+        doubtful.append(found)
+        said.append(found.text)
+    elif found:
+        hints.append(found)
+        said.append(found)
     said += [f"{missing} of {len(r)} frames without a radius (NaN)"] if missing else []
     said += [f"{empty.sum()} frames with radius <= 0 marked as not measured"] if empty.any() else []
 
     if backwards := np.count_nonzero(np.diff(t) < 0):
-        doubtful.append(f"times not in order ({backwards} steps back): frames sorted")
-        said.append(doubtful[-1])
+        doubtful.append(Message("check_input.time_order", {"steps": int(backwards)}))
+        said.append(doubtful[-1].text)
         order = np.argsort(t, kind="stable")
         t, r, std = t[order], r[order], std[order]
     first = np.flatnonzero(np.diff(t, prepend=-np.inf) > _SAME_TIME)
@@ -102,7 +107,7 @@ def make_curve(
     meta |= {"hints": tuple(hints)} if hints else {}
     try:
         return RadiusCurve(
-            t, r, std, {**meta, "notes": tuple(said)}, **{"unscaled": unscaled, **fields, "doubts": tuple(doubtful)}
+            t, r, std, {**meta, "notes": tuple(said)}, **{"unscaled": unscaled, **fields, "warnings": tuple(doubtful)}
         )
     except InputError as error:  # of no bubble: the others of its file are answered
         return unusable(str(error), fields, **meta)
@@ -145,8 +150,9 @@ def _largest(r: Floats) -> float:
     return float(known[-3] if len(known) >= 5 else known.max(initial=0.0))
 
 
-def _radius_scale(largest: float, unit: str | None) -> tuple[float, str, str]:
-    """(metres per number, note, why there is no scale) from the largest radius and the unit given, if any."""
+def _radius_scale(largest: float, unit: str | None) -> tuple[float, Message | str, str]:
+    """(metres per number, a warning or a note, why there is no scale) from the largest radius and the unit given, if
+    any."""
     if unit == "px":
         return RADIUS_UNITS["px"], "", f"the radius is in pixels (largest {largest:.4g}) without um per pixel"
     fits = [u for u in ("m", "mm", "um") if _PLAUSIBLE[0] <= largest * RADIUS_UNITS[u] <= _PLAUSIBLE[1]]
@@ -157,8 +163,8 @@ def _radius_scale(largest: float, unit: str | None) -> tuple[float, str, str]:
         return 1e-6, "", f"{given}, but its largest value {largest:.4g} looks like R/R_max"
     if len(fits) != 1:
         return 1e-6, "", f"{given}; its largest value {largest:.4g} is no bubble of 5 um to 5 mm in m, mm or um"
-    message = f", but the largest value {largest:.4g} only makes sense in {fits[0]}: taken as {fits[0]}"
-    return RADIUS_UNITS[fits[0]], given + (message if unit else f": taken as {fits[0]} from its size"), ""
+    warning = Message(UNIT, {"given": unit, "largest": largest, "taken": fits[0]})
+    return RADIUS_UNITS[fits[0]], warning if unit else f"{given}: taken as {fits[0]} from its size", ""
 
 
 def _guess_time_unit(t: Floats) -> str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import re
 from collections import Counter
 from collections.abc import Sequence
@@ -23,12 +24,13 @@ _NUMBER = re.compile(r"(?:[^\w.,]|_)*(?<![.,])\d+(?: \(\d+\))?[)\]]?$")
 
 
 class Recordings(NamedTuple):
-    """The curves of all files in their order; why files could not be read; which recordings were given twice, and what
-    of their scales and constants should be known, a line for all groups that it concerns."""
+    """The curves of all files in their order; why files could not be read; which recordings were given twice and how
+    they were scaled; and what of scales and constants should be known, a line for all groups that it concerns."""
 
     curves: list[RadiusCurve]
     problems: list[str]
     remarks: list[str]
+    hints: list[str]
 
 
 def read_shots(
@@ -64,21 +66,26 @@ def read_shots(
     for curve in curves:
         for hint in curve.hints:
             about.setdefault(hint, {})[curve.group] = None
-    remarks += [f"{', '.join(groups)}: {hint}" for hint, groups in about.items()]
+    hints = [f"{', '.join(groups)}: {hint}" for hint, groups in about.items()]
     if max_radius:
         curves, said = _scaled(curves, max_radius)
         remarks += said
-    return Recordings(curves, problems, remarks)
+    return Recordings(curves, problems, remarks, hints)
+
+
+def samples_of(curve: RadiusCurve) -> bytes:
+    """By which a recording is known again in whichever file; without samples, one is like no other."""
+    known = curve.time.tobytes() + curve.radius.tobytes() or f"{curve.source}: {curve.name}: {curve.unusable}".encode()
+    return hashlib.sha256(known).digest()
 
 
 def _once(curves: list[RadiusCurve]) -> tuple[list[RadiusCurve], list[str]]:
     """The curves without those whose samples were there before, and a remark on each of these."""
-    first: dict[Any, RadiusCurve] = {}
+    first: dict[bytes, RadiusCurve] = {}
     again: list[str] = []
-    for k, curve in enumerate(curves):
-        samples = (curve.time.tobytes(), curve.radius.tobytes()) if len(curve.time) else k
-        if first.setdefault(samples, curve) is not curve:
-            here, there = (f"{one.name} ({one.source})" for one in (curve, first[samples]))
+    for curve in curves:
+        if (other := first.setdefault(samples_of(curve), curve)) is not curve:
+            here, there = (f"{one.name} ({one.source})" for one in (curve, other))
             again.append(f"{here} is the same recording as {there}: it is counted once")
     return list(first.values()), again
 

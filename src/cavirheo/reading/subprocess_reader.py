@@ -1,7 +1,7 @@
 """Files read in a process of its own: one that exhausts time or memory, or ends the process, ends nothing else.
 
 It answers by arrays and JSON (message.py): whatever a file makes of the process that reads it, nothing that comes from
-there is executed.
+there is executed. What is asked of it is pickled: this comes from our own code.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from dataclasses import replace
 from itertools import count
 from multiprocessing.connection import Connection
 from pathlib import Path
-from threading import Lock
+from queue import LifoQueue
 from time import monotonic
 from typing import Any
 
@@ -35,14 +35,19 @@ Report = Callable[[float, str], Any]
 
 
 class Reader:
-    """A child process that reads files, stays warm from call to call, and is replaced when it fails."""
+    """Child processes that read files, so many calls at a time. They stay warm from call to call, and one that fails is
+    replaced."""
 
-    def __init__(self, seconds: float, *, at_once: bool = True) -> None:
-        """seconds: that a call may take. at_once: begin to load, so that the first file need not wait."""
-        self.seconds, self._lock = seconds, Lock()
-        self._child: Any = None
+    def __init__(self, seconds: float, *, processes: int = 1, at_once: bool = True) -> None:
+        """seconds: that a call may take. at_once: one begins to load, so that the first file need not wait."""
+        self.seconds, self._processes = seconds, processes
+        self._free: LifoQueue[_Child] = LifoQueue()  # the one that was used last is warm
+        for _ in range(processes):
+            self._free.put(_Child())
         if at_once:
-            self._begin()
+            child = self._free.get()
+            child.begin()
+            self._free.put(child)
 
     def read(self, files: Sequence[Path | RadiusCurve], **options: Any) -> Found:
         """As `read_shots`, with file names instead of paths in curves and problems.
@@ -54,7 +59,7 @@ class Reader:
         given = [str(one) if isinstance(one, Path) else one for one in files]
         answer = self.ask(paths, (_read, given, options))
         folder = f"{paths[0].parent}/" if paths else ""
-        problems = answer.problems + answer.remarks
+        problems = answer.problems + answer.remarks + answer.hints
         return [_named(curve) for curve in answer.curves], [problem.replace(folder, "") for problem in problems]
 
     def measure(self, path: Path, images: Path, most: float, say: Report, **options: Any) -> Measurement:
@@ -72,44 +77,57 @@ class Reader:
         """
         names = ", ".join(path.name for path in paths[:3]) + (", ..." if len(paths) > 3 else "")
         slow = f"reading {names} took more than {self.seconds:g} s; is the file damaged, or too long?"
-        with self._lock:
-            if self._child is None or not self._child.is_alive():
-                self._replace()
-            try:
-                self._pipe.send(work)
-                end, answer = monotonic() + self.seconds, 0.0
-                while isinstance(answer, float):
-                    say(answer, "of the frames")  # the share that is measured
-                    require(self._pipe.poll(max(end - monotonic(), 0.0)), slow, "app.reading_too_slow")
-                    answer = _decoded(self._pipe.recv_bytes())
-            except BaseException as error:
-                self._replace()
-                ended = f"{names}: damaged so badly that reading it ended the reader"
-                known = not isinstance(error, EOFError | OSError)
-                raise error if known else InputError(ended, "app.reader_ended") from None
+        child = self._free.get()
+        try:
+            if not child.alive:
+                child.begin()
+            child.pipe.send(work)
+            end, answer = monotonic() + self.seconds, 0.0
+            while isinstance(answer, float):
+                say(answer, "of the frames")  # the share that is measured
+                require(child.pipe.poll(max(end - monotonic(), 0.0)), slow, "app.reading_too_slow")
+                answer = _decoded(child.pipe.recv_bytes())
+        except BaseException as error:  # whatever ended the call, Ctrl-C too, the process is in no known state
+            child.begin()
+            ended = f"{names}: damaged so badly that reading it ended the reader"
+            known = not isinstance(error, EOFError | OSError)
+            raise error if known else InputError(ended, "app.reader_ended") from None
+        finally:
+            self._free.put(child)
         if isinstance(answer, InputError):
             raise InputError(str(answer).replace(f"{paths[0].parent}/", ""), answer.code)
         return answer
 
     def close(self) -> None:
-        with self._lock:
-            self._end()
+        """End the processes, each after the call that it works on."""
+        for _ in range(self._processes):
+            self._free.get().end()
 
-    def _begin(self) -> None:
-        self._pipe, theirs = _SPAWN.Pipe()
-        self._child = _SPAWN.Process(target=_serve, args=(theirs,), daemon=True)
-        self._child.start()
+
+class _Child:
+    """One process, and the pipe to it."""
+
+    def __init__(self) -> None:
+        self._process: Any = None
+        self.pipe: Any = None
+
+    @property
+    def alive(self) -> bool:
+        return self._process is not None and self._process.is_alive()
+
+    def begin(self) -> None:
+        """Anew, if it is there already."""
+        self.end()
+        self.pipe, theirs = _SPAWN.Pipe()
+        self._process = _SPAWN.Process(target=_serve, args=(theirs,), daemon=True)
+        self._process.start()
         theirs.close()
 
-    def _end(self) -> None:
-        if self._child is not None:
-            self._child.kill()
-            self._child.join()
-            self._pipe.close()
-
-    def _replace(self) -> None:
-        self._end()
-        self._begin()
+    def end(self) -> None:
+        if self._process is not None:
+            self._process.kill()
+            self._process.join()
+            self.pipe.close()
 
 
 def _named(curve: RadiusCurve) -> RadiusCurve:
@@ -121,7 +139,7 @@ def _named(curve: RadiusCurve) -> RadiusCurve:
 def _decoded(message: bytes) -> Any:
     try:
         return decode(message)
-    except Exception as error:  # a reader that sends anything else is damaged
+    except Exception as error:  # a process that a file has damaged may send anything
         raise EOFError(f"no message of a reader ({type(error).__name__})") from error
 
 
@@ -139,7 +157,7 @@ def _serve(pipe: Connection) -> None:
                 answer = encode(error)
             except MemoryError:
                 answer = encode(InputError("the file needs more memory than is allowed here", "app.out_of_memory"))
-            except Exception as error:
+            except Exception as error:  # libraries raise nearly anything of a damaged file, and the next is to be read
                 answer = encode(InputError(f"the file cannot be read ({type(error).__name__}: {error})"))
             pipe.send_bytes(answer)
 

@@ -20,7 +20,8 @@ import numpy as np
 from cavirheo.arrays import Floats
 from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError, require
-from cavirheo.parameters import RADIUS
+from cavirheo.messages import Message
+from cavirheo.parameters import FRAME_RATE, RADIUS
 from cavirheo.reading import limits
 from cavirheo.reading.columns import Column, Table, only, read_columns
 from cavirheo.reading.number_format import is_number
@@ -124,7 +125,7 @@ def _with_header(table: Table, frame_rate: float | None) -> list[RadiusCurve]:
     shot, std, top = map(table.one, ("curve", "radius_std", "max_radius"))
     stretched = [one for one in map(table.one, ("stretch", "stretch_std")) if one]
     radii, said = _radii(table)
-    clock, time_unit, how, doubts = _clock(table, frame_rate)
+    clock, time_unit, how, warnings = _clock(table, frame_rate)
     units = {column.unit for column in radii}
     known = time_unit in (None, *TIME_UNITS) and units <= {None, *RADIUS_UNITS}
     given = " and ".join(str(column.unit) for column in radii[:2])
@@ -151,7 +152,7 @@ def _with_header(table: Table, frame_rate: float | None) -> list[RadiusCurve]:
             name = label if shot else re.sub(r"\s*[\[(].*", "", column.title) or column.title
             about: dict[str, Any] = {"label": name} if shot or len(radii) > 1 else {}
             about |= {} if deviation is None else {"radius_std": deviation[mine]}
-            about |= {"time_unit": time_unit, "radius_unit": column.unit, "doubts": doubts}
+            about |= {"time_unit": time_unit, "radius_unit": column.unit, "warnings": warnings}
             lasting, more = _stated_stretch(stretched, mine)
             curve = make_curve(clock[mine], radius[mine], notes=(*notes, *more), **about, **lasting)
             made.append(_with_size(curve, top, mine) if top else curve)
@@ -223,8 +224,8 @@ def _radii(table: Table) -> tuple[list[Column], list[str]]:
     return mine, notes + (["diameters halved"] if kind == "diameter" else [])
 
 
-def _clock(table: Table, frame_rate: float | None) -> tuple[Floats, str | None, list[str], list[str]]:
-    """((rows,) times, their unit, notes, doubts), of the times in the file, or its frame numbers and the frame rate.
+def _clock(table: Table, frame_rate: float | None) -> tuple[Floats, str | None, list[str], list[Message]]:
+    """((rows,) times, their unit, notes, warnings), of the times in the file, or its frame numbers and the frame rate.
 
     Raises:
         InputError: two columns of times, or no frame rate, or two.
@@ -240,12 +241,13 @@ def _clock(table: Table, frame_rate: float | None) -> tuple[Floats, str | None, 
     how = f"{frame.title!r} has numbers of frames and no times{found}: give the frame rate (--fps 1e6)"
     require(rate is not None, how, "table.frame_rate")
     assert rate is not None
-    why = f"the frame rate must be positive, frames per second, got {rate!r}"
-    require(0 < rate < np.inf, why, "table.frame_rate")
+    if frame_rate is not None:
+        FRAME_RATE.check("the frame rate", frame_rate, "table.frame_rate")
     said = f"times of the numbers in {frame.title!r} at {rate:.6g} frames per second, as "
     other = [one for one in stated if abs(one / rate - 1) > 0.01]
-    doubts = [f"the frame rate is given as {rate:.6g}/s, but the file states {other[0]:.6g}/s"] if other else []
-    return frame.numbers / rate, "s", [said + ("given" if frame_rate else "the file states"), *doubts], doubts
+    said += "given" if frame_rate else "the file states"
+    warnings = [Message("check_input.frame_rate", {"given": rate, "stated": one}) for one in other[:1]]
+    return frame.numbers / rate, "s", [said, *(one.text for one in warnings)], warnings
 
 
 def _stated_rates(lines: Iterable[str]) -> list[float]:

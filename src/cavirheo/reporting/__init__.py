@@ -10,12 +10,11 @@ from itertools import chain, count
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from cavirheo.curve import RadiusCurve
-from cavirheo.reporting.record import Answered, Pairs, Published, Result, read_json, result
-from cavirheo.writing import style
-from cavirheo.writing.document import Outputs, short_name, write_json
+from cavirheo.reporting.group import REFERENCES, Published
+from cavirheo.reporting.record import Answered, Pairs, Result, read_json, result
+from cavirheo.writing import claim, style
+from cavirheo.writing.document import Outputs, drawing, short_name, write_json
 
 __all__ = ["file_names", "outputs", "read_json", "result", "write_report"]
 
@@ -51,10 +50,13 @@ def write_report(
     workers: int = 1,
     done: Callable[[], None] | None = None,
     published: Mapping[str, Published] | None = None,
+    references: Sequence[str] = REFERENCES,
+    replace: bool = False,
 ) -> Result:
     """Write result.json, result.csv and report.html with a picture of each curve into `directory` (made if missing).
 
-    Each file takes its name when it is complete. What an earlier call wrote there and this one does not is removed.
+    Each file takes its name when it is complete. What an earlier call with this command and these curves wrote there is
+    replaced, or removed.
 
     Args:
         pairs: (curve, its answer), in the order of the rows. Answers of an `Answered` are read when they are needed.
@@ -68,42 +70,52 @@ def write_report(
         workers: processes that may make the rows of thousands of curves; above 1, the main module of the program must
             be safe to import.
         done: called after each figure.
-        published: values of other methods, by group ("": all that are not named), method and parameter, which stand
-            beside the groups.
+        published: values of other methods, by group, method and parameter, which stand beside the groups.
+        references: methods of these that errors are to.
+        replace: whether answers of another call, or of another command line, may be replaced, too.
 
     Of more than MANY curves there is result.parquet, too (with pyarrow). A picture or figure that cannot be drawn costs
     nothing else: the report and the result's notes say why.
 
     Raises:
-        InputError: an unknown kind of figure, a directory that cannot be written, or a file in it that is not ours.
+        InputError: an unknown kind of figure, a directory that cannot be written, a file in it that is not ours, or
+            answers of another call in it.
     """
     from cavirheo.reporting import html, table
 
-    pairs = Answered.of(pairs)
+    pairs, date = Answered.of(pairs), date or datetime.now().astimezone().strftime("%Y-%m-%d %H:%M %Z")
     figures = figures if complete else ()
-    folder = outputs(directory, pairs.curves, figures)
-    date = date or datetime.now().astimezone().strftime("%Y-%m-%d %H:%M %Z")
-    document = result(pairs, command, date=date, notes=notes, published=published, workers=workers if complete else 1)
-    pictures = _pictures(pairs, document) if draw and complete else Pictures()
-    document.notes += pictures.failed
-    if complete and len(pairs) > MANY:
-        document.notes += _parquet(folder, document)
-    if figures and not style.available():
-        document.notes.append(style.NO_PICTURES)
-        figures = ()
-    folder.write("result.json", write_json, document)
-    folder.write("result.csv", table.write_csv, document)
-    if figures:
-        from cavirheo.reporting.figures import write
-
-        if failed := write(folder, pairs, document, figures, done):
+    known = [(curve.name, curve.source, curve.source_sha256) for curve in pairs.curves]
+    with claim.held(claim.Claim(command, {"command": command, "curves": known}, replace)):
+        folder = outputs(directory, pairs.curves, figures)
+        workers = workers if complete else 1
+        document = result(pairs, command, date=date, notes=notes, workers=workers)
+        document.put_beside(published or {}, references)
+        pictures = _pictures(pairs, document) if draw and complete else Pictures()
+        document.notes += pictures.failed
+        if complete and len(pairs) > MANY:
+            document.notes += _parquet(folder, document)
+        folder.write("result.json", write_json, document)
+        folder.write("result.csv", table.write_csv, document)
+        if figures and (failed := _figures(folder, pairs, document, figures, done)):
             document.notes += failed
             folder.write("result.json", write_json, document)
-    if complete:
-        sheets = [str(curve.meta.get("contact_sheet", "")) for curve in pairs.curves] if draw else []
-        folder.write("report.html", html.write, document, pictures.curves, pictures.groups, sheets)
-    folder.finish()
+        if complete:
+            sheets = [str(curve.meta.get("contact_sheet", "")) for curve in pairs.curves] if draw else []
+            folder.write("report.html", html.write, document, pictures.curves, pictures.groups, sheets)
+        folder.finish()
     return document
+
+
+def _figures(
+    folder: Outputs, pairs: Answered, document: Result, figures: Sequence[str], done: Callable[[], None] | None
+) -> list[str]:
+    """The files of figures written; what is to be said of those that could not be drawn."""
+    if not style.available():
+        return [style.NO_PICTURES]
+    from cavirheo.reporting.figures import write
+
+    return write(folder, pairs, document, figures, done)
 
 
 class Pictures:
@@ -115,14 +127,10 @@ class Pictures:
         self.failed: list[str] = []
 
     def draw(self, name: str, lines: Callable[[], Any], svg: Callable[..., str], **how: Any) -> str:
-        """A picture that fails costs nothing but itself."""
-        try:
-            with np.errstate(all="ignore"):  # of numbers near the largest there is
-                return svg(lines(), **how)
-        except Exception as error:
-            said = f"no picture ({type(error).__name__}: {error})"
-            self.failed.append(f"{name}: {said}")
-            return said
+        """A picture, or why there is none."""
+        with drawing(f"picture of {name}", self.failed):
+            return svg(lines(), **how)
+        return self.failed[-1]
 
 
 def _pictures(pairs: Answered, document: Result) -> Pictures:

@@ -15,6 +15,7 @@ from pydantic_core import to_jsonable_python
 from cavirheo.arrays import Floats
 from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError
+from cavirheo.messages import Message, is_input_warning
 from cavirheo.parameters import AT_RATE, BUBBLE, CAMERA, RATE, about, of_the_law, searched_bound
 from cavirheo.physics.bubble import FIELD, Bubble
 from cavirheo.physics.media import Medium
@@ -124,6 +125,18 @@ class OtherModel(Record):
         return f"{self.material}, {self.bubble.title}"
 
 
+class Sentence(Record):
+    """A message of an answer.
+
+    Attributes:
+        code: what it is about, for programs: "check_input.scale", "bound.viscosity.upper", "model.rejected".
+        text: the sentence.
+    """
+
+    code: str
+    text: str
+
+
 class CurveRecord(Record):
     """One row: the answer for one curve.
 
@@ -152,8 +165,7 @@ class CurveRecord(Record):
         max_difference_over_rmax: largest absolute difference, over R_max.
         window: the frames that were compared.
         verdict: "ok", or what is wrong (docs/method/verdicts.md).
-        message: why, and what else is to be known.
-        doubts: about the recording and its settings, with which the message begins.
+        messages: why, and what else is to be known; input warnings first.
         notes: what was recognised, converted or left out when the file was read.
         seconds: wall time of the answer, s.
         windows: what windows of "1", "2", "3" and "all" collapses answer, if they were fitted.
@@ -186,8 +198,7 @@ class CurveRecord(Record):
     max_difference_over_rmax: Finite
     window: Compared
     verdict: Verdict
-    message: str
-    doubts: list[str] = []
+    messages: list[Sentence] = []
     notes: list[str]
     seconds: float
     windows: dict[str, WindowAnswer] = {}
@@ -213,7 +224,7 @@ class CurveRecord(Record):
         """'best draw: G = 5.412 kPa, µ = 0.02981 Pa s, λ = 8.324, t_0 = 0.12 µs': whose values are drawn over the
         measurement, and which; empty where none are known."""
         words = [_word(name, value) for name, value in self.best.items() if value is not None]
-        name = digits.simulated(self.method).removeprefix("simulation: ")
+        name = digits.simulated(self.method)
         return f"{name}: {', '.join(filter(None, words))}" if any(words) else ""
 
     def determined(self, name: str) -> float | None:
@@ -239,10 +250,19 @@ class CurveRecord(Record):
         return max(rivals, key=evidence, default=None) if self.verdict == "other_model_preferred" else None
 
     @property
-    def remark(self) -> str:
-        """The message without doubts that decide the verdict, which are said before all others."""
-        said = "; ".join(self.doubts) or self.message
-        return self.message.removeprefix(said).lstrip("; ") if self.verdict == "check_input" else self.message
+    def message(self) -> str:
+        """All messages in one line."""
+        return "; ".join(one.text for one in self.messages)
+
+    @property
+    def warnings(self) -> list[Sentence]:
+        """Those about the recording and its settings, where they decide the verdict."""
+        return [one for one in self.messages if is_input_warning(one.code)] if self.verdict == "check_input" else []
+
+    @property
+    def remarks(self) -> list[Sentence]:
+        """The messages without such warnings, which are said before all others."""
+        return [one for one in self.messages if one not in self.warnings]
 
     def logs(self, names: Sequence[str]) -> Floats:
         """(l, 3) log10 of q05, median and q95 of these parameters, SI; NaN where it has none."""
@@ -258,19 +278,18 @@ class CurveRecord(Record):
 
 def curve_record(curve: RadiusCurve, posterior: Posterior) -> CurveRecord:
     """The row of one curve."""
-    verdict, message = posterior.checks.verdict, posterior.checks.message.removeprefix(f"{curve.name}:").lstrip()
+    verdict, messages = posterior.checks.verdict, list(posterior.checks.messages)
     if verdict != "failed":  # an answer that is none must not pass for one, whatever the method says of itself
         draws = zip(posterior.names, posterior.theta.T, strict=True)
         broken = [name for name, values in draws if not np.all(np.isfinite(values))]
         if broken:
-            said = f"the method's answer is not a finite number: {', '.join(broken)}"
-            message = f"{said}; {message}" if message else said
+            messages.insert(0, Message("answer.not_finite", {"parameters": ", ".join(broken)}))
         if broken or not posterior.theta.size:
             verdict = "failed"
     answered = verdict != "failed"
     known = posterior.stretch_prior if answered else None
-    if known:
-        message = "; ".join(filter(None, [message, f"λ was {posterior.diagnostics.stretch_source}"]))
+    if not (messages or answered):
+        messages.append(Message("answer.none"))
     checks = posterior.checks if answered else Checks("failed")
 
     def quantity(name: str) -> Quantity:
@@ -291,8 +310,9 @@ def curve_record(curve: RadiusCurve, posterior: Posterior) -> CurveRecord:
         strain_rate_per_s=_measured(curve, "strain_rate"), material=posterior.material, method=posterior.method,
         bubble=posterior.bubble, medium=posterior.medium,
         stretch=stretch, shear_modulus_Pa=G, viscosity_Pa_s=mu, other_parameters=values, best=_simulated(posterior),
-        window=Compared(collapses=checks.collapses, t_star_end=checks.t_star_end), doubts=list(posterior.checks.doubts),
-        verdict=verdict, message=message or ("" if answered else "no parameters were found"), notes=list(curve.notes),
+        window=Compared(collapses=checks.collapses, t_star_end=checks.t_star_end),
+        verdict=verdict, messages=[Sentence(code=one.code, text=one.text) for one in messages],
+        notes=list(curve.notes),
         column=dict(curve.column), stretch_prior={"mean": known[0], "std": known[1]} if known else {},
         seconds=finite(posterior.seconds) or 0.0, evidence=posterior.evidence,
         other_models=[_other(one) for one in posterior.others],

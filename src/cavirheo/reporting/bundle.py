@@ -12,19 +12,25 @@ from typing import Any
 import numpy as np
 
 from cavirheo.curve import RadiusCurve
-from cavirheo.parallel import Once
 from cavirheo.reading import write_csv
 from cavirheo.reporting import file_names, write_report
 from cavirheo.reporting.record import Pairs, Result
 from cavirheo.writing import digits
 from cavirheo.writing.document import LIST
+from cavirheo.writing.packing import key_of
 
 _FIGURES = ("png", "svg")
-_ZIPPED = Once(3)  # a class with one demo file waits for one zip
 
 
-def zipped(pairs: Pairs, document: Result, fits: Pairs, done: Callable[[], None]) -> bytes:
-    """The zip of the folder cavirheo-result, as `write_bundle` makes it. Raises as this."""
+def zipped(
+    pairs: Pairs,
+    document: Result,
+    fits: Pairs,
+    done: Callable[[], None],
+    once: Callable[[str, Callable[[], bytes]], bytes],
+) -> bytes:
+    """The zip of the folder cavirheo-result, as `write_bundle` makes it; once: as `Store.once`, by which a class with
+    one demo file waits for one zip. Raises as `write_bundle`."""
     date = datetime.now().astimezone().strftime("%Y-%m-%d %H:%M %Z")
     published = {group.name: group.published for group in document.groups}
     about: dict[str, Any] = {"notes": document.notes, "published": published, "date": date}
@@ -35,7 +41,7 @@ def zipped(pairs: Pairs, document: Result, fits: Pairs, done: Callable[[], None]
             write_bundle(folder, pairs, document.command, fits, done, **about)
             return Path(shutil.make_archive(f"{base}/made", "zip", base, folder.name)).read_bytes()
 
-    return _ZIPPED(made, pairs, document.command, fits, about)
+    return once(key_of([pairs, document.command, fits, about]), made)
 
 
 def write_bundle(folder: Path, pairs: Pairs, command: str, fits: Pairs, done: Callable[[], None], **about: Any) -> None:
@@ -56,6 +62,6 @@ def write_bundle(folder: Path, pairs: Pairs, command: str, fits: Pairs, done: Ca
         if time is not None and radius is not None:
             # a drawn point beside a frame, which ten digits of a microsecond do not tell from it
             kept = np.diff(time, prepend=-np.inf) > 1e-15
-            drawn = digits.simulated(posterior.method).removeprefix("simulation: ").replace(" ", "-")
+            drawn = digits.simulated(posterior.method).replace(" ", "-")
             place = folder / "simulated" / f"{stem}-{drawn}.csv"
             write_csv(place, RadiusCurve(time[kept], radius[kept]), f"simulation of {record.name}, {record.simulated}")

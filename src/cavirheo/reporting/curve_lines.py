@@ -147,7 +147,8 @@ def curve_lines(curve: RadiusCurve, checks: Checks, simulated_as: str = "simulat
 
 def answer_lines(curve: RadiusCurve, checks: Checks, record: CurveRecord) -> CurveLines:
     """The lines of a curve as its row says: a row without an answer has none of the simulation."""
-    return curve_lines(curve, checks if record.answered else Checks("failed"), digits.simulated(record.method))
+    named = f"simulation: {digits.simulated(record.method)}"
+    return curve_lines(curve, checks if record.answered else Checks("failed"), named)
 
 
 def preview_lines(curve: RadiusCurve, window: RadiusCurve) -> CurveLines:

@@ -14,14 +14,14 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from cavirheo.arrays import Bools
-from cavirheo.errors import InputError, require
+from cavirheo.errors import require
 from cavirheo.reporting.answer import CurveRecord, Unit, in_unit, parameters_of
 from cavirheo.reporting.curve_lines import RMAX, Axis, CurveLines, answer_lines
 from cavirheo.reporting.group_lines import AnswerPoints, GroupLines, group_lines
 from cavirheo.reporting.laws import WeighedLaws
 from cavirheo.reporting.record import Pairs, Result
 from cavirheo.writing import digits, style
-from cavirheo.writing.document import Outputs
+from cavirheo.writing.document import Outputs, drawing
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -101,19 +101,14 @@ def write(
 ) -> list[str]:
     """Write the figures of all curves and groups; of each that could not be drawn why. done: called after each."""
     curves, groups = [row.name for row in document.curves], [group.name for group in document.groups]
-    kinds, said = tuple(kind for kind in KINDS if kind in figures), []
+    kinds, said = tuple(kind for kind in KINDS if kind in figures), list[str]()
     sets = [(names(curves, groups), SCREEN, kinds)] if kinds else []
     sets += [(paper_names(curves, groups), PAPER, KINDS)] if "paper" in figures else []
     for stems, look, of in sets:
         for stem, (name, draw) in zip(stems, drawn(pairs, document, look), strict=True):
-            try:
-                with np.errstate(all="ignore"):  # of numbers near the largest there is
-                    if (figure := draw()) is not None:
-                        save(folder, stem, figure, of, look.dpi)
-            except InputError:  # the folder, or a file of the user's
-                raise
-            except Exception as error:  # costs nothing but itself
-                said.append(f"{name}: no figure ({type(error).__name__}: {error})")
+            with drawing(f"figure of {name}", said):
+                if (figure := draw()) is not None:
+                    save(folder, stem, figure, of, look.dpi)
             if done:
                 done()
     return said

@@ -8,7 +8,7 @@ same at all sizes, and a few shots in a false mode do not move it.
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 
 import numpy as np
 
@@ -25,8 +25,24 @@ FEWEST = 5  # shots that are asked for a slope
 SENSITIVE = 3.0  # relative change of G over that of the scale, from which it is said
 MOST = 1000  # of them: a slope looks at all pairs, and of more shots at so many, evenly over the sizes
 CONSTANTS = ("viscosity", AT_RATE, "shear_modulus")
-TOGETHER = "all together: other model preferred"
+TOGETHER = "all together", "other model preferred"
+OURS = "cavirheo"  # how our own means are called beside the values of other methods
+REFERENCES = ("IMR", "rheometer")  # methods that errors are to, where the user names none
 _SAME = 1e-6  # of their mean: values that differ by less are one value
+
+
+class PublishedValue(Spread):
+    """What another method says of a parameter.
+
+    Attributes:
+        source: where it is published; left out where that is not known.
+    """
+
+    source: str = ""
+    _if_any = ("source",)
+
+
+Published = Mapping[str, Mapping[str, PublishedValue]]  # by method and parameter, SI
 
 
 class Slope(Quantity):
@@ -134,6 +150,8 @@ class GroupRecord(Record):
             large for the density.
         published: values of other methods, by method and parameter, SI; left out unless they were given. A
             viscosity_at_1_rad_per_s is that of a rheometer at this frequency.
+        errors: |mean - mean of the reference| / mean of the reference, by reference, method ("cavirheo" for the means
+            of this group) and parameter; left out where there is no reference.
     """
 
     name: str
@@ -150,8 +168,26 @@ class GroupRecord(Record):
     other_models: list[GroupModel] = []
     population: PopulationRecord | None = None
     modulus_over_scale: float | None = None
-    published: dict[str, dict[str, Spread]] = {}
-    _if_any = ("preferred", "population", "modulus_over_scale", "published")
+    published: dict[str, dict[str, PublishedValue]] = {}
+    errors: dict[str, dict[str, dict[str, float]]] = {}
+    _if_any = ("preferred", "population", "modulus_over_scale", "published", "errors")
+
+    @property
+    def by_method(self) -> dict[str, Mapping[str, Spread]]:
+        """All values of other methods, then our means if this has shots."""
+        own = {"shear_modulus": self.shear_modulus_Pa, "viscosity": self.viscosity_Pa_s}
+        return {**self.published, **({OURS: own} if self.n and self.published else {})}
+
+    def put_beside(self, published: Published, references: Sequence[str] = REFERENCES) -> None:
+        """Add values of other methods, and the errors of all methods to those of the references."""
+        self.published |= {method: dict(values) for method, values in published.items()}
+        for reference in references:
+            known, errors = self.published.get(reference, {}), dict[str, dict[str, float]]()
+            for method, values in self.by_method.items():
+                pairs = [(name, error_of(values[name], known[name])) for name in values if name in known]
+                found = {name: error for name, error in pairs if error is not None}
+                errors |= {method: found} if found and method != reference else {}
+            self.errors |= {reference: errors} if known else {}
 
     def spread(self, name: str) -> Spread:
         """Of a parameter by its natural name."""
@@ -233,7 +269,7 @@ class GroupRecord(Record):
         found = []
         for verdict, count in self.verdicts.items():
             warned = bool(self.preferred_together) and verdict in TRUSTED
-            words = f"{count} {digits.LOOKS[verdict].words}" + f", {TOGETHER}" * warned
+            words = f"{count} {digits.LOOKS[verdict].words}" + f", {': '.join(TOGETHER)}" * warned
             found.append(("other_model_preferred" if warned else verdict, words))
         return found
 
@@ -242,6 +278,13 @@ class GroupRecord(Record):
         """The line for a paper, after what must be known before it is used; nothing without a material."""
         found = self.population and self.population.found
         return "; ".join(filter(None, [self.warning, self.population.line])) if self.population and found else ""
+
+
+def error_of(value: Spread, reference: Spread) -> float | None:
+    """|mean - mean of the reference| / mean of the reference; None where one of the two is not known."""
+    if value.mean is None or not reference.mean:
+        return None
+    return abs(value.mean - reference.mean) / reference.mean
 
 
 def slope(radius: Sequence[float | None], values: Sequence[float | None], trusted: int = 0) -> Slope | None:

@@ -2,19 +2,19 @@
 
 from __future__ import annotations
 
-import re
 import shlex
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from contextlib import suppress
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError
 from cavirheo.inference import input_checks
+from cavirheo.inference.analysis import Analysis
 from cavirheo.inference.population.material import relative_scatter
+from cavirheo.messages import title
 from cavirheo.parameters import CAMERA
 from cavirheo.physics.media import WATER
 from cavirheo.reading.shots import stem_of
@@ -23,8 +23,6 @@ from cavirheo.reporting.record import Result
 from cavirheo.writing import digits
 from cavirheo.writing.terminal import once
 
-_DETAILS = re.compile(r": | \(")  # begin what a sentence says of one curve alone
-_NUMBER = re.compile(r"\d+(\.\d+)?")
 _NO_STIFFNESS = ("upper", "undetermined")  # bounds of G
 _LONGEST = 300  # letters of a command that is worth to be written again
 WIDE = 0.4  # scatter of G from shot to shot, of its mean: a gel made once has less
@@ -46,9 +44,9 @@ def warnings(curves: Sequence[RadiusCurve]) -> dict[str, list[str]]:
     for curve in curves:
         try:
             _ = curve.max_radius
-            said.append((curve.name, "; ".join(input_checks.of_scale(curve, WATER))))
+            said += [(curve.name, warning.text) for warning in input_checks.of_scale(curve, WATER)]
         except InputError as error:
-            said.append((curve.name, str(error).removeprefix(f"{curve.name}: ")))
+            said.append((curve.name, error.message))
     return once(said)
 
 
@@ -59,16 +57,15 @@ def notes(curves: Sequence[RadiusCurve]) -> dict[str, list[str]]:
 
 def causes(records: Sequence[CurveRecord]) -> dict[str, list[str]]:
     """What the messages of answers say, the most frequent first, with the names that each concerns: the sentence of
-    one curve as it is, of several what it has before its details."""
+    one curve as it is, of several what all with its code have in common."""
     found: dict[str, list[tuple[str, str]]] = {}
     for one in records:
-        for sentence in one.remark.split("; ") if one.answered else [one.remark]:
-            head = _DETAILS.split(sentence, maxsplit=1)[0]
-            found.setdefault(_NUMBER.sub("", head), []).append((one.name, sentence))
+        for message in one.remarks:
+            found.setdefault(message.code, []).append((one.name, message.text))
     said: dict[str, list[str]] = {}
-    for mine in sorted((mine for head, mine in found.items() if head), key=len, reverse=True):
-        whole = dict.fromkeys(sentence for _, sentence in mine)
-        said |= once((name, text if len(whole) == 1 else _DETAILS.split(text, maxsplit=1)[0]) for name, text in mine)
+    for code, mine in sorted(found.items(), key=lambda one: len(one[1]), reverse=True):
+        common = title(code) if len({text for _, text in mine}) > 1 else ""
+        said |= once((name, common or text) for name, text in mine)
     return said
 
 
@@ -85,10 +82,10 @@ def at_fault(record: CurveRecord) -> bool:
     return bool(how.frames_left_out) or any(name in CAMERA for name in how.at_bound)
 
 
-def next_step(document: Result, asked: Mapping[str, Any], out: Path) -> str:
+def next_step(document: Result, asked: Analysis, out: Path) -> str:
     """The command that helps where most answers ask for another law or bubble, or the recording to look at before;
-    "" where none does. asked: the options of `infer_many` or `fit_many`."""
-    if "material" not in asked or asked.get("verify") == "none":
+    "" where none does."""
+    if asked.method == "bdt" or asked.verify == "none":
         return ""
     unlike = [one for one in document.curves if one.verdict == "model_does_not_fit"]
     if len(unlike) > len(document.curves) / 2 and all(map(at_fault, unlike)):
@@ -97,9 +94,9 @@ def next_step(document: Result, asked: Mapping[str, Any], out: Path) -> str:
         return f"next: look at the recording ({look}) before another model is tried: {names}"
     records, options = document.curves, []
     other, rejected = unexplained(records), sum(one.preferred is not None for one in records)
-    if other > len(records) / 2 and asked["material"] != "auto":
+    if other > len(records) / 2 and asked.material != "auto":
         options += ["--material auto"]
-    if rejected > len(records) / 2 and len(asked.get("bubble") or ("real",)) == 1:
+    if rejected > len(records) / 2 and len(asked.bubbles) == 1:
         options += ["--bubble auto"]
     if not options:
         return ""

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, Literal
 from cavirheo.reporting.answer import CurveRecord, curve_record
 from cavirheo.reporting.group import Slope, in_words, slopes
 from cavirheo.reporting.material import PopulationRecord, population_record
-from cavirheo.reporting.table import doubts
+from cavirheo.reporting.table import warnings
 from cavirheo.writing import digits, terminal
 from cavirheo.writing.document import Document, Record
 
@@ -130,7 +130,7 @@ def _weighed(one: Ranking, about: Mapping[str, Mapping[str, Any]]) -> WeighedLaw
 
 
 def print_table(document: Laws) -> None:
-    """A line per law of each curve, then of each group; then what is doubtful of the curves."""
+    """A line per law of each curve, then of each group; then the input warnings of the curves."""
     heads = ("law", "log evidence", "probability", "G Pa", "µ Pa s", "RMSE %", "verdict")
     answers = [law.answer for one in document.curves for law in one.laws.values() if law.answer]
     bubbles = ", ".join(dict.fromkeys(answer.bubble.title for answer in answers))
@@ -147,7 +147,7 @@ def print_table(document: Laws) -> None:
         table.add_section()
     console = terminal.console()
     console.print(table)
-    terminal.print_doubts(console, doubts(answers))
+    terminal.print_warnings(console, warnings(answers))
     told = firmly(document)
     for group in document.groups:
         told += [f"{group.name}, {law}: {in_words(one.slopes)}" for law, one in group.laws.items() if one.slopes]

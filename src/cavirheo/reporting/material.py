@@ -40,7 +40,8 @@ class PopulationRecord(Record):
         correlation: of this scatter, by "name, name".
         common: the parameters if all shots that belong had one material exactly, by natural name.
         strays: shots that do not belong, each with the probability of that.
-        left_out: counts of shots that do not count, by reason.
+        left_out: counts of shots that do not count, by reason: their verdict, "no_interval", "no_column_value",
+            "other_model" or "copy".
         log_evidence: of the law with one material and its scatter; null where a shot has none.
         log_evidence_error: its standard error.
         log_evidence_of_scatter: above that of one material without scatter; below 0 the shots differ by no more

@@ -1,7 +1,7 @@
 """result.json: the answers as a document that other programs read (schema 1), and back.
 
 Every number is SI and finite, or null: a method without an interval has null q05 and q95, a curve without an answer
-has null everywhere and says why in `message`. Means of a group are over its trusted curves, those with verdict ok.
+has null everywhere and says why in `messages`. Means of a group are over its trusted curves, those with verdict ok.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from cavirheo.parallel import processes
 from cavirheo.parameters import AT_RATE
 from cavirheo.posterior import Posterior
 from cavirheo.reporting.answer import CurveRecord, curve_record
-from cavirheo.reporting.group import GroupRecord, group_of
+from cavirheo.reporting.group import REFERENCES, GroupRecord, Published, group_of
 from cavirheo.reporting.material import (
     GroupDifference,
     differences,
@@ -28,7 +28,7 @@ from cavirheo.reporting.material import (
     population_record,
 )
 from cavirheo.writing import digits, document
-from cavirheo.writing.document import Document, Spread
+from cavirheo.writing.document import Document
 from cavirheo.writing.export import dataframe
 
 if TYPE_CHECKING:
@@ -61,9 +61,6 @@ class Answered(Pairs):
         return self.curves[index], self.answers[index]
 
 
-Published = Mapping[str, Mapping[str, Spread]]  # by method and parameter, SI
-
-
 KEPT = 500  # curves of a run whose materials are kept
 
 
@@ -72,7 +69,8 @@ class Result(Document):
 
     Attributes:
         curves: a row for each curve.
-        groups: the shots of each file or folder, with their means and their material.
+        groups: the shots of each file or folder, with their means and their material; those of published values that
+            have no recording have no shot.
         differences: of the materials of each two groups, where there are several; left out where there is none.
     """
 
@@ -84,7 +82,7 @@ class Result(Document):
 
     @model_validator(mode="after")
     def _each_curve_in_a_group(self) -> Result:
-        if len(self.groups) != len(_members(self.curves)):
+        if sum(group.n + group.n_failed > 0 for group in self.groups) != len(_members(self.curves)):
             raise ValueError("its groups are not those of its curves")
         return self
 
@@ -117,7 +115,17 @@ class Result(Document):
 
     def members(self) -> list[tuple[GroupRecord, list[int]]]:
         """Each group with the indices of its curves."""
-        return list(zip(self.groups, _members(self.curves).values(), strict=True))
+        found = iter(_members(self.curves).values())
+        return [(group, next(found) if group.n + group.n_failed else []) for group in self.groups]
+
+    def put_beside(self, published: Mapping[str, Published], references: Sequence[str] = REFERENCES) -> None:
+        """Add values of other methods to the groups of these names; a name that is no group's becomes a group without
+        shots, in the order of the names."""
+        for k, name in enumerate(published):
+            if name not in [group.name for group in self.groups]:
+                self.groups.insert(k, group_of(name, []))
+        for group in self.groups:
+            group.put_beside(published.get(group.name, {}), references)
 
 
 def result(
@@ -126,11 +134,10 @@ def result(
     *,
     date: str | None = None,
     notes: Sequence[str] = (),
-    published: Mapping[str, Published] | None = None,
     workers: int = 1,
 ) -> Result:
     """The record of all curves and of their groups (the files they came from), in the order given. So many processes
-    make that of thousands of curves. published: by group; under "" for those that are not named."""
+    make that of thousands of curves."""
     known = Answered.of(pairs)
     members = _members(known.curves)
     title = next((name for curve in known.curves for name in curve.column), "")
@@ -141,7 +148,7 @@ def result(
         rows |= dict(zip(indices, mine, strict=True))
         found.append(material)
     curves = [rows[i] for i in range(len(known))]
-    return _document(curves, members, found, command, date=date, notes=notes, published=published)
+    return _document(curves, members, found, command, date=date, notes=notes)
 
 
 Made = tuple[list[CurveRecord], "Population | None"]  # rows and material of a group
@@ -180,13 +187,12 @@ def result_of(
     found: list[Population | None] = [None] * len(members)
     if answers:
         found = [_material([(curves[i], answers[i]) for i in indices], title) for indices in members.values()]
-    return _document(curves, members, found, command, date=date, notes=notes, published=None)
+    return _document(curves, members, found, command, date=date, notes=notes)
 
 
 def _document(
     curves: Sequence[CurveRecord], members: Mapping[tuple[str, str], list[int]], found: Sequence[Population | None],
     command: str, *, date: str | None, notes: Sequence[str],
-    published: Mapping[str, Published] | None,
 ) -> Result:  # fmt: skip
     stems = [group for group, _ in members]
     names = [group if stems.count(group) == 1 or not source else source for group, source in members]
@@ -195,9 +201,6 @@ def _document(
         group_of(name, [curves[i] for i in indices], population_record(one, title))
         for name, indices, one in zip(names, members.values(), found, strict=True)
     ]
-    known = {"": {}, **(published or {})}
-    for group in groups:
-        group.published = {method: dict(values) for method, values in known.get(group.name, known[""]).items()}
     apart = differences({name: one for name, one in zip(names, found, strict=True) if one})
     return Result(
         command=command, date=date, notes=list(notes), curves=list(curves), groups=groups, differences=apart

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from cavirheo.parameters import AT_RATE, CAMERA, of_the_law
 from cavirheo.reporting.answer import CurveRecord, Unit, described, evidence, in_unit, parameter_key, parameters_of
+from cavirheo.reporting.comparison import print_comparison
 from cavirheo.reporting.group import TOGETHER, GroupRecord
 from cavirheo.reporting.input_remarks import causes, next_step
 from cavirheo.reporting.record import Result
@@ -17,6 +18,8 @@ from cavirheo.writing.document import spread_of, write_rows
 if TYPE_CHECKING:
     from rich.console import Console
     from rich.table import Table
+
+    from cavirheo.inference.analysis import Analysis
 
 MOST = 10  # lines on groups and curves below the table, but at least half as many on curves
 FITS = ("least_squares", "laplace")  # methods whose answer is a maximum
@@ -28,11 +31,12 @@ def print_table(
     result: Result,
     console: Console | None = None,
     *,
-    asked: Mapping[str, Any] | None = None,
+    asked: Analysis | None = None,
     out: Path = Path(),
+    told: Collection[str] = (),
 ) -> None:
     """One row per curve, one per group (mean ± standard deviation), what is said of groups and curves, and the next
-    step, where the options of the run (`asked`) and its folder are given."""
+    step, where what was asked and the folder of the run are given. told: notes that the reader has seen."""
     from rich.text import Text
 
     console = console or terminal.console()
@@ -67,15 +71,15 @@ def print_table(
             console.print(Text(line, "dim"))
     if (more := windows_table(result)) is not None:
         console.print(more)
-    terminal.print_doubts(console, doubts(result.curves))
+    terminal.print_warnings(console, warnings(result.curves))
     said = [(group.name, line) for group in result.groups for line in group.lines]
-    notes = [note for note in result.notes if not note.startswith("not read: ")]  # said on stderr already
+    notes = [note for note in result.notes if note not in told]
     _print_most(console, said, MOST)
     terminal.print_remarks(console, {}, [*(one.words for one in result.differences), *notes])
     whole, several = digits.counted(len(result.curves), "curve"), causes(result.curves).items()
     curves = [(f"{len(of)} of {whole}" if len(of) > 2 else ", ".join(of), one) for one, of in several]
     _print_most(console, curves, max(MOST - len(said), MOST // 2))
-    if step := next_step(result, asked or {}, out):
+    if asked and (step := next_step(result, asked, out)):
         console.print(Text(digits.printable(step), "bold"), soft_wrap=True)  # a command that can be copied
 
 
@@ -109,18 +113,19 @@ def print_line(record: CurveRecord) -> None:
 
 
 def print_all(result: Result) -> None:
-    """`print_table`, and what other models and modes answer."""
+    """`print_table`, what other models and modes answer, and values of other methods."""
     console = terminal.console()
     print_table(result, console)
+    if any(group.published for group in result.groups):
+        print_comparison(result)
     for record in result.curves:
         if record.other_models:
             console.print(models_table(record, *result.modulus_unit))
 
 
-def doubts(records: Iterable[CurveRecord]) -> Iterator[tuple[str, str]]:
+def warnings(records: Iterable[CurveRecord]) -> Iterator[tuple[str, str]]:
     """(name, sentence) of those whose recording or settings are to be checked."""
-    doubtful = (one for one in records if one.verdict == "check_input")
-    return ((one.name, doubt) for one in doubtful for doubt in one.doubts or [one.message])
+    return ((one.name, warning.text) for one in records for warning in one.warnings)
 
 
 def model_rows(record: CurveRecord, factor: float) -> list[list[str]]:
@@ -163,7 +168,7 @@ def _cells(record: CurveRecord, factor: float, wide: bool) -> list[str]:
 
 def _group_cells(group: GroupRecord, factor: float) -> list[str]:
     counts = [f"{n} other model preferred" for n in [sum(group.preferred.values())] if n]
-    counts += TOGETHER.split(": ") if group.preferred_together else []  # in two lines
+    counts += TOGETHER if group.preferred_together else []  # in two lines
     counts += [group.basis or f"n = {group.n}", *([f"{group.n_failed} failed"] if group.n_failed else [])]
     G, mu = (
         group.mean(value, scale).replace(" (", "\n(")

@@ -285,7 +285,7 @@ def _read(path: Path, expected: Mapping[str, Any] | None = None) -> dict[str, An
     except InputError as error:
         mend = "" if error.code.startswith("dataset.another") else "; delete it and generate again"
         raise InputError(f"{path}: {error}{mend}", error.code) from error
-    except Exception as error:  # what a damaged file may raise is not foreseen
+    except Exception as error:  # libraries raise nearly anything of a damaged file
         message = f"{path} cannot be read as a training set ({error}); delete it and generate again"
         raise InputError(message, "dataset.unreadable") from error
     return found

@@ -18,10 +18,10 @@ import numpy as np
 from cavirheo.arrays import Floats
 from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError
-from cavirheo.inference import infer_many
+from cavirheo.inference.analysis import Analysis
 from cavirheo.inference.bdt import Amortised
 from cavirheo.inference.model import Network
-from cavirheo.parallel import Executor, one_of
+from cavirheo.parallel import Executor, Threads
 from cavirheo.parameters import natural_name, scaled
 from cavirheo.posterior import Posterior
 from cavirheo.problem import TrainingProblem
@@ -70,7 +70,7 @@ def robustness(
         with "verdicts"; answer_ok are those whose verdict is ok.
     """
     estimator = Amortised(network, data.problem.medium, trust_input=True)
-    default: Any = {"material": data.problem.material_name, "medium": data.problem.medium, "trust_input": True}
+    default = Analysis(material=data.problem.material_name, medium=data.problem.medium, trust_input=True)
     names, truth = network.outputs, data.truth(network.outputs)
     nothing, R_max = np.full(len(names), np.nan), data.problem.reference_max_radius
     drawn = np.sort(np.random.default_rng(SEED).permutation(len(chosen))[:ANSWERS])
@@ -88,10 +88,8 @@ def robustness(
         return {"curves": len(curves), "failed": int(np.sum(~answered)), "metrics": numbers}
 
     def answered(curves: list[RadiusCurve], done: Callable[..., None]) -> list[Posterior]:
-        if not executor:
-            return infer_many(curves, done=done, **default)
         found = dict[int, Posterior]()
-        with closing(executor.flow(partial(one_of, infer_many, default), [(curve,) for curve in curves])) as flow:
+        with closing((executor or Threads()).flow(partial(default.answer, workers=1), curves)) as flow:
             for index, answer in flow:
                 found[index] = answer
                 done()

@@ -264,7 +264,7 @@ def of_run(path: Path) -> Iterator[None]:
         yield
     except InputError:
         raise
-    except Exception as error:  # what a damaged file may raise is not foreseen
+    except Exception as error:  # libraries raise nearly anything of a damaged file
         said = str(error).partition("\n")[0]
         message = f"{path} is damaged or not of this run ({said}); delete its folder, or use another, and train anew"
         raise InputError(message, "training.checkpoint") from error

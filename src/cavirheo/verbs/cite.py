@@ -5,19 +5,15 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Annotated
 
-from cavirheo.errors import InputError, require
-from cavirheo.verbs.options import argument, option
+from cavirheo.errors import InputError
+from cavirheo.verbs.options import argument
 
 
-def cite(
-    result: Annotated[Path, argument("RESULT", "a result.json, or the folder that holds one")],
-    out: Annotated[Path | None, option("write here instead of to the terminal", None, "-o", "--out")] = None,
-) -> None:
+def cite(result: Annotated[Path, argument("RESULT", "a result.json, or the folder that holds one")]) -> None:
     """What a paper must say about a result: models, window, priors, method, versions; and the references as BibTeX."""
     from cavirheo.loading import load
     from cavirheo.reporting.citation import methods
     from cavirheo.reporting.record import Result
-    from cavirheo.writing.document import whole
 
     found = load(result)
     if not isinstance(found, Result):
@@ -25,10 +21,4 @@ def cite(
         message = f"{result} is a document of another kind ({kind}): give the result.json of infer or fit"
         raise InputError(message, "cite.kind")
     paragraph, sources = methods(found)
-    text = "\n\n".join([paragraph, *(source.bibtex for source in sources)]) + "\n"
-    if out is None:
-        print(text, end="")
-        return
-    require(not out.exists(), f"{out} exists already: give another name", "cite.exists")
-    with whole(out) as temporary:
-        temporary.write_text(text, encoding="utf-8")
+    print("\n\n".join([paragraph, *(source.bibtex for source in sources)]))

@@ -16,8 +16,8 @@ def cluster(
     quiet: options.Quiet = False,
 ) -> None:
     """Whether the workers of a dask cluster have the same version, compiled solver and bits as this machine."""
-    from cavirheo.cluster import client_of
-    from cavirheo.cluster.check import arrived, identity, reports
+    from cavirheo.workflow.cluster import client_of
+    from cavirheo.workflow.cluster.check import arrived, identity, reports
     from cavirheo.writing import terminal
     from cavirheo.writing.digits import MISSING
 
@@ -28,11 +28,10 @@ def cluster(
     with client_of(scheduler, say) as (client, wait):
         arrived(client, wait)
         found = reports(client)
-    table = terminal.table("worker", ["on", "threads", "code", "bits", "solver\nin s", "curves\nper s"], left=["on"])
+    table = terminal.table("worker", ["on", "threads", "code", "bits"], left=["on"])
     for one in found:
         who = [one.identity.code[:8], one.identity.bits[:8]] if one.identity else [MISSING] * 2
-        speed = [f"{one.loading:.1f}", f"{one.rate:.0f}"] if one.identity else [MISSING] * 2
-        table.add_row(one.address, one.host, str(one.threads), *who, *speed)
+        table.add_row(one.address, one.host, str(one.threads), *who)
     if not quiet:
         terminal.console().print(table)
     for versions in sorted({one.versions for one in found if one.versions}):

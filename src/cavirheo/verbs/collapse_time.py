@@ -34,6 +34,7 @@ class CollapseTime(options.Printing, options.Documents, options.Pictures, option
     def __call__(self, run: Run) -> None:
         from cavirheo.companions import collapse_times
         from cavirheo.reading.selection import shot_numbers
+        from cavirheo.reporting import file_names
         from cavirheo.writing import style
         from cavirheo.writing.document import Outputs, write_json
 
@@ -57,8 +58,9 @@ class CollapseTime(options.Printing, options.Documents, options.Pictures, option
             notes=run.notes + ([] if drawing or not self.pictures else [style.NO_PICTURES]),
         )  # fmt: skip
         outputs.write("shots.csv", collapse_times.write_csv, document)
-        if drawing:
-            document.notes += collapse_times.write_pictures(outputs, document)
+        answered = [one for one in groups if one.best] if drawing else []
+        for one, stem in zip(answered, file_names([one.name for one in answered]), strict=True):
+            document.notes += outputs.picture(f"{stem}.png", style.save_png, collapse_times.figure, one, document)
         outputs.write("collapse-time.json", write_json, document)
         outputs.finish()
         run.show(document, collapse_times.print_table)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 from cavirheo.errors import InputError, require
 from cavirheo.verbs import completion, options
@@ -48,8 +48,9 @@ class Design(options.Printing, options.Documents, options.Pictures, options.Seed
     out: options.Out = Path("cavirheo-design")
 
     def __call__(self, run: Run) -> None:
+        from cavirheo.companions.design import Rig
         from cavirheo.companions.design import design as designed
-        from cavirheo.companions.design_view import picture, print_table
+        from cavirheo.companions.design_document import picture, print_table
         from cavirheo.parallel import aside
         from cavirheo.physics.simulate import load_solver
         from cavirheo.writing import style
@@ -65,36 +66,29 @@ class Design(options.Printing, options.Documents, options.Pictures, options.Seed
         require(self.known is not None or self.group is None, message, "design.group")
         rates = _numbers("--fps", self.fps)
         noise = [1e-6 * one for one in _numbers("--noise-um", self.noise_um)]
-        given = {name: getattr(self, name) for name in ("shear_modulus", "viscosity", "stretch")}
+        ranges = {name: getattr(self, name) for name in ("shear_modulus", "viscosity", "stretch")}
         drawing = self.pictures and style.available()
         outputs = Outputs(
             self.out, "design.json", *(["design.png"] if drawing else []), inputs=[self.known] if self.known else []
         )
+        rig = Rig(
+            max_radius=[1e-6 * end for end in self.rmax_um],
+            frame_rate=rates,
+            frames=self.frames,
+            noise=noise,
+            relative_noise=0.01 * self.noise_percent,
+            exposure=1e-6 * self.exposure_us,
+            material=self.material,
+            medium=self.liquid,
+            bubble=self.bubbles or "real",
+        )
+        settings: dict[str, Any] = {name: getattr(self, name) for name in ("spread", "sizes", "draws", "check", "seed")}
+        settings |= {"ranges": {name: pair for name, pair in ranges.items() if pair}}
+        settings["wanted"] = 0.01 * self.wanted_percent
         aside(load_solver)
         with run.bar("simulating", self.sizes * len(rates) * self.draws) as advance:
-            made = designed(
-                self.known,
-                group=self.group,
-                ranges={name: pair for name, pair in given.items() if pair},
-                material=self.material,
-                bubble=self.bubbles or "real",
-                medium=self.liquid,
-                max_radius=[1e-6 * end for end in self.rmax_um],
-                frame_rate=rates,
-                frames=self.frames,
-                noise=noise,
-                relative_noise=0.01 * self.noise_percent,
-                exposure=1e-6 * self.exposure_us,
-                wanted=0.01 * self.wanted_percent,
-                spread=self.spread,
-                sizes=self.sizes,
-                draws=self.draws,
-                check=self.check,
-                seed=self.seed,
-                command=run.command,
-                date=run.date,
-                done=advance,
-            )
+            made = designed(self.known, rig, group=self.group, done=advance, **settings)
+        made.command, made.date = run.command, run.date
         if self.pictures and not drawing:
             made.notes.append(style.NO_PICTURES)
         outputs.write("design.json", write_json, made)

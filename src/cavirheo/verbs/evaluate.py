@@ -27,10 +27,10 @@ class Evaluate(options.Cluster, options.Documents):
     out: options.Out = Path("cavirheo-evaluation")
 
     def __call__(self, run: Run) -> None:
-        from cavirheo.cluster import connected
         from cavirheo.inference.model import path_of
         from cavirheo.training.evaluate import evaluate as judge
         from cavirheo.training.evaluate import markdown
+        from cavirheo.workflow.cluster import connected
 
         idle = self.scheduler is not None and not self.robustness
         require(not idle, "--scheduler would change nothing without --robustness: give that too", "option.scheduler")

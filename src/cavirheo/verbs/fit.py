@@ -6,7 +6,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from cavirheo.errors import require
 from cavirheo.verbs import completion, options
 from cavirheo.verbs.options import INPUT, INTERVAL, option
 from cavirheo.verbs.run import Run
@@ -39,32 +38,20 @@ class Fit(options.Cluster, options.Figures, options.Measured, options.Answering,
     out: options.Out = Path("cavirheo-fit")
 
     def __call__(self, run: Run) -> None:
-        from cavirheo.cluster import connected
-        from cavirheo.inference.fit import fit_many
-        from cavirheo.inference.law import Family
-        from cavirheo.inference.options import Options
-        from cavirheo.parallel import Step
-        from cavirheo.physics.bubble import REAL
+        from cavirheo.inference.analysis import Analysis
         from cavirheo.reporting import DOCUMENTS
+        from cavirheo.workflow.cluster import connected
         from cavirheo.writing.document import Outputs
 
         files, liquid, drawn = run.files(self.files), self.liquid, self.figure_kinds
-        law = None if self.material == "auto" else Family(self.material)
-        solid = f"--damage needs a law with an elastic part, {self.material} has none"
-        bubbles = self.bubbles or (REAL,)
-        undamaged = all(one.damage == "none" for one in bubbles)
-        require(undamaged or law is None or law.elastic, solid, "physics.damage_without_elasticity")
-        camera: dict[str, Any] = {} if self.free is None else {"free": self.free}
-        camera["scale_bound"] = self.scale_percent / 100
+        camera: dict[str, Any] = {"free": self.free, "scale_bound": self.scale_percent / 100}
         camera["t0_bound"] = None if self.t0_us is None else self.t0_us * 1e-6
         end = None if self.window_us is None else self.window_us * 1e-6
         cut: dict[str, Any] = {"window": self.window, "end": end, "weights": self.weights, "stretch": self.stretch}
-        for one in bubbles:
-            Options(**camera, **cut, bubble=one)
+        how: dict[str, Any] = {"medium": liquid, "others": self.others, "trust_input": self.trust_input}
+        how |= {"bubble": self.bubbles, "seed": self.seed}
+        analysis = Analysis("fit", material=self.material, **camera, **cut, **how)
         Outputs(self.out, *DOCUMENTS, inputs=files)
-        settings = {"material": self.material, "others": self.others, "trust_input": self.trust_input}
-        settings |= {**cut, **camera, "medium": liquid, "seed": self.seed, "bubble": bubbles}
-        first = Step("fitting", fit_many, settings)
         with connected(self.scheduler, run.say) as executor:
             curves = run.read(files, liquid, self)
-            run.report(curves, first, self.out, pictures=self.pictures, figures=drawn, executor=executor)
+            run.report(curves, analysis, self.out, pictures=self.pictures, figures=drawn, executor=executor)

@@ -23,12 +23,12 @@ def generate(
     quiet: options.Quiet = False,
 ) -> None:
     """A training set of simulated curves; resumable, and the same bytes for any number of workers."""
-    from cavirheo.cluster import connected
     from cavirheo.physics.simulate import load_solver
     from cavirheo.training import dataset
     from cavirheo.training.posterior import store
     from cavirheo.training.posterior.recipe import posterior_recipe
     from cavirheo.training.recipe import Recipe, read_recipe
+    from cavirheo.workflow.cluster import connected
 
     content = posterior_recipe(recipe) or read_recipe(recipe)
     try:

@@ -59,7 +59,7 @@ class Measure(options.Printing, options.Documents):
                 return stack.enter_context(run.bar("measuring", count, unit="frames"))
 
             found, curve = examine(path, begin=begin, **settings)
-        odd = input_checks.plain(curve, WATER)
+        odd = [warning.text for warning in input_checks.plain(curve, WATER)]
         made = document.describe(found, curve, odd, command=run.command, date=run.date, notes=list(found.notes))
         outputs.write("measured.csv", document.write_csv, found)
         made.notes += outputs.picture("contact.png", picture.save_sheet, picture.contact_sheet, found)

@@ -15,6 +15,7 @@ from cavirheo.errors import require
 from cavirheo.verbs import completion
 
 if TYPE_CHECKING:
+    from cavirheo.inference.analysis import Analysis
     from cavirheo.physics.bubble import Bubble
     from cavirheo.physics.media import Medium
     from cavirheo.reading.shots import Recordings
@@ -77,6 +78,8 @@ Growing = Annotated[Path, folder("folder, which may hold a part")]  # of work th
 Quiet = Annotated[bool, option("print errors only, no table and no progress", None, "--quiet")]
 _MODEL = "shipped model (see `cavirheo models`) or a path to an .onnx file"
 ModelName = Annotated[str, option(_MODEL, INTERVAL, "--model", autocompletion=completion.model_names)]
+_LAW = "a law of `cavirheo laws`, or auto  [default: nhkv]"
+Material = Annotated[str | None, option(_LAW, autocompletion=completion.law_names)]
 Fps = Annotated[Any, number("frames per second, of videos and of files that number their frames")]
 UmPerPx = Annotated[Any, number("micrometres per pixel of a video")]
 Exclude = Annotated[str | None, option("frames of a video to leave out, such as '12,40-45' (the first is 1)", INPUT)]
@@ -96,7 +99,7 @@ WallDistanceUm = Annotated[float | None, option("um to one rigid wall, instead o
 _FILES = "measured R(t): .mat, .csv, .h5, .xlsx; or videos: .mp4, .tif, .cine, ...; a folder, or - for stdin"
 _COLUMN = "table with a number (a concentration, ...) for each shot, file or group, or R_max: slope of the material"
 _BLUR = "exposure time of a frame, us, centred on its time: the simulation is blurred alike"
-_TRUST = "I checked scale, frame rate and constants: report doubts, but keep the verdict"
+_TRUST = "I checked scale, frame rate and constants: report input warnings, but keep the verdict"
 CONTENTS = "vapour: equilibrium (the field's model) or kinetic (condenses at a finite rate)"
 _BUBBLE = (
     "real: vapour condenses at a finite rate, damped by the surroundings; field: equilibrium, unbounded; auto: the "
@@ -313,10 +316,7 @@ class Cluster:
 class Question:
     """What a network is asked."""
 
-    material: Annotated[
-        str | None,
-        option("a law of `cavirheo laws`, or auto  [default: nhkv]", autocompletion=completion.law_names),
-    ] = None
+    material: Material = None
     stretch: Annotated[
         Any, number("R_max/R_0; free: without the prior that a file states  [default: with it]", None, "free")
     ] = None
@@ -334,6 +334,15 @@ class Answering(Printing, Documents, Pictures, Seed, Liquid, Reading):
 @dataclass(kw_only=True)
 class Inference(Answering, OneBubble, Question):
     """What `infer` and `watch` share."""
+
+    @property
+    def analysis(self) -> "Analysis":
+        """What is asked of each curve. Raises InputError: settings that cannot be, or do not go together."""
+        from cavirheo.inference.analysis import Analysis
+
+        names = ("model", "material", "stretch", "window", "trust_input", "verify", "seed")
+        asked: dict[str, Any] = {name: getattr(self, name) for name in names}
+        return Analysis(**asked, bubble=self.bubbles, medium=self.liquid, discrepancy=not self.exact_law)
 
     def check_verify(self, files: Iterable[Path]) -> None:
         """Raises InputError for an option that only --verify would use, before hours are spent.

@@ -26,8 +26,9 @@ class Rheometer(options.Printing, options.Documents, options.Pictures):
     out: options.Out = Path("cavirheo-rheometer")
 
     def __call__(self, run: Run) -> None:
-        from cavirheo.companions.rheometer import document, read, sweeps
-        from cavirheo.reporting import read_json
+        from cavirheo.companions.published_values import set_beside
+        from cavirheo.companions.rheometer import document, read
+        from cavirheo.reporting import comparison, read_json
         from cavirheo.writing import style
         from cavirheo.writing.document import Outputs, write_json
 
@@ -38,7 +39,7 @@ class Rheometer(options.Printing, options.Documents, options.Pictures):
         tables = ("rheometer.json", "rheometer.csv", "table.csv", "strain-sweep.png", "frequency-sweep.png")
         outputs = Outputs(self.out, *tables, inputs=[*files, *([self.beside] if self.beside else [])])
         result = read_json(self.beside) if self.beside else None
-        found: list[sweeps.Sweep] = []
+        found = []
         for path in files:
             try:
                 found += read.read_sweeps(path)
@@ -49,15 +50,18 @@ class Rheometer(options.Printing, options.Documents, options.Pictures):
             found, self.name or document.shared_name(files), self.tolerance / 100, self.at,
             command=run.command, date=run.date, notes=[] if drawing or not self.pictures else [style.NO_PICTURES],
         )  # fmt: skip
-        rows = document.beside(made, result) if result else []
         outputs.write("rheometer.csv", document.write_csv, made)
-        if rows:
-            outputs.write("table.csv", document.write_table, rows)
-        if drawing:
-            from cavirheo.companions.rheometer.picture import write_pictures
+        if result:
+            set_beside(result.groups, {made.material: made.published})
+            outputs.write("table.csv", comparison.write_csv, result)
+        for kind in ("strain", "frequency") if drawing else ():
+            from cavirheo.companions.rheometer.picture import figure
 
-            made.notes += write_pictures(outputs, made)
+            if made.of(kind):
+                made.notes += outputs.picture(f"{kind}-sweep.png", style.save_png, figure, made, kind)
         outputs.write("rheometer.json", write_json, made)
         outputs.finish()
-        run.show(made, lambda made: document.print_rheometry(made, rows))
+        run.show(made, document.print_rheometry)
+        if result and not run.quiet:
+            comparison.print_beside(result, document.regimes(made, result))
         run.end(f"written to {self.out}", any(sweep.message for sweep in made.sweeps))

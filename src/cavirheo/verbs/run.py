@@ -20,7 +20,8 @@ from cavirheo.writing.claim import current
 
 if TYPE_CHECKING:
     from cavirheo.curve import RadiusCurve
-    from cavirheo.parallel import Executor, Step
+    from cavirheo.inference.analysis import Analysis
+    from cavirheo.parallel import Executor
     from cavirheo.physics.media import Medium
     from cavirheo.verbs.options import Measured
     from cavirheo.writing.document import Document
@@ -41,6 +42,7 @@ class Run:
         self.date = datetime.now().astimezone().strftime("%Y-%m-%d %H:%M %Z")
         self.unreadable = 0
         self.notes: list[str] = []  # on the run as a whole
+        self.told: list[str] = []  # those that stderr has
         self.json, self.quiet = json, quiet or json
 
     def bar(
@@ -67,7 +69,8 @@ class Run:
     def refuse(self, problems: list[str]) -> None:
         """Say on stderr which files cannot be read, and count them."""
         self.unreadable += len(problems)
-        self.notes += [f"not read: {problem}" for problem in problems]
+        self.told += [f"not read: {problem}" for problem in problems]
+        self.notes += self.told[-len(problems) :] if problems else []
         for problem in problems:
             terminal.say(f"error: {problem}")
 
@@ -85,7 +88,7 @@ class Run:
 
         found = reading.recordings(files, medium, reading.exclude)
         self.refuse(found.problems)
-        self.notes += found.remarks
+        self.notes += found.remarks + found.hints
         curves = found.curves
         self.need(curves, "curve")
         if reading.column is not None:
@@ -98,45 +101,37 @@ class Run:
     def report(
         self,
         curves: list[RadiusCurve],
-        first: Step,
+        analysis: Analysis,
         out: Path,
         *,
         pictures: bool = True,
         figures: Sequence[str] = (),
-        verify: str = "none",
         executor: Executor | None = None,
-        **settings: Any,
     ) -> None:
-        """The end of `infer` and `fit`: the curves answered by the first step, the answers verified (`settings` are
-        those of `verify_many`), documents into `out`, the table, the exit status."""
-        from cavirheo.answer_store import InOrder, Unfinished
-        from cavirheo.parallel import Step, cores
+        """The end of `infer` and `fit`: the curves answered, documents into `out`, the table, the exit status."""
+        from cavirheo.parallel import cores
         from cavirheo.reporting import outputs, write_report
         from cavirheo.reporting.record import Answered
         from cavirheo.reporting.table import print_table
+        from cavirheo.workflow.analyse import Unfinished
         from cavirheo.writing import digits
 
-        folder = outputs(out, curves, figures)
-        steps, kept = [first], Unfinished(out, shown=not self.quiet, executor=executor)
-        if verify != "none":
-            from cavirheo.inference.verify import verify_many
-
-            steps.append(Step("verifying", verify_many, {"level": verify, **settings}))
-        found = kept.answers(curves, *steps)
-        asked, note = list(found), kept.note(len(found), len(curves))
-        pairs = Answered([curves[i] for i in asked], InOrder(len(asked), lambda k: found[asked[k]]))
+        folder, kept = outputs(out, curves, figures), Unfinished(out, shown=not self.quiet, executor=executor)
+        analysis.check(curves)
+        answers = kept.answers(curves, analysis)
+        pairs, note = Answered([curves[i] for i in answers.indices], answers), kept.note(len(answers), len(curves))
         if note:
             if folder.holds("report.html"):
                 self.stop(f"{note}; until then the earlier answers stay", out / "result.json")
-            if asked:
+            if pairs:
                 notes = [note, *self.notes]
                 write_report(out, pairs, self.command, date=self.date, notes=notes, complete=False)
-            self.stop(note, out / "result.json" if asked else None)
+            self.stop(note, out / "result.json" if pairs else None)
         how: dict[str, Any] = {"date": self.date, "notes": self.notes, "draw": pictures, "workers": cores()}
         with self.bar("drawing", unit="figures") if figures else nullcontext() as advance:
             result = write_report(out, pairs, self.command, figures, done=advance, **how)
         kept.remove()
-        self.show(result, partial(print_table, asked=first.settings, out=out))
+        self.show(result, partial(print_table, asked=analysis, out=out, told=self.told))
         failed = any(record.verdict in ("failed", "check_input") for record in result.curves)
         self.end(f"{digits.counted(len(curves), 'curve')} in {{seconds}}; report: {out / 'report.html'}", failed)
 

@@ -139,7 +139,7 @@ def _show_model(path: Path) -> None:
 
 
 def _show_curves(path: Path, shots: str | None) -> None:
-    """What `infer` would read: a row per curve, then what was recognised and what is doubtful."""
+    """What `infer` would read: a row per curve, then what was recognised, and the input warnings."""
     from cavirheo.inference import input_checks
     from cavirheo.physics.media import WATER
     from cavirheo.reading import read_curves
@@ -154,12 +154,14 @@ def _show_curves(path: Path, shots: str | None) -> None:
             top = [digits.micrometres(curve.max_radius), str(len(curve.collapse_times()))]
         except InputError as error:
             top = [digits.MISSING, digits.MISSING]
-            remarks.append((curve.name, str(error).removeprefix(f"{curve.name}: ")))
+            remarks.append((curve.name, error.message))
         rate = f"{curve.frame_rate:.4g}" if curve.frame_rate else digits.MISSING
         frames = f"{(curve.radius > 0).sum()} of {len(curve.time)}"
         table.add_row(curve.name, frames, rate, *(ends or [digits.MISSING] * 2), *top)
     console.print(f"{path}: {digits.counted(len(curves), 'measured curve')}\n")
     console.print(table)
-    terminal.print_doubts(console, ((one.name, doubt) for one in curves for doubt in input_checks.plain(one, WATER)))
+    terminal.print_warnings(
+        console, ((one.name, warning.text) for one in curves for warning in input_checks.plain(one, WATER))
+    )
     terminal.print_remarks(console, terminal.once(remarks))
     terminal.print_remarks(console, terminal.once((one.name, note) for one in curves for note in one.notes))

@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from cavirheo.physics.simulation import Simulation
 
 DRIVEN = "Driving"
+_FRAMES, _FIELDS = "simulation.csv", "fields.h5"
 _MATERIAL = "nhkv, newtonian or qkv; or any laws with their parameters (see `cavirheo laws`), "
 _MATERIAL += "'yeoh(1e3, 20) + cross(0.5, 0.01, 1e-4)'"
 _PULSE = "ultrasound: peak kPa (negative: tension), MHz, us of the peak"
@@ -28,18 +29,17 @@ _DRIVING = "far-field pressure above ambient: CSV file with columns time_us,pres
 _INERTIA = "R_max sum(s/d) over image bubbles: R_max/2h for one wall at h"
 _DAMPING = "2 pi (R_max^2/A) c/U_c of a tube of cross-section A around"
 _FACTORS = "damaged gel: factors of the modulus and of R_0"
-_FIELDS = "HDF5 file for temperature and vapour in the bubble at every frame"
+_CONTENTS = "fields.h5, too: temperature and vapour in the bubble at every frame"
 
 
 @dataclass(kw_only=True)
-class Simulate(options.Liquid, options.Verb):
+class Simulate(options.Documents, options.Liquid):
     """One bubble from rest at its largest radius, or at equilibrium (--stretch 1) under ultrasound.
 
-    Columns: time_us, radius_um, velocity_m_per_s of the wall, pressure_Pa in the bubble, stress_Pa of the material
-    (stress integral), hoop strain and strain_rate_per_s at the wall.
+    Columns of simulation.csv: time_us, radius_um, velocity_m_per_s of the wall, pressure_Pa in the bubble, stress_Pa of
+    the material (stress integral), hoop strain and strain_rate_per_s at the wall.
     """
 
-    out: Annotated[Path, option("CSV file to write", None, "-o", "--out")]
     rmax_um: Annotated[float, option("largest radius, um")]
     stretch: Annotated[float, option("R_max/R_0")]
     material: Annotated[str, option(_MATERIAL, autocompletion=completion.any_law_names)] = "nhkv"
@@ -68,8 +68,9 @@ class Simulate(options.Liquid, options.Verb):
     vapour_excess: Annotated[float, option("vapour at R_max above saturation, Pa", BUBBLE)] = 0.0
     relaxed: Annotated[bool, option("laws with memory start unstressed", MATERIAL, "--relaxed")] = False
     precise: Annotated[bool, option("ten times as accurate, five times as long", OUTPUT, "--precise")] = False
-    fields: Annotated[Path | None, option(_FIELDS, OUTPUT)] = None
+    fields: Annotated[bool, option(_CONTENTS, OUTPUT, "--fields")] = False
     quiet: options.Quiet = False
+    out: options.Out = Path("cavirheo-simulation")
 
     def __call__(self, run: Run) -> None:
         import numpy as np
@@ -80,18 +81,18 @@ class Simulate(options.Liquid, options.Verb):
         from cavirheo.reading.trace import read_trace
         from cavirheo.writing.document import Outputs
 
-        liquid, pulse, driving, fields, out = self.liquid, self.pulse, self.driving, self.fields, self.out
+        liquid, pulse, driving = self.liquid, self.pulse, self.driving
         both = "give either --pulse or --driving, not both; a file can hold any sum of pressures"
         require(not (pulse and driving), both, "simulate.two_drivings")
         law = self.law()
         duration, fps = self.duration_us * 1e-6, self.fps
-        possible = duration > 0 and 1 <= duration * fps <= 1e6
+        possible = duration > 0 and fps > 0 and 1 <= duration * fps <= 1e6
         got = f"got {self.duration_us} us at {fps} frames per second"
         require(possible, f"duration and frame rate must give 1 to a million frames, {got}", "simulate.frames")
         frames = int(duration * fps * (1 + 1e-9)) + 1
         bubble = self.bubble()
         message = "--polytropic leaves no fields in the bubble: leave out that, or --fields"
-        require(fields is None or self.polytropic is None, message, "physics.no_fields")
+        require(not self.fields or self.polytropic is None, message, "physics.no_fields")
         far_field = None
         if driving:
             *columns, notes = read_trace(driving)
@@ -101,10 +102,8 @@ class Simulate(options.Liquid, options.Verb):
                 raise error.within(str(driving)) from None
             for note in notes:
                 say(f"{driving}: {note}")
-        inputs = [driving] if driving else []
-        places = {out: (Outputs(out.parent, out.name, inputs=inputs), _write_frames)}
-        if fields:
-            places[fields] = Outputs(fields.parent, fields.name, inputs=inputs), _write_fields
+        writers = {_FRAMES: _write_frames} | ({_FIELDS: _write_fields} if self.fields else {})
+        outputs = Outputs(self.out, *writers, inputs=[driving] if driving else [])
         forward.load_solver()
         with _named(driving):
             made = forward.simulate(
@@ -116,12 +115,13 @@ class Simulate(options.Liquid, options.Verb):
                 driving=Pulse(pulse[0] * 1e3, pulse[1] * 1e6, pulse[2] * 1e-6) if pulse else far_field,
                 bubble=bubble,
                 relaxed=self.relaxed,
-                fields=fields is not None,
+                fields=self.fields,
                 accuracy=PRECISE if self.precise else DEFAULT,
             )
-        for path, (outputs, writer) in places.items():
-            outputs.write(path.name, writer, made)
-        run.say(f"{frames} frames of {law} in {liquid.name}: {out}")
+        for name, writer in writers.items():
+            outputs.write(name, writer, made)
+        outputs.finish()
+        run.say(f"{frames} frames of {law} in {liquid.name}: {self.out / _FRAMES}")
 
     def bubble(self) -> Bubble:
         """That of the options. Raises InputError, in their words."""

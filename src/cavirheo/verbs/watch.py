@@ -24,10 +24,7 @@ class Watch(options.Inference):
     wanted_percent: options.WantedPercent = 10.0
 
     def __call__(self, run: Run) -> None:
-        from cavirheo.inference import check_models, infer_many
-        from cavirheo.inference.law import Family
-        from cavirheo.inference.posterior_model import network_of
-        from cavirheo.parallel import Step, aside, cores
+        from cavirheo.parallel import aside, cores
         from cavirheo.physics.simulate import load_solver
         from cavirheo.reading.column import is_size, read_column
         from cavirheo.reporting import wall_page, write_report
@@ -35,21 +32,15 @@ class Watch(options.Inference):
         from cavirheo.watch import Watch as Watching
         from cavirheo.writing import digits
 
-        folder, out, liquid, bubbles = self.folder, self.out, self.liquid, self.bubbles
+        folder, out, liquid = self.folder, self.out, self.liquid
         require(folder.is_dir(), f"{folder} is no folder: give the one where recordings arrive", "watch.folder")
         self.check_verify([folder])
-        check_models(self.model, self.material, bubbles, self.verify, self.stretch)
-        if self.material not in (None, "auto"):
-            Family(self.material)
+        analysis = self.analysis
         if self.column is not None and not is_size(self.column):
             read_column(self.column)
-        settings: dict[str, Any] = {"model": self.model, "material": self.material, "window": self.window}
-        settings |= {"stretch": self.stretch, "medium": liquid, "verify": self.verify, "seed": self.seed}
-        settings |= {"discrepancy": not self.exact_law, "bubble": bubbles, "trust_input": self.trust_input}
-        step = Step("inferring", infer_many, settings, made_with=network_of(self.model).sha256)
         reading = {one.name: getattr(self, one.name) for one in fields(options.Reading) if one.name != "column"}
         watching = Watching(
-            folder, out, step, lambda path: self.recordings([path], liquid), reading, group=self.group,
+            folder, out, analysis, lambda path: self.recordings([path], liquid), reading, group=self.group,
             column=self.column, command=run.command, date=run.date, say=run.say, patience=self.patience,
             wanted=0.01 * self.wanted_percent, show=print_line if not run.quiet else lambda _: None,
         )  # fmt: skip
@@ -60,13 +51,13 @@ class Watch(options.Inference):
         try:
             while watching.once() or watching.pause() or not self.once:
                 pass
-        except KeyboardInterrupt:
-            result = watching.write()
-            run.stop(f"interrupted: {len(result.curves)} answered; the same command again goes on", out / "result.json")
+            stopped = False
+        except KeyboardInterrupt:  # the usual end
+            stopped = True
         pairs, notes = watching.answered()
         how: dict[str, Any] = {"date": run.date, "notes": notes, "draw": self.pictures, "workers": cores()}
         result = write_report(out, pairs, run.command, **how)
         run.show(result, print_table)
-        run.unreadable = watching.unreadable
-        failed = any(record.verdict in ("failed", "check_input") for record in result.curves)
+        run.unreadable = 0 if stopped else watching.unreadable
+        failed = not stopped and any(record.verdict in ("failed", "check_input") for record in result.curves)
         run.end(f"{digits.counted(len(pairs), 'curve')} in {{seconds}}; report: {out / 'report.html'}", failed)

@@ -32,14 +32,14 @@ class WhichLaw(options.Cluster, options.Figures, options.Measured, options.Answe
 
     def __call__(self, run: Run) -> None:
         from cavirheo import reporting
-        from cavirheo.answer_store import Unfinished
-        from cavirheo.cluster import connected
         from cavirheo.inference.options import Options
         from cavirheo.inference.verify.evidence import explained, models, plans, ranked, weighed
         from cavirheo.parallel import cores
         from cavirheo.physics.bubble import REAL
         from cavirheo.reporting.figures import laws_figure, paper_names, save
         from cavirheo.reporting.laws import Laws, firmly, print_table, records
+        from cavirheo.workflow.analyse import Unfinished
+        from cavirheo.workflow.cluster import connected
         from cavirheo.writing import digits, document
 
         files, liquid, out, drawn = run.files(self.files), self.liquid, self.out, self.figure_kinds
@@ -52,9 +52,9 @@ class WhichLaw(options.Cluster, options.Figures, options.Measured, options.Answe
             kept = Unfinished(out, shown=not run.quiet, executor=executor)
             curves = run.read(files, liquid, self)
             reporting.outputs(out, curves, drawn)
-            how: dict[str, Any] = {"medium": liquid, "stretch": self.stretch, "seed": self.seed}
-            how["discrepancy"] = not self.exact_law
-            found = weighed(curves, plans(chosen, self.window, self.trust_input, **how), kept.answers)
+            how: dict[str, Any] = {"medium": liquid, "window": self.window, "trust_input": self.trust_input}
+            asked = plans(chosen, stretch=self.stretch, seed=self.seed, discrepancy=not self.exact_law, **how)
+            found = weighed(curves, asked, lambda *these: kept.answers(*these).numbered())
         complete = [i for i in range(len(curves)) if all(i in answers for answers in found.values())]
         answered, note = [curves[i] for i in complete], kept.note(len(complete), len(curves))
         singles, groups = ranked(answered, {law: [answers[i] for i in complete] for law, answers in found.items()})
@@ -69,8 +69,13 @@ class WhichLaw(options.Cluster, options.Figures, options.Measured, options.Answe
             run.stop(note, out / "laws.json" if answered else None)
         if "paper" in drawn:
             stems = paper_names([one.name for one in made.curves], [one.name for one in made.groups], "laws-")
+            undrawn: list[str] = []
             for stem, one in zip(stems, [*made.curves, *made.groups], strict=True):
-                save(outputs, stem, laws_figure(one))
+                with document.drawing(stem, undrawn):
+                    save(outputs, stem, laws_figure(one))
+            if undrawn:
+                notes += undrawn
+                outputs.write("laws.json", document.write_json, made.model_copy(update={"notes": notes}))
         outputs.finish()
         pairs = list(zip(answered, explained(singles, groups), strict=True))
         how = {"date": run.date, "draw": self.pictures, "workers": cores(), "notes": [*firmly(made), *notes]}
@@ -80,7 +85,5 @@ class WhichLaw(options.Cluster, options.Figures, options.Measured, options.Answe
         run.show(made, print_table)
         verdicts = {answer.checks.verdict for one in singles for answer in one.answers.values()}
         failed = "check_input" in verdicts or any(one.chosen is None for one in singles)
-        run.end(
-            f"{digits.counted(len(curves), 'curve')} in {{seconds}}; {out}/laws.json; report: {out}/report.html",
-            failed,
-        )
+        places = f"{out / 'laws.json'}; report: {out / 'report.html'}"
+        run.end(f"{digits.counted(len(curves), 'curve')} in {{seconds}}; {places}", failed)

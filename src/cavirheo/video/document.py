@@ -147,5 +147,5 @@ def print_table(made: Measured) -> None:
     console.print(top)
     for what, number in (("frames per second", made.frame_rate_hz), ("um per pixel", made.um_per_px)):
         console.print(f"{what}: {'–' if number.value is None else f'{number.value:.6g}'} ({number.origin})")
-    terminal.print_doubts(console, ((made.name, doubt) for doubt in made.doubts))
+    terminal.print_warnings(console, ((made.name, doubt) for doubt in made.doubts))
     terminal.print_remarks(console, terminal.once((made.name, note) for note in (made.unusable, *made.notes) if note))

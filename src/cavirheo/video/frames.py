@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from cavirheo.arrays import Bools, Floats
 from cavirheo.errors import require
 from cavirheo.files import read_bytes
+from cavirheo.messages import Message
 
 Pixels = NDArray[Any]  # unsigned integers of 8 or 16 bits
 
@@ -45,7 +46,7 @@ class Footage:
     """frames: (n, height, width). time: (n,) s, the camera's stamps from the first frame on. frame_rate: 1/s and
     exposure: s, of a camera's header. damaged: (n,) frames that came in pieces. All but the frames may be missing.
 
-    `notes` tell what was found, `doubts` what is wrong with the file.
+    `notes` tell what was found, `warnings` what is wrong with the file.
     """
 
     frames: Pixels
@@ -55,7 +56,7 @@ class Footage:
     um_per_px: float | None = None
     damaged: Bools = field(default_factory=lambda: np.empty(0, bool))
     notes: tuple[str, ...] = ()
-    doubts: tuple[str, ...] = ()
+    warnings: tuple[Message, ...] = ()
 
     def part(self, first: int, last: int) -> Footage:
         """Frames `first` to `last`, counted from 1. Raises InputError: there are none."""
@@ -118,7 +119,7 @@ def _movie(path: Path) -> Footage:
     import av
 
     av.logging.set_level(av.logging.PANIC)
-    frames, notes, doubts, stated = _Growing(), [], [], 0.0
+    frames, notes, warnings, stated = _Growing(), list[str](), list[Message](), 0.0
     damaged: list[bool] = []
     try:
         with av.open(str(path), options=_FFMPEG) as container:
@@ -134,12 +135,12 @@ def _movie(path: Path) -> Footage:
                 damaged.append(bool(frame.is_corrupt))
     except av.error.FFmpegError as error:
         require(bool(damaged), f"no frame of a video can be decoded ({error.strerror})", "video.undecodable")
-        doubts.append(f"the file is damaged after frame {len(damaged)} ({error.strerror})")
-    if not doubts and len(damaged) < stated:
-        doubts.append(f"the file is cut short: it states about {stated:.0f} frames, {len(damaged)} are there")
+        warnings.append(Message("check_input.file_damaged", {"frames": len(damaged), "cause": error.strerror}))
+    if not warnings and len(damaged) < stated:
+        warnings.append(_cut_short(len(damaged), stated, "about "))
     bad = np.array(damaged, bool)
     notes += [f"{bad.sum()} damaged frames are left out"] if bad.any() else []
-    return Footage(frames.whole(), damaged=bad, notes=tuple(notes), doubts=tuple(doubts))
+    return Footage(frames.whole(), damaged=bad, notes=tuple(notes), warnings=tuple(warnings))
 
 
 class _Growing:
@@ -273,7 +274,7 @@ def _single(images: list[Path]) -> bool:
     try:
         with TiffFile(images[0]) as file:
             return len(file.pages) == 1
-    except Exception:
+    except Exception:  # tifffile raises nearly anything of a damaged file, of which its reader says what is wrong
         return False
 
 
@@ -297,9 +298,9 @@ def _cine(path: Path) -> Footage:
             break
         blocks[kind] = head[at + 8 : at + size]
         at += size
-    n, notes, doubts = len(movie.frames), [*movie.notes], [*movie.doubts]
+    n, notes, warnings = len(movie.frames), [*movie.notes], [*movie.warnings]
     if n < count:
-        doubts.append(f"the file is cut short: {n} of {count} frames are there")
+        warnings.append(_cut_short(n, count))
     time = exposure = None
     if len(blocks.get(1002, b"")) >= 8 * n and n > 1:
         stamps = np.frombuffer(blocks[1002], "<u4")[: 2 * n].reshape(-1, 2).astype(np.float64)
@@ -311,13 +312,17 @@ def _cine(path: Path) -> Footage:
             notes.append(f"{told:.6g} frames per second by the time stamps of the .cine file")
         else:
             time = None
-            doubts.append("the time stamps of the .cine file do not increase and are not used")
+            warnings.append(Message("check_input.time_stamps"))
         if increases and rate and abs(told / rate - 1.0) > 0.01:
-            doubts.append(f"the camera's header says {rate:.6g} frames per second, its time stamps {told:.6g}")
+            warnings.append(Message("check_input.camera_clock", {"header": float(rate), "stamps": told}))
     if len(blocks.get(1003, b"")) >= 4 * n:
         exposure = float(np.median(np.frombuffer(blocks[1003], "<u4")[:n])) / 2**32 or None
     about: dict[str, Any] = {"time": time, "frame_rate": rate or None, "exposure": exposure}
-    return replace(movie, notes=tuple(notes), doubts=tuple(doubts), **about)
+    return replace(movie, notes=tuple(notes), warnings=tuple(warnings), **about)
+
+
+def _cut_short(frames: int, stated: float, about: str = "") -> Message:
+    return Message("check_input.file_cut_short", {"frames": frames, "stated": stated, "about": about})
 
 
 def _mraw(path: Path) -> Footage:
@@ -349,7 +354,7 @@ def _mraw(path: Path) -> Footage:
         a, b, c = content.reshape(-1, 3).astype(np.uint16).T
         content = np.stack([a << 4 | b >> 4, (b & 15) << 8 | c], axis=1)
     frames = (content.view("<u2") if bits == 16 else content).reshape(-1, height, width)
-    short = (f"the file is cut short: {n} of {stated} frames are there",) if n < stated else ()
+    short = (_cut_short(n, stated),) if n < stated else ()
     rate, shutter = number("recordInfo/recordRate"), number("recordInfo/shutterSpeedNsec")
     notes = (f"{rate} frames per second and an exposure of {shutter / 1e3:g} us by the camera's header",)
-    return Footage(frames, None, float(rate) or None, shutter * 1e-9 or None, notes=notes, doubts=short)
+    return Footage(frames, None, float(rate) or None, shutter * 1e-9 or None, notes=notes, warnings=short)

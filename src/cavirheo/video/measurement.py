@@ -14,6 +14,8 @@ import numpy as np
 from cavirheo.arrays import Floats
 from cavirheo.curve import RadiusCurve
 from cavirheo.errors import numbered, require
+from cavirheo.messages import Message
+from cavirheo.parameters import FRAME_RATE
 from cavirheo.video import frames
 from cavirheo.video.frames import Footage
 from cavirheo.video.stage import Stage, set_stage
@@ -25,7 +27,7 @@ _DIFFERS = 0.01  # of the rate or the exposure: the camera and the user mean dif
 _TWINS = 0.2  # of the measured frames
 _CUT = 0.9  # of the outline at R_max: seen less far, it is said
 _BURNT = 0.3  # of the background, at the brightest value
-_HOW = "give it: --fps, or frame_rate= in Python"
+_HOW = "give it (--fps; in Python frame_rate=)"
 _NO_RATE = f"how fast it was recorded is not known, for a video file states how fast it is played; {_HOW}"
 
 
@@ -52,7 +54,7 @@ class Measurement:
     exposure: Stated
     options: dict[str, Any]
     told: tuple[str, ...]  # by the recording
-    doubts: tuple[str, ...]
+    warnings: tuple[Message, ...]
     first: int = 1
     corner: tuple[int, int] = (0, 0)
 
@@ -98,7 +100,7 @@ class Measurement:
         why = f"the radius is in pixels (largest {largest:.4g}) without um per pixel; give --um-per-px"
         unscaled = "" if self.um_per_px.value else why
         radius, sigma = self.track.radius * pixel, self.track.sigma * pixel
-        return RadiusCurve(self.time, radius, sigma, about, unscaled=unscaled, doubts=self.doubts)
+        return RadiusCurve(self.time, radius, sigma, about, unscaled=unscaled, warnings=self.warnings)
 
 
 class MeasureOptions(TypedDict, total=False):
@@ -146,8 +148,10 @@ def measure(
         require(fine, f"{name} must be a positive number, got {value!r}", f"video.{name}")
     whole = frames.read(path)
     count = len(whole.frames)
-    rate, doubts = _agreed("frames per second", frame_rate, _camera_rate(whole))
+    rate, warnings = _agreed("frames per second", frame_rate, _camera_rate(whole))
     require(rate.value is not None or whole.time is not None, _NO_RATE, "video.frame_rate")
+    if rate.value is not None:
+        FRAME_RATE.check("the frame rate", rate.value, "video.frame_rate")
     shutter, more = _agreed("seconds of exposure", exposure, (whole.exposure, "the camera's header"))
     scale, again = _agreed("um per pixel", um_per_px, (whole.um_per_px, "the resolution stored by ImageJ"))
     stamped = whole.time is not None and frame_rate is None
@@ -175,7 +179,7 @@ def measure(
     }  # fmt: skip
     made = Measurement(
         track, seen, time[first - 1 : last], rate, scale, shutter, options, whole.notes,
-        (*whole.doubts, *doubts, *more, *again, *_doubts(track, stage)), first, corner,
+        (*whole.warnings, *warnings, *more, *again, *_warnings(track, stage)), first, corner,
     )  # fmt: skip
     return made if exclude is None else made.without(exclude)
 
@@ -186,14 +190,15 @@ def _camera_rate(recording: Footage) -> tuple[float | None, str]:
     return float(1.0 / np.median(np.diff(recording.time))), "the camera's time stamps"
 
 
-def _agreed(what: str, given: float | None, camera: tuple[float | None, str]) -> tuple[Stated, tuple[str, ...]]:
-    """The number that counts, the user's before the camera's; a sentence where they differ."""
+def _agreed(what: str, given: float | None, camera: tuple[float | None, str]) -> tuple[Stated, tuple[Message, ...]]:
+    """The number that counts, the user's before the camera's; a warning where they differ."""
     value, origin = camera
     if given is None:
         return (Stated(value, origin) if value else Stated()), ()
     if not value or abs(given / value - 1.0) <= _DIFFERS:
         return Stated(float(given), "the user"), ()
-    return Stated(float(given), "the user"), (f"{given:.6g} {what} were given; {origin} has {value:.6g}",)
+    values = {"given": given, "what": what, "origin": origin, "value": value}
+    return Stated(float(given), "the user"), (Message("check_input.camera_differs", values),)
 
 
 def _region(images: frames.Pixels, roi: tuple[int, int, int, int]) -> frames.Pixels:
@@ -204,15 +209,14 @@ def _region(images: frames.Pixels, roi: tuple[int, int, int, int]) -> frames.Pix
     return images[:, y : y + height, x : x + width]
 
 
-def _doubts(track: Track, stage: Stage) -> tuple[str, ...]:
+def _warnings(track: Track, stage: Stage) -> tuple[Message, ...]:
     measured = int(np.isfinite(track.radius).sum())
-    said = []
+    found = []
     if track.twins >= _TWINS * measured:
-        what = f"a second bubble nearly as large is in {track.twins} of {measured} frames (the mirror image in a wall?)"
-        said.append(f"{what}: choose one with --roi x,y,width,height")
+        found.append(Message("check_input.two_bubbles", {"frames": int(track.twins), "measured": measured}))
     if stage.depth > 0 and np.mean(stage.reference >= 0.995 * stage.frames.max()) > _BURNT:
-        said.append("the background is overexposed: the radius is too small by some tenths of a pixel")
-    return tuple(said)
+        found.append(Message("check_input.overexposed"))
+    return tuple(found)
 
 
 def _counted(found: Measurement) -> list[str]:

@@ -97,20 +97,6 @@ def measured(value: Quantity, factor: float = 1.0, unit: str = "") -> str:
     return quantity(value, factor) + (f" {unit}" if unit else "")
 
 
-def unbounded(name: str, value: Quantity) -> str:
-    """'the recording gives an upper limit of µ alone: any value below 0.030 Pa s follows it as well', of a parameter by
-    its natural name, in SI, that has a bound alone."""
-    from cavirheo.parameters import about
-
-    symbol, unit, *_ = about(name)
-    if value.bound == "undetermined":
-        return f"the recording does not determine {symbol}: values all over the range that is searched follow it"
-    end = value.q95 if value.bound == "upper" else value.q05
-    words = measured(value, *unit_for(unit, end)).removesuffix(" (95 %)")
-    limit = "an upper limit" if value.bound == "upper" else "a lower limit"
-    return f"the recording gives {limit} of {symbol} alone: any value {words} follows it as well"
-
-
 def spread(value: Spread, factor: float = 1.0) -> str:
     """'6.4 ± 1.6': two digits of the deviation decide; '6.44 ± 0' where it is that of rounding alone."""
     if value.mean is None:
@@ -159,8 +145,8 @@ def ranges(numbers: Sequence[int]) -> str:
 
 
 def simulated(method: str) -> str:
-    """'simulation: best draw': what is drawn over a measurement, of an answer by this method."""
-    return f"simulation: {SIMULATED.get(method, 'answer')}"
+    """'best draw': whose simulation is drawn over a measurement, of an answer by this method."""
+    return SIMULATED.get(method, "answer")
 
 
 def percent(value: float | None) -> str:

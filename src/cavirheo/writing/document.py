@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import hashlib
 import json
+import logging
 import os
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
@@ -31,6 +32,7 @@ from cavirheo.files import as_cell, as_remark, read_bytes
 from cavirheo.parameters import Bound
 from cavirheo.writing import claim, digits
 
+_log = logging.getLogger(__name__)
 LARGEST = 500_000_000  # bytes of a document that is read
 NAME = 120  # bytes of a name to which an ending, a number and the mark of a part are added
 LIST = ".cavirheo"  # in a folder that we wrote into: what we wrote there
@@ -228,19 +230,11 @@ class Outputs:
         self._written.add(name)
 
     def picture(self, name: str, save: Callable[..., object], draw: Callable[..., Any], *content: Any) -> list[str]:
-        """`save(path, draw(*content))`; what is to be said where it cannot be drawn, which costs nothing but itself."""
-        with np.errstate(all="ignore"):  # of numbers near the largest there is
-            try:
-                drawn = draw(*content)
-            except Exception as error:
-                return [_undrawn(name, error)]
-            try:
-                self.write(name, save, drawn)
-            except InputError:  # the folder, or a file of the user's
-                raise
-            except Exception as error:  # much is decided only where a figure becomes pixels
-                return [_undrawn(name, error)]
-        return []
+        """`save(path, draw(*content))`; what is to be said where it cannot be drawn."""
+        failed: list[str] = []
+        with drawing(name, failed):
+            self.write(name, save, draw(*content))
+        return failed
 
     def finish(self) -> None:
         """Remove what earlier runs of this kind wrote and this one did not: pictures of other curves."""
@@ -263,7 +257,8 @@ class Outputs:
             if entry and entry["run"] != self._claim.key:
                 whose = f" ({entry['command']})" if entry["command"] else ""
                 message = f"{self.folder} holds the answers of another run{whose}, which would be lost"
-                raise InputError(f"{message}: name another folder by -o, or give --replace", "document.other_run")
+                mend = "name another folder by -o, or give --replace (replace=True in Python)"
+                raise InputError(f"{message}: {mend}", "document.other_run")
 
     def holds(self, name: str) -> bool:
         """Whether this file is there as we wrote it."""
@@ -288,16 +283,28 @@ class Outputs:
                     self._listed.setdefault(entry["name"], []).append(entry)
 
 
+@contextmanager
+def drawing(name: str, failed: list[str]) -> Iterator[None]:
+    """Around a picture, its file included: where it cannot be drawn, `failed` has a sentence more, and the run goes on.
+
+    Raises InputError of `Outputs`: the folder cannot be written, or a file of the user's would be replaced.
+    """
+    try:
+        with np.errstate(all="ignore"):  # of numbers near the largest there is
+            yield
+    except Exception as error:  # libraries raise nearly anything of a label or a font; the answers must be written
+        if isinstance(error, InputError) and error.code.startswith("document."):
+            raise
+        _log.info("%s could not be drawn", name, exc_info=True)
+        failed.append(f"{name} could not be drawn: {type(error).__name__}: {error}")
+
+
 def _is_there(path: Path) -> bool:
     """Raises OSError: a name that no file can have."""
     with suppress(FileNotFoundError):
         path.lstat()
         return True
     return False
-
-
-def _undrawn(name: str, error: Exception) -> str:
-    return f"{name} could not be drawn: {type(error).__name__}: {error}"
 
 
 def _sha256(path: Path) -> str:

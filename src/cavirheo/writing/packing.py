@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import hashlib
+import json
 from collections.abc import Mapping
 from dataclasses import fields, is_dataclass
 from typing import Any
@@ -17,7 +19,7 @@ def pack(value: Any, arrays: list[np.ndarray]) -> Any:
         arrays.append(value)
         return {"array": len(arrays) - 1}
     if isinstance(value, InputError):
-        return {"InputError": {"message": str(value), "code": value.code}}
+        return {"InputError": {"message": value.message, "code": value.code, "where": value.where}}
     names = [field.name for field in fields(value)] if is_dataclass(value) else getattr(value, "_fields", None)
     if names is not None and not isinstance(value, type):
         return {type(value).__name__: {name: pack(getattr(value, name), arrays) for name in names}}
@@ -43,3 +45,12 @@ def unpack(value: Any, arrays: list[np.ndarray], kinds: Mapping[str, Any]) -> An
     if kind == "dict":
         return {unpack(key, arrays, kinds): unpack(item, arrays, kinds) for key, item in inside}
     return {"list": list, "tuple": tuple}[kind](unpack(item, arrays, kinds) for item in inside)
+
+
+def key_of(content: Any) -> str:
+    """SHA-256 of whatever `pack` can pack."""
+    arrays: list[np.ndarray] = []
+    digest = hashlib.sha256(json.dumps(pack(content, arrays), default=str).encode())
+    for array in arrays:
+        digest.update(f"{array.dtype}{array.shape}".encode() + array.tobytes())
+    return digest.hexdigest()

@@ -14,6 +14,7 @@ from cavirheo.writing.digits import LOOKS, elide, printable
 _LONGEST = 1000  # characters of one line
 RATE_OVER = 120.0  # s over which a rate is taken: an answer may take many, and a cluster brings many at once
 _NUMBER = re.compile(r"(?<![\w.])-?\d+(?:\.\d+)?(?:e[+-]?\d+)?")
+_UNIT = re.compile(r" ?(?:%|[kM]?Pa|[mnuµ]?[ms]|px|K|kg/m3|times|frames|shots|curves)(?!\w)")  # of an amount
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -127,7 +128,9 @@ def table(first: str, heads: Sequence[str], *, left: Sequence[str] = (), title: 
 def once(about: Iterable[tuple[str, str]]) -> dict[str, list[str]]:
     """{message: names} of (name, message), each message once and in order; empty messages are left out.
 
-    Messages that differ in their numbers alone are one, with "6.5 to 12" for a number that is not the same in all.
+    Messages that differ in their numbers alone are one: amounts that are not the same in all become "6.5 to 12 %".
+    Where one of these numbers has no unit, it may be the name of a thing or the end of an interval: then "…" stands for
+    each of them.
     """
     found: dict[str, list[tuple[str, list[str]]]] = {}
     for name, message in about:
@@ -135,16 +138,19 @@ def once(about: Iterable[tuple[str, str]]) -> dict[str, list[str]]:
         if message:
             found.setdefault(form, []).append((name, _NUMBER.findall(message)))
     return {
-        form.format(*(_range(values) for values in zip(*(numbers for _, numbers in mine), strict=True))): [
-            name for name, _ in mine
-        ]
+        _merged(form, list(zip(*(numbers for _, numbers in mine), strict=True))): [name for name, _ in mine]
         for form, mine in found.items()
     }
 
 
-def _range(numbers: Sequence[str]) -> str:
-    low, high = min(numbers, key=float), max(numbers, key=float)
-    return low if float(low) == float(high) else f"{low} to {high}"
+def _merged(form: str, columns: Sequence[Sequence[str]]) -> str:
+    """The form with its numbers. columns: for each of them, what it is in every message."""
+    parts = form.split("{}")[1:]
+    ends = [(min(column, key=float), max(column, key=float)) for column in columns]
+    differ = [float(low) != float(high) for low, high in ends]
+    amounts = all(_UNIT.match(part) for part, other in zip(parts, differ, strict=True) if other)
+    ranges = (f"{low} to {high}" if amounts else "…" for low, high in ends)
+    return form.format(*(text if other else low for text, other, (low, _) in zip(ranges, differ, ends, strict=True)))
 
 
 def print_remarks(
@@ -168,7 +174,7 @@ def print_remarks(
         to.print(Text(f"• {printable(note)}"))
 
 
-def print_doubts(to: Console, about: Iterable[tuple[str, str]]) -> None:
+def print_warnings(to: Console, about: Iterable[tuple[str, str]]) -> None:
     """What is to be checked of recordings and settings, of (name, sentence): each once, before all other remarks."""
     look = LOOKS["check_input"]
     names = {said: list(dict.fromkeys(of)) for said, of in once(about).items()}

@@ -14,10 +14,10 @@ from typing import Any
 
 import numpy as np
 
-from cavirheo.arrays import Bools, Floats
-from cavirheo.companions.rheometer.sweeps import FrequencySweep, StrainSweep
+from cavirheo.arrays import Floats
+from cavirheo.companions.rheometer.sweeps import Sweep
 from cavirheo.errors import InputError, printable, require
-from cavirheo.reading.columns import Column, Table, read_columns
+from cavirheo.reading.columns import Table, read_columns
 from cavirheo.reading.files import guarded, sha256, shown
 from cavirheo.reading.vocabulary import Term, Vocabulary
 from cavirheo.writing.digits import counted
@@ -83,7 +83,7 @@ _SWEPT = 2.0  # largest over smallest, from which a column counts as swept
 _SAME = 0.02  # relative difference below which two settings of the instrument are one
 
 
-def read_sweeps(path: str | Path) -> list[StrainSweep | FrequencySweep]:
+def read_sweeps(path: str | Path) -> list[Sweep]:
     """Every strain and frequency sweep of a file; rows that cannot be used are counted in `notes`.
 
     A table with every setting equally often (a sweep run three times, or up and down) is that many sweeps.
@@ -92,7 +92,7 @@ def read_sweeps(path: str | Path) -> list[StrainSweep | FrequencySweep]:
         InputError: the file cannot be read, holds no table of G' and G'', or leaves a unit open.
     """
     path = Path(path)
-    found: list[StrainSweep | FrequencySweep] = []
+    found: list[Sweep] = []
     others: list[str] = []
     with guarded(path):
         parts = [part for table in read_columns(path, VOCABULARY, ("storage", "loss")) for part in _intervals(table)]
@@ -123,7 +123,7 @@ def _intervals(table: Table) -> Iterator[tuple[str, Table]]:
         yield label, table.part([row for row, other in zip(table.rows, labels, strict=True) if other == label])
 
 
-def _sweeps(table: Table, label: str) -> Iterator[StrainSweep | FrequencySweep]:
+def _sweeps(table: Table, label: str) -> Iterator[Sweep]:
     """The sweep that a table holds, or each of its repetitions."""
     kept = [row for row in table.rows if not any("invalid" in cell.lower() for cell in row.cells)]
     invalid, table = len(table.rows) - len(kept), table.part(kept)
@@ -138,11 +138,11 @@ def _sweeps(table: Table, label: str) -> Iterator[StrainSweep | FrequencySweep]:
     swept = [name for name, column in first.items() if _span(column.numbers[positive]) >= _SWEPT]
     where = f"{np.sum(positive)} rows with moduli" + (f" of {label!r}" if label else "")
     require(bool(swept), f"no sweep of {' and '.join(first)} in the {where}", _NO_SWEEP)
-    setting = swept[0]  # at a given stress the strain varies with the frequency
-    wanted = [first.pop(setting), *moduli]
-    needed = np.stack([column.numbers for column in wanted])  # in the units of the file
-    known = np.isfinite(needed).all(axis=0)
-    usable = np.asarray(known & (needed > 0).all(axis=0))
+    kind = swept[0]  # at a given stress the strain varies with the frequency
+    columns = [first.pop(kind), *moduli]
+    numbers = np.stack([column.numbers for column in columns])  # in the units of the file
+    known = np.isfinite(numbers).all(axis=0)
+    usable = np.asarray(known & (numbers > 0).all(axis=0))
     dropped = {
         "marked invalid": invalid,
         "without a number": int(np.sum(~known)),
@@ -151,51 +151,41 @@ def _sweeps(table: Table, label: str) -> Iterator[StrainSweep | FrequencySweep]:
     notes = table.notes + [f"{counted(count, 'row')} {why} left out" for why, count in dropped.items() if count]
     few = f"{np.sum(usable)} usable rows in a sweep, at least 3 are needed; {'; '.join(notes)}"
     require(bool(np.sum(usable) >= 3), few, _NO_SWEEP)
-    notes += [note for column in wanted for note in column.assumed]
-    if wanted[0].unit in _HERTZ:
-        notes.append(f"{wanted[0].title!r} is in {wanted[0].unit}: converted to rad/s by 2 pi")
-    data = [column.factor * column.numbers[usable] for column in wanted]
-    held = [_held(column, usable, data[0] if setting == "frequency" else None, notes) for column in first.values()]
-    yield from _repetitions(setting, np.stack([*data, *(held or [np.full(len(data[0]), np.nan)])]), label, notes)
-
-
-def _held(column: Column, usable: Bools, omega: Floats | None, notes: list[str]) -> Floats:
-    """(n,) what is kept while the other setting is swept. Raises InputError: it is swept, too, at some frequency."""
-    values = column.numbers[usable]
-    for one in [] if omega is None else np.unique(omega):
-        here = values[np.abs(omega / one - 1) < _SAME]
-        trouble = f"{len(here)} rows at {one:.4g} rad/s with strains that differ by more than a factor of {_SWEPT:g}"
-        mend = "two sweeps in one table; give them as two files, or tell them apart by a column `interval`"
-        require(len(here) < 3 or _span(here) <= _SWEPT, f"{trouble}: {mend}", "rheometer.two_sweeps")
-    try:
-        return values * column.factor
-    except InputError:
-        notes.append(f"{column.title!r} is not used: its unit is missing or not known")
-        return np.full(len(values), np.nan)
-
-
-def _repetitions(setting: str, data: Floats, label: str, notes: list[str]) -> Iterator[StrainSweep | FrequencySweep]:
-    """A sweep each, of (4, n) setting, G', G'' and what is held; rows of one setting are averaged."""
+    notes += [note for column in columns for note in column.assumed]
+    if columns[0].unit in _HERTZ:
+        notes.append(f"{columns[0].title!r} is in {columns[0].unit}: converted to rad/s by 2 pi")
+    data = np.stack([column.factor * column.numbers[usable] for column in columns])
+    held = np.full(data.shape[1], np.nan)
+    for column in first.values():
+        values = column.numbers[usable]
+        for omega in np.unique(data[0]) if kind == "frequency" else ():
+            here = values[np.abs(data[0] / omega - 1) < _SAME]
+            trouble = (
+                f"{len(here)} rows at {omega:.4g} rad/s with strains that differ by more than a factor of {_SWEPT:g}"
+            )
+            mend = "two sweeps in one table; give them as two files, or tell them apart by a column `interval`"
+            require(len(here) < 3 or _span(here) <= _SWEPT, f"{trouble}: {mend}", "rheometer.two_sweeps")
+        try:
+            held = values * column.factor
+        except InputError:
+            notes.append(f"{column.title!r} is not used: its unit is missing or not known")
     passes = _passes(data[0])
-    times = int(passes.max()) + 1
-    notes = notes + [f"each {setting} {times} times: read as {times} sweeps"] * (times > 1)
-    for k in range(times):
-        part = data[:, passes == k]
-        part = part[:, np.argsort(part[0], kind="stable")]
-        group = np.cumsum(np.diff(part[0], prepend=part[0, 0]) > _SAME * np.roll(part[0], 1))  # rows of one setting
-        count = np.bincount(group)
-        x, storage, loss = (np.bincount(group, row) / count for row in part[:3])
-        twice = part.shape[1] - len(count)
-        averaged = [f"{counted(twice, 'row')} at the {setting} of another averaged with it"] if twice else []
-        steady = part[3][np.isfinite(part[3])]
-        median = float(np.median(steady)) if steady.size else None
-        told: dict[str, Any] = {"x": x, "storage": storage, "loss": loss, "points": len(x)}
-        told["name"] = label if times == 1 else f"{label}.{k + 1}".lstrip(".")
-        told["notes"] = notes + averaged
-        if setting == "frequency":
-            yield FrequencySweep(strain=median, **told)
-        else:
-            yield StrainSweep(frequency_rad_per_s=median, **told)
+    for number in range(times := int(passes.max()) + 1):
+        notes_of = notes + [f"each {kind} {times} times: read as {times} sweeps"] * (times > 1)
+        name = label if times == 1 else f"{label}.{number + 1}".lstrip(".")
+        yield _sweep(kind, data[:, passes == number], held[passes == number], name=name, notes=notes_of)
+
+
+def _sweep(kind: Any, data: Floats, held: Floats, *, name: str, notes: list[str]) -> Sweep:
+    """Of data (3, n): setting, G' and G''; rows of one setting are averaged. held: (n,) the other setting."""
+    data = data[:, np.argsort(data[0], kind="stable")]
+    group = np.cumsum(np.diff(data[0], prepend=data[0, 0]) > _SAME * np.roll(data[0], 1))  # rows of one setting
+    count = np.bincount(group)
+    x, storage, loss = (np.bincount(group, row) / count for row in data)
+    twice = data.shape[1] - len(count)
+    notes = notes + [f"{counted(twice, 'row')} at the {kind} of another averaged with it"] * (twice > 0)
+    steady = float(np.median(held[np.isfinite(held)])) if np.isfinite(held).any() else None
+    return Sweep(kind=kind, x=x, storage=storage, loss=loss, name=name, points=len(x), held=steady, notes=notes)
 
 
 def _span(values: Floats) -> float:

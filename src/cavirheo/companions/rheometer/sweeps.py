@@ -1,4 +1,4 @@
-"""Sweeps, as they are read and written, and what one says. Nothing is extrapolated."""
+"""A sweep of a rheometer, as it is read and written, and what it says. Nothing is extrapolated."""
 
 from __future__ import annotations
 
@@ -8,9 +8,11 @@ from typing import Annotated, Any, Literal
 import numpy as np
 from pydantic import Field
 from scipy.interpolate import PchipInterpolator
+from scipy.ndimage import median_filter
 
 from cavirheo.arrays import Bools, Floats
-from cavirheo.writing.document import Record
+from cavirheo.writing.digits import counted
+from cavirheo.writing.document import Finite, Record
 
 _SHORTEST = 3.0  # largest over smallest strain of a linear range
 _STRAY = 0.2  # part of the points of a linear range that may stray from it, each alone
@@ -20,20 +22,36 @@ Measured = Annotated[Any, Field(exclude=True, repr=False)]  # (n,) floats, which
 
 
 class Sweep(Record):
-    """Moduli over strain or angular frequency, sorted, in SI.
+    """Moduli over strain (a strain of 1 is 100 %) or over angular frequency in rad/s, sorted, SI.
 
     Attributes:
-        x: (n,) strain as a fraction, or angular frequency in rad/s; not written.
+        kind: "strain" or "frequency", which is x.
+        x: (n,) not written.
         storage: (n,) G', Pa; not written.
         loss: (n,) G'', Pa; not written.
         name: of the sweep.
         source: the file, as it was given.
         source_sha256: its SHA-256.
         points: how many.
+        held: what x is not, in its median: the angular frequency in rad/s of a strain sweep, the strain of the other.
+        x_from: smallest x.
+        x_to: largest x.
+        plateau_storage_Pa: G' of the plateau; in a strain sweep that of the linear range, Pa.
+        plateau_loss_Pa: G'' of the linear range, Pa.
+        plateau_from: its first x.
+        plateau_to: its last x; in a strain sweep where G' leaves the band, or the largest one where it does not.
+        departs: "softens" or "stiffens" beyond the linear range; null where G' stays in the band.
+        crossover: x where G' = G''.
+        crossover_modulus_Pa: G' there, Pa.
+        at_rad_per_s: frequency of the following numbers, rad/s.
+        viscosity_Pa_s: G''/omega there, Pa s.
+        tan_delta: G''/G' there.
+        complex_viscosity_Pa_s: |G*|/omega there, Pa s.
         notes: what was recognised, converted or left out.
         message: why a number is missing.
     """
 
+    kind: Literal["strain", "frequency"]
     x: Measured = ()
     storage: Measured = ()
     loss: Measured = ()
@@ -41,79 +59,25 @@ class Sweep(Record):
     source: str = ""
     source_sha256: str = ""
     points: int = 0
+    held: Finite = None
+    x_from: Finite = None
+    x_to: Finite = None
+    plateau_storage_Pa: Finite = None
+    plateau_loss_Pa: Finite = None
+    plateau_from: Finite = None
+    plateau_to: Finite = None
+    departs: str | None = None
+    crossover: Finite = None
+    crossover_modulus_Pa: Finite = None
+    at_rad_per_s: Finite = None
+    viscosity_Pa_s: Finite = None
+    tan_delta: Finite = None
+    complex_viscosity_Pa_s: Finite = None
     notes: list[str] = []
     message: str = ""
 
 
-class StrainSweep(Sweep):
-    """Moduli over strain; a strain of 1 is 100 %.
-
-    Attributes:
-        kind: "strain".
-        frequency_rad_per_s: of the oscillation, rad/s.
-        strain_from: smallest strain.
-        strain_to: largest strain.
-        plateau_storage_Pa: G' of the linear range, Pa.
-        plateau_loss_Pa: G'' of the linear range, Pa.
-        linear_from: first strain of the linear range.
-        linear_to: its last strain; the largest one where G' stays in the band.
-        departs: "softens" or "stiffens" beyond; null where G' stays in the band.
-        crossover_strain: where G' = G''.
-        crossover_modulus_Pa: G' there, Pa.
-    """
-
-    kind: Literal["strain"] = "strain"
-    frequency_rad_per_s: float | None = None
-    strain_from: float | None = None
-    strain_to: float | None = None
-    plateau_storage_Pa: float | None = None
-    plateau_loss_Pa: float | None = None
-    linear_from: float | None = None
-    linear_to: float | None = None
-    departs: str | None = None
-    crossover_strain: float | None = None
-    crossover_modulus_Pa: float | None = None
-
-
-class FrequencySweep(Sweep):
-    """Moduli over angular frequency.
-
-    Attributes:
-        kind: "frequency".
-        strain: of the oscillation.
-        from_rad_per_s: smallest frequency, rad/s.
-        to_rad_per_s: largest frequency, rad/s.
-        plateau_storage_Pa: G' of the plateau, Pa.
-        plateau_from_rad_per_s: first frequency of the plateau, rad/s.
-        plateau_to_rad_per_s: its last frequency, rad/s.
-        at_rad_per_s: frequency of the following numbers, rad/s.
-        storage_at_Pa: G' there, Pa.
-        loss_at_Pa: G'' there, Pa.
-        viscosity_Pa_s: G''/omega there, Pa s.
-        tan_delta: G''/G' there.
-        complex_viscosity_Pa_s: |G*|/omega there, Pa s.
-        crossover_rad_per_s: where G' = G'', rad/s.
-        crossover_modulus_Pa: G' at the crossover, Pa.
-    """
-
-    kind: Literal["frequency"] = "frequency"
-    strain: float | None = None
-    from_rad_per_s: float | None = None
-    to_rad_per_s: float | None = None
-    plateau_storage_Pa: float | None = None
-    plateau_from_rad_per_s: float | None = None
-    plateau_to_rad_per_s: float | None = None
-    at_rad_per_s: float | None = None
-    storage_at_Pa: float | None = None
-    loss_at_Pa: float | None = None
-    viscosity_Pa_s: float | None = None
-    tan_delta: float | None = None
-    complex_viscosity_Pa_s: float | None = None
-    crossover_rad_per_s: float | None = None
-    crossover_modulus_Pa: float | None = None
-
-
-def strain_sweep(sweep: StrainSweep, tolerance: float = 0.05) -> StrainSweep:
+def strain_sweep(sweep: Sweep, tolerance: float = 0.05) -> Sweep:
     """The same sweep with its linear range, plateau and crossover.
 
     The linear range is the longest one (at least a factor of 3 in strain) in which G' stays within `tolerance` of its
@@ -121,23 +85,25 @@ def strain_sweep(sweep: StrainSweep, tolerance: float = 0.05) -> StrainSweep:
     One stray point does not end it, two in succession to one side do. It may begin above the smallest strain, where
     the torque is low. It ends where G', interpolated between two points, leaves the band, if it does.
     """
-    gamma, storage = sweep.x, sweep.storage
-    sweep.strain_from, sweep.strain_to = gamma[0], gamma[-1]
-    first = 0
+    gamma, storage, first = sweep.x, sweep.storage, 0
     if found := _linear_range(gamma, storage, tolerance):
         first, last, level = found
-        sweep.linear_from, sweep.plateau_storage_Pa = gamma[first], level
+        sweep.plateau_from, sweep.plateau_storage_Pa = gamma[first], level
         sweep.plateau_loss_Pa = float(np.median(sweep.loss[first : last + 1]))
-        sweep.linear_to, sweep.departs = _limit(gamma, storage, last, level, tolerance)
-        if first:
-            sweep.notes.append(_below(storage[:first], level, tolerance))
+        sweep.plateau_to, sweep.departs = _limit(gamma, storage, last, level, tolerance)
+        points, low = f"{counted(first, 'point')} below the linear range", storage[:first]
+        if first > 2 and np.all(low > level * (1 + tolerance)):
+            sweep.notes.append(f"G' is higher in the {points}: the true one may lie there, or below the data")
+        elif first:
+            off = 100 * np.max(np.abs(low / level - 1))
+            sweep.notes.append(f"{points} left out of it: up to {off:.2g} % off (low torque?)")
     else:
         band = f"within {100 * tolerance:g} % over a factor of {_SHORTEST:g} in strain"
         sweep.message = f"no linear range: nowhere does G' stay {band}"
-    for x, modulus, yields in _crossovers(sweep):
-        if yields and x > gamma[first]:
-            sweep.crossover_strain, sweep.crossover_modulus_Pa = x, modulus
-            break
+    yields = [(x, modulus) for x, modulus, falls in _crossovers(sweep) if falls and x > gamma[first]]
+    sweep.x_from, sweep.x_to = gamma[0], gamma[-1]
+    if yields:
+        sweep.crossover, sweep.crossover_modulus_Pa = yields[0]
     return sweep
 
 
@@ -145,8 +111,7 @@ def _linear_range(gamma: Floats, storage: Floats, tolerance: float) -> tuple[int
     """First and last point, and the level: the median of the points within the band."""
     x, y = np.log(gamma), np.log(storage)
     first, last = np.triu_indices(len(x), 2)
-    span = x[last] - x[first]
-    order = np.lexsort((first, -span))  # the longest, then the one at smaller strain
+    order = np.lexsort((first, x[first] - x[last]))  # the longest, then the one at smaller strain
     for i, j in zip(first[order], last[order], strict=True):
         if x[j] - x[i] < math.log(_SHORTEST):
             break
@@ -167,22 +132,14 @@ def _limit(gamma: Floats, storage: Floats, last: int, level: float, tolerance: f
     if last == len(gamma) - 1:
         return float(gamma[last]), None
     departs = "softens" if storage[last + 1] < level else "stiffens"
-    edge = level * (1 - tolerance if departs == "softens" else 1 + tolerance)
-    inside, outside = np.log(storage[last : last + 2] / edge)
+    inside, outside = np.log(storage[last : last + 2] / level) - np.log1p(
+        -tolerance if departs == "softens" else tolerance
+    )
     part = np.clip(inside / (inside - outside), 0.0, 1.0) if inside != outside else 1.0
     return float(gamma[last] * (gamma[last + 1] / gamma[last]) ** part), departs
 
 
-def _below(storage: Floats, level: float, tolerance: float) -> str:
-    """What the points at strains below the linear range say."""
-    n = len(storage)
-    points = f"{n} point{'s' * (n > 1)} below the linear range"
-    if n > 2 and np.all(storage > level * (1 + tolerance)):
-        return f"G' is higher in the {points}: the true one may lie there, or below the data"
-    return f"{points} left out of it: up to {100 * np.max(np.abs(storage / level - 1)):.2g} % off (low torque?)"
-
-
-def frequency_sweep(sweep: FrequencySweep, at: float = 1.0) -> FrequencySweep:
+def frequency_sweep(sweep: Sweep, at: float = 1.0) -> Sweep:
     """The same sweep with its plateau, its viscosity at the angular frequency `at` (rad/s) and its crossover.
 
     The plateau is the longest range of at least a decade in which |d ln G'/d ln omega|, fitted over half a decade round
@@ -190,10 +147,10 @@ def frequency_sweep(sweep: FrequencySweep, at: float = 1.0) -> FrequencySweep:
     through their logarithms, never extrapolated.
     """
     omega = sweep.x
-    sweep.from_rad_per_s, sweep.to_rad_per_s, sweep.at_rad_per_s = omega[0], omega[-1], at
+    sweep.x_from, sweep.x_to, sweep.at_rad_per_s = omega[0], omega[-1], at
     if flat := _plateau(omega, sweep.storage):
         first, last = flat
-        sweep.plateau_from_rad_per_s, sweep.plateau_to_rad_per_s = omega[first], omega[last]
+        sweep.plateau_from, sweep.plateau_to = omega[first], omega[last]
         sweep.plateau_storage_Pa = float(np.median(sweep.storage[first : last + 1]))
     else:
         sweep.notes.append(f"no plateau of G': nowhere is d ln G'/d ln ω within ±{_FLAT:g} over a decade")
@@ -205,16 +162,13 @@ def frequency_sweep(sweep: FrequencySweep, at: float = 1.0) -> FrequencySweep:
         gap = f"the data nearest to {at:g} rad/s are more than a decade apart"
         sweep.message = f"{gap}: µ is not interpolated over such a gap"
     else:
-        inside = math.log(np.clip(at, omega[0], omega[-1]))
-        storage, loss = (
-            float(np.exp(PchipInterpolator(np.log(omega), np.log(modulus))(inside)))
-            for modulus in (sweep.storage, sweep.loss)
-        )
-        sweep.storage_at_Pa, sweep.loss_at_Pa, sweep.tan_delta = storage, loss, loss / storage
-        sweep.viscosity_Pa_s, sweep.complex_viscosity_Pa_s = loss / at, math.hypot(storage, loss) / at
-    if crossovers := _crossovers(sweep):
-        sweep.crossover_rad_per_s, sweep.crossover_modulus_Pa, _ = crossovers[0]
-    if others := ", ".join(f"{x:.3g}" for x, _, _ in crossovers[1:]):
+        moduli = PchipInterpolator(np.log(omega), np.log([sweep.storage, sweep.loss]), axis=1)
+        storage, loss = np.exp(moduli(math.log(np.clip(at, omega[0], omega[-1])))).tolist()
+        sweep.viscosity_Pa_s, sweep.tan_delta = loss / at, loss / storage
+        sweep.complex_viscosity_Pa_s = math.hypot(storage, loss) / at
+    if found := _crossovers(sweep):
+        sweep.crossover, sweep.crossover_modulus_Pa, _ = found[0]
+    if others := ", ".join(f"{x:.3g}" for x, _, _ in found[1:]):
         sweep.notes.append(f"G' = G'' also at {others} rad/s")
     return sweep
 
@@ -227,17 +181,17 @@ def _plateau(omega: Floats, storage: Floats) -> tuple[int, int] | None:
         near = np.abs(x - x[k]) <= 0.25 * math.log(10.0) * 1.01
         near[max(k - 1, 0) : k + 2] = True
         flat[k] = abs(np.polyfit(x[near], y[near], 1)[0]) <= _FLAT
-    flat ^= _alone(flat)
-    edges = np.flatnonzero(np.diff(np.concatenate([[0], flat.astype(int), [0]])))
-    runs = [(first, last - 1) for first, last in zip(edges[::2], edges[1::2], strict=True)]
-    first, last = max(runs, key=lambda run: x[run[1]] - x[run[0]], default=(0, 0))
+    edges = np.flatnonzero(np.diff(_steady(flat), prepend=False, append=False))
+    first, last = max(
+        zip(edges[::2], edges[1::2] - 1, strict=True), key=lambda run: x[run[1]] - x[run[0]], default=(0, 0)
+    )
     return (int(first), int(last)) if x[last] - x[first] >= _DECADE else None
 
 
 def _crossovers(sweep: Sweep) -> list[tuple[float, float, bool]]:
     """(x, G' = G'', whether G'' wins beyond) in the logarithms, without single stray points."""
     solid = sweep.storage > sweep.loss
-    keep = ~_alone(solid)
+    keep = solid == _steady(solid)
     x, storage, loss, solid = (values[keep] for values in (sweep.x, sweep.storage, sweep.loss, solid))
     found = []
     for k in np.flatnonzero(solid[1:] != solid[:-1]):
@@ -248,8 +202,6 @@ def _crossovers(sweep: Sweep) -> list[tuple[float, float, bool]]:
     return found
 
 
-def _alone(flags: Bools) -> Bools:
-    """Where a flag differs from both its neighbours."""
-    alone = np.zeros_like(flags)
-    alone[1:-1] = (flags[1:-1] != flags[:-2]) & (flags[1:-1] != flags[2:])
-    return alone
+def _steady(flags: Bools) -> Bools:
+    """As their neighbours where these agree."""
+    return median_filter(flags.astype(np.int8), 3, mode="nearest").astype(bool)

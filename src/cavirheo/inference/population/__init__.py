@@ -129,11 +129,11 @@ def _sorted_out(
     why: dict[int, str] = {}
     for i, answer in enumerate(answers):
         if len(answer.theta) < 2:
-            why[i] = "failed" if answer.checks.verdict == "failed" else "without an interval"
+            why[i] = "failed" if answer.checks.verdict == "failed" else "no_interval"
         elif only_trusted and answer.checks.verdict not in TRUSTED:
-            why[i] = digits.VERDICTS[answer.checks.verdict]
+            why[i] = answer.checks.verdict
         elif column is not None and not np.isfinite(column[i]):
-            why[i] = "without a value along the column"
+            why[i] = "no_column_value"
     models = [(answer.material, answer.bubble.name) for answer in answers]
     counts = Counter(model for i, model in enumerate(models) if i not in why)
     most = max(counts, key=lambda model: counts[model], default=None)
@@ -147,14 +147,14 @@ def _sorted_out(
         theta = answer.theta[:, law]
         draws = theta.tobytes()
         if models[i] != most:
-            why[i] = "of another model"
+            why[i] = "other_model"
         elif draws in seen:
-            why[i] = "a copy of another"
+            why[i] = "copy"
         elif one := _likelihood(answer, law):
             kept, found = [*kept, i], [*found, one]
             seen.add(draws)
         else:
-            why[i] = "without an interval"
+            why[i] = "no_interval"
     return kept, dict(Counter(why.values())), found
 
 

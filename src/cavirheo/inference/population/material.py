@@ -21,6 +21,12 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 _NONE = np.empty((0, 0))
+_LEFT_OUT = {  # why a shot does not count, in words, besides its verdict
+    "no_interval": "without an interval",
+    "no_column_value": "without a value along the column",
+    "other_model": "of another model",
+    "copy": "a copy of another",
+}
 _LN10 = float(np.log(10.0))
 UNLIKE = 0.3  # decades: how far two materials are apart that are compared, before they are seen (standard deviation)
 
@@ -49,7 +55,7 @@ class Population:
         material: the law.
         bubble: the model of the bubble.
         shots: names of those that count.
-        left_out: how many do not, by reason.
+        left_out: how many do not, by reason: their verdict, "no_interval", "no_column_value", "other_model" or "copy".
         doubts: what is to be known before it is used.
         centre: (draws, d) log10 of the material's parameters, SI.
         spread: (draws, d) standard deviation of the shots about it, decades.
@@ -175,7 +181,8 @@ class Population:
         away = [f"{name} (probability {'> 99' if p > 0.99 else f'{100 * p:.0f}'} %)" for name, p in self.strays.items()]
         unlike = f"probably of another material than the other shots, and hardly counted: {', '.join(away)}"
         said = [unlike] * bool(away)
-        left = ", ".join(f"{count} {why}" for why, count in self.left_out.items())
+        words = digits.VERDICTS | _LEFT_OUT
+        left = ", ".join(f"{count} {words[why]}" for why, count in self.left_out.items())
         return said + [f"shots that do not count: {left}"] * bool(left) + list(self.doubts) * bool(len(self.centre))
 
     def _value(self, name: str) -> str:

@@ -2,28 +2,30 @@
 
 from __future__ import annotations
 
+import logging
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from typing import Any, TypedDict, Unpack
 
 import numpy as np
-from threadpoolctl import threadpool_limits
 
 from cavirheo.curve import RadiusCurve, several
-from cavirheo.errors import InputError, SolverError, expect, reason
+from cavirheo.errors import expect
 from cavirheo.inference.alternatives import chosen_among, contenders, itself, judged, model_of
-from cavirheo.inference.input_checks import doubted
+from cavirheo.inference.input_checks import ERRORS, warned
 from cavirheo.inference.law import Family
 from cavirheo.inference.posterior_model import PosteriorModel
 from cavirheo.inference.verify.fitting import FitEstimation, SearchedEstimation
 from cavirheo.inference.verify.tuning import TUNING
 from cavirheo.inference.verify.verification import Estimation, Level, Verification
+from cavirheo.messages import Message, of_error
 from cavirheo.parallel import cores, each
 from cavirheo.physics.bubble import DAMAGED, REAL, Bubble, Requested, bubbles_of, rival_of
 from cavirheo.physics.media import Medium
 from cavirheo.posterior import Diagnostics, OtherAnswer, Posterior, Verdict
 
+_log = logging.getLogger(__name__)
 __all__ = ["Verification", "VerificationOptions", "verify", "verify_many"]
 
 
@@ -96,11 +98,14 @@ def verify_many(
                 continue
             try:
                 found.append(estimation(chosen, curve, model).posterior())
-            except Exception as error:  # of this shot alone
-                told = reason(error) if chosen.weights else f"not verified: {reason(error)}"
-                message = "; ".join(filter(None, [model.checks.message, told]))
+            except ERRORS as error:  # of this shot alone
+                _log.debug("%s has no answer by %s", curve.name, model.material, exc_info=error)
+                why = of_error(error)
+                if not chosen.weights:
+                    why = Message("answer.unverified", {"reason": why.text})
+                messages = (*model.checks.messages, why)
                 verdict: Verdict = "failed" if chosen.level == "auto" else model.checks.verdict
-                problems.append(replace(model, checks=replace(model.checks, verdict=verdict, message=message)))
+                problems.append(replace(model, checks=replace(model.checks, verdict=verdict, messages=messages)))
         if not found:
             return replace(problems[0], seconds=problems[0].seconds + time.perf_counter() - began)
         if len(models) == 1 and chosen.level == "auto" and not chosen.weights:
@@ -110,14 +115,12 @@ def verify_many(
         if chosen.rival:
             best = replace(best, others=(*best.others, *_rival(chosen, curve, best)))
         own = next((model for model in models if model_of(model) == model_of(best)), given[0])
-        doubts, checked = list(own.checks.doubts), own.checks.verdict != "check_input"
-        checks = doubted(judged(best, chosen_among(best, found)), doubts, trust_input=checked)
+        checked = own.checks.verdict != "check_input"
+        checks = warned(judged(best, chosen_among(best, found)), own.checks.warnings, trust_input=checked)
         before = sum(answer.seconds for answer in given)
         return replace(best, checks=checks, seconds=before + time.perf_counter() - began)
 
-    # BLAS' own threads would only wait for each other beside these
-    with threadpool_limits(1, "blas"):
-        return each(verified, zip(curves, candidates, strict=True), workers, done)
+    return each(verified, zip(curves, candidates, strict=True), workers, done)
 
 
 def _simplest(found: Sequence[Posterior]) -> Posterior:
@@ -159,6 +162,7 @@ def _again(
     other = replace(answer, bubble=bubble, others=(), windows={}, diagnostics=Diagnostics())
     try:
         found = Estimation(settings, curve, other).posterior_above(least)
-    except (InputError, SolverError):
+    except ERRORS as error:
+        _log.debug("%s has no answer of the %s", curve.name, bubble.title, exc_info=error)
         return []
     return [found] if found else []

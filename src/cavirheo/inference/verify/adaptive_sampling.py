@@ -28,6 +28,8 @@ from cavirheo.inference.verify.tuning import TUNING
 from cavirheo.physics.accuracy import BRISK, DEFAULT, Accuracy
 from cavirheo.posterior import Evidence, OtherAnswer, intervals
 
+_FARTHEST = 4.0  # standard deviations of their priors, to which clock, scale and factor are extrapolated
+
 
 class WeightedDraws(NamedTuple):
     """drawn: the weighted draws. residual: (k, size) their extended residuals. best: the maximum beside the highest
@@ -249,7 +251,7 @@ def _camera_of(target: Target, known: Simulated, mode: Mode, u: Floats) -> Float
     weight = np.exp(0.5 * tempered(value - np.max(value), 2.0 * u.shape[1]))[:, None]
     off, here = weight * (known.u[good] - mode.u), target.camera.z(mode.residual)
     slope = np.linalg.lstsq(off, weight * (z - here), rcond=1e-3)[0]
-    return np.asarray(here + (u - mode.u) @ slope)
+    return np.clip(here + (u - mode.u) @ slope, -_FARTHEST, _FARTHEST)
 
 
 def _begun(near: TwoFidelityTarget, network: Proposal, seed: int) -> tuple[Floats, Simulated, Mode | None]:

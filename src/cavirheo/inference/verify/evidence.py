@@ -7,7 +7,7 @@ posterior width): laws that nest are compared fairly only as far as the prior ra
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import combinations, product
 from typing import Any
@@ -18,15 +18,13 @@ from scipy.special import softmax
 from cavirheo.arrays import Floats
 from cavirheo.curve import RadiusCurve, several
 from cavirheo.errors import require
-from cavirheo.inference import DEFAULT, infer_many
 from cavirheo.inference.alternatives import LAPLACE, chosen_among, contenders, itself, judged, model_of
-from cavirheo.inference.fit import search_many
+from cavirheo.inference.analysis import DEFAULT, Analysis
 from cavirheo.inference.law import Family
 from cavirheo.inference.options import Options
 from cavirheo.inference.population import Population, with_slope_if_any
-from cavirheo.inference.verify import verify_many
 from cavirheo.inference.verify.tuning import TUNING
-from cavirheo.parallel import Step
+from cavirheo.messages import Message
 from cavirheo.physics.bubble import REAL, Bubble, Requested, bubbles_of
 from cavirheo.physics.media import WATER, Medium
 from cavirheo.posterior import Evidence, Posterior
@@ -155,15 +153,15 @@ def rank_laws(
     is weighed as `infer` does (`by_network`); another law is fitted, and if its Laplace evidence is far below the best
     of its curve (TUNING.hopeless) it keeps that.
 
-    `options` are those of `Verification`; `ranges` may hold parameters of some of the laws only. `done` is called with
-    the index of the curve and the answer of each law as it is found. Raises InputError: fewer than two laws, one
-    unknown, or a setting out of its domain.
+    `options` are those of a search (`Analysis`); `ranges` may hold parameters of some of the laws only. `done` is
+    called with the index of the curve and the answer of each law as it is found. Raises InputError: fewer than two
+    laws, one unknown, or a setting out of its domain.
     """
     laws = [laws] if isinstance(laws, str) else laws
-    shared: dict[str, Any] = {"medium": medium, "stretch": stretch, "seed": seed}
+    options |= {"medium": medium, "window": window, "trust_input": trust_input, "seed": seed}
     curves = several(curves)
-    steps = plans(models(laws, bubbles_of(bubble)), window, trust_input, **shared, **options)
-    found = weighed(curves, steps, _InMemory(workers))
+    asked = plans(models(laws, bubbles_of(bubble)), stretch=stretch, **options)
+    found = weighed(curves, asked, lambda some, one, begun: enumerate(one.run(some, workers, begun=begun)))
     if done:
         for i, answer in (pair for answers in found.values() for pair in answers.items()):
             done(i, answer)
@@ -171,67 +169,42 @@ def rank_laws(
 
 
 def plans(
-    chosen: Mapping[str, Model], window: int | str | None = None, trust_input: bool = False, *,
-    medium: Medium = WATER, stretch: float | str | None = None, seed: int = 0,
+    chosen: Mapping[str, Model], *, stretch: float | str | None = None,
     ranges: Mapping[str, Sequence[float]] | None = None, **options: Any,
-) -> dict[str, tuple[Step, ...]]:  # fmt: skip
-    """The steps of each of `models` to its evidence, by name: one for what the network knows (`by_network`); the
-    search with Laplace's evidence, and the draws for the others. The rest as `rank_laws` has it."""
+) -> dict[str, Analysis]:  # fmt: skip
+    """What is asked for the evidence of each of `models`, by name: of the network where it knows the model
+    (`by_network`), of a search for the others. options: of `Analysis`; ranges as `rank_laws` has them."""
     options.setdefault("draws", TUNING.law_draws)
-    shared = {"medium": medium, "stretch": stretch, "seed": seed}
-    asked = {"window": window, "trust_input": trust_input, **shared}
-    found: dict[str, tuple[Step, ...]] = {}
+    plain = not ranges and options.keys().isdisjoint(("free", "t0_bound", "scale_bound"))
+    found: dict[str, Analysis] = {}
     for name, (law, bubble) in chosen.items():
-        model = {"material": law, "bubble": bubble}
-        if not ranges and options.keys() <= {"draws", "discrepancy"} and by_network((law, bubble), stretch):
-            found[name] = (Step(f"weighing {name}", infer_many, {**model, **asked, **options}),)
+        model: dict[str, Any] = {"material": law, "bubble": bubble, "stretch": stretch, **options}
+        if plain and by_network((law, bubble), stretch):
+            found[name] = Analysis("infer", **model)
             continue
         known = (*Family(law).parameters, "stretch")
-        weighing = {
-            **shared,
-            "ranges": {parameter: pair for parameter, pair in (ranges or {}).items() if parameter in known},
-            **options,
-        }
-        searching = {**model, "window": window, "trust_input": trust_input, **weighing}
-        found[name] = (
-            Step(f"searching {name}", search_many, searching),
-            Step(f"weighing {name}", verify_many, {**weighing, "level": "auto"}),
-        )
+        mine = {parameter: pair for parameter, pair in (ranges or {}).items() if parameter in known}
+        found[name] = Analysis("search", ranges=mine, **model)
     return found
 
 
 def weighed(
-    curves: Sequence[RadiusCurve], steps: Mapping[str, Sequence[Step]], run: Callable[..., Mapping[int, Posterior]]
+    curves: Sequence[RadiusCurve],
+    asked: Mapping[str, Analysis],
+    run: Callable[[Sequence[RadiusCurve], Analysis, Sequence[Posterior] | None], Iterable[tuple[int, Posterior]]],
 ) -> dict[str, dict[int, Posterior]]:
     """The answer of each model for each curve, by the index of the curve; a model whose Laplace evidence is far below
-    the best of the curve (TUNING.hopeless) keeps that. run: (curves, *steps) -> answers of the last step by index;
-    where some are missing, it was interrupted, and nothing is found."""
-    found = {law: dict(run(curves, mine[0])) for law, mine in steps.items()}
+    the best of the curve (TUNING.hopeless) keeps that. run: (index, answer) of each curve, from these curves and the
+    answers that theirs begin with; where some are missing, it was interrupted, and nothing is found."""
+    found = {law: dict(sorted(run(curves, one.before or one, None))) for law, one in asked.items()}
     if any(len(answers) < len(curves) for answers in found.values()):
         return {law: {} for law in found}
     for law, near in contending({law: list(answers.values()) for law, answers in found.items()}).items():
-        if len(steps[law]) > 1:
-            full = run([curves[i] for i in near], *steps[law])
+        if asked[law].before and near:
+            full = dict(run([curves[i] for i in near], asked[law], [found[law][i] for i in near]))
             kept = {i: answer for i, answer in found[law].items() if i not in near}
             found[law] = dict(sorted((kept | {near[k]: answer for k, answer in full.items()}).items()))
     return found
-
-
-class _InMemory:
-    """As `Unfinished.answers`: the answers of the last step by the index of the curve; none is asked for twice."""
-
-    def __init__(self, workers: int | None) -> None:
-        self.workers = workers
-        self.known: dict[tuple[int, int], Posterior] = {}
-
-    def __call__(self, curves: Sequence[RadiusCurve], *steps: Step) -> dict[int, Posterior]:
-        *before, step = steps
-        left = [curve for curve in curves if (id(step), id(curve)) not in self.known]
-        if left:
-            given = [list(self(left, *before).values())] if before else []
-            answers = step.verb(left, *given, workers=self.workers, **step.settings)
-            self.known |= {(id(step), id(curve)): one for curve, one in zip(left, answers, strict=True)}
-        return {i: self.known[id(step), id(curve)] for i, curve in enumerate(curves)}
 
 
 def contending(found: Mapping[str, Sequence[Posterior]]) -> dict[str, list[int]]:
@@ -275,7 +248,7 @@ def explained(singles: Sequence[Ranking], groups: Sequence[Ranking]) -> list[Pos
         kept = {model_of(other) for other in rest if other.evidence}
         others = [other for other in answer.others if model_of(other) not in kept]
         answer = replace(answer, others=(*others, *(itself(other) for other in rest if other.evidence)))
-        by_others = [f"chosen by the evidence of the group: {chosen}"] if i in by_group else []
+        by_others = [Message("model.of_group", {"material": chosen})] if i in by_group else []
         own = chosen_among(answer, rest) if chosen == one.chosen else by_others
         found.append(replace(answer, checks=judged(answer, own)))
     return found

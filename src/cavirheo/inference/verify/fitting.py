@@ -23,6 +23,7 @@ from cavirheo.inference.verify.mode import Mode, Target, climb, modes, same, und
 from cavirheo.inference.verify.sampler import Mixture, Proposal
 from cavirheo.inference.verify.tuning import TUNING
 from cavirheo.inference.verify.verification import Estimation, Sampled, Verification
+from cavirheo.messages import Message
 from cavirheo.physics.accuracy import DEFAULT, ROUGH
 from cavirheo.posterior import Evidence, Posterior, WindowAnswer, correlations
 
@@ -79,7 +80,7 @@ class FitEstimation(SearchedEstimation):
             first = mode
         others = [mode for mode in self.modes if not same(mode, first)]
         if self.shot.options.stretch == "plateau" and not self.shot.stretch_prior:
-            self.messages.append("the curve has no late plateau: the stretch was fitted freely")
+            self.messages.append(Message("stretch.no_plateau"))
         self.weighed = [under(mode, self.target.noise) for mode in (first, *others)]
 
     def _at(self, mode: Mode) -> Floats:

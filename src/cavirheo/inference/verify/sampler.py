@@ -19,6 +19,7 @@ from scipy.special import gammaln
 
 from cavirheo.arrays import Floats, log_sum
 from cavirheo.inference.verify.tuning import TUNING
+from cavirheo.messages import Message
 
 
 @dataclass(frozen=True, eq=False)
@@ -176,19 +177,13 @@ class Sample:
         return not (index > TUNING.tail_reliable and unseen > TUNING.tail_unseen)
 
     @property
-    def distrust(self) -> str:
-        """Why the draws are not worth an interval, a sentence; empty if they are."""
+    def distrust(self) -> Message | None:
+        """Why the draws are not worth an interval; None if they are."""
         if self.ess >= TUNING.effective_fewest and self.reliable:
-            return ""
-        index, unseen = self.tail
-        said = (
-            f"the interval is not to be trusted and left out: {len(self.u)} weighted draws are worth {self.ess:.0f} "
-            f"independent ones, and {TUNING.effective_fewest:.0f} are needed"
-        )
-        if self.reliable:
-            return said
-        missed = "more than was met" if not unseen < 1.0 else f"about {unseen:.0%} of it"
-        return f"{said}, and a few of them carry the weight: {missed} is still to be met (tail index {index:.2f})"
+            return None
+        (index, unseen), worth = self.tail, {"effective": self.ess, "needed": TUNING.effective_fewest}
+        tail = {"tail": index, "unseen": None if self.reliable else unseen}
+        return Message("interval.distrusted", {"draws": len(self.u), **worth, **tail})
 
 
 class Proposal(Protocol):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Literal
@@ -25,6 +26,7 @@ from cavirheo.inference.verify.predictive import predictive_check
 from cavirheo.inference.verify.proposals import AdaptiveProposal
 from cavirheo.inference.verify.sampler import Proposal, Sample, sample
 from cavirheo.inference.verify.tuning import TUNING
+from cavirheo.messages import Message
 from cavirheo.parallel import cores
 from cavirheo.parameters import CAMERA, PARAMETERS, natural_name, units
 from cavirheo.physics.accuracy import DEFAULT, ROUGH
@@ -33,16 +35,11 @@ from cavirheo.physics.media import WATER, Medium
 from cavirheo.physics.media import medium as named
 from cavirheo.posterior import Diagnostics, Evidence, OtherAnswer, Posterior, Verdict, intervals
 from cavirheo.prior import log_normal
-from cavirheo.writing import digits
 
+_log = logging.getLogger(__name__)
 _CARRIED = ("cavirheo", "model", "model_sha256", "problem_id", "source_sha256", "windows", "options")
 
 SCALED = 0.002  # relative change of R_max, for the slope of G
-_HINTS = {  # by nuisance: what to check where it runs to the end of its prior
-    "time_origin": ": check the times of the frames, and that R_max was recorded",
-    "radius_scale": ": check the µm per pixel",
-    "max_radius_factor": ": check that R_max was recorded",
-}
 
 Sampled = tuple[tuple[Floats, Floats], Sample | None, Mode, Evidence, Sequence[Mode], Mapping[str, Any]]
 Level = Literal["auto", "map", "full"]
@@ -124,7 +121,7 @@ class Estimation:
         noise = self.shot.noise(settings.discrepancy)
         self.target = Target(self.shot, self.prior, noise, cores(settings.workers))
         self.noise = self.target.noise  # by which the answer is judged
-        self.messages: list[str] = []
+        self.messages: list[Message] = []
 
     def posterior(self) -> Posterior:
         """The answer."""
@@ -254,7 +251,8 @@ class Estimation:
         fit = LeastSquares(self.shot, self.target.workers)
         try:
             scan = Scan(fit, self.settings.scanned, STARTS)  # other points than those of a fit
-        except SolverError:
+        except SolverError as error:
+            _log.debug("%s: no scan of %s", self.shot.curve.name, self.shot.family.name, exc_info=error)
             return []
         counted = self.shot.counted
         measured = self.shot.measured[counted]
@@ -270,7 +268,8 @@ class Estimation:
         rebound can slip by a period."""
         try:
             found = Search(self.shot, self.target.workers).minima()
-        except SolverError:
+        except SolverError as error:
+            _log.debug("%s: no search of %s", self.shot.curve.name, self.shot.family.name, exc_info=error)
             return []
         finally:
             self.shot.set_window(*self.shot.cut)
@@ -282,7 +281,7 @@ class Estimation:
         try:
             return network.proposal(self.shot, self.target.prior, how.discrepancy) if network else None
         except InputError as outside:
-            self.messages.append(f"{outside}; the search began all over the ranges")
+            self.messages.append(Message("search.over_ranges", {"reason": outside.message}))
             return None
 
     def _answer(
@@ -387,8 +386,9 @@ class Estimation:
 
     def _trusted(self, drawn: Sample) -> bool:
         """Whether the draws are worth an interval; if not, that is said."""
-        self.messages += [drawn.distrust] * bool(drawn.distrust)
-        return not drawn.distrust
+        distrust = drawn.distrust
+        self.messages += [distrust] if distrust else []
+        return not distrust
 
     def _verdict(
         self, at: Floats, predictive: dict[str, Any] | None, excess: float, x: Floats, log_weight: Floats | None
@@ -396,27 +396,18 @@ class Estimation:
         verdict: Verdict = "ok"
         if unbounded := self.shot.unbounded(x, self.prior.low, self.prior.high, log_weight):
             verdict = "undetermined"
-            self.messages += [digits.unbounded(name, value) for name, value in unbounded.items()]
+            self.messages += unbounded
         if predictive and predictive["p_value"] < TUNING.rejected:
-            seen = excess >= TUNING.systematic_seen
-            size = f"by {100 * excess:.1f} %" if seen else f"by less than {100 * TUNING.systematic_seen:.2g} %"
-            text = f"the simulation differs from the frames by more than noise explains: {size} of R_max beyond the "
-            text += f"noise ({digits.chance(predictive)})"
-            if not self.settings.discrepancy:
+            exact = not self.settings.discrepancy
+            if exact or excess > TUNING.systematic:
                 verdict = "model_does_not_fit"
-                text += ", and the law was taken as exact, so the interval is too narrow"
-            elif excess > TUNING.systematic:
-                verdict = "model_does_not_fit"
-                text += f" (limit {100 * TUNING.systematic:.0f} %)"
-            elif seen:
-                text += ", which the interval allows for"
-            self.messages.append(text)
+            limits = {"seen": TUNING.systematic_seen, "limit": TUNING.systematic, "exact": exact}
+            chance = {"p_value": predictive["p_value"], "least": predictive["least"]}
+            self.messages.append(Message("misfit.systematic", {"excess": excess, **limits, **chance}))
         below = dict(zip(self.prior.names, self.prior.cdf(at), strict=True))
         for name in self._pulled(at):
-            end, hint = "lower" if below[name] < 0.5 else "upper", _HINTS.get(name, "")
-            said = f"{name.replace('_', ' ')} is at the {end} end of what is expected"
-            self.messages.append(said.replace("max radius factor", "R_max") + hint)
-        self.messages += self.shot.left_out
+            self.messages.append(Message(f"prior_end.{name}.{'lower' if below[name] < 0.5 else 'upper'}"))
+        self.messages += self.shot.messages
         return verdict
 
     def _pulled(self, x: Floats) -> tuple[str, ...]:

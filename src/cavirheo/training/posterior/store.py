@@ -250,6 +250,6 @@ def _read(path: Path, expected: Mapping[str, Any]) -> tuple[CurveStore, int]:
             return CurveStore(*(item[:] for item in items.values())), int(file.attrs["failed"])
     except InputError:
         raise
-    except Exception as error:  # what a damaged file may raise is not foreseen
+    except Exception as error:  # libraries raise nearly anything of a damaged file
         message = f"{path} cannot be read as curves of a posterior network ({error}); delete it and generate again"
         raise InputError(message, "dataset.unreadable") from error

@@ -20,7 +20,6 @@ if TYPE_CHECKING:
     from distributed import Client
 
 LOOK = 0.5  # s between two looks for workers
-_CURVES = 20  # that are timed
 
 
 @dataclass(frozen=True)
@@ -41,19 +40,23 @@ class WorkerReport:
     threads: int
     identity: Identity | None
     versions: str = ""  # of what its answers depend on besides our code
-    loading: float = float("nan")  # s until the compiled solver was there
-    rate: float = float("nan")  # curves per s and thread
     wrong: str = ""
 
 
 @cache
 def identity() -> Identity:
     """Of this process; the first call loads the compiled solver and simulates four curves."""
-    root, digest = Path(__file__).parents[1], hashlib.sha256()
-    for path in sorted(root.rglob("*")):
-        if path.suffix in (".py", ".onnx") and "app" not in path.parts:
-            digest.update(path.relative_to(root).as_posix().encode() + path.read_bytes())
-    return Identity(version("cavirheo"), digest.hexdigest(), _simulated())
+    return Identity(version("cavirheo"), code_of(Path(__file__).parents[2]), _simulated())
+
+
+def code_of(package: Path) -> str:
+    """SHA-256 of the modules and networks in a folder; those of the app decide no answer."""
+    digest = hashlib.sha256()
+    for path in sorted(package.rglob("*")):
+        name = path.relative_to(package)
+        if path.suffix in (".py", ".onnx") and name.parts[0] != "app":
+            digest.update(name.as_posix().encode() + path.read_bytes())
+    return digest.hexdigest()
 
 
 def _simulated(count: int = 4) -> str:
@@ -78,17 +81,9 @@ def about() -> dict[str, Any]:
     """Of this process, for `WorkerReport`."""
     import platform
 
-    from cavirheo.physics.simulate import load_solver
-
-    began = time.perf_counter()
-    load_solver()
-    mine, loading = identity(), time.perf_counter() - began
-    began = time.perf_counter()
-    _simulated(_CURVES)
-    rate = _CURVES / (time.perf_counter() - began)
     versions = ", ".join(f"{name} {version(name)}" for name in ("cavirheo", "numpy", "scipy", "numba", "onnxruntime"))
     versions += f", Python {platform.python_version()}"
-    return {"host": platform.node(), "identity": mine, "versions": versions, "loading": loading, "rate": rate}
+    return {"host": platform.node(), "identity": identity(), "versions": versions}
 
 
 def _probe() -> Callable[[], dict[str, Any]]:
@@ -98,7 +93,7 @@ def _probe() -> Callable[[], dict[str, Any]]:
         import platform
 
         try:
-            from cavirheo.cluster.check import about
+            from cavirheo.workflow.cluster.check import about
 
             return about()
         except ImportError as error:

@@ -8,8 +8,8 @@ from collections.abc import Callable, Generator, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, TypeVar
 
-from cavirheo.cluster.check import Identity, identity
 from cavirheo.errors import InputError, SolverError
+from cavirheo.workflow.cluster.check import Identity, identity
 
 if TYPE_CHECKING:
     from distributed import Client

@@ -1,6 +1,7 @@
-"""Published values of sets of measurements, as a CSV file that is written by hand (docs/how-to/compare.md).
+"""What other methods say of materials: values that were published, and sweeps of a rheometer.
 
-One line per set, method and quantity, so that a method is added by adding lines:
+Published values are a CSV file that is written by hand (docs/how-to/compare.md). One line per set, method and quantity,
+so that a method is added by adding lines:
 
     set,files,density,method,quantity,mean,std,source
     gel 1 %,gel_1/*.mat,1004,IMR,G_kPa,6.44,1.64,doi:...
@@ -13,29 +14,37 @@ published values. Settings stand on one line of a set or on all. Empty lines and
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated, Any
 
-from pydantic import BaseModel, ConfigDict, Field, NonNegativeFloat, PositiveFloat, PositiveInt, ValidationError
+from pydantic import (
+    BaseModel,
+    ConfigDict,
+    Field,
+    NonNegativeFloat,
+    PositiveFloat,
+    PositiveInt,
+    TypeAdapter,
+    ValidationError,
+)
 
 from cavirheo.errors import InputError, require
 from cavirheo.physics.media import Medium, medium
 from cavirheo.reading.columns import read_columns
 from cavirheo.reading.files import guarded
 from cavirheo.reading.vocabulary import Term, Vocabulary
-from cavirheo.writing.document import Record, Spread
+from cavirheo.reporting.group import OURS, GroupRecord, Published, PublishedValue
 
 NO_SETS = "references.no_set_column"  # code of the error that a table of something else gives
 _MOST = 500  # sets of one file
-OURS = "cavirheo"  # the method's name for our own answers
 NO_FILES = "-"  # in the column files: a set of which there are published values alone
-G, MU = "shear_modulus_Pa", "viscosity_Pa_s"
 _UNITS = {
-    **dict.fromkeys(("G_Pa", "shear_modulus_Pa"), (G, 1.0)),
-    **dict.fromkeys(("G_kPa", "shear_modulus_kPa"), (G, 1e3)),
-    **dict.fromkeys(("mu_Pa_s", "viscosity_Pa_s"), (MU, 1.0)),
-    **dict.fromkeys(("mu_mPa_s", "viscosity_mPa_s"), (MU, 1e-3)),
+    **dict.fromkeys(("G_Pa", "shear_modulus_Pa"), ("shear_modulus", 1.0)),
+    **dict.fromkeys(("G_kPa", "shear_modulus_kPa"), ("shear_modulus", 1e3)),
+    **dict.fromkeys(("mu_Pa_s", "viscosity_Pa_s"), ("viscosity", 1.0)),
+    **dict.fromkeys(("mu_mPa_s", "viscosity_mPa_s"), ("viscosity", 1e-3)),
 }
 
 
@@ -52,6 +61,7 @@ class _ReferenceLine(BaseModel):
     files: str | None = None  # file, subfolder or glob in the folder, or NO_FILES; default: the name of the set
     shots: str | None = None  # of every file, "1,4-7"
     model: str | None = None
+    material: str | None = None
     medium: str | None = None
     window: PositiveInt | None = None
     stretch: PositiveFloat | None = None
@@ -79,31 +89,15 @@ _VOCABULARY = Vocabulary(
 )
 
 
-class MethodValue(Record):
-    """What one method says of a quantity, SI: published, or of our n shots.
-
-    Attributes:
-        mean: over the shots.
-        std: standard deviation over the shots.
-        n: shots.
-        source: of a published value.
-    """
-
-    mean: float | None = None
-    std: float | None = None
-    n: int | None = None
-    source: str = ""
-
-
 @dataclass
 class ReferenceSet:
-    """What the file says about a set: `where` first, `given` by which line, `values` by (method, quantity)."""
+    """What the file says of a set: `where` first, settings, `given` by which line; values by method and parameter."""
 
     name: str
     where: str
     settings: dict[str, Any] = field(default_factory=dict)
     given: dict[str, str] = field(default_factory=dict)
-    values: dict[tuple[str, str], MethodValue] = field(default_factory=dict)
+    values: dict[str, dict[str, PublishedValue]] = field(default_factory=dict)
     medium: Medium = field(default_factory=Medium)
 
     @property
@@ -111,13 +105,10 @@ class ReferenceSet:
         """Whether there are recordings of it to be answered."""
         return self.settings.get("files") != NO_FILES
 
-    def published(self) -> dict[str, dict[str, Spread]]:
-        """The values by method and parameter."""
-        found: dict[str, dict[str, Spread]] = {}
-        for (method, quantity), value in self.values.items():
-            name = {G: "shear_modulus", MU: "viscosity"}[quantity]
-            found.setdefault(method, {})[name] = Spread(mean=value.mean, std=value.std)
-        return found
+    @property
+    def solid(self) -> bool:
+        """Whether a modulus of it may be asked for: one is published, or nothing is."""
+        return not self.values or any("shear_modulus" in values for values in self.values.values())
 
 
 def read_references(path: str | Path) -> list[ReferenceSet]:
@@ -177,7 +168,57 @@ def _take(row: dict[str, str], where: str, sets: dict[str, ReferenceSet], method
     expect(method.casefold() != OURS, "method", "another name: this one is of our own answers")
     expect(quantity != "", "quantity", f"one of {', '.join(_UNITS)}")
     expect(line.mean is not None, "mean", f"a number above 0 ({line.quantity})")
-    expect((method, quantity) not in about.values, "quantity", f"one {quantity} of {about.name!r} by {method}")
+    values = about.values.setdefault(method, {})
+    expect(quantity not in values, "quantity", f"one {quantity} of {about.name!r} by {method}")
     expect(method == spelled, "method", f"{spelled!r} as in {there}")
     scaled = [None if value is None else float(f"{value * factor:.12g}") for value in (line.mean, line.std)]
-    about.values[method, quantity] = MethodValue(mean=scaled[0], std=scaled[1], source=line.source)
+    values[quantity] = PublishedValue(mean=scaled[0], std=scaled[1], source=line.source)
+
+
+def values_of(_: object, *paths: str) -> dict[str, Any]:
+    """By set, method and parameter, as `published` takes them. Files without a column of sets are the sweeps of one
+    material: work for a `Reader`.
+
+    Raises InputError: a file cannot be read, or is neither.
+    """
+    from cavirheo.companions.rheometer import document
+    from cavirheo.companions.rheometer.read import read_sweeps
+
+    found: dict[str, Published] = {}
+    sweeps: list[Path] = []
+    for path in map(Path, paths):
+        try:
+            found |= {about.name: about.values for about in read_references(path)}
+        except InputError as error:
+            if error.code != NO_SETS:
+                raise
+            sweeps.append(path)
+    if sweeps:
+        known = [sweep for path in sweeps for sweep in read_sweeps(path)]
+        made = document.rheometry(known, document.shared_name(sweeps), command="")
+        found[made.material] = {**found.get(made.material, {}), **made.published}
+    return TypeAdapter(dict[str, Published]).dump_python(found)
+
+
+def published(values: dict[str, Any]) -> dict[str, Published]:
+    """What `values_of` found, checked. Raises ValueError: something else."""
+    return TypeAdapter(dict[str, Published]).validate_python(values)
+
+
+def by_group(names: Iterable[str], sets: Mapping[str, Published]) -> dict[str, Published]:
+    """The values of each set by the group of its name; of a set that is the only one and no group's, by all groups.
+
+    Raises InputError: several sets, and no group has the name of one.
+    """
+    names = list(names)
+    message = f"no set has the name of a group: sets {', '.join(sets)}; groups {', '.join(names)}"
+    known = not sets.keys().isdisjoint(names)
+    require(len(sets) < 2 or known, message, "references.groups")
+    return dict(sets) if known else {name: values for name in names for values in sets.values()}
+
+
+def set_beside(groups: Sequence[GroupRecord], sets: Mapping[str, Published]) -> None:
+    """Each group gets the values that `by_group` finds for it. Raises as this."""
+    found = by_group((group.name for group in groups), sets)
+    for group in groups:
+        group.put_beside(found.get(group.name, {}))

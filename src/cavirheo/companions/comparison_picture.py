@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 from cavirheo.companions.panels import plain_ticks
-from cavirheo.companions.published.comparison import ALL, COUNTED, ComparedSet, Comparison, units
-from cavirheo.companions.published.references import MU, OURS, G, MethodValue
+from cavirheo.reporting.comparison import ALL, MU, TRUSTED, ComparedParameter, Comparison, G
+from cavirheo.reporting.group import OURS
+from cavirheo.reporting.record import Result
 from cavirheo.writing import digits
+from cavirheo.writing.document import Spread
 from cavirheo.writing.style import BLUE, INK, VERMILLION
 
 if TYPE_CHECKING:
@@ -20,27 +23,28 @@ _STYLES = (  # Okabe and Ito's colours, and a shape each for those who do not se
 _ROOM = 0.78  # of the height of a set, for its methods
 
 
-def figure(comparison: Comparison) -> Figure:
+def figure(result: Result) -> Figure:
     """Mean ± standard deviation; ours is over the trusted shots, hollow where there are none.
 
     Our shots are dots, hollow where they are not trusted. Needs matplotlib.
     """
     from matplotlib.figure import Figure
 
-    in_units, methods = units(comparison), [*comparison.methods, OURS]
-    shown = [q for q in (G, MU) if any(row.quantity == q for _, row in comparison.rows())] or [MU]
-    height = 1.3 + len(comparison.sets) * max(0.16 * len(methods), 0.35)
+    comparison = Comparison(result)
+    names, methods = [group.name for group in result.groups], [*comparison.methods, OURS]
+    shown = [name for name in (G, MU) if any(row.name == name for row in comparison.rows)] or [MU]
+    height = 1.3 + len(names) * max(0.16 * len(methods), 0.35)
     drawing = Figure(figsize=(1.2 + 4.2 * len(shown), height), facecolor="white", layout="constrained")
     panels = drawing.subplots(1, len(shown), sharey=True, squeeze=False)[0]
-    for axes, quantity in zip(panels, shown, strict=True):
-        factor, label = in_units[quantity]
-        _panel(axes, comparison, quantity, factor, methods)
+    for axes, name in zip(panels, shown, strict=True):
+        factor, label = comparison.unit(name)
+        rows = {row.group.name: row for row in comparison.rows if row.name == name}
+        _panel(axes, [rows.get(group) for group in names], factor, methods, comparison.answers[0])
         axes.set_xlabel(label, fontsize=10, color=INK)
-    names = [digits.elide(about.name, 28) for about in comparison.sets]
-    panels[0].set_yticks(range(len(names)), names, parse_math=False)
+    panels[0].set_yticks(range(len(names)), [digits.elide(name, 28) for name in names], parse_math=False)
     panels[0].set_ylim(len(names) - 0.5, -0.5)
     handles = {text: handle for axes in panels for handle, text in zip(*axes.get_legend_handles_labels(), strict=True)}
-    order = sorted(handles, key=[*methods, COUNTED, ALL, *handles].index)
+    order = sorted(handles, key=[*methods, TRUSTED, ALL, *handles].index)
     look: Any = {"loc": "outside upper center", "ncols": min(len(order), 4), "frameon": False, "fontsize": 9}
     if comparison.bubbles:
         drawing.supxlabel(f"{OURS}: {comparison.bubbles}", fontsize=8, color=INK)
@@ -49,25 +53,23 @@ def figure(comparison: Comparison) -> Figure:
     return drawing
 
 
-def _panel(axes: Axes, comparison: Comparison, quantity: str, factor: float, methods: list[str]) -> None:
+def _panel(axes: Axes, rows: Sequence[ComparedParameter | None], factor: float, methods: list[str], ours: str) -> None:
     axes.set_xscale("log")
     step = _ROOM / len(methods)
-    for place, about in enumerate(comparison.sets):
+    for place, row in enumerate(rows):
         heights = {method: place + (k - (len(methods) - 1) / 2) * step for k, method in enumerate(methods)}
         if place % 2:
             axes.axhspan(place - 0.5, place + 0.5, color="#f5f3ee", lw=0, zorder=0)
-        rows = [row for row in about.quantities if row.quantity == quantity]
-        for row in rows:
-            for method, value in row.published.items():
-                style = _STYLES[methods.index(method) % len(_STYLES)]
-                _draw_mean(axes, method, value, factor, heights[method], style)
-            _draw_shots(axes, about, quantity, factor, heights[OURS] + 0.5 * step)
-            name = next((name for name in row.answers() if row.value(name).mean is not None), OURS)
-            label = COUNTED if name == OURS and len(comparison.answers) > 1 else name
-            _draw_mean(axes, label, row.value(name), factor, heights[OURS], (VERMILLION, "o"))
-        if not rows:
+        if row is None:
             look: Any = {"fontsize": 8, "color": "#999999", "va": "center"}
             axes.text(0.02, place, "not determined", transform=axes.get_yaxis_transform(), **look)
+            continue
+        for method in methods[:-1]:
+            style = _STYLES[methods.index(method) % len(_STYLES)]
+            _draw_mean(axes, method, row.value(method), factor, heights[method], style)
+        _draw_shots(axes, row, factor, heights[OURS] + 0.5 * step)
+        name = next((name for name in row.answers if row.value(name).mean is not None), OURS)
+        _draw_mean(axes, name if name == ALL else ours, row.value(name), factor, heights[OURS], (VERMILLION, "o"))
     low, high = axes.get_xlim()
     plain_ticks(axes.xaxis, (1, 2, 5) if high < 40.0 * low else (1, 3) if high < 1e3 * low else (1,))
     axes.tick_params(labelsize=9, labelcolor=INK, color="#888888")
@@ -77,16 +79,16 @@ def _panel(axes: Axes, comparison: Comparison, quantity: str, factor: float, met
     axes.spines[["top", "right", "left"]].set_visible(False)
 
 
-def _draw_shots(axes: Axes, about: ComparedSet, quantity: str, factor: float, height: float) -> None:
+def _draw_shots(axes: Axes, row: ComparedParameter, factor: float, height: float) -> None:
     for face, label in ((VERMILLION, f"{OURS}: shot, trusted"), ("none", f"{OURS}: shot, not trusted")):
-        shots = [shot for shot in about.shots if shot.trusted == (face != "none")]
-        values = [getattr(shot, quantity) * factor for shot in shots if getattr(shot, quantity) is not None]
+        shots = [shot.determined(row.name) for shot in row.shots if shot.answered and shot.trusted == (face != "none")]
+        values = [value * factor for value in shots if value is not None]
         if values:
             look: Any = {"ms": 3, "mec": VERMILLION, "mew": 0.7, "alpha": 0.7, "mfc": face, "zorder": 2}
             axes.plot(values, [height] * len(values), "o", label=label, **look)
 
 
-def _draw_mean(axes: Axes, name: str, value: MethodValue, factor: float, height: float, style: tuple[str, str]) -> None:
+def _draw_mean(axes: Axes, name: str, value: Spread, factor: float, height: float, style: tuple[str, str]) -> None:
     if value.mean is None:
         return
     mean, std = value.mean * factor, (value.std or 0.0) * factor

@@ -14,7 +14,7 @@ from cavirheo.errors import InputError, require
 if TYPE_CHECKING:
     from distributed import Client
 
-    from cavirheo.cluster.executor import Workers
+    from cavirheo.workflow.cluster.executor import Workers
 
 WAIT = 20  # s for a scheduler to answer
 _ADDRESS = re.compile(r"(tcp|tls|ucx)://[\w.\[\]:-]+:\d{1,5}")
@@ -31,10 +31,10 @@ def connected(scheduler: str | None, say: Callable[[str], None]) -> Iterator[Wor
     if scheduler is None:
         yield None
         return
-    from cavirheo.cluster.check import admitted
+    from cavirheo.workflow.cluster.check import admitted
 
     with client_of(scheduler, say) as (client, worker):
-        from cavirheo.cluster.executor import Workers
+        from cavirheo.workflow.cluster.executor import Workers
 
         yield Workers(client, admitted(client, say, worker))
 
@@ -56,7 +56,7 @@ def client_of(scheduler: str, say: Callable[[str], None]) -> Iterator[tuple[Clie
         mend = "pip install 'cavirheo[cluster]' here and on the workers"
         raise InputError(f"--scheduler needs {error.name}: {mend}; without it all runs here", "cluster.extra") from None
     if slurm:
-        from cavirheo.cluster.slurm import jobs_of, read_settings
+        from cavirheo.workflow.cluster.slurm import jobs_of, read_settings
 
         settings = read_settings(Path(scheduler.removeprefix("slurm:")))
         with jobs_of(settings) as cluster, Client(cluster) as client:

@@ -1,0 +1,244 @@
+"""Analysis: all that is asked of a curve. `infer`, `fit`, the command line, the app and the cluster build one."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import asdict, dataclass, fields, replace
+from functools import cached_property
+from importlib.metadata import version
+from itertools import product
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+
+from cavirheo.curve import RadiusCurve, several
+from cavirheo.errors import expect_whole, require
+from cavirheo.inference import input_checks
+from cavirheo.inference.bdt import Amortised
+from cavirheo.inference.experiment import Experiment
+from cavirheo.inference.law import Family, softened
+from cavirheo.inference.model import Network, card, path_of
+from cavirheo.inference.options import FREE, FREED, SCALE_BOUND, Options, check_wall
+from cavirheo.parallel import cores, each, one_blas_thread
+from cavirheo.parameters import LOG10, units
+from cavirheo.physics.bubble import FIELD, Bubble, Requested, bubbles_of
+from cavirheo.physics.media import WATER, Medium
+from cavirheo.physics.media import medium as named
+from cavirheo.posterior import Checks, Posterior
+from cavirheo.writing.packing import key_of
+
+DEFAULT = "posterior"  # model
+AUTO = ("nhkv", "newtonian", "power-law", "fung + newtonian")  # laws of material="auto": gels and liquids
+KNOWN_BUBBLES = "the real and the field's bubble, without damage, confinement inertia or excess of vapour"
+LEVELS = ("auto", "none", "map", "full")  # of verification (inference/verify)
+_DOING = {"infer": "inferring", "bdt": "inferring", "fit": "fitting", "search": "searching"}
+_LABELS = {"name", "label", "group", "group_source", "column", "notes", "hints", "source", "source_sha256"}
+_LABELS |= {"flags", "contact_sheet"}  # of `RadiusCurve.meta`: no answer depends on these
+
+
+@dataclass(frozen=True)
+class Analysis:
+    """What is asked of a curve. Equal settings that are written differently become the same ones.
+
+    Attributes:
+        method: "infer" (a posterior network, then weighted draws), "bdt" (the paper's networks; `model` decides between
+            these two), "fit" (the conventional fit), or "search" (the posterior from a search over windows that grow).
+        model: the network of infer and bdt, as of `infer`.
+        material, medium, stretch, window, trust_input, discrepancy, seed: as of `infer`; the window of fit and search
+            as of `fit_many`.
+        bubble: as of `infer`; a tuple of `Bubble` once it is made.
+        verify: as of `infer`; of a search "map" (its maximum), or "auto" (weighted draws that begin there).
+        draws: at most so many with weights; default: TUNING.draws of inference/verify/tuning.py.
+        end, free, t0_bound, scale_bound, weights, others: as of `fit_many`; of a search, too.
+        ranges: of the priors of a search, as of `Verification`.
+
+    Raises:
+        InputError: an unknown model, law or bubble, a setting out of its domain, or settings that do not go together.
+    """
+
+    method: Literal["infer", "bdt", "fit", "search"] = "infer"
+    model: str | Path = DEFAULT
+    material: str | None = None
+    bubble: Requested | None = None
+    medium: Medium | str = WATER
+    stretch: float | str | None = None
+    window: int | str | None = None
+    trust_input: bool = False
+    verify: str = "auto"
+    discrepancy: bool = True
+    draws: int | None = None
+    seed: int = 0
+    end: float | None = None
+    free: Sequence[str] | str | None = None
+    t0_bound: float | None = None
+    scale_bound: float = SCALE_BOUND
+    weights: str = "learnt"
+    others: bool = True
+    ranges: Mapping[str, Sequence[float]] | None = None
+
+    def __post_init__(self) -> None:
+        require(self.method in _DOING, f"method must be {', '.join(_DOING)}, got {self.method!r}", "option.method")
+        levels = LEVELS if self._networked else ("auto", "map")
+        message = f"verify must be {', '.join(levels[:-1])} or {levels[-1]}, got {self.verify!r}"
+        require(self.verify in levels, message, "option.verify")
+        expect_whole(self.seed, "seed", 0, "option.seed")
+        own: dict[str, Any] = {"model": str(self.model), "medium": named(self.medium)}
+        kind = card(path_of(str(self.model))) if self._networked else {}
+        point = kind.get("kind") == "point"
+        own["bubble"] = bubbles_of(("field" if point else "real") if self.bubble is None else self.bubble)
+        if self.free is None:
+            own["free"] = FREED if self.method == "fit" else tuple(FREE)
+        if self._networked:
+            own["method"] = "bdt" if point else "infer"
+        if point:
+            own["verify"] = "none" if self.verify == "auto" else self.verify
+            message = f"the model {self.model} answers {kind['material']}: leave out material {self.material!r}, or "
+            require(self.material in (None, kind["material"]), f"{message}the model", "option.material")
+        own["material"] = self.material or (kind["material"] if point else "nhkv")
+        for name, value in own.items():
+            object.__setattr__(self, name, value)
+        for bubble in self.bubbles:
+            check_wall(bubble)
+            object.__setattr__(self, "free", self._options(bubble).free)
+        if point:
+            known = self.bubbles == (FIELD,) or self.verify != "none"
+            message = f"the model {self.model} knows the field's bubble alone: leave out bubble or the model, or give "
+            require(known, f"{message}verify map", "option.bubble")
+            return
+        for law in self.laws:
+            Family(law)
+        if self.verify == "none":
+            from cavirheo.inference.flow import kind_of
+
+            message = "auto compares models by their evidence, which a verification finds: leave out --verify none"
+            require(self.material != "auto" and len(self.bubbles) == 1, message, "option.auto")
+            message = f"the network by itself knows {KNOWN_BUBBLES}: leave out verify none"
+            require(all(map(kind_of, self.bubbles)), message, "option.bubble")
+
+    @property
+    def _networked(self) -> bool:
+        return self.method in ("infer", "bdt")
+
+    @property
+    def bubbles(self) -> tuple[Bubble, ...]:
+        """All that are looked at."""
+        return bubbles_of(self.bubble)  # type: ignore[arg-type]
+
+    @property
+    def laws(self) -> Sequence[str]:
+        """All that are looked at."""
+        return softened(AUTO if self.material == "auto" else (str(self.material),), self.bubbles[0].damage)
+
+    @property
+    def doing(self) -> str:
+        """What goes on, in a word."""
+        return "weighing" if self.before else _DOING[self.method]
+
+    @property
+    def before(self) -> Analysis | None:
+        """That whose answers this one begins with; None where it begins with the curves alone."""
+        return replace(self, verify="map") if self.method == "search" and self.verify != "map" else None
+
+    def _options(self, bubble: Bubble) -> Options:
+        cut = (self.window, self.end, self.stretch)
+        return Options(*cut, self.free, self.t0_bound, self.scale_bound, self.weights, bubble)  # type: ignore[arg-type]
+
+    @cached_property
+    def _made_with(self) -> str:
+        """SHA-256 of the network."""
+        from cavirheo.inference.posterior_model import network_of
+
+        return network_of(str(self.model)).sha256 if self._networked else ""
+
+    def key(self, curve: RadiusCurve) -> str:
+        """By which an answer is known again: of the samples of the curve and what is known about them, of all that is
+        asked, of our version and of the network. The curve's name, file and group do not count."""
+        content = {field.name: getattr(curve, field.name) for field in fields(curve)}
+        if len(curve.time):  # a curve without samples is like no other
+            content["meta"] = {name: value for name, value in curve.meta.items() if name not in _LABELS}
+        return key_of([version("cavirheo"), self._made_with, self, content])
+
+    def check(self, curves: Sequence[RadiusCurve]) -> None:
+        """Raises InputError: none of these curves can be answered so."""
+        for bubble in self.bubbles:
+            check_wall(bubble, curves)
+
+    def run(
+        self,
+        curves: Sequence[RadiusCurve],
+        workers: int | None = None,
+        done: Callable[[int, Posterior], None] | None = None,
+        begun: Sequence[Posterior] | None = None,
+    ) -> list[Posterior]:
+        """An answer for each curve, in their order, on so many threads (all cores by default); the answers do not
+        depend on it. done: called with the index and the answer of each curve as it is found. begun: as of `answer`.
+        Raises InputError: none of the curves can be answered so."""
+        curves = several(curves)
+        self.check(curves)
+        inner = max(cores(workers) // max(len(curves), 1), 1)
+        known: Sequence[Posterior | None] = begun or [None] * len(curves)
+        jobs = zip(curves, known, strict=True)
+        return each(lambda job: self.answer(*job, workers=inner), jobs, workers, done)
+
+    def answer(self, curve: RadiusCurve, begun: Posterior | None = None, *, workers: int | None = None) -> Posterior:
+        """The answer for one curve, on so many threads; one that cannot be answered gives a Posterior without draws
+        that says why. begun: what `before` answers, if it is known."""
+        from cavirheo.inference.posterior_model import network_of
+        from cavirheo.inference.verify import verify_many
+
+        shared = ("medium", "stretch", "seed", "discrepancy", "free", "t0_bound", "scale_bound", "ranges")
+        settings: dict[str, Any] = {name: getattr(self, name) for name in shared} | {"level": self.verify}
+        settings |= {} if self.draws is None else {"draws": self.draws}
+        if self.method == "infer":
+            settings["network"] = network_of(str(self.model))
+        elif self.method == "bdt":
+            settings["bubble"] = self.bubbles
+        elif self.method == "fit":
+            settings |= {"weights": self.weights, "rival": self.others}
+        else:
+            settings["search"] = self.before is None
+        with one_blas_thread:
+            answers = [begun] if begun else self._begun(curve, workers)
+            return (
+                answers[0] if self.verify == "none" else verify_many([curve], [answers], workers=workers, **settings)[0]
+            )
+
+    def _begun(self, curve: RadiusCurve, workers: int | None) -> Sequence[Posterior]:
+        """What the verification begins with, of each law and bubble."""
+        from cavirheo.inference.network_answer import Networked
+        from cavirheo.inference.posterior_model import network_of
+
+        if self.before:
+            return [self.before.answer(curve, workers=workers)]
+        models = list(product(self.laws, self.bubbles))
+        if self.method == "fit":
+            return [self._asked(curve, law, self._options(bubble)) for law, bubble in models]
+        if self.method == "search":
+            return [
+                self._asked(curve, law, Options(self.window, stretch=self.stretch, bubble=one)) for law, one in models
+            ]
+        network, medium = network_of(str(self.model)), named(self.medium)
+        if isinstance(network, Network):
+            known: Any = None if self.stretch == "free" else self.stretch
+            return [Amortised(network, medium, known, self.window, self.trust_input).infer(curve)]  # type: ignore[arg-type]
+        asked = ("stretch", "window", "trust_input", "discrepancy", "seed")
+        how: dict[str, Any] = {name: getattr(self, name) for name in asked} | {"checked": self.verify == "none"}
+        return [Networked(network, law, bubble, medium, **how).infer(curve) for law, bubble in models]
+
+    def _asked(self, curve: RadiusCurve, law: str, options: Options) -> Posterior:
+        """What a search begins from: law, bubble, window and input warnings, without any value."""
+        family, medium = Family(law), named(self.medium)
+        names = tuple(LOG10 + name for name in family.parameters)
+        try:
+            shot = Experiment(curve, family, medium, options)
+            warnings = [*input_checks.plain(curve, medium), *input_checks.of_walls(shot)]
+            plain = Checks("ok", t_star_end=shot.view.end / shot.time_scale)
+            checks = input_checks.warned(plain, warnings, self.trust_input)
+        except input_checks.ERRORS as error:  # of this curve alone
+            checks = input_checks.failed(error, curve, medium)
+        about = {"options": asdict(options), "source_sha256": curve.source_sha256}
+        how: dict[str, Any] = {"provenance": {"cavirheo": version("cavirheo"), **about}, "medium": medium}
+        how["bubble"] = options.bubble
+        nothing = np.empty((0, len(names)))
+        return Posterior(names, units(names), nothing, checks, family.name, "least_squares", **how)

@@ -1,0 +1,314 @@
+"""Messages of an answer as records, and the sentences that people read: every sentence stands here once.
+
+Other code makes messages by code and values, and decides by codes alone; nothing looks into a sentence.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+from cavirheo.errors import InputError, SolverError
+from cavirheo.parameters import about, searched_bound
+
+UNIT = "check_input.radius_unit"
+_Details = Callable[[Mapping[str, Any]], str]
+
+
+@dataclass(frozen=True)
+class Message:
+    """What is to be known of an answer.
+
+    Attributes:
+        code: what it is about, for programs: "check_input.scale", "bound.viscosity.upper", "model.rejected". It stays
+            the same when the sentence is put better. The code of an error is that of `InputError`.
+        parameters: the values in the sentence, SI; of a code without a sentence of its own, the sentence as `text`.
+    """
+
+    code: str
+    parameters: Mapping[str, Any] = field(default_factory=dict)
+
+    @property
+    def text(self) -> str:
+        """The sentence."""
+        known, values = _sentence_of(self.code), self.parameters
+        if known is None:
+            return str(values["text"])
+        common, details = known
+        return common + (details.format(**values) if isinstance(details, str) else details(values))
+
+    @property
+    def input_warning(self) -> bool:
+        """Whether the recording or its settings are doubtful, so that the answer is not ok unless the user vouches."""
+        return is_input_warning(self.code)
+
+
+def is_input_warning(code: str) -> bool:
+    """Whether a message with this code is about the recording or its settings."""
+    return code.startswith("check_input.")
+
+
+def title(code: str) -> str:
+    """What all messages with this code have in common, without the values of one; "" of a code without a sentence."""
+    known = _sentence_of(code)
+    return known[0] if known else ""
+
+
+def of_error(error: Exception) -> Message:
+    """Why there is no answer, of the error that ended it."""
+    if isinstance(error, InputError):
+        return Message(error.code, {"text": error.message})
+    if isinstance(error, SolverError):
+        return Message("solver", {"text": str(error)})
+    return Message("unexpected", {"text": f"unexpected {type(error).__name__}: {error}".removesuffix(": ")})
+
+
+def value_in_words(name: str, interval: tuple[float, float, float]) -> str:
+    """'µ 0.040 [0.031, 0.052] Pa s' of (5 %, 50 %, 95 %), SI; 'µ below 0.010 Pa s (95 %)' where the interval reaches
+    the lower end of the range that is searched."""
+    from cavirheo.writing import digits
+    from cavirheo.writing.document import Quantity
+
+    (low, median, high), known = interval, about(name)
+    value = Quantity(median=median)  # without an interval, where its ends are one
+    if low < high:
+        value = Quantity(median=median, q05=low, q95=high, bound=searched_bound(name, low, high))
+    return f"{known.symbol} {digits.measured(value, *digits.unit_for(known.unit, median))}"
+
+
+def _sentence_of(code: str) -> tuple[str, str | _Details] | None:
+    """(what all messages with this code have in common, what the values of one add)."""
+    family, *rest = code.split(".")
+    known = _SENTENCES.get(code) or _SENTENCES.get(family)
+    if isinstance(known, str):
+        common, _, details = known.partition("|")
+        return common, details
+    return known and (known[0] if isinstance(known[0], str) else known[0](*rest), known[1])
+
+
+def _repeated(p: Mapping[str, Any]) -> str:
+    often = {2: "twice"}.get(p["times"], f"{p['times']} times")
+    each = f"each frame seems to stand {often}: keep one of each"
+    cause = each if p["times"] else "frames seem to be repeated: keep the first of equal ones"
+    seen = f"{p['equal']} of {p['frames']} radii equal the one before, also where the bubble moves fast"
+    return f": {seen}; {cause}, with its time, or add --trust-input"
+
+
+def _scale(p: Mapping[str, Any]) -> str:
+    fast = p["ratio"] < 1.0
+    seen = f"the first collapse comes {p['ratio']:.2g} Rayleigh times after R_max ({1e6 * p['max_radius']:.4g} um)"
+    mend = "give the true R_max (--rmax-um) or frame rate (--fps), or add --trust-input if both are right"
+    if not p["factors"]:
+        return f": {seen}, which no material shows: {mend}"
+    by = " to ".join(dict.fromkeys(f"{factor:.2g}" for factor in p["factors"]))
+    large, short = ("large (a diameter given as radius?)", "short") if fast else ("small (a radius in pixels?)", "long")
+    cause = "stiff gel with its small stretch" if fast else "material"
+    return (
+        f": {seen}, and no {cause} follows the curve as well as a soft material does if radii are {by} times too "
+        f"{large} or times that much too {short}: {mend}"
+    )
+
+
+def _moved(p: Mapping[str, Any]) -> str:
+    words = " and ".join(f"{name.replace('_', ' ')} times {factor:.2g}" for name, factor in p["factors"].items())
+    frames = "this frame" if p["frames"] == 1 else f"these {p['frames']} frames"
+    return f": without {frames} it would be {words}"
+
+
+def _spikes(p: Mapping[str, Any]) -> str:
+    return f": {p['frames']} frame{'s' * (p['frames'] > 1)} above both neighbours by 20 % of R_max"
+
+
+def _other_bubble(p: Mapping[str, Any]) -> str:
+    return f": {p['frames']} frame{'s' * (p['frames'] > 1)} from {1e6 * p['since']:.4g} us after R_max on"
+
+
+def _missed(p: Mapping[str, Any]) -> str:
+    return f" by {100 * p['rms']:.2g} % of R_max RMS (limit {100 * p['limit']:g} %)"
+
+
+def _bound_title(name: str, bound: str) -> str:
+    symbol = about(name).symbol
+    if bound == "undetermined":
+        return f"the recording does not determine {symbol}"
+    return f"the recording gives {'an upper' if bound == 'upper' else 'a lower'} limit of {symbol} alone"
+
+
+def _bound(p: Mapping[str, Any]) -> str:
+    from cavirheo.writing import digits
+
+    if p["bound"] == "undetermined":
+        return ": values all over the range that is searched follow it"
+    side, end = ("below", p["q95"]) if p["bound"] == "upper" else ("above", p["q05"])
+    factor, unit = digits.unit_for(about(p["name"]).unit, end)
+    value = " ".join(filter(None, [digits.significant(factor * end, 2), unit]))
+    return f": any value {side} {value} follows it as well"
+
+
+_STATED = {"file": "stretch that the file states", "late_plateau": "late plateau"}
+_CHECKED = {  # by nuisance: what to check where it runs to the end of its prior
+    "time_origin": ": check the times of the frames, and that R_max was recorded",
+    "radius_scale": ": check the µm per pixel",
+    "max_radius_factor": ": check that R_max was recorded",
+}
+
+
+def _prior_end(name: str, end: str) -> str:
+    words = "R_max" if name == "max_radius_factor" else name.replace("_", " ")
+    return f"{words} is at the {end} end of what is expected{_CHECKED.get(name, '')}"
+
+
+def _systematic(p: Mapping[str, Any]) -> str:
+    from cavirheo.writing.digits import chance
+
+    seen = p["excess"] >= p["seen"]
+    size = f"by {100 * p['excess']:.1f} %" if seen else f"by less than {100 * p['seen']:.2g} %"
+    text = f": {size} of R_max beyond the noise ({chance(p)})"
+    if p["exact"]:
+        return f"{text}, and the law was taken as exact, so the interval is too narrow"
+    if p["excess"] > p["limit"]:
+        return f"{text} (limit {100 * p['limit']:.0f} %)"
+    return f"{text}, which the interval allows for" if seen else text
+
+
+def _distrusted(p: Mapping[str, Any]) -> str:
+    said = f": {p['draws']} weighted draws are worth {p['effective']:.0f} independent ones, and {p['needed']:.0f} are "
+    said += "needed"
+    if p["unseen"] is None:
+        return said
+    missed = "more than was met" if not p["unseen"] < 1.0 else f"about {p['unseen']:.0%} of it"
+    return f"{said}, and a few of them carry the weight: {missed} is still to be met (tail index {p['tail']:.2f})"
+
+
+def _training_range(p: Mapping[str, Any]) -> str:
+    if p["name"] == "max_radius":
+        return " {} um (trained at {:.4g} um: right from {:.0f} to {:.0f}; the default model knows all sizes)".format(
+            f"{1e6 * p['value']:.4g}", 1e6 * p["trained_at"], 1e6 * p["low"], 1e6 * p["high"]
+        )
+    if p["name"] == "stretch":
+        return f" {p['value']:.3g} (trained in {p['low']:g} to {p['high']:g})"
+    return f" (at the training scale 10^{p['value']:.2f}, trained in 10^{p['low']:g} to 10^{p['high']:g})"
+
+
+def _model(one: Mapping[str, Any], law: bool, bubble: bool) -> str:
+    """A model by its law, by the words for its bubble, or both."""
+    return ", ".join([one["material"]] * law + [one["bubble"]] * bubble)
+
+
+def _values(one: Mapping[str, Any]) -> str:
+    words = ", ".join(value_in_words(name, ends) for name, ends in one["values"].items())
+    return words if one["interval"] else f"{words} (no interval)"
+
+
+def _both(p: Mapping[str, Any]) -> str:
+    """Two models by what tells them apart, law or bubble, with their values."""
+    there, here = p["there"], p["here"]
+    tells = here["material"] != there["material"], here["bubble"] != there["bubble"]
+    first, second = (f"{_model(one, *tells)} with {_values(one)}" for one in (here, there))
+    return f"{second}, instead of {first}"
+
+
+def _by(p: Mapping[str, Any]) -> str:
+    return f" by a factor of {'about ' * p['rough']}e^{abs(p['gain']):.0f}"
+
+
+def _preferred(p: Mapping[str, Any], there: str, here: str) -> str:
+    """' (the evidence prefers the second by a factor of e^12)'; nothing where one has no evidence."""
+    if p["gain"] is None:
+        return ""
+    if p["equal"]:
+        return " (equally likely)"
+    return f" (the evidence prefers {there if p['gain'] > 0 else here}{_by(p)})"
+
+
+def _possible(p: Mapping[str, Any]) -> str:
+    return f": {_both(p)}{_preferred(p, 'the other', 'this answer')}"
+
+
+def _two_modes(p: Mapping[str, Any]) -> str:
+    values = f"{_values(p['here'])}, or {_values(p['there'])}"
+    return f": {values}{_preferred(p, 'the second', 'the first')}"
+
+
+def _chosen(p: Mapping[str, Any]) -> str:
+    here, rivals = p["here"], p["rivals"]
+    tells = tuple(any(one[key] != here[key] for one in rivals) for key in ("material", "bubble"))
+    parts: dict[str, list[str]] = {"also possible": [], "rejected": []}
+    for one in rivals:
+        gain = one["gain"]
+        words = "equally likely" if one["equal"] else f"e^{abs(gain):.0f} times {'more' if gain > 0 else 'less'} likely"
+        parts["rejected" if one["rejected"] else "also possible"].append(f"{_model(one, *tells)} ({words})")
+    return ", ".join([f": {_model(here, *tells)}", *(f"{words}: {', '.join(m)}" for words, m in parts.items() if m)])
+
+
+# By code, or by its first part where several codes share a sentence: what all messages have in common, "|", and a
+# template of the values of one; or both apart, where a function gives one of them.
+_SENTENCES: dict[str, str | tuple[str | Callable[..., str], str | _Details]] = {
+    # the recording and its settings
+    UNIT: "the unit of the radius contradicts its numbers|: given in {given}, but the largest value {largest:.4g} only "
+    "makes sense in {taken}: taken as {taken}",
+    "check_input.time_order": "times not in order| ({steps} steps back): frames sorted",
+    "check_input.frame_rate": "the frame rate is given as another than the file states|: {given:.6g}/s, and the file "
+    "has {stated:.6g}/s",
+    "check_input.density": "check the density|: {density:.5g} kg/m3 makes the frame rate {rate:.5g}/s; a camera at "
+    "{usual:.3g}/s means --density {meant:.5g}",
+    "check_input.file_damaged": "the file is damaged| after frame {frames} ({cause})",
+    "check_input.file_cut_short": "the file is cut short|: {frames} of {about}{stated:.0f} frames are there",
+    "check_input.time_stamps": "the time stamps of the .cine file do not increase and are not used",
+    "check_input.camera_clock": "the camera's header and its time stamps differ|: {header:.6g} frames per second by "
+    "the header, {stamps:.6g} by the time stamps",
+    "check_input.camera_differs": "the camera states another number than was given|: {given:.6g} {what} were given; "
+    "{origin} has {value:.6g}",
+    "check_input.two_bubbles": "a second bubble nearly as large is in the frames|: in {frames} of {measured} (the "
+    "mirror image in a wall?): choose one with --roi x,y,width,height",
+    "check_input.overexposed": "the background is overexposed: the radius is too small by some tenths of a pixel",
+    "check_input.frames_repeated": ("check the frames", _repeated),
+    "check_input.frames_backwards": "check the order of the frames|: {collapses} collapses come before R_max, and "
+    "after each the bubble is larger than before; time seems to run backwards: give the radii in reverse, or add "
+    "--trust-input",
+    "check_input.late_start": "check the recording|: its first radii fall as they do {frames:.2g} frames after R_max: "
+    "begin it at R_max or before, or add --trust-input",
+    "check_input.scale": ("check the scale of radius and time", _scale),
+    "check_input.no_rebound": "no rebound is counted, and walls and sound of the vessel lengthen a first collapse as a "
+    "viscosity does|: read the upper end of µ alone, or let them be free (--confinement-inertia free "
+    "--confinement-damping free)",
+    "check_input.spikes": ("check the recording: frames that stand out by 20 % of R_max move the answer", _moved),
+    # what counts
+    "frames.spikes": ("spikes are left out", _spikes),
+    "frames.other_bubble": ("the end is left out, where the radius rises again as by another bubble", _other_bubble),
+    "stretch.left_out": "the file's stretch is left out|: {stretch:.4g} is no R_max/R_0 between {low:g} and {high:g}",
+    "stretch.no_plateau": "the curve has no late plateau: the stretch was fitted freely",
+    "stretch_prior": (
+        lambda source: f"λ was fitted, with the {_STATED[source]} as prior",
+        ": {value:.3g}, taken as ± {deviation:.2g}",
+    ),
+    # the simulation beside the measurement
+    "misfit.rms": ("the simulation misses the measurement", _missed),
+    "misfit.systematic": ("the simulation differs from the frames by more than noise explains", _systematic),
+    # the interval
+    "bound": (_bound_title, _bound),
+    "prior_end": (_prior_end, ""),
+    "interval.distrusted": ("the interval is not to be trusted and left out", _distrusted),
+    "interval.of_network": "the interval is the network's own: it is not verified by simulations",
+    # networks
+    "search.over_ranges": "the search began all over the ranges|, for {reason}",
+    "network.cut_short": "samples of the network lie after the recording's end and were taken to be its last one|: "
+    "{missing} of the network's {samples} samples",
+    "training_range": (
+        lambda name: f"outside the training range: {'R_max' if name == 'max_radius' else name}",
+        _training_range,
+    ),
+    "network.liquid": "so soft a material may be a liquid: try --model bdt-viscous",
+    "network.elastic": "the material may be elastic: try --model bdt-viscoelastic",
+    # other models, other modes
+    "model.rejected": ("the evidence prefers another model", lambda p: f"{_by(p)}: {_both(p)}"),
+    "model.possible": ("another model is not rejected and gives other values", _possible),
+    "model.chosen": ("chosen by evidence", _chosen),
+    "model.of_group": "chosen by the evidence of the group|: {material}",
+    "mode.other": ("two solutions of the same model follow the recording", _two_modes),
+    # no answer
+    "answer.unverified": "not verified|: {reason}",
+    "answer.not_finite": "the method's answer is not a finite number|: {parameters}",
+    "answer.none": "no parameters were found",
+}

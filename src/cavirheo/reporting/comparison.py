@@ -1,0 +1,236 @@
+"""The groups of a result beside published values: a table for the terminal, for papers (Markdown) and programs (CSV).
+
+A row is a parameter of a group by all methods. Our mean is over the trusted shots that determine it; where others were
+answered, too, it stands beside the mean over all of them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from math import floor, log10
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, get_args
+
+import numpy as np
+
+from cavirheo.posterior import Verdict
+from cavirheo.reporting.answer import CurveRecord
+from cavirheo.reporting.group import OURS, GroupRecord, error_of
+from cavirheo.reporting.record import Result
+from cavirheo.writing import digits, terminal
+from cavirheo.writing.document import Spread, spread_of, write_rows
+
+if TYPE_CHECKING:
+    from rich.table import Table
+
+TRUSTED, ALL = f"{OURS}, trusted", f"{OURS}, all"  # how our two means are called where they differ
+G, MU = "shear_modulus", "viscosity"
+_VERDICTS: tuple[Verdict, ...] = get_args(Verdict)
+_COLUMNS = {G: "shear_modulus_Pa", MU: "viscosity_Pa_s"}  # as result.csv names them
+
+
+@dataclass(frozen=True)
+class ComparedParameter:
+    """A parameter of a group: name: natural, "" for a group without any. values: by method, ours under TRUSTED, ALL."""
+
+    group: GroupRecord
+    shots: Sequence[CurveRecord]
+    name: str
+    values: dict[str, Spread]
+
+    @property
+    def answers(self) -> list[str]:
+        """What our means are called: one name where all answered shots are trusted, nothing without a recording."""
+        if not self.shots or self.name not in (*_COLUMNS, ""):
+            return []
+        return [OURS] if self.values[ALL].n == self.values[TRUSTED].n else [TRUSTED, ALL]
+
+    def value(self, method: str) -> Spread:
+        return self.values.get(TRUSTED if method == OURS else method, Spread())
+
+    def error(self, reference: str, method: str) -> float | None:
+        """|mean - mean of the reference| / mean of the reference."""
+        return error_of(self.value(method), self.value(reference))
+
+
+class Comparison:
+    """What the tables and the picture of a result have in common."""
+
+    def __init__(self, result: Result) -> None:
+        groups = [(group, [result.curves[k] for k in of]) for group, of in result.members()]
+        self.result: Result = result
+        self.rows: list[ComparedParameter] = [row for group, shots in groups for row in _rows(group, shots)]
+        self.methods: list[str] = list(dict.fromkeys(method for group, _ in groups for method in group.published))
+        self.references: list[str] = list(dict.fromkeys(method for group, _ in groups for method in group.errors))
+        self.answers: list[str] = max((row.answers for row in self.rows), key=len, default=[]) or [OURS]
+        bubbles = dict.fromkeys(shot.bubble.title for _, shots in groups for shot in shots if shot.answered)
+        self.bubbles: str = ", ".join(bubbles)
+        means = [value.mean for row in self.rows if row.name == G for value in row.values.values()]
+        factor, unit = digits.modulus_unit([0.0, *means])
+        self.units: dict[str, tuple[float, str]] = {G: (factor, f"G ({unit})"), MU: (1.0, "µ (Pa s)")}
+
+    def unit(self, name: str) -> tuple[float, str]:
+        """(factor from SI, what stands over a column): one unit of G for all rows."""
+        words = name.replace("viscosity_at_", "µ at ").replace("_rad_per_s", " rad/s (Pa s)")
+        return self.units.get(name, (1.0, words or digits.MISSING))
+
+
+def _rows(group: GroupRecord, shots: Sequence[CurveRecord]) -> Iterator[ComparedParameter]:
+    """One for each parameter that is published or inferred; a liquid has no G."""
+    answered = [shot for shot in shots if shot.answered]
+    known = {name: [shot.itself.quantity(name).median for shot in answered] for name in (G, MU)}
+    inferred = [name for name in known if group.spread(name).mean is not None or any(known[name])]
+    published = [name for values in group.published.values() for name in values]
+    for name in sorted({*inferred, *published}, key=[G, MU, *published].index) or [""]:
+        values: dict[str, Spread] = {method: of[name] for method, of in group.published.items() if name in of}
+        values[TRUSTED] = group.spread(name)
+        values[ALL] = spread_of([shot.determined(name) for shot in answered])
+        yield ComparedParameter(group, shots, name, values)
+
+
+def remarks(group: GroupRecord, shots: Sequence[CurveRecord]) -> list[str]:
+    """The material, doubtful and failed shots."""
+    found = [group.population.line] if group.population and group.population.found else []
+    if counts := [f"{digits.VERDICTS[v]} {n}" for v in _VERDICTS[1:] if (n := group.verdicts.get(v))]:
+        found.append(f"of {digits.counted(len(shots), 'shot')}: {', '.join(counts)}")
+    reasons = terminal.once((shot.name, shot.message) for shot in shots if not shot.answered)
+    return found + [f"{', '.join(names)}: {message}" for message, names in reasons.items()]
+
+
+def print_comparison(result: Result) -> None:
+    """A line for each group, parameter and method; then what is to be known of each group and of all."""
+    comparison, console = Comparison(result), terminal.console()
+    console.print(comparison_table(comparison, wide=console.width >= 100))
+    console.print(_key(comparison), style="dim")
+    for group, of in result.members():
+        said = remarks(group, [result.curves[k] for k in of])
+        terminal.print_remarks(console, {remark: [group.name] for remark in said})
+    terminal.print_remarks(console, {}, result.notes)
+
+
+def print_beside(result: Result, warning: str) -> None:
+    """The table and what must be known of it, below what is printed of another method."""
+    console = terminal.console()
+    console.print()
+    console.print(comparison_table(Comparison(result), wide=console.width >= 100))
+    console.print(warning, style="yellow")
+
+
+def comparison_table(comparison: Comparison, *, wide: bool) -> Table:
+    """For the terminal."""
+    heads = ["", "method", "mean ± std", *(f"error to\n{reference}, %" for reference in comparison.references)]
+    heads += ["shots", "trusted", "RMSE\n% of R_max" if wide else "RMSE\n% of\nR_max"]
+    table = terminal.table("set", heads, left=heads[:2], gap=int(wide))
+    before = None
+    for row in comparison.rows:
+        factor, label = comparison.unit(row.name)
+        head = ["" if row.group is before else row.group.name, label]
+        counts = [cell if wide else cell.replace(" (", "\n(") for cell in _counts(row)]
+        for method in [method for method in row.values if method not in (TRUSTED, ALL)] + row.answers:
+            cells = [*head, method, _written(row, method, factor)]
+            cells += [_error(row, reference, method) for reference in comparison.references]
+            ours = method in row.answers
+            table.add_row(*cells, *(counts if ours else []), style="bold" if ours and method != ALL else None)
+            head, counts = ["", ""], [] if ours else counts
+        before = row.group
+        table.add_section()
+    return table
+
+
+def markdown(result: Result) -> str:
+    """One row for each group and parameter, then what is to be known."""
+    comparison = Comparison(result)
+    methods = [*comparison.methods, *comparison.answers]
+    pairs = [(to, method) for to in comparison.references for method in methods if method != to]
+    pairs = [pair for pair in pairs if any(row.error(*pair) is not None for row in comparison.rows)]
+    head = ["Set", "Quantity", *methods, *(f"{method} to {to}, %" for to, method in pairs)]
+    lines = [[*head, "Shots", "trusted", "RMSE, % of R_max"]]
+    lines.append(["---"] * len(lines[0]))
+    for row in comparison.rows:
+        factor, label = comparison.unit(row.name)
+        values = [_written(row, method, factor) for method in methods]
+        lines.append([row.group.name, label, *values, *(_error(row, *pair) for pair in pairs), *_counts(row)])
+    parts = ["| " + " | ".join(map(_escaped, cells)) + " |" for cells in lines]
+    parts += ["", _key(comparison), ""]
+    for group, of in result.members():
+        said = [*group.models, *remarks(group, [result.curves[k] for k in of])]
+        parts += [f"- {_escaped(group.name)}: {_escaped('; '.join(said))}"] if said else []
+    parts += [f"- {_escaped(note)}" for note in result.notes]
+    return "\n".join([*parts, "", f"cavirheo {result.version}, {result.date}: `{result.command}`", ""])
+
+
+def write_csv(path: Path, result: Result) -> None:
+    """One line for each group and parameter, SI, errors as fractions; empty where there is no number."""
+    comparison = Comparison(result)
+    ours = {f"{OURS}_trusted": TRUSTED, f"{OURS}_all": ALL}
+    methods = {**{method: method for method in comparison.methods}, **ours}
+    head = ["set", "quantity", *(f"{method}_{part}" for method in comparison.methods for part in ("mean", "std"))]
+    head += [f"{method}_{part}" for method in ours for part in ("mean", "std", "n")]
+    head += [f"{method}_error_to_{to}" for to in comparison.references for method in methods if method != to]
+    head += ["n_shots", "n_answered", *(f"n_{verdict}" for verdict in _VERDICTS)]
+    head += ["rmse_over_rmax_median", "rmse_over_rmax_smallest", "rmse_over_rmax_largest", "models", "message"]
+    lines = []
+    for row in comparison.rows:
+        cells: dict[str, Any] = {"set": row.group.name, "quantity": _COLUMNS.get(row.name, row.name)}
+        cells |= {"n_shots": len(row.shots), "n_answered": row.group.n, "models": ", ".join(row.group.models)}
+        cells |= {f"n_{verdict}": row.group.verdicts.get(verdict, 0) for verdict in _VERDICTS}
+        cells |= dict(zip(head[-5:-2], _misfits(row.shots), strict=True))
+        for name, method in methods.items():
+            cells |= {f"{name}_{part}": number for part, number in row.value(method)}
+            cells |= {f"{name}_error_to_{to}": row.error(to, method) for to in comparison.references}
+        lines.append(cells | {"message": "; ".join(remarks(row.group, row.shots))})
+    write_rows(path, head, lines)
+
+
+def _misfits(shots: Sequence[CurveRecord]) -> list[float | None]:
+    """RMSE over R_max of the answered shots: median, smallest and largest."""
+    known = [shot.rmse_over_rmax for shot in shots if shot.answered and shot.rmse_over_rmax is not None]
+    return [float(np.median(known)), min(known), max(known)] if known else [None] * 3
+
+
+def _error(row: ComparedParameter, reference: str, method: str) -> str:
+    """In per cent; nothing where a method is its own reference."""
+    error = row.error(reference, method)
+    if method == reference or error is None:
+        return "" if method == reference else digits.MISSING
+    return f"{100 * error:.0f}" if error >= 0.0995 else digits.significant(100 * error, 2)
+
+
+def _written(row: ComparedParameter, method: str, factor: float) -> str:
+    """With the digits that it was published with; what was computed to those that the spread leaves."""
+    value = row.value(method)
+    known = [number for number in (value.mean, value.std) if number is not None]
+    if method in (OURS, TRUSTED, ALL) or any(float(f"{number:.4g}") != number for number in known):
+        return digits.spread(value, factor)
+    parts = [f"{number * factor:.10g}" for number in known]
+    places = max((len(part.partition(".")[2]) for part in parts), default=0)
+    if not any("e" in part for part in parts):
+        parts = [f"{float(part):.{places}f}" for part in parts]
+    return " ± ".join(parts) or digits.MISSING
+
+
+def _counts(row: ComparedParameter) -> list[str]:
+    """Answered of all shots; the trusted ones; RMSE: median (smallest–largest), % of R_max."""
+    middle, *ends = (None if value is None else 100 * value for value in _misfits(row.shots))
+    words = digits.MISSING
+    if middle is not None:
+        places = max(1 - floor(log10(middle)), 0) if middle > 0 else 1
+        words = f"{middle:.{places}f} ({'–'.join(f'{end:.{places}f}' for end in ends)})"
+    shots = [f"{row.group.n} of {len(row.shots)}", str(row.group.n_trusted)] if row.answers else ["", ""]
+    return [*shots, words]
+
+
+def _key(comparison: Comparison) -> str:
+    words = "Mean ± standard deviation over the trusted shots that determine it. "
+    if len(comparison.answers) > 1:
+        words = f"{TRUSTED}: {words[0].lower()}{words[1:]}"
+        words += f"{ALL}: over all answered shots, doubtful ones included. "
+    if comparison.references:
+        words += f"Error to {' or '.join(comparison.references)}: |mean − its mean| / its mean, in %. "
+    words += "RMSE: measured minus simulated, % of R_max, median (smallest–largest)."
+    return words + (f" Our answers assume the {comparison.bubbles}." if comparison.bubbles else "")
+
+
+def _escaped(text: str) -> str:
+    return " ".join(text.replace("|", "\\|").split())

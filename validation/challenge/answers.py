@@ -1,0 +1,109 @@
+"""Recordings read, and answers written as score.py reads them; what the runners of this folder share."""
+
+from __future__ import annotations
+
+import argparse
+import csv
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from validation.challenge.camera import read_maximum
+
+COLUMNS = ("name", "G", "G_low", "G_high", "mu", "mu_low", "mu_high", "seconds")
+Answer = dict[str, Any]
+"""Some of these columns, and others that score.py passes over; "predict": radii, m, at times of the recording, s."""
+
+
+@dataclass(frozen=True)
+class Recording:
+    """SI. time: s since the first frame with a radius."""
+
+    name: str
+    path: Path
+    time: np.ndarray
+    radius: np.ndarray
+    max_radius: float
+    frame_rate: float
+    exposure: float
+    density: float
+
+    def from_maximum(self) -> tuple[np.ndarray, np.ndarray]:
+        """Time since R_max, as a parabola tells it, and radius; of the frames from there on."""
+        since = self.time - read_maximum(self.time, self.radius)[0]
+        return since[since >= 0], self.radius[since >= 0]
+
+
+def read(folder: Path) -> Iterator[Recording]:
+    with (folder / "known.csv").open(newline="", encoding="utf-8") as file:
+        rows = list(csv.DictReader(file))
+    for row in rows:
+        path = folder / f"{row['name']}.csv"
+        table = np.loadtxt(path, delimiter=",", skiprows=1)
+        yield Recording(
+            name=row["name"],
+            path=path,
+            time=1e-6 * table[:, 0],
+            radius=1e-6 * table[:, 1],
+            max_radius=1e-6 * float(row["R_max_um"]),
+            frame_rate=float(row["frame_rate_Hz"]),
+            exposure=1e-6 * float(row["exposure_us"]),
+            density=float(row["density_kg_m3"]),
+        )
+
+
+def read_asked(folder: Path) -> dict[str, list[str]]:
+    """Times as written, us, of the frames to be predicted, by the name of the recording."""
+    found: dict[str, list[str]] = {}
+    if (folder / "asked.csv").exists():
+        with (folder / "asked.csv").open(newline="", encoding="utf-8") as file:
+            for row in csv.DictReader(file):
+                found.setdefault(row["name"], []).append(row["time_us"])
+    return found
+
+
+def append(path: Path, columns: list[str], rows: list[Answer]) -> None:
+    """Adds rows to a table, which begins with the names of its columns."""
+    new = not path.exists()
+    with path.open("a", newline="", encoding="utf-8") as file:
+        writer = csv.DictWriter(file, columns)
+        if new:
+            writer.writeheader()
+        writer.writerows(rows)
+
+
+def run(description: str | None, answer: Callable[[Recording, list[str]], Answer]) -> None:
+    """The command line of a runner: answers every recording of a folder, adds a line for each to the file, and goes on
+    where it was stopped. What stands after -- is handed to `answer`. Where the folder has asked.csv, NAME-ahead.csv
+    beside NAME.csv gets the predicted radii."""
+    parser = argparse.ArgumentParser(description=description, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("recordings", type=Path)
+    parser.add_argument("answers", type=Path)
+    parser.add_argument("options", nargs="*", help="after --: options of the program")
+    given = parser.parse_args()
+    answered, asked = set(), read_asked(given.recordings)
+    if given.answers.exists():
+        with given.answers.open(newline="", encoding="utf-8") as file:
+            answered = {row["name"] for row in csv.DictReader(file)}
+    for recording in read(given.recordings):
+        if recording.name in answered:
+            continue
+        began = time.perf_counter()
+        row = {"name": recording.name, **answer(recording, given.options)}
+        row.setdefault("seconds", round(time.perf_counter() - began, 3))
+        predict = row.pop("predict", None)
+        if predict is not None and recording.name in asked:
+            times = asked[recording.name]
+            radii = predict(1e-6 * np.array(times, float))
+            rows = [
+                {"name": row["name"], "time_us": t, "radius_um": f"{1e6 * r:.4f}"}
+                for t, r in zip(times, radii, strict=True)
+            ]
+            append(given.answers.with_name(f"{given.answers.stem}-ahead.csv"), list(rows[0]), rows)
+        columns = [*COLUMNS, *(name for name in row if name not in COLUMNS)]
+        append(given.answers, columns, [row])
+        print(" ".join(f"{name} {value}" for name, value in row.items()), flush=True)

@@ -1,0 +1,239 @@
+"""Scores the answers of programs to the recordings of the challenge.
+
+    python -m validation.challenge.score TRUTH.csv ANSWERS.csv [ANSWERS.csv ...] [-o OUT]
+    python -m validation.challenge.score --ahead HELD.csv PREDICTIONS.csv [PREDICTIONS.csv ...]
+
+Each file of answers is one program, named by the file. Without -o the tables are printed; with it they stand in OUT.md
+and the picture in OUT.png. --ahead: frames that a program has not seen, and the radii that it predicts for them.
+The page README.md beside this file explains the columns.
+"""
+
+from __future__ import annotations
+
+import argparse
+import csv
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+QUANTITIES = {"G": 1.0, "mu": 1e-6}  # Pa, Pa s: bounds below count as these
+LEVEL = 0.9
+Row = dict[str, str]
+
+
+@dataclass(frozen=True)
+class Judged:
+    """One quantity of one recording as one program answers it; log10. error, low and high: NaN where there is none."""
+
+    name: str
+    about: Row  # of the recording
+    error: float
+    low: float  # bounds less truth
+    high: float
+    seconds: float
+    verdict: str
+
+    @property
+    def bounded(self) -> bool:
+        return bool(np.isfinite(self.low) and np.isfinite(self.high))
+
+    @property
+    def one_sided(self) -> bool:
+        return bool(np.isfinite(self.low) != np.isfinite(self.high))
+
+    @property
+    def held(self) -> bool:
+        """Also of a bound on one side."""
+        return (self.bounded or self.one_sided) and not (self.low > 0.0 or self.high < 0.0)
+
+    @property
+    def width(self) -> float:
+        return self.high - self.low
+
+    @property
+    def interval_score(self) -> float:
+        """Width, and 2/(1 - level) times the distance of the truth from the interval; smaller is better.
+
+        Gneiting and Raftery 2007, doi:10.1198/016214506000001437, equation 43.
+        """
+        return self.width + 2.0 / (1.0 - LEVEL) * max(self.low, -self.high, 0.0)
+
+
+def read(path: Path) -> list[Row]:
+    with path.open(newline="", encoding="utf-8") as file:
+        return list(csv.DictReader(file))
+
+
+def number(text: str | None, least: float = -np.inf) -> float:
+    """NaN where nothing is written."""
+    return max(float(text), least) if text not in (None, "") else np.nan
+
+
+def judge(truth: Sequence[Row], answers: Sequence[Row], quantity: str) -> list[Judged]:
+    """The answers to all recordings that have this quantity: a liquid has no G.
+
+    Raises ValueError for an answer to a recording that does not exist, or two to the same.
+    """
+    given = {row["name"]: row for row in answers}
+    unknown = set(given) - {row["name"] for row in truth}
+    if unknown or len(given) < len(answers):
+        raise ValueError(f"each recording needs one answer by its name in truth.csv; got {sorted(unknown) or 'two'}")
+    found = []
+    for about in truth:
+        true, row = float(about[quantity]), given.get(about["name"], {})
+        if true <= 0:
+            continue
+        columns = (quantity, f"{quantity}_low", f"{quantity}_high")
+        error, low, high = np.log10([number(row.get(one), QUANTITIES[quantity]) for one in columns]) - np.log10(true)
+        seconds, verdict = number(row.get("seconds")), row.get("verdict") or ""
+        found.append(Judged(about["name"], about, float(error), float(low), float(high), seconds, verdict))
+    return found
+
+
+def share(held: int, n: int) -> str:
+    """'88 ± 4 (44 of 50)': the standard error is that of a program whose intervals hold as often as they say."""
+    return f"{100 * held / n:.0f} ± {100 * np.sqrt(LEVEL * (1 - LEVEL) / n):.0f} ({held} of {n})" if n else ""
+
+
+def cells(judged: Sequence[Judged]) -> list[str]:
+    """The cells of HEADS."""
+    values = np.abs([one.error for one in judged if np.isfinite(one.error)])
+    bounded, sided = ([one for one in judged if getattr(one, kind)] for kind in ("bounded", "one_sided"))
+    row = [f"{len(values)} of {len(judged)}", f"{np.median(values):.2f}" if len(values) else ""]
+    row.append(share(sum(one.held for one in bounded), len(bounded)))
+    row.append(f"{np.median([one.width for one in bounded]):.2f}" if bounded else "")
+    row.append(f"{np.mean([one.interval_score for one in bounded]):.2f}" if bounded else "")
+    row.append(f"{sum(one.held for one in sided)} of {len(sided)}" if sided else "")
+    return row
+
+
+HEADS = ("answered", "error", "held, %", "width", "interval score", "bounds held")
+
+
+def markdown(heads: Iterable[str], rows: Iterable[Iterable[str]]) -> str:
+    lines = [list(heads), *map(list, rows)]
+    lines.insert(1, ["---"] * len(lines[0]))
+    return "\n".join(f"| {' | '.join(line)} |" for line in lines)
+
+
+def grouped(truth: Sequence[Row], programs: dict[str, list[Row]], by: Callable[[Judged], str], word: str) -> str:
+    """A table with a row for each program, group of recordings and quantity."""
+    rows = []
+    for program, answers in programs.items():
+        for quantity in QUANTITIES:
+            judged = judge(truth, answers, quantity)
+            for group in dict.fromkeys(sorted(map(by, judged))):
+                mine = [one for one in judged if by(one) == group]
+                rows.append([program, quantity, group, *cells(mine)])
+    return markdown(("program", "", word, *HEADS), rows)
+
+
+def narrower(truth: Sequence[Row], programs: dict[str, list[Row]]) -> str:
+    """The first program against each other one, in recordings where both intervals hold."""
+    first, *others = programs
+    rows = []
+    for other in others:
+        for quantity in QUANTITIES:
+            pairs = zip(*(judge(truth, programs[name], quantity) for name in (first, other)), strict=True)
+            ratios = [
+                a.width / b.width for a, b in pairs if a.bounded and a.held and b.bounded and b.held and b.width > 0
+            ]
+            shown = f"{np.median(ratios):.2f}" if ratios else ""
+            rows.append([f"{first} over {other}", quantity, shown, str(len(ratios))])
+    return markdown(("widths", "", "median ratio where both hold", "recordings"), rows)
+
+
+def seconds(programs: dict[str, list[Row]]) -> str:
+    rows = []
+    for program, answers in programs.items():
+        spent = np.array([number(row.get("seconds")) for row in answers])
+        spent = spent[np.isfinite(spent)]
+        few = len(spent) == 0
+        rows.append([program, *(["", ""] if few else [f"{np.median(spent):.3g}", f"{np.quantile(spent, 0.95):.3g}"])])
+    return markdown(("program", "seconds, median", "95 %"), rows)
+
+
+def report(truth: Sequence[Row], programs: dict[str, list[Row]]) -> str:
+    """Every table, in Markdown."""
+    parts = [
+        f"{len(truth)} recordings. Errors and widths are decades (0.1 is 26 %).",
+        grouped(truth, programs, lambda one: one.about["half"], "bubble"),
+        grouped(truth, programs, lambda one: one.about["difficulty"], "difficulty"),
+        grouped(truth, programs, lambda one: one.about["law"], "law"),
+    ]
+    if len(programs) > 1:
+        parts.append(narrower(truth, programs))
+    judging = {name: rows for name, rows in programs.items() if any(row.get("verdict") for row in rows)}
+    if judging:
+        parts.append(grouped(truth, judging, lambda one: one.verdict.partition(":")[0] or "none", "its own verdict"))
+    return "\n\n".join([*parts, seconds(programs)])
+
+
+def draw(truth: Sequence[Row], programs: dict[str, list[Row]], path: Path) -> None:
+    """Answer over truth, with the interval, of every recording in the order of its truth; open: the interval misses."""
+    from matplotlib.figure import Figure
+    from matplotlib.ticker import NullFormatter
+
+    figure = Figure(figsize=(9.0, 0.6 + 1.9 * len(programs)), layout="constrained")
+    places = figure.subplots(len(programs), 2, squeeze=False, sharex="col", sharey=True)
+    colours = {"field": "#0072b2", "real": "#d55e00"}
+    for (program, answers), line in zip(programs.items(), places, strict=True):
+        for quantity, axes in zip(QUANTITIES, line, strict=True):
+            for one in judge(truth, answers, quantity):
+                x, colour = float(one.about[quantity]), colours[one.about["half"]]
+                if one.bounded:
+                    axes.plot([x, x], [one.low, one.high], color=colour, lw=1.0, alpha=0.6)
+                inside = colour if one.held else "white"
+                axes.plot(x, one.error, "o", ms=4, color=colour, mfc=inside)
+            axes.axhline(0.0, color="#444444", lw=0.8)
+            axes.set(xscale="log", ylim=(-1.6, 1.6), ylabel=f"{program}\nlog10 of {quantity} over truth")
+            axes.xaxis.set_minor_formatter(NullFormatter())
+        for axes, (quantity, unit) in zip(places[-1], (("G", "Pa"), ("mu", "Pa s")), strict=True):
+            axes.set_xlabel(f"true {quantity}, {unit} (blue: field's bubble, red: real one)")
+    figure.savefig(path, dpi=110)
+
+
+def ahead(held: Sequence[Row], predictions: dict[str, list[Row]]) -> str:
+    """RMS of predicted less measured radius over the unseen frames, % of R_max: medians over the shots of a set.
+
+    A shot without a prediction for each of its frames counts as not answered.
+    """
+    rows = []
+    for program, answers in predictions.items():
+        said = {(row["name"], row["time_us"]): float(row["radius_um"]) for row in answers}
+        for group in dict.fromkeys(row["set"] for row in held):
+            errors = list(_misses([row for row in held if row["set"] == group], said))
+            fine = [error for error in errors if np.isfinite(error)]
+            shown = [f"{np.median(fine):.2f}", f"{np.max(fine):.2f}"] if fine else ["", ""]
+            rows.append([program, group, f"{len(fine)} of {len(errors)}", *shown])
+    return markdown(("program", "set", "answered", "RMSE ahead, % of R_max, median", "largest"), rows)
+
+
+def _misses(held: Sequence[Row], said: dict[tuple[str, str], float]) -> Iterator[float]:
+    for name in dict.fromkeys(row["name"] for row in held):
+        mine = [row for row in held if row["name"] == name]
+        off = [said.get((name, row["time_us"]), np.nan) - float(row["radius_um"]) for row in mine]
+        yield 100 * float(np.sqrt(np.mean(np.square(off)))) / float(mine[0]["R_max_um"])
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("truth", type=Path)
+    parser.add_argument("answers", type=Path, nargs="+")
+    parser.add_argument("--ahead", action="store_true")
+    parser.add_argument("-o", "--out", type=Path)
+    given = parser.parse_args()
+    truth, programs = read(given.truth), {path.stem: read(path) for path in given.answers}
+    text = ahead(truth, programs) if given.ahead else report(truth, programs)
+    if given.out is None:
+        print(text)
+        return
+    given.out.with_suffix(".md").write_text(text + "\n", encoding="utf-8")
+    if not given.ahead:
+        draw(truth, programs, given.out.with_suffix(".png"))
+
+
+if __name__ == "__main__":
+    main()
