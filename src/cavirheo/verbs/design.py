@@ -29,7 +29,7 @@ class Design(options.Printing, options.Documents, options.Pictures, options.Seed
     stretch: Annotated[_Range | None, option("R_max/R_0  [default: 4 10]", metavar="LOW HIGH")] = None
     material: Annotated[str, option("a law of `cavirheo laws`", autocompletion=completion.sum_names)] = "nhkv"
     rmax_um: Annotated[_Range, option("R_max of the rig, um", metavar="LOW HIGH")] = (50, 400)
-    fps: Annotated[str, option("frames per second of the camera, with commas")] = "100e3,250e3,500e3,1e6"
+    fps: Annotated[str, option("frames per second of the camera, with commas")] = "1e5,2.5e5,5e5,1e6"
     frames: Annotated[int, option("of a recording", min=10)] = 128
     noise_percent: Annotated[float, option("noise of the radius, % of R_max", CAMERA)] = 1.0
     noise_um: Annotated[str, option("further noise, um; or one value for each frame rate, with commas", CAMERA)] = "0"

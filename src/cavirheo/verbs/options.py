@@ -113,7 +113,7 @@ _VERIFY = (
 
 @dataclass(kw_only=True)
 class Trust:
-    """Whether doubts about the input decide the verdict."""
+    """Whether input warnings decide the verdict."""
 
     trust_input: Annotated[bool, option(_TRUST, INPUT, "--trust-input")] = False
 
