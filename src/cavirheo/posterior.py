@@ -14,6 +14,7 @@ from cavirheo.errors import InputError, require
 from cavirheo.messages import Message
 from cavirheo.parameters import LOG10, Bound, bound_of, natural, natural_name, scaled, searched_bound
 from cavirheo.physics.bubble import FIELD, Bubble
+from cavirheo.physics.media import Medium
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -201,6 +202,7 @@ class Posterior:
         evidence: of the law.
         diagnostics: of the method.
         bubble: the model of the bubble itself.
+        medium: the constants of what surrounds it.
         others: what other models and other modes answer, if they were looked at.
         prior: of the law's parameters, by name as in `names`: (low, high), flat between, or (low, high, mean, standard
             deviation) of a normal; without those for which it is not known.
@@ -224,6 +226,7 @@ class Posterior:
     evidence: Evidence | None = None
     diagnostics: Diagnostics = Diagnostics()
     bubble: Bubble = FIELD
+    medium: Medium | None = None
     others: tuple[OtherAnswer, ...] = ()
     prior: Mapping[str, tuple[float, ...]] = field(default_factory=dict)
     stretch_prior: tuple[float, float] | None = None

@@ -253,9 +253,8 @@ class Analysis:
         """An answer without any value."""
         family, medium = Family(law), named(self.medium)
         names = tuple(LOG10 + name for name in family.parameters)
-        about = {"medium": asdict(medium), "options": asdict(options), "source_sha256": curve.source_sha256}
-        provenance = {"cavirheo": version("cavirheo"), **about}
+        about = {"options": asdict(options), "source_sha256": curve.source_sha256}
+        how: dict[str, Any] = {"provenance": {"cavirheo": version("cavirheo"), **about}, "medium": medium}
+        how["bubble"] = options.bubble
         nothing = np.empty((0, len(names)))
-        return Posterior(
-            names, units(names), nothing, checks, family.name, "least_squares", provenance, bubble=options.bubble
-        )
+        return Posterior(names, units(names), nothing, checks, family.name, "least_squares", **how)

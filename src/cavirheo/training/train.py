@@ -20,6 +20,7 @@ import math
 import time
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
+from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
@@ -202,6 +203,10 @@ class _Training:
         made = {"n": len(data.theta), "seed": data.seed, "sha256": data.sha256, "failures": data.failures}
         parts = {part: len(curves) for part, (curves, _) in self.parts.items()}
         result = self.recipe.settings() | {
+            "kind": "training",
+            "schema": 1,
+            "version": version("cavirheo"),
+            "command": f"cavirheo train (recipe of {self.recipe.export.name})",
             "problem_id": self.recipe.problem.id,
             "epochs": len(self.history),
             "best_epoch": about["epoch"],

@@ -42,7 +42,7 @@ if TYPE_CHECKING:
     from cavirheo.inference.verify.model_average import Part
 
 _log = logging.getLogger(__name__)
-_CARRIED = ("cavirheo", "medium", "model", "model_sha256", "problem_id", "source_sha256", "windows", "options")
+_CARRIED = ("cavirheo", "model", "model_sha256", "problem_id", "source_sha256", "windows", "options")
 
 SCALED = 0.002  # relative change of R_max, for the slope of G
 
@@ -343,7 +343,7 @@ class Estimation:
         return Posterior(
             names, units(names), theta, checks, shot.family.name, self.method if drawn else "laplace", provenance,
             log_q, log_weight, best=values, stretch=values["stretch"], windows=self.answer.windows,
-            evidence=evidence, diagnostics=Diagnostics(**told), bubble=self.answer.bubble,
+            evidence=evidence, diagnostics=Diagnostics(**told), bubble=self.answer.bubble, medium=shot.medium,
             others=others, prior=shot.of_law(prior), stretch_prior=shot.stretch_prior,
         )  # fmt: skip
 
