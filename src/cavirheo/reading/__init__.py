@@ -11,9 +11,9 @@ from typing import TYPE_CHECKING, Any
 
 from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError, as_path, require
+from cavirheo.reading.curve_tables import write_csv
 from cavirheo.reading.files import guarded, sha256, shown
 from cavirheo.reading.selection import Chosen, selected
-from cavirheo.reading.table import write_csv
 from cavirheo.video.frames import is_recording
 
 if TYPE_CHECKING:
@@ -89,14 +89,14 @@ def read_curves(
 
 def _read(head: bytes, path: Path, density: float, pressure: float, frame_rate: float | None) -> list[RadiusCurve]:
     """The curves of a file that begins with `head`."""
-    from cavirheo.reading import hdf5, matlab, table, tabular
+    from cavirheo.reading import curve_tables, formats, hdf5, matlab
 
     if found := matlab.read_variables(path, matlab.WANTED):
         return matlab.curves(*found, density, pressure)
     if head.startswith(matlab.HDF5):
         return hdf5.read(path)
-    require(tabular.kind_of(head) != "binary", f"binary data of no known format; {_EXPECTED}", "reading.binary")
-    return table.read(path, density, pressure, frame_rate)
+    require(formats.kind_of(head) != "binary", f"binary data of no known format; {_EXPECTED}", "reading.binary")
+    return curve_tables.read(path, density, pressure, frame_rate)
 
 
 def noted(curve: RadiusCurve) -> RadiusCurve:

@@ -16,7 +16,7 @@ from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError, require
 from cavirheo.parameters import RADIUS
 from cavirheo.reading import read_curves
-from cavirheo.reading.table import ONE_SCALE
+from cavirheo.reading.curve_tables import ONE_SCALE
 
 GROUPINGS = ("auto", "file", "folder", "name", "none")
 # the number of a shot at the end of a name, with what stands before it; a decimal number is no shot's
