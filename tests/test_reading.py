@@ -19,8 +19,8 @@ from cavirheo.physics.media import WATER
 from cavirheo.reading import read_curves, write_csv
 from cavirheo.reading.files import expand, tidy
 from cavirheo.reading.formats import kind_of, read_sheets, text_sheet
-from cavirheo.reading.message import decode, encode
 from cavirheo.reading.shots import Recordings, read_shots
+from cavirheo.reading.subprocess_reader import decode, encode
 from cavirheo.reading.tables import Term, Vocabulary, read_columns
 from cavirheo.reading.trace import read_trace
 

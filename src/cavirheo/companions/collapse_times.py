@@ -21,8 +21,7 @@ from cavirheo.physics.collapse import analytic_time, rayleigh_time
 from cavirheo.physics.media import Medium
 from cavirheo.reading.files import guarded, sha256, shown
 from cavirheo.reading.matlab import read_variables
-from cavirheo.reading.selection import Chosen, selected
-from cavirheo.reading.shots import read_shots
+from cavirheo.reading.shots import Chosen, read_shots, selected
 from cavirheo.reading.tables import Term, Vocabulary, read_columns
 from cavirheo.reading.units import LENGTH_UNITS, TIME_UNITS
 from cavirheo.writing import digits, terminal

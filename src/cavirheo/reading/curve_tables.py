@@ -208,9 +208,7 @@ def _radii(table: Table) -> tuple[list[Column], list[str]]:
     """
     kind = next(kind for kind in ("radius", "diameter", "area", "shot") if table.all(kind))
     radii, notes = table.all(kind), []
-    message = (
-        f"{radii[0].title!r} is an area: give a column of radii, sqrt(area/pi) if the bubble is round"
-    )
+    message = f"{radii[0].title!r} is an area: give a column of radii, sqrt(area/pi) if the bubble is round"
     require(kind != "area", message, "table.area")
     if len({column.unit for column in radii} - {"px"}) == 1 and any(column.unit == "px" for column in radii):
         notes.append("the column in pixels is not used: there is one in a unit of length")

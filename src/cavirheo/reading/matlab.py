@@ -27,7 +27,7 @@ from cavirheo.reading.samples import make_curve, unusable
 
 _CELLS = ("R_nondim_All", "t_nondim_All")
 _ONE_EACH = "RmaxList lambda_max_mean lambda_max_std P_inf rho Rnew t deltax deltat R Rmax shift_normRnew"
-WANTED = (*_CELLS, *_ONE_EACH.split())
+VARIABLES = (*_CELLS, *_ONE_EACH.split())
 
 HDF5 = b"\x89HDF\r\n\x1a\n"
 Variables = dict[str, Any]  # name -> (…,) float array, or a list of them for a cell array

@@ -43,7 +43,7 @@ def collapse_time(
 ) -> None:
     """G and µ from the times of the first collapse alone: one answer per table, or per file or folder of curves."""
     from cavirheo.companions import collapse_times
-    from cavirheo.reading.selection import shot_numbers
+    from cavirheo.reading.shots import shot_numbers
     from cavirheo.reporting import file_names
     from cavirheo.writing import style
     from cavirheo.writing.document import Outputs, write_json

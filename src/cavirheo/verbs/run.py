@@ -50,7 +50,7 @@ class Reading:
             value, option = getattr(self, name), f"--{name.replace('_', '-')}"
             require(value is None or value > 0, f"{option} must be a positive {what}, got {value}", f"option.{name}")
         if self.shots is not None:
-            from cavirheo.reading.selection import shot_numbers
+            from cavirheo.reading.shots import shot_numbers
 
             shot_numbers(self.shots)
 
