@@ -36,6 +36,7 @@ from files import save_v73
 from scipy.io import savemat
 
 import cavirheo
+from cavirheo.inference.budget import Budget
 
 ROOT = Path(__file__).resolve().parent.parent
 EXAMPLES = ROOT / "examples"
@@ -443,7 +444,7 @@ def python_verified() -> Any:
     """Draws that the physics has weighted."""
     (curve,) = cavirheo.read_curves(EXAMPLES / "soft_gel.csv")[2:3]
     answer = cavirheo.infer(curve, window=1, model="bdt-viscoelastic")
-    (found,) = at_home("verify_many")([curve], [answer], level="full", seed=2, draws=600, free=("t0",))
+    (found,) = at_home("verify_many")([curve], [answer], level="full", seed=2, budget=Budget(draws=600), free=("t0",))
     return about(found)
 
 

@@ -328,7 +328,9 @@ def test_command_line(run, tmp_path):
     assert "correlations" in page
     assert "t_0 =" in page
     status, _, err = run("fit", "gel.csv", "--window", "x")
-    assert (status, err) == (2, "error: --window must be a number or 'all', got 'x'\n")
+    assert (status, err.count("\n")) == (2, 1)
+    assert "--window" in err
+    assert "'x'" in err
 
 
 @pytest.mark.slow

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import threading
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -11,8 +12,9 @@ from conftest import messages
 from test_reporting import COMMAND, answer, bubble, printed
 from threadpoolctl import threadpool_info
 
-from cavirheo import InputError, infer, load, parallel
+from cavirheo import InputError, infer, infer_many, load, parallel
 from cavirheo.inference.input_checks import warned
+from cavirheo.inference.network_answer import Networked
 from cavirheo.messages import Message, of_error
 from cavirheo.posterior import Checks, Posterior
 from cavirheo.reporting import result
@@ -101,3 +103,20 @@ def test_blas_has_one_thread_while_others_work_and_its_own_again_after_the_last(
     go.set()
     other.join()
     assert blas_threads() == before
+
+
+def test_a_defect_costs_the_answer_of_its_curve_alone(monkeypatch, caplog):
+    """Also what no error of ours is: a row without an answer that names it, and its traceback in the log."""
+    good, bad = bubble(), replace(bubble(), meta={"name": "bad"})
+
+    def broken(self, curve):
+        if curve.name == "bad":
+            raise RuntimeError("the network could not be run")
+        return one(self, curve)
+
+    one = Networked.infer
+    monkeypatch.setattr(Networked, "infer", broken)
+    answers = infer_many([bad, good], verify="none")
+    assert [answer.checks.verdict == "failed" for answer in answers] == [True, False]
+    assert "RuntimeError: the network could not be run" in answers[0].checks.message
+    assert any(one.exc_info and one.exc_info[0] is RuntimeError for one in caplog.records)

@@ -21,7 +21,7 @@ from cavirheo.inference.model import card, shipped
 from cavirheo.physics.bubble import BUBBLES, CONTENTS
 from cavirheo.physics.media import MEDIA
 from cavirheo.reporting.sources import BDT, IMR
-from cavirheo.verbs import _FOUND, options, versions
+from cavirheo.verbs import app, completion, versions
 
 ROOT = Path(__file__).parent.parent
 ABOUT = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))
@@ -148,13 +148,14 @@ def test_shells_complete_values(typed, offered):
 
 
 def test_the_laws_that_shells_offer_are_those_that_can_be_fitted():
-    assert options.sum_names("") == ABLE
-    assert options.many_law_names(" nhkv, ge") == [" nhkv, gent"]
+    assert completion.sum_names("") == ABLE
+    assert completion.many_law_names(" nhkv, ge") == [" nhkv, gent"]
 
 
 def test_help_and_completion_import_no_compiler_and_no_network():
-    code = "import sys; sys.argv = ['cavirheo', 'infer', '--help']; from cavirheo.verbs import app, options\n"
-    code += "app(standalone_mode=False); options.law_names(''); options.medium_names(''); options.model_names('')\n"
+    code = "import sys; sys.argv = ['cavirheo', 'infer', '--help']; from cavirheo.verbs import app, completion\n"
+    code += "app(standalone_mode=False); completion.law_names(''); completion.medium_names('')\n"
+    code += "completion.model_names('')\n"
     code += "print(sorted({'numba', 'onnxruntime', 'scipy.optimize', 'matplotlib', 'torch'} & {*sys.modules}))"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.splitlines()[-1] == "[]"
@@ -170,8 +171,8 @@ def manual() -> str:
 
 @in_repository
 def test_the_manual_page_has_every_command_and_status(manual):
-    for verb in _FOUND:
-        name = verb.__name__.replace("_", r"\-")
+    for verb in app.registered_commands:
+        name = verb.name.replace("-", r"\-")
         assert f'.SS "cavirheo {name} ' in manual
     table = (ROOT / "docs/how-to/command-line.md").read_text("utf-8").split("## Exit status")[1].split("##")[0]
     assert re.findall(r"^\| (\d+)", table, re.MULTILINE) == re.findall(r"^\.B (\d+)$", manual, re.MULTILINE)

@@ -232,8 +232,8 @@ def test_meanings_are_read_from_a_docstring(documents):
 
 def test_the_page_of_file_formats_names_what_can_be_read_back(site, documents):
     text = (ROOT / "docs" / "file-formats.md").read_text("utf-8")
-    kinds = [name for _, name in loading._KINDS.values()]
-    assert [name for name in (*loading._NAMES, *kinds, "Dataset") if f"`{name}`" not in text] == []
+    kinds = [kind.name for kind in loading.KINDS.values()]
+    assert [name for name in (*loading.NAMES, *kinds, "Dataset") if f"`{name}`" not in text] == []
     page = (site / "docs" / "file-formats.html").read_text("utf-8")
     shown = [*documents.others(), *documents.CARDS]
     assert [kind.__name__ for kind in shown if f'id="{kind.__name__.lower()}"' not in page] == []

@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 from conftest import load_benchmark
 
+import cavirheo
 from cavirheo.errors import InputError
 from cavirheo.inference.model import card as read_card
 from cavirheo.inference.model import load as load_network
@@ -485,6 +486,9 @@ class TestTorch:
         for name, values in result["metrics"].items():
             assert found["metrics"][name] == pytest.approx(values, abs=1e-4)
         assert json.loads((tmp_path / "figures" / "metrics.json").read_text()) == found
+        assert cavirheo.load(tmp_path / "figures").metrics == found["metrics"]
+        trained = cavirheo.load(tmp_path / "run")
+        assert (trained.kind, trained.metrics, trained.outputs) == ("training", result["metrics"], list(recipe.outputs))
         assert card["history"]["train"] == pytest.approx(result["history"]["train"], rel=1e-4)
         assert max(len(str(loss)) for loss in card["history"]["train"]) <= 8
 

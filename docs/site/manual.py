@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -32,22 +32,24 @@ def _lines() -> Iterator[str]:
     yield from (".SH NAME", f"cavirheo \\- {_text(_lower(whole.help))}")
     yield from (".SH SYNOPSIS", ".B cavirheo", r"[options] \fICOMMAND\fR [arguments]")
     yield ".SH OPTIONS"
-    yield from _options(whole, whole.make_context("cavirheo", [], resilient_parsing=True))
+    context = whole.make_context("cavirheo", [], resilient_parsing=True)
+    yield from _options(filter(None, (one.get_help_record(context) for one in whole.params)))
     yield ".SH COMMANDS"
     for name, verb in whole.commands.items():
         context = verb.make_context(name, [], resilient_parsing=True)
         usage = " ".join(verb.collect_usage_pieces(context))
         yield from (f'.SS "cavirheo {_text(name)} {_text(usage)}"', _text(verb.help))
-        yield from _options(verb, context)
+        for title, rows in verb.panels(context).items():
+            yield from (".PP", _text(f"{title}:"))
+            yield from _options(rows)
     yield ".SH EXIT STATUS"
     for status, means in STATUSES.items():
         yield from (".TP", f".B {status}", _text(means))
 
 
-def _options(command: Any, context: Any) -> Iterator[str]:
-    for parameter in command.params:
-        if said := parameter.get_help_record(context):
-            yield from (".TP", f".B {_text(said[0])}", _text(said[1]) or r"\&")
+def _options(rows: Iterable[tuple[str, str]]) -> Iterator[str]:
+    for what, means in rows:
+        yield from (".TP", f".B {_text(what)}", _text(means) or r"\&")
 
 
 def _lower(text: str) -> str:

@@ -224,9 +224,7 @@ def documents() -> dict[str, str]:
 
     def visit(value: object) -> None:
         if isinstance(value, dict) and "schema" in value and "command" in value:
-            kind = next((key for key in ("sweeps", "medium", "groups") if key in value), "other")
-            kind = "laws" if kind == "groups" and any("laws" in curve for curve in value["curves"]) else kind
-            found.setdefault(f"{kind}.json", json.dumps(value))
+            found.setdefault(f"{value.get('kind', 'other')}.json", json.dumps(value))
         elif isinstance(value, (dict, list)):
             for one in value.values() if isinstance(value, dict) else value:
                 visit(one)

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
@@ -148,6 +148,7 @@ class CollapseTimes(Document):
         groups: one for each table, or file or folder of curves.
     """
 
+    kind: Literal["collapse-time"] = "collapse-time"
     material: str
     medium: dict[str, Any]
     groups: list[CollapseGroup]

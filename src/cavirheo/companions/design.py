@@ -143,6 +143,7 @@ def design(
         command="cavirheo.design",
         material=rig.material,
         bubble=bubble,
+        medium=liquid,
         wanted_percent=100.0 * wanted,
         spread_decades=float(np.sqrt(np.mean(scatter**2))),
         spreads_decades=dict(zip(family.parameters, scatter.tolist(), strict=True)),

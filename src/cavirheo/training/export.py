@@ -222,7 +222,7 @@ def _posterior_card(recipe: PosteriorRecipe, result: Mapping[str, Any]) -> dict[
         "density": (0.89 * WATER.density, 1.11 * WATER.density),
         "pressure": (0.89 * WATER.pressure, 1.11 * WATER.pressure),
     }
-    training = {key: result[key] for key in ("samples", "seconds", "curves", "held_out")}
+    training = {key: result[key] for key in ("samples", "curves", "held_out")} | {"seconds": round(result["seconds"])}
     return {
         "kind": "posterior",
         "kinds": [(law, bubble) for law, bubble, _ in recipe.posterior.kinds],

@@ -8,6 +8,7 @@ import time
 from abc import ABC, abstractmethod
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from importlib.metadata import version
 from pathlib import Path
 from typing import Any, Generic, TypeVar
 
@@ -32,6 +33,8 @@ class Training(ABC, Generic[Network]):
     """One training in one folder, taken up where it stopped.
 
     Attributes:
+        name: of the recipe.
+        device: on which it learns.
         network: that learns; its weights are made before.
         average: of its weights along the way, which is exported; None: the weights of the lowest validation loss.
         optimiser: of the network's weights.
@@ -43,6 +46,8 @@ class Training(ABC, Generic[Network]):
         step, history: where it is, and a line for each validation.
     """
 
+    name: str
+    device: torch.device
     network: Network
     average: Network | None = None
     optimiser: torch.optim.Optimizer
@@ -68,8 +73,8 @@ class Training(ABC, Generic[Network]):
         """A line of the history: a validation, beside the means of `losses` since the line before it."""
 
     @abstractmethod
-    def result(self, note: Mapping[str, Any]) -> dict[str, Any]:
-        """What came out, of the weights that are exported and what is stored with them."""
+    def result(self) -> dict[str, Any]:
+        """What is to be said of the weights that are exported, for result.json."""
 
     def run(self, progress: bool) -> dict[str, Any]:
         """Train to the end and write the result; what result.json holds."""
@@ -86,9 +91,26 @@ class Training(ABC, Generic[Network]):
             weights, note = read_tensors(self.folder / "best.safetensors")
             with of_run(self.folder / "best.safetensors"):
                 self.exported.load_state_dict(weights)
-            result = self.settings | self.result(note) | {"torch": torch.__version__}
-            write_text(path, json.dumps(result, indent=2) + "\n")
+            write_text(path, json.dumps(self._document(note) | self.result(), indent=2) + "\n")
         return read_result(self.folder)
+
+    def _document(self, note: Mapping[str, Any]) -> dict[str, Any]:
+        """What every result.json says; note: of the weights."""
+        cuda = self.device.type == "cuda"
+        return self.settings | {
+            "kind": "training",
+            "schema": 1,
+            "version": version("cavirheo"),
+            "command": f"cavirheo train (recipe of {self.name})",
+            "epochs": len(self.history),
+            "best_epoch": note["epoch"],
+            "best_validation_loss": note["validation_loss"],
+            "seconds": round(sum(line["seconds"] for line in self.history), 1),
+            "device": torch.cuda.get_device_name(self.device) if cuda else self.device.type,
+            "parameters": sum(p.numel() for p in self.network.parameters()),
+            "history": {part: [line[part] for line in self.history] for part in ("train", "validation")},
+            "torch": torch.__version__,
+        }
 
     @property
     def exported(self) -> Network:

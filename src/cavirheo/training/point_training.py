@@ -6,7 +6,7 @@ All randomness of an epoch (order of the curves, dropout) follows from (seed, ep
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -32,7 +32,7 @@ class PointTraining(Training[BubbleTransformer]):
 
     def __init__(self, recipe: Recipe, data: Dataset, folder: Path, device: torch.device) -> None:
         self.recipe, self.schedule, self.data, self.folder, self.device = recipe, recipe.training, data, folder, device
-        self.settings = recipe.settings()
+        self.name, self.settings = recipe.export.name, recipe.settings()
         problem = recipe.problem
         message = f"the training set was made for problem {data.problem.id}, the recipe is of {problem.id}"
         fine = data.problem.id == problem.id
@@ -70,24 +70,17 @@ class PointTraining(Training[BubbleTransformer]):
         validation = float(mse_loss(self._predict("validation"), self.parts["validation"][1]))
         return {"epoch": self.step // self.every, "train": losses[0], "validation": validation}
 
-    def result(self, note: Mapping[str, Any]) -> dict[str, Any]:
+    def result(self) -> dict[str, Any]:
         """The test part is looked at here, and nowhere else."""
         curves, target = self.parts["test"]
         truth, predicted = ((t * self.std + self.mean).numpy() for t in (target.cpu(), self._predict("test").cpu()))
         with whole(self.folder / "test.npz") as temporary, temporary.open("wb") as file:
             np.savez(file, radius=self.data.radius[curves], truth=truth, predicted=predicted)
-        data, cuda = self.data, self.device.type == "cuda"
+        data = self.data
         origin = {"n": len(data.theta), "seed": data.seed, "sha256": data.sha256, "failures": data.failures}
         parts = {part: len(curves) for part, (curves, _) in self.parts.items()}
         return {
             "problem_id": self.recipe.problem.id,
-            "epochs": len(self.history),
-            "best_epoch": note["epoch"],
-            "best_validation_loss": note["validation_loss"],
-            "seconds": round(sum(entry["seconds"] for entry in self.history), 1),
-            "device": torch.cuda.get_device_name(self.device) if cuda else self.device.type,
-            "parameters": sum(p.numel() for p in self.network.parameters()),
-            "history": {key: [entry[key] for entry in self.history] for key in ("train", "validation")},
             "data": origin | {"made_by": data.made_by} | parts,
             "metrics": metrics(self.recipe.outputs, truth, predicted),
         }

@@ -6,7 +6,7 @@ averaged along the way.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -34,7 +34,8 @@ class PosteriorTraining(Training[PosteriorNetwork]):
 
     def __init__(self, recipe: PosteriorRecipe, curves: CurveStore, folder: Path) -> None:
         self.curves, self.folder, self.schedule = curves, folder, recipe.training
-        self.steps, self.settings = self.schedule.steps, recipe.settings()
+        self.name, self.settings, self.device = recipe.export.name, recipe.settings(), torch.device("cpu")
+        self.steps = self.schedule.steps
         torch.manual_seed(self.schedule.seed)
         self.kinds = [(law, bubble) for law, bubble, _ in recipe.posterior.kinds]
         self.network = PosteriorNetwork(len(self.kinds), **recipe.network.model_dump())
@@ -95,16 +96,13 @@ class PosteriorTraining(Training[PosteriorNetwork]):
             "kinds": [round(loss, 3) for loss in by_kind],
         }
 
-    def result(self, note: Mapping[str, Any]) -> dict[str, Any]:
+    def result(self) -> dict[str, Any]:
         return {
-            "best_validation_loss": note["validation_loss"],
             "samples": self.history[-1]["samples"],
-            "seconds": round(sum(line["seconds"] for line in self.history)),
             "curves": len(self.train),
             "held_out": len(self.held),
             "loss_by_kind": self.history[-1]["kinds"],
             "coverage": coverage(self.exported, self.kinds, self.validation),
-            "parameters": sum(p.numel() for p in self.exported.parameters()),
         }
 
 

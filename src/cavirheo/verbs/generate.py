@@ -6,20 +6,19 @@ import sys
 from pathlib import Path
 from typing import Annotated, Any
 
-from typer import Argument, Option
-
 from cavirheo.errors import InputError, require
 from cavirheo.verbs import options
+from cavirheo.verbs.options import argument, option
 from cavirheo.writing.terminal import say
 
 
 def generate(
-    recipe: Annotated[Path, Argument(help="TOML file, see recipes/")],
+    recipe: Annotated[Path, argument("RECIPE", "TOML file, see recipes/")],
     out: options.Growing,
-    n: Annotated[int | None, Option("-n", help="curves; default: as in the recipe", min=1)] = None,
-    seed: Annotated[int | None, Option(help="default: as in the recipe", min=0)] = None,
-    workers: Annotated[int | None, Option(help="threads; default: all cores", min=1)] = None,
-    shard: Annotated[str, Option(help="i/N: make the i-th of N parts only")] = "1/1",
+    n: Annotated[int | None, option("curves; default: as in the recipe", None, "-n", min=1)] = None,
+    seed: Annotated[int | None, option("default: as in the recipe", min=0)] = None,
+    workers: Annotated[int | None, option("threads; default: all cores", min=1)] = None,
+    shard: Annotated[str, option("i/N: make the i-th of N parts only")] = "1/1",
     scheduler: options.Scheduler = None,
     quiet: options.Quiet = False,
 ) -> None:

@@ -6,18 +6,17 @@ import sys
 from pathlib import Path
 from typing import Annotated
 
-from typer import Argument, Option
-
 from cavirheo.errors import InputError
 from cavirheo.verbs import options
+from cavirheo.verbs.options import argument, option
 
 
 def train(
-    recipe: Annotated[Path, Argument(help="TOML file, see recipes/")],
-    data: Annotated[Path, Argument(help="folder written by `cavirheo generate`")],
+    recipe: Annotated[Path, argument("RECIPE", "TOML file, see recipes/")],
+    data: Annotated[Path, argument("DATA", "folder written by `cavirheo generate`")],
     out: options.Growing,
-    threads: Annotated[int | None, Option(help="threads; default: torch's choice", min=1, max=1024)] = None,
-    device: Annotated[str | None, Option(help="cpu or cuda; default: cuda if there is one")] = None,
+    threads: Annotated[int | None, option("threads; default: torch's choice", min=1, max=1024)] = None,
+    device: Annotated[str | None, option("cpu or cuda; default: cuda if there is one")] = None,
     quiet: options.Quiet = False,
 ) -> None:
     """Train a recipe's network (the same call resumes) and export it as NAME.onnx with its card NAME.json."""
