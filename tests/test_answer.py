@@ -124,13 +124,21 @@ DOCUMENTS = {
 }  # fmt: skip
 
 
+KINDS = {"Result": "result", "Laws": "laws", "Comparison": "comparison", "Rheometry": "rheometer"}
+KINDS |= {"CollapseTimes": "collapse-time"}
+
+
+@pytest.mark.parametrize("old", [False, True])
 @pytest.mark.parametrize("kind", DOCUMENTS)
-def test_load_tells_documents_apart_by_what_they_hold(kind, tmp_path):
+def test_load_tells_documents_apart_by_what_they_say_and_old_ones_by_their_name(kind, old, tmp_path):
     from cavirheo import load
 
-    (tmp_path / "any.json").write_text(json.dumps(HEAD | DOCUMENTS[kind]), encoding="utf-8")
-    found = load(tmp_path / "any.json")
+    said = {} if old else {"kind": KINDS[kind]}
+    name = f"{KINDS[kind]}.json" if old else "any.json"
+    (tmp_path / name).write_text(json.dumps(said | HEAD | DOCUMENTS[kind]), encoding="utf-8")
+    found = load(tmp_path / name)
     assert type(found).__name__ == kind
+    assert found.kind == KINDS[kind]
     assert found.command == "cavirheo"
 
 
@@ -144,6 +152,26 @@ def test_load_takes_the_one_document_of_a_folder(tmp_path):
         load(tmp_path)
     assert refused.value.code == "loading.folder"
     assert "result.json, laws.json" in str(refused.value)
+
+
+@pytest.mark.parametrize(
+    ("content", "code"),
+    [
+        (HEAD | DOCUMENTS["Result"], "document.kind"),  # of an older version, under another name
+        (HEAD | {"kind": "poem"}, "document.other"),
+        (HEAD | {"kind": ["result"]}, "document.other"),
+        (HEAD | {"kind": "result"}, "document.other"),  # without rows
+        ([], "document.other"),
+    ],
+)
+def test_load_refuses_what_does_not_say_what_it_is(content, code, tmp_path):
+    from cavirheo import load
+
+    (tmp_path / "any.json").write_text(json.dumps(content), encoding="utf-8")
+    with pytest.raises(InputError) as refused:
+        load(tmp_path / "any.json")
+    assert refused.value.code == code
+    assert "any.json" in str(refused.value)
 
 
 def test_load_refuses_another_kind_than_the_one_wanted(tmp_path):
@@ -177,7 +205,7 @@ def test_load_reads_a_training_set(tmp_path):
         (b"time_us,radius_um\n", "document.other"),
         (b"[1, 2]", "document.other"),
         (b'{"a": 1}', "document.other"),
-        (b'{"schema": 1, "version": "", "command": "", "curves": [{"name": 1}], "groups": []}', "document.other"),
+        (b'{"schema": 1, "version": "", "command": "", "curves": [{"name": 1}], "groups": []}', "document.kind"),
     ],
 )
 def test_load_refuses_what_we_did_not_write(content, code, tmp_path):

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import re
 from dataclasses import replace
+from math import inf
 from pathlib import Path
 
 import pytest
@@ -13,10 +14,11 @@ from conftest import BDT
 from cavirheo import InputError, infer_many, load, read_curves
 from cavirheo.physics.bubble import FIELD, REAL, Bubble
 from cavirheo.physics.laws import LAWS
+from cavirheo.physics.media import WATER, ZHU2025, Medium, medium
 from cavirheo.posterior import Evidence
 from cavirheo.reading import write_csv
 from cavirheo.reporting import result
-from cavirheo.reporting.answer import OtherModel
+from cavirheo.reporting.answer import CurveRecord, OtherModel
 from cavirheo.reporting.citation import methods
 from cavirheo.reporting.material import PopulationRecord
 from cavirheo.reporting.sources import MEDIA, of_law
@@ -175,28 +177,29 @@ def test_a_group_is_said_by_its_material_else_by_mean_and_deviation(document):
 
 
 @pytest.mark.parametrize(
-    ("command", "said"),
+    ("first", "second", "said"),
     [
-        ("cavirheo infer a.csv -o r", "those of water: density 998 kg/m3, sound speed 1484 m/s"),
+        (WATER, WATER, "the medium are those of water: density 998 kg/m3, sound speed 1484 m/s"),
+        (WATER, medium("water", density=1050), "of soft_gel are those of water with changes: density 1050 kg/m3"),
+        (ZHU2025, ZHU2025, "those of zhu2025 [Zhu2025]: density 998.2 kg/m3"),
         (
-            "cavirheo infer a.csv ('my: gel': --density 1050) (b: --density 900)",
-            "the density of my: gel is 1050 kg/m3; ",
+            Medium(sound_speed=inf),
+            None,
+            "the medium are those of water with changes: density 998 kg/m3, sound speed inf m/s",
         ),
-        ("cavirheo fit a.csv --medium=zhu2025", "those of zhu2025 [Zhu2025]: density 998.2 kg/m3"),
-        (
-            "cavirheo infer 'a b.csv' --medium yang2020 --density 1050",
-            "those of yang2020 [Yang2020] with changes: density 1050 kg/m3, sound speed 1484 m/s, surface tension 0.07",
-        ),
-        ("cavirheo infer a.csv --medium nonesuch", ""),
-        ("cavirheo infer 'a.csv --density 1050", ""),
-        ("a script of mine", ""),
+        (None, None, ""),  # of an older version
     ],
 )
-def test_the_medium_is_that_of_the_command(document, command, said):
-    paragraph, sources = methods(document.model_copy(update={"command": command}))
-    paragraph = paragraph.removesuffix(f"Command: {command}")
+def test_the_medium_is_that_of_each_answer_whatever_the_command_says(document, first, second, said):
+    rows = zip(document.curves, (first, second), strict=True)
+    curves = [row.model_copy(update={"medium": liquid}) for row, liquid in rows]
+    command = "cavirheo infer 'a.csv --medium yang2020 --density 900"
+    read_back = [CurveRecord.model_validate_json(curve.model_dump_json()) for curve in curves]
+    assert [curve.medium for curve in read_back] == [first, second]
+    paragraph, sources = methods(document.model_copy(update={"command": command, "curves": read_back}))
     assert said in paragraph
     assert ("Constants of the medium" in paragraph) == bool(said)
+    assert "900" not in paragraph.partition("Command:")[0]
     for source in sources:
         assert source.key in paragraph
 

@@ -57,7 +57,7 @@ def test_the_main_job(run, tmp_path):
     row = result["curves"][0]
     assert row["verdict"] == "ok"
     assert row["shear_modulus_Pa"]["q05"] is None
-    assert row["provenance"]["medium"]["density"] == 998.0
+    assert row["medium"]["density"] == 998.0
     assert result["groups"][0]["n"] == result["groups"][0]["n_trusted"] == 5
     assert (tmp_path / "result" / "report.html").read_text().startswith("<!doctype html>")
     assert (tmp_path / "result" / "report.html").read_text().count("<svg") == 5 + 3  # the group's shots and answers
@@ -71,10 +71,10 @@ def test_options_reach_the_answer(run, shot):
 
     plain = answer()
     dense = answer("--density", 1040)
-    assert dense["provenance"]["medium"]["density"] == 1040
+    assert dense["medium"]["density"] == 1040
     assert dense["shear_modulus_Pa"]["median"] > plain["shear_modulus_Pa"]["median"]  # the same clock, a slower liquid
     other = answer("--medium", "zhu2025", "--stretch", 9, "--window", 1, "--rmax-um", 200)
-    assert other["provenance"]["medium"]["name"] == "zhu2025"
+    assert other["medium"]["name"] == "zhu2025"
     assert other["stretch"]["median"] == 9
     assert other["window"]["collapses"] == 1
     assert other["max_radius_m"] == pytest.approx(200e-6)

@@ -23,7 +23,6 @@ from cavirheo.posterior import Checks, Posterior
 from cavirheo.verbs import app
 
 ROOT = Path(__file__).parent.parent
-VERBS = {known.name: known.callback for known in app.registered_commands}
 COMMANDS = typer.main.get_command(app).commands
 GOOD = {  # a call that would compute, without the option that is tried
     "measure": "film.mraw",
@@ -42,9 +41,10 @@ def odd_values() -> list[tuple[str, str, str]]:
     """(verb, option, value): three for every option that takes a value, in turn."""
     found, turn = [], count()
     for verb, command in COMMANDS.items():
+        context = command.make_context(verb, [], resilient_parsing=True)
         for option in command.params:
             if option.param_type_name == "option" and not option.is_flag and option.opts[-1] not in FREE:
-                number = re.search("float|int", str(VERBS[verb].__annotations__[option.name]))
+                number = re.search("float|int|NUMBER|FLOAT", option.get_help_record(context)[0])
                 values = NUMBERS if number else WORDS
                 found += [(verb, option.opts[-1], values[next(turn) % len(values)]) for _ in range(3)]
     return found
@@ -186,6 +186,18 @@ def test_an_odd_call_is_refused_in_one_line(lab, call):
 
 
 # --- options that every verb reads alike ------------------------------------------------------------------------------
+
+
+def test_the_first_screen_of_infer_is_short_and_nothing_is_cut(lab):
+    panels = COMMANDS["infer"].panels(COMMANDS["infer"].make_context("infer", [], resilient_parsing=True))
+    assert len(panels["Options"]) <= 15
+    assert len(panels) >= 6
+    for verb, command in COMMANDS.items():
+        _, out, _ = lab(verb, "--help")
+        assert out.splitlines()[0].startswith(f"Usage: cavirheo {verb} [OPTIONS]")
+        assert not re.search(r"[{}]|list\[", out)
+        assert command.get_short_help_str().endswith(".")
+    assert "infer [OPTIONS] FILE..." in lab("infer", "--help")[1]
 
 
 @pytest.mark.parametrize("verb", ["", *COMMANDS])

@@ -15,6 +15,7 @@ import pytest
 
 import cavirheo
 from cavirheo import InputError, Medium, NeoHookeanKelvinVoigt, Posterior, RadiusCurve
+from cavirheo.inference.budget import Budget
 from cavirheo.inference.verify import Verification, VerificationOptions, verify
 from cavirheo.inference.verify.evidence import rank_laws
 from cavirheo.physics import laws
@@ -91,7 +92,7 @@ WRONG = [  # a call, and what its error must name: the value given, or the mend
     (lambda: cavirheo.fit(CURVE, medium=["water"]), "water"),
     (lambda: verify("shot.csv", ANSWER), "read_curves"),
     (lambda: verify(CURVE, "nhkv"), "nhkv"),
-    (lambda: verify(CURVE, ANSWER, draws="many"), "'many'"),
+    (lambda: verify(CURVE, ANSWER, budget=Budget(draws="many")), "'many'"),
     (lambda: verify(CURVE, ANSWER, ranges=[1, 2]), "[1, 2]"),
     (lambda: rank_laws([CURVE], "nhkv"), "nhkv"),
     (lambda: rank_laws(CURVE, ["nhkv", "zener"]), "RadiusCurve"),

@@ -21,7 +21,7 @@ from cavirheo.inference.model import card, shipped
 from cavirheo.physics.bubble import BUBBLES, CONTENTS
 from cavirheo.physics.media import MEDIA
 from cavirheo.reporting.sources import BDT, IMR
-from cavirheo.verbs import _FOUND, options, versions
+from cavirheo.verbs import app, completion, versions
 
 ROOT = Path(__file__).parent.parent
 ABOUT = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))
@@ -31,7 +31,7 @@ in_repository = pytest.mark.repository
 
 @in_repository
 def test_the_version_is_written_once():
-    folders = ("src", "docs", "conda", "space", "recipes", "benchmarks", "examples", ".")
+    folders = ("src", "docs", "packaging", "recipes", "benchmarks", "examples", ".")
     files = [path for folder in folders for path in (ROOT / folder).glob("*" if folder == "." else "**/*")]
     kinds = (".py", ".md", ".toml", ".yaml", ".yml", ".cff", ".txt", ".html", "")
     written = rf"\bversion\b\W{{1,9}}{re.escape(PROJECT['version'])}\b"
@@ -148,13 +148,14 @@ def test_shells_complete_values(typed, offered):
 
 
 def test_the_laws_that_shells_offer_are_those_that_can_be_fitted():
-    assert options.sum_names("") == ABLE
-    assert options.many_law_names(" nhkv, ge") == [" nhkv, gent"]
+    assert completion.sum_names("") == ABLE
+    assert completion.many_law_names(" nhkv, ge") == [" nhkv, gent"]
 
 
 def test_help_and_completion_import_no_compiler_and_no_network():
-    code = "import sys; sys.argv = ['cavirheo', 'infer', '--help']; from cavirheo.verbs import app, options\n"
-    code += "app(standalone_mode=False); options.law_names(''); options.medium_names(''); options.model_names('')\n"
+    code = "import sys; sys.argv = ['cavirheo', 'infer', '--help']; from cavirheo.verbs import app, completion\n"
+    code += "app(standalone_mode=False); completion.law_names(''); completion.medium_names('')\n"
+    code += "completion.model_names('')\n"
     code += "print(sorted({'numba', 'onnxruntime', 'scipy.optimize', 'matplotlib', 'torch'} & {*sys.modules}))"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.splitlines()[-1] == "[]"
@@ -162,7 +163,7 @@ def test_help_and_completion_import_no_compiler_and_no_network():
 
 @pytest.fixture(scope="module")
 def manual() -> str:
-    spec = spec_from_file_location("manual", ROOT / "docs" / "site" / "manual.py")
+    spec = spec_from_file_location("manual", ROOT / "packaging" / "manual.py")
     module = module_from_spec(spec)
     spec.loader.exec_module(module)
     return module.page()
@@ -170,8 +171,8 @@ def manual() -> str:
 
 @in_repository
 def test_the_manual_page_has_every_command_and_status(manual):
-    for verb in _FOUND:
-        name = verb.__name__.replace("_", r"\-")
+    for verb in app.registered_commands:
+        name = verb.name.replace("-", r"\-")
         assert f'.SS "cavirheo {name} ' in manual
     table = (ROOT / "docs/how-to/command-line.md").read_text("utf-8").split("## Exit status")[1].split("##")[0]
     assert re.findall(r"^\| (\d+)", table, re.MULTILINE) == re.findall(r"^\.B (\d+)$", manual, re.MULTILINE)
@@ -189,14 +190,23 @@ def test_the_manual_page_is_set_without_a_warning(manual):
 
 
 @in_repository
+def test_the_examples_of_the_app_are_files_and_those_of_the_repository():
+    shipped_examples = [*(ROOT / "src/cavirheo/app/examples").glob("*.*")]
+    ours = [path for path in shipped_examples if (ROOT / "examples" / path.name).exists()]
+    assert {path.name for path in ours} == {"bubble.mp4", "soft_gel.csv", "stiff_gel.mat"}
+    assert not any(path.is_symlink() for path in shipped_examples)
+    assert all(path.read_bytes() == (ROOT / "examples" / path.name).read_bytes() for path in ours)
+
+
+@in_repository
 def test_the_conda_recipe_needs_what_the_package_needs():
     template = jinja2.Environment(undefined=jinja2.StrictUndefined).from_string(
-        (ROOT / "conda" / "meta.yaml").read_text("utf-8")
+        (ROOT / "packaging" / "conda" / "meta.yaml").read_text("utf-8")
     )
 
     def load_file_data(path: str, from_recipe_dir: bool) -> dict:
         assert from_recipe_dir
-        return tomllib.loads((ROOT / "conda" / path).read_text("utf-8"))
+        return tomllib.loads((ROOT / "packaging" / "conda" / path).read_text("utf-8"))
 
     recipe = template.render(load_file_data=load_file_data, PYTHON="python")
     needs = recipe.split("  run:\n")[1].split("\n\n")[0]

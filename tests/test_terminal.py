@@ -5,7 +5,6 @@ from __future__ import annotations
 import csv
 import json
 import re
-from importlib import import_module
 from pathlib import Path
 
 import numpy as np
@@ -177,11 +176,6 @@ def test_what_is_to_be_checked_is_said_once_and_first(capsys, monkeypatch):
 
 
 # --- show -------------------------------------------------------------------------------------------------------------
-
-
-def test_every_document_has_its_table():
-    show_verb = import_module("cavirheo.verbs.show")
-    assert set(show_verb._TABLES) == {kind for _, kind in loading._KINDS.values()}
 
 
 @pytest.mark.parametrize("verb", TABLES)

@@ -15,7 +15,7 @@ import pytest
 from test_python import public_dataclasses
 
 import cavirheo
-from cavirheo.loading import _KINDS
+from cavirheo.loading import KINDS
 
 pytestmark = pytest.mark.slow
 SOURCE = Path(cavirheo.__file__).parents[1]
@@ -23,7 +23,7 @@ SOURCE = Path(cavirheo.__file__).parents[1]
 
 def public() -> set[str]:
     """Where each public name, each dataclass that these hold, and each document that `load` gives is defined."""
-    documents = [getattr(importlib.import_module(f"cavirheo.{room}"), kind) for room, kind in _KINDS.values()]
+    documents = [getattr(importlib.import_module(f"cavirheo.{one.module}"), one.name) for one in KINDS.values()]
     objects = [*(getattr(cavirheo, name) for name in cavirheo.__all__), *public_dataclasses(), *documents]
     return {f"{one.__module__}.{one.__qualname__}" for one in objects}
 

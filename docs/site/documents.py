@@ -17,7 +17,7 @@ from pydantic import BaseModel
 
 from cavirheo import loading, posterior
 from cavirheo.inference.card import ModelCard, PosteriorCard
-from cavirheo.physics import bubble
+from cavirheo.physics import bubble, media
 from cavirheo.reporting.record import Result
 from cavirheo.writing.document import Document
 
@@ -52,7 +52,7 @@ def formats() -> Iterator[str]:
 
 def others() -> list[type[Document]]:
     """The documents that `cavirheo.load` gives, but for result.json."""
-    kinds = [getattr(import_module(f"cavirheo.{room}"), name) for room, name in loading._KINDS.values()]
+    kinds = [getattr(import_module(f"cavirheo.{kind.module}"), kind.name) for kind in loading.KINDS.values()]
     return [kind for kind in kinds if kind is not Result]
 
 
@@ -70,7 +70,7 @@ def records(kind: type[BaseModel]) -> dict[str, Schema]:
 def schema(kind: type[BaseModel]) -> Schema:
     """JSON Schema of a document, each field with its meaning as `description`; without what is not written."""
     whole = kind.model_json_schema()
-    known = (*below(BaseModel), *vars(posterior).values(), *vars(bubble).values())
+    known = (*below(BaseModel), *vars(posterior).values(), *vars(bubble).values(), *vars(media).values())
     classes = {one.__name__: one for one in known if isinstance(one, type)}
     for name, one in {kind.__name__: whole, **whole.get("$defs", {})}.items():
         one["description"], said = meanings(classes[name])

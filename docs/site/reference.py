@@ -67,15 +67,14 @@ def commands() -> Iterator[str]:
     """Every verb with its arguments and options, as `--help` has them."""
     whole: Any = typer.main.get_command(app)  # type: ignore[attr-defined]
     yield "# Command line\n`cavirheo COMMAND --help` says the same. "
-    yield "Exit statuses are in [Start](../README.md#your-own-shots).\n\n"
+    yield "[Exit statuses](../docs/how-to/command-line.md#exit-status).\n\n"
     for name, verb in whole.commands.items():
         context = verb.make_context(name, [], resilient_parsing=True)
-        said = [parameter.get_help_record(context) for parameter in verb.params]
         usage = " ".join(verb.collect_usage_pieces(context))
         yield f"## {name}\n{escaped(verb.help)}\n\n```\ncavirheo {name} {usage}\n```\n\n"
-        yield table(
-            ("argument or option", "meaning"), ((f"`{what}`", escaped(means)) for what, means in filter(None, said))
-        )
+        for title, rows in verb.panels(context).items():
+            yield f"\n**{title}**\n\n"
+            yield table(("name", "meaning"), ((f"`{what}`", escaped(means)) for what, means in rows))
 
 
 def models() -> Iterator[str]:

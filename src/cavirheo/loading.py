@@ -1,10 +1,10 @@
-"""What cavirheo wrote, read back: documents and training sets, told apart by what they hold."""
+"""What cavirheo wrote, read back: documents and training sets, told apart by what they say of themselves."""
 
 from __future__ import annotations
 
 from importlib import import_module
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeVar, overload
+from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar, overload
 
 from cavirheo.errors import InputError, as_path, expect, require
 from cavirheo.files import read_object
@@ -16,24 +16,28 @@ if TYPE_CHECKING:
 
 Wanted = TypeVar("Wanted", bound="Document | Dataset")
 
-_KINDS = {  # a key that no other document has, and the class of the document
-    "measured_with": ("video.document", "Measured"),
-    "tolerance": ("companions.rheometer.document", "Rheometry"),
-    "wanted_percent": ("companions.design_document", "Design"),
-    "worst": ("companions.network_design", "NetworkDesign"),
-    "medium": ("companions.collapse_times", "CollapseTimes"),
-    "laws": ("reporting.laws", "Laws"),
-    "curves": ("reporting.record", "Result"),
+
+class Kind(NamedTuple):
+    """A kind of document: where its class is, and the function that prints its table."""
+
+    module: str
+    name: str
+    table: str
+
+
+# by `kind`, which with the ending .json is the usual name of its file
+KINDS = {
+    "result": Kind("reporting.record", "Result", "reporting.table.print_all"),
+    "laws": Kind("reporting.laws", "Laws", "reporting.laws.print_table"),
+    "rheometer": Kind("companions.rheometer.document", "Rheometry", "companions.rheometer.document.print_rheometry"),
+    "collapse-time": Kind("companions.collapse_times", "CollapseTimes", "companions.collapse_times.print_table"),
+    "measure": Kind("video.document", "Measured", "video.document.print_table"),
+    "design": Kind("companions.design_document", "Design", "companions.design_document.print_table"),
+    "network-design": Kind("companions.network_design", "NetworkDesign", "companions.network_design.print_table"),
+    "metrics": Kind("training.documents", "Metrics", "training.documents.print_metrics"),
+    "training": Kind("training.documents", "TrainingRun", "training.documents.print_run"),
 }
-_NAMES = (
-    "result.json",
-    "laws.json",
-    "rheometer.json",
-    "collapse-time.json",
-    "measure.json",
-    "design.json",
-    "network-design.json",
-)
+NAMES = tuple(f"{kind}.json" for kind in KINDS)
 
 
 @overload
@@ -45,7 +49,7 @@ def load(path: str | Path, kind: type[Wanted]) -> Wanted: ...
 
 
 def load(path: str | Path, kind: type[Any] | None = None) -> Any:
-    """A document (`Result`, `Laws`, `Measured`, `Rheometry`, `CollapseTimes`) or a training set.
+    """A document (`Result`, `Laws`, `Measured`, ...: docs/file-formats.md) or a training set.
 
     Args:
         path: a file of any name, a folder with one, or a folder of `cavirheo generate`.
@@ -72,22 +76,32 @@ def _load(path: str | Path) -> Document | Dataset:
             from cavirheo.training import dataset
 
             return dataset.load(path)
-        found = [path / name for name in _NAMES if (path / name).is_file()]
-        held = ", ".join(one.name for one in found) or f"none of {', '.join(_NAMES)}, and no training set"
+        found = [path / name for name in NAMES if (path / name).is_file()]
+        held = ", ".join(one.name for one in found) or f"none of {', '.join(NAMES)}, and no training set"
         require(len(found) == 1, f"{path} holds {held}: name the file", "loading.folder")
         (path,) = found
+    kind = kind_of(path)
+    return read_json(path, getattr(import_module(f"cavirheo.{kind.module}"), kind.name))
+
+
+def kind_of(path: Path) -> Kind:
+    """Of a document: what it says of itself; one of an older version, which says nothing, has its usual name. Raises
+    InputError: no document, or one that does not say what it is."""
     try:
         content = read_object(path, LARGEST)
     except InputError as error:
         if error.code != "files.json":
             raise
         content = {}
-    keys = set(content)
-    if isinstance(content.get("curves"), list):
-        keys |= {"laws"} & {key for row in content["curves"] if isinstance(row, dict) for key in row}
-    for key, (module, kind) in _KINDS.items():
-        if key in keys:
-            return read_json(path, getattr(import_module(f"cavirheo.{module}"), kind))
     message = f"{path}: a comparison of an earlier version; `cavirheo compare` writes result.json: run it again"
-    require("reference_methods" not in keys, message, "document.other")
-    raise InputError(f"{path}: no document of cavirheo ({', '.join(_NAMES)})", "document.other")
+    require("reference_methods" not in content, message, "document.other")
+    if "kind" not in content and "command" in content and path.name not in NAMES:
+        message = f"{path} does not say of which kind it is, as those of an older version: name it as it was written"
+        raise InputError(f"{message} ({', '.join(NAMES)})", "document.kind")
+    kind = content.get("kind", path.stem if "command" in content else "")
+    require(
+        isinstance(kind, str) and kind in KINDS,
+        f"{path}: no document of cavirheo ({', '.join(NAMES)})",
+        "document.other",
+    )
+    return KINDS[kind]

@@ -13,6 +13,7 @@ from cavirheo.errors import InputError, SolverError
 from cavirheo.parameters import about, searched_bound
 
 UNIT = "check_input.radius_unit"
+_COUNTED = 0.005  # share of a law in an average, below which it is said to be rejected
 _Details = Callable[[Mapping[str, Any]], str]
 
 
@@ -242,6 +243,13 @@ def _chosen(p: Mapping[str, Any]) -> str:
     return ", ".join([f": {_model(here, *tells)}", *(f"{words}: {', '.join(m)}" for words, m in parts.items() if m)])
 
 
+def _averaged(p: Mapping[str, Any]) -> str:
+    laws = sorted(p["laws"].items(), key=lambda one: -one[1])
+    counted = [f"{law} {100.0 * share:.0f} %" for law, share in laws if share >= _COUNTED]
+    rejected = [law for law, share in laws if share < _COUNTED]
+    return f": {', '.join(counted)}" + f"; rejected: {', '.join(rejected)}" * bool(rejected)
+
+
 # By code, or by its first part where several codes share a sentence: what all messages have in common, "|", and a
 # template of the values of one; or both apart, where a function gives one of them.
 _SENTENCES: dict[str, str | tuple[str | Callable[..., str], str | _Details]] = {
@@ -305,6 +313,7 @@ _SENTENCES: dict[str, str | tuple[str | Callable[..., str], str | _Details]] = {
     "model.rejected": ("the evidence prefers another model", lambda p: f"{_by(p)}: {_both(p)}"),
     "model.possible": ("another model is not rejected and gives other values", _possible),
     "model.chosen": ("chosen by evidence", _chosen),
+    "model.averaged": ("the evidence weighs the laws", _averaged),
     "model.of_group": "chosen by the evidence of the group|: {material}",
     "mode.other": ("two solutions of the same model follow the recording", _two_modes),
     # no answer

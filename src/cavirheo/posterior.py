@@ -14,6 +14,7 @@ from cavirheo.errors import InputError, require
 from cavirheo.messages import Message
 from cavirheo.parameters import LOG10, Bound, bound_of, natural, natural_name, scaled, searched_bound
 from cavirheo.physics.bubble import FIELD, Bubble
+from cavirheo.physics.media import Medium
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -201,10 +202,12 @@ class Posterior:
         evidence: of the law.
         diagnostics: of the method.
         bubble: the model of the bubble itself.
+        medium: the constants of what surrounds it.
         others: what other models and other modes answer, if they were looked at.
         prior: of the law's parameters, by name as in `names`: (low, high), flat between, or (low, high, mean, standard
             deviation) of a normal; without those for which it is not known.
         stretch_prior: mean and standard deviation of the stretch, where the file or the late plateau states it.
+        laws: of an average over laws, the answer of each law that has a part in it, by its name.
     """
 
     names: tuple[str, ...]
@@ -223,9 +226,11 @@ class Posterior:
     evidence: Evidence | None = None
     diagnostics: Diagnostics = Diagnostics()
     bubble: Bubble = FIELD
+    medium: Medium | None = None
     others: tuple[OtherAnswer, ...] = ()
     prior: Mapping[str, tuple[float, ...]] = field(default_factory=dict)
     stretch_prior: tuple[float, float] | None = None
+    laws: Mapping[str, Posterior] = field(default_factory=dict)
 
     def __repr__(self) -> str:
         """Material, method and verdict, then a line per parameter: median, 90 % interval, unit."""

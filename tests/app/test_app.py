@@ -390,11 +390,11 @@ def test_a_material_has_a_density_of_its_own(session, tmp_path):
     assert np.ptp(session.curves[2].time) == pytest.approx(np.ptp(time) * np.sqrt(1100 / 998))
     document = infer(session, names[:2]).document
     light, dense = document.curves
-    assert [one.provenance["medium"]["density"] for one in document.curves] == [998.0, 1050.0]
+    assert [one.medium.density for one in document.curves] == [998.0, 1050.0]
     assert dense.shear_modulus_Pa.median > 1.1 * light.shear_modulus_Pa.median
     assert document.command.endswith(f"(2 of {len(names)} shots) ('a gel': --density 1050)")
     assert "density 998 kg/m3" in answers(session)
-    assert "the density of a gel is 1050 kg/m3" in answers(session)
+    assert "of a gel are those of water with changes: density 1050 kg/m3" in answers(session)
     assert 'value="1050"' in found(session)
     name_materials(session, ["light", "a gel", *blank[2:]], ["", "1060", *blank[2:]])
     assert session.stale

@@ -175,7 +175,7 @@ def test_five_steps_on_a_shipped_example(visit, tmp_path):
     document = json.loads((folder / "result.json").read_text())
     assert [record["name"] for record in document["curves"]] == [f"soft_gel[{k}]" for k in (1, 3)]
     assert "--density 1050" in document["command"]
-    assert document["curves"][0]["provenance"]["medium"]["density"] == 1050
+    assert document["curves"][0]["medium"]["density"] == 1050
     assert (folder / "least-squares" / "report.html").exists()
     assert page.locator(".toast-wrap :text('Not done')").count() == 0
 

@@ -50,7 +50,7 @@ def test_mutations_are_the_same_everywhere_and_change_something(tmp_path):
     names = [*TEXTS, *BINARIES]
     texts = {name: content(name, tmp_path) for name in ("curve.csv", "imr.mat", "recipe.toml")}
     assert len(names) > 30
-    assert {"groups.json", "sweeps.json", "laws.json"} <= documents().keys()
+    assert {"result.json", "rheometer.json", "laws.json"} <= documents().keys()
     for name, original in texts.items():
         once, twice = ([mutated(name, original, 1, k) for k in range(30)] for _ in range(2))
         assert once == twice

@@ -238,9 +238,9 @@ def documents() -> dict[str, str]:
     medium = {"density": WATER.density, "pressure": WATER.pressure}
     sweeps = read_sweeps(ROOT / "examples" / "soft_gel_strain_sweep.csv")
     made = {
-        "groups": found,
+        "result": found,
         "laws": Laws(command="x", curves=[shot], groups=[]),
-        "medium": CollapseTimes(command="x", material="nhkv", medium=medium, groups=groups),
-        "sweeps": document.rheometry(sweeps, "gel", command="x", date="", notes=[]),
+        "collapse-time": CollapseTimes(command="x", material="nhkv", medium=medium, groups=groups),
+        "rheometer": document.rheometry(sweeps, "gel", command="x", date="", notes=[]),
     }
     return {f"{name}.json": as_json(one) for name, one in made.items()}

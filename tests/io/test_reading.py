@@ -32,8 +32,8 @@ from cavirheo.physics.driving import Trace
 from cavirheo.physics.media import WATER
 from cavirheo.reading import read_curves, write_csv
 from cavirheo.reading.files import expand, tidy
-from cavirheo.reading.message import decode, encode
 from cavirheo.reading.shots import Recordings, read_shots
+from cavirheo.reading.subprocess_reader import decode, encode
 from cavirheo.reading.trace import read_trace
 
 

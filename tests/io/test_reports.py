@@ -13,9 +13,10 @@ import pytest
 from answers import COMMAND, NAMES, Page, answer, bubble, empty, printed, unanswered, with_verdict
 from scipy.stats import binom, theilslopes
 
-from cavirheo import InputError, Posterior, RadiusCurve, infer, load, population
+from cavirheo import InputError, Posterior, RadiusCurve, infer, infer_many, load, population
 from cavirheo.inference.analysis import Analysis
 from cavirheo.inference.input_checks import warned
+from cavirheo.inference.network_answer import Networked
 from cavirheo.messages import Message, of_error
 from cavirheo.physics.bubble import REAL, Bubble
 from cavirheo.posterior import Checks, Diagnostics, Evidence, OtherAnswer, WindowAnswer
@@ -450,6 +451,23 @@ def test_why_a_curve_has_no_answer_is_the_code_of_the_error_and_the_log_has_its_
     assert any(one.exc_info and one.exc_info[0] is InputError for one in caplog.records)
     error = InputError("no file", "reading.missing", "a.csv")
     assert (str(error.within("folder")), of_error(error).text) == ("folder: a.csv: no file", "no file")
+
+
+def test_a_defect_costs_the_answer_of_its_curve_alone(monkeypatch, caplog):
+    """Also what no error of ours is: a row without an answer that names it, and its traceback in the log."""
+    good, bad = bubble(), replace(bubble(), meta={"name": "bad"})
+
+    def broken(self, curve):
+        if curve.name == "bad":
+            raise RuntimeError("the network could not be run")
+        return one(self, curve)
+
+    one = Networked.infer
+    monkeypatch.setattr(Networked, "infer", broken)
+    answers = infer_many([bad, good], verify="none")
+    assert [answer.checks.verdict == "failed" for answer in answers] == [True, False]
+    assert "RuntimeError: the network could not be run" in answers[0].checks.message
+    assert any(one.exc_info and one.exc_info[0] is RuntimeError for one in caplog.records)
 
 
 # --- pictures --------------------------------------------------------------------------------------------------------

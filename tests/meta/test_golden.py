@@ -21,14 +21,10 @@ import pytest
 
 import cavirheo
 from cavirheo import Bubble, Medium, read_curves
-from cavirheo.writing.document import Document
+from cavirheo.loading import KINDS
 
 HERE = Path(__file__).resolve().parent / "golden"
 ROOT = Path(__file__).resolve().parents[2]
-DOCUMENTS = (
-    "reporting.record", "reporting.laws", "companions.rheometer.document", "companions.collapse_times",
-    "video.document", "companions.design_document", "companions.network_design",
-)  # fmt: skip
 
 
 def names() -> dict[str, Any]:
@@ -56,16 +52,13 @@ def _signature(thing: Any) -> str:
 def schema() -> dict[str, Any]:
     """Of every document: the fields of each of its records, with their types."""
     found = {}
-    for name in DOCUMENTS:
-        module = import_module(f"cavirheo.{name}")
-        for kind in vars(module).values():
-            if inspect.isclass(kind) and issubclass(kind, Document) and kind.__module__ == module.__name__:
-                whole = kind.model_json_schema(by_alias=True)
-                records = {kind.__name__: whole, **whole.get("$defs", {})}
-                found[kind.__name__] = {
-                    record: {field: _kind(about) for field, about in sorted(one.get("properties", {}).items())}
-                    for record, one in sorted(records.items())
-                }
+    for about in KINDS.values():
+        whole = getattr(import_module(f"cavirheo.{about.module}"), about.name).model_json_schema(by_alias=True)
+        records = {about.name: whole, **whole.get("$defs", {})}
+        found[about.name] = {
+            record: {field: _kind(one) for field, one in sorted(content.get("properties", {}).items())}
+            for record, content in sorted(records.items())
+        }
     return found
 
 

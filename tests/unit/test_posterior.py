@@ -19,6 +19,7 @@ from cavirheo import InputError, NeoHookeanKelvinVoigt, RadiusCurve, infer, simu
 from cavirheo.inference import camera, experiment, verify
 from cavirheo.inference.alternatives import LAPLACE
 from cavirheo.inference.analysis import Analysis
+from cavirheo.inference.budget import Budget
 from cavirheo.inference.experiment import Experiment
 from cavirheo.inference.law import Family
 from cavirheo.inference.noise import SHAPE, Noise
@@ -82,7 +83,7 @@ def fitted():
 def full(fitted):
     """Its verified posterior, the law taken as exact."""
     curve, answer = fitted
-    return verify_many([curve], [answer], discrepancy=False, seed=1, draws=400)[0]
+    return verify_many([curve], [answer], discrepancy=False, seed=1, budget=Budget(draws=400))[0]
 
 
 @pytest.fixture
@@ -430,13 +431,13 @@ def test_verified_posterior_of_a_shot(fitted, full):
         assert low < value < high
         # alike, although one allows for a discrepancy and the other does not
         assert 0.5 < np.diff(found.interval(name)) / np.diff(answer.interval(name)) < 2.0
-    wider = verify_many([curve], [answer], draws=300)[0]
+    wider = verify_many([curve], [answer], budget=Budget(draws=300))[0]
     assert np.diff(wider.interval("viscosity")) > 0.8 * np.diff(found.interval("viscosity"))
 
 
 def test_the_draws_depend_on_the_seed_alone(fitted, light):
     curve, answer = fitted
-    settings = {"free": (), "discrepancy": False, "draws": 20, "seed": 1}
+    settings = {"free": (), "discrepancy": False, "budget": Budget(draws=20), "seed": 1}
     one, again = (verify.verify(curve, answer, **settings, workers=workers) for workers in (1, 2))
     assert one.evidence == again.evidence
 
@@ -444,7 +445,7 @@ def test_the_draws_depend_on_the_seed_alone(fitted, light):
 def test_weights_are_posterior_over_proposal_in_the_answers_parameters(fitted):
     """log_q + log_weight is the likelihood times the prior of log10 G, log10 mu, stretch."""
     curve, answer = fitted
-    settings = {"free": (), "discrepancy": False, "draws": 200, "seed": 2}
+    settings = {"free": (), "discrepancy": False, "budget": Budget(draws=200), "seed": 2}
     found = verify.verify(curve, answer, **settings)
     target = Estimation(Verification(**settings), curve, answer).target
     for row, expected in list(zip(found.theta, found.log_q + found.log_weight, strict=True))[:5]:
@@ -484,7 +485,7 @@ def test_an_overconfident_proposal_is_caught_and_mended(fitted):
     narrow = replace(answer, theta=middle + 0.1 * (answer.theta - middle))
     settings = {"free": (), "discrepancy": False}
     right = verify.verify(curve, answer, level="map", **settings)
-    mended = verify.verify(curve, narrow, draws=200, **settings)
+    mended = verify.verify(curve, narrow, budget=Budget(draws=200), **settings)
     width = np.diff(right.interval("viscosity"))[0]
     assert np.diff(mended.interval("viscosity"))[0] == pytest.approx(width, rel=0.3)
 
@@ -677,7 +678,7 @@ def test_verify_from_the_command_line(run, tmp_path):
 @pytest.mark.slow
 def test_which_law_from_the_command_line(run, tmp_path, monkeypatch, light):
     """The true law is preferred to one that lacks a parameter."""
-    monkeypatch.setattr(evidence, "TUNING", replace(TUNING, law_draws=60))
+    monkeypatch.setattr(evidence, "EVIDENCE", replace(evidence.EVIDENCE, draws=60))
     write_gel(tmp_path)
     words = ("which-law", "gel.csv", "--laws", "newtonian,nhkv", "--exact-law", "--window", "2", "-o", "w")
     status, out, err = run(*words, "--trust-input")
@@ -712,7 +713,7 @@ def test_against_emcee(seed, monkeypatch):
     emcee = pytest.importorskip("emcee")
     _, curve = calibration.shot(seed)
     answer = fit(curve, window="all")
-    settings = {"discrepancy": False, "ranges": calibration.RANGES, "draws": 6000, "seed": seed}
+    settings = {"discrepancy": False, "ranges": calibration.RANGES, "budget": Budget(draws=6000), "seed": seed}
     monkeypatch.setattr(verification, "TUNING", replace(TUNING, effective_enough=2500.0))
     monkeypatch.setattr(verification, "DEFAULT", ROUGH)
     monkeypatch.setattr(AdaptiveProposal.__call__, "__defaults__", (ROUGH,))

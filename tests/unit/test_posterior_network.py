@@ -13,6 +13,7 @@ from conftest import ROOT
 import cavirheo
 from cavirheo import InputError, NeoHookeanKelvinVoigt, RadiusCurve, simulate
 from cavirheo.inference.bins import CELLS, CHANNELS, SCALARS, SIZE, cells
+from cavirheo.inference.budget import Budget
 from cavirheo.inference.experiment import Experiment
 from cavirheo.inference.latent import CAMERA, SLOTS, damping, damping_to_slot, from_slots, slot, to_slots, used
 from cavirheo.inference.law import Family
@@ -20,6 +21,7 @@ from cavirheo.inference.network_answer import Networked
 from cavirheo.inference.options import FREE, Options
 from cavirheo.inference.posterior_model import load_posterior
 from cavirheo.inference.verify import adaptive_sampling, verify_many
+from cavirheo.inference.verify.adaptive_sampling import AdaptiveSampling
 from cavirheo.inference.verify.mode import Target
 from cavirheo.inference.verify.sampler import Mixture
 from cavirheo.inference.verify.tuning import TUNING
@@ -191,9 +193,9 @@ def planted(network, draws=400):
     """The posterior of a shot weighed with a network that answers wrongly."""
     here = experiment(shot())
     target = Target(here, here.prior(), here.noise(True), 2)
-    return adaptive_sampling.weighed(
-        target, network(target), lambda: [target.start(TRUE)], lambda: [], draws=draws, seed=1
-    )
+    sampling = AdaptiveSampling(target, network(target), lambda: [target.start(TRUE)], list, seed=1)
+    sampling.weigh(100.0, Budget(draws=draws))
+    return sampling.weighted
 
 
 TRUE = np.array([np.log10(8e3), np.log10(0.05), np.log10(6.5), 0.0, 0.0, 0.0])  # x of `shot`, of the field's bubble
@@ -253,7 +255,7 @@ def test_evidences_that_disagree_are_not_signed():
 def test_no_answer_is_ok_without_an_interval():
     curve, network = shot(), load_posterior()
     start = Networked(network, bubble=FIELD, checked=False, trust_input=True).infer(curve)
-    (answer,) = verify_many([curve], [start], level="auto", network=network, draws=40)
+    (answer,) = verify_many([curve], [start], level="auto", network=network, budget=Budget(draws=40))
     assert answer.checks.verdict == "no_interval"
     assert answer.interval("shear_modulus") is None
     assert "not to be trusted" in answer.checks.message

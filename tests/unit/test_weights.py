@@ -13,11 +13,12 @@ from test_posterior_network import TRUE, experiment, shot
 import cavirheo
 from cavirheo import InputError, Newtonian
 from cavirheo.inference.alternatives import contenders
+from cavirheo.inference.budget import Budget
 from cavirheo.inference.model import shipped
 from cavirheo.inference.posterior_model import load_posterior
-from cavirheo.inference.verify import adaptive_sampling, sampler, verify_many
+from cavirheo.inference.verify import adaptive_sampling, model_average, verify_many
 from cavirheo.inference.verify import mode as mode_of
-from cavirheo.inference.verify.adaptive_sampling import TwoFidelityTarget
+from cavirheo.inference.verify.adaptive_sampling import AdaptiveSampling, TwoFidelityTarget
 from cavirheo.inference.verify.mode import Target, climb
 from cavirheo.inference.verify.proposals import SurrogateProposal
 from cavirheo.inference.verify.sampler import Mixture, Sample, sample
@@ -61,8 +62,8 @@ def test_a_network_whose_draws_all_fail_is_no_exception(monkeypatch):
     monkeypatch.setattr(Target, "residuals", residuals)
     d = len(target.prior.names)
     far = Mixture(np.ones(1), np.full((1, d), 20.0), 0.1 * np.eye(d)[None])
-    found = adaptive_sampling.weighed(target, far, lambda: [target.start(TRUE)], list, draws=200, seed=1)
-    assert found.drawn.ess > 20
+    sampling = AdaptiveSampling(target, far, lambda: [target.start(TRUE)], list, seed=1)
+    assert sampling.weigh(100.0, Budget(draws=200)).ess > 20
 
 
 def test_the_check_of_a_correction_uses_draws_that_did_not_teach_it(monkeypatch):
@@ -152,7 +153,7 @@ def test_a_network_whose_file_changed_is_read_anew(tmp_path):
 
 
 def test_a_fit_gives_no_interval_from_draws_that_are_worth_too_little(monkeypatch):
-    monkeypatch.setattr(sampler, "TUNING", replace(TUNING, effective_fewest=200.0))  # more than the draws are worth
+    monkeypatch.setattr(model_average, "TUNING", replace(TUNING, effective_fewest=1e4))
     answer = cavirheo.fit(shot(), bubble="field", others=False, workers=1, trust_input=True)
     assert answer.interval("shear_modulus") is None
     assert answer.checks.verdict == "no_interval"

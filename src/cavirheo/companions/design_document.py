@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
 from cavirheo.companions.panels import plain_ticks
 from cavirheo.physics.bubble import FIELD, Bubble
-from cavirheo.reporting.answer import described
+from cavirheo.reporting.answer import StoredMedium, described
 from cavirheo.writing import digits, terminal
 from cavirheo.writing.document import Document, Finite, Quantity, Record
 from cavirheo.writing.style import INK, new_axes, new_figure, shades, write
@@ -85,6 +85,7 @@ class Design(Document):
     Attributes:
         material: the law.
         bubble: what is assumed of the bubble.
+        medium: the constants of what surrounds it, SI; null in a document of an older version.
         wanted_percent: half of the 90 % interval over the median that is wanted.
         spread_decades: scatter from shot to shot, root mean square over the parameters, in log10.
         spreads_decades: that of each parameter.
@@ -97,8 +98,10 @@ class Design(Document):
         checked: recordings simulated there and answered, if that was asked for.
     """
 
+    kind: Literal["design"] = "design"
     material: str
     bubble: Bubble = FIELD
+    medium: StoredMedium | None = None
     wanted_percent: float
     spread_decades: float
     spreads_decades: dict[str, float] = {}

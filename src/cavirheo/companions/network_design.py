@@ -8,6 +8,7 @@ had. The third of a parameter's range with the largest mean ratio is where a rec
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import Literal
 
 import numpy as np
 from scipy.stats.qmc import Halton
@@ -67,6 +68,7 @@ class NetworkDesign(Document):
         worst: index of the range of which a recipe should draw more.
     """
 
+    kind: Literal["network-design"] = "network-design"
     model: str
     material: str
     recordings: int

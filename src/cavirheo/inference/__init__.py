@@ -7,6 +7,7 @@ from pathlib import Path
 
 from cavirheo.curve import RadiusCurve
 from cavirheo.inference.analysis import AUTO, DEFAULT, KNOWN_BUBBLES, LEVELS, Analysis
+from cavirheo.inference.budget import POSTERIOR, Budget
 from cavirheo.physics.bubble import Requested
 from cavirheo.physics.media import WATER, Medium
 from cavirheo.posterior import Posterior
@@ -61,7 +62,7 @@ def infer(
     Raises:
         InputError: unknown model, or a setting out of its domain.
 
-    Source: docs/method/posterior-network.md; of the paper's networks docs/method/amortised.md.
+    Source: docs/method/posterior.md.
     """
     analysis = Analysis(
         "infer", model, material, bubble, medium, stretch, window, trust_input, verify, discrepancy, seed=seed
@@ -82,7 +83,7 @@ def infer_many(
     verify: str = "auto",
     discrepancy: bool = True,
     seed: int = 0,
-    draws: int | None = None,
+    budget: Budget = POSTERIOR,
     workers: int | None = None,
     done: Callable[[int, Posterior], None] | None = None,
 ) -> list[Posterior]:
@@ -90,7 +91,7 @@ def infer_many(
 
     Args:
         curves: R(t), s and m.
-        draws: at most so many with weights; default: TUNING.draws of inference/verify/tuning.py.
+        budget: of weighted draws.
         workers: threads; default: all cores. The answers do not depend on it.
         done: called with the index and the answer of each curve as it is found, verified if that is asked.
 
@@ -100,9 +101,9 @@ def infer_many(
     Raises:
         InputError: as `infer`.
 
-    Source: docs/method/posterior-network.md.
+    Source: docs/method/posterior.md.
     """
     analysis = Analysis(
-        "infer", model, material, bubble, medium, stretch, window, trust_input, verify, discrepancy, draws, seed
+        "infer", model, material, bubble, medium, stretch, window, trust_input, verify, discrepancy, budget, seed
     )
     return analysis.run(curves, workers, done)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, fields, replace
 from functools import cached_property
@@ -13,9 +14,10 @@ from typing import Any, Literal
 import numpy as np
 
 from cavirheo.curve import RadiusCurve, several
-from cavirheo.errors import expect_whole, require
+from cavirheo.errors import InputError, expect_whole, require
 from cavirheo.inference import input_checks
 from cavirheo.inference.bdt import Amortised
+from cavirheo.inference.budget import POSTERIOR, Budget
 from cavirheo.inference.experiment import Experiment
 from cavirheo.inference.law import Family, softened
 from cavirheo.inference.model import Network, card, path_of
@@ -28,6 +30,7 @@ from cavirheo.physics.media import medium as named
 from cavirheo.posterior import Checks, Posterior
 from cavirheo.writing.packing import key_of
 
+_log = logging.getLogger(__name__)
 DEFAULT = "posterior"  # model
 AUTO = ("nhkv", "newtonian", "power-law", "fung + newtonian")  # laws of material="auto": gels and liquids
 KNOWN_BUBBLES = "the real and the field's bubble, without damage, confinement inertia or excess of vapour"
@@ -49,7 +52,7 @@ class Analysis:
             as of `fit_many`.
         bubble: as of `infer`; a tuple of `Bubble` once it is made.
         verify: as of `infer`; of a search "map" (its maximum), or "auto" (weighted draws that begin there).
-        draws: at most so many with weights; default: TUNING.draws of inference/verify/tuning.py.
+        budget: of weighted draws.
         end, free, t0_bound, scale_bound, weights, others: as of `fit_many`; of a search, too.
         ranges: of the priors of a search, as of `Verification`.
 
@@ -67,7 +70,7 @@ class Analysis:
     trust_input: bool = False
     verify: str = "auto"
     discrepancy: bool = True
-    draws: int | None = None
+    budget: Budget = POSTERIOR
     seed: int = 0
     end: float | None = None
     free: Sequence[str] | str | None = None
@@ -187,9 +190,8 @@ class Analysis:
         from cavirheo.inference.posterior_model import network_of
         from cavirheo.inference.verify import verify_many
 
-        shared = ("medium", "stretch", "seed", "discrepancy", "free", "t0_bound", "scale_bound", "ranges")
+        shared = ("medium", "stretch", "seed", "discrepancy", "free", "t0_bound", "scale_bound", "ranges", "budget")
         settings: dict[str, Any] = {name: getattr(self, name) for name in shared} | {"level": self.verify}
-        settings |= {} if self.draws is None else {"draws": self.draws}
         if self.method == "infer":
             settings["network"] = network_of(str(self.model))
         elif self.method == "bdt":
@@ -198,11 +200,20 @@ class Analysis:
             settings |= {"weights": self.weights, "rival": self.others}
         else:
             settings["search"] = self.before is None
-        with one_blas_thread:
-            answers = [begun] if begun else self._begun(curve, workers)
-            return (
-                answers[0] if self.verify == "none" else verify_many([curve], [answers], workers=workers, **settings)[0]
-            )
+        try:
+            with one_blas_thread:
+                answers = [begun] if begun else self._begun(curve, workers)
+                if self.verify == "none":
+                    return answers[0]
+                return verify_many([curve], [answers], workers=workers, **settings)[0]
+        except InputError:  # none of the curves can be answered so
+            raise
+        except (
+            Exception
+        ) as error:  # a defect, of ours or of a library, costs this curve alone; the log has its traceback
+            _log.exception("%s has no answer", curve.name)
+            checks = input_checks.failed(error, curve, named(self.medium))
+            return self._nothing(curve, self.laws[0], self._options(self.bubbles[0]), checks)
 
     def _begun(self, curve: RadiusCurve, workers: int | None) -> Sequence[Posterior]:
         """What the verification begins with, of each law and bubble."""
@@ -228,18 +239,22 @@ class Analysis:
 
     def _asked(self, curve: RadiusCurve, law: str, options: Options) -> Posterior:
         """What a search begins from: law, bubble, window and input warnings, without any value."""
-        family, medium = Family(law), named(self.medium)
-        names = tuple(LOG10 + name for name in family.parameters)
+        medium = named(self.medium)
         try:
-            shot = Experiment(curve, family, medium, options)
+            shot = Experiment(curve, Family(law), medium, options)
             warnings = [*input_checks.plain(curve, medium), *input_checks.of_walls(shot)]
             plain = Checks("ok", t_star_end=shot.view.end / shot.time_scale)
             checks = input_checks.warned(plain, warnings, self.trust_input)
         except input_checks.ERRORS as error:  # of this curve alone
             checks = input_checks.failed(error, curve, medium)
-        about = {"medium": asdict(medium), "options": asdict(options), "source_sha256": curve.source_sha256}
-        provenance = {"cavirheo": version("cavirheo"), **about}
+        return self._nothing(curve, law, options, checks)
+
+    def _nothing(self, curve: RadiusCurve, law: str, options: Options, checks: Checks) -> Posterior:
+        """An answer without any value."""
+        family, medium = Family(law), named(self.medium)
+        names = tuple(LOG10 + name for name in family.parameters)
+        about = {"options": asdict(options), "source_sha256": curve.source_sha256}
+        how: dict[str, Any] = {"provenance": {"cavirheo": version("cavirheo"), **about}, "medium": medium}
+        how["bubble"] = options.bubble
         nothing = np.empty((0, len(names)))
-        return Posterior(
-            names, units(names), nothing, checks, family.name, "least_squares", provenance, bubble=options.bubble
-        )
+        return Posterior(names, units(names), nothing, checks, family.name, "least_squares", **how)

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import time
 from contextlib import suppress
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from importlib.metadata import version
 from typing import Any
 
@@ -32,7 +32,7 @@ from cavirheo.problem import natural_values
 
 MODULUS = "shear_modulus"
 SHORTEST = 0.9  # of the network's samples that must lie inside the recording; the others are taken as the last one
-NEAR = (0.73, 1.35)  # R_max over that of the training, where log10 mu is off by 0.03 or less (benchmarks/scale_bias.md)
+NEAR = (0.73, 1.35)  # R_max over that of the training, where log10 mu is off by 0.03 or less (docs/reproduction.md)
 
 
 @dataclass(frozen=True)
@@ -69,11 +69,11 @@ class Amortised:
             "model": self.model.name,
             "model_sha256": self.model.sha256,
             "problem_id": self.model.problem.id,
-            "medium": asdict(self.medium),
             "source_sha256": curve.source_sha256,
         } | found.pop("provenance", {})
-        material, seconds = self.model.problem.material_name, time.perf_counter() - began
-        return Posterior(names, units(names), theta, checks, material, "bdt", provenance, seconds=seconds, **found)
+        found |= {"medium": self.medium, "seconds": time.perf_counter() - began}
+        material = self.model.problem.material_name
+        return Posterior(names, units(names), theta, checks, material, "bdt", provenance, **found)
 
     def _warnings(self, curve: RadiusCurve) -> list[Message]:
         said, names = input_checks.plain(curve, self.medium), self.model.outputs

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import time
 from contextlib import suppress
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from importlib.metadata import version
 
 import numpy as np
@@ -62,7 +62,7 @@ class Networked:
         began = time.perf_counter()
         provenance = {
             "cavirheo": version("cavirheo"), "model": self.model.name, "model_sha256": self.model.sha256,
-            "medium": asdict(self.medium), "source_sha256": curve.source_sha256,
+            "source_sha256": curve.source_sha256,
         }  # fmt: skip
         names: tuple[str, ...] = (*(f"log10_{name}" for name in Family(self.material).parameters), "stretch")
         try:
@@ -75,7 +75,8 @@ class Networked:
             checks = input_checks.failed(error, curve, self.medium)
             found = Posterior(names, units(names), np.empty((0, len(names))), checks, self.material, "amortised")
         seconds = time.perf_counter() - began
-        return replace(found, bubble=self.bubble, provenance=provenance | found.provenance, seconds=seconds)
+        found = replace(found, bubble=self.bubble, medium=self.medium, seconds=seconds)
+        return replace(found, provenance=provenance | found.provenance)
 
     def _options(self) -> Options:
         return Options(self.window, None, self.stretch, tuple(FREE), bubble=self.bubble)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from contextlib import suppress
 from dataclasses import replace
 from functools import cached_property
@@ -10,7 +10,7 @@ from typing import cast
 
 import numpy as np
 
-from cavirheo.arrays import Floats
+from cavirheo.arrays import Floats, log_sum
 from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError, SolverError
 from cavirheo.inference.analysis import Analysis
@@ -48,7 +48,7 @@ class WhatIf:
         end = seen(curve, asked).end if frames is None else window(curve, end=frames[-1] - curve.time_of_max).end
         options = Options(None, end * (1.0 + 1e-9), None, tuple(FREE), bubble=posterior.bubble)
         exposure = float(curve.exposure or 0.0)
-        self.posterior = posterior
+        self.curve, self.posterior, self.asked = curve, posterior, asked
         self.shot: Experiment = Experiment(curve, Family(posterior.material), medium, options, exposure=exposure)
 
     @cached_property
@@ -72,22 +72,34 @@ class WhatIf:
         answer, time = self.posterior, self.posterior.checks.reconstruction_time
         if time is None or len(answer.theta) < 2:
             return None
-        weights, lines = answer.weights, list[Floats]()
-        drawn = np.random.default_rng(0).choice(len(weights), DRAWS, p=weights / weights.sum())
-        names = [name.removeprefix("log10_") for name in answer.names]
-        for row in drawn:
-            values = {name: float(answer.draws(name)[row]) for name in names}
-            try:
-                found = self.checks(values)
-            except (InputError, SolverError):
-                continue
-            if found.reconstruction_time is not None and found.reconstruction_radius is not None:
-                lines.append(np.interp(time, found.reconstruction_time, found.reconstruction_radius))
+        parts = list(answer.laws.values()) or [answer]
+        logs = np.array([one.evidence.log if one.evidence else 0.0 for one in parts])
+        share = np.exp(logs - log_sum(logs))
+        rng, lines = np.random.default_rng(0), list[Floats]()
+        for part, count in zip(parts, rng.multinomial(DRAWS, share), strict=True):
+            lines += self._of(part).lines(rng.choice(len(part.theta), count, p=part.weights), time)
         if len(lines) < DRAWS // 2:
             return None
         tail = 0.5 - 0.5 * level
         low, high = np.quantile(np.array(lines), (tail, 1.0 - tail), axis=0)
         return time, low, high
+
+    def _of(self, law: Posterior) -> WhatIf:
+        """The same for the answer of one law of an average."""
+        return self if law is self.posterior or not self.posterior.laws else WhatIf(self.curve, law, self.asked)
+
+    def lines(self, rows: Iterable[int], time: Floats) -> list[Floats]:
+        """(n,) radius (m) at these times of each draw that can be simulated."""
+        answer, found = self.posterior, list[Floats]()
+        for row in rows:
+            values = {name: float(answer.draws(name)[row]) for name in answer.parameters}
+            try:
+                checks = self.checks(values)
+            except (InputError, SolverError):
+                continue
+            if checks.reconstruction_time is not None and checks.reconstruction_radius is not None:
+                found.append(np.interp(time, checks.reconstruction_time, checks.reconstruction_radius))
+        return found
 
 
 def tried(curve: RadiusCurve, posterior: Posterior, given: Mapping[str, float], asked: Analysis) -> Checks:

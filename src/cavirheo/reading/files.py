@@ -22,7 +22,7 @@ from cavirheo.video.frames import ENDINGS, HEADER, PIXELS, STACKS, is_recording
 
 MEASUREMENTS = {".mat", ".csv", ".txt", ".tsv", ".dat", ".h5", ".hdf5", ".xlsx", ".xls", ".xlsb", ".ods", *ENDINGS}
 _OURS = {  # tables and films that cavirheo writes: the document that then stands beside them
-    "result.csv": "result.json", "shots.csv": "collapse-time.json", "comparison.csv": "comparison.json",
+    "result.csv": "result.json", "shots.csv": "collapse-time.json", "comparison.csv": "result.json",
     "rheometer.csv": "rheometer.json", "table.csv": "rheometer.json",
     "overlay.mp4": "measure.json", "fields.h5": "simulation.csv",
 }  # fmt: skip

@@ -4,9 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from contextlib import suppress
-from typing import Any
+from dataclasses import asdict, fields
+from math import inf
+from typing import Annotated, Any
 
 import numpy as np
+from pydantic import BeforeValidator, PlainSerializer
 from pydantic_core import to_jsonable_python
 
 from cavirheo.arrays import Floats
@@ -15,6 +18,7 @@ from cavirheo.errors import InputError
 from cavirheo.messages import Message, is_input_warning
 from cavirheo.parameters import AT_RATE, BUBBLE, CAMERA, RATE, about, of_the_law, searched_bound
 from cavirheo.physics.bubble import FIELD, Bubble
+from cavirheo.physics.media import Medium
 from cavirheo.posterior import (
     TRUSTED,
     Checks,
@@ -54,6 +58,23 @@ class Compared(Record):
         words = [] if self.collapses is None else [digits.counted(self.collapses, "collapse")]
         words += [] if self.t_star_end is None else [f"t* ≤ {digits.significant(self.t_star_end, 2)}"]
         return ", ".join(words) or digits.MISSING
+
+
+def _stored(medium: Medium) -> dict[str, Any]:
+    return {name: finite(value) if name != "name" else value for name, value in asdict(medium).items()}
+
+
+def _restored(value: Any) -> Any:
+    if not isinstance(value, dict):
+        return value
+    known = {field.name for field in fields(Medium)}
+    speed = value.get("sound_speed")
+    constants = {name: item for name, item in value.items() if name in known}
+    return Medium(**constants | {"sound_speed": inf if speed is None else speed}, unusual=True)
+
+
+# In a document an infinite speed of sound is null
+StoredMedium = Annotated[Medium, BeforeValidator(_restored), PlainSerializer(_stored)]
 
 
 class OtherModel(Record):
@@ -130,6 +151,7 @@ class CurveRecord(Record):
         stretch: R_max/R_0, inferred or given.
         material: the law.
         bubble: what is assumed of it: its numbers, or "free".
+        medium: the constants of what surrounds it, SI; null in a document of an older version.
         method: how the answer was found: "bdt", "amortised", "verified", "laplace" or "least_squares".
         shear_modulus_Pa: G, Pa.
         viscosity_Pa_s: mu, Pa s; null of a law whose viscosity is not one number.
@@ -165,6 +187,7 @@ class CurveRecord(Record):
     stretch: Quantity
     material: str
     bubble: Bubble = FIELD
+    medium: StoredMedium | None = None
     method: str
     shear_modulus_Pa: Quantity
     viscosity_Pa_s: Quantity
@@ -285,7 +308,7 @@ def curve_record(curve: RadiusCurve, posterior: Posterior) -> CurveRecord:
         **{name: getattr(checks, name) for name in _DIFFERENCES},
         max_radius_m=_measured(curve, "max_radius"), time_of_max_s=_measured(curve, "time_of_max"),
         strain_rate_per_s=_measured(curve, "strain_rate"), material=posterior.material, method=posterior.method,
-        bubble=posterior.bubble,
+        bubble=posterior.bubble, medium=posterior.medium,
         stretch=stretch, shear_modulus_Pa=G, viscosity_Pa_s=mu, other_parameters=values, best=_simulated(posterior),
         window=Compared(collapses=checks.collapses, t_star_end=checks.t_star_end),
         verdict=verdict, messages=[Sentence(code=one.code, text=one.text) for one in messages],
@@ -341,7 +364,8 @@ def _other(one: OtherAnswer) -> OtherModel:
     names = dict.fromkeys((*one.intervals, *(name for name in BUBBLE if one.best.get(name))))
     values = {name: Quantity(median=finite(one.best.get(name))) for name in names}
     for name, (low, median, high) in one.intervals.items():
-        values[name] = Quantity(q05=low, median=median, q95=high, bound=searched_bound(name, low, high))
+        if np.all(np.isfinite((low, median, high))):
+            values[name] = Quantity(q05=low, median=median, q95=high, bound=searched_bound(name, low, high))
     if (viscosity := viscosity_at(one.material, RATE, one.best)) is not None:
         values[AT_RATE] = Quantity(median=viscosity)
     known = {key: values.pop(name, Quantity()) for name, key in _KEYS.items()}

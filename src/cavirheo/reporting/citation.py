@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-import re
-import shlex
 from collections import Counter
 from collections.abc import Sequence
 from contextlib import suppress
+from dataclasses import replace
 
 from cavirheo.errors import InputError, require
 from cavirheo.parameters import PARAMETERS
-from cavirheo.physics.media import Medium, medium
+from cavirheo.physics.media import MEDIA as KNOWN
 from cavirheo.reporting.answer import CurveRecord, in_unit, parameters_of
 from cavirheo.reporting.group import GroupRecord
 from cavirheo.reporting.record import Result
@@ -29,12 +28,6 @@ from cavirheo.reporting.sources import (
 )
 from cavirheo.writing import digits
 
-# whose command tells the medium: water, unless these options say otherwise
-_VERBS = ("infer", "fit", "which-law", "watch")
-_CONSTANTS = ("density", "sound_speed", "surface_tension", "pressure", "temperature")
-_OWN_DENSITY = re.compile(
-    r" \(((?:'[^']*'|\"'\"|[^\s'])+): --density ([\d.e+]+)\)"
-)  # of a material, as the app writes it
 _EQUATIONS = {
     "keller-miksis": "Keller and Miksis",
     "rayleigh-plesset": "Rayleigh and Plesset",
@@ -69,7 +62,7 @@ def methods(result: Result) -> tuple[str, list[Source]]:
         _shots(answered, result),
         *_motion(answered, cited),
         *_model(answered, cited),
-        *_medium(result.command, cited),
+        *_media(answered, cited),
         *_window(answered),
     ]
     for method in dict.fromkeys(curve.method for curve in answered):
@@ -171,33 +164,25 @@ def _passed(curves: Sequence[CurveRecord]) -> str:
     )
 
 
-def _medium(command: str, cited: list[Source]) -> list[str]:
-    """The constants by their names; nothing where the command does not tell them, as in Python."""
-    if (liquid := _liquid(command)) is None:
-        return []
-    name, source = liquid.name.removesuffix(", changed"), MEDIA.get(liquid.name.removesuffix(", changed"))
-    cited += [source] if source else []
-    values = f"density {liquid.density:g} kg/m3, sound speed {liquid.sound_speed:g} m/s, surface tension "
-    values += f"{liquid.surface_tension:g} N/m, pressure {liquid.pressure:g} Pa, temperature {liquid.temperature:g} K"
-    other = " with changes" if name != liquid.name else ""
-    for group, density in _OWN_DENSITY.findall(command):
-        values += f"; the density of {' '.join(shlex.split(group))} is {density} kg/m3"
-    return [f"Constants of the medium are those of {name}{f' [{source.key}]' if source else ''}{other}: {values}."]
-
-
-def _liquid(command: str) -> Medium | None:
-    """That of the options of a command line of ours."""
-    given: dict[str, str] = {}
-    with suppress(ValueError, InputError):
-        words = shlex.split(_OWN_DENSITY.sub("", command))
-        if len(words) < 2 or words[0] != "cavirheo" or words[1] not in _VERBS:
-            return None
-        for word, after in zip(words, [*words[1:], ""], strict=True):
-            name, equals, value = word.partition("=")
-            given[name.removeprefix("--").replace("-", "_")] = value if equals else after
-        constants = {name: float(given[name]) for name in _CONSTANTS if name in given}
-        return medium(given.get("medium", "water"), unusual=True, **constants)
-    return None
+def _media(answered: list[CurveRecord], cited: list[Source]) -> list[str]:
+    """The constants by their names; nothing of a document of an older version, which does not hold them."""
+    said = []
+    media = dict.fromkeys(curve.medium for curve in answered if curve.medium)
+    for medium in media:
+        groups = dict.fromkeys(curve.group for curve in answered if curve.medium == medium)
+        name = medium.name.removesuffix(", changed")
+        of = f" of {', '.join(groups)}" if len(media) > 1 else ""
+        other = " with changes" if replace(medium, name=name, unusual=True) != KNOWN.get(name, medium) else ""
+        key = ""
+        if source := MEDIA.get(name):
+            cited.append(source)
+            key = f" [{source.key}]"
+        said.append(
+            f"Constants of the medium{of} are those of {name}{key}{other}: density {medium.density:g} kg/m3, sound "
+            f"speed {medium.sound_speed:g} m/s, surface tension {medium.surface_tension:g} N/m, pressure "
+            f"{medium.pressure:g} Pa, temperature {medium.temperature:g} K."
+        )
+    return said
 
 
 def _window(answered: list[CurveRecord]) -> list[str]:

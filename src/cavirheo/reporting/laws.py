@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
 
 from cavirheo.reporting.answer import CurveRecord, curve_record
 from cavirheo.reporting.group import Slope, in_words, slopes
@@ -88,6 +88,7 @@ class Laws(Document):
         groups: an entry for each group.
     """
 
+    kind: Literal["laws"] = "laws"
     curves: list[WeighedLaws]
     groups: list[WeighedLaws]
 

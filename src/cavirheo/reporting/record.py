@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 from pydantic import model_validator
@@ -74,6 +74,7 @@ class Result(Document):
         differences: of the materials of each two groups, where there are several; left out where there is none.
     """
 
+    kind: Literal["result"] = "result"
     curves: list[CurveRecord]
     groups: list[GroupRecord]
     differences: list[GroupDifference] = []

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping, Sequence
 from itertools import product
 from pathlib import Path
@@ -16,10 +15,12 @@ from cavirheo.inference.model import Network
 from cavirheo.parallel import Executor
 from cavirheo.parameters import LOG10, about, natural_name
 from cavirheo.training import figures
-from cavirheo.training.dataset import Dataset, difference, load
+from cavirheo.training.dataset import Dataset, load
+from cavirheo.training.documents import Metrics
 from cavirheo.training.metrics import breakdown, metrics
+from cavirheo.training.recipe import difference
 from cavirheo.training.robustness import robustness
-from cavirheo.writing.document import Outputs
+from cavirheo.writing.document import Outputs, write_json
 from cavirheo.writing.style import available
 
 # heading and format of each column
@@ -50,12 +51,13 @@ def evaluate(
     robust: bool = False,
     progress: bool = True,
     executor: Executor | None = None,
+    **head: Any,
 ) -> dict[str, Any]:
     """Judge an exported model (.onnx with its card) on a set; tables and the paper's figures go into `out_dir`.
 
     On the set that it was trained on, or one of the same draws made anew, only the test part counts; on any other,
     every usable curve. `robust` films the curves anew (robustness.py): minutes of simulation, the answers found by
-    the executor if one is given.
+    the executor if one is given. head: `command` and `date` of the document.
 
     Returns:
         What `out_dir`/metrics.json holds; robustness is None unless asked for.
@@ -72,6 +74,8 @@ def evaluate(
     names, theta = network.outputs, data.theta[chosen]
     truth, predicted = data.truth(names)[chosen], network(data.radius[chosen])
     result: dict[str, Any] = {
+        "command": "in Python",
+        **head,
         "model": network.card["name"],
         "data": {"path": str(data_dir), "problem_id": data.problem.id, "seed": data.seed, "sha256": data.sha256},
         "part": "test" if own else "all",
@@ -89,10 +93,10 @@ def evaluate(
             result["figures"] = figures.draw(outputs, network.card, result, truth, predicted)
         else:
             result["notes"].append("no figures, which need matplotlib: pip install 'cavirheo[plot]'")
-        outputs.write("metrics.json", Path.write_text, json.dumps(result, indent=2) + "\n", encoding="utf-8")
+        outputs.write("metrics.json", write_json, Metrics(**result))
         outputs.write("evaluation.md", Path.write_text, markdown(result), encoding="utf-8")
         outputs.finish()
-    return result
+    return Metrics(**result).model_dump(by_alias=True)
 
 
 def _problem(whole: Mapping[str, Any]) -> dict[str, Any]:

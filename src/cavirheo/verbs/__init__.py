@@ -1,12 +1,10 @@
-"""The command line: one file per verb; what they share is in `options` and `run`."""
+"""The command line: one file per verb; what they share is in `command`, `options` and `run`."""
 
 from __future__ import annotations
 
-import functools
 import os
 import signal
 import sys
-from collections.abc import Callable
 from contextlib import suppress
 from importlib import import_module
 from typing import Annotated, Any
@@ -15,45 +13,51 @@ import typer
 
 import cavirheo
 from cavirheo.errors import InputError, SolverError
-from cavirheo.verbs.options import with_kinds
+from cavirheo.verbs.command import Command
+from cavirheo.verbs.options import option
 from cavirheo.writing.digits import elide
 from cavirheo.writing.terminal import say
 
-_VERBS = (
-    "infer watch design measure compare show cite simulate laws generate train evaluate models fit which_law "
-    "rheometer collapse_time cluster app"
-)
-_FOUND = [getattr(import_module(f"cavirheo.verbs.{name}"), name) for name in _VERBS.split()]
+_VERBS = {  # command: its class, or the function where the options are few
+    "infer": "Infer",
+    "watch": "Watch",
+    "fit": "Fit",
+    "which-law": "WhichLaw",
+    "measure": "Measure",
+    "design": "Design",
+    "compare": "Compare",
+    "rheometer": "Rheometer",
+    "collapse-time": "CollapseTime",
+    "show": "show",
+    "cite": "cite",
+    "app": "app",
+    "simulate": "Simulate",
+    "laws": "laws",
+    "models": "models",
+    "generate": "generate",
+    "train": "train",
+    "evaluate": "Evaluate",
+    "cluster": "cluster",
+}
+_FOUND = {
+    name: getattr(import_module(f"cavirheo.verbs.{name.replace('-', '_')}"), verb) for name, verb in _VERBS.items()
+}
 _Usage: Any = typer.BadParameter.__base__  # every mistake in the words of a call; typer has no public name for it
 app = typer.Typer(
-    no_args_is_help=True, pretty_exceptions_enable=False, rich_markup_mode=None,
-    context_settings={"help_option_names": ["-h", "--help"]},
-)  # fmt: skip
-
-
-def _stoppable(verb: Callable[..., None]) -> Callable[..., None]:
-    """A verb that leaves with status 130 when it is interrupted where it has nothing to save."""
-
-    @functools.wraps(verb)
-    def run(*given: Any, **named: Any) -> None:
-        try:
-            verb(*given, **named)
-        except KeyboardInterrupt:
-            print("interrupted", file=sys.stderr)
-            raise typer.Exit(130) from None
-
-    return run
-
-
-for _verb in _FOUND:
-    app.command(_verb.__name__.replace("_", "-"))(_stoppable(with_kinds(_verb)))
+    no_args_is_help=True,
+    pretty_exceptions_enable=False,
+    rich_markup_mode=None,
+    context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100},
+)
+for _name, _verb in _FOUND.items():
+    app.command(_name, cls=Command)(_verb)
 
 
 @app.callback(invoke_without_command=True)
 def _options(
     context: typer.Context,
-    version: Annotated[bool, typer.Option("--version", help="show the version and exit")] = False,
-    verbose: Annotated[bool, typer.Option("--verbose", help="with --version: all that a bug report needs")] = False,
+    version: Annotated[bool, option("show the version and exit", None, "--version")] = False,
+    verbose: Annotated[bool, option("with --version: all that a bug report needs", None, "--verbose")] = False,
 ) -> None:
     """Material properties of soft matter from the radius history R(t) of a laser-made bubble."""
     if verbose and not version:
@@ -70,7 +74,7 @@ def main() -> None:
     try:
         sys.exit(app(prog_name="cavirheo", standalone_mode=False))
     except _Usage as error:
-        said = error.format_message()
+        said = error.format_message().replace("Value error, ", "")  # pydantic's
         if "\n" in said.strip():  # no words at all: the help
             error.show()
         else:

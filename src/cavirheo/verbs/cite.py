@@ -5,12 +5,11 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Annotated
 
-from typer import Argument
-
 from cavirheo.errors import InputError
+from cavirheo.verbs.options import argument
 
 
-def cite(result: Annotated[Path, Argument(help="a result.json, or the folder that holds one")]) -> None:
+def cite(result: Annotated[Path, argument("RESULT", "a result.json, or the folder that holds one")]) -> None:
     """What a paper must say about a result: models, window, priors, method, versions; and the references as BibTeX."""
     from cavirheo.loading import load
     from cavirheo.reporting.citation import methods

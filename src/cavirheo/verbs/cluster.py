@@ -2,21 +2,20 @@
 
 from __future__ import annotations
 
-from typing import Annotated
+from typing import Annotated, Literal
 
-from typer import Argument, Exit, Option
+from typer import Exit
 
-from cavirheo.errors import require
 from cavirheo.verbs import options
+from cavirheo.verbs.options import argument, option
 
 
 def cluster(
-    action: Annotated[str, Argument(help="check")],
-    scheduler: Annotated[str, Option(help="dask: tcp://HOST:PORT, or slurm:FILE.toml")],
+    action: Annotated[Literal["check"], argument("check", "whether its workers answer as this machine does")],
+    scheduler: Annotated[str, option("dask: tcp://HOST:PORT, or slurm:FILE.toml")],
     quiet: options.Quiet = False,
 ) -> None:
     """Whether the workers of a dask cluster have the same version, compiled solver and bits as this machine."""
-    require(action == "check", f"cluster can be asked to check, got {action!r}", "cluster.action")
     from cavirheo.workflow.cluster import client_of
     from cavirheo.workflow.cluster.check import arrived, identity, reports
     from cavirheo.writing import terminal

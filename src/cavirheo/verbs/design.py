@@ -2,115 +2,123 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any
 
-from typer import Argument, Option
-
 from cavirheo.errors import InputError, require
-from cavirheo.verbs import options
+from cavirheo.verbs import completion, options
+from cavirheo.verbs.options import argument, option
 from cavirheo.verbs.run import Run
 
-_Range = tuple[float, float] | None
+CAMERA, SEARCH = "Camera", "Search"
+_Range = tuple[float, float]
+_FIND = "find where this posterior network is least sure, and write a recipe for it"
 
 
-def design(
-    known: Annotated[Path | None, Argument(readable=False, help="result.json with what is known so far")] = None,
-    group: Annotated[str | None, Option(help="group of the result.json whose material is meant")] = None,
-    shear_modulus: Annotated[_Range, Option(help="range in Pa, if there is no result.json", metavar="LOW HIGH")] = None,
-    viscosity: Annotated[_Range, Option(help="Pa s", metavar="LOW HIGH")] = None,
-    stretch: Annotated[_Range, Option(help="R_max/R_0  [default: 4 10]", metavar="LOW HIGH")] = None,
-    material: Annotated[str, Option(help="a law of `cavirheo laws`", autocompletion=options.sum_names)] = "nhkv",
-    bubbles: options.Bubbles = options.FROM_OPTIONS,
-    rmax_um: Annotated[tuple[float, float], Option(help="R_max of the rig, um", metavar="LOW HIGH")] = (50, 400),
-    fps: Annotated[str, Option(help="frame rates of the camera, frames per second, with commas")] = "1e5,2.5e5,5e5,1e6",
-    frames: Annotated[int, Option(help="of a recording", min=10)] = 128,
-    noise_percent: Annotated[float, Option(help="noise of the radius, % of R_max")] = 1.0,
-    noise_um: Annotated[str, Option(help="further noise, um; or one value for each frame rate, with commas")] = "0",
-    exposure_us: Annotated[float, Option(help="exposure time of a frame, us", min=0.0)] = 0.0,
-    wanted_percent: options.WantedPercent = 10.0,
-    spread: Annotated[float | None, Option(help="scatter of shots, decades  [default: of the result.json]")] = None,
-    sizes: Annotated[int, Option(help="number of R_max to try", min=1)] = 5,
-    draws: Annotated[int, Option(help="simulated recordings for each setting", min=2)] = 12,
-    check: Annotated[int, Option(help="recordings of a recommended setting that `infer` answers", min=0)] = 6,
-    for_training: Annotated[
-        str | None,
-        Option(
-            metavar="MODEL",
-            help="find where this posterior network is least sure, and write a recipe for it",
-            autocompletion=options.model_names,
-        ),
-    ] = None,
-    recordings: Annotated[int | None, Option(help="number of them for --for-training  [default: 120]", min=30)] = None,
-    seed: options.Seed = 0,
-    liquid: options.Liquid = options.FROM_OPTIONS,
-    out: options.Out = Path("cavirheo-design"),
-    pictures: options.Pictures = True,
-    run: Run = options.FROM_OPTIONS,
-) -> None:
+@dataclass(kw_only=True)
+class Design(options.Printing, options.Documents, options.Pictures, options.Seed, options.Liquid, options.OneBubble):
     """Which shot to take next, and how many: expected intervals over R_max and frame rate."""
-    from cavirheo.companions.design import Rig
-    from cavirheo.companions.design import design as designed
-    from cavirheo.companions.design_document import picture, print_table
-    from cavirheo.parallel import aside
-    from cavirheo.physics.simulate import load_solver
-    from cavirheo.writing import style
-    from cavirheo.writing.document import Outputs, write_json
 
-    if for_training is not None:
-        message = "--for-training looks at a network over its own training: give no result.json"
-        require(known is None, message, "design.for_training")
-        return _for_training(for_training, material, recordings or 120, seed, out, run)
-    message = "--recordings is of --for-training: give that too, or --draws for the recordings of each setting"
-    require(recordings is None, message, "design.for_training")
-    message = "--group names a group of a result.json: give the file, or leave out --group"
-    require(known is not None or group is None, message, "design.group")
-    rates = _numbers("--fps", fps)
-    noise = [1e-6 * one for one in _numbers("--noise-um", noise_um)]
-    given = {"shear_modulus": shear_modulus, "viscosity": viscosity, "stretch": stretch}
-    drawing = pictures and style.available()
-    outputs = Outputs(out, "design.json", *(["design.png"] if drawing else []), inputs=[known] if known else [])
-    rig = Rig(
-        max_radius=[1e-6 * end for end in rmax_um],
-        frame_rate=rates,
-        frames=frames,
-        noise=noise,
-        relative_noise=0.01 * noise_percent,
-        exposure=1e-6 * exposure_us,
-        material=material,
-        medium=liquid,
-        bubble=bubbles or "real",
+    known: Annotated[Path | None, argument("[RESULT]", "result.json with what is known so far", readable=False)] = None
+    group: Annotated[str | None, option("group of the result.json whose material is meant")] = None
+    shear_modulus: Annotated[_Range | None, option("range in Pa, if there is no result.json", metavar="LOW HIGH")] = (
+        None
     )
-    settings: dict[str, Any] = {"wanted": 0.01 * wanted_percent, "spread": spread, "sizes": sizes, "draws": draws}
-    settings |= {"ranges": {name: pair for name, pair in given.items() if pair}, "check": check, "seed": seed}
-    aside(load_solver)
-    with run.bar("simulating", sizes * len(rates) * draws) as advance:
-        made = designed(known, rig, group=group, done=advance, **settings)
-    made.command, made.date = run.command, run.date
-    if pictures and not drawing:
-        made.notes.append(style.NO_PICTURES)
-    outputs.write("design.json", write_json, made)
-    if drawing and (said := outputs.picture("design.png", style.save_png, picture, made)):
-        made.notes += said
+    viscosity: Annotated[_Range | None, option("Pa s", metavar="LOW HIGH")] = None
+    stretch: Annotated[_Range | None, option("R_max/R_0  [default: 4 10]", metavar="LOW HIGH")] = None
+    material: Annotated[str, option("a law of `cavirheo laws`", autocompletion=completion.sum_names)] = "nhkv"
+    rmax_um: Annotated[_Range, option("R_max of the rig, um", metavar="LOW HIGH")] = (50, 400)
+    fps: Annotated[str, option("frames per second of the camera, with commas")] = "1e5,2.5e5,5e5,1e6"
+    frames: Annotated[int, option("of a recording", min=10)] = 128
+    noise_percent: Annotated[float, option("noise of the radius, % of R_max", CAMERA)] = 1.0
+    noise_um: Annotated[str, option("further noise, um; or one value for each frame rate, with commas", CAMERA)] = "0"
+    exposure_us: Annotated[float, option("exposure time of a frame, us", CAMERA, min=0.0)] = 0.0
+    wanted_percent: options.WantedPercent = 10.0
+    spread: Annotated[float | None, option("scatter of shots, decades  [default: of the result.json]", SEARCH)] = None
+    sizes: Annotated[int, option("number of R_max to try", SEARCH, min=1)] = 5
+    draws: Annotated[int, option("simulated recordings for each setting", SEARCH, min=2)] = 12
+    check: Annotated[int, option("recordings of a recommended setting that `infer` answers", SEARCH, min=0)] = 6
+    for_training: Annotated[
+        str | None, option(_FIND, SEARCH, metavar="MODEL", autocompletion=completion.model_names)
+    ] = None
+    recordings: Annotated[int | None, option("number of them for --for-training  [default: 120]", SEARCH, min=30)] = (
+        None
+    )
+    out: options.Out = Path("cavirheo-design")
+
+    def __call__(self, run: Run) -> None:
+        from cavirheo.companions.design import Rig
+        from cavirheo.companions.design import design as designed
+        from cavirheo.companions.design_document import picture, print_table
+        from cavirheo.parallel import aside
+        from cavirheo.physics.simulate import load_solver
+        from cavirheo.writing import style
+        from cavirheo.writing.document import Outputs, write_json
+
+        if self.for_training is not None:
+            message = "--for-training looks at a network over its own training: give no result.json"
+            require(self.known is None, message, "design.for_training")
+            return _for_training(self, self.for_training, run)
+        message = "--recordings is of --for-training: give that too, or --draws for the recordings of each setting"
+        require(self.recordings is None, message, "design.for_training")
+        message = "--group names a group of a result.json: give the file, or leave out --group"
+        require(self.known is not None or self.group is None, message, "design.group")
+        rates = _numbers("--fps", self.fps)
+        noise = [1e-6 * one for one in _numbers("--noise-um", self.noise_um)]
+        ranges = {name: getattr(self, name) for name in ("shear_modulus", "viscosity", "stretch")}
+        drawing = self.pictures and style.available()
+        outputs = Outputs(
+            self.out, "design.json", *(["design.png"] if drawing else []), inputs=[self.known] if self.known else []
+        )
+        rig = Rig(
+            max_radius=[1e-6 * end for end in self.rmax_um],
+            frame_rate=rates,
+            frames=self.frames,
+            noise=noise,
+            relative_noise=0.01 * self.noise_percent,
+            exposure=1e-6 * self.exposure_us,
+            material=self.material,
+            medium=self.liquid,
+            bubble=self.bubbles or "real",
+        )
+        settings: dict[str, Any] = {name: getattr(self, name) for name in ("spread", "sizes", "draws", "check", "seed")}
+        settings |= {"ranges": {name: pair for name, pair in ranges.items() if pair}}
+        settings["wanted"] = 0.01 * self.wanted_percent
+        aside(load_solver)
+        with run.bar("simulating", self.sizes * len(rates) * self.draws) as advance:
+            made = designed(self.known, rig, group=self.group, done=advance, **settings)
+        made.command, made.date = run.command, run.date
+        if self.pictures and not drawing:
+            made.notes.append(style.NO_PICTURES)
         outputs.write("design.json", write_json, made)
-    outputs.finish()
-    run.show(made, print_table)
-    run.end(f"written to {out} in {{seconds}}")
+        if drawing and (said := outputs.picture("design.png", style.save_png, picture, made)):
+            made.notes += said
+            outputs.write("design.json", write_json, made)
+        outputs.finish()
+        run.show(made, print_table)
+        run.end(f"written to {self.out} in {{seconds}}")
 
 
-def _for_training(model: str, material: str, recordings: int, seed: int, out: Path, run: Run) -> None:
+def _for_training(asked: Design, model: str, run: Run) -> None:
     from cavirheo.companions.network_design import network_design, print_table, recipe
     from cavirheo.inference.posterior_model import load_posterior
     from cavirheo.parallel import aside
     from cavirheo.physics.simulate import load_solver
     from cavirheo.writing.document import Outputs, write_json
 
-    network = load_posterior(model)
+    network, recordings, out = load_posterior(model), asked.recordings or 120, asked.out
     outputs = Outputs(out, "network-design.json", "recipe.toml")
     aside(load_solver)
     with run.bar("simulating", recordings) as advance:
         made = network_design(
-            network, material, recordings=recordings, seed=seed, done=advance, command=run.command, date=run.date
+            network,
+            asked.material,
+            recordings=recordings,
+            seed=asked.seed,
+            done=advance,
+            command=run.command,
+            date=run.date,
         )
     outputs.write("network-design.json", write_json, made)
     outputs.write("recipe.toml", lambda path, text: path.write_text(text, encoding="utf-8"), recipe(made, network))

@@ -6,32 +6,29 @@ import sys
 from pathlib import Path
 from typing import Annotated, Any
 
-from typer import Argument, Option
-
 from cavirheo.errors import InputError, require
 from cavirheo.verbs import options
+from cavirheo.verbs.options import argument, option
 from cavirheo.writing.terminal import say
 
 
 def generate(
-    recipe: Annotated[Path, Argument(help="TOML file, see recipes/")],
+    recipe: Annotated[Path, argument("RECIPE", "TOML file, see recipes/")],
     out: options.Growing,
-    n: Annotated[int | None, Option("-n", help="curves; default: as in the recipe", min=1)] = None,
-    seed: Annotated[int | None, Option(help="default: as in the recipe", min=0)] = None,
-    workers: Annotated[int | None, Option(help="threads; default: all cores", min=1)] = None,
-    shard: Annotated[str, Option(help="i/N: make the i-th of N parts only")] = "1/1",
+    n: Annotated[int | None, option("curves; default: as in the recipe", None, "-n", min=1)] = None,
+    seed: Annotated[int | None, option("default: as in the recipe", min=0)] = None,
+    workers: Annotated[int | None, option("threads; default: all cores", min=1)] = None,
+    shard: Annotated[str, option("i/N: make the i-th of N parts only")] = "1/1",
     scheduler: options.Scheduler = None,
     quiet: options.Quiet = False,
 ) -> None:
     """A training set of simulated curves; resumable, and the same bytes for any number of workers."""
     from cavirheo.physics.simulate import load_solver
     from cavirheo.training import dataset
-    from cavirheo.training.posterior import store
-    from cavirheo.training.posterior.recipe import posterior_recipe
-    from cavirheo.training.recipe import Recipe, read_recipe
+    from cavirheo.training.recipe import read_recipe
     from cavirheo.workflow.cluster import connected
 
-    content = posterior_recipe(recipe) or read_recipe(recipe)
+    content = read_recipe(recipe)
     try:
         part, parts = (int(number) for number in shard.split("/"))
     except ValueError:
@@ -42,14 +39,11 @@ def generate(
     n, seed = content.data.n if n is None else n, content.data.seed if seed is None else seed
     how: dict[str, Any] = {"workers": workers, "shard": (part, parts), "progress": not quiet}
     with connected(scheduler, lambda text: None if quiet else say(text)) as executor:
-        if isinstance(content, Recipe):
-            made = dataset.generate(content.problem, n, out, seed=seed, executor=executor, **how)
-        else:
-            made = store.generate(content, n, out, seed=seed, executor=executor, **how)
+        made = dataset.generate(content.problem, n, out, seed=seed, executor=executor, **how)
     messages = [f"{made.curves} curves in {out}: {made.written} files written, {made.skipped} already there"]
     if made.simulated:
         rate = made.simulated / made.seconds
         messages.append(f"{made.simulated} simulated in {made.seconds:.0f} s ({rate:.0f} per s)")
-    messages += [f"{count} failed and are kept with their status: {status}" for status, count in made.failures.items()]
+    messages += [f"{count} failed: {status}" for status, count in made.failures.items()]
     if not quiet:
         print(*messages, sep="\n", file=sys.stderr)

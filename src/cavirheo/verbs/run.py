@@ -7,7 +7,6 @@ import sys
 import time
 from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager, nullcontext
-from dataclasses import dataclass
 from datetime import datetime
 from functools import partial
 from pathlib import Path
@@ -24,50 +23,8 @@ if TYPE_CHECKING:
     from cavirheo.inference.analysis import Analysis
     from cavirheo.parallel import Executor
     from cavirheo.physics.media import Medium
-    from cavirheo.reading.shots import Recordings
+    from cavirheo.verbs.options import Measured
     from cavirheo.writing.document import Document
-
-
-@dataclass(frozen=True)
-class Reading:
-    """What is known of measured files besides what they hold. Raises InputError for what cannot be."""
-
-    rmax_um: float | None = None
-    shots: str | None = None
-    fps: float | None = None
-    exposure_us: float | None = None
-    um_per_px: float | None = None
-    exclude: str | None = None
-    group: str = "auto"
-    trust_input: bool = False
-
-    def __post_init__(self) -> None:
-        for name, what in (
-            ("exposure_us", "time in us"),
-            ("fps", "number of frames per second"),
-            ("um_per_px", "number of micrometres"),
-        ):
-            value, option = getattr(self, name), f"--{name.replace('_', '-')}"
-            require(value is None or value > 0, f"{option} must be a positive {what}, got {value}", f"option.{name}")
-        if self.shots is not None:
-            from cavirheo.reading.selection import shot_numbers
-
-            shot_numbers(self.shots)
-
-    def recordings(self, files: list[Path], medium: Medium) -> Recordings:
-        """`read_shots` with these settings."""
-        from cavirheo.reading.shots import read_shots
-
-        message = f"--exclude is of one recording, {len(files)} files were given: `cavirheo measure` each with its own"
-        require(self.exclude is None or len(files) == 1, message, "option.exclude")
-        scale = None if self.rmax_um is None else self.rmax_um * 1e-6
-        about: dict[str, Any] = {"density": medium.density, "pressure": medium.pressure, "shots": self.shots}
-        about |= {"frame_rate_hz": self.fps, "exclude": self.exclude}
-        about |= {"um_per_px": self.um_per_px, "exposure": self.exposure_us and self.exposure_us * 1e-6}
-        found = read_shots(files, max_radius=scale, group=self.group, **about)
-        if self.exposure_us is None:
-            return found
-        return found._replace(curves=[curve.with_exposure(self.exposure_us * 1e-6) for curve in found.curves])
 
 
 def command_line() -> str:
@@ -123,23 +80,21 @@ class Run:
         if not found:
             raise typer.Exit(2)
 
-    def read(
-        self, files: list[Path], medium: Medium, reading: Reading, column: Path | None = None
-    ) -> list[RadiusCurve]:
+    def read(self, files: list[Path], medium: Medium, reading: Measured) -> list[RadiusCurve]:
         """All curves of all files, with what a declared column says of them, and the solver loaded. Raises InputError:
         there is none, or the column is not theirs."""
         from cavirheo.parallel import aside
         from cavirheo.physics.simulate import load_solver
 
-        found = reading.recordings(files, medium)
+        found = reading.recordings(files, medium, reading.exclude)
         self.refuse(found.problems)
         self.notes += found.remarks + found.hints
         curves = found.curves
         self.need(curves, "curve")
-        if column is not None:
+        if reading.column is not None:
             from cavirheo.reading.column import with_column
 
-            curves = with_column(curves, column)
+            curves = with_column(curves, reading.column)
         aside(load_solver)
         return curves
 

@@ -6,35 +6,23 @@ from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-from typer import Argument
-
 from cavirheo.errors import InputError, require
 from cavirheo.verbs import options
+from cavirheo.verbs.options import argument, option
 from cavirheo.writing.terminal import say
 
 if TYPE_CHECKING:
     from cavirheo.writing.document import Document
 
-_TABLES = {  # by the class of a document: who prints its table
-    "Result": "reporting.table.print_all",
-    "Laws": "reporting.laws.print_table",
-    "Rheometry": "companions.rheometer.document.print_rheometry",
-    "Measured": "video.document.print_table",
-    "Design": "companions.design_document.print_table",
-    "NetworkDesign": "companions.network_design.print_table",
-    "CollapseTimes": "companions.collapse_times.print_table",
-}
+_FILE = (
+    "a document, a folder of results, a training set, an .onnx model; a measurement; or the name of a shipped network"
+)
 
 
 def show(
-    file: Annotated[
-        Path,
-        Argument(
-            help="a document, a folder of results, a training set, an .onnx model; a measurement; or the name of a "
-            "shipped network (see `cavirheo models`)"
-        ),
-    ],
+    file: Annotated[Path, argument("FILE", _FILE)],
     shots: options.Shots = None,
+    json: Annotated[bool, option("print the document as it is in its file", None, "--json")] = False,
 ) -> None:
     """What a file is: when and by which command it was made, and its table; of measured curves, what would be read.
 
@@ -46,10 +34,12 @@ def show(
     card = file.suffix == ".json" and file.with_suffix(".onnx").is_file()
     if card or file.suffix.lower() == ".onnx" or file.is_dir() or _is_json(file):
         require(shots is None, message, "show.shots")
+    written = not card and file.suffix.lower() != ".onnx" and (file.is_dir() or _is_json(file))
+    require(written or not json, f"--json is for documents, and {file} is none: leave it out", "show.json")
     if card or file.suffix.lower() == ".onnx":
         _show_model(file.with_suffix(".onnx"))
-    elif file.is_dir() or _is_json(file):
-        _show_written(file)
+    elif written:
+        _show_written(file, json)
     else:
         try:
             _show_curves(file, shots)
@@ -61,7 +51,7 @@ def show(
             if not beside:
                 raise
             say(f"{file} holds no measurement; {file.parent} holds:")
-            _show_written(file.parent)
+            _show_written(file.parent, json)
 
 
 def _shipped(name: str) -> Path:
@@ -97,36 +87,40 @@ def _is_json(path: Path) -> bool:
         raise InputError(f"{path}: cannot be read ({error.strerror})", "show.unreadable") from None
 
 
-def _show_written(path: Path) -> None:
+def _show_written(path: Path, json: bool) -> None:
     from cavirheo.loading import load
     from cavirheo.writing.document import Document
 
     if path.is_dir() and (any(path.glob("shard-*.h5")) or any(path.glob("curves-*.h5"))):
         _show_training_set(path)
     elif isinstance(found := load(path), Document):
-        _show_document(found, path)
+        _show_document(found, path, json)
 
 
-def _show_document(document: Document, path: Path) -> None:
+def _show_document(document: Document, path: Path, json: bool) -> None:
+    from cavirheo.loading import KINDS
+    from cavirheo.writing.document import as_json
     from cavirheo.writing.terminal import console
 
-    kind, made = type(document).__name__, f", {document.date}" if document.date else ""
-    console().print(f"{path}: {kind.lower()}, written by cavirheo {document.version}{made}\n{document.command}\n")
-    module, _, name = _TABLES[kind].rpartition(".")
+    if json:
+        print(as_json(document), end="")
+        return
+    name, made = type(document).__name__, f", {document.date}" if document.date else ""
+    console().print(f"{path}: {name.lower()}, written by cavirheo {document.version}{made}\n{document.command}\n")
+    module, _, name = KINDS[document.kind].table.rpartition(".")
     getattr(import_module(f"cavirheo.{module}"), name)(document)
 
 
 def _show_training_set(path: Path) -> None:
     """File by file: it may be larger than the memory, and still grow."""
     from cavirheo.training import dataset
-    from cavirheo.training.posterior import store
     from cavirheo.writing.terminal import console
 
-    found = (dataset if any(path.glob("shard-*.h5")) else store).survey(path)
+    found = dataset.survey(path)
     lines = [f"{path}: training set, written by cavirheo {found.made_by}, seed {found.seed}"]
     growing = f"growing: {found.lacking} of {found.files + found.lacking} files are still to be made"
     lines.append(f"  {found.curves} of {found.total} curves, {growing if found.lacking else 'complete'}")
-    lines += [f"  {line}" for line in found.about]
+    lines += [f"  {line}" for line in found.summary]
     lines += [f"  {count} {what}" for what, count in sorted(found.statuses.items(), key=lambda one: -one[1])]
     lines.append(f"  {found.size / 1e6:.3g} MB, {found.size / found.curves:.0f} bytes a curve; checksum {found.sha256}")
     console().print("\n".join(lines))

@@ -5,13 +5,14 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
-
-from typer import Option
+from typing import TYPE_CHECKING, Annotated, Literal
 
 from cavirheo.errors import InputError, SolverError, require
-from cavirheo.verbs import options
+from cavirheo.verbs import completion, options
+from cavirheo.verbs.options import BUBBLE, MATERIAL, OUTPUT, option
+from cavirheo.verbs.run import Run
 from cavirheo.writing.terminal import say
 
 if TYPE_CHECKING:
@@ -19,119 +20,151 @@ if TYPE_CHECKING:
     from cavirheo.physics.law import Material
     from cavirheo.physics.simulation import Simulation
 
+DRIVEN = "Driving"
 _FRAMES, _FIELDS = "simulation.csv", "fields.h5"
+_MATERIAL = "nhkv, newtonian or qkv; or any laws with their parameters (see `cavirheo laws`), "
+_MATERIAL += "'yeoh(1e3, 20) + cross(0.5, 0.01, 1e-4)'"
+_PULSE = "ultrasound: peak kPa (negative: tension), MHz, us of the peak"
+_DRIVING = "far-field pressure above ambient: CSV file with columns time_us,pressure_kPa"
+_INERTIA = "R_max sum(s/d) over image bubbles: R_max/2h for one wall at h"
+_DAMPING = "2 pi (R_max^2/A) c/U_c of a tube of cross-section A around"
+_FACTORS = "damaged gel: factors of the modulus and of R_0"
+_CONTENTS = "fields.h5, too: temperature and vapour in the bubble at every frame"
 
 
-def simulate(
-    rmax_um: Annotated[float, Option(help="largest radius, um")],
-    stretch: Annotated[float, Option(help="R_max/R_0")],
-    material: Annotated[
-        str,
-        Option(
-            help="nhkv, newtonian or qkv; or any laws with their parameters (see `cavirheo laws`), "
-            "'yeoh(1e3, 20) + cross(0.5, 0.01, 1e-4)'",
-            autocompletion=options.any_law_names,
-        ),
-    ] = "nhkv",
-    shear_modulus: Annotated[float | None, Option(help="Pa")] = None,
-    viscosity: Annotated[float | None, Option(help="Pa s")] = None,
-    stiffening: Annotated[float | None, Option(help="alpha of qkv")] = None,
-    duration_us: Annotated[float, Option(help="us after R_max")] = 100.0,
-    fps: Annotated[float, Option(help="frames per second")] = 1e6,
-    pulse: Annotated[
-        tuple[float, float, float] | None,
-        Option(help="ultrasound: peak kPa (negative: tension), MHz, us of the peak", metavar="KPA MHZ US"),
-    ] = None,
-    driving: Annotated[
-        Path | None, Option(help="far-field pressure above ambient: CSV file with columns time_us,pressure_kPa")
-    ] = None,
-    motion: Annotated[str, Option(help="keller-miksis, rayleigh-plesset or gilmore")] = "keller-miksis",
-    polytropic: Annotated[float | None, Option(help="exponent of the gas, instead of heat and vapour transport")] = (
-        None
-    ),
-    contents: options.Contents = "equilibrium",
-    accommodation: Annotated[float | None, Option(help="of kinetic contents, up to 10  [default: 0.07]")] = None,
-    damage: Annotated[
-        tuple[float, float] | None,
-        Option(help="factors of the modulus and of R_0", metavar="MODULUS RADIUS"),
-    ] = None,
-    damage_by: Annotated[str, Option(help="first-rebound, or strain (factors at a tenfold contraction)")] = (
-        "first-rebound"
-    ),
-    confinement_inertia: Annotated[
-        float, Option(help="R_max sum(s/d) over image bubbles: R_max/2h for one wall at h")
-    ] = 0.0,
-    wall_distance_um: options.WallDistanceUm = None,
-    confinement_damping: Annotated[
-        float, Option(help="2 pi (R_max^2/A) c/U_c of a tube of cross-section A around")
-    ] = 0.0,
-    vapour_excess: Annotated[float, Option(help="vapour at R_max above saturation, Pa")] = 0.0,
-    relaxed: Annotated[bool, Option("--relaxed", help="laws with memory start unstressed")] = False,
-    precise: Annotated[bool, Option("--precise", help="ten times as accurate, five times as long")] = False,
-    fields: Annotated[
-        bool, Option("--fields", help="fields.h5, too: temperature and vapour in the bubble at every frame")
-    ] = False,
-    liquid: options.Liquid = options.FROM_OPTIONS,
-    out: options.Out = Path("cavirheo-simulation"),
-    quiet: options.Quiet = False,
-) -> None:
+@dataclass(kw_only=True)
+class Simulate(options.Documents, options.Liquid):
     """One bubble from rest at its largest radius, or at equilibrium (--stretch 1) under ultrasound.
 
     Columns of simulation.csv: time_us, radius_um, velocity_m_per_s of the wall, pressure_Pa in the bubble, stress_Pa of
     the material (stress integral), hoop strain and strain_rate_per_s at the wall.
     """
-    import numpy as np
 
-    from cavirheo.physics import simulate as forward
-    from cavirheo.physics.accuracy import DEFAULT, PRECISE
-    from cavirheo.physics.driving import Pulse, Trace
-    from cavirheo.reading.trace import read_trace
-    from cavirheo.writing.document import Outputs
-
-    both = "give either --pulse or --driving, not both; a file can hold any sum of pressures"
-    require(not (pulse and driving), both, "simulate.two_drivings")
-    law = _material(material, shear_modulus=shear_modulus, viscosity=viscosity, stiffening=stiffening)
-    possible = duration_us > 0 and fps > 0 and 1 <= duration_us * 1e-6 * fps <= 1e6
-    got = f"got {duration_us} us at {fps} frames per second"
-    require(possible, f"duration and frame rate must give 1 to a million frames, {got}", "simulate.frames")
-    frames = int(duration_us * 1e-6 * fps * (1 + 1e-9)) + 1
-    bubble = _bubble(
-        contents=contents,
-        accommodation=accommodation,
-        damage=damage,
-        damage_by=damage_by,
-        confinement_inertia=confinement_inertia,
-        wall_distance_um=wall_distance_um,
-        vapour_excess=vapour_excess,
-        confinement_damping=confinement_damping,
-        motion=motion,
-        polytropic=polytropic,
+    rmax_um: Annotated[float, option("largest radius, um")]
+    stretch: Annotated[float, option("R_max/R_0")]
+    material: Annotated[str, option(_MATERIAL, autocompletion=completion.any_law_names)] = "nhkv"
+    shear_modulus: Annotated[float | None, option("Pa")] = None
+    viscosity: Annotated[float | None, option("Pa s")] = None
+    stiffening: Annotated[float | None, option("alpha of qkv")] = None
+    duration_us: Annotated[float, option("us after R_max")] = 100.0
+    fps: Annotated[float, option("frames per second")] = 1e6
+    pulse: Annotated[tuple[float, float, float] | None, option(_PULSE, DRIVEN, metavar="KPA MHZ US")] = None
+    driving: Annotated[Path | None, option(_DRIVING, DRIVEN)] = None
+    motion: Annotated[
+        Literal["keller-miksis", "rayleigh-plesset", "gilmore"], option("equation of the wall", BUBBLE)
+    ] = "keller-miksis"
+    polytropic: Annotated[float | None, option("exponent of the gas, instead of heat and vapour transport", BUBBLE)] = (
+        None
     )
-    message = "--polytropic leaves no fields in the bubble: leave out that, or --fields"
-    require(not fields or polytropic is None, message, "physics.no_fields")
-    far_field = None
-    if driving:
-        *columns, notes = read_trace(driving)
+    contents: Annotated[Literal["equilibrium", "kinetic"], option(options.CONTENTS, BUBBLE)] = "equilibrium"
+    accommodation: Annotated[float | None, option("of kinetic contents, up to 10  [default: 0.07]", BUBBLE)] = None
+    damage: Annotated[tuple[float, float] | None, option(_FACTORS, BUBBLE, metavar="MODULUS RADIUS")] = None
+    damage_by: Annotated[
+        Literal["first-rebound", "strain"], option("strain: factors at a tenfold contraction", BUBBLE)
+    ] = "first-rebound"
+    confinement_inertia: Annotated[float, option(_INERTIA, BUBBLE)] = 0.0
+    wall_distance_um: options.WallDistanceUm = None
+    confinement_damping: Annotated[float, option(_DAMPING, BUBBLE)] = 0.0
+    vapour_excess: Annotated[float, option("vapour at R_max above saturation, Pa", BUBBLE)] = 0.0
+    relaxed: Annotated[bool, option("laws with memory start unstressed", MATERIAL, "--relaxed")] = False
+    precise: Annotated[bool, option("ten times as accurate, five times as long", OUTPUT, "--precise")] = False
+    fields: Annotated[bool, option(_CONTENTS, OUTPUT, "--fields")] = False
+    quiet: options.Quiet = False
+    out: options.Out = Path("cavirheo-simulation")
+
+    def __call__(self, run: Run) -> None:
+        import numpy as np
+
+        from cavirheo.physics import simulate as forward
+        from cavirheo.physics.accuracy import DEFAULT, PRECISE
+        from cavirheo.physics.driving import Pulse, Trace
+        from cavirheo.reading.trace import read_trace
+        from cavirheo.writing.document import Outputs
+
+        liquid, pulse, driving = self.liquid, self.pulse, self.driving
+        both = "give either --pulse or --driving, not both; a file can hold any sum of pressures"
+        require(not (pulse and driving), both, "simulate.two_drivings")
+        law = self.law()
+        duration, fps = self.duration_us * 1e-6, self.fps
+        possible = duration > 0 and fps > 0 and 1 <= duration * fps <= 1e6
+        got = f"got {self.duration_us} us at {fps} frames per second"
+        require(possible, f"duration and frame rate must give 1 to a million frames, {got}", "simulate.frames")
+        frames = int(duration * fps * (1 + 1e-9)) + 1
+        bubble = self.bubble()
+        message = "--polytropic leaves no fields in the bubble: leave out that, or --fields"
+        require(not self.fields or self.polytropic is None, message, "physics.no_fields")
+        far_field = None
+        if driving:
+            *columns, notes = read_trace(driving)
+            try:
+                far_field = Trace(*columns)
+            except InputError as error:
+                raise error.within(str(driving)) from None
+            for note in notes:
+                say(f"{driving}: {note}")
+        writers = {_FRAMES: _write_frames} | ({_FIELDS: _write_fields} if self.fields else {})
+        outputs = Outputs(self.out, *writers, inputs=[driving] if driving else [])
+        forward.load_solver()
+        with _named(driving):
+            made = forward.simulate(
+                law,
+                max_radius=self.rmax_um * 1e-6,
+                stretch=self.stretch,
+                time=np.arange(frames) / fps,
+                medium=liquid,
+                driving=Pulse(pulse[0] * 1e3, pulse[1] * 1e6, pulse[2] * 1e-6) if pulse else far_field,
+                bubble=bubble,
+                relaxed=self.relaxed,
+                fields=self.fields,
+                accuracy=PRECISE if self.precise else DEFAULT,
+            )
+        for name, writer in writers.items():
+            outputs.write(name, writer, made)
+        outputs.finish()
+        run.say(f"{frames} frames of {law} in {liquid.name}: {self.out / _FRAMES}")
+
+    def bubble(self) -> Bubble:
+        """That of the options. Raises InputError, in their words."""
+        from cavirheo.physics.bubble import ACCOMMODATION, Bubble, Damage
+
+        idle = self.accommodation is not None and self.contents != "kinetic"
+        require(not idle, "--accommodation changes nothing without --contents kinetic: give that too", "simulate.idle")
+        alone = "--damage-by changes nothing without --damage: give that too"
+        require(self.damage is not None or self.damage_by == "first-rebound", alone, "simulate.idle")
         try:
-            far_field = Trace(*columns)
+            return Bubble(
+                contents=self.contents,
+                accommodation=ACCOMMODATION if self.accommodation is None else self.accommodation,
+                damage=Damage(*self.damage, self.damage_by) if self.damage else "none",
+                confinement_inertia=self.confinement_inertia,
+                wall_distance=None if self.wall_distance_um is None else self.wall_distance_um * 1e-6,
+                vapour_excess=self.vapour_excess,
+                confinement_damping=self.confinement_damping,
+                motion=self.motion,
+                exponent=self.polytropic,
+            )
         except InputError as error:
-            raise error.within(str(driving)) from None
-        for note in notes:
-            say(f"{driving}: {note}")
-    writers = {_FRAMES: _write_frames} | ({_FIELDS: _write_fields} if fields else {})
-    outputs = Outputs(out, *writers, inputs=[driving] if driving else [])
-    forward.load_solver()
-    with _named(driving):
-        run = forward.simulate(
-            law, max_radius=rmax_um * 1e-6, stretch=stretch, time=np.arange(frames) / fps, medium=liquid,
-            driving=Pulse(pulse[0] * 1e3, pulse[1] * 1e6, pulse[2] * 1e-6) if pulse else far_field,
-            bubble=bubble, relaxed=relaxed, fields=fields, accuracy=PRECISE if precise else DEFAULT,
-        )  # fmt: skip
-    for name, writer in writers.items():
-        outputs.write(name, writer, run)
-    outputs.finish()
-    if not quiet:
-        say(f"{frames} frames of {law} in {liquid.name}: {out / _FRAMES}")
+            raise InputError(re.sub(r"\bexponent\b", "--polytropic", str(error)), error.code) from None
+
+    def law(self) -> Material:
+        """A name whose parameters are options of the command, or a sum of laws that holds its own."""
+        from inspect import signature
+
+        from cavirheo.physics.laws import LAWS, parse
+        from cavirheo.physics.materials import MATERIALS
+
+        names = ("shear_modulus", "viscosity", "stiffening")
+        given = {name: value for name in names if (value := getattr(self, name)) is not None}
+        if self.material in MATERIALS:
+            needed = list(signature(LAWS[self.material]).parameters)
+            takes = f"material {self.material!r} takes {', '.join(needed)}; got {', '.join(given) or 'nothing'}"
+            require(sorted(given) == sorted(needed), takes, "simulate.parameters")
+            return LAWS[self.material](**given)
+        words = ", ".join(f"--{key.replace('_', '-')}" for key in given)
+        law = parse(self.material)
+        why = f"--material {self.material!r} holds its own parameters: leave out {words}"
+        require(not given, why, "simulate.parameters_twice")
+        return law
 
 
 @contextmanager
@@ -141,54 +174,6 @@ def _named(driving: Path | None) -> Iterator[None]:
         yield
     except SolverError as error:
         raise SolverError(f"{driving}: {error}" if driving else str(error)) from None
-
-
-def _bubble(
-    *,
-    accommodation: float | None,
-    damage: tuple[float, float] | None,
-    damage_by: str,
-    wall_distance_um: float | None,
-    polytropic: float | None,
-    **values: Any,
-) -> Bubble:
-    """That of the options. Raises InputError, in their words."""
-    from cavirheo.physics.bubble import ACCOMMODATION, Bubble, Damage
-
-    idle = accommodation is not None and values["contents"] != "kinetic"
-    require(not idle, "--accommodation changes nothing without --contents kinetic: give that too", "simulate.idle")
-    alone = "--damage-by changes nothing without --damage: give that too"
-    require(damage is not None or damage_by == "first-rebound", alone, "simulate.idle")
-    try:
-        return Bubble(
-            accommodation=ACCOMMODATION if accommodation is None else accommodation,
-            damage=Damage(*damage, damage_by) if damage else "none",
-            wall_distance=None if wall_distance_um is None else wall_distance_um * 1e-6,
-            exponent=polytropic,
-            **values,
-        )
-    except InputError as error:
-        raise InputError(re.sub(r"\bexponent\b", "--polytropic", str(error)), error.code) from None
-
-
-def _material(text: str, **parameters: float | None) -> Material:
-    """A name whose parameters are options of the command, or a sum of laws that holds its own."""
-    from inspect import signature
-
-    from cavirheo.physics.laws import LAWS, parse
-    from cavirheo.physics.materials import MATERIALS
-
-    given = {key: value for key, value in parameters.items() if value is not None}
-    if text in MATERIALS:
-        needed = list(signature(LAWS[text]).parameters)
-        takes = f"material {text!r} takes {', '.join(needed)}; got {', '.join(given) or 'nothing'}"
-        require(sorted(given) == sorted(needed), takes, "simulate.parameters")
-        return LAWS[text](**given)
-    words = ", ".join(f"--{key.replace('_', '-')}" for key in given)
-    law = parse(text)
-    why = f"--material {text!r} holds its own parameters: leave out {words}"
-    require(not given, why, "simulate.parameters_twice")
-    return law
 
 
 def _write_frames(path: Path, run: Simulation) -> None:

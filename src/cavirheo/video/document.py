@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 
@@ -66,6 +66,7 @@ class Measured(Document):
         columns: of measured.csv, with what each holds.
     """
 
+    kind: Literal["measure"] = "measure"
     name: str
     source: str
     source_sha256: str | None

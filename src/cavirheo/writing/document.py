@@ -63,6 +63,7 @@ class Document(Record):
     """The head of a document.
 
     Attributes:
+        kind: what it is, which is also the usual name of its file: "result", "laws", ...
         schema_version: number of the schema; `schema` in the file.
         version: of cavirheo that wrote it.
         command: what was run.
@@ -70,6 +71,7 @@ class Document(Record):
         notes: on the run as a whole (pictures that could not be drawn, ...).
     """
 
+    kind: str
     schema_version: Literal[1] = Field(default=1, validation_alias="schema", serialization_alias="schema")
     version: str = Field(default_factory=lambda: version("cavirheo"))
     command: str

@@ -10,7 +10,7 @@ import re
 from collections.abc import Iterable, Sequence
 from itertools import takewhile
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 from cavirheo.companions.rheometer.sweeps import Sweep, frequency_sweep, strain_sweep
 from cavirheo.reporting.group import Published, PublishedValue
@@ -41,6 +41,7 @@ class Rheometry(Document):
         sweeps: those over strain, then those over frequency.
     """
 
+    kind: Literal["rheometer"] = "rheometer"
     material: str
     tolerance: float
     at_rad_per_s: float

@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike
 
 from cavirheo.arrays import Floats, unscaled
 from cavirheo.errors import InputError, expect, expect_whole, require
+from cavirheo.inference.law_average import of_one_law
 from cavirheo.inference.population.likelihood import FEW, Likelihood, Likelihoods, likelihood
 from cavirheo.inference.population.material import Population
 from cavirheo.inference.population.scatter import Scatter
@@ -43,7 +44,8 @@ def population(
         answers: of shots of one material, as `infer_many`, `fit_many` or `verify_many` give them. Their weighted draws
             are divided by the prior that they were made with (`Posterior.prior`; flat in the logarithm where that is
             not known). Those without an interval, of another model than most, or whose verdict says that they are no
-            property of the material, are left out and counted; so is a copy of another's draws.
+            property of the material, are left out and counted; so is a copy of another's draws. Averages over laws
+            count by the law that has the largest evidence of all shots together.
         names: of the shots; default "shot 1", ...
         along: (n,) a column by which the centre may change, such as log10 of R_max or a concentration: the population
             then has a slope, in decades of each parameter per unit of the column.
@@ -58,9 +60,9 @@ def population(
 
     Source: docs/method/population.md.
     """
-    answers = list(answers)
     for answer in answers:
         expect(answer, Posterior, "a Posterior of infer or fit for each shot")
+    answers = of_one_law(answers)
     expect_whole(seed, "seed", 0, "option.seed")
     require(bool(answers), "a population needs answers of shots, got none", "population.none")
     shots = [f"shot {i + 1}" for i in range(len(answers))] if names is None else list(names)

@@ -13,10 +13,13 @@ import numpy as np
 from cavirheo.curve import RadiusCurve, several
 from cavirheo.errors import expect
 from cavirheo.inference.alternatives import chosen_among, contenders, itself, judged, model_of
+from cavirheo.inference.budget import Budget
 from cavirheo.inference.input_checks import ERRORS, warned
 from cavirheo.inference.law import Family
+from cavirheo.inference.law_average import averaged_over_laws, comparable
 from cavirheo.inference.posterior_model import PosteriorModel
 from cavirheo.inference.verify.fitting import FitEstimation, SearchedEstimation
+from cavirheo.inference.verify.model_average import answers_of
 from cavirheo.inference.verify.tuning import TUNING
 from cavirheo.inference.verify.verification import Estimation, Level, Verification
 from cavirheo.messages import Message, of_error
@@ -43,7 +46,7 @@ class VerificationOptions(TypedDict, total=False):
     weights: str | None
     rival: bool
     ranges: Mapping[str, Sequence[float]] | None
-    draws: int
+    budget: Budget
     seed: int
     network: PosteriorModel | None
     scanned: int
@@ -92,35 +95,51 @@ def verify_many(
         (curve, given), began = pair, time.perf_counter()
         models = [replace(answer, bubble=kind) for answer in given for kind in bubbles] or given
         found, problems = list[Posterior](), list[Posterior]()
+        estimations = list[Estimation]()
         for model in models:
             if model.checks.verdict == "failed":
                 problems.append(model)
                 continue
             try:
-                found.append(estimation(chosen, curve, model).posterior())
+                one = estimation(chosen, curve, model)
+                if chosen.level == "auto":
+                    estimations.append(one)
+                else:
+                    found.append(one.posterior())
             except ERRORS as error:  # of this shot alone
-                _log.debug("%s has no answer by %s", curve.name, model.material, exc_info=error)
-                why = of_error(error)
-                if not chosen.weights:
-                    why = Message("answer.unverified", {"reason": why.text})
-                messages = (*model.checks.messages, why)
-                verdict: Verdict = "failed" if chosen.level == "auto" else model.checks.verdict
-                problems.append(replace(model, checks=replace(model.checks, verdict=verdict, messages=messages)))
+                problems.append(_failed(chosen, model, error))
+        for some in [[one] for one in estimations] if chosen.weights or chosen.search else [estimations]:
+            try:
+                found += answers_of(some, chosen.budget) if some else []
+            except ERRORS as error:  # of this shot alone
+                problems.append(_failed(chosen, some[0].answer, error))
         if not found:
             return replace(problems[0], seconds=problems[0].seconds + time.perf_counter() - began)
         if len(models) == 1 and chosen.level == "auto" and not chosen.weights:
             (best,) = found
             found = [best, *_damaged(chosen, curve, best)]
-        best = _simplest(found)
+        best = averaged_over_laws(found) if comparable(found) else _simplest(found)
         if chosen.rival:
             best = replace(best, others=(*best.others, *_rival(chosen, curve, best)))
         own = next((model for model in models if model_of(model) == model_of(best)), given[0])
         checked = own.checks.verdict != "check_input"
-        checks = warned(judged(best, chosen_among(best, found)), own.checks.warnings, trust_input=checked)
+        said = [] if best.laws else chosen_among(best, found)
+        checks = warned(judged(best, said), own.checks.warnings, trust_input=checked)
         before = sum(answer.seconds for answer in given)
         return replace(best, checks=checks, seconds=before + time.perf_counter() - began)
 
     return each(verified, zip(curves, candidates, strict=True), workers, done)
+
+
+def _failed(settings: Verification, answer: Posterior, error: Exception) -> Posterior:
+    """The answer with the reason why it could not be verified."""
+    _log.debug("no answer by %s", answer.material, exc_info=error)
+    why = of_error(error)
+    if not settings.weights:
+        why = Message("answer.unverified", {"reason": why.text})
+    verdict: Verdict = "failed" if settings.level == "auto" else answer.checks.verdict
+    checks = replace(answer.checks, verdict=verdict, messages=(*answer.checks.messages, why))
+    return replace(answer, checks=checks)
 
 
 def _simplest(found: Sequence[Posterior]) -> Posterior:
@@ -136,7 +155,7 @@ def _simplest(found: Sequence[Posterior]) -> Posterior:
 def _damaged(settings: Verification, curve: RadiusCurve, answer: Posterior) -> list[Posterior]:
     """The answer with damage by strain, where the real bubble in an elastic law leaves more than noise, and where
     Laplace's evidence of damage is not the smaller one: strong gels break in the first collapse
-    (docs/real-bubbles-notes.md)."""
+    (docs/real-bubbles.md)."""
     asked = answer.bubble == REAL and Family(answer.material).elastic and "shear_modulus" in answer.parameters
     left = answer.diagnostics.systematic_misfit_over_rmax or 0.0
     if not asked or left < TUNING.searched_above or len(answer.theta) < 2 or answer.bound("shear_modulus"):
@@ -161,8 +180,10 @@ def _again(
     is smaller than `least`."""
     other = replace(answer, bubble=bubble, others=(), windows={}, diagnostics=Diagnostics())
     try:
-        found = Estimation(settings, curve, other).posterior_above(least)
+        estimation = Estimation(settings, curve, other)
+        if settings.level == "map":
+            return [estimation.posterior()]
+        return answers_of([estimation], settings.budget) if estimation.sampling.log_laplace >= least else []
     except ERRORS as error:
         _log.debug("%s has no answer of the %s", curve.name, bubble.title, exc_info=error)
         return []
-    return [found] if found else []

@@ -14,6 +14,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -21,9 +22,10 @@ import numpy as np
 from cavirheo.arrays import Floats, log_sum, unscaled
 from cavirheo.errors import SolverError
 from cavirheo.inference.alternatives import LAPLACE
+from cavirheo.inference.budget import Budget
 from cavirheo.inference.verify.mode import Mode, Simulated, Target, answer_at, climb, modes, secant
 from cavirheo.inference.verify.proposals import AdaptiveProposal, SurrogateProposal, log_mean
-from cavirheo.inference.verify.sampler import Proposal, Sample, sample, tempered
+from cavirheo.inference.verify.sampler import Proposal, Sample, Sampling, sample, tempered
 from cavirheo.inference.verify.tuning import TUNING
 from cavirheo.physics.accuracy import BRISK, DEFAULT, Accuracy
 from cavirheo.posterior import Evidence, OtherAnswer, intervals
@@ -35,8 +37,7 @@ class WeightedDraws(NamedTuple):
     """drawn: the weighted draws. residual: (k, size) their extended residuals. best: the maximum beside the highest
     simulation; None if the default one fails there. modes: all that were found. few: whether few simulations were
     enough. apart: how many standard errors the network's own evidence is above that of the others; None if its draws
-    are worth too little. rough: standard deviation of the error of the log weights by rough simulations; None if these
-    were not used."""
+    are worth too little. rough: standard deviation of the error of the log weights by rough simulations."""
 
     drawn: Sample
     residual: Floats
@@ -44,7 +45,7 @@ class WeightedDraws(NamedTuple):
     modes: list[Mode]
     few: bool
     apart: float | None
-    rough: float | None
+    rough: float
 
 
 class TwoFidelityTarget(Target):
@@ -124,85 +125,6 @@ class TwoFidelityTarget(Target):
         return replace(mode, residual=residual[0], log_posterior=float(value)) if np.isfinite(value) else None
 
 
-def weighed(
-    target: Target, network: Proposal | None, starts: Callable[[], list[Floats]],
-    scanned: Callable[[], list[Floats]], windowed: Callable[[], list[Floats]] = list, *, draws: int, seed: int,
-    least: float = -np.inf,
-) -> WeightedDraws | None:  # fmt: skip
-    """Draws from few simulations if they can be trusted, else from as many as level "full" has, or, where an evidence
-    is all that is wanted, from some more rough ones.
-
-    starts: where to climb from without a network; scanned: the same from all over the ranges; windowed: where a search
-    over windows that grow ends, for modes that leave more than noise. draws: at most so many with weights. least: None
-    is returned where Laplace's log evidence of the modes is smaller. Raises SolverError: no start could be simulated.
-    """
-    known, found, near = None, list[Mode](), TwoFidelityTarget(target)
-    if network:
-        u, known, mode = _begun(near, network, seed)
-        if mode:
-            found = [mode, *modes(near, _beyond(mode, known))]
-    searched = not found
-    if searched:
-        found = modes(near, starts(), scanned())
-    if not found:
-        raise SolverError(f"no start of {target.experiment.family.name} could be simulated")
-    if target.experiment.misfit(target.noise.split(found[0].residual)[0]) > TUNING.searched_above:
-        found = modes(near, windowed(), known=found)
-    near.correct(_likely(near, found[0], None if searched else known, seed))
-    found = near.lifted(found)
-    if float(log_sum(np.array([mode.log_evidence for mode in found]))) < least:
-        return None
-    explorer = AdaptiveProposal(near, found, TUNING.auto_learning, follow=searched, network=network)
-    own = None
-    if network and known:
-        known = near.again(known.u, known.residual)
-        explorer.learn(*known)
-        own = Sample(u, known.value[: len(u)], network.log_density(u))
-    guard = (network, own) if network and own is not None else None
-    enough = min(TUNING.auto_enough, draws / 2)
-    sizes: dict[str, Any] = {"each": TUNING.auto_per_round, "most": min(TUNING.auto_draws, draws)}
-    quick = draws <= TUNING.law_draws  # an evidence is wanted, of one law of many
-    patience = TUNING.law_patience if quick else TUNING.auto_patience
-    sizes |= {"fewest": 1, "least": enough, "patience": patience}
-
-    def taught(rng: np.random.Generator, counted: Sample | None) -> Proposal | None:
-        proposal = explorer.propose(rng, counted)
-        return None if explorer.surrogates_fail else proposal
-
-    drawn = sample(explorer, taught, seed=seed, enough=enough, first=guard, **sizes)
-    if explorer.surrogates_fail:
-        before, own = drawn, None
-        sizes |= {"each": TUNING.settled_per_round}
-        drawn = sample(
-            explorer, lambda rng, now: explorer.settled(before.beside(now), rng), seed=seed + 2, enough=enough, **sizes
-        )
-    drawn, error = near.checked(drawn, seed)
-    apart = None
-    if own is not None and own.ess >= TUNING.own_worth:
-        n = len(own.u)
-        rest = Sample(drawn.u[n:], drawn.log_target[n:], drawn.log_q[n:], drawn.common)
-        apart = _standard_errors(own, rest)
-    if drawn.ess >= enough and drawn.reliable and (apart is None or apart <= TUNING.agree):
-        return WeightedDraws(
-            drawn, explorer.residuals_of(drawn.u), near.highest(explorer.highest), explorer.modes, True, apart, error
-        )
-    if not quick:
-        explorer.target = target  # default simulations from here on
-        if own is not None and near.rough:
-            own = replace(own, log_target=Simulated.at(target, own.u).value)
-    explorer.thorough(TUNING.law_learning if quick else TUNING.learning_rounds)
-    explorer.also(modes(explorer.target, [], scanned()))
-    enough = max(min(TUNING.effective_enough, draws / 4), TUNING.effective_fewest)
-    sizes = {"each": TUNING.draws_per_round, "most": draws, "enough": enough}
-    if quick:
-        sizes |= {"each": TUNING.draws_per_round // 2, "fewest": TUNING.law_rounds, "least": TUNING.law_least}
-    guard = (network, own) if network and own is not None else None
-    drawn = sample(explorer, explorer.propose, seed=seed + 1, first=guard, **sizes)
-    checked = near.checked(drawn, seed) if quick else (drawn, None)
-    best = near.highest(explorer.highest) if quick else climb(target, explorer.highest, DEFAULT)
-    return WeightedDraws(checked[0], explorer.residuals_of(drawn.u), best, explorer.modes, False, apart, checked[1])
-
-
 class Preview(NamedTuple):
     """What a model answers by few simulations. answer: to be set beside another's; the error of its evidence is LAPLACE
     where it is not to be relied on. x: (k, all) draws. log_weight: (k,) of them, whose mean is the evidence."""
@@ -212,36 +134,152 @@ class Preview(NamedTuple):
     log_weight: Floats
 
 
-def preview(target: Target, network: Proposal, seed: int) -> Preview | None:
-    """A model's answer as a surrogate of the simulations of the network's own draws has it, and further simulations of
-    some likely places tell how wrong its evidence is; where there is no surrogate, that of the Gaussian about the
-    maximum. None: hardly any could be simulated."""
-    near = TwoFidelityTarget(target)
-    _, known, rough = _begun(near, network, seed)
-    if rough is None:
-        return None
-    near.correct(_likely(near, rough, known, seed))
-    (mode,) = near.lifted([rough])
-    explorer, known = AdaptiveProposal(near, [mode], 0, follow=False), near.again(known.u, known.residual)
-    explorer.learn(*known)
-    rng = np.random.Generator(np.random.Philox(seed))
-    seen = explorer.propose(rng, None)
-    u, log_weight, error = mode.draws(TUNING.draws, seed), np.full(TUNING.draws, mode.log_evidence), LAPLACE
-    if isinstance(seen, SurrogateProposal):
-        u, log_weight = seen.pool, seen.log_weight
-        weight = unscaled(log_weight)
-        count = min(TUNING.preview_checked, int(np.count_nonzero(weight)))
-        some = rng.choice(len(u), count, replace=False, p=weight / np.sum(weight))
-        wrong = Simulated.at(near, u[some]).value - seen.log_surrogate[some]
-        scatter = float(np.std(wrong, ddof=1)) if count > 1 and np.all(np.isfinite(wrong)) else np.inf
-        if scatter <= TUNING.preview_enough:
-            log_weight, error = (
-                log_weight + np.mean(wrong),
-                float(np.hypot(scatter / np.sqrt(count), seen.log_norm_error)),
-            )
-    x, _ = target.completed(u, _camera_of(target, known, mode, u), mode.u, seed)
-    evidence, told = Evidence(log_mean(log_weight), error), intervals(*target.experiment.answer(x), log_weight)
-    return Preview(replace(answer_at(target, mode), intervals=told, evidence=evidence), x, log_weight)
+class AdaptiveSampling:
+    """The posterior of one model from few simulations: its modes first, then draws of what the simulations teach.
+
+    network: draws of it show the way. starts: where to climb from without one; scanned: the same from all over the
+    ranges; windowed: where a search over windows that grow ends, for modes that leave more than noise. log_laplace:
+    Laplace's log evidence of the modes. Raises SolverError: no start could be simulated.
+    """
+
+    def __init__(
+        self, target: Target, network: Proposal | None, starts: Callable[[], list[Floats]],
+        scanned: Callable[[], list[Floats]], windowed: Callable[[], list[Floats]] = list, *, seed: int,
+    ) -> None:  # fmt: skip
+        self.target, self.network, self.scanned, self.windowed, self.seed = target, network, scanned, windowed, seed
+        self.near = near = TwoFidelityTarget(target)
+        known, found = None, list[Mode]()
+        if network:
+            u, known, mode = _begun(near, network, seed)
+            if mode:
+                found = [mode, *modes(near, _beyond(mode, known))]
+        searched = not found
+        if searched:
+            found = modes(near, starts(), scanned())
+        if not found:
+            raise SolverError(f"no start of {target.experiment.family.name} could be simulated")
+        near.correct(_likely(near, found[0], None if searched else known, seed))
+        self.modes = near.lifted(found)
+        self.log_laplace = float(log_sum(np.array([mode.log_evidence for mode in self.modes])))
+        self.known = near.again(known.u, known.residual) if known else None
+        self.explorer = AdaptiveProposal(near, self.modes, TUNING.auto_learning, follow=searched, network=network)
+        self.own: Sample | None = None
+        self.drawn: Sample | None = None
+        self.apart: float | None = None
+        self.trusted = self.searched = self.ended = False
+        if network and self.known:
+            self.explorer.learn(*self.known)
+            self.own = Sample(u, self.known.value[: len(u)], network.log_density(u))
+
+    def preview(self) -> Preview:
+        """What a surrogate of the simulations so far answers, and further ones at some likely places tell how wrong its
+        evidence is; where there is no surrogate, what the Gaussian about the maximum answers."""
+        target, mode, explorer = self.target, self.modes[0], self.explorer
+        rng = np.random.Generator(np.random.Philox(self.seed))
+        seen = explorer.propose(rng, None)
+        u, error = mode.draws(TUNING.draws, self.seed), LAPLACE
+        log_weight = np.full(TUNING.draws, self.log_laplace)
+        if isinstance(seen, SurrogateProposal):
+            u, log_weight = seen.pool, seen.log_weight
+            weight = unscaled(log_weight)
+            count = min(TUNING.preview_checked, int(np.count_nonzero(weight)))
+            some = rng.choice(len(u), count, replace=False, p=weight / np.sum(weight))
+            wrong = explorer(u[some]) - seen.log_surrogate[some]
+            if count > 1 and np.all(np.isfinite(wrong)):
+                scatter = float(np.std(wrong, ddof=1))
+                if scatter <= TUNING.preview_enough:
+                    log_weight = log_weight + log_mean(wrong)
+                    error = float(np.hypot(scatter / np.sqrt(count) * (1.0 + scatter), seen.log_norm_error))
+        known = Simulated(explorer.u, explorer.residual, explorer.value)
+        x, _ = target.completed(u, _camera_of(target, known, mode, u), mode.u, self.seed)
+        evidence, told = Evidence(log_mean(log_weight), error), intervals(*target.experiment.answer(x), log_weight)
+        return Preview(replace(answer_at(target, mode), intervals=told, evidence=evidence), x, log_weight)
+
+    def search_windows(self) -> None:
+        """Look for further modes by windows that grow, where the best one leaves more than noise."""
+        frames = self.target.noise.split(max(self.modes, key=lambda mode: mode.log_posterior).residual)[0]
+        if not self.searched and self.target.experiment.misfit(frames) > TUNING.searched_above:
+            self.explorer.also(modes(self.near, self.windowed(), known=self.explorer.modes))
+        self.searched = True
+
+    def weigh(
+        self, enough: float, budget: Budget, *, most: int = TUNING.auto_draws, thorough: bool = True
+    ) -> Sample:  # fmt: skip
+        """Draws that are worth `enough` independent ones, from `most` simulations at most; where these cannot be
+        trusted, and it may be thorough, from more."""
+        enough = min(enough, budget.draws / 2)
+        if thorough:
+            self.search_windows()
+        drawn = self.few(enough, budget, most)
+        return self.thorough(budget) if thorough and not self.trusted else drawn
+
+    def few(self, enough: float, budget: Budget, most: int = TUNING.auto_draws) -> Sample:
+        """Draws of what few simulations teach, beside those that are there, until all are worth `enough` independent
+        ones, or until it is plain that they will not be."""
+        most, explorer = min(most, budget.draws), self.explorer
+        sizes: dict[str, Any] = {"most": most, "fewest": 1, "least": enough, "patience": budget.patience}
+        drawn = None if explorer.surrogates_fail else self.first.run(each=TUNING.auto_per_round, enough=enough, **sizes)
+        guard = self._guard
+        if drawn is None or explorer.surrogates_fail:
+            drawn, guard = self.second.run(each=TUNING.settled_per_round, enough=enough, **sizes), None
+        self.apart = None
+        if guard and guard[1].ess >= TUNING.own_worth:
+            n = len(guard[1].u)
+            rest = Sample(drawn.u[n:], drawn.log_target[n:], drawn.log_q[n:], drawn.common)
+            self.apart = _standard_errors(guard[1], rest)
+        agrees = self.apart is None or self.apart <= TUNING.agree
+        self.trusted = drawn.ess >= enough and drawn.reliable and agrees
+        self.drawn = drawn
+        return drawn
+
+    @cached_property
+    def first(self) -> Sampling:
+        """Of what surrogates propose."""
+
+        def taught(rng: np.random.Generator, counted: Sample | None) -> Proposal | None:
+            proposal = self.explorer.propose(rng, counted)
+            return None if self.explorer.surrogates_fail else proposal
+
+        return Sampling(self.explorer, taught, seed=self.seed, first=self._guard)
+
+    @cached_property
+    def second(self) -> Sampling:
+        """Of mixtures that follow the draws, where surrogates fail."""
+        before = self.first.found
+
+        def settled(rng: np.random.Generator, counted: Sample | None) -> Proposal:
+            known = counted.beside(before) if counted else before
+            assert known is not None
+            return self.explorer.settled(known, rng)
+
+        return Sampling(self.explorer, settled, seed=self.seed + 2)
+
+    def thorough(self, budget: Budget) -> Sample:
+        """Draws as level "full" has them, but of rough simulations, where few cannot be trusted: ridges are followed,
+        and modes are looked for all over the ranges."""
+        explorer, self.ended = self.explorer, True
+        explorer.thorough(budget.learning)
+        explorer.also(modes(self.near, [], self.scanned()))
+        enough = max(min(budget.enough, budget.draws / 4), TUNING.effective_fewest)
+        sizes: dict[str, Any] = {"each": budget.each, "fewest": budget.fewest, "least": budget.least}
+        self.drawn = sample(
+            explorer, explorer.propose, seed=self.seed + 1, first=self._guard, most=budget.draws, enough=enough, **sizes
+        )
+        return self.drawn
+
+    @cached_property
+    def weighted(self) -> WeightedDraws:
+        """The draws, compared with default simulations. For the last call."""
+        assert self.drawn is not None
+        explorer = self.explorer
+        drawn, error = self.near.checked(self.drawn, self.seed)
+        best = self.near.highest(explorer.highest)
+        residual = explorer.residuals_of(drawn.u)
+        return WeightedDraws(drawn, residual, best, explorer.modes, self.trusted, self.apart, error)
+
+    @property
+    def _guard(self) -> tuple[Proposal, Sample] | None:
+        return (self.network, self.own) if self.network and self.own is not None else None
 
 
 def _camera_of(target: Target, known: Simulated, mode: Mode, u: Floats) -> Floats:

@@ -20,6 +20,7 @@ from cavirheo.curve import RadiusCurve, several
 from cavirheo.errors import require
 from cavirheo.inference.alternatives import LAPLACE, chosen_among, contenders, itself, judged, model_of
 from cavirheo.inference.analysis import DEFAULT, Analysis
+from cavirheo.inference.budget import EVIDENCE
 from cavirheo.inference.law import Family
 from cavirheo.inference.options import Options
 from cavirheo.inference.population import Population, with_slope_if_any
@@ -174,7 +175,7 @@ def plans(
 ) -> dict[str, Analysis]:  # fmt: skip
     """What is asked for the evidence of each of `models`, by name: of the network where it knows the model
     (`by_network`), of a search for the others. options: of `Analysis`; ranges as `rank_laws` has them."""
-    options.setdefault("draws", TUNING.law_draws)
+    options.setdefault("budget", EVIDENCE)
     plain = not ranges and options.keys().isdisjoint(("free", "t0_bound", "scale_bound"))
     found: dict[str, Analysis] = {}
     for name, (law, bubble) in chosen.items():

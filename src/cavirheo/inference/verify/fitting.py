@@ -7,8 +7,9 @@ of a posterior, which allows for what no simulation follows.
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -20,12 +21,15 @@ from cavirheo.inference.options import FREE
 from cavirheo.inference.search import ROUNDS, Search
 from cavirheo.inference.search.least_squares import POLISH, LeastSquares
 from cavirheo.inference.verify.mode import Mode, Target, climb, modes, same, under
-from cavirheo.inference.verify.sampler import Mixture, Proposal
+from cavirheo.inference.verify.sampler import Mixture, Proposal, Sample
 from cavirheo.inference.verify.tuning import TUNING
-from cavirheo.inference.verify.verification import Estimation, Sampled, Verification
+from cavirheo.inference.verify.verification import Estimation, Verification
 from cavirheo.messages import Message
 from cavirheo.physics.accuracy import DEFAULT, ROUGH
 from cavirheo.posterior import Evidence, Posterior, WindowAnswer, correlations
+
+if TYPE_CHECKING:
+    from cavirheo.inference.verify.model_average import Part
 
 AT_BOUND = 1e-3  # of a range: nearer to its end is "at the bound"
 
@@ -102,15 +106,6 @@ class FitEstimation(SearchedEstimation):
         places, shapes = [mode.u for mode in found], [mode.covariance for mode in found]
         return Mixture.about(places, shapes, [mode.log_evidence for mode in found]).widened(TUNING.fit_wide)
 
-    def _sampled(self, least: float = -np.inf) -> Sampled | None:
-        sampled = super()._sampled(least)
-        if sampled is None:
-            return None
-        kept, drawn, best, _, _, about = sampled
-        own = min(self.modes, key=lambda mode: float(mode.squares(best.u[None])[0]))
-        others = [mode for mode in self.modes if mode is not own]
-        return kept, drawn, best, Evidence(own.log_evidence), [best, *others], about
-
     def _nearest(self, x: Floats) -> tuple[Floats, float]:
         """x (all,), beside which the model comes no nearer; by least squares of default simulations, where the frames
         are sharper than these."""
@@ -120,17 +115,23 @@ class FitEstimation(SearchedEstimation):
         x = LeastSquares(shot, self.target.workers).minimise(np.clip(x, *shot.bounds.T), DEFAULT, POLISH).x
         return x, shot.misfit(shot.difference(x))
 
-    def _answer(self, *sampled: Any) -> Posterior:
-        found, shot = super()._answer(*sampled), self.shot
+    def _answer(
+        self, kept: tuple[Floats, Floats], drawn: Sample | None, best: Mode, evidence: Evidence,
+        found: Sequence[Mode], more: Mapping[str, Any], limit: Part | None = None,
+    ) -> Posterior:  # fmt: skip
+        own = min(self.modes, key=lambda mode: float(mode.squares(best.u[None])[0]))
+        others = [mode for mode in self.modes if mode is not own]
+        answer = super()._answer(kept, drawn, best, Evidence(own.log_evidence), [best, *others], more, limit)
+        shot = self.shot
         told: dict[str, Any] = {
-            "free": {name: found.best[name] for name in shot.free if name in FREE.values()},
-            "correlations": correlations(found.names, found.theta, found.log_weight),
+            "free": {name: answer.best[name] for name in shot.free if name in FREE.values()},
+            "correlations": correlations(answer.names, answer.theta, answer.log_weight),
             "frames": len(shot.measured),
             "frames_per_independent_residual": shot.noise_factor**2,
         }
-        windows = self._windows(shot.from_best(found.best))
-        about = replace(found.diagnostics, **told, simulations=shot.runs, failed_simulations=shot.failures)
-        return replace(found, windows=windows, diagnostics=about, provenance=found.provenance | told)
+        windows = self._windows(shot.from_best(answer.best))
+        about = replace(answer.diagnostics, **told, simulations=shot.runs, failed_simulations=shot.failures)
+        return replace(answer, windows=windows, diagnostics=about, provenance=answer.provenance | told)
 
     def _windows(self, x: Floats) -> dict[str, WindowAnswer]:
         """What the windows answer: of the whole one x (all,), of shorter ones the minimum beside the best of their

@@ -12,7 +12,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 from scipy.special import gammaln
@@ -176,12 +176,11 @@ class Sample:
         index, unseen = self.tail
         return not (index > TUNING.tail_reliable and unseen > TUNING.tail_unseen)
 
-    @property
-    def distrust(self) -> Message | None:
-        """Why the draws are not worth an interval; None if they are."""
-        if self.ess >= TUNING.effective_fewest and self.reliable:
+    def distrust(self, needed: float) -> Message | None:
+        """Why the draws are not worth an interval that takes so many effective ones; None if they are."""
+        if self.ess >= needed and self.reliable:
             return None
-        (index, unseen), worth = self.tail, {"effective": self.ess, "needed": TUNING.effective_fewest}
+        (index, unseen), worth = self.tail, {"effective": self.ess, "needed": needed}
         tail = {"tail": index, "unseen": None if self.reliable else unseen}
         return Message("interval.distrusted", {"draws": len(self.u), **worth, **tail})
 
@@ -199,53 +198,75 @@ Density = Callable[[Floats], Floats]  # log, (k,) at (k, d)
 Propose = Callable[[np.random.Generator, "Sample | None"], Proposal | None]
 
 
-def sample(
-    target: Callable[[Floats], Floats], propose: Propose, *, seed: int, each: int, most: int, enough: float,
-    fewest: int = TUNING.fewest_rounds, least: float = 0.0, patience: int = 0,
-    first: tuple[Proposal, Sample] | None = None,
-) -> Sample:  # fmt: skip
-    """Rounds of `each` draws of a log density (less where few are missing), `fewest` at least, until their effective
-    size is `enough` (and their tail index in order), there are `most`, or (after `patience` draws) so many are not
-    likely to be worth `least`; they depend on seed, target and proposals alone.
+class Sampling:
+    """Weighted draws of a log density that go on when more are asked for; they depend on seed, target and proposals
+    alone.
 
     `first` is a proposal whose draws count already, and no more are taken from it: it guards against what the others
     never meet. A good proposal stays: one that is made from the draws that it then weighs loses a few per cent of the
     tails. A proposal of None ends the rounds.
     """
-    rng = np.random.Generator(np.random.Philox(seed))
-    proposals: list[Proposal] = []
-    counts: list[int] = []  # draws from each
-    densities: list[Floats] = []  # of each, log, at all draws so far
-    found: Sample | None = None
-    if first:
-        proposals, counts, densities, found = [first[0]], [len(first[1].u)], [first[1].log_q], first[1]
-    before = sum(counts)
-    while True:
-        new = len(proposals) == bool(first)
-        if found is None or new or found.ess < TUNING.good_proposal * len(found.u) or not found.reliable:
-            proposal = propose(rng, None if new else found)
-            if proposal is None:
+
+    def __init__(
+        self, target: Density, propose: Propose, *, seed: int, first: tuple[Proposal, Sample] | None = None
+    ) -> None:  # fmt: skip
+        self.target, self.propose = target, propose
+        self.rng = np.random.Generator(np.random.Philox(seed))
+        self.proposals: list[Proposal] = [first[0]] if first else []
+        self.counts: list[int] = [len(first[1].u)] if first else []  # draws from each
+        self.densities: list[Floats] = [first[1].log_q] if first else []  # of each, log, at all draws so far
+        self.found: Sample | None = first[1] if first else None
+        self.before = sum(self.counts)
+
+    def run(
+        self, *, each: int, most: int, enough: float, fewest: int = TUNING.fewest_rounds, least: float = 0.0,
+        patience: int = 0,
+    ) -> Sample:  # fmt: skip
+        """Rounds of `each` draws (less where few are missing), `fewest` at least, until the effective size of all is
+        `enough` (and their tail index in order), there are `most`, or (after `patience` draws) so many are not likely
+        to be worth `least`."""
+        begun = sum(self.counts) - self.before
+        while begun < most:
+            found, new = self.found, sum(self.counts) == self.before
+            if found is None or new or found.ess < TUNING.good_proposal * len(found.u) or not found.reliable:
+                proposal = self.propose(self.rng, None if new else found)
+                if proposal is None:
+                    break
+                self.proposals.append(proposal)
+                self.counts.append(0)
+                self.densities.append(proposal.log_density(found.u) if found else np.empty(0))
+            size = each if found is None or new else _needed(found, each, enough)
+            self._draw(min(size, most - sum(self.counts) + self.before))
+            found = self.found
+            assert found is not None
+            good = found.ess >= enough and found.reliable
+            drawn = len(found.u) - self.before
+            hopeless = drawn >= patience and found.ess * most < least * drawn
+            if drawn >= most or (drawn - begun >= fewest * each and (good or hopeless)):
                 break
-            proposals.append(proposal)
-            counts.append(0)
-            densities.append(proposal.log_density(found.u) if found else np.empty(0))
-        size = each if found is None or new else _needed(found, each, enough)
-        u = proposals[-1].draw(min(size, most - sum(counts) + before), rng)
-        counts[-1] += len(u)
-        densities = [np.concatenate([q, p.log_density(u)]) for q, p in zip(densities, proposals, strict=True)]
-        value = target(u)
-        if found:
-            u, value = np.concatenate([found.u, u]), np.concatenate([found.log_target, value])
-        log_share = np.log(np.array(counts) / len(u))[:, None]
-        found = Sample(u, value, log_sum(log_share + densities, axis=0))
-        good = found.ess >= enough and found.reliable
-        drawn = len(u) - before
-        hopeless = drawn >= patience and found.ess * most < least * drawn
-        if drawn >= most or (drawn >= fewest * each and (good or hopeless)):
-            break
-    assert found is not None  # the first proposal is one
-    log_share = np.log(np.array(counts) / len(found.u))[:, None]
-    return replace(found, common=_of_norms(found, proposals, log_share + densities))
+        assert self.found is not None  # the first proposal is one
+        log_share = np.log(np.array(self.counts) / len(self.found.u))[:, None]
+        return replace(self.found, common=_of_norms(self.found, self.proposals, log_share + self.densities))
+
+    def _draw(self, count: int) -> None:
+        """So many draws of the last proposal."""
+        u, known = self.proposals[-1].draw(count, self.rng), self.found
+        self.counts[-1] += len(u)
+        self.densities = [
+            np.concatenate([q, p.log_density(u)]) for q, p in zip(self.densities, self.proposals, strict=True)
+        ]
+        value = self.target(u)
+        if known:
+            u, value = np.concatenate([known.u, u]), np.concatenate([known.log_target, value])
+        log_share = np.log(np.array(self.counts) / len(u))[:, None]
+        self.found = Sample(u, value, log_sum(log_share + self.densities, axis=0))
+
+
+def sample(
+    target: Density, propose: Propose, *, seed: int, first: tuple[Proposal, Sample] | None = None, **sizes: Any
+) -> Sample:
+    """The draws of one run of `Sampling`."""
+    return Sampling(target, propose, seed=seed, first=first).run(**sizes)
 
 
 def _of_norms(found: Sample, proposals: Sequence[Proposal], log_parts: Floats) -> float:

@@ -25,7 +25,6 @@ class Tuning:
     secant_firm: float = 0.03  # how firmly a direction that the draws do not tell stays
     auto_draws: int = 1600  # most further simulations whose weights count,
     auto_per_round: int = 40
-    auto_patience: int = 1200  # draws after which so many must be on the way to being enough
     auto_learning: int = 0  # after so many rounds of rough ones
     auto_enough: float = 102.0  # effective draws at which it ends
     lost: float = 0.06  # effective draws over draws, below which the search
@@ -40,8 +39,15 @@ class Tuning:
 
     # a preview of another bubble, by the network's own draws alone
     preview_checked: int = 8  # likely places that are simulated beside
-    preview_enough: float = 0.5  # standard deviation of what these find wrong in log weights: else it is not relied on
-    preview_reach: float = 10.0  # log evidence below the answer's, from which it is then sampled as the answer is
+    preview_enough: float = 1.5  # standard deviation of what these find wrong in log weights: else it is not relied on
+
+    # models of one curve, each with its part in the answer
+    part_small: float = 0.05  # of the answer, below which few simulations tell a part well enough,
+    part_unsure: float = 2.0  # standard deviation of what a preview finds wrong in a log evidence that is not relied on
+    part_known: float = 1.0  # standard error of a log evidence, above which a part is sampled, however small it seems
+    part_enough: float = 30.0  # effective draws of any other part, at least
+    part_draws: int = 160  # most further simulations of any part, at least
+    part_thorough: float = 0.2  # of the answer, above which ridges are followed where few simulations are not trusted
 
     # where searches start
     scanned: int = 96  # coarse simulations all over the ranges
@@ -126,11 +132,6 @@ class Tuning:
     rejected: float = 0.01  # probability of its rejection where the law is right
 
     # evidence of laws
-    law_draws: int = 400  # most draws of a law there whose weights count;
-    law_patience: int = 120  # after so many they must be on the way to being enough. If not, the search begins anew,
-    law_learning: int = 1  # with so many rounds of rough simulations,
-    law_rounds: int = 2  # and after so many rounds of draws these must be on the way to
-    law_least: float = 60.0  # effective ones
     hopeless: float = 25.0  # Laplace's log evidence below the best of the curve, from which no draws are spent on it
     unsure: float = 1.0  # standard error where weights are not to be trusted
 

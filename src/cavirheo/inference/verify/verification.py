@@ -5,14 +5,16 @@ from __future__ import annotations
 import logging
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, Literal
+from functools import cached_property
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
-from cavirheo.arrays import Floats, log_sum
+from cavirheo.arrays import Floats, log_sum, unscaled
 from cavirheo.curve import RadiusCurve
 from cavirheo.errors import InputError, SolverError, expect, expect_whole, require
 from cavirheo.inference.alternatives import LAPLACE, SEEN, averaged, model_of
+from cavirheo.inference.budget import POSTERIOR, Budget
 from cavirheo.inference.experiment import Experiment
 from cavirheo.inference.law import Family
 from cavirheo.inference.options import FREE, SCALE_BOUND, Options
@@ -20,7 +22,7 @@ from cavirheo.inference.posterior_model import PosteriorModel
 from cavirheo.inference.search import Search
 from cavirheo.inference.search.least_squares import LIMITS, LeastSquares
 from cavirheo.inference.search.starts import STARTS, Scan
-from cavirheo.inference.verify.adaptive_sampling import Preview, preview, weighed
+from cavirheo.inference.verify.adaptive_sampling import AdaptiveSampling, Preview, WeightedDraws
 from cavirheo.inference.verify.mode import INSIDE, Mode, Target, answer_at, climb, modes, same
 from cavirheo.inference.verify.predictive import predictive_check
 from cavirheo.inference.verify.proposals import AdaptiveProposal
@@ -36,12 +38,14 @@ from cavirheo.physics.media import medium as named
 from cavirheo.posterior import Diagnostics, Evidence, OtherAnswer, Posterior, Verdict, intervals
 from cavirheo.prior import log_normal
 
+if TYPE_CHECKING:
+    from cavirheo.inference.verify.model_average import Part
+
 _log = logging.getLogger(__name__)
-_CARRIED = ("cavirheo", "medium", "model", "model_sha256", "problem_id", "source_sha256", "windows", "options")
+_CARRIED = ("cavirheo", "model", "model_sha256", "problem_id", "source_sha256", "windows", "options")
 
 SCALED = 0.002  # relative change of R_max, for the slope of G
 
-Sampled = tuple[tuple[Floats, Floats], Sample | None, Mode, Evidence, Sequence[Mode], Mapping[str, Any]]
 Level = Literal["auto", "map", "full"]
 
 
@@ -61,7 +65,7 @@ class Verification:
         weights: of a fit, "learnt" or "equal" (fitting.py); None: no fit.
         rival: of a fit, whether the other of the real and the field's bubble stands beside.
         ranges: of the priors, {"shear_modulus": [low, high] in SI}; default those that a fit searches.
-        draws: at most so many weighted ones.
+        budget: of weighted draws.
         seed: of the draws.
         network: of level "auto", whose draws show the way where it can read the curve.
         scanned: coarse simulations that look for other modes.
@@ -82,7 +86,7 @@ class Verification:
     weights: str | None = None
     rival: bool = False
     ranges: Mapping[str, Sequence[float]] | None = None
-    draws: int = TUNING.draws
+    budget: Budget = POSTERIOR
     seed: int = 0
     network: PosteriorModel | None = None
     scanned: int = TUNING.scanned
@@ -92,7 +96,6 @@ class Verification:
         fine = self.level in ("auto", "map", "full")
         require(fine, f"verify must be auto, map or full, got {self.level!r}", "option.verify")
         object.__setattr__(self, "medium", named(self.medium))
-        expect_whole(self.draws, "draws of a posterior", 10, "option.draws")
         expect_whole(self.seed, "seed", 0, "option.seed")
         expect(self.ranges or {}, Mapping, 'ranges such as {"shear_modulus": [1e2, 1e5]}')
         self.options(None, FIELD)
@@ -124,87 +127,69 @@ class Estimation:
         self.messages: list[Message] = []
 
     def posterior(self) -> Posterior:
-        """The answer."""
-        found = self.posterior_above(-np.inf)
-        assert found is not None
-        return found
-
-    def posterior_above(self, log_evidence: float) -> Posterior | None:
-        """The answer; None where that of level "auto" would have modes with a smaller log evidence (Laplace's)."""
-        found = self._sampled(log_evidence)
-        return None if found is None else self._answer(*found)
-
-    def _sampled(self, least: float = -np.inf) -> Sampled | None:
+        """The answer of level "map" or "full"."""
         climbed = self.answer.method == "laplace"  # its modes are those that a scan finds
-        scanned = list if climbed else self.scanned
-        if self.settings.level == "auto":
-            fitted = climbed or self.answer.method == "least_squares"  # its windows have grown
-            windowed = list if fitted else self.windowed
-            how = self.settings
-            sizes: Any = {"draws": how.draws, "seed": how.seed}
-            weighted = weighed(self.target, self.network(), self.starts, scanned, windowed, **sizes, least=least)
-            if weighted is None:
-                return None
-            drawn, residuals, top, found, soon, apart, rough = weighted
-            about: dict[str, Any] = {"few_simulations": soon, "evidences_apart_in_standard_errors": apart}
-            about["log_weight_error"] = rough
-            best = top or self._best(found)
-            evidence = Evidence(*drawn.log_evidence)
-            return self._kept(drawn, residuals, best), drawn, best, evidence, found, about
-        found, most, seed = modes(self.target, self.starts(), scanned()), self.settings.draws, self.settings.seed
+        found = modes(self.target, self.starts(), [] if climbed else self.scanned())
+        most, seed = self.settings.budget.draws, self.settings.seed
         if not found:
             raise SolverError(f"no start of {self.shot.family.name} could be simulated")
         if self.settings.level == "map":
             best = self._best(found)
             u = best.draws(TUNING.draws, seed)
             evidence = Evidence(float(log_sum([mode.log_evidence for mode in found])))
-            return (u, np.tile(best.residual, (len(u), 1))), None, best, evidence, found, {}
+            return self._answer((u, np.tile(best.residual, (len(u), 1))), None, best, evidence, found, {})
         enough = min(TUNING.effective_enough, max(most / 4, TUNING.effective_fewest))
         explorer = AdaptiveProposal(self.target, found)
         each = min(TUNING.draws_per_round, most)
         drawn = sample(explorer, explorer.propose, seed=seed, each=each, most=most, enough=enough)
         best = climb(self.target, explorer.highest, DEFAULT) or self._best(explorer.modes)
         kept = self._kept(drawn, explorer.residuals_of(drawn.u), best)
-        return kept, drawn, best, Evidence(*drawn.log_evidence), explorer.modes, {}
+        return self._answer(kept, drawn, best, Evidence(*drawn.log_evidence), explorer.modes, {})
 
-    def _beside(self, evidence: Evidence) -> tuple[Preview, Sequence[str]] | None:
-        """What the field's bubble answers beside the real one, or the other way round, and the names of its x; None
-        where the network does not know it. The field's, whose draws may count beside these, is sampled as they are
-        where its preview cannot be relied on and may be within reach of their evidence."""
+    @cached_property
+    def sampling(self) -> AdaptiveSampling:
+        """The few simulations of level "auto". Raises SolverError: no start could be simulated."""
+        climbed = self.answer.method == "laplace"
+        windowed = list if climbed or self.answer.method == "least_squares" else self.windowed  # its windows have grown
+        scanned = list if climbed else self.scanned
+        return AdaptiveSampling(self.target, self.network(), self.starts, scanned, windowed, seed=self.settings.seed)
+
+    def rival(self) -> Estimation | None:
+        """That of the field's bubble for the real one, or the other way round; None where the network does not know
+        it."""
         rival, how = rival_of(self.answer.bubble), self.settings
-        network = how.network
-        if network is None or rival is None:
+        if how.network is None or rival is None:
             return None
         known = (*self.shot.family.parameters, "stretch")
         how = replace(how, ranges={name: pair for name, pair in (how.ranges or {}).items() if name in known})
         other = Estimation(how, self.shot.curve, replace(self.answer, bubble=rival))
-        try:
-            proposal = network.proposal(other.shot, other.target.prior, how.discrepancy)
-        except InputError:  # the network does not know it
-            return None
-        found = preview(other.target, proposal, how.seed)
-        if found is None or found.answer.evidence is None:
-            return None
-        log, error = found.answer.evidence.log, found.answer.evidence.error
-        if rival == FIELD and error == LAPLACE and log > evidence.log - TUNING.preview_reach:
-            found = other._alike() or found
-        return found, other.shot.names
+        return other if other.network() else None
 
-    def _alike(self) -> Preview | None:
-        """The answer in the form of a preview; None where its draws are not worth an interval."""
-        sampled = self._sampled()
-        if sampled is None:
-            return None
-        (u, residuals), drawn, best, evidence, *_ = sampled
-        if drawn is None or len(u) < 2:
-            return None
-        x, _ = self.target.completed(u, self.target.camera.z(residuals), best.u, self.settings.seed)
-        told = intervals(*self.shot.answer(x), drawn.log_weight)
-        return Preview(replace(answer_at(self.target, best), intervals=told, evidence=evidence), x, drawn.log_weight)
+    def weighted_answer(self, found: WeightedDraws, needed: float, limit: Part | None) -> Posterior:
+        """The answer of level "auto". needed: effective draws that an interval takes. limit: of the rival."""
+        best = found.best or self._best(found.modes)
+        about = {
+            "few_simulations": found.few, "evidences_apart_in_standard_errors": found.apart,
+            "log_weight_error": found.rough,
+        }  # fmt: skip
+        kept = self._kept(found.drawn, found.residual, best, needed)
+        return self._answer(kept, found.drawn, best, Evidence(*found.drawn.log_evidence), found.modes, about, limit)
 
-    def _kept(self, drawn: Sample, residuals: Floats, best: Mode) -> tuple[Floats, Floats]:
+    def as_part(self, found: WeightedDraws) -> Preview:
+        """Weighted draws in the form of a preview."""
+        drawn, best = found.drawn, found.best or found.modes[0]
+        x, _ = self.target.completed(drawn.u, self.target.camera.z(found.residual), best.u, self.settings.seed)
+        told, evidence = intervals(*self.shot.answer(x), drawn.log_weight), Evidence(*drawn.log_evidence)
+        other = replace(answer_at(self.target, best), intervals=told, evidence=evidence)
+        return Preview(other, x, drawn.log_weight)
+
+    def _kept(
+        self, drawn: Sample, residuals: Floats, best: Mode, needed: float = TUNING.effective_fewest
+    ) -> tuple[Floats, Floats]:
         """u (k, d) and extended residuals (k, size) of the draws, or of the maximum where they are not trusted."""
-        return (drawn.u, residuals) if self._trusted(drawn) else (best.u[None], best.residual[None])
+        distrust = drawn.distrust(needed)
+        self.messages += [distrust] if distrust else []
+        return (best.u[None], best.residual[None]) if distrust else (drawn.u, residuals)
 
     def _best(self, found: Sequence[Mode]) -> Mode:
         """The highest of rough modes that the default solver can simulate, at its maximum."""
@@ -286,16 +271,21 @@ class Estimation:
 
     def _answer(
         self, kept: tuple[Floats, Floats], drawn: Sample | None, best: Mode, evidence: Evidence,
-        found: Sequence[Mode], more: Mapping[str, Any],
+        found: Sequence[Mode], more: Mapping[str, Any], limit: Part | None = None,
     ) -> Posterior:  # fmt: skip
         """The Posterior of u (k, d) with extended residuals: weighted draws, the maximum where they are not to be
-        trusted, or a Gaussian."""
+        trusted, or a Gaussian. limit: what the rival of its bubble answers, whose draws count beside these where it is
+        the field's."""
         shot, prior, noise, settings, target = self.shot, self.prior, self.noise, self.settings, self.target
         (u, residuals), z = kept, target.camera.z(best.residual)
         (at,) = target.with_camera(best.u[None], z[None])
         x, log_camera = at[None], np.zeros(1)
         if len(u) > 1:
             x, log_camera = target.completed(u, target.camera.z(residuals), best.u, settings.seed)
+        if drawn is not None and len(u) > 1:
+            over_scale = self._moved_modulus(best, u, residuals, drawn.log_weight)
+        else:
+            over_scale = self._moved_gaussian(best)
         log_q = log_weight = None
         worth: dict[str, Any] = {}
         others = self._others(best, found)
@@ -305,15 +295,16 @@ class Estimation:
             log_weight = drawn.log_weight
             log_q = drawn.log_q + target.prior.log_density(target.prior.to_x(u)) - log_normal(u)
             log_q += log_camera - shot.log_stretched(shot.answer(x)[1])
-        if drawn and (beside := self._beside(evidence)):
-            (other, limit, limit_weight), limit_names = beside
-            known = other.evidence
+        if limit:
+            other, known = limit.view.answer, limit.view.answer.evidence
             if log_weight is not None and known and known.error != LAPLACE and self.answer.bubble == REAL:
-                both = averaged(log_weight, evidence, limit_weight, known)
+                both = averaged(log_weight, evidence, limit.view.log_weight, known)
                 other = replace(other, weight=both.probability)
                 if both.probability > SEEN:
                     evidence, log_weight, log_q = both.evidence, both.log_weight, None
-                    x = np.concatenate([x, shot.as_limit(limit, limit_names)])
+                    if both.probability > 0.5 and limit.sampling.drawn:
+                        over_scale = limit.estimation.modulus_over_scale(limit.sampling.weighted)
+                    x = np.concatenate([x, shot.as_limit(limit.view.x, limit.estimation.shot.names)])
             others = (*others, other)
         about: dict[str, Any] = {"modes": len(found), **more}
         if drawn is None:
@@ -335,7 +326,7 @@ class Estimation:
         }  # fmt: skip
         told |= {"predictive": predictive} if predictive else {}
         told |= {
-            "modulus_over_scale": self._modulus_over_scale(best),
+            "modulus_over_scale": over_scale,
             "at_bound": tuple(name for name in self._pulled(at) if name in CAMERA),
             "frames_left_out": int(np.count_nonzero(~shot.counted)),
         }
@@ -352,13 +343,24 @@ class Estimation:
         return Posterior(
             names, units(names), theta, checks, shot.family.name, self.method if drawn else "laplace", provenance,
             log_q, log_weight, best=values, stretch=values["stretch"], windows=self.answer.windows,
-            evidence=evidence, diagnostics=Diagnostics(**told), bubble=self.answer.bubble,
+            evidence=evidence, diagnostics=Diagnostics(**told), bubble=self.answer.bubble, medium=shot.medium,
             others=others, prior=shot.of_law(prior), stretch_prior=shot.stretch_prior,
         )  # fmt: skip
 
-    def _modulus_over_scale(self, best: Mode) -> float | None:
-        """Relative change of G over that of R_max, by one Gauss-Newton step from the maximum: frames of a larger bubble
-        are nearer to R_max in t_c. None for a law without it, or where a simulation failed."""
+    def modulus_over_scale(self, found: WeightedDraws) -> float | None:
+        """Relative change of G over that of R_max, of weighted draws."""
+        drawn = found.drawn
+        return self._moved_modulus(found.best or found.modes[0], drawn.u, found.residual, drawn.log_weight)
+
+    def _moved_gaussian(self, best: Mode) -> float | None:
+        """As `_moved_modulus`, of draws of the Gaussian about the maximum, whose frames are linear in u."""
+        u = best.draws(TUNING.draws, self.settings.seed)
+        return self._moved_modulus(best, u, best.residual - (u - best.u) @ best.jacobian.T, np.zeros(len(u)))
+
+    def _moved_modulus(self, best: Mode, u: Floats, residuals: Floats, log_weight: Floats) -> float | None:
+        """Relative change of G over that of R_max: frames of a larger bubble are nearer to R_max in t_c, and the draws
+        u (k, d) with extended residuals (k, size) are weighted anew by frames that are moved so. None for a law
+        without G, or where a simulation failed."""
         shot, target, names = self.shot, self.target, self.prior.names
         if "shear_modulus" not in names:
             return None
@@ -368,11 +370,12 @@ class Estimation:
             return None
         sides = [replace(camera, time=camera.time * (1.0 + side * SCALED)) for side in (-0.5, 0.5)]
         nearer, farther = (one.extended(bubble, noise)[0] for one in sides)
-        moved = best.residual + nearer - farther
-        (here, curvature), (there, _) = (target.noise.newton(one, best.jacobian) for one in (best.residual, moved))
-        step = np.linalg.solve(curvature + np.eye(len(best.u)), here - there)
-        i = target.prior.names.index("shear_modulus")
-        return float(np.expm1(np.log(10.0) * target.prior.slope(best.u)[i] * step[i]) / SCALED)
+        counted = np.isfinite(log_weight)
+        u, residuals, weight = u[counted], residuals[counted], unscaled(log_weight[counted])
+        gain = target.log_posterior(u, residuals + nearer - farther) - target.log_posterior(u, residuals)
+        modulus = 10.0 ** target.prior.to_x(u)[:, target.prior.names.index("shear_modulus")]
+        moved = np.average(modulus, weights=weight * np.exp(gain)) / np.average(modulus, weights=weight)
+        return float(moved - 1.0) / SCALED
 
     def _nearest(self, x: Floats) -> tuple[Floats, float]:
         """x (all,) of least squares from x, or itself where that is no nearer, and its misfit beyond noise: a verdict
@@ -383,12 +386,6 @@ class Estimation:
         missed = [shot.difference(one) for one in (x, found)]
         nearest = int(np.argmin(np.nan_to_num([np.mean(one**2) for one in missed], nan=np.inf)))
         return (x, found)[nearest], shot.misfit(missed[nearest])
-
-    def _trusted(self, drawn: Sample) -> bool:
-        """Whether the draws are worth an interval; if not, that is said."""
-        distrust = drawn.distrust
-        self.messages += [distrust] if distrust else []
-        return not distrust
 
     def _verdict(
         self, at: Floats, predictive: dict[str, Any] | None, excess: float, x: Floats, log_weight: Floats | None

@@ -1,0 +1,112 @@
+"""The answers of several laws for one curve as one: each law has the part in it that its evidence gives."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from cavirheo.arrays import Floats, log_sum
+from cavirheo.inference.alternatives import SEEN, itself, model_of
+from cavirheo.messages import Message
+from cavirheo.parameters import LOG10, about, natural_name, of_the_law, units
+from cavirheo.posterior import Checks, Posterior
+
+ELASTIC = 0.05  # probability of the laws with a shear modulus, from which the answer has one
+_MODULUS = LOG10 + "shear_modulus"
+_SAME = {
+    "viscosity": "reference_viscosity",
+    "reference_viscosity": "viscosity",
+}  # at 1e5 1/s, of a law with an exponent
+_NEWTONIAN = {"exponent": 0.0}  # log10 of what a law without it has; any other parameter is at the end of its range
+
+
+def comparable(answers: Sequence[Posterior]) -> bool:
+    """Whether answers are of several laws and one bubble, with draws and evidences whose errors are known."""
+    laws = {one.material for one in answers}
+    known = all(one.evidence and one.evidence.error is not None and len(one.theta) > 1 for one in answers)
+    return len(laws) == len(answers) > 1 and len({one.bubble for one in answers}) == 1 and known
+
+
+def averaged_over_laws(answers: Sequence[Posterior]) -> Posterior:
+    """The answer of the likeliest law with the draws of the others beside its own, each law by its probability; the
+    laws are equally likely before the curve is seen (Hoeting et al. 1999, doi:10.1214/ss/1009212519).
+
+    answers: those that are `comparable`. A parameter that a law lacks has the value at which the likeliest law becomes
+    it: no modulus, an exponent of 1. A law with a modulus adds it to the answer. The answer of each law by itself is in
+    `laws`.
+    """
+    logs = np.array([one.evidence.log for one in answers if one.evidence])
+    probability = np.exp(logs - log_sum(logs))
+    top = answers[int(np.argmax(probability))]
+    counted = [(one, float(p)) for one, p in zip(answers, probability, strict=True) if p > SEEN]
+    elastic = sum(p for one, p in counted if _MODULUS in one.names)
+    names, prior = top.names, dict(top.prior)
+    if _MODULUS not in names and elastic > ELASTIC:
+        names = (_MODULUS, *names)
+        prior[_MODULUS] = next(one.prior[_MODULUS] for one, _ in counted if _MODULUS in one.prior)
+    theta = np.concatenate([_as(one, names, prior) for one, _ in counted])
+    weight = np.concatenate([np.log(one.weights + 1e-300) + np.log(p) for one, p in counted])
+    rest = [
+        replace(itself(one), weight=float(p)) for one, p in zip(answers, probability, strict=True) if one is not top
+    ]
+    laws = {one.material: one for one, _ in counted}
+    known = {model_of(one) for one in rest}
+    others = (*(one for one in top.others if model_of(one) not in known), *rest)
+    found = replace(
+        top, names=names, units=units(names), theta=theta, log_weight=weight, log_q=None, others=others, prior=prior,
+        laws=laws,
+    )  # fmt: skip
+    share = {one.material: float(p) for one, p in zip(answers, probability, strict=True)}
+    return replace(found, checks=_checks(found, share))
+
+
+def _checks(answer: Posterior, share: dict[str, float]) -> Checks:
+    """Those of the likeliest law, with what the average bounds in place of what this law bounds, and the share of each
+    law."""
+    checks, bounds = answer.checks, list[Message]()
+    for name in answer.parameters:
+        value = answer.quantity(name)
+        if value.bound and (of_the_law(name) or name == "stretch"):
+            ends = {"median": value.median, "q05": value.q05, "q95": value.q95}
+            bounds.append(Message(f"bound.{name}.{value.bound}", {"name": name, "bound": value.bound, **ends}))
+    rest = [message for message in checks.messages if not message.code.startswith("bound.")]
+    verdict = checks.verdict
+    if verdict in ("ok", "undetermined"):
+        verdict = "undetermined" if bounds else "ok"
+    messages = (*bounds, *rest, Message("model.averaged", {"laws": share}))
+    return replace(checks, verdict=verdict, messages=messages)
+
+
+def of_one_law(answers: Sequence[Posterior]) -> list[Posterior]:
+    """The answers of shots of one material, each average over laws replaced by its answer by the law with the largest
+    evidence of all such shots together; a shot that has no draws of this law stays as it is."""
+    several = [answer for answer in answers if answer.laws]
+    known = [_log_evidence(answer) for answer in several]
+    laws = {law for answer in several for law in answer.laws}
+    total = {law: sum(logs.get(law, min(logs.values())) for logs in known) for law in sorted(laws)}
+    best = max(total, key=lambda law: total[law], default="")
+    return [answer.laws.get(best, answer) for answer in answers]
+
+
+def _log_evidence(answer: Posterior) -> dict[str, float]:
+    """Of each law with the bubble of an average over laws."""
+    others = {one.material: one.evidence.log for one in answer.others if one.evidence and one.bubble == answer.bubble}
+    return others | {law: one.evidence.log for law, one in answer.laws.items() if one.evidence}
+
+
+def _as(answer: Posterior, names: Sequence[str], prior: dict[str, tuple[float, ...]]) -> Floats:
+    """(draws, names) of an answer in the parameters of another law."""
+    columns = []
+    for name in names:
+        plain = natural_name(name)
+        same = LOG10 + _SAME.get(plain, plain)
+        known = name if name in answer.names else same
+        if known in answer.names:
+            columns.append(answer.theta[:, answer.names.index(known)])
+            continue
+        assert of_the_law(name)
+        low = prior[name][0] if name in prior else (about(name).searched or (0.0, 0.0))[0]
+        columns.append(np.full(len(answer.theta), _NEWTONIAN.get(plain, low)))
+    return np.column_stack(columns)

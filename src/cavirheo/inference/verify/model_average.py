@@ -1,0 +1,141 @@
+"""The answer of several models of one curve: each has the part in it that its evidence gives.
+
+A law of the real bubble has a limit, the field's bubble, in which nothing resists. All models are looked at by few
+simulations. Those whose part may be seen are then sampled, each by as many draws as its part in the average asks for:
+a model that hardly counts needs no interval of its own (Hoeting et al. 1999, doi:10.1214/ss/1009212519).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import cached_property
+
+import numpy as np
+
+from cavirheo.arrays import Floats, log_sum
+from cavirheo.errors import SolverError
+from cavirheo.inference.alternatives import LIMIT, SEEN
+from cavirheo.inference.budget import Budget
+from cavirheo.inference.verify.adaptive_sampling import AdaptiveSampling, Preview
+from cavirheo.inference.verify.tuning import TUNING
+from cavirheo.inference.verify.verification import Estimation
+from cavirheo.physics.bubble import REAL
+from cavirheo.posterior import Evidence, Posterior
+
+_ROUNDS = 3  # in which a part is sampled, at most
+
+
+class Part:
+    """A model that may have a part in an answer. prior: log of its probability before the curve is seen."""
+
+    def __init__(self, estimation: Estimation, prior: float) -> None:
+        self.estimation, self.prior = estimation, prior
+
+    @property
+    def sampling(self) -> AdaptiveSampling:
+        return self.estimation.sampling
+
+    @cached_property
+    def preview(self) -> Preview:
+        return self.sampling.preview()
+
+    @property
+    def view(self) -> Preview:
+        """Its weighted draws, or what few simulations tell."""
+        return self.preview if self.sampling.drawn is None else self.estimation.as_part(self.sampling.weighted)
+
+    @property
+    def evidence(self) -> Evidence:
+        """As far as it is known."""
+        if self.sampling.drawn is not None:
+            return Evidence(*self.sampling.drawn.log_evidence)
+        found = self.preview.answer.evidence
+        assert found is not None
+        return found
+
+    @property
+    def log(self) -> float:
+        """Of the evidence times the prior probability."""
+        return self.evidence.log + self.prior
+
+    def short(self, share: float) -> bool:
+        """Whether its draws are fewer than a part of this share needs."""
+        drawn = self.sampling.drawn
+        return drawn is None or (not self.sampling.ended and drawn.ess < TUNING.effective_fewest * share)
+
+    def weigh(self, share: float, budget: Budget) -> None:
+        """Sample it as a part of this share."""
+        enough = max(TUNING.auto_enough * share, TUNING.part_enough)
+        most = max(round(TUNING.auto_draws * share), TUNING.part_draws)
+        self.sampling.weigh(enough, budget, most=most, thorough=share > TUNING.part_thorough)
+
+
+def shares(parts: Sequence[Part]) -> Floats:
+    """(n,) probabilities of the parts, as far as they are known."""
+    logs = np.array([part.log for part in parts])
+    return np.asarray(np.exp(logs - log_sum(logs)))
+
+
+def sample_parts(parts: Sequence[Part], budget: Budget) -> None:
+    """Sample each part whose share may be seen, the likeliest first, and those again whose share has become larger."""
+    left = {id(part): _ROUNDS for part in parts}
+    while True:
+        known, top = shares(parts), max(part.log for part in parts)
+        waiting = []
+        for part, share in zip(parts, known, strict=True):
+            error = part.evidence.error or 0.0
+            near = part.log + 2.0 * min(error, TUNING.part_unsure) > top + np.log(SEEN)
+            seen = share > TUNING.part_small or (part.sampling.drawn is None and error > TUNING.part_known)
+            if left[id(part)] and near and seen and part.short(float(share)):
+                waiting.append((float(share), part))
+        if not waiting:
+            return
+        share, part = max(waiting, key=lambda one: one[0])
+        left[id(part)] -= 1
+        part.weigh(share, budget)
+
+
+def answers_of(estimations: Sequence[Estimation], budget: Budget) -> list[Posterior]:
+    """The answer of each law by a level of few simulations; one that is far from the likeliest has no interval.
+
+    Raises SolverError: none of them could be simulated.
+    """
+    laws: list[Part] = []
+    problems: list[SolverError] = []
+    for estimation in estimations:
+        try:
+            estimation.sampling  # noqa: B018
+        except SolverError as error:
+            problems.append(error)
+            continue
+        laws.append(Part(estimation, 0.0))
+    if not laws:
+        raise problems[0]
+    limits: dict[int, Part] = {}
+    for i, (part, share) in enumerate(zip(laws, shares(laws) if len(laws) > 1 else [1.0], strict=True)):
+        rival = part.estimation.rival() if share > TUNING.part_small else None
+        if rival is not None:
+            real = part.estimation.answer.bubble == REAL
+            limit = Part(rival, np.log(LIMIT) if real else -np.inf)
+            try:
+                rival.sampling  # noqa: B018
+            except SolverError:
+                continue
+            part.prior = np.log(1.0 - LIMIT) if real else 0.0
+            limits[i] = limit
+    if len(laws) == 1 and not limits:
+        laws[0].weigh(1.0, budget)
+    counted = [part for part in (*laws, *limits.values()) if np.isfinite(part.prior)]
+    sample_parts(counted, budget)
+    found = []
+    whole = dict(zip(map(id, counted), shares(counted), strict=True))
+    for i, part in enumerate(laws):
+        share = whole[id(part)]
+        of_law = share + (whole.get(id(limits[i]), 0.0) if i in limits else 0.0)
+        if part.sampling.drawn is None and of_law < SEEN:
+            continue
+        if part.sampling.drawn is None:
+            part.weigh(float(share), budget)
+        needed = TUNING.effective_fewest * float(share) * (1.0 - 1e-9)
+        found.append(part.estimation.weighted_answer(part.sampling.weighted, needed, limits.get(i)))
+    return found

@@ -1,0 +1,68 @@
+"""What a shell offers for the value of an option; nothing here imports a compiler, a network or the solver."""
+
+from __future__ import annotations
+
+import inspect
+from collections.abc import Callable, Iterable
+from pathlib import Path
+
+
+def values(*words: str, commas: bool = False) -> Callable[[str], list[str]]:
+    """These values; with `commas` also after each comma."""
+    return lambda incomplete: _begun(incomplete, words, "," if commas else "")
+
+
+def law_names(incomplete: str) -> list[str]:
+    """Laws that can be fitted, also as the next part of a sum, and auto."""
+    return [*sum_names(incomplete), *_begun(incomplete, ["auto"])]
+
+
+def sum_names(incomplete: str) -> list[str]:
+    """Laws that can be fitted, also as the next part of a sum."""
+    return _begun(incomplete, _laws(), "+")
+
+
+def many_law_names(incomplete: str) -> list[str]:
+    """Laws that can be fitted, after each comma."""
+    return _begun(incomplete, _laws(), "+,")
+
+
+def any_law_names(incomplete: str) -> list[str]:
+    """All laws, also as the next part of a sum."""
+    from cavirheo.physics.laws import LAWS
+
+    return _begun(incomplete, LAWS, "+")
+
+
+def model_names(incomplete: str) -> list[str]:
+    """The shipped models, by their files: to read their cards takes longer than a key should."""
+    return _begun(incomplete, sorted(path.stem for path in (Path(__file__).parents[1] / "models").glob("*.onnx")))
+
+
+def medium_names(incomplete: str) -> list[str]:
+    """The named sets of constants."""
+    from cavirheo.physics.media import MEDIA
+
+    return _begun(incomplete, MEDIA)
+
+
+def _laws() -> list[str]:
+    """`ABLE` of inference/law, which takes a second to import: those whose parameters have a range or a default."""
+    from cavirheo.parameters import PARAMETERS, inferred_as
+    from cavirheo.physics.laws import LAWS
+
+    takes = {name: inspect.signature(law).parameters.values() for name, law in LAWS.items()}
+    return [
+        name
+        for name, given in takes.items()
+        if all(PARAMETERS[inferred_as(one.name)].searched or one.default is not one.empty for one in given)
+    ]
+
+
+def _begun(incomplete: str, words: Iterable[str], between: str = "") -> list[str]:
+    """The words that go on from what is typed; where several may be given, from what follows the last separator."""
+    done = max((incomplete.rfind(one) for one in between), default=-1) + 1
+    kept, typed = incomplete[:done], incomplete[done:]
+    kept += typed[: len(typed) - len(typed.lstrip())]
+    used = kept.replace(",", " ").split() if "," in between else []
+    return [kept + word for word in words if word.startswith(typed.strip()) and word not in used]
