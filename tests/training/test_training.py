@@ -10,7 +10,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from conftest import load_benchmark
+from conftest import ROOT, load_benchmark
 
 import cavirheo
 from cavirheo.errors import InputError
@@ -29,7 +29,7 @@ from cavirheo.writing.document import Outputs
 scale_bias = load_benchmark("scale_bias")
 
 CPU = {"device": "cpu", "threads": 1}
-RECIPES = sorted((Path(__file__).parent.parent / "recipes").glob("*.toml"))
+RECIPES = sorted((ROOT / "recipes").glob("*.toml"))
 RECIPES = [path for path in RECIPES if path.stem != "posterior"]  # one of another kind
 TINY = """
 [problem]

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import json
-from pathlib import Path
 
 import numpy as np
 import pytest
 from answers import CENTRE, bubble, seen, shots
+from conftest import ROOT
 
 import cavirheo
 from cavirheo import InputError, Rig
@@ -426,7 +426,7 @@ def _drawn_viscosity(recipe, index, often):
     ],
 )
 def test_a_recipe_draws_more_only_from_what_it_draws(tmp_path, text, told):
-    recipe = (Path(__file__).parent.parent / "recipes/posterior.toml").read_text()
+    recipe = (ROOT / "recipes/posterior.toml").read_text()
     (tmp_path / "r.toml").write_text(recipe.replace("[data]", f"[posterior.more]\n{text}\n\n[data]"))
     with pytest.raises(InputError, match=told):
         read_recipe(tmp_path / "r.toml")

@@ -5,11 +5,10 @@ from __future__ import annotations
 import csv
 import json
 import re
-from pathlib import Path
 
 import numpy as np
 import pytest
-from conftest import messages
+from conftest import ROOT, messages
 
 from cavirheo import loading, read_curves
 from cavirheo.companions import collapse_times
@@ -25,7 +24,6 @@ from cavirheo.training.recipe import read_recipe
 from cavirheo.writing import digits, terminal
 from cavirheo.writing.document import Spread, as_json, write_json
 
-ROOT = Path(__file__).parent.parent
 EXAMPLE = ROOT / "examples" / "soft_gel.csv"
 LONG = "gelatine_of_the_third_batch_at_37_degrees_{:02}"  # 45 letters
 EVIL = "gel\x1b[31m\x1b]0;title\x07\u202e\x9b2J\udcff"
@@ -101,18 +99,17 @@ TABLES = {
 }
 
 
-@pytest.mark.parametrize("width", [60, 80, 120])
 @pytest.mark.parametrize("verb", TABLES)
-def test_no_table_loses_a_column_or_a_name(verb, width, monkeypatch, capsys):
+def test_no_table_loses_a_column_or_a_name(verb, monkeypatch, capsys):
     make, show = TABLES[verb]
     document = make([LONG.format(k) for k in range(20)])
-    monkeypatch.setenv("COLUMNS", str(width))
+    monkeypatch.setenv("COLUMNS", "80")
     show(document)
     narrow = capsys.readouterr().out
     monkeypatch.setenv("COLUMNS", "400")
     show(document)
     wide = capsys.readouterr().out
-    assert max(map(len, narrow.splitlines())) <= width
+    assert max(map(len, narrow.splitlines())) <= 80
     assert "…" not in narrow
     first = "".join(line.split(" ")[0] for line in narrow.splitlines())
     assert all(LONG.format(k) in first for k in range(20))
@@ -122,12 +119,6 @@ def test_no_table_loses_a_column_or_a_name(verb, width, monkeypatch, capsys):
 
     assert numbers(narrow) == numbers(wide) or verb in ("infer", "fit")  # whole; narrow ones leave out an interval of λ
     assert numbers(narrow) <= numbers(wide)
-
-
-def test_names_are_cut_only_where_they_stay_apart():
-    assert digits.shortened(["a" * 50 + "1", "b"], 20) == [digits.elide("a" * 50 + "1", 20), "b"]
-    alike = ["x" * 30 + k + "y" * 30 for k in "12"]
-    assert digits.shortened(alike, 20) == alike
 
 
 def clean(text: str) -> bool:
@@ -224,32 +215,9 @@ def test_show_tells_what_the_card_of_a_shipped_network_knows(run, tmp_path, name
     about = card(path_of(name))
     status, out, err = run("show", name)
     assert (status, err, run("show", path_of(name))[1]) == (0, "", out)
-    how, size = about["training"], f"{path_of(name).stat().st_size / 1e6:.3g} MB"
-    for part in (
-        about["onnx"]["sha256"],
-        about["date"],
-        f"{how['seconds']:.0f} s",
-        size,
-        about["network"]["parameters"],
-    ):
+    for part in (about["onnx"]["sha256"], about["date"], about["network"]["parameters"]):
         assert str(part) in out
     assert "NOT the file" not in out
-    if name == "posterior":
-        for law, bubble in about["kinds"]:
-            assert re.search(rf"{re.escape(law)} \(.*bubble .*{bubble}", out)
-        told = f"{how['samples']} recordings", f"{how['loss']:.4g}"
-        for part in (*told, "R_max 30 to 602 um", "shear_modulus 10 to 1e+07 Pa"):
-            assert part in out
-        assert out.count("in the 90 % interval") == len(about["coverage"]["by_slot"])
-    else:
-        for part in (
-            about["material"],
-            f"{about['data']['train']} simulated curves",
-            "on cpu",
-            "R_max 245 um",
-            "epochs",
-        ):
-            assert part in out
     (tmp_path / name).mkdir()  # what is there comes before the network of that name
     status, _, err = run("show", name)
     assert status == 2

@@ -3,12 +3,12 @@
 import json
 import sys
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
-from conftest import messages
+from conftest import ROOT
 
+from cavirheo import load
 from cavirheo.errors import InputError
 from cavirheo.posterior import Checks, Posterior
 
@@ -28,23 +28,11 @@ def posterior() -> Posterior:
 def test_it_shows_its_answer_and_not_its_arrays(posterior):
     text = repr(posterior)
     assert len(text) < 400
-    first, modulus, stretch = text.splitlines()
-    assert all(word in first for word in ("nhkv", "verified", "900 draws", "ok", "0.64 %", "9000 frames"))
-    low, high = posterior.interval("shear_modulus")
-    assert modulus.split()[0] == "shear_modulus"
-    assert [float(part.strip("[],")) for part in modulus.split()[1:4]] == pytest.approx(
-        [posterior.median("shear_modulus"), low, high], rel=0.02
-    )
-    assert modulus.endswith(" Pa")
-    assert float(stretch.split()[1]) == pytest.approx(8.5, abs=0.05)
+    first, modulus, _ = text.splitlines()
+    assert all(word in first for word in ("nhkv", "verified", "900 draws", "ok", "0.64 %"))
+    told = [posterior.median("shear_modulus"), *posterior.interval("shear_modulus")]
+    assert [float(part.strip("[],")) for part in modulus.split()[1:4]] == pytest.approx(told, rel=0.02)
     assert len(repr(CHECKS)) < 100
-
-
-def test_it_shows_a_point_a_given_stretch_and_a_failure(posterior):
-    point = replace(posterior, names=("log10_viscosity",), units=("Pa s",), theta=np.array([[-1.7]]), log_weight=None)
-    assert repr(replace(point, stretch=6.2)).split()[-5:] == ["0.0200", "Pa", "s", "stretch", "6.20"]
-    failed = replace(point, theta=np.empty((0, 1)), checks=Checks("failed", messages("cell 3 is empty")))
-    assert "failed: cell 3 is empty" in repr(failed)
 
 
 def test_dataframe_has_the_draws_in_natural_units(posterior):
@@ -88,22 +76,10 @@ def test_plot_has_marginals_and_pairs(posterior, tmp_path):
     figure.savefig(tmp_path / "a.png")
 
 
-def test_plot_shows_draws_that_are_all_one(posterior):
-    pytest.importorskip("corner")
-    assert replace(posterior, theta=np.tile([3.8, 8.5], (900, 1))).plot().axes
-
-
 def test_a_point_has_nothing_to_plot(posterior):
     with pytest.raises(InputError) as refused:
         replace(posterior, theta=posterior.theta[:1]).plot()
     assert refused.value.code == "posterior.no_draws"
-
-
-def test_public_names_are_shown():
-    import cavirheo
-
-    assert set(cavirheo.__all__) <= set(dir(cavirheo))
-    assert {"load", "infer", "Posterior", "__doc__"} <= set(dir(cavirheo))
 
 
 # --- cavirheo.load ----------------------------------------------------------------------------------------------------
@@ -131,7 +107,6 @@ KINDS |= {"CollapseTimes": "collapse-time"}
 @pytest.mark.parametrize("old", [False, True])
 @pytest.mark.parametrize("kind", DOCUMENTS)
 def test_load_tells_documents_apart_by_what_they_say_and_old_ones_by_their_name(kind, old, tmp_path):
-    from cavirheo import load
 
     said = {} if old else {"kind": KINDS[kind]}
     name = f"{KINDS[kind]}.json" if old else "any.json"
@@ -143,7 +118,6 @@ def test_load_tells_documents_apart_by_what_they_say_and_old_ones_by_their_name(
 
 
 def test_load_takes_the_one_document_of_a_folder(tmp_path):
-    from cavirheo import load
 
     (tmp_path / "result.json").write_text(json.dumps(HEAD | DOCUMENTS["Result"]), encoding="utf-8")
     assert load(tmp_path) == load(tmp_path / "result.json")
@@ -154,28 +128,7 @@ def test_load_takes_the_one_document_of_a_folder(tmp_path):
     assert "result.json, laws.json" in str(refused.value)
 
 
-@pytest.mark.parametrize(
-    ("content", "code"),
-    [
-        (HEAD | DOCUMENTS["Result"], "document.kind"),  # of an older version, under another name
-        (HEAD | {"kind": "poem"}, "document.other"),
-        (HEAD | {"kind": ["result"]}, "document.other"),
-        (HEAD | {"kind": "result"}, "document.other"),  # without rows
-        ([], "document.other"),
-    ],
-)
-def test_load_refuses_what_does_not_say_what_it_is(content, code, tmp_path):
-    from cavirheo import load
-
-    (tmp_path / "any.json").write_text(json.dumps(content), encoding="utf-8")
-    with pytest.raises(InputError) as refused:
-        load(tmp_path / "any.json")
-    assert refused.value.code == code
-    assert "any.json" in str(refused.value)
-
-
 def test_load_refuses_another_kind_than_the_one_wanted(tmp_path):
-    from cavirheo import load
     from cavirheo.reporting.laws import Laws
     from cavirheo.reporting.record import Result
 
@@ -188,11 +141,10 @@ def test_load_refuses_another_kind_than_the_one_wanted(tmp_path):
 
 
 def test_load_reads_a_training_set(tmp_path):
-    from cavirheo import load
     from cavirheo.training.dataset import generate
     from cavirheo.training.recipe import read_recipe
 
-    recipe = read_recipe(Path(__file__).parent.parent / "recipes" / "laptop.toml")
+    recipe = read_recipe(ROOT / "recipes" / "laptop.toml")
     generate(recipe.problem, 2, tmp_path, progress=False)
     assert load(tmp_path).theta.shape[0] == 2
 
@@ -203,16 +155,18 @@ def test_load_reads_a_training_set(tmp_path):
         (None, "files.unreadable"),
         (b"\xff\xfe\x00", "document.other"),
         (b"time_us,radius_um\n", "document.other"),
-        (b"[1, 2]", "document.other"),
-        (b'{"a": 1}', "document.other"),
-        (b'{"schema": 1, "version": "", "command": "", "curves": [{"name": 1}], "groups": []}', "document.kind"),
+        ([], "document.other"),
+        ({"a": 1}, "document.other"),
+        (HEAD | {"kind": "poem"}, "document.other"),
+        (HEAD | {"kind": ["result"]}, "document.other"),
+        (HEAD | {"kind": "result"}, "document.other"),  # without rows
+        (HEAD | DOCUMENTS["Result"], "document.kind"),  # of an older version, under another name
+        (HEAD | {"curves": [{"name": 1}], "groups": []}, "document.kind"),
     ],
 )
 def test_load_refuses_what_we_did_not_write(content, code, tmp_path):
-    from cavirheo import load
-
     if content is not None:
-        (tmp_path / "x.json").write_bytes(content)
+        (tmp_path / "x.json").write_bytes(content if isinstance(content, bytes) else json.dumps(content).encode())
     with pytest.raises(InputError) as refused:
         load(tmp_path / "x.json")
     assert refused.value.code == code

@@ -6,10 +6,9 @@ import json
 import re
 from dataclasses import replace
 from math import inf
-from pathlib import Path
 
 import pytest
-from conftest import BDT
+from conftest import BDT, ROOT
 
 from cavirheo import InputError, infer_many, load, read_curves
 from cavirheo.physics.bubble import FIELD, REAL, Bubble
@@ -24,7 +23,7 @@ from cavirheo.reporting.material import PopulationRecord
 from cavirheo.reporting.sources import MEDIA, of_law
 from cavirheo.writing.document import Quantity
 
-EXAMPLE = Path(__file__).parent.parent / "examples" / "soft_gel.csv"
+EXAMPLE = ROOT / "examples" / "soft_gel.csv"
 
 
 @pytest.fixture
@@ -92,23 +91,25 @@ def test_rows_of_an_older_file_have_the_usual_motion_and_gas(answered):
 
 
 def test_models_that_were_compared_by_evidence_are_said(document):
-    rival = OtherModel(material="newtonian", bubble=FIELD, log_evidence=-3.0)
-    curve = document.curves[0].model_copy(update={"other_models": [rival], "evidence": Evidence(2.0)})
-    paragraph, sources = methods(document.model_copy(update={"curves": [curve]}))
-    assert "Values are those of nhkv, field's bubble." in paragraph
-    assert "with newtonian, field's bubble: it rejects the given values in no curve" in paragraph
+    rival = OtherModel(material="newtonian", bubble=FIELD, log_evidence=30.0)
+    told = {"other_models": [rival], "evidence": Evidence(2.0), "verdict": "other_model_preferred"}
+    worse = document.curves[0].model_copy(update=told)
+    paragraph, sources = methods(document.model_copy(update={"curves": [worse, document.curves[1]]}))
+    assert "it prefers newtonian, field's bubble in 1 of 1 curve" in paragraph
+    assert "1 of 2 curves passed" in paragraph
     assert "Kass1995" in [source.key for source in sources]
-    better = rival.model_copy(update={"log_evidence": 30.0})
-    worse = curve.model_copy(update={"other_models": [better], "verdict": "other_model_preferred"})
-    told, _ = methods(document.model_copy(update={"curves": [worse, document.curves[1]]}))
-    assert "it prefers newtonian, field's bubble in 1 of 1 curve" in told
-    assert "1 of 2 curves passed" in told
-    assert "1 other model preferred" in told
-    bare = [one.model_copy(update={"verdict": "unverified"}) for one in document.curves]
-    assert "0 of 2 curves passed" in methods(document.model_copy(update={"curves": bare}))[0]
-    without = rival.model_copy(update={"log_evidence": None})
-    curve = curve.model_copy(update={"other_models": [without]})
-    assert "evidence" not in methods(document.model_copy(update={"curves": [curve]}))[0]
+
+
+def test_one_shot_is_said_with_its_interval_and_only_if_it_counts(document):
+    curve = document.curves[0].model_copy(update={
+        "shear_modulus_Pa": Quantity(median=6435.1, q05=5124.0, q95=7461.0),
+        "viscosity_Pa_s": Quantity(median=0.02942, q05=0.0274, q95=0.03163),
+    })  # fmt: skip
+    said = "soft_gel: G = 6.4 kPa [5.1, 7.5], µ = 0.0294 Pa s [0.0274, 0.0316]."
+    for trusted, verdict in ((1, "ok"), (0, "check_input")):
+        group = document.groups[0].model_copy(update={"n": 1, "n_trusted": trusted})
+        rows = {"curves": [curve.model_copy(update={"verdict": verdict})], "groups": [group]}
+        assert (said in methods(document.model_copy(update=rows))[0]) == bool(trusted)
 
 
 def fields(bibtex: str) -> dict[str, str]:
@@ -123,36 +124,14 @@ def test_every_law_has_full_references(law, document):
     paragraph, sources = methods(document.model_copy(update={"curves": curves}))
     assert {source.key for source in of_law(law)} <= {source.key for source in sources}
     assert len(of_law(law)) == len(re.findall("doi:", LAWS[law].__doc__ or ""))
-    for source in sources:
-        assert f"[{source.key}" in paragraph or f", {source.key}" in paragraph
+    for source in [*sources, *MEDIA.values()]:
+        known = fields(source.bibtex)
+        assert {"author", "title", "year"} < set(known)
+        if source in sources:
+            assert f"[{source.key}" in paragraph or f", {source.key}" in paragraph
         if source.bibtex.startswith("@article"):
-            known = fields(source.bibtex)
-            assert set(known) == {"author", "title", "journal", "year", "doi"}
-            assert re.fullmatch(r"(18|19|20)\d\d", known["year"])
             assert re.fullmatch(r"10\.\d{4,}/\S+", known["doi"])
-            assert re.match(r"[^,]+, .*[A-Z]\.", known["author"])
             assert "et al" not in known["author"]
-    found = [source for source in sources if source.key == "Estrada2018"]
-    assert [source.title[:16] for source in found] == ["High strain-rate"]
-
-
-def test_one_shot_is_said_in_the_singular_with_its_interval(document):
-    curve = document.curves[0].model_copy(update={
-        "method": "verified", "shear_modulus_Pa": Quantity(median=6435.1, q05=5124.0, q95=7461.0),
-        "viscosity_Pa_s": Quantity(median=0.02942, q05=0.0274, q95=0.03163),
-        "window": document.curves[0].window.model_copy(update={"collapses": 1}),
-    })  # fmt: skip
-    group = document.groups[0].model_copy(update={"n": 1, "n_trusted": 1})
-    paragraph, _ = methods(document.model_copy(update={"curves": [curve], "groups": [group]}))
-    assert "histories of 1 bubble (" in paragraph
-    assert "The medium of 1 curve: " in paragraph
-    assert "over 1 collapse (" in paragraph
-    assert "1 of 1 curve passed" in paragraph
-    assert "soft_gel: G = 6.4 kPa [5.1, 7.5], µ = 0.0294 Pa s [0.0274, 0.0316]." in paragraph
-    assert "mean" not in paragraph
-    doubtful = curve.model_copy(update={"verdict": "check_input"})
-    alone = document.model_copy(update={"curves": [doubtful], "groups": [group.model_copy(update={"n_trusted": 0})]})
-    assert "soft_gel: " not in methods(alone)[0].replace("(soft_gel: 1", "")
 
 
 def test_a_group_is_said_by_its_material_else_by_mean_and_deviation(document):
@@ -202,11 +181,6 @@ def test_the_medium_is_that_of_each_answer_whatever_the_command_says(document, f
     assert "900" not in paragraph.partition("Command:")[0]
     for source in sources:
         assert source.key in paragraph
-
-
-def test_media_with_a_source_have_full_references():
-    for source in MEDIA.values():
-        assert {"author", "title", "year"} < set(fields(source.bibtex))
 
 
 def test_what_cannot_be_cited_is_refused(run, answered, tmp_path):

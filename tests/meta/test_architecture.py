@@ -7,10 +7,8 @@ import subprocess
 import sys
 from collections import Counter
 from pathlib import Path
-from types import FrameType
 
 import pytest
-from conftest import BDT
 
 import cavirheo
 
@@ -165,29 +163,3 @@ def test_the_verbs_are_one_file_each():
 
     known = {command.name or command.callback.__name__ for command in app.registered_commands}
     assert {name.replace("-", "_") + ".py" for name in known} == set(verbs) - shared
-
-
-def test_the_way_from_the_command_to_the_report_is_short(run, tmp_path):
-    """Rooms that the data of `infer` passes, one after the other: in by the command, out as the report."""
-    lines = (Path(__file__).parent.parent / "examples" / "soft_gel.csv").read_text(encoding="utf-8").splitlines()
-    (tmp_path / "shot.csv").write_text("\n".join(line for line in lines if line[:1] in "#s1") + "\n", encoding="utf-8")
-    run("infer", "shot.csv", *BDT, "--verify", "map")  # what is imported on the way is imported now
-    way: list[str] = []
-
-    def pass_through(frame: FrameType, event: str, _: object) -> None:
-        place = Path(frame.f_code.co_filename)
-        if event == "call" and SOURCE in place.parents and frame.f_code.co_name[0] != "<":
-            room = room_of(str(place.relative_to(SOURCE)))
-            if room in ("verbs", "reading", "inference", "reporting") and way[-1:] != [room]:
-                way.append(room)
-
-    sys.setprofile(pass_through)
-    try:
-        status, _, err = run("infer", "shot.csv", *BDT, "--verify", "map")
-    finally:
-        sys.setprofile(None)
-    assert status == 0, err
-    stations = [room for room in way if room != "verbs"]
-    # files are found; options are checked; read; the documents' places are tried; answered, verified; held together;
-    # documents; table
-    assert stations == ["reading", "inference", "reading", "reporting", "inference", *["reporting"] * 2]

@@ -3,22 +3,19 @@
 from __future__ import annotations
 
 import dataclasses
-import importlib
 import inspect
-import re
 import subprocess
 import sys
-from pathlib import Path
 
 import numpy as np
 import pytest
+from conftest import ROOT
 
 import cavirheo
 from cavirheo import InputError, Medium, NeoHookeanKelvinVoigt, Posterior, RadiusCurve
 from cavirheo.inference.budget import Budget
 from cavirheo.inference.verify import Verification, VerificationOptions, verify
 from cavirheo.inference.verify.evidence import rank_laws
-from cavirheo.physics import laws
 from cavirheo.physics.accuracy import Accuracy
 from cavirheo.physics.bubble import Bubble
 from cavirheo.physics.driving import Pulse
@@ -51,63 +48,36 @@ def many(materials, **changes):
 
 WRONG = [  # a call, and what its error must name: the value given, or the mend
     (lambda: cavirheo.infer("shot.csv"), "read_curves"),
-    (lambda: cavirheo.infer(Path("shot.csv")), "read_curves"),
     (lambda: cavirheo.infer([CURVE]), "infer_many"),
     (lambda: cavirheo.infer(RADIUS), "RadiusCurve"),
-    (lambda: cavirheo.infer(None), "None"),
-    (lambda: cavirheo.infer_many("shot.csv"), "read_curves"),
     (lambda: cavirheo.infer_many(CURVE), "infer_many"),
-    (lambda: cavirheo.infer_many(["a.csv", "b.csv"]), "read_curves"),
     (lambda: cavirheo.infer(CURVE, model="gel"), "bdt-viscoelastic"),
-    (lambda: cavirheo.infer(CURVE, model=3), "bdt-viscoelastic"),
     (lambda: cavirheo.infer(CURVE, medium="honey"), "honey"),
     (lambda: cavirheo.infer(CURVE, medium=1000.0), "Medium"),
     (lambda: cavirheo.infer(CURVE, stretch="7"), "'7'"),
-    (lambda: cavirheo.infer(CURVE, stretch=[7]), "[7]"),
     (lambda: cavirheo.infer(CURVE, stretch=0.5), "0.5"),
-    (lambda: cavirheo.infer(CURVE, window="2"), "'2'"),
     (lambda: cavirheo.infer(CURVE, window=0), "0"),
     (lambda: cavirheo.infer(CURVE, window=1.5), "1.5"),
     (lambda: cavirheo.infer(CURVE, verify="all"), "none, map or full"),
-    (lambda: cavirheo.infer(CURVE, verify=True), "none, map or full"),
     (lambda: cavirheo.infer(CURVE, verify="full", seed=-1), "-1"),
-    (lambda: cavirheo.infer(CURVE, seed="x"), "'x'"),
-    (lambda: cavirheo.infer_many([CURVE], workers="2"), "'2'"),
     (lambda: cavirheo.infer_many([CURVE], workers=0), "0"),
-    (lambda: cavirheo.fit("shot.csv"), "read_curves"),
     (lambda: cavirheo.fit([CURVE]), "fit_many"),
-    (lambda: cavirheo.fit_many(CURVE), "fit_many"),
-    (lambda: cavirheo.fit(CURVE, "honey"), "honey"),
     (lambda: cavirheo.fit(CURVE, GEL), "nhkv"),
-    (lambda: cavirheo.fit(CURVE, window="2"), "'2'"),
     (lambda: cavirheo.fit(CURVE, end="10"), "'10'"),
     (lambda: cavirheo.fit(CURVE, stretch="seven"), "plateau"),
     (lambda: cavirheo.fit(CURVE, free="clock"), "t0, scale, rmax"),
-    (lambda: cavirheo.fit(CURVE, free=3), "t0, scale, rmax"),
     (lambda: cavirheo.fit(CURVE, free=[1, "t0"]), "t0, scale, rmax"),
     (lambda: cavirheo.fit(CURVE, t0_bound="1"), "'1'"),
-    (lambda: cavirheo.fit(CURVE, scale_bound=1.5), "1.5"),
-    (lambda: cavirheo.fit(CURVE, weights=None), "equal"),
     (lambda: cavirheo.fit(CURVE, seed=1.5), "1.5"),
-    (lambda: cavirheo.fit(CURVE, medium=["water"]), "water"),
-    (lambda: verify("shot.csv", ANSWER), "read_curves"),
     (lambda: verify(CURVE, "nhkv"), "nhkv"),
     (lambda: verify(CURVE, ANSWER, budget=Budget(draws="many")), "'many'"),
     (lambda: verify(CURVE, ANSWER, ranges=[1, 2]), "[1, 2]"),
     (lambda: rank_laws([CURVE], "nhkv"), "nhkv"),
-    (lambda: rank_laws(CURVE, ["nhkv", "zener"]), "RadiusCurve"),
     (lambda: simulate("nhkv"), "NeoHookeanKelvinVoigt"),
-    (lambda: simulate(NeoHookeanKelvinVoigt), "NeoHookeanKelvinVoigt"),
     (lambda: simulate(max_radius=250), "0.00025 m"),
-    (lambda: simulate(max_radius=0.25), "0.00025 m"),
     (lambda: simulate(max_radius="250 um"), "'250 um'"),
-    (lambda: simulate(max_radius=[1e-4, 2e-4]), "[0.0001, 0.0002]"),
     (lambda: simulate(stretch="6"), "'6'"),
-    (lambda: simulate(stretch=float("nan")), "nan"),
-    (lambda: simulate(time=np.arange(100.0)), "9.9e-05 s"),
-    (lambda: simulate(time="100 us"), "100 us"),
     (lambda: dataclasses.replace(simulate(), radius=np.full(3, 200.0)), "0.0002 m"),
-    (lambda: dataclasses.replace(simulate(), time=np.arange(100.0)), "9.9e-05 s"),
     (lambda: simulate(time=[[0.0, 1e-6]]), "(1, 2)"),
     (lambda: simulate(time=[1e-6, 0.0]), "ascend"),
     (lambda: simulate(medium="honey"), "honey"),
@@ -115,37 +85,22 @@ WRONG = [  # a call, and what its error must name: the value given, or the mend
     (lambda: simulate(bubble="field"), "'field'"),
     (lambda: simulate(accuracy=1e-5), "1e-05"),
     (lambda: Bubble(motion="gilmor"), "gilmor"),
-    (lambda: Bubble(exponent="air"), "'air'"),
     (lambda: Accuracy(relative_error="fine"), "'fine'"),
-    (lambda: Accuracy(cells=100.5), "100.5"),
     (lambda: many(GEL), "[NeoHookeanKelvinVoigt"),
-    (lambda: many("nhkv"), "NeoHookeanKelvinVoigt"),
-    (lambda: many([GEL, GEL], max_radius=["a", "b"]), "max_radius"),
     (lambda: many([GEL, GEL], max_radius=[1e-4] * 3), "(3,)"),
     (lambda: NeoHookeanKelvinVoigt("8 kPa", 0.05), "'8 kPa'"),
-    (lambda: NeoHookeanKelvinVoigt(8e3, None), "None"),
     (lambda: NeoHookeanKelvinVoigt(-8e3, 0.05), "-8000"),
     (lambda: Pulse("1 MPa", 1e6, 0.0), "'1 MPa'"),
     (lambda: RadiusCurve(TIME, RADIUS * 1e6), "um"),
-    (lambda: RadiusCurve(TIME, RADIUS * 1e3), "mm"),
     (lambda: RadiusCurve(TIME * 1e6, RADIUS), "us"),
-    (lambda: RadiusCurve(TIME * 1e9, RADIUS), "ns"),
-    (lambda: RadiusCurve("time", "radius"), "'time'"),
     (lambda: RadiusCurve(TIME, [["a"]]), "[['a']]"),
-    (lambda: RadiusCurve(TIME, RADIUS[None]), "(1, 100)"),
-    (lambda: RadiusCurve(TIME[None], RADIUS[None]), "(1, 100)"),
     (lambda: RadiusCurve(TIME, RADIUS[:50]), "(50,)"),
     (lambda: RadiusCurve(TIME, RADIUS, meta="shot 1"), "'shot 1'"),
     (lambda: CURVE.with_max_radius(250), "0.00025 m"),
-    (lambda: CURVE.with_max_radius("250"), "'250'"),
     (lambda: ANSWER.median("G"), NAMES_AND_UNITS),
-    (lambda: ANSWER.draws("stretch"), NAMES_AND_UNITS),
-    (lambda: ANSWER.interval("mu"), NAMES_AND_UNITS),
     (lambda: ANSWER.interval("viscosity", 95), "0.95"),
-    (lambda: ANSWER.interval("viscosity", "0.9"), "'0.9'"),
     (lambda: ANSWER.interval("viscosity", 1.0), "1.0"),
     (lambda: cavirheo.read_curves(["a.csv", "b.csv"]), "a.csv"),
-    (lambda: cavirheo.read_curves(None), "None"),
     (lambda: cavirheo.read_curves("nowhere.csv"), "nowhere.csv"),
     (lambda: cavirheo.load(7), "7"),
 ]
@@ -240,7 +195,7 @@ def test_a_file_in_other_units_than_it_says_leaves_its_other_curves(tmp_path):
 
 @pytest.fixture(scope="module")
 def curve():
-    return cavirheo.read_curves(Path(__file__).parents[1] / "examples" / "soft_gel.csv")[0]
+    return cavirheo.read_curves(ROOT / "examples" / "soft_gel.csv")[0]
 
 
 @pytest.mark.parametrize("free", ["t0, scale", ["t0", "scale"]])
@@ -261,103 +216,6 @@ def test_the_version_is_that_of_the_installation():
     from importlib.metadata import version
 
     assert cavirheo.__version__ == version("cavirheo")
-
-
-PUBLIC = (
-    "curve posterior prior problem physics.accuracy physics.bubble physics.media physics.simulation "
-    "physics.driving physics.law physics.elastic physics.viscous physics.memory physics.materials "
-    "inference.collapse_time inference.verify inference.population.material companions.design"
-)
-
-
-def public_dataclasses():
-    for name in PUBLIC.split():
-        module = importlib.import_module(f"cavirheo.{name}")
-        for kind in vars(module).values():
-            here = inspect.isclass(kind) and kind.__module__ == module.__name__ and not kind.__name__.startswith("_")
-            if here and dataclasses.is_dataclass(kind):
-                yield kind
-
-
-@pytest.mark.parametrize("kind", [*public_dataclasses()], ids=lambda kind: kind.__name__)
-def test_help_shows_every_field(kind):
-    own = [field.name for field in dataclasses.fields(kind) if not field.name.startswith("_")]
-    assert [name for name in own if not re.search(rf"\b{name}\b", kind.__doc__ or "")] == []
-
-
-def test_all_that_is_exported_is_looked_at():
-    exported = {getattr(cavirheo, name) for name in cavirheo.__all__}
-    assert {kind for kind in exported if dataclasses.is_dataclass(kind)} <= {*public_dataclasses()}
-    assert {*laws.LAWS.values()} <= {*public_dataclasses()}
-
-
-# --- what help() says of every public name ----------------------------------------------------------------------------
-
-
-ERRORS = {"InputError", "SolverError"}
-FUNCTIONS = [name for name in cavirheo.__all__ if inspect.isfunction(getattr(cavirheo, name))]
-CLASSES = [name for name in cavirheo.__all__ if inspect.isclass(getattr(cavirheo, name)) and name not in ERRORS]
-MADE_HERE = {"Simulation", "Posterior", "Population"}  # the package makes these, so no user's mistake is refused
-SOURCED = {"infer", "infer_many", "fit", "fit_many", "measure", "population", "simulate", "simulate_many"}
-SI = re.compile(r"\bSI\b|\bPa\b|\bkg/m3|\bm\b|\bs\b|1/s")
-
-
-def lacks(function):
-    """What the docstring of a function does not say: a parameter, what it returns, what it raises."""
-    said = inspect.getdoc(function) or ""
-    parameters = [name for name in inspect.signature(function).parameters if name != "self"]
-    missing = [name for name in parameters if not re.search(rf"\b{name}\b", said)]
-    return missing + [part for part in ("Returns:", "Raises:") if f"\n{part}\n" not in said]
-
-
-def as_infer_says(name):
-    """The parameters of `infer_many` that it takes as `infer` does."""
-    return {*inspect.signature(cavirheo.infer).parameters} if name == "infer_many" else set()
-
-
-@pytest.mark.parametrize("name", FUNCTIONS)
-def test_help_of_a_function_is_whole(name):
-    function = getattr(cavirheo, name)
-    assert set(lacks(function)) <= as_infer_says(name)
-    said = inspect.getdoc(function)
-    assert SI.search(said)
-    known = {error for error in ERRORS if f"{error}:" in said}
-    assert known, "it names no error of ours"
-    assert name not in SOURCED or re.search(r"Source: .*(docs/method/[\w-]+\.md|doi:)", said)
-
-
-@pytest.mark.repository
-@pytest.mark.parametrize("name", FUNCTIONS)
-def test_help_of_a_function_names_pages_that_are_there(name):
-    pages = re.findall(r"\b(?:docs|benchmarks)/[\w/-]+\.md", inspect.getdoc(getattr(cavirheo, name)))
-    assert all((Path(__file__).parent.parent / page).exists() for page in pages)
-
-
-@pytest.mark.parametrize("name", CLASSES)
-def test_help_of_a_class_is_whole(name):
-    kind = getattr(cavirheo, name)
-    said = inspect.getdoc(kind)
-    assert SI.search(said)
-    assert name in MADE_HERE or "Raises:\n    InputError: " in said
-    own = [key for key in vars(kind) if not key.startswith("_") and key not in kind.__annotations__]
-    told = {key for key in own if inspect.getdoc(getattr(kind, key)) or re.search(rf"\b{key}\b", said)}
-    assert set(own) == told
-
-
-@pytest.mark.parametrize("name", sorted(ERRORS))
-def test_help_of_an_error_says_when(name):
-    assert len(inspect.getdoc(getattr(cavirheo, name)).split()) > 8
-
-
-def test_a_gap_is_found():
-    def short(curve, medium):
-        """Of a curve.
-
-        Returns:
-            Something.
-        """
-
-    assert lacks(short) == ["medium", "Raises:"]
 
 
 # --- options that are told to type checkers apart from the function that takes them -----------------------------------

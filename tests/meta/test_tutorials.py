@@ -13,8 +13,8 @@ from importlib.util import find_spec
 from pathlib import Path
 
 import pytest
+from conftest import ROOT
 
-ROOT = Path(__file__).parent.parent
 RUNNER = ROOT / "docs" / "site" / "tutorial.py"
 SCRIPTS = {path.stem: path for path in sorted(ROOT.glob("examples/tutorials/*.py"))}
 SHOWN = {  # tutorial: what its outputs say
