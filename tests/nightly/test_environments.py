@@ -18,6 +18,7 @@ from pathlib import Path
 
 import pytest
 from conftest import ROOT
+from valid import TEXTS
 
 pytestmark = pytest.mark.slow
 SECONDS = 400
@@ -100,9 +101,6 @@ CASES += [(case, command) for case in BADLY for command in COMMANDS]
 
 @pytest.fixture(scope="module")
 def here(tmp_path_factory) -> Path:
-    sys.path.insert(0, str(ROOT / "tests/hostile"))
-    from valid import TEXTS
-
     folder = tmp_path_factory.mktemp("here")
     for name in ("curve.csv", "frequency.csv", "times.csv"):
         (folder / name).write_text(TEXTS[name])

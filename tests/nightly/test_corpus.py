@@ -11,8 +11,8 @@ from rooms import FINE, prepared, rooms, table, through
 from valid import BINARIES, TEXTS, content, documents
 
 _SAMPLE = """
-name_not_utf8 name_newline_bad name_escape name_of_255_bytes fifo fifo_json socket device_zero folder_as_file
-link_to_itself unreadable missing empty_mat sparse csv_all_nan csv_huge h5_denormal mat_four_rows csv_nul
+name_not_utf8 name_newline_bad name_escape name_of_255_bytes fifo_csv fifo_json socket device_zero_csv folder_csv
+link_to_itself unreadable missing empty_mat sparse_csv csv_all_nan csv_huge h5_denormal mat_four_rows csv_nul
 csv_escape_labels csv_long_line csv_of_html sweep_markup times_too_fast mat_cells_as_a_number mat_number_as_cells
 mat_empty_cells mat_nested_deep mat_negative_shape h5_no_space h5_loops h5_labels cut_bdt.mat_middle cut_groups.h5_late
 json_deep json_no_curves toml_deep sweep_huge references_huge pressure_backwards pressure_jumps mat_long_name

@@ -1,4 +1,4 @@
-"""Mutated files through the rooms that take files, in processes of their own: `python tests/hostile/fuzz.py`.
+"""Mutated files through the rooms that take files, in processes of their own: `python tests/nightly/fuzz.py`.
 
 File k of seed s is the same on every machine. What is not a clean refusal is kept in the output folder as
 `KIND-s-k.ENDING` with a report beside it: a traceback, a crash, a hang, too much memory, a warning, numbers that no
