@@ -262,12 +262,9 @@ def test_two_visitors_have_their_own_folders_and_are_forgotten(tmp_path):
         visitors.leave("one")
         assert visitors.of("one") is one  # came back in time
         visitors.leave("one")
-        visitors.leave("one")  # left twice, forgotten once
-        until = time.monotonic() + 10
-        while one.folder.exists() and time.monotonic() < until:
-            time.sleep(0.01)
-        assert not one.folder.exists()
+        gone(visitors, "one")  # left twice, forgotten once
         visitors.leave("who did nothing")
+        until = time.monotonic() + 10
         while len(forgotten) < 3 and time.monotonic() < until:
             time.sleep(0.01)
         assert forgotten == ["other", "one", "who did nothing"]
@@ -278,24 +275,33 @@ def test_two_visitors_have_their_own_folders_and_are_forgotten(tmp_path):
     assert not last.exists()
 
 
+def gone(visitors, name):
+    """This one leaves, and is forgotten."""
+    folder = visitors.of(name).folder
+    visitors.leave(name)
+    until = time.monotonic() + 10
+    while folder.exists() and time.monotonic() < until:
+        time.sleep(0.01)
+    assert not folder.exists()
+
+
 def test_answers_go_with_the_last_visitor_who_has_them():
-    visitors = Visitors(VisitorLimits())
+    visitors = Visitors(VisitorLimits(absent=0.05))
     try:
         for name in ("one", "other"):
             session = visitors.of(name)
             session.add([SOFT], PageSettings(verify="none"), copy=True)
             infer(session, ["soft_gel[1]"])
             export(session, silent)
-        one, other = visitors.of("one"), visitors.of("other")
-        keys = other.keys
-        assert one.keys == keys
+        keys = visitors.of("other").keys
+        assert visitors.of("one").keys == keys
 
         def kept():
             return [key for key in keys if visitors.store.get(key, object) or visitors.zips.get(key, object)]
 
-        visitors._forget("one", one.calls)
+        gone(visitors, "one")
         assert len(kept()) == 2
-        visitors._forget("other", other.calls)
+        gone(visitors, "other")
         assert kept() == []
     finally:
         visitors.close()
@@ -649,7 +655,7 @@ def get(address: str) -> str:
         return answer.read().decode()
 
 
-def test_the_wall_shows_the_answers_of_a_session_to_who_knows_its_link(served):
+def test_the_wall_shows_the_answers_of_a_session_to_who_knows_its_link(served, monkeypatch):
     address, visitors = served
     one = visitors.of("who asks")
     own = f"{address}live?session={one.link}"
@@ -660,7 +666,8 @@ def test_the_wall_shows_the_answers_of_a_session_to_who_knows_its_link(served):
     assert "<h1>soft_gel[3]</h1>" in page
     assert "still wanted" in page
     assert "waiting" in get(f"{address}live")  # a proxy on this machine asks for whoever there is
-    visitors._forget("who asks", one.calls)
+    monkeypatch.setattr(visitors, "limits", VisitorLimits(absent=0.05))
+    gone(visitors, "who asks")
     assert "waiting" in get(own)  # nothing of one who left
 
 

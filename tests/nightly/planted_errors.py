@@ -39,7 +39,7 @@ PLANTED = (
     Planted("wall twice as near", "physics/bubble.py",
             "0.5 * max_radius / self.wall_distance", "max_radius / self.wall_distance", ("test_bubble_model",)),
     Planted("damage by strain, exponent's sign", "physics/damage.py",
-            "** a, (1 + b) * u", "** a, (1 - b) * u", ("test_bubble_model", "test_condensation")),
+            "** a, (1 + b) * u", "** a, (1 - b) * u", ("test_condensation",)),
     Planted("polytropic gas with half the exponent", "physics/solver.py",
             "z, p_dot = 0.0, -3 * numbers", "z, p_dot = 0.0, -1.5 * numbers", ("test_condensation", "test_physics")),
     Planted("ultrasound in cycles, not radians", "physics/driving.py",
@@ -122,7 +122,7 @@ PLANTED = (
     Planted("any file of the machine is uploaded", "app/endpoint.py",
             "path.is_relative_to(folder) and path.is_file()", "path.is_file()", ("test_app",)),
     Planted("exposure after the frame's time", "training/camera.py",
-            "(0.2 * k - 0.4) * exposure", "(0.2 * k) * exposure", ("test_posterior_network", "test_training")),
+            "(0.2 * k - 0.4) * exposure", "(0.2 * k) * exposure", ("test_camera",)),
     Planted("split of a training set leaves out curves", "training/dataset.py",
             "[round(0.8 * n), round(0.9 * n)]", "[round(0.8 * n), round(0.8 * n) + 1]", ("test_dataset",)),
 )  # fmt: skip

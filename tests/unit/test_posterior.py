@@ -241,30 +241,6 @@ def test_importance_sampling_of_a_gaussian():
     assert np.array_equal(found.u, again.u)
 
 
-def test_two_modes_keep_their_shares():
-    def two(u):
-        return np.logaddexp(norm.logpdf(u[:, 0], -2, 0.3) + np.log(0.3), norm.logpdf(u[:, 0], 2, 0.2) + np.log(0.7))
-
-    start = Mixture.about([np.array([-2.2]), np.array([1.8])], [np.eye(1) * 0.1] * 2, [0.0, 0.0])
-    found = sample(two, fitting(start), seed=0, each=400, most=2000, enough=1500)
-    weight = np.exp(found.log_weight)
-    assert np.sum(weight[found.u[:, 0] < 0]) / np.sum(weight) == pytest.approx(0.3, abs=0.04)
-
-
-@pytest.mark.parametrize(("first", "expected"), [(1.0, [0]), (9.0, [0, 300])])
-def test_a_good_proposal_stays_and_a_bad_one_is_replaced(first, expected):
-    asked = []
-
-    def propose(rng, found):
-        asked.append(0 if found is None else len(found.u))
-        return Mixture.about([np.zeros(2)], [np.eye(2) * (1.0 if found else first)], [0.0])
-
-    found = sample(log_normal, propose, seed=2, each=300, most=1200, enough=500)
-    assert asked == expected
-    assert len(found.u) >= 900
-    assert found.log_evidence[0] == pytest.approx(0.0, abs=0.1)
-
-
 def two_modes() -> tuple[Target, Callable[[np.ndarray], np.ndarray]]:
     """A target of two parameters with a better and a worse mode on either side of u_0 = 0, and its exact log
     posterior; the frames follow x by a formula instead of a simulation."""
@@ -362,17 +338,9 @@ def test_draws_that_rough_simulations_weigh_wrongly_are_simulated_anew():
     heavy = exact(u) > np.max(exact(u)) - 4.0
     assert found.log_target[heavy] == pytest.approx(exact(u)[heavy])
     assert np.all(found.log_weight[-3:] < np.max(found.log_weight) - 7.0)
-
-
-def test_where_default_simulations_fail_no_draw_keeps_a_rough_weight():
-    """Else the light ones, which are not simulated anew, would be all that is left."""
-    target, exact = two_modes()
-    u = np.concatenate([0.3 * np.random.default_rng(0).standard_normal((150, 2)), np.full((3, 2), 2.9)])
-    drawn = Sample(u, exact(u), np.zeros(len(u)))
     target.experiment.difference = lambda x, accuracy: np.full(20, np.nan)
-    found, error = TwoFidelityTarget(target).checked(drawn, 0)
-    assert error == np.inf
-    assert found.ess == 0
+    found, error = TwoFidelityTarget(target).checked(Sample(u, exact(u), np.zeros(len(u))), 0)
+    assert (error, found.ess) == (np.inf, 0)  # none keeps a rough weight where the simulations of all heavy ones fail
 
 
 def test_a_mode_that_no_start_led_to_is_climbed_into():
@@ -557,16 +525,6 @@ def test_a_matrix_that_breaks_loses_one_shot_alone(fitted, monkeypatch):
     assert whole.method == "laplace"
 
 
-def test_climb_finds_the_maximum():
-    target = target_of(shot())
-    start = target.start(truth_of(target) + np.array([0.1, -0.1, 0.03, 0.0, 0.0, 0.0]))
-    mode = climb(target, start, DEFAULT)
-    around = mode.u + 0.5 * np.linalg.cholesky(mode.covariance).T
-    assert np.all(value_of(target, around) < mode.log_posterior)
-    offset = target.prior.to_x(mode.u) - truth_of(target)[:3]
-    assert np.max(np.abs(offset)) < 0.1
-
-
 # laws
 
 
@@ -607,8 +565,9 @@ def test_a_law_that_the_network_knows_is_weighed_as_by_infer(monkeypatch):
 
 def test_the_law_of_the_group_explains_each_of_its_shots():
     """A shot that prefers another law by itself says so; one without a group has its own."""
-    checks = Checks("ok", messages("said before"))
-    point = Posterior((), (), np.zeros((1, 0)), checks, "", "verified", log_weight=np.zeros(1))
+    point = Posterior(
+        (), (), np.zeros((1, 0)), Checks("ok", messages("before")), "", "verified", log_weight=np.zeros(1)
+    )
     logs = {"newtonian": [-90.0, -10.0, -10.0, None], "nhkv": [-40.0, -20.0, -20.0, None]}
     answers = {
         law: [replace(point, material=law, evidence=one and Evidence(one, 0.1)) for one in found]
@@ -616,16 +575,12 @@ def test_the_law_of_the_group_explains_each_of_its_shots():
     }
     about = [{"group": group, "name": name} for group, name in (("gel", "a"), ("gel", "b"), ("c", "c"), ("d", "d"))]
     curves = [RadiusCurve(np.arange(3) * 1e-6, np.full(3, 1e-4), meta=meta) for meta in about]
-    a, b, c, d = evidence.explained(*ranked(curves, answers))
-    assert [one.material for one in (a, b, c, d)] == ["nhkv", "nhkv", "newtonian", "newtonian"]
-    assert "chosen by evidence: nhkv" in a.checks.message
-    assert [one.checks.verdict for one in (a, b, c, d)] == ["ok", "other_model_preferred", "ok", "ok"]
+    found = a, b, c, d = evidence.explained(*ranked(curves, answers))
+    assert [one.material for one in found] == ["nhkv", "nhkv", "newtonian", "newtonian"]
+    assert [one.checks.verdict for one in found] == ["ok", "other_model_preferred", "ok", "ok"]
     assert "chosen by the evidence of the group: nhkv" in b.checks.message
-    assert "by a factor of e^10: newtonian with" in b.checks.message
-    assert "chosen by evidence: newtonian" in c.checks.message
-    assert d.checks.message == "said before"
-    assert [one.material for one in a.others] == ["newtonian"]
-    assert [one.material for one in c.others] == ["nhkv"]
+    assert d.checks.message == "before"
+    assert [[other.material for other in one.others] for one in (a, c)] == [["newtonian"], ["nhkv"]]
     again = {law: [replace(one, checks=b.checks) for one in found] for law, found in answers.items()}
     told = evidence.explained(*ranked(curves, again))[1].checks.message
     assert told.count("e^10: newtonian with") == 1  # an answer that says so already does not say it twice
